@@ -17,50 +17,22 @@ from numpy.typing import NDArray
 from impact_env.drive import FASTEST, SLOWEST, Drive, FrequencySchedule
 from impact_env.parameters import count, instance, listed, one_of, positive, require, row
 from impact_env.scene import InitialState, Scene
-from impact_env.turning_loads import (
-    BASE,
-    FORCE,
-    QUANTITIES,
-    Force,
-    Load,
-    Member,
-    Pieces,
-    ShakenBase,
-    Shock,
-    Still,
-    Strike,
-    Tone,
-    Tones,
-    Unbalance,
-    lines_between,
-    schedule_in,
-)
+from impact_env.turning_loads import BASE as BASE
+from impact_env.turning_loads import FORCE as FORCE
+from impact_env.turning_loads import QUANTITIES as QUANTITIES
+from impact_env.turning_loads import Force as Force
+from impact_env.turning_loads import Load as Load
+from impact_env.turning_loads import Member as Member
+from impact_env.turning_loads import Pieces as Pieces
+from impact_env.turning_loads import ShakenBase as ShakenBase
+from impact_env.turning_loads import Shock as Shock
+from impact_env.turning_loads import Strike as Strike
+from impact_env.turning_loads import Tone as Tone
+from impact_env.turning_loads import Tones as Tones
+from impact_env.turning_loads import Unbalance as Unbalance
+from impact_env.turning_loads import lines_between
+from impact_env.turning_loads import schedule_in as schedule_in
 
-__all__ = [
-    "BASE",
-    "FORCE",
-    "QUANTITIES",
-    "AnyDrive",
-    "Force",
-    "Load",
-    "Loads",
-    "Member",
-    "Pieces",
-    "Random",
-    "Samples",
-    "ShakenBase",
-    "Shock",
-    "Still",
-    "Strike",
-    "Tone",
-    "Tones",
-    "Unbalance",
-    "amplitude_in_words",
-    "largest",
-    "member_of",
-    "members_of",
-    "schedule_in",
-]
 Array = NDArray[np.float64]
 MOST_SAMPLES = 2**22  # of a record: a piece of each is 80 bytes
 RANDOM_SAMPLES = 20  # of a random record, in a period of its highest frequency
@@ -71,7 +43,7 @@ GAUSS = np.polynomial.legendre.leggauss(4)  # nodes and weights: right to 1e-7 o
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class Samples(Load):
     """A record: ``values`` (K,) in N or m/s^2 at even ``times`` (K,) in s from 0, with straight lines between them."""
 
     times: Array
@@ -124,7 +96,7 @@ class Samples:
 
 
 @dataclass(frozen=True, eq=False)
-class Random:
+class Random(Load):
     """A random record of a one-sided ``spectrum`` (P, 2): Hz, and N^2/Hz or (m/s^2)^2/Hz; between points log-log straight, outside zero.
 
     A Gaussian record that repeats after its ``duration`` in s: lines at whole multiples of 1/duration, whose amplitudes and phases are drawn by
@@ -152,11 +124,6 @@ class Random:
         samples = self._samples
         allowed = f"at most {MOST_SAMPLES} samples, {80 * MOST_SAMPLES / 2**20:.0f} MiB, not {samples}: a shorter one, or a lower band"
         require(samples <= MOST_SAMPLES, "length", self.length, allowed)
-
-    @property
-    def duration(self) -> float:
-        """Return how long it lasts in s."""
-        return self.length
 
     @property
     def _samples(self) -> int:

@@ -171,8 +171,7 @@ def to_structure(plain: Mapping[str, Any], folder: Path | None = None, path: str
     allowed = "left out beside another structure: a scene has one of them"
     require(len(given) <= 1, f"{path}{given[0] if given else ''}", plain.get(given[0]) if given else None, allowed)
     kind = given[0] if given else "beam"
-    structure: Structure = STRUCTURES[kind](folder or Path()).read(f"{path}{kind}", plain.get(kind, {}))
-    return structure
+    return STRUCTURES[kind](folder or Path()).read(f"{path}{kind}", plain.get(kind, {}))
 
 
 def to_beam(plain: Mapping[str, Any]) -> Beam | None:
@@ -200,23 +199,19 @@ def to_drive(plain: Mapping[str, Any]) -> Drive:
 
     Raises ParameterError for unknown keys, wrong types and values, with the key's path.
     """
-    drive: Drive = DRIVE.read("drive", plain)
-    return drive
+    return DRIVE.read("drive", plain)
 
 
 def from_drive(drive: Drive) -> Plain:
     """Return a drive's plain form; `to_drive` gives the same drive back, bit for bit."""
-    plain: Plain = DRIVE.write(drive)
-    return plain
+    return DRIVE.write(drive)
 
 
 def to_method(plain: Mapping[str, Any]) -> Method:
     """Return the method of a plain form: ``kind``, one of exact (default), moreau and runge-kutta, and its steps."""
-    method: Method = METHOD.read("method", plain)
-    return method
+    return METHOD.read("method", plain)
 
 
 def from_method(method: Method) -> Plain:
     """Return a method's plain form."""
-    plain: Plain = METHOD.write(method)
-    return plain
+    return METHOD.write(method)

@@ -4,9 +4,9 @@ Names of other files are relative to the folder of the file. Everything that doe
 """
 
 import csv
-import inspect
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -58,12 +58,8 @@ def _tones(keys: Keys) -> Callable[[str, Any], tuple[Tone, ...]]:
     return read
 
 
-def _sizes(quantity: str) -> str:
-    return "amplitude_n" if quantity == FORCE else "amplitude_m_s2"
-
-
 def _tone_keys(quantity: str, name: str, key: str) -> Keys:
-    return {_sizes(quantity): ("amplitude", NUMBER), key: (name, NUMBER), "phase_rad": ("phase", NUMBER)}
+    return {"amplitude_n" if quantity == FORCE else "amplitude_m_s2": ("amplitude", NUMBER), key: (name, NUMBER), "phase_rad": ("phase", NUMBER)}
 
 
 def _read_tones(path: str, plain: Mapping[str, Any], quantity: str) -> Tones:
@@ -73,54 +69,31 @@ def _read_tones(path: str, plain: Mapping[str, Any], quantity: str) -> Tones:
     if "orders" in plain or "schedule" in plain:
         keys = {"orders": ("tones", ordered), "schedule": ("schedule", SCHEDULE)}
         require_keys(path, plain, keys, ("orders", "schedule"))
-    found: Tones = _made(Tones, path, plain, keys, quantity=quantity)
-    return found
-
-
-def _made(make: Callable[..., Any], path: str, plain: Mapping[str, Any], keys: Keys, **fixed: Any) -> Any:
-    """Call ``make`` with the values of a table with these keys, and ``fixed`` arguments."""
-
-    def fill(**given: Any) -> Any:
-        return make(**given, **fixed)
-
-    fill.__signature__ = _without(make, fixed)  # type: ignore[attr-defined]
-    return form(fill, keys).read(path, plain)
-
-
-def _without(make: Callable[..., Any], fixed: Mapping[str, Any]) -> Any:
-    signature = inspect.signature(make)
-    return signature.replace(parameters=[p for name, p in signature.parameters.items() if name not in fixed])
+    return form(partial(Tones, quantity=quantity), keys).read(path, plain)
 
 
 def _force(amplitude: float, schedule: FrequencySchedule, phase: float = 0.0) -> Force:
     return Force(Drive(amplitude, schedule, phase))
 
 
-def _unit(quantity: str, force: str, base: str) -> str:
-    return force if quantity == FORCE else base
-
-
 def _read_random(path: str, plain: Mapping[str, Any], quantity: str) -> Random:
     keys: Keys = {"spectrum": ("spectrum", ROWS), "duration_s": ("length", NUMBER), "seed": ("seed", WHOLE)}
-    found: Random = _made(Random, path, plain, keys, quantity=quantity)
-    return found
+    return form(partial(Random, quantity=quantity), keys).read(path, plain)
 
 
 def _read_shock(path: str, plain: Mapping[str, Any], quantity: str) -> Load:
     if "velocity_m_s" in plain:
         require(quantity == FORCE, f"{path}.quantity", quantity, "left out beside velocity_m_s, which is relative to the base")
         struck: Keys = {"velocity_m_s": ("velocity", NUMBER), "place": ("place", TEXT), "duration_s": ("length", NUMBER)}
-        strike: Strike = form(Strike, struck).read(path, plain)
-        return strike
+        return form(Strike, struck).read(path, plain)
     keys: Keys = {
         "pulse": ("pulse", TEXT),
-        _unit(quantity, "peak_n", "peak_m_s2"): ("peak", NUMBER),
+        "peak_n" if quantity == FORCE else "peak_m_s2": ("peak", NUMBER),
         "pulse_s": ("width", NUMBER),
         "rise_s": ("rise", NUMBER),
         "duration_s": ("length", NUMBER),
     }
-    found: Shock = _made(Shock, path, plain, keys, quantity=quantity)
-    return found
+    return form(partial(Shock, quantity=quantity), keys).read(path, plain)
 
 
 SAMPLE_KEYS = ("file", "scale", "sample_rate_hz", "resample")
@@ -188,10 +161,15 @@ def _refuse_clipped(file: Path, values: Array) -> None:
             raise ParameterError(f"{file.name}: value = {extreme:g} is not allowed: {allowed}")
 
 
-def _clock(file: Path, rate: float | None, count: int) -> Array:
+def _on_clock(file: Path, rate: float | None, values: Array) -> tuple[Array, Array]:
+    """Return times and values of a record without times."""
     require(rate is not None, "sample_rate_hz", rate, f"given for {file.name}, which has no times")
     assert rate is not None
-    return np.arange(count) / rate
+    return np.arange(len(values)) / rate, values
+
+
+def _no_rate(file: Path, rate: float | None, has: str) -> None:
+    require(rate is None, "sample_rate_hz", rate, f"left out for {file.name}, which has {has}")
 
 
 def _checked(file: Path, values: Any) -> Array:
@@ -227,14 +205,14 @@ def _read_csv(file: Path, rate: float | None) -> tuple[Array, Array]:
             rows.append(found)
     table = np.array(rows).reshape(len(rows), len(header))
     if len(header) == 1:
-        return _clock(file, rate, len(table)), table[:, 0]
-    require(rate is None, "sample_rate_hz", rate, f"left out for {file.name}, which has times")
+        return _on_clock(file, rate, table[:, 0])
+    _no_rate(file, rate, "times")
     return table[:, 0], table[:, 1]
 
 
 def _read_wav(file: Path, rate: float | None) -> tuple[Array, Array]:
     """Return times and values of the one channel of a sound file, whose full scale is 1."""
-    require(rate is None, "sample_rate_hz", rate, f"left out for {file.name}, which has its own")
+    _no_rate(file, rate, "its own")
     try:
         own, values = scipy.io.wavfile.read(file)
     except ValueError as error:
@@ -255,15 +233,15 @@ def _read_npy(file: Path, rate: float | None) -> tuple[Array, Array]:
             raise
         raise ParameterError(f"file = {file.name!r} is not allowed: an array of numbers ({error})") from error
     if values.ndim == 1:
-        return _clock(file, rate, len(values)), values
+        return _on_clock(file, rate, values)
     require(values.ndim == 2 and values.shape[1] == 2, f"{file.name}: shape", values.shape, "(K,) values, or (K, 2) times and values")
-    require(rate is None, "sample_rate_hz", rate, f"left out for {file.name}, which has times")
+    _no_rate(file, rate, "times")
     return values[:, 0], values[:, 1]
 
 
 def _read_uff(file: Path, rate: float | None) -> tuple[Array, Array]:
     """Return times and values of the one record of a Universal File, data set 58."""
-    require(rate is None, "sample_rate_hz", rate, f"left out for {file.name}, which has its own")
+    _no_rate(file, rate, "its own")
     times, values = read_record(file)
     return times, _checked(file, values)
 
@@ -282,8 +260,7 @@ def _read_base(path: str, plain: Mapping[str, Any], folder: Path) -> Load:
     if "file" in plain:
         return _read_samples(path, plain, BASE, folder)
     keys: Keys = {"acceleration_m_s2": ("acceleration", NUMBER), "displacement_m": ("displacement", NUMBER), **WITH_SCHEDULE}
-    found: ShakenBase = form(ShakenBase, keys).read(path, plain)
-    return found
+    return form(ShakenBase, keys).read(path, plain)
 
 
 def _read_one(path: str, plain: Any, folder: Path) -> Load:
@@ -296,8 +273,7 @@ def _read_one(path: str, plain: Any, folder: Path) -> Load:
     require(kind != "base" or quantity == BASE, f"{path}.quantity", quantity, f"{BASE}, or left out, of a base")
     if kind in ("force", "unbalance"):
         make, key, name = (_force, "amplitude_n", "amplitude") if kind == "force" else (Unbalance, "unbalance_kg_m", "unbalance")
-        found: Load = form(make, {key: (name, NUMBER), **WITH_SCHEDULE}).read(path, rest)
-        return found
+        return form(make, {key: (name, NUMBER), **WITH_SCHEDULE}).read(path, rest)
     if kind == "base":
         return _read_base(path, rest, folder)
     if kind == "samples":

@@ -6,7 +6,7 @@ Each kind of structure is a table of a file. Keys with a unit end in it. Names o
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import wraps
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +76,7 @@ OF_MATERIAL = ("young_modulus_pa", "density_kg_m3", "section")
 def _read_beam(path: str, plain: Any) -> Beam:
     """Return a beam whose bending stiffness and mass are given, or follow from material and section."""
     if not (isinstance(plain, Mapping) and any(key in plain for key in OF_MATERIAL)):
-        return _plain_beam(path, plain)
+        return BEAM_KEYS.read(path, plain)
     found = dict(plain)
     for key in OF_MATERIAL:
         require(key in found, f"{path}.{key}", None, f"given: {', '.join(OF_MATERIAL)} belong together")
@@ -85,12 +85,7 @@ def _read_beam(path: str, plain: Any) -> Beam:
     young, density = (positive(f"{path}.{key}", NUMBER.read(f"{path}.{key}", found.pop(key))) for key in OF_MATERIAL[:2])
     profile = PROFILE.read(f"{path}.section", found.pop("section"))
     found |= {"bending_stiffness_n_m2": young * profile.second_moment, "mass_per_length_kg_m": density * profile.area}
-    return _plain_beam(path, found)
-
-
-def _plain_beam(path: str, plain: Any) -> Beam:
-    beam: Beam = BEAM_KEYS.read(path, plain)
-    return beam
+    return BEAM_KEYS.read(path, found)
 
 
 BEAM = Sort(_read_beam, BEAM_KEYS.write)
@@ -172,39 +167,36 @@ def _strain(parts: list[Any] | None, shape: Callable[[Any], Any]) -> Any:
     return None if parts is None else np.sum([part.weight * shape(part) for part in parts], axis=0)
 
 
-@dataclass(frozen=True)
-class _Universal:
-    """What a table of a Universal File says."""
-
-    file: str
-    force: _Place
-    absorber: list[_Place]
-    mass: float
-    response: _Place | None = None
-    modes: int | None = None
-    damping_ratio: Any = None
-    stress: list[_Strained] | None = None
-    base_participation: list[float] | None = None
-    base_at_absorber: float = ModalModel.base_at_absorber
-
-
-def _of_universal(folder: Path, given: _Universal) -> ModalModel:
-    path = folder / given.file
+def _of_universal(
+    folder: Path,
+    *,
+    file: str,
+    force: _Place,
+    absorber: list[_Place],
+    mass: float,
+    response: _Place | None = None,
+    modes: int | None = None,
+    damping_ratio: Any = None,
+    stress: list[_Strained] | None = None,
+    base_participation: list[float] | None = None,
+    base_at_absorber: float = ModalModel.base_at_absorber,
+) -> ModalModel:
+    path = folder / file
     found = read_modes(path)
-    kept = found if given.modes is None else found[: count("modes", given.modes, 1, len(found))]
+    kept = found if modes is None else found[: count("modes", modes, 1, len(found))]
     measured = [mode.damping_ratio for mode in kept]
-    ratios = ratios_of(given.damping_ratio, None if None in measured else measured, len(kept))
+    ratios = ratios_of(damping_ratio, None if None in measured else measured, len(kept))
 
     def shape(name: str, place: _Place) -> Any:
         return at(kept, path, name, (place.node, place.direction))
 
-    places = [shape("absorber", place) for place in given.absorber]
-    read = None if given.response is None else shape("response", given.response)
-    strain = _strain(given.stress, lambda part: shape("stress", _Place(part.node, part.direction)))
-    base = None if given.base_participation is None else np.array(given.base_participation)
-    require(base is None or len(base) == len(kept), "base_participation", given.base_participation, f"a number for each of the {len(kept)} modes")
+    places = [shape("absorber", place) for place in absorber]
+    read = None if response is None else shape("response", response)
+    strain = _strain(stress, lambda part: shape("stress", _Place(part.node, part.direction)))
+    base = None if base_participation is None else np.array(base_participation)
+    require(base is None or len(base) == len(kept), "base_participation", base_participation, f"a number for each of the {len(kept)} modes")
     omega = [m.omega for m in kept]
-    return _placed(omega, ratios, shape("force", given.force), places, read, given.mass, strain, base, given.base_at_absorber)
+    return _placed(omega, ratios, shape("force", force), places, read, mass, strain, base, base_at_absorber)
 
 
 UNIVERSAL_KEYS: Keys = {
@@ -219,26 +211,6 @@ UNIVERSAL_KEYS: Keys = {
     "base_participation_sqrt_kg": ("base_participation", ROW),
     "base_at_absorber": ("base_at_absorber", NUMBER),
 }
-
-
-@dataclass(frozen=True)
-class _Matrices:
-    """What a table of matrices says."""
-
-    mass: str
-    stiffness: str
-    units: str
-    force: int
-    absorber: list[int]
-    structure_mass: float
-    damping: str | None = None
-    response: int | None = None
-    modes: int = MODES
-    damping_ratio: Any = None
-    suspension_frequency: float | None = None
-    stress: list[_StrainedRow] | None = None
-    base_vector: Any = None
-    coordinates: str | None = None  # of the rows, for who looks for one
 
 
 MATRIX_KEYS: Keys = {
@@ -259,34 +231,51 @@ MATRIX_KEYS: Keys = {
 }
 
 
-def _of_matrices(folder: Path, given: _Matrices) -> ModalModel:
-    require(given.units in UNITS, "units", given.units, f"one of {', '.join(repr(units) for units in UNITS)}, those of the matrices")
-    mass = checked("mass", read_matrix(folder / given.mass, "mass", "M"))
-    size = mass.shape[0]
-    stiffness = checked("stiffness", read_matrix(folder / given.stiffness, "stiffness", "K"), size)
-    force = count("force", given.force, 0, size - 1)
-    absorbers = [count("absorber", k, 0, size - 1) for k in given.absorber]
-    response = None if given.response is None else count("response", given.response, 0, size - 1)
-    rows = {"force": force, "absorber": absorbers[0]} | ({} if response is None else {"response": response})
-    for line in warnings_of_matrix(mass.diagonal() * UNITS[given.units], given.structure_mass, rows):
+def _of_matrices(
+    folder: Path,
+    *,
+    mass: str,
+    stiffness: str,
+    units: str,
+    force: int,
+    absorber: list[int],
+    structure_mass: float,
+    damping: str | None = None,
+    response: int | None = None,
+    modes: int = MODES,
+    damping_ratio: Any = None,
+    suspension_frequency: float | None = None,
+    stress: list[_StrainedRow] | None = None,
+    base_vector: Any = None,
+    coordinates: str | None = None,  # noqa: ARG001 - of the rows, for who looks for one
+) -> ModalModel:
+    require(units in UNITS, "units", units, f"one of {', '.join(repr(known) for known in UNITS)}, those of the matrices")
+    inertia = checked("mass", read_matrix(folder / mass, "mass", "M"))
+    size = inertia.shape[0]
+    elastic = checked("stiffness", read_matrix(folder / stiffness, "stiffness", "K"), size)
+    force = count("force", force, 0, size - 1)
+    absorber = [count("absorber", k, 0, size - 1) for k in absorber]
+    response = None if response is None else count("response", response, 0, size - 1)
+    rows = {"force": force, "absorber": absorber[0]} | ({} if response is None else {"response": response})
+    for line in warnings_of_matrix(inertia.diagonal() * UNITS[units], structure_mass, rows):
         warnings.warn(line, StructureWarning, stacklevel=2)
-    modes = lowest_modes(mass, stiffness, min(count("modes", given.modes, 1), size), given.suspension_frequency)
+    kept = lowest_modes(inertia, elastic, min(count("modes", modes, 1), size), suspension_frequency)
     found = None
-    if given.damping is not None:
-        require(given.damping_ratio is None, "damping_ratio", given.damping_ratio, "left out beside a damping matrix")
-        found = proportional_damping(checked("damping", read_matrix(folder / given.damping, "damping", "C"), size), modes)
-    ratios = ratios_of(given.damping_ratio, found, len(modes.omega))
-    shapes = modes.shapes / np.sqrt(UNITS[given.units])
-    places, read = [shapes[k] for k in absorbers], None if response is None else shapes[response]
-    strain = _strain(given.stress, lambda part: shapes[count("stress's row", part.row, 0, size - 1)])
-    if given.base_vector is None:
-        return _placed(modes.omega, ratios, shapes[force], places, read, given.structure_mass, strain)
-    rigid = _base_vector(folder, given.base_vector, size)
-    moved = rigid[absorbers]
+    if damping is not None:
+        require(damping_ratio is None, "damping_ratio", damping_ratio, "left out beside a damping matrix")
+        found = proportional_damping(checked("damping", read_matrix(folder / damping, "damping", "C"), size), kept)
+    ratios = ratios_of(damping_ratio, found, len(kept.omega))
+    shapes = kept.shapes / np.sqrt(UNITS[units])
+    places, read = [shapes[k] for k in absorber], None if response is None else shapes[response]
+    strain = _strain(stress, lambda part: shapes[count("stress's row", part.row, 0, size - 1)])
+    if base_vector is None:
+        return _placed(kept.omega, ratios, shapes[force], places, read, structure_mass, strain)
+    rigid = _base_vector(folder, base_vector, size)
+    moved = rigid[absorber]
     allowed = "the same displacement at all places for absorbers"
     require(len(set(moved.tolist())) == 1, "base_vector", moved.tolist(), allowed)
-    base = np.sqrt(UNITS[given.units]) * (modes.shapes.T @ (mass @ rigid))
-    return _placed(modes.omega, ratios, shapes[force], places, read, given.structure_mass, strain, base, float(moved[0]))
+    base = np.sqrt(UNITS[units]) * (kept.shapes.T @ (inertia @ rigid))
+    return _placed(kept.omega, ratios, shapes[force], places, read, structure_mass, strain, base, float(moved[0]))
 
 
 def _base_vector(folder: Path, given: Any, size: int) -> Any:
@@ -302,23 +291,10 @@ def _base_vector(folder: Path, given: Any, size: int) -> Any:
     return found
 
 
-def _beside_files(table: type, model: Callable[[Path, Any], ModalModel], keys: Keys) -> Callable[[Path], Sort]:
-    """Return, for a folder, the form of a ``table`` that names files in it, from which ``model`` makes what is read."""
-
-    def of(folder: Path) -> Sort:
-        @wraps(table, updated=())  # the form asks for the table's arguments
-        def make(**given: Any) -> ModalModel:
-            return model(folder, table(**given))
-
-        return form(make, keys)
-
-    return of
-
-
 # kinds of structure -> the form of their table, for the folder in which the files lie that it names
 STRUCTURES: dict[str, Callable[[Path], Sort]] = {
     "beam": lambda _: BEAM,
     "model": model_beside,
-    "universal": _beside_files(_Universal, _of_universal, UNIVERSAL_KEYS),
-    "matrices": _beside_files(_Matrices, _of_matrices, MATRIX_KEYS),
+    "universal": lambda folder: form(partial(_of_universal, folder), UNIVERSAL_KEYS),
+    "matrices": lambda folder: form(partial(_of_matrices, folder), MATRIX_KEYS),
 }

@@ -5,8 +5,8 @@ They are those that follow a schedule: a force, an unbalance, a base that swings
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,22 +48,31 @@ class Member:
     factor: float = 1.0
 
 
-@runtime_checkable
-class Load(Protocol):
-    """A load: how long it lasts in s, its pieces, and others of its kind."""
+class Load(ABC):
+    """A load, which lasts as long as its ``schedule``, or its ``length`` in s where it has none."""
+
+    length: float | None
 
     @property
     def duration(self) -> float:
         """Return how long it lasts in s."""
+        schedule = schedule_in(self)
+        if schedule is not None:
+            return float(schedule.times[-1])
+        assert self.length is not None
+        return self.length
 
+    @abstractmethod
     def pieces(self) -> list[Pieces]:
         """Return its pieces, a record for each tone."""
 
+    @abstractmethod
     def member(self, other: Member) -> Load:
         """Return the load of a member of an ensemble."""
 
     def base_velocity(self) -> float:
-        """Return the base's velocity in m/s at time 0 whose mean is zero, 0 for a force."""
+        """Return the base's velocity in m/s at time 0 whose mean is zero; 0 where it does not move, or only after a pulse."""
+        return 0.0
 
 
 def lines_between(times: Array, values: Array, moves_base: bool) -> Pieces:
@@ -76,16 +85,8 @@ def lines_between(times: Array, values: Array, moves_base: bool) -> Pieces:
     return Pieces(np.append(times[:-1][kept], times[-1]), rows, moves_base)
 
 
-class Still:
-    """A load that does not move the base."""
-
-    def base_velocity(self) -> float:
-        """Return 0."""
-        return 0.0
-
-
 @dataclass(frozen=True, eq=False)
-class Shock(Still):
+class Shock(Load):
     """A pulse of a ``peak`` in N or m/s^2 that takes ``width`` seconds, then nothing until ``length``; a trapezoid rises and falls in ``rise`` s.
 
     A base is at rest before it.
@@ -108,11 +109,6 @@ class Shock(Still):
         if self.rise is not None:
             object.__setattr__(self, "rise", non_negative("rise", self.rise, self.width / 2))
 
-    @property
-    def duration(self) -> float:
-        """Return how long it lasts in s."""
-        return self.length
-
     def pieces(self) -> list[Pieces]:
         """Return its pieces."""
         base, end, peak, width = self.quantity == BASE, self.length, self.peak, self.width
@@ -131,7 +127,7 @@ class Shock(Still):
 
 
 @dataclass(frozen=True)
-class Strike(Still):
+class Strike(Load):
     """A structure that is struck at a ``place``, "force" or "absorber", just before time 0, and left alone for ``length`` s.
 
     The place then has the ``velocity`` (m/s), and the modes of the bare structure what an impulse of velocity / sum(shape^2) N s there leaves them:
@@ -146,11 +142,6 @@ class Strike(Still):
         object.__setattr__(self, "velocity", finite("velocity", self.velocity))
         object.__setattr__(self, "length", positive("length", self.length))
         one_of("place", self.place, PLACES)
-
-    @property
-    def duration(self) -> float:
-        """Return how long it lasts in s."""
-        return self.length
 
     @property
     def width(self) -> float:
@@ -201,7 +192,7 @@ def _squared(schedule: FrequencySchedule, factor: float) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Force(Still):
+class Force(Load):
     """The harmonic force of a `Drive`, beside other loads."""
 
     drive: Drive
@@ -214,11 +205,6 @@ class Force(Still):
         """Return its frequency over time."""
         return self.drive.schedule
 
-    @property
-    def duration(self) -> float:
-        """Return how long it lasts in s."""
-        return float(self.schedule.times[-1])
-
     def pieces(self) -> list[Pieces]:
         """Return its pieces."""
         return [_schedule_pieces(self.schedule, 1.0, self.drive.phase, _constant(self.schedule, self.drive.amplitude), False)]
@@ -229,7 +215,7 @@ class Force(Still):
 
 
 @dataclass(frozen=True, eq=False)
-class Unbalance(Still):
+class Unbalance(Load):
     """A rotor's unbalance U (kg m) at the force's place: U omega(t)^2 cos(integral of omega + phase), a run-up or a run-down.
 
     The tangential part, U times the rate of omega, is left out: it is smaller by rate over omega^2.
@@ -244,11 +230,6 @@ class Unbalance(Still):
         object.__setattr__(self, "phase", finite("phase", self.phase))
         instance("schedule", self.schedule, FrequencySchedule)
 
-    @property
-    def duration(self) -> float:
-        """Return how long it lasts in s."""
-        return float(self.schedule.times[-1])
-
     def pieces(self) -> list[Pieces]:
         """Return its pieces."""
         return [_schedule_pieces(self.schedule, 1.0, self.phase, _squared(self.schedule, self.unbalance), False)]
@@ -259,7 +240,7 @@ class Unbalance(Still):
 
 
 @dataclass(frozen=True, eq=False)
-class ShakenBase:
+class ShakenBase(Load):
     """A base whose ``acceleration`` (m/s^2) or ``displacement`` (m) is that amplitude times cos(integral of omega + phase)."""
 
     schedule: FrequencySchedule
@@ -273,11 +254,6 @@ class ShakenBase:
         require(len(given) == 1, "acceleration", self.acceleration, "given, or a displacement in its place: one of the two")
         for name in (*given, "phase"):
             object.__setattr__(self, name, finite(name, getattr(self, name)))
-
-    @property
-    def duration(self) -> float:
-        """Return how long it lasts in s."""
-        return float(self.schedule.times[-1])
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces; of a displacement U cos(phase) the acceleration is -U (omega^2 cos(phase) + rate sin(phase))."""
@@ -323,7 +299,7 @@ class Tone:
 
 
 @dataclass(frozen=True, eq=False)
-class Tones:
+class Tones(Load):
     """Several tones at once: of fixed frequencies for a ``duration`` in s, or all of them orders of a ``schedule``."""
 
     tones: tuple[Tone, ...]
@@ -343,14 +319,6 @@ class Tones:
             object.__setattr__(self, "length", positive("length", self.length))
         else:
             require(self.length is None, "length", self.length, "left out beside a schedule")
-
-    @property
-    def duration(self) -> float:
-        """Return how long it lasts in s."""
-        if self.schedule is not None:
-            return float(self.schedule.times[-1])
-        assert self.length is not None
-        return self.length
 
     def pieces(self) -> list[Pieces]:
         """Return the pieces of each tone."""

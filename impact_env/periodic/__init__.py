@@ -22,36 +22,10 @@ if TYPE_CHECKING:
     from impact_env.periodic.residence import Approach, exit_rate, stays
     from impact_env.periodic.survey import closed_form_orbits, orbit_of_simulation
 
-__all__ = [
-    "Approach",
-    "BifurcationCurve",
-    "Case",
-    "Exponent",
-    "Hazard",
-    "NoOrbit",
-    "Orbit",
-    "OrbitBranch",
-    "Range",
-    "bifurcation_curve",
-    "bifurcation_curves",
-    "case_of",
-    "closed_form_orbits",
-    "confirmed",
-    "descendants",
-    "exit_rate",
-    "hazard",
-    "hill_multipliers",
-    "jumps",
-    "largest_exponent",
-    "orbit_branch",
-    "orbit_branches",
-    "orbit_of",
-    "orbit_of_simulation",
-    "plain_orbit",
-    "shot_orbit",
-    "stays",
-    "unpacked",
-]
+__all__ = ["Approach", "BifurcationCurve", "Case", "Exponent", "Hazard", "NoOrbit", "Orbit", "OrbitBranch", "Range"]
+__all__ += ["bifurcation_curve", "bifurcation_curves", "case_of", "closed_form_orbits", "confirmed", "descendants", "exit_rate", "hazard"]
+__all__ += ["hill_multipliers", "jumps", "largest_exponent", "orbit_branch", "orbit_branches", "orbit_of", "orbit_of_simulation", "plain_orbit"]
+__all__ += ["shot_orbit", "stays", "unpacked"]
 _MODULES = {
     "bifurcation_curves": ("BifurcationCurve", "bifurcation_curve", "bifurcation_curves"),
     "case": ("Case", "case_of"),

@@ -16,7 +16,7 @@ from impact_env.periodic.branch import STOPPED, Branch, NoConvergenceError
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Problem, Steps, both_ways, continuation
 from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.harmonic_balance import OMEGA, Balance, JointOfMass, harmonic_balance
+from impact_env.periodic.harmonic_balance import OMEGA, Balance, harmonic_balance
 from impact_env.periodic.motion import Motion
 from impact_env.periodic.orbit import reordered
 from impact_env.periodic.orbit_branches import STEPS as ORBIT_STEPS
@@ -59,7 +59,7 @@ def _starts(balance: Balance, low: float, high: float, seeds: int) -> Iterator[t
     for omega in (low, high):
         yield omega, balance.at(OMEGA, omega).free()
     gap, linear = getattr(balance.law, "gap", None), balance.linear
-    if gap is None or not isinstance(linear, JointOfMass) or linear.multiple != 1:
+    if gap is None or linear.multiple != 1:
         return
     limit = getattr(balance.law, "friction_limit", None) or 0.0
     case = Case(linear.model, low, balance.force, gap, 1.0, limit, linear.mass / linear.model.beam_mass)

@@ -30,12 +30,14 @@ from impact_env.periodic.orbit_branches import (
     SYMMETRY_BREAKING,
     TORUS,
     OrbitBranch,
+    Scheduled,
     Walk,
     located_schedules,
     mirrors,
     place,
     size_of,
     solution_in,
+    to_both_sides,
 )
 from impact_env.periodic.plain_orbits import packed
 from impact_env.periodic.schedule import EventSchedule
@@ -161,24 +163,17 @@ class CurveWalk(Walk):
 
 
 @dataclass(frozen=True, eq=False)
-class BifurcationCurve:
+class BifurcationCurve(Scheduled):
     """A curve of bifurcations of a ``kind`` over the frequency and another parameter: ``branch.parameter``, with its values in ``branch.parameters``.
 
-    ``schedules`` has one for each point, ``located_schedules`` one for each place located: a `FOLD` is where the curve turns in the other parameter.
+    A `FOLD` located on it is where the curve turns in the other parameter.
     """
 
     kind: str
-    case: Case
-    branch: Branch
-    schedules: tuple[EventSchedule, ...]
-    located_schedules: tuple[EventSchedule, ...]
 
-    def solution(self, k: int) -> Solution:
-        """Return the solution at point ``k``."""
-        return self._solution(self.schedules[k], self.branch.points[k], float(self.branch.parameters[k]))
-
-    def _solution(self, schedule: EventSchedule, y: Array, value: float) -> Solution:
-        return solution_in(self.case, schedule, y[:-1], {"omega": float(y[-1]), self.branch.parameter: value})
+    def at(self, schedule: EventSchedule, z: Array, value: float) -> Solution:
+        """See `Scheduled`; the frequency is the last unknown."""
+        return solution_in(self.case, schedule, z[:-1], {"omega": float(z[-1]), self.branch.parameter: value})
 
     @property
     def omega(self) -> Array:
@@ -193,8 +188,7 @@ class BifurcationCurve:
     @cached_property
     def located(self) -> tuple[tuple[str, Orbit | NoOrbit], ...]:
         """Kind and orbit, or why it is none, of each place located on the curve."""
-        pairs = [pair for pair in zip(self.branch.located, self.located_schedules, strict=True) if pair[0].kind != KINK]
-        return tuple((event.kind, confirmed(motion_of(self._solution(schedule, event.point, event.parameter)))) for event, schedule in pairs)
+        return tuple((kind, confirmed(motion_of(solution))) for kind, solution in self.places() if kind != KINK)
 
     def critical(self, k: int) -> complex:
         """Return the multiplier on the unit circle at point ``k``, over the schedule's span: 1, -1, or of a torus's pair the one above."""
@@ -258,8 +252,8 @@ def bifurcation_curve(
     require(parameter in SECOND, "parameter", parameter, f"one of {', '.join(SECOND)}")
     for limit in limits:
         solution.case.changed(**{parameter: limit})  # raises where it is not allowed
-    ways = list[tuple[Branch, list[EventSchedule]]]()
-    for direction in (1.0, -1.0):
+
+    def one_way(direction: float) -> tuple[Branch, list[EventSchedule]]:
         value = float(getattr(solution.case, parameter))
         size = PARAMETER_SHARE * size_of(parameter, value, limits)
         walk = CurveWalk(solution.case, parameter, solution.schedule, kind=kind, size=size, limits=limits, frequencies=frequencies, start=solution)
@@ -267,12 +261,9 @@ def bifurcation_curve(
         way = continuation(problem, np.append(unknowns_of(solution), solution.case.omega), value, direction, steps, progress)
         schedules = walk.schedules(solution.schedule, len(way))
         way = _explained(way, solution.case, schedules)
-        ways.append((way, schedules[: len(way)]))
-        if way.closed or way.ended == STOPPED:
-            return BifurcationCurve(kind, solution.case, way, tuple(ways[-1][1]), located_schedules(way.located, ways[-1][1]))
-    (forward, schedules), (backward, others) = ways
-    located = (*reversed(located_schedules(backward.located, others)), *located_schedules(forward.located, schedules))
-    return BifurcationCurve(kind, solution.case, forward.joined(backward), (*others[:0:-1], *schedules), located)
+        return way, schedules[: len(way)]
+
+    return BifurcationCurve(solution.case, *to_both_sides(one_way), kind)
 
 
 def _sides(schedule: EventSchedule) -> tuple[tuple[float, str], ...]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy.optimize
@@ -28,12 +27,6 @@ STOPPED = "stopped"  # by Ctrl-C or the caller
 FOLD, BRANCH_POINT, KINK = "fold", "branch point", "kink"
 
 
-def _frozen(values: Any) -> Real:
-    array = np.array(values, dtype=np.float64, ndmin=1)
-    array.setflags(write=False)
-    return array
-
-
 @dataclass(frozen=True, eq=False)
 class Located:
     """A point of the branch where something happens: ``kind`` is "fold", "branch point", "kink", or that of a monitor.
@@ -47,10 +40,6 @@ class Located:
     point: Real
     parameter: float
     tangent: Real
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "point", _frozen(self.point))
-        object.__setattr__(self, "tangent", _frozen(self.tangent))
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +56,6 @@ class Branch:
     located: tuple[Located, ...]
     ended: str
     message: str
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "points", tuple(_frozen(z) for z in self.points))
-        object.__setattr__(self, "parameters", _frozen(self.parameters) if len(self.points) else np.empty(0))
-        require(len(self.points) == len(self.parameters), "branch", len(self.parameters), f"as many parameters as points, {len(self.points)}")
 
     def __len__(self) -> int:
         return len(self.points)
@@ -94,7 +78,7 @@ class Branch:
             backward.points[:0:-1] + self.points,
             np.concatenate([backward.parameters[:0:-1], self.parameters]),
             (*before, *(replace(e, after=e.after + m - 1) for e in self.located)),
-            self.ended if self.ended == backward.ended else f"{backward.ended}; {self.ended}",
+            self.ended if self.ended == backward.ended else STOPPED if backward.ended == STOPPED else f"{backward.ended}; {self.ended}",
             f"at its begin: {backward.message}; at its end: {self.message}",
         )
 
@@ -131,15 +115,6 @@ class System:
         return values, jacobian * self.scale
 
 
-@dataclass(frozen=True, eq=False)
-class Corrected:
-    """A point X of the branch, the Jacobian there (by X), and how many steps it took."""
-
-    x: Real
-    jacobian: Real
-    iterations: int
-
-
 def _solved(matrix: Real, right: Real) -> Real:
     try:
         return np.asarray(np.linalg.solve(matrix, right))
@@ -147,11 +122,11 @@ def _solved(matrix: Real, right: Real) -> Real:
         return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0])
 
 
-def corrected(system: System, guess: Real, normal: Real, offset: float | None = None) -> Corrected:
-    """Return the point of the branch in the plane normal . X = ``offset`` (None: through the guess); raises NoConvergenceError.
+def corrected(system: System, guess: Real, normal: Real, offset: float | None = None) -> tuple[Real, Real, int]:
+    """Return the branch's point X in the plane normal . X = ``offset`` (None: through the guess), its Jacobian by X, and how many steps that took.
 
-    The step's size decides, and the residual need not have a scale: once a step is below the root of the tolerance the next one,
-    quadratically smaller, is the last.
+    The step's size decides, and the residual need not have a scale: once a step is below the root of the tolerance the next one, quadratically
+    smaller, is the last. Raises NoConvergenceError.
     """
     x = guess.copy()
     offset = float(normal @ guess) if offset is None else offset
@@ -167,7 +142,7 @@ def corrected(system: System, guess: Real, normal: Real, offset: float | None = 
         x = x + step
         unit = 1 + float(np.linalg.norm(x))
         if size <= system.tolerance * unit or (close and size <= 10 * system.tolerance * unit):
-            return Corrected(x, jacobian, iteration)  # of the last but one point, which is this one to all digits that a tangent needs
+            return x, jacobian, iteration  # of the last but one point, which is this one to all digits that a tangent needs
         last, close = size, size <= np.sqrt(system.tolerance) * unit
     raise NoConvergenceError(f"no convergence in {system.iterations} Newton steps, the last of {last:.1e}")
 
@@ -182,11 +157,6 @@ def tangent(jacobian: Real, along: Real) -> Real:
     return np.asarray(found / size)
 
 
-def kernel(jacobian: Real, size: int = 1) -> Real:
-    """Return orthonormal rows (size, n + 1) that the Jacobian maps to what is next to zero: the tangents at a branch point."""
-    return np.asarray(np.linalg.svd(jacobian)[2][-size:])
-
-
 @dataclass(frozen=True)
 class Monitor:
     """A function of (z, parameter) whose zeros are located, and called ``kind``; with ``ends`` the branch ends at the first. NaN: not known here."""
@@ -198,7 +168,10 @@ class Monitor:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A point X (n + 1,) of the branch, its unit tangent, the Jacobian (n, n + 1), and sign and logarithm of the bordered determinant."""
+    """A point X (n + 1,) of the branch, its unit tangent t, the Jacobian J (n, n + 1), and sign and logarithm of det [J; t].
+
+    That determinant is zero only where branches cross.
+    """
 
     x: Real
     tangent: Real
@@ -206,10 +179,11 @@ class Place:
     determinant: tuple[float, float]
 
 
-def determinant(jacobian: Real, along: Real) -> tuple[float, float]:
-    """Return sign and logarithm of det [J; t], which is zero only where branches cross."""
-    sign, logarithm = np.linalg.slogdet(np.vstack([jacobian, along]))
-    return float(sign), float(logarithm)
+def placed(x: Real, jacobian: Real, along: Real) -> Place:
+    """Return the place at a point of the branch, its tangent in the direction of ``along``."""
+    direction = tangent(jacobian, along)
+    sign, logarithm = np.linalg.slogdet(np.vstack([jacobian, direction]))
+    return Place(x, direction, jacobian, (float(sign), float(logarithm)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,10 +205,10 @@ class Gate:
         if not 0 < share <= 1 or np.linalg.norm(first.x - nearest) > 0.3 * length:
             return False
         try:
-            at = corrected(self.system, nearest, first.tangent, float(first.tangent @ first.x))
+            x = corrected(self.system, nearest, first.tangent, float(first.tangent @ first.x))[0]
         except NoConvergenceError:
             return False
-        return bool(np.linalg.norm(at.x - first.x) <= 1e-6 * (1 + np.linalg.norm(first.x)))
+        return bool(np.linalg.norm(x - first.x) <= 1e-6 * (1 + np.linalg.norm(first.x)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,9 +226,8 @@ class _Between:
         a, b = length * self.here.tangent - chord, chord - length * self.there.tangent
         guess = self.here.x + s * chord + s * (1 - s) * ((1 - s) * a + s * b)
         normal = chord / length
-        at = corrected(self.system, guess, normal, float(normal @ self.here.x) + s * length)
-        along = tangent(at.jacobian, normal)
-        return Place(at.x, along, at.jacobian, determinant(at.jacobian, along))
+        x, jacobian, _ = corrected(self.system, guess, normal, float(normal @ self.here.x) + s * length)
+        return placed(x, jacobian, normal)
 
 
 def _zero(between: _Between, value: Callable[[Place], float], kind: str, after: int) -> tuple[float, Located]:

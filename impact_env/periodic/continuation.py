@@ -5,7 +5,7 @@ Continuation Methods, 1990; Seydel, Practical Bifurcation and Stability Analysis
 parameter changes sign), branch points (the bordered determinant does), and the zeros of the caller's monitors.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,6 @@ from impact_env.periodic.branch import (
     MINIMUM_STEP,
     STOPPED,
     Branch,
-    Corrected,
     Gate,
     Located,
     Monitor,
@@ -29,9 +28,8 @@ from impact_env.periodic.branch import (
     Residual,
     System,
     corrected,
-    determinant,
-    kernel,
     located,
+    placed,
     tangent,
 )
 
@@ -102,17 +100,6 @@ class Problem:
         return System(self.residual, scale, steps.tolerance, steps.iterations)
 
 
-@dataclass(frozen=True, eq=False)
-class Step:
-    """What a step of the walk adds: a place on the branch and what was located before it. ``ended`` is None as long as it goes on."""
-
-    system: System
-    place: Place
-    events: tuple[Located, ...] = ()
-    ended: str | None = None
-    message: str = ""
-
-
 def start(problem: Problem, z: Real, parameter: float, direction: float | Real = 1.0, steps: Steps | None = None) -> tuple[System, Place]:
     """Return the branch's point at a parameter, next to ``z``, and the tangent in a direction: the sign of the parameter's change, or (n + 1,).
 
@@ -131,64 +118,78 @@ def start(problem: Problem, z: Real, parameter: float, direction: float | Real =
     else:
         along = np.asarray(direction, dtype=np.float64) / system.scale
         along = along / np.linalg.norm(along)
-    at = corrected(system, system.scaled(z, parameter), along)
-    return system, _placed(at, along)
+    x, jacobian, _ = corrected(system, system.scaled(z, parameter), along)
+    return system, placed(x, jacobian, along)
 
 
-def _placed(at: Corrected, along: Real) -> Place:
-    t = tangent(at.jacobian, along)
-    return Place(at.x, t, at.jacobian, determinant(at.jacobian, t))
+def continuation(
+    problem: Problem,
+    z: Real,
+    parameter: float,
+    direction: float | Real = 1.0,
+    steps: Steps | None = None,
+    progress: Progress | None = None,
+) -> Branch:
+    """Return the branch through the point next to ``z`` (n,) at a parameter, one way: see `start` and `Branch`.
 
-
-def walk(problem: Problem, z: Real, parameter: float, direction: float | Real = 1.0, steps: Steps | None = None) -> Iterator[Step]:
-    """Yield the branch step by step, the start first; the last step says why it ended. Closing the generator breaks it off.
-
-    Raises NoConvergenceError only at the start: whatever happens later ends the branch with a message.
+    Ctrl-C ends it with what is known so far. Raises NoConvergenceError only if there is no point to start from, ParameterError for bad input.
     """
     steps = Steps() if steps is None else steps
-    system, here = start(problem, z, parameter, direction, steps)
-    index, size = 0, steps.first
-    gates = [Gate(0, system, here)]
-    yield Step(system, here)
-    while True:
-        try:
-            there, size, kink = _next(system, here, size, steps)
-        except NoConvergenceError as error:
-            p = system.plain(here.x)[1]
-            yield Step(system, here, (), MINIMUM_STEP, f"no step from {problem.parameter} = {p:.10g} down to {steps.least:.1e}: {error}")
-            return
-        ended, message = None, ""
-        gate = next((gate for gate in gates if index - gate.index >= 2 and gate.returned(here, there)), None)
-        if gate is not None:
-            there, ended, message = gate.place, CLOSED, "back at its first point" if gate.index == 0 else f"back at its point {gate.index + 1}"
-        bounded = _bounded(problem, system, here, there)
-        if bounded is not None:
-            there, ended = bounded, LIMIT
-            message = f"{problem.parameter} = {system.plain(there.x)[1]:.10g} is its limit"
-        events = located(problem.monitors, system, here, there, index)
-        if kink:
-            events = (*events, Located(KINK, index, *system.plain(here.x), here.tangent))
-        enders = {monitor.kind for monitor in problem.monitors if monitor.ends}
-        last = next((k for k, event in enumerate(events) if event.kind in enders), None)
-        if last is not None:
-            there = _at(system, events[last], there)
-            events, ended = events[: last + 1], events[last].kind
-            message = f"{events[last].kind} at {problem.parameter} = {events[last].parameter:.10g}"
-        index += 1
-        if ended is None and index + 1 >= steps.points:
-            ended, message = COUNT, f"{steps.points} points"
-        yield Step(system, there, events, ended, message)
-        if ended is not None:
-            return
-        try:
-            before = system
-            problem, system, here = _recentred(problem, system, there, steps)
-            if system is not before:
-                gates.append(Gate(index, system, here))
-        except NoConvergenceError as error:
-            p = system.plain(there.x)[1]
-            yield Step(system, there, (), MINIMUM_STEP, f"lost at {problem.parameter} = {p:.10g}, where the unknowns change: {error}")
-            return
+    way: list[tuple[Real, float]] = []
+    events: list[Located] = []
+    ended, message = None, ""
+    try:
+        system, here = start(problem, z, parameter, direction, steps)
+        size, gates = steps.first, [Gate(0, system, here)]
+        while True:
+            way.append(system.plain(here.x))
+            at = f"{problem.parameter} = {way[-1][1]:.10g}"
+            if progress is not None:
+                progress(len(way), way[-1][1])
+            if ended is not None:
+                break
+            try:
+                before, doing = system, f"lost at {at}, where the unknowns change"
+                if len(way) > 1:
+                    problem, system, here = _recentred(problem, system, here, steps)
+                if system is not before:
+                    gates.append(Gate(len(way) - 1, system, here))
+                doing = f"no step from {at} down to {steps.least:.1e}"
+                there, size, kink = _next(system, here, size, steps)
+            except NoConvergenceError as error:
+                ended, message = MINIMUM_STEP, f"{doing}: {error}"
+                break
+            here, happened, ended, message = _landed(problem, gates, system, here, there, kink, len(way) - 1)
+            events += happened
+            if ended is None and len(way) + 1 >= steps.points:
+                ended, message = COUNT, f"{steps.points} points"
+    except KeyboardInterrupt:
+        ended, message = STOPPED, f"stopped after {len(way)} points"
+    return Branch(problem.parameter, tuple(z for z, _ in way), np.array([p for _, p in way]), tuple(events), ended, message)
+
+
+def _landed(
+    problem: Problem, gates: list[Gate], system: System, here: Place, there: Place, kink: bool, index: int
+) -> tuple[Place, tuple[Located, ...], str | None, str]:
+    """Return where a step from point number ``index`` ends, what is located on it, and why the branch ends there (None: it does not), with words."""
+    ended, message = None, ""
+    gate = next((gate for gate in gates if index - gate.index >= 2 and gate.returned(here, there)), None)
+    if gate is not None:
+        there, ended, message = gate.place, CLOSED, "back at its first point" if gate.index == 0 else f"back at its point {gate.index + 1}"
+    bounded = _bounded(problem, system, here, there)
+    if bounded is not None:
+        there, ended = bounded, LIMIT
+        message = f"{problem.parameter} = {system.plain(there.x)[1]:.10g} is its limit"
+    events = located(problem.monitors, system, here, there, index)
+    if kink:
+        events = (*events, Located(KINK, index, *system.plain(here.x), here.tangent))
+    enders = {monitor.kind for monitor in problem.monitors if monitor.ends}
+    last = next((k for k, event in enumerate(events) if event.kind in enders), None)
+    if last is not None:
+        event = events[last]
+        there, events, ended = replace(there, x=system.scaled(event.point, event.parameter)), events[: last + 1], event.kind
+        message = f"{event.kind} at {problem.parameter} = {event.parameter:.10g}"
+    return there, events, ended, message
 
 
 def _next(system: System, here: Place, size: float, steps: Steps) -> tuple[Place, float, bool]:
@@ -196,13 +197,13 @@ def _next(system: System, here: Place, size: float, steps: Steps) -> tuple[Place
     while True:
         why = ""
         try:
-            at = corrected(system, here.x + size * here.tangent, here.tangent)
-            there = _placed(at, here.tangent)
-            drift = float(np.linalg.norm(at.x - here.x)) / size
+            x, jacobian, iterations = corrected(system, here.x + size * here.tangent, here.tangent)
+            there = placed(x, jacobian, here.tangent)
+            drift = float(np.linalg.norm(x - here.x)) / size
             angle = float(np.arccos(np.clip(there.tangent @ here.tangent, -1, 1)))
             smooth = angle <= steps.turn and drift < 1.2
             if smooth or (size <= 4 * steps.least and drift < 2):
-                wanted = 4 / max(at.iterations, 1) * (1.5 if angle < steps.turn / 3 else 1.0)
+                wanted = 4 / iterations * (1.5 if angle < steps.turn / 3 else 1.0)
                 factor = np.clip(wanted, 0.5, 2.0) if angle <= 0.7 * steps.turn else 0.7
                 return there, float(np.clip(size * factor, steps.least, steps.most)), not smooth
             why = f"the tangent turns by {angle:.2f} rad, and the point lies {drift:.2f} steps away"
@@ -222,19 +223,10 @@ def _bounded(problem: Problem, system: System, here: Place, there: Place) -> Pla
     normal = np.append(np.zeros(len(here.x) - 1), 1.0)
     guess = here.x + (limit - before) / (after - before) * (there.x - here.x)
     try:
-        return _placed(corrected(system, guess, normal, limit / float(system.scale[-1])), there.x - here.x)
+        x, jacobian, _ = corrected(system, guess, normal, limit / float(system.scale[-1]))
+        return placed(x, jacobian, there.x - here.x)
     except NoConvergenceError:
         return there  # a fold at the limit itself: the last point lies just outside
-
-
-def _at(system: System, event: Located, otherwise: Place) -> Place:
-    """Return the place of something located."""
-    x = system.scaled(event.point, event.parameter)
-    try:
-        jacobian = system(x)[1]
-    except NoConvergenceError:
-        return otherwise
-    return Place(x, event.tangent, jacobian, determinant(jacobian, event.tangent))
 
 
 def _recentred(problem: Problem, system: System, place: Place, steps: Steps) -> tuple[Problem, System, Place]:
@@ -247,38 +239,6 @@ def _recentred(problem: Problem, system: System, place: Place, steps: Steps) -> 
         return problem, system, place
     problem = replace(problem, residual=chart.residual, scale=chart.scale, monitors=chart.monitors)
     return problem, *start(problem, chart.point, parameter, chart.tangent, steps)
-
-
-def continuation(
-    problem: Problem,
-    z: Real,
-    parameter: float,
-    direction: float | Real = 1.0,
-    steps: Steps | None = None,
-    progress: Progress | None = None,
-) -> Branch:
-    """Return the branch through the point next to ``z`` (n,) at a parameter, one way: see `start`, `walk` and `Branch`.
-
-    Ctrl-C ends it with what is known so far. Raises NoConvergenceError if there is no point to start from, ParameterError for bad input.
-    """
-    points: list[Real] = []
-    parameters: list[float] = []
-    events: list[Located] = []
-    ended, message = STOPPED, "stopped"
-    try:
-        for step in walk(problem, z, parameter, direction, steps):
-            events += step.events
-            if step.ended != MINIMUM_STEP:
-                at, p = step.system.plain(step.place.x)
-                points.append(at)
-                parameters.append(p)
-            if step.ended is not None:
-                ended, message = step.ended, step.message
-            if progress is not None:
-                progress(len(points), parameters[-1])
-    except KeyboardInterrupt:
-        message = f"stopped after {len(points)} points"
-    return Branch(problem.parameter, tuple(points), np.array(parameters), tuple(events), ended, message)
 
 
 def both_ways(problem: Problem, z: Real, parameter: float, steps: Steps | None = None, progress: Progress | None = None) -> Branch:
@@ -298,15 +258,15 @@ def switched(problem: Problem, event: Located, size: float = 0.01, steps: Steps 
     steps = Steps() if steps is None else steps
     system = problem.system(len(event.point), steps)
     x = system.scaled(event.point, event.parameter)
-    plane = kernel(system(x)[1], 2)
+    plane = np.linalg.svd(system(x)[1])[2][-2:]
     across = plane - np.outer(plane @ event.tangent, event.tangent)
     other = across[int(np.argmax(np.linalg.norm(across, axis=1)))]
     other /= np.linalg.norm(other)
     found, why = [], ""
     for sign in (1.0, -1.0):
         try:
-            at = corrected(system, x + sign * size * other, other)
-            found.append((*system.plain(at.x), tangent(at.jacobian, sign * other) * system.scale))
+            at, jacobian, _ = corrected(system, x + sign * size * other, other)
+            found.append((*system.plain(at), tangent(jacobian, sign * other) * system.scale))
         except NoConvergenceError as error:
             why = str(error)
     if not found:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -60,24 +60,6 @@ class Dynamics(NamedTuple):
     drive_slope: Complex
 
 
-class Linear(Protocol):
-    """What harmonic balance asks of a structure."""
-
-    @property
-    def harmonics(self) -> int:
-        """H."""
-
-    @property
-    def multiple(self) -> int:
-        """Periods of the drive in one of the response."""
-
-    def dynamics(self, omega: float) -> Dynamics:
-        """Return the dynamics at the drive's frequency in rad/s."""
-
-    def tip(self, dynamic: Complex, force: float, omega: float) -> Complex:
-        """Return the displacement (H + 1,) in m that is to be reported, from the force on the absorber (H + 1,) and the drive's force in N."""
-
-
 @dataclass(frozen=True, eq=False)
 class JointOfMass:
     """A mass in kg beside a beam's tip: r = absorber less tip. The force on the absorber is lambda = (r + G_tf f)/(G_a + G_tt).
@@ -99,7 +81,7 @@ class JointOfMass:
         non_negative("grounded_damper", self.grounded_damper)
 
     def dynamics(self, omega: float) -> Dynamics:
-        """See `Linear`; raises ParameterError where an undamped mode is met exactly."""
+        """Return the dynamics at the drive's frequency in rad/s; raises ParameterError where an undamped mode is met exactly."""
         share, tip = np.arange(1, self.harmonics + 1) / self.multiple, self.model.tip_shape
         w = share * omega
         own = -self.mass * w**2 + 1j * self.grounded_damper * w
@@ -115,7 +97,7 @@ class JointOfMass:
         return Dynamics(*(np.append(0.0, part) for part in (stiffness, drive, stiffness_slope, drive_slope)))
 
     def tip(self, dynamic: Complex, force: float, omega: float) -> Complex:
-        """See `Linear`: the displacement where the response is read, at the tip unless the model says another place."""
+        """Return the displacement (H + 1,) in m where the response is read, from the force on the absorber (H + 1,) and the drive's force in N."""
         w, level = np.arange(self.harmonics + 1) * omega / self.multiple, self.model.level_shape
         moved = -receptance(self.model, w, level, self.model.tip_shape) * dynamic
         moved[self.multiple] += force * complex(receptance(self.model, omega, level, self.model.force_shape))
@@ -165,7 +147,7 @@ class Balance:
     ``symmetric`` keeps odd harmonics only. ``centring`` (N/m) is a spring on the mean of r, which has no influence on a symmetric orbit.
     """
 
-    linear: Linear
+    linear: JointOfMass
     law: Law
     omega: float
     force: float
@@ -339,10 +321,9 @@ def hill_multipliers(balance: Balance, z: Real) -> Complex:
     """Return the 2 N_m + 2 Floquet multipliers of a solution z, the largest first; of a symmetric balance over half a period, mirrored.
 
     At compliant walls they converge; at rigid ones a fast pair's size does not (docs/harmonic_balance.md): `Orbit.stability` has those. Raises
-    ParameterError for a structure other than `JointOfMass`, and for elastic friction, whose force depends on the motion's past.
+    ParameterError for elastic friction, whose force depends on the motion's past.
     """
     linear, law = balance.linear, balance.law
-    require(isinstance(linear, JointOfMass), "structure", linear, "a mass beside a beam's tip for Hill's method")
     elastic = isinstance(law, CompliantContact) and law.friction_limit is not None
     require(not elastic, "friction", law, "rigid, or none, for Hill's method")
     found: list[tuple[float, complex, int]] = []
@@ -354,14 +335,12 @@ def hill_multipliers(balance: Balance, z: Real) -> Complex:
     for one in sorted(found, key=lambda each: each[0]):
         if all(one[2] == other[2] or abs(one[1] - other[1]) > COPY * abs(one[1]) for other in taken):
             taken.append(one)
-    assert isinstance(linear, JointOfMass)
     return np.array(sorted((value for _, value, _ in taken[: 2 * linear.model.modes + 2]), key=abs, reverse=True))
 
 
 def _exponents(balance: Balance, z: Real, kind: int) -> tuple[Complex, Real, float]:
     """Return exponents (1/s) of disturbances of even (0) or odd (1) order, the mean order of each, and the frequency (rad/s) that orders count."""
     linear, law = balance.linear, balance.law
-    assert isinstance(linear, JointOfMass)
     rows = [balance.polynomial(z), real_row(balance.response(z).contact)]
     omega = balance.omega / linear.multiple
     if not balance.symmetric:  # over two periods

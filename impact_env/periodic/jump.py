@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy.stats
@@ -138,22 +139,13 @@ class Range:
         require(ok, "range", tuple(row.tolist()), "four ratios, start, first, last and stop, rising or falling")
 
 
-@dataclass(frozen=True)
-class _Passed:
-    """What `jumps` measures of a lane: when its first silence began (NaN: there was none), and its level in m. Times in pseudo periods of s."""
-
-    period: float
-    begin: float
-    end: float
-    silence: float
-    method: Method
-
-    def __call__(self, lane: Lane) -> tuple[float, float]:
-        response = simulate(lane.scene, lane.drive, self.method, record=Record(events=True))
-        assert response.impacts is not None
-        assert response.level is not None
-        began = first_silence(response.impacts.time / self.period, self.begin, self.end, self.silence).began
-        return (np.nan if began is None else began), response.level.value
+def _passed(period: float, begin: float, end: float, silence: float, method: Method, lane: Lane) -> tuple[float, float]:
+    """Return when a lane's first silence began (NaN: there was none), in pseudo periods of ``period`` s, and its level in m."""
+    response = simulate(lane.scene, lane.drive, method, record=Record(events=True))
+    assert response.impacts is not None
+    assert response.level is not None
+    began = first_silence(response.impacts.time / period, begin, end, silence).began
+    return (np.nan if began is None else began), response.level.value
 
 
 def jumps(
@@ -182,7 +174,7 @@ def jumps(
     method = Exact() if method is None else method
     begin = approach.lead + approach.ramp
     first, last = (begin + abs(ratio - over.start) * 100 * periods_per_percent for ratio in (over.first, over.last))
-    measure = _Passed(2 * np.pi / approach.reference, first - silence, last + silence, silence, method)
+    measure = partial(_passed, 2 * np.pi / approach.reference, first - silence, last + silence, silence, method)
     lanes = [Lane(scene, passage(approach, force, over.start, over.stop, periods_per_percent, phase)) for phase in phases]
     found = np.array(finished(each_lane(lanes, measure, method, threads=threads, progress=progress, executor=executor)))
     began = np.where(np.isnan(found[:, 0]), np.inf, found[:, 0])

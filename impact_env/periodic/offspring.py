@@ -24,6 +24,7 @@ from impact_env.periodic.orbit_branches import (
     PERIOD_DOUBLING,
     SYMMETRY_BREAKING,
     OrbitBranch,
+    in_units,
     mirrors,
     orbit_branch,
     orbit_branches,
@@ -79,21 +80,14 @@ def _beside(solution: Solution, side: float, parameter: str) -> Solution | None:
             point, there, _ = switched(problem, Located(BRANCH_POINT, 0, z, value, along), size)[0]
         except NoConvergenceError:
             continue
-        found = solve(solution.case.changed(**{parameter: there}), solution.schedule, _in_units(point, solution, parameter, there))
+        at = solution.case.changed(**{parameter: there})
+        found = solve(at, solution.schedule, in_units(at, solution.schedule, point, solution.case))
         if not isinstance(found, NoOrbit) and unlike(found, side) > LEAST:
             return found
     return None
 
 
-def _in_units(point: NDArray[np.float64], solution: Solution, parameter: str, value: float) -> NDArray[np.float64]:
-    """Return unknowns (m,) in the units of the case at another value of the parameter."""
-    own, new = solution.case.scale, solution.case.changed(**{parameter: value}).scale
-    n, m = len(solution.schedule.events), solution.schedule.impacts
-    units = np.concatenate([np.ones(n), np.full(m, own.impulse / new.impulse), np.full(len(point) - n - m, own.length / new.length)])
-    return np.asarray(units * point)
-
-
-def halves_apart(solution: Solution, side: float) -> NDArray[np.float64]:
+def halves_apart(solution: Solution, side: float) -> Array:
     """Return the second half less the first one times ``side``: phases in rad, and shares of the largest impulse; infinite for an odd number."""
     half = len(solution.phases) // 2
     if len(solution.phases) % 2:
@@ -107,7 +101,7 @@ def unlike(solution: Solution, side: float) -> float:
     return float(np.max(np.abs(halves_apart(solution, side))))
 
 
-def _tangent_alike(jacobian: NDArray[np.float64], solution: Solution, side: float) -> NDArray[np.float64]:
+def _tangent_alike(jacobian: Array, solution: Solution, side: float) -> Array:
     """Return the unit tangent of the branch that is left (m + 1,): the direction of the Jacobian's kernel in which both halves move alike."""
     n, m = len(solution.schedule.events), solution.schedule.impacts
     shift = np.zeros((jacobian.shape[1], jacobian.shape[1]))

@@ -36,21 +36,35 @@ NEAR = 0.01  # of phases in rad, scaled impulses, and the frequency in its share
 
 
 @dataclass(frozen=True, eq=False)
-class OrbitBranch:
-    """A branch with the schedule of each of its points: ``schedules`` has one for each, ``located_schedules`` one for each place located.
-
-    Points are solutions of the events' conditions; where friction would hold the absorber for a moment they only bridge the way, and `orbits` has the
-    orbits with a joined phase that shooting finds next to them.
-    """
+class Scheduled:
+    """A branch with the schedule of each of its points: ``schedules`` has one for each, ``located_schedules`` one for each place located."""
 
     case: Case
     branch: Branch
     schedules: tuple[EventSchedule, ...]
     located_schedules: tuple[EventSchedule, ...]
 
+    def at(self, schedule: EventSchedule, z: Array, value: float) -> Solution:
+        """Return the solution of a point (m,) at a value of the parameter."""
+        return solution_in(self.case, schedule, z, {self.branch.parameter: value})
+
     def solution(self, k: int) -> Solution:
         """Return the solution at point ``k``."""
-        return solution_in(self.case, self.schedules[k], self.branch.points[k], {self.branch.parameter: float(self.branch.parameters[k])})
+        return self.at(self.schedules[k], self.branch.points[k], float(self.branch.parameters[k]))
+
+    def places(self) -> Iterator[tuple[str, Solution]]:
+        """Yield kind and solution of each place located."""
+        for event, schedule in zip(self.branch.located, self.located_schedules, strict=True):
+            yield event.kind, self.at(schedule, event.point, event.parameter)
+
+
+@dataclass(frozen=True, eq=False)
+class OrbitBranch(Scheduled):
+    """A branch of orbits in one parameter.
+
+    Points are solutions of the events' conditions; where friction would hold the absorber for a moment they only bridge the way, and `orbits` has the
+    orbits with a joined phase that shooting finds next to them.
+    """
 
     def orbits(self) -> Iterator[Orbit | NoOrbit]:
         """Yield each point's orbit, confirmed by the exact method, or why it is none."""
@@ -59,17 +73,12 @@ class OrbitBranch:
 
     def folds(self) -> tuple[Fold | NoOrbit, ...]:
         """Return the folds located on the branch, finished by Newton's method."""
-        return tuple(fold_near(solution, self.branch.parameter) for solution in self._located(FOLD))
+        return tuple(fold_near(solution, self.branch.parameter) for kind, solution in self.places() if kind == FOLD)
 
     def of(self, kind: str) -> tuple[Motion, ...]:
         """Return the motions at the places located of a kind, such as `GRAZING`."""
-        found = (motion_of(solution) for solution in self._located(kind))
+        found = (motion_of(solution) for each, solution in self.places() if each == kind)
         return tuple(motion for motion in found if kind != TORUS or _turns_on_circle(motion))
-
-    def _located(self, kind: str) -> Iterator[Solution]:
-        for event, schedule in zip(self.branch.located, self.located_schedules, strict=True):
-            if event.kind == kind:
-                yield solution_in(self.case, schedule, event.point, {self.branch.parameter: event.parameter})
 
 
 def _turns_on_circle(motion: Motion) -> bool:
@@ -81,10 +90,15 @@ def _turns_on_circle(motion: Motion) -> bool:
 def solution_in(units: Case, schedule: EventSchedule, z: Array, values: dict[str, float]) -> Solution:
     """Return the solution with unknowns (m,) in the units of a branch's own case, at values of its parameters."""
     case = units.changed(**values)
-    n, scaled = len(schedule.events), np.array(z)
-    scaled[n : n + schedule.impacts] *= units.scale.impulse / case.scale.impulse
-    scaled[n + schedule.impacts :] *= units.scale.length / case.scale.length
-    return solution_of(case, schedule, scaled, 0.0)
+    return solution_of(case, schedule, in_units(case, schedule, z, units), 0.0)
+
+
+def in_units(new: Case, schedule: EventSchedule, z: Array, old: Case) -> Array:
+    """Return unknowns (m,) in the units of a ``new`` case, from those in the units of an ``old`` one."""
+    n, units = len(schedule.events), np.ones(len(z))
+    units[n : n + schedule.impacts] = old.scale.impulse / new.scale.impulse
+    units[n + schedule.impacts :] = old.scale.length / new.scale.length
+    return np.asarray(units * z)
 
 
 @dataclass(eq=False)
@@ -187,16 +201,13 @@ class Walk:
         direction[: len(new)][new] = self.heading[: int(np.sum(new))]
         direction[len(new) :] = self.heading[int(np.sum(new)) :]
         self.schedule = solution.schedule
-        z, m = unknowns_of(solution), self.schedule.impacts
-        whole = 2 * np.pi * self.schedule.period_multiple
+        z, whole = in_units(self.case, self.schedule, unknowns_of(solution), solution.case), 2 * np.pi * self.schedule.period_multiple
         z[: len(new)] += whole * round((first - float(z[0])) / whole)  # so that a closed branch is known again
-        z[len(new) : len(new) + m] *= solution.case.scale.impulse / self.case.scale.impulse
-        z[len(new) + m :] *= solution.case.scale.length / self.case.scale.length
         return Chart(self.residual(), np.append(z, more), direction, scale, self.monitors())
 
 
 def _one_way(
-    solution: Solution, parameter: str, limits: tuple[float, float], direction: float, steps: Steps, progress: Progress | None
+    solution: Solution, parameter: str, limits: tuple[float, float], steps: Steps, progress: Progress | None, direction: float
 ) -> tuple[Branch, list[EventSchedule]]:
     walk = Walk(solution.case, parameter, solution.schedule)
     value = getattr(solution.case, parameter)
@@ -228,12 +239,22 @@ def orbit_branch(
     It ends at its limits, where the absorber grazes a wall or a wall would have to pull, or where it is back at its start; Ctrl-C ends it with what
     is known so far. Folds are located on the way.
     """
-    forward, schedules = _one_way(solution, parameter, limits, 1.0, steps, progress)
+    return OrbitBranch(solution.case, *to_both_sides(partial(_one_way, solution, parameter, limits, steps, progress)))
+
+
+def to_both_sides(
+    one_way: Callable[[float], tuple[Branch, list[EventSchedule]]],
+) -> tuple[Branch, tuple[EventSchedule, ...], tuple[EventSchedule, ...]]:
+    """Return the branch from what is found towards larger values (1) and smaller ones (-1), with its schedules and those of what is located.
+
+    A branch that closes, or is stopped, on its way to larger values is not followed to the other side.
+    """
+    forward, schedules = one_way(1.0)
     if forward.ended in (CLOSED, STOPPED):
-        return OrbitBranch(solution.case, forward, tuple(schedules), located_schedules(forward.located, schedules))
-    backward, others = _one_way(solution, parameter, limits, -1.0, steps, progress)
+        return forward, tuple(schedules), located_schedules(forward.located, schedules)
+    backward, others = one_way(-1.0)
     located = (*reversed(located_schedules(backward.located, others)), *located_schedules(forward.located, schedules))
-    return OrbitBranch(solution.case, forward.joined(backward), (*others[:0:-1], *schedules), located)
+    return forward.joined(backward), (*others[:0:-1], *schedules), located
 
 
 def located_schedules(located: tuple[Located, ...], schedules: list[EventSchedule]) -> tuple[EventSchedule, ...]:

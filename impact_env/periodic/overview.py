@@ -245,7 +245,7 @@ def overview(
                 **ends,
                 "harmonics": linear_part.harmonics,
                 "law": law,
-                "damper": getattr(linear_part, "grounded_damper", None),
+                "damper": linear_part.grounded_damper,
                 "hill": asked.hill,
             }
             curves.extend(keep(name, partial(balance_curves, asked.balance, reference, low, high, progress, asked.hill), ResponseCurve.from_plain))

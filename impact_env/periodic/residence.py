@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -134,19 +135,11 @@ def stay_of(impacts: Array, begin: float, end: float, silence: float) -> tuple[f
     return stop - begin, found.began is not None and found.began < last, found.returned, pause
 
 
-@dataclass(frozen=True)
-class _Stay:
-    """What `stays` measures of a lane, empty if it had left before: plain data, which another process turns into the same numbers."""
-
-    period: float
-    begin: float
-    end: float
-    silence: float
-
-    def __call__(self, lane: Lane) -> tuple[float, bool, bool, float] | tuple[()]:
-        response = simulate(lane.scene, lane.drive, record=Record(events=True))
-        assert response.impacts is not None
-        return stay_of(response.impacts.time / self.period, self.begin, self.end, self.silence) or ()
+def _stay(period: float, begin: float, end: float, silence: float, lane: Lane) -> tuple[float, bool, bool, float] | tuple[()]:
+    """Return what `stays` measures of a lane, empty if it had left before; another process gets the same numbers."""
+    response = simulate(lane.scene, lane.drive, record=Record(events=True))
+    assert response.impacts is not None
+    return stay_of(response.impacts.time / period, begin, end, silence) or ()
 
 
 def stays(
@@ -171,7 +164,7 @@ def stays(
     positive("periods", periods)
     require(0 < silence < periods, "silence", silence, f"above 0 and below the {periods} pseudo periods of a stay")
     begin = approach.lead
-    measure = _Stay(2 * np.pi / approach.reference, begin, begin + periods, silence)
+    measure = partial(_stay, 2 * np.pi / approach.reference, begin, begin + periods, silence)
     lanes = [Lane(scene, hold(approach, force, ratio, periods, phase)) for phase in phases]
     found = finished(each_lane(lanes, measure, threads=threads, progress=progress, executor=executor))
     there = [stay for stay in found if stay]

@@ -52,6 +52,14 @@ class Event:
         return self.wall != 0 and self.sign != 0
 
 
+def turn_of(symmetric: bool, period_multiple: int) -> float:
+    """Return the phase of the force in rad after which an orbit's state comes back, mirrored where it is ``symmetric``."""
+    count("period_multiple", period_multiple, 1)
+    odd = period_multiple % 2 == 1
+    require(odd or not symmetric, "period_multiple", period_multiple, "odd for a symmetric orbit: the force must turn its sign in half of it")
+    return period_multiple * math.pi * (1 if symmetric else 2)
+
+
 @dataclass(frozen=True)
 class EventSchedule:
     """The events of one period of an orbit, or of its first half if the second mirrors it (``symmetric``); ``period_multiple`` of the force's period.
@@ -65,15 +73,8 @@ class EventSchedule:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "events", tuple(self.events))
-        count("period_multiple", self.period_multiple, 1)
         require(len(self.events) > 0, "events", self.events, "one or more")
-        odd = self.period_multiple % 2 == 1
-        require(
-            odd or not self.symmetric,
-            "period_multiple",
-            self.period_multiple,
-            "odd for a symmetric orbit: the force must turn its sign in half of it",
-        )
+        turn_of(self.symmetric, self.period_multiple)  # raises where there is no such orbit
         require(self.symmetric or len(self.events) > 1, "events", self.events, "two or more where no half mirrors the other")
         last = self.events[-1].mirrored if self.symmetric else self.events[-1]
         for before, after in zip((last, *self.events[:-1]), self.events, strict=True):
@@ -83,7 +84,7 @@ class EventSchedule:
     @property
     def turn(self) -> float:
         """Phase of the force over the events listed, in rad."""
-        return self.period_multiple * math.pi * (1 if self.symmetric else 2)
+        return turn_of(self.symmetric, self.period_multiple)
 
     @cached_property
     def impacts(self) -> int:

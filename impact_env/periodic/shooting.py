@@ -4,31 +4,21 @@ It goes where Green's function does not: through phases in which friction or a w
 there are, and in which order, comes out anew in each of Newton's steps.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import ParameterError, count, finite, require
+from impact_env.parameters import ParameterError, finite, require
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit, Solution
 from impact_env.periodic.motion import ShotMotion
 from impact_env.periodic.passage import Passage, PassageError, passage
-from impact_env.periodic.schedule import Event, EventSchedule, flying_schedule
+from impact_env.periodic.schedule import Event, EventSchedule, flying_schedule, turn_of
 
 Array = NDArray[np.float64]
 STEPS = 30
 HALVINGS = 5
 CLOSE, ENOUGH = 1e-13, 1e-10  # of the scaled miss: where Newton's method ends, and what it may leave where rounding stops it
 NEUTRAL = 1e-10  # of the largest singular value: a direction in which every place is as good, such as the absorber's place of rest
-
-
-def turn_of(symmetric: bool, period_multiple: int) -> float:
-    """Return the phase of the force in rad after which the state must come back."""
-    count("period_multiple", period_multiple, 1)
-    odd = period_multiple % 2 == 1
-    require(odd or not symmetric, "period_multiple", period_multiple, "odd for a symmetric orbit: the force must turn its sign in half of it")
-    return period_multiple * math.pi * (1 if symmetric else 2)
 
 
 def units_of(case: Case) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from impact_env.drive import Drive, constant_frequency
 from impact_env.energy import EnergyAccount, mechanical_energy
 from impact_env.ensemble import Executor, Lane, Progress, draw_members, each_lane
-from impact_env.parameters import count, fraction, non_negative, positive, require
+from impact_env.parameters import count, fraction, non_negative, positive
 from impact_env.periodic.case import start_from
 from impact_env.periodic.residence import Approach, finished, hold
 from impact_env.response import History, Record, Response
@@ -26,7 +27,6 @@ from impact_env.sweep import simulate
 Array = NDArray[np.float64]
 QUANTILES = (0.05, 0.5, 0.95)
 SAMPLES = 32  # per period of the force
-Real = NDArray[np.float64]
 
 
 class Kind(StrEnum):
@@ -71,14 +71,6 @@ class Window:
     states: Array
     impacts: Array
     peaks: Array
-
-    def __post_init__(self) -> None:
-        periods = len(self.peaks)
-        require(periods >= 2 and self.peaks.ndim == 1, "peaks", np.shape(self.peaks), "a row of two periods or more")
-        ok = self.states.ndim == 2 and len(self.states) == periods + 1
-        require(ok, "states", np.shape(self.states), f"{periods + 1} rows, one more than periods")
-        ok = self.impacts.ndim == 1 and bool(np.all(np.diff(self.impacts) >= 0))
-        require(ok, "impacts", self.impacts, "times in periods of the force that do not fall")
 
     @property
     def periods(self) -> int:
@@ -229,15 +221,8 @@ def stationary(scene: Scene, settled: Drive, periods: int, criteria: Criteria | 
     return Stationary(classify(window, criteria), _energies(scene, response.history, response.energy), window.peaks)
 
 
-@dataclass(frozen=True)
-class _Settled:
-    """What is measured of a lane: its stationary response. Plain data, so that other processes can do it."""
-
-    periods: int
-    criteria: Criteria | None
-
-    def __call__(self, lane: Lane) -> Stationary:
-        return stationary(lane.scene, lane.drive, self.periods, self.criteria)
+def _settled(periods: int, criteria: Criteria | None, lane: Lane) -> Stationary:
+    return stationary(lane.scene, lane.drive, periods, criteria)
 
 
 def stationary_members(
@@ -259,7 +244,7 @@ def stationary_members(
     ``settle`` pseudo periods at the ratio come before the window of ``periods`` of the force. Interruption and errors as in `residence.stays`.
     """
     lanes = [Lane(scene, hold(approach, force, ratio, settle, phase)) for phase in phases]
-    return finished(each_lane(lanes, _Settled(periods, criteria), threads=threads, progress=progress, executor=executor))
+    return finished(each_lane(lanes, partial(_settled, periods, criteria), threads=threads, progress=progress, executor=executor))
 
 
 def envelope(members: Sequence[Stationary], quantiles: Sequence[float] = QUANTILES) -> Array:
@@ -275,7 +260,7 @@ class StationaryPoint:
     """
 
     omega_ratio: float
-    tip_max: Real
+    tip_max: Array
     impacts: float
 
     def to_plain(self) -> dict[str, Any]:

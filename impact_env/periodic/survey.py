@@ -12,8 +12,8 @@ from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.orbit import Orbit, mirrored, orbit_at, shot_orbit
 from impact_env.periodic.orbit_branches import COARSE, OrbitBranch, orbit_branches
 from impact_env.periodic.passage import PassageError, passage
-from impact_env.periodic.schedule import flying_schedule
-from impact_env.periodic.shooting import shot, turn_of
+from impact_env.periodic.schedule import flying_schedule, turn_of
+from impact_env.periodic.shooting import shot
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
 from impact_env.response import Record
 from impact_env.scene import InitialState
@@ -36,11 +36,6 @@ def state_after(case: Case, periods: float, initial: InitialState | None = None,
     duration = positive("periods", periods) * case.period
     response = simulate(case.scene, case.drive(duration, phase), initial=initial, record=Record(level=False, events=True))
     return response.end_state, (phase + case.omega * duration) % (2 * np.pi)
-
-
-def initial_of(case: Case, state: Array) -> InitialState:
-    """Return a state (2 N_m + 2,) as a start of a case's scene, as `start_from`."""
-    return start_from(case.scene, state)
 
 
 def orbit_of_simulation(
@@ -105,7 +100,7 @@ def _return_of(case: Case, first: Array, phase: float, most: int) -> tuple[bool,
     """
     n, state, least = case.model.modes + 1, first, np.inf
     for half in range(1, 2 * most + 1):
-        state, phase = state_after(case, 0.5, initial_of(case, state), phase)
+        state, phase = state_after(case, 0.5, start_from(case.scene, state), phase)
         symmetric = half % 2 == 1
         miss = np.abs((-1.0 if symmetric else 1.0) * state - first) / case.gap
         least = min(least, float(max(np.max(miss[:n]), np.max(miss[n:]) / case.omega)))
@@ -226,7 +221,7 @@ def attractors(case: Case, near: Iterable[Orbit], settle: float = SETTLE, most_m
         if not orbit.stability.stable:
             phase, state = orbit.motion.mid_flight()
             state[-1] += NUDGE * case.gap * case.omega
-            starts.append((initial_of(case, state), phase))
+            starts.append((start_from(case.scene, state), phase))
     for initial, phase in starts:
         found = orbit_of_simulation(case, settle, most_multiple, initial, phase)
         yield found

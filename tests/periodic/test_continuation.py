@@ -1,12 +1,10 @@
 """Continuation on curves whose folds, branch points and lengths are known in closed form."""
 
-import itertools
-
 import numpy as np
 import pytest
 
 from impact_env.periodic.branch import CLOSED, COUNT, LIMIT, MINIMUM_STEP, STOPPED, Monitor
-from impact_env.periodic.continuation import Chart, Problem, Steps, both_ways, continuation, switched, walk
+from impact_env.periodic.continuation import Chart, Problem, Steps, both_ways, continuation, switched
 
 Array = np.ndarray
 
@@ -188,11 +186,7 @@ def test_a_branch_is_closed_in_other_unknowns_than_it_began_with() -> None:
     assert branch.points[again[0]][0] == pytest.approx(branch.points[-1][0])
 
 
-def test_a_walk_can_be_stopped_and_keeps_what_it_has() -> None:
-    taken = list(itertools.islice(walk(Problem(circle), np.array([1.0]), 0.0), 5))
-    assert len(taken) == 5
-    assert taken[-1].ended is None
-
+def test_a_branch_can_be_stopped_and_keeps_what_it_has() -> None:
     def interrupt(points: int, _: float) -> None:
         if points == 7:
             raise KeyboardInterrupt

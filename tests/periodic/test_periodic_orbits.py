@@ -9,6 +9,7 @@ from core import ALL
 from orbit_cases import attractor, high_orbit, many_reversals, one_sided, other_case, paper_case
 from periodic_truth import matched
 
+from impact_env.periodic.case import start_from
 from impact_env.periodic.green import NoOrbit, unknowns_of
 from impact_env.periodic.motion import Motion, ShotMotion
 from impact_env.periodic.orbit import Orbit, mirrored, orbit_at, settled
@@ -16,7 +17,7 @@ from impact_env.periodic.orbit_branches import GRAZING, orbit_branch
 from impact_env.periodic.passage import passage
 from impact_env.periodic.schedule import Regime
 from impact_env.periodic.shooting import shot
-from impact_env.periodic.survey import closed_form_orbits, initial_of, orbit_of_simulation, same, state_after
+from impact_env.periodic.survey import closed_form_orbits, orbit_of_simulation, same, state_after
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
 from impact_env.periodic.validation import BAR, map_over, propagated, validate
 
@@ -142,7 +143,7 @@ def test_a_slow_approach_is_not_taken_for_a_long_period() -> None:
     case = paper_case(1, 0.912, 1.5, 0.75)
     phase, state = high_orbit(case).motion.mid_flight()
     state[-1] *= 1.001
-    found = orbit_of_simulation(case, settle=80, initial=initial_of(case, state), phase=phase)
+    found = orbit_of_simulation(case, settle=80, initial=start_from(case.scene, state), phase=phase)
     assert isinstance(found, Orbit)
     assert found.schedule.period_multiple == 1
     assert not found.schedule.symmetric

@@ -11,7 +11,7 @@ from orbit_cases import many_reversals
 from periodic_truth import matched
 
 from impact_env import Beam, ModalModel, Record, modal_model
-from impact_env.periodic.case import Case
+from impact_env.periodic.case import Case, start_from
 from impact_env.periodic.continuation import Steps
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.motion import ShotMotion
@@ -20,7 +20,7 @@ from impact_env.periodic.orbit_branches import orbit_branch
 from impact_env.periodic.passage import RECORD, passage
 from impact_env.periodic.schedule import Regime
 from impact_env.periodic.shooting import shoot
-from impact_env.periodic.survey import closed_form_orbits, crossings, initial_of, orbit_of_simulation, same
+from impact_env.periodic.survey import closed_form_orbits, crossings, orbit_of_simulation, same
 from impact_env.periodic.validation import BAR, CHATTER_BAR, map_over, propagated
 from impact_env.sweep import simulate
 
@@ -304,7 +304,7 @@ def test_a_passage_repeats_the_exact_methods_run_from_any_state() -> None:
     orbit_like = np.array([3.96e-4, 1.48e-7, 3.23e-6, 2.44e-4, 0.311, -1.39e-2, 2.68e-3, 0.969])
 
     def run(state: np.ndarray) -> np.ndarray:
-        return simulate(case.scene, case.drive(2 * case.period, 0.3), initial=initial_of(case, state), record=RECORD).end_state / unit
+        return simulate(case.scene, case.drive(2 * case.period, 0.3), initial=start_from(case.scene, state), record=RECORD).end_state / unit
 
     for _ in range(5):
         state = orbit_like * (1 + 0.1 * rng.uniform(-1, 1, 8))

@@ -10,13 +10,13 @@ from places import EXAMPLES
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, ParameterError
 from impact_env.periodic import offspring
-from impact_env.periodic.case import Case
+from impact_env.periodic.case import Case, start_from
 from impact_env.periodic.isolas import truncated
 from impact_env.periodic.offspring import all_orbits_over, descendants, leaving
 from impact_env.periodic.orbit import Orbit, mirrored
 from impact_env.periodic.orbit_branches import PERIOD_DOUBLING, SYMMETRY_BREAKING, OrbitBranch, orbit_branches
 from impact_env.periodic.shooting import units_of
-from impact_env.periodic.survey import crossings, initial_of, orbits_over, same, state_after
+from impact_env.periodic.survey import crossings, orbits_over, same, state_after
 from impact_env.structure import load_structure
 
 MODEL = modal_model(Beam(modes=1))
@@ -87,13 +87,12 @@ def test_runs_of_the_exact_method_settle_to_the_doubled_period_and_not_to_the_si
     assert double.stability.stable
     phase, state = single.motion.mid_flight()
     state[-1] += 1e-4 * case.gap * case.omega
-    ends = [state_after(case, periods, initial_of(case, state), phase)[0] for periods in (600.0, 601.0, 602.0)]
+    ends = [state_after(case, periods, start_from(case.scene, state), phase)[0] for periods in (600.0, 601.0, 602.0)]
     unit = units_of(case)
     assert np.max(np.abs(ends[2] - ends[0]) / unit) < 1e-7
     assert np.max(np.abs(ends[1] - ends[0]) / unit) > 1e-2
-    assert (
-        np.max(np.abs(state_after(case, 1, initial_of(case, single.motion.mid_flight()[1]), phase)[0] - single.motion.mid_flight()[1]) / unit) < 1e-10
-    )
+    middle = single.motion.mid_flight()[1]
+    assert np.max(np.abs(state_after(case, 1, start_from(case.scene, middle), phase)[0] - middle) / unit) < 1e-10
     recorded = sorted(orbit.motion.tip_max for orbit in (single, double))
     assert recorded[0] != pytest.approx(recorded[1], rel=1e-3)
 
