@@ -1,15 +1,13 @@
 """ImpactAbsorber/ActiveFriction-v0 and ActiveGap-v0: an absorber that is set every quarter of a period."""
 
-from inspect import cleandoc
-from typing import Any, TypeVar
+from typing import Any
 
 from impact_env.envs.active_task import ActiveFrictionTask, ActiveGapTask, Cycle, Drive
-from impact_env.envs.friction_task import Grip
-from impact_env.envs.kind import Kind
+from impact_env.envs.adaptive_task import Grip
 from impact_env.envs.observation import FEW_IMPACTS
 from impact_env.envs.settings import Settings
-from impact_env.envs.shells import TaskEnv, choice
-from impact_env.envs.vector_shell import TaskVectorEnv
+from impact_env.envs.shells import Kind, TaskEnv, choice, with_rows
+from impact_env.envs.vector_shell import vector_of
 
 SCENE: dict[str, Any] = {
     "modes": 2,
@@ -18,31 +16,9 @@ SCENE: dict[str, Any] = {
     "interval": 0.25,
     "impacts_limit": FEW_IMPACTS,
 }
-FRICTION_KIND = Kind(ActiveFrictionTask, (Settings, Cycle, Grip), SCENE | {"price": 5e-5}, choice)
-GAP_KIND = Kind(ActiveGapTask, (Settings, Cycle, Drive), SCENE | {"price": 5e-4}, choice)
-_Class = TypeVar("_Class", bound=type)
-CYCLE_ROWS = """\
-| # | what | unit and scale |
-| --- | --- | --- |
-| 1 | displacement of the tip | m / half-clearance |
-| 2 | velocity of the tip | m/s / unit of velocity |
-| 3 | absorber less tip | m / half-clearance |
-| 4 | its rate | m/s / unit of velocity |
-| 5 | impacts in the last interval | per pseudo period / 2, cut off at 4 |
-| 6 | cosine of the force's phase | 1 |
-| 7 | sine of the force's phase | 1 |
-| 8 | frequency ratio to the resonance, less 1 | 1 / 0.1 |
-| 9 | share of the time budget that is left | 1 |
-| 10 | RMS of the tip over the last period | m / half-clearance |"""
 
 
-def within_a_period(kind: _Class) -> _Class:
-    """Put the features that all tasks within a period show into the table of a docstring."""
-    kind.__doc__ = cleandoc(kind.__doc__ or "").replace("(rows 1 to 10)", CYCLE_ROWS)
-    return kind
-
-
-@within_a_period
+@with_rows
 class ActiveFrictionEnv(TaskEnv):
     """When to hold an absorber, and when to let it go, within a period.
 
@@ -91,16 +67,13 @@ class ActiveFrictionEnv(TaskEnv):
     - v0: first version
     """
 
-    kind = FRICTION_KIND
+    kind = Kind(ActiveFrictionTask, (Settings, Cycle, Grip), SCENE | {"price": 5e-5}, choice)
 
 
-class ActiveFrictionVectorEnv(TaskVectorEnv):
-    """Native vector of `ActiveFrictionEnv`, see `TaskVectorEnv`; lane i is the single one with seed + i."""
-
-    kind = FRICTION_KIND
+ActiveFrictionVectorEnv = vector_of(ActiveFrictionEnv)
 
 
-@within_a_period
+@with_rows
 class ActiveGapEnv(TaskEnv):
     """Where to move the walls of an absorber within a period.
 
@@ -141,10 +114,7 @@ class ActiveGapEnv(TaskEnv):
     - v0: first version
     """
 
-    kind = GAP_KIND
+    kind = Kind(ActiveGapTask, (Settings, Cycle, Drive), SCENE | {"price": 5e-4}, choice)
 
 
-class ActiveGapVectorEnv(TaskVectorEnv):
-    """Native vector of `ActiveGapEnv`, see `TaskVectorEnv`; lane i is the single one with seed + i."""
-
-    kind = GAP_KIND
+ActiveGapVectorEnv = vector_of(ActiveGapEnv)

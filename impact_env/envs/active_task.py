@@ -3,21 +3,20 @@
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.envs.friction_task import Grip, limits_in_newtons, place_of
+from impact_env.envs.adaptive_task import Cavity, Grip, limits_in_newtons, place_of, require_cavity
 from impact_env.envs.observation import DISTANCE, FREQUENCY, IMPACTS, TIME_LEFT, VELOCITY, Feature
 from impact_env.envs.reference import stationary_amplitude
-from impact_env.envs.settings import FORCES, Range, Settings, span
-from impact_env.envs.sweep_gap_task import Cavity, require_cavity
+from impact_env.envs.settings import FORCES, Range, Settings, pair, span
 from impact_env.envs.task import Array, Mask, Task
 from impact_env.kernels.control.interval import spread
 from impact_env.level import require_samples
-from impact_env.parameters import non_negative, positive, require
+from impact_env.parameters import non_negative, positive
 
 CYCLE = (
     Feature("tip displacement", True),
@@ -43,9 +42,7 @@ class Cycle:
     price: float = 0.0
 
     def __post_init__(self) -> None:
-        low, high = span("frequency_ratio", self.frequency_ratio)
-        require(low > 0, "frequency_ratio", self.frequency_ratio, "(low, high), ratios to the resonance above 0")
-        object.__setattr__(self, "frequency_ratio", (low, high))
+        pair(self, "frequency_ratio", "ratios to the resonance")
         positive("time_budget", self.time_budget)
         positive("fatigue_exponent", self.fatigue_exponent)
         non_negative("price", self.price)
@@ -64,7 +61,7 @@ class ActiveTask(Task):
     def __init__(self, settings: Settings, cycle: Cycle, lanes: int) -> None:
         low, high = span("frequency_ratio", cycle.frequency_ratio)
         require_samples(settings.samples_per_period, high)
-        self.cycle, self._ratios = cycle, (low, high)
+        self.cycle, self._ratios, self.described = cycle, (low, high), (cycle,)
         super().__init__(settings, lanes, max(1, math.ceil(cycle.time_budget / settings.interval - 1e-9)), cycle.fatigue_exponent)
         self.options = {"force": FORCES, "frequency_ratio": (low, high)}
         self.squares, self._scale = np.zeros((lanes, max(1, round(1 / settings.interval)))), np.ones(lanes)
@@ -126,15 +123,9 @@ class ActiveTask(Task):
         """Return the modes' shapes where the level is read, (N_m,) or, for each lane, (L, N_m)."""
         return np.asarray(self.scene.model.level_shape)
 
-    def describe(self) -> dict[str, Any]:
-        """Return the environment's arguments as plain values."""
-        return super().describe() | asdict(self.cycle)
-
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""
-        info = super().info()
-        info["rms"] = self._rms.copy()
-        return info
+        return super().info() | {"rms": self._rms.copy()}
 
 
 class ActiveFrictionTask(ActiveTask):
@@ -143,9 +134,9 @@ class ActiveFrictionTask(ActiveTask):
     features: Sequence[Feature] = (*CYCLE, Feature("friction limit in use", False))
 
     def __init__(self, settings: Settings, cycle: Cycle, grip: Grip, lanes: int) -> None:
-        self.grip = grip
         self.limits, self._begin = limits_in_newtons(settings, grip)
         super().__init__(settings, cycle, lanes)
+        self.described = (cycle, grip)
         self.friction, self.place, self._before = (np.zeros(lanes) for _ in range(3))
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
@@ -168,10 +159,6 @@ class ActiveFrictionTask(ActiveTask):
         values = super().values()
         values[:, len(CYCLE)] = self.place
         return values
-
-    def describe(self) -> dict[str, Any]:
-        """Return the environment's arguments as plain values."""
-        return super().describe() | asdict(self.grip)
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""
@@ -206,7 +193,7 @@ class ActiveGapTask(ActiveTask):
         require_cavity(settings.scene.absorber)
         self.drive = drive
         super().__init__(settings, cycle, lanes)
-        self._before = np.zeros(lanes)
+        self.described, self._before = (cycle, drive), np.zeros(lanes)
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
         """Draw what all draw; the cavity starts as the scene has it."""
@@ -228,10 +215,6 @@ class ActiveGapTask(ActiveTask):
         values = super().values()
         values[:, len(CYCLE)] = self.runs.orders["gap"] / self.length
         return values
-
-    def describe(self) -> dict[str, Any]:
-        """Return the environment's arguments as plain values."""
-        return super().describe() | asdict(self.drive)
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""

@@ -3,16 +3,15 @@
 from functools import partial
 from typing import Any
 
-from impact_env.envs.active import SCENE, within_a_period
+from impact_env.envs.active import SCENE
 from impact_env.envs.active_task import Cycle, Drive
-from impact_env.envs.friction_task import Grip
-from impact_env.envs.kind import Kind
+from impact_env.envs.adaptive_task import Grip
 from impact_env.envs.observation import FEW_IMPACTS
 from impact_env.envs.passage_task import Drawn, LimitedPassageTask
 from impact_env.envs.settings import Settings
-from impact_env.envs.shells import TaskEnv, choice
+from impact_env.envs.shells import Kind, TaskEnv, choice, with_rows
 from impact_env.envs.structures_task import Pool, StructuresTask
-from impact_env.envs.vector_shell import TaskVectorEnv
+from impact_env.envs.vector_shell import vector_of
 
 PASSAGE: dict[str, Any] = {
     "modes": 2,
@@ -22,10 +21,9 @@ PASSAGE: dict[str, Any] = {
     "gap_lag": 0.0,
     "impacts_limit": FEW_IMPACTS,
 }
-PASSAGE_KIND = Kind(LimitedPassageTask, (Settings, Drawn, Drive, Grip), PASSAGE, partial(choice, 2))
-STRUCTURES_KIND = Kind(StructuresTask, (Settings, Cycle, Grip, Pool), SCENE | {"price": 5e-5}, choice)
 
 
+@with_rows
 class PassageEnv(TaskEnv):
     """Walls that move slowly and friction that is free, on a passage of which nearly all is drawn.
 
@@ -43,12 +41,7 @@ class PassageEnv(TaskEnv):
     A ``Box`` of 13 float32 numbers, cut off at +-100. The unit of displacement is the scene's half-clearance (1 mm unless given). Force, damping and
     restitution are not among them; info's ``force`` has the first, its ``scene`` the number of the other two.
 
-    | # | what | unit and scale |
-    | --- | --- | --- |
-    | 1 | amplitude of the tip in phase with the force, over the last interval | m / half-clearance |
-    | 2 | amplitude of the tip a quarter of a period behind the force | m / half-clearance |
-    | 3 | absorber less tip at the interval's end | m / half-clearance |
-    | 4 | its rate | m/s / (half-clearance times the resonance's circular frequency) |
+    (rows 1 to 4)
     | 5 | impacts in the last interval | per pseudo period / 2, cut off at 4 |
     | 6 | absorber's kinetic energy over that of beam and absorber | 1 |
     | 7 | frequency ratio to the resonance, less 1 | 1 / 0.05 |
@@ -94,16 +87,13 @@ class PassageEnv(TaskEnv):
     - v0: first version
     """
 
-    kind = PASSAGE_KIND
+    kind = Kind(LimitedPassageTask, (Settings, Drawn, Drive, Grip), PASSAGE, partial(choice, 2))
 
 
-class PassageVectorEnv(TaskVectorEnv):
-    """Native vector of `PassageEnv`, see `TaskVectorEnv`; lane i is the single one with seed + i."""
-
-    kind = PASSAGE_KIND
+PassageVectorEnv = vector_of(PassageEnv)
 
 
-@within_a_period
+@with_rows
 class StructuresEnv(TaskEnv):
     """`ActiveFrictionEnv` on a structure that is drawn, and judged on families that were not trained on.
 
@@ -148,10 +138,7 @@ class StructuresEnv(TaskEnv):
     - v0: first version
     """
 
-    kind = STRUCTURES_KIND
+    kind = Kind(StructuresTask, (Settings, Cycle, Grip, Pool), SCENE | {"price": 5e-5}, choice)
 
 
-class StructuresVectorEnv(TaskVectorEnv):
-    """Native vector of `StructuresEnv`, see `TaskVectorEnv`; lane i is the single one with seed + i."""
-
-    kind = STRUCTURES_KIND
+StructuresVectorEnv = vector_of(StructuresEnv)

@@ -2,20 +2,20 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.envs.adaptive_task import require_cavity
 from impact_env.envs.observation import STATE, Feature
 from impact_env.envs.reference import mean_power_of_cosine
-from impact_env.envs.settings import Range, Settings, span
-from impact_env.envs.sweep_gap_task import require_cavity
+from impact_env.envs.settings import Range, Settings, pair, span
 from impact_env.envs.task import Array, Mask, Task
 from impact_env.frequency import receptance
 from impact_env.level import require_samples
-from impact_env.parameters import one_of, positive, require
+from impact_env.parameters import one_of, positive
 
 OBJECTIVES = ("rms", "fatigue")
 
@@ -34,9 +34,7 @@ class GapControl:
     def __post_init__(self) -> None:
         one_of("objective", self.objective, OBJECTIVES)
         for name, unit in (("gap_limits", "half-clearances in m"), ("hold", "pseudo periods"), ("frequency_ratio", "ratios to the resonance")):
-            low, high = span(name, getattr(self, name))
-            require(low > 0, name, getattr(self, name), f"(low, high), {unit} above 0")
-            object.__setattr__(self, name, (low, high))
+            pair(self, name, unit)
         positive("time_budget", self.time_budget)
         positive("fatigue_exponent", self.fatigue_exponent)
 
@@ -49,6 +47,7 @@ class GapTask(Task):
 
     def __init__(self, settings: Settings, control: GapControl, lanes: int) -> None:
         require_cavity(settings.scene.absorber)
+        self.described = (control,)
         self.control, self._ratios = control, span("frequency_ratio", control.frequency_ratio)
         self._gaps = span("gap_limits", control.gap_limits)
         require_samples(settings.samples_per_period, self._ratios[1])
@@ -112,14 +111,7 @@ class GapTask(Task):
         values[:, 9] = self.runs.orders["gap"] / self.length
         return values
 
-    def describe(self) -> dict[str, Any]:
-        """Return the environment's arguments as plain values."""
-        return super().describe() | asdict(self.control)
-
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""
-        info = super().info()
-        info["rms"] = np.sqrt(self.runs.reports["mean_square"])
-        info["gap"] = self.runs.orders["gap"].copy()
-        info["gap_limited"] = self.limited.copy()
-        return info
+        own = {"rms": np.sqrt(self.runs.reports["mean_square"]), "gap": self.runs.orders["gap"].copy(), "gap_limited": self.limited.copy()}
+        return super().info() | own

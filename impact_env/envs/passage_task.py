@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from impact_env.controlled import ControlledRuns, PooledRuns
 from impact_env.envs.active_task import Drive
-from impact_env.envs.friction_task import Grip, limits_in_newtons, place_of
+from impact_env.envs.adaptive_task import Grip, limits_in_newtons, place_of, require_cavity
 from impact_env.envs.observation import FREQUENCY, STATE, TIME_LEFT, Feature
 from impact_env.envs.reference import passage
 from impact_env.envs.settings import FORCES, Range, Settings, span
-from impact_env.envs.sweep_gap_task import require_cavity
 from impact_env.envs.sweep_task import PER_PERIOD, Passage, SweepTask, speeds
 from impact_env.envs.task import Array, Mask
 from impact_env.kernels.control.interval import spread
@@ -94,7 +93,7 @@ class LimitedPassageTask(SweepTask):
     def __init__(self, settings: Settings, drawn: Drawn, drive: Drive, grip: Grip, lanes: int) -> None:
         require_cavity(settings.scene.absorber)
         self.limits, self._begin = limits_in_newtons(settings, grip)
-        self.own, self.drive, self.grip = drawn, drive, grip
+        self.own, self.drive = drawn, drive
         self.scenes = drawn.pool(settings.scene)
         low, high = drawn.limits
         budget = (high - low) / (drawn.sweep_rates[0] * PER_PERIOD)
@@ -108,6 +107,7 @@ class LimitedPassageTask(SweepTask):
             time_budget=1.01 * budget + 1,
         )
         super().__init__(settings, way, lanes)
+        self.described = (drawn, drive, grip)
         self.level_name = "RMS of an interval over the scene's half-clearance"
         self.options = {"force": FORCES, "scene": (0, drawn.scenes - 1)}
         self._levels: dict[tuple[int, bool], float] = {}
@@ -175,10 +175,6 @@ class LimitedPassageTask(SweepTask):
         values[:, 11] = self.place
         values[:, 12] = self.rates / 4
         return values
-
-    def describe(self) -> dict[str, Any]:
-        """Return the environment's arguments as plain values."""
-        return self.settings.describe() | asdict(self.own) | asdict(self.drive) | asdict(self.grip)
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""

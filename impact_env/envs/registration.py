@@ -19,15 +19,15 @@ class Entry:
     has_split: bool = False
 
 
-HARD, V1 = "impact_env.envs.sweep_rate:SweepRate", "impact_env.envs.sweep_rate_v1:SweepRateV1"
-GAP, ADAPTIVE = "impact_env.envs.gap_choice:GapChoice", "impact_env.envs.sweep_and_gap:SweepAndGap"
-FRICTION = "impact_env.envs.friction_choice:FrictionChoice"
+HARD, V1, GAP, ADAPTIVE, FRICTION = (
+    f"impact_env.envs.choices:{name}" for name in ("SweepRate", "SweepRateV1", "GapChoice", "SweepAndGap", "FrictionChoice")
+)
 OPEN = {"impacts_limit": 100.0}  # what first versions were
 TOLD = {"level_unit": "reference", **OPEN}
 ENVIRONMENTS = {
     "ImpactAbsorber/SweepRate-v0": Entry(HARD),
     "ImpactAbsorber/GapChoice-v0": Entry(GAP, OPEN),
-    "ImpactAbsorber/Passive-v0": Entry("impact_env.envs.passive:Passive"),
+    "ImpactAbsorber/Passive-v0": Entry("impact_env.envs.choices:Passive"),
     "ImpactAbsorber/SweepRate-v1": Entry(V1),
     "ImpactAbsorber/SweepRateNoisy-v1": Entry(V1, {"observation_noise": 0.3}),
     "ImpactAbsorber/SweepRateDelayed-v1": Entry(V1, {"observation_delay": 4}),

@@ -60,6 +60,13 @@ def span(name: str, value: Any) -> Range:
     return (finite(name, value),) * 2
 
 
+def pair(group: object, name: str, what: str) -> None:
+    """Make an argument of a group, a frozen dataclass, a pair (low, high) of numbers above 0."""
+    value = getattr(group, name)
+    require(span(name, value)[0] > 0, name, value, f"(low, high), {what} above 0")
+    object.__setattr__(group, name, span(name, value))
+
+
 def make_method(name: str, steps_per_period: int | None) -> Method:
     """Return an integration method by its name."""
     one_of("method", name, METHODS)

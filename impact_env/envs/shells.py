@@ -1,16 +1,18 @@
 """What gymnasium asks for around a task, and what single and vector environments share: the single one is a vector of one lane without autoreset."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from inspect import cleandoc
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.envs.kind import Kind
 from impact_env.envs.observation import LIMIT
+from impact_env.envs.settings import with_defaults
 from impact_env.envs.task import Task
 from impact_env.extras import optional
-from impact_env.parameters import count, require
+from impact_env.parameters import ParameterError, count, require
 
 with optional():
     import gymnasium
@@ -21,6 +23,57 @@ RENDER_MODES = ("rgb_array", "human")
 METADATA: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 30}
 Info = dict[str, Any]
 Observation = NDArray[np.float32]
+_Class = TypeVar("_Class", bound=type)
+# rows that the tables of several docstrings have in common: with decisions over several periods, and within one
+ROWS = {
+    "(rows 1 to 4)": """\
+| # | what | unit and scale |
+| --- | --- | --- |
+| 1 | amplitude of the tip in phase with the force, over the last interval | m / half-clearance |
+| 2 | amplitude of the tip a quarter of a period behind the force | m / half-clearance |
+| 3 | absorber less tip at the interval's end | m / half-clearance |
+| 4 | its rate | m/s / (half-clearance times the resonance's circular frequency) |""",
+    "(rows 1 to 10)": """\
+| # | what | unit and scale |
+| --- | --- | --- |
+| 1 | displacement of the tip | m / half-clearance |
+| 2 | velocity of the tip | m/s / unit of velocity |
+| 3 | absorber less tip | m / half-clearance |
+| 4 | its rate | m/s / unit of velocity |
+| 5 | impacts in the last interval | per pseudo period / 2, cut off at 4 |
+| 6 | cosine of the force's phase | 1 |
+| 7 | sine of the force's phase | 1 |
+| 8 | frequency ratio to the resonance, less 1 | 1 / 0.1 |
+| 9 | share of the time budget that is left | 1 |
+| 10 | RMS of the tip over the last period | m / half-clearance |""",
+}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """``task`` is called with one of each of ``groups``, dataclasses that share the environment's arguments out among them, and the number of lanes.
+
+    ``defaults``: arguments that are others than the dataclasses say; ``actions`` makes the space of one lane's actions.
+    """
+
+    task: Callable[..., Task]
+    groups: tuple[type, ...]
+    defaults: Mapping[str, Any]
+    actions: Callable[[], spaces.Space[Any]]
+
+    def make(self, lanes: int, arguments: Mapping[str, Any]) -> Task:
+        """Return the task with these keyword arguments; raises ParameterError for a bad one."""
+        parts = split(with_defaults(self.defaults, arguments), *self.groups)
+        return self.task(*(group(**part) for group, part in zip(self.groups, parts, strict=True)), lanes)
+
+
+def split(arguments: dict[str, Any], *groups: type) -> list[dict[str, Any]]:
+    """Return keyword arguments as one dict for each dataclass that has them; raise ParameterError for one that none has."""
+    names = [tuple(getattr(group, "__dataclass_fields__")) for group in groups]  # noqa: B009
+    strange = sorted(set(arguments) - {name for group in names for name in group})
+    if strange:
+        raise ParameterError(f"{strange[0]} is not an argument of this environment: it has {', '.join(sorted({n for g in names for n in g}))}")
+    return [{name: value for name, value in arguments.items() if name in group} for group in names]
 
 
 def observation_space(task: Task) -> spaces.Box:
@@ -82,6 +135,14 @@ def check_options(options: dict[str, Any] | None, allowed: Sequence[str] = ()) -
 def checked_seed(seed: Any) -> int | None:
     """Return a seed as Python's int, or None."""
     return None if seed is None else count("seed", seed, 0)
+
+
+def with_rows(kind: _Class) -> _Class:
+    """Put the features that several tasks show into the table of a docstring."""
+    kind.__doc__ = cleandoc(kind.__doc__ or "")
+    for place, rows in ROWS.items():
+        kind.__doc__ = kind.__doc__.replace(place, rows)
+    return kind
 
 
 class TaskEnv(gymnasium.Env[Observation, Any]):

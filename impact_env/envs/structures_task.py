@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from impact_env.controlled import ControlledRuns, PooledRuns
 from impact_env.envs.active_task import ActiveFrictionTask, Cycle
-from impact_env.envs.friction_task import Grip
+from impact_env.envs.adaptive_task import Grip
 from impact_env.envs.observation import Feature
 from impact_env.envs.reference import stationary_amplitude
 from impact_env.envs.settings import Settings
@@ -106,6 +106,7 @@ class StructuresTask(ActiveFrictionTask):
         self._force_unit = [usual / stationary_amplitude(model, model.omega[0], settings.moves_base) for model in self.models]
         self._shapes = np.array([model.tip_shape for model in self.models])
         super().__init__(settings, cycle, grip, lanes)
+        self.described += (pool,)
         mass = settings.scene.absorber_mass
         assert mass is not None
         self._data = np.array([(m.damping_ratio[0] / 0.01, m.omega[1] / m.omega[0] / 5, mass * m.tip_shape[0] ** 2 / 0.08) for m in self.models])
@@ -144,10 +145,6 @@ class StructuresTask(ActiveFrictionTask):
         if self.pool.observe_structure:
             values[:, -len(DATA) :] = self._data[self.which]
         return values
-
-    def describe(self) -> dict[str, Any]:
-        """Return the environment's arguments as plain values."""
-        return super().describe() | asdict(self.pool)
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""

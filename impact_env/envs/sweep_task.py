@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -75,7 +75,7 @@ class SweepTask(Task):
     features: Sequence[Feature] = (*STATE, Feature("way left", False))
 
     def __init__(self, settings: Settings, passage_settings: Passage, lanes: int) -> None:
-        self.passage = passage_settings
+        self.passage, self.described = passage_settings, (passage_settings,)
         self.absolute = passage_settings.level_unit == "gap"
         self.level_name = "level over the scene's half-clearance" if self.absolute else "level relative to no absorber"
         self.budget_terminates = passage_settings.budget_end == "terminated"
@@ -141,10 +141,6 @@ class SweepTask(Task):
         values = super().values()
         values[:, 9] = (self.far - self.ratio) / self.frequency_unit
         return values
-
-    def describe(self) -> dict[str, Any]:
-        """Return the environment's arguments as plain values."""
-        return super().describe() | asdict(self.passage)
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""

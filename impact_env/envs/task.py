@@ -6,6 +6,7 @@ terms, draws) is done lane by lane or in a kernel.
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ class Task(ABC):
     options: Mapping[str, Range] = {"force": FORCES}
     cost_names: Sequence[str] = ()
     least_cost: float | Array = 0.0  # (costs,), or of all
+    described: tuple[Any, ...] = ()  # further groups of arguments, dataclasses
     budget_terminates = False
     frequency_origin, frequency_unit = 1.0, FREQUENCY_SCALE
 
@@ -217,7 +219,7 @@ class Task(ABC):
 
     def describe(self) -> dict[str, Any]:
         """Return the environment's arguments as plain values, also those left at their defaults; without ``threads``, which change no number."""
-        return self.settings.describe()
+        return self.settings.describe() | {name: value for group in self.described for name, value in asdict(group).items()}
 
     def close(self) -> None:
         """End the threads."""

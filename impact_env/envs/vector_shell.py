@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.envs.kind import Kind
 from impact_env.envs.shells import (
     METADATA,
     Info,
+    Kind,
     Observation,
+    TaskEnv,
     check_options,
     check_render_mode,
     checked_actions,
@@ -233,3 +234,10 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             self._screen.close()
             self._screen = None
         self.task.close()
+
+
+def vector_of(single: type[TaskEnv]) -> type[TaskVectorEnv]:
+    """Return the native vector of an environment, in its module and named after it; lane i is the single one with seed + i."""
+    name = single.__name__.replace("Env", "VectorEnv")
+    told = f"Native vector of `{single.__name__}`, see `TaskVectorEnv`; lane i is the single one with seed + i."
+    return type(name, (TaskVectorEnv,), {"__doc__": told, "__module__": single.__module__, "kind": single.kind})

@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.envs.adaptive_task import SweepGapTask
 from impact_env.envs.gap_task import GapTask
 from impact_env.envs.settings import span
-from impact_env.envs.sweep_gap_task import SweepGapTask
 from impact_env.envs.task import FREQUENCY_SCALE
 from impact_env.frequency import receptance
 from optimisation.bounds import design_force
