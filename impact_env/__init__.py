@@ -37,58 +37,14 @@ from impact_env.shared_mass import impact_absorbers
 from impact_env.structure import StructureWarning, load_structure
 from impact_env.sweep import IntegrationError, Stopped, simulate
 
-__all__ = [
-    "Beam",
-    "Compilation",
-    "CompliantWalls",
-    "CoulombFriction",
-    "CurveCase",
-    "Drive",
-    "ElasticCoulombFriction",
-    "Exact",
-    "FrequencySchedule",
-    "InitialState",
-    "IntegrationError",
-    "ModalModel",
-    "Moreau",
-    "NonlinearSink",
-    "ParameterError",
-    "Pass",
-    "PerformanceCurve",
-    "Preparation",
-    "Record",
-    "Response",
-    "RigidWalls",
-    "RungeKutta",
-    "Scene",
-    "Section",
-    "SeveralAbsorbers",
-    "SlidingAbsorber",
-    "Stop",
-    "Stopped",
-    "StructureWarning",
-    "StuckAbsorber",
-    "TunedAbsorber",
-    "Window",
-    "YieldingWalls",
-    "__version__",
-    "beam_scene",
-    "constant_frequency",
-    "curve_passes",
-    "evaluate",
-    "friction_damper",
-    "impact_absorber",
-    "impact_absorbers",
-    "is_ready",
-    "linear_sweep",
-    "load_structure",
-    "modal_model",
-    "mode_shapes",
-    "on_compile",
-    "performance_curve",
-    "prepare",
-    "simulate",
-]
+__all__ = ["Beam", "ModalModel", "Section", "StructureWarning", "load_structure", "modal_model", "mode_shapes"]
+__all__ += ["CompliantWalls", "CoulombFriction", "ElasticCoulombFriction", "NonlinearSink", "RigidWalls", "SeveralAbsorbers", "YieldingWalls"]
+__all__ += ["ParameterError", "SlidingAbsorber", "StuckAbsorber", "TunedAbsorber", "friction_damper", "impact_absorber", "impact_absorbers"]
+__all__ += ["Drive", "FrequencySchedule", "InitialState", "Scene", "beam_scene", "constant_frequency", "linear_sweep"]
+__all__ += ["Exact", "Moreau", "RungeKutta"]
+__all__ += ["IntegrationError", "Record", "Response", "Stop", "Stopped", "Window", "simulate"]
+__all__ += ["CurveCase", "Pass", "PerformanceCurve", "curve_passes", "evaluate", "performance_curve"]
+__all__ += ["Compilation", "Preparation", "__version__", "is_ready", "on_compile", "prepare"]
 
 
 def __getattr__(name: str) -> Any:

@@ -221,7 +221,7 @@ def each_lane(
     ``measure`` may run its lane with any record and from any start, but with ``method``, whose kernels are compiled in one thread. An ``executor``
     needs one that can be pickled.
     """
-    method = Exact() if method is None else method
+    method, kind = Exact() if method is None else method, getattr(measure, "func", type(measure))
     workers = available_cores() if threads is None else count("threads", threads, 1)
     keys = [kernel_key(lane.scene, method) for lane in lanes]
     found: list[R | None] = [None] * len(lanes)
@@ -232,9 +232,9 @@ def each_lane(
     def run(k: int) -> None:
         with suppress(Stopped):
             found[k] = _measured(k, lanes[k], measure)
-            _seen.add((type(measure), keys[k]))
+            _seen.add((kind, keys[k]))
 
-    _run_all(run, [k for k in first_of_each(keys) if (type(measure), keys[k]) not in _seen], len(lanes), workers, progress)
+    _run_all(run, [k for k in first_of_each(keys) if (kind, keys[k]) not in _seen], len(lanes), workers, progress)
     return found
 
 

@@ -3,6 +3,7 @@
 Each kind of structure is a table of a file. Keys with a unit end in it. Names of other files are relative to the folder of the file.
 """
 
+import math
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -16,12 +17,63 @@ from impact_env.forms import NUMBER, ROW, WHOLE, Keys, Sort, form
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam, ParameterError, Section, count, positive, require, row
 from impact_env.structures.checks import StructureWarning, warnings_of_matrix
-from impact_env.structures.files import read_matrix
-from impact_env.structures.matrices import checked, lowest_modes, proportional_damping
+from impact_env.structures.matrices import checked, lowest_modes, proportional_damping, read_matrix
 from impact_env.structures.modal import DAMPING_RATIO, TEXT, model_beside, ratios_of, text
 from impact_env.structures.modal import MODEL as MODEL
-from impact_env.structures.profiles import PROFILES, Profile
 from impact_env.structures.universal import DIRECTIONS, at, read_modes
+
+PROFILES = {"rectangle": ("width", "height"), "tube": ("diameter", "wall"), "I": ("width", "height", "flange", "web")}
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A cross section that bends about its level axis: a rectangle, a round tube (``wall`` of its diameter's half: a rod) or an I."""
+
+    kind: str
+    width: float = 0.0
+    height: float = 0.0
+    diameter: float = 0.0
+    wall: float = 0.0
+    flange: float = 0.0
+    web: float = 0.0
+
+    def __post_init__(self) -> None:
+        require(self.kind in PROFILES, "kind", self.kind, f"one of {', '.join(PROFILES)}")
+        for name in PROFILES:
+            for key in PROFILES[name]:
+                value, own = getattr(self, key), key in PROFILES[self.kind]
+                require(
+                    value > 0 if own else value == 0 or key in PROFILES[self.kind],
+                    f"{key}_m",
+                    value,
+                    f"above 0, for {name}" if own else f"for {name} only",
+                )
+        if self.kind == "tube":
+            require(2 * self.wall <= self.diameter, "wall_m", self.wall, f"at most half the diameter, {self.diameter / 2:g} m")
+        if self.kind == "I":
+            require(
+                2 * self.flange < self.height and self.web < self.width,
+                "flange_m, web_m",
+                (self.flange, self.web),
+                "less than half the height, the width",
+            )
+
+    @property
+    def area(self) -> float:
+        """Area in m^2."""
+        if self.kind == "tube":
+            return math.pi * self.wall * (self.diameter - self.wall)
+        cut = (self.width - self.web) * (self.height - 2 * self.flange) if self.kind == "I" else 0.0
+        return self.width * self.height - cut
+
+    @property
+    def second_moment(self) -> float:
+        """Second moment of area in m^4."""
+        if self.kind == "tube":
+            return math.pi / 64 * (self.diameter**4 - (self.diameter - 2 * self.wall) ** 4)
+        cut = (self.width - self.web) * (self.height - 2 * self.flange) ** 3 if self.kind == "I" else 0.0
+        return (self.width * self.height**3 - cut) / 12
+
 
 MODES = 10  # kept of matrices, unless told otherwise
 UNITS = {"kg, m, s": 1.0, "t, mm, s": 1e3}  # of matrices -> kg of the unit of mass; lengths cancel in mass-normalised shapes

@@ -11,9 +11,8 @@ from impact_env.eigenvalues import all_eigen
 from impact_env.kernels.exact.sets import Sets
 from impact_env.kernels.motion.slots import REST, TIP
 from impact_env.modes import ModalModel, with_masses
-from impact_env.regimes import basis_error, complete, in_order, own_modes, padded_size, parted, parted_modes, slot_rows, slot_tables
+from impact_env.regimes import basis_error, complete, in_order, own_modes, padded_size, parted, parted_modes, slot_rows, slot_tables, table_reach
 from impact_env.secular import Complex, Coupling, Index, Real
-from impact_env.tables import table_reach
 
 
 @dataclass(frozen=True)

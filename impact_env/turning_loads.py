@@ -166,8 +166,7 @@ class Strike(Load):
 
 def schedule_in(load: Load) -> FrequencySchedule | None:
     """Return a load's frequency over time, None where it has none."""
-    found: FrequencySchedule | None = getattr(load, "schedule", None)
-    return found
+    return getattr(load, "schedule", None)
 
 
 def _schedule_pieces(schedule: FrequencySchedule, order: float, phase: float, coefficients: Array, moves_base: bool) -> Pieces:

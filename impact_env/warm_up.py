@@ -8,12 +8,11 @@ there are cores.
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
 from multiprocessing import get_context
 
-from impact_env.drive import Drive, constant_frequency
 from impact_env.ensemble import available_cores
 from impact_env.envs import ENVIRONMENTS, first_step
 from impact_env.first_use import quiet
@@ -23,13 +22,11 @@ from impact_env.parameters import Absorber, Beam, impact_absorber
 from impact_env.periodic.case import case_of
 from impact_env.periodic.orbit_branches import orbit_branches
 from impact_env.periodic.response_curve import orbit_curve
+from impact_env.prepare import short_run
 from impact_env.response import Record
 from impact_env.scene import beam_scene
-from impact_env.sweep import simulate
 
-PERIODS = 1.0
 Jobs = list[tuple[str, Callable[[], None]]]
-FORCE = 1e-3  # N: nothing needs to happen, only to be compiled
 
 # the dearest first, so that none is left over at the end
 ABSORBERS: dict[str, Callable[[], Absorber | None]] = {
@@ -37,9 +34,7 @@ ABSORBERS: dict[str, Callable[[], Absorber | None]] = {
     "impact absorber": impact_absorber,
     "linear scenes": lambda: None,
 }
-RECORDS = {
-    "level": Record(),
-}
+RECORDS = {"level": Record()}
 MORE = {
     "impacts": Record(events=True),
     "impacts, motion": Record(events=True, series=True),
@@ -48,23 +43,13 @@ MORE = {
 }
 
 
-def variants(records: dict[str, Record]) -> Iterator[tuple[str, Absorber | None, Record]]:
-    """Yield name, absorber and record of each combination."""
-    for what, record in records.items():
-        for name, absorber in ABSORBERS.items():
-            yield f"{name}: {what}", absorber(), record
-
-
-def compile_variant(absorber: Absorber | None, record: Record) -> None:
-    """Run a tiny drive on a small beam."""
-    scene = beam_scene(Beam(modes=2), absorber)
-    drive = Drive(FORCE, constant_frequency(scene.model.resonance_omega(1), 1.0, PERIODS))
-    simulate(scene, drive, record=record)
-
-
 def main_job(records: dict[str, Record] = RECORDS) -> Jobs:
-    """Return the main job's variants."""
-    return [(name, partial(compile_variant, absorber, record)) for name, absorber, record in variants(records)]
+    """Return the main job's variants, each a tiny run on a small beam."""
+    return [
+        (f"{name}: {what}", partial(short_run, beam_scene(Beam(modes=2), absorber()), record=record))
+        for what, record in records.items()
+        for name, absorber in ABSORBERS.items()
+    ]
 
 
 def environments() -> Jobs:
@@ -130,10 +115,5 @@ def main(words: list[str], say: Callable[[str], None]) -> int:
     return 0
 
 
-def _print(line: str) -> None:
-    sys.stderr.write(line + "\n")
-    sys.stderr.flush()
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:], _print))
+    sys.exit(main(sys.argv[1:], partial(print, file=sys.stderr, flush=True)))

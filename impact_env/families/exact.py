@@ -35,9 +35,8 @@ from impact_env.loads import AnyDrive
 from impact_env.methods import Exact
 from impact_env.parameters import RigidWalls, SeveralAbsorbers, SlidingAbsorber
 from impact_env.regime_sets import regime_sets
-from impact_env.regimes import fastest, free_regime, joined_regime, padded_size, sprung_regime
+from impact_env.regimes import fastest, free_regime, joined_regime, padded_size, sprung_regime, table_reach
 from impact_env.scene import Scene
-from impact_env.tables import table_reach
 
 # One absorber with rigid walls, rigid friction or both: free or sliding, and joined.
 

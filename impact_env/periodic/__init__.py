@@ -16,9 +16,8 @@ if TYPE_CHECKING:
     from impact_env.periodic.jump import Hazard, Range, hazard, jumps
     from impact_env.periodic.lyapunov import Exponent, largest_exponent
     from impact_env.periodic.offspring import descendants
-    from impact_env.periodic.orbit import Orbit, confirmed, shot_orbit
+    from impact_env.periodic.orbit import Orbit, confirmed, orbit_of, plain_orbit, shot_orbit, unpacked
     from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch, orbit_branches
-    from impact_env.periodic.plain_orbits import orbit_of, plain_orbit, unpacked
     from impact_env.periodic.residence import Approach, exit_rate, stays
     from impact_env.periodic.survey import closed_form_orbits, orbit_of_simulation
 
@@ -34,9 +33,8 @@ _MODULES = {
     "jump": ("Hazard", "Range", "hazard", "jumps"),
     "lyapunov": ("Exponent", "largest_exponent"),
     "offspring": ("descendants",),
-    "orbit": ("Orbit", "confirmed", "shot_orbit"),
+    "orbit": ("Orbit", "confirmed", "orbit_of", "plain_orbit", "shot_orbit", "unpacked"),
     "orbit_branches": ("OrbitBranch", "orbit_branch", "orbit_branches"),
-    "plain_orbits": ("orbit_of", "plain_orbit", "unpacked"),
     "residence": ("Approach", "exit_rate", "stays"),
     "survey": ("closed_form_orbits", "orbit_of_simulation"),
 }

@@ -21,7 +21,7 @@ from impact_env.periodic.continuation import Chart, Problem, Progress, Steps, co
 from impact_env.periodic.green import PARAMETERS, Conditions, NoOrbit, Solution, linear_states, solution_of, unknowns_of
 from impact_env.periodic.motion import derivative_of, motion_of
 from impact_env.periodic.offspring import halves_apart, unlike
-from impact_env.periodic.orbit import Orbit, confirmed, consistent, shown_order, without_held
+from impact_env.periodic.orbit import Orbit, confirmed, consistent, packed, shown_order, without_held
 from impact_env.periodic.orbit_branches import (
     GRAZING,
     PARAMETER_SHARE,
@@ -39,7 +39,6 @@ from impact_env.periodic.orbit_branches import (
     solution_in,
     to_both_sides,
 )
-from impact_env.periodic.plain_orbits import packed
 from impact_env.periodic.schedule import EventSchedule
 from impact_env.periodic.shooting import units_of
 

@@ -14,9 +14,8 @@ from impact_env.periodic.branch import FOLD, Branch
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.harmonic_balance import OMEGA, Balance, hill_multipliers
 from impact_env.periodic.motion import Motion, stability_of
-from impact_env.periodic.orbit import confirmed
+from impact_env.periodic.orbit import confirmed, packed
 from impact_env.periodic.orbit_branches import ON_CIRCLE, OrbitBranch
-from impact_env.periodic.plain_orbits import packed
 
 Real = NDArray[np.float64]
 EXACT, HARMONIC_BALANCE = "exact orbits", "harmonic balance"

@@ -9,12 +9,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.alongside import alongside
 from impact_env.kernels.exact.rigid import exact_lane
 from impact_env.periodic.case import Case
 from impact_env.periodic.motion import AnyMotion
 from impact_env.periodic.passage import RECORD
 from impact_env.periodic.schedule import Regime
+from impact_env.prepare import alongside
 from impact_env.response import Record, Response
 from impact_env.scene import InitialState
 from impact_env.sweep import IntegrationError, simulate

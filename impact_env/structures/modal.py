@@ -10,7 +10,7 @@ import numpy as np
 from impact_env.forms import NUMBER, ROW, ROWS, Keys, Sort, form
 from impact_env.modes import ModalModel
 from impact_env.parameters import non_negative, require
-from impact_env.structures.files import read_columns
+from impact_env.structures.matrices import read_columns
 
 # one number for all modes, or one each
 DAMPING_RATIO = Sort(

@@ -17,9 +17,8 @@ from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.isolas import folds, thresholds
 from impact_env.periodic.offspring import all_orbits_over, descendants
-from impact_env.periodic.orbit import Orbit
+from impact_env.periodic.orbit import Orbit, plain_orbit
 from impact_env.periodic.orbit_branches import OrbitBranch, lies_on, orbit_branch, orbit_branches, places_of
-from impact_env.periodic.plain_orbits import plain_orbit
 from impact_env.periodic.response_curve import ResponseCurve, orbit_curve
 from impact_env.periodic.survey import Found, attractors, closed_form_orbits, different, orbits_over
 from impact_env.periodic.validation import validation_alongside

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
 from impact_env.plain_files import read_plain
-from impact_env.structures.files import read_columns
+from impact_env.structures.matrices import read_columns
 from impact_env.structures.universal import read_nodes
 from optimisation.cli.common import FIGURES, BadInput, check_target, command, json_option, name_files, plain_errors
 from optimisation.cli.structure_option import read_structure

@@ -18,10 +18,9 @@ from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.periodic.isolas import IsolaCell, Level, thresholds
 from impact_env.periodic.motion import motion_of, stability_of
 from impact_env.periodic.offspring import descendants
-from impact_env.periodic.orbit import Orbit, confirmed
+from impact_env.periodic.orbit import Orbit, confirmed, orbit_of, plain_orbit, unpacked
 from impact_env.periodic.orbit_branches import GRAZING, PERIOD_DOUBLING, PULLING, SYMMETRY_BREAKING, TORUS, OrbitBranch, orbit_branch, orbit_branches
 from impact_env.periodic.overview import linear_curves, sweep_envelope
-from impact_env.periodic.plain_orbits import orbit_of, plain_orbit, unpacked
 from impact_env.periodic.schedule import EventSchedule
 from impact_env.periodic.symmetric import closed_folds
 from impact_env.scene import InitialState
