@@ -1,9 +1,9 @@
 """Validation of single values: a check returns an allowed value and raises `ParameterError`, with name and value, for any other."""
 
 import math
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Callable, Iterable, Mapping, Set
 from numbers import Integral, Real
-from typing import TypeVar, get_args
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,3 +121,15 @@ def row(name: str, values: object, allowed: str, axes: int = 1) -> NDArray[np.fl
     array = array.astype(np.float64)
     array.setflags(write=False)
     return array
+
+
+def check_each(group: object, **checks: Callable[[str, Any], object]) -> None:
+    """Check attributes of an object, each by one of the functions above."""
+    for name, check in checks.items():
+        check(name, getattr(group, name))
+
+
+def keep_checked(group: object, **checks: Callable[[str, Any], object]) -> None:
+    """Put what its check returns in the place of each attribute of a frozen dataclass, as its ``__post_init__`` may."""
+    for name, check in checks.items():
+        object.__setattr__(group, name, check(name, getattr(group, name)))

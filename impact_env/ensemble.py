@@ -10,6 +10,7 @@ from collections.abc import Callable, Generator, Hashable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import closing, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal, Protocol, TypeVar, get_args, runtime_checkable
 
 import numpy as np
@@ -249,17 +250,9 @@ def _measured(k: int, lane: Lane, measure: Callable[[Lane], R]) -> R:
         raise ParameterError(f"lane {k} ({lane}): {error}") from error
 
 
-@dataclass(frozen=True, eq=False)
-class _Batch:
-    """Lanes from number ``start`` on, and what is measured of them."""
-
-    start: int
-    lanes: tuple[Lane, ...]
-    measure: Callable[[Lane], Any]
-
-
-def _measured_batch(batch: _Batch) -> list[Any]:
-    return [_measured(k, lane, batch.measure) for k, lane in enumerate(batch.lanes, batch.start)]
+def _measured_batch(measure: Callable[[Lane], R], batch: tuple[int, Sequence[Lane]]) -> list[R]:
+    """Return what is measured of lanes from a number on."""
+    return [_measured(k, lane, measure) for k, lane in enumerate(batch[1], batch[0])]
 
 
 def _run_elsewhere(
@@ -272,12 +265,11 @@ def _run_elsewhere(
 ) -> None:
     """Fill ``found`` batch by batch."""
     starts, done = range(0, len(lanes), LANES_A_BATCH), 0
-    batches = [_Batch(k, tuple(lanes[k : k + LANES_A_BATCH]), measure) for k in starts]
-    with closing(executor.each(_measured_batch, batches, [frozenset(keys[k : k + LANES_A_BATCH]) for k in starts])) as results:
+    batches = [(k, lanes[k : k + LANES_A_BATCH]) for k in starts]
+    with closing(executor.each(partial(_measured_batch, measure), batches, [frozenset(keys[k : k + LANES_A_BATCH]) for k in starts])) as results:
         try:
             for number, values in results:
-                start = batches[number].start
-                found[start : start + len(values)] = values
+                found[starts[number] : starts[number] + len(values)] = values
                 done += len(values)
                 if progress is not None:
                     progress(done, len(lanes))

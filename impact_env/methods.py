@@ -12,7 +12,6 @@ from impact_env.parameters import (
     CompliantWalls,
     ElasticCoulombFriction,
     NonlinearSink,
-    SlidingAbsorber,
     StuckAbsorber,
     TunedAbsorber,
     count,
@@ -43,15 +42,6 @@ def _highest_frequency(scene: Scene) -> float:
     if isinstance(scene.absorber, NonlinearSink):  # its spring's frequency is known only once it moves
         highest = max(highest, scene.absorber.damping * _compliance(scene))
     return highest
-
-
-def _contact_stiffness(scene: Scene) -> float | None:
-    """Return the largest compliant contact stiffness in N/m, or None."""
-    sliding = scene.absorber
-    if not isinstance(sliding, SlidingAbsorber):
-        return None
-    springs = [part.stiffness for part in parts(sliding) if isinstance(part, CompliantWalls | ElasticCoulombFriction)]
-    return max(springs, default=None)
 
 
 @dataclass(frozen=True)
@@ -93,8 +83,9 @@ class RungeKutta:
         shorter, and a third condition, 1/sqrt(k (1/m_a + sum tip_shape^2)), keeps the method stable.
         """
         dt = 2 * np.pi / (self.steps_per_period * _highest_frequency(scene))
-        stiffness, mass = _contact_stiffness(scene), scene.absorber_mass
-        if stiffness is not None and mass is not None:
+        springs = [part.stiffness for part in parts(scene.absorber) if isinstance(part, CompliantWalls | ElasticCoulombFriction)]
+        if springs and scene.absorber_mass is not None:
+            stiffness, mass = max(springs), scene.absorber_mass
             dt = min(dt, np.pi * np.sqrt(mass / stiffness) / self.steps_per_contact, 1 / np.sqrt(stiffness * _compliance(scene)))
         return float(dt)
 
@@ -108,10 +99,8 @@ _REFUSED: dict[tuple[SceneKind, type[Method]], str] = {
     (SceneKind.SMOOTH, Exact): "RungeKutta for a nonlinear spring, which has no linear regimes",
     (SceneKind.SMOOTH, Moreau): "RungeKutta for a nonlinear spring",
     (SceneKind.COMPLIANT, Moreau): "for compliant contact Exact or RungeKutta, since the Moreau scheme is for rigid laws",
-    (
-        SceneKind.RIGID,
-        RungeKutta,
-    ): ("for rigid walls or rigid friction Exact or Moreau, since RungeKutta needs a force that is a function of the state"),
+    (SceneKind.RIGID, RungeKutta): "for rigid walls or rigid friction Exact or Moreau, since RungeKutta needs a force that is a function of the "
+    "state",
 }
 
 
@@ -176,14 +165,10 @@ def check_step(scene: Scene, drive: AnyDrive, method: Method) -> None:
     dt, steps = method.step(scene), method.steps_per_period
     growth = _moreau_growth(scene, dt) if isinstance(method, Moreau) else _runge_kutta_growth(scene, dt)
     why = "for this scene's damping, as an explicit step is unstable above its limit"
-    require(growth <= 1, "steps_per_period", steps, f"about {_power_of_two(growth) * steps} or more {why}")
+    require(growth <= 1, "steps_per_period", steps, f"about {2 ** max(0, int(np.ceil(np.log2(max(growth, 1))))) * steps} or more {why}")
     coarseness = highest * dt * LEAST_STEPS / (2 * np.pi)
     allowed = f"{int(np.ceil(steps * coarseness))} or more for this force, so that each of its periods has {LEAST_STEPS} steps"
     require(coarseness <= 1, "steps_per_period", steps, allowed)
-
-
-def _power_of_two(ratio: float) -> int:
-    return 1 if ratio <= 1 else 2 ** int(np.ceil(np.log2(ratio)))
 
 
 def _moreau_growth(scene: Scene, dt: float) -> float:

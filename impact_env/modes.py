@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.parameters import MOST_DAMPING, SMALL, Beam, finite, instance, listed, positive, require, row, suspended
+from impact_env.parameters import MOST_DAMPING, SMALL, Beam, finite, instance, keep_checked, listed, positive, require, row, suspended
 
 # Mass, damping and stiffness of modes that carry masses, or that a spring and a damper link to one more coordinate.
 #
@@ -155,8 +155,7 @@ class ModalModel:
         rows = ("omega", "damping_ratio", "force_shape", "tip_shape", *optional)
         for name in rows:
             object.__setattr__(self, name, row(name, getattr(self, name), "a row of finite numbers"))
-        object.__setattr__(self, "beam_mass", positive("beam_mass", self.beam_mass))
-        object.__setattr__(self, "base_at_absorber", finite("base_at_absorber", self.base_at_absorber))
+        keep_checked(self, beam_mass=positive, base_at_absorber=finite)
         lengths = {len(getattr(self, name)) for name in rows}
         require(len(lengths) == 1 and min(lengths) > 0, "modal model", lengths, f"arrays of one length, 1 or more: {', '.join(rows)}")
         if self.absorber_shapes is not None:

@@ -10,11 +10,13 @@ from impact_env.checks import (
     LARGE,
     SMALL,
     ParameterError,
+    check_each,
     count,
     finite,
     flag,
     fraction,
     instance,
+    keep_checked,
     listed,
     non_negative,
     number,
@@ -25,8 +27,8 @@ from impact_env.checks import (
     two,
 )
 
-__all__ = ["LARGE", "SMALL", "ParameterError", "count", "finite", "flag", "fraction", "instance", "listed", "non_negative", "number"]
-__all__ += ["one_of", "positive", "require", "row", "two"]
+__all__ = ["LARGE", "SMALL", "ParameterError", "check_each", "count", "finite", "flag", "fraction", "instance", "listed", "non_negative", "number"]
+__all__ += ["keep_checked", "one_of", "positive", "require", "row", "two"]
 
 SUSPENSION_STEP = 0.1  # further motions that bend nothing have so much higher frequencies each: two of one frequency have no modes of their own
 
@@ -234,8 +236,7 @@ class StuckAbsorber:
     gravity: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mass_ratio", positive("mass_ratio", self.mass_ratio))
-        object.__setattr__(self, "gravity", finite("gravity", self.gravity))
+        keep_checked(self, mass_ratio=positive, gravity=finite)
 
 
 @dataclass(frozen=True)
@@ -251,8 +252,7 @@ class TunedAbsorber:
     gravity: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "gravity", finite("gravity", self.gravity))
-        object.__setattr__(self, "mass_ratio", positive("mass_ratio", self.mass_ratio))
+        keep_checked(self, gravity=finite, mass_ratio=positive)
         object.__setattr__(self, "stiffness", positive("absorber stiffness", self.stiffness))
         object.__setattr__(self, "damping", non_negative("absorber damping", self.damping))
 
@@ -268,8 +268,7 @@ class NonlinearSink:
     damping: float = TunedAbsorber.damping
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mass_ratio", positive("mass_ratio", self.mass_ratio))
-        object.__setattr__(self, "cubic_stiffness", positive("cubic_stiffness", self.cubic_stiffness))
+        keep_checked(self, mass_ratio=positive, cubic_stiffness=positive)
         object.__setattr__(self, "damping", non_negative("absorber damping", self.damping))
 
 
@@ -287,8 +286,7 @@ class SlidingAbsorber:
     gravity: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mass_ratio", positive("mass_ratio", self.mass_ratio))
-        object.__setattr__(self, "gravity", finite("gravity", self.gravity))
+        keep_checked(self, mass_ratio=positive, gravity=finite)
         instance("walls", self.walls, RigidWalls | YieldingWalls | CompliantWalls | None)
         instance("friction", self.friction, CoulombFriction | ElasticCoulombFriction | None)
         present = [part for part in (self.walls, self.friction) if part is not None]

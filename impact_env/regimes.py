@@ -85,20 +85,15 @@ def own_modes(model: ModalModel, which: Index) -> Modes:
     return Modes(s, out, into, kappa * model.force_shape[index], -kappa * model.tip_shape[index], tip, -tip, push)
 
 
-def _oscillators(model: ModalModel, which: Index, mass: float, stiffness: float | None, damper: float) -> Coupling:
-    """Return the coupled modes and, on a spring, the absorber as oscillators."""
-    omega, ratio, psi = model.omega[which], model.damping_ratio[which], np.sqrt(mass) * model.tip_shape[None, which]
-    if stiffness is None:
-        return Coupling(omega, ratio, psi, False)
-    own = np.sqrt(stiffness / mass)
-    return Coupling(np.append(omega, own), np.append(ratio, damper / (2 * mass * own)), psi, True)
-
-
 def coupled_modes(model: ModalModel, mass: float, stiffness: float | None, damper: float, weak: float) -> Modes:
     """Return the modes of beam and absorber: joined for ``stiffness`` None, else with a spring (N/m) and a damper (N s/m) between them."""
     n, root = model.modes, np.sqrt(mass)
     which, own = parted_modes(model.tip_shape[None])
-    c = _oscillators(model, which, mass, stiffness, damper)
+    omega, ratio, psi = model.omega[which], model.damping_ratio[which], root * model.tip_shape[None, which]
+    if stiffness is not None:
+        spring = np.sqrt(stiffness / mass)
+        omega, ratio = np.append(omega, spring), np.append(ratio, damper / (2 * mass * spring))
+    c = Coupling(omega, ratio, psi, stiffness is not None)
     e = all_eigen(c, weak)
     count = len(e.s)
     counted = np.where(e.s.imag == 0, 1, 2)

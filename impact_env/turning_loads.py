@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.modes import ModalModel
-from impact_env.parameters import finite, instance, listed, non_negative, one_of, positive, require
+from impact_env.parameters import finite, instance, keep_checked, listed, non_negative, one_of, positive, require
 
 Array = NDArray[np.float64]
 FORCE, BASE = "force", "base_acceleration"
@@ -101,9 +101,7 @@ class Shock(Load):
 
     def __post_init__(self) -> None:
         one_of("pulse", self.pulse, PULSES), one_of("quantity", self.quantity, QUANTITIES)
-        object.__setattr__(self, "peak", finite("peak", self.peak))
-        object.__setattr__(self, "width", positive("width", self.width))
-        object.__setattr__(self, "length", positive("length", self.length))
+        keep_checked(self, peak=finite, width=positive, length=positive)
         require(self.width <= self.length, "length", self.length, f"{self.width:g} s or more, as long as the pulse")
         require((self.rise is not None) == (self.pulse == "trapezoid"), "rise", self.rise, "given for a trapezoid, else left out")
         if self.rise is not None:
@@ -139,8 +137,7 @@ class Strike(Load):
     place: str = PLACES[0]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "velocity", finite("velocity", self.velocity))
-        object.__setattr__(self, "length", positive("length", self.length))
+        keep_checked(self, velocity=finite, length=positive)
         one_of("place", self.place, PLACES)
 
     @property
@@ -225,8 +222,7 @@ class Unbalance(Load):
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "unbalance", finite("unbalance", self.unbalance))
-        object.__setattr__(self, "phase", finite("phase", self.phase))
+        keep_checked(self, unbalance=finite, phase=finite)
         instance("schedule", self.schedule, FrequencySchedule)
 
     def pieces(self) -> list[Pieces]:

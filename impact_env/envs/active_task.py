@@ -16,7 +16,7 @@ from impact_env.envs.settings import FORCES, Range, Settings, pair, span
 from impact_env.envs.task import Array, Mask, Task
 from impact_env.kernels.control.interval import spread
 from impact_env.level import require_samples
-from impact_env.parameters import non_negative, positive
+from impact_env.parameters import check_each, non_negative, positive
 
 CYCLE = (
     Feature("tip displacement", True),
@@ -43,9 +43,7 @@ class Cycle:
 
     def __post_init__(self) -> None:
         pair(self, "frequency_ratio", "ratios to the resonance")
-        positive("time_budget", self.time_budget)
-        positive("fatigue_exponent", self.fatigue_exponent)
-        non_negative("price", self.price)
+        check_each(self, time_budget=positive, fatigue_exponent=positive, price=non_negative)
 
 
 class ActiveTask(Task):
@@ -174,8 +172,7 @@ class Drive(Cavity):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        positive("gap_speed", self.gap_speed)
-        non_negative("gap_lag", self.gap_lag)
+        check_each(self, gap_speed=positive, gap_lag=non_negative)
 
     def towards(self, wanted: Array, gap: Array, interval: float) -> Array:
         """Return the half-clearances (L,) an interval (pseudo periods) later: a lag of first order, no faster than the speed."""

@@ -15,7 +15,7 @@ from impact_env.envs.settings import Range, Settings, pair, span
 from impact_env.envs.task import Array, Mask, Task
 from impact_env.frequency import receptance
 from impact_env.level import require_samples
-from impact_env.parameters import one_of, positive
+from impact_env.parameters import check_each, one_of, positive
 
 OBJECTIVES = ("rms", "fatigue")
 
@@ -35,8 +35,7 @@ class GapControl:
         one_of("objective", self.objective, OBJECTIVES)
         for name, unit in (("gap_limits", "half-clearances in m"), ("hold", "pseudo periods"), ("frequency_ratio", "ratios to the resonance")):
             pair(self, name, unit)
-        positive("time_budget", self.time_budget)
-        positive("fatigue_exponent", self.fatigue_exponent)
+        check_each(self, time_budget=positive, fatigue_exponent=positive)
 
 
 class GapTask(Task):

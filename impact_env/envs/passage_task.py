@@ -17,7 +17,7 @@ from impact_env.envs.settings import FORCES, Range, Settings, span
 from impact_env.envs.sweep_task import PER_PERIOD, Passage, SweepTask, speeds
 from impact_env.envs.task import Array, Mask
 from impact_env.kernels.control.interval import spread
-from impact_env.parameters import RigidWalls, SlidingAbsorber, count, non_negative, positive, require
+from impact_env.parameters import RigidWalls, SlidingAbsorber, check_each, count, non_negative, positive, require
 from impact_env.scene import Scene
 
 DIGITS = 1e-12
@@ -52,8 +52,7 @@ class Drawn:
         require(self.start_spread < room, "start_spread", self.start_spread, f"less than half the width of limits, {room:g}")
         object.__setattr__(self, "sweep_rates", speeds("sweep_rates", self.sweep_rates, self.limits))
         count("scenes", self.scenes, 1, 1000)
-        non_negative("price", self.price)
-        positive("fatigue_exponent", self.fatigue_exponent)
+        check_each(self, price=non_negative, fatigue_exponent=positive)
 
     def pool(self, scene: Scene) -> list[Scene]:
         """Return the scenes that episodes draw from: another damping and another restitution each, the same ones always."""

@@ -16,7 +16,7 @@ from impact_env.envs.task import FREQUENCY_SCALE, Array, Mask, Task
 from impact_env.kernels.control.episodes import Way, go_on, pay_for_damage, pay_for_level
 from impact_env.kernels.control.interval import spread
 from impact_env.level import require_samples
-from impact_env.parameters import non_negative, one_of, positive, require
+from impact_env.parameters import check_each, non_negative, one_of, positive, require
 
 DIRECTIONS = ("up", "down", "random")
 BUDGET_ENDS = ("truncated", "terminated")
@@ -58,11 +58,8 @@ class Passage:
         require(0 < low < high, "limits", self.limits, "(low, high) frequency ratios with 0 < low < high")
         object.__setattr__(self, "limits", (low, high))
         object.__setattr__(self, "rates", speeds("rates", self.rates, (low, high)))
-        non_negative("backward_rate", self.backward_rate)
-        positive("time_budget", self.time_budget)
-        non_negative("time_price", self.time_price)
-        non_negative("unfinished_price", self.unfinished_price)
-        positive("fatigue_exponent", self.fatigue_exponent)
+        check_each(self, backward_rate=non_negative, time_budget=positive, time_price=non_negative, unfinished_price=non_negative)
+        check_each(self, fatigue_exponent=positive)
         one_of("budget_end", self.budget_end, BUDGET_ENDS)
         one_of("frequency_origin", self.frequency_origin, ORIGINS)
         positive("frequency_unit", self.frequency_unit)

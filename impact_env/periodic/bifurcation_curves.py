@@ -58,12 +58,6 @@ def compound(matrix: Array) -> Array:
     return np.asarray(matrix[np.ix_(i, i)] * matrix[np.ix_(j, j)] - matrix[np.ix_(i, j)] * matrix[np.ix_(j, i)])
 
 
-def singular_at(kind: str, derivative: Array) -> Array:
-    """Return the matrix A that is singular at a bifurcation of ``kind``, from the derivative M."""
-    matrix = compound(derivative) if kind == TORUS else derivative
-    return matrix + (-1.0 if kind in (FOLD, TORUS) else 1.0) * np.eye(len(matrix))
-
-
 @dataclass(frozen=True, eq=False)
 class Defining:
     """The conditions of a bifurcation as a residual(y, value) over a parameter: unknowns y (m + 1,) are those of the orbit, and omega in rad/s."""
@@ -84,7 +78,9 @@ class Defining:
             return np.full((1, 1), np.nan)
         solution = solution_in(self.case, self.schedule, x[:-2], {"omega": float(x[-2]), self.parameter: float(np.clip(x[-1], *self.limits))})
         units = units_of(self.case)
-        return singular_at(self.kind, derivative_of(solution) * units / units[:, None])
+        derivative = derivative_of(solution) * units / units[:, None]
+        matrix = compound(derivative) if self.kind == TORUS else derivative
+        return matrix + (-1.0 if self.kind in (FOLD, TORUS) else 1.0) * np.eye(len(matrix))
 
     def __call__(self, y: Array, value: float) -> tuple[Array, Array]:
         """Return the residual (m + 1,) and its derivatives (m + 1, m + 2)."""

@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import scipy.optimize
 
-from impact_env.parameters import non_negative, positive, require
+from impact_env.parameters import require
 from impact_env.periodic.trigonometric import TURN, Real, basis, derivative, harmonics_of, negative, roots, share, window
 
 
@@ -160,14 +160,6 @@ class RigidContact:
     weight: float
     friction_weight: float
 
-    def __post_init__(self) -> None:
-        positive("weight", self.weight)
-        positive("friction_weight", self.friction_weight)
-        if self.gap is not None:
-            positive("gap", self.gap)
-        if self.friction_limit is not None:
-            non_negative("friction_limit", self.friction_limit)
-
     def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> Contact:
         """See `Law`."""
         walls = _walls(dynamic - self.weight * motion, self.weight, self.gap, parameter)
@@ -218,16 +210,6 @@ class CompliantContact:
     stiffness: float | None
     friction_limit: float | None
     friction_stiffness: float | None
-
-    def __post_init__(self) -> None:
-        for pair in (("gap", "stiffness"), ("friction_limit", "friction_stiffness")):
-            both = [getattr(self, name) for name in pair]
-            require((both[0] is None) == (both[1] is None), pair[0], both[0], f"given together with {pair[1]}")
-        for name in ("stiffness", "friction_limit", "friction_stiffness"):
-            if getattr(self, name) is not None:
-                positive(name, getattr(self, name))
-        if self.gap is not None:
-            non_negative("gap", self.gap)
 
     def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> Contact:  # noqa: ARG002 - no law of the dynamics
         """See `Law`."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from impact_env.kernels.periodic.closed_form import line_of, phase_of
 from impact_env.modes import ModalModel
 from impact_env.parameters import count, require
-from impact_env.periodic.branch import STOPPED, NoConvergenceError
+from impact_env.periodic.branch import FOLD, STOPPED, NoConvergenceError
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Steps
 from impact_env.periodic.folds import Fold, fold_near, level_fold, reordered_fold
@@ -41,7 +41,6 @@ from impact_env.periodic.symmetric import (
 Array = NDArray[np.float64]
 NEAR = 0.01  # relative: how far reversals may move a level place
 SAME = 1e-8  # of the first resonance: two folds of one response closer than this are one
-Real = NDArray[np.float64]
 COLUMNS = ("modes", "restitution", "friction_limit_N", "kind", "force_N", "omega_ratio", "orbit")
 ABOVE = (1.05, 1.02, 1.1)  # of the closed form's fold force: where an orbit of the branch is sought
 REACH = (0.85, 1.15)  # of it: forces between which the branch is followed
@@ -54,7 +53,7 @@ BESIDE, JUMP = 1e-4, 5e-4  # of frequency and force: where the smallest force ch
 
 @dataclass(frozen=True, eq=False)
 class Threshold:
-    """Where isolas are born (a valley of the fold force) or merge (a ridge): ``orbit`` at the fold there, or why it is none."""
+    """A fold: ``orbit`` there, or why it is none. ``kind``: isolas are born there (a valley of the fold force), merge (a ridge), or neither."""
 
     kind: str
     force: float
@@ -62,22 +61,7 @@ class Threshold:
     orbit: Orbit | NoOrbit
 
 
-@dataclass(frozen=True, eq=False)
-class LocatedFold:
-    """A fold at the case's force: ``orbit`` there, or why it is none."""
-
-    force: float
-    omega_ratio: float
-    orbit: Orbit | NoOrbit
-
-
-def _fold_start(case: Case) -> Array:
-    """Return the unknowns (2,) of the closed form's fold at the case's frequency."""
-    line, impulse = line_of(case.structure, case.point), fold_impulse(case)
-    return np.array([phase_of(line, case.force, impulse), impulse / case.scale.impulse])
-
-
-def folds(case: Case, low: float, high: float, branches: Iterable[OrbitBranch] | None = None) -> tuple[LocatedFold, ...]:
+def folds(case: Case, low: float, high: float, branches: Iterable[OrbitBranch] | None = None) -> tuple[Threshold, ...]:
     """Return the folds of symmetric two-impact orbits at the case's force between two frequency ratios, those that are no orbits too.
 
     They are those of the closed form, where friction is taken as one-signed. With friction each of them is found again with its reversals, and the
@@ -95,12 +79,17 @@ def folds(case: Case, low: float, high: float, branches: Iterable[OrbitBranch] |
             if again.branch.ended == STOPPED:
                 raise KeyboardInterrupt
             found += [_located(case, fold) for fold in again.folds() if not isinstance(fold, NoOrbit)]
-    return tuple(sorted(_apart(found), key=lambda fold: fold.omega_ratio))
+    kept: list[Threshold] = []  # without repetitions, and those that are no orbits where none is
+    for fold in sorted(found, key=lambda fold: isinstance(fold.orbit, NoOrbit)):
+        if not any(_same(fold, other) for other in kept):
+            kept.append(fold)
+    return tuple(sorted(kept, key=lambda fold: fold.omega_ratio))
 
 
 def _both_folds(case: Case, parameter: str) -> list[Fold | NoOrbit]:
     """Return the closed form's fold if nothing turns there, and the one with the reversals that its neighbours show; at least one of them."""
-    schedule, start = symmetric_schedule(case.friction_limit > 0), _fold_start(case)
+    schedule, line, impulse = symmetric_schedule(case.friction_limit > 0), line_of(case.structure, case.point), fold_impulse(case)
+    start = np.array([phase_of(line, case.force, impulse), impulse / case.scale.impulse])
     plain = fold_near(solution_of(case, schedule, start, 0.0), parameter)
     alone = not isinstance(plain, NoOrbit) and (case.friction_limit == 0 or consistent(plain.motion))
     if case.friction_limit == 0:
@@ -109,20 +98,11 @@ def _both_folds(case: Case, parameter: str) -> list[Fold | NoOrbit]:
     return [plain, reordered] if alone else [reordered]
 
 
-def _located(case: Case, fold: Fold | NoOrbit) -> LocatedFold:
-    return LocatedFold(case.force, case.omega_ratio if isinstance(fold, NoOrbit) else fold.case.omega_ratio, _orbit_of(fold))
+def _located(case: Case, fold: Fold | NoOrbit) -> Threshold:
+    return Threshold(FOLD, case.force, case.omega_ratio if isinstance(fold, NoOrbit) else fold.case.omega_ratio, _orbit_of(fold))
 
 
-def _apart(found: list[LocatedFold]) -> list[LocatedFold]:
-    """Return folds that are orbits without repetitions, then those that are none and lie elsewhere."""
-    kept: list[LocatedFold] = []
-    for fold in sorted(found, key=lambda fold: isinstance(fold.orbit, NoOrbit)):
-        if not any(_same(fold, other) for other in kept):
-            kept.append(fold)
-    return kept
-
-
-def _same(one: LocatedFold, other: LocatedFold) -> bool:
+def _same(one: Threshold, other: Threshold) -> bool:
     if abs(one.omega_ratio - other.omega_ratio) > SAME:
         return False
     tips = [fold.orbit.motion.tip_max for fold in (one, other) if isinstance(fold.orbit, Orbit)]
@@ -212,8 +192,8 @@ class IsolaMap:
     """Fold force (m,) in N over ``omega_ratio`` (m,) of one case, and the cells of the map; ``complete`` is False after Ctrl-C."""
 
     case: Case
-    omega_ratio: Real
-    fold_force: Real
+    omega_ratio: Array
+    fold_force: Array
     own: IsolaCell
     cells: tuple[IsolaCell, ...]
     complete: bool

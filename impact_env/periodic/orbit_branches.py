@@ -77,14 +77,13 @@ class OrbitBranch(Scheduled):
 
     def of(self, kind: str) -> tuple[Motion, ...]:
         """Return the motions at the places located of a kind, such as `GRAZING`."""
-        found = (motion_of(solution) for each, solution in self.places() if each == kind)
-        return tuple(motion for motion in found if kind != TORUS or _turns_on_circle(motion))
+        found = tuple(motion_of(solution) for each, solution in self.places() if each == kind)
+        return tuple(motion for motion in found if np.any(np.abs(np.abs(_upper(motion)) - 1) < ON_CIRCLE)) if kind == TORUS else found
 
 
-def _turns_on_circle(motion: Motion) -> bool:
+def _upper(motion: Motion) -> NDArray[np.complex128]:
     multipliers = np.linalg.eigvals(motion.derivative)
-    pairs = multipliers[multipliers.imag > 0]
-    return bool(np.min(np.abs(np.abs(pairs) - 1), initial=np.inf) < ON_CIRCLE)
+    return np.asarray(multipliers[multipliers.imag > 0])
 
 
 def solution_in(units: Case, schedule: EventSchedule, z: Array, values: dict[str, float]) -> Solution:

@@ -18,7 +18,7 @@ from impact_env.periodic.balance_branches import balance_branches
 from impact_env.periodic.branch import STOPPED
 from impact_env.periodic.case import case_of
 from impact_env.periodic.harmonic_balance import Balance
-from impact_env.periodic.isolas import LocatedFold, folds
+from impact_env.periodic.isolas import Threshold, folds
 from impact_env.periodic.keeping import Keep, anew
 from impact_env.periodic.motion import Motion
 from impact_env.periodic.offspring import descendants
@@ -166,7 +166,7 @@ def exact_curves(
                 raise KeyboardInterrupt
 
 
-def _by_branch(branches: tuple[OrbitBranch, ...], found: tuple[LocatedFold, ...]) -> list[list[Motion]]:
+def _by_branch(branches: tuple[OrbitBranch, ...], found: tuple[Threshold, ...]) -> list[list[Motion]]:
     """Return the folds that are orbits, each with the branch that it lies next to."""
     places, groups = [places_of(branch) for branch in branches], list[list[Motion]]([] for _ in branches)
     for fold in found:

@@ -109,11 +109,6 @@ class Stays:
     returned: int = 0
     longest_pauses: Array | None = None
 
-    def __post_init__(self) -> None:
-        require(self.durations.shape == self.ended.shape, "ended", self.ended.shape, f"one value for each of {self.durations.shape} durations")
-        ok = bool(np.all(np.isfinite(self.durations))) and bool(np.all(self.durations >= 0))
-        require(ok, "durations", self.durations, "finite numbers of pseudo periods, 0 or above")
-
     def after(self, time: float) -> Stays:
         """Return the rest, after ``time``, of the stays that last longer."""
         left = self.durations > time

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from impact_env.drive import Drive, constant_frequency
 from impact_env.energy import EnergyAccount, mechanical_energy
 from impact_env.ensemble import Executor, Lane, Progress, draw_members, each_lane
-from impact_env.parameters import count, fraction, non_negative, positive
+from impact_env.parameters import check_each, count, fraction, non_negative, positive
 from impact_env.periodic.case import start_from
 from impact_env.periodic.residence import Approach, finished, hold
 from impact_env.response import History, Record, Response
@@ -55,8 +55,7 @@ class Criteria:
     def __post_init__(self) -> None:
         positive("tolerance", self.tolerance)
         count("most_multiple", self.most_multiple, 1)
-        positive("pause", self.pause)
-        fraction("depth", self.depth)
+        check_each(self, pause=positive, depth=fraction)
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,18 +40,17 @@ def warnings_of_matrix(diagonal: Real, mass: float, places: Mapping[str, int]) -
 
 def warnings_of(model: ModalModel, beam: Beam | None = None, rigid: int = 0) -> list[str]:
     """Return a sentence for everything that looks wrong in a model; ``rigid`` of its modes are motions on a suspension."""
-    found = [*_units(model, rigid), *_scaling(model, rigid), *_doubles(model, rigid), *_still(model, rigid)]
-    return [*found, *(_beam(beam) if beam is not None else [])]
-
-
-def _units(model: ModalModel, rigid: int) -> list[str]:
     found = []
     first, damping = float(model.omega[rigid]) / (2 * np.pi), float(np.max(model.damping_ratio))
     if not LOW_HZ < first < HIGH_HZ:
         found.append(f"the first frequency is {first:.3g} Hz: are the units right (SI: kg, m, N, rad/s)?")
     if damping > MUCH_DAMPING:
         found.append(f"a damping ratio of {damping:.3g} is {100 * damping:.3g} %: was it given in percent?")
-    return found
+    found += [*_scaling(model, rigid), *_doubles(model, rigid)]
+    for name, row in (("force", model.force_shape), ("absorber", model.tip_shape), ("response", model.level_shape)):
+        if not np.any(row[rigid:]):
+            found.append(f"no mode moves the place of the {name}: is it held there?")
+    return found if beam is None else [*found, *_beam(beam)]
 
 
 def _scaling(model: ModalModel, rigid: int) -> list[str]:
@@ -77,14 +76,6 @@ def _doubles(model: ModalModel, rigid: int) -> list[str]:
             hertz = float(model.omega[i]) / (2 * np.pi)
             text = f"modes {i + 1} and {j + 1} are one peak at {hertz:.5g} Hz: simulation and limit have both"
             found.append(f"{text}, while design rule, tunings and friction rule start from a single mode")
-    return found
-
-
-def _still(model: ModalModel, rigid: int) -> list[str]:
-    found = []
-    for name, row in (("force", model.force_shape), ("absorber", model.tip_shape), ("response", model.level_shape)):
-        if not np.any(row[rigid:]):
-            found.append(f"no mode moves the place of the {name}: is it held there?")
     return found
 
 

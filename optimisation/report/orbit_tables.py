@@ -8,14 +8,14 @@ import numpy as np
 
 from impact_env.periodic.branch import FOLD
 from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.isolas import LocatedFold, Threshold
+from impact_env.periodic.isolas import Threshold
 from impact_env.periodic.orbit import Orbit
 from optimisation.report.markdown import markdown
 
 CURVE_COLUMNS = ("curve", "kind", "period", "symmetric", "omega_ratio", "value", "multiplier_real", "multiplier_imag", "orbit", "located")
 
 
-def plain_fold(fold: LocatedFold) -> dict[str, Any]:
+def plain_fold(fold: Threshold) -> dict[str, Any]:
     """Return a fold with a confirmed orbit in the JSON file's form."""
     assert isinstance(fold.orbit, Orbit)
     return {"omega_ratio": fold.omega_ratio, "force_N": fold.force, "tip_max_m": fold.orbit.motion.tip_max}
@@ -56,7 +56,7 @@ def refusals(refused: list[NoOrbit], what: str) -> list[str]:
     return [f"{len(refused)} {what} no orbit:", *lines, *(["  ..."] if len(seen) > 8 else [])]
 
 
-def fold_text(located: tuple[LocatedFold, ...]) -> str:
+def fold_text(located: tuple[Threshold, ...]) -> str:
     """Return the table of folds, and why others are none."""
     good = [(fold, fold.orbit) for fold in located if isinstance(fold.orbit, Orbit)]
     rows = [[f"{f.omega_ratio:.10f}", f"{f.force:g}", f"{1e3 * o.motion.tip_max:.6f}", str(2 * o.schedule.reversals)] for f, o in good]
