@@ -8,7 +8,6 @@ from typing import TypeVar
 from impact_env.kernels.exact.budget import EVALUATIONS_PER_EVENT, EVENTS_PER_PERIOD, FIRST_EVENTS
 from impact_env.kernels.motion.observers import Check, Counters, new_counters
 from impact_env.loads import AnyDrive
-from impact_env.parameters import count
 
 T = TypeVar("T")
 Watcher = Callable[[float, float], None]  # takes the time reached and the end time in s
@@ -48,11 +47,6 @@ class Stop:
         finally:
             with self._lock:
                 self._running[:] = [other for other in self._running if other is not counters]
-
-
-def checked_budget(most_events: int | None) -> int | None:
-    """Return ``most_events`` if it is a whole number above 0, or None for the default."""
-    return None if most_events is None else count("most_events", most_events, 1)
 
 
 def counters_for(drive: AnyDrive, most_events: int | None, check: Check | None = None) -> Counters:

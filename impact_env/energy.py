@@ -49,14 +49,9 @@ def stored_energy(scene: Scene, state: Array) -> float:
     energy = 0.5 * float(np.sum((model.omega * state[:n]) ** 2 + state[half : half + n] ** 2))
     if scene.absorber_mass is not None:
         energy += 0.5 * float(scene.absorber_masses @ state[half + n :] ** 2)
-        energy += contact_energy(scene, float(state[n] - model.tip_shape @ state[:n]))
+        energy += stored(scene.absorber, float(state[n] - model.tip_shape @ state[:n]))
         energy += float(scene.absorber_masses @ state[n:half]) * gravity_of(scene.absorber)
     return energy
-
-
-def contact_energy(scene: Scene, relative_displacement: float) -> float:
-    """Return the energy in J of the absorber's spring or of the walls' springs at a relative displacement in m."""
-    return stored(scene.absorber, relative_displacement)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +76,7 @@ class MechanicalEnergy:
 def mechanical_energy(scene: Scene, history: History) -> MechanicalEnergy:
     """Return the energy of modes and absorber at the samples of a run (paper, Eq. Einst); 0 for an absorber that the scene lacks.
 
-    As in the paper the absorber has kinetic energy only: the springs of a tuned absorber or of compliant walls are not counted (`contact_energy`).
+    As in the paper the absorber has kinetic energy only: the springs of a tuned absorber or of compliant walls are not counted (`laws.stored`).
     """
     modal = 0.5 * ((scene.model.omega * history.modal_displacement) ** 2 + history.modal_velocity**2)
     velocity = history.absorber_velocity.reshape(len(history.time), -1)

@@ -16,10 +16,10 @@ from typing import Any, Literal, Protocol, TypeVar, get_args, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.budget import Stop, checked_budget
+from impact_env.budget import Stop
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.families import kernel_key
-from impact_env.loads import AnyDrive, amplitude_in_words, members_of
+from impact_env.loads import AnyDrive, Member, amplitude_in_words, member_of
 from impact_env.methods import Exact, Method
 from impact_env.parameters import ParameterError, count, instance, listed, one_of, require, row
 from impact_env.response import DEFAULT_SAMPLES, Record
@@ -130,7 +130,8 @@ class Members:
 
 def drives_of(members: Members, drive: AnyDrive) -> list[AnyDrive]:
     """Return each member's drive: phases and factors of its own, and of random loads another record."""
-    return members_of(drive, members.phases.tolist(), members.factors.tolist())
+    drawn = zip(members.phases.tolist(), members.factors.tolist(), strict=True)
+    return [member_of(drive, Member(k, phase, factor)) for k, (phase, factor) in enumerate(drawn)]
 
 
 def draw_members(members: int, seed: int, kind: MemberKind = "both") -> Members:
@@ -182,7 +183,8 @@ def run_lanes(
     require(instance("stop", stop, Stop | None) is None or executor is None, "stop", stop, "None with an executor, which it does not reach")
     lanes = [instance("lanes", lane, Lane) for lane in listed("lanes", lanes)]
     instance("progress", progress, Callable | None), instance("executor", executor, Executor | None)
-    measure = LevelOf(method, Record(samples_per_period=samples_per_period), checked_budget(most_events), stop)
+    budget = None if most_events is None else count("most_events", most_events, 1)
+    measure = LevelOf(method, Record(samples_per_period=samples_per_period), budget, stop)
     values = np.full((6, len(lanes)), np.nan)
     for k, found in enumerate(each_lane(lanes, measure, method, threads=threads, progress=progress, executor=executor)):
         if found is not None:

@@ -7,7 +7,6 @@ Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), u the time since 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -311,11 +310,6 @@ def member_of(drive: AnyDrive, member: Member) -> AnyDrive:
     if isinstance(drive, Drive):
         return Drive(drive.amplitude * member.factor, drive.schedule, drive.phase + member.phase)
     return drive.member(member)
-
-
-def members_of(drive: AnyDrive, phases: Sequence[float], factors: Sequence[float]) -> list[AnyDrive]:
-    """Return the drive of each member of an ensemble."""
-    return [member_of(drive, Member(k, float(p), float(f))) for k, (p, f) in enumerate(zip(phases, factors, strict=True))]
 
 
 def amplitude_in_words(drive: AnyDrive, *, phase: bool = True) -> str:

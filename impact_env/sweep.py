@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.budget import Stop, Watcher, checked_budget, counters_for, onwards, watched
+from impact_env.budget import Stop, Watcher, counters_for, onwards, watched
 from impact_env.drive import Drive
 from impact_env.energy import EnergyAccount, stored_energy
 from impact_env.families import Observers, family
@@ -67,17 +67,13 @@ def integrate(scene: Scene, drive: AnyDrive, method: Method, state: Array, inter
         return family(scene, method).run(scene, drive, method, state, interval, room)
 
 
-def _sample_count(drive: AnyDrive, interval: float) -> int:
-    return int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
-
-
 def _room(scene: Scene, drive: AnyDrive, record: Record, interval: float, capacity: int, counters: Counters) -> Observers:
-    n = scene.model.modes
+    n, samples = scene.model.modes, int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
     return Observers(
         counters,
         level=new_level(record.samples_per_period, HALF_WINDOW_PERIODS) if record.level else None,
         events=new_events(capacity) if record.events else None,
-        series=Series(np.zeros((_sample_count(drive, interval), 2 * (n + scene.places)))) if record.series else None,
+        series=Series(np.zeros((samples, 2 * (n + scene.places)))) if record.series else None,
         energy=new_energy(n) if record.energy else None,
     )
 
@@ -125,7 +121,7 @@ def simulate(
     kernels = family(scene, method)
     check_mass(scene)
     check_step(scene, drive, method)
-    budget = checked_budget(most_events if most_events is None else count("most_events", most_events, 1, MOST_EVENTS))
+    budget = None if most_events is None else count("most_events", most_events, 1, MOST_EVENTS)
     start = initial.vector(scene)
     interval = drive.schedule.pseudo_period / record.samples_per_period
     end, capacity = float(drive.schedule.times[-1]), FIRST_CAPACITY

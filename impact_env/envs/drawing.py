@@ -119,8 +119,8 @@ class Screen:
 
     def show(self, lane: int) -> NDArray[np.uint8] | None:
         """Return a lane's image (height, width, 3), or show it in the window."""
-        info = self.task.info()
-        level, frequency = self.strips.setdefault(lane, self._new_strips())
+        info, new = self.task.info(), (Strip(f"{self.task.level_name} (1)", 0.0, 1.0, RED), Strip("frequency ratio (1)", 0.98, 1.02, GREEN))
+        level, frequency = self.strips.setdefault(lane, new)
         level.push(float(info["time"][lane]), float(self.task.level()[lane]))
         frequency.push(float(info["time"][lane]), float(info["frequency_ratio"][lane]))
         pixels = self._draw(lane, info, level, frequency)
@@ -130,9 +130,6 @@ class Screen:
             self._window = _Window()
         self._window.show(pixels, self.fps)
         return None
-
-    def _new_strips(self) -> tuple[Strip, Strip]:
-        return Strip(f"{self.task.level_name} (1)", 0.0, 1.0, RED), Strip("frequency ratio (1)", 0.98, 1.02, GREEN)
 
     def _draw(self, lane: int, info: dict[str, Any], level: Strip, frequency: Strip) -> NDArray[np.uint8]:
         picture = Picture()

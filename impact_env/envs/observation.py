@@ -62,7 +62,13 @@ class Sensors:
             for lane in np.flatnonzero(wanted if resting is None else wanted & ~resting).tolist():
                 seen[lane, self.measured] += self.noise * generators[lane].standard_normal(number)
         if self.delay > 0:
-            seen = self._delayed(seen, fresh)
+            size = len(self._past)
+            if fresh is None:
+                self._at = (self._at + 1) % size
+                self._past[self._at] = seen
+            else:
+                self._past[:, fresh] = seen[fresh]
+            seen = np.where(self.measured, self._past[(self._at + 1) % size], seen)
         return np.minimum(np.maximum(seen, -LIMIT), LIMIT).astype(np.float32)  # np.clip takes three times as long
 
     def snapshot(self) -> tuple[Array, int]:
@@ -72,12 +78,3 @@ class Sensors:
     def restore(self, snapshot: tuple[Array, int]) -> None:
         """Go on from a snapshot."""
         self._past[...], self._at = snapshot
-
-    def _delayed(self, seen: Array, fresh: NDArray[np.bool_] | None) -> Array:
-        size = len(self._past)
-        if fresh is None:
-            self._at = (self._at + 1) % size
-            self._past[self._at] = seen
-        else:
-            self._past[:, fresh] = seen[fresh]
-        return np.where(self.measured, self._past[(self._at + 1) % size], seen)

@@ -116,14 +116,6 @@ class LimitedPassageTask(SweepTask):
         """Return lanes in a pool of scenes."""
         return PooledRuns(self.scenes, **arguments | {"exponent": self.own.fatigue_exponent})  # for the costs: the reward has none
 
-    def _reference(self, number: int, down: bool) -> float:
-        """Return the level (m) for 1 N of a scene's beam without absorber over the whole range."""
-        if (number, down) not in self._levels:
-            ends = self._ends[int(down)].tolist()
-            yardstick = (self.settings.samples_per_period, 0.0, self.length, self.settings.moves_base)
-            self._levels[number, down] = passage(self.scenes[number], self.settings.resonance, *ends, *yardstick)[0]
-        return self._levels[number, down]
-
     def draw(self, lane: int, generator: np.random.Generator) -> None:
         """Draw scene, direction, start, rate, gap, force and phase."""
         own = self.own
@@ -139,7 +131,10 @@ class LimitedPassageTask(SweepTask):
         self.friction[lane] = self._begin
         self.place[lane] = place_of(self._begin, self.limits)
         self.force[lane] = force = self.draw_force(lane, generator)
-        self.level_scale[lane] = self._reference(number, down) * force
+        if (number, down) not in self._levels:  # of the beam without absorber over the whole range, under 1 N
+            yardstick = (self.settings.samples_per_period, 0.0, self.length, self.settings.moves_base)
+            self._levels[number, down] = passage(self.scenes[number], self.settings.resonance, *self._ends[int(down)].tolist(), *yardstick)[0]
+        self.level_scale[lane] = self._levels[number, down] * force
         self._potential[lane] = 0.0
         self.draw_phase(lane, generator)
 

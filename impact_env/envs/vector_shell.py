@@ -169,7 +169,10 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         final: Info = {}
         again = resting
         if self.autoreset_mode is AutoresetMode.SAME_STEP and over.any():
-            final, again = self._final(observations, info, over), over
+            last, again = np.full(self.num_envs, None, dtype=object), over
+            for lane in np.flatnonzero(over).tolist():
+                last[lane] = observations[lane].copy()
+            final = {"final_obs": last, "_final_obs": over.copy(), "final_info": self._masked(info, over), "_final_info": over.copy()}
         if again is not None:
             observations = np.where(again[:, None], self.task.reset(again, self._generators), observations)
             info = self.task.info()
@@ -177,12 +180,6 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             over = over if still is None else over | (self._over & still)
         self._observations, self._over = observations, over if self.autoreset_mode is not AutoresetMode.SAME_STEP else self._over
         return observations.copy(), rewards, terminated, truncated, {**final, **self._masked(info)}
-
-    def _final(self, observations: Observation, info: Info, over: NDArray[np.bool_]) -> Info:
-        last = np.full(self.num_envs, None, dtype=object)
-        for lane in np.flatnonzero(over).tolist():
-            last[lane] = observations[lane].copy()
-        return {"final_obs": last, "_final_obs": over.copy(), "final_info": self._masked(info, over), "_final_info": over.copy()}
 
     def _masked(self, info: Info, which: NDArray[np.bool_] | None = None) -> Info:
         """Return info with its masks, zeros where it does not apply, as gymnasium's own vectors have it; without a mask it applies to all lanes."""
