@@ -2,8 +2,6 @@
 
 import pickle
 import re
-import subprocess
-import sys
 import warnings
 from dataclasses import fields
 from itertools import pairwise
@@ -31,16 +29,14 @@ def test_gymnasium_has_nothing_to_say(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)
-def test_spec_and_environment_can_be_written_and_read(name: str) -> None:
-    first = make(name)
+def test_spec_can_be_written_and_read(name: str) -> None:
+    first, given = make(name), actions(name, 4, 1)[:, 0]
     spec = gymnasium.envs.registration.EnvSpec.from_json(first.spec.to_json())
-    again = [gymnasium.make(spec), gymnasium.make(pickle.loads(pickle.dumps(first.spec)))]
-    first.reset(seed=3)
-    expected = [first.step(action[0]) for action in actions(name, 4, 1)]
-    for env in again:
+    runs = []
+    for env in (first, gymnasium.make(spec), gymnasium.make(pickle.loads(pickle.dumps(first.spec)))):
         env.reset(seed=3)
-        for action, result in zip(actions(name, 4, 1), expected, strict=True):
-            np.testing.assert_array_equal(env.step(action[0])[0], result[0])
+        runs.append([env.step(action)[0] for action in given])
+    np.testing.assert_array_equal(runs[1:], [runs[0], runs[0]])
 
 
 def test_seeds_decide_all_draws() -> None:
@@ -56,26 +52,25 @@ def test_seeds_decide_all_draws() -> None:
 
 
 def test_noise_and_delay_touch_measured_features_only() -> None:
-    clean, noisy, late = make(PASSIVE), make(PASSIVE, observation_noise=0.1), make(PASSIVE, observation_delay=2)
-    seen = [[env.reset(seed=5)[0]] + [env.step(0)[0] for _ in range(5)] for env in (clean, noisy, late)]
-    a, b, c = np.array(seen)
-    measured = np.array([0, 1, 2, 3, 4, 5, 8])
-    known = np.array([6, 7, 9])
-    np.testing.assert_array_equal(a[:, known], b[:, known])
-    np.testing.assert_array_equal(a[:, known], c[:, known])
-    assert np.all(a[:, measured] != b[:, measured])
-    assert np.std((b - a)[:, measured]) == pytest.approx(0.1, rel=0.4)
-    np.testing.assert_array_equal(c[2:, measured], a[:-2, measured])
-    np.testing.assert_array_equal(c[:2, measured], a[[0, 0]][:, measured])
+    seen = []
+    for arguments in ({}, {"observation_noise": 0.1}, {"observation_delay": 2}):
+        env = make(PASSIVE, **arguments)
+        seen.append([env.reset(seed=5)[0]] + [env.step(0)[0] for _ in range(5)])
+    clean, noisy, late = np.array(seen)
+    measured, known = [0, 1, 2, 3, 4, 5, 8], [6, 7, 9]
+    for other in (noisy, late):
+        np.testing.assert_array_equal(other[:, known], clean[:, known])
+    assert np.all(noisy[:, measured] != clean[:, measured])
+    assert np.std((noisy - clean)[:, measured]) == pytest.approx(0.1, rel=0.4)
+    np.testing.assert_array_equal(late[2:, measured], clean[:-2, measured])
+    np.testing.assert_array_equal(late[:2, measured], clean[[0, 0]][:, measured])
 
 
-def test_import_registers_and_does_so_only_once() -> None:
+def test_names_are_registered_once_and_have_the_package_as_their_prefix() -> None:
     before = {name: gymnasium.registry[name] for name in ENVIRONMENTS}
     register_environments()
     assert all(gymnasium.registry[name] is before[name] for name in ENVIRONMENTS)
-    code = "import gymnasium; e = gymnasium.make('impact_env:ImpactAbsorber/Passive-v0', interval=1.0); print(e.spec.id)"
-    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, timeout=120)
-    assert done.stdout.strip() == PASSIVE, done.stderr
+    assert gymnasium.make(f"impact_env:{PASSIVE}", interval=1.0).spec.id == PASSIVE
 
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)
@@ -105,17 +100,12 @@ def test_frames_show_the_motion() -> None:
         env.step(action)
         frames.append(env.render())
     for frame in frames:
-        assert frame.dtype == np.uint8
-        assert frame.ndim == 3
-        assert frame.shape[2] == 3
+        assert (frame.dtype, frame.shape) == (np.uint8, (420, 640, 3))
         assert frame.min() < 60 < 250 < frame.max()
-    assert env.metadata["render_fps"] == 30
     assert all(np.mean(a != b) > 0.001 for a, b in pairwise(frames))
     many = vector(GAP, 2, render_mode="rgb_array")
     many.reset(seed=0)
-    pictures = many.render()
-    assert len(pictures) == 2
-    np.testing.assert_array_equal(pictures[0], frames[0])
+    np.testing.assert_array_equal(many.render()[0], frames[0])
 
 
 def test_a_window_shows_what_rgb_array_gives(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,23 +1,28 @@
-"""Native vectors: a lane is the single environment, bit for bit, on any number of threads."""
+"""Native vectors: a lane is the single environment, bit for bit; copies and snapshots go on like the original; scenes handed in whole."""
 
+import copy
+import pickle
 from typing import Any
 
 import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import ADAPTIVE, GAP1, SHORT, SWEEP, V1, actions, make, vector
+from environment_cases import ACTIVE_FRICTION, ADAPTIVE, FRICTION, GAP1, RUBBING, SHAKEN, SHORT, V1, actions, make, vector
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
 from impact_env.envs import ENVIRONMENTS
+from impact_env.plain import from_scene, to_scene
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")  # gymnasium says so of everything with a later version
 
 
 NOISE = {"observation_noise": 0.05, "observation_delay": 2, "raw_state": True}
+LOADED = {"load": SHAKEN, "moves_base": True, "force": (1.0, 3.0), "raw_state": True}  # each lane has a part of the record of its own
 CASES = [(name, AutoresetMode.SAME_STEP, NOISE) for name in ENVIRONMENTS]
-CASES += [(name, mode, limit) for name in (V1, ADAPTIVE, GAP1) for mode in AutoresetMode for limit in ({}, {"max_episode_steps": 7})]
+CASES += [(name, mode, limit) for name in (V1, GAP1) for mode in AutoresetMode for limit in ({}, {"max_episode_steps": 7})]
+CASES += [(name, AutoresetMode.SAME_STEP, LOADED) for name in (ACTIVE_FRICTION, ADAPTIVE)]
 
 
 @pytest.mark.parametrize(("name", "mode", "extra"), CASES)
@@ -42,7 +47,7 @@ def test_native_vector_agrees_with_gymnasiums_own(name: str, mode: AutoresetMode
         if mode is AutoresetMode.DISABLED and over.any():
             with pytest.raises(ResetNeeded, match="reset_mask"):
                 native.step(action)
-            again, wanted = (env.reset(options={"reset_mask": over})[0] for env in (native, own))
+            again, wanted = (env.reset(seed=[77] * lanes, options={"reset_mask": over})[0] for env in (native, own))
             np.testing.assert_array_equal(again[over], wanted[over])
     assert ends > lanes
 
@@ -60,37 +65,56 @@ def assert_infos(mine: dict[str, Any], theirs: dict[str, Any]) -> None:
             assert np.asarray(mine[key]).dtype == np.asarray(values).dtype
 
 
-def test_reset_mask_restarts_some_lanes_only() -> None:
-    plain, masked = vector(SWEEP, 4), vector(SWEEP, 4)
-    for env in (plain, masked):
-        env.reset(seed=9)
-    choice = actions(SWEEP, 6, 4)
-    for action in choice[:2]:
-        plain.step(action)
-        before = masked.step(action)[0]
-    mask = np.array([False, True, False, True])
-    observations, infos = masked.reset(seed=[None, 77, None, None], options={"reset_mask": mask})
-    np.testing.assert_array_equal(observations[~mask], before[~mask])
-    assert np.all(observations[mask][:, 7] == 1.0)
-    np.testing.assert_array_equal(infos["_time"], mask)
-    fresh = make(SWEEP)
-    np.testing.assert_array_equal(fresh.reset(seed=77)[0], observations[1])
-    for action in choice[2:4]:
-        a, b, c = plain.step(action), masked.step(action), fresh.step(action[1])
-        np.testing.assert_array_equal(a[0][~mask], b[0][~mask])
-        np.testing.assert_array_equal(a[1][~mask], b[1][~mask])
-        np.testing.assert_array_equal(b[0][1], c[0])
+WAYS: dict[str, Any] = {
+    "deepcopy": copy.deepcopy,
+    "pickle": lambda env: pickle.loads(pickle.dumps(env)),
+}
 
 
-def test_results_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("impact_env.controlled.FEWEST", 1)
-    results = []
-    for threads in (1, 2, 7):
-        env = vector(SWEEP, 9, threads=threads)
-        env.reset(seed=0)
-        results.append([env.step(action) for action in actions(SWEEP, 15, 9)])
-        env.close()
-    for other in results[1:]:
-        for a, b in zip(results[0], other, strict=True):
-            np.testing.assert_array_equal(a[0], b[0])
-            np.testing.assert_array_equal(a[1], b[1])
+@pytest.mark.parametrize("way", ["snapshot", *WAYS])
+@pytest.mark.parametrize(("name", "extra"), [(V1, NOISE), (GAP1, NOISE), (FRICTION, NOISE), (ACTIVE_FRICTION, LOADED)])
+def test_a_copy_goes_on_bit_for_bit(name: str, extra: dict[str, Any], way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Through ends of episodes, apart from the original; a snapshot goes into another environment."""
+    monkeypatch.setattr("impact_env.controlled.FEWEST", 1)  # so that threads are at work before the copy
+    env, given = vector(name, 5, threads=2, **extra), actions(name, 30, 5)
+    env.reset(seed=3)
+    for action in given[:7]:
+        env.step(action)
+    if way == "snapshot":
+        other = vector(name, 5, **extra)
+        other.unwrapped.restore(pickle.loads(pickle.dumps(env.unwrapped.snapshot())))
+    else:
+        other = WAYS[way](env)
+    expected = [env.step(action) for action in given[7:]]
+    assert sum(int(np.sum(step[2] | step[3])) for step in expected) >= 5
+    for action, wanted in zip(given[7:], expected, strict=True):
+        found = other.step(action)
+        for a, b in zip(found[:4], wanted[:4], strict=True):
+            np.testing.assert_array_equal(a, b)
+        assert_infos(found[4], wanted[4])
+
+
+def test_a_single_environment_that_has_drawn_can_be_copied() -> None:
+    env = make(V1, render_mode="rgb_array")
+    env.reset(seed=1)
+    env.render()
+    others = [copied(env) for copied in WAYS.values()]
+    seen = env.step(actions(V1, 1, 1)[0, 0])[0]
+    for other in others:
+        np.testing.assert_array_equal(other.step(actions(V1, 1, 1)[0, 0])[0], seen)
+        assert other.render().shape == (420, 640, 3)
+
+
+def test_any_structure_can_be_used() -> None:
+    """A scene object, its plain form, and the arguments for the same scene give the same numbers; one that knows only its modes can be drawn."""
+    plain = {"beam": {"modes": 2}, "absorber": {"kind": "impact", "friction_limit": 0.025}}
+    scene, runs = to_scene(plain), []
+    for given in (RUBBING, {"whole_scene": plain}, {"whole_scene": scene}, {"whole_scene": from_scene(scene)}):
+        env = make(V1, render_mode="rgb_array", **given)
+        described = {name: value for name, value in env.unwrapped.task.describe().items() if value is not None}
+        for one in (env, gymnasium.make(V1, **described)):
+            one.reset(seed=2)
+            runs.append([one.step(np.array([0.5], np.float32))[0] for _ in range(3)])
+        assert env.render().shape == (420, 640, 3)
+    for other in runs[1:]:
+        np.testing.assert_array_equal(other, runs[0])

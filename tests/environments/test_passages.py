@@ -29,50 +29,25 @@ def test_actions_map_to_rates_and_are_cut_to_their_limits() -> None:
     np.testing.assert_allclose(changes, [2.0, 2.0, np.sqrt(40), 20.0, 20.0], rtol=1e-9)
 
 
-def test_time_budget_truncates_and_the_far_end_terminates() -> None:
-    slow, quick = make(SWEEP), make(SWEEP)
-    for env, action in ((slow, -1.0), (quick, 1.0)):
-        env.reset(seed=0)
-        flags, left = (False, False), []
-        while not any(flags):
-            observation, _, *rest = env.step(np.array([action], np.float32))
-            flags = (rest[0], rest[1])
-            left.append(observation[7])
-        assert flags == ((False, True) if env is slow else (True, False))
-        assert np.all(np.diff(left) < 0)
-        if env is slow:
-            assert len(left) == 12
-            assert left[-1] == 0.0
-
-
-def test_a_passage_that_is_cut_off_pays_for_it_and_one_that_ends_does_not() -> None:
-    for action, paid in ((-1.0, True), (1.0, False)):
-        scores = []
-        for price in (0.0, 0.7):
-            env = make(SWEEP, unfinished_price=price)
-            env.reset(seed=0)
-            over = False
-            while not over:
-                *_, end, cut, info = env.step(np.array([action], np.float32))
-                over = end or cut
-            scores.append(info["score"])
-        assert scores[0] - scores[1] == pytest.approx(0.7 if paid else 0.0, abs=1e-12)
-
-
-@pytest.mark.parametrize("name", [V1, ADAPTIVE])
-def test_a_spent_budget_ends_the_suites_passages_and_costs(name: str) -> None:
-    scores = []
-    for end, price in (("terminated", 0.7), ("truncated", 0.7), ("terminated", 0.0)):
-        env = make(name, budget_end=end, unfinished_price=price)
-        env.reset(seed=0)
-        flags, steps = (False, False), 0
-        while not any(flags):
-            *_, terminated, truncated, info = env.step(np.full(env.action_space.shape, -1.0, np.float32))
-            flags, steps = (terminated, truncated), steps + 1
-        assert flags == (end == "terminated", end == "truncated")
-        assert steps == 12
-        scores.append(info["score"])
-    assert scores[0] == scores[1] == pytest.approx(scores[2] - 0.7)
+@pytest.mark.parametrize("name", [SWEEP, V1, ADAPTIVE])
+def test_the_far_end_terminates_and_a_spent_budget_ends_the_passage_and_costs(name: str) -> None:
+    """A spent budget truncates a first version; of the others its argument says what it does."""
+    choices = [{}] if name == SWEEP else [{"budget_end": "terminated"}, {"budget_end": "truncated"}]
+    for action, spent in ((-1.0, True), (1.0, False)):
+        for arguments in choices:
+            scores = []
+            for price in (0.0, 0.7):
+                env = make(name, unfinished_price=price, **arguments)
+                env.reset(seed=0)
+                flags, left = (False, False), []
+                while not any(flags):
+                    observation, _, *flags, info = env.step(np.full(env.action_space.shape, action, np.float32))
+                    left.append(observation[7])
+                scores.append(info["score"])
+            assert np.all(np.diff(left) < 0)
+            assert (len(left) == 12 and left[-1] == 0.0) == spent
+            assert flags == ([False, True] if spent and arguments.get("budget_end") != "terminated" else [True, False])
+            assert scores[0] - scores[1] == pytest.approx(0.7 if spent else 0.0, abs=1e-12)
 
 
 def test_features_of_the_frequency_have_their_zero_and_unit_where_the_arguments_say() -> None:
@@ -91,6 +66,7 @@ def test_rate_and_gap_are_what_the_two_numbers_say() -> None:
     *_, info = env.step(np.array([0.0, 0.5], np.float32))
     assert (0.98 - info["frequency_ratio"]) / 5e-4 == pytest.approx(np.sqrt(40))
     assert info["gap"] == pytest.approx(0.5e-3 * 4**0.75)
-    rows = [env.step(np.array([-1.0, -1.0], np.float32)) for _ in range(6)]
-    assert {row[-1]["gap_limited"] for row in rows} == {True, False} or rows[-1][-1]["gap"] == pytest.approx(0.5e-3)
-    assert rows[-1][0][10] == pytest.approx(rows[-1][-1]["gap"] / 1e-3, rel=1e-6)
+    for _ in range(6):
+        row, *_, info = env.step(np.array([-1.0, -1.0], np.float32))
+        assert info["gap_limited"] == (info["gap"] > 0.5e-3)
+    assert row[10] == pytest.approx(info["gap"] / 1e-3, rel=1e-6)

@@ -1,22 +1,33 @@
-"""Rewards add up to what the paper measures: against `simulate` and closed forms."""
+"""Rewards add up to what the paper measures, at the rate and place of any structure: against `simulate` and closed forms."""
+
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from places import EXAMPLES
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import GAP, PASSIVE, RUBBING, SWEEP, actions, make
+from environment_cases import GAP, PASSIVE, RUBBING, SWEEP, make
 
-from impact_env import Drive, FrequencySchedule, simulate
+from impact_env import Beam, Drive, FrequencySchedule, Moreau, Scene, TunedAbsorber, load_structure, simulate
+from impact_env.controlled import ControlledRuns
 from impact_env.envs.reference import passage
+from impact_env.frequency import LinearAbsorber, receptance, tip_response
+from impact_env.methods import Method
+from impact_env.modes import modal_model
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")  # gymnasium says so of everything with a later version
+STEEL = str(EXAMPLES / "steel_beam_tip.toml")  # its level is read at 0.9 of its length, the absorber is at the tip
+MODEL = modal_model(load_structure(STEEL))  # half the paper's damping: a quarter of its rate
+OMEGA = MODEL.resonance_omega(1)
+WAY = {"limits": (0.985, 0.995), "rate": 4.0, "interval": 5.0, "force": 0.3, "direction": "up"}  # short: impacts amplify rounding
+IMPACTS = {"absorber": "impact", "absorber_options": {"gap": 0.95e-3, "mass_ratio": 0.01, "friction_limit": 0.01, "restitution": 0.7}}
 
 
 def test_rewards_add_up_to_the_score_which_is_the_papers_level() -> None:
     """Against `simulate` on the schedule that the actions made, and the closed form of the same passage at the paper's rate."""
-    env = gymnasium.make(
-        SWEEP, interval=5.0, limits=(0.965, 0.985), rates=(1.0, 10.0), direction="up", force=0.9, time_price=0.03, raw_state=True, **RUBBING
-    )
+    env = gymnasium.make(SWEEP, interval=5.0, limits=(0.965, 0.985), rates=(1.0, 10.0), direction="up", force=0.9, time_price=0.03, **RUBBING)
     _, info = env.reset(seed=4)
     phase = env.unwrapped.task.runs.orders["phase"][0]
     times, ratios, rewards, end = [0.0], [info["frequency_ratio"]], [], False
@@ -32,21 +43,29 @@ def test_rewards_add_up_to_the_score_which_is_the_papers_level() -> None:
     response = simulate(scene, Drive(0.9, schedule, phase))
     assert ratios[-1] == 0.985
     assert info["level"] == pytest.approx(response.level.value, rel=1e-9)
-    reference, _ = passage(scene, 1, 0.965, 0.985, 32, 0.0, 1e-3)
-    score = -response.level.value / (0.9 * reference) - 0.03 * times[-1] / 100
+    score = -response.level.value / (0.9 * passage(scene, 1, 0.965, 0.985, 32, 0.0, 1e-3)[0]) - 0.03 * times[-1] / 100
     assert sum(rewards) == pytest.approx(score, rel=1e-9)
     assert info["score"] == pytest.approx(sum(rewards), rel=1e-14)  # from 3.12 on Python sums with less rounding
     assert -info["score"] == pytest.approx(info["relative_level"] + 0.03 * times[-1] / 100, rel=1e-12)
     assert len(rewards) > 5
 
 
-def test_reference_is_the_beam_without_absorber_at_the_papers_rate() -> None:
-    from impact_env import Beam, beam_scene, linear_sweep
+@pytest.mark.parametrize("ends", [(0.96, 0.98), (0.98, 0.96)])
+@pytest.mark.parametrize(("model", "slower"), [(modal_model(Beam(modes=2)), 1), (MODEL, 4)], ids=["paper", "steel"])
+def test_the_reference_is_the_beam_without_absorber_at_the_rate_of_its_damping(model: Any, slower: float, ends: tuple[float, float]) -> None:
+    omega, duration = model.resonance_omega(1), 0.02 / 1e-4 * slower * 2 * np.pi / model.resonance_omega(1)
+    drive = Drive(1.0, FrequencySchedule(np.array([0.0, duration]), np.array(ends) * omega, omega))
+    assert passage(Scene(model), 1, *ends, 32, 0.0, 1e-3)[0] == pytest.approx(simulate(Scene(model), drive).level.value, rel=1e-9)
 
-    scene = beam_scene(Beam(modes=2))
-    for ends in ((0.96, 0.98), (0.98, 0.96)):
-        alone = simulate(scene, Drive(1.0, linear_sweep(scene.model.resonance_omega(1), *ends)))
-        assert passage(scene, 1, *ends, 32, 0.0, 1e-3)[0] == pytest.approx(alone.level.value, rel=1e-9)
+
+@pytest.mark.parametrize(("arguments", "rate"), [({"beam": {"damping_ratio": 0.005}}, 0.25), ({}, 1.0), ({"rate": 2.0}, 2.0)])
+def test_a_passive_passage_takes_the_rate_of_its_damping_or_the_one_given(arguments: dict[str, Any], rate: float) -> None:
+    env = gymnasium.make(PASSIVE, limits=(0.99, 1.01), interval=20.0, **arguments)
+    env.reset(seed=0)
+    steps, ended = 0, False
+    while not ended:
+        ended, steps = env.step(0)[2], steps + 1
+    assert steps == pytest.approx(0.02 * 1e4 / rate / 20, abs=1)
 
 
 def test_fatigue_adds_up_to_the_damage_of_the_samples() -> None:
@@ -66,30 +85,68 @@ def test_gap_score_is_the_mean_relative_response() -> None:
     env = make(GAP, frequency_ratio=0.99, time_budget=100.0)
     env.reset(seed=8)
     model, omega = env.unwrapped.task.settings.scene.model, env.unwrapped.task.settings.omega
-    terms = model.force_shape * model.tip_shape / (model.omega**2 - (0.99 * omega) ** 2 + 2j * model.damping_ratio * model.omega * 0.99 * omega)
-    amplitude = abs(np.sum(terms))
+    slots = model.omega**2 - (0.99 * omega) ** 2 + 2j * model.damping_ratio * model.omega * 0.99 * omega
+    amplitude = abs(np.sum(model.force_shape * model.tip_shape / slots))
     total, shares, end, forces = 0.0, [], False, set()
     while not end:
-        _, reward, _, end, info = env.step(env.action_space.sample())
+        action = env.action_space.sample()
+        _, reward, _, end, info = env.step(action)
         total += reward
         shares.append(info["rms"] / (info["force"] * amplitude / np.sqrt(2)))
         forces.add(info["force"])
+        wanted = 0.1e-3 + 0.5 * (float(action[0]) + 1) * (3e-3 - 0.1e-3)  # the cavity does not close onto the absorber
+        assert info["gap"] >= wanted
+        assert info["gap_limited"] == (info["gap"] > wanted)
     assert total == pytest.approx(-np.mean(shares), rel=1e-9)
     assert len(shares) == 20
     assert len(forces) > 2
 
 
-def test_cavity_does_not_close_onto_the_absorber() -> None:
-    env = make(GAP, force=4.0, interval=0.5, time_budget=50.0, hold=(100, 100), raw_state=True)
+@pytest.mark.plain
+def test_the_gaps_score_is_relative_to_the_place_where_the_level_is_read() -> None:
+    options = {"frequency_ratio": 0.99, "absorber_options": IMPACTS["absorber_options"]}
+    env = gymnasium.make(GAP, structure=STEEL, force=0.3, interval=5.0, time_budget=50.0, **options).unwrapped
     env.reset(seed=0)
-    shape = env.unwrapped.task.settings.scene.model.tip_shape
-    seen = set()
-    for action in actions(GAP, 99, 1)[:, 0]:
-        *_, info = env.step(action)
-        wanted = 0.1e-3 + 0.5 * (float(action[0]) + 1) * (3e-3 - 0.1e-3)
-        distance = abs(info["state"][2] - shape @ info["state"][:2])
-        assert distance <= info["gap"] * (1 + 1e-9)
-        assert info["gap"] >= wanted
-        assert info["gap_limited"] == (info["gap"] > wanted)
-        seen.add(info["gap_limited"])
-    assert seen == {True, False}
+    _, reward, _, _, info = env.step(np.zeros(1, np.float32))
+    still = 0.3 * abs(receptance(MODEL, 0.99 * OMEGA, MODEL.response_shape, MODEL.force_shape).item())
+    assert reward == pytest.approx(-info["rms"] / (still / np.sqrt(2)) / 10, rel=1e-12)
+
+
+@pytest.mark.parametrize(("scene", "digits"), [({"absorber": "none"}, 1e-9), pytest.param(IMPACTS, 1e-6, marks=pytest.mark.nightly)])
+def test_the_level_is_the_one_that_a_single_run_reads_there(scene: dict[str, Any], digits: float) -> None:
+    env = gymnasium.make(PASSIVE, structure=STEEL, **WAY, **scene).unwrapped
+    env.reset(seed=1)
+    phase, end, impacts = env.task.runs.orders["phase"][0], False, 0
+    while not end:
+        _, _, end, cut, info = env.step(0)
+        impacts += info["impacts"]
+        assert not cut
+    drive = Drive(0.3, FrequencySchedule(np.array([0.0, info["time"]]) * 2 * np.pi / OMEGA, np.array([0.985, 0.995]) * OMEGA, OMEGA), phase)
+    found = simulate(env.task.settings.scene, drive).level
+    at_the_tip = simulate(Scene(replace(MODEL, response_shape=None), env.task.settings.scene.absorber), drive).level
+    assert info["level"] == pytest.approx(found.value, rel=digits)
+    assert info["relative_level"] == pytest.approx(found.value / (0.3 * passage(Scene(MODEL), 1, 0.985, 0.995, 32, 0.0, 1e-3)[0]), rel=digits)
+    assert at_the_tip.value > 1.05 * found.value
+    assert (impacts > 5) is (scene is IMPACTS)
+
+
+def advanced(absorber: LinearAbsorber | None, method: Method | None, ratio: float, intervals: int) -> Any:
+    """Return what a controlled run of one newton, in intervals of 20 periods of the force, reports at last."""
+    runs = ControlledRuns(Scene(MODEL, absorber), 1, OMEGA, 20.0 / ratio, method, samples_per_period=32)
+    runs.orders["force"], runs.orders["omega_start"], runs.orders["omega_stop"] = 1.0, ratio * OMEGA, ratio * OMEGA
+    for _ in range(intervals):
+        runs.advance()
+    return runs.reports[0]
+
+
+@pytest.mark.parametrize("absorber", [None, TunedAbsorber(mass_ratio=0.01, stiffness=500.0, damping=1.0)])
+def test_amplitudes_are_those_of_the_linear_response_there(absorber: LinearAbsorber | None) -> None:
+    report = advanced(absorber, None, 0.95, 100)
+    seen = complex(report["in_phase"], -report["quadrature"])
+    assert seen == pytest.approx(tip_response(MODEL, absorber, 0.95 * OMEGA).item(), rel=2e-3)
+    assert seen != pytest.approx(receptance(MODEL, 0.95 * OMEGA, MODEL.tip_shape, MODEL.force_shape).item(), rel=0.05)
+
+
+def test_a_stepping_method_reads_the_same_place() -> None:
+    exact, steps = (advanced(None, method, 0.98, 3)["level"] for method in (None, Moreau()))
+    assert steps == pytest.approx(exact, rel=5e-3)

@@ -1,4 +1,4 @@
-"""What a first use from Python tells: one line after a second of compiling, wherever stderr goes, and nothing in a warm run."""
+"""What is told of compiling at a first use, kernels that another process compiles, and what validations of orbits compile."""
 
 import gc
 import os
@@ -10,7 +10,7 @@ import pytest
 from numba.core import event
 from places import ROOT, SUPPORT
 
-from impact_env import Beam, Drive, Record, beam_scene, constant_frequency, friction_damper, impact_absorber, impact_absorbers, simulate
+from impact_env import Beam, ParameterError, RungeKutta, beam_scene, impact_absorber, prepare
 from impact_env.kernels.compiling.parts import COMPILING
 from impact_env.kernels.exact.rigid import exact_lane
 from impact_env.modes import modal_model
@@ -18,11 +18,24 @@ from impact_env.periodic.case import Case
 from impact_env.periodic.survey import orbits_over
 from impact_env.periodic.validation import shortest_validation
 
-RUN = """
-from impact_env import Beam, Drive, beam_scene, constant_frequency, first_use, simulate
-first_use.PATIENCE = 0.3  # s: the smallest kernel is compiled in a few seconds
+STARTED = """
+import os
+from impact_env import Beam, Drive, beam_scene, constant_frequency, on_compile, simulate
+on_compile(lambda about: (print(about.what, flush=True), os._exit(0)))  # what it is for; nothing needs to be compiled
 scene = beam_scene(Beam(modes=2))
 simulate(scene, Drive(1.0, constant_frequency(scene.model.resonance_omega(1), 1.0, 3.0)))
+"""
+PREPARED = """
+from impact_env import Beam, Drive, beam_scene, constant_frequency, first_use, is_ready, on_compile, prepare, simulate
+first_use.PATIENCE = 0.0
+scene, told = beam_scene(Beam(modes=2)), []
+on_compile(told.append)
+before = is_ready(scene)
+work = prepare(scene)
+early = work.wait(0.0)
+print(before, early, work.wait(120.0), work.done, is_ready(scene), 0.5 < work.elapsed == work.elapsed)
+simulate(scene, Drive(1.0, constant_frequency(scene.model.resonance_omega(1), 1.0, 3.0)))
+print(len(told))
 """
 SMALL = """
 import time
@@ -67,80 +80,47 @@ end_all()
 end_all()  # once more is no error
 kernel(5)(1)
 """
-pty = pytest.importorskip("pty")
 
 
-def script(code: str, folder: Path) -> tuple[list[str | Path], dict[str, str]]:
-    """Return words and variables of a process that runs code with a folder for kernels."""
+def told(code: str, folder: Path) -> tuple[list[str], list[str]]:
+    """Run code in a fresh process, with a folder for kernels, and return the lines of stdout and stderr."""
     if not (file := folder / "script.py").exists() or file.read_text() != code:
         file.write_text(code)  # older numba goes by the time of its last change
-    return [sys.executable, file], os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(folder)}
-
-
-def on_a_terminal(code: str, folder: Path) -> str:
-    """Run code in a fresh process whose stderr is a terminal, and return what it wrote there."""
-    ours, theirs = pty.openpty()
-    words, environment = script(code, folder)
-    process = subprocess.Popen(words, env=environment, stderr=theirs)
-    os.close(theirs)
-    text = b""
-    while True:
-        try:
-            piece = os.read(ours, 1024)
-        except OSError:  # Linux's way to tell that the other end is closed
-            piece = b""
-        if not piece:
-            break
-        text += piece
-    os.close(ours)
-    assert process.wait() == 0, text.decode()
-    return text.decode()
-
-
-@pytest.fixture(scope="module")
-def first_use(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """What was told when everything had to be compiled, and where it is kept."""
-    folder = tmp_path_factory.mktemp("kernels")
-    return folder, on_a_terminal(RUN, folder)
-
-
-def test_the_first_use_is_told_once_and_a_warm_one_not_at_all(first_use: tuple[Path, str]) -> None:
-    folder, told = first_use
-    text = " ".join(told.split())
-    assert text.count("impact_env: compiling the kernels of") == 1
-    assert text.startswith("impact_env: compiling the kernels of: 2 modes, no absorber, Exact")
-    assert "python -m impact_env.warm_up" in text
-    assert on_a_terminal(RUN, folder) == ""
-
-
-def without_a_terminal(code: str, folder: Path) -> tuple[list[str], list[str]]:
-    """Run code in a fresh process and return the lines of stdout and stderr."""
-    words, environment = script(code, folder)
-    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(folder)}
+    done = subprocess.run([sys.executable, file], env=environment, capture_output=True, text=True, timeout=200, check=True)
     return done.stdout.splitlines(), done.stderr.splitlines()
 
 
-def test_a_log_takes_the_place_of_the_line(tmp_path: Path) -> None:
-    text = on_a_terminal(LOGGED + SMALL, tmp_path)
-    assert text.count("compiling") == 2
-    assert text.startswith("LOG impact_env: impact_env: compiling the kernels of: a scene, a method")
+def test_a_run_tells_what_its_kernels_are_for(tmp_path: Path) -> None:
+    assert told(STARTED, tmp_path)[0] == ["the kernels of: 2 modes, no absorber, Exact()"]
 
 
-def test_each_compilation_is_told_where_there_is_no_terminal(tmp_path: Path) -> None:
-    lines = without_a_terminal(SMALL, tmp_path)[1]
-    assert len(lines) == 2
-    assert all(line.startswith("impact_env: compiling the kernels of: a scene, a method. Once for a kind of scene") for line in lines)
-    assert without_a_terminal(SMALL, tmp_path)[1] == []
+def test_kernels_are_prepared_by_another_process_and_a_warm_run_tells_nothing(tmp_path: Path) -> None:
+    assert told(PREPARED, tmp_path) == (["False False True True True True", "0"], [])
 
 
-def test_what_takes_no_second_is_not_told(tmp_path: Path) -> None:
-    assert without_a_terminal(SMALL.replace("PATIENCE = 0.0", "PATIENCE = 1000.0"), tmp_path) == ([], [])
+def test_a_preparation_can_be_ended() -> None:
+    scene = beam_scene(Beam(modes=3))
+    work = prepare(scene)
+    work.cancel()
+    assert work.done
+    assert not work.wait(0.0)
+    with pytest.raises(ParameterError, match="method = RungeKutta"):
+        prepare(beam_scene(Beam(), impact_absorber()), RungeKutta())
 
 
-def test_callbacks_are_told_of_our_kernels_until_they_are_taken_out(tmp_path: Path) -> None:
-    out, error = without_a_terminal(SMALL + OWN, tmp_path)
+def test_what_is_compiled_is_told_once_and_callbacks_hear_of_our_kernels_until_they_are_taken_out(tmp_path: Path) -> None:
+    line = "impact_env: compiling the kernels of: a scene, a method. Once for a kind of scene"
+    out, error = told(SMALL + OWN, tmp_path)
     assert out == ["third", "kernels started False", "kernels finished True", "not kept"]
     assert error.count("ValueError: a callback of one's own") == 2
+    lines = [one for one in error if one.startswith(line)]
+    assert len(lines) == 2
+    assert "python -m impact_env.warm_up" in lines[0]
+    assert told(SMALL + OWN, tmp_path) == (["third", "not kept"], [])  # all others are kept
+    error = told(LOGGED + SMALL, tmp_path)[1]
+    assert [one.startswith(f"LOG impact_env: {line}") for one in error] == [True, True]
+    assert told(SMALL.replace("PATIENCE = 0.0", "PATIENCE = 1000.0"), tmp_path) == ([], [])  # what takes no second is not told
 
 
 def test_garbage_is_looked_for_seldom_while_something_compiles_and_as_before_after_that() -> None:
@@ -150,39 +130,15 @@ def test_garbage_is_looked_for_seldom_while_something_compiles_and_as_before_aft
     assert gc.get_threshold() == before
 
 
-def test_responses_and_scenes_are_shown_in_a_line_or_two() -> None:
-    scene = beam_scene(Beam(modes=2))
-    assert repr(scene) == "Scene(2 modes, no absorber)"
-    run = simulate(scene, Drive(1.5, constant_frequency(scene.model.resonance_omega(1), 1.0, 3.0)))
-    first, second = repr(run).splitlines()
-    assert first == "Response(2 modes, no absorber"
-    assert second.strip().startswith(f"1.5 N from 0 to {run.drive.schedule.times[-1]:.4g} s, level {1e3 * run.level.value:.4g} mm at ")
-    assert second.endswith(", 0 impacts)")
-    assert "level" not in repr(simulate(scene, run.drive, record=Record(level=False)))
-    words = {
-        impact_absorber(0.5e-3, 0.7, 0.1): "impact absorber, mass ratio 0.02, gap 0.5 mm, restitution 0.7, friction limit 0.1 N",
-        friction_damper(): "friction damper, mass ratio 0.02, friction limit 0.5 N",
-    }
-    for absorber, expected in words.items():
-        assert repr(beam_scene(Beam(modes=1), absorber)) == f"Scene(1 mode, {expected})"
-    two = repr(beam_scene(Beam(), impact_absorbers([1e-3, 2e-3], [0.5, 1.0])))
-    assert "at 0.5 of the length impact absorber, mass ratio 0.01, gap 1 mm" in two
-    assert "at 1 of the length impact absorber, mass ratio 0.01, gap 2 mm" in two
-
-
-# A kernel that another process compiles is loaded from there, or compiled here if that fails; and validations of orbits use the kernel meant.
-
-
 @pytest.mark.parametrize(
-    ("way", "first", "again"),
-    [("well", "False 1 1 0 None True", "True 0 1 0 None True"), ("badly", "False 1 0 0 None True", ""), ("alone", "False 0 0 0 None True", "")],
+    ("way", "runs"), [("well", ["False 1 1 0 None True", "True 0 1 0 None True"]), ("badly", ["False 1 0 0 None True"])], ids=["well", "badly"]
 )
-def test_a_kernel_comes_from_the_other_process_or_else_from_here(tmp_path: Path, way: str, first: str, again: str) -> None:
+def test_a_kernel_comes_from_the_other_process_or_else_from_here(tmp_path: Path, way: str, runs: list[str]) -> None:
     environment = os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(tmp_path)}
-    for told in (first, again) if again else (first,):
+    for expected in runs:
         words = [sys.executable, str(SUPPORT / "beside.py"), way]
         done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=120)
-        assert done.stdout.strip() == told, done.stderr
+        assert done.stdout.strip() == expected, done.stderr
         assert all(line.startswith("impact_env: compiling ") for line in done.stderr.splitlines())
 
 

@@ -25,8 +25,7 @@ from impact_env import (
     simulate,
 )
 from impact_env.envs.settings import Settings
-from impact_env.families.family import compiled
-from impact_env.laws import argument, entry, make, values
+from impact_env.laws import argument, make, values
 from impact_env.periodic.case import case_of
 from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.plain import from_scene, to_scene
@@ -60,19 +59,6 @@ def test_one_vocabulary(name: str) -> None:
         assert from_scene(to_scene(plain))["absorber"] == plain["absorber"]
 
 
-def test_what_is_not_in_the_table_is_an_error() -> None:
-    class Magnet(SlidingAbsorber):
-        pass
-
-    for unknown in (lambda: entry(Beam()), lambda: compiled("walls"), lambda: make("magnet", {}), lambda: make("tuned", {"gap": 1e-3})):
-        with pytest.raises(ParameterError, match="is not allowed"):
-            unknown()
-    scene = beam_scene(Beam(modes=2), SlidingAbsorber(walls=RigidWalls()))
-    object.__setattr__(scene, "absorber", Beam())
-    with pytest.raises(ParameterError, match="absorber"):
-        simulate(scene, Drive(1.0, constant_frequency(300.0, 1.0, 1.0)))
-
-
 @pytest.mark.parametrize(
     ("concept", "given", "said"),
     [
@@ -81,12 +67,13 @@ def test_what_is_not_in_the_table_is_an_error() -> None:
         ("impact", {"yield_velocity": 1.0, "contact_stiffness": 1e5}, None),
         ("impact", {"friction_stiffness": 1e4}, "friction_stiffness"),
         ("tuned", {"stiffness": -1.0}, "stiffness"),
-        ("sink", {"damping": -1.0, "cubic_stiffness": 1.0}, "damping"),
+        ("tuned", {"gap": 1e-3}, None),
         ("sink", {}, "cubic_stiffness"),
+        ("magnet", {}, None),
     ],
 )
 def test_an_error_names_the_value(concept: str, given: dict[str, float], said: str | None) -> None:
-    with pytest.raises(ParameterError) as error:
+    with pytest.raises(ParameterError, match="is not allowed") as error:
         make(concept, given)
     assert said is None or argument(error.value, concept) == said
 
@@ -105,8 +92,8 @@ def test_an_older_form_is_read_with_a_notice() -> None:
         assert to_scene({"absorber": {"kind": "tuned", "stiffness_n_m": 600.0}}).absorber == make("tuned", {"stiffness": 600.0})
 
 
-def yielding(velocity: float, method: Any = None, restitution: float = 0.9) -> Response:
-    scene = beam_scene(Beam(modes=2), SlidingAbsorber(0.02, YieldingWalls(velocity, 1e-3, restitution)))
+def yielding(velocity: float, method: Any = None) -> Response:
+    scene = beam_scene(Beam(modes=2), SlidingAbsorber(0.02, YieldingWalls(velocity, 1e-3, 0.9)))
     drive = Drive(2.0, linear_sweep(scene.model.resonance_omega(1), 0.95, 1.0, 10.0))
     return simulate(scene, drive, method, record=ALL)
 
@@ -121,43 +108,34 @@ def test_restitution_falls_with_the_velocity_of_each_impact() -> None:
     np.testing.assert_allclose(impacts.impulse, -(1 + e) * impacts.relative_velocity / compliance, rtol=1e-12)
     np.testing.assert_allclose(impacts.energy_lost, (1 - e**2) * impacts.relative_velocity**2 / (2 * compliance), rtol=1e-12)
     assert found.energy.relative_error < 1e-11
-
-
-def test_far_below_the_yield_velocity_it_is_the_constant_law_to_the_last_bit() -> None:
-    found = yielding(1e30)
+    far_below = yielding(1e30)
     constant = simulate(beam_scene(Beam(modes=2), SlidingAbsorber(0.02, RigidWalls(1e-3, 0.9))), found.drive, record=ALL)
-    np.testing.assert_array_equal(found.impacts.time, constant.impacts.time)
-    np.testing.assert_array_equal(found.end_state, constant.end_state)
+    np.testing.assert_array_equal(far_below.impacts.time, constant.impacts.time)
+    np.testing.assert_array_equal(far_below.end_state, constant.end_state)
 
 
 def test_the_moreau_scheme_comes_closer_with_its_step() -> None:
     """Up to the first impacts, which multiply every difference."""
-    exact = yielding(0.1).impacts
-    distances = []
-    for steps in (100, 1000, 10000):
-        found = yielding(0.1, Moreau(steps)).impacts
-        distances.append(abs(found.time[1] - exact.time[1]))
+    exact = yielding(0.1).impacts.time[1]
+    distances = [abs(yielding(0.1, Moreau(steps)).impacts.time[1] - exact) for steps in (100, 1000, 10000)]
     assert distances[2] < distances[1] < distances[0]
 
 
 def test_what_knows_the_constant_law_alone_refuses_it() -> None:
-    scene = yielding(0.1).scene
+    walls = SlidingAbsorber(0.02, YieldingWalls(0.1))
+    scene = beam_scene(Beam(modes=2), walls)
     omega = 0.95 * scene.model.resonance_omega(1)
-    for known in (lambda: harmonic_balance(scene, omega, 1.5), lambda: case_of(scene, 1.5, omega), lambda: simulate_several(scene.absorber)):
+    for known in (
+        lambda: harmonic_balance(scene, omega, 1.5),
+        lambda: case_of(scene, 1.5, omega),
+        lambda: SeveralAbsorbers((walls, walls), (0.5, 1.0)),
+    ):
         with pytest.raises(ParameterError, match="is not allowed"):
             known()
 
 
-def simulate_several(absorber: Any) -> SeveralAbsorbers:
-    return SeveralAbsorbers((absorber, absorber), (0.5, 1.0))
-
-
-def sink_scene() -> Any:
-    return beam_scene(Beam(modes=2), NonlinearSink(5e7, 0.02, 0.5))
-
-
 def test_a_nonlinear_sink_is_integrated_as_an_independent_solver_does() -> None:
-    scene = sink_scene()
+    scene = beam_scene(Beam(modes=2), NonlinearSink(5e7, 0.02, 0.5))
     model, mass, omega = scene.model, scene.absorber_mass, scene.model.resonance_omega(1)
     drive = Drive(2.0, constant_frequency(omega, 0.98, 12.0))
 

@@ -1,6 +1,6 @@
 import itertools
 import math
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numba
@@ -43,10 +43,6 @@ def cantilever_root(mode: int) -> float:
     return float(scipy.optimize.brentq(lambda x: np.cos(x) + 1 / np.cosh(x), (mode - 1) * np.pi + 1e-9, mode * np.pi, xtol=1e-15, rtol=1e-15))
 
 
-def cantilever_omega(beam: Beam, mode: int) -> float:
-    return cantilever_root(mode) ** 2 * np.sqrt(beam.bending_stiffness / beam.mass_per_length) / beam.length**2
-
-
 def cantilever_shape(beam: Beam, mode: int, position: float) -> float:
     """Mass-normalised shape, positive at the tip."""
     x = cantilever_root(mode)
@@ -56,12 +52,6 @@ def cantilever_shape(beam: Beam, mode: int, position: float) -> float:
         return float(np.cosh(s) - np.cos(s) - sigma * (np.sinh(s) - np.sin(s)))
 
     return shape(x * position) / np.sqrt(beam.mass) * np.sign(shape(x))
-
-
-@pytest.mark.parametrize("beam", [Beam(modes=5), Beam(length=2.3, bending_stiffness=17.0, mass_per_length=0.4, modes=5, elements=40)])
-def test_frequencies_are_the_cantilevers(beam: Beam) -> None:
-    expected = [cantilever_omega(beam, mode) for mode in range(1, 6)]
-    np.testing.assert_allclose(modal_model(beam).omega, expected, rtol=5e-5)
 
 
 def test_numbers_of_the_paper() -> None:
@@ -75,14 +65,9 @@ def test_numbers_of_the_paper() -> None:
 
 
 def test_frequencies_converge_with_the_fourth_power_of_the_elements() -> None:
-    errors = [modal_model(Beam(elements=n, modes=3)).omega[2] / cantilever_omega(Beam(), 3) - 1 for n in (4, 8, 16)]
+    exact = cantilever_root(3) ** 2 * np.sqrt(Beam().bending_stiffness / Beam().mass_per_length) / Beam().length ** 2
+    errors = [modal_model(Beam(elements=n, modes=3)).omega[2] / exact - 1 for n in (4, 8, 16)]
     assert all(3.5 < order < 4.5 for order in np.diff(-np.log2(errors)))
-
-
-@pytest.mark.parametrize("elements", [1, 2, 100, 300])
-def test_any_number_of_elements(elements: int) -> None:
-    model = modal_model(Beam(elements=elements, modes=1))
-    assert model.omega[0] == pytest.approx(cantilever_omega(Beam(), 1), rel=5e-3 if elements == 1 else 6e-4 if elements == 2 else 1e-6)
 
 
 def test_all_modes_are_normalised_and_ordered() -> None:
@@ -97,12 +82,6 @@ def test_all_modes_are_normalised_and_ordered() -> None:
     assert model.force_shape @ model.tip_shape == pytest.approx(force @ np.linalg.solve(mass, tip), rel=1e-6, abs=1e-6)
     assert np.sum((model.tip_shape / model.omega) ** 2) == pytest.approx(1 / beam.static_tip_stiffness, rel=1e-9)
     assert tip @ np.linalg.solve(stiffness, tip) == pytest.approx(1 / beam.static_tip_stiffness, rel=1e-9)
-
-
-def test_a_truncation_is_the_start_of_the_whole() -> None:
-    few, all_modes = modal_model(Beam(modes=7)), modal_model(Beam(modes=60))
-    for name in ("omega", "force_shape", "tip_shape"):
-        np.testing.assert_array_equal(getattr(few, name), getattr(all_modes, name)[:7])
 
 
 @pytest.mark.parametrize("position", [0.01, 0.333, 0.4, 0.5, 0.777, 1.0])
@@ -127,7 +106,6 @@ def test_a_cavity_without_clearance_is_a_stuck_absorber_and_an_infinite_one_is_n
     assert Scene(model, impact_absorber(0.0, mass_ratio=0.3)).absorber == StuckAbsorber(0.3)
     assert Scene(model, impact_absorber(INF)).absorber is None
     assert Scene(model, impact_absorber(INF, friction_limit=0.2)).absorber == friction_damper(0.2)
-    assert Scene(model).absorber_mass is None
     assert Scene(model, StuckAbsorber(0.5)).absorber_mass == pytest.approx(0.281875)
 
 
@@ -171,90 +149,59 @@ ABSORBERS = {
     "several": impact_absorbers((1e-3, 1e-3), (0.8, 1.0), mass_ratio=0.01),
 }
 METHODS: tuple[Method, ...] = (Exact(), Moreau(), RungeKutta())
-EVERY = list(itertools.product(ABSORBERS, METHODS))
-LANES = (
-    (exact, "linear_lane"),
-    (exact, "exact_lane"),
-    (exact, "compliant_lane"),
-    (exact, "several_lane"),
-    (stepping, "moreau_lane"),
-    (stepping, "runge_kutta_lane"),
-)
+LANES = {exact: ("linear_lane", "exact_lane", "compliant_lane", "several_lane"), stepping: ("moreau_lane", "runge_kutta_lane")}
 
 
 def scene(name: str) -> Scene:
     return beam_scene(Beam(modes=2), ABSORBERS[name])
 
 
-def drive(of: Scene) -> Drive:
-    return Drive(1e-3, constant_frequency(of.model.resonance_omega(1), 1.0, 1.0))
-
-
-@pytest.mark.parametrize(("name", "method"), EVERY, ids=str)
-def test_each_pair_is_in_the_table_or_refused(name: str, method: Method) -> None:
-    present = scene(name)
-    if (present.kind, type(method)) in FAMILIES:
-        assert FAMILIES[present.kind, type(method)] is family(present, method)
-    else:
-        for what in (lambda: family(present, method), lambda: simulate(present, drive(present), method)):
-            with pytest.raises(ParameterError, match=r"method = .* is not allowed"):
-                what()
-
-
-def test_the_table_has_no_row_that_no_scene_meets() -> None:
-    assert {(scene(name).kind, type(method)) for name, method in EVERY} >= set(FAMILIES)
-    assert {scene(name).kind for name in ABSORBERS} == set(SceneKind)
-
-
-def test_linear_scenes_are_those_whose_response_goes_with_the_force() -> None:
-    for name in ABSORBERS:
-        present = scene(name)
-        omega = present.model.resonance_omega(1)
-        method = RungeKutta() if present.kind is SceneKind.SMOOTH else Exact()
-        found = [run(present, Drive(force, constant_frequency(omega, 1.0, 30.0)), method) for force in (1.0, 10.0)]
-        sizes = [np.std(response.history.tip_displacement) for response in found]
-        goes_with_force = sizes[1] == pytest.approx(10 * sizes[0], rel=1e-6)
-        assert goes_with_force == (present.kind is SceneKind.LINEAR), name
-
-
-def signatures(monkeypatch: pytest.MonkeyPatch) -> list[tuple[object, ...]]:
-    """Return a list to which each call of a lane's kernel adds its name and the types by which numba finds the compiled variant."""
-    calls: list[tuple[object, ...]] = []
-
-    def watched(lane: Any) -> Callable[..., Any]:
-        def call(*arguments: Any) -> Any:
-            calls.append((lane.__name__, *map(numba.typeof, arguments)))
-            return DONE  # nothing is compiled
-
-        return call
-
-    for module, name in LANES:
-        monkeypatch.setattr(module, name, watched(getattr(module, name)))
-    return calls
+def drive(of: Scene, force: float = 1e-3, periods: float = 1.0) -> Drive:
+    return Drive(force, constant_frequency(of.model.resonance_omega(1), 1.0, periods))
 
 
 @pytest.mark.parametrize("method", METHODS, ids=str)
-def test_scenes_have_one_key_exactly_where_they_share_compiled_kernels(method: Method, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls, seen = signatures(monkeypatch), []
+def test_each_pair_is_in_the_table_or_refused_and_has_one_key_exactly_where_it_shares_kernels(
+    method: Method, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The types of a lane's arguments are those by which numba finds the compiled variant; nothing is compiled here."""
+    calls: list[tuple[object, ...]] = []
+    seen = []
+
+    def watched(name: str, *arguments: Any) -> int:
+        calls.append((name, *map(numba.typeof, arguments)))
+        return DONE
+
+    for module, names in LANES.items():
+        for name in names:
+            monkeypatch.setattr(module, name, partial(watched, name))
     for name in ABSORBERS:
         present = scene(name)
         if (present.kind, type(method)) in FAMILIES:
+            assert FAMILIES[present.kind, type(method)] is family(present, method)
+            assert (family(present, method).control is None) == (present.kind is SceneKind.SEVERAL)
             simulate(present, drive(present), method)
             seen.append((kernel_key(present, method), calls[-1]))
+        else:
+            with pytest.raises(ParameterError, match=r"method = .* is not allowed"):
+                simulate(present, drive(present), method)
     assert len(calls) == len(seen) > 3
     for (key, call), (other_key, other_call) in itertools.combinations(seen, 2):
         assert (key == other_key) == (call == other_call), (key, other_key)
 
 
-def test_control_is_offered_to_all_but_several_absorbers() -> None:
-    for name, method in EVERY:
+def test_every_kind_of_scene_is_in_the_table_and_linear_ones_go_with_the_force() -> None:
+    assert {scene(name).kind for name in ABSORBERS} == set(SceneKind) == {kind for kind, _ in FAMILIES}
+    for name in ABSORBERS:
         present = scene(name)
-        if (present.kind, type(method)) not in FAMILIES:
-            continue
-        control = family(present, method).control
-        assert (control is None) == (present.kind is SceneKind.SEVERAL)
+        method = RungeKutta() if present.kind is SceneKind.SMOOTH else Exact()
+        sizes = [np.std(run(present, drive(present, force, 30.0), method).history.tip_displacement) for force in (1.0, 10.0)]
+        goes_with_force = sizes[1] == pytest.approx(10 * sizes[0], rel=1e-6)
+        assert goes_with_force == (present.kind is SceneKind.LINEAR), name
+
+
+def test_control_of_what_it_cannot_do_is_refused() -> None:
     with pytest.raises(ParameterError, match="one absorber"):
         ControlledRuns(scene("several"), 1, 250.0, 1.0, samples_per_period=16)
     with pytest.raises(ParameterError, match="elastic friction"):
         ControlledRuns(scene("springs"), 1, 250.0, 1.0, RungeKutta(), samples_per_period=16)
-    assert np.isfinite(ControlledRuns(scene("both"), 1, 250.0, 1.0, samples_per_period=16).state).all()

@@ -47,9 +47,7 @@ def write(folder: Path, **more: Any) -> Path:
 
 @pytest.fixture
 def structure(tmp_path: Path) -> ModalModel:
-    found = load_structure(write(tmp_path))
-    assert isinstance(found, ModalModel)
-    return found
+    return load_structure(write(tmp_path))
 
 
 def problem(structure: Beam | ModalModel, concept: str = "impact", free: list[str] | None = None, **more: Any) -> Problem:
@@ -87,8 +85,6 @@ def test_several_absorbers_are_at_the_chosen_places_and_the_level_where_the_file
         at = np.abs(modal_model(replace(BEAM, absorber_position=position)).tip_shape)
         np.testing.assert_allclose(np.abs(scene.absorber_shapes[k]), at, rtol=1e-9)
     np.testing.assert_allclose(measured(own, found), measured(beam, known), rtol=1e-3)  # impacts amplify rounding
-    same = Design("several", {**found.values, "position_1": 2.0})
-    np.testing.assert_array_equal(same.scene(structure).absorber_shapes[0], same.scene(structure).absorber_shapes[1])
 
 
 def test_one_absorber_is_at_the_first_place_and_not_where_the_level_is_read(structure: ModalModel, tmp_path: Path) -> None:
@@ -96,16 +92,13 @@ def test_one_absorber_is_at_the_first_place_and_not_where_the_level_is_read(stru
     np.testing.assert_allclose(np.abs(own.absorber_shapes[0]), np.abs(modal_model(BEAM).tip_shape), rtol=1e-9)
     np.testing.assert_allclose(np.abs(own.model.level_shape), np.abs(modal_model(BEAM).level_shape), rtol=1e-9)
     assert design_gap(mounted(structure), 0.01, 3.5) == pytest.approx(design_gap(mounted(BEAM), 0.01, 3.5), rel=1e-9)
-    pair = beam_scene(structure, impact_absorbers((1e-3, 5e-4), PLACES))
-    again = to_scene(from_scene(pair))
-    assert again.model.absorber_shapes is not None
+    again = to_scene(from_scene(beam_scene(structure, impact_absorbers((1e-3, 5e-4), PLACES))))
     np.testing.assert_array_equal(again.model.absorber_shapes, structure.absorber_shapes)
     np.testing.assert_array_equal(again.model.tip_shape, structure.response_shape)
     result = sweep("--structure", str(write(tmp_path)), "--rate", "100", "--json", str(tmp_path / "run.json"))
     assert result.exit_code == 0, result.output
     model = json.loads((tmp_path / "run.json").read_text())["scene"]["model"]
     np.testing.assert_array_equal(model["tip_shape_per_sqrt_kg"], structure.tip_shape)
-    assert "absorber_shapes_per_sqrt_kg" not in model
 
 
 def test_an_environment_has_its_absorber_at_the_first_place(structure: ModalModel, tmp_path: Path) -> None:
@@ -135,12 +128,10 @@ def test_strain_of_a_universal_file_is_a_weighted_sum_of_its_shapes(tmp_path: Pa
     path = tmp_path / "structure.json"
     path.write_text(json.dumps({"universal": {**keys, "stress": [{"node": 3, **at, "weight": 2.0}, {"node": 5, **at, "weight": -1.0}]}}))
     model = load_structure(path)
-    assert isinstance(model, ModalModel)
-    assert model.stress_shape is not None
     np.testing.assert_allclose(model.stress_shape, 2 * model.places[1] - model.places[0], rtol=1e-12)
 
 
-@pytest.mark.parametrize("sampler", ["cma", "random", "map"])
+@pytest.mark.parametrize("sampler", ["cma", "map"])
 def test_a_search_chooses_among_the_places(sampler: str, structure: ModalModel) -> None:
     pytest.importorskip("optuna")
     own = problem(structure, free=["gap", "position"], members=1)
@@ -148,7 +139,7 @@ def test_a_search_chooses_among_the_places(sampler: str, structure: ModalModel) 
     tried = {e.design.values["position"] for e in found.told}  # a map tells of its finalists only
     assert tried <= {1.0, 2.0} if sampler == "map" else tried == {1.0, 2.0}
     assert found.verdict.winner.design.values["position"] in (1.0, 2.0)
-    assert own.space.at_bounds(found.verdict.winner.design) == [line for line in own.space.at_bounds(found.verdict.winner.design) if "gap" in line]
+    assert all("gap" in line for line in own.space.at_bounds(found.verdict.winner.design))
 
 
 def test_a_choice_has_equal_shares_and_no_neighbourhood(structure: ModalModel) -> None:
@@ -156,10 +147,8 @@ def test_a_choice_has_equal_shares_and_no_neighbourhood(structure: ModalModel) -
     (position,) = (v for v in own.space.free if v.name == "position")
     assert [position.value_at(x) for x in (0.0, 0.49, 0.5, 1.0)] == [1, 1, 2, 2]
     assert [position.value_at(position.share_of(x)) for x in (1.0, 2.0)] == [1, 2]
-    assert own.space.describe()["free"]["position"] == {"low": 1.0, "high": 2.0, "log": False, "unit": "", "start": 1.0, "whole": True}
     assert [v.name for v in varied(own.space)] == ["gap"]
-    low, high = neighbourhood(own.space, own.space.default)
-    assert low.shape == high.shape == (1,)
+    assert neighbourhood(own.space, own.space.default)[0].shape == (1,)
     assert problem(structure, free=["gap"]).space.default.values["position"] == 1
     fixed = Problem(design_space("impact", ["gap"], fixed={"position": 2}), (Condition(1, 3.5),), beam=structure, rate=100.0)
     np.testing.assert_array_equal(fixed.space.default.scene(structure).model.tip_shape, structure.places[1])

@@ -2,6 +2,7 @@ import json
 import math
 import re
 import tomllib
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -40,22 +41,14 @@ from optimisation.designs import design_space
 
 INF, NAN = math.inf, math.nan
 PAGE = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
-KINDS: dict[str, Absorber | None] = {
-    "none": None,
-    "stuck": StuckAbsorber(0.1),
-    "tuned": TunedAbsorber(0.03, 600.1, 0.0),
-    "impact": impact_absorber(),
-    "impact and friction": impact_absorber(3e-4, 0.7, 0.1, 0.05),
-    "no clearance": impact_absorber(0.0),
-    "walls out of reach": impact_absorber(INF, friction_limit=0.2),
-    "nothing in reach": impact_absorber(INF),
-    "friction": friction_damper(),
-    "elastic friction": friction_damper(0.3, 0.05, 1e4),
-    "compliant": SlidingAbsorber(walls=CompliantWalls(1e5)),
-    "compliant and friction": SlidingAbsorber(0.01, CompliantWalls(1e5, 0.0), ElasticCoulombFriction(0.1, 3.3)),
-    "several": impact_absorbers((1e-3, 3e-4), (1.0, 0.6), (0.7, 0.0), (None, 0.05), 0.04, (0.3, 0.7)),
-    "several without walls": SeveralAbsorbers((friction_damper(), impact_absorber(INF, 0.5, 0.1), impact_absorber()), (1.0, 0.5, 0.25)),
-}
+SEVERAL = impact_absorbers((1e-3, 3e-4), (1.0, 0.6), (0.7, 0.0), (None, 0.05), 0.04, (0.3, 0.7))
+RARE: list[Absorber | None] = [
+    impact_absorber(0.0),  # no clearance
+    impact_absorber(INF, friction_limit=0.2),
+    impact_absorber(INF),  # nothing in reach
+    SEVERAL,
+    SeveralAbsorbers((friction_damper(), impact_absorber(INF, 0.5, 0.1), impact_absorber()), (1.0, 0.5, 0.25)),
+]
 
 
 def through_json(plain: dict[str, Any]) -> dict[str, Any]:
@@ -74,16 +67,6 @@ def assert_same(one: Scene, other: Scene) -> None:
     assert one.model.beam_mass == other.model.beam_mass
     assert one.absorber == other.absorber
     assert type(one.absorber) is type(other.absorber)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_comes_back_bit_for_bit(kind: str) -> None:
-    beam = Beam(modes=3)
-    scene = beam_scene(beam, KINDS[kind])
-    for plain in (from_scene(scene), from_scene(scene, beam)):
-        assert_same(to_scene(through_json(plain)), scene)
-    assert to_beam(from_scene(scene, beam)) == beam
-    assert to_beam(from_scene(scene)) is None
 
 
 def random_absorber(rng: np.random.Generator) -> Absorber | None:
@@ -108,14 +91,15 @@ def random_beam(rng: np.random.Generator) -> Beam:
     return Beam(length, stiffness, mass, elements, modes, damping, force, place, ratios)
 
 
-def test_random_scenes_come_back_bit_for_bit() -> None:
+def test_scenes_of_every_kind_come_back_bit_for_bit() -> None:
     rng = np.random.default_rng(7)
-    for _ in range(300):
-        beam = random_beam(rng)
-        scene = beam_scene(beam, random_absorber(rng))
+    for absorber in (*RARE, *(random_absorber(rng) for _ in range(200))):
+        beam = Beam(modes=3) if absorber in RARE else random_beam(rng)
+        scene = beam_scene(beam, absorber)
         for plain in (from_scene(scene), from_scene(scene, beam)):
             assert_same(to_scene(through_json(plain)), scene)
         assert to_beam(through_json(from_scene(scene, beam))) == beam
+        assert to_beam(from_scene(scene)) is None
 
 
 def test_a_model_of_any_structure_comes_back() -> None:
@@ -126,39 +110,25 @@ def test_a_model_of_any_structure_comes_back() -> None:
 
 
 def test_defaults_are_those_of_the_classes() -> None:
-    cases: list[tuple[dict[str, Any], Absorber]] = [
-        ({"kind": "impact"}, impact_absorber()),
-        ({"kind": "impact", "friction": None}, impact_absorber()),
-        ({"kind": "impact", "walls": {"restitution": 0.5}}, impact_absorber(restitution=0.5)),
-        ({"kind": "impact", "friction": {"limit_n": 1}}, impact_absorber(friction_limit=1)),
-        ({"kind": "impact", "walls": {"kind": "compliant", "stiffness_n_m": 1e5}}, SlidingAbsorber(walls=CompliantWalls(1e5))),
-        ({"kind": "friction"}, friction_damper()),
-        ({"kind": "tuned"}, TunedAbsorber()),
-        ({"kind": "tuned", "damping_n_s_m": 0}, TunedAbsorber(damping=0)),
-        ({"kind": "stuck"}, StuckAbsorber()),
-    ]
-    for plain, absorber in cases:
-        assert_same(to_scene({"absorber": plain}), beam_scene(absorber=absorber))
-    assert_same(to_scene({}), beam_scene())
-    assert_same(to_scene({"beam": {}, "absorber": None}), beam_scene())
+    cases = {"impact": impact_absorber(), "friction": friction_damper(), "tuned": TunedAbsorber(), "stuck": StuckAbsorber()}
+    for kind, absorber in cases.items():
+        assert_same(to_scene({"absorber": {"kind": kind}}), beam_scene(absorber=absorber))
+    for nothing in ({}, {"beam": {}, "absorber": None}):
+        assert_same(to_scene(nothing), beam_scene())
     assert to_beam({}) == Beam()
     assert to_method({}) == Exact()
 
 
 def test_several_absorbers_have_masses_of_their_own_or_share_one() -> None:
-    places: list[dict[str, Any]] = [{"position": 1}, {"position": 0.5, "walls": {"gap_m": 2e-3}}]
-
-    def several(*masses: dict[str, Any], **common: Any) -> Absorber | None:
-        members = [place | mass for place, mass in zip(places, masses, strict=True)]
+    def several(*masses: dict[str, Any], **common: Any) -> Any:
+        members = [{"position": at, "gap": 2e-3} | mass for at, mass in zip((1.0, 0.5), masses, strict=True)]
         return to_scene({"absorber": {"kind": "several", "absorbers": members, **common}}).absorber
 
-    gaps, positions = (RigidWalls.gap, 2e-3), (1.0, 0.5)
-    assert several({}, {}) == impact_absorbers(gaps, positions)
-    assert several({}, {}, mass_ratio=0.1) == impact_absorbers(gaps, positions, mass_ratio=0.1)
-    assert several({"share": 0.3}, {"share": 0.7}) == impact_absorbers(gaps, positions, shares=(0.3, 0.7))
-    own = several({"mass_ratio": 0.3}, {"mass_ratio": 0.1})
-    assert isinstance(own, SeveralAbsorbers)
-    assert [absorber.mass_ratio for absorber in own.absorbers] == [0.3, 0.1]
+    two = partial(impact_absorbers, (2e-3, 2e-3), (1.0, 0.5))
+    assert several({}, {}) == two()
+    assert several({}, {}, mass_ratio=0.1) == two(mass_ratio=0.1)
+    assert several({"share": 0.3}, {"share": 0.7}) == two(shares=(0.3, 0.7))
+    assert [absorber.mass_ratio for absorber in several({"mass_ratio": 0.3}, {"mass_ratio": 0.1}).absorbers] == [0.3, 0.1]
     for masses, common in (
         (({"mass_ratio": 0.3}, {}), {}),
         (({"share": 0.3}, {}), {}),
@@ -169,42 +139,30 @@ def test_several_absorbers_have_masses_of_their_own_or_share_one() -> None:
             several(*masses, **common)
 
 
-def test_drives_come_back_bit_for_bit() -> None:
+def test_drives_and_methods_come_back_bit_for_bit() -> None:
     schedule = FrequencySchedule([0, 1 / 3, 2.0], [100, 0.0, 1e3 / 7], 252.3)
     for drive in (Drive(3.5, linear_sweep(250)), Drive(-1 / 3, schedule, 1.1)):
         back = to_drive(through_json(from_drive(drive)))
         assert (back.amplitude, back.phase, back.schedule.reference) == (drive.amplitude, drive.phase, drive.schedule.reference)
         assert back.schedule.times.tobytes() == drive.schedule.times.tobytes()
         assert back.schedule.omegas.tobytes() == drive.schedule.omegas.tobytes()
-
-
-def test_methods_come_back_and_bad_ones_are_named() -> None:
     for method in (Exact(), Moreau(), Moreau(50), RungeKutta(30, 40)):
         assert to_method(through_json(from_method(method))) == method
-    for plain, message in (({"kind": "euler"}, "method.kind = 'euler'"), ({"kind": "moreau", "steps_per_period": 3}, "method.steps_per_period = 3")):
-        with pytest.raises(ParameterError, match=message):
-            to_method(plain)
-    with pytest.raises(ParameterError, match="steps_per_period = 20 is not allowed"):
-        to_method({"steps_per_period": 20})
 
 
-def test_no_friction_is_a_limit_of_zero_everywhere() -> None:
-    for zero in (0, 0.0, -0.0):
-        assert friction_law(zero) is None
-        assert impact_absorber(friction_limit=zero) == impact_absorber()
-        assert impact_absorbers((1e-3, 1e-3), (1, 0.5), friction_limit=(zero, 0.1)) == impact_absorbers(
-            (1e-3, 1e-3), (1, 0.5), friction_limit=(None, 0.1)
-        )
-        assert impact_absorbers((1e-3, 1e-3), (1, 0.5), friction_limit=zero) == impact_absorbers((1e-3, 1e-3), (1, 0.5))
-        assert Settings(absorber_options={"friction_limit": zero}).scene.absorber == impact_absorber()
-        compliant = {"contact_stiffness": 1e5}
-        assert Settings(absorber_options={**compliant, "friction_limit": zero}).scene.absorber == Settings(absorber_options=compliant).scene.absorber
-        for elastic in ({}, {"friction_stiffness": 1e5}):
-            assert to_scene({"absorber": {"kind": "impact", "friction_limit": zero, **elastic}}).absorber == impact_absorber()
-        assert design_space("impact", ["gap"], fixed={"friction_limit": zero}).default.absorber() == impact_absorber(restitution=0.7)
-    for limit in (-1e-300, NAN, "0", False):
-        with pytest.raises(ParameterError, match="friction limit"):
-            friction_law(limit)
+@pytest.mark.parametrize("zero", [0, 0.0, -0.0])
+def test_no_friction_is_a_limit_of_zero_everywhere(zero: float) -> None:
+    walls = impact_absorber()
+    assert friction_law(zero) is None
+    assert impact_absorber(friction_limit=zero) == walls
+    for limit, same in (((zero, 0.1), (None, 0.1)), (zero, None)):
+        two, other = (impact_absorbers((1e-3, 1e-3), (1, 0.5), friction_limit=given) for given in (limit, same))
+        assert two == other
+    for law in ({}, {"contact_stiffness": 1e5}):
+        assert Settings(absorber_options={**law, "friction_limit": zero}).scene.absorber == Settings(absorber_options=law).scene.absorber
+    for elastic in ({}, {"friction_stiffness": 1e5}):
+        assert to_scene({"absorber": {"kind": "impact", "friction_limit": zero, **elastic}}).absorber == walls
+    assert design_space("impact", ["gap"], fixed={"friction_limit": zero}).default.absorber() == impact_absorber(restitution=0.7)
 
 
 def blocks(language: str) -> list[str]:
@@ -233,7 +191,7 @@ def test_page_names_every_key_with_its_default() -> None:
     tuned = from_scene(beam_scene(absorber=TunedAbsorber()))["absorber"]
     assert f"`stiffness` ({tuned['stiffness']})" in PAGE
     assert f"`damping` ({tuned['damping']})" in PAGE
-    model = from_scene(beam_scene(absorber=KINDS["several"]))
+    model = from_scene(beam_scene(absorber=SEVERAL))
     keys = {*model["model"], *model["absorber"], *model["absorber"]["absorbers"][0], "share", *from_drive(Drive(1.0, linear_sweep(1.0)))}
     keys |= {name for concept in CONCEPTS.values() for name in concept} | {"steps_per_contact"}
     assert keys <= described, keys - described

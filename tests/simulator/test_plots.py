@@ -6,13 +6,27 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from impact_env import Beam, Drive, Exact, PerformanceCurve, Response, beam_scene, constant_frequency, linear_sweep
+from impact_env import (
+    Beam,
+    Drive,
+    Exact,
+    PerformanceCurve,
+    Response,
+    beam_scene,
+    constant_frequency,
+    friction_damper,
+    impact_absorber,
+    impact_absorbers,
+    linear_sweep,
+)
 from impact_env.ensemble import LaneLevels, draw_members
 from impact_env.level import ResponseLevel
+from impact_env.plots import table
 from impact_env.response import Envelope, History
 
 SCENE = beam_scene(Beam(modes=2))
 OMEGA = SCENE.model.resonance_omega(1)
+CONSTANT = constant_frequency(OMEGA, 1.0, 4.0)
 
 
 @pytest.fixture(autouse=True)
@@ -69,19 +83,25 @@ def test_a_sweeps_envelope_is_drawn_over_the_frequency() -> None:
 
 
 def test_at_a_constant_frequency_it_is_drawn_over_time() -> None:
-    schedule = constant_frequency(OMEGA, 1.0, 4.0)
     envelope = Envelope(np.array([0.0, 0.5, 1.0]), np.array([-2e-3, -1e-3]), np.array([1e-3, 3e-3]))
-    axes = response(schedule, envelope=envelope).plot()
+    axes = response(CONSTANT, envelope=envelope).plot()
     corners = axes.collections[0].get_paths()[0].vertices
     assert {0.25, 0.75} == set(corners[:, 0])
     assert [corners[:, 1].min(), corners[:, 1].max()] == [-2.0, 3.0]
     assert axes.get_xlabel() == "time in s"
 
 
-def test_a_response_shows_its_numbers_and_no_markup_of_others() -> None:
-    told = response(constant_frequency(OMEGA, 1.0, 4.0), level=ResponseLevel(7e-4, 1.0, 1.01, 1e-3))._repr_html_()
-    assert "0.7 mm at 1.0100 of the resonance" in told
-    assert "<td" in told
-    from impact_env.plots import table
-
+def test_responses_and_scenes_are_shown_in_a_line_or_two() -> None:
+    assert repr(SCENE) == "Scene(2 modes, no absorber)"
+    told = response(CONSTANT, level=ResponseLevel(7e-4, 1.0, 1.01, 1e-3))
+    text = " ".join(repr(told).split())
+    assert text == "Response(2 modes, no absorber 2 N from 0 to 0.09961 s, level 0.7 mm at 1.0100 of the resonance, 1 impact)"
+    assert "0.7 mm at 1.0100 of the resonance" in told._repr_html_()
     assert "&lt;script&gt;" in table("a", [("b", "<script>")])
+    words = {
+        impact_absorber(0.5e-3, 0.7, 0.1): "impact absorber, mass ratio 0.02, gap 0.5 mm, restitution 0.7, friction limit 0.1 N",
+        friction_damper(): "friction damper, mass ratio 0.02, friction limit 0.5 N",
+        impact_absorbers([1e-3, 2e-3], [0.5, 1.0]): "at 0.5 of the length impact absorber, mass ratio 0.01, gap 1 mm",
+    }
+    for absorber, expected in words.items():
+        assert expected in repr(beam_scene(Beam(modes=1), absorber))

@@ -1,7 +1,6 @@
 """Structures: beams against closed forms, matrices against dense solutions, and Universal Files."""
 
 import json
-import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,6 @@ from impact_env.structures.checks import warnings_of_matrix
 from impact_env.structures.matrices import lowest_modes
 from impact_env.sweep import simulate
 
-BEAM = "[beam]\nlength_m = 0.5\nbending_stiffness_n_m2 = 362.88\nmass_per_length_kg_m = 1.1275\n"
 MATRICES = {"mass": "m.npz", "stiffness": "m.npz", "units": "kg, m, s", "force": 0, "absorber": 1, "mass_kg": 3.0, "modes": 3, "damping_ratio": 0.01}
 
 
@@ -147,21 +145,6 @@ def test_receptances_are_those_of_a_direct_solution(tmp_path: Path) -> None:
         assert tip_response(model, None, omega) == pytest.approx(direct[2, 0], rel=1e-10)
 
 
-def test_the_frame_answers_as_its_matrices_do() -> None:
-    model = load_structure(EXAMPLES / "frame.toml")
-    assert isinstance(model, ModalModel)
-    mass, stiffness = (scipy.sparse.load_npz(EXAMPLES / f"frame_{name}.npz").toarray() for name in ("mass", "stiffness"))
-    values, vectors = scipy.linalg.eigh(stiffness, mass)
-    assert np.allclose(np.sqrt(values[:8]), model.omega, rtol=1e-8)
-    damping = mass @ vectors @ np.diag(2 * 0.01 * np.sqrt(values)) @ vectors.T @ mass
-    load = np.zeros(len(mass))
-    load[8] = 1.0
-    for omega in model.omega[:3] * 1.002:
-        direct = np.linalg.solve(stiffness + 1j * omega * damping - omega**2 * mass, load)
-        assert tip_response(model, None, omega) == pytest.approx(direct[20], rel=2e-2)  # eight of 426 modes
-        assert receptance(model, omega, model.tip_shape, model.force_shape) == pytest.approx(direct[138], rel=2e-2)
-
-
 def test_sparse_and_dense_solutions_agree() -> None:
     size = 1500
     ones = np.ones(size)
@@ -171,8 +154,6 @@ def test_sparse_and_dense_solutions_agree() -> None:
     wanted = 2 * np.sqrt(1e6 / 0.01) * np.sin(np.pi * np.arange(1, 7) / (2 * (size + 1)))
     np.testing.assert_allclose(found.omega, wanted, rtol=1e-8)
     np.testing.assert_allclose(found.shapes.T @ (mass @ found.shapes), np.eye(6), atol=1e-9)
-    again = lowest_modes(mass.tocsc(), stiffness.tocsc(), 6)
-    np.testing.assert_array_equal(found.shapes, again.shapes)
 
 
 def test_a_structure_that_is_not_held_says_what_is_possible(tmp_path: Path) -> None:
@@ -184,15 +165,6 @@ def test_a_structure_that_is_not_held_says_what_is_possible(tmp_path: Path) -> N
     np.testing.assert_allclose(model.tip_shape[0], 1 / np.sqrt(3.0), rtol=1e-6)
     with pytest.raises(ParameterError, match=r"suspension_frequency.* = 50.0 is not allowed: below half of the first bending frequency"):
         load_structure(written(tmp_path, "matrices", **MATRICES | {"suspension_frequency_hz": 50.0}))
-
-
-def test_tonnes_and_millimetres_are_the_same_structure(tmp_path: Path) -> None:
-    mass, stiffness = chain(tmp_path)
-    model = modal_model(load_structure(written(tmp_path, "matrices", **MATRICES)))
-    np.savez(tmp_path / "m.npz", M=mass * 1e-3, K=stiffness * 1e-3)
-    other = modal_model(load_structure(written(tmp_path, "matrices", **MATRICES | {"units": "t, mm, s"})))
-    np.testing.assert_allclose(other.omega, model.omega)
-    np.testing.assert_allclose(other.tip_shape, model.tip_shape)
 
 
 def test_a_universal_file_gives_what_a_test_measured() -> None:
@@ -241,88 +213,13 @@ def test_modal_mass_and_complex_modes_of_a_universal_file(tmp_path: Path) -> Non
         np.testing.assert_allclose(model.damping_ratio, 0.01, rtol=1e-4)
 
 
-def test_a_suspended_beam_runs_and_keeps_its_energy() -> None:
-    beam = Beam(ends="free-free", suspension_frequency=2.0, absorber_position=1.0, force_position=0.0)
-    scene = beam_scene(beam, impact_absorber(restitution=0.7, friction_limit=0.05))
-    drive = drive_of(50.0, 0.97, periods=100, reference=scene.model.resonance_omega(3))
-    response = run(scene, drive)
-    assert response.impact_count > 20
-    assert response.energy.relative_error < 1e-9
-
-
 # Structures in files that are wrong, or that look so: one error or warning with the file and its key.
 
 
-WRONG_BEAM = [
-    ("length = 0.5", r"beam.length = 0.5 is not allowed: only the keys length_m"),
-    ("ends = 'clamped'", r"beam.ends = 'clamped' is not allowed: one of clamped-free"),
-    ("ends = 'free-free'", r"beam.suspension_frequency_hz = None is not allowed: given"),
-    ("tip_mass_kg = nan", r"beam.tip_mass_kg = nan"),
-    ("ends = 'pinned-pinned'\nabsorber_position = 0.5\ntip_mass_kg = 1.0", r"beam.tip_mass_kg = 1.0 is not allowed: 0 with pinned-pinned ends"),
-    ("sections = 3", r"beam.sections = 3 is not allowed: a list of tables"),
-    ("sections = [{ elements = 3, bending_stiffness_n_m2 = 1.0 }]", r"beam.sections\[0\] = .*the key mass_per_length_kg_m must be given"),
-    ("response_position = 2.0", r"beam.response_position = 2.0"),
-    ("[absorber]\nkind = 'stuck'", r"absorber = .* is not allowed: left out: a structure is what an absorber is put on"),
-    ("[model]", r"beam = .* is not allowed: left out beside another structure"),
-]
-
-
-@pytest.mark.parametrize(("text", "message"), WRONG_BEAM)
-def test_a_wrong_beam_is_one_error_with_file_and_key(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "beam.toml"
-    path.write_text(BEAM + text + "\n")
-    with pytest.raises(ParameterError, match=r"beam.toml: " + message):
-        load_structure(path)
-
-
 NAN = float("nan")
-WRONG_MATRICES = [
-    ({"units": None}, r"matrices = .*the key units must be given"),
-    ({"units": "mm"}, r"matrices.units = 'mm' is not allowed: one of 'kg, m, s', 't, mm, s'"),
-    ({"force": 3}, r"matrices.force = 3 is not allowed: a whole number from 0 to 2"),
-    ({"absorber": [0, 7]}, r"matrices.absorber = 7"),
-    ({"mass": "none.npz"}, r"matrices.mass = '.*none.npz' is not allowed: a matrix that can be read"),
-    ({"mass": "m.txt"}, r"matrices.mass = '.*m.txt' is not allowed: a file that ends in .npz or .mtx"),
-    ({"mass": "text.npz"}, r"matrices.mass = '.*text.npz' is not allowed: a matrix that can be read"),
-    ({"mass": "text.mtx"}, r"matrices.mass = '.*text.mtx' is not allowed: a matrix that can be read"),
-    ({"mass": "other.npz"}, r"matrices.mass = .* is not allowed: a matrix that can be read \(it has a, b, and no M\)"),
-    ({"stiffness": "large.npz"}, r"matrices.stiffness = .*3 by 3, as the mass matrix"),
-    ({"stiffness": "row.npz"}, r"matrices.stiffness = .*3 by 3, as the mass matrix"),
-    ({"stiffness": "nan.npz"}, r"matrices.stiffness = .*finite real numbers"),
-    ({"stiffness": "skew.npz"}, r"matrices.stiffness = .*a symmetric matrix"),
-    ({"stiffness": "negative.npz"}, r"matrices.stiffness = .*positive semidefinite"),
-    (
-        {"damping": "coupled.npz", "damping_ratio": None},
-        r"matrices.damping = 'a matrix that couples the modes . and . by.*modal or proportional",
-    ),
-    ({"damping": "coupled.npz"}, r"matrices.damping_ratio = 0.01 is not allowed: left out beside a damping matrix"),
-    ({"damping_ratio": None}, r"matrices.damping_ratio = None is not allowed: given"),
-    ({"damping_ratio": [0.1, 0.1]}, r"matrices.damping_ratio = .*one number, or one for each of the 3 modes"),
-    ({"damping_ratio": -0.1}, r"matrices.damping_ratio = -0.1"),
-    ({"mass_kg": 0}, r"matrices.*mass"),
-    ({"modes": 0}, r"matrices.modes = 0"),
-]
-
-
-@pytest.mark.parametrize(("changes", "message"), WRONG_MATRICES)
-def test_wrong_matrices_are_one_error_with_file_and_key(tmp_path: Path, changes: dict[str, object], message: str) -> None:
-    mass, stiffness = chain(tmp_path)
-    for name, matrix in (
-        ("large", np.eye(4)),
-        ("row", np.ones(3)),
-        ("nan", np.where(stiffness == 0, NAN, stiffness)),
-        ("skew", stiffness + np.triu(stiffness)),
-        ("negative", -stiffness),
-        ("coupled", np.diag([1.0, 0.0, 0.0])),
-    ):
-        np.savez(tmp_path / f"{name}.npz", matrix)
-    np.savez(tmp_path / "other.npz", a=mass, b=mass)
-    for name in ("text.npz", "text.mtx", "m.txt"):
-        (tmp_path / name).write_text("a text\n")
-    with pytest.raises(ParameterError, match=r"structure.json: " + message):
-        load_structure(written(tmp_path, "matrices", **MATRICES | changes))
-
-
+BEAM = {"length_m": 0.5, "bending_stiffness_n_m2": 362.88, "mass_per_length_kg_m": 1.1275}
+STEEL = dict.fromkeys(BEAM) | {"length_m": 1.2, "young_modulus_pa": 210e9, "density_kg_m3": 7850.0}
+RECTANGLE = {"kind": "rectangle", "width_m": 0.04, "height_m": 0.008}
 MODEL = {
     "frequencies_hz": [10.0, 50.0],
     "damping_ratio": [0.01, 0.01],
@@ -330,68 +227,101 @@ MODEL = {
     "tip_shape_per_sqrt_kg": [1.0, 0.8],
     "beam_mass_kg": 2.0,
 }
-WRONG_MODELS = [
-    ({"frequencies_hz": [0.0, 50.0]}, r"model.frequencies_hz = .*a motion that bends nothing has the frequency of its suspension"),
-    ({"omega_rad_s": [1.0, 2.0]}, r"model.frequencies_hz = .* is not allowed: left out beside omega_rad_s"),
-    ({"frequencies_hz": None}, r"model.omega_rad_s = None"),
-    ({"tip_shape_per_sqrt_kg": [1.0]}, r"model: modal model = .*arrays of one length"),
-    ({"force_shape": [1.0, 1.0]}, r"model.force_shape = .*only the keys"),
-    ({"response_shape_per_sqrt_kg": [1.0, NAN]}, r"model.response_shape_per_sqrt_kg\[1\] = nan"),
+UNIVERSAL = {"file": "measured.uff", "force": {"node": 2, "direction": "z"}, "absorber": {"node": 5, "direction": "z"}, "mass_kg": 2.0}
+GOOD = {"beam": BEAM, "matrices": MATRICES, "model": MODEL, "universal": UNIVERSAL}
+SHARES = [1.0, 0.5, 1.0]  # by which a base moves the masses of the chain: the middle one, which the absorber is on, at 60 degrees to the base
+WRONG = [
+    ("beam", {"length": 0.5}, r"beam.length = 0.5 is not allowed: only the keys length_m"),
+    ("beam", {"ends": "clamped"}, r"beam.ends = 'clamped' is not allowed: one of clamped-free"),
+    ("beam", {"ends": "free-free"}, r"beam.suspension_frequency_hz = None is not allowed: given"),
+    ("beam", {"ends": "pinned-pinned", "absorber_position": 0.5, "tip_mass_kg": 1.0}, r"beam.tip_mass_kg = 1.0 is not allowed: 0 with pinned"),
+    ("beam", {"sections": 3}, r"beam.sections = 3 is not allowed: a list of tables"),
+    ("beam", {"sections": [{"elements": 3, "bending_stiffness_n_m2": 1.0}]}, r"beam.sections\[0\] = .*the key mass_per_length_kg_m must be given"),
+    ("beam", STEEL | {"section": {"kind": "L"}}, r"beam.section.kind = 'L' is not allowed: one of rectangle, tube, I"),
+    (
+        "beam",
+        STEEL | {"section": {"kind": "tube", "diameter_m": 0.02, "wall_m": 0.02}},
+        r"beam.section.*wall_m = 0.02 is not allowed: at most half",
+    ),
+    ("beam", STEEL | {"section": {"kind": "rectangle", "width_m": 0.02}}, r".*height_m = 0.0 is not allowed"),
+    ("beam", STEEL | {"section": RECTANGLE, "mass_per_length_kg_m": 1.0}, r".*left out beside a section"),
+    ("beam", STEEL, r"beam.section = None is not allowed: given"),
+    ("matrices", {"units": "mm"}, r"matrices.units = 'mm' is not allowed: one of 'kg, m, s', 't, mm, s'"),
+    ("matrices", {"force": 3}, r"matrices.force = 3 is not allowed: a whole number from 0 to 2"),
+    ("matrices", {"absorber": [0, 7]}, r"matrices.absorber = 7"),
+    ("matrices", {"mass": "none.npz"}, r"matrices.mass = '.*none.npz' is not allowed: a matrix that can be read"),
+    ("matrices", {"mass": "m.txt"}, r"matrices.mass = '.*m.txt' is not allowed: a file that ends in .npz or .mtx"),
+    ("matrices", {"mass": "text.mtx"}, r"matrices.mass = '.*text.mtx' is not allowed: a matrix that can be read"),
+    ("matrices", {"mass": "other.npz"}, r"matrices.mass = .* is not allowed: a matrix that can be read \(it has a, b, and no M\)"),
+    ("matrices", {"stiffness": "large.npz"}, r"matrices.stiffness = .*3 by 3, as the mass matrix"),
+    ("matrices", {"stiffness": "nan.npz"}, r"matrices.stiffness = .*finite real numbers"),
+    ("matrices", {"stiffness": "skew.npz"}, r"matrices.stiffness = .*a symmetric matrix"),
+    ("matrices", {"stiffness": "negative.npz"}, r"matrices.stiffness = .*positive semidefinite"),
+    ("matrices", {"damping": "coupled.npz", "damping_ratio": None}, r"matrices.damping = 'a matrix that couples the modes . and . by"),
+    ("matrices", {"damping": "coupled.npz"}, r"matrices.damping_ratio = 0.01 is not allowed: left out beside a damping matrix"),
+    ("matrices", {"damping_ratio": None}, r"matrices.damping_ratio = None is not allowed: given"),
+    ("matrices", {"base_vector": [1.0, 1.0]}, r".*base_vector = '2 numbers' is not allowed: a list or a file with 3 finite numbers"),
+    ("matrices", {"base_vector": "words.txt"}, r".*base_vector = 'words\.txt' is not allowed"),
+    ("matrices", {"base_vector": "nan.txt"}, r".*base_vector = .*nan.* is not allowed"),
+    ("matrices", {"base_vector": SHARES, "absorber": [1, 2]}, r".*base_vector = \[0\.5, 1\.0\] is not allowed: the same displacement at all places"),
+    ("model", {"frequencies_hz": [0.0, 50.0]}, r"model.frequencies_hz = .*a motion that bends nothing has the frequency of its suspension"),
+    ("model", {"omega_rad_s": [1.0, 2.0]}, r"model.frequencies_hz = .* is not allowed: left out beside omega_rad_s"),
+    ("model", {"tip_shape_per_sqrt_kg": [1.0]}, r"model: modal model = .*arrays of one length"),
+    ("universal", {"file": "none.uff"}, r"universal.file = '.*none.uff' is not allowed: a Universal File that exists"),
+    ("universal", {"force": {"node": 99, "direction": "z"}}, r"universal.force = 99 is not allowed: a node of measured.uff: 1, 2, 3"),
 ]
 
 
-@pytest.mark.parametrize(("changes", "message"), WRONG_MODELS)
-def test_wrong_modal_data_are_one_error_with_file_and_key(tmp_path: Path, changes: dict[str, object], message: str) -> None:
+@pytest.mark.parametrize(("table", "changes", "message"), WRONG)
+def test_a_wrong_structure_is_one_error_with_file_and_key(tmp_path: Path, table: str, changes: dict[str, object], message: str) -> None:
+    mass, stiffness = chain(tmp_path)
+    for name, matrix in (
+        ("large", np.eye(4)),
+        ("nan", np.where(stiffness == 0, NAN, stiffness)),
+        ("skew", stiffness + np.triu(stiffness)),
+        ("negative", -stiffness),
+        ("coupled", np.diag([1.0, 0.0, 0.0])),
+    ):
+        np.savez(tmp_path / f"{name}.npz", matrix)
+    np.savez(tmp_path / "other.npz", a=mass, b=mass)
+    for name, text in (("text.mtx", "a text\n"), ("m.txt", "a text\n"), ("words.txt", "one\ntwo\nthree\n"), ("nan.txt", "1\nnan\n1\n")):
+        (tmp_path / name).write_text(text)
+    if table == "universal":
+        pytest.importorskip("pyuff")
+        (tmp_path / "measured.uff").write_bytes((EXAMPLES / "measured.uff").read_bytes())
     with pytest.raises(ParameterError, match=r"structure.json: " + message):
-        load_structure(written(tmp_path, "model", **MODEL | changes))
+        load_structure(written(tmp_path, table, **GOOD[table] | changes))
+
+
+def test_an_absorber_is_no_part_of_a_structure(tmp_path: Path) -> None:
+    (tmp_path / "beam.json").write_text(json.dumps({"beam": BEAM, "absorber": {"kind": "stuck"}}))
+    with pytest.raises(ParameterError, match=r"absorber = .* is not allowed: left out: a structure is what an absorber is put on"):
+        load_structure(tmp_path / "beam.json")
 
 
 SUSPECT = [
-    ({"tip_shape_per_sqrt_kg": [1.0, 1.0]}, "scaled to 1 and not mass-normalised"),
-    ({"tip_shape_per_sqrt_kg": [1e3, 8e2]}, "are the shapes mass-normalised"),
-    ({"damping_ratio": [1.0, 1.0]}, "was it given in percent"),
-    ({"frequencies_hz": [3e4, 5e4]}, "are the units right"),
-    ({"frequencies_hz": [10.0, 10.05]}, "modes 1 and 2 are one peak at 10 Hz"),
-    ({"tip_shape_per_sqrt_kg": [0.0, 0.0]}, "no mode moves the place of the absorber"),
+    ("model", {"tip_shape_per_sqrt_kg": [1.0, 1.0]}, "scaled to 1 and not mass-normalised"),
+    ("model", {"tip_shape_per_sqrt_kg": [1e3, 8e2]}, "are the shapes mass-normalised"),
+    ("model", {"damping_ratio": [1.0, 1.0]}, "was it given in percent"),
+    ("model", {"frequencies_hz": [3e4, 5e4]}, "are the units right"),
+    ("model", {"frequencies_hz": [10.0, 10.05]}, "modes 1 and 2 are one peak at 10 Hz"),
+    ("model", {"tip_shape_per_sqrt_kg": [0.0, 0.0]}, "no mode moves the place of the absorber"),
+    ("beam", {"bending_stiffness_n_m2": 362.88e6}, "a metal bar with this bending stiffness and mass would be"),  # N mm^2
 ]
 
 
-@pytest.mark.parametrize(("changes", "message"), SUSPECT)
-def test_what_looks_wrong_is_a_warning_with_the_file(tmp_path: Path, changes: dict[str, object], message: str) -> None:
+@pytest.mark.parametrize(("table", "changes", "message"), SUSPECT)
+def test_what_looks_wrong_is_a_warning_with_the_file(tmp_path: Path, table: str, changes: dict[str, object], message: str) -> None:
     with pytest.warns(StructureWarning, match=f"structure.json: .*{message}"):
-        load_structure(written(tmp_path, "model", **MODEL | changes))
+        load_structure(written(tmp_path, table, **GOOD[table] | changes))
 
 
-def test_what_is_fine_is_no_warning_and_a_wrong_bar_is(tmp_path: Path) -> None:
+def test_what_is_fine_is_no_warning(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         load_structure(written(tmp_path, "model", **MODEL))
         load_structure(EXAMPLES / "steel_beam.toml")
         load_structure(EXAMPLES / "frame.toml")
-    (tmp_path / "beam.toml").write_text(BEAM.replace("362.88", "362.88e6"))  # N mm^2
-    with pytest.warns(StructureWarning, match="a metal bar with this bending stiffness and mass would be"):
-        load_structure(tmp_path / "beam.toml")
-
-
-WRONG_UNIVERSAL = [
-    ({"file": "none.uff"}, r"universal.file = '.*none.uff' is not allowed: a Universal File that exists"),
-    ({"file": "text.uff"}, r"universal.file = '.*text.uff' is not allowed"),
-    ({"force": 3}, r"universal.force = 3 is not allowed: a table"),
-    ({"force": {"node": 99, "direction": "z"}}, r"universal.force = 99 is not allowed: a node of measured.uff: 1, 2, 3"),
-    ({"force": {"node": 1, "direction": "w"}}, r"universal.force.direction = 'w' is not allowed: one of x, y, z"),
-    ({"modes": 9}, r"universal.modes = 9 is not allowed: a whole number from 1 to 5"),
-    ({"mass_kg": None}, r"universal = .*the key mass_kg must be given"),
-]
-
-
-@pytest.mark.parametrize(("changes", "message"), WRONG_UNIVERSAL)
-def test_a_wrong_universal_file_is_one_error_with_file_and_key(tmp_path: Path, changes: dict[str, object], message: str) -> None:
-    pytest.importorskip("pyuff")
-    (tmp_path / "measured.uff").write_bytes((EXAMPLES / "measured.uff").read_bytes())
-    (tmp_path / "text.uff").write_text("a text\n")
-    keys = {"file": "measured.uff", "force": {"node": 2, "direction": "z"}, "absorber": {"node": 5, "direction": "z"}, "mass_kg": 2.0}
-    with pytest.raises(ParameterError, match=r"structure.json: " + message):
-        load_structure(written(tmp_path, "universal", **keys | changes))
 
 
 def test_mass_matrices_tell_a_wrong_mass_and_a_rotation() -> None:
@@ -411,35 +341,15 @@ def test_mass_matrices_tell_a_wrong_mass_and_a_rotation() -> None:
 @pytest.mark.parametrize(
     ("section", "area", "second"),
     [
-        ('kind = "rectangle", width_m = 0.04, height_m = 0.008', 0.04 * 0.008, 0.04 * 0.008**3 / 12),
-        ('kind = "tube", diameter_m = 0.02, wall_m = 0.01', np.pi * 0.01**2, np.pi * 0.01**4 / 4),
-        ('kind = "I", width_m = 0.04, height_m = 0.06, flange_m = 0.005, web_m = 0.004', 0.0006, 3.45e-7),  # by parts, with Steiner's theorem
+        (RECTANGLE, 0.04 * 0.008, 0.04 * 0.008**3 / 12),
+        ({"kind": "tube", "diameter_m": 0.02, "wall_m": 0.01}, np.pi * 0.01**2, np.pi * 0.01**4 / 4),
+        ({"kind": "I", "width_m": 0.04, "height_m": 0.06, "flange_m": 0.005, "web_m": 0.004}, 0.0006, 3.45e-7),  # by parts, with Steiner's theorem
     ],
 )
-def test_a_beam_from_material_and_section(tmp_path: Path, section: str, area: float, second: float) -> None:
-    path = tmp_path / "beam.toml"
-    path.write_text(f"[beam]\nlength_m = 1.2\nyoung_modulus_pa = 210e9\ndensity_kg_m3 = 7850.0\nsection = {{ {section} }}\n")
-    beam = load_structure(path)
-    assert isinstance(beam, Beam)
+def test_a_beam_from_material_and_section(tmp_path: Path, section: dict[str, object], area: float, second: float) -> None:
+    beam = load_structure(written(tmp_path, "beam", **STEEL, section=section))
     assert beam.bending_stiffness == pytest.approx(210e9 * second)
     assert beam.mass_per_length == pytest.approx(7850 * area)
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ('section = { kind = "L" }', "section.kind = 'L' is not allowed: one of rectangle, tube, I"),
-        ('section = { kind = "tube", diameter_m = 0.02, wall_m = 0.02 }', "wall_m = 0.02 is not allowed: at most half the diameter"),
-        ('section = { kind = "rectangle", width_m = 0.02 }', "height_m = 0.0 is not allowed"),
-        ('section = { kind = "rectangle", width_m = 0.02, height_m = 0.01 }\nmass_per_length_kg_m = 1.0', "left out beside a section"),
-        ("", "beam.section = None is not allowed: given"),
-    ],
-)
-def test_wrong_sections_are_one_error(tmp_path: Path, text: str, said: str) -> None:
-    path = tmp_path / "beam.toml"
-    path.write_text(f"[beam]\nlength_m = 1.2\nyoung_modulus_pa = 210e9\ndensity_kg_m3 = 7850.0\n{text}\n")
-    with pytest.raises(ParameterError, match=re.escape(said)):
-        load_structure(path)
 
 
 # Modes from a CSV file, and one damping ratio for all of them.
@@ -456,13 +366,9 @@ def bracket(folder: Path, table: str = TABLE, more: str = "damping_ratio = 0.01"
 
 def test_columns_are_the_rows_of_a_model(tmp_path: Path) -> None:
     found = load_structure(bracket(tmp_path))
-    assert isinstance(found, ModalModel)
     np.testing.assert_allclose(found.omega, 2 * np.pi * np.array([31.2, 74.6]), rtol=1e-15)
-    np.testing.assert_array_equal(found.tip_shape, [0.9, -0.8])
-    np.testing.assert_array_equal(found.level_shape, [0.5, 0.4])
-    np.testing.assert_array_equal(found.damping_ratio, [0.01, 0.01])
+    np.testing.assert_array_equal([found.tip_shape, found.level_shape, found.damping_ratio], [[0.9, -0.8], [0.5, 0.4], [0.01, 0.01]])
     own = load_structure(bracket(tmp_path, TABLE.replace("hz,", "hz, damping_ratio,").replace(".2,", ".2,0.01,").replace(".6,", ".6,0.02,"), ""))
-    assert isinstance(own, ModalModel)
     np.testing.assert_array_equal(own.damping_ratio, [0.01, 0.02])
 
 
@@ -470,12 +376,9 @@ def test_columns_are_the_rows_of_a_model(tmp_path: Path) -> None:
     ("table", "more", "message"),
     [
         (TABLE.replace("0.9", "high"), "damping_ratio = 0.01", "mode 1 is not allowed: a .csv file"),
-        (TABLE.replace(",0.4\n", "\n"), "damping_ratio = 0.01", "mode 2: 3 numbers' is not allowed: 4, one a column"),
         (TABLE.replace("tip", "top"), "damping_ratio = 0.01", "top_shape_per_sqrt_kg"),
         (TABLE, "damping_ratio = 0.01\nfrequencies_hz = [1, 2]", "without the columns frequencies_hz"),
         (TABLE, "", "damping_ratio must be given"),
-        (TABLE, "damping_ratio = [0.01]", "damping_ratio = \\(0.01,\\) is not allowed: one number, or one for each of the 2 modes"),
-        ("", "damping_ratio = 0.01", "modes.csv' is not allowed: a .csv file"),
     ],
 )
 def test_a_wrong_file_is_one_error(tmp_path: Path, table: str, more: str, message: str) -> None:
@@ -483,10 +386,9 @@ def test_a_wrong_file_is_one_error(tmp_path: Path, table: str, more: str, messag
         load_structure(bracket(tmp_path, table, more))
 
 
-# Structures from matrices on a base that moves: static sag under a constant acceleration, an absorber that stays behind, and what is refused.
+# Structures from matrices on a base that moves: static sag under a constant acceleration, and an absorber that stays behind.
 
 
-SHARES = [1.0, 0.5, 1.0]  # the middle mass, which the absorber is on, moves at 60 degrees to the base
 ACCELERATION, SECONDS = 3.0, 4.0
 
 
@@ -526,27 +428,3 @@ def test_a_constant_acceleration_bends_as_a_weight_does(form: str, tmp_path: Pat
 def test_a_free_absorber_stays_behind_by_its_share(tmp_path: Path) -> None:
     chain(tmp_path)
     assert pushed(read(tmp_path, SHARES), gap=100.0)[1] == pytest.approx(-0.5 * ACCELERATION / 2, rel=1e-9)
-
-
-BAD = {
-    "short": ([1.0, 1.0], r"base_vector = '2 numbers' is not allowed: a list or a file with 3 finite numbers"),
-    "no file": ("none.txt", r"base_vector = 'none\.txt' is not allowed: .*3 finite numbers"),
-    "words": ("words.txt", r"base_vector = 'words\.txt' is not allowed"),
-    "not finite": ("nan.txt", r"base_vector = .*nan.* is not allowed"),
-}
-
-
-@pytest.mark.parametrize("case", BAD)
-def test_bad_vectors_are_refused(case: str, tmp_path: Path) -> None:
-    chain(tmp_path)
-    (tmp_path / "words.txt").write_text("one\ntwo\nthree\n")
-    (tmp_path / "nan.txt").write_text("1\nnan\n1\n")
-    given, message = BAD[case]
-    with pytest.raises(ParameterError, match=message):
-        read(tmp_path, given)
-
-
-def test_places_that_a_base_moves_differently_are_refused(tmp_path: Path) -> None:
-    chain(tmp_path)
-    with pytest.raises(ParameterError, match=r"base_vector = \[0\.5, 1\.0\] is not allowed: the same displacement at all places"):
-        read(tmp_path, SHARES, absorber=[1, 2])

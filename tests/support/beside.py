@@ -1,4 +1,4 @@
-"""What becomes of a kernel that another process compiles: argument 1 is "well", "badly" (it fails there) or "alone" (one core)."""
+"""What becomes of a kernel that another process compiles: argument 1 is "well" or "badly" (it fails there)."""
 
 import multiprocessing
 import sys
@@ -20,7 +20,7 @@ def job(way: str) -> None:
 
 def main(way: str) -> None:
     """Print whether it was kept before, processes, times that it was loaded, whether one still runs, whether it is kept now."""
-    beside.available_cores = lambda: 1 if way == "alone" else 2
+    beside.available_cores = lambda: 2
     call = partial(job, way)
     before = beside.is_kept(call)
     with beside.alongside(phase_of, call):

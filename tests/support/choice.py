@@ -35,7 +35,6 @@ QUICK = (
     "environments/test_passages.py",
     "environments/test_refusals.py",
     "environments/test_scores.py",
-    "environments/test_snapshot.py",
     "design/test_bounds.py",
     "design/test_designs.py",
     "design/test_evaluate_arrays.py",
@@ -100,7 +99,7 @@ LONGEST_FIRST = (
 
 # lean on the arithmetic of BLAS or torch: .ci/run runs them as on two older processors, too
 _LEANING = {
-    "environments": "suite training sb3_bridge",
+    "environments": "suite training",
     "kernels": "regimes linear exact_rigid",
     "periodic": "periodic_orbits shooting switching",
     "simulator": "model frequency structure",

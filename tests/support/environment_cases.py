@@ -27,6 +27,7 @@ from impact_env.envs import ENVIRONMENTS
 ) = ENVIRONMENTS
 PAIRS = (OPEN_ADAPTIVE, ADAPTIVE, LIMITED)  # which take two numbers
 RUBBING = {"modes": 2, "absorber_options": {"friction_limit": 0.025}}  # one kind of scene for most tests: one kernel to compile
+SHAKEN = {"kind": "random", "quantity": "base_acceleration", "spectrum": [[20.0, 0.5], [60.0, 0.5]], "duration_s": 2.0, "seed": 4}
 SHORT = {
     SWEEP: RUBBING | {"interval": 5.0, "limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "force": (1.0, 2.0), "time_budget": 60.0},
     GAP: {"hold": (10.0, 30.0), "time_budget": 60.0, "force": (1.0, 6.0), "frequency_ratio": (0.97, 1.03)} | RUBBING,
