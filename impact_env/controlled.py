@@ -4,10 +4,7 @@ What a lane does is the run that `simulate` makes with the same schedule; see `i
 """
 
 import math
-from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -15,11 +12,13 @@ import numpy as np
 from numba import typeof
 from numpy.typing import NDArray
 
+from impact_env.crew import Crew
 from impact_env.ensemble import available_cores
 from impact_env.families import family
 from impact_env.families.family import base_of
 from impact_env.first_use import CompilingFor
 from impact_env.kernels.compiling.jit import COMPILED
+from impact_env.kernels.control.crew import new_board
 from impact_env.kernels.control.interval import ORDER, REPORT, Batch, Beside, Watch, new_lanes
 from impact_env.kernels.motion.observers import DONE
 from impact_env.level import HALF_WINDOW_PERIODS
@@ -32,7 +31,7 @@ from impact_env.sweep import REASONS, IntegrationError
 Array = NDArray[np.float64]
 FEWEST = 64  # lanes a thread must have to be worth its start
 NOTHING = 10.0  # intervals: the step of a record that is not there
-MANY = 512  # lanes from which a thread gets several parts: handing one to compiled code takes some 20 us
+PARTS = 4  # of a thread, since lanes differ in their number of impacts
 
 
 def friction_limit(scene: Scene) -> float:
@@ -104,8 +103,7 @@ class ControlledRuns:
         place = None if scene.model.response_shape is None else read
         watch = Watch(period / samples_per_period, samples, float(exponent), unit, omega, tip, mass, read, place, beside)
         self._watch, self._period = watch, period
-        self._take = self._kernel()
-        self._pool: ThreadPoolExecutor | None = None
+        self._crew = self._new_crew()
         self._compiled = False
         self._shares: dict[int, NDArray[np.int64]] = {}
         self.orders["duration"] = self.duration
@@ -115,19 +113,20 @@ class ControlledRuns:
         self.orders["limit"] = friction_limit(scene)
         self.restart(np.arange(lanes))
 
-    def _kernel(self) -> Callable[[int, int], None]:
-        """Return the kernel that advances lanes [low, high)."""
-        control = family(self.scene, self.method).control
+    def _new_crew(self) -> Crew:
+        """Return the threads that advance the lanes."""
+        control, board = family(self.scene, self.method).control, new_board(self.lanes)
         assert control is not None
-        return control(self.scene, self.method, self._period, Batch(self._watch, self._memory, self.orders, self.reports, self.status))
+        batch = Batch(self._watch, self._memory, self.orders, self.reports, self.status)
+        return Crew(partial(control(self.scene, self.method, self._period, batch), board), board)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out threads and compiled code, which cannot be copied."""
-        return {name: value for name, value in vars(self).items() if name not in ("_take", "_pool")}
+        return {name: value for name, value in vars(self).items() if name != "_crew"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self._take, self._pool, self._compiled = self._kernel(), None, False
+        self._crew, self._compiled = self._new_crew(), False
 
     @property
     def orders(self) -> NDArray[Any]:
@@ -160,11 +159,11 @@ class ControlledRuns:
     def _do(self, parts: NDArray[np.int64], workers: int = 1) -> None:
         """Advance the lanes of stretches, rows [low, high), with so many threads."""
         if self._compiled:
-            self._work(parts, workers - 1)
+            self._crew.work(parts, workers - 1)
         else:
             with CompilingFor(self.scene, self.method, "environments"):
-                self._work(parts, 0)
-            self._take, self._compiled = _looked_up(self._take), True
+                self._crew.work(parts, 0)
+            self._crew.take, self._compiled = _looked_up(self._crew.take), True
 
     def _check(self) -> None:
         """Raise IntegrationError, naming the first lane, if one broke down."""
@@ -172,35 +171,10 @@ class ControlledRuns:
             lane = int(np.flatnonzero(self.status != DONE)[0])
             raise IntegrationError(f"lane {lane}, {self.method} on {self.scene.absorber}: {REASONS[int(self.status[lane])]}")
 
-    def _work(self, parts: NDArray[np.int64], helpers: int) -> None:
-        """Do all parts in this thread and so many others; none waits for a thread that has not begun."""
-        if not helpers:
-            for low, high in parts.tolist():
-                self._take(low, high)
-            return
-        left: deque[list[int]] = deque(parts.tolist())
-
-        def drain() -> None:
-            while left:
-                with suppress(IndexError):  # another thread was quicker
-                    self._take(*left.popleft())
-
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(helpers)
-        others = [self._pool.submit(drain) for _ in range(helpers)]
-        try:
-            drain()
-        finally:
-            left.clear()
-            begun = [one for one in others if not one.cancel()]
-            wait(begun)  # also after Ctrl-C: they write to the lanes
-        for one in begun:
-            one.result()
-
     def _parts(self, workers: int) -> NDArray[np.int64]:
-        """Return stretches of lanes that do not rest, rows [low, high): of many lanes more than threads, since impacts differ in number."""
+        """Return stretches of lanes that do not rest, rows [low, high)."""
         if workers not in self._shares:
-            number = workers * (4 if workers > 1 and self.lanes >= MANY else 1)
+            number = 1 if workers == 1 else PARTS * workers
             self._shares[workers] = _stretches(np.linspace(0, self.lanes, 1 + number).astype(np.int64))
         parts = self._shares[workers]
         if not self.idle.any():
@@ -223,12 +197,10 @@ class ControlledRuns:
 
     def close(self) -> None:
         """End the threads; they start again when they are needed."""
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool = None
+        self._crew.close()
 
 
-def _looked_up(kernel: Any) -> Callable[[int, int], None]:
+def _looked_up(kernel: Any) -> Callable[[int, int], bool]:
     """Return a compiled kernel with its arguments as the machine code itself: numba looks at their types at every call, which takes 8 of 12 us."""
     return partial(kernel.func.overloads[tuple(map(typeof, (*kernel.args, 0, 0)))].entry_point, *kernel.args) if COMPILED else kernel
 
@@ -261,7 +233,7 @@ class PooledRuns(ControlledRuns):
             made = self._make(self.scenes[number], self.lanes)
             require(made._memory.z.shape == self._memory.z.shape, "scenes", made.scene, "scenes with as many modes and the same kind of absorber")
             made._orders, made._reports, made.status, made._memory = self._ordered, self._reported, self._ended, self._memory
-            made._take = made._kernel()
+            made._crew = made._new_crew()
             self._members[number] = made
         return self._members[number]
 

@@ -20,6 +20,7 @@ from impact_env.families.family import (
     schedule_of,
     window_of,
 )
+from impact_env.kernels.control.crew import Board
 from impact_env.kernels.control.interval import Batch
 from impact_env.kernels.control.lanes import compliant_lanes, linear_lanes, rigid_lanes
 from impact_env.kernels.exact.compliant import Sprung, compliant_lane
@@ -82,7 +83,7 @@ def _run_rigid(scene: Scene, drive: AnyDrive, method: Exact, state: Array, sampl
     return int(exact_lane(rigid, schedule_of(scene, drive, reach), state, observers.every(sample_dt)))
 
 
-def _control_rigid(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
+def _control_rigid(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
     return partial(rigid_lanes, *_rigid(scene, WINDOW_PERIODS * pseudo_period, rigid_laws(scene), base_in(batch)), batch)
 
 
@@ -139,7 +140,7 @@ def _run_compliant(scene: Scene, drive: AnyDrive, method: Exact, state: Array, s
     return int(compliant_lane(sprung, schedule_of(scene, drive, reach), state, observers.every(sample_dt)))
 
 
-def _control_compliant(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
+def _control_compliant(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
     return partial(compliant_lanes, *_sprung(scene, WINDOW_PERIODS * pseudo_period), batch)
 
 
@@ -180,7 +181,7 @@ def _run_linear(scene: Scene, drive: AnyDrive, method: Exact, state: Array, samp
     )
 
 
-def _control_linear(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
+def _control_linear(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
     regime, reach = linear_regime(scene, WINDOW_PERIODS * pseudo_period, base_in(batch))
     return partial(linear_lanes, Linear(regime, losses_of(scene), None), reach, batch)
 

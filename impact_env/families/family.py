@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive
+from impact_env.kernels.control.crew import Board
 from impact_env.kernels.control.interval import Batch
 from impact_env.kernels.exact.rigid_contact import Contact, Walls
 from impact_env.kernels.motion import loads
@@ -54,8 +55,8 @@ class Run(Protocol):
 class Control(Protocol):
     """A family's lanes under control."""
 
-    def __call__(self, scene: Scene, method: Any, pseudo_period: float, batch: Batch, /) -> Callable[[int, int], None]:
-        """Return the kernel of `kernels.control.lanes` that advances lanes [low, high) by their orders' intervals; ``pseudo_period`` in s."""
+    def __call__(self, scene: Scene, method: Any, pseudo_period: float, batch: Batch, /) -> Callable[[Board, int, int], bool]:
+        """Return the kernel of `kernels.control.lanes` that advances lanes by their orders' intervals; ``pseudo_period`` in s."""
 
 
 def one_slot(scene: Scene, pseudo_period: float) -> int:

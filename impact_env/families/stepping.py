@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from impact_env.families.exact import rigid_laws
 from impact_env.families.family import Family, Observers, compiled, schedule_of
+from impact_env.kernels.control.crew import Board
 from impact_env.kernels.control.interval import Batch
 from impact_env.kernels.control.lanes import moreau_lanes, runge_kutta_lanes
 from impact_env.kernels.stepping import feedback, moreau
@@ -70,7 +71,7 @@ def _run_moreau(scene: Scene, drive: AnyDrive, method: Moreau, state: Array, sam
     return int(moreau_lane(_modes(scene), laws, _force(scene, drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
 
 
-def _control_moreau(scene: Scene, method: Moreau, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
+def _control_moreau(scene: Scene, method: Moreau, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
     laws, wide = _moreau_parts(scene)
     return partial(moreau_lanes, _modes(scene), laws, Step(method.step(scene), wide), batch)
 
@@ -96,7 +97,7 @@ def _run_runge_kutta(scene: Scene, drive: AnyDrive, method: RungeKutta, state: A
     return int(runge_kutta_lane(_modes(scene), laws, _force(scene, drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
 
 
-def _control_runge_kutta(scene: Scene, method: RungeKutta, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
+def _control_runge_kutta(scene: Scene, method: RungeKutta, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
     laws, wide = _runge_kutta_parts(scene)
     # a state of steps does not hold the slider
     require(laws.slider is None, "method", method, "Exact for elastic friction that is controlled in intervals")

@@ -1,6 +1,7 @@
 import threading
 import time
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -28,6 +29,9 @@ from impact_env import (
     simulate,
 )
 from impact_env.controlled import ControlledRuns
+from impact_env.crew import Crew
+from impact_env.kernels.compiling.jit import jit
+from impact_env.kernels.control.crew import all_done, first_part, new_board, next_part
 from impact_env.level import response_level
 from impact_env.loads import BASE, FORCE, Force, Loads, Pieces, Random, ShakenBase
 from impact_env.methods import Method
@@ -150,32 +154,57 @@ def test_lanes_do_not_depend_on_threads_or_neighbours(monkeypatch: pytest.Monkey
         np.testing.assert_array_equal(other, results[0])
 
 
+@jit
+def count_up(counts, board, parts, patience):
+    """Count each lane of the parts taken; return whether all are done."""
+    part = first_part(board, parts, patience)
+    while part >= 0:
+        for lane in range(board.cuts[part, 0], board.cuts[part, 1]):
+            counts[lane] += 1
+        part = next_part(board, patience)
+    return all_done(board, parts)
+
+
+@pytest.mark.parametrize("helpers", [0, 1, 3])
+def test_every_part_is_done_once_in_every_call(helpers: int) -> None:
+    counts, board = np.zeros(40, dtype=np.int64), new_board(40)
+    crew = Crew(partial(count_up, counts, board), board)
+    shares = [np.array(cuts).repeat(2)[1:-1].reshape(-1, 2) for cuts in ([0, 3, 4, 20, 40], list(range(41)), [0, 40], [0])]
+    for call in range(2000):
+        crew.work(shares[call % 4], helpers)
+        np.testing.assert_array_equal(counts, call + 1 - (call + 1) // 4)
+        if call % 500 == 0:
+            time.sleep(2e-3)  # longer than helpers stay
+        if call % 400 == 0:
+            crew.close()  # and they start again
+    crew.close()
+    crew.close()
+
+
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
 @pytest.mark.parametrize("first", [True, False], ids=["in the calling thread", "in a helper"])
-def test_a_call_that_breaks_off_leaves_nobody_at_work(error: type[BaseException], first: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("impact_env.controlled.FEWEST", 1)
-    runs = ControlledRuns(scene_of(), 8, 100.0, 1.0, samples_per_period=SAMPLES, threads=2)
-    runs.advance()
-    me, done, both = threading.get_ident(), np.zeros(8, dtype=int), threading.Barrier(2)
+def test_a_call_that_breaks_off_leaves_nobody_at_work(error: type[BaseException], first: bool) -> None:
+    counts, board, both = np.zeros(8, dtype=np.int64), new_board(8), threading.Barrier(2)
+    parts = np.arange(9).repeat(2)[1:-1].reshape(8, 2)
 
-    def take(low: int, high: int) -> None:
+    def breaks_off(number: int, patience: int) -> bool:
+        taken = first_part(board, number, patience)
         both.wait(10.0)  # two threads are at work
-        if (threading.get_ident() == me) == first:
+        if (number > 0) == first:
             raise error
         time.sleep(0.02)
-        done[low:high] += 1
+        counts[taken] += 1
+        return False
 
-    monkeypatch.setattr(runs, "_take", take)
+    crew = Crew(breaks_off, board)
     with pytest.raises(error):
-        runs.advance()
-    assert done.sum() == 4  # the other thread's part was waited for
-    monkeypatch.undo()
-    monkeypatch.setattr(runs, "_take", lambda low, high: done.__setitem__(slice(low, high), done[low:high] + 1))
-    for _ in range(100):
-        runs.advance()
-    assert done.sum() == 804
-    runs.close()
-    runs.close()
+        crew.work(parts, 1)
+    assert counts.sum() == 1  # the other thread's part was waited for
+    counts[:], crew.take = 0, partial(count_up, counts, board)
+    for call in range(1, 300):
+        crew.work(parts, 1)
+        np.testing.assert_array_equal(counts, call)
+    crew.close()
 
 
 def test_amplitudes_are_those_of_the_linear_response() -> None:

@@ -185,3 +185,8 @@ class PlainCode(Code):
 
     def lowest_bit(self, mask: int) -> int:
         return (mask & -mask).bit_length() - 1 if mask else 64
+
+    def in_one_piece(self, change: str, words: Any, place: int, value: int) -> int:
+        before = int(words[place])  # in plain Python one thread works
+        words[place] = before + value if change == "add" else value
+        return before

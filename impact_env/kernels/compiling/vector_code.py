@@ -351,6 +351,10 @@ class Code:
         """Return the place of the lowest bit that is set; 64 where there is none."""
         return Index(self.builder, self.builder.cttz(mask.value, ir.Constant(ir.IntType(1), 0)))
 
+    def in_one_piece(self, change: str, words: Any, place: Any, value: Any) -> Any:
+        """Change a word that threads share ("add" to it, or "xchg" it) and return what it was, with all that was written before it."""
+        return Index(self.builder, self.builder.atomic_rmw(change, self._at(words, place), value.value, "seq_cst"))
+
     def _at(self, pointer: Any, index: Any) -> Any:
         return self.builder.gep(pointer, [self.index(index).value])
 

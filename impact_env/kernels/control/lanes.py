@@ -10,6 +10,7 @@ import numpy as np
 
 from impact_env.kernels.compiling.jit import jit, jit_room, jit_view
 from impact_env.kernels.control.change import take_change
+from impact_env.kernels.control.crew import all_done, first_part, next_part
 from impact_env.kernels.control.interval import (
     close_interval,
     lay_load,
@@ -86,15 +87,20 @@ def report_rigid(watch, scene, room, state, report):
 
 
 @jit_room
-def rigid_lanes(scene, reach, batch, start, stop):
-    """Advance lanes [start, stop) of a scene with rigid contact; ``reach`` (s): longest window.
+def rigid_lanes(scene, reach, batch, board, parts, patience):
+    """Take parts from the board and advance their lanes, of a scene with rigid contact; return whether all parts are done.
 
-    Walls' gap and friction limit are those of a lane's order.
+    ``reach`` (s): longest window. The caller gives the number of ``parts`` that it has written on the board, a helper 0; ``patience``: looks at the
+    board before a thread leaves. Walls' gap and friction limit are those of a lane's order.
     """
     desk, load, fresh = new_desk(batch.watch), new_load(batch.watch), new_now(1)
-    room = new_room(scene.free, scene.joined, load, batch.lanes.state[start])
+    room = new_room(scene.free, scene.joined, load, batch.lanes.state[0])
     fresh[0] = room.now[0]
-    _each_rigid(scene, reach, batch, start, stop, desk, load, room, fresh)
+    part = first_part(board, parts, patience)
+    while part >= 0:
+        _each_rigid(scene, reach, batch, board.cuts[part, 0], board.cuts[part, 1], desk, load, room, fresh)
+        part = next_part(board, patience)
+    return all_done(board, parts)
 
 
 @jit
@@ -124,10 +130,15 @@ def _each_rigid(scene, reach, batch, start, stop, desk, load, room, fresh):
 
 
 @jit_room
-def linear_lanes(scene, reach, batch, start, stop):
-    """Advance lanes [start, stop) of a scene with one linear regime; ``reach`` (s): longest window."""
+def linear_lanes(scene, reach, batch, board, parts, patience):
+    """Take parts and advance the lanes of a scene with one linear regime, as `rigid_lanes`."""
     desk, load = new_desk(batch.watch), new_load(batch.watch)
-    _each_linear(scene, reach, batch, start, stop, desk, load, linear.new_room(scene.regime, load, batch.lanes.state[start]))
+    room = linear.new_room(scene.regime, load, batch.lanes.state[0])
+    part = first_part(board, parts, patience)
+    while part >= 0:
+        _each_linear(scene, reach, batch, board.cuts[part, 0], board.cuts[part, 1], desk, load, room)
+        part = next_part(board, patience)
+    return all_done(board, parts)
 
 
 @jit
@@ -165,10 +176,14 @@ def report_relative(watch, state, report):
 
 
 @jit_room
-def compliant_lanes(scene, reach, batch, start, stop):
-    """Advance lanes [start, stop) of a scene with compliant contact; ``reach`` (s): longest window."""
-    desk, room, fresh = new_desk(batch.watch), compliant.new_room(scene.regimes, None, batch.lanes.state[start]), springs.new_now()
-    _each_compliant(scene, reach, batch, start, stop, desk, room, fresh)
+def compliant_lanes(scene, reach, batch, board, parts, patience):
+    """Take parts and advance the lanes of a scene with compliant contact, as `rigid_lanes`."""
+    desk, room, fresh = new_desk(batch.watch), compliant.new_room(scene.regimes, None, batch.lanes.state[0]), springs.new_now()
+    part = first_part(board, parts, patience)
+    while part >= 0:
+        _each_compliant(scene, reach, batch, board.cuts[part, 0], board.cuts[part, 1], desk, room, fresh)
+        part = next_part(board, patience)
+    return all_done(board, parts)
 
 
 @jit
@@ -219,13 +234,19 @@ def observe_steps(seen, series):
 
 
 @jit_room
-def moreau_lanes(modes, laws, step, batch, start, stop):
-    """Advance lanes [start, stop) with the Moreau scheme; arguments as in `moreau_lane`.
+def moreau_lanes(modes, laws, step, batch, board, parts, patience):
+    """Take parts and advance their lanes with the Moreau scheme, as `rigid_lanes`; ``modes``, ``laws``, ``step`` as in `moreau_lane`."""
+    desk, series = new_desk(batch.watch), Series(np.zeros((batch.watch.samples + 1, batch.lanes.state.shape[1])))
+    part = first_part(board, parts, patience)
+    while part >= 0:
+        _each_moreau(modes, laws, step, batch, board.cuts[part, 0], board.cuts[part, 1], desk, series)
+        part = next_part(board, patience)
+    return all_done(board, parts)
 
-    Walls' gap and friction limit are those of a lane's order.
-    """
+
+@jit_room
+def _each_moreau(modes, laws, step, batch, start, stop, desk, series):
     watch, lanes, orders, reports, status = batch
-    desk, series = new_desk(watch), Series(np.zeros((watch.samples + 1, lanes.state.shape[1])))
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
@@ -241,10 +262,19 @@ def moreau_lanes(modes, laws, step, batch, start, stop):
 
 
 @jit_room
-def runge_kutta_lanes(modes, laws, step, batch, start, stop):
-    """Advance lanes [start, stop) with the Runge-Kutta method; arguments as in `runge_kutta_lane`. No friction."""
+def runge_kutta_lanes(modes, laws, step, batch, board, parts, patience):
+    """Take parts and advance their lanes with the Runge-Kutta method, as `moreau_lanes`. No friction."""
+    desk, series = new_desk(batch.watch), Series(np.zeros((batch.watch.samples + 1, batch.lanes.state.shape[1])))
+    part = first_part(board, parts, patience)
+    while part >= 0:
+        _each_runge_kutta(modes, laws, step, batch, board.cuts[part, 0], board.cuts[part, 1], desk, series)
+        part = next_part(board, patience)
+    return all_done(board, parts)
+
+
+@jit_room
+def _each_runge_kutta(modes, laws, step, batch, start, stop, desk, series):
     watch, lanes, orders, reports, status = batch
-    desk, series = new_desk(watch), Series(np.zeros((watch.samples + 1, lanes.state.shape[1])))
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
