@@ -208,7 +208,9 @@ def _lay_record(beside, order, times, load):
 def observe_lane(desk, watch, lanes, i):
     """Return the observers of lane i, of which there is the level."""
     level = Level(lanes.ring[i], lanes.level[i], desk.block)
-    return Observe(desk.clock[0], Counters(desk.counts[0], None), level, None, None, None, watch.place)
+    return Observe(
+        clock=desk.clock[0], counters=Counters(desk.counts[0], None), level=level, events=None, series=None, energy=None, place=watch.place
+    )
 
 
 @jit

@@ -230,7 +230,7 @@ def close_walls(walls, lanes, i, order, distance):
 @jit_view
 def observe_steps(seen, series):
     """Return observers that record the states, from which the level is taken later."""
-    return Observe(seen.clock, seen.counters, None, None, series, None, None)
+    return Observe(clock=seen.clock, counters=seen.counters, level=None, events=None, series=series, energy=None, place=None)
 
 
 @jit_room

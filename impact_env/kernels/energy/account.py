@@ -11,49 +11,65 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_room, jit_view
+from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room, jit_view
 from impact_env.kernels.compiling.records import INTEGER, NUMBER, record
-from impact_env.kernels.energy.moments import EXTRA, PRODUCTS, ROWS, WIDTH
+from impact_env.kernels.energy.moments import PRODUCTS, WIDTH
 from impact_env.kernels.energy.pairs import PLANES, learn_pairs
 from impact_env.kernels.motion.observers import Observe
 from impact_env.kernels.motion.slots import SPEED
 from impact_env.kernels.motion.vector import TERMS
 
 Array = NDArray[np.float64]
-SERIES_TERMS = TERMS + EXTRA  # coefficients of an antiderivative that is a power series
 UNKNOWN, OWN, COUPLED, CANCELLING = range(4)  # kinds of regime: not met yet; one slot a mode; any slots; those that are left to quadrature
 MOST_CANCELLING = 30.0  # amplitudes of slots over the velocity that they add up to: squared, it multiplies rounding
-
-# rows of Account.places: a slot's mode, -1 for none; then, for either sign of the carrier, which slots turn almost like it
-PLACE, NEAREST = 0, 1
-# what is known of a regime: its kind; how many powers of products count, how many slots turn almost like the carrier (for either sign), how many
-# pairs of slots need series; the centres of the windows that forced parts and antiderivatives are known for; until when the latter are, and the
-# carrier then
-KNOWN = record(kind=INTEGER, order=INTEGER, near=(INTEGER, 2), series=INTEGER, window=NUMBER, mixed=NUMBER, reached=NUMBER, cos=NUMBER, sin=NUMBER)
-# rows of Account.rows, real parts before imaginary ones. Of a slot: its weight in its mode's velocity and in that of the force's point;
-# antiderivatives, of loss and of work, before and after a stretch; its loss; powers of its forced part, or its moments; for either sign of the
-# carrier antiderivatives as power series, then those that are polynomials, both of loss and of work
-VELOCITY, POINT, BEGIN, END, LOSS, MOMENTS, SERIES = 0, 2, 4, 8, 12, 13, 13 + 4 * TERMS
-# of a column: forced velocity as a factor of the carrier, half its square (`energy_sums.square_partners`), what a stretch adds. Then J rows each:
-# weights of slots in columns, real and imaginary; pairs (`energy_pairs`)
-MIXED = SERIES + 8 * SERIES_TERMS
-PARTNER = MIXED + 8 * TERMS
-SQUARES, ADDED, SHAPE = PARTNER + 2 * TERMS, PARTNER + 2 * TERMS + 3 * PRODUCTS, PARTNER + 2 * TERMS + 3 * PRODUCTS + 1
+# of a regime: its kind; how many powers of products count; how many pairs of slots need series; the centre of the window whose forced part is known
+KNOWN = record(kind=INTEGER, order=INTEGER, series=INTEGER, window=NUMBER)
+_ROWS = 6 + 6 * TERMS + 3 * PRODUCTS  # of a regime's numbers, without the shape and the pairs
 
 
 class Account(NamedTuple):
     """`observers.Energy`, and what is known of R regimes of J slots. Few arrays, because each costs time at every call.
 
-    ``known`` (R,), ``places`` (R, 3, J), ``rows`` (R, SHAPE + (2 + PLANES) J, J), ``scratch`` (R, ROWS, WIDTH): see above and `energy_moments`.
-    A column of ``rows`` is a velocity: that of a slot's mode, where each mode is one slot, else those of N_m modes and of a damper.
+    ``known`` (R,), ``mode`` (R, J), ``rows`` (R, 6 + 6 TERMS + 3 PRODUCTS + (2 + PLANES) J, J), ``powers`` (R, 15, WIDTH): `account_of` names their
+    parts.
     """
 
     totals: NDArray[Any]
     modal: Array
     known: NDArray[Any]
-    places: NDArray[np.int64]
+    mode: NDArray[np.int64]
     rows: Array
-    scratch: Array
+    powers: Array
+
+
+class RegimeAccount(NamedTuple):
+    """What is known of one regime; complex numbers as real and imaginary parts. A column is a velocity.
+
+    ``velocity``, ``point`` (2, J): a slot's weight in its mode's velocity, where each mode is one slot, and in that of the force's point.
+    ``shape`` (2 J, J): weights of slots in columns. ``pairs`` (PLANES J, J): see pairs.py. ``squares``, ``decay`` (J,): of a stretch, integrals of
+    the columns' squares, of the slots' decays. ``moments`` (4 TERMS, J): powers of the slots' forced parts, or moments of the slots themselves.
+    ``partner`` (2 TERMS, J): forced velocities as factors of the carrier, ``products`` (3 PRODUCTS, J): half their squares.
+
+    In powers of the time in half windows, each (., WIDTH): ``ends`` (2) of a stretch; ``factors`` (3) of the products of forced parts; ``power`` (3):
+    products of force and forced velocity of its point; ``force`` (2): half the force; ``near`` (4): moments of a slot that turns like the carrier.
+    ``carrier`` (4,): cosine and sine of the carrier at both ends.
+    """
+
+    velocity: Array
+    point: Array
+    shape: Array
+    pairs: Array
+    squares: Array
+    decay: Array
+    moments: Array
+    partner: Array
+    products: Array
+    ends: Array
+    factors: Array
+    power: Array
+    force: Array
+    near: Array
+    carrier: Array
 
 
 @jit_room
@@ -63,41 +79,72 @@ def new_account(energy, regimes, slots):
         return None
     known = np.zeros(regimes, KNOWN)
     for r in range(regimes):
-        known[r].window, known[r].mixed, known[r].reached = np.nan, np.nan, np.nan
-    rows = np.zeros((regimes, SHAPE + (2 + PLANES) * slots, slots))
-    return Account(energy.totals, energy.modal, known, np.zeros((regimes, 3, slots), np.int64), rows, np.zeros((regimes, ROWS, WIDTH)))
+        known[r].window = np.nan
+    rows = np.zeros((regimes, _ROWS + (2 + PLANES) * slots, slots))
+    return Account(energy.totals, energy.modal, known, np.zeros((regimes, slots), np.int64), rows, np.zeros((regimes, 15, WIDTH)))
+
+
+@jit_view
+def account_of(account, r):
+    """Return what an account knows of its regime number r."""
+    rows, powers, size, at = account.rows[r], account.powers[r], account.rows.shape[2], 6 + 6 * TERMS
+    return RegimeAccount(
+        velocity=rows[:2],
+        point=rows[2:4],
+        shape=rows[_ROWS : _ROWS + 2 * size],
+        pairs=rows[_ROWS + 2 * size :],
+        squares=rows[4],
+        decay=rows[5],
+        moments=rows[6 : 6 + 4 * TERMS],
+        partner=rows[6 + 4 * TERMS : at],
+        products=rows[at : at + 3 * PRODUCTS],
+        ends=powers[:2],
+        factors=powers[2:5],
+        power=powers[5:8],
+        force=powers[8:10],
+        near=powers[10:14],
+        carrier=powers[14],
+    )
 
 
 @jit_view
 def observe_with(observe, account):
     """Return a lane's observers with the account in place of the energies."""
-    return Observe(observe.clock, observe.counters, observe.level, observe.events, observe.series, account, observe.place)
+    return Observe(
+        clock=observe.clock,
+        counters=observe.counters,
+        level=observe.level,
+        events=observe.events,
+        series=observe.series,
+        energy=account,
+        place=observe.place,
+    )
 
 
-@jit
-def learn_regime(account, r, regime, losses):
-    """Fill what belongs to regime r of the account."""
-    modes, half, size, rows, known = losses.rate.shape[0], regime.out.shape[1] // 2, account.rows.shape[2], account.rows[r], account.known[r]
+@jit_inline
+def learn_regime(known, mode, own, regime, losses):
+    """Fill what belongs to a regime whatever the force: record ``known``, ``mode`` (J,) and weights of its `RegimeAccount`."""
+    modes, half, size = losses.rate.shape[0], regime.out.shape[1] // 2, regime.out.shape[2]
     for j in range(size):
         if regime.slots.rows[SPEED, j] == 0.0:
             continue
         for part in range(2):
-            shape, tip, point = rows[SHAPE + part * size + j], 0.0, 0.0
+            tip, point = 0.0, 0.0
             for i in range(modes):
                 v = regime.out[part, half + i, j]
-                shape[i] = v
+                own.shape[part * size + j, i] = v
                 tip += losses.tip_shape[i] * v
                 point += losses.force_shape[i] * v
             if losses.damper > 0.0:
-                shape[modes] = regime.out[part, half + modes, j] - tip
-            rows[POINT + part, j] = point
+                own.shape[part * size + j, modes] = regime.out[part, half + modes, j] - tip
+            own.point[part, j] = point
     if _cancels(regime, modes, half):
         known.kind = CANCELLING
-    elif losses.damper == 0.0 and _find_places(modes, account.places[r, PLACE], rows):
+    elif losses.damper == 0.0 and _find_places(modes, mode, own.shape, own.velocity):
         known.kind = OWN
     else:
         known.kind = COUPLED
-        known.series = learn_pairs(regime.slots.rows, rows[SHAPE + 2 * size :])
+        known.series = learn_pairs(regime.slots.rows, own.pairs)
 
 
 @jit
@@ -114,19 +161,19 @@ def _cancels(regime, modes, half):
 
 
 @jit
-def _find_places(modes, place, rows):
-    """Note each slot's mode and its weight in the mode's velocity and return True, or return False where slots and modes are not the same."""
-    size = rows.shape[1]
+def _find_places(modes, mode, shape, velocity):
+    """Note each slot's mode, -1 for none, and its weight in the mode's velocity and return True, or False where slots and modes are not the same."""
+    size = mode.shape[0]
     for j in range(size):
-        place[j] = -1
+        mode[j] = -1
         for i in range(modes):
-            v_r, v_i = rows[SHAPE + j, i], rows[SHAPE + size + j, i]
+            v_r, v_i = shape[j, i], shape[size + j, i]
             if v_r != 0.0 or v_i != 0.0:
-                if place[j] >= 0:
+                if mode[j] >= 0:
                     return False
                 for k in range(j):
-                    if place[k] == i:
+                    if mode[k] == i:
                         return False
-                place[j] = i
-                rows[VELOCITY, j], rows[VELOCITY + 1, j] = v_r, v_i
+                mode[j] = i
+                velocity[0, j], velocity[1, j] = v_r, v_i
     return True

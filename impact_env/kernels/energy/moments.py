@@ -12,7 +12,6 @@ import math
 import numpy as np
 
 from impact_env.kernels.compiling.jit import jit, jit_inline
-from impact_env.kernels.motion.numbers import fma
 from impact_env.kernels.motion.slots import S
 from impact_env.kernels.motion.vector import TERMS
 
@@ -22,10 +21,7 @@ SLOW = 0.5  # rad over half a window: what turns less is integrated by series
 _F = tuple(1.0 / math.factorial(n + 1) for n in range(11))
 EXTRA = 10  # orders above the wanted ones where that begins: SLOW^EXTRA 8!/(8 + EXTRA)! is far below rounding of the whole
 PRODUCTS = 2 * TERMS - 1  # coefficients of a product of two polynomials
-# rows of a regime's scratch (ROWS, WIDTH): powers of the time at either end; factors of the products of forced parts, in three rows; cosine and sine
-# of the carrier at both ends; products of force and forced velocity of its point, as squares; half the force in powers of time; moments of a slot
-ENDS, FACTORS, CARRIER, POWER, FORCE, MENDED, ROWS = 0, 2, 5, 6, 9, 11, 15
-WIDTH = PRODUCTS + EXTRA + 1
+WIDTH = PRODUCTS + EXTRA + 1  # powers of the time that series need
 _INVERSE = 1.0 / np.maximum(np.arange(2.0 * EXTRA + 20.0), 1.0)
 
 
@@ -94,60 +90,43 @@ def pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i):
 
 
 @jit_inline
-def fill_powers(first, last, count, scratch):
-    """Write the powers of the stretch's ends, in half windows from the window's centre, to the first two rows of ``scratch``."""
+def fill_powers(first, last, ends):
+    """Write the powers of the stretch's ends, in half windows from the window's centre, to ``ends`` (2, WIDTH)."""
     p, q = 1.0, 1.0
-    for k in range(count):
-        scratch[0, k], scratch[1, k] = p, q
+    for k in range(WIDTH):
+        ends[0, k], ends[1, k] = p, q
         p, q = p * first, q * last
 
 
 @jit
-def fill_moments(exponent, half, powers, first, last, out_r, out_i):
+def fill_moments(exponent, half, ends, first, last, out_r, out_i):
     """Write the integrals of x^k y, k = 0 ... len(out_r) - 1, over the stretch, real and imaginary part; x is the time in half windows.
 
-    y turns as exp(exponent t), from ``first`` at the begin of the stretch to ``last`` at its end, complex numbers all three. ``powers`` (2 or more,
-    any) as from `fill_powers`, EXTRA + 1 more.
+    y turns as exp(exponent t), from ``first`` at the begin of the stretch to ``last`` at its end, complex numbers all three. ``ends``: from
+    `fill_powers`.
     """
-    l_r, l_i, a_r, a_i, b_r, b_i = exponent.real, exponent.imag, first.real, first.imag, last.real, last.imag
-    count, square = out_r.shape[0], l_r * l_r + l_i * l_i
-    n_r, n_i = 0.0, 0.0
+    count, square, moment = out_r.shape[0], exponent.real * exponent.real + exponent.imag * exponent.imag, complex(0.0, 0.0)
     if square * half * half < SLOW * SLOW:
         for m in range(count + EXTRA):
             k = count + EXTRA - m
-            factor = half * _INVERSE[k]
-            x_r, x_i = factor * (powers[1, k] * b_r - powers[0, k] * a_r), factor * (powers[1, k] * b_i - powers[0, k] * a_i)
-            y_r, y_i = factor * l_r, factor * l_i
-            n_r, n_i = x_r - (y_r * n_r - y_i * n_i), x_i - (y_r * n_i + y_i * n_r)
+            moment = half * _INVERSE[k] * (ends[1, k] * last - ends[0, k] * first - exponent * moment)
             if k <= count:
-                out_r[k - 1], out_i[k - 1] = n_r, n_i
+                out_r[k - 1], out_i[k - 1] = moment.real, moment.imag
         return
-    q_r, q_i, inverse = l_r / square, -l_i / square, 1.0 / half
+    inverse = complex(exponent.real / square, -exponent.imag / square)
     for k in range(count):
-        factor = k * inverse
-        x_r = powers[1, k] * b_r - powers[0, k] * a_r - factor * n_r
-        x_i = powers[1, k] * b_i - powers[0, k] * a_i - factor * n_i
-        n_r, n_i = x_r * q_r - x_i * q_i, x_r * q_i + x_i * q_r
-        out_r[k], out_i[k] = n_r, n_i
+        moment = (ends[1, k] * last - ends[0, k] * first - k / half * moment) * inverse
+        out_r[k], out_i[k] = moment.real, moment.imag
 
 
 @jit_inline
-def fill_factors(omega, half, count, first, last, scratch):
-    """Write what the products of two factors of the carrier are multiplied by, ``count`` powers; ``scratch`` as `energy_sums`.
+def fill_factors(omega, half, count, first, last, ends, factors):
+    """Write what the products of two factors of the carrier are multiplied by, to ``factors`` (3, WIDTH), ``count`` powers.
 
     The product of Re(a E) and Re(b E), twice: Re a Re b + Im a Im b without a carrier, and a b on its square, which turns from ``first`` to ``last``.
     """
-    factors = scratch[FACTORS : FACTORS + 3]
-    turns, inverse = 2.0 * omega, 1.0 / half
-    if turns * half < SLOW:
-        fill_moments(complex(0.0, turns), half, scratch, first, last, factors[0, :count], factors[2, :count])
-    else:
-        slowness, x, y = 1.0 / turns, 0.0, 0.0
-        for k in range(count):
-            p, q, factor = scratch[0, k] * slowness, scratch[1, k] * slowness, k * inverse * slowness
-            x, y = fma(-factor, y, q * last.imag - p * first.imag), fma(factor, x, p * first.real - q * last.real)
-            factors[0, k], factors[2, k] = x, y
+    fill_moments(complex(0.0, 2.0 * omega), half, ends, first, last, factors[0, :count], factors[2, :count])
     for k in range(count):
-        plain = half * (scratch[1, k + 1] - scratch[0, k + 1]) * _INVERSE[k + 1]
+        plain = half * (ends[1, k + 1] - ends[0, k + 1]) * _INVERSE[k + 1]
         x = factors[0, k]
         factors[0, k], factors[1, k], factors[2, k] = plain + x, plain - x, -factors[2, k]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from impact_env.kernels.compiling.jit import jit, jit_inline, vector_code
 from impact_env.kernels.compiling.vector_code import LANES, Code, Complex, Index
 from impact_env.kernels.energy.moments import decay_integrals, is_close, pair_integral
-from impact_env.kernels.motion.slots import SPEED, S
+from impact_env.kernels.motion.slots import SPEED, SPEED_SQUARE, S
 
 # planes of pairs (PLANES J, J), of J rows each, for slots j <= k: inverse of s_j + s_k and of s_j + conj(s_k), real and imaginary, 0 where a series
 # is needed; which of the two need one (1, 2, 3: both); integrals over a stretch of the products of real and imaginary parts of both
@@ -127,3 +127,18 @@ def integrate_pairs(rows, pairs, series, h, z, w, decay):
             pairs[(FOUND + 1) * size + j, j] += own
     if series > 0:
         _add_series(rows, pairs, h, z, w)
+
+
+@jit
+def add_own_squares(rows, velocity, h, z, w, decay, squares):
+    """Add the integrals over a stretch of length ``h`` (s) of the squares of velocities that are one slot each to ``squares`` (J,).
+
+    ``velocity`` (2, J): the slots' weights; z and w (2, J): the slots at its begin and end; ``decay`` (J,) is scratch.
+    """
+    decay_integrals(rows, h, decay)
+    for j in range(decay.shape[0]):
+        v = complex(velocity[0, j], velocity[1, j])
+        a, b = v * complex(z[0, j], z[1, j]), v * complex(w[0, j], w[1, j])
+        change = b * b - a * a
+        turning = 0.5 * (change.real * rows[S, j] + change.imag * rows[S + 1, j]) / (rows[SPEED_SQUARE, j] + 1e-300)
+        squares[j] += 0.5 * ((a.real * a.real + a.imag * a.imag) * decay[j] + turning)

@@ -1,7 +1,7 @@
 """Loops over slots and over velocities that the energies of a stretch need, as vector code (vector_code.py).
 
 Arrays are seen flat: ``rows`` (29, size) of `slots.Slots`, ``slots`` (4, TERMS, size) of `forced.Forced`, slots ``z`` and ``w`` (2, size) at begin
-and end of a stretch, ``scratch`` (ROWS, WIDTH) of `energy_account.Account`. What a slot does in powers of time is two polynomials A and B, one on the
+and end of a stretch, powers of time (., WIDTH) of `account.RegimeAccount`. What a slot does in powers of time is two polynomials A and B, one on the
 force's carrier, one on its conjugate, or two series of moments; ``powers`` (4, TERMS, size) holds Re (A + B), Im (A - B), Re (A - B) and Im (A + B),
 so that v A + conj(v B) takes four products. ``shape`` holds the weights v of slots in velocities, ``partner`` (2, TERMS, size) the velocities'
 forced parts as factors of the carrier.
@@ -14,7 +14,7 @@ from typing import Any
 
 from impact_env.kernels.compiling.jit import INTEGER, NUMBER, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Number
-from impact_env.kernels.energy.moments import CARRIER, ENDS, FACTORS, FORCE, POWER, PRODUCTS, WIDTH
+from impact_env.kernels.energy.moments import PRODUCTS, WIDTH
 from impact_env.kernels.motion.vector import TERMS
 
 NEGLIGIBLE = 1e-17  # coefficients below this share of the largest one are left out
@@ -39,13 +39,13 @@ def forced_powers(code: Code, slots, size: Index, half: Number, powers):
 
 
 @vector_code()
-def slot_moments(code: Code, rows, size: Index, omega: Number, half: Number, scratch, z, w, powers):
+def slot_moments(code: Code, rows, size: Index, omega: Number, half: Number, ends, carrier, z, w, powers):
     """Write to ``powers`` the integrals of x^k y over a stretch: x the time in half windows, y a slot times the carrier, or its conjugate.
 
     They are divided by the difference of slot and carrier; where it is almost zero they are to be mended.
     """
     plane, inverse_half = size * TERMS, code.repeated(1.0, 0) / half
-    ends = [[code.number(scratch, (ENDS + end) * WIDTH + k) for k in range(TERMS)] for end in range(2)]
+    times = [[code.number(ends, end * WIDTH + k) for k in range(TERMS)] for end in range(2)]
     for j in code.fours(size):
         s_r, s_i = code.vector(rows, j), code.vector(rows, size + j)
         slots = [code.complex(y, j, size + j) for y in (z, w)]
@@ -53,12 +53,12 @@ def slot_moments(code: Code, rows, size: Index, omega: Number, half: Number, scr
         for sign in (1.0, -1.0):
             l_i = code.spread(omega).fma(code.repeated(sign), s_i)
             scale = code.repeated(1.0) / s_r.fma(s_r, l_i.fma(l_i, code.repeated(1e-300)))
-            turns = [Complex(*(code.spread(code.number(scratch, CARRIER * WIDTH + 2 * end + part)) for part in range(2))) for end in range(2)]
+            turns = [Complex(*(code.spread(code.number(carrier, 2 * end + part)) for part in range(2))) for end in range(2)]
             both = [y.times(Complex(turn.real, turn.imag * code.repeated(sign))) for y, turn in zip(slots, turns, strict=True)]
             sides.append((Complex(s_r * scale, -(l_i * scale)), *both))
         moments: list[Complex] = []
         for k in range(TERMS):
-            p, q = (code.spread(end[k]) for end in ends)
+            p, q = (code.spread(end[k]) for end in times)
             found = []
             for side, (inverse, first, last) in enumerate(sides):
                 x = [b.fma(q, -(a * p)) for a, b in zip(first, last, strict=True)]
@@ -136,13 +136,13 @@ own_mixed, coupled_mixed = _mixed(False), _mixed(True)
 
 
 @vector_code(NUMBER)
-def mixed_power(code: Code, point, size: Index, powers, scratch):
+def mixed_power(code: Code, point, size: Index, powers, force):
     """Return the integral of the force times the free velocity of its point; ``point`` (2, size): weights."""
     total = code.sum(code.lanes)
     for _, velocities in _own_velocities(code, point, size, powers):
         for n in range(0, TERMS, 2):
-            total.add_product(code.spread(code.number(scratch, WIDTH * FORCE + n)), velocities[n].real)
-            total.add_product(-code.spread(code.number(scratch, WIDTH * (FORCE + 1) + n)), velocities[n].imag)
+            total.add_product(code.spread(code.number(force, n)), velocities[n].real)
+            total.add_product(-code.spread(code.number(force, WIDTH + n)), velocities[n].imag)
     return total.total()
 
 
@@ -172,8 +172,8 @@ def square_partners(code: Code, partner, size: Index, products):
 
 
 @vector_code()
-def power_of_point(code: Code, point, size: Index, powers, terms, half: Number, scratch):
-    """Write half the force, in powers of the time in half windows, and its products with the forced velocity of its point to ``scratch``.
+def power_of_point(code: Code, point, size: Index, powers, terms, half: Number, force, power):
+    """Write half the force, in powers of the time in half windows, and its products with the forced velocity of its point.
 
     ``point`` (2, size): weights; ``powers``: of the slots' forced parts; ``terms`` (2, TERMS) of `forced.Forced`.
     """
@@ -187,7 +187,7 @@ def power_of_point(code: Code, point, size: Index, powers, terms, half: Number, 
     for n in range(0, TERMS, 2):
         driven[n] = Complex(*(code.number(terms, TERMS * part + n) * scale for part in range(2)))
         for part in range(2):
-            code.put(driven[n][part], scratch, WIDTH * (FORCE + part) + n)
+            code.put(driven[n][part], force, WIDTH * part + n)
         scale *= square
     for p in range(PRODUCTS):
         places = [n for n in driven if 0 <= p - n < TERMS]
@@ -196,7 +196,7 @@ def power_of_point(code: Code, point, size: Index, powers, terms, half: Number, 
             for one, other in pairs:
                 for n in places:
                     total = driven[n][one].fma(whole[p - n][other], total)
-            code.put(total, scratch, WIDTH * (POWER + k) + p)
+            code.put(total, power, WIDTH * k + p)
 
 
 def _half_square(code: Code, numbers: list[Number], p: int) -> Number:
@@ -221,12 +221,12 @@ def _product(one: list[Number], other: list[Number], p: int) -> Number:
 
 
 @vector_code()
-def add_products(code: Code, products, size: Index, count: Index, scratch, found):
+def add_products(code: Code, products, size: Index, count: Index, factors, found):
     """Write the integrals of half the squares of all partners to ``found`` (size,), from ``count`` powers."""
     for i in code.fours(size):
         sums = [code.sum(code.lanes) for _ in range(3)]
         for p in code.loop(count):
             for k, total in enumerate(sums):
-                factor = code.number(scratch, (FACTORS + k) * WIDTH + p)
+                factor = code.number(factors, k * WIDTH + p)
                 total.add_product(code.vector(products, size * (PRODUCTS * k + p) + i), code.spread(factor))
         code.store(sums[0].number() + sums[1].number() + sums[2].number(), found, i)

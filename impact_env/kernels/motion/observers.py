@@ -102,7 +102,7 @@ class Energy(NamedTuple):
 class Observe(NamedTuple):
     """All observers of a lane; ``clock`` is a CLOCK record, and None is not observed.
 
-    ``energy`` is what the caller reads, an `Energy`; between the stretches of an exact lane it is the `energy_account.Account` that fills it.
+    ``energy`` is what the caller reads, an `Energy`; between the stretches of an exact lane it is the `energy.account.Account` that fills it.
     ``place`` (N_m,): mode shape where the level is read; None: at the tip.
     """
 
