@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from choice import LONGEST_FIRST, QUICK
 from hypothesis import settings
-from plugins import CPUTimes, Peaks, round_models
+from plugins import CPUTimes, round_models
 
 settings.register_profile("workbench", derandomize=True, deadline=None)
 settings.load_profile("workbench")
@@ -25,7 +25,6 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "plain: a few events of a kind of scene that no other test compiles; scripts/test runs it in plain Python")
     config.addinivalue_line("markers", "same_bits: compares digit for digit, often with another process; left out by --rounding")
     config.addinivalue_line("markers", "slow: takes long for its file; left out by --quick, and by .ci/run with the arithmetic of older processors")
-    config.pluginmanager.register(Peaks())
     if config.getoption("--rounding") is not None:
         round_models(config.getoption("--rounding"))
     if config.getoption("--cpu"):

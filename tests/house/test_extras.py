@@ -20,19 +20,14 @@ SOLD_AS = {
     "pygame": "pygame-ce",
 }
 IMPORTS = {
-    "optimisation.search.study": ("optuna", "optimise"),
-    "optimisation.search.cluster": ("distributed", "cluster"),
-    "optimisation.convex": ("cvxpy", "optimise"),
-    "optimisation.bounds.relaxation": ("cvxpy", "optimise"),
-    "optimisation.tuned.certificate": ("cvxpy", "optimise"),
-    "optimisation.rl.vec_env": ("gymnasium", "env"),
-    "optimisation.rl.models": ("gymnasium", "env"),
-    "optimisation.rl.training": ("gymnasium", "env"),
-    "impact_env.envs.choices": ("gymnasium", "env"),
-    "impact_env.envs.drawing": ("PIL", "env"),
-    "optimisation.explore.server": ("uvicorn", "explore"),
-    "studies.accuracy.heyoka_peer": ("heyoka", "peers"),
-    "reference.digits": ("mpmath", "peers"),
+    "optuna": "optimisation.search.study",
+    "distributed": "optimisation.search.cluster",
+    "cvxpy": "optimisation.convex optimisation.bounds.relaxation optimisation.tuned.certificate",
+    "gymnasium": "optimisation.rl.vec_env optimisation.rl.models optimisation.rl.training impact_env.envs.choices",
+    "PIL": "impact_env.envs.drawing",
+    "uvicorn": "optimisation.explore.server",
+    "heyoka": "studies.accuracy.heyoka_peer",
+    "mpmath": "reference.digits",
 }
 TRY = """
 import importlib, sys
@@ -57,13 +52,14 @@ def fresh(code: str) -> list[str]:
     return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
 
 
-def expected(module: str, package: str, extra: str) -> str:
-    return f'{module} MissingExtraError {package} is not installed; it comes with: pip install "{DISTRIBUTION}[{extra}]"'
+def expected(package: str) -> str:
+    return f'{package} is not installed; it comes with: pip install "{DISTRIBUTION}[{EXTRAS[package]}]"'
 
 
 def test_an_import_names_the_extra() -> None:
-    lines = fresh(TRY.format(packages=list(EXTRAS), modules=list(IMPORTS)))
-    assert lines == [expected(module, *which) for module, which in IMPORTS.items()]
+    modules = {module: package for package, names in IMPORTS.items() for module in names.split()}
+    lines = fresh(TRY.format(packages=list(EXTRAS), modules=list(modules)))
+    assert lines == [f"{module} MissingExtraError {expected(package)}" for module, package in modules.items()]
 
 
 def test_the_environments_need_nothing_that_learns() -> None:
@@ -81,21 +77,21 @@ def test_the_environments_need_nothing_that_learns() -> None:
 def test_what_only_one_function_needs_is_named_by_it() -> None:
     pytest.importorskip("stable_baselines3")
     calls = {
-        "recurrent()": ("sb3_contrib", "rl"),
-        "_minari(Path('.')).__enter__()": ("minari", "offline"),
-        "task_of('', {})": ("gymnasium", "env"),
-        "read()": ("yaml", "rl"),
-        "evolve(*[None] * 7)": ("cmaes", "optimise"),
-        "read_modes(Path('.'))": ("pyuff", "files"),
+        "recurrent()": "sb3_contrib",
+        "_minari(Path('.')).__enter__()": "minari",
+        "task_of('', {})": "gymnasium",
+        "read()": "yaml",
+        "evolve(*[None] * 7)": "cmaes",
+        "read_modes(Path('.'))": "pyuff",
     }
     code = "from pathlib import Path\nfrom optimisation.rl.models import recurrent\nfrom optimisation.rl.demonstrations import _minari\n"
     code += "from optimisation.rl.families import task_of\nfrom optimisation.rl.hyperparameters import read\n"
     code += "from optimisation.rl.tuning import evolve\nfrom impact_env.structures.universal import read_modes\n"
-    packages = [package for package, _ in calls.values()]
+    packages = list(calls.values())
     code += TRY.format(packages=packages, modules=[]) + f"for package in {packages}: sys.modules.pop(package, None)\n"
     code += "".join(f"try:\n    {call}\nexcept ImportError as error:\n    print(error)\n" for call in calls)
-    for line, (package, extra) in zip(fresh(code), calls.values(), strict=True):
-        assert line == f'{package} is not installed; it comes with: pip install "{DISTRIBUTION}[{extra}]"' or "h5py" in line
+    for line, package in zip(fresh(code), packages, strict=True):
+        assert line == expected(package) or "h5py" in line
 
 
 def test_extras_are_those_of_the_package() -> None:

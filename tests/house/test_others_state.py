@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 from places import ROOT, SUPPORT
 
-BEFORE = """
+SCRIPT = """
 import atexit, gc, locale, logging, multiprocessing, os, pathlib, random, signal, sys, threading, warnings
 import matplotlib.pyplot, numba, numpy as np, scipy.linalg, scipy.optimize, scipy.sparse.linalg
 import filelock, gymnasium, optuna
+from numba.core.caching import NullCache
 
 @numba.njit(cache=True)
 def own(x):
@@ -21,27 +22,21 @@ own(1)  # whatever numba does when it first compiles is done
 
 def state():
     return {
-        "numba.config": {name: value for name, value in vars(numba.config).items() if name.isupper()},
+        "numba": (numba.get_num_threads(), {name: value for name, value in vars(numba.config).items() if name.isupper()}),
         "warnings": list(warnings.filters),
         "logging": (logging.root.level, list(logging.root.handlers), logging.lastResort, logging.getLogger("impact_env").handlers),
         "signals": {number: signal.getsignal(number) for number in signal.valid_signals()},
-        "environment": dict(os.environ),
-        "folder": os.getcwd(),
+        "environment": (dict(os.environ), os.getcwd(), locale.setlocale(locale.LC_ALL)),
         "numpy": (np.geterr(), np.geterrcall(), np.get_printoptions()),
         "random": (random.getstate(), str(np.random.get_state())),
-        "atexit": atexit._ncallbacks(),
         "gc": (gc.isenabled(), gc.get_threshold(), gc.get_freeze_count(), list(gc.callbacks)),
         "sys": (list(sys.path), list(sys.meta_path), sys.excepthook, sys.stdout, sys.stderr, sys.getrecursionlimit(), sys.getswitchinterval()),
-        "threads": (threading.excepthook, numba.get_num_threads()),
-        "locale": locale.setlocale(locale.LC_ALL),
+        "processes": (atexit._ncallbacks(), threading.excepthook, multiprocessing.get_start_method(allow_none=True)),
         "matplotlib": (dict(matplotlib.rcParams), matplotlib.get_backend(auto_select=False)),
-        "multiprocessing": multiprocessing.get_start_method(allow_none=True),
         "optuna": optuna.logging.get_verbosity(),
     }
 
 before = state()
-"""
-USE = """
 from impact_env import Beam, Drive, beam_scene, constant_frequency, simulate
 from impact_env.ensemble import Lane, run_lanes
 from impact_env.kernels.compiling.jit import jit
@@ -54,6 +49,7 @@ from design_studies import Model, problem, settings
 def ours(x):
     return x + 1
 
+ours._cache = NullCache()
 ours(1)
 scene = beam_scene(Beam(modes=2))
 drive = Drive(1.0, constant_frequency(scene.model.resonance_omega(1), 1.0, 3.0))
@@ -70,8 +66,6 @@ def draw():
     return figure
 
 saved(draw)(pathlib.Path(__file__).with_name("figure.png"))
-"""
-AFTER = """
 after = state()
 print(*(name for name in before if before[name] != after[name]))
 """
@@ -80,11 +74,9 @@ print(*(name for name in before if before[name] != after[name]))
 def test_what_others_have_set_stays(tmp_path: Path) -> None:
     pytest.importorskip("optuna")
     pytest.importorskip("gymnasium")
-    (script := tmp_path / "script.py").write_text(BEFORE + USE + AFTER)
-    kernels = tmp_path / "kernels"
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(SUPPORT)]), "IMPACT_ENV_CACHE": str(kernels)}
+    (script := tmp_path / "script.py").write_text(SCRIPT)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(SUPPORT)])}
     done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == []
     assert list((tmp_path / "__pycache__").glob("script.own*.nbi"))  # where numba keeps what others compile
-    assert not list(kernels.rglob("script.own*"))

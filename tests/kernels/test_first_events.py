@@ -8,7 +8,7 @@ from impact_env import Drive, FrequencySchedule, InitialState, ModalModel, Scene
 
 pytest.importorskip("mpmath")
 from reference import digits
-from reference.automaton import RELEASE_DOWN, RELEASE_UP, REVERSAL, WALL
+from reference.contact import RELEASE_DOWN, RELEASE_UP, REVERSAL, WALL
 
 EVENTS = 40
 OTHER = ModalModel([60.0, 61.0, 340.0, 2100.0], [0.002, 0.0, 0.3, 0.05], [1.1, -0.7, 0.9, 0.4], [1.0, 0.8, -1.3, 1.6], 0.4)

@@ -6,7 +6,7 @@ from impact_env import Beam, Drive, FrequencySchedule, InitialState, ParameterEr
 from impact_env.parameters import Absorber
 from impact_env.response import Response
 from reference import dense
-from reference.automaton import Automaton
+from reference.contact import Automaton
 from reference.mechanics import Mechanics
 
 LINEAR = [None, StuckAbsorber(0.5), TunedAbsorber(), TunedAbsorber(damping=0.0), TunedAbsorber(0.1, 1e6, 300.0)]

@@ -10,7 +10,7 @@ from impact_env import ElasticCoulombFriction, InitialState, SlidingAbsorber, im
 pytest.importorskip("mpmath")
 from impact_env.scene import beam_scene
 from reference import digits
-from reference.automaton import Automaton
+from reference.contact import Automaton
 from studies.accuracy.event_driven import Integrator, Mechanics, PeerFailedError, PeerRun, follow, scipy_integrator
 
 REST = InitialState()

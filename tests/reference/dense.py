@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from impact_env.drive import Drive
 from impact_env.scene import InitialState, Scene
-from reference.automaton import CONTACT, HOLD, SLIP, WALL, Guard, Number, Regime
-from reference.contact import Contacts
+from reference.contact import CONTACT, HOLD, SLIP, WALL, Contacts, Guard, Number, Regime
 from reference.mechanics import Linear, Mechanics
 
 Array = NDArray[np.float64]

@@ -1,5 +1,7 @@
 """A reference with many digits: Taylor series of order 70 in whole numbers of 2^-200, events on the series themselves. About 40 digits are right.
 
+The whole numbers stand for numbers of some 60 digits: NumPy arrays of Python's integers.
+
 With q'' = -2 D omega q' - omega^2 q + force_shape f(t) - sum_a shape_a lambda_a and m_a q_a'' = lambda_a the coefficients follow order by order,
 time counted in steps. The force A cos(theta), theta' = Omega + alpha t, has the coefficients that follow from c' = -theta' s, s' = theta' c. All
 inputs count as the exact doubles that they are. Regimes, guards and jumps are those of `contact`.
@@ -15,21 +17,91 @@ from numpy.typing import NDArray
 from impact_env.drive import Drive
 from impact_env.extras import optional
 from impact_env.scene import InitialState, Scene
-from reference.automaton import Guard, Number, Regime
-from reference.contact import Contacts
+from reference.contact import Contacts, Guard, Number, Regime
 from reference.mechanics import Mechanics
-from reference.whole_numbers import BITS, ONE, UNIT, Whole, first_root, fraction, inverse, value_at, whole, wholes
 
 with optional():
     import mpmath
 
 Array = NDArray[np.float64]
+Whole = NDArray[np.object_]  # integers, in units of 2^-BITS
 
+BITS = 200
+ONE = 1 << BITS
+UNIT = 2.0**-BITS
+PARTS = 96  # places in a step at which a guard is looked at
+BISECTIONS, NEWTON = 60, 5  # a quotient in double precision suffices for Newton's method: each pass gains its digits anew
 DIGITS = 70  # of the force's phase
 ORDER = 70
 REACH = 6.0  # rad of the fastest motion in a step: 6^70/70! is below 1e-45
 REST_SPEED = 1e-22  # m/s: slower bounces end a chatter
 MOST_EVENTS = 20_000
+
+
+def whole(value: Number) -> int:
+    """Return a number in units of 2^-BITS."""
+    number = Fraction(value)
+    return (number.numerator << BITS) // number.denominator
+
+
+def wholes(values: Sequence[Number] | Array) -> Whole:
+    """Return numbers in units of 2^-BITS, as an array."""
+    return np.array([whole(value) for value in values], dtype=object)
+
+
+def fraction(value: int) -> Fraction:
+    """Return the fraction that a whole number stands for."""
+    return Fraction(value, ONE)
+
+
+def inverse(matrix: list[list[Fraction]]) -> list[list[Fraction]]:
+    """Return the inverse of a small positive definite matrix."""
+    n = len(matrix)
+    rows = [[*row, *(Fraction(int(i == j)) for j in range(n))] for i, row in enumerate(matrix)]
+    for i in range(n):
+        pivot = rows[i][i]
+        rows[i] = [x / pivot for x in rows[i]]
+        for j in range(n):
+            if j != i:
+                factor = rows[j][i]
+                rows[j] = [x - factor * y for x, y in zip(rows[j], rows[i], strict=True)]
+    return [row[n:] for row in rows]
+
+
+def value_at(rows: Whole, at: int) -> tuple[Whole, Whole]:
+    """Return the sums of rows[k] at^k, and their derivatives."""
+    count = np.arange(1, len(rows)).astype(object)
+    if at == ONE:
+        return rows.sum(axis=0), count @ rows[1:]
+    powers = [ONE]
+    for _ in range(len(rows) - 1):
+        powers.append((powers[-1] * at) >> BITS)
+    row = np.array(powers, dtype=object)
+    return (row @ rows) >> BITS, ((row[:-1] * count) @ rows[1:]) >> BITS
+
+
+def first_root(row: list[int], end: int) -> int | None:
+    """Return the first place in (0, end], in steps, where a guard turns negative.
+
+    ``row`` is the guard's series less the powers of time that it starts with: so a regime that starts on its guard lasts until that is met again.
+    """
+    numbers = np.array(row, dtype=object).astype(float) * UNIT
+    if numbers[0] < 0:
+        return 0
+    reach = end * UNIT
+    places = np.arange(1, PARTS + 1) / PARTS
+    negative = np.flatnonzero(np.polynomial.polynomial.polyval(reach * places, numbers) < 0)
+    if not len(negative):
+        return None
+    low, high = (reach * (int(negative[0]) + k) / PARTS for k in (0, 1))
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if np.polynomial.polynomial.polyval(middle, numbers) < 0 else (middle, high)
+    at, series = whole(high), np.array(row, dtype=object)
+    for _ in range(NEWTON):
+        value, slope = (float(x) for x in value_at(series, at))
+        at -= whole(value / slope)
+    return at
 
 
 @dataclass(frozen=True)

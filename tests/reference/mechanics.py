@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.scene import Scene
-from reference.automaton import Guard, Regime
+from reference.contact import Guard, Regime
 
 Array = NDArray[np.float64]
 

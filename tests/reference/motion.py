@@ -21,58 +21,49 @@ def joined_motion(model: ModalModel, masses: Array, shapes: Array, time: float) 
         for m, shape in zip(masses, shapes, strict=True):
             row = mpmath.matrix(list(shape))
             mass += mpmath.mpf(float(m)) * row * row.T
-        return _scaled(_first_order(mass, damping, stiffness), np.append(model.omega, np.ones(model.modes)), time)
+        return _motion(mass, damping, stiffness, np.append(model.omega, np.ones(model.modes)), time)
 
 
 def sprung_motion(model: ModalModel, mass: float, stiffness: float, damper: float, time: float, scale: Array) -> Array:
     """Return exp(A t) (2 N_m + 2, 2 N_m + 2) with an absorber on a spring (N/m) and a damper (N s/m), coordinates times ``scale``."""
     with mpmath.workdps(DIGITS):
-        masses, damping, springs, _ = _with_spring(model, mass, stiffness, damper)
-        return _scaled(_first_order(masses, damping, springs), scale, time)
+        (masses, damping, springs), _ = _with_spring(model, mass, stiffness, damper)
+        return _motion(masses, damping, springs, scale, time)
 
 
 def swinging_tip(model: ModalModel, mass: float, stiffness: float, omega: float) -> complex:
     """Return the tip's complex amplitude (m/N) under a force on the absorber and against the tip, at ``omega`` in rad/s."""
     with mpmath.workdps(DIGITS):
-        masses, damping, springs, line = _with_spring(model, mass, stiffness, 0.0)
+        (masses, damping, springs), line = _with_spring(model, mass, stiffness, 0.0)
         at = mpmath.mpf(omega)
         moved = mpmath.lu_solve(springs - at**2 * masses + 1j * at * damping, line)
         return complex(sum(mpmath.mpf(float(x)) * moved[i] for i, x in enumerate(model.tip_shape)))
 
 
-def _beam(model: ModalModel) -> tuple[mpmath.matrix, mpmath.matrix, mpmath.matrix]:
-    omega, ratio = [mpmath.mpf(float(x)) for x in model.omega], [mpmath.mpf(float(x)) for x in model.damping_ratio]
-    damping = [2 * d * w for d, w in zip(ratio, omega, strict=True)]
-    return mpmath.eye(model.modes), mpmath.diag(damping), mpmath.diag([w**2 for w in omega])
+def _beam(model: ModalModel) -> list[mpmath.matrix]:
+    """Return mass, damping and stiffness matrices."""
+    omega, ratio = ([mpmath.mpf(float(x)) for x in row] for row in (model.omega, model.damping_ratio))
+    return [mpmath.eye(model.modes), mpmath.diag([2 * d * w for d, w in zip(ratio, omega, strict=True)]), mpmath.diag([w**2 for w in omega])]
 
 
-def _with_spring(
-    model: ModalModel, mass: float, stiffness: float, damper: float
-) -> tuple[mpmath.matrix, mpmath.matrix, mpmath.matrix, mpmath.matrix]:
+def _with_spring(model: ModalModel, mass: float, stiffness: float, damper: float) -> tuple[list[mpmath.matrix], mpmath.matrix]:
     """Return mass, damping and stiffness matrices, and the column of a force on the absorber and against the tip."""
-    n = model.modes
-    whole = [mpmath.zeros(n + 1) for _ in range(3)]
+    n, line = model.modes, mpmath.matrix([*(-model.tip_shape), 1.0])
+    whole = [mpmath.mpf(x) * line * line.T for x in (0.0, damper, stiffness)]
     for matrix, part in zip(whole, _beam(model), strict=True):
-        matrix[:n, :n] = part
+        matrix[:n, :n] += part
     whole[0][n, n] = mpmath.mpf(mass)
-    line = mpmath.matrix([*(-model.tip_shape), 1.0])
-    return whole[0], whole[1] + mpmath.mpf(damper) * line * line.T, whole[2] + mpmath.mpf(stiffness) * line * line.T, line
+    return whole, line
 
 
-def _first_order(mass: mpmath.matrix, damping: mpmath.matrix, stiffness: mpmath.matrix) -> mpmath.matrix:
-    n, inverse = mass.rows, mass**-1
-    matrix = mpmath.zeros(2 * n)
+def _motion(mass: mpmath.matrix, damping: mpmath.matrix, stiffness: mpmath.matrix, scale: Array, time: float) -> Array:
+    """Return exp(A t) of displacements and velocities, in coordinates times ``scale``, as floats; by scaling and squaring of the Taylor series."""
+    n, size, inverse = mass.rows, 2 * mass.rows, mass**-1
+    matrix = mpmath.zeros(size)
     matrix[:n, n:] = mpmath.eye(n)
     matrix[n:, :n], matrix[n:, n:] = -inverse * stiffness, -inverse * damping
-    return matrix
-
-
-def _scaled(matrix: mpmath.matrix, scale: Array, time: float) -> Array:
-    """Return exp(matrix t), in coordinates times ``scale``, as floats; by scaling and squaring of the Taylor series."""
-    size = len(scale)
-    for i in range(size):
-        for j in range(size):
-            matrix[i, j] *= mpmath.mpf(float(scale[i])) / mpmath.mpf(float(scale[j])) * mpmath.mpf(time)
+    sides = mpmath.diag([mpmath.mpf(float(x)) for x in scale])
+    matrix = sides * matrix * sides**-1 * mpmath.mpf(time)
     halvings = max(0, int(mpmath.ceil(mpmath.log(mpmath.mnorm(matrix, 1), 2)))) + 3
     step = matrix / mpmath.mpf(2) ** halvings
     term, whole = mpmath.eye(size), mpmath.eye(size)

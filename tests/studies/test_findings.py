@@ -1,7 +1,6 @@
-"""scripts/findings: every part from studies to figures and page, redrawing, interruption, bad input."""
+"""The findings: every part from studies to figures and page, redrawing, and the energy argument of the friction damper."""
 
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -21,9 +20,9 @@ PARTS = ("concepts", "optima", "place", "robustness", "front", "scaling", "full"
 PAGE = "# Findings\n" + "".join(f"<!-- findings:{part} -->\n<!-- /findings:{part} -->\n" for part in PARTS)
 
 
-@pytest.fixture
-def findings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
-    module = load("findings", monkeypatch)
+@pytest.mark.nightly
+def test_parts_write_numbers_figures_and_page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    findings = load("findings", monkeypatch)
     from studies import study as pattern
     from studies.findings import parts
 
@@ -33,41 +32,29 @@ def findings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
 
     monkeypatch.setattr(parts.Settings, "problem", small)
     for name, value in (("QUICK_DESIGNS", 4), ("QUICK_POINTS", 3), ("JOURNALS", tmp_path / "journals")):
-        monkeypatch.setattr(module, name, value)
+        monkeypatch.setattr(findings, name, value)
     monkeypatch.setattr(pattern, "DOCS", tmp_path / "docs")
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs" / "findings.md").write_text(PAGE)
-    return module
-
-
-def result(folder: Path, part: str) -> dict[str, object]:
-    return dict(read_json(folder / "findings" / f"{part}.json.gz")["result"])
-
-
-@pytest.mark.nightly
-def test_parts_write_numbers_figures_and_page(findings: ModuleType, tmp_path: Path) -> None:
     chosen, before = [part for part in PARTS if part != "scaling"], peak_memory()  # which other tests have filled
     run = call(findings, "--quick", "--out", tmp_path, *[word for part in chosen for word in ("--part", part)])
     assert run.exit_code == 0, run.output
     data, page = tmp_path / "findings", (tmp_path / "findings.md").read_text()
-    for part in chosen[:-1]:
-        assert (data / f"{part}.png").read_bytes().startswith(b"\x89PNG")
-    for concept in VARIABLES:
-        assert f"\n| {concept} " in page
-    concepts = result(tmp_path, "concepts")
-    assert set(concepts) == set(VARIABLES)
+    result = {part: read_json(data / f"{part}.json.gz")["result"] for part in chosen}
+    assert all((data / f"{part}.png").read_bytes().startswith(b"\x89PNG") for part in chosen[:-1])
+    assert all(f"\n| {concept} " in page for concept in VARIABLES)
+    assert set(result["concepts"]) == set(VARIABLES)
     assert page.count("| resonance 1") == 2
-    assert len(result(tmp_path, "robustness")["designs"]) == 2 * len(VARIABLES) + 1
-    full = result(tmp_path, "full")
+    assert len(result["robustness"]["designs"]) == 2 * len(VARIABLES) + 1
+    full = result["full"]
     assert full["designs"] == 41
     assert 0 <= full["overhead"] < 1
     assert before <= full["memory_bytes"] < before + 2**31
-    before = page
-    (tmp_path / "findings" / "optima.png").unlink()
+    (data / "optima.png").unlink()
     again = call(findings, "--redraw", "--out", tmp_path, "--part", "optima")
     assert again.exit_code == 0, again.output
-    assert (tmp_path / "findings" / "optima.png").exists()
-    assert (tmp_path / "findings.md").read_text() == before
+    assert (data / "optima.png").exists()
+    assert (tmp_path / "findings.md").read_text() == page
 
 
 def test_energy_argument_scales_and_balances() -> None:

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pytest
-from click.testing import CliRunner, Result
+from commands import call
 from matplotlib.figure import Figure
 
 from impact_env.parameters import ParameterError
@@ -28,10 +28,6 @@ def script() -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-def call(module: ModuleType, *options: Any) -> Result:
-    return CliRunner().invoke(module.main, [str(option) for option in options])
 
 
 class Points(NamedTuple):
@@ -53,6 +49,9 @@ class Figures:
         return {"sum": sum(range(self.points)) + settings.seed}
 
     def figure(self, label: str) -> PaperFigure:
+        def words(values: Json) -> str:
+            return f"{label}: {values}"
+
         def measure(settings: Settings, _size: Points, known: Json) -> Steps:
             return in_turn({name: partial(self.group, f"{label} {name}", settings) for name in ("first", "second")}, known)
 
@@ -61,9 +60,7 @@ class Figures:
             return [Claim(f"{label} sum", "the sum is 3", "2.1", str(values["second"]["sum"]), verdict, label, "It was another.")]
 
         sizes = Points(self.points), Points(0)
-        return PaperFigure(
-            label, f"figure {label}", sizes=sizes, measure=measure, words=lambda values: f"{label}: {values}", draw=lambda _: Figure(), claims=claims
-        )
+        return PaperFigure(label, label, sizes=sizes, measure=measure, words=words, draw=lambda _: Figure(), claims=claims)
 
 
 @pytest.fixture
@@ -84,49 +81,32 @@ def figures(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Figures:
     return made
 
 
-def claims_in(folder: Path) -> list[dict[str, str]]:
-    return read_json(folder / "paper" / "claims.json.gz")["claims"]
+def test_finished_groups_and_figures_are_kept_until_their_parameters_change(figures: Figures, tmp_path: Path) -> None:
+    def run(*options: object, code: int = 0) -> list[tuple[str, str]]:
+        """Return figure and verdict of each claim."""
+        result = call(script(), "--out", tmp_path, *options)
+        assert result.exit_code == code, result.output
+        return [(claim["figure"], claim["verdict"]) for claim in read_json(tmp_path / "paper" / "claims.json.gz")["claims"]]
 
-
-def test_finished_figures_are_kept_until_their_parameters_change(figures: Figures, tmp_path: Path) -> None:
-    module = script()
-    result = call(module, "--out", tmp_path)
-    assert result.exit_code == 0, result.output
-    assert figures.measured == ["one first", "one second", "two first", "two second"]
-    assert {"one.json.gz", "two.json.gz", "one.png", "two.png", "claims.json.gz"} <= {file.name for file in (tmp_path / "paper").iterdir()}
-    assert call(module, "--out", tmp_path).exit_code == 0
-    assert len(figures.measured) == 4
-    figures.points = 4
-    figures.use()
-    module = script()
-    assert call(module, "--figure", "two", "--out", tmp_path).exit_code == 0
-    assert figures.measured[4:] == ["two first", "two second"]
-    assert [claim["verdict"] for claim in claims_in(tmp_path)] == ["holds", "does not hold"]
-    assert call(module, "--figure", "two", "--seed", 1, "--out", tmp_path).exit_code == 0
-    assert call(module, "--figure", "two", "--seed", 1, "--anew", "--out", tmp_path).exit_code == 0
-    assert len(figures.measured) == 10
-
-
-def test_stopped_run_keeps_its_groups_and_goes_on(figures: Figures, tmp_path: Path) -> None:
     def stop() -> None:
         raise KeyboardInterrupt
 
-    module = script()
+    every = ["one first", "one second", "two first", "two second"]
     figures.events["two second"] = stop
-    assert call(module, "--out", tmp_path).exit_code == 130
-    assert [claim["figure"] for claim in claims_in(tmp_path)] == ["one"]
+    assert run(code=130) == [("one", "holds")]
     figures.events.clear()
-    assert call(module, "--out", tmp_path).exit_code == 0
-    assert figures.measured == ["one first", "one second", "two first", "two second"]
-    assert [claim["figure"] for claim in claims_in(tmp_path)] == ["one", "two"]
-
-
-def test_verdicts_of_intervals() -> None:
-    assert judged(1.0, 2.0, 0.5, 2.0) is Verdict.HOLDS
-    assert judged(1.0, 2.0, 1.5, 3.0) is Verdict.SPREAD
-    assert judged(1.0, 2.0, 2.5, 3.0) is Verdict.NOT
-    with pytest.raises(ParameterError, match="interval"):
-        judged(2.0, 1.0, 0.0, 3.0)
+    assert run() == [("one", "holds"), ("two", "holds")]
+    assert figures.measured == every
+    assert {"one.json.gz", "two.json.gz", "one.png", "two.png", "claims.json.gz"} <= {file.name for file in (tmp_path / "paper").iterdir()}
+    run()
+    assert len(figures.measured) == 4
+    figures.points = 4
+    figures.use()
+    assert run("--figure", "two") == [("one", "holds"), ("two", "does not hold")]
+    assert figures.measured[4:] == every[2:]
+    run("--figure", "two", "--seed", 1)
+    run("--figure", "two", "--seed", 1, "--anew")
+    assert len(figures.measured) == 10
 
 
 def test_summary_counts_substantive_and_definitional_claims_apart() -> None:

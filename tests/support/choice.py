@@ -4,48 +4,23 @@
 import sys
 from pathlib import Path
 
+
+def _files(words: dict[str, str]) -> tuple[str, ...]:
+    return tuple(f"{folder}/test_{name}.py" for folder, names in words.items() for name in names.split())
+
+
 # some of every kind that say much in little time; what takes long in them is marked slow
-QUICK = (
-    "kernels/test_agreement.py",
-    "kernels/test_check.py",
-    "kernels/test_energies.py",
-    "kernels/test_exact_compliant.py",
-    "kernels/test_exact_rigid.py",
-    "kernels/test_linear.py",
-    "kernels/test_moreau.py",
-    "kernels/test_properties.py",
-    "kernels/test_records.py",
-    "kernels/test_runge_kutta.py",
-    "kernels/test_several.py",
-    "simulator/test_bad_input.py",
-    "simulator/test_controlled.py",
-    "simulator/test_ensemble.py",
-    "simulator/test_model.py",
-    "simulator/test_frequency.py",
-    "simulator/test_plain.py",
-    "simulator/test_structure.py",
-    "periodic/test_continuation.py",
-    "periodic/test_periodic_closed_form.py",
-    "periodic/test_periodic_orbits.py",
-    "periodic/test_published_orbits.py",
-    "periodic/test_switching.py",
-    "environments/test_environments.py",
-    "environments/test_evaluation.py",
-    "environments/test_lanes.py",
-    "environments/test_passages.py",
-    "environments/test_refusals.py",
-    "environments/test_scores.py",
-    "design/test_bounds.py",
-    "design/test_designs.py",
-    "design/test_evaluate_arrays.py",
-    "design/test_objectives.py",
-    "design/test_structure_design.py",
-    "studies/test_study_pattern.py",
-    "commands/test_bad_input.py",
-    "commands/test_compare_absorbers.py",
-    "commands/test_orbits_script.py",
-    "commands/test_sweep_script.py",
-    "house/test_docs.py",
+QUICK = _files(
+    {
+        "kernels": "agreement check energies exact_compliant exact_rigid linear moreau properties records runge_kutta several",
+        "simulator": "bad_input controlled ensemble model frequency plain structure",
+        "periodic": "continuation periodic_closed_form periodic_orbits published_orbits switching",
+        "environments": "environments evaluation lanes passages refusals scores",
+        "design": "bounds designs evaluate_arrays objectives structure_design",
+        "studies": "study_pattern",
+        "commands": "bad_input compare_absorbers orbits_script sweep_script",
+        "house": "docs",
+    }
 )
 
 # all of them in runs one after the other: what a process has compiled and imported stays in its memory
@@ -59,53 +34,26 @@ PARTS = (
 )
 
 # by their time and, from nothing, by what they compile: two neighbours take other kinds of scenes, since both processes would compile the same one
-LONGEST_FIRST = (
-    "kernels/test_loads.py",
-    "simulator/test_controlled.py",
-    "environments/test_active.py",
-    "design/test_load_gap.py",
-    "commands/test_explore.py",
-    "commands/test_structure_commands.py",
-    "design/test_advice.py",
-    "kernels/test_exact_rigid.py",
-    "kernels/test_plain_python.py",
-    "kernels/test_one_result.py",
-    "kernels/test_exact_compliant.py",
-    "kernels/test_several.py",
-    "commands/test_clear_errors.py",
-    "environments/test_training.py",
-    "kernels/test_runge_kutta.py",
-    "environments/test_suite.py",
-    "kernels/test_kernel_cache.py",
-    "kernels/test_search_truth.py",
-    "simulator/test_stop_and_passes.py",
-    "periodic/test_bifurcation_curves.py",
-    "simulator/test_places.py",
-    "simulator/test_first_use.py",
-    "design/test_cluster.py",
-    "house/test_extras.py",
-    "kernels/test_dense_motion.py",
-    "periodic/test_harmonic_balance.py",
-    "design/test_study.py",
-    "commands/test_explore_browser.py",
-    "studies/test_stability_report.py",
-    "studies/test_benchmark_scripts.py",
-    "commands/test_frequency_scripts.py",
-    "kernels/test_regimes.py",
-    "commands/test_command.py",
-    "commands/test_interrupted.py",
-    "kernels/test_verification.py",
-)
+_LONGEST_FIRST = """
+    kernels/loads simulator/controlled environments/active design/load_gap commands/explore commands/structure_commands design/advice
+    kernels/exact_rigid kernels/plain_python kernels/one_result kernels/exact_compliant kernels/several commands/clear_errors
+    environments/training kernels/runge_kutta environments/suite kernels/kernel_cache kernels/search_truth simulator/stop_and_passes
+    periodic/bifurcation_curves simulator/places simulator/first_use design/cluster house/extras kernels/dense_motion periodic/harmonic_balance
+    design/study commands/explore_browser studies/stability_report studies/benchmark_scripts commands/frequency_scripts kernels/regimes
+    commands/command commands/interrupted kernels/verification
+"""
+LONGEST_FIRST = tuple("{}/test_{}.py".format(*word.split("/")) for word in _LONGEST_FIRST.split())
 
 # lean on the arithmetic of BLAS or torch: .ci/run runs them as on two older processors, too
-_LEANING = {
-    "environments": "suite training",
-    "kernels": "regimes linear exact_rigid",
-    "periodic": "periodic_orbits shooting switching",
-    "simulator": "model frequency structure",
-    "design": "tuned",
-}
-LEANING = tuple(f"{folder}/test_{name}.py" for folder, names in _LEANING.items() for name in names.split())
+LEANING = _files(
+    {
+        "environments": "suite training",
+        "kernels": "regimes linear exact_rigid",
+        "periodic": "periodic_orbits shooting switching",
+        "simulator": "model frequency structure",
+        "design": "tuned",
+    }
+)
 
 # tests marked plain run last, by kernels in plain Python: to compile these kinds of scenes takes longer than their few events
 TESTS = Path(__file__).parents[1]

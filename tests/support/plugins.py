@@ -1,9 +1,7 @@
-"""Options of the suite: processor time of each test, the memory of each process, and other last bits in every modal model."""
+"""Options of the suite: processor time of each test, and other last bits in every modal model."""
 
 import json
 import os
-import resource
-import sys
 import time
 from collections.abc import Generator
 from pathlib import Path
@@ -14,35 +12,6 @@ import pytest
 from numba.core import event
 
 from impact_env.modes import ModalModel
-
-# What each process of the tests has needed of memory at most, told at the end.
-
-
-UNIT = 1 if sys.platform == "darwin" else 1024  # bytes that getrusage counts in
-
-
-class Peaks:
-    """A plugin for the processes of a run and for the one that they report to."""
-
-    def __init__(self) -> None:
-        self.found: list[float] = []
-
-    @pytest.hookimpl(optionalhook=True)
-    def pytest_testnodedown(self, node: Any) -> None:
-        self.found.append(getattr(node, "workeroutput", {}).get("peak", float("nan")))
-
-    def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        if hasattr(session.config, "workeroutput"):
-            session.config.workeroutput["peak"] = own()
-
-    def pytest_terminal_summary(self, terminalreporter: Any) -> None:
-        terminalreporter.write_line(f"memory at most, by process: {', '.join(f'{peak:.2f}' for peak in self.found or [own()])} GB")
-
-
-def own() -> float:
-    """Return this process's peak in GB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * UNIT / 1e9
-
 
 # What each test takes of the processor, which does not depend on what else the machine does, and how much of that is compilation of kernels.
 

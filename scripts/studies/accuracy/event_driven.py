@@ -16,8 +16,7 @@ from scipy.integrate import solve_ivp
 from impact_env.drive import Drive
 from impact_env.parameters import SeveralAbsorbers, StuckAbsorber
 from impact_env.scene import InitialState, Scene
-from reference.automaton import Automaton, Guard, Regime
-from reference.contact import Contacts
+from reference.contact import Automaton, Contacts, Guard, Regime
 
 Array = NDArray[np.float64]
 REST_SPEED = 1e-11  # m/s: slower bounces end a chatter

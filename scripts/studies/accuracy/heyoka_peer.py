@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.extras import optional
-from reference.automaton import Automaton, Regime
+from reference.contact import Automaton, Regime
 from studies.accuracy.event_driven import Integrator, Mechanics, PeerFailedError
 
 with optional():
