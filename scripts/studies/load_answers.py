@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -38,7 +37,7 @@ from studies.load_spectra import (
     shock_rows,
     shock_text,
 )
-from studies.study import Json, Measured, Part, Saver, Steps, Study, rows_by_case
+from studies.study import Json, Measured, Part, Saver, Study, rows_part
 
 Array = NDArray[np.float64]
 LIMITS = (0.92, 1.04)  # of the sweeps, times a resonance
@@ -46,13 +45,13 @@ SHARES = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.35, 0.5, 0.75, 1.0)
 REMEDIED = (0.2, 0.5, 1.0)  # shares at which remedies are tried
 SEARCHED = 3  # members by which the best of a remedy is chosen; others judge it
 GAP_FACTORS = tuple(np.geomspace(0.5, 8.0, 9).tolist())
-FEW_FACTORS = (1.0, 2.0, 4.0)  # gaps at which friction and restitution are tried
+FEW_GAPS = (1.0 * GAP, 2.0 * GAP, 4.0 * GAP)  # at which friction and restitution are tried
 FRICTIONS = (0.5, 1.0, 2.0, 4.0, 8.0)  # times the paper's by the scaling law
 RESTITUTIONS = (0.2, 0.45, 0.9, 1.0)
 ASIDE = (0.5, 0.7, 1.0, 1.4, 2.0)  # of a place's own gap by the rule
 WEIGHTS = (0.0, 0.05, 0.15, 0.5)  # g over gap times the first frequency squared
 FACTORS = tuple(np.geomspace(0.1, 3.2, 11).tolist())  # of the design force
-DIRECTIONS = {"up": (0.9, 1.06), "down": (1.06, 0.9)}
+DIRECTIONS = {"ratio": (0.9, 1.06), "down": (1.06, 0.9)}  # of sweeps, by the name of what they leave
 
 
 def orders(case: Case, share: float) -> Loads:
@@ -105,25 +104,16 @@ def _with_gaps(model: ModalModel, gaps: Sequence[float], word: str = "", **optio
     return [(f"{word}gap {1e3 * gap:.2g} mm", Scene(model, _impact(gap, **options))) for gap in gaps]
 
 
-def _shares(case: Case) -> list[Variant]:
-    return _with_gaps(case.model, [GAP])
-
-
-def _gaps(case: Case) -> list[Variant]:
-    return _with_gaps(case.model, [factor * GAP for factor in GAP_FACTORS])
-
-
 def _frictions(case: Case) -> list[Variant]:
     found = []
     for factor in FRICTIONS:
         limit = factor * scaled_friction(case.model, case.mass, GAP)
-        found += _with_gaps(case.model, [few * GAP for few in FEW_FACTORS], f"friction {limit:.2g} N, ", friction=limit)
+        found += _with_gaps(case.model, FEW_GAPS, f"friction {limit:.2g} N, ", friction=limit)
     return found
 
 
 def _restitutions(case: Case) -> list[Variant]:
-    gaps = [few * GAP for few in FEW_FACTORS]
-    return [one for e in RESTITUTIONS for one in _with_gaps(case.model, gaps, f"restitution {e:g}, ", restitution=e)]
+    return [one for e in RESTITUTIONS for one in _with_gaps(case.model, FEW_GAPS, f"restitution {e:g}, ", restitution=e)]
 
 
 def _places(case: Case) -> list[Variant]:
@@ -150,64 +140,49 @@ def _halves(case: Case) -> list[Variant]:
     return found
 
 
-def _modes(case: Case) -> list[Variant]:
-    return _with_gaps(modal_model(replace(case.beam, modes=2 * MODES)), [few * GAP for few in FEW_FACTORS], f"{2 * MODES} modes, ")
-
-
 GROUPS: dict[str, Callable[[Case], list[Variant]]] = {
-    "share": _shares,
-    "gap": _gaps,
+    "share": lambda case: _with_gaps(case.model, [GAP]),
+    "gap": lambda case: _with_gaps(case.model, [factor * GAP for factor in GAP_FACTORS]),
     "friction": _frictions,
     "restitution": _restitutions,
     "place": _places,
     "halves": _halves,
-    "modes": _modes,
+    "modes": lambda case: _with_gaps(modal_model(replace(case.beam, modes=2 * MODES)), FEW_GAPS, f"{2 * MODES} modes, "),
 }
 
 
-def _heavy(case: Case, weight: float, friction: float) -> SlidingAbsorber:
-    """Return an absorber with a weight, a share of gap times the first frequency squared, and so many times the paper's friction."""
-    limit = friction * scaled_friction(case.model, case.mass, GAP)
-    gravity = weight * GAP * float(case.model.omega[0]) ** 2
-    return SlidingAbsorber(MASS_RATIO, RigidWalls(GAP, RESTITUTION), friction_law(limit), gravity)
-
-
-def _ratios(case: Case, absorber: Absorber | None, force: float, start: str | InitialState, members: int) -> Json:
-    """Return the members' levels over that without absorber, of sweeps up (``ratio``) and down under a force in N."""
-    ratios = {}
-    for name, limits in DIRECTIONS.items():
-        loads = Loads((Force(Drive(force, linear_sweep(float(case.model.omega[0]), *limits))),))
-        drives = drives_of(draw_members(members, 0), replace(loads, start=start))
-        found = run_lanes([Lane(Scene(case.model), loads), *(Lane(Scene(case.model, absorber), drive) for drive in drives)])
-        if not found.complete:
-            raise KeyboardInterrupt
-        ratios["ratio" if name == "up" else name] = (found.level[1:] / found.level[0]).tolist()
-    return ratios
-
-
-def gravity_rows(case: Case, weight: float, settings: Settings) -> list[Json]:
-    """Return levels over the force, without friction and with it, for an absorber that begins on its lower wall."""
+def _ratios(case: Case, absorber: SlidingAbsorber, start: str | InitialState, settings: Settings, row: Json) -> list[Json]:
+    """Return rows of the members' levels over that without absorber, of sweeps up (``ratio``) and down, for each factor of the design force."""
     rows = []
-    for friction in (0.0, 1.0):
-        for factor in FACTORS[:: 4 if settings.quick else 1]:
-            absorber = _heavy(case, weight, friction)
-            start = "lower-wall" if weight > 0 else "middle"
-            force = factor * case.forces[0]
-            row = {
-                "structure": case.name,
-                "weight": weight,
-                "gravity_m_s2": absorber.gravity,
-                "friction": friction,
-                "factor": factor,
-                "force_n": force,
-            }
-            rows.append(row | _ratios(case, absorber, force, start, settings.members))
+    for factor in FACTORS[:: 4 if settings.quick else 1]:
+        ratios = {}
+        for name, limits in DIRECTIONS.items():
+            loads = Loads((Force(Drive(factor * case.forces[0], linear_sweep(float(case.model.omega[0]), *limits))),))
+            drives = drives_of(draw_members(settings.members, 0), replace(loads, start=start))
+            found = run_lanes([Lane(Scene(case.model), loads), *(Lane(Scene(case.model, absorber), drive) for drive in drives)])
+            if not found.complete:
+                raise KeyboardInterrupt
+            ratios[name] = (found.level[1:] / found.level[0]).tolist()
+        rows.append({"structure": case.name, **row, "factor": factor, **ratios})
     return rows
 
 
-def _state(case: Case, start: str) -> str | InitialState:
-    """Return a start: bouncing, the absorber crosses its cavity in half a period."""
-    return InitialState(absorber_velocity=2 * GAP * float(case.model.omega[0]) / np.pi) if start == "bouncing" else start
+def _sliding(case: Case, restitution: float, friction: float, gravity: float = 0.0) -> SlidingAbsorber:
+    """Return an absorber with so many times the paper's friction by the scaling law."""
+    limit = friction * scaled_friction(case.model, case.mass, GAP)
+    return SlidingAbsorber(MASS_RATIO, RigidWalls(GAP, restitution), friction_law(limit), gravity)
+
+
+def gravity_rows(case: Case, weight: float, settings: Settings) -> list[Json]:
+    """Return levels over the force, without friction and with it, for an absorber that begins on its lower wall.
+
+    ``weight``: gravity as a share of gap times the first frequency squared.
+    """
+    gravity, start, rows = weight * GAP * float(case.model.omega[0]) ** 2, "lower-wall" if weight > 0 else "middle", list[Json]()
+    for friction in (0.0, 1.0):
+        row = {"weight": weight, "gravity_m_s2": gravity, "friction": friction}
+        rows += _ratios(case, _sliding(case, RESTITUTION, friction, gravity), start, settings, row)
+    return [row | {"force_n": row["factor"] * case.forces[0]} for row in rows]
 
 
 STARTS = ("middle", "lower-wall", "bouncing")
@@ -215,14 +190,12 @@ WALLS = ((1.0, 0.0), (RESTITUTION, 0.0), (RESTITUTION, 1.0))  # restitution, and
 
 
 def start_rows(case: Case, start: str, settings: Settings) -> list[Json]:
-    """Return levels over the force from a start."""
+    """Return levels over the force from a start; bouncing, the absorber crosses its cavity in half a period."""
+    state = InitialState(absorber_velocity=2 * GAP * float(case.model.omega[0]) / np.pi) if start == "bouncing" else start
     rows = []
     for restitution, friction in WALLS:
-        limit = friction * scaled_friction(case.model, case.mass, GAP)
-        for factor in FACTORS[:: 4 if settings.quick else 1]:
-            absorber = impact_absorber(GAP, restitution, limit, MASS_RATIO)
-            row = {"structure": case.name, "start": start, "restitution": restitution, "friction": friction, "factor": factor}
-            rows.append(row | _ratios(case, absorber, factor * case.forces[0], _state(case, start), settings.members))
+        row = {"start": start, "restitution": restitution, "friction": friction}
+        rows += _ratios(case, _sliding(case, restitution, friction), state, settings, row)
     return rows
 
 
@@ -268,59 +241,31 @@ def _over_force(rows: Sequence[Json], names: tuple[str, ...]) -> str:
     return markdown((", ".join(("structure", *names)), *(f"{factor:.2g}" for factor in factors), "down"), lines)
 
 
-GRAVITY, START = ("weight", "friction"), ("start", "restitution", "friction")
+# part: title, what measures its rows, the name and the values that tell them apart, and what puts them into words
+PARTS: dict[str, tuple[str, Callable[[Case, Any, Settings], list[Json]], str, Sequence[Any], Callable[[Sequence[Json]], str]]] = {
+    "loads_both": ("both resonances at once", both_rows, "group", tuple(GROUPS), both_text),
+    "loads_random": ("random loads", random_rows, "number", range(len(VARIANTS)), random_text),
+    "loads_gravity": ("gravity along the absorber's motion", gravity_rows, "weight", WEIGHTS, partial(_over_force, names=("weight", "friction"))),
+    "loads_shock": ("shocks", shock_rows, "width", WIDTHS, shock_text),
+    "loads_start": ("what a start does", start_rows, "start", STARTS, partial(_over_force, names=("start", "restitution", "friction"))),
+}
 
 
-def _each(rows_of: Callable[[Case, Any, Settings], list[Json]], name: str, values: Sequence[Any]) -> Callable[[Settings, Json], Steps]:
-    """Return what measures the rows of each structure and value."""
+def _part(name: str) -> Part[Settings]:
+    title, rows_of, told_apart, values, words = PARTS[name]
 
-    def measure(settings: Settings, known: Json) -> Steps:
-        cases = {(case.name, value): partial(rows_of, case, value, settings) for case in CASES.values() for value in values}
-        return rows_by_case(cases, lambda row: (row["structure"], row[name]), known)
+    def cases(settings: Settings) -> dict[tuple[str, Any], Callable[[], list[Json]]]:
+        return {(case.name, value): partial(rows_of, case, value, settings) for case in CASES.values() for value in values}
 
-    return measure
-
-
-def _part(name: str, title: str, *, measure: Callable[[Settings, Json], Steps], steps: int, text: Callable[[Sequence[Json]], str]) -> Part[Settings]:
-    def sections(found: Measured) -> dict[str, str]:
-        return {name: f"{text(found.values['rows'])}\n\n{sources(found.conditions)}"}
+    def text(found: Measured) -> str:
+        return f"{words(found.values['rows'])}\n\n{sources(found.conditions)}"
 
     def figures(found: Measured) -> dict[str, Saver]:
         from studies.load_figures import FIGURES  # matplotlib is slow to import
 
-        def save(path: Path) -> None:
-            FIGURES[name](path, found.values["rows"])
+        return {name: lambda path: FIGURES[name](path, found.values["rows"])}
 
-        return {name: save}
-
-    return Part(name, title, measure=measure, steps=lambda *_: 2 * steps, markers=(name,), sections=sections, figures=figures)
+    return rows_part(name, title, cases, lambda row: (row["structure"], row[told_apart]), text, figures=figures)
 
 
-STUDY = Study(
-    (
-        _part("loads_both", "both resonances at once", measure=_each(both_rows, "group", list(GROUPS)), steps=len(GROUPS), text=both_text),
-        _part(
-            "loads_random",
-            "random loads",
-            measure=_each(random_rows, "number", list(range(len(VARIANTS)))),
-            steps=len(VARIANTS),
-            text=random_text,
-        ),
-        _part(
-            "loads_gravity",
-            "gravity along the absorber's motion",
-            measure=_each(gravity_rows, "weight", WEIGHTS),
-            steps=len(WEIGHTS),
-            text=partial(_over_force, names=GRAVITY),
-        ),
-        _part("loads_shock", "shocks", measure=_each(shock_rows, "width", WIDTHS), steps=len(WIDTHS), text=shock_text),
-        _part(
-            "loads_start",
-            "what a start does",
-            measure=_each(start_rows, "start", STARTS),
-            steps=len(STARTS),
-            text=partial(_over_force, names=START),
-        ),
-    ),
-    notes=lambda settings: settings._asdict(),
-)
+STUDY = Study(tuple(map(_part, PARTS)), notes=lambda settings: settings._asdict())

@@ -146,3 +146,20 @@ def left(cases: Iterable[Any], key: Callable[[Json], Any], known: Json) -> list[
     """Return the cases that have no rows yet."""
     done = {key(row) for row in known.get("rows", ())}
     return [name for name in cases if name not in done]
+
+
+def rows_part(
+    name: str, title: str, cases: Callable[[S], Mapping[Any, Callable[[], list[Json]]]], key: Callable[[Json], Any], text: Callable[[Measured], str],
+    marker: str = "", order: Callable[[S], Sequence[Any] | None] = lambda _: None, **others: Any,
+) -> Part[S]:  # fmt: skip
+    """Return a part whose values are rows by case, and whose one section is ``text``; ``others`` are a part's."""
+    marker = marker or name
+    return Part(
+        name,
+        title,
+        measure=lambda settings, known: rows_by_case(cases(settings), key, known, order(settings)),
+        markers=(marker,),
+        sections=lambda measured: {marker: text(measured)},
+        steps=lambda settings, known: len(left(cases(settings), key, known)),
+        **others,
+    )

@@ -1,13 +1,13 @@
 """The study of loads: two tones without contact superpose, what is written is what is printed, and pages are told again from the files."""
 
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 from commands import call
 
 from impact_env.ensemble import Lane
-from impact_env.loads import Random
 from impact_env.parameters import impact_absorber
 from impact_env.scene import Scene
 from optimisation.files import read_json
@@ -19,16 +19,17 @@ from studies.load_answers import both_rows, both_text, orders
 from studies.load_figures import FIGURES
 from studies.load_spectra import CASES, Settings, random_rows, random_text, shock_rows, shock_text
 
+CASE = CASES["cantilever"]
+
 
 def test_bands_of_two_orders_superpose() -> None:
     """Without contact each band is what its own order makes, and the higher one is proportional to its force."""
-    case = CASES["cantilever"]
-    each = [band_levels(Lane(Scene(case.model), orders(case, share))) for share in (0.0, 0.1, 1.0)]
+    each = [band_levels(Lane(Scene(CASE.model), orders(CASE, share))) for share in (0.0, 0.1, 1.0)]
     assert each[1][1] == pytest.approx(0.1 * each[2][1], rel=0.02)
     assert each[0][0] == pytest.approx(each[2][0], rel=1e-3)
     assert each[0][1] < 1e-3 * each[2][1]
-    wide = Scene(case.model, impact_absorber(1.0))
-    assert band_levels(Lane(wide, orders(case, 1.0))) == pytest.approx(each[2], rel=1e-9)
+    wide = Scene(CASE.model, impact_absorber(1.0))
+    assert band_levels(Lane(wide, orders(CASE, 1.0))) == pytest.approx(each[2], rel=1e-9)
 
 
 def test_an_absorber_at_the_node_is_left_alone_by_the_second_mode() -> None:
@@ -37,12 +38,16 @@ def test_an_absorber_at_the_node_is_left_alone_by_the_second_mode() -> None:
         np.testing.assert_allclose(np.abs(case.at(case.node).level_shape), np.abs(case.model.tip_shape))  # signs of modes are free
 
 
+def smaller(module: ModuleType, monkeypatch: pytest.MonkeyPatch, **values: object) -> None:
+    for name, value in values.items():
+        monkeypatch.setattr(module, name, value)
+
+
 def test_rows_of_both_resonances_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in {"SHARES": (0.0, 1.0), "GAP_FACTORS": (2.0, 100.0), "REMEDIED": (1.0,), "LIMITS": (0.97, 1.0)}.items():
-        monkeypatch.setattr(load_answers, name, value)
-    monkeypatch.setattr(load_answers, "GROUPS", {name: load_answers.GROUPS[name] for name in ("share", "gap")})
-    monkeypatch.setattr(load_answers, "CASES", {"cantilever": CASES["cantilever"]})
-    rows = [row for group in ("share", "gap") for row in both_rows(CASES["cantilever"], group, Settings(2, False))]
+    groups = {name: load_answers.GROUPS[name] for name in ("share", "gap")}
+    own = {"SHARES": (0.0, 1.0), "GAP_FACTORS": (2.0, 100.0), "REMEDIED": (1.0,), "LIMITS": (0.97, 1.0)}
+    smaller(load_answers, monkeypatch, GROUPS=groups, CASES={"cantilever": CASE}, **own)
+    rows = [row for group in groups for row in both_rows(CASE, group, Settings(2, False))]
     assert rows[0]["higher"] is None
     assert rows[3]["lower"] == pytest.approx([1.0, 1.0, 1.0], abs=0.01)  # no wall is touched in so wide a cavity, and phases matter little
     assert rows[4]["judged"] == 2
@@ -55,15 +60,11 @@ def test_rows_of_both_resonances_are_told_and_drawn(tmp_path: Path, monkeypatch:
 
 def test_random_loads_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A tuned absorber leaves what the sum over lines says; far walls leave all, and near ones less."""
-    monkeypatch.setattr(load_spectra, "PERIODS", 400.0)
-    monkeypatch.setattr(load_spectra, "GAPS", np.array([1.5, 100.0]))
-    monkeypatch.setattr(load_spectra, "SHIFTS", (0.0,))
-    case = CASES["cantilever"]
-    (row,) = random_rows(case, 0, Settings(3, False))
-    loads = load_spectra._random(case.model, "wide")
+    smaller(load_spectra, monkeypatch, PERIODS=400.0, GAPS=np.array([1.5, 100.0]), SHIFTS=(0.0,))
+    (row,) = random_rows(CASE, 0, Settings(3, False))
+    loads = load_spectra._random(CASE.model, "wide")
     (wide,) = loads.parts
-    assert isinstance(wide, Random)
-    expected = expected_rms(case.model, tuned_for(case.model, 0.02, [loads]), wide) / expected_rms(case.model, None, wide)
+    expected = expected_rms(CASE.model, tuned_for(CASE.model, 0.02, [loads]), wide) / expected_rms(CASE.model, None, wide)
     assert np.median(row["tuned"]) == pytest.approx(expected, rel=0.15)  # of three records
     assert row["impact"][1] == pytest.approx([1.0, 1.0, 1.0], abs=1e-6)
     assert np.median(row["impact"][0]) < 0.8
@@ -74,7 +75,7 @@ def test_random_loads_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.Mon
 @pytest.mark.nightly
 def test_shocks_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(load_spectra, "PEAKS", (0.5, 2.0))
-    rows = shock_rows(CASES["cantilever"], 0.5, Settings(3, False))
+    rows = shock_rows(CASE, 0.5, Settings(3, False))
     assert rows[1]["peak_n"] == pytest.approx(4 * rows[0]["peak_n"])
     assert rows[0]["tuned"] == pytest.approx(rows[1]["tuned"], rel=1e-6)  # linear
     assert np.median(rows[1]["decay"]) < 0.9
@@ -85,10 +86,9 @@ def test_shocks_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.nightly
 def test_the_command_from_runs_to_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(load_answers, "FACTORS", (0.8,))
+    smaller(load_answers, monkeypatch, FACTORS=(0.8,), CASES={"cantilever": CASE})
     page = tmp_path / "loads.md"
     page.write_text("".join(f"<!-- {part.name} -->\n<!-- /{part.name} -->\n" for part in load_answers.STUDY.parts))
-    monkeypatch.setattr(load_answers, "CASES", {"cantilever": CASES["cantilever"]})
     given = ["--only", "loads_gravity", "--only", "loads_start", "--members", 1, "--out", tmp_path]
     result = call(main, *given)
     assert result.exit_code == 0, result.output

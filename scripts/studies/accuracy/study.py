@@ -12,7 +12,7 @@ from optimisation.page import published
 from optimisation.report.written_figure import write_figure
 from studies.accuracy import bands, cost, distribution, growth, jumps, trajectory
 from studies.accuracy.cases import Row, Settings, made_with
-from studies.study import Json, Measured, Part, Study, left, rows_by_case
+from studies.study import Json, Measured, Part, Saver, Study, rows_part
 
 QUICK_OUT = Path("results/error_vs_runtime")
 OUT = published(Path("docs/methods"), QUICK_OUT)
@@ -20,42 +20,29 @@ DPI = 110
 
 
 def _part(
-    module: ModuleType,
-    title: str,
-    table: Callable[[list[Row]], str],
-    draw: Callable[[list[Row]], dict[str, Figure]] = lambda _: {},
-    order: Callable[[Settings], list[Any] | None] = lambda _: None,
-    whole: Callable[[Settings, Json], bool] = lambda *_: True,
+    module: ModuleType, title: str, table: Callable[[list[Row]], str], draw: Callable[[list[Row]], dict[str, Figure]] = lambda _: {}, **others: Any
 ) -> Part[Settings]:
     """Return a part of the study: a module with its ``cases`` and the ``key`` of a row's case, a table and figures by file name, of its rows."""
-    return Part(
-        module.NAME,
-        title,
-        measure=lambda settings, known: rows_by_case(module.cases(settings), module.key, known, order(settings)),
-        markers=(module.NAME,),
-        sections=lambda measured: {module.NAME: f"{table(measured.values['rows'])}\n\n{made_with(measured)}"},
-        steps=lambda settings, known: len(left(module.cases(settings), module.key, known)),
-        whole=whole,
-        figures=lambda measured: {file: partial(write_figure, figure, dpi=DPI) for file, figure in draw(measured.values["rows"]).items()},
-    )
+
+    def text(measured: Measured) -> str:
+        return f"{table(measured.values['rows'])}\n\n{made_with(measured)}"
+
+    def figures(measured: Measured) -> dict[str, Saver]:
+        return {file: partial(write_figure, figure, dpi=DPI) for file, figure in draw(measured.values["rows"]).items()}
+
+    return rows_part(module.NAME, title, module.cases, module.key, text, figures=figures, **others)
+
+
+RENAMED = {"processor": "machine", "wall_s": "seconds"}  # in the file
 
 
 def pack(name: str, measured: Measured) -> Json:
     """Return the content of PART.json.gz."""
-    made = dict(measured.conditions)
+    made = {"failure": "", **measured.conditions}
     versions = dict(made.pop("versions"))
-    renamed = {
-        "machine": made.pop("processor"),
-        "cores": made.pop("cores"),
-        "python": versions.pop("python"),
-        "versions": versions,
-        "date": made.pop("date"),
-        "quick": made.pop("quick"),
-        "complete": measured.complete,
-        "seconds": made.pop("wall_s"),
-        "failure": made.pop("failure", ""),
-    }
-    return {"part": name, **renamed, **made, "rows": measured.values["rows"]}
+    python = versions.pop("python")
+    kept = {RENAMED.get(word, word): value for word, value in made.items()}
+    return {"part": name, "python": python, "versions": versions, "complete": measured.complete, **kept, "rows": measured.values["rows"]}
 
 
 def unpack(name: str, content: Json) -> Measured:
@@ -65,25 +52,14 @@ def unpack(name: str, content: Json) -> Measured:
     rows, complete = content.pop("rows"), content.pop("complete")
     if not isinstance(rows, list):
         raise TypeError("rows are no list")
-    made = {
-        "date": content.pop("date"),
-        "processor": content.pop("machine"),
-        "versions": {"python": content.pop("python"), **content.pop("versions")},
-        "wall_s": content.pop("seconds"),
-    }
-    return Measured({"rows": rows}, made | content, bool(complete))
+    made = {word: content.pop(file) for word, file in RENAMED.items()}
+    return Measured({"rows": rows}, made | {"versions": {"python": content.pop("python"), **content.pop("versions")}} | content, bool(complete))
 
 
+TRAJECTORY = {"order": trajectory.order, "whole": trajectory.is_whole}  # a run may measure some scenes anew
 STUDY: Study[Settings] = Study(
     (
-        _part(
-            trajectory,
-            "errors over the first impacts",
-            trajectory.trajectory_table,
-            trajectory.trajectory_figures,
-            trajectory.order,
-            trajectory.is_whole,
-        ),
+        _part(trajectory, "errors over the first impacts", trajectory.trajectory_table, trajectory.trajectory_figures, **TRAJECTORY),
         _part(distribution, "errors of the level's distribution", distribution.distribution_table, distribution.distribution_figures),
         _part(bands, "what a band stands for", bands.band_table),
         _part(growth, "how fast errors grow", growth.growth_table, growth.growth_figures),
