@@ -1,7 +1,6 @@
 """What a band stands for: levels of members that differ in the force's phase, by a millionth in its amplitude, or both; what phases explain."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 from typing import get_args
 
@@ -57,88 +56,46 @@ def _measured(direction: str, name: str, members: Members, shared: int) -> list[
     if not levels.complete:
         raise KeyboardInterrupt
     return [
-        {
-            "direction": direction,
-            "kind": name,
-            "member": m,
-            "group": m // shared,
-            "phase_rad": float(members.phases[m]),
-            "force_factor": float(members.factors[m]),
-            "level_m": float(level),
-        }
-        for m, level in enumerate(levels.level)
+        {"direction": direction, "kind": name, "member": m, "group": m // shared, "phase_rad": phase, "force_factor": factor, "level_m": level}
+        for m, (phase, factor, level) in enumerate(zip(*(values.tolist() for values in (members.phases, members.factors, levels.level)), strict=True))
     ]
 
 
-def between_groups(values: ArrayLike, level: float = 0.95) -> tuple[float, float, float]:
-    """Return the share of the variance that lies between groups, of values (groups, repeats), and its interval.
+def between_groups(values: ArrayLike) -> tuple[float, float, float]:
+    """Return the share of the variance that lies between groups, of values (groups, repeats), and its 95 % interval.
 
     One-way random effects: the intraclass correlation ICC(1,1) (P. E. Shrout, J. L. Fleiss, Psychological Bulletin 86, 1979). It is near 0,
     and may be below, where the group does not matter.
     """
     rows = np.asarray(values, dtype=float)
-    if rows.ndim != 2 or min(rows.shape) < 2:
-        raise ValueError(f"groups = {rows.shape} is not allowed: two groups or more, of two values or more")
     groups, repeats = rows.shape
     free = groups - 1, groups * (repeats - 1)
     between = repeats * float(np.var(rows.mean(axis=1), ddof=1))
     ratio = between / float(rows.var(axis=1, ddof=1).mean())
-    tail = (1 + level) / 2
-    ratios = ratio, ratio / scipy.stats.f.ppf(tail, *free), ratio * scipy.stats.f.ppf(tail, *free[::-1])
+    ratios = ratio, ratio / scipy.stats.f.ppf(0.975, *free), ratio * scipy.stats.f.ppf(0.975, *free[::-1])
     share, low, high = (float((r - 1) / (r + repeats - 1)) for r in ratios)
     return share, low, high
 
 
-@dataclass(frozen=True)
-class Band:
-    """One kind of members in one direction: levels in m, and those of the other kinds by name; ``groups`` (phases, forces) or None."""
-
-    direction: str
-    kind: str
-    levels: np.ndarray
-    others: dict[str, np.ndarray]
-    groups: np.ndarray | None
-
-    @property
-    def quantiles(self) -> tuple[float, float, float]:
-        """5 %, median and 95 % in m."""
-        low, middle, high = np.quantile(self.levels, (0.05, 0.5, 0.95))
-        return float(low), float(middle), float(high)
-
-    def against(self, kind: str) -> tuple[float, float]:
-        """Return statistic and p-value of the two-sample Kolmogorov-Smirnov test."""
-        result = scipy.stats.ks_2samp(self.levels, self.others[kind])
-        return float(result.statistic), float(result.pvalue)
-
-    @property
-    def between(self) -> tuple[float, float, float] | None:
-        """Share of the variance that lies between phases, with its 95 % interval, or None if it was not measured."""
-        return None if self.groups is None else between_groups(self.groups)
-
-
-def bands(all_rows: list[Row]) -> list[Band]:
-    """Return the kinds of each direction; the share between phases belongs to members that differ in both."""
-    result = []
-    for direction in unique(row["direction"] for row in all_rows):
-        own = [row for row in all_rows if row["direction"] == direction]
-        found: dict[str, np.ndarray] = {
-            kind: np.array([row["level_m"] for row in own if row["kind"] == kind]) for kind in KINDS if any(row["kind"] == kind for row in own)
-        }
-        crossed = [row for row in own if row["kind"] == CROSSED]
-        groups = np.array([row["level_m"] for row in crossed]).reshape(len({row["group"] for row in crossed}), -1) if crossed else None
-        for kind, levels in found.items():
-            others = {name: values for name, values in found.items() if name != kind}
-            result.append(Band(direction, kind, levels, others, groups if kind == KINDS[0] else None))
-    return result
+def _difference(one: Array, other: Array) -> str:
+    """Return statistic and p-value of the two-sample Kolmogorov-Smirnov test."""
+    result = scipy.stats.ks_2samp(one, other)
+    return f"{result.statistic:.2f} ({result.pvalue:.1g})"
 
 
 def band_table(rows: list[Row]) -> str:
     """Return a line for each direction and kind of members."""
     header = ("sweep", "members differ in", "runs", "median, mm", "5 to 95 %, mm", *(f"D (p) against {kind}" for kind in KINDS), "between phases")
     lines = []
-    for band in bands(rows):
-        low, middle, high = (1e3 * x for x in band.quantiles)
-        tests = ("" if kind not in band.others else "{:.2f} ({:.1g})".format(*band.against(kind)) for kind in KINDS)
-        share = "" if band.between is None else "{:.0f} % ({:.0f} to {:.0f})".format(*(100 * x for x in band.between))
-        lines.append((band.direction, band.kind, str(len(band.levels)), f"{middle:.4f}", f"{low:.4f} to {high:.4f}", *tests, share))
+    for direction in unique(row["direction"] for row in rows):
+        own = [row for row in rows if row["direction"] == direction]
+        found = {kind: np.array([row["level_m"] for row in own if row["kind"] == kind]) for kind in (*KINDS, CROSSED)}
+        crossed = found.pop(CROSSED).reshape(len({row["group"] for row in own if row["kind"] == CROSSED}) or 1, -1)
+        share = "{:.0f} % ({:.0f} to {:.0f})".format(*(100 * x for x in between_groups(crossed))) if crossed.size else ""
+        for kind, levels in found.items():
+            if levels.size:
+                low, middle, high = 1e3 * np.quantile(levels, (0.05, 0.5, 0.95))
+                tests = ["" if name == kind or not other.size else _difference(levels, other) for name, other in found.items()]
+                words = (f"{middle:.4f}", f"{low:.4f} to {high:.4f}", *tests, share if kind == KINDS[0] else "")  # members that differ in both
+                lines.append((direction, kind, str(len(levels)), *words))
     return markdown(header, lines)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from impact_env.drive import PAPER_RATE, Drive, FrequencySchedule, linear_sweep
@@ -237,6 +238,24 @@ def plain(panel: Axes, ticks: list[float]) -> None:
     panel.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     panel.xaxis.set_minor_formatter(NullFormatter())
     panel.minorticks_off()
+
+
+def panel_grid(scenes: list[str], modes: list[int], share: bool = False) -> tuple[Figure, Any]:
+    """Return a figure with a titled panel for each scene (down) and number of modes (across), and the panels."""
+    figure = Figure(figsize=(2.6 + 2.9 * len(modes), 1.6 + 2.35 * len(scenes)), layout="constrained")
+    panels = figure.subplots(len(scenes), len(modes), squeeze=False, sharex=share, sharey=share)
+    for line, scene in zip(panels, scenes, strict=True):
+        for panel, count in zip(line, modes, strict=True):
+            panel.set_title(f"{scene}, {count} mode{'s' * (count > 1)}", fontsize=9)
+    return figure, panels
+
+
+def label_edges(panels: Any, below: str, left: str) -> None:
+    """Label the panels of the last row below, and those of the first column on their left."""
+    for panel in panels[-1]:
+        panel.set_xlabel(below)
+    for panel in panels[:, 0]:
+        panel.set_ylabel(left, fontsize=9)
 
 
 def unique(values: Iterable[Any]) -> list[Any]:

@@ -21,7 +21,21 @@ from impact_env.parameters import Beam
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
 from optimisation.report.markdown import markdown
-from studies.accuracy.cases import LOOKS, Cases, Kind, Row, Settings, kind_named, method_name, named, number, shown_rows, unique
+from studies.accuracy.cases import (
+    LOOKS,
+    Cases,
+    Kind,
+    Row,
+    Settings,
+    kind_named,
+    label_edges,
+    method_name,
+    named,
+    number,
+    panel_grid,
+    shown_rows,
+    unique,
+)
 
 Array = NDArray[np.float64]
 NAME = "distribution"
@@ -71,29 +85,17 @@ def _measured(kind: Kind, modes: int, settings: Settings) -> list[Row]:
     for label, method, own in plans:
         list(_levels(scene, kind, method, own[:1], short, None))  # compile
         for member, level, seconds in _levels(scene, kind, method, own, settings, None if label else settings.budget):
-            row: Row = {
-                "scene": kind.name,
-                "modes": modes,
-                "method": label or method_name(method, scene),
-                "setting": None if isinstance(method, Exact) else method.steps_per_period,
-                "member": member,
-                "level_m": level,
-                "wall_s": seconds,
-            }
-            found.append(row)
+            setting = None if isinstance(method, Exact) else method.steps_per_period
+            row: Row = {"scene": kind.name, "modes": modes, "method": label or method_name(method, scene), "setting": setting}
+            found.append(row | {"member": member, "level_m": level, "wall_s": seconds})
     return found
 
 
-def bootstrap(
-    statistic: Callable[[Array, Array], float], one: ArrayLike, other: ArrayLike, resamples: int = 400, seed: int = 0, level: float = 0.95
-) -> tuple[float, float]:
-    """Return the percentile interval of a statistic of two samples, both drawn anew with replacement."""
+def bootstrap(statistic: Callable[[Array, Array], float], one: ArrayLike, other: ArrayLike) -> tuple[float, float]:
+    """Return the 95 % percentile interval of a statistic of two samples, both drawn anew with replacement."""
     a, b = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
-    if a.size == 0 or b.size == 0:
-        raise ValueError("a bootstrap needs two samples that are not empty")
-    generator = np.random.default_rng(seed)
-    values = [statistic(generator.choice(a, a.size), generator.choice(b, b.size)) for _ in range(resamples)]
-    low, high = np.quantile(values, [(1 - level) / 2, (1 + level) / 2])
+    generator = np.random.default_rng(0)
+    low, high = np.quantile([statistic(generator.choice(a, a.size), generator.choice(b, b.size)) for _ in range(400)], [0.025, 0.975])
     return float(low), float(high)
 
 
@@ -107,18 +109,16 @@ def relative_distance(one: Array, other: Array) -> float:
     return float(scipy.stats.wasserstein_distance(one, other)) / abs(float(np.mean(other)))
 
 
-def distance_at_size(sample: ArrayLike, truth: ArrayLike, size: int, resamples: int = 200, seed: int = 0) -> float:
+def distance_at_size(sample: ArrayLike, truth: ArrayLike, size: int) -> float:
     """Return the distance to expect between ``size`` runs of a method and the truth, relative to the truth's mean: the mean over resamples."""
     values, target = np.asarray(sample, dtype=float), np.asarray(truth, dtype=float)
-    if size < 1 or values.size == 0:
-        raise ValueError(f"size = {size} is not allowed: at least one run, of a sample that is not empty")
-    generator = np.random.default_rng(seed)
-    return float(np.mean([relative_distance(generator.choice(values, size), target) for _ in range(resamples)]))
+    generator = np.random.default_rng(0)
+    return float(np.mean([relative_distance(generator.choice(values, size), target) for _ in range(200)]))
 
 
 @dataclass(frozen=True)
 class Compared:
-    """One method beside the truth. Shares are relative to the truth's mean; intervals are 95 % bootstrap intervals."""
+    """The levels of one method beside the truth's."""
 
     scene: str
     modes: int
@@ -127,24 +127,6 @@ class Compared:
     levels: np.ndarray
     truth: np.ndarray
     seconds: float  # a run, median
-
-    @property
-    def mean_difference(self) -> float:
-        """Difference of the means."""
-        return mean_difference(self.levels, self.truth)
-
-    def mean_interval(self) -> tuple[float, float]:
-        """Return the interval of the `mean_difference`."""
-        return bootstrap(mean_difference, self.levels, self.truth)
-
-    @property
-    def distance(self) -> float:
-        """Distance of the distributions (W1)."""
-        return relative_distance(self.levels, self.truth)
-
-    def distance_interval(self) -> tuple[float, float]:
-        """Return the interval of the `distance`."""
-        return bootstrap(relative_distance, self.levels, self.truth)
 
     def at_cost(self, seconds: float) -> float:
         """Return the distance to expect for an ensemble that takes ``seconds``, of one run at least."""
@@ -175,21 +157,13 @@ def distribution_table(rows: list[Row]) -> str:
     lines = []
     for method in methods:
         exact = next(m for m in methods if (m.scene, m.modes, m.setting) == (method.scene, method.modes, None))
-        mean, distance = (tuple(100 * x for x in interval) for interval in (method.mean_interval(), method.distance_interval()))
-        lines.append(
-            (
-                method.scene,
-                str(method.modes),
-                named({"method": method.method, "setting": method.setting}),
-                str(len(method.levels)),
-                number(1e3 * method.seconds, 3),
-                f"{100 * method.mean_difference:+.2f}",
-                f"{mean[0]:+.2f} to {mean[1]:+.2f}",
-                f"{100 * method.distance:.2f}",
-                f"{distance[0]:.2f} to {distance[1]:.2f}",
-                f"{100 * method.at_cost(MATCHED_RUNS * exact.seconds):.2f}",
-            )
-        )
+        both, cells = (method.levels, method.truth), list[str]()
+        for statistic, form in ((mean_difference, "{:+.2f}"), (relative_distance, "{:.2f}")):
+            low, high = (form.format(100 * x) for x in bootstrap(statistic, *both))
+            cells += [form.format(100 * statistic(*both)), f"{low} to {high}"]
+        name = named({"method": method.method, "setting": method.setting})
+        runs, cost = (str(len(method.levels)), number(1e3 * method.seconds, 3)), f"{100 * method.at_cost(MATCHED_RUNS * exact.seconds):.2f}"
+        lines.append((method.scene, str(method.modes), name, *runs, *cells, cost))
     return markdown(header, lines)
 
 
@@ -197,8 +171,7 @@ def distribution_figures(all_rows: list[Row]) -> dict[str, Figure]:
     """Draw the distance from the truth to expect against the time spent, for ensembles of growing size."""
     scenes, modes = (unique(row[name] for row in all_rows) for name in ("scene", "modes"))
     methods = compared(all_rows)
-    figure = Figure(figsize=(2.6 + 2.9 * len(modes), 1.6 + 2.35 * len(scenes)), layout="constrained")
-    panels = figure.subplots(len(scenes), len(modes), squeeze=False)
+    figure, panels = panel_grid(scenes, modes)
     settings = sorted({m.setting for m in methods if m.setting is not None})
     for line, scene in zip(panels, scenes, strict=True):
         for panel, count in zip(line, modes, strict=True):
@@ -206,11 +179,7 @@ def distribution_figures(all_rows: list[Row]) -> dict[str, Figure]:
                 if (method.scene, method.modes) == (scene, count):
                     _ensemble_line(panel, method, settings)
             _few_ticks(panel)
-            panel.set_title(f"{scene}, {count} mode{'s' * (count > 1)}", fontsize=9)
-    for panel in panels[-1]:
-        panel.set_xlabel("time of the ensemble, s")
-    for panel in panels[:, 0]:
-        panel.set_ylabel("distance of the distributions, %", fontsize=9)
+    label_edges(panels, "time of the ensemble, s", "distance of the distributions, %")
     named = {f"{m.method}, {m.setting:g} steps" if m.setting else m.method: _style(m, settings) for m in methods}
     handles = [Line2D([], [], color=colour, marker=marker, alpha=alpha, label=name) for name, (colour, marker, alpha) in named.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)

@@ -14,8 +14,8 @@ from impact_env.drive import Drive, constant_frequency
 from impact_env.methods import Exact
 from impact_env.scene import InitialState
 from impact_env.sweep import simulate
-from optimisation.report.markdown import markdown
 from studies.accuracy.cases import BARE, COLOURS, MARKERS, WATCHED, Case, Cases, Row, Settings, case, kind_named, number, plain, shown_rows, unique
+from studies.one_table import lines
 
 Array = NDArray[np.float64]
 NAME = "growth"
@@ -139,15 +139,10 @@ def _measured(name: str, modes: int, settings: Settings) -> list[Row]:
     exponent, per_period = float(np.mean(growth)) / run.stretch, impacts / (run.stretch * len(growth))
     shared = {"scene": name, "modes": run.it.modes}
     row: Row = {
-        **shared,
-        "impact": None,
-        "exponent_per_period": exponent,
-        "exponent_low": float(low),
-        "exponent_high": float(high),
-        "impacts_per_period": per_period,
-        "factor_per_impact": float(np.exp(exponent / per_period)) if per_period > 0 else None,
+        **shared, "impact": None, "exponent_per_period": exponent, "exponent_low": float(low), "exponent_high": float(high),
+        "impacts_per_period": per_period, "factor_per_impact": float(np.exp(exponent / per_period)) if per_period > 0 else None,
         "difference_periods": None,
-    }
+    }  # fmt: skip
     found = [row]
     if per_period > 0:
         off = _twins(run, states, per_period, generator)
@@ -160,20 +155,11 @@ def _measured(name: str, modes: int, settings: Settings) -> list[Row]:
 
 def growth_table(rows: list[Row]) -> str:
     """Return a line for each scene and number of modes."""
-    header = ("scene", "modes", "exponent per pseudo period", "95 %", "impacts per pseudo period", "factor per impact")
-    lines = [
-        (
-            row["scene"],
-            str(row["modes"]),
-            f"{row['exponent_per_period']:.2f}",
-            f"{row['exponent_low']:.2f} to {row['exponent_high']:.2f}",
-            f"{row['impacts_per_period']:.2f}",
-            number(row["factor_per_impact"], 3),
-        )
-        for row in shown_rows(rows)
-        if row["impact"] is None
-    ]
-    return markdown(header, lines)
+    columns = {
+        "scene": "{scene}", "modes": "{modes}", "exponent per pseudo period": "{exponent_per_period:.2f}",
+        "95 %": "{exponent_low:.2f} to {exponent_high:.2f}", "impacts per pseudo period": "{impacts_per_period:.2f}", "factor per impact": "{factor}",
+    }  # fmt: skip
+    return lines(columns, ({**row, "factor": number(row["factor_per_impact"], 3)} for row in shown_rows(rows) if row["impact"] is None))
 
 
 def growth_figures(all_rows: list[Row]) -> dict[str, Figure]:

@@ -32,10 +32,12 @@ from studies.accuracy.cases import (
     Row,
     Settings,
     case,
+    label_edges,
     median_time,
     method_name,
     named,
     number,
+    panel_grid,
     shown_rows,
     unique,
 )
@@ -74,11 +76,9 @@ def truth_of(it: Case) -> Truth:
     def impact_times(run: digits.Trajectory) -> Array:
         return np.array([float(t) for t in run.impact_time])
 
-    drive = it.drive(MOST_PERIODS)
-    walled = getattr(it.scene.absorber, "walls", None) is not None
     periods = WITHOUT_IMPACTS
-    if walled:
-        times = impact_times(digits.follow(it.scene, drive, it.initial, impacts=LATEST)) / it.period
+    if getattr(it.scene.absorber, "walls", None) is not None:
+        times = impact_times(digits.follow(it.scene, it.drive(MOST_PERIODS), it.initial, impacts=LATEST)) / it.period
         late = times[IMPACTS - 1 :]
         if len(late) > 1:
             k = int(np.argmax(np.diff(late)))
@@ -104,16 +104,8 @@ ERRORS = ("state_error", "first_impact_error_periods", "fifth_impact_error_perio
 def _row(start: Start, name: str, setting: float | None, found: list[tuple[float | None, ...]], us: float | None, note: str = "") -> Row:
     """Return a row: medians over the starts."""
     it, truth = start
-    row: Row = {
-        "scene": it.kind.name,
-        "modes": it.modes,
-        "method": name,
-        "setting": setting,
-        "compared_periods": truth.periods,
-        "impacts": len(truth.impact_time),
-        "starts": len(found),
-        "us_per_period": us,
-    }
+    row: Row = {"scene": it.kind.name, "modes": it.modes, "method": name, "setting": setting, "compared_periods": truth.periods}
+    row |= {"impacts": len(truth.impact_time), "starts": len(found), "us_per_period": us}
     for k, error in enumerate(ERRORS):
         known = [values[k] for values in found if values[k] is not None]
         row[error] = float(np.median(known)) if known else None  # type: ignore[arg-type]
@@ -237,13 +229,9 @@ def _starts(kind: Kind, modes: int, settings: Settings) -> list[Start]:
     return [(it, truth_of(it)) for it in found]
 
 
-FLOOR = 1e-17  # errors below are drawn there  # errors below are drawn there
+FLOOR = 1e-17  # errors below are drawn there
 CEILING = 3.0
-LABELS = {
-    "state_error": "error of the state",
-    "balance_error": "error of the energy balance",
-    "first_impact_error_periods": "error of the first impact, pseudo periods",
-}
+LABELS = {"state_error": "error of the state", "balance_error": "error of the energy balance"}
 MAIN = ("impact, e = 1", "impact, e = 0.7, with friction")
 SHOWN_STEPS = (20, 20000)
 
@@ -260,17 +248,10 @@ def trajectory_table(rows: list[Row]) -> str:
         if row["setting"] is None or (row["method"] in own and row["setting"] in SHOWN_STEPS) or row["setting"] == tight.get(row["method"])
     ]
     header = ("scene", "modes", "method", "µs per pseudo period", "state", "first impact", "fifth impact", "energy")
-    errors = ("state_error", "first_impact_error_periods", "fifth_impact_error_periods", "balance_error")
-    lines = [
-        (
-            row["scene"],
-            str(row["modes"]),
-            named(row),
-            number(row["us_per_period"], 3),
-            *(("" if row[name] is None else f"{row[name]:.1e}") for name in errors),
-        )
-        for row in shown
-    ]
+    lines = []
+    for row in shown:
+        errors = ("" if row[name] is None else f"{row[name]:.1e}" for name in ERRORS)
+        lines.append((row["scene"], str(row["modes"]), named(row), number(row["us_per_period"], 3), *errors))
     return markdown(header, lines) + ("\n\nNot finished:\n\n" + "\n".join(failed) if failed else "")
 
 
@@ -279,16 +260,11 @@ def grid(all_rows: list[Row], value: str, scenes: list[str], title: str) -> Figu
     modes = unique(row["modes"] for row in all_rows)
     scenes = [scene for scene in scenes if any(row["scene"] == scene for row in all_rows)]
     all_rows = [row for row in all_rows if row["scene"] in scenes]
-    figure = Figure(figsize=(2.6 + 2.9 * len(modes), 1.6 + 2.35 * len(scenes)), layout="constrained")
-    panels = figure.subplots(len(scenes), len(modes), squeeze=False, sharex=True, sharey=True)
+    figure, panels = panel_grid(scenes, modes, share=True)
     for line, scene in zip(panels, scenes, strict=True):
         for panel, count in zip(line, modes, strict=True):
             _panel(panel, [row for row in all_rows if row["scene"] == scene and row["modes"] == count], value)
-            panel.set_title(f"{scene}, {count} mode{'s' * (count > 1)}", fontsize=9)
-    for panel in panels[-1]:
-        panel.set_xlabel("time of a pseudo period, µs")
-    for panel in panels[:, 0]:
-        panel.set_ylabel(LABELS[value], fontsize=9)
+    label_edges(panels, "time of a pseudo period, µs", LABELS[value])
     shown = [name for name in LOOKS if any(row["method"] == name for row in all_rows) and (name != "closed form" or len(scenes) == 1)]
     names = {"Exact": "Exact (closed form where there are no events)"}
     handles = [Line2D([], [], color=LOOKS[name][0], marker=LOOKS[name][1], lw=1, ls=_line(name), label=names.get(name, name)) for name in shown]
