@@ -7,7 +7,7 @@ import click
 from impact_env.ensemble import available_cores
 from optimisation.cli.common import command
 from studies.runner import run
-from studies.stability.study import MARKERS, OUT, QUICK_OUT, STUDY, Settings
+from studies.stability.study import OUT, PART, QUICK_OUT, STUDY, Settings
 from studies.study import with_page
 
 
@@ -24,5 +24,5 @@ def main(quick: bool, workers: int | None, out: Path | None, redraw: bool, resum
     Tables go into the page FOLDER.md beside the folder, if there is one. Under 10 minutes (--quick: under one) once the kernels are
     compiled. Ctrl-C ends the run early and leaves what is finished.
     """
-    place = with_page(out or (QUICK_OUT if quick else OUT), MARKERS)
+    place = with_page(out or (QUICK_OUT if quick else OUT), PART.markers)
     run(STUDY, Settings(quick, workers or available_cores()), place, redraw=redraw, resume=resume)

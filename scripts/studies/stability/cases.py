@@ -74,14 +74,8 @@ def make_case(
     return Case(group, name, build, **options)  # type: ignore[arg-type]
 
 
-def impact() -> Absorber:
-    """Return rigid walls with a usual restitution."""
-    return impact_absorber(restitution=0.7)
-
-
-def rubbing() -> Absorber:
-    """Return the same with friction."""
-    return impact_absorber(restitution=0.7, friction_limit=0.1)
+impact = partial(impact_absorber, restitution=0.7)
+rubbing = partial(impact, friction_limit=0.1)
 
 
 def soft(stiffness: float = 100 * STATIC, mass_ratio: float = 0.02) -> Absorber:
@@ -112,18 +106,15 @@ def _ordinary() -> Iterator[Case]:
 
 
 def _damping() -> Iterator[Case]:
+    damped = partial(make_case, "damping ratio")
     for ratio in (0.0, 1 - 1e-9, 1.0, 1 + 1e-6, 3.0, 10.0, 1000.0):
         for name in ("no absorber", "stuck", "tuned", "impact and friction", "compliant"):
             quick = name in ("tuned", "impact and friction") and ratio in (0.0, 1.0, 10.0)
-            yield make_case(
-                "damping ratio", f"{ratio:.10g}, {name}", KINDS[name], beam={"damping_ratio": ratio}, force=50 * max(ratio, 0.1), quick=quick
-            )
+            yield damped(f"{ratio:.10g}, {name}", KINDS[name], beam={"damping_ratio": ratio}, force=50 * max(ratio, 0.1), quick=quick)
     # short runs: an unstable step has not blown up yet, so its numbers look like numbers
     for ratio, periods in ((3.5, 1.0), (4.5, 0.5), (6.0, 0.3)):
-        yield make_case(
-            "damping ratio", f"{ratio:g}, a run of {periods:g} periods", lambda: None, force=50, periods=periods, beam={"damping_ratio": ratio}
-        )
-    yield make_case("damping ratio", "0 to 5 over the modes, impact", impact, beam={"damping_ratio": (0.0, 0.9, 5.0)}, force=20)
+        yield damped(f"{ratio:g}, a run of {periods:g} periods", lambda: None, force=50, periods=periods, beam={"damping_ratio": ratio})
+    yield damped("0 to 5 over the modes, impact", impact, beam={"damping_ratio": (0.0, 0.9, 5.0)}, force=20)
 
 
 def _modes() -> Iterator[Case]:
@@ -301,16 +292,12 @@ def _conserved() -> Iterator[Case]:
         n = scene.model.modes
         return InitialState(np.full(n, 1e-3) / (1 + np.arange(n)) ** 3, absorber_velocity=0.1)
 
-    for name, make in (
-        ("no absorber", lambda: None),
-        ("tuned", partial(TunedAbsorber, damping=0.0)),
-        ("impact", impact_absorber),
-        ("compliant", soft),
-        ("compliant, 1e6 x 3EI/l^3", partial(soft, 1e6 * STATIC)),
-    ):
-        yield make_case(
-            "conserved", name, make, beam={"damping_ratio": 0.0}, force=0.0, periods=20, start=start, conserved=True, quick=name == "impact"
-        )
+    free = partial(make_case, "conserved", beam={"damping_ratio": 0.0}, force=0.0, periods=20, start=start, conserved=True)
+    yield free("no absorber", lambda: None)
+    yield free("tuned", partial(TunedAbsorber, damping=0.0))
+    yield free("impact", impact_absorber, quick=True)
+    yield free("compliant", soft)
+    yield free("compliant, 1e6 x 3EI/l^3", partial(soft, 1e6 * STATIC))
 
 
 GROUPS = (

@@ -11,37 +11,21 @@ from impact_env.drive import Drive, FrequencySchedule
 from impact_env.families import Observers, family
 from impact_env.frequency import joint_matrices
 from impact_env.kernels.motion.observers import DONE, Series, new_counters
-from impact_env.methods import Moreau, RungeKutta
+from impact_env.methods import Method, Moreau, RungeKutta
 from impact_env.parameters import Beam, CompliantWalls, SlidingAbsorber, TunedAbsorber
 from impact_env.scene import InitialState, Scene, beam_scene
 
 MOREAU, RUNGE_KUTTA = "moreau", "runge-kutta"
+MAKE: dict[str, type[Moreau | RungeKutta]] = {MOREAU: Moreau, RUNGE_KUTTA: RungeKutta}
 STEPS = 50_000
 GROWN = 100.0  # a run whose state is so many times larger at its end was not stable
 HALVINGS = 40
 AGREE = 1e-3  # relative difference to theory that the finite number of steps explains
 
 
-@dataclass(frozen=True)
-class FixedMoreau(Moreau):
-    """The Moreau scheme at a step in s."""
-
-    dt: float = 0.0
-
-    def step(self, scene: Scene) -> float:  # noqa: ARG002 - as the method's
-        """Return the step in s."""
-        return self.dt
-
-
-@dataclass(frozen=True)
-class FixedRungeKutta(RungeKutta):
-    """The Runge-Kutta method at a step in s."""
-
-    dt: float = 0.0
-
-    def step(self, scene: Scene) -> float:  # noqa: ARG002 - as the method's
-        """Return the step in s."""
-        return self.dt
+def at_step(method: Method, dt: float) -> Method:
+    """Return a stepping method whose step is ``dt`` (s) in every scene."""
+    return type("AtStep", (type(method),), {"step": lambda *_: dt})()
 
 
 @dataclass(frozen=True)
@@ -64,12 +48,14 @@ class LimitCase:
         return beam_scene(Beam(modes=self.modes, damping_ratio=self.damping_ratio), absorber)
 
 
+RATIOS = (0.0, 0.001, 0.01, 0.1, 0.3, 0.7, 1.0, 2.0, 5.0, 20.0)
+OTHERS = (
+    ("ten modes", 0.01, 10), ("spring 1e6 N/m", 0.01, 3, 1e6), ("spring 1e10 N/m", 0.01, 3, 1e10),
+    ("spring 1e4 N/m, damper 100 N s/m", 0.01, 3, 1e4, 100.0),
+)  # fmt: skip
 CASES = (
-    *(LimitCase(method, "one mode", ratio) for method in (MOREAU, RUNGE_KUTTA) for ratio in (0.0, 0.001, 0.01, 0.1, 0.3, 0.7, 1.0, 2.0, 5.0, 20.0)),
-    *(LimitCase(method, "ten modes", 0.01, 10) for method in (MOREAU, RUNGE_KUTTA)),
-    *(LimitCase(method, "spring 1e6 N/m", 0.01, 3, 1e6) for method in (MOREAU, RUNGE_KUTTA)),
-    *(LimitCase(method, "spring 1e10 N/m", 0.01, 3, 1e10) for method in (MOREAU, RUNGE_KUTTA)),
-    *(LimitCase(method, "spring 1e4 N/m, damper 100 N s/m", 0.01, 3, 1e4, 100.0) for method in (MOREAU, RUNGE_KUTTA)),
+    *(LimitCase(method, "one mode", ratio) for method in MAKE for ratio in RATIOS),
+    *(LimitCase(method, *other) for other in OTHERS for method in MAKE),
 )
 QUICK = tuple(case for case in CASES if case.damping_ratio in (0.0, 0.01, 1.0, 20.0))
 
@@ -156,13 +142,12 @@ def grows(case: LimitCase, scene: Scene, dt: float) -> bool:
     drive = Drive(0.0, FrequencySchedule(np.array([0.0, duration]), np.full(2, reference), reference))
     start = InitialState(1e-6 * np.ones(scene.model.modes) / scene.model.omega, 1e-6 * np.ones(scene.model.modes), absorber_velocity=1e-6)
     state = start.vector(scene)
-    n = len(state)
-    weight = np.append(scene.model.omega, 0.0)
-    size = np.hypot(*np.split(np.append(weight, np.ones(n // 2)) * state, 2)).max()
-    observers = Observers(new_counters(), series=Series(np.zeros((2, n))))
-    method = FixedMoreau(dt=dt) if case.method == MOREAU else FixedRungeKutta(dt=dt)
+    weight = np.concatenate([scene.model.omega, [0.0], np.ones(len(state) // 2)])
+    size = np.hypot(*np.split(weight * state, 2)).max()
+    observers = Observers(new_counters(), series=Series(np.zeros((2, len(state)))))
+    method = at_step(MAKE[case.method](), dt)
     status = family(scene, method).run(scene, drive, method, state, duration, observers)
-    end = np.append(weight, np.ones(n // 2)) * state
+    end = weight * state
     return status != DONE or not np.all(np.isfinite(end)) or bool(np.max(np.abs(end)) > GROWN * size)
 
 
@@ -175,5 +160,5 @@ def find_limit(case: LimitCase) -> Limit:
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if grows(case, scene, middle) else (middle, high)
     theory = moreau_theory(scene) if case.method == MOREAU else runge_kutta_theory(scene)
-    paper = (Moreau() if case.method == MOREAU else RungeKutta()).step(scene)
+    paper = MAKE[case.method]().step(scene)
     return Limit(case.method, case.what, case.damping_ratio, float(np.max(scene.model.omega)), theory, float(np.sqrt(low * high)), paper)

@@ -4,22 +4,16 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
-from typing import Any
 
 from impact_env import ParameterError, SlidingAbsorber
 from optimisation.workers import Outcome, Task
-from studies.stability import cells as cells
-from studies.stability import checks as checks
-from studies.stability import eigen as eigen
-from studies.stability import limits as limits
+from studies.stability import cells, checks, eigen, limits
 from studies.stability import soak as soaks
 from studies.stability.cases import Case, cases
+from studies.study import Json
 
 CELL_LIMIT_S, QUICK_CELL_LIMIT_S = 90.0, 30.0
-SOAK_LIMIT_S = 400.0
-OTHER_LIMIT_S = 120.0
-CHECK_LIMIT_S = 400.0
-MATRIX, LIMITS, EIGEN, SOAKS, CHECKS = "cells", "limits", "eigen", "soaks", "checks"
+LONG_LIMIT_S, OTHER_LIMIT_S = 400.0, 120.0
 
 
 @lru_cache(maxsize=1)
@@ -27,37 +21,37 @@ def _by_name() -> dict[tuple[str, str], Case]:
     return {(case.group, case.name): case for case in cases()}
 
 
-def run_cell(group: str, name: str, method: str) -> dict[str, Any]:
+def run_cell(group: str, name: str, method: str) -> Json:
     """Run a case with a method."""
     values = asdict(cells.measure(_by_name()[group, name], method))
     return {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in values.items()}
 
 
-def run_limit(number: int) -> dict[str, Any]:
+def run_limit(number: int) -> Json:
     """Find a step limit."""
     found = limits.find_limit(limits.CASES[number])
     return asdict(found) | {"agrees": found.agrees}
 
 
-def run_eigen(elements: int) -> dict[str, Any]:
+def run_eigen(elements: int) -> Json:
     """Compute the errors of the modes."""
     found = eigen.accuracy(elements)
     values = asdict(found) | {"wrong": found.wrong}
     return values | {name: {str(mode): error for mode, error in values[name].items()} for name in ("rounding", "discretisation")}
 
 
-def run_soak(number: int, lengths: tuple[int, ...]) -> dict[str, Any]:
+def run_soak(number: int, lengths: tuple[int, ...]) -> Json:
     """Do one very long run."""
     return asdict(soaks.soak(soaks.CASES[number], lengths))
 
 
-def run_check(name: str, searches: int) -> dict[str, Any]:
+def run_check(name: str, searches: int) -> Json:
     """Check searches of one scene."""
     found = checks.check(name, searches, list(checks.CASES).index(name))
     return asdict(found) | {"passed": found.passed}
 
 
-SECTIONS = {run_cell: MATRIX, run_limit: LIMITS, run_eigen: EIGEN, run_soak: SOAKS, run_check: CHECKS}
+SECTIONS = {run_cell: "cells", run_limit: "limits", run_eigen: "eigen", run_soak: "soaks", run_check: "checks"}  # of `Results`
 
 
 def _kind(case: Case, method: str) -> str:
@@ -79,8 +73,8 @@ def tasks(quick: bool) -> list[Task]:
     limit = QUICK_CELL_LIMIT_S if quick else CELL_LIMIT_S
     searches = -(-(checks.QUICK_SEARCHES if quick else checks.SEARCHES) // len(checks.CASES))
     return [
-        *(Task(run_check, (name, searches), f"check {number}", CHECK_LIMIT_S) for number, name in enumerate(checks.CASES)),
-        *(Task(run_soak, (number, lengths), f"soak {number}", SOAK_LIMIT_S) for number in range(len(soaks.CASES))),
+        *(Task(run_check, (name, searches), f"check {number}", LONG_LIMIT_S) for number, name in enumerate(checks.CASES)),
+        *(Task(run_soak, (number, lengths), f"soak {number}", LONG_LIMIT_S) for number in range(len(soaks.CASES))),
         *(Task(run_cell, (case.group, case.name, method), _kind(case, method), limit) for case in cases(quick) for method in case.methods),
         *(Task(run_limit, (number,), "limits", OTHER_LIMIT_S) for number in chosen),
         *(Task(run_eigen, (elements,), "eigenproblem", OTHER_LIMIT_S) for elements in (eigen.QUICK_ELEMENTS if quick else eigen.ELEMENTS)),
@@ -91,12 +85,12 @@ def tasks(quick: bool) -> list[Task]:
 class Results:
     """What has been measured: plain values for JSON, section by section, in the order of the tasks."""
 
-    cells: list[dict[str, Any]] = field(default_factory=list)
-    limits: list[dict[str, Any]] = field(default_factory=list)
-    eigen: list[dict[str, Any]] = field(default_factory=list)
-    soaks: list[dict[str, Any]] = field(default_factory=list)
-    checks: list[dict[str, Any]] = field(default_factory=list)
-    lost: list[dict[str, Any]] = field(default_factory=list)
+    cells: list[Json] = field(default_factory=list)
+    limits: list[Json] = field(default_factory=list)
+    eigen: list[Json] = field(default_factory=list)
+    soaks: list[Json] = field(default_factory=list)
+    checks: list[Json] = field(default_factory=list)
+    lost: list[Json] = field(default_factory=list)
 
     def failures(self) -> Iterator[str]:
         """Yield a line for each thing that is wrong."""
@@ -136,7 +130,7 @@ def gather(outcomes: Sequence[Outcome], order: Sequence[Task]) -> Results:
     return results
 
 
-def _identity(task: Task) -> dict[str, Any]:
+def _identity(task: Task) -> Json:
     """Return the keys by which a task's result is known in its section."""
     if task.function is run_cell:
         return dict(zip(("group", "case", "method"), task.arguments, strict=True))
@@ -149,7 +143,7 @@ def _identity(task: Task) -> dict[str, Any]:
     return {"name": soaks.CASES[number].name if task.function is run_soak else number}
 
 
-def finished(order: Sequence[Task], known: dict[str, Any]) -> list[Outcome]:
+def finished(order: Sequence[Task], known: Json) -> list[Outcome]:
     """Return the outcomes of an earlier run; a task that was lost there has none."""
     found = []
     for task in order:
