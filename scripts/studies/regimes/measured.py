@@ -193,6 +193,9 @@ def _one_way(case: Case, way: str, slowness: float, settings: Settings) -> list[
     ]
 
 
+MEANS = ("impacts_per_period", "depth", "absorber_share", "impact_loss", "friction_loss")
+
+
 def _responses(case: Case, ratio: float, settings: Settings) -> list[Row]:
     drawn = _phases(settings.kind_members, settings.seed)
     at, lengths = (case.scene, case.force, case.approach, ratio), (settings.settle, settings.window)
@@ -200,13 +203,8 @@ def _responses(case: Case, ratio: float, settings: Settings) -> list[Row]:
     kinds = {kind.value: sum(member.found.kind is kind for member in members) for kind in Kind}
     multiples = [m for member in members if member.found.kind is Kind.PERIODIC and (m := member.found.multiple) is not None]
     peaks = dict(zip((f"peak_{100 * q:g}" for q in QUANTILES), envelope(members).tolist(), strict=True))
-    means = {
-        "impacts_per_period": float(np.mean([member.found.impacts_per_period for member in members])),
-        "depth": float(np.mean([member.found.depth for member in members])),
-        "absorber_share": float(np.mean([member.energies.absorber_mean for member in members])),
-        "impact_loss": float(np.mean([member.energies.impact for member in members])),
-        "friction_loss": float(np.mean([member.energies.friction for member in members])),
-    }
+    each = [(m.found.impacts_per_period, m.found.depth, m.energies.absorber_mean, m.energies.impact, m.energies.friction) for m in members]
+    means = {name: float(np.mean(values)) for name, values in zip(MEANS, zip(*each, strict=True), strict=True)}
     counted = {str(multiple): multiples.count(multiple) for multiple in sorted(set(multiples))}
     return [{"what": RESPONSE, "case": case.name, "at": ratio, "runs": len(members), **kinds, "multiples": counted, **means, **peaks}]
 

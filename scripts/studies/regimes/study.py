@@ -1,5 +1,6 @@
 """The study of regimes: its parts, their text and figures from rows alone, its files and its page."""
 
+from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -15,8 +16,8 @@ from optimisation.machine import sources
 from optimisation.page import published
 from optimisation.report.markdown import markdown
 from optimisation.report.written_figure import write_figure
-from studies.regimes.measured import RESPONSE, STAY, SWEEP, WAYS, Row, Settings, jump_cases, key, kind_cases
-from studies.study import Json, Measured, Part, Place, Study, Table, beside, left, rows_by_case
+from studies.regimes.measured import RESPONSE, STAY, SWEEP, WAYS, Key, Row, Settings, jump_cases, key, kind_cases
+from studies.study import Json, Measured, Part, Place, Saver, Study, Table, beside, rows_part
 
 NAMES = {Kind.LINEAR: "no impacts", Kind.PERIODIC: "periodic", Kind.SUSTAINED: "sustained", Kind.MODULATED: "strongly modulated"}
 
@@ -46,19 +47,12 @@ SHOWN = 8  # frequencies of a case's rates on the page
 def stay_table(stays: list[Row]) -> str:
     """Return lines for some of the frequencies, evenly chosen; the CSV file has all."""
     step = max(1, len(stays) // SHOWN)
-    lines = [
-        (
-            f"{row['at']:g}",
-            str(row["runs"] - row["absent"]),
-            str(row["exits"]),
-            "" if row["rate"] is None else f"{1e4 * row['rate']:.3g}",
-            "" if row["rate"] is None else f"{1e4 * row['low']:.2g} to {1e4 * row['high']:.2g}",
-            f"{1e4 * row['late_exits'] / row['late_exposure']:.3g}" if row["late_exposure"] else "",
-            "" if row["longest_pause"] is None else f"{row['longest_pause']:.1f}",
-            str(row["returned"]),
-        )
-        for row in stays[::step]
-    ]
+    lines = []
+    for row in stays[::step]:
+        rates = ("", "") if row["rate"] is None else (f"{1e4 * row['rate']:.3g}", f"{1e4 * row['low']:.2g} to {1e4 * row['high']:.2g}")
+        late = f"{1e4 * row['late_exits'] / row['late_exposure']:.3g}" if row["late_exposure"] else ""
+        pause = "" if row["longest_pause"] is None else f"{row['longest_pause']:.1f}"
+        lines.append((f"{row['at']:g}", str(row["runs"] - row["absent"]), str(row["exits"]), *rates, late, pause, str(row["returned"])))
     header = ("frequency ratio", "runs there", "exits", "rate, 1e-4 per pseudo period", "95 %", "later rate", "longest pause", "returned")
     return markdown(header, lines) + ("" if step == 1 else f"\n\nAll {len(stays)} frequencies: [jump_stay.csv](regimes/jump_stay.csv).")
 
@@ -67,10 +61,7 @@ def sweep_table(sweeps: list[Row], found: Hazard | None) -> str:
     """Return a line for each slowness: measured beside predicted."""
     lines = []
     for row in sweeps:
-        told = ("", "")
-        if found is not None:
-            value, low, high = found.probability(row["at"])
-            told = (f"{value:.3f}", f"{low:.3f} to {high:.3f}")
+        told = "{:.3f}|{:.3f} to {:.3f}".format(*found.probability(row["at"])).split("|") if found is not None else ("", "")
         share = "" if row["share"] is None else f"{row['share']:.3f}"
         high_level = "" if row["high_level"] is None else f"{row['high_level'] / row['runs']:.3f}"
         lines.append((f"{row['at']:g}", *told, share, f"{row['low']:.3f} to {row['high']:.3f}", f"{row['jumped']} of {row['present']}", high_level))
@@ -115,10 +106,14 @@ def ways_table(rows: list[Row], case: str) -> str:
 
 def pattern(row: Row) -> str:
     """Return the kinds at a frequency, each with its share, the multiples of periodic ones named."""
-    words = [f"{NAMES[kind]} {100 * row[kind.value] / row['runs']:.0f} %" for kind in (Kind.LINEAR,) if row[kind.value]]
-    words += [f"period {multiple} {100 * number / row['runs']:.0f} %" for multiple, number in row["multiples"].items()]
-    words += [f"{NAMES[kind]} {100 * row[kind.value] / row['runs']:.0f} %" for kind in (Kind.SUSTAINED, Kind.MODULATED) if row[kind.value]]
-    return ", ".join(words)
+    shares = {NAMES[Kind.LINEAR]: row[Kind.LINEAR.value]} | {f"period {multiple}": number for multiple, number in row["multiples"].items()}
+    shares |= {NAMES[kind]: row[kind.value] for kind in (Kind.SUSTAINED, Kind.MODULATED)}
+    return ", ".join(f"{name} {100 * number / row['runs']:.0f} %" for name, number in shares.items() if number)
+
+
+# what is told of the responses: factor and digits
+SHARES = ("absorber_share", "impact_loss", "friction_loss")
+SPANS = (("impacts_per_period", 1, "{:.2f}"), ("depth", 1, "{:.2f}"), *((name, 100, "{:.0f}") for name in SHARES), ("peak_50", 1e3, "{:.3f}"))
 
 
 def kind_table(rows: list[Row]) -> str:
@@ -127,14 +122,8 @@ def kind_table(rows: list[Row]) -> str:
     for words, run in groupby(rows, key=pattern):
         group = list(run)
         first, last = group[0]["at"], group[-1]["at"]
-        spans = (
-            ("impacts_per_period", 1, 2),
-            ("depth", 1, 2),
-            *((f"{x}", 100, 0) for x in ("absorber_share", "impact_loss", "friction_loss")),
-            ("peak_50", 1e3, 3),
-        )
         at = f"{first:g}" if first == last else f"{first:g} to {last:g}"
-        lines.append((at, words, *(_span(group, name, factor, f"{{:.{digits}f}}") for name, factor, digits in spans)))
+        lines.append((at, words, *(_span(group, *span) for span in SPANS)))
     header = ("frequency ratio", "kinds", "impacts per period", "depth", "absorber's energy, %", "impact losses, %", "friction losses, %", "peak, mm")
     return markdown(header, lines)
 
@@ -154,7 +143,6 @@ QUICK_OUT = Path("results/regimes")
 OUT = published(Path("docs"), QUICK_OUT)
 JUMP, KINDS = "jump", "kinds"
 NUMBERS, TIMES = ("stay_members", "sweep_members", "kind_members", "seed"), ("stay_periods", "burn_in", "silence", "settle", "window")
-CASES = {JUMP: jump_cases, KINDS: kind_cases}
 
 
 def place(out: Path, own: bool) -> Place:
@@ -167,11 +155,13 @@ def _jump_words(rows: list[Row]) -> list[str]:
     for case in names(rows):
         stays, sweeps = of_case(rows, STAY, case), slownesses(rows, case)
         found = with_sweeps(hazard_of(stays), sweeps)
-        blocks.append(f"**{case}.** {about(found)}")
-        blocks += [
-            table for table in (sweep_table(sweeps, found) if sweeps else "", ways_table(rows, case), stay_table(stays) if stays else "") if table
-        ]
+        tables = (sweep_table(sweeps, found) if sweeps else "", ways_table(rows, case), stay_table(stays) if stays else "")
+        blocks += [f"**{case}.** {about(found)}", *filter(None, tables)]
     return blocks
+
+
+def _kind_words(rows: list[Row]) -> list[str]:
+    return [words for case in names(rows) for words in (f"**{case}**", kind_table(of_case(rows, RESPONSE, case)))]
 
 
 def _tables(measured: Measured, name: str) -> list[Table]:
@@ -186,33 +176,26 @@ def _tables(measured: Measured, name: str) -> list[Table]:
     return found
 
 
-def _part(name: str, title: str) -> Part[Settings]:
-    words, save = {
-        JUMP: (_jump_words, save_jump),
-        KINDS: (lambda rows: [x for case in names(rows) for x in (f"**{case}**", kind_table(of_case(rows, RESPONSE, case)))], save_kinds),
-    }[name]
-
-    def sections(measured: Measured) -> dict[str, str]:
+def _part(
+    name: str,
+    title: str,
+    cases: Callable[[Settings], Mapping[Key, Callable[[], list[Row]]]],
+    words: Callable[[list[Row]], list[str]],
+    save: Callable[[Path, list[Row]], None],
+) -> Part[Settings]:
+    def text(measured: Measured) -> str:
         made = f"{sources(measured.conditions)} {measured.conditions['wall_s']:g} s." + ("" if measured.complete else " Stopped early.")
-        return {f"{NAME}:{name}": "\n\n".join([*words(measured.values["rows"]), made])}
+        return "\n\n".join([*words(measured.values["rows"]), made])
 
-    return Part(
-        name,
-        title,
-        measure=lambda settings, known: rows_by_case(CASES[name](settings), key, known),
-        markers=(f"{NAME}:{name}",),
-        sections=sections,
-        steps=lambda settings, known: len(left(CASES[name](settings), key, known)),
-        tables=partial(_tables, name=name),
-        figures=lambda measured: {name: partial(save, rows=measured.values["rows"])},
-    )
+    def figures(measured: Measured) -> dict[str, Saver]:
+        return {name: lambda path: save(path, measured.values["rows"])}
+
+    return rows_part(name, title, cases, key, text, f"{NAME}:{name}", tables=partial(_tables, name=name), figures=figures)
 
 
 def _notes(settings: Settings) -> Json:
     words = [f"{case.name}: {case.scene}, {case.force:g} N, by {case.approach_ratio:g}" for case in settings.cases]
-    numbers = {name: getattr(settings, name) for name in (*NUMBERS, "quick")}
-    times = {name: getattr(settings, name) for name in TIMES}
-    return {"cases": words, **numbers, **times}
+    return {"cases": words, **{name: getattr(settings, name) for name in (*NUMBERS, "quick", *TIMES)}}
 
 
 COLOURS = {Kind.LINEAR: "#BBBBBB", Kind.PERIODIC: "#0072B2", Kind.SUSTAINED: "#E69F00", Kind.MODULATED: "#CC3311"}
@@ -282,7 +265,10 @@ def save_kinds(path: Path, rows: list[Row]) -> None:
 
 
 STUDY: Study[Settings] = Study(
-    (_part(JUMP, "how long impacts last, and the jump"), _part(KINDS, "kinds of response over the frequency")),
+    (
+        _part(JUMP, "how long impacts last, and the jump", jump_cases, _jump_words, save_jump),
+        _part(KINDS, "kinds of response over the frequency", kind_cases, _kind_words, save_kinds),
+    ),
     notes=_notes,
     same=("processor", "versions", "cases", *NUMBERS, *TIMES),
 )
