@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,20 +27,23 @@ def _line(panel: Axes, x: Sequence[float], every: Sequence[Sequence[float]], col
     panel.plot(x, middle, style, color=colour, label=label)
 
 
+def _panels(rows: Sequence[Json], width: float, height: float, across: int) -> tuple[Figure, list[tuple[str, Any]]]:
+    """Return a figure, and each structure with its line of panels."""
+    figure, structures = Figure(figsize=(width, height), layout="constrained"), _structures(rows)
+    return figure, list(zip(structures, figure.subplots(len(structures), across, squeeze=False), strict=True))
+
+
 def save_both(path: Path, rows: Sequence[Json]) -> None:
     """Draw what is left in either band over the free level of the higher one, and what was tried at its largest, the best of each remedy large."""
-    figure = Figure(figsize=(8.4, 7.0), layout="constrained")
-    panels = figure.subplots(len(_structures(rows)), 2, squeeze=False)
-    for (left, right), structure in zip(panels, _structures(rows), strict=True):
+    figure, panels = _panels(rows, 8.4, 7.0, 2)
+    for structure, (left, right) in panels:
         own = [row for row in rows if row["structure"] == structure]
         shares = [row for row in own if row["group"] == "share"]
         driven = [row for row in shares if row["share"] > 0]
         for name, colour, part in (("lower", COLOURS[0], shares), ("higher", COLOURS[1], driven)):
             _line(left, [row["free_over_gap"][1] for row in part], [row[name] for row in part], colour, "-o", f"{name} resonance")
         left.set_title(structure, fontsize=10)
-        left.set_xlabel("free level of the higher resonance over the gap")
-        left.set_ylabel("level over that without absorber")
-        left.set_ylim(0, None)
+        left.set(xlabel="free level of the higher resonance over the gap", ylabel="level over that without absorber", ylim=(0, None))
         left.legend(frameon=False)
         tried = [row for row in own if row["higher"] is not None and row["share"] == 1.0]
         for k, group in enumerate(dict.fromkeys(row["group"] for row in tried)):
@@ -50,11 +54,8 @@ def save_both(path: Path, rows: Sequence[Json]) -> None:
                 right.plot(x, y, MARKS[k], color=COLOURS[k], alpha=1.0 if judged else 0.35, markersize=8 if judged else 4, label=label)
         right.axvline(1, color="black", linewidth=0.6)
         right.axhline(1, color="black", linewidth=0.6)
-        right.set_xlim(0, None)
-        right.set_ylim(0, None)
+        right.set(xlim=(0, None), ylim=(0, None), xlabel="lower resonance", ylabel="higher resonance")
         right.set_title(f"{structure}: what was tried", fontsize=10)
-        right.set_xlabel("lower resonance")
-        right.set_ylabel("higher resonance")
         right.legend(frameon=False, fontsize=8)
     write_figure(figure, path, 110)
 
@@ -92,36 +93,37 @@ def save_start(path: Path, rows: Sequence[Json]) -> None:
     _over_force(path, kept, "start", "friction", ("no friction, e = 1", "with friction, e = 0.7"))
 
 
+def _finish(figure: Figure, panels: list[tuple[str, Any]], path: Path) -> None:
+    for panel in (panel for _, line in panels for panel in line):
+        panel.set_ylim(0, None)
+        panel.legend(frameon=False, fontsize=8)
+    write_figure(figure, path, 110)
+
+
 def save_random(path: Path, rows: Sequence[Json]) -> None:
     """Draw what is left over the gap under three spectra, and on structures whose frequencies are shifted; tuned absorbers broken."""
-    figure = Figure(figsize=(9.0, 6.6), layout="constrained")
-    panels = figure.subplots(len(_structures(rows)), 2, squeeze=False)
-    for (left, right), structure in zip(panels, _structures(rows), strict=True):
+    figure, panels = _panels(rows, 9.0, 6.6, 2)
+    for structure, (left, right) in panels:
         own = [row for row in rows if row["structure"] == structure]
         usual = [row for row in own if row["variant"] in ("as it is", "narrow", "two modes")]
         for k, row in enumerate(usual):
             _line(left, row["gaps_over_rms"], row["impact"], COLOURS[k], "-o", row["spectrum"])
             left.axhline(float(np.median(row["tuned"])), color=COLOURS[k], linestyle="--", linewidth=1)
         left.set_title(f"{structure} (broken: tuned for the spectrum)", fontsize=10)
-        left.set_xlabel("gap over the free RMS at the absorber")
-        left.set_ylabel("RMS over that without absorber")
+        left.set(xlabel="gap over the free RMS at the absorber", ylabel="RMS over that without absorber")
         shifted = own[0]["shifted"]
         shifts = [100 * float(shift) for shift in shifted]
         for name, colour, style in (("impact", COLOURS[0], "-o"), ("tuned", COLOURS[2], "--s")):
             _line(right, shifts, [found[name] for found in shifted.values()], colour, style, f"{name} absorber")
         right.set_title(f"{structure}, wide band", fontsize=10)
         right.set_xlabel("all frequencies shifted by, %")
-        for panel in (left, right):
-            panel.set_ylim(0, None)
-            panel.legend(frameon=False, fontsize=8)
-    write_figure(figure, path, 110)
+    _finish(figure, panels, path)
 
 
 def save_shock(path: Path, rows: Sequence[Json]) -> None:
     """Draw the decay time over that without absorber, tuned absorbers broken, and the share of energy in higher modes, over the peak."""
-    figure = Figure(figsize=(9.0, 6.6), layout="constrained")
-    panels = figure.subplots(len(_structures(rows)), 2, squeeze=False)
-    for (left, right), structure in zip(panels, _structures(rows), strict=True):
+    figure, panels = _panels(rows, 9.0, 6.6, 2)
+    for structure, (left, right) in panels:
         for k, width in enumerate(dict.fromkeys(row["width"] for row in rows)):
             own = [row for row in rows if (row["structure"], row["width"]) == (structure, width)]
             x, label = [row["peak_over_gap"] for row in own], f"pulse of {width:g} periods"
@@ -132,14 +134,10 @@ def save_shock(path: Path, rows: Sequence[Json]) -> None:
             if many:
                 _line(right, list(many), [np.quantile(found, np.linspace(0, 1, 101)).tolist() for found in many.values()], COLOURS[k], "-o", label)
         left.set_title(f"{structure} (broken: tuned for the fastest decay)", fontsize=10)
-        left.set_ylabel("decay time over that without absorber")
         right.set_title(f"{structure}: after ten impacts", fontsize=10)
-        right.set_ylabel("share of energy in modes above the first")
-        for panel in (left, right):
-            panel.set_xlabel("largest free displacement over the gap")
-            panel.set_ylim(0, None)
-            panel.legend(frameon=False, fontsize=8)
-    write_figure(figure, path, 110)
+        left.set(xlabel="largest free displacement over the gap", ylabel="decay time over that without absorber")
+        right.set(xlabel="largest free displacement over the gap", ylabel="share of energy in modes above the first")
+    _finish(figure, panels, path)
 
 
 FIGURES: dict[str, Callable[[Path, Sequence[Json]], None]] = {

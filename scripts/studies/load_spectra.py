@@ -1,5 +1,6 @@
 """Two structures, random loads and shocks on them, and what an impact absorber leaves beside the tuned one that is best."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -77,13 +78,8 @@ class Case:
         return modal_model(replace(beam, absorber_position=positions[0]), positions if len(positions) > 1 else None)
 
 
-CASES = {
-    case.name: case
-    for case in (
-        Case("cantilever", Beam(modes=MODES)),
-        Case("supported beam", Beam(modes=MODES, ends="pinned-pinned", absorber_position=0.35, force_position=0.2)),
-    )
-}
+SUPPORTED = Beam(modes=MODES, ends="pinned-pinned", absorber_position=0.35, force_position=0.2)
+CASES = {case.name: case for case in (Case("cantilever", Beam(modes=MODES)), Case("supported beam", SUPPORTED))}
 
 
 def band_text(values: Sequence[float] | None) -> str:
@@ -221,27 +217,19 @@ def random_text(rows: Sequence[Json]) -> str:
     head = ("structure", "variant", "best gap / free RMS", "gap / RMS left", "impact absorber", "added damping / (m_a phi^2)", "tuned for it")
     first = [row for row in rows if row["shifted"]]
     shifts = list(first[0]["shifted"])
-    moved = [
-        (f"{row['structure']}, {name}", *(f"{np.median(row['shifted'][shift][name]):.2f}" for shift in shifts))
-        for row in first
-        for name in ("impact", "tuned")
-    ]
+    moved = []
+    for row, name in itertools.product(first, ("impact", "tuned")):
+        moved.append((f"{row['structure']}, {name}", *(f"{np.median(row['shifted'][shift][name]):.2f}" for shift in shifts)))
     return markdown(head, lines) + "\n\n" + markdown(("all frequencies shifted by", *shifts), moved)
-
-
-def _share_text(shares: Sequence[float | None]) -> str:
-    found = [share for share in shares if share is not None]
-    return band_text(found) if 2 * len(found) > len(shares) else "fewer impacts"
 
 
 def shock_text(rows: Sequence[Json]) -> str:
     """Return a table over the peak."""
-    lines = [
-        (
-            f"{row['structure']}, {row['width']:g} periods", f"{row['peak_over_gap']:g}", band_text(row["decay"]), f"{row['tuned']:.2f}",
-            _share_text(row["high_share"]),
-        )
-        for row in rows
-    ]  # fmt: skip
+    lines = []
+    for row in rows:
+        shares = [share for share in row["high_share"] if share is not None]
+        share = band_text(shares) if 2 * len(shares) > len(row["high_share"]) else "fewer impacts"
+        at = f"{row['structure']}, {row['width']:g} periods", f"{row['peak_over_gap']:g}"
+        lines.append((*at, band_text(row["decay"]), f"{row['tuned']:.2f}", share))
     head = ("structure, pulse", "free peak / gap", "impact absorber", "tuned", f"share of higher modes after {TENTH} impacts")
     return markdown(head, lines)

@@ -19,7 +19,7 @@ from impact_env.scene import Scene
 from optimisation.progress import Bar
 from optimisation.timing import BARE, Timed
 from studies.one_table import lines, table_study
-from studies.study import Json, Measured
+from studies.study import Json, Measured, Study
 
 NAME = "benchmark_loads"
 MODES, RATE, FORCE = 10, 5000.0, 20.0  # samples a second; N, the record's RMS
@@ -80,32 +80,22 @@ def measure(samples: int, repeats: int) -> Json:
     return {"repeats": repeats, "cases": rows}
 
 
+COLUMNS = {
+    "case": "name", "exact, us": "exact_us", "with all samples kept, us": "recorded_us", "lsim, us": "lsim_us", "Moreau, us": "moreau_us",
+    "impacts a second": "impacts_per_s",
+}  # fmt: skip
+
+
 def _said(measured: Measured) -> str:
     cases, repeats = measured.values["cases"], measured.values["repeats"]
-    told = [
-        {name: f"{row[name]:.3g}" if name in row else "" for name in ("exact_us", "recorded_us", "lsim_us", "moreau_us", "impacts_per_s")}
-        | {"name": row["name"]}
-        for row in cases
-    ]
-    columns = {
-        "case": "{name}",
-        "exact, us": "{exact_us}",
-        "with all samples kept, us": "{recorded_us}",
-        "lsim, us": "{lsim_us}",
-        "Moreau, us": "{moreau_us}",
-        "impacts a second": "{impacts_per_s}",
-    }
+    told = [{name: row[name] if name == "name" else f"{row[name]:.3g}" if name in row else "" for name in COLUMNS.values()} for row in cases]
     samples, difference = cases[0]["samples"], cases[0]["difference"]
     return (
-        f"{lines(columns, told)}\n\n"
+        f"{lines({head: f'{{{name}}}' for head, name in COLUMNS.items()}, told)}\n\n"
         f"All per sample of a white record of {samples:,} at {RATE:,.0f} a second, {FORCE:g} N RMS, on the paper's beam with {MODES} modes; whole\n"
         f"calls on one core, compiled before, median of {repeats}. What lsim, with straight lines between samples, gives for the displacement\n"
         f"differs by {difference:.1g} of the largest. The Moreau scheme has {PAPER_STEPS} steps per period of the highest mode."
     )
 
 
-def _measure(settings: tuple[int, int]) -> Json:
-    return measure(*settings)
-
-
-STUDY = table_study(NAME, "a sample of a record", _measure, _said)
+STUDY: Study[tuple[int, int]] = table_study(NAME, "a sample of a record", lambda settings: measure(*settings), _said)
