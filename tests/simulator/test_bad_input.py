@@ -18,6 +18,7 @@ from impact_env import (
     Beam,
     CompliantWalls,
     CoulombFriction,
+    CurveCase,
     Drive,
     InitialState,
     ModalModel,
@@ -30,8 +31,8 @@ from impact_env import (
     impact_absorber,
     linear_sweep,
     modal_model,
+    performance_curve,
 )
-from impact_env.curve import CurveCase, performance_curve
 from impact_env.drive import default_rate
 from impact_env.ensemble import Lane, Members, draw_members, run_lanes
 from impact_env.envs.settings import Settings
@@ -128,14 +129,11 @@ PLAIN: list[tuple[Any, str]] = [
     ([], "scene = [] is not allowed: a table with keys among beam, model, universal, matrices, absorber"),
     ({"beams": {}}, "scene.beams = {} is not allowed: only the keys beam, model, universal, matrices, absorber are known"),
     ({"beam": 3}, "scene.beam = 3 is not allowed: a table with keys among length_m"),
-    ({"beam": {"length_m": "0.5"}}, "scene.beam.length_m = '0.5' is not allowed: a finite number above 0"),
     ({"beam": {"length_m": 10**400}}, "scene.beam.length_m = a whole number of very many digits"),
-    ({"beam": {"force_position": 0}}, "scene.beam.force_position = 0 is not allowed: a number in (0, 1]"),
     ({"beam": {"modes": 2, "damping_ratio": [0.1, "0"]}}, "scene.beam.damping_ratio[1] = '0' is not allowed: a finite number"),
     ({"beam": {"modal_frequency_ratio": {"2": 0}}}, "scene.beam.modal_frequency_ratio[2] = 0"),
     ({"beam": {}, "model": MODEL}, "scene.beam = {} is not allowed: left out beside another structure"),
     ({"model": {**MODEL, "omega_rad_s": [1, NAN]}}, "scene.model.omega_rad_s[1] = nan"),
-    ({"model": {"modes_csv": "none.csv"}}, "scene.model.modes_csv = 'none.csv' is not allowed: a .csv file"),
     ({"model": {**MODEL, "absorber_shapes_per_sqrt_kg": [1, 2]}}, "scene.model.absorber_shapes_per_sqrt_kg[0] = 1"),
     ({"model": MODEL, **several({"position": 1}, {"position": 1})}, "scene: absorber_shapes of the modal model = 0 is not allowed: 2 rows"),
     ({"absorber": "impact"}, "scene.absorber = 'impact' is not allowed: a table of an absorber's values"),

@@ -9,18 +9,20 @@ import pytest
 
 from impact_env import (
     Beam,
+    CurveCase,
     Drive,
     Exact,
     IntegrationError,
     Moreau,
     ParameterError,
+    PerformanceCurve,
     TunedAbsorber,
     beam_scene,
     impact_absorber,
     linear_sweep,
     simulate,
 )
-from impact_env.curve import CurveCase, PerformanceCurve, performance_curves, quantiles
+from impact_env.curve import performance_curves, quantiles
 from impact_env.ensemble import PERTURBATION, Lane, LaneLevels, Members, draw_members, each_lane, run_lanes
 
 T = TypeVar("T")
@@ -178,20 +180,6 @@ def test_rate_of_a_case_follows_the_damping_of_its_resonance() -> None:
     scene = beam_scene(Beam(modes=2, damping_ratio=(0.02, 0.005)))
     assert [CurveCase(scene, FORCES, k).percent_per_100_periods for k in (1, 2)] == [1.0, pytest.approx(0.25)]
     assert CurveCase(scene, FORCES, 2, percent_per_100_periods=3.0).percent_per_100_periods == 3.0
-
-
-def test_interrupt_leaves_whole_members() -> None:
-    def stop(done: int, _total: int) -> None:
-        if done == 10:
-            raise KeyboardInterrupt
-
-    cases = [CurveCase(scene, FORCES[1:], 1, (0.95, 1.05), FAST) for scene in (IMPACT, NONE)]
-    curves = performance_curves(cases, 200, threads=1, progress=stop)  # so many that most are left when the interrupt is seen
-    for curve in curves:
-        assert not curve.complete
-        assert np.isfinite(curve.combined[:, 0]).all()
-        assert np.isnan(curve.combined[:, -1]).all()
-        assert np.isfinite(curve.median).all()
 
 
 def test_statistics_leave_out_what_is_missing() -> None:

@@ -2,7 +2,6 @@
 
 import threading
 import time
-from concurrent.futures import wait
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -21,6 +20,7 @@ from impact_env import (
     ParameterError,
     Pass,
     Scene,
+    SlidingAbsorber,
     Stop,
     Stopped,
     Window,
@@ -37,7 +37,7 @@ from impact_env.controlled import ControlledRuns
 from impact_env.ensemble import Lane, run_lanes
 from impact_env.kernels.exact.rigid_contact import FREE
 from impact_env.methods import Method
-from impact_env.parameters import Absorber, SlidingAbsorber
+from impact_env.parameters import Absorber
 from reference import dense
 
 BEAM = Beam(modes=3)
@@ -87,34 +87,20 @@ def test_stopped_lanes_stay_open_and_finished_ones_are_whole() -> None:
     assert not levels.complete
 
 
-def test_passes_end_with_the_numbers_of_the_curve() -> None:
+def test_passes_end_with_the_numbers_of_the_curve_and_partial_curves_only_gain_points() -> None:
     case = CurveCase(SCENE, FORCES, limits=(0.98, 1.02), percent_per_100_periods=FAST)
     passes = (Pass(3, 4.0), Pass(), Pass(members=2))
-    last = dict(curve_passes(case, passes, seed=3, threads=2))
-    assert list(last) == list(passes)
-    for one, curve in last.items():
+    found = list(curve_passes(case, passes, seed=3, threads=2))
+    assert [one for one, curve in found if curve.complete] == list(passes)
+    for one, curve in dict(found).items():
         wanted = performance_curve(SCENE, curve.forces, 1, one.members, 3, limits=case.limits, percent_per_100_periods=one.faster * FAST)
         np.testing.assert_array_equal(curve.level, wanted.level)
         np.testing.assert_array_equal(curve.lanes.impacts, wanted.lanes.impacts)
-        assert curve.complete
-    np.testing.assert_array_equal(last[passes[0]].forces, [0.5, 2.0, 4.0])
-
-
-def test_a_pass_has_one_whole_curve(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where all runs end between two looks at them."""
-
-    def late(futures: set[Any], **_: Any) -> tuple[set[Any], set[Any]]:
-        wait(futures)
-        first = next(iter(futures))
-        return {first}, set(futures) - {first}
-
-    monkeypatch.setattr("impact_env.curve.wait", late)
-    monkeypatch.setattr("impact_env.curve.TOLD_EACH", 0.0)
-    case = CurveCase(SCENE, FORCES, limits=(0.98, 1.02), percent_per_100_periods=FAST)
-    found = [
-        (one.members, curve.complete) for one, curve in curve_passes(case, [Pass(), Pass(members=2)], threads=2, measure=lambda *_, **__: 6 * (1.0,))
-    ]
-    assert [members for members, complete in found if complete] == [1, 2]
+    np.testing.assert_array_equal(found[0][1].forces, [0.5, 2.0, 4.0])
+    parts = [~np.isnan(curve.level) for _, curve in curve_passes(CurveCase(SCENE, np.linspace(0.5, 5.0, 12)), [Pass(members=2)])]
+    assert len(parts) > 2
+    assert all(later[earlier].all() for earlier, later in pairwise(parts))
+    assert not parts[0].all()
 
 
 def test_a_load_without_a_direction_is_run_once() -> None:
@@ -128,15 +114,6 @@ def test_a_load_without_a_direction_is_run_once() -> None:
     assert len(runs) == 2 * len(FORCES)
     assert curve.complete
     np.testing.assert_array_equal(curve.level[..., 0], curve.level[..., 1])
-
-
-def test_partial_curves_only_gain_points() -> None:
-    case = CurveCase(SCENE, np.linspace(0.5, 5.0, 12))
-    parts = [~np.isnan(curve.level) for _, curve in curve_passes(case, [Pass(members=2)])]
-    assert len(parts) > 2
-    assert all(later[earlier].all() for earlier, later in pairwise(parts))
-    assert not parts[0].all()
-    assert parts[-1].all()
 
 
 @pytest.mark.parametrize("way", ["stop", "close"])

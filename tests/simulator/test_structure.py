@@ -235,7 +235,6 @@ WRONG = [
     ("beam", {"ends": "clamped"}, r"beam.ends = 'clamped' is not allowed: one of clamped-free"),
     ("beam", {"ends": "free-free"}, r"beam.suspension_frequency_hz = None is not allowed: given"),
     ("beam", {"ends": "pinned-pinned", "absorber_position": 0.5, "tip_mass_kg": 1.0}, r"beam.tip_mass_kg = 1.0 is not allowed: 0 with pinned"),
-    ("beam", {"sections": 3}, r"beam.sections = 3 is not allowed: a list of tables"),
     ("beam", {"sections": [{"elements": 3, "bending_stiffness_n_m2": 1.0}]}, r"beam.sections\[0\] = .*the key mass_per_length_kg_m must be given"),
     ("beam", STEEL | {"section": {"kind": "L"}}, r"beam.section.kind = 'L' is not allowed: one of rectangle, tube, I"),
     (
@@ -250,22 +249,16 @@ WRONG = [
     ("matrices", {"force": 3}, r"matrices.force = 3 is not allowed: a whole number from 0 to 2"),
     ("matrices", {"absorber": [0, 7]}, r"matrices.absorber = 7"),
     ("matrices", {"mass": "none.npz"}, r"matrices.mass = '.*none.npz' is not allowed: a matrix that can be read"),
-    ("matrices", {"mass": "m.txt"}, r"matrices.mass = '.*m.txt' is not allowed: a file that ends in .npz or .mtx"),
     ("matrices", {"mass": "text.mtx"}, r"matrices.mass = '.*text.mtx' is not allowed: a matrix that can be read"),
-    ("matrices", {"mass": "other.npz"}, r"matrices.mass = .* is not allowed: a matrix that can be read \(it has a, b, and no M\)"),
     ("matrices", {"stiffness": "large.npz"}, r"matrices.stiffness = .*3 by 3, as the mass matrix"),
     ("matrices", {"stiffness": "nan.npz"}, r"matrices.stiffness = .*finite real numbers"),
-    ("matrices", {"stiffness": "skew.npz"}, r"matrices.stiffness = .*a symmetric matrix"),
     ("matrices", {"stiffness": "negative.npz"}, r"matrices.stiffness = .*positive semidefinite"),
     ("matrices", {"damping": "coupled.npz", "damping_ratio": None}, r"matrices.damping = 'a matrix that couples the modes . and . by"),
     ("matrices", {"damping": "coupled.npz"}, r"matrices.damping_ratio = 0.01 is not allowed: left out beside a damping matrix"),
-    ("matrices", {"damping_ratio": None}, r"matrices.damping_ratio = None is not allowed: given"),
     ("matrices", {"base_vector": [1.0, 1.0]}, r".*base_vector = '2 numbers' is not allowed: a list or a file with 3 finite numbers"),
-    ("matrices", {"base_vector": "words.txt"}, r".*base_vector = 'words\.txt' is not allowed"),
     ("matrices", {"base_vector": "nan.txt"}, r".*base_vector = .*nan.* is not allowed"),
     ("matrices", {"base_vector": SHARES, "absorber": [1, 2]}, r".*base_vector = \[0\.5, 1\.0\] is not allowed: the same displacement at all places"),
     ("model", {"frequencies_hz": [0.0, 50.0]}, r"model.frequencies_hz = .*a motion that bends nothing has the frequency of its suspension"),
-    ("model", {"omega_rad_s": [1.0, 2.0]}, r"model.frequencies_hz = .* is not allowed: left out beside omega_rad_s"),
     ("model", {"tip_shape_per_sqrt_kg": [1.0]}, r"model: modal model = .*arrays of one length"),
     ("universal", {"file": "none.uff"}, r"universal.file = '.*none.uff' is not allowed: a Universal File that exists"),
     ("universal", {"force": {"node": 99, "direction": "z"}}, r"universal.force = 99 is not allowed: a node of measured.uff: 1, 2, 3"),
@@ -274,17 +267,15 @@ WRONG = [
 
 @pytest.mark.parametrize(("table", "changes", "message"), WRONG)
 def test_a_wrong_structure_is_one_error_with_file_and_key(tmp_path: Path, table: str, changes: dict[str, object], message: str) -> None:
-    mass, stiffness = chain(tmp_path)
+    _, stiffness = chain(tmp_path)
     for name, matrix in (
         ("large", np.eye(4)),
         ("nan", np.where(stiffness == 0, NAN, stiffness)),
-        ("skew", stiffness + np.triu(stiffness)),
         ("negative", -stiffness),
         ("coupled", np.diag([1.0, 0.0, 0.0])),
     ):
         np.savez(tmp_path / f"{name}.npz", matrix)
-    np.savez(tmp_path / "other.npz", a=mass, b=mass)
-    for name, text in (("text.mtx", "a text\n"), ("m.txt", "a text\n"), ("words.txt", "one\ntwo\nthree\n"), ("nan.txt", "1\nnan\n1\n")):
+    for name, text in (("text.mtx", "a text\n"), ("nan.txt", "1\nnan\n1\n")):
         (tmp_path / name).write_text(text)
     if table == "universal":
         pytest.importorskip("pyuff")

@@ -15,7 +15,7 @@ QUICK = _files(
         "kernels": "agreement check energies exact_compliant exact_rigid linear moreau properties records runge_kutta several",
         "simulator": "bad_input controlled ensemble model frequency plain structure",
         "periodic": "continuation periodic_closed_form periodic_orbits published_orbits switching",
-        "environments": "environments evaluation lanes passages refusals scores",
+        "environments": "environments evaluation lanes scores",
         "design": "bounds designs evaluate_arrays objectives structure_design",
         "studies": "study_pattern",
         "commands": "bad_input compare_absorbers orbits_script sweep_script",
