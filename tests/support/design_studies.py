@@ -52,40 +52,33 @@ class Model:
         for k, chunk in enumerate(chunks):
             if self.stop is not None and len(self.seen) == self.stop:
                 raise KeyboardInterrupt
-            first = chunk.lanes[0]
-            walls = first.scene.absorber.walls
-            self.seen.append((walls.gap, walls.restitution, first.drive.amplitude, first.drive.phase, first.drive.schedule.times[-1]))
+            self.seen.append(self.about(chunk))
             if self.log is not None:
                 with self.log.open("a") as file:
                     file.write(repr(self.seen[-1]) + "\n")
-            yield k, np.array([[_level(lane)] for lane in chunk.lanes])
-
-
-def _level(lane: Lane) -> float:
-    walls = lane.scene.absorber.walls
-    best = 6e-4 if lane.drive.amplitude < 10 else 9e-4  # another one for the second resonance
-    bowl = np.log(walls.gap / best) ** 2 + (walls.restitution - 0.5) ** 2
-    return float(1e-4 * (1 + bowl) * (1 + 0.01 * np.sin(7 * lane.drive.phase + 1e4 * walls.gap)))
-
-
-@dataclass
-class Bowl:
-    """An executor for concepts without walls: a bowl in the logarithms of what identifies the absorber. Fields as in `Model`."""
-
-    stop: int | None = None
-    seen: list[tuple[object, ...]] = field(default_factory=list)
-
-    def each(self, _function, chunks, _kinds):
-        for k, chunk in enumerate(chunks):
-            if self.stop is not None and len(self.seen) == self.stop:
-                raise KeyboardInterrupt
-            absorber = chunk.lanes[0].scene.absorber
-            numbers = (absorber.friction.limit,) if isinstance(absorber, SlidingAbsorber) else (absorber.stiffness, absorber.damping)
-            self.seen.append((*numbers, chunk.lanes[0].drive.amplitude, chunk.lanes[0].drive.phase, len(chunk.lanes)))
             yield k, np.array([[self.value(chunk, lane)] for lane in chunk.lanes])
+
+    def about(self, chunk: Chunk) -> tuple[object, ...]:
+        walls, drive = chunk.lanes[0].scene.absorber.walls, chunk.lanes[0].drive
+        return walls.gap, walls.restitution, drive.amplitude, drive.phase, drive.schedule.times[-1]
 
     def value(self, chunk: Chunk, lane: Lane) -> float:  # noqa: ARG002 - others need it
         """Return the level of a lane in m."""
+        walls = lane.scene.absorber.walls
+        best = 6e-4 if lane.drive.amplitude < 10 else 9e-4  # another one for the second resonance
+        bowl = np.log(walls.gap / best) ** 2 + (walls.restitution - 0.5) ** 2
+        return float(1e-4 * (1 + bowl) * (1 + 0.01 * np.sin(7 * lane.drive.phase + 1e4 * walls.gap)))
+
+
+class Bowl(Model):
+    """The same for concepts without walls: a bowl in the logarithms of what identifies the absorber."""
+
+    def about(self, chunk: Chunk) -> tuple[object, ...]:
+        absorber, drive = chunk.lanes[0].scene.absorber, chunk.lanes[0].drive
+        numbers = (absorber.friction.limit,) if isinstance(absorber, SlidingAbsorber) else (absorber.stiffness, absorber.damping)
+        return *numbers, drive.amplitude, drive.phase, len(chunk.lanes)
+
+    def value(self, chunk: Chunk, lane: Lane) -> float:  # noqa: ARG002 - as above
         numbers = [float(x) for x in self.seen[-1][:-3]]
         bottom = [0.3] if len(numbers) == 1 else [600.0, 0.5]
         return float(1e-4 * (1 + sum(np.log(x / best) ** 2 for x, best in zip(numbers, bottom, strict=True)) + 0.01 * np.sin(lane.drive.phase)))

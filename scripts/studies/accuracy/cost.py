@@ -38,10 +38,6 @@ def _thread_counts() -> list[int]:
     return sorted({2**k for k in range(cores.bit_length()) if 2**k <= cores} | {cores})
 
 
-def _rows(over: str, value: float, scene: str, modes: int, method: str, us: Callable[[], float]) -> list[Row]:
-    return [{"over": over, "value": value, "scene": scene, "modes": modes, "method": method, "us_per_period": us()}]
-
-
 def _own_time(name: str, modes: int, method: Method, settings: Settings) -> float:
     return own_time(case(kind_named(name), modes), method, 1.0, settings)
 
@@ -54,19 +50,22 @@ def key(row: Row) -> tuple[str, float, str, str]:
 def cases(settings: Settings) -> Cases:
     """Return a case for each row."""
     found: dict[tuple[str, float, str, str], Callable[[], list[Row]]] = {}
+
+    def add(over: str, value: float, scene: str, modes: int, method: str, us: Callable[[], float]) -> None:
+        row: Row = {"over": over, "value": value, "scene": scene, "modes": modes, "method": method}
+        found[over, value, scene, method] = lambda: [row | {"us_per_period": us()}]
+
     for name, method in OVER_MODES:
         for modes in settings.cost_modes:
             words = method_name(method, beam_scene(Beam(modes=modes), kind_named(name).absorber()))
             label = f"{words}, {method.steps_per_period} steps" if isinstance(method, Moreau) else words
-            found[MODES, modes, name, label] = partial(_rows, MODES, modes, name, modes, label, partial(_own_time, name, modes, method, settings))
-    for over, values, measure in (
-        (LANES, settings.cost_lanes, partial(_lanes_time, threads=1)),
-        (THREADS, _thread_counts(), partial(_lanes_time, THREAD_LANES)),
-        (LENGTH, settings.cost_periods, _length_time),
-    ):
-        scene, modes = (LENGTH_KIND, LENGTH_MODES) if over == LENGTH else (LANE_KIND, LANE_MODES)
-        for value in values:
-            found[over, value, scene, "Exact"] = partial(_rows, over, value, scene, modes, "Exact", partial(measure, value, settings=settings))
+            add(MODES, modes, name, modes, label, partial(_own_time, name, modes, method, settings))
+    for lanes in settings.cost_lanes:
+        add(LANES, lanes, LANE_KIND, LANE_MODES, "Exact", partial(_lanes_time, lanes, 1, settings))
+    for threads in _thread_counts():
+        add(THREADS, threads, LANE_KIND, LANE_MODES, "Exact", partial(_lanes_time, THREAD_LANES, threads, settings))
+    for periods in settings.cost_periods:
+        add(LENGTH, periods, LENGTH_KIND, LENGTH_MODES, "Exact", partial(_length_time, periods, settings))
     return found
 
 

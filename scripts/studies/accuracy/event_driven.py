@@ -78,10 +78,6 @@ class Mechanics:
         n = self.modes
         return self.force_shape * f - self.square * x[:n] - self.rate * x[n + 1 : 2 * n + 1]
 
-    def joint_force(self, t: float, x: Array) -> float:
-        """Return the force (N) that holds the absorber at the tip."""
-        return float(self.tip_shape @ self.unjoined(self.force(t), x)) / self.compliance
-
     def contact_force(self, regime: Regime, f: float, x: Array) -> float:
         """Return the force (N) on the absorber in a regime."""
         if regime.joined:
@@ -169,7 +165,7 @@ class _State:
         return float(y), float(gamma)
 
     def pull(self) -> Array:
-        return np.array([self.mechanics.joint_force(self.t, self.x) * self.mechanics.compliance])
+        return np.array([self.mechanics.tip_shape @ self.mechanics.unjoined(self.mechanics.force(self.t), self.x)])
 
     def strike(self, which: int, restitution: float) -> None:  # noqa: ARG002
         self.mechanics.kick(self.x, restitution)
@@ -205,14 +201,9 @@ def scipy_integrator(tolerance: float) -> Callable[[Mechanics, Automaton], Integ
         first = 0.05 / float(np.max(mechanics.model.omega))
 
         def integrate(regime: Regime, start: float, stop: float, state: Array) -> tuple[float, Array, int]:
-            events: list[Any] = []
-            for guard in regime.guards:
-
-                def event(t: float, x: Array, guard: Guard = guard) -> float:
-                    return mechanics.guard(regime, guard, t, x)
-
-                event.terminal, event.direction = True, -1  # type: ignore[attr-defined]
-                events.append(event)
+            events: list[Any] = [lambda t, x, guard=guard: mechanics.guard(regime, guard, t, x) for guard in regime.guards]
+            for event in events:
+                event.terminal, event.direction = True, -1
             solution = solve_ivp(
                 lambda t, x: mechanics.rates(regime, t, x), (start, stop), state, method="DOP853", rtol=max(tolerance, 3e-14), atol=tolerance * 1e-3,
                 events=events, first_step=min(first, stop - start),

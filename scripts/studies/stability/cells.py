@@ -29,13 +29,12 @@ MAKE: dict[str, Callable[[int], Method]] = {
 }
 
 GOOD, WEAK, REFUSED, FAILED = "good", "fewer digits", "refused", "FAILED"
-# what an exact method may lose to rounding, and from where on its numbers are called wrong
-GOOD_BALANCE, WRONG_BALANCE = 1e-9, 1e-6
-GOOD_DEVIATION, WRONG_DEVIATION = 1e-9, 1e-5
-DEEP, WRONG_DEPTH = 1e-12, 1e-9  # penetration
+TEXTS = ("balance {:.1e}", "{:.1e} from the reference", "penetration {:.1e} of gap and motion")
+WRONG_BALANCE = 1e-6
+LIMITS = {FAILED: (WRONG_BALANCE, 1e-5, 1e-9), WEAK: (1e-9, 1e-9, 1e-12)}  # of an exact method: wrong, and more than rounding may take
 FAR = 0.3  # a stepping method must come closer than this with the finer step
 CLOSE = 1e-2  # a stepping method this near to the reference need not come nearer with a finer step
-GAIN = {MOREAU: 0.5, "runge-kutta": 0.5}  # what a finer step must make of the deviation
+GAIN = 0.5  # what a finer step must make of the deviation
 
 
 @dataclass
@@ -198,23 +197,16 @@ def _judge(cell: Cell, case: Case) -> tuple[str, str]:
     """Return verdict and reason of a finished cell."""
     if case.must_refuse:
         return FAILED, "finished where there is no right answer"
-    assert cell.balance is not None
-    values = {name: value for name, value in vars(cell).items() if isinstance(value, float) and not np.isfinite(value)}
-    if values:
-        return FAILED, f"not finite: {', '.join(values)}"
-    if cell.method == EXACT:
-        return _judge_exact(cell)
-    return _judge_steps(cell)
+    wrong = [name for name, value in vars(cell).items() if isinstance(value, float) and not np.isfinite(value)]
+    if wrong:
+        return FAILED, f"not finite: {', '.join(wrong)}"
+    return _judge_exact(cell) if cell.method == EXACT else _judge_steps(cell)
 
 
 def _judge_exact(cell: Cell) -> tuple[str, str]:
-    assert cell.balance is not None
-    deviation, depth = cell.deviation or 0.0, cell.penetration or 0.0
-    found = {f"balance {cell.balance:.1e}": (cell.balance, GOOD_BALANCE, WRONG_BALANCE)}
-    found[f"{deviation:.1e} from the reference"] = (deviation, GOOD_DEVIATION, WRONG_DEVIATION)
-    found[f"penetration {depth:.1e} of gap and motion"] = (depth, DEEP, WRONG_DEPTH)
-    for verdict, at in ((FAILED, 2), (WEAK, 1)):
-        reasons = [text for text, limits in found.items() if limits[0] > limits[at]]
+    found = [(value or 0.0, text) for value, text in zip((cell.balance, cell.deviation, cell.penetration), TEXTS, strict=True)]
+    for verdict, most in LIMITS.items():
+        reasons = [text.format(value) for (value, text), limit in zip(found, most, strict=True) if value > limit]
         if reasons:
             return verdict, ", ".join(reasons)
     return GOOD, ""
@@ -225,7 +217,7 @@ def _judge_steps(cell: Cell) -> tuple[str, str]:
         return GOOD, ""
     if cell.finer > FAR:
         return FAILED, f"{cell.finer:.1e} from the reference even with a finer step"
-    if cell.finer > max(GAIN[cell.method] * cell.deviation, CLOSE):
+    if cell.finer > max(GAIN * cell.deviation, CLOSE):
         return FAILED, f"{cell.deviation:.1e} from the reference, {cell.finer:.1e} with a finer step: it does not converge"
     if cell.identity is not None and cell.identity > WRONG_BALANCE:
         return FAILED, f"balance {cell.identity:.1e} beside what the step explains"
