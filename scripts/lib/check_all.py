@@ -47,17 +47,11 @@ class Machine(NamedTuple):
     layers: tuple[str, ...] = LAYERS
 
 
+OLD_LIBRARIES = {"MKL_CBWR": "COMPATIBLE", "ATEN_CPU_CAPABILITY": "default", "OPENBLAS_CORETYPE": "Nehalem"}
+OLD_LIBRARIES["NPY_DISABLE_CPU_FEATURES"] = "X86_V3 X86_V4 AVX512_ICL AVX512_SPR"
 MACHINES = {
     "other-rounding": Machine({}, PARTS[3:], ("--rounding", "5")),
-    "old-libraries": Machine(
-        {
-            "MKL_CBWR": "COMPATIBLE",
-            "ATEN_CPU_CAPABILITY": "default",
-            "OPENBLAS_CORETYPE": "Nehalem",
-            "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
-        },
-        wheel=True,
-    ),
+    "old-libraries": Machine(OLD_LIBRARIES, wheel=True),
     "old-processor": Machine({"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}, PARTS[:3]),
     "oldest-versions": Machine({"MKL_CBWR": "AVX2,STRICT", "OPENBLAS_CORETYPE": "Haswell"}, python="3.11", versions="oldest"),
     "newest-versions": Machine({}, python="3.13", versions="newest", layers=tuple(layer for layer in LAYERS if layer not in TORCH)),
@@ -66,9 +60,8 @@ MACHINES = {
 
 def requirements(machine: Machine) -> list[str]:
     """Return the requirements for pip: pinned versions, but the varied packages' oldest or newest that pyproject.toml allows."""
-    lines = [
-        line for layer in machine.layers for line in (ROOT / "requirements" / f"{layer}.txt").read_text().splitlines() if not line.startswith("#")
-    ]
+    texts = ((ROOT / "requirements" / f"{layer}.txt").read_text() for layer in machine.layers)
+    lines = [line for text in texts for line in text.splitlines() if not line.startswith("#")]
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     ranges = [one for one in project["dependencies"] + project["optional-dependencies"]["env"] if re.split("[<>=]", one)[0] in VARIED]
     asked = ranges if machine.versions == "newest" else [one.split(",")[0].replace(">=", "==") for one in ranges]
@@ -124,9 +117,8 @@ def run(name: str, machine: Machine, options: list[str]) -> tuple[list[str], boo
         report = own / "report.xml"
         report.unlink(missing_ok=True)
         command = [str(python), "-m", "pytest", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", "-q", f"--junitxml={report}"]
-        process = subprocess.Popen(
-            [*command, "-m", "wheel or not wheel" if machine.wheel else "not wheel", *machine.options, *part], cwd=ROOT, env=os.environ | variables
-        )
+        command += ["-m", "wheel or not wheel" if machine.wheel else "not wheel", *machine.options, *part]
+        process = subprocess.Popen(command, cwd=ROOT, env=os.environ | variables)
         _, status, usage = os.wait4(process.pid, 0)  # the usage is that of its children, too
         process.returncode = os.waitstatus_to_exitcode(status)
         stops |= {process.returncode} - {0, 1}
@@ -165,9 +157,8 @@ def kept() -> dict[str, list[str]]:
 
 def main() -> int:
     """Run each machine; write its row as soon as it is there, so that Ctrl-C keeps those of others."""
-    parser = argparse.ArgumentParser(
-        prog="scripts/check_all", description=__doc__, epilog="Further options go to pytest; the page is then left as it is."
-    )
+    further = "Further options go to pytest; the page is then left as it is."
+    parser = argparse.ArgumentParser(prog="scripts/check_all", description=__doc__, epilog=further)
     parser.add_argument("--only", choices=MACHINES, action="append", help="this machine alone; can be given several times")
     asked, options = parser.parse_known_args()
     rows, fine = kept(), True

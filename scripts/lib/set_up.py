@@ -120,11 +120,8 @@ class SetUp:
             return
         stamp = Path(os.environ.get("IMPACT_ENV_CACHE") or self.folder / "kernel-cache") / "warm"
         started = time.time()
-        files = [
-            self.root / "impact_env" / "warm_up.py",
-            self.root / "requirements" / "main.txt",
-            *(self.root / "impact_env" / "kernels").rglob("*.py"),
-        ]
+        package = self.root / "impact_env"
+        files = [package / "warm_up.py", self.root / "requirements" / "main.txt", *(package / "kernels").rglob("*.py")]
         if stamp.exists() and all(file.stat().st_mtime <= stamp.stat().st_mtime for file in files):
             return
         say("Compiling the kernels (once for each version of the sources, some 20 s on two cores) ...")

@@ -136,24 +136,6 @@ class Trajectory:
         return np.array([float(value) for value in self.end])
 
 
-@dataclass(frozen=True, eq=False)
-class _Laws:
-    """The regimes of all absorbers in units of a step, (n,) each: forces without motion, stiffnesses with rests, dampings.
-
-    ``joint``: inverse mobility of the joined. ``springs``: whether any force depends on the motion of an absorber that is not joined.
-    """
-
-    constant: Whole
-    stiffness: Whole
-    rest: Whole
-    slider: Whole
-    slider_rest: Whole
-    damping: Whole
-    joined: list[int]
-    joint: Whole
-    springs: bool
-
-
 class Run:
     """State and constants of one trajectory: what `contact` asks for, and steps."""
 
@@ -224,22 +206,20 @@ class Run:
 
     # --- series
 
-    def _laws(self) -> _Laws:
+    def _laws(self) -> tuple[Whole, list[int], Whole]:
+        """Return the laws of all absorbers in units of a step, (6, n): forces without motion, stiffnesses, rests, sliders', theirs, dampings.
+
+        And which are joined (their laws are zero), with the inverse mobility of these.
+        """
         regimes, h = self.contacts.regimes, self.step
         loose = [Regime("joined") if regime.joined else regime for regime in regimes]
         joined = [a for a, regime in enumerate(regimes) if regime.joined]
         joint = inverse([[self.exact_mobility[a][b] for b in joined] for a in joined])
-        return _Laws(
-            constant=wholes([Fraction(regime.constant) * h**2 for regime in loose]),
-            stiffness=wholes([Fraction(regime.stiffness) * h**2 for regime in loose]),
-            rest=wholes([regime.rest for regime in loose]),
-            slider=wholes([Fraction(regime.slider) * h**2 for regime in loose]),
-            slider_rest=wholes([regime.slider_rest for regime in loose]),
-            damping=wholes([Fraction(regime.damping) * h for regime in loose]),
-            joined=joined,
-            joint=np.array([wholes(row) for row in joint], dtype=object),
-            springs=any(regime.stiffness or regime.slider or regime.damping for regime in loose),
-        )
+        rows = [
+            (Fraction(r.constant) * h**2, Fraction(r.stiffness) * h**2, r.rest, Fraction(r.slider) * h**2, r.slider_rest, Fraction(r.damping) * h)
+            for r in loose
+        ]
+        return np.array([wholes(row) for row in rows], dtype=object).T, joined, np.array([wholes(row) for row in joint], dtype=object)
 
     def _pushes(self, omega: Fraction, slope: Fraction) -> tuple[list[int], list[int]]:
         """Return the coefficients (ORDER + 1,) of the force's cosine and sine."""
@@ -253,7 +233,9 @@ class Run:
 
     def _series(self, cosine: list[int]) -> tuple[Whole, Whole]:
         """Return the coefficients of all displacements (ORDER + 1, N_m + n), and of the forces in units of a step (ORDER + 1, n)."""
-        n, laws, shapes = self.modes, self._laws(), self.shapes
+        n, shapes = self.modes, self.shapes
+        (constant, stiffness, rest, slider, slider_rest, damping), joined, joint = self._laws()
+        springs = any(map(np.any, (stiffness, slider, damping)))  # forces depend on the motion of an absorber that is not joined
         x = np.zeros((ORDER + 1, n + self.places), dtype=object)
         forces = np.zeros((ORDER + 1, self.places), dtype=object)
         h = whole(self.step)
@@ -263,18 +245,18 @@ class Run:
             free = (self.push * cosine[k] - self.square * x[k, :n] - self.rate * (x[k + 1, :n] * (k + 1))) >> BITS
             force = forces[k]
             if k == 0:
-                force += laws.constant + ((laws.stiffness * laws.rest + laws.slider * laws.slider_rest) >> BITS)
-            if laws.springs:
-                force -= ((laws.stiffness + laws.slider) * y + laws.damping * (later * (k + 1))) >> BITS
-            acting = k == 0 or laws.springs
-            if laws.joined:
-                pull = shapes[laws.joined] @ (free - ((shapes.T @ force) >> BITS if acting else 0)) >> BITS
-                force[laws.joined] = (laws.joint @ pull) >> BITS
-            if acting or laws.joined:
+                force += constant + ((stiffness * rest + slider * slider_rest) >> BITS)
+            if springs:
+                force -= ((stiffness + slider) * y + damping * (later * (k + 1))) >> BITS
+            acting = k == 0 or springs
+            if joined:
+                pull = shapes[joined] @ (free - ((shapes.T @ force) >> BITS if acting else 0)) >> BITS
+                force[joined] = (joint @ pull) >> BITS
+            if acting or joined:
                 free = free - ((shapes.T @ force) >> BITS)
                 x[k + 2, n:] = ((self.inverse_mass * force) >> BITS) // ((k + 1) * (k + 2))
             x[k + 2, :n] = free // ((k + 1) * (k + 2))
-            if laws.springs:
+            if springs:
                 y, later = later, self._distance(x[k + 2])
         return x, forces
 

@@ -17,21 +17,17 @@ PAPER_STYLE = (0, (4, 2))
 NAMES = {1: "first resonance", 2: "second resonance"}
 
 
-def _colour(concept: str) -> str:
-    return COLOURS.get(concept, FURTHER)
-
-
 def save_concepts(path: Path, result: Json) -> None:
     """Draw the relative level over the force for each concept's winner and the paper's choice, with the limit of the impact absorber's cavity."""
     figure, axes = figure_with(2, 5.0)
     for i, axis in enumerate(axes):
         for concept, found in result.items():
-            curve = found["curves"][i]
+            curve, colour = found["curves"][i], COLOURS.get(concept, FURTHER)
             force, without = np.array(curve["force_n"]), np.array(curve["without"])
             low, middle, high = (100 * np.array(curve[name], dtype=float) / without for name in ("low", "median", "high"))
-            axis.fill_between(force, low[0], high[0], color=_colour(concept), alpha=0.2, lw=0)
-            axis.plot(force, middle[0], color=_colour(concept), lw=2.2, label=f"{concept}: found")
-            axis.plot(force, middle[1], color=_colour(concept), lw=1.4, ls=PAPER_STYLE, label=f"{concept}: paper's choice")
+            axis.fill_between(force, low[0], high[0], color=colour, alpha=0.2, lw=0)
+            axis.plot(force, middle[0], color=colour, lw=2.2, label=f"{concept}: found")
+            axis.plot(force, middle[1], color=colour, lw=1.4, ls=PAPER_STYLE, label=f"{concept}: paper's choice")
             if concept == "impact":
                 _draw_limit(axis, curve)
             axis.axvline(found["conditions"][i]["force_n"], color=GREY, lw=1, ls=":")
@@ -59,9 +55,8 @@ def save_optima(path: Path, result: Json) -> None:
     figure, (left, right) = figure_with(2, 5.0)
     for x, colour in zip(result["friction"], (BLUE, GREEN), strict=True):
         curve = x["curve"]
-        left.plot(
-            curve["friction_limit_n"], 100 * np.array(curve["relative"]), color=colour, lw=2, label=f"{NAMES[x['resonance']]}, {x['force_n']:g} N"
-        )
+        label = f"{NAMES[x['resonance']]}, {x['force_n']:g} N"
+        left.plot(curve["friction_limit_n"], 100 * np.array(curve["relative"]), color=colour, lw=2, label=label)
         left.plot(x["winner"]["values"]["friction_limit"], 100 * x["winner"]["score"][0], "o", ms=8, mfc="white", mec=colour, mew=2, label="found")
         left.axvline(x["argued_n"], color=colour, lw=1.2, ls=":", label=f"energy argument, {x['argued_n']:.2g} N")
     left.axvline(result["friction"][0]["paper"]["values"]["friction_limit"], color=ORANGE, lw=1.4, ls=PAPER_STYLE, label="paper, 0.5 N")
@@ -87,8 +82,8 @@ def save_place(path: Path, result: Json) -> None:
     figure, (left, right) = figure_with(2, 4.8)
     at, relative = np.array(result["positions"]), 100 * np.array(result["relative"])
     worse = relative.max(axis=2)
-    left.plot(at, relative[:, :, 0].min(axis=1), "o-", color=BLUE, lw=1.6, ms=4, label="first resonance alone, best gap for it")
-    left.plot(at, relative[:, :, 1].min(axis=1), "o-", color=GREEN, lw=1.6, ms=4, label="second resonance alone, best gap for it")
+    for k, colour in enumerate((BLUE, GREEN)):
+        left.plot(at, relative[:, :, k].min(axis=1), "o-", color=colour, lw=1.6, ms=4, label=f"{NAMES[k + 1]} alone, best gap for it")
     left.plot(at, worse.min(axis=1), "o-", color=BLACK, lw=2.2, ms=5, label="worse of both, best gap for that")
     best, limits = worse.argmin(axis=1), 100 * np.array(result["limit"]).max(axis=2)
     reach = limits[np.arange(len(at)), best]
@@ -113,7 +108,7 @@ def save_robustness(path: Path, result: Json) -> None:
     figure.set_figwidth(8)
     for x in result["designs"]:
         without, style = np.array(x["without"]), {"winner": "-", "paper": PAPER_STYLE}.get(x["name"], (0, (1.5, 1.5)))
-        shift, colour = 100 * np.array(x["detuning"]), _colour(x["concept"])
+        shift, colour = 100 * np.array(x["detuning"]), COLOURS.get(x["concept"], FURTHER)
         axis.fill_between(shift, 100 * np.array(x["low"]) / without, 100 * np.array(x["high"]) / without, color=colour, alpha=0.15, lw=0)
         axis.plot(shift, 100 * np.array(x["median"]) / without, color=colour, ls=style, lw=2, label=f"{x['concept']}, {x['name']}")
     axis.axvline(0, color=GREY, lw=1, ls=":")

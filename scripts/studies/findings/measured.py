@@ -69,22 +69,12 @@ def full_study(study: Settings) -> Json:
     if not found.finished or found.verdict is None:
         raise KeyboardInterrupt
     wall = time.perf_counter() - began
-    checked = found.audit or Audit(0, 0, float("nan"))
-    return {
-        "designs": found.cost.designs,
-        "variables": len(problem.space.free),
-        "members": problem.members,
-        "modes": problem.beam.modes,
-        "runs": found.cost.runs,
-        "search_s": found.cost.seconds,
-        "with_judging_s": wall,
-        "overhead": found.cost.overhead,
-        "left_behind": {"run_in_full": checked.designs, "better_than_best_found": checked.missed},
-        "memory_bytes": peak_memory(),
-        "winner": dict(found.verdict.winner.design.values),
-        "score": found.verdict.winner.score.values[0],
-        "score_5_to_95_percent": list(found.verdict.winner.bands[0]),
-    }
+    audit, winner = found.audit or Audit(0, 0, float("nan")), found.verdict.winner
+    size = {"designs": found.cost.designs, "variables": len(problem.space.free), "members": problem.members, "modes": problem.beam.modes}
+    cost = {"runs": found.cost.runs, "search_s": found.cost.seconds, "with_judging_s": wall, "overhead": found.cost.overhead}
+    left = {"left_behind": {"run_in_full": audit.designs, "better_than_best_found": audit.missed}, "memory_bytes": peak_memory()}
+    best = {"winner": dict(winner.design.values), "score": winner.score.values[0], "score_5_to_95_percent": list(winner.bands[0])}
+    return size | cost | left | best
 
 
 def front(study: Settings) -> Json:

@@ -25,6 +25,7 @@ from optimisation.tuned import minimax
 
 Json = dict[str, Any]
 AT = ((1, 3.5), (2, 35.0))  # resonance and force in N: the paper's optimum at either
+Point = tuple[int, float]
 Bounds = Mapping[str, tuple[float, float]]
 WIDE = (0.02, 100.0)  # N: from a damper that slides all the time to one that sticks
 DENSE, LEAST = 60, 2  # forces of the limit's curve; members where a point is one of a hundred and its run is recorded
@@ -51,12 +52,7 @@ class Settings:
     quick: bool = False
 
     def problem(
-        self,
-        concept: str,
-        at: Sequence[tuple[int, float]],
-        free: Sequence[str] | None = None,
-        bounds: Bounds | None = None,
-        members: int | None = None,
+        self, concept: str, at: Sequence[Point], free: Sequence[str] | None = None, bounds: Bounds | None = None, members: int | None = None
     ) -> Problem:
         """Return the problem of a concept at resonances and forces (N), for the level in the worse of them."""
         space, conditions = design_space(concept, free, bounds), make_conditions(concept, list(at))
@@ -83,13 +79,9 @@ def _found(found: Findings) -> Json:
 
 
 def _listed(part: Levels) -> Json:
-    own = part.conditions[0]
-    return {
-        "resonance": own.resonance,
-        "force_n": [c.force for c in part.conditions],
-        "detuning": [c.detuning for c in part.conditions],
-        **{name: _numbers(getattr(part, name)) for name in ("median", "low", "high", "without")},
-    }
+    axes = {"force_n": [c.force for c in part.conditions], "detuning": [c.detuning for c in part.conditions]}
+    values = {name: _numbers(getattr(part, name)) for name in ("median", "low", "high", "without")}
+    return {"resonance": part.conditions[0].resonance} | axes | values
 
 
 def concepts(study: Settings) -> Json:
@@ -143,15 +135,9 @@ def _impact_optimum(study: Settings, resonance: int, force: float) -> Json:
     curve = {"force_n": forces.tolist(), "low": low.tolist(), "median": median.tolist(), "high": high.tolist()}
     best = forces[np.argmin(relative, axis=1)]
     found = study.find(f"optima-{resonance}", problem)
-    return _found(found) | {
-        "resonance": resonance,
-        "force_n": force,
-        "rule_force_n": rule,
-        "rule_gap_m": design_gap(problem.model, mass, force, resonance),
-        "best_force_n": float(forces[np.argmin(median)]),
-        "best_force_5_to_95_percent_n": np.quantile(best, (0.05, 0.95)).tolist(),
-        "curve": curve,
-    }
+    rules = {"rule_force_n": rule, "rule_gap_m": design_gap(problem.model, mass, force, resonance)}
+    bests = {"best_force_n": float(forces[np.argmin(median)]), "best_force_5_to_95_percent_n": np.quantile(best, (0.05, 0.95)).tolist()}
+    return _found(found) | {"resonance": resonance, "force_n": force} | rules | bests | {"curve": curve}
 
 
 def place(study: Settings) -> Json:
@@ -168,15 +154,9 @@ def place(study: Settings) -> Json:
     shapes = [problem.space.design({GAP: 1e-3, POSITION: float(x)}).scene(problem.beam).model.tip_shape[:2].tolist() for x in positions]
     free = study.problem(IMPACT, AT, (GAP, "restitution", FRICTION_LIMIT, POSITION), members=2 * study.few)
     found = study.find("place", free, max(2, 3 * study.designs // 4))
-    return {
-        "positions": positions.tolist(),
-        "gaps_m": gaps.tolist(),
-        "relative": relative.tolist(),
-        "limit": bounds.reshape(relative.shape).tolist(),
-        "shapes": shapes,
-        "mass_kg": problem.space.paper.values[MASS_RATIO] * problem.model.beam_mass,
-        "free": _found(found),
-    }
+    arrays = {"positions": positions, "gaps_m": gaps, "relative": relative, "limit": bounds.reshape(relative.shape)}
+    mass = problem.space.paper.values[MASS_RATIO] * problem.model.beam_mass
+    return {name: array.tolist() for name, array in arrays.items()} | {"shapes": shapes, "mass_kg": mass, "free": _found(found)}
 
 
 def found_concepts(path: Path) -> Json:
