@@ -35,11 +35,10 @@ from impact_env.parameters import (
 )
 from impact_env.scene import Scene
 from optimisation.bounds import design_force, design_gap, reach, resonance_limit
-from optimisation.extremes import usable_force, usable_mass_ratio, usable_rate
+from optimisation.extremes import stationary_level, usable_force, usable_mass_ratio, usable_rate
 from optimisation.friction_rule import best_friction, scaled_friction
 from optimisation.gap_check import rigid_walls
 from optimisation.mounting import mounted
-from optimisation.sweep_rate import stationary_level
 from optimisation.tuned import HIGH, LOW, minimax
 
 Array = NDArray[np.float64]

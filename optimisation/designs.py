@@ -31,7 +31,6 @@ from impact_env.scene import Scene
 from impact_env.shared_mass import impact_absorbers
 from optimisation.extremes import usable_mass_ratio
 from optimisation.mounting import scene_on
-from optimisation.units import Units, paper_units, parts_of
 from optimisation.variables import (
     DAMPING,
     FREE,
@@ -46,38 +45,14 @@ from optimisation.variables import (
     SEVERAL,
     SHARE,
     STIFFNESS,
-    TUNED,
     VARIABLES,
     VERSIONS,
-    WITH_IMPACTS,
+    Units,
     Variable,
     of_absorber,
+    paper_units,
+    parts_of,
 )
-
-__all__ = [
-    "DAMPING",
-    "FREE",
-    "FRICTION",
-    "FRICTION_LIMIT",
-    "GAP",
-    "IMPACT",
-    "MASS_RATIO",
-    "POSITION",
-    "RESTITUTION",
-    "SEVERAL",
-    "SHARE",
-    "STIFFNESS",
-    "TUNED",
-    "VARIABLES",
-    "VERSIONS",
-    "WITH_IMPACTS",
-    "Design",
-    "DesignSpace",
-    "Values",
-    "Variable",
-    "design_space",
-    "of_absorber",
-]
 
 Array = NDArray[np.float64]
 Values = Mapping[str, float]

@@ -49,20 +49,19 @@ class Clocked:
             yield result
 
 
-def run_chunks(chunks: Sequence[Chunk], executor: Executor) -> Iterator[tuple[int, Array]]:
+def run_chunks(chunks: Sequence[Chunk], executor: Executor, progress: Progress | None = None) -> Iterator[tuple[int, Array]]:
     """Yield (number of the chunk, its measures (lanes, measures)) in the order in which they are finished; closing it drops what has not begun."""
-    return executor.each(measure, chunks, [(kernel_key(chunk.lanes[0].scene, Exact()), chunk.record) for chunk in chunks])
+    total, done = sum(len(chunk.lanes) for chunk in chunks), 0
+    for k, values in executor.each(measure, chunks, [(kernel_key(chunk.lanes[0].scene, Exact()), chunk.record) for chunk in chunks]):
+        done += len(values)
+        if progress is not None:
+            progress(done, total)
+        yield k, values
 
 
 def measured_chunks(chunks: Sequence[Chunk], executor: Executor, progress: Progress | None = None) -> list[Array]:
     """Return the measures of chunks, (lanes, measures) each, in their order."""
-    total, done = sum(len(chunk.lanes) for chunk in chunks), 0
-    found: dict[int, Array] = {}
-    for k, values in run_chunks(chunks, executor):
-        found[k] = values
-        done += len(values)
-        if progress is not None:
-            progress(done, total)
+    found = dict(run_chunks(chunks, executor, progress))
     return [found[k] for k in range(len(chunks))]
 
 
@@ -78,14 +77,10 @@ def evaluate(
     owners = [k for k, own in enumerate(owned) for _ in own]
     starts = np.cumsum([0] + [len(own) for own in owned])
     chunks = [chunk for own in owned for chunk in own]
-    total, done = sum(len(chunk.lanes) for chunk in chunks), 0
     waiting = [len(own) for own in owned]
     parts: dict[int, Array] = {}
-    for i, values in run_chunks(chunks, executor):
+    for i, values in run_chunks(chunks, executor, progress):
         parts[i] = values
-        done += len(values)
-        if progress is not None:
-            progress(done, total)
         k = owners[i]
         waiting[k] -= 1
         if not waiting[k]:

@@ -1,9 +1,16 @@
-"""Bounds on forces, masses and rates: valid numbers that no study can use are refused with a reason, before anything runs."""
+"""Which forces, masses and rates a study can use, refused with a reason before anything runs; and what a sweep shows of the stationary response."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
-from impact_env.drive import MOST_PERIODS
+import numpy as np
+
+from impact_env.drive import MOST_PERIODS, PAPER_LIMITS, Drive, linear_sweep
+from impact_env.modes import ModalModel
 from impact_env.parameters import number, positive, require
+from impact_env.scene import Scene
+from impact_env.sweep import simulate
+from optimisation.tuned import highest_amplitude
 
 MOST_FORCE = 1e12  # N: far above what any structure bears, and far below where squares of displacements overflow
 MOST_MASS = 1.0  # of the structure's: design rule, limit and tunings are those of an absorber, not of what it would hang on
@@ -31,3 +38,31 @@ def usable_rate(name: str, value: float, sweeps: Iterable[tuple[float, float]]) 
     allowed = f"from {least:.3g} to {most:.4g} % per 100 pseudo periods, so that a sweep takes {LEAST_PERIODS:g} to {MOST_PERIODS:g} of them"
     require(least <= rate <= most, name, value, allowed)
     return rate
+
+
+LEAST_RATIO = 0.95  # of the stationary level that a sweep must reach for a share of the possible reduction to be told
+
+
+def stationary_level(model: ModalModel, resonance: int = 1, limits: tuple[float, float] = PAPER_LIMITS) -> float:
+    """Return the largest stationary RMS where the level is read, in m per newton, over ``limits`` times omega_r, without absorber.
+
+    Infinite if undamped.
+    """
+    return highest_amplitude(model, None, resonance, *limits)[0] / float(np.sqrt(2))
+
+
+def sweep_ratio(model: ModalModel, rate: float, resonance: int = 1, limits: tuple[float, float] = PAPER_LIMITS) -> float:
+    """Return the level of the sweeps without absorber (the larger of up and down) over `stationary_level`; 0 for an undamped resonance.
+
+    ``rate`` in % of the resonance per 100 pseudo periods, ``limits`` over omega_r. Raises ParameterError for numbers out of range.
+    """
+    stationary = stationary_level(model, resonance, limits)
+    if np.isinf(stationary):
+        return 0.0
+    scene = Scene(replace(model, tip_shape=model.level_shape, response_shape=None))  # without absorber its place is free, and a level there streams
+    levels = []
+    for start, stop in (limits, limits[::-1]):
+        level = simulate(scene, Drive(1.0, linear_sweep(model.resonance_omega(resonance), start, stop, rate))).level
+        assert level is not None
+        levels.append(level.value)
+    return max(levels) / stationary

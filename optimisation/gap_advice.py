@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from impact_env.curve import CurveCase, PerformanceCurve
 from impact_env.drive import PAPER_RATE, default_rate
@@ -17,9 +17,125 @@ from impact_env.scene import Scene
 from optimisation.bounds import design_gap, require_reach
 from optimisation.extremes import usable_force, usable_rate
 from optimisation.gap_check import GapCheck, rigid_walls, scaled_absorber, sweep_limits
-from optimisation.gap_search import LEAST, MEMBERS, MOST, PAIRS, STEP, Table, answers, bracket, level_between, search, start_factor, worst
+
+# The search for a gap by simulation: the best one is bracketed by one member at a time, then more run where the answers rest.
+#
+# Gaps are counted in steps of ``STEP`` of ln gap from the design rule's. On the narrow side of the best gap the level climbs a cliff, on the wide one
+# it is in proportion to the gap, and small dips between them are noise. So steps are wide and go towards lower levels until they are bracketed; then
+# the wider neighbouring interval is halved, the narrow side first.
+#
+# By the scaling law a device under k times the force is the device with a k-th of the gap under the force, k times as large: level(k f, g) = k
+# level(f, g/k), with a friction limit in proportion to the gap. So what a tolerance of the force does is in the table of levels already. What is no
+# length scales with another ``power`` of k: a decay time with 0.
+
 
 Array = NDArray[np.float64]
+STEP = 0.05  # of ln gap
+WIDE, NEAR, LEAST, MOST = 8, 2, -32, 32  # steps of a bracket at first and at last, and how far it goes from the rule's gap
+PAIRS = 18  # of sweeps, up and down, that a search takes at most: with those of the rule's gap and of no absorber 40 sweeps
+MEMBERS = 3
+# (step, number of members) -> the members' levels, the first ones of the ensemble
+Look = Callable[[float, int], Array]
+
+
+@dataclass
+class Table:
+    """The members' levels by step of the gap, a whole number in a search; ``power`` see the module."""
+
+    levels: dict[float, Array] = field(default_factory=dict)
+    power: float = 1.0
+
+    def known(self) -> tuple[Array, Array]:
+        """Return (steps, ln of median levels)."""
+        steps = np.array(sorted(self.levels))
+        return steps, np.log([float(np.median(self.levels[n])) for n in steps])
+
+
+def level_between(ln_gaps: Array, ln_levels: Array, at: ArrayLike, power: float = 1.0) -> Array:
+    """Return levels at ln gaps, straight lines in ln of both; beyond the widest as the gap's ``power``, beyond the narrowest NaN."""
+    x = np.asarray(at, dtype=np.float64)
+    beyond = np.where(x < ln_gaps[0] - 1e-9, np.nan, power * np.maximum(x - ln_gaps[-1], 0))
+    return np.asarray(np.exp(np.interp(x, ln_gaps, ln_levels) + beyond))
+
+
+def worst(ln_gaps: Array, ln_levels: Array, at: ArrayLike, tolerance: float, power: float = 1.0) -> Array:
+    """Return the largest level over force times (1 - tolerance), 1 and (1 + tolerance) of gaps at ln gaps; NaN where a neighbour is not known."""
+    x = np.asarray(at, dtype=np.float64)
+    every = [k**power * level_between(ln_gaps, ln_levels, x - np.log(k), power) for k in (1 - tolerance, 1.0, 1 + tolerance)]
+    return np.asarray(np.max(every, axis=0))
+
+
+def bracket(look: Callable[[int], float], start: int) -> dict[int, float]:
+    """Return the levels looked at, by step, around the lowest, whose neighbours then are `NEAR` (or at the ends `LEAST`, `MOST`)."""
+    seen: dict[int, float] = {}
+
+    def at(n: int) -> float:
+        if n not in seen:
+            seen[n] = look(n)
+        return seen[n]
+
+    low, high = start, start + WIDE
+    while at(low) <= at(high) and low - WIDE >= LEAST and at(low - WIDE) < at(low):
+        low, high = low - WIDE, low
+    while at(high) < at(low) and high + WIDE <= MOST and at(high + WIDE) < at(high):
+        low, high = high, high + WIDE
+    while True:
+        best = min(seen, key=lambda n: seen[n])
+        below, above = max((n for n in seen if n < best), default=best), min((n for n in seen if n > best), default=best)
+        if max(best - below, above - best) <= NEAR:
+            return seen
+        at((best + below) // 2 if best - below >= above - best else (best + above) // 2)
+
+
+def answers(table: Table, tolerance: float, members: int = 0) -> tuple[float, float]:
+    """Return the steps with the lowest level and with the lowest of `worst`, as far as is known.
+
+    ``members``: only of gaps that so many ran. Raises ValueError if there are none.
+    """
+    steps, levels = table.known()
+    whole = np.arange(np.ceil(steps[0]), np.floor(steps[-1]) + 1)
+    every = np.array([n for n, x in table.levels.items() if len(x) >= members]) if members else np.union1d(whole, steps)
+    lowest = level_between(STEP * steps, levels, STEP * every)
+    robust = worst(STEP * steps, levels, STEP * every, tolerance, table.power)
+    return float(every[np.argmin(lowest)]), float(every[np.argmin(np.where(np.isnan(robust), np.inf, robust))])
+
+
+def asked(table: Table, tolerance: float, beside: bool) -> list[float]:
+    """Return the steps that the answers rest on: their own, and the narrower neighbour of a larger force; ``beside``: those beside them too."""
+    sharp, robust = answers(table, tolerance)
+    near = [robust - round(np.log1p(tolerance) / STEP)] if tolerance > 0 else []
+    return list(dict.fromkeys((sharp, robust, *near, *((sharp - 1, sharp + 1, robust - 1) if beside else ()))))
+
+
+def start_factor(reach: float) -> float:
+    """Return where a search begins, over the rule's gap, for free amplitude over that gap: a fit to simulations of other structures."""
+    return 1.57 / (1 + 1.14 / reach)
+
+
+def search(look: Look, start: int, tolerance: float, members: int, pairs: int, table: Table) -> None:
+    """Fill a table, from a step on, see the module; ``pairs``: of sweeps, up and down, after which no runs are added.
+
+    Answers and the gaps beside them run with one member, then two, so that a lucky one does not take all runs; then the answers with all members, and
+    what pairs are left go to the gaps beside them.
+    """
+
+    def levels(n: float, number: int) -> float:
+        table.levels[n] = look(n, number)
+        return float(table.levels[n][0])
+
+    seen = bracket(lambda n: levels(n, 1), start)
+    levels(min(seen, key=lambda n: seen[n]) - 1, 1)  # is the foot of the cliff there?
+    spent = len(table.levels)
+    for number, beside in ((1, True), (min(2, members), True), (members, False), (members, True)):
+        while True:
+            open_ = [n for n in asked(table, tolerance, beside) if len(table.levels.get(n, ())) < number]
+            cost = number - len(table.levels.get(open_[0], ())) if open_ else 0
+            if not open_ or spent + cost > pairs:
+                break
+            levels(open_[0], number)
+            spent += cost
+
+
 TOLERANCE = 0.1  # of the force
 MOST_TOLERANCE = 0.3
 FASTER = 4.0  # times the rate of the answers: that of looks at free variables
@@ -123,13 +239,10 @@ class _Runs:
         known = self.kept.get((step, rate))
         have = 0 if known is None else len(known.members)
         if known is None or have < members:
-            case = CurveCase(
-                Scene(self.model, None if step is None else self.device(step)), np.array([self.force]), self.resonance, self.limits, rate
-            )
-            every = draw_members(members, self.seed)
-            lanes = [
-                Lane(case.scene, drive) for m in range(have, members) for s in case.schedules() for drive in every[m : m + 1].drives(self.force, s)
-            ]
+            scene, every = Scene(self.model, None if step is None else self.device(step)), draw_members(members, self.seed)
+            case = CurveCase(scene, np.array([self.force]), self.resonance, self.limits, rate)
+            single = [every[m : m + 1] for m in range(have, members)]
+            lanes = [Lane(scene, drive) for one in single for schedule in case.schedules() for drive in one.drives(self.force, schedule)]
             found = self.run(lanes, self.sweeps)
             if not found.complete:
                 raise _Stopped
@@ -164,7 +277,7 @@ def advise(
     progress: Progress | None = None,
     executor: Executor | None = None,
 ) -> Advice:
-    """Search the gap of an impact absorber for a ``force`` in N near a resonance by simulation, see `optimisation.gap_search`.
+    """Search the gap of an impact absorber for a ``force`` in N near a resonance by simulation, see `optimisation.gap_advice`.
 
     ``absorber`` gives mass, restitution and friction (default: `scaled_absorber`); its friction limit belongs to the rule's gap and goes with the
     gap, unless it is ``friction_given``. ``tolerance``: share of the force. ``free``: names of `FREE`. ``factors``: further gaps to run, over the
@@ -177,11 +290,8 @@ def advise(
     count("members", members, 1)
     own = scaled_absorber(model, force, resonance) if absorber is None else absorber
     walls, mass = rigid_walls(own), own.mass_ratio * model.beam_mass
-    found, rule, limits = (
-        require_reach(model, mass, force, resonance),
-        design_gap(model, mass, force, resonance),
-        sweep_limits(model, mass, resonance),
-    )
+    found, limits = require_reach(model, mass, force, resonance), sweep_limits(model, mass, resonance)
+    rule = design_gap(model, mass, force, resonance)
     rate = usable_rate("rate", default_rate(model, (resonance,)) if percent_per_100_periods is None else percent_per_100_periods, [limits])
     pairs = PAIRS if members <= MEMBERS else 10 + 5 * members
 
@@ -201,30 +311,25 @@ def advise(
         for factor in factors:
             runs.curve(math.log(factor) / STEP, members, rate)
     except _Stopped:
-        complete = False
-        without = runs.kept.get((None, rate), _nothing(force))
+        none, complete = np.full((1, 1, 2), np.nan), False
+        nothing = PerformanceCurve(np.array([force]), draw_members(1, 0), LaneLevels(none, none, none, none, none, none, complete=False))
+        without = runs.kept.get((None, rate), nothing)
     full = dict(sorted((step, curve) for (step, of), curve in runs.kept.items() if of == rate and step is not None))
     table.levels |= {step: curve.combined[0] for step, curve in full.items()}
     gaps = rule * np.exp(STEP * np.array([*full], dtype=float))
     check = GapCheck(model, resonance, force, runs.absorber, rule, gaps, limits, tuple(full.values()), without, found, rate)
     ran = max((len(levels) for levels in table.levels.values()), default=0)
     both = answers(table, tolerance, min(2, ran)) if ran else ()
-    sharp, recommended = (_answer(runs.device(step), full[step], table, step, tolerance) for step in both) if both else (None, None)
+    sharp, recommended = (answer_at(runs.device(step), table, step, tolerance) for step in both) if both else (None, None)
     return Advice(check, table, tolerance, members, runs.sweeps, sharp, recommended, complete, tuple(tried))
 
 
-def _nothing(force: float) -> PerformanceCurve:
-    """Return the curve of no run."""
-    none = np.full((1, 1, 2), np.nan)
-    return PerformanceCurve(np.array([force]), draw_members(1, 0), LaneLevels(none, none, none, none, none, none, complete=False))
-
-
-def _answer(absorber: SlidingAbsorber, curve: PerformanceCurve, table: Table, step: float, tolerance: float) -> Answer:
-    """Return a device of the table with its level."""
-    (low, high), (steps, levels) = curve.band[:, 0], table.known()
-    level = float(curve.median[0])
-    largest = float(np.maximum(level, worst(STEP * steps, levels, STEP * step, tolerance))) if tolerance > 0 else level
-    return Answer(absorber, level, float(low), float(high), largest)
+def answer_at(absorber: SlidingAbsorber, table: Table, step: float, tolerance: float) -> Answer:
+    """Return a device of the table with its level, or what else is measured."""
+    low, level, high = np.quantile(table.levels[step], (0.05, 0.5, 0.95)).tolist()
+    steps, levels = table.known()
+    largest = float(np.maximum(level, worst(STEP * steps, levels, STEP * step, tolerance, table.power))) if tolerance > 0 else level
+    return Answer(absorber, level, low, high, largest)
 
 
 def _freed(runs: _Runs, name: str, start: int, rate: float, tried: list[tuple[str, float, float, float]]) -> int:

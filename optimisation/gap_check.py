@@ -14,9 +14,8 @@ from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls, SlidingAbsorber, impact_absorber, require
 from impact_env.scene import Scene
 from optimisation.bounds import design_gap, gap_unit, near_range, reach, require_reach, resonance_limit, share_reached
-from optimisation.extremes import usable_force, usable_mass_ratio, usable_rate
+from optimisation.extremes import LEAST_RATIO, stationary_level, usable_force, usable_mass_ratio, usable_rate
 from optimisation.friction_rule import scaled_friction
-from optimisation.sweep_rate import LEAST_RATIO, stationary_level
 
 Array = NDArray[np.float64]
 

@@ -1,20 +1,25 @@
-"""A design besides its score: its level over the force, detuned and in its neighbourhood, and the sensitivity to each of its numbers."""
+"""A design besides its score: its level over the force, detuned and in its neighbourhood, the sensitivity to its numbers; and in service."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import sobol_indices, uniform
+from scipy.stats import qmc, sobol_indices, uniform
 
 from impact_env.curve import BAND
-from impact_env.ensemble import Executor
+from impact_env.drive import constant_frequency
+from impact_env.ensemble import Executor, Lane, Members
 from impact_env.parameters import count, fraction, require
-from optimisation.designs import GAP, Design, DesignSpace, Variable
-from optimisation.evaluation import Progress, evaluate
-from optimisation.measures import LEVEL
+from optimisation.designs import Design, DesignSpace
+from optimisation.evaluation import Progress, evaluate, measured_chunks
+from optimisation.gap_card import stretch
+from optimisation.measures import ACCELERATION, FRICTION_HEAT, IMPACT_POWER, IMPACT_RATE, IMPACT_RMS, IMPACT_SPEED, LEVEL, RMS, STROKE, Chunk
 from optimisation.objectives import Condition, Objective
 from optimisation.problem import Problem
+from optimisation.uncertain import on_another_structure
+from optimisation.variables import DAMPING, FRICTION_LIMIT, GAP, RESTITUTION, STIFFNESS, WITH_IMPACTS, Variable, parts_of
 
 Array = NDArray[np.float64]
 SHOWN = 2  # set of fresh members on which all is run that is shown of a design; others choose and judge a winner
@@ -167,3 +172,146 @@ def sensitivity(
     total_band = np.array([bands.total_order.confidence_interval.low, bands.total_order.confidence_interval.high]).reshape(2, -1).T
     first, total = np.ravel(result.first_order), np.ravel(result.total_order)
     return Sensitivity(names, low, high, first, first_band, total, total_band, float(np.std(np.concatenate(values, axis=1))), runs)
+
+
+# A design in service, as its builder needs it: impacts, wear, heat, forces it serves, tolerances, and what a lasting vibration does.
+#
+# Everything is run on fresh members. Tolerances are tried one by one at both ends, and jointly: each draw has all numbers off at once, uniformly
+# within their tolerances, and a member of its own, so that its quantiles cover both chaos and tolerances.
+
+
+WATCHED_ANYWHERE = (FRICTION_HEAT, STROKE, ACCELERATION)
+WATCHED = (IMPACT_SPEED, IMPACT_RMS, IMPACT_RATE, IMPACT_POWER, *WATCHED_ANYWHERE)
+OF_BEAM = ("damping ratio", "frequency")
+# what a number may be off by: a share of it, a difference, or a factor either way
+TOLERANCES = {
+    GAP: ("share", 0.1),
+    RESTITUTION: ("difference", 0.1),
+    FRICTION_LIMIT: ("factor", 1.5),
+    STIFFNESS: ("share", 0.1),
+    DAMPING: ("factor", 1.3),
+}
+BEAM_TOLERANCES = {OF_BEAM[0]: ("factor", 1.3), OF_BEAM[1]: ("share", 0.05)}
+QUANTILES = (0.5, 0.9, 0.95)
+DRAWS, FEW = 32, 4
+FORCES, HALVED = np.geomspace(1 / 4, 4, 17), 0.5  # of the condition's force; the relative level that is asked of the range
+FREQUENCIES, SETTLED, WATCH = 21, 8.0, 200.0  # of a lasting vibration: how many, time constants before it is watched, pseudo periods it is watched
+
+
+@dataclass(frozen=True, eq=False)
+class Service:
+    """What is known of a design in service, at each of the problem's C conditions, the last axis of all arrays.
+
+    ``watched``: for each of `WATCHED` 5, 50 and 95 % over the members, (3, C), in the units of `optimisation.measures.MEASURES`. ``forces`` (2, C) in
+    N: between them it at least halves the level; NaN where it does not at the condition's own force. ``single``: for each tolerance the median level
+    in m with the number too small and too large, (2, C). ``joint`` (quantiles, C) in m: `QUANTILES` of the level with all of them off. ``level``
+    (C,) in m: the median with none off. ``lasting`` (C,) in m: the largest RMS of a vibration of constant frequency over the range of the sweep.
+    """
+
+    conditions: tuple[Condition, ...]
+    watched: dict[str, Array]
+    forces: Array
+    single: dict[str, Array]
+    joint: Array
+    level: Array
+    lasting: Array
+
+
+def _shifted(value: float, kind: str, size: float, at: float) -> float:
+    """Return a value that is off by ``at`` (-1 to 1) of a tolerance."""
+    if kind == "share":
+        return value * (1 + at * size)
+    return value * size**at if kind == "factor" else float(np.clip(value + at * size, 0.0, 1.0))
+
+
+def tolerances(design: Design) -> list[str]:
+    """Return the names of what can be off: the design's own numbers, then the beam's."""
+    own = [name for name in design.values if parts_of(name)[0] in TOLERANCES and design.values[name] > 0]
+    return [*own, *OF_BEAM]
+
+
+def _chunks(problem: Problem, design: Design, off: dict[str, float], ensemble: Members, measures: tuple[str, ...]) -> list[Chunk]:
+    """Return a design's runs with numbers off by shares (-1 to 1) of their tolerances; the sweeps follow the beam's own frequency."""
+    values = {name: _shifted(x, *TOLERANCES[parts_of(name)[0]], off[name]) if name in off else x for name, x in design.values.items()}
+    damping = _shifted(1.0, *BEAM_TOLERANCES[OF_BEAM[0]], off.get(OF_BEAM[0], 0.0))
+    frequency = _shifted(1.0, *BEAM_TOLERANCES[OF_BEAM[1]], off.get(OF_BEAM[1], 0.0))
+    chunks = problem.chunks(Design(design.concept, values), ensemble, problem.rate)
+    if damping == 1 and frequency == 1:
+        return [replace(chunk, measures=measures) for chunk in chunks]
+    lanes = (tuple(on_another_structure(lane, damping, frequency) for lane in chunk.lanes) for chunk in chunks)
+    return [replace(chunk, lanes=own, measures=measures) for chunk, own in zip(chunks, lanes, strict=True)]
+
+
+def _run(problem: Problem, every: list[list[Chunk]], members: int, executor: Executor, progress: Progress | None) -> list[Array]:
+    """Return the measures of several sets of runs, each (members, conditions, measures), the larger of up and down."""
+    found = measured_chunks([chunk for chunks in every for chunk in chunks], executor, progress)
+    ends = np.cumsum([0, *(len(chunks) for chunks in every)])
+    rows = [np.concatenate(found[start:stop]) for start, stop in pairwise(ends)]
+    return [np.asarray(row.reshape(len(problem.conditions), members, -1, row.shape[1]).max(axis=2).transpose(1, 0, 2)) for row in rows]
+
+
+def watched(problem: Problem, design: Design, executor: Executor, progress: Progress | None = None) -> tuple[dict[str, Array], Array]:
+    """Return `Service.watched` of a design on fresh members, and the median level in m, (C,)."""
+    ensemble = problem.fresh_ensemble(problem.members, SHOWN)
+    names = (LEVEL, *(WATCHED if design.concept in WITH_IMPACTS else WATCHED_ANYWHERE))
+    (found,) = _run(problem, [_chunks(problem, design, {}, ensemble, names)], len(ensemble), executor, progress)
+    bands = np.quantile(found, (BAND[0], 0.5, BAND[1]), axis=0)
+    return {name: bands[:, :, k] for k, name in enumerate(names) if name != LEVEL}, np.asarray(bands[1, :, 0])
+
+
+def _served(problem: Problem, design: Design, members: int, executor: Executor, progress: Progress | None) -> Array:
+    """Return the range of forces in N around each condition's own over which the level is at least halved, (2, C)."""
+    found = np.full((2, len(problem.conditions)), np.nan)
+    for c, condition in enumerate(problem.conditions):
+        part = levels(problem, [design], over_force(condition, condition.force * FORCES), members, executor, progress)
+        found[:, c] = stretch(condition.force * FORCES, part.relative[0] <= HALVED, len(FORCES) // 2)
+    return found
+
+
+def _tolerated(
+    problem: Problem, design: Design, members: int, draws: int, executor: Executor, progress: Progress | None
+) -> tuple[dict[str, Array], Array]:
+    """Return the levels with one number off at a time, and the quantiles of those with all of them off."""
+    names = tolerances(design)
+    few, many = problem.fresh_ensemble(members, SHOWN), problem.fresh_ensemble(draws, SHOWN)
+    ends = [_chunks(problem, design, {name: at}, few, (LEVEL,)) for name in names for at in (-1.0, 1.0)]
+    alone = np.median(np.array(_run(problem, ends, members, executor, progress))[..., 0], axis=1).reshape(len(names), 2, -1)
+    points = 2 * qmc.Halton(len(names), rng=np.random.default_rng(problem.seed)).random(draws) - 1
+    offs = [dict(zip(names, map(float, row), strict=True)) for row in points]
+    sets = [_chunks(problem, design, off, many[k : k + 1], (LEVEL,)) for k, off in enumerate(offs)]
+    drawn = np.array(_run(problem, sets, 1, executor, progress))[:, 0, :, 0]
+    return {name: alone[k] for k, name in enumerate(names)}, np.asarray(np.quantile(drawn, QUANTILES, axis=0))
+
+
+def lasting_levels(problem: Problem, design: Design, executor: Executor, progress: Progress | None = None) -> Array:
+    """Return the largest RMS in m of the free end under a force of constant frequency, over frequencies of each condition's sweep, (C,).
+
+    Each run begins at rest, settles for `SETTLED` time constants of the resonance, and then is watched for at least 200 pseudo periods.
+    """
+    ensemble = problem.fresh_ensemble(1, SHOWN)
+    begun = problem.chunks(design, ensemble, problem.rate)
+    chunks = []
+    for condition, chunk in zip(problem.conditions, begun, strict=True):
+        scene, reference = chunk.lanes[0].scene, chunk.lanes[0].drive.schedule.reference
+        damping = max(float(scene.model.damping_ratio[condition.resonance - 1]), 1e-4)
+        periods = 2 * max(SETTLED / (2 * np.pi * damping), WATCH)  # the second half is what the measure reads
+        for ratio in np.linspace(*condition.limits, FREQUENCIES):
+            drives = ensemble.drives(condition.force, constant_frequency(reference, float(ratio), periods))
+            chunks.append(replace(chunk, lanes=tuple(Lane(scene, drive) for drive in drives), measures=(RMS,)))
+    found = np.concatenate(measured_chunks(chunks, executor, progress))
+    return np.asarray(found.reshape(len(problem.conditions), FREQUENCIES).max(axis=1))
+
+
+def service(
+    problem: Problem, design: Design, executor: Executor, members: int = FEW, draws: int = DRAWS, progress: Progress | None = None
+) -> Service:
+    """Run a design as it will be used; ``members`` for each point of ranges and tolerances, ``draws`` with all numbers off.
+
+    What a run has a part in that the integrator gives up is NaN. Raises ParameterError for numbers out of range.
+    """
+    few, many, problem = count("members", members, 1), count("draws", draws, 1), replace(problem, uncertain={})
+    seen, level = watched(problem, design, executor, progress)
+    forces = _served(problem, design, few, executor, progress)
+    single, joint = _tolerated(problem, design, few, many, executor, progress)
+    lasting = lasting_levels(problem, design, executor, progress)
+    return Service(problem.conditions, seen, forces, single, joint, level, lasting)

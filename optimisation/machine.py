@@ -1,17 +1,27 @@
-"""What a study says about itself: when, on which machine and from which sources its numbers are."""
+"""What a study says about itself: when, on which machine and from which sources its numbers are, and how long a run takes."""
 
+import ast
 import datetime
+import hashlib
 import platform
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import llvmlite.binding
 
+from impact_env.drive import Drive, constant_frequency
 from impact_env.ensemble import available_cores
 from impact_env.kernels.compiling.cache import digest
+from impact_env.loads import AnyDrive
+from impact_env.methods import Method
+from impact_env.response import Record, Response
+from impact_env.scene import Scene
+from impact_env.sweep import simulate
 
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite")
 
@@ -79,3 +89,99 @@ def peak_memory() -> int:
     if sys.platform == "win32":
         return int(psutil.Process().memory_info().peak_wset)
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
+BARE = Record(level=False)
+
+
+@dataclass(frozen=True)
+class Timed:
+    """A run that can be timed again and again: compiled and with its tables made by one pseudo period at the resonance, or by a run."""
+
+    scene: Scene
+    drive: AnyDrive
+    method: Method
+    most_events: int | None = None
+    record: Record = BARE
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.drive, Drive):
+            self.run()
+            return
+        schedule = constant_frequency(self.drive.schedule.reference, 1.0, 1.0)
+        simulate(self.scene, Drive(self.drive.amplitude, schedule, self.drive.phase), self.method, record=self.record)
+
+    def run(self) -> Response:
+        """Return a response; its ``wall_time`` is the time in s."""
+        return simulate(self.scene, self.drive, self.method, record=self.record, most_events=self.most_events)
+
+
+# A fingerprint of the sources behind a number: a module with all that it imports of this project, and the packages that compute.
+#
+# Two processes with the same fingerprint run the same instructions on one kind of processor. One with another may get other numbers unnoticed: so it
+# does not go on with a study of the first, and does no work for it as a cluster's worker.
+
+
+ROOT = Path(__file__).resolve().parents[1]
+OWN = ("impact_env", "optimisation")
+PACKAGES = ("llvmlite", "numba", "numpy", "scipy")
+SEARCHING = (*PACKAGES, "optuna", "cmaes")  # a search is proposed by these as well
+
+
+def _file_of(module: str, root: Path) -> Path | None:
+    place = root.joinpath(*module.split("."))
+    return next((file for file in (place / "__init__.py", place.with_suffix(".py")) if file.is_file()), None)
+
+
+def _imported(source: bytes) -> Iterator[str]:
+    """Yield the names that a module may import: all of its import statements, those inside of functions too."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from (name.name for name in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            yield node.module
+            yield from (f"{node.module}.{name.name}" for name in node.names)  # some of them are modules
+
+
+def closure(module: str, root: Path = ROOT) -> dict[str, bytes]:
+    """Return the sources of a module and of all modules of this project below ``root`` that it imports, by name."""
+    found: dict[str, bytes] = {}
+    todo = [module]
+    while todo:
+        parts = todo.pop().split(".")
+        for name in (".".join(parts[:k]) for k in range(1, len(parts) + 1)):  # importing a module imports its packages
+            if parts[0] in OWN and name not in found and (file := _file_of(name, root)) is not None:
+                found[name] = file.read_bytes().replace(b"\r\n", b"\n")
+                todo += _imported(found[name])
+    return found
+
+
+@cache
+def fingerprint(module: str, packages: tuple[str, ...] = PACKAGES, root: Path = ROOT) -> dict[str, str]:
+    """Return the hash of a module's `closure` as ``code``, and the versions of ``packages`` that are installed, as they are at the first call."""
+    known = hashlib.sha256()
+    for name, source in sorted(closure(module, root).items()):
+        known.update(name.encode() + b"\0" + source + b"\0")
+    versions = {}
+    for package in packages:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return {"code": known.hexdigest()[:16], **versions}
+
+
+# The first place where two descriptions in plain data differ.
+
+
+def difference(held: object, wanted: object, path: str = "") -> str:
+    """Name the first place where two descriptions of JSON values differ."""
+    if isinstance(held, dict) and isinstance(wanted, dict):
+        for key in sorted({*held, *wanted}):
+            if held.get(key) != wanted.get(key):
+                return difference(held.get(key), wanted.get(key), f"{path}.{key}" if path else key)
+    if isinstance(held, list) and isinstance(wanted, list) and len(held) == len(wanted):
+        for k, (a, b) in enumerate(zip(held, wanted, strict=True)):
+            if a != b:
+                return difference(a, b, f"{path}[{k}]")
+    return f"{path or 'identity'} is {held!r} there and {wanted!r} here"

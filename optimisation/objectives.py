@@ -23,10 +23,23 @@ from numpy.typing import NDArray
 from impact_env.drive import PAPER_LIMITS
 from impact_env.loads import Loads, amplitude_in_words
 from impact_env.parameters import ParameterError, count, finite, fraction, one_of, positive, require, two
-from optimisation.designs import MASS_RATIO, Design
+from optimisation.designs import Design
 from optimisation.extremes import usable_force
-from optimisation.load_measures import UNITS, fingerprint_of, measure_of
-from optimisation.measures import ACCELERATION, DAMAGE, FRICTION_HEAT, IMPACT_POWER, IMPACT_RATE, IMPACT_SPEED, LEVEL, STRESS, STROKE
+from optimisation.measures import (
+    ACCELERATION,
+    DAMAGE,
+    FRICTION_HEAT,
+    IMPACT_POWER,
+    IMPACT_RATE,
+    IMPACT_SPEED,
+    LEVEL,
+    STRESS,
+    STROKE,
+    UNITS,
+    fingerprint_of,
+    measure_of,
+)
+from optimisation.variables import MASS_RATIO
 
 Array = NDArray[np.float64]
 WORST, MEAN = "worst", "mean"
@@ -78,7 +91,7 @@ class Condition:
 
     ``detuning`` shifts all of the beam's frequencies by this share: the bending stiffness is not what it was thought to be. The sweep
     follows the frequency that the resonance then has. Other ``loads`` take the place of resonance and limits, and ``force`` is a factor on them; what
-    is the level elsewhere is then their measure (`optimisation.load_measures`).
+    is the level elsewhere is then their measure (`optimisation.measures`).
     """
 
     resonance: int

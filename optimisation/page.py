@@ -3,7 +3,7 @@
 A marker is a line ``<!-- NAME -->``, its end ``<!-- /NAME -->``.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from impact_env.parameters import ParameterError
@@ -54,3 +54,15 @@ def fill(path: Path, template: Path, sections: Mapping[str, str]) -> None:
         text = head + start + "\n" + body.strip("\n") + "\n" + end + rest.split(end)[1]
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return an aligned Markdown table; the first column is flush left, the others flush right."""
+    widths = [max(len(row[i]) for row in (header, *rows)) for i in range(len(header))]
+
+    def line(cells: Sequence[str]) -> str:
+        first, *others = (cell.ljust(width) if i == 0 else cell.rjust(width) for i, (cell, width) in enumerate(zip(cells, widths, strict=True)))
+        return "| " + " | ".join([first, *others]) + " |"
+
+    rule = "| " + " | ".join("-" * width if i == 0 else "-" * (width - 1) + ":" for i, width in enumerate(widths)) + " |"
+    return "\n".join([line(header), rule, *map(line, rows)])

@@ -17,17 +17,15 @@ from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, count, positive, require
 from impact_env.scene import Scene
 from optimisation.bounds import design_force
-from optimisation.designs import MASS_RATIO, POSITION, SEVERAL, TUNED, Design, DesignSpace
+from optimisation.designs import Design, DesignSpace
 from optimisation.evaluation import Evaluation, Progress, evaluate_arrays
-from optimisation.extremes import usable_rate
-from optimisation.load_measures import DECAY, design_gap_for, measure_of
-from optimisation.measures import DAMAGE, FATIGUES, LEVEL, MEASURES, STRESS, Chunk, measure, stress_shape
+from optimisation.extremes import sweep_ratio, usable_rate
+from optimisation.measures import DAMAGE, DECAY, FATIGUES, LEVEL, MEASURES, STRESS, Chunk, design_gap_for, measure, measure_of, stress_shape
 from optimisation.mounting import described, detuned, mounted
 from optimisation.objectives import Condition, Constraint, Objective, Score, own_values
-from optimisation.sweep_rate import sweep_ratio
 from optimisation.tuned import require_wide_range
 from optimisation.uncertain import FORCE, FREQUENCY, Given, Spread, drawn, plain, require_parts, shares, spreads
-from optimisation.units import Units
+from optimisation.variables import MASS_RATIO, POSITION, SEVERAL, TUNED, Units
 
 Array = NDArray[np.float64]
 FORMAT = 2  # of the description: raised when the meaning of a problem changes
@@ -65,7 +63,8 @@ class Problem:
         for condition in self.conditions:
             self.model.resonance_omega(condition.resonance)
         object.__setattr__(self, "space", self.space.bound_to(self.units))
-        object.__setattr__(self, "rate", self.usual_rate if self.rate is None else self._usable_rate())
+        limits = [condition.limits for condition in self.conditions]
+        object.__setattr__(self, "rate", self.usual_rate if self.rate is None else usable_rate("rate", self.rate, limits))
         for objective in self.objectives:
             objective.chosen(self.conditions)
         names = [constraint.name for constraint in self.constraints]
@@ -106,9 +105,6 @@ class Problem:
     def under_loads(self) -> bool:
         """Whether other loads than forces act."""
         return self.conditions[0].loads is not None
-
-    def _usable_rate(self) -> float:
-        return usable_rate("rate", self.rate, [condition.limits for condition in self.conditions])
 
     def _place(self) -> None:
         """Put the absorber where the structure says, if the space leaves its place open."""
@@ -158,7 +154,7 @@ class Problem:
         return default_rate(self.model, [condition.resonance for condition in self.conditions])
 
     def sweep_ratio(self, condition: Condition) -> float:
-        """Return the level of a condition's sweeps without absorber over the stationary one, see `optimisation.sweep_rate`; NaN of loads."""
+        """Return the level of a condition's sweeps without absorber over the stationary one, see `optimisation.extremes`; NaN of loads."""
         if condition.loads is not None:
             return math.nan
         return sweep_ratio(self.model, self.rate, condition.resonance, condition.limits)

@@ -14,7 +14,7 @@ Of each signal x, from samples:
   cut out of the spectrum rings at both ends of the run, where as much as a level's half window is left out.
 
 After shocks, the energy of the structure and the share of the modes above the first in it, at equal times from the end of the pulse on, and the decay
-time, see `load_measures`.
+time, see `measures`.
 
 Of impacts on rigid walls: their number a second, also of those above a velocity, and the energy that they lose a second (the power that wears).
 """
@@ -35,8 +35,7 @@ from impact_env.modes import ModalModel
 from impact_env.parameters import require
 from impact_env.response import Record, Response
 from impact_env.sweep import simulate
-from optimisation.load_measures import DECAY, SAMPLES, after_pulse, measure_of, read, settled_after
-from optimisation.measures import rainflow_amplitudes
+from optimisation.measures import DECAY, SAMPLES, after_pulse, measure_of, rainflow_amplitudes, read, settled_after
 
 Array = NDArray[np.float64]
 PERCENTILES = (50, 90, 95, 99, 99.9, 100)

@@ -13,7 +13,6 @@ from scipy.stats import truncnorm
 
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.ensemble import Lane, Members
-from impact_env.modes import ModalModel
 from impact_env.parameters import Absorber, ParameterError, RigidWalls, SeveralAbsorbers, SlidingAbsorber, finite, one_of, require
 from impact_env.scene import Scene
 
@@ -109,21 +108,26 @@ def drawn(lane: Lane, every: Sequence[Spread], share: Mapping[str, float], reson
 
     Raises ParameterError where the damping is uncertain and the resonance has none.
     """
-    model, drive = lane.scene.model, lane.drive
-    assert isinstance(drive, Drive)
+    model = lane.scene.model
     nominal = {DAMPING: float(model.damping_ratio[resonance - 1]), FREQUENCY: model.resonance_omega(resonance) / (2 * np.pi), FORCE: force}
     for one in every:
         require(nominal.get(one.name, 1.0) > 0, f"uncertain {one.name}", one.words, "left out: the number itself is 0")
     factor = {one.name: one.drawn(share[one.name], nominal[one.name]) / nominal[one.name] for one in every if one.name in nominal}
-    frequency, schedule = factor.get(FREQUENCY, 1.0), drive.schedule
-    other: ModalModel = replace(model, omega=model.omega * frequency, damping_ratio=model.damping_ratio * factor.get(DAMPING, 1.0))
-    moved = FrequencySchedule(schedule.times / frequency, schedule.omegas * frequency, schedule.reference * frequency)
-    absorber = lane.scene.absorber
+    moved, absorber = on_another_structure(lane, *(factor.get(name, 1.0) for name in (DAMPING, FREQUENCY, FORCE))), lane.scene.absorber
     if isinstance(absorber, SeveralAbsorbers):
         absorber = replace(absorber, absorbers=tuple(_absorber(part, every, share) for part in absorber.absorbers))
     elif isinstance(absorber, SlidingAbsorber):
         absorber = _absorber(absorber, every, share)
-    return Lane(Scene(other, absorber), Drive(drive.amplitude * factor.get(FORCE, 1.0), moved, drive.phase))
+    return Lane(Scene(moved.scene.model, absorber), moved.drive)
+
+
+def on_another_structure(lane: Lane, damping: float, frequency: float, force: float = 1.0) -> Lane:
+    """Return a lane with damping, frequencies and force times factors; the sweep follows the structure's own frequency."""
+    model, drive, schedule = lane.scene.model, lane.drive, lane.drive.schedule
+    assert isinstance(drive, Drive)
+    other = replace(model, omega=model.omega * frequency, damping_ratio=model.damping_ratio * damping)
+    moved = FrequencySchedule(schedule.times / frequency, schedule.omegas * frequency, schedule.reference * frequency)
+    return Lane(Scene(other, lane.scene.absorber), Drive(drive.amplitude * force, moved, drive.phase))
 
 
 def _absorber(absorber: SlidingAbsorber, every: Sequence[Spread], share: Mapping[str, float]) -> SlidingAbsorber:

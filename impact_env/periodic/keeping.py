@@ -1,4 +1,4 @@
-"""The interface by which finished pieces of long work are kept and read again, for example in a file of an earlier run (`optimisation.pieces`)."""
+"""The interface by which finished pieces of long work are kept and read again, for example in a file of an earlier run (`optimisation.files`)."""
 
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol, TypeVar

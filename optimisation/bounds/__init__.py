@@ -3,44 +3,377 @@
 `optimisation.bounds.relaxation` holds the passive limit by semidefinite programming; it needs cvxpy and is imported on its own.
 """
 
-from optimisation.bounds.rule import (
-    LARGE_REACH,
-    LEAST_REACH,
-    NEAR,
-    SMALL_REACH,
-    common_gap,
-    design_force,
-    design_gap,
-    expected_factor,
-    expected_gap,
-    free_amplitude,
-    gap_unit,
-    near_range,
-    reach,
-    reduction_share,
-    require_reach,
-    share_reached,
-)
-from optimisation.bounds.stroke import SWEPT, resonance_limit, stroke_limit_rms
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
-__all__ = [
-    "LARGE_REACH",
-    "LEAST_REACH",
-    "NEAR",
-    "SMALL_REACH",
-    "SWEPT",
-    "common_gap",
-    "design_force",
-    "design_gap",
-    "expected_factor",
-    "expected_gap",
-    "free_amplitude",
-    "gap_unit",
-    "near_range",
-    "reach",
-    "reduction_share",
-    "require_reach",
-    "resonance_limit",
-    "share_reached",
-    "stroke_limit_rms",
-]
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize_scalar
+
+from impact_env.frequency import frequency_range
+from impact_env.modes import ModalModel, with_masses
+from impact_env.parameters import DEFAULT_MASS_RATIO, non_negative, positive, require
+from optimisation.tuned import highest_amplitude
+
+# The spectral line of a beam that carries masses in cavities: what the limits are made of.
+#
+# Masses m_k (k = 1..n) move at places of the beam with mode shapes phi_k; r_k is a mass's displacement minus that of its place. Whatever happens
+# between them, the beam feels minus the mass times its acceleration. The beam is linear, so at the forcing frequency Omega its modal line y obeys
+#
+#     H y = f p + Omega^2 sum_k m_k phi_k r_k,     H = diag(omega_i^2 - Omega^2 + 2 i D_i omega_i Omega) - Omega^2 sum_k m_k phi_k phi_k^T,
+#
+# H being the dynamic stiffness of the beam with all masses stuck to it, p the force's shape. The line of any place e is e y = f A + sum_k B_k r_k.
+# For one mass, at its own place, A = G_f/(1 - kappa) and B = kappa/(1 - kappa) with the free beam's receptances G_f, G_t and kappa = G_t m_a Omega^2.
+
+
+Complex = NDArray[np.complex128]
+Real = NDArray[np.float64]
+
+SINGULAR = 1e-14  # H is singular if it is this close to it, over the size of the terms that it is the sum of
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Line of a place: ``force`` A in m/N (...), ``strokes`` B_k (..., n), both over ``scale`` (...): infinite at an undamped resonance, else 1."""
+
+    force: Complex
+    strokes: Complex
+    scale: Real
+
+
+def places(model: ModalModel) -> Real:
+    """Return the mode shapes at the absorbers' places, (n, N_m): those of several absorbers, else the tip's."""
+    return model.tip_shape[None, :] if model.absorber_shapes is None else np.asarray(model.absorber_shapes)
+
+
+def masses_of(model: ModalModel, mass: ArrayLike) -> Real:
+    """Return the masses in kg, (n,); raises ParameterError unless there is one above 0 for each of the model's places."""
+    return _each(model, "mass", mass)
+
+
+def strokes_of(model: ModalModel, gap: ArrayLike) -> Real:
+    """Return R = 4 g0/pi in m, (n,), for gaps in m: the largest spectral line of a signal within +-g0."""
+    return 4 * _each(model, "gap", gap) / np.pi
+
+
+def _each(model: ModalModel, name: str, values: ArrayLike) -> Real:
+    given = np.asarray(values, dtype=np.float64)
+    wanted = len(places(model))
+    require(given.shape == (wanted,) or (wanted == 1 and given.shape == ()), name, values, f"{wanted} of them, one for each absorber of the model")
+    return np.array([positive(name, value) for value in given.ravel()])
+
+
+def watched(model: ModalModel, at: ArrayLike | None) -> Real:
+    """Return the mode shape (N_m,) of the place where the level is read: ``at``, or where the model says."""
+    row = model.level_shape if at is None else np.asarray(at, dtype=np.float64)
+    ok = row.shape == (model.modes,) and bool(np.all(np.isfinite(row)) and np.any(row != 0))
+    require(ok, "tip_shape", row, f"{model.modes} finite modal amplitudes in 1/sqrt(kg), at least one of them other than 0")
+    return row
+
+
+def lines(model: ModalModel, masses: Real, omega: ArrayLike, at: Real) -> Lines:
+    """Return the line at a place with mode shape ``at`` (N_m,), for ``masses`` (n,) in kg and frequencies in rad/s of any shape."""
+    w = np.asarray(omega, dtype=np.float64)
+    require(bool(np.all(np.isfinite(w) & (w >= 0))), "omega", omega, "finite frequencies in rad/s, 0 or above")
+    # in units in which each mode's stiffness is 1, so that high modes do not drown the others
+    shapes, force, row = places(model) / model.omega, model.force_shape / model.omega, at / model.omega
+    ratio = w[..., None] / model.omega
+    inertia = (shapes.T * masses) @ shapes
+    matrix = np.asarray(-(w[..., None, None] ** 2) * inertia, dtype=np.complex128)
+    matrix[..., np.arange(model.modes), np.arange(model.modes)] += 1 - ratio**2 + 2j * model.damping_ratio * ratio
+    answer, scale = _solve(matrix, row, 1 + np.max(ratio**2, axis=-1) + w**2 * np.trace(inertia))
+    return Lines(answer @ force, (answer @ shapes.T) * masses * w[..., None] ** 2, scale)
+
+
+def _solve(matrix: Complex, row: Real, size: Real) -> tuple[Complex, Real]:
+    """Return row H^-1 (..., N) of symmetric matrices, and 1; at an undamped resonance the eigenvector that it grows along, and infinity.
+
+    ``size`` (...): of the terms that a matrix is the sum of.
+    """
+    try:
+        answer = np.linalg.solve(matrix, np.broadcast_to(row.astype(complex)[:, None], (*matrix.shape[:-1], 1)))[..., 0]
+    except np.linalg.LinAlgError:  # one of them is singular to the last bit: off by a rounding error it is not, and the same to all digits
+        shift = np.finfo(float).eps * np.asarray(size)[..., None, None]
+        return _solve(matrix + shift * np.eye(len(row)), row, size)
+    growth = np.linalg.norm(answer, axis=-1) / np.linalg.norm(row)
+    infinite = growth * size * SINGULAR > 1
+    return np.where(infinite[..., None], answer / growth[..., None], answer), np.where(infinite, np.inf, 1.0)
+
+
+def stuck_frequencies(model: ModalModel, masses: Real) -> Real:
+    """Return the undamped natural frequencies in rad/s, rising, of the beam with ``masses`` (n,) in kg stuck at the model's places."""
+    shapes = places(model)
+    return np.asarray(np.sqrt(scipy.linalg.eigvalsh(np.diag(model.omega**2), with_masses(shapes, masses))))
+
+
+# A limit that no device in a cavity can beat, in closed form.
+#
+# A mass m_a moves in a cavity of half-clearance g0; r = its displacement minus that of its place, |r(t)| <= g0 at all times. The beam is linear, so
+# the spectral line at the forcing frequency Omega of a stationary response is q = f A + B r, whatever the other lines do (`optimisation.bounds`,
+# which also has the sum over several masses). A signal that never leaves [-g0, g0] has at most the line of a square wave:
+# |r| = 2 |mean of r(t) exp(-i Omega t)| <= 2 g0 mean|cos| = 4 g0/pi = R. The best devices can do with the phases of their r is to oppose f A, and
+# all other lines only add to the mean square. Therefore, at any place of the beam,
+#
+#     RMS(q) >= max(0, f |A| - sum_k |B_k| R_k) / sqrt(2).
+#
+# What is assumed: a linear beam with these modes; a harmonic force of constant amplitude and frequency; a stationary response
+# (periodic, modulated or chaotic, RMS and line taken over the same long time); devices that act on the beam only at their
+# places and only through their own masses; rigid walls (compliant ones let |r| exceed g0). Active devices are included. The response
+# level of a sweep is another quantity, a windowed RMS around a maximum while the frequency moves: it lies near a stationary RMS, but
+# nothing keeps it above this limit. Where "cannot be beaten" is the claim, compare with stationary runs.
+#
+# That a device is passive does not sharpen the limit of the level at its own place. A passive device feeds no power into the beam, and the beam only
+# dissipates at all other lines, so Im(r conj(q)) <= 0 at this one. The best r above makes q = (1 - s) f A, r = -s f A/B and s = R |B|/|f A| < 1, so
+# Im(r conj(q)) = s (1 - s) |f A|^2 Im(B)/|B|^2, and Im(B) = Im(kappa)/|1 - kappa|^2 <= 0 because the free beam is passive itself. Read at another
+# place the best stroke may feed power into the beam; `optimisation.bounds.relaxation` solves the problem with both constraints.
+
+
+SWEPT = (0.9, 1.06)  # of the resonance frequency, the paper's sweep limits
+
+GRID = 321
+
+
+def _amplitudes(name: str, values: ArrayLike) -> Real:
+    array = np.asarray(values, dtype=np.float64)
+    require(bool(np.all(np.isfinite(array) & (array >= 0))), name, values, "finite numbers, 0 or above")
+    return array
+
+
+def line_terms(model: ModalModel, mass: ArrayLike, gap: ArrayLike, omega: ArrayLike, at: ArrayLike | None = None) -> tuple[Real, Real, Real]:
+    """Return |A| in m/N and sum |B_k| R_k in m, of omega's shape, and the scale that both are to be multiplied by (`lines.Lines`)."""
+    found = lines(model, masses_of(model, mass), omega, watched(model, at))
+    return np.abs(found.force), np.asarray(np.abs(found.strokes) @ strokes_of(model, gap)), found.scale
+
+
+def _rms(force: ArrayLike, terms: tuple[Real, Real, Real]) -> Real:
+    by_force, reach, scale = terms
+    excess = np.asarray(force) * by_force - reach
+    return np.asarray(np.where(excess > 0, excess, 0.0) * np.where(excess > 0, scale, 1.0) / np.sqrt(2))
+
+
+def stroke_limit_rms(
+    model: ModalModel, mass: ArrayLike, gap: ArrayLike, force_amplitude: ArrayLike, omega: ArrayLike, at: ArrayLike | None = None
+) -> Real:
+    """Return the lower bound of the stationary RMS displacement in m, of the broadcast shape of force and frequency.
+
+    ``mass`` m_a in kg and ``gap`` g0 in m, (n,) each if the model has the places of n absorbers; ``force_amplitude`` f in N, ``omega`` in rad/s;
+    ``at``: mode shape (N_m,) of the place whose displacement is meant, in 1/sqrt(kg), the model's tip by default. The module's docstring has the
+    derivation and the assumptions. Multiplying gaps and force by one factor multiplies the bound by it. Raises ParameterError for numbers out of
+    range.
+    """
+    return _rms(_amplitudes("force_amplitude", force_amplitude), line_terms(model, mass, gap, omega, at))
+
+
+def resonance_limit(
+    model: ModalModel,
+    mass: ArrayLike,
+    gap: ArrayLike,
+    force: ArrayLike,
+    resonance: int = 1,
+    low: float = SWEPT[0],
+    high: float = SWEPT[1],
+    at: ArrayLike | None = None,
+) -> Real:
+    """Return the largest `stroke_limit_rms` in m over low..high times omega_r, of force's shape.
+
+    ``force`` in N; the other arguments as in `stroke_limit_rms`. No device keeps the largest of its stationary levels over the range
+    below it; a sweep's level is a windowed RMS in passing and is only expected to follow it.
+    """
+    forces = _amplitudes("force", force)
+    omega_r, (low, high) = model.resonance_omega(resonance), frequency_range(low, high)
+    stuck = stuck_frequencies(model, masses_of(model, mass)) / omega_r
+    # the limit is largest where the masses move with the beam, however narrow that resonance is
+    grid = np.union1d(np.linspace(low, high, GRID), stuck[(stuck > low) & (stuck < high)])
+    terms = line_terms(model, mass, gap, grid * omega_r, at)
+    found = []
+    for amplitude in forces.ravel().tolist():
+        limits = _rms(amplitude, terms)
+        value = float(limits.max())
+        if np.isfinite(value):
+            value = -smallest(lambda x, f=amplitude: -float(_rms(f, line_terms(model, mass, gap, x * omega_r, at))), grid, -limits)[0]  # type: ignore[misc]
+        found.append(value)
+    return np.array(found).reshape(forces.shape)
+
+
+def smallest(function: Callable[[float], float], grid: Real, values: Real) -> tuple[float, float]:
+    """Return the smallest value of a function, refined around the smallest of its ``values`` on ``grid``, and where it is."""
+    at = int(np.argmin(values))
+    on_grid = (float(values[at]), float(grid[at]))
+    if at in (0, len(grid) - 1):
+        return on_grid
+    bounds = (float(grid[at - 1]), float(grid[at + 1]))
+    found = minimize_scalar(function, bounds=bounds, method="bounded", options={"xatol": 1e-10})
+    return min(on_grid, (float(found.fun), float(found.x)))
+
+
+# The design rule: the limit leaves zero at the force f*, and the gap that puts f* at a wanted force follows without simulation.
+
+
+NEAR = (0.93, 1.06)  # of the resonance frequency, where `design_force` asks for the limit to be zero, for a mass like the paper's
+# free amplitude over the rule's gap: below the first no answer, below the second the best gap is narrower, above the third it is wider
+LEAST_REACH, SMALL_REACH, LARGE_REACH = 1.0, 1.5, 6.0
+LIGHT_DAMPING, LEAST_DAMPING = 0.005, 0.0015  # damping ratios between which `expected_factor` grows
+_LEAST = 0.5  # of the resonance with the mass stuck: where the range begins at the lowest
+
+
+def near_range(model: ModalModel, mass: float, resonance: int = 1) -> tuple[float, float]:
+    """Return the default (low, high) of `design_force` in units of omega_r: `NEAR` for the paper's mass ratio, for a mass in kg.
+
+    All that an absorber does to a resonance happens within a few times the shift of the frequency by the stuck mass, so the lower end is as far
+    below 1 as that shift is larger or smaller than with the paper's mass ratio. At higher resonances and masses from a tenth of the
+    beam's an antiresonance comes into the range, and the rule then asks for too wide a gap.
+    """
+    usual, shift = (1 - _stuck_ratio(model, m, resonance) for m in (DEFAULT_MASS_RATIO * model.beam_mass, mass))
+    if usual <= 0:  # a node at the absorber
+        return NEAR
+    return max(_LEAST * (1 - shift), 1 - (1 - NEAR[0]) * shift / usual), NEAR[1]
+
+
+def _stuck_ratio(model: ModalModel, mass: float, resonance: int) -> float:
+    """Return the natural frequency of the beam with the mass stuck to it, over omega_r."""
+    omega_r = model.resonance_omega(resonance)
+    return float(stuck_frequencies(model, masses_of(model, mass))[resonance - 1]) / omega_r
+
+
+def design_force(model: ModalModel, mass: float, gap: float, resonance: int = 1, low: float | None = None, high: float | None = None) -> float:
+    """Return f* in N, the force at which the limit leaves zero somewhere in low..high times omega_r: min over Omega of |kappa| R/|G_f|.
+
+    ``mass`` m_a in kg, ``gap`` g0 in m. The paper's best operating points of the first two modes, found by simulation, lie close to f*.
+    For the paper's beam |kappa|/|G_f| grows with the frequency, so the minimum sits at the lower end of the range, and f* depends on
+    where "near the resonance" begins: 1 % of frequency moves it by 2 % at the first mode and by 5 to 6 % at the second. The default
+    begins 7 % below the resonance for the paper's mass ratio, see `near_range`. It is the absorber's own place whose limit is meant, also where
+    the level is read elsewhere: there the absorber gets its motion from. Raises ParameterError for numbers out of range, and for a
+    range without the resonance of the beam with the mass stuck to it, around which the limit is largest.
+    """
+    omega_r, default = model.resonance_omega(resonance), near_range(model, mass, resonance)
+    low, high = frequency_range(default[0] if low is None else low, default[1] if high is None else high)
+    stuck = _stuck_ratio(model, mass, resonance)
+    require(low <= stuck <= high, "range (low, high)", (low, high), f"a range that holds the resonance with the mass stuck, at {stuck:.4f}")
+
+    def needed(ratio: Real) -> Real:
+        by_force, reach, _ = line_terms(model, mass, gap, ratio * omega_r, model.tip_shape)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.where(by_force > 0, reach / by_force, np.inf))
+
+    grid = np.linspace(low, high, GRID)
+    forces = needed(grid)
+    require(bool(np.isfinite(forces.min())), "force_shape", model.force_shape, "a force that moves the tip")
+    return smallest(lambda ratio: float(needed(np.asarray(ratio))), grid, forces)[0]
+
+
+def design_gap(model: ModalModel, mass: float, force: float, resonance: int = 1, low: float | None = None, high: float | None = None) -> float:
+    """Return the half-clearance g0 in m whose `design_force` is ``force`` (N): f* is proportional to the gap, so no simulation is needed."""
+    return positive("force", force) / design_force(model, mass, 1.0, resonance, low, high)
+
+
+def free_amplitude(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
+    """Return the largest stationary amplitude in m of the place of an absorber of ``mass`` (kg) without it, over `near_range`, for a force in N.
+
+    Infinite at an undamped resonance. Raises ParameterError for numbers out of range.
+    """
+    own = replace(model, response_shape=None)
+    return positive("force", force) * highest_amplitude(own, None, resonance, *near_range(model, mass, resonance))[0]
+
+
+def reach(model: ModalModel, mass: float, resonance: int = 1) -> float:
+    """Return `free_amplitude` over `design_gap`, at any force: both are proportional to it.
+
+    Below 1 the free structure does not fill the rule's cavity, so that an absorber without friction never touches a wall: at a node, with little
+    motion, with much damping or a very light mass. Then the rule says nothing. Raises ParameterError as `design_gap` does.
+    """
+    return free_amplitude(model, mass, 1.0, resonance) / design_gap(model, mass, 1.0, resonance)
+
+
+def require_reach(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
+    """Return `reach`; raises ParameterError, with gap and free amplitude, where it is below `LEAST_REACH`."""
+    found = reach(model, mass, resonance)
+    if found < LEAST_REACH:
+        gap, free = (1e3 * x for x in (design_gap(model, mass, force, resonance), free_amplitude(model, mass, force, resonance)))
+        require(
+            False,
+            f"gap by the rule for {force:g} N at resonance {resonance}, in mm",
+            float(f"{gap:.4g}"),
+            f"where the place of the absorber moves as far without it, and here that is {free:.4g} mm ({found:.3g} of the gap): no wall would be "
+            "touched (choose another place, a heavier absorber, or a structure with less damping)",
+        )
+    return found
+
+
+def expected_gap(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
+    """Return the gap in m that simulations of other structures let expect to be best: the rule's times `expected_factor`.
+
+    Raises ParameterError as `design_gap` does.
+    """
+    gap, found = design_gap(model, mass, force, resonance), reach(model, mass, resonance)  # first: they know which resonances there are
+    return expected_factor(found, float(model.damping_ratio[resonance - 1])) * gap
+
+
+def expected_factor(reach: float, damping: float) -> float:
+    """Return the best gap over the rule's that simulations let expect, for free amplitude over the rule's gap and the resonance's damping ratio.
+
+    A fit, not a theory (docs/which_gap.md says how good it is): (reach/2.5)^0.6 but at least 0.25 below 2.5, 1 up to 6, and above 1.2, times
+    (0.005/damping)^0.2 for a damping from 0.5 % down to 0.15 %.
+    """
+    if reach > LARGE_REACH:
+        return 1.2 * max(1.0, LIGHT_DAMPING / max(damping, LEAST_DAMPING)) ** 0.2
+    return float(np.clip((reach / 2.5) ** 0.6, 0.25, 1.0))
+
+
+def gap_unit(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
+    """Return the rule's gap in m, or the free amplitude where that is smaller: a length by which gaps can be counted on any structure."""
+    return min(design_gap(model, mass, force, resonance), free_amplitude(model, mass, force, resonance))
+
+
+def common_gap(model: ModalModel, mass: float, forces: Mapping[int, float]) -> float:
+    """Return the smallest gap in m for which the limit is zero near several resonances at once.
+
+    ``forces`` gives the force in N for each resonance (counted from 1). It is the largest of the single gaps: a smaller one lets the limit
+    leave zero at one of the resonances, a larger one costs level at all of them, since levels below f* are proportional to the gap.
+    """
+    require(len(forces) > 0, "forces", dict(forces), "at least one resonance with its force in N")
+    return max(design_gap(model, mass, force, resonance) for resonance, force in forces.items())
+
+
+# How much of the possible reduction a design reached: 0 is no absorber, 1 is the limit.
+
+
+def _levels(name: str, values: ArrayLike) -> Real:
+    array = np.asarray(values, dtype=np.float64)
+    require(bool(np.all(np.isfinite(array) & (array >= 0))), name, values, "finite levels in m, 0 or above")
+    return array
+
+
+def reduction_share(level: ArrayLike, without: ArrayLike, limit: ArrayLike) -> Real:
+    """Return (without - level)/(without - limit), of the broadcast shape of the three levels in m.
+
+    ``without`` is the level without an absorber, ``limit`` what no device can go below. A limit lies below the best device, so the share is
+    a lower bound of what was reached; below 0 means worse than no absorber, and above 1 a level that is not a stationary one (a
+    sweep's). Raises ParameterError where limit >= without: nothing can be gained there.
+    """
+    reached, start, end = _levels("level", level), _levels("without", without), _levels("limit", limit)
+    require(bool(np.all(end < start)), "limit", limit, f"below the level without an absorber, {without!r} m")
+    return np.asarray((start - reached) / (start - end))
+
+
+def share_reached(
+    model: ModalModel,
+    mass: float,
+    gap: float,
+    force: float,
+    level: ArrayLike,
+    resonance: int = 1,
+    low: float = SWEPT[0],
+    high: float = SWEPT[1],
+) -> Real:
+    """Return the share of the possible reduction that a ``level`` (m, RMS, any shape) reached near a resonance, of level's shape.
+
+    ``level`` is a design's largest level over low..high times omega_r, simulated or measured, at a ``force`` in N; ``mass`` m_a in kg and ``gap`` g0
+    in m are the design's, and the limit is `resonance_limit`. It is compared with the free beam's largest stationary level over that range.
+    Raises ParameterError for numbers out of range, a force of 0, and an undamped resonance in the range.
+    """
+    low, high = frequency_range(low, high)
+    require(non_negative("force", force) > 0, "force", force, "above 0 N, since nothing is to be reduced")
+    without = float(force) * highest_amplitude(model, None, resonance, low, high)[0] / np.sqrt(2)
+    require(bool(np.isfinite(without)), "damping_ratio", model.damping_ratio, "above 0 at every resonance of the range")
+    return reduction_share(level, without, resonance_limit(model, mass, gap, force, resonance, low, high))

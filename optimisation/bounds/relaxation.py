@@ -1,13 +1,13 @@
 """The limit of a passive device by semidefinite programming, certified by its multipliers.
 
 One complex unknown, the line r of the stroke; the level's line is f A + B r, that of the device's own place q = f A_a + B_a r (see
-`optimisation.bounds.lines`). The problem
+`optimisation.bounds`). The problem
 
     minimise |f A + B r|^2    subject to    |r| <= R,    Im(r conj(q)) <= 0
 
 is a quadratic programme with quadratic constraints. Its relaxation replaces |r|^2 by the corner of a matrix [[1, conj(r)], [r, x]] that is
 positive semidefinite, x >= |r|^2. It is exact here: since Im(B_a) <= 0 both constraints are convex, so r of the relaxation itself is admissible.
-Where the level is that of the device's own place the limit is the closed form of `optimisation.bounds.stroke`; elsewhere it may be higher.
+Where the level is that of the device's own place the limit is the closed form of `optimisation.bounds`; elsewhere it may be higher.
 
 The solver's number is not taken at its word. For any multipliers a >= 0 and c >= 0 the smallest value of the Lagrangian over all r is a lower
 bound (weak duality), and it has a closed form. So the number given back is a limit whatever the solver's accuracy.
@@ -15,6 +15,7 @@ bound (weak duality), and it has a closed form. So the number given back is a li
 Everything is dimensionless: the level's line over |f A|, r over R, turned so that f A is 1; the power's constraint is divided by |f A_a|.
 """
 
+import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -25,8 +26,7 @@ from numpy.typing import ArrayLike
 from impact_env.extras import optional
 from impact_env.modes import ModalModel
 from impact_env.parameters import non_negative, positive, require
-from optimisation.bounds.lines import lines, masses_of, places, strokes_of, watched
-from optimisation.convex import NotOptimalError, solve
+from optimisation.bounds import lines, masses_of, places, strokes_of, watched
 
 with optional():
     import cvxpy
@@ -93,7 +93,7 @@ def passive_limit(model: ModalModel, mass: float, gap: float, force: float, omeg
     """Return the limit of passive devices at one frequency.
 
     ``mass`` m_a in kg, ``gap`` g0 in m, ``force`` in N, ``omega`` in rad/s, ``at``: mode shape (N_m,) of the place where the level is read;
-    assumptions as in `optimisation.bounds.stroke`, for one absorber. Raises ParameterError for numbers out of range, NotOptimalError if the solver's
+    assumptions as in `optimisation.bounds`, for one absorber. Raises ParameterError for numbers out of range, NotOptimalError if the solver's
     status is not ``optimal`` or its solution does not stand the checks.
     """
     amplitude, omega = non_negative("force", force), positive("omega", omega)
@@ -128,3 +128,23 @@ def _solve(given: _Problem) -> tuple[complex, float, float]:
     if abs(u) > largest + _ADMISSIBLE or flow > _ADMISSIBLE or reached - bound > _AGREEMENT:
         raise NotOptimalError(f"passive limit: the multipliers prove {bound:.9g}, and the stroke found reaches {reached:.9g} (power {flow:.3g})")
     return u / largest, bound, float(matrix.value[1, 1] + matrix.value[2, 2] - abs(u) ** 2) / largest**2
+
+
+with optional():
+    import cvxpy
+
+
+class NotOptimalError(RuntimeError):
+    """A convex programme ended without an optimum; the message names the programme and the solver's status."""
+
+
+def solve(problem: Any, what: str, tolerance: float) -> None:
+    """Solve a cvxpy problem with CLARABEL, gap and feasibility to ``tolerance``; raise NotOptimalError unless the status is ``optimal``."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # an inaccurate solution is an error here, not a warning
+            problem.solve(solver=cvxpy.CLARABEL, tol_gap_abs=tolerance, tol_gap_rel=tolerance, tol_feas=tolerance)
+    except cvxpy.error.SolverError as error:
+        raise NotOptimalError(f"{what}: the solver failed ({error}); without an optimum there is no certificate") from error
+    if problem.status != cvxpy.OPTIMAL:
+        raise NotOptimalError(f"{what}: the solver ended with status {problem.status!r}, and only 'optimal' is a certificate")

@@ -1,18 +1,18 @@
 """Harmonic balance beside the exact orbit: error over harmonics and weight, and what a branch takes."""
 
-from pathlib import Path
 from typing import Any
 
 import click
 
 from impact_env.modes import modal_model
-from impact_env.parameters import Beam, ParameterError, RigidWalls, count, positive, require
+from impact_env.parameters import Beam, RigidWalls, count, positive, require
 from impact_env.periodic.balance_branches import COLUMNS, BalanceRow, Exact, balance_rows, exact_orbit, settings_of
 from impact_env.periodic.case import Case
-from optimisation.cli.common import FIGURES, check_target, command, end_early, json_option, name_files, plain_errors
-from optimisation.files import replacing, write_csv, write_json
+from optimisation.cli.common import check_targets, command, end_early, file_option, json_option, name_files, numbers, plain_errors
+from optimisation.files import write_files
+from optimisation.page import markdown
 from optimisation.progress import BAR, Bar
-from optimisation.report.markdown import markdown
+from optimisation.report.periodic_figures import save_balance
 
 
 def shown(value: Any, scale: float, digits: int) -> str:
@@ -36,19 +36,11 @@ def text(exact: Exact, rows: list[BalanceRow]) -> str:
     return "\n".join([*notes, "", markdown(header, lines)])
 
 
-def numbers(option: str, text: str) -> list[float]:
-    """Return comma-separated numbers above 0; raises ParameterError that names the option."""
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError as error:
-        raise ParameterError(f"{option} = {text!r} is not allowed: numbers with commas between") from error
-    return [positive(option, value) for value in values]
-
-
 def computed(given: dict[str, Any]) -> tuple[Exact, list[BalanceRow], bool]:
     """Do what the options ask for; False: ended by Ctrl-C."""
-    harmonics = [count("--harmonics", round(h), 1, 1000) for h in numbers("--harmonics", given["harmonics"])]
-    weights, low, high = numbers("--weights", given["weights"]), positive("--from", given["start"]), positive("--to", given["stop"])
+    orders, weights = ([positive(f"--{name}", x) for x in numbers(f"--{name}", given[name], float)] for name in ("harmonics", "weights"))
+    harmonics = [count("--harmonics", round(h), 1, 1000) for h in orders]
+    low, high = positive("--from", given["start"]), positive("--to", given["stop"])
     require(low < given["at"] < high, "--at", given["at"], f"between --from = {low} and --to = {high}")
     model = modal_model(Beam(modes=given["modes"]))
     case = Case(model, given["at"] * float(model.omega[0]), given["force"], given["gap"], 1.0, given["friction_limit"])
@@ -77,31 +69,23 @@ def computed(given: dict[str, Any]) -> tuple[Exact, list[BalanceRow], bool]:
 @click.option("--growing", is_flag=True, help="Weights are those at 20 harmonics and grow with the square of their number.")
 @click.option("--branches/--no-branches", default=True, show_default=True, help="Follow and time the branch at each setting too.")
 @json_option("Write the rows.")
-@click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the rows.")
-@click.option(
-    "--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw errors and times over harmonics: .png, .pdf or .svg."
-)
+@file_option("--csv", "Write the rows.")
+@file_option("--plot", "Draw errors and times over harmonics: .png, .pdf or .svg.")
 def main(**given: Any) -> None:
     """Compare harmonic balance with the exact orbit of the larger impulse, at one frequency and along its branch.
 
     Times are those of the processor; nothing is compiled.
     """
     with plain_errors():
-        for option in ("json", "csv"):
-            check_target(f"--{option}", given[option], (f".{option}",))
-        check_target("--plot", given["plot"], FIGURES)
+        check_targets(given)
         exact, rows, complete = computed(given)
-        if given["json"] is not None:
-            write_json(given["json"], {"complete": complete, "rows": [row.to_plain() for row in rows]})
-        if given["csv"] is not None:
-            write_csv(given["csv"], COLUMNS, (["" if v is None else v for v in row.to_plain().values()] for row in rows))
-        if given["plot"] is not None:
-            from optimisation.report.periodic_figures import save_balance  # matplotlib is slow to import
-
-            with replacing(given["plot"]) as temporary:
-                save_balance(temporary, exact, rows, given["growing"])
+        plain = [row.to_plain() for row in rows]
+        contents = {
+            given["json"]: {"complete": complete, "rows": plain},
+            given["csv"]: (COLUMNS, [["" if v is None else v for v in row.values()] for row in plain]),
+            given["plot"]: lambda path: save_balance(path, exact, rows, given["growing"]),
+        }
+        files = write_files(contents)
     click.echo(text(exact, rows))
-    files = [given[option] for option in ("json", "csv", "plot") if given[option] is not None]
-    if files:
-        name_files(files)
+    name_files(files)
     end_early(complete)

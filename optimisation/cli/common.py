@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from functools import partial, wraps
 from pathlib import Path
@@ -14,10 +14,12 @@ import click
 from impact_env.extras import MissingExtraError
 from impact_env.parameters import ParameterError
 from impact_env.sweep import IntegrationError
+from optimisation.machine import conditions, sources
+from optimisation.page import fill, require_markers
 
 INTERRUPTED = 130  # the shell's exit code after Ctrl-C
-RESUME = "Keep each finished piece in this .json file, and take from it what is there: goes on where a run was stopped."
 FIGURES = (".png", ".pdf", ".svg")
+FILE = click.Path(dir_okay=False, path_type=Path)
 STANDARD_OUTPUT = "standard output.json"  # the file that stands for it while a command runs
 Command = Callable[..., Any]
 
@@ -41,10 +43,61 @@ def check_target(option: str, target: Path | None, suffixes: tuple[str, ...] = (
         raise BadInput(f"{option} = {target} is not allowed: a name that ends in {', '.join(suffixes)}")
 
 
+def numbers(option: str, text: str, kind: type) -> tuple[Any, ...]:
+    """Return comma-separated numbers; raises ParameterError that names the option."""
+    try:
+        return tuple(kind(part) for part in text.split(","))
+    except ValueError as error:
+        raise ParameterError(f"{option} = {text!r} is not allowed: numbers with commas between") from error
+
+
 def page_option(marker: str, page: str) -> Callable[[Command], Command]:
     """Add --page, for a table between two comments that hold the ``marker``, as in ``page``."""
     words = f"Write the table into this page, between <!-- {marker} --> and <!-- /{marker} -->, as in {page}."
-    return click.option("--page", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help=words)
+    return file_option("--page", words)
+
+
+def check_page(page: Path | None, marker: str) -> None:
+    """Raise BadInput or ParameterError, before any work is done, if the table of `page_option` cannot be written."""
+    check_target("--page", page)
+    if page is not None:
+        require_markers(page, page, (marker,))
+
+
+def fill_page(page: Path | None, marker: str, table: str) -> list[Path]:
+    """Write a table and where it was made into the page of `page_option`, if there is one; return the page."""
+    if page is None:
+        return []
+    fill(page, page, {marker: f"{table}\n\n{sources(conditions())}"})
+    return [page]
+
+
+def file_option(name: str, words: str) -> Callable[[Command], Command]:
+    """Add an option that names a file."""
+    return click.option(name, type=FILE, metavar="FILE", help=words)
+
+
+def out_option(folder: str, words: str = "Folder for figure and tables.") -> Callable[[Command], Command]:
+    """Add --out, a folder for what is written."""
+    return click.option("--out", type=click.Path(path_type=Path), default=Path(folder), show_default=True, help=words)
+
+
+def check_targets(given: dict[str, Any], *suffixes: str) -> None:
+    """Check --json (``suffixes``: .json unless given), --csv, --plot and --resume, as far as a command has them."""
+    allowed = {"json": suffixes or (".json",), "csv": (".csv",), "plot": FIGURES, "resume": (".json",)}
+    for name, endings in allowed.items():
+        check_target(f"--{name}", given.get(name), endings)
+
+
+threads_option = click.option(
+    "--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]"
+)
+seed_option = click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and forces.")
+RATE_HELP = "Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]"
+rate_option = click.option("--rate", type=float, help=RATE_HELP)
+plot_option = file_option("--plot", "Draw it: .png, .pdf or .svg.")
+RESUME = "Keep each finished piece in this .json file, and take from it what is there: goes on where a run was stopped."
+resume_option = file_option("--resume", RESUME)
 
 
 def json_option(words: str, name: str = "json") -> Callable[[Command], Command]:
@@ -64,8 +117,7 @@ def json_option(words: str, name: str = "json") -> Callable[[Command], Command]:
                     if file.exists():
                         click.echo(file.read_text(encoding="utf-8"), nl=False)
 
-        kind = click.Path(dir_okay=False, path_type=Path)
-        return click.option("--json", name, type=kind, metavar="FILE|-", help=words)(called)
+        return click.option("--json", name, type=FILE, metavar="FILE|-", help=words)(called)
 
     return add
 
@@ -110,15 +162,13 @@ class OneCommand(click.Command):
                 click.echo(f"warning: {name} is called {OLDER[name]} now; the next version does not know the older name", err=True)
                 args[k] = OLDER[name] + equals + value
         args = joined(args, {name for parameter in self.params if isinstance(parameter.type, Uncertain) for name in parameter.opts})
-        once = {
-            name: parameter for parameter in self.params if isinstance(parameter, click.Option) and not parameter.multiple for name in parameter.opts
-        }
+        single = [parameter for parameter in self.params if isinstance(parameter, click.Option) and not parameter.multiple]
+        once = {name: parameter for parameter in single for name in parameter.opts}
         given = [once[name] for name in (word.partition("=")[0] for word in args) if name in once]
         for parameter in given:
             if given.count(parameter) > 1 and not parameter.is_flag:
-                raise click.UsageError(
-                    f"{parameter.opts[0]} is given {given.count(parameter)} times: once is allowed, as only one of them could count", ctx
-                )
+                times = f"{parameter.opts[0]} is given {given.count(parameter)} times"
+                raise click.UsageError(f"{times}: once is allowed, as only one of them could count", ctx)
         return super().parse_args(ctx, args)
 
 
@@ -163,8 +213,10 @@ def plain_errors(broken_off: str = "Broken off.") -> Iterator[None]:
         sys.exit(INTERRUPTED)
 
 
-def name_files(files: Iterable[Path]) -> None:
-    """Print the names of the files written."""
+def name_files(files: Sequence[Path]) -> None:
+    """Print the names of the files written, if there are any."""
+    if not files:
+        return
     click.echo("\nwritten: " + ", ".join("standard output" if file.name == STANDARD_OUTPUT else str(file) for file in files))
 
 

@@ -15,31 +15,46 @@ from impact_env.ensemble import available_cores
 from impact_env.modes import Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
 from impact_env.scene import Scene
-from optimisation.cli.common import BadInput, command, end_early, name_files, plain_errors
-from optimisation.cli.load_option import load_option, loads_of, refuse_beside_load
-from optimisation.cli.structure_option import RESONANCES_HELP, mass_option, mass_ratio_of, read_device, read_structure, scene_option, structure_option
+from optimisation.cli.common import BadInput, command, end_early, name_files, out_option, plain_errors, rate_option, seed_option, threads_option
+from optimisation.cli.scene_options import (
+    RESONANCES_HELP,
+    load_option,
+    loads_of,
+    mass_option,
+    mass_ratio_of,
+    read_device,
+    read_structure,
+    refuse_beside_load,
+    scene_option,
+    structure_option,
+)
 from optimisation.comparison import DEFAULT_FORCES, IMPACT, RESONANCES, Comparison, compare
 from optimisation.executors import cluster_option, workers
-from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.files import require_writable, write_files
 from optimisation.gap_card import Impacts, impacts_of
 from optimisation.load_comparison import compare_loads
 from optimisation.machine import peak_memory
 from optimisation.mounting import mounted
 from optimisation.progress import sweeps_bar
-from optimisation.report import load_tables
 from optimisation.report.card import write_card
 from optimisation.report.cards import comparison_card
-from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, curve_rows, run_rows, summary, text_table
+from optimisation.report.comparison_tables import (
+    CURVE_COLUMNS,
+    LOAD_COLUMNS,
+    RUN_COLUMNS,
+    curve_rows,
+    load_rows,
+    load_summary,
+    load_table,
+    run_rows,
+    save_load_figure,
+    summary,
+    text_table,
+)
+from optimisation.report.design_figures import save_figure
 
 QUICK_FORCES, QUICK_MEMBERS = 10, 2
 FORCE_HELP = "Force in N near the first of the resonances: the design rule gives the gap for it; with --scene all are compared at it."
-
-
-def compared(structure: Structure | None, cluster: str | None, given: dict[str, Any]) -> Comparison:
-    """Return the result of `compare` with the arguments ``given``; ``structure`` None is the paper's beam, ``cluster`` an address or None."""
-    own: dict[str, Any] = {} if structure is None else {"beam": structure}
-    with workers(given["threads"], cluster) as executor, sweeps_bar("comparing") as show:
-        return compare(**own, progress=show, executor=executor, **given)
 
 
 def conditions(started: float, threads: int | None, cluster: str | None) -> dict[str, object]:
@@ -65,15 +80,13 @@ def borne(comparison: Comparison, threads: int | None) -> Impacts | None:
 
 def write(out: Path, comparison: Comparison, made: dict[str, object], impacts: Impacts | None = None) -> list[Path]:
     """Write runs, curves, summary (with the conditions ``made``) and figure into a folder, each whole or not at all; return the files."""
-    from optimisation.report.comparison_figure import save_figure  # matplotlib is slow to import
-
-    files = [out / name for name in ("runs.csv", "curves.csv", "summary.json", "comparison.png")]
-    write_csv(files[0], RUN_COLUMNS, run_rows(comparison))
-    write_csv(files[1], CURVE_COLUMNS, curve_rows(comparison))
-    write_json(files[2], made | summary(comparison))
-    with replacing(files[3]) as temporary:
-        save_figure(temporary, comparison)
-    return files + write_card(out, comparison_card(comparison, impacts))
+    contents = {
+        out / "runs.csv": (RUN_COLUMNS, run_rows(comparison)),
+        out / "curves.csv": (CURVE_COLUMNS, curve_rows(comparison)),
+        out / "summary.json": made | summary(comparison),
+        out / "comparison.png": lambda path: save_figure(path, comparison),
+    }
+    return write_files(contents) + write_card(out, comparison_card(comparison, impacts))
 
 
 def compared_under_loads(load: Path, structure: Structure | None, out: Path, given: dict[str, Any]) -> tuple[str, list[Path]]:
@@ -82,12 +95,12 @@ def compared_under_loads(load: Path, structure: Structure | None, out: Path, giv
     model = mounted(Beam() if structure is None else structure)
     chosen = {name: given[name] for name in ("mass_ratio", "gap", "members", "seed", "threads")}
     found = compare_loads(model, loads_of(load, model), factors=given["forces"], **chosen)
-    files = [out / name for name in ("runs.csv", "summary.json", "comparison.png")]
-    write_csv(files[0], load_tables.COLUMNS, load_tables.rows(found))
-    write_json(files[1], load_tables.summary(found))
-    with replacing(files[2]) as temporary:
-        load_tables.save_figure(temporary, found)
-    return load_tables.text_table(found), files
+    contents = {
+        out / "runs.csv": (LOAD_COLUMNS, load_rows(found)),
+        out / "summary.json": load_summary(found),
+        out / "comparison.png": lambda path: save_load_figure(path, found),
+    }
+    return load_table(found), write_files(contents)
 
 
 @command()
@@ -99,16 +112,14 @@ def compared_under_loads(load: Path, structure: Structure | None, out: Path, giv
 @mass_option
 @click.option("--force", type=float, help=FORCE_HELP)
 @click.option("--gap", type=float, help=f"Clearance to either wall in m.  [default: by --force, or {RigidWalls.gap}]")
-@click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]")
+@rate_option
 @click.option("--quick", is_flag=True, help=f"A look in a few seconds: {QUICK_FORCES} forces, {QUICK_MEMBERS} members, unless given.")
 @click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point, other in phase and 1e-6 of force.  [default: {DEFAULT_MEMBERS}]")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and forces.")
+@seed_option
 @click.option("--forces", type=click.IntRange(min=2), help=f"Number of forces for each resonance.  [default: {DEFAULT_FORCES}]")
-@click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
+@threads_option
 @cluster_option
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("results/compare_absorbers"), show_default=True, help="Folder for figure and tables."
-)
+@out_option("results/compare_absorbers")
 def main(structure: Path | None, scene: Path | None, load: Path | None, quick: bool, out: Path, cluster: str | None, **given: Any) -> None:
     """Compare absorbers of one mass on the paper's beam, or another structure: response level over the force near two resonances.
 
@@ -138,7 +149,8 @@ def main(structure: Path | None, scene: Path | None, load: Path | None, quick: b
         if scene is not None:
             own, given["device"] = read_device(scene, "structure", "mass_ratio", "mass_kg", "gap")
             given |= {"mass_ratio": DEFAULT_MASS_RATIO}
-        comparison = compared(own, cluster, given)
+        with workers(given["threads"], cluster) as executor, sweeps_bar("comparing") as show:
+            comparison = compare(own, progress=show, executor=executor, **given)
         impacts = None if scene is None else borne(comparison, given["threads"])
         files = write(out, comparison, conditions(started, given["threads"], cluster), impacts)
     click.echo(text_table(comparison))

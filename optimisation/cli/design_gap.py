@@ -1,6 +1,7 @@
 """Choose the gap of an impact absorber for a force by simulation: the one with the lowest level, and the one that bears a change of the force."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +10,30 @@ import click
 from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative, require
-from optimisation.cli.common import BadInput, check_target, command, end_early, name_files, plain_errors, uncertain_of, uncertain_option
-from optimisation.cli.load_option import load_option, loads_of, refuse_beside_load
-from optimisation.cli.structure_option import (
+from optimisation.cli.common import (
+    BadInput,
+    check_target,
+    command,
+    end_early,
+    file_option,
+    name_files,
+    out_option,
+    plain_errors,
+    rate_option,
+    seed_option,
+    threads_option,
+    uncertain_of,
+    uncertain_option,
+)
+from optimisation.cli.scene_options import (
+    load_option,
+    loads_of,
     mass_option,
     mass_ratio_of,
     position_option,
     read_device,
     refuse_beside,
+    refuse_beside_load,
     scene_option,
     structure_of,
     structure_option,
@@ -24,22 +41,23 @@ from optimisation.cli.structure_option import (
 )
 from optimisation.executors import cluster_option, workers
 from optimisation.extremes import usable_force, usable_rate
-from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.files import require_writable, write_files
 from optimisation.friction_rule import PAPER_FRICTION
-from optimisation.gap_advice import FREE, TOLERANCE, Advice, advise
-from optimisation.gap_card import bearing, change_with_modes, uncertain_levels
+from optimisation.gap_advice import FREE, MEMBERS, TOLERANCE, Advice, advise
+from optimisation.gap_card import ALLOWED, bearing, change_with_modes, material, uncertain_levels
 from optimisation.gap_check import RESTITUTION, gap_factors, rigid_walls, scaled_absorber
-from optimisation.gap_search import MEMBERS
-from optimisation.hertz import ALLOWED, material
-from optimisation.load_gap import advise_for_loads
+from optimisation.load_comparison import advise_for_loads
 from optimisation.mounting import mounted
 from optimisation.progress import sweeps_bar
+from optimisation.report import load_gap_report as report
 from optimisation.report.card import text as as_text
 from optimisation.report.card import write_card
-from optimisation.report.gap_table import Unsure, answer, card, rivals, text, warnings
+from optimisation.report.gap_report import COLUMNS, Unsure, answer, card, rivals, rows, save_figure, summary, text, warnings
 from optimisation.uncertain import FRICTION, GAP, Spread, require_parts, spreads
 
 QUICK_MEMBERS = 1
+MEMBERS_HELP = f"Runs for each gap of an answer, other in phase and 1e-6 of force.  [default: {MEMBERS}]"
+FRICTION_HELP = f"Friction limit in N at any gap; 0: none.  [default: the paper's {PAPER_FRICTION} N by the scaling law, in proportion to the gap]"
 CONTACT_HELP = f"Estimate contact time and force: of absorber and wall {ALLOWED}; radius in m of the rounder one."
 OF_SCENE = ("structure", "modes", "damping", "mass_ratio", "mass_kg", "position", "restitution", "friction_limit")
 
@@ -65,21 +83,22 @@ def simulated(model: ModalModel, absorber: SlidingAbsorber, given: dict[str, Any
         )
 
 
-def put_together(given: dict[str, Any]) -> tuple[Structure, SlidingAbsorber]:
-    """Return the structure, and the absorber at the rule's gap, that the options describe."""
-    if given["scene"] is not None:
-        structure, absorber = read_device(given["scene"], *OF_SCENE)
-        given["mass_ratio"], given["restitution"] = absorber.mass_ratio, absorber.walls.restitution  # type: ignore[union-attr]
-        if given["friction_limit"] is None:  # that of the file stays as it is, whatever the gap
-            given["friction_limit"] = 0.0 if absorber.friction is None else absorber.friction.limit
-    else:
-        structure = structure_of(given["structure"], given["position"], modes=given["modes"], damping_ratio=given["damping"])
-    model = model_on(structure)
+def structure_in(given: dict[str, Any]) -> Structure:
+    """Return the structure that the options describe; with --scene the values of the file's absorber take the place of the options'."""
+    if given["scene"] is None:
+        return structure_of(given["structure"], given["position"], modes=given["modes"], damping_ratio=given["damping"])
+    structure, absorber = read_device(given["scene"], *OF_SCENE)
+    given["friction_limit"] = 0.0 if absorber.friction is None else absorber.friction.limit  # that of the file stays as it is, whatever the gap
+    given["mass_ratio"], given["restitution"] = absorber.mass_ratio, rigid_walls(absorber).restitution
+    return structure
+
+
+def absorber_on(model: ModalModel, given: dict[str, Any]) -> SlidingAbsorber:
+    """Return the absorber at the rule's gap that the options describe."""
     ratio = mass_ratio_of(given["mass_ratio"], given["mass_kg"], model.beam_mass)
     absorber = scaled_absorber(model, given["force"], given["resonance"], ratio, given["restitution"])
-    if given["friction_limit"] is not None:
-        absorber = replace(absorber, friction=friction_law(non_negative("friction_limit", given["friction_limit"])))
-    return structure, absorber
+    limit = given["friction_limit"]
+    return absorber if limit is None else replace(absorber, friction=friction_law(non_negative("friction_limit", limit)))
 
 
 def model_on(structure: Structure) -> ModalModel:
@@ -99,34 +118,19 @@ def distributions(given: dict[str, Any], absorber: SlidingAbsorber) -> tuple[Spr
 
 def write(out: Path, found: Advice, unsure: Unsure | None) -> list[Path]:
     """Write the figure and the tables into a folder, and return the files."""
-    from optimisation.report.gap_report import COLUMNS, rows, save_figure, summary  # matplotlib is slow to import
-
-    files = [out / name for name in ("levels.csv", "summary.json", "levels.png")]
-    write_csv(files[0], COLUMNS, rows(found))
-    write_json(files[1], summary(found) | ({} if unsure is None else {"uncertain": unsure.plain()}))
-    with replacing(files[2]) as temporary:
-        save_figure(temporary, found)
-    return files
+    content = summary(found) | ({} if unsure is None else {"uncertain": unsure.plain()})
+    table, figure = (COLUMNS, rows(found)), partial(save_figure, found=found)
+    return write_files({out / "levels.csv": table, out / "summary.json": content, out / "levels.png": figure})
 
 
 def under_load(given: dict[str, Any]) -> None:
     """Search the gap under the loads of a file, write figure, runs and summary, and tell of them."""
-    from optimisation.report import load_gap_report as report
-
     refuse_beside_load(given["load"], "rate")
     refuse_beside_load(given["load"], "free", "gaps", "cluster", "uncertain", "contact", why="there the gap alone is searched, in this process")
-    options = {name: given[name] for name in ("mass_ratio", "restitution", "friction_limit")}
-    if given["scene"] is None:
-        structure = structure_of(given["structure"], given["position"], modes=given["modes"], damping_ratio=given["damping"])
-    else:
-        structure, absorber = read_device(given["scene"], *OF_SCENE)
-        friction = 0.0 if absorber.friction is None else absorber.friction.limit
-        options = {"mass_ratio": absorber.mass_ratio, "restitution": rigid_walls(absorber).restitution, "friction_limit": friction}
+    structure = structure_in(given)
     require_writable("--out", given["out"])
     check_target("--device", given["device"], (".json",))
     model = model_on(structure)
-    if given["scene"] is None:
-        options["mass_ratio"] = mass_ratio_of(given["mass_ratio"], given["mass_kg"], model.beam_mass)
     found = advise_for_loads(
         model,
         loads_of(given["load"], model, given["resonance"]),
@@ -136,13 +140,13 @@ def under_load(given: dict[str, Any]) -> None:
         members=given["members"] or (QUICK_MEMBERS if given["quick"] else MEMBERS),
         seed=given["seed"],
         threads=given["threads"],
-        **options,
+        mass_ratio=mass_ratio_of(given["mass_ratio"], given["mass_kg"], model.beam_mass),
+        restitution=given["restitution"],
+        friction_limit=given["friction_limit"],
     )
-    files = [given["out"] / name for name in ("runs.csv", "summary.json", "levels.png")]
-    write_csv(files[0], report.COLUMNS, report.rows(found))
-    write_json(files[1], report.summary(found))
-    with replacing(files[2]) as temporary:
-        report.save_figure(temporary, found)
+    out = given["out"]
+    table, figure = (report.COLUMNS, report.rows(found)), partial(report.save_figure, found=found)
+    files = write_files({out / "runs.csv": table, out / "summary.json": report.summary(found), out / "levels.png": figure})
     if given["device"] is not None:
         write_device(given["device"], structure, found.recommended.absorber)
         files.append(given["device"])
@@ -162,29 +166,21 @@ def under_load(given: dict[str, Any]) -> None:
 @position_option
 @click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
 @click.option("--restitution", type=float, default=RESTITUTION, show_default=True, help="Coefficient of restitution in the simulation, 0 to 1.")
-@click.option(
-    "--friction-limit",
-    type=float,
-    help=f"Friction limit in N at any gap; 0: none.  [default: the paper's {PAPER_FRICTION} N by the scaling law, in proportion to the gap]",
-)
+@click.option("--friction-limit", type=float, help=FRICTION_HELP)
 @click.option("--free", multiple=True, type=click.Choice([*FREE]), help="Search this one too, the gap anew for each value; may be repeated.")
 @uncertain_option
 @click.option("--contact", type=(str, str, float), metavar="MATERIAL MATERIAL RADIUS", help=CONTACT_HELP)
-@click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]")
+@rate_option
 @click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Damping ratio of all modes.")
 @click.option("--quick", is_flag=True, help=f"A look: {QUICK_MEMBERS} member, unless given.")
 @click.option("--gaps", type=click.IntRange(min=3), help="Simulate so many gaps around the rule's besides, odd, the rule's in the middle.")
-@click.option(
-    "--members", type=click.IntRange(min=1), help=f"Runs for each gap of an answer, other in phase and 1e-6 of force.  [default: {MEMBERS}]"
-)
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and forces.")
-@click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
+@click.option("--members", type=click.IntRange(min=1), help=MEMBERS_HELP)
+@seed_option
+@threads_option
 @cluster_option
-@click.option(
-    "--device", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write structure and recommended absorber as a scene, .json."
-)
+@file_option("--device", "Write structure and recommended absorber as a scene, .json.")
 @click.option("--no-card", is_flag=True, help="Leave the card out: what the device bears, and what a tuned absorber or a damper would do.")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("results/design_gap"), show_default=True, help="Folder for figure and tables.")
+@out_option("results/design_gap")
 def main(**given: Any) -> None:
     """Choose the gap of an impact absorber on the paper's beam, or another structure, for a force near a resonance.
 
@@ -203,8 +199,9 @@ def main(**given: Any) -> None:
         if given["force"] is None:
             raise BadInput("--force is missing: the amplitude of the harmonic force in N, or --load FILE")
         usable_force("--force", given["force"])
-        structure, absorber = put_together(given)
+        structure = structure_in(given)
         model = model_on(structure)
+        absorber = absorber_on(model, given)
         if given["gaps"] is not None:
             gap_factors(given["gaps"])
         require_writable("--out", given["out"])

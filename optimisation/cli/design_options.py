@@ -1,7 +1,5 @@
 """Options that the commands of design studies share, and the problem that they describe."""
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,33 +9,33 @@ import numpy as np
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import PAPER_LIMITS
-from impact_env.ensemble import Executor, available_cores
+from impact_env.ensemble import available_cores
 from impact_env.loads import Loads
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, positive
 from optimisation.bounds import LEAST_REACH, design_force, reach
-from optimisation.cli.common import BadInput, uncertain_of, uncertain_option
-from optimisation.cli.load_option import load_option, loads_of, refuse_beside_load
-from optimisation.cli.structure_option import (
+from optimisation.cli.common import BadInput, Command, rate_option, threads_option, uncertain_of, uncertain_option
+from optimisation.cli.scene_options import (
     RESONANCES_HELP,
     is_given,
+    load_option,
+    loads_of,
     mass_option,
     read_device,
     read_structure,
     refuse_beside,
+    refuse_beside_load,
     scene_option,
     structure_option,
 )
 from optimisation.comparison import RESONANCES, WIDE_LIMITS
-from optimisation.designs import FREE, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, RESTITUTION, TUNED, VARIABLES, DesignSpace, design_space
-from optimisation.executors import cluster_option, executor
+from optimisation.designs import DesignSpace, design_space
+from optimisation.executors import cluster_option
 from optimisation.machine import conditions, peak_memory
 from optimisation.mounting import mounted
 from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
 from optimisation.problem import Problem
-
-# The conditions (resonance, force) under which commands and studies judge a design, and the size of a quick look.
-
+from optimisation.variables import FREE, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, RESTITUTION, TUNED, VARIABLES
 
 RANGE_FORCES = 8  # forces between a third and three times the given one, for the objective range
 QUICK_SPEED, QUICK_MEMBERS = 10.0, 2
@@ -59,8 +57,6 @@ def make_conditions(concept: str, at: list[tuple[int, float]], spread: bool = Fa
 KEPT = "Broken off; the study keeps what is finished."
 GOES_ON = "the same command goes on from here."
 
-Command = Callable[..., Any]
-
 
 class At(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     """RESONANCE:FORCE, the force in N."""
@@ -78,6 +74,7 @@ class At(click.ParamType):  # type: ignore[type-arg, unused-ignore]
             self.fail(f"{value!r} is not RESONANCE:FORCE, as in 1:3.5", param, ctx)
 
 
+CONSTRAINT_HELP = f"Upper limit of {', '.join(LIMITABLE)}, in SI units, or of MODULE:FUNCTION."
 SHARED = (
     structure_option,
     scene_option,
@@ -92,16 +89,10 @@ SHARED = (
     click.option("--batch", type=click.IntRange(min=2), help="Designs run in one call; the population of CMA-ES and NSGA-II."),
     click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of search and members."),
     click.option("--modes", type=click.IntRange(min=1), default=Beam.modes, show_default=True, help="Modes of the beam."),
-    click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]"),
-    click.option(
-        "--constraint",
-        multiple=True,
-        type=(str, float),
-        metavar="NAME LIMIT",
-        help=f"Upper limit of {', '.join(LIMITABLE)}, in SI units, or of MODULE:FUNCTION.",
-    ),
+    rate_option,
+    click.option("--constraint", multiple=True, type=(str, float), metavar="NAME LIMIT", help=CONSTRAINT_HELP),
     click.option("--quick", is_flag=True, help=f"A look: {QUICK_MEMBERS} members and sweeps {QUICK_SPEED:g} times as fast, unless given."),
-    click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]"),
+    threads_option,
     cluster_option,
 )
 
@@ -216,11 +207,6 @@ def make_problem(concept: str, conditions: tuple[Condition, ...], objectives: tu
     space, uncertain = make_space(concept, given), uncertain_of(given["uncertain"])
     problem = Problem(space, conditions, objectives, constraints, structure_of(given), members, given["seed"], given["rate"], uncertain=uncertain)
     return replace(problem, rate=QUICK_SPEED * problem.rate) if given["quick"] else problem
-
-
-def executor_of(given: dict[str, Any]) -> AbstractContextManager[Executor]:
-    """Give the executor that the options ask for."""
-    return executor(given["threads"], given["cluster"])
 
 
 def conditions_of(given: dict[str, Any]) -> dict[str, object]:

@@ -14,8 +14,8 @@ from impact_env.ensemble import available_cores
 from impact_env.extras import DISTRIBUTION, EXTRAS, how_to_install
 from impact_env.kernels.compiling.cache import SHIPPED, why_not_shipped
 from optimisation.cli.cache import kept, parents
-from optimisation.cli.common import check_target, command, json_option, plain_errors
-from optimisation.files import write_json
+from optimisation.cli.common import check_targets, command, json_option, plain_errors
+from optimisation.files import write_files
 from optimisation.machine import processor, versions
 
 SHOWN = ("numpy", "scipy", "numba", "llvmlite", "matplotlib", "gymnasium", "torch")
@@ -86,11 +86,10 @@ def lines(about: dict[str, Any]) -> list[tuple[str, str]]:
 def main(json: Path | None) -> None:
     """Describe this installation: versions, extras, processor, threads, and where compiled kernels are kept. It belongs into a report of an error."""
     with plain_errors():
-        check_target("--json", json, (".json",))
+        check_targets({"json": json})
         about = found()
         told = lines(about)
         width = max(len(name) for name, _ in told)
         for name, text in told:
             click.echo(f"{name:<{width}}  {text}")
-        if json is not None:
-            write_json(json, about)
+        write_files({json: about})

@@ -9,7 +9,7 @@ import click
 
 from impact_env.parameters import Beam
 from optimisation.cli.common import BadInput, command, plain_errors
-from optimisation.cli.structure_option import read_structure, structure_option
+from optimisation.cli.scene_options import read_structure, structure_option
 
 PORT = 8651
 

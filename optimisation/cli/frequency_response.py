@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import click
@@ -16,14 +15,24 @@ from impact_env.periodic.overview import Asked, Overview, overview, sliding
 from impact_env.periodic.response_curve import COLUMNS
 from impact_env.periodic.stationary import QUANTILES, StationaryRuns
 from impact_env.plain import from_scene
-from optimisation.cli.common import FIGURES, RESUME, BadInput, check_target, command, end_early, json_option, name_files, plain_errors
-from optimisation.cli.structure_option import is_given, scene_options
-from optimisation.cli.sweep_scene import make_scene, refuse_parts
+from optimisation.cli.common import (
+    BadInput,
+    check_targets,
+    command,
+    end_early,
+    file_option,
+    json_option,
+    name_files,
+    plain_errors,
+    plot_option,
+    resume_option,
+)
+from optimisation.cli.scene_options import is_given, make_scene, refuse_parts, scene_options
 from optimisation.executors import cluster_option, workers
-from optimisation.files import replacing, write_csv, write_json
-from optimisation.pieces import Pieces
+from optimisation.files import Pieces, write_files
+from optimisation.page import markdown
 from optimisation.progress import Bar
-from optimisation.report.markdown import markdown
+from optimisation.report.periodic_figures import save_figure
 
 FORCE = 1.5  # N, the paper's moderate level of excitation
 EXACT, BALANCE, BOTH = "exact", "balance", "both"
@@ -80,24 +89,6 @@ def stationary_runs(given: dict[str, Any], executor: Executor | None = None) -> 
     return StationaryRuns(given["envelope"], *lengths, given["approach"], threads=given["threads"], executor=executor)
 
 
-def written(result: Overview, given: dict[str, Any]) -> list[Path]:
-    """Write the files that the options ask for, and return them."""
-    files = []
-    if given["json"] is not None:
-        write_json(given["json"], result.to_plain())
-        files.append(given["json"])
-    if given["csv"] is not None:
-        write_csv(given["csv"], COLUMNS, (row for number, curve in enumerate(result.curves, 1) for row in curve.rows(number)))
-        files.append(given["csv"])
-    if given["plot"] is not None:
-        from optimisation.report.frequency_figure import save_figure  # matplotlib is slow to import
-
-        with replacing(given["plot"]) as temporary:
-            save_figure(temporary, result)
-        files.append(given["plot"])
-    return files
-
-
 def text(result: Overview) -> str:
     """Return a table of the curves, and what was refused."""
     rows, notes = [], []
@@ -151,10 +142,10 @@ def runs_table(result: Overview) -> str:
 @click.option("--approach", type=float, help="Ratio at which they begin, to come into impact.  [default: at rest, at the frequency itself]")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads of these runs; no number depends on it.  [default: all cores]")
 @cluster_option
-@click.option("--resume", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help=RESUME)
+@resume_option
 @json_option("Write all curves and their orbits, in SI units; compressed if it ends in .gz.")
-@click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write a row for each point of a curve.")
-@click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw it: .png, .pdf or .svg.")
+@file_option("--csv", "Write a row for each point of a curve.")
+@plot_option
 def main(**given: Any) -> None:
     """Follow all periodic responses over the frequency, and print their peaks and folds.
 
@@ -163,15 +154,13 @@ def main(**given: Any) -> None:
     run with the same scene, force and range.
     """
     with plain_errors(), workers(given["threads"], given["cluster"]) as executor:
-        for option, suffixes in (("json", (".json", ".gz")), ("csv", (".csv",)), ("plot", FIGURES)):
-            check_target(f"--{option}", given[option], suffixes)
-        check_target("--resume", given["resume"], (".json",))
+        check_targets(given, ".json", ".gz")
         given |= {"stiffness": None, "absorber_damping": None}
         refuse_parts(given)
         given["force"] = FORCE if given["force"] is None and given["structure"] is None else given["force"]
         result = computed(given, executor)
-        files = written(result, given)
+        rows = (COLUMNS, [row for number, curve in enumerate(result.curves, 1) for row in curve.rows(number)])
+        files = write_files({given["json"]: result.to_plain(), given["csv"]: rows, given["plot"]: lambda path: save_figure(path, result)})
     click.echo(text(result))
-    if files:
-        name_files(files)
+    name_files(files)
     end_early(result.complete)

@@ -12,9 +12,8 @@ from impact_env.envs.evaluation import EPISODES, SPLITS, Evaluation, Scored, eva
 from impact_env.parameters import ParameterError, require
 from optimisation.cli.common import BadInput, check_target, command
 from optimisation.files import write_csv
-from optimisation.page import DOCS, ROOT, fill, require_markers
+from optimisation.page import DOCS, ROOT, fill, markdown, require_markers
 from optimisation.progress import Bar
-from optimisation.report.markdown import markdown
 from optimisation.rl.agents import Agent, load_agent, shipped
 from optimisation.rl.families import Random
 from optimisation.rl.rules import EIGHT, FOUR, TASKS, env_of, policies

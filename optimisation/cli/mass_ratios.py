@@ -2,25 +2,23 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
 
 from impact_env.drive import PAPER_LIMITS
-from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
-from optimisation.cli.common import check_target, command, name_files, page_option, plain_errors
-from optimisation.cli.structure_option import RESONANCES_HELP, model_of, read_device, scene_option, structure_option
+from optimisation.cli.common import check_page, command, fill_page, name_files, page_option, plain_errors, rate_option, threads_option
+from optimisation.cli.scene_options import RESONANCES_HELP, model_of, read_device, scene_option, structure_option
 from optimisation.comparison import RESONANCES
 from optimisation.executors import cluster_option, workers
 from optimisation.extremes import usable_rate
 from optimisation.gap_check import GapCheck, check_gap, scaled_absorber
-from optimisation.machine import conditions, sources
 from optimisation.mounting import mounted
-from optimisation.page import fill, require_markers
+from optimisation.page import markdown
 from optimisation.progress import runs_bar
-from optimisation.report.markdown import markdown
 
 MARKER = "masses"
 RATIOS = (0.01, 0.02, 0.05, 0.1)
@@ -28,23 +26,17 @@ FACTORS = 1.12 ** np.arange(-8, 5.0)  # of the rule's gap, 12 % apart, from 0.40
 FORCE = 1.0  # N: any would do, as gap and friction are in proportion to it
 
 
-def checks(
-    model: ModalModel,
-    ratios: Sequence[float],
-    resonances: Sequence[int],
-    members: int,
-    rate: float | None,
-    threads: int | None,
-    executor: Executor | None,
-) -> list[GapCheck]:
-    """Simulate the rule's gap and its neighbours for each mass ratio near each resonance, by mass. Raises KeyboardInterrupt if it is stopped."""
+def checks(model: ModalModel, ratios: Sequence[float], resonances: Sequence[int], given: dict[str, Any]) -> list[GapCheck]:
+    """Simulate the rule's gap and its neighbours for each mass ratio near each resonance, by mass; ``given`` are arguments of `check_gap`.
+
+    Raises KeyboardInterrupt if it is stopped.
+    """
     found = []
     for ratio in ratios:
         for resonance in resonances:
             absorber = scaled_absorber(model, FORCE, resonance, ratio)
-            given = {"members": members, "percent_per_100_periods": rate, "threads": threads, "executor": executor}
             with runs_bar(f"mass ratio {ratio:g}, resonance {resonance}") as show:
-                check = check_gap(model, FORCE, resonance, absorber, factors=FACTORS, everywhere=True, progress=show, **given)  # type: ignore[arg-type]
+                check = check_gap(model, FORCE, resonance, absorber, factors=FACTORS, everywhere=True, progress=show, **given)
             if not check.complete:
                 raise KeyboardInterrupt
             found.append(check)
@@ -73,48 +65,30 @@ def text(found: Sequence[GapCheck]) -> str:
     return markdown((*header, "level there, %", "level at the rule's, %", "rule's over best"), [_cells(check) for check in found])
 
 
-MEMBERS = 4
-
-
 @command()
 @structure_option
 @scene_option
 @click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP)
 @click.option("--mass-ratio", "ratios", type=float, multiple=True, help=f"Absorber mass over the structure's; may be repeated.  [default: {RATIOS}]")
-@click.option(
-    "--members", type=click.IntRange(min=1), default=MEMBERS, show_default=True, help="Runs for each gap, other in phase and 1e-6 of force."
-)
-@click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]")
-@click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
+@click.option("--members", type=click.IntRange(min=1), default=4, show_default=True, help="Runs for each gap, other in phase and 1e-6 of force.")
+@rate_option
+@threads_option
 @cluster_option
 @page_option(MARKER, "docs/which_gap.md")
-def main(
-    structure: Path | None,
-    scene: Path | None,
-    resonances: tuple[int, int],
-    ratios: tuple[float, ...],
-    members: int,
-    rate: float | None,
-    threads: int | None,
-    cluster: str | None,
-    page: Path | None,
-) -> None:
+def main(structure: Path | None, scene: Path | None, ratios: tuple[float, ...], cluster: str | None, page: Path | None, **given: Any) -> None:
     """Simulate gaps from 0.4 to 1.6 times the design rule's for several masses, near two resonances, and print the best of each.
 
     By the scaling law the force does not matter: gap and friction are in proportion to it. Levels are relative to no absorber, at its own place.
     """
     with plain_errors():
-        check_target("--page", page)
-        if page is not None:
-            require_markers(page, page, (MARKER,))
+        check_page(page, MARKER)
         model = model_of(structure, Beam.absorber_position) if scene is None else mounted(read_device(scene, "structure")[0])
-        if rate is not None:
-            usable_rate("--rate", rate, [PAPER_LIMITS])
-        with workers(threads, cluster) as executor:
-            found = checks(model, ratios or RATIOS, tuple(dict.fromkeys(resonances)), members, rate, threads, executor)
+        given["percent_per_100_periods"] = given.pop("rate")
+        if given["percent_per_100_periods"] is not None:
+            usable_rate("--rate", given["percent_per_100_periods"], [PAPER_LIMITS])
+        with workers(given["threads"], cluster) as given["executor"]:
+            found = checks(model, ratios or RATIOS, tuple(dict.fromkeys(given.pop("resonances"))), given)
         table = text(found)
-        if page is not None:
-            fill(page, page, {MARKER: f"{table}\n\n{sources(conditions())}"})
+        files = fill_page(page, MARKER, table)
     click.echo(table)
-    if page is not None:
-        name_files([page])
+    name_files(files)

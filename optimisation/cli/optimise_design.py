@@ -6,6 +6,7 @@ The designs are searched by Optuna (CMA-ES, NSGA-II, a Gaussian process) or SciP
 # needs: optimise
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,12 @@ import numpy as np
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
-from optimisation.cli.common import command, end_early, end_without, name_files, plain_errors
+from optimisation.cli.common import command, end_early, end_without, name_files, out_option, plain_errors
 from optimisation.cli.design_options import (
     GOES_ON,
     KEPT,
     At,
     conditions_of,
-    executor_of,
     forces_at,
     journal_of,
     load_conditions,
@@ -31,14 +31,14 @@ from optimisation.cli.design_options import (
     study_option,
     variables_help,
 )
-from optimisation.designs import GAP, IMPACT, VARIABLES
-from optimisation.files import replacing, require_writable, write_csv, write_json
-from optimisation.insight import detuned, levels, over_force, sensitivity, varied, with_gaps
+from optimisation.executors import executor as executor_on
+from optimisation.files import require_writable, write_files
+from optimisation.insight import DRAWS, FEW, detuned, levels, over_force, sensitivity, service, varied, with_gaps
 from optimisation.objectives import KINDS, MEAN, OWN, WORST, Objective
-from optimisation.problem import Problem
 from optimisation.progress import runs_bar
 from optimisation.report.card import write_card
 from optimisation.report.cards import findings_card
+from optimisation.report.design_figures import save_curves, save_map, save_robustness, save_sensitivity
 from optimisation.report.design_tables import (
     PAPER,
     WINNER,
@@ -50,11 +50,10 @@ from optimisation.report.design_tables import (
     text,
 )
 from optimisation.search.find import BARS, SCIPY, Plan, find
-from optimisation.search.judge import AUDITED
+from optimisation.search.judge import AUDITED, Findings
 from optimisation.search.noisy import NOISY
-from optimisation.search.result import Findings
 from optimisation.search.settings import FAST, SAMPLERS
-from optimisation.service import DRAWS, FEW, service
+from optimisation.variables import GAP, IMPACT, VARIABLES
 
 ALL = "all"
 DESIGNS, QUICK_DESIGNS = 400, 80
@@ -76,7 +75,8 @@ def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Fi
             draws = QUICK_DRAWS if given["quick"] else DRAWS
             findings = replace(findings, service=service(problem, found.winner.design, executor, few, draws, show))
     both = [found.winner.design, found.paper.design]
-    main = _one_a_resonance(problem)
+    parts_of = [[c for c in problem.conditions if c.resonance == k] for k in dict.fromkeys(c.resonance for c in problem.conditions)]
+    main = [part[len(part) // 2] for part in parts_of]  # the middle condition of each resonance
     with runs_bar(f"{name}: curves over the force") as show:
         parts = [levels(problem, both, over_force(c, np.geomspace(c.force / 5, 5 * c.force, FORCES)), few, executor, show) for c in main]
         findings = replace(findings, curves=tuple(parts))
@@ -98,34 +98,19 @@ def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Fi
     return findings
 
 
-def _one_a_resonance(problem: Problem) -> list[Any]:
-    """Return the middle condition of each resonance."""
-    by_resonance: dict[int, list[Any]] = {}
-    for condition in problem.conditions:
-        by_resonance.setdefault(condition.resonance, []).append(condition)
-    return [part[len(part) // 2] for part in by_resonance.values()]
-
-
 def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
     """Write tables and figures of the findings, and return the files."""
-    from optimisation.report.design_figures import save_curves, save_map, save_robustness, save_sensitivity  # matplotlib is slow to import
-
-    files = [out / "designs.csv", out / "summary.json"]
-    write_csv(files[0], design_columns(findings.problem), design_rows(findings.problem, findings.told))
-    write_json(files[1], conditions_of(given) | summary(findings))
+    designs = (design_columns(findings.problem), design_rows(findings.problem, findings.told))
+    contents: dict[Path | None, object] = {out / "designs.csv": designs, out / "summary.json": conditions_of(given) | summary(findings)}
     tables = (("curves", findings.curves, save_curves), ("detuned", findings.detuned, save_robustness), ("map", findings.gap_map, save_map))
     for name, part, save in tables:
         if part is not None:
             names, gaps = ([], findings.gaps) if name == "map" else ((WINNER, PAPER), ())
-            write_csv(out / f"{name}.csv", level_columns(part[0].conditions[0]), level_rows(part, names, gaps))
-            with replacing(out / f"{name}.png") as temporary:
-                save(temporary, findings)
-            files += [out / f"{name}.csv", out / f"{name}.png"]
+            contents[out / f"{name}.csv"] = (level_columns(part[0].conditions[0]), level_rows(part, names, gaps))
+            contents[out / f"{name}.png"] = partial(save, findings=findings)
     if findings.sensitivity is not None:
-        with replacing(out / "sensitivity.png") as temporary:
-            save_sensitivity(temporary, findings)
-        files.append(out / "sensitivity.png")
-    return files + write_card(out, findings_card(findings))
+        contents[out / "sensitivity.png"] = partial(save_sensitivity, findings=findings)
+    return write_files(contents) + write_card(out, findings_card(findings))
 
 
 def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Path) -> Findings:
@@ -164,9 +149,7 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
 @click.option("--audit", type=click.IntRange(min=0), default=AUDITED, show_default=True, help="Designs left behind to run in full all the same.")
 @click.option("--no-figures", is_flag=True, help="Search and judge only.")
 @study_option
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("results/optimise_design"), show_default=True, help="Folder; a concept has one in it."
-)
+@out_option("results/optimise_design", "Folder; a concept has one in it.")
 @shared_options
 def main(**given: Any) -> None:
     """Find the best design of an absorber for one or more resonances and forces.
@@ -181,7 +164,7 @@ def main(**given: Any) -> None:
     with plain_errors(KEPT):
         if given["every"] and given["study"] is not None:
             raise ParameterError(f"--study = {given['study']} is not allowed: with one concept, as each has a file of its own")
-        with executor_of(given) as executor:
+        with executor_on(given["threads"], given["cluster"]) as executor:
             for concept in concepts:
                 out = given["out"] / concept
                 require_writable("--out", out)

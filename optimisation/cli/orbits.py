@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import click
@@ -23,14 +22,14 @@ from impact_env.periodic.response_curve import ResponseCurve, orbit_curve
 from impact_env.periodic.survey import Found, attractors, closed_form_orbits, different, orbits_over
 from impact_env.periodic.validation import validation_alongside
 from optimisation.bounds import design_force, design_gap
-from optimisation.cli.common import FIGURES, BadInput, check_target, command, end_early, json_option, name_files, plain_errors
-from optimisation.cli.structure_option import model_of, read_device, refuse_beside, scene_option, structure_option
-from optimisation.files import replacing, write_csv, write_json
+from optimisation.cli.common import BadInput, check_targets, command, end_early, file_option, json_option, name_files, plain_errors
+from optimisation.cli.scene_options import model_of, read_device, refuse_beside, scene_option, structure_option
+from optimisation.files import write_files, write_json
 from optimisation.gap_check import rigid_walls
 from optimisation.mounting import mounted
+from optimisation.page import markdown
 from optimisation.progress import stages_bar
-from optimisation.report.markdown import markdown
-from optimisation.report.orbit_tables import (
+from optimisation.report.periodic_figures import (
     CURVE_COLUMNS,
     curve_rows,
     curve_text,
@@ -39,6 +38,7 @@ from optimisation.report.orbit_tables import (
     plain_fold,
     plain_threshold,
     refusals,
+    save_curves,
     threshold_text,
 )
 
@@ -159,14 +159,9 @@ def asked_curves(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str,
     complete, (key, words, scale) = [True], UNITS[given["second"]]
     with stages_bar("orbits", leave=False) as told:
         curves = list(two_parameters(case, given, told, complete))
-    if given["csv"] is not None:
-        write_csv(given["csv"], [key if name == "value" else name for name in CURVE_COLUMNS], curve_rows(curves))
-    if given["plot"] is not None:
-        from optimisation.report.periodic_figures import save_curves  # matplotlib is slow to import
-
-        force = "" if given["second"] == "force" else f", {case.force:g} N"
-        with replacing(given["plot"]) as temporary:
-            save_curves(temporary, curves, f"{case.scene}{force}", words, scale)
+    force = "" if given["second"] == "force" else f", {case.force:g} N"
+    rows = ([key if name == "value" else name for name in CURVE_COLUMNS], curve_rows(curves))
+    write_files({given["csv"]: rows, given["plot"]: lambda path: save_curves(path, curves, f"{case.scene}{force}", words, scale)})
     return curve_text(curves, words, scale), curves, complete[0]
 
 
@@ -195,8 +190,7 @@ def check(given: dict[str, Any]) -> None:
     if given["at"] is not None and not given["start"] <= given["at"] <= given["stop"]:
         raise BadInput(f"--at = {given['at']} is not allowed: a ratio from --from = {given['start']} to --to = {given['stop']}")
     count("points", given["points"], 2)
-    for option, suffixes in (("json", (".json", ".gz")), ("csv", (".csv",)), ("plot", FIGURES)):
-        check_target(f"--{option}", given[option], suffixes)
+    check_targets(given, ".json", ".gz")
 
 
 def case_of(given: dict[str, Any]) -> Case:
@@ -269,17 +263,15 @@ def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, An
 @click.option("--to", "stop", type=float, default=TO, show_default=True, help="Last frequency over that of the first resonance.")
 @click.option("--at", type=float, help="One frequency only; also what runs settle to there, of any period up to eight of the force's.")
 @click.option("--along", type=click.Choice(ALONG), help="With --at: the symmetric orbits' branches over this parameter.")
-@click.option(
-    "--curve", type=click.Choice([kind.replace(" ", "-") for kind in KINDS]), multiple=True, help="Its curve over two parameters; repeatable."
-)
+@click.option("--curve", type=click.Choice(CURVES), multiple=True, help="Its curve over two parameters; repeatable.")
 @click.option("--with", "second", type=click.Choice(ALONG), help="With --curve: the parameter beside the frequency.")
 @click.option("--over", type=float, nargs=2, metavar="LOW HIGH", help="Range of the parameter of --along or --with, SI units.")
 @click.option("--points", type=int, default=POINTS, show_default=True, help="Frequencies listed from the first to the last.")
 @click.option("--symmetric", is_flag=True, help="Symmetric orbits only, which is quicker.")
 @click.option("--folds", is_flag=True, help="The folds of the branches at this force instead of orbits.")
 @click.option("--thresholds", is_flag=True, help="The forces at which isolas are born and merge instead of orbits.")
-@click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="With --curve: write a row for each point.")
-@click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="With --curve: draw it: .png, .pdf or .svg.")
+@file_option("--csv", "With --curve: write a row for each point.")
+@file_option("--plot", "With --curve: draw it: .png, .pdf or .svg.")
 @json_option("Write the list, in SI units.")
 def main(**given: Any) -> None:
     """List exact periodic orbits of the impact absorber under a harmonic force, each confirmed by the exact method.
@@ -299,6 +291,5 @@ def main(**given: Any) -> None:
         if given["json"] is not None:
             write_json(given["json"].resolve(), content)
     click.echo(text)
-    if files := [given[name] for name in ("csv", "plot") if given[name] is not None]:
-        name_files(files)
+    name_files([given[name] for name in ("csv", "plot") if given[name] is not None])
     end_early(complete, "what was finished is shown.")

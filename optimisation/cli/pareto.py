@@ -13,13 +13,12 @@ import numpy as np
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
-from optimisation.cli.common import command, end_early, end_without, name_files, plain_errors
+from optimisation.cli.common import command, end_early, end_without, name_files, out_option, plain_errors
 from optimisation.cli.design_options import (
     GOES_ON,
     KEPT,
     At,
     conditions_of,
-    executor_of,
     forces_at,
     journal_of,
     load_conditions,
@@ -30,17 +29,30 @@ from optimisation.cli.design_options import (
     study_option,
     variables_help,
 )
-from optimisation.cli.load_option import refuse_beside_load
-from optimisation.cli.structure_option import is_given
-from optimisation.designs import FRICTION_LIMIT, GAP, IMPACT
-from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.cli.scene_options import is_given, refuse_beside_load
+from optimisation.executors import executor as executor_on
+from optimisation.files import require_writable, write_files
 from optimisation.objectives import Objective
 from optimisation.problem import Problem
 from optimisation.report.card import write_card
 from optimisation.report.cards import front_card
-from optimisation.report.front_tables import Front, front_columns, front_rows, front_summary, front_text
-from optimisation.search.pareto import CORNER, FORCES, borne_along, bounds_of, compare_with_random, judge_front, search_front
+from optimisation.report.design_figures import save_front
+from optimisation.search.pareto import (
+    CORNER,
+    FORCES,
+    Front,
+    borne_along,
+    bounds_of,
+    compare_with_random,
+    front_columns,
+    front_rows,
+    front_summary,
+    front_text,
+    judge_front,
+    search_front,
+)
 from optimisation.search.settings import CMA, SAMPLERS, default_settings
+from optimisation.variables import FRICTION_LIMIT, GAP, IMPACT
 
 RESONANCES, SEVERITY = "resonances", "severity"
 DESIGNS, QUICK_DESIGNS = 300, 100
@@ -79,18 +91,15 @@ def study(problem: Problem, given: dict[str, Any], journal: Path, executor: Exec
 
 def write(out: Path, front: Front, given: dict[str, Any]) -> list[Path]:
     """Write the tables and figures of a front, and return the files."""
-    from optimisation.report.design_figures import save_front  # matplotlib is slow to import
-
-    files = [out / "front.csv", out / "summary.json"]
-    write_csv(files[0], front_columns(front.problem), front_rows(front))
-    write_json(files[1], conditions_of(given) | front_summary(front))
+    files = write_files(
+        {out / "front.csv": (front_columns(front.problem), front_rows(front)), out / "summary.json": conditions_of(given) | front_summary(front)}
+    )
     if front.fresh and front.paper is not None:
         labels = [o.label for o in front.problem.objectives]
         searched, found = (np.array([e.score.values for e in part]) for part in (front.told, front.members))
         fresh, paper = np.array([j.score.values for j in front.fresh]), np.array(front.paper.score.values)
         files.append(out / "front.png")
-        with replacing(files[-1]) as temporary:
-            save_front(temporary, (labels[0], labels[1]), searched, found, fresh, paper, bounds_of(front))
+        save_front(files[-1], (labels[0], labels[1]), searched, found, fresh, paper, bounds_of(front))
     return files + write_card(out, front_card(front))
 
 
@@ -101,13 +110,7 @@ def write(out: Path, front: Front, given: dict[str, Any]) -> list[Path]:
 @click.option("--sampler", type=click.Choice([name for name in SAMPLERS if name != CMA]), help="Method.  [default: nsga2]")
 @click.option("--random-seeds", type=click.IntRange(min=0), default=0, show_default=True, help="Compare with random search, with this many seeds.")
 @study_option
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default=Path("results/pareto"),
-    show_default=True,
-    help="Folder; each choice of --against has one in it.",
-)
+@out_option("results/pareto", "Folder; each choice of --against has one in it.")
 @shared_options
 def main(**given: Any) -> None:
     """Search a Pareto front of impact absorbers: first against second resonance, or response level against impact severity.
@@ -123,7 +126,7 @@ def main(**given: Any) -> None:
             refuse_beside_load(given["load"], "against", why=f"loads are met as they are; {SEVERITY} goes with it")
         require_writable("--out", out)
         problem = make(given["against"], given)
-        with executor_of(given) as executor:
+        with executor_on(given["threads"], given["cluster"]) as executor:
             front = study(problem, given, journal_of(given, out), executor)
         files = write(out, front, given)
     click.echo(front_text(front))

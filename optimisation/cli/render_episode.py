@@ -7,10 +7,10 @@ from typing import Any
 
 import click
 
-from optimisation.cli.common import BadInput, check_target, command, plain_errors
-from optimisation.cli.structure_option import is_given
+from optimisation.cli.common import FILE, BadInput, check_target, command, file_option, plain_errors
+from optimisation.cli.scene_options import is_given
 from optimisation.rl.agents import Agent, load_agent
-from optimisation.rl.films import INTERVAL, NAMES, episode, save
+from optimisation.rl.demonstrations import INTERVAL, NAMES, episode, save
 
 OPTIONS = {"name": "env", "action": "action", "chance": "random", "interval": "interval"}
 
@@ -32,10 +32,10 @@ def plain_choice(name: str, given: dict[str, Any]) -> tuple[str, dict[str, Any],
 
 @command()
 @click.option("--env", "name", type=click.Choice(sorted(NAMES), case_sensitive=False), default="sweeprate", show_default=True)
-@click.option("--gif", "target", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the film instead of showing it.")
+@click.option("--gif", "target", type=FILE, metavar="FILE", help="Write the film instead of showing it.")
 @click.option("--action", type=click.FloatRange(-1, 1), default=1.0, show_default=True, help="What is done in every interval.")
 @click.option("--random", "chance", is_flag=True, help="Do something random in every interval instead.")
-@click.option("--agent", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="A trained agent acts, in its own environment.")
+@file_option("--agent", "A trained agent acts, in its own environment.")
 @click.option("--interval", type=float, help=f"Pseudo periods from frame to frame.  [default: {INTERVAL}, an agent's: as it was trained]")
 @click.option("--force", type=float, help="Force in N.  [default: the environment's]")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)

@@ -11,11 +11,12 @@ from impact_env.parameters import Beam
 from impact_env.plain_files import read_plain
 from impact_env.structures.matrices import read_columns
 from impact_env.structures.universal import read_nodes
-from optimisation.cli.common import FIGURES, BadInput, check_target, command, json_option, name_files, plain_errors
-from optimisation.cli.structure_option import read_structure
-from optimisation.files import replacing, write_json
+from optimisation.cli.common import FILE, BadInput, check_targets, command, file_option, json_option, name_files, plain_errors
+from optimisation.cli.scene_options import read_structure
+from optimisation.files import write_files
 from optimisation.mounting import mounted
-from optimisation.report.markdown import markdown
+from optimisation.page import markdown
+from optimisation.report.figures import save_structure
 
 Array = NDArray[np.float64]
 AXES = ("x_m", "y_m", "z_m")
@@ -98,26 +99,18 @@ def nearest(path: Path, point: tuple[float, float, float]) -> str:
 
 
 @command()
-@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@click.argument("file", type=FILE)
 @click.option("--near", type=float, nargs=3, metavar="X Y Z", help="Tell the nodes, or rows of matrices, nearest to this point in m.")
-@click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw the shapes and the places: .png, .pdf or .svg.")
+@file_option("--plot", "Draw the shapes and the places: .png, .pdf or .svg.")
 @json_option("Write mass and modes, in SI units.")
 def main(file: Path, near: tuple[float, float, float] | None, plot: Path | None, json: Path | None) -> None:
     """Show the structure of FILE: modes, shapes at force, absorber and response, masses; and the node nearest to a point."""
     with plain_errors():
-        check_target("--json", json, (".json",))
-        check_target("--plot", plot, FIGURES)
+        check_targets({"json": json, "plot": plot})
         structure = read_structure(file)
         model = mounted(structure)
         said = [text(model, structure), *(["", nearest(file, near)] if near is not None else [])]
-        if json is not None:
-            modes = [{name: value if np.isfinite(value) else None for name, value in row.items()} for row in rows(model)]
-            write_json(json, {"mass_kg": model.beam_mass, "modes": modes})
-        if plot is not None:
-            from optimisation.report.structure_figure import save_figure  # matplotlib is slow to import
-
-            with replacing(plot) as temporary:
-                save_figure(temporary, structure)
+        modes = [{name: value if np.isfinite(value) else None for name, value in row.items()} for row in rows(model)]
+        files = write_files({json: {"mass_kg": model.beam_mass, "modes": modes}, plot: lambda path: save_structure(path, structure)})
     click.echo("\n".join(said))
-    if files := [target for target in (json, plot) if target is not None]:
-        name_files(files)
+    name_files(files)

@@ -6,7 +6,6 @@ import threading
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, TypeVar
 
 import click
@@ -21,29 +20,29 @@ from impact_env.parameters import Beam, RigidWalls, TunedAbsorber, count
 from impact_env.response import Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
-from optimisation.cli.common import BadInput, check_target, command, json_option, plain_errors
-from optimisation.cli.load_option import load_option, loads_of
-from optimisation.cli.structure_option import structure_option
-from optimisation.cli.sweep_scene import (
+from optimisation.cli.common import FIGURES, BadInput, check_target, command, file_option, json_option, plain_errors
+from optimisation.cli.scene_options import (
     DEFAULT_ABSORBER,
     FRICTION_DAMPER_LIMIT,
     PARTS,
     Options,
     absorber_options,
+    load_option,
+    loads_of,
     make_method,
     make_scene,
     make_schedule,
     refuse_contradictions,
+    structure_option,
 )
 from optimisation.executors import cluster_option, workers
+from optimisation.extremes import sweep_ratio
 from optimisation.files import replacing
-from optimisation.load_measures import SAMPLES, check_size
-from optimisation.measures import stress_shape
+from optimisation.machine import Timed
+from optimisation.measures import SAMPLES, check_size, stress_shape
 from optimisation.progress import Bar
-from optimisation.report.sweep_report import Result, contract, describe_run, summary
+from optimisation.report.sweep_report import Result, contract, describe_run, save_figure, summary
 from optimisation.signals import Told
-from optimisation.sweep_rate import sweep_ratio
-from optimisation.timing import Timed
 
 FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
 SHORT = 2.0  # s: a run below this is timed three times
@@ -153,8 +152,6 @@ def write(result: Result, given: Options, beam: Beam | None) -> None:
             text = json.dumps(contract(result, beam), indent=1, allow_nan=False)
             files.enter_context(replacing(given["json"].resolve())).write_text(text + "\n")
         if given["plot"] is not None:
-            from optimisation.report.sweep_figure import save_figure
-
             absorbers = words(result.response.scene.absorber).split("; ")  # a line for each of several
             title = "\n".join([*absorbers, describe_run(result.response, given["resonance"])])
             save_figure(files.enter_context(replacing(given["plot"].resolve())), title, result.response, given["resonance"])
@@ -165,7 +162,7 @@ def run(given: Options) -> str:
     refuse_contradictions(given)
     given["force"] = FORCE if given["force"] is None and (given["structure"] is None or given["load"] is not None) else given["force"]
     check_target("--json", given["json"])
-    check_target("--plot", given["plot"], (".png", ".pdf", ".svg"))
+    check_target("--plot", given["plot"], FIGURES)
     (scene, beam), method = make_scene(given), make_method(given)
     check_supported(scene, method)
     first = make_drive(given, scene)
@@ -201,15 +198,17 @@ def default(text: str, value: object) -> str:
     return f"{text}  [default: {value}]"
 
 
+KINDS_HELP = default("Impact absorber, friction damper, linear tuned absorber, added mass, nonlinear sink, nothing.", DEFAULT_ABSORBER)
+TO_HELP = "Last frequency over the resonance frequency; equal to --from: constant."
+RATE_HELP = default("Rate of the sweep in percent of the resonance frequency.", "1, less by the square of damping below 1 %")
+MEASURES_HELP = (
+    f"Spectrum, percentiles, rainflow and impacts of each member, from so many samples a pseudo period, {SAMPLES} unless given (docs/loads.md)."
+)
+
+
 @command()
-@click.option(
-    "--absorber",
-    type=click.Choice(list(PARTS)),
-    help=default("Impact absorber, friction damper, linear tuned absorber, added mass, nonlinear sink, nothing.", DEFAULT_ABSORBER),
-)
-@click.option(
-    "--scene", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Beam and absorber from a .toml or .json file (docs/scenes.md)."
-)
+@click.option("--absorber", type=click.Choice(list(PARTS)), help=KINDS_HELP)
+@file_option("--scene", "Beam and absorber from a .toml or .json file (docs/scenes.md).")
 @structure_option
 @click.option("--modes", type=int, help=default("Number of modes kept.", Beam.modes))
 @click.option("--damping", type=float, help=default("Modal damping ratio, the same for all modes.", Beam.damping_ratio))
@@ -227,20 +226,9 @@ def default(text: str, value: object) -> str:
 @click.option("--phase", type=float, default=0.0, show_default=True, help="Initial phase of the force in rad.")
 @click.option("--resonance", type=int, default=1, show_default=True, help="Resonance, counted from 1, that frequencies and pseudo periods refer to.")
 @click.option("--from", "start", type=float, default=PAPER_LIMITS[0], show_default=True, help="First frequency over the resonance frequency.")
-@click.option(
-    "--to",
-    "stop",
-    type=float,
-    default=PAPER_LIMITS[1],
-    show_default=True,
-    help="Last frequency over the resonance frequency; equal to --from: constant.",
-)
+@click.option("--to", "stop", type=float, default=PAPER_LIMITS[1], show_default=True, help=TO_HELP)
 @click.option("--periods", type=float, help="Length in pseudo periods at a constant frequency.")
-@click.option(
-    "--rate",
-    type=float,
-    help=default("Rate of the sweep in percent of the resonance frequency.", "1, less by the square of damping below 1 %"),
-)
+@click.option("--rate", type=float, help=RATE_HELP)
 @click.option("--down", is_flag=True, help="Sweep down: swaps --from and --to.")
 @click.option("--method", type=click.Choice(["exact", "moreau", "runge-kutta"]), default="exact", show_default=True, help="Method of integration.")
 @click.option("--steps-per-period", type=int, help=default("Steps per period of the highest mode (moreau, runge-kutta).", PAPER_STEPS))
@@ -250,17 +238,10 @@ def default(text: str, value: object) -> str:
 @cluster_option
 @click.option("--energy", is_flag=True, help="Account for the energies of the first member, which takes a kernel of its own.")
 @click.option("--time", is_flag=True, help="Time an integration alone, with nothing observed, which takes a kernel of its own.")
-@click.option(
-    "--measures",
-    type=int,
-    is_flag=False,
-    flag_value=SAMPLES,
-    metavar="[SAMPLES]",
-    help=f"Spectrum, percentiles, rainflow and impacts of each member, from so many samples a pseudo period, {SAMPLES} unless given (docs/loads.md).",
-)
+@click.option("--measures", type=int, is_flag=False, flag_value=SAMPLES, metavar="[SAMPLES]", help=MEASURES_HELP)
 @click.option("--absolute", is_flag=True, help="With --measures and a base that moves: of the motion in space, not relative to the base.")
 @json_option("Write the results, in SI units.")
-@click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw the run: .png, .pdf or .svg.")
+@file_option("--plot", "Draw the run: .png, .pdf or .svg.")
 def main(**given: Any) -> None:
     """Integrate one sweep of the force's frequency through a resonance of the beam, and print what came out.
 

@@ -13,12 +13,12 @@ from impact_env.ensemble import available_cores
 from impact_env.parameters import ParameterError
 from optimisation.cli.common import INTERRUPTED, BadInput, command
 from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.page import markdown
 from optimisation.progress import Bar
-from optimisation.report.markdown import markdown
+from optimisation.rl.agents import Evaluation, Run, find_runs, run_folder, ship
 from optimisation.rl.families import Random
 from optimisation.rl.hyperparameters import ALGORITHMS, recipes, settings_for, write_zoo
 from optimisation.rl.rules import TASKS, env_of, policies
-from optimisation.rl.runs import Evaluation, Run, find_runs, run_folder, ship
 
 BOTH, DEFAULT = "both", "ActiveFriction-v0"  # a task that is learnt in minutes
 SEEDS, QUICK_SHARE, QUICK_LEGS = 10, 0.25, 10
@@ -27,8 +27,7 @@ OUT = Path("results/train")
 
 def plan(task: str, given: dict[str, Any]) -> list[Any]:
     """Return the runs of a task; raise ParameterError before anything is trained if one cannot be made or gone on with."""
-    from optimisation.rl.training import Job, check_folder  # torch is slow to import
-    from optimisation.rl.training_runs import Planned
+    from optimisation.rl.training import Job, Planned, check_folder  # torch is slow to import
 
     env_id = env_of(task)
     algorithms = recipes(env_id) if given["algorithm"] == BOTH else [given["algorithm"]]
@@ -91,7 +90,7 @@ def environment_arguments(pairs: tuple[tuple[str, str], ...]) -> dict[str, Any]:
 
 def train_task(task: str, given: dict[str, Any]) -> bool:
     """Train all runs of a task and report; return False if Ctrl-C ended it early."""
-    from optimisation.rl.training_runs import report_failures, train_all
+    from optimisation.rl.training import train_all
 
     runs, finished, failures = plan(task, given), True, []
     baselines = beside(task, runs[0].job)
@@ -102,19 +101,14 @@ def train_task(task: str, given: dict[str, Any]) -> bool:
     except KeyboardInterrupt:
         finished = False
     write(given["out"], task, baselines, find_runs(given["out"] / task))
-    report_failures(failures)
+    if failures:
+        raise click.ClickException("\n".join(failures))
     return finished
 
 
 @command()
 @click.option("--task", "tasks", multiple=True, type=click.Choice(list(TASKS)), default=(DEFAULT,), show_default=True, help="May be repeated.")
-@click.option(
-    "--algorithm",
-    type=click.Choice([*ALGORITHMS, BOTH]),
-    default=BOTH,
-    show_default=True,
-    help="Both: all that the task has.",
-)
+@click.option("--algorithm", type=click.Choice([*ALGORITHMS, BOTH]), default=BOTH, show_default=True, help="Both: all that the task has.")
 @click.option("--seeds", type=click.IntRange(min=1), help=f"Agents of each algorithm.  [default: {SEEDS}, with --quick 1]")
 @click.option("--steps", type=click.IntRange(min=1), help="Steps of the environment for each agent.  [default: as in the hyperparameters]")
 @click.option("--quick", is_flag=True, help=f"A look: one seed, {100 * QUICK_SHARE:g} % of the steps, and a line for every evaluation.")

@@ -1,38 +1,38 @@
 """Tune the linear absorber: closed forms, numerical optima and the paper's values, with a proof of each peak."""
 
+# needs: optimise
+
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
-from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
-from optimisation.cli.common import check_target, command, name_files, page_option, plain_errors
-from optimisation.cli.load_option import load_option, loads_of, refuse_beside_load
-from optimisation.cli.structure_option import (
+from optimisation.cli.common import check_page, command, fill_page, name_files, out_option, page_option, plain_errors
+from optimisation.cli.scene_options import (
+    load_option,
+    loads_of,
     mass_option,
     mass_ratio_of,
     model_of,
     position_option,
     read_device,
     refuse_beside,
+    refuse_beside_load,
     scene_option,
     structure_option,
 )
-from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.files import require_writable, write_files
 from optimisation.load_comparison import tuned_under
-from optimisation.machine import conditions, sources
 from optimisation.mounting import mounted
-from optimisation.page import fill, require_markers
+from optimisation.page import markdown
 from optimisation.progress import BAR, Bar
 from optimisation.report.card import write_card
 from optimisation.report.cards import tuning_card
-from optimisation.report.load_tables import tuned_summary, tuned_text
-from optimisation.report.markdown import markdown
+from optimisation.report.comparison_tables import tuned_summary, tuned_text
+from optimisation.report.tuning_report import MINIMAX, PAPER_VALUES, TuningTable, columns, rows, save_figure, summary, tuning_table
 from optimisation.tuned import HIGH, LOW
-from optimisation.tuned.table import MINIMAX, PAPER_VALUES, TuningTable, tuning_table
-
-# The tunings of a linear absorber as a table.
-
 
 HEADER = ("tuning", "k, N/m", "c, N s/m", "omega_a/omega_r", "damping ratio", "peak, %", "at", "H2 norm, %", "proved, %")
 
@@ -59,15 +59,12 @@ def text(table: TuningTable, bounds: dict[str, float]) -> str:
     return "\n".join([markdown(HEADER, lines), "", *notes])
 
 
-# needs: optimise
-
-
 MARKER = "tunings"
 
 
 def certificates(table: TuningTable) -> dict[str, float]:
     """Return the proved largest amplitude (m/N) of each tuning by its key; one that cannot be proved is left out, with a line on standard error."""
-    from optimisation.convex import NotOptimalError  # needs cvxpy, which is slow to import
+    from optimisation.bounds.relaxation import NotOptimalError  # needs cvxpy, which is slow to import
     from optimisation.tuned.certificate import certify
 
     bounds = {}
@@ -81,21 +78,9 @@ def certificates(table: TuningTable) -> dict[str, float]:
 
 def write(out: Path, table: TuningTable, bounds: dict[str, float]) -> list[Path]:
     """Write the figure and the tables into a folder, and return the files."""
-    from optimisation.report.tuning_report import COLUMNS, rows, save_figure, summary  # matplotlib is slow to import
-
-    files = [out / name for name in ("tunings.csv", "summary.json", "tunings.png")]
-    write_csv(files[0], COLUMNS, rows(table, bounds))
-    write_json(files[1], summary(table, bounds))
-    with replacing(files[2]) as temporary:
-        save_figure(temporary, table)
+    tunings, figure = (columns(table), rows(table, bounds)), partial(save_figure, table=table)
+    files = write_files({out / "tunings.csv": tunings, out / "summary.json": summary(table, bounds), out / "tunings.png": figure})
     return files + write_card(out, tuning_card(table, bounds))
-
-
-def under_load(load: Path, model: ModalModel, mass_ratio: float, resonance: int, out: Path) -> tuple[str, list[Path]]:
-    """Tune to the loads of a file, write a summary, and return what to tell and the file."""
-    found = tuned_under(model, loads_of(load, model, resonance), mass_ratio)
-    write_json(out / "summary.json", tuned_summary(found))
-    return tuned_text(found), [out / "summary.json"]
 
 
 @command()
@@ -111,24 +96,9 @@ def under_load(load: Path, model: ModalModel, mass_ratio: float, resonance: int,
 @click.option("--low", type=float, default=LOW, show_default=True, help="Begin of the scoring range over the resonance frequency.")
 @click.option("--high", type=float, default=HIGH, show_default=True, help="End of the scoring range; a range that cannot hold both peaks is refused.")
 @click.option("--quick", is_flag=True, help="Without the proofs, which take a second for the first resonance and a minute for higher ones.")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("results/tune_ltva"), show_default=True, help="Folder for figure and tables.")
+@out_option("results/tune_ltva")
 @page_option(MARKER, "docs/which_gap.md")
-def main(
-    structure: Path | None,
-    scene: Path | None,
-    load: Path | None,
-    resonance: int,
-    mass_ratio: float,
-    mass_kg: float | None,
-    position: float,
-    modes: int,
-    damping: float,
-    low: float,
-    high: float,
-    quick: bool,
-    out: Path,
-    page: Path | None,
-) -> None:
+def main(**given: Any) -> None:
     """Tune the linear absorber (LTVA) of a given mass to a resonance of the paper's beam, or another structure.
 
     Prints a table of all tunings with their highest peak, H2 norm and proved amplitude, and writes tunings.png, tunings.csv and summary.json.
@@ -136,29 +106,25 @@ def main(
     With --load the spring and damper with the least measure under the loads of a file (docs/loads.md), beside those of the least peak: for a random
     load the H2 tuning for its spectrum.
     """
+    structure, scene, load, page, resonance, out = (given[name] for name in ("structure", "scene", "load", "page", "resonance", "out"))
     with plain_errors():
         refuse_beside(structure, "modes", "damping")
         if scene is None:
-            model = model_of(structure, position, modes=modes, damping_ratio=damping)
+            model, ratio = model_of(structure, given["position"], modes=given["modes"], damping_ratio=given["damping"]), given["mass_ratio"]
         else:
             own, absorber = read_device(scene, "structure", "modes", "damping", "mass_ratio", "mass_kg", "position")
-            model, mass_ratio = mounted(own), absorber.mass_ratio
-        mass_ratio = mass_ratio_of(mass_ratio, mass_kg, model.beam_mass)
+            model, ratio = mounted(own), absorber.mass_ratio
+        ratio = mass_ratio_of(ratio, given["mass_kg"], model.beam_mass)
         require_writable("--out", out)
         if load is not None:
             refuse_beside_load(load, "low", "high", "page", "quick", why="there is no range of frequencies to score, and nothing to prove")
-            told, written = under_load(load, model, mass_ratio, resonance, out)
-            click.echo(told)
-            name_files(written)
-            return
-        check_target("--page", page)
-        if page is not None:
-            require_markers(page, page, (MARKER,))
-        table = tuning_table(model, mass_ratio, resonance, low, high)
-        bounds = {} if quick else certificates(table)
-        files = write(out, table, bounds)
-        if page is not None:
-            fill(page, page, {MARKER: f"{text(table, bounds)}\n\n{sources(conditions())}"})
-            files.append(page)
-    click.echo(text(table, bounds))
+            found = tuned_under(model, loads_of(load, model, resonance), ratio)
+            files, told = write_files({out / "summary.json": tuned_summary(found)}), tuned_text(found)
+        else:
+            check_page(page, MARKER)
+            table = tuning_table(model, ratio, resonance, given["low"], given["high"])
+            bounds = {} if given["quick"] else certificates(table)
+            told = text(table, bounds)
+            files = write(out, table, bounds) + fill_page(page, MARKER, told)
+    click.echo(told)
     name_files(files)

@@ -16,11 +16,10 @@ from impact_env.modes import Structure
 from impact_env.parameters import ParameterError
 from impact_env.plain import Plain
 from impact_env.sweep import IntegrationError, Stopped
-from optimisation.explore.advice import recommended
 from optimisation.explore.settings import Asked, Refused, asked, described, load_file, scene_file
-from optimisation.explore.waiting import Kernels, Newer
+from optimisation.explore.waiting import Kernels, Newer, recommended
 from optimisation.explore.work import Message, Work
-from optimisation.load_measures import SAMPLES
+from optimisation.measures import SAMPLES
 
 with optional():
     import uvicorn

@@ -1,10 +1,33 @@
-"""Kernels that a page waits for: which are ready, and those that other processes compile meanwhile."""
+"""What the explorer's page waits for: kernels that other processes compile meanwhile, branches of periodic motions, and advice."""
+
+from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
 
 from impact_env.budget import Stop
+from impact_env.curve import CurveCase
+from impact_env.kernels.compiling.parts import NotKept, only_kept
+from impact_env.loads import Loads
+from impact_env.modes import ModalModel
+from impact_env.parameters import RigidWalls, SlidingAbsorber, TunedAbsorber, require
+from impact_env.periodic.case import case_of
+from impact_env.periodic.orbit_branches import orbit_branches
+from impact_env.periodic.response_curve import ResponseCurve, orbit_curve
 from impact_env.prepare import Preparation
+from impact_env.scene import Scene
+from optimisation.explore.settings import Asked, Loading
+from optimisation.friction_rule import best_friction
+from optimisation.gap_advice import advise
+from optimisation.gap_check import scaled_absorber
+from optimisation.load_comparison import advise_for_loads
+from optimisation.measures import TOLD
+from optimisation.tuned import minimax
 
 
 class Newer(Exception):  # noqa: N818 - no error
@@ -42,3 +65,121 @@ class Kernels:
         """End what is on its way."""
         for work in list(self._preparing.values()):
             work.cancel()
+
+
+def branches(scene: Scene, force: float, resonance: int, low: float, high: float, stop: Stop | None = None) -> Iterator[ResponseCurve]:
+    """Yield the branches of symmetric orbits between two ratios of a resonance, with their stability; none where there are no rigid walls."""
+    absorber = scene.absorber
+    if not (isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls)):
+        return
+
+    def look(_label: str, _points: int, _omega: float) -> None:
+        if stop is not None and stop.given:
+            raise Newer
+
+    reference = scene.model.resonance_omega(resonance)
+    for branch in orbit_branches(case_of(scene, force, low * reference), low * reference, high * reference, progress=look):
+        look("", 0, 0.0)
+        yield orbit_curve(branch, reference)
+
+
+def _all_branches(*given: Any) -> None:
+    """Do what `branches` does, for a process that compiles what it takes."""
+    list(branches(*given))
+
+
+def followed(scene: Scene, force: float, resonance: int, low: float, high: float, stop: Stop, kernels: Kernels) -> Iterator[ResponseCurve | float]:
+    """Yield the curves of `branches`, or for how many seconds another process has been compiling what they take.
+
+    None where the level is read elsewhere than at the absorber, whose amplitude the branches tell.
+    """
+    if scene.model.response_shape is not None:
+        return
+    given = (scene, force, resonance, low, high)
+    key = ("branches", isinstance(scene.absorber, SlidingAbsorber) and scene.absorber.friction is not None)
+    if key in kernels.ready:
+        yield from branches(*given, stop)
+        return
+    try:
+        with only_kept():
+            found = list(branches(*given, stop))
+    except NotKept:
+        yield from kernels.waited(key, lambda: False, lambda: Preparation(partial(_all_branches, *given)), stop)
+        found = list(branches(*given, stop))
+    kernels.ready.add(key)
+    yield from found
+
+
+MEMBERS = 1  # as `design_gap --quick`
+
+
+@dataclass(frozen=True)
+class _Same:
+    """A model that is the same as any other with the same numbers."""
+
+    key: bytes
+    model: ModalModel = field(compare=False)
+
+    @staticmethod
+    def of(model: ModalModel) -> _Same:
+        return _Same(b"".join(x.tobytes() for x in (model.omega, model.damping_ratio, model.force_shape, model.tip_shape, model.level_shape)), model)
+
+
+@lru_cache(maxsize=64)
+def _tuned(same: _Same, mass_ratio: float, resonance: int) -> TunedAbsorber:
+    return minimax(same.model, mass_ratio, resonance)  # takes seconds
+
+
+def tuned_to(model: ModalModel, mass_ratio: float, resonance: int) -> TunedAbsorber:
+    """Return the linear absorber with the smallest peak; known at once for the same numbers."""
+    return _tuned(_Same.of(model), mass_ratio, resonance)
+
+
+def recommended(values: Asked, model: ModalModel, stop: Stop, tell: Callable[[int, int], None]) -> dict[str, Any]:
+    """Return what a search by quick sweeps recommends at the marked force: new values by the controls' names, and why.
+
+    ``model`` has the absorber's place, ``tell`` is told finished and all runs. Raises `Newer` after a ``stop``.
+    """
+    mass, resonance = values["mass_ratio"] * model.beam_mass, values.resonance
+    loading = Loading(values.load, model, resonance)
+    if values.concept == "tuned":
+        tuned = tuned_to(model, values["mass_ratio"], resonance)
+        return {"values": {"stiffness": tuned.stiffness, "damper": tuned.damping}, "why": "smallest peak of the linear response"}
+    if values.concept == "friction":
+        require(loading.swept, "Recommended", "friction damper", "for a swept load: there is no closed form for a random force")
+        limit, _ = best_friction(model, mass, values.intensity * loading.worth, resonance)
+        return {"values": {"damper_friction": limit}, "why": "most energy lost in a cycle at this force"}
+    if values.concept == "two":
+        gap = loading.rule_gap(mass, values.intensity)
+        return {"values": {"gap": gap, "second_gap": gap}, "why": "the gap from which a search would begin, as if both masses were one"}
+
+    def watch(done: int, total: int) -> None:
+        if stop.given:
+            raise KeyboardInterrupt  # the sweeps end early, with what they have
+        tell(done, total)
+
+    if values.load != "force":
+        return _for_loads(values, loading, watch)
+    own = scaled_absorber(model, values.intensity, resonance, values["mass_ratio"], values["restitution"])
+    found = advise(model, values.intensity, resonance, own, members=MEMBERS, progress=watch)
+    best = found.recommended or found.sharp
+    if stop.given or best is None:
+        raise Newer
+    rule = 1e3 * found.check.rule
+    why = f"lowest level over {100 * found.tolerance:.0f} % of the force, by {found.sweeps} sweeps; the design rule says {rule:.3g} mm"
+    return {"values": {"gap": best.gap, "friction": best.friction_limit}, "why": why}
+
+
+def _for_loads(values: Asked, loading: Loading, watch: Callable[[int, int], None]) -> dict[str, Any]:
+    """Return the gap that a search under a load recommends, with the friction as it is."""
+    schedule = CurveCase(Scene(loading.model), np.ones(1), loading.resonance).schedules()[0]
+    loads = loading.act(values.intensity, schedule)
+    assert isinstance(loads, Loads)
+    mass_ratio, restitution, friction = (values[name] for name in ("mass_ratio", "restitution", "friction"))
+    given: dict[str, Any] = {"mass_ratio": mass_ratio, "restitution": restitution, "friction_limit": friction}
+    try:
+        found = advise_for_loads(loading.model, loads, loading.resonance, members=MEMBERS, progress=watch, **given)
+    except KeyboardInterrupt:
+        raise Newer from None
+    why = f"lowest {TOLD[found.measure]} over {100 * found.tolerance:.0f} % of the load, at {len(found.runs)} gaps"
+    return {"values": {"gap": found.recommended.gap}, "why": why}

@@ -30,15 +30,12 @@ from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.bounds import design_gap, reach, resonance_limit, share_reached
 from optimisation.comparison import force_grid
-from optimisation.explore.advice import tuned_to
-from optimisation.explore.branches import followed
-from optimisation.explore.loading import BAND, LOADS, Loading
-from optimisation.explore.settings import Asked, controls, places_of, scene_of, structure_of
-from optimisation.explore.waiting import Kernels, Newer
+from optimisation.explore.settings import BAND, LOADS, Asked, Loading, controls, places_of, scene_of, structure_of
+from optimisation.explore.waiting import Kernels, Newer, followed, tuned_to
 from optimisation.friction_rule import best_friction
 from optimisation.gap_card import impact_numbers
 from optimisation.gap_check import scaled_absorber
-from optimisation.load_measures import read, settled_after
+from optimisation.measures import read, settled_after
 from optimisation.mounting import scene_on
 from optimisation.signals import spectrum
 

@@ -9,20 +9,30 @@ from numpy.typing import NDArray
 from impact_env.frequency import coupled_receptance, tip_response
 from impact_env.parameters import Absorber, SlidingAbsorber, TunedAbsorber
 from optimisation.comparison import IMPACT, NONE, Comparison, ResonanceComparison
-from optimisation.designs import VARIABLES
+from optimisation.extremes import LEAST_RATIO
+from optimisation.files import numbers
 from optimisation.gap_card import HALVED, Impacts, rivals, stretch
 from optimisation.insight import Levels
-from optimisation.load_measures import SHOWN, TOLD
+from optimisation.measures import SHOWN, TOLD
 from optimisation.problem import Problem
-from optimisation.report.card import Card, Chart, Curve, Row, numbers
-from optimisation.report.card_rows import NO_DEVICE, assumed_rows, between, borne_rows, device_rows, mass_rows, rival_rows
-from optimisation.report.design_tables import PAPER, WINNER, compared, condition_values, kept, limit
-from optimisation.report.front_tables import Front
-from optimisation.report.service_tables import borne_pairs, service_pairs
-from optimisation.search.result import Findings
-from optimisation.sweep_rate import LEAST_RATIO
-from optimisation.tuned.table import MINIMAX, TuningTable
-from optimisation.variables import MASS_RATIO
+from optimisation.report.card import (
+    NO_DEVICE,
+    Card,
+    Chart,
+    Curve,
+    Row,
+    assumed_rows,
+    between,
+    borne_rows,
+    device_rows,
+    mass_rows,
+    rival_rows,
+)
+from optimisation.report.design_tables import PAPER, WINNER, borne_pairs, compared, condition_values, kept, limit, service_pairs
+from optimisation.report.tuning_report import MINIMAX, TuningTable
+from optimisation.search.judge import Findings
+from optimisation.search.pareto import Front
+from optimisation.variables import MASS_RATIO, VARIABLES
 
 Array = NDArray[np.float64]
 MM = 1e3

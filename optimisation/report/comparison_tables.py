@@ -1,16 +1,24 @@
-"""The comparison of absorber concepts as numbers: rows for CSV files, a summary for JSON, a table to read. SI units, unless named."""
+"""Comparisons of absorbers, near resonances and under loads, as numbers: rows for CSV files, a summary for JSON, a table to read. SI units."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import asdict
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from impact_env.curve import BAND, DOWN, UP, Optimum, quantiles
-from impact_env.laws import SceneKind
+from impact_env.laws import SceneKind, values, words
+from impact_env.loads import amplitude_in_words
 from impact_env.scene import Scene
 from optimisation.bounds import LEAST_REACH
 from optimisation.comparison import IMPACT, NONE, Comparison, Concept, ResonanceComparison
+from optimisation.files import number, numbers
+from optimisation.load_comparison import LoadComparison, TunedUnder
+from optimisation.measures import TOLD, UNITS
+from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of, write_figure
 
 Json = dict[str, object]
 LIMIT = "limit"
@@ -68,39 +76,19 @@ def curve_rows(comparison: Comparison) -> Iterator[tuple[object, ...]]:
             relative = quantiles(curve.relative_to(part.curves[NONE]), (0.5, *BAND))
             members = np.sum(~np.isnan(curve.combined), axis=1)
             for k, force in enumerate(part.forces):
-                numbers = [*levels[:, k], *directions[:, k], *relative[:, k]]
-                yield (part.resonance, key, float(force), int(members[k]), *("" if math.isnan(x) else float(x) for x in numbers))
+                cells = [*levels[:, k], *directions[:, k], *relative[:, k]]
+                yield (part.resonance, key, float(force), int(members[k]), *("" if math.isnan(x) else float(x) for x in cells))
         for force, limit in zip(part.forces, part.limit, strict=True):
             yield (part.resonance, LIMIT, float(force), "", float(limit), *[""] * 7)
 
 
-def _number(value: float) -> float | None:
-    return None if math.isnan(value) else value
-
-
-def _numbers(values: tuple[float, float]) -> list[float | None]:
-    return [_number(value) for value in values]
-
-
 def _relative(point: Optimum) -> Json:
-    return {"relative_to_no_absorber": _number(point.relative), "relative_5_to_95_percent": _numbers(point.relative_band)}
+    return {"relative_to_no_absorber": number(point.relative), "relative_5_to_95_percent": numbers(point.relative_band)}
 
 
 def _at(point: Optimum) -> Json:
-    level = {"response_level_m": _number(point.level), "response_level_5_to_95_percent_m": _numbers(point.level_band)}
+    level = {"response_level_m": number(point.level), "response_level_5_to_95_percent_m": numbers(point.level_band)}
     return {"force_n": point.force, **level, **_relative(point)}
-
-
-def _seen(comparison: Comparison, part: ResonanceComparison) -> list[Concept]:
-    """Return the concepts that have a curve near a resonance."""
-    return [concept for concept in comparison.concepts if concept.key in part.curves]
-
-
-def _parameters(concept: Concept) -> Json:
-    """Return an absorber's parameters, without the parts that it lacks."""
-    if concept.absorber is None:
-        return {}
-    return {name: value for name, value in asdict(concept.absorber).items() if value is not None}
 
 
 def _linear(comparison: Comparison, concept: Concept) -> bool:
@@ -111,11 +99,12 @@ def _concept_summary(comparison: Comparison, part: ResonanceComparison, concept:
     """Return a concept's results; the best force of a linear one is null, as all forces are alike to it."""
     curve, none = part.curves[concept.key], part.curves[NONE]
     optimum = curve.optimum(none)
-    summary: Json = {"label": concept.label, "sweep_limits": list(concept.limits), "absorber": _parameters(concept), "complete": curve.complete}
+    parameters = {} if concept.absorber is None else {name: value for name, value in asdict(concept.absorber).items() if value is not None}
+    summary: Json = {"label": concept.label, "sweep_limits": list(concept.limits), "absorber": parameters, "complete": curve.complete}
     if optimum is not None and _linear(comparison, concept):
         summary["optimum"] = {"force_n": None, **_relative(optimum)}
     elif optimum is not None:
-        summary["optimum"] = {**_at(optimum), "force_5_to_95_percent_n": _numbers(optimum.force_band)}
+        summary["optimum"] = {**_at(optimum), "force_5_to_95_percent_n": numbers(optimum.force_band)}
     if part.best is not None:
         summary["at_best_force_of_impact_absorber"] = _at(curve.at(part.best, none))
     if part.told is not None and part.own_force is not None:
@@ -145,10 +134,8 @@ def summary(comparison: Comparison) -> Json:
                 "forces_n": part.forces.tolist(),
                 "limit_m": part.limit.tolist(),
                 "design_force_n": part.design_force,
-                "sweep_over_stationary_level": _number(part.sweep_ratio),
-                "concepts": {
-                    concept.key: _concept_summary(comparison, part, concept) for concept in comparison.concepts if concept.key in part.curves
-                },
+                "sweep_over_stationary_level": number(part.sweep_ratio),
+                "concepts": {one.key: _concept_summary(comparison, part, one) for one in comparison.concepts if one.key in part.curves},
             }
             for part in comparison.resonances
         },
@@ -178,7 +165,7 @@ def _block(comparison: Comparison, part: ResonanceComparison) -> list[str]:
     finished = int(np.max(np.sum(~np.isnan(part.curves[IMPACT].combined), axis=1)))
     at = "the best force" if part.told is None else f"{part.forces[part.told]:.3g} N"
     rows = [["concept", "best force, N", "level there, %", f"level at {at}, mm", f"level at {at}, %"]]
-    rows += [_row(comparison, part, concept) for concept in _seen(comparison, part)]
+    rows += [_row(comparison, part, concept) for concept in comparison.concepts if concept.key in part.curves]
     if part.told is not None:
         rows.append([f"limit within a cavity of ±{1e3 * part.gap:.4g} mm", "", "", f"{1e3 * part.limit[part.told]:.3f}", ""])
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
@@ -196,3 +183,92 @@ def text_table(comparison: Comparison) -> str:
     """Return the results as aligned text, one block a resonance; levels in % are relative to no absorber."""
     notes = "Median, in brackets 5 to 95 % of the members. Levels in % are relative to no absorber."
     return "\n\n".join(["\n".join(_block(comparison, part)) for part in comparison.resonances] + [notes])
+
+
+LOAD_BAND = (0.05, 0.5, 0.95)
+LOAD_COLUMNS = ("concept", "factor", "member", "band", "value")
+LOAD_LOOKS = {
+    "impact": ("impact absorber", BLUE, "-"),
+    "friction": ("friction damper", ORANGE, "-"),
+    "tuned": ("tuned absorber", GREEN, "--"),
+}
+
+
+def load_rows(comparison: LoadComparison) -> Iterator[tuple[object, ...]]:
+    """Yield every run."""
+    for concept, found in comparison.values.items():
+        for factor, runs in zip(comparison.factors, found, strict=True):
+            yield from ((concept, float(factor), *place, float(value)) for place, value in np.ndenumerate(runs))
+
+
+def load_summary(comparison: LoadComparison) -> dict[str, Any]:
+    """Return the comparison's medians and bands of what is left of the measure without absorber, and the absorbers."""
+    return {
+        "measure": comparison.measure,
+        "unit": UNITS[comparison.measure],
+        "band_edges_hz": comparison.edges[:-1].tolist(),
+        "factors": comparison.factors.tolist(),
+        "free_size_m": comparison.free_size,
+        "absorbers": {name: values(absorber) for name, absorber in comparison.absorbers.items() if absorber is not None},
+        "without_absorber": np.median(comparison.values["none"], axis=1).T.tolist(),
+        "ratio_5_50_95": {name: np.quantile(comparison.ratio(name), LOAD_BAND, axis=1).transpose(2, 1, 0).tolist() for name in LOAD_LOOKS},
+    }
+
+
+def _heads(comparison: LoadComparison) -> list[str]:
+    """Return what each band is called; nothing where there is but one."""
+    if len(comparison.edges) < 3:
+        return [""]
+    return [f"{low:.3g} Hz and above" if np.isinf(high) else f"{low:.3g} to {high:.3g} Hz" for low, high in pairwise(comparison.edges)]
+
+
+def load_table(comparison: LoadComparison) -> str:
+    """Return the lines that are printed."""
+    lines = [f"{TOLD[comparison.measure]} under {amplitude_in_words(comparison.loads)}, over that without absorber: median (5 to 95 %)"]
+    lines += [f"  {words(absorber)}" for absorber in comparison.absorbers.values() if absorber is not None]
+    bands = {name: np.quantile(comparison.ratio(name), LOAD_BAND, axis=1) for name in LOAD_LOOKS}
+    for band, head in enumerate(_heads(comparison)):
+        lines += [f"  {head}"] if head else []
+        lines.append("  intensity" + "".join(f"{LOAD_LOOKS[name][0]:>24}" for name in LOAD_LOOKS))
+        for k, factor in enumerate(comparison.factors):
+            cells = (f"{middle:.3f} ({low:.2f} to {high:.2f})" for low, middle, high in (bands[name][:, k, band] for name in LOAD_LOOKS))
+            lines.append(f"  {factor:9.3g}" + "".join(f"{cell:>24}" for cell in cells))
+    return "\n".join(lines)
+
+
+def tuned_summary(found: TunedUnder) -> dict[str, Any]:
+    """Return the tunings and what they leave of the measure without absorber, the median over the members."""
+    ratios = np.median(found.ratios, axis=1)
+    tunings = zip(("best", "least_peak"), (found.best, found.peak), ratios, strict=True)
+    return {"measure": found.measure} | {name: values(absorber) | {"ratio": float(ratio)} for name, absorber, ratio in tunings}
+
+
+def tuned_text(found: TunedUnder) -> str:
+    """Return the lines that are printed of tunings."""
+    ratios = 100 * found.ratios
+    lines = [f"{TOLD[found.measure]} under {amplitude_in_words(found.loads)}, in % of that without absorber: median of {ratios.shape[1]} runs"]
+    for name, absorber, row in zip(("best for it", "least peak"), (found.best, found.peak), ratios, strict=True):
+        lines.append(f"  {name}: {np.median(row):.4g} ({row.min():.4g} to {row.max():.4g}), {words(absorber)}")
+    return "\n".join(lines)
+
+
+def save_load_figure(path: Path, comparison: LoadComparison) -> None:
+    """Draw what each absorber leaves over the loads' intensity; the ending of ``path`` chooses the format."""
+    heads = _heads(comparison)
+    figure, panels = figure_of(5.2 * len(heads) + 1.0, 3.8, 1, len(heads), sharey=True)
+    panels = np.atleast_1d(panels)
+    for band, (axes, head) in enumerate(zip(panels, heads, strict=True)):
+        for name, (label, colour, style) in LOAD_LOOKS.items():
+            low, middle, high = np.quantile(comparison.ratio(name)[:, :, band], LOAD_BAND, axis=1)
+            axes.fill_between(comparison.factors, low, high, color=colour, alpha=0.18, linewidth=0)
+            axes.plot(comparison.factors, middle, style, color=colour, label=label)
+        axes.axhline(1.0, color="black", linewidth=0.8)
+        axes.set_xscale("log")
+        axes.set_xticks(comparison.factors, [f"{factor:.3g}" for factor in comparison.factors])
+        axes.minorticks_off()
+        axes.set_ylim(0, None)
+        axes.set_xlabel("intensity of the load, 1: as given")
+        axes.set_title(", ".join(filter(None, (f"Under {amplitude_in_words(comparison.loads)}", head))), fontsize=11)
+    panels[0].set_ylabel(f"{TOLD[comparison.measure]} over that without absorber")
+    panels[0].legend(frameon=False)
+    write_figure(figure, path)

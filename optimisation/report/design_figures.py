@@ -1,31 +1,132 @@
-"""Figures of a design study: curves over the force, levels over gap and force, sensitivity, robustness, Pareto fronts."""
+"""Figures of comparisons and design studies: levels over the force, over gap and force, sensitivity, robustness, Pareto fronts."""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
 from impact_env.parameters import ParameterError
 from optimisation.bounds import design_gap
-from optimisation.designs import GAP, MASS_RATIO, POSITION
+from optimisation.comparison import FRICTION, IMPACT, LTVA_PAPER_WIDE, LTVA_TUNED, LTVA_TUNED_WIDE, NONE, Comparison, ResonanceComparison
 from optimisation.insight import Levels, over_force
-from optimisation.load_measures import SHOWN, TOLD
+from optimisation.measures import SHOWN, TOLD
 from optimisation.mounting import mounted
 from optimisation.objectives import Condition
-from optimisation.report.comparison_figure import MM, ORDINALS
 from optimisation.report.design_tables import limit
-from optimisation.report.written_figure import write_figure
-from optimisation.search.result import Findings
+from optimisation.report.figures import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    HATCHED,
+    MM,
+    ORANGE,
+    PINK,
+    draw_grid,
+    draw_legend,
+    figure_of,
+    figure_with,
+    force_axis,
+    write_figure,
+)
+from optimisation.search.judge import Findings
+from optimisation.variables import GAP, MASS_RATIO, POSITION
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LEAST_SHOWN = 0.04  # of the gap: the smallest level in the figure
+ORDINALS = {1: "First", 2: "Second", 3: "Third"}
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a concept is drawn: colours of Okabe and Ito, which colour-blind readers can tell apart, and a line style as well."""
+
+    label: str
+    colour: str
+    style: str | tuple[int, tuple[float, ...]] = "-"
+    width: float = 1.8
+
+
+LOOKS = {
+    NONE: Look("no absorber", BLACK, "-", 1.3),
+    FRICTION: Look("friction damper", ORANGE),
+    LTVA_PAPER_WIDE: Look("tuned absorber, paper's values", PINK, (0, (4, 2))),
+    LTVA_TUNED_WIDE: Look("tuned absorber, well tuned", GREEN, (0, (6, 2, 1.5, 2))),
+    IMPACT: Look("impact absorber", BLUE, "-", 2.4),
+}
+
+
+def save_figure(path: Path, comparison: Comparison) -> None:
+    """Draw response levels over the force near both resonances, as in the paper's last figure; the ending of ``path`` chooses the format."""
+    figure, panels = figure_of(10, 6.4, 1, len(comparison.resonances), sharey=True)
+    panels, top = np.atleast_1d(panels), 0.0
+    for panel, part in zip(panels, comparison.resonances, strict=True):
+        _draw(panel, part)
+        top = max(top, float(np.nanmax(MM * part.curves[NONE].median, initial=0)))
+    panels[0].set_ylim(MM * LEAST_SHOWN * comparison.gap, 1.3 * top if top > 0 else None)
+    panels[0].set_ylabel(
+        "resonant response level in mm (RMS)" if comparison.own_structure else "resonant response level of the tip in mm (RMS)", fontsize=11
+    )
+    runs = "one run" if comparison.members == 1 else f"{comparison.members} runs that differ in when the force begins and by a millionth of it"
+    band = f"lines: median, bands: 5 to 95 % of {runs}{'' if comparison.complete else ' (stopped early)'}"
+    caption = f"level: RMS around the largest displacement, the larger of a sweep up and a sweep down\n{band}"
+    legend = draw_legend(figure, panels[0], 3, fontsize=10, title=caption, alignment="center")
+    legend.get_title().set(fontsize=9, color="0.35", ha="center")
+    what, whose = ("the structure", "its") if comparison.own_structure else ("the beam's tip", "the beam's")
+    title = f"Response of {what} at resonance, with absorbers of {100 * comparison.mass_ratio:.3g} % of {whose} mass"
+    figure.suptitle(title, fontsize=13)
+    write_figure(figure, path)
+
+
+def _draw(panel: Axes, part: ResonanceComparison) -> None:
+    for key, look in LOOKS.items():
+        # near another resonance than its own a tuned absorber is not swept widely
+        curve = part.curves.get(key, part.curves.get(LTVA_TUNED) if key == LTVA_TUNED_WIDE else None)
+        if curve is None:
+            continue
+        low, high = MM * curve.band
+        panel.fill_between(part.forces, low, high, color=look.colour, alpha=0.25, lw=0)
+        panel.plot(part.forces, MM * curve.median, color=look.colour, ls=look.style, lw=look.width, label=look.label)
+    panel.set(xscale="log", yscale="log", xlim=(part.forces[0], part.forces[-1]))
+    _draw_limit(panel, part)
+    _mark_optimum(panel, part)
+    if part.own_force is not None:
+        panel.axvline(part.own_force, color="0.4", lw=1.2, ls=":", label=f"the force, {part.own_force:g} N")
+    panel.set_title(f"{ORDINALS.get(part.resonance, part.resonance)} resonance, {part.omega / (2 * np.pi):.1f} Hz", fontsize=12)
+    panel.set_xlabel("amplitude of the force in N", fontsize=11)
+    force_axis(panel.xaxis)
+    force_axis(panel.yaxis)
+    draw_grid(panel)
+
+
+def _draw_limit(panel: Axes, part: ResonanceComparison) -> None:
+    """Shade what no device of this mass and gap can reach."""
+    forces = np.geomspace(part.forces[0], part.forces[-1], 200)
+    limit = np.maximum(MM * part.limit_at(forces), 1e-9)
+    label = f"out of reach for the impact absorber: cavity of ±{MM * part.gap:.4g} mm"
+    panel.fill_between(forces, 1e-9, limit, **HATCHED, zorder=0.4, label=label)
+
+
+def _mark_optimum(panel: Axes, part: ResonanceComparison) -> None:
+    optimum = part.curves[IMPACT].optimum(part.curves[NONE])
+    if optimum is None:
+        return
+    colour = LOOKS[IMPACT].colour
+    panel.plot(optimum.force, MM * optimum.level, "o", ms=9, mfc="white", mec=colour, mew=2.2, zorder=5)
+    panel.plot(0.05, 0.925, "o", ms=9, mfc="white", mec=colour, mew=2.2, transform=panel.transAxes)
+    text = f"best point: {optimum.force:.3g} N,\n{100 * optimum.relative:.0f} % of no absorber"
+    panel.text(0.085, 0.95, text, fontsize=11, color=colour, ha="left", va="top", transform=panel.transAxes)
+
 
 Array = NDArray[np.float64]
-BLACK, BLUE, ORANGE, GREEN, GREY = "#000000", "#0072B2", "#D55E00", "#009E73", "0.55"  # Okabe and Ito
-LOOKS = (("winner", BLUE, "-", 2.2), ("paper's design", ORANGE, (0, (5, 2)), 1.8))
+DESIGN_LOOKS = (("winner", BLUE, "-", 2.2), ("paper's design", ORANGE, (0, (5, 2)), 1.8))
 
 
 def _title(condition: Condition) -> str:
@@ -36,28 +137,8 @@ def _axis(condition: Condition) -> str:
     return "amplitude of the force in N" if condition.loads is None else "factor on the loads"
 
 
-def force_axis(axis: object) -> None:
-    """Put 1, 2 and 5 of each decade on a logarithmic axis."""
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))  # type: ignore[attr-defined]
-    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))  # type: ignore[attr-defined]
-    axis.set_minor_locator(NullLocator())  # type: ignore[attr-defined]
-    axis.set_minor_formatter(NullFormatter())  # type: ignore[attr-defined]
-
-
-def figure_with(count: int, height: float = 4.6) -> tuple[Figure, list[Axes]]:
-    """Return a figure with this many panels side by side."""
-    figure = Figure(figsize=(max(5.4 * count, 6.4), height), layout="constrained")
-    return figure, list(figure.subplots(1, count, squeeze=False)[0])
-
-
-def draw_grid(panel: Axes) -> None:
-    """Draw a light grid behind all else."""
-    panel.grid(True, color="0.9", lw=0.7)
-    panel.set_axisbelow(True)
-
-
 def _lines(panel: Axes, x: Array, levels: Levels, scale: Array) -> None:
-    for d, (label, colour, style, width) in enumerate(LOOKS[: len(levels.median)]):
+    for d, (label, colour, style, width) in enumerate(DESIGN_LOOKS[: len(levels.median)]):
         panel.fill_between(x, levels.low[d] * scale, levels.high[d] * scale, color=colour, alpha=0.2, lw=0)
         panel.plot(x, levels.median[d] * scale, color=colour, ls=style, lw=width, label=label)
 
@@ -72,16 +153,19 @@ def save_curves(path: Path, findings: Findings) -> None:
         scale, shown = SHOWN[own.told[1]]
         panel.plot(forces, scale * levels.without, color=BLACK, lw=1.2, label="no absorber")
         _lines(panel, forces, levels, np.full(len(forces), scale))
-        panel.set(xscale="log", yscale="log", xlim=(forces[0], forces[-1]), xlabel=_axis(own))
+        panel.set(
+            xscale="log",
+            yscale="log",
+            xlim=(forces[0], forces[-1]),
+            xlabel="amplitude of the force in N" if own.loads is None else "factor on the loads",
+        )
         bottom = 0.5 * scale * float(np.min(levels.low))
         dense = over_force(own, np.geomspace(forces[0], forces[-1], 60))
         bound = np.array([limit(findings.problem, findings.verdict.winner.design, condition) for condition in dense])
         if np.isfinite(bound).all():
             top = np.maximum(scale * bound, bottom)
             label = "out of stationary reach"
-            panel.fill_between(
-                [c.force for c in dense], bottom, top, facecolor="0.93", edgecolor="0.7", hatch="////", lw=0.6, zorder=0.4, label=label
-            )
+            panel.fill_between([c.force for c in dense], bottom, top, **HATCHED, zorder=0.4, label=label)
         panel.axvline(own.force, color=GREY, lw=1, ls=":", label="force of the study" if own.loads is None else "the loads as they are")
         panel.set_ylim(bottom, 1.3 * scale * float(np.max(levels.without)))
         panel.set_title(_title(own))
@@ -93,14 +177,11 @@ def save_curves(path: Path, findings: Findings) -> None:
     write_figure(figure, path)
 
 
-def draw_legend(figure: Figure, panel: Axes, columns: int = 5) -> None:
-    """Put one panel's legend below the figure."""
-    handles, labels = panel.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, len(labels)), frameon=False, fontsize=9)
-
-
 def save_map(path: Path, findings: Findings) -> None:
     """Draw the relative level over gap and force: straight lines of one gap over force are what the scaling law demands."""
+    from matplotlib.colors import LogNorm
+    from matplotlib.font_manager import FontProperties
+
     assert findings.gap_map is not None
     assert findings.verdict is not None
     figure, panels = figure_with(len(findings.gap_map), 5.0)
@@ -108,24 +189,31 @@ def save_map(path: Path, findings: Findings) -> None:
     gaps = MM * np.array(findings.gaps)
     for panel, levels, own in zip(panels, findings.gap_map, problem.conditions, strict=True):
         forces = np.array([condition.force for condition in levels.conditions])
-        norm = LogNorm(vmin=10, vmax=125)
-        mesh = panel.pcolormesh(forces, gaps, 100 * levels.relative, norm=norm, cmap="viridis_r", shading="nearest", rasterized=True)
+        mesh = panel.pcolormesh(
+            forces, gaps, 100 * levels.relative, norm=LogNorm(vmin=10, vmax=125), cmap="viridis_r", shading="nearest", rasterized=True
+        )
         rule = [_rule(findings, own.resonance, force) if own.loads is None else None for force in forces]
         if rule[0] is not None:
             panel.plot(forces, MM * np.array(rule, dtype=float), color="white", lw=1.8, ls="--", label="design rule: gap = force / f* · 1 mm")
-        for slope in _diagonals(forces, gaps):
+        low, high = np.log10(gaps[0] / forces[-1]), np.log10(gaps[-1] / forces[0])
+        for slope in 10 ** np.arange(np.ceil(low * 4) / 4, high, 0.25):
             panel.plot(forces, slope * forces, color="white", lw=0.5, alpha=0.6)
         panel.plot(own.force, MM * winner.values[GAP], "o", ms=9, mfc=ORANGE, mec="white", mew=1.5, label="winner")
-        panel.set(xscale="log", yscale="log", xlim=(forces[0], forces[-1]), ylim=(gaps[0], gaps[-1]), xlabel=_axis(own))
+        panel.set(
+            xscale="log",
+            yscale="log",
+            xlim=(forces[0], forces[-1]),
+            ylim=(gaps[0], gaps[-1]),
+            xlabel="amplitude of the force in N" if own.loads is None else "factor on the loads",
+        )
         panel.set_title(_title(own))
         force_axis(panel.xaxis)
         force_axis(panel.yaxis)
     bar = figure.colorbar(mesh, ax=panels, label="response level in % of no absorber", ticks=[10, 20, 50, 100], shrink=0.9)
     bar.ax.set_yticklabels(["10", "20", "50", "100"])
-    bar.ax.yaxis.set_minor_locator(NullLocator())
+    bar.ax.minorticks_off()
     panels[0].set_ylabel("gap in mm (clearance to either wall)")
-    handles, labels = panels[0].get_legend_handles_labels()
-    legend = figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=9, facecolor="0.75", edgecolor="none")
+    legend = draw_legend(figure, panels[0], 2, frameon=True, facecolor="0.75", edgecolor="none")
     legend.set_title("thin lines: force over gap constant", prop=FontProperties(size=8))
     write_figure(figure, path)
 
@@ -139,11 +227,6 @@ def _rule(findings: Findings, resonance: int, force: float) -> float | None:
         return design_gap(model, winner.values[MASS_RATIO] * model.beam_mass, force, resonance)
     except ParameterError:  # a heavy absorber moves the resonance out of the rule's range
         return None
-
-
-def _diagonals(forces: Array, gaps: Array) -> Array:
-    low, high = np.log10(gaps[0] / forces[-1]), np.log10(gaps[-1] / forces[0])
-    return np.asarray(10 ** np.arange(np.ceil(low * 4) / 4, high, 0.25))
 
 
 def save_robustness(path: Path, findings: Findings) -> None:

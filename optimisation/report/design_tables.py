@@ -3,27 +3,25 @@
 import math
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from optimisation.bounds import reduction_share, resonance_limit
-from optimisation.designs import VARIABLES, Design
-from optimisation.insight import Levels
-from optimisation.load_measures import SHOWN, TOLD
+from optimisation.designs import Design
+from optimisation.extremes import LEAST_RATIO
+from optimisation.files import number, numbers
+from optimisation.insight import BEAM_TOLERANCES, QUANTILES, TOLERANCES, Levels, Service
+from optimisation.measures import ACCELERATION, FRICTION_HEAT, IMPACT_POWER, IMPACT_RATE, IMPACT_RMS, IMPACT_SPEED, SHOWN, STROKE, TOLD
 from optimisation.mounting import detuned
-from optimisation.objectives import Condition, Score
+from optimisation.objectives import Condition, Objective, Score
 from optimisation.problem import Problem
-from optimisation.report.service_tables import service_lines, service_summary
-from optimisation.search.judge import Judged, Verdict
-from optimisation.search.result import Cost, Findings
-from optimisation.search.told import Evaluated
+from optimisation.search.judge import Findings, Judged, Verdict
+from optimisation.search.settings import Evaluated
 from optimisation.statistics import COVERED, Branches, Gain, branches
-from optimisation.sweep_rate import LEAST_RATIO
+from optimisation.variables import VARIABLES, parts_of
 
 Json = dict[str, object]
 WINNER, PAPER, RULE = "winner", "paper", "rule"
-
-
-def number(value: float) -> float | None:
-    """Return a float as JSON knows it: None if it is not finite."""
-    return float(value) if math.isfinite(value) else None
 
 
 def limit(problem: Problem, design: Design, condition: Condition) -> float:
@@ -41,10 +39,14 @@ def limit(problem: Problem, design: Design, condition: Condition) -> float:
     return float(resonance_limit(scene.model, scene.absorber_masses, gaps, condition.force, condition.resonance, *condition.limits))
 
 
+def name_of(objective: Objective) -> str:
+    """Return an objective's column."""
+    return objective.kind if objective.resonance is None else f"{objective.kind}_{objective.resonance}"
+
+
 def design_columns(problem: Problem) -> list[str]:
     """Return the columns of `design_rows`."""
-    names = [v.name for v in problem.space.free]
-    return ["number", *names, *(o.kind if o.resonance is None else f"{o.kind}_{o.resonance}" for o in problem.objectives), "rungs", "feasible"]
+    return ["number", *(v.name for v in problem.space.free), *map(name_of, problem.objectives), "rungs", "feasible"]
 
 
 def design_rows(problem: Problem, told: Sequence[Evaluated]) -> Iterator[list[object]]:
@@ -95,9 +97,9 @@ def constraints(problem: Problem, score: Score) -> Json:
 def _judged(judged: Judged, problem: Problem) -> Json:
     return constraints(problem, judged.score) | {
         "values": dict(judged.design.values),
-        "score": [number(x) for x in judged.score.values],
-        "score_5_to_95_percent": [[number(x) for x in band] for band in judged.bands],
-        "violations": [number(x) for x in judged.score.violations],
+        "score": numbers(judged.score.values),
+        "score_5_to_95_percent": [numbers(band) for band in judged.bands],
+        "violations": numbers(judged.score.violations),
     }
 
 
@@ -120,30 +122,21 @@ def summary(findings: Findings) -> Json:
     content: Json = {
         "problem": problem.describe(),
         "finished": findings.finished,
-        "designs": findings.cost.designs,
-        "runs": findings.cost.runs,
-        "seconds": round(findings.cost.seconds, 2),
-        "overhead": number(round(findings.cost.overhead, 4)),
+        **findings.cost.describe(),
     }
     if verdict is not None:
-        content["found"] = {"number": verdict.found.number, "score": [number(x) for x in verdict.found.score.values]}
+        content["found"] = {"number": verdict.found.number, "score": numbers(verdict.found.score.values)}
         content |= {name: _judged(judged, problem) for name, judged in compared(verdict).items()}
         content["winner_over_paper"], content["winner_over_rule"] = _gain(verdict.gain), _gain(verdict.gain_over(verdict.rule))
         content["winner_at_bounds"] = problem.space.at_bounds(verdict.winner.design)
     if findings.wider is not None:
-        content["with_more_modes"] = {
-            "modes": findings.wider.modes,
-            **_judged(findings.wider.judged, problem),
-            "change": _gain(findings.wider.change),
-        }
+        wider = findings.wider
+        content["with_more_modes"] = {"modes": wider.modes, **_judged(wider.judged, problem), "change": _gain(wider.change)}
     if findings.service is not None:
         content["in_service"] = service_summary(findings.service)
     if audit is not None and audit.designs:
-        content["left_behind"] = {
-            "run_in_full": audit.designs,
-            "better_than_best_found": audit.missed,
-            "rank_correlation": number(audit.rank_correlation),
-        }
+        missed, correlation = audit.missed, number(audit.rank_correlation)
+        content["left_behind"] = {"run_in_full": audit.designs, "better_than_best_found": missed, "rank_correlation": correlation}
     if findings.own is not None and verdict is not None:
         content["conditions"] = [condition_values(findings, k) for k in range(len(findings.own.conditions))]
     if findings.sensitivity is not None:
@@ -184,7 +177,8 @@ def text(findings: Findings) -> str:
     problem, verdict, cost = findings.problem, findings.verdict, findings.cost
     title = f"{problem.space.concept}: {problem.objectives[0].label}, {'larger' if problem.objectives[0].maximise else 'smaller'} is better"
     loads = [f"  under {one.words}; the level is the {TOLD[one.told[0]]}" for one in problem.conditions if one.loads is not None]
-    lines = [title, *loads, f"  {cost.designs} designs, {cost.runs} runs, {cost.seconds:.0f} s{_overhead(cost)}"]
+    outside = f", {100 * cost.overhead:.1f} % of it outside the runs" if cost.overhead > 0 else ""
+    lines = [title, *loads, f"  {cost.designs} designs, {cost.runs} runs, {cost.seconds:.0f} s{outside}"]
     if verdict is None:
         return "\n".join([*lines, _so_far(findings)])
     if not findings.finished:
@@ -194,7 +188,10 @@ def text(findings: Findings) -> str:
     if audit is not None and audit.designs:
         what = f"of {audit.designs} designs left behind and now run in full, {audit.missed} beat the best found"
         lines.append(f"  {what}; rank correlation {audit.rank_correlation:.2f}")
-    lines += [*_condition_lines(findings), *_wider_lines(findings)]
+    lines += _condition_lines(findings)
+    if findings.wider is not None:
+        had, wider = problem.model.modes, findings.wider
+        lines.append(f"  winner with {wider.modes} modes: {wider.judged.score.values[0]:.4g}, {wider.change} of its value with {had}")
     if findings.service is not None:
         lines += service_lines(findings.service)
     if findings.sensitivity is not None:
@@ -224,12 +221,6 @@ def _design_lines(problem: Problem, verdict: Verdict) -> Iterator[str]:
         yield f"  the winner lies at a bound: {line}"
 
 
-def _wider_lines(findings: Findings) -> Iterator[str]:
-    if findings.wider is not None:
-        had, wider = findings.problem.model.modes, findings.wider
-        yield f"  winner with {wider.modes} modes: {wider.judged.score.values[0]:.4g}, {wider.change} of its value with {had}"
-
-
 def _so_far(findings: Findings) -> str:
     """Return the numbers of a search whose winner has not been judged."""
     last = max((e.rungs for e in findings.told), default=0)
@@ -238,10 +229,6 @@ def _so_far(findings: Findings) -> str:
         return "  no design yet that kept all constraints"
     free = ", ".join(f"{v.name} {best.design.values[v.name]:.4g}" for v in findings.problem.space.free)
     return f"  best so far, on the search's own members: {best.score.values[0]:.4g} with {free}"
-
-
-def _overhead(cost: Cost) -> str:
-    return f", {100 * cost.overhead:.1f} % of it outside the runs" if cost.overhead > 0 else ""
 
 
 def _condition_lines(findings: Findings) -> Iterator[str]:
@@ -268,3 +255,70 @@ def _condition_lines(findings: Findings) -> Iterator[str]:
         if sweep is not None:
             fast = ": too fast to tell the share of the possible" if sweep < LEAST_RATIO else ""
             yield f"    the sweeps show {sweep:.3f} of the stationary level without absorber{fast}"
+
+
+# A winner in service as JSON values and as a text to read.
+
+
+WORDS = {
+    IMPACT_SPEED: ("largest impact speed", "m/s", 1.0),
+    IMPACT_RMS: ("RMS impact speed", "m/s", 1.0),
+    IMPACT_RATE: ("impacts", "1/s", 1.0),
+    IMPACT_POWER: ("power lost in impacts (wear)", "mW", 1e3),
+    FRICTION_HEAT: ("friction heat", "mW", 1e3),
+    STROKE: ("stroke from the middle", "mm", 1e3),
+    ACCELERATION: ("largest acceleration of the structure", "m/s^2", 1.0),
+}
+
+
+def _range_of(name: str) -> str:
+    """Return a tolerance in words."""
+    kind, size = (BEAM_TOLERANCES | TOLERANCES)[name if name in BEAM_TOLERANCES else parts_of(name)[0]]
+    return {"share": f"-+{100 * size:g} %", "factor": f"over and times {size:g}", "difference": f"-+{size:g}"}[kind]
+
+
+def service_summary(found: Service) -> Json:
+    """Return the service of a design as JSON values, condition by condition, in SI units."""
+    rows = [
+        {
+            "resonance": condition.resonance,
+            "force_n": condition.force,
+            "watched_5_50_95_percent": {name: numbers(values[:, c]) for name, values in found.watched.items()},
+            "forces_that_it_halves_n": numbers(found.forces[:, c]),
+            "level_m": float(found.level[c]),
+            "level_with_one_number_off_m": {name: numbers(values[:, c]) for name, values in found.single.items()},
+            "level_with_all_off_m": {f"{100 * q:g} %": x for q, x in zip(QUANTILES, numbers(found.joint[:, c]), strict=True)},
+            "lasting_level_m": number(found.lasting[c]),
+        }
+        for c, condition in enumerate(found.conditions)
+    ]
+    return {"tolerances": {name: _range_of(name) for name in found.single}, "conditions": rows}
+
+
+def borne_pairs(watched: dict[str, NDArray[np.float64]], c: int) -> Iterator[tuple[str, str]]:
+    """Yield what a design bears under a condition, by its index (`Service.watched`): name, and median with band in words."""
+    for name, values in watched.items():
+        word, unit, scale = WORDS[name]
+        low, middle, high = (f"{scale * x:.3g}" for x in values[:, c])
+        yield word, f"{middle} {unit} ({low} to {high})"
+
+
+def service_pairs(found: Service, c: int) -> Iterator[tuple[str, str]]:
+    """Yield what is known under a condition, by its index: name, and value in words."""
+    yield from borne_pairs(found.watched, c)
+    low, high = found.forces[:, c]
+    yield "halves the level at least from", "no force: not at this one" if math.isnan(low) else f"{low:.3g} to {high:.3g} N"
+    for name, values in found.single.items():
+        small, large = (f"{100 * (x / found.level[c] - 1):+.0f} %" for x in values[:, c])
+        yield f"{name.replace('_', ' ')} off by {_range_of(name)}: level", f"{small} and {large}"
+    parts = ", ".join(f"{1e3 * x:.3g} mm in {100 * q:g} %" for q, x in zip(QUANTILES, found.joint[:, c], strict=True))
+    yield "all of them off at once: at most", f"{parts} of the cases"
+    over = found.lasting[c] / found.level[c]
+    yield "a lasting vibration at the worst frequency:", f"{1e3 * found.lasting[c]:.3g} mm, {over:.2f} of the sweep's level"
+
+
+def service_lines(found: Service) -> Iterator[str]:
+    """Yield the lines of a text, condition by condition."""
+    for c, condition in enumerate(found.conditions):
+        yield f"  in service at resonance {condition.resonance}, {condition.force:g} N:"
+        yield from (f"    {name} {value}" for name, value in service_pairs(found, c))

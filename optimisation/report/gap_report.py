@@ -1,18 +1,235 @@
-"""The answers of `design_gap` and what they rest on as rows, JSON and a figure. SI units, unless named."""
+"""The answers of `design_gap` and what they rest on: as text, card, rows, JSON and figures. SI units, unless named."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
+from optimisation.bounds import LARGE_REACH, SMALL_REACH
+from optimisation.extremes import LEAST_RATIO
+from optimisation.files import numbers
 from optimisation.gap_advice import Advice, Answer
+from optimisation.gap_card import DRAWS, Bearing, estimate, meeting_mass, reaches_beyond
 from optimisation.gap_check import GapCheck
-from optimisation.report.written_figure import write_figure
+from optimisation.page import markdown
+from optimisation.report.card import NO_DEVICE, Card, Chart, Curve, Row, assumed_rows, between, borne_rows, device_rows, rival_rows
+from optimisation.report.figures import BLUE, GREEN, HATCHED, MM, ORANGE, draw_grid, figure_of, force_axis, write_figure
+from optimisation.uncertain import Spread, plain
+
+HEADER = ("gap, mm", "of the rule's", "level, mm", "5 to 95 %, mm", "of no absorber, %", "limit, mm", "share of the possible, %", "members")
+
+
+def _percent(answer: Answer, found: Advice, factor: float) -> str:
+    """Return how much more a device's level is under so many times the force, in words."""
+    change = 100 * (found.at_force(answer, factor) / answer.level - 1)
+    return "not known" if math.isnan(change) else f"{change:+.0f} %"
+
+
+def device(answer: Answer, mass: float) -> str:
+    """Return the device to build in words, mass in kg."""
+    friction = f"friction limit {answer.friction_limit:.4g} N" if answer.friction_limit else "no friction"
+    restitution = answer.absorber.walls.restitution  # type: ignore[union-attr]
+    return f"a clearance of {1e3 * answer.gap:.4g} mm to either wall, {friction}, restitution {restitution:g}, mass {mass:.4g} kg"
+
+
+def answer(found: Advice) -> list[str]:
+    """Return the recommended device, the one with the lowest level, and what both do when the force changes."""
+    check, best, sharp = found.check, found.recommended, found.sharp
+    if best is None or sharp is None:
+        return ["No gap was simulated in full."]
+    without, t = float(check.without.median[0]), found.tolerance
+    force = f"{check.force:g} N near resonance {check.resonance}"
+    lines = [
+        f"Recommended: {device(best, check.mass)}, for {force}.",
+        (
+            f"  Level {1e3 * best.level:.4g} mm ({1e3 * best.low:.4g} to {1e3 * best.high:.4g}), {100 * best.level / without:.1f} % of no absorber; "
+            f"at most {1e3 * best.worst:.4g} mm from {(1 - t) * check.force:.4g} to {(1 + t) * check.force:.4g} N."
+        ),
+    ]
+    if sharp.gap != best.gap:
+        lines.append(
+            f"Lowest level: {1e3 * sharp.gap:.4g} mm, "
+            f"level {1e3 * sharp.level:.4g} mm ({1e3 * sharp.low:.4g} to {1e3 * sharp.high:.4g}), "
+            f"{100 * sharp.level / without:.1f} % of no absorber; at most {1e3 * sharp.worst:.4g} mm over that range."
+        )
+    rows = [f"{100 * (factor - 1):+.0f} % force: {_percent(best, found, factor)}, {_percent(sharp, found, factor)}" for factor in (1.1, 1.2, 1.3)]
+    lines.append("The cliff, level at the recommended gap and at that of the lowest level: " + "; ".join(rows) + ".")
+    rule = f"Design rule (no simulation): {1e3 * check.rule:.4g} mm"
+    at_rule = float(check.level[check.at_rule]) if check.gaps.size and check.gaps[check.at_rule] == check.rule else math.nan
+    lines.append(f"{rule}{'' if math.isnan(at_rule) else f', level {at_rule / best.level:.2f} times that of the recommended'}.")
+    lines.append(f"Free amplitude over the rule's gap: {check.reach:.3g}. Friction goes with the gap and the first frequency: docs/which_gap.md.")
+    lines += _tried(found.tried)
+    return lines
+
+
+def _tried(tried: Sequence[tuple[str, float, float, float]]) -> list[str]:
+    """Return the lowest level with each value of a free variable, relative to the first, and its gap."""
+    lines = []
+    for name in dict.fromkeys(name for name, *_ in tried):
+        rows = [row for other, *row in tried if other == name]
+        words = "; ".join(f"{value:.3g}: {level / rows[0][1]:.2f}, {1e3 * gap:.3g} mm" for value, level, gap in rows)
+        softer = " Softer walls take more of each impact: more wear, less stroke." if name == "restitution" else ""
+        lines.append(f"Lowest level of a look over the first, and its gap, {name.replace('_', ' ')} {words}.{softer}")
+    return lines
+
+
+def warnings(found: Advice) -> list[str]:
+    """Return warnings, and the number of sweeps."""
+    check, ratio = found.check, found.check.sweep_ratio
+    lines = []
+    if check.reach < SMALL_REACH:
+        lines.append(f"Warning: the free amplitude is {check.reach:.3g} of the rule's gap; below {SMALL_REACH:g} the absorber does little.")
+    if check.reach > LARGE_REACH:
+        lines.append(f"Warning: free amplitude over the rule's gap above {LARGE_REACH:g}: the rule's gap is too narrow, on the steep side.")
+    if found.at_end:
+        lines.append("Warning: the best gap is the narrowest or widest that was tried: another mass or place may suit better.")
+    if found.recommended is not None and found.recommended.level >= float(check.without.median[0]):
+        lines.append("Warning: no gap brings the level below that without absorber: another place may suit better.")
+    lines.append(f"Sweeps at {check.rate:.3g} % per 100 pseudo periods show {ratio:.3f} of the stationary level without absorber.")
+    if ratio < LEAST_RATIO:
+        lines.append(f"Warning: below {LEAST_RATIO:g} shares of the possible are left out; sweep more slowly.")
+    lines.append(f"{found.sweeps} sweeps{f'; {len(found.looks)} gaps with one run are left out of the table' if found.looks else ''}.")
+    return lines
+
+
+def rivals(bearing: Bearing) -> str:
+    """Return what other absorbers of the same mass leave."""
+    other = bearing.rivals
+    alone = ", for this resonance alone" if other.tuned < bearing.answer.level else ""
+    tuned = f"the best tuned absorber leaves {1e3 * other.tuned:.4g} mm{alone} (stationary)"
+    return f"Of the same mass, {tuned}; the best friction damper {1e3 * other.damper:.4g} mm (estimate)."
+
+
+def text(found: Advice) -> str:
+    """Return a line for the rule's gap, and for each that more than one member ran."""
+    check, lines, single = found.check, [], {gap for gap, _ in found.looks}
+    for k, gap in enumerate(check.gaps):
+        if gap in single and gap != check.rule:
+            continue
+        low, high = 1e3 * check.band[:, k]
+        share = "-" if math.isnan(check.share[k]) else f"{100 * check.share[k]:.1f}"
+        cells = (f"{1e3 * gap:.4g}", f"{gap / check.rule:.3g}", f"{1e3 * check.level[k]:.4g}", f"{low:.4g} to {high:.4g}")
+        more = (f"{100 * check.relative[k]:.1f}", f"{1e3 * check.limit[k]:.4g}", share, str(len(check.curves[k].members)))
+        lines.append((*cells, *more))
+    return markdown(HEADER, lines)
+
+
+@dataclass(frozen=True)
+class Unsure:
+    """What is uncertain, and the 5, 50 and 95 % quantiles of the recommended device's level in m with all of it drawn."""
+
+    every: tuple[Spread, ...]
+    low: float
+    median: float
+    high: float
+
+    @property
+    def said(self) -> str:
+        """What is uncertain, in words."""
+        return ", ".join(one.words for one in self.every)
+
+    @property
+    def words(self) -> str:
+        """One line."""
+        return f"With {self.said}: {1e3 * self.median:.4g} mm ({1e3 * self.low:.4g} to {1e3 * self.high:.4g}), of {DRAWS} draws."
+
+    def plain(self) -> dict[str, object]:
+        """Return it as JSON values."""
+        return {"given": plain(self.every), "draws": DRAWS, "level_m": self.median, "level_5_m": self.low, "level_95_m": self.high}
+
+
+def _contact(found: Advice, bearing: Bearing, given: tuple[str, str, float]) -> tuple[tuple[Row, ...], list[str]]:
+    """Return the estimate of an impact at the largest speed, and a warning if it reaches modes that were left out."""
+    model, (first, second, radius) = found.check.model, given
+    if not bearing.impacts.largest > 0:
+        return (Row("contact", "no impact"),), []
+    one = estimate(first, second, radius, meeting_mass(model, found.check.mass), bearing.impacts.largest)
+    top = float(model.omega.max()) / (2 * math.pi)
+    rows = (
+        Row("of", f"{first} and {second}, radius {1e3 * radius:.4g} mm, {one.mass:.4g} kg at {bearing.impacts.largest:.4g} m/s"),
+        Row("contact time", 1e3 * one.time, "ms"),
+        Row("peak force", one.force, "N"),
+        Row("peak pressure", 1e-6 * one.pressure, "MPa"),
+        Row("force up to about, one over the contact time", 1 / one.time, "Hz"),
+        Row("modes kept up to", top, "Hz"),
+    )
+    text = f"impacts of {1e3 * one.time:.3g} ms reach modes above the {model.modes} kept, up to about {1 / one.time:.3g} Hz: try more modes"
+    return rows, [text] if reaches_beyond(model, one) else []
+
+
+def card(found: Advice, bearing: Bearing, unsure: Unsure | None = None, contact: tuple[str, str, float] | None = None, more: str = "") -> Card:
+    """Return what is told of the recommended device.
+
+    ``contact``: two materials of `optimisation.gap_card` and the radius in m of the rounder one; ``more``: what more modes change, in words.
+    """
+    check, best, model = found.check, bearing.answer, found.check.model
+    t, without = found.tolerance, float(check.without.median[0])
+    low, high = ((1 - t) * check.force, (1 + t) * check.force)
+    level: tuple[Row, ...] = (
+        Row(f"at {check.force:g} N, median of {found.members} runs", 1e3 * best.level, "mm RMS"),
+        Row("5 to 95 % of the runs", f"{1e3 * best.low:.4g} to {1e3 * best.high:.4g} mm"),
+        Row(f"at most, {low:.4g} to {high:.4g} N", 1e3 * best.worst, "mm"),
+        Row("of no absorber", 100 * best.level / without, "%"),
+        Row("no absorber", 1e3 * without, "mm"),
+        *rival_rows(bearing.rivals),
+        Row(NO_DEVICE, 1e3 * check.limit_at(best.gap), "mm"),
+    )
+    if unsure is not None:
+        level = (*level, Row(f"with {unsure.said}", f"{1e3 * unsure.median:.4g} mm ({1e3 * unsure.low:.4g} to {1e3 * unsure.high:.4g})"))
+    there = bearing.forces[~np.isnan(bearing.levels)]
+    forces = (
+        Row("halves the level", between(*bearing.works)),
+        Row("lowers the level", between(*bearing.helps)),
+        Row("known by the scaling law", between(there[0], there[-1])),
+    )
+    assumed = (
+        *assumed_rows(model, (check.resonance,), check.rate, more),
+        Row("over", f"{check.limits[0]:.3g} to {check.limits[1]:.3g} of the resonance"),
+        Row("such sweeps show of the stationary level", 100 * check.sweep_ratio, "%"),
+        Row("sweeps taken", f"{found.sweeps}, and two with impacts recorded"),
+    )
+    title = f"Impact absorber for {check.force:g} N near resonance {check.resonance}"
+    touch, reached = ((), []) if contact is None else _contact(found, bearing, contact)
+    groups = (
+        ("Device", device_rows(best.absorber, model)),
+        ("Response level", level),
+        ("Forces", forces),
+        ("What it bears", borne_rows(best.gap, bearing.impacts, best.level)),
+        *((("Contact, estimated after Hertz, without loss", touch),) if touch else ()),
+        ("Assumptions", assumed),
+    )
+    told = [line.removeprefix("Warning: ") for line in warnings(found) if line[:4] == "Warn"]
+    return Card(title, groups, _charts(found, bearing), (*told, *reached))
+
+
+def _charts(found: Advice, bearing: Bearing) -> tuple[Chart, ...]:
+    """Return the level over the gap, and that of the recommended device over the force."""
+    check, mm = found.check, 1e3
+    gaps = numbers(mm * check.gaps)
+    full = Curve("median, 5 to 95 %", gaps, numbers(mm * check.level), numbers(mm * check.band[0]), numbers(mm * check.band[1]))
+    curves = [full]
+    if found.looks:
+        at, level = zip(*found.looks, strict=True)
+        curves.append(Curve("one run", numbers([mm * x for x in at]), numbers([mm * x for x in level]), points=True))
+    marks = [("design rule", mm * check.rule), ("recommended", mm * bearing.answer.gap)]
+    if found.sharp is not None:
+        marks.append(("lowest level", mm * found.sharp.gap))
+    over_gap = Chart("Level over the gap", "clearance to either wall in mm", "level in mm (RMS)", tuple(curves), tuple(marks), log_x=True)
+    force, without = bearing.forces, float(check.without.median[0]) / check.force
+    both = (
+        Curve("recommended device", numbers(force), numbers(mm * bearing.levels)),
+        Curve("no absorber", numbers(force), numbers(mm * without * force)),
+        Curve("best tuned absorber", numbers(force), numbers(mm * bearing.rivals.tuned / check.force * force)),
+    )
+    mark = (("the force", check.force),)
+    over_force = Chart("Level over the force", "force in N", "level in mm (RMS)", both, mark, log_x=True, log_y=True)
+    return over_gap, over_force
+
 
 Json = dict[str, object]
+SUBS = (1, 1.5, 2, 3, 5, 7)  # ticks of a decade of gaps
 COLUMNS = (
     "gap_m",
     "gap_over_rule",
@@ -24,9 +241,6 @@ COLUMNS = (
     "limit_m",
     "share_of_possible_reduction",
 )
-DPI = 160
-MM = 1e3
-IMPACT, LIMIT = "#0072B2", "0.72"
 
 
 def rows(found: Advice) -> Iterator[tuple[object, ...]]:
@@ -38,23 +252,21 @@ def rows(found: Advice) -> Iterator[tuple[object, ...]]:
 def _values(check: GapCheck, k: int, gap: float) -> dict[str, float | None]:
     members = int(np.sum(~np.isnan(check.curves[k].combined)))
     levels = (check.level[k], *check.band[:, k], check.relative[k])
-    numbers = (gap, gap / check.rule, members, *map(float, levels), float(check.limit[k]), float(check.share[k]))
-    return {name: None if math.isnan(value) else value for name, value in zip(COLUMNS, numbers, strict=True)}
+    cells = (gap, gap / check.rule, members, *map(float, levels), float(check.limit[k]), float(check.share[k]))
+    return {name: None if math.isnan(value) else value for name, value in zip(COLUMNS, cells, strict=True)}
 
 
-def answer_values(answer: Answer | None, mass: float) -> Json | None:
-    """Return a device and its levels as JSON values, mass in kg; None for none."""
+def answer_values(answer: Answer | None, mass: float, measure: str = "level", unit: str = "m") -> Json | None:
+    """Return a device and its levels, or what else is measured, as JSON values, mass in kg; None for none."""
     if answer is None:
         return None
+    levels = {"": answer.level, "_5": answer.low, "_95": answer.high, "_worst": answer.worst}
     return {
         "gap_m": answer.gap,
         "friction_limit_n": answer.friction_limit,
         "restitution": answer.absorber.walls.restitution,  # type: ignore[union-attr]
         "mass_kg": mass,
-        "level_m": answer.level,
-        "level_5_m": answer.low,
-        "level_95_m": answer.high,
-        "level_worst_m": answer.worst if math.isfinite(answer.worst) else None,
+        **{f"{measure}{name}_{unit}": value if math.isfinite(value) else None for name, value in levels.items()},
     }
 
 
@@ -98,39 +310,35 @@ def summary(found: Advice) -> Json:
 def save_figure(path: Path, found: Advice) -> None:
     """Draw level and limit over the gap, with the answers; the ending of ``path`` chooses the format."""
     check = found.check
-    figure = Figure(figsize=(8, 5.2), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = figure_of(8, 5.2)
     gaps, (low, high) = MM * check.gaps, MM * check.band.reshape(2, -1)
     every = [*check.gaps] or [check.rule]
     fine = np.geomspace(0.95 * min(every), 1.05 * max(every), 120)
     limit = MM * np.array([check.limit_at(float(gap)) for gap in fine])
-    axes.fill_between(MM * fine, 0, limit, facecolor="0.93", edgecolor=LIMIT, hatch="////", lw=0.8, label="out of reach for any device in that gap")
-    axes.fill_between(gaps, low, high, color=IMPACT, alpha=0.25, lw=0)
-    axes.plot(gaps, MM * check.level, "o-", color=IMPACT, lw=2.2, ms=5, label=f"median and 5 to 95 % of up to {found.members} runs")
+    axes.fill_between(MM * fine, 0, limit, **HATCHED, label="out of reach for any device in that gap")
+    axes.fill_between(gaps, low, high, color=BLUE, alpha=0.25, lw=0)
+    axes.plot(gaps, MM * check.level, "o-", color=BLUE, lw=2.2, ms=5, label=f"median and 5 to 95 % of up to {found.members} runs")
     if found.looks:
         at, level = MM * np.array(found.looks).T
-        axes.plot(at, level, "o", ms=5, mfc="white", mec=IMPACT, ls="", label="one run")
-    axes.axvline(MM * check.rule, color="#D55E00", lw=1.4, ls="--", label=f"design rule: {MM * check.rule:.3g} mm")
-    for answer, colour, word in ((found.sharp, "black", "lowest level"), (found.recommended, "#009E73", "recommended")):
+        axes.plot(at, level, "o", ms=5, mfc="white", mec=BLUE, ls="", label="one run")
+    axes.axvline(MM * check.rule, color=ORANGE, lw=1.4, ls="--", label=f"design rule: {MM * check.rule:.3g} mm")
+    for answer, colour, word in ((found.sharp, "black", "lowest level"), (found.recommended, GREEN, "recommended")):
         if answer is not None:
             axes.axvline(MM * answer.gap, color=colour, lw=1.8, label=f"{word}: {MM * answer.gap:.3g} mm")
     if found.recommended is not None and np.isfinite(found.recommended.worst):
         best = found.recommended
         words = f"at most, {100 * found.tolerance:g} % more or less force"
-        axes.plot(MM * best.gap, MM * best.worst, "v", color="#009E73", ms=9, label=words)
+        axes.plot(MM * best.gap, MM * best.worst, "v", color=GREEN, ms=9, label=words)
     without = MM * float(check.without.median[0])
     stopped = "" if found.complete else " (stopped early)"
     axes.set_xscale("log")
     top = max(float(np.nanmax(high, initial=0)), float(limit.max()))
     axes.set(xlim=(MM * fine[0], MM * fine[-1]), ylim=(0, 1.6 * top if top > 0 else 1))
-    axes.xaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5, 7)))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    axes.xaxis.set_minor_locator(NullLocator())
+    force_axis(axes.xaxis, SUBS)
     axes.set_xlabel("clearance to either wall in mm", fontsize=11)
     axes.set_ylabel("resonant response level in mm (RMS)", fontsize=11)
-    axes.grid(True, color="0.88", lw=0.7)
-    axes.set_axisbelow(True)
+    draw_grid(axes)
     axes.legend(loc="upper center", ncols=2, fontsize=8.5, framealpha=0.95)
     absorber = f"absorber of {100 * check.absorber.mass_ratio:g} % of the structure's mass; without absorber: {without:.3g} mm"
     axes.set_title(f"Gap for {check.force:g} N near resonance {check.resonance}{stopped}\n{absorber}", fontsize=11)
-    write_figure(figure, path, DPI)
+    write_figure(figure, path)

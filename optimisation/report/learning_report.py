@@ -4,18 +4,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import trim_mean
 
-from optimisation.report.comparison_figure import DPI
-from optimisation.report.design_figures import BLACK, BLUE, GREEN, GREY, ORANGE
-from optimisation.report.written_figure import write_figure
-from optimisation.rl.runs import Run
+from optimisation.report.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, SKY, YELLOW, draw_grid, draw_legend, figure_of, write_figure
+from optimisation.rl.agents import Run
 
 Array = NDArray[np.float64]
-COLOURS = {"ppo": BLUE, "sac": ORANGE, "rppo": "#56B4E9"}
-LINES = (GREY, BLACK, GREEN, "#CC79A7", "#E69F00")
+COLOURS = {"ppo": BLUE, "sac": ORANGE, "rppo": SKY}
+LINES = (GREY, BLACK, GREEN, PINK, YELLOW)
 STYLES = (":", "--", "-.", (0, (5, 1)), (0, (1, 1)))
 COLUMNS = ("algorithm", "seed", "leg", "steps", "score", "iqm", "low", "high", "intervals")
 HEADER = ("agent", "seeds", "steps", "score (IQM over seeds)", "worst seed", "best seed")
@@ -39,8 +36,7 @@ def curves(runs: Sequence[Run]) -> tuple[Array, Array]:
 
 def save_learning_curve(path: Path, title: str, runs: Sequence[Run], baselines: Mapping[str, float]) -> None:
     """Draw evaluation scores over the steps: seeds thinly, an algorithm's mean of the middle half with 10 to 90 % of its seeds, and baselines."""
-    figure = Figure(figsize=(7.4, 4.9), layout="constrained")
-    panel = figure.subplots()
+    figure, panel = figure_of(7.4, 4.9)
     ends = [score for name, score in baselines.items() if name != "random"]  # chance may lie so far below that nothing else could be told apart
     for algorithm, group in sorted(by_algorithm(runs).items()):
         steps, scores = curves(group)
@@ -58,10 +54,9 @@ def save_learning_curve(path: Path, title: str, runs: Sequence[Run], baselines: 
         panel.set_ylim(min(ends) - room, max(ends) + room)
     panel.set(xlabel="steps of the environment", ylabel="mean score on the evaluation seeds", title=title, xlim=(0, None))
     panel.xaxis.set_major_formatter(lambda x, _: f"{x:,.0f}")
-    panel.grid(True, color="0.9", lw=0.7)
-    panel.set_axisbelow(True)
-    figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False, fontsize=9)
-    write_figure(figure, path, DPI)
+    draw_grid(panel)
+    draw_legend(figure, panel, 3)
+    write_figure(figure, path)
 
 
 def _seeds(count: int) -> str:

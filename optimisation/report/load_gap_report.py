@@ -8,10 +8,11 @@ import numpy as np
 
 from impact_env.loads import amplitude_in_words
 from optimisation.gap_advice import Answer
-from optimisation.load_gap import LoadAdvice
-from optimisation.load_measures import SHOWN, START, TOLD, UNITS
-from optimisation.report.gap_table import device
-from optimisation.report.load_tables import BAND
+from optimisation.load_comparison import LoadAdvice
+from optimisation.measures import SHOWN, START, TOLD, UNITS
+from optimisation.report.comparison_tables import LOAD_BAND
+from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of, force_axis, write_figure
+from optimisation.report.gap_report import SUBS, answer_values, device
 
 Json = dict[str, object]
 COLUMNS = ("gap_m", "member", "value")
@@ -23,27 +24,16 @@ def rows(found: LoadAdvice) -> Iterator[tuple[object, ...]]:
         yield from ((float(gap), member, float(value)) for member, value in enumerate(runs))
 
 
-def _values(answer: Answer, found: LoadAdvice) -> Json:
-    measure, unit = found.measure, UNITS[found.measure]
-    levels = {"": answer.level, "_5": answer.low, "_95": answer.high, "_worst": answer.worst}
-    return {
-        "gap_m": answer.gap,
-        "friction_limit_n": answer.friction_limit,
-        "restitution": answer.absorber.walls.restitution,  # type: ignore[union-attr]
-        "mass_kg": found.mass,
-        **{f"{measure}{name}_{unit}": value if math.isfinite(value) else None for name, value in levels.items()},
-    }
-
-
 def summary(found: LoadAdvice) -> Json:
     """Return answers and settings as JSON values; measures under their own names, as ``rms_m``."""
+    unit = UNITS[found.measure]
     return {
-        "recommended": _values(found.recommended, found),
-        "sharp": _values(found.sharp, found),
+        "recommended": answer_values(found.recommended, found.mass, found.measure, unit),
+        "sharp": answer_values(found.sharp, found.mass, found.measure, unit),
         "rule_gap_m": found.rule,
         "free_rms_m": found.free_rms,
         "measure": found.measure,
-        f"{found.measure}_without_absorber_{UNITS[found.measure]}": float(np.median(found.without)),
+        f"{found.measure}_without_absorber_{unit}": float(np.median(found.without)),
         "settings": {"force_tolerance": found.tolerance, "members": len(found.without), "runs": sum(map(len, found.runs))},
     }
 
@@ -76,27 +66,19 @@ def text(found: LoadAdvice) -> str:
 
 def save_figure(path: Path, found: LoadAdvice) -> None:
     """Draw the measure over the gap, with the answers; the ending of ``path`` chooses the format."""
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-
-    from optimisation.report.written_figure import write_figure
-
     factor, unit = SHOWN[UNITS[found.measure]]
-    figure = Figure(figsize=(6.4, 4.4), layout="constrained")
-    axes = figure.subplots()
-    low, middle, high = (factor * np.array([np.quantile(runs, q) for runs in found.runs]) for q in BAND)
+    figure, axes = figure_of(6.4, 4.4)
+    low, middle, high = (factor * np.array([np.quantile(runs, q) for runs in found.runs]) for q in LOAD_BAND)
     gaps = 1e3 * found.gaps
-    axes.fill_between(gaps, low, high, color="#0072B2", alpha=0.25, lw=0)
-    axes.plot(gaps, middle, "o-", color="#0072B2", ms=5, label=f"median and 5 to 95 % of up to {len(found.without)} runs")
+    axes.fill_between(gaps, low, high, color=BLUE, alpha=0.25, lw=0)
+    axes.plot(gaps, middle, "o-", color=BLUE, ms=5, label=f"median and 5 to 95 % of up to {len(found.without)} runs")
     axes.axhline(factor * float(np.median(found.without)), color="black", lw=0.8, label="no absorber")
-    for answer, colour, word in ((found.sharp, "black", f"lowest {TOLD[found.measure]}"), (found.recommended, "#009E73", "recommended")):
+    for answer, colour, word in ((found.sharp, "black", f"lowest {TOLD[found.measure]}"), (found.recommended, GREEN, "recommended")):
         axes.axvline(1e3 * answer.gap, color=colour, lw=1.6, ls="--" if colour == "black" else "-", label=f"{word}: {1e3 * answer.gap:.3g} mm")
     if found.rule is not None:
-        axes.axvline(1e3 * found.rule, color="#D55E00", lw=1.4, ls="--", label=f"design rule: {1e3 * found.rule:.3g} mm")
+        axes.axvline(1e3 * found.rule, color=ORANGE, lw=1.4, ls="--", label=f"design rule: {1e3 * found.rule:.3g} mm")
     axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5, 7)))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    axes.xaxis.set_minor_locator(NullLocator())
+    force_axis(axes.xaxis, SUBS)
     axes.set_ylim(0, None)
     axes.set_xlabel("clearance to either wall in mm")
     axes.set_ylabel(f"{TOLD[found.measure]} in {unit}")

@@ -1,33 +1,162 @@
-"""Figures of periodic motions: harmonic balance beside the exact orbit, an isola map, and bifurcations over two parameters."""
+"""Periodic motions as figures and tables: frequency responses, harmonic balance, isola maps, bifurcations over two parameters, lists of orbits."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib import colormaps
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
+from impact_env.parameters import CompliantWalls, RigidWalls, SlidingAbsorber
 from impact_env.periodic.balance_branches import BalanceRow, Exact
 from impact_env.periodic.branch import FOLD
-from impact_env.periodic.isolas import IsolaMap
+from impact_env.periodic.green import NoOrbit
+from impact_env.periodic.isolas import IsolaMap, Threshold
+from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.orbit_branches import GRAZING, PERIOD_DOUBLING, PULLING, SYMMETRY_BREAKING, TORUS
+from impact_env.periodic.overview import Overview
+from impact_env.periodic.response_curve import EXACT, ResponseCurve
+from impact_env.periodic.stationary import QUANTILES
 from impact_env.periodic.symmetric import BIRTH
-from optimisation.report.written_figure import write_figure
+from optimisation.page import markdown
+from optimisation.report.figures import BLUE, GREEN, MM, ORANGE, PINK, SKY, YELLOW, draw_grid, figure_of, force_axis, write_figure
 
-DPI = 160
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+ASIDE = 4e-3  # of the curve's height and width: closer than this two of its stretches are one line
+MARKS = {FOLD: "o", TORUS: "^", PERIOD_DOUBLING: "s", SYMMETRY_BREAKING: "D", GRAZING: "v", PULLING: "<"}
+MARKED: dict[str, Any] = {"ms": 5.0, "mfc": "white", "mec": "black", "mew": 0.9}
+STABLE, FAST, SLOW, BALANCE, UP, DOWN, RUNS = BLUE, SKY, ORANGE, "#555555", GREEN, PINK, YELLOW
+LOOKS = {  # exact orbits: colour, dashes, width, label
+    "stable": (STABLE, "-", 2.4, "exact orbit, stable"),
+    "fast": (FAST, (0, (6, 1.5)), 2.0, "unstable by fast multipliers only"),
+    "slow": (SLOW, (0, (2, 1.5)), 1.6, "unstable by the slow pair too"),
+}
+
+
+def save_figure(path: Path, overview: Overview) -> None:
+    """Draw a frequency response: the largest displacement of the tip over the frequency; the ending of ``path`` chooses the format."""
+    figure, axes = figure_of(12, 6)
+    _sweeps(axes, overview)
+    _stationary(axes, overview)
+    _linear(axes, overview)
+    for curve in overview.curves:
+        if curve.method == EXACT:
+            _exact(axes, curve)
+        else:
+            unstable = np.zeros(len(curve.tip_max), dtype=np.bool_) if curve.stable is None else ~curve.stable
+            axes.plot(curve.omega_ratio, np.where(unstable, np.nan, MM * curve.tip_max), color=BALANCE, lw=1.0, zorder=3)
+            axes.plot(curve.omega_ratio, np.where(unstable, MM * curve.tip_max, np.nan), color=BALANCE, lw=1.0, ls="--", zorder=3)
+    _legend(axes, overview)
+    low, high = overview.linear.omega_ratio[[0, -1]]
+    tops = [curve.peak.tip_max for curve in overview.curves if curve.peak is not None]
+    tops += [float(np.max(sweep.tip_max)) for sweep in overview.sweeps]
+    tops += [float(np.max(at.tip_max)) for at in overview.stationary]
+    axes.set(xlim=(low, high), ylim=(0, 1.15 * MM * max([*tops, _gap(overview)], default=float(np.max(overview.linear.alone)))))
+    axes.set_xlabel(f"frequency of the force over {overview.reference / (2 * np.pi):.2f} Hz")
+    axes.set_ylabel(f"largest displacement {overview.where} in mm")
+    axes.set_title(f"{overview.scene}, {overview.force:g} N", fontsize=10)
+    draw_grid(axes)
+    write_figure(figure, path)
+
+
+def _gap(overview: Overview) -> float:
+    absorber = overview.scene.absorber
+    walls = absorber.walls if isinstance(absorber, SlidingAbsorber) else None
+    return walls.gap if isinstance(walls, RigidWalls | CompliantWalls) else 0.0
+
+
+def _sweeps(axes: Axes, overview: Overview) -> None:
+    for sweep in overview.sweeps:
+        up = sweep.omega_ratio[-1] > sweep.omega_ratio[0]
+        label = f"sweep {'up' if up else 'down'}, maximum of each period"
+        axes.plot(sweep.omega_ratio, MM * sweep.tip_max, color=UP if up else DOWN, lw=0.7, alpha=0.8, zorder=1, label=label)
+
+
+def _stationary(axes: Axes, overview: Overview) -> None:
+    """Draw the median of the stationary responses, and a band between the lowest and the highest of their quantiles."""
+    if not overview.stationary:
+        return
+    ratio = np.array([at.omega_ratio for at in overview.stationary])
+    rows = MM * np.array([at.tip_max for at in overview.stationary]).T
+    percent = [f"{100 * q:g}" for q in QUANTILES]
+    axes.fill_between(ratio, rows[0], rows[-1], color=RUNS, alpha=0.3, lw=0, zorder=1.5, label=f"stationary runs, {percent[0]} to {percent[-1]} %")
+    axes.plot(ratio, rows[len(rows) // 2], color=RUNS, lw=1.4, marker=".", ms=4, zorder=3.5, label="stationary runs, median")
+
+
+def _linear(axes: Axes, overview: Overview) -> None:
+    linear = overview.linear
+    axes.plot(linear.omega_ratio, MM * linear.alone, color="black", lw=0.9, ls=":", zorder=2, label="no absorber")
+    axes.plot(linear.omega_ratio, MM * linear.stuck, color="black", lw=0.9, ls="-.", zorder=2, label="absorber stuck")
+
+
+def _kinds(curve: ResponseCurve) -> NDArray[np.str_]:
+    assert curve.stable is not None
+    assert curve.slowly_stable is not None
+    return np.where(curve.stable, "stable", np.where(curve.slowly_stable, "fast", "slow"))
+
+
+def _exact(axes: Axes, curve: ResponseCurve) -> None:
+    """Draw each stretch of one stability with its look; neighbours share the point between, so that no gap is seen."""
+    kinds, tip_max = _kinds(curve), MM * np.where(_drawn_already(curve), np.nan, curve.tip_max)
+    ends = np.flatnonzero(kinds[1:] != kinds[:-1]) + 1
+    for begin, end in zip([0, *ends], [*ends, len(kinds)], strict=True):
+        colour, dashes, width, _ = LOOKS[str(kinds[begin])]
+        part = slice(begin, min(end + 1, len(kinds)))
+        order = 4.5 if kinds[begin] == "stable" else 4  # two orbits may have the same largest displacement: the stable one is seen
+        thinner = 1.0 if curve.symmetric else 0.6
+        axes.plot(curve.omega_ratio[part], tip_max[part], color=colour, ls=dashes, lw=thinner * width, zorder=order)
+    for mark in curve.located:
+        axes.plot(mark.omega_ratio, MM * mark.tip_max, MARKS.get(mark.kind, "x"), **MARKED, zorder=5)
+
+
+def _drawn_already(curve: ResponseCurve) -> NDArray[np.bool_]:
+    """Return which points (m,) lie on what was drawn of their own curve before.
+
+    A branch without symmetry leads through its mirror image, whose dashes would fill the gaps between the first ones.
+    """
+    rows = np.column_stack([curve.omega_ratio, curve.tip_max])
+    known, found = np.isfinite(rows).all(axis=1), np.zeros(len(rows), dtype=np.bool_)
+    if curve.symmetric or not np.any(known):
+        return found
+    rows = (rows - np.nanmin(rows, axis=0)) / np.maximum(np.ptp(rows[known], axis=0), 1e-12)
+    way = np.append(0, np.cumsum(np.nan_to_num(np.hypot(*np.diff(rows, axis=0).T))))
+    for k in np.flatnonzero(known):
+        begin = rows[: max(int(np.searchsorted(way, way[k] - 3 * ASIDE)), 1)] - rows[k]
+        chord = np.diff(begin, axis=0)
+        share = np.clip(-np.sum(begin[:-1] * chord, axis=1) / np.maximum(np.sum(chord**2, axis=1), 1e-30), 0, 1)
+        found[k] = np.any(np.hypot(*(begin[:-1] + share[:, None] * chord).T) < ASIDE)
+    return found
+
+
+def _legend(axes: Axes, overview: Overview) -> None:
+    shown = {str(kind) for curve in overview.curves if curve.method == EXACT for kind in np.unique(_kinds(curve))}
+    for kind, (colour, dashes, width, label) in LOOKS.items():
+        if kind in shown:
+            axes.plot([], [], color=colour, ls=dashes, lw=width, label=label)
+    if any(not curve.symmetric for curve in overview.curves):
+        axes.plot([], [], color=STABLE, lw=0.6 * LOOKS["stable"][2], label="thinner: orbits without symmetry")
+    if any(curve.method != EXACT for curve in overview.curves):
+        axes.plot([], [], color=BALANCE, lw=1.0, label="harmonic balance")
+    if any(curve.method != EXACT and curve.stable is not None for curve in overview.curves):
+        axes.plot([], [], color=BALANCE, lw=1.0, ls="--", label="the same, unstable")
+    for kind in sorted({mark.kind for curve in overview.curves if curve.method == EXACT for mark in curve.located}):
+        axes.plot([], [], MARKS.get(kind, "x"), **MARKED, ls="", label=kind)
+    axes.figure.legend(loc="outside right upper", fontsize=8.5)  # beside the curves, not over them
+
+
+COLOURS = (BLUE, ORANGE, GREEN, PINK, SKY, YELLOW)
 MARKERS = "osv^Dx"
 PAPERS = 20  # harmonics in the paper
 
 
 def save_balance(path: Path, exact: Exact, rows: Sequence[BalanceRow], growing: bool) -> None:
     """Draw rows that have a solution; ``growing``: weights grow with the square of the harmonics. The ending of ``path`` chooses the format."""
-    figure = Figure(figsize=(14.0, 4.4), layout="constrained")
-    error, folds, cost = figure.subplots(1, 3)
+    figure, (error, folds, cost) = figure_of(14.0, 4.4, 1, 3)
     series: dict[float, list[BalanceRow]] = {}
     for row in rows:
         if row.tip_max_error is not None:
@@ -54,13 +183,12 @@ def save_balance(path: Path, exact: Exact, rows: Sequence[BalanceRow], growing: 
         axes.set_xticks(ticks, [str(tick) for tick in ticks])
         axes.minorticks_off()
         if axes is not folds:  # a decade or two: more ticks than its powers
-            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axes.yaxis.set_major_formatter("{x:g}")
+            force_axis(axes.yaxis)
         axes.axvline(PAPERS, color="0.8", lw=1.0, zorder=0)
-        axes.grid(True, color="0.9", lw=0.6)
+        draw_grid(axes)
     error.legend(fontsize=8)
     figure.suptitle(f"{exact.case.scene}, {exact.case.force:g} N; weights in $m_a\\omega_1^2$; the paper took {PAPERS} harmonics", fontsize=10)
-    write_figure(figure, path, DPI)
+    write_figure(figure, path)
 
 
 def _line(axes: Axes, rows: Sequence[BalanceRow], name: str, scale: float, **style: Any) -> None:
@@ -77,23 +205,23 @@ KIND_MARKS = {BIRTH: "v", "merger": "^"}
 def save_isolas(path: Path, found: IsolaMap) -> None:
     """Draw the fold force, and a map over each of `ALONG` that has more than one value; the ending of ``path`` chooses the format."""
     maps = [name for name in ALONG if len({getattr(cell, name) for cell in found.cells}) > 1]
-    figure = Figure(figsize=(5.8 * (1 + len(maps)), 5.6), layout="constrained")
-    axes = figure.subplots(1, 1 + len(maps), squeeze=False)[0]
+    figure, axes = figure_of(5.8 * (1 + len(maps)), 5.6, 1, 1 + len(maps))
+    axes = np.atleast_1d(axes)
     _force(axes[0], found)
     for place, name in zip(axes[1:], maps, strict=True):
         _map(place, found, name)
     figure.suptitle(str(found.case.scene), fontsize=10)
-    write_figure(figure, path, DPI)
+    write_figure(figure, path)
 
 
 def _force(axes: Axes, found: IsolaMap) -> None:
     force = found.fold_force
     finite = force[np.isfinite(force)]
-    axes.plot(found.omega_ratio, force, color="#0072B2", lw=1.8)
-    axes.fill_between(found.omega_ratio, force, np.max(finite) * 2, color="#0072B2", alpha=0.08, lw=0, label="two symmetric orbits")
+    axes.plot(found.omega_ratio, force, color=BLUE, lw=1.8)
+    axes.fill_between(found.omega_ratio, force, np.max(finite) * 2, color=BLUE, alpha=0.08, lw=0, label="two symmetric orbits")
     for level in found.own.found:
         label = f"{level.kind} {level.force:.4g} N" + (", no orbit" if level.refused else "")
-        axes.plot(level.omega_ratio, level.force, KIND_MARKS[level.kind], ms=8, mfc="white" if level.refused else "#D55E00", mec="black", label=label)
+        axes.plot(level.omega_ratio, level.force, KIND_MARKS[level.kind], ms=8, mfc="white" if level.refused else ORANGE, mec="black", label=label)
     top = max([level.force for level in found.own.found], default=float(np.median(finite)))
     axes.set(xlim=found.omega_ratio[[0, -1]], ylim=(0, 1.6 * top), xlabel="frequency over the first resonance's", ylabel="smallest force in N")
     _below(axes)
@@ -101,6 +229,8 @@ def _force(axes: Axes, found: IsolaMap) -> None:
 
 def _map(axes: Axes, found: IsolaMap, name: str) -> None:
     """Draw births and mergers over one parameter, the other one as in the case itself, or as in the map's last cell."""
+    from matplotlib import colormaps
+
     (other,) = (one for one in ALONG if one != name)
     own = {getattr(cell, other) for cell in found.cells}
     fixed = getattr(found.own, other) if getattr(found.own, other) in own else getattr(found.cells[-1], other)
@@ -111,7 +241,8 @@ def _map(axes: Axes, found: IsolaMap, name: str) -> None:
         for place, style in ((0, "-"), (1, "--")):
             pairs = [(getattr(cell, name), level) for cell in cells if cell.modes == n and (level := cell.pair[place]) is not None]
             known = sorted((value, level.force, level.omega_ratio) for value, level in pairs)
-            for part in _one_isola_each(np.array(known).reshape(-1, 3)):
+            rows = np.array(known).reshape(-1, 3)  # where the ratio jumps another isola is the next one to the resonance
+            for part in np.split(rows, np.flatnonzero(np.abs(np.diff(rows[:, 2])) > SAME) + 1) if len(rows) else ():
                 axes.plot(part[:, 0], part[:, 1], style, marker="v^"[place], ms=4, color=colour)
             refused = np.array([(value, level.force) for value, level in pairs if level.refused]).reshape(-1, 2)
             axes.plot(refused[:, 0], refused[:, 1], "v^"[place], ms=4, mfc="white", mec=colour, zorder=3)
@@ -126,22 +257,16 @@ def _map(axes: Axes, found: IsolaMap, name: str) -> None:
 
 def _below(axes: Axes) -> None:
     axes.legend(fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.13))  # below the curves, not over them
-    axes.grid(True, color="0.9", lw=0.6)
+    draw_grid(axes)
 
 
-def _one_isola_each(rows: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Split rows (restitution, force, ratio) where the ratio jumps: another isola is the next one to the resonance there."""
-    return [part for part in np.split(rows, np.flatnonzero(np.abs(np.diff(rows[:, 2])) > SAME) + 1) if len(part)]
-
-
-KIND_COLOURS = {FOLD: "#0072B2", SYMMETRY_BREAKING: "#D55E00", PERIOD_DOUBLING: "#009E73", TORUS: "#CC79A7"}
+KIND_COLOURS = {FOLD: BLUE, SYMMETRY_BREAKING: ORANGE, PERIOD_DOUBLING: GREEN, TORUS: PINK}
 MARKS = {FOLD: "o", GRAZING: "v", PULLING: "<"}
 
 
 def save_curves(path: Path, curves: list[dict[str, Any]], title: str, parameter: str, scale: float) -> None:
     """Draw the plain forms of `BifurcationCurve`, ``scale`` times the parameter's values; the ending of ``path`` chooses the format."""
-    figure = Figure(figsize=(9, 5.5), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = figure_of(9, 5.5)
     for curve in curves:
         ratio, value, colour = np.array(curve["omega_ratio"]), scale * np.array(curve["value"]), KIND_COLOURS[curve["kind"]]
         good = np.array([told == "yes" for told in curve["orbit"]])
@@ -160,6 +285,90 @@ def save_curves(path: Path, curves: list[dict[str, Any]], title: str, parameter:
         axes.plot([], [], color="black", lw=1.0, ls=":", label="no orbit of the true motion")
     axes.set(xlabel="frequency over the first resonance's", ylabel=parameter)
     axes.set_title(title, fontsize=10)
-    axes.grid(True, color="0.9", lw=0.6)
+    draw_grid(axes)
     figure.legend(loc="outside right upper", fontsize=8.5)  # beside the curves, not over them
     write_figure(figure, path)
+
+
+CURVE_COLUMNS = ("curve", "kind", "period", "symmetric", "omega_ratio", "value", "multiplier_real", "multiplier_imag", "orbit", "located")
+
+
+def plain_fold(fold: Threshold) -> dict[str, Any]:
+    """Return a fold with a confirmed orbit in the JSON file's form."""
+    assert isinstance(fold.orbit, Orbit)
+    return {"omega_ratio": fold.omega_ratio, "force_N": fold.force, "tip_max_m": fold.orbit.motion.tip_max}
+
+
+def plain_threshold(threshold: Threshold) -> dict[str, Any]:
+    """Return a birth or a merger as the JSON file holds it."""
+    return {"kind": threshold.kind, "force_N": threshold.force, "omega_ratio": threshold.omega_ratio}
+
+
+def orbit_table(orbits: list[Orbit]) -> str:
+    """Return a line for each orbit."""
+    rows = []
+    for orbit in orbits:
+        slow, fast = (float(np.max(np.abs(values))) for values in (orbit.stability.slow_multipliers, orbit.stability.fast_multipliers))
+        schedule = orbit.schedule
+        kind = ("symmetric" if schedule.symmetric else "one-sided") + (
+            "" if schedule.period_multiple == 1 else f", period {schedule.period_multiple}"
+        )
+        kind += "" if schedule.flies else ", held"
+        sides = 2 if schedule.symmetric else 1
+        rows.append(
+            [
+                f"{orbit.case.omega_ratio:.6f}", kind, str(len(orbit.impacts)), str(sides * schedule.reversals), f"{1e3 * orbit.motion.tip_max:.6f}",
+                f"{1e3 * orbit.motion.tip_rms:.6f}", f"{slow:.4f}", f"{fast:.4f}", "yes" if orbit.stability.stable else "no", f"{orbit.residual:.0e}",
+            ]
+        )  # fmt: skip
+    header = ("omega/omega_1", "kind", "impacts", "reversals", "tip max, mm", "tip RMS, mm", "slow", "fast", "stable", "residual")
+    return markdown(header, rows)
+
+
+def refusals(refused: list[NoOrbit], what: str) -> list[str]:
+    """Say how many are no orbit, and why, the commonest reasons first; nothing if there are none."""
+    if not refused:
+        return []
+    seen = Counter(orbit.reason.split(" (")[0] for orbit in refused)  # what is in brackets are numbers, each time others
+    lines = [f"  {number} x {reason}" for reason, number in seen.most_common(8)]
+    return [f"{len(refused)} {what} no orbit:", *lines, *(["  ..."] if len(seen) > 8 else [])]
+
+
+def fold_text(located: tuple[Threshold, ...]) -> str:
+    """Return the table of folds, and why others are none."""
+    good = [(fold, fold.orbit) for fold in located if isinstance(fold.orbit, Orbit)]
+    rows = [[f"{f.omega_ratio:.10f}", f"{f.force:g}", f"{1e3 * o.motion.tip_max:.6f}", str(2 * o.schedule.reversals)] for f, o in good]
+    text = markdown(("omega/omega_1", "force, N", "tip max, mm", "reversals"), rows)
+    return "\n".join([text, *refusals([f.orbit for f in located if isinstance(f.orbit, NoOrbit)], "folds of the closed form lead to")])
+
+
+def threshold_text(found: tuple[Threshold, ...]) -> str:
+    """Return the table of births and mergers, and why others are none."""
+    good = [(threshold, threshold.orbit) for threshold in found if isinstance(threshold.orbit, Orbit)]
+    rows = [[t.kind, f"{t.force:.8f}", f"{t.omega_ratio:.8f}", str(2 * orbit.schedule.reversals)] for t, orbit in good]
+    text = markdown(("kind", "force, N", "omega/omega_1", "reversals"), rows)
+    return "\n".join([text, *refusals([t.orbit for t in found if isinstance(t.orbit, NoOrbit)], "level places of the closed form lead to")])
+
+
+def curve_rows(curves: list[dict[str, Any]]) -> Iterator[tuple[object, ...]]:
+    """Yield a row of `CURVE_COLUMNS` for each point of the plain forms of `BifurcationCurve`, then one for each place located."""
+    for number, curve in enumerate(curves, 1):
+        head = (number, curve["kind"], curve["period"], int(curve["symmetric"]))
+        for ratio, value, (real, imaginary), told in zip(*(curve[name] for name in ("omega_ratio", "value", "multiplier", "orbit")), strict=True):
+            yield (*head, ratio, value, real, imaginary, told, "")
+        for mark in curve["located"]:
+            yield (*head, mark["omega_ratio"], mark["value"], "", "", mark["orbit"], mark["kind"])
+
+
+def curve_text(curves: list[dict[str, Any]], words: str, scale: float) -> str:
+    """Return a line for each plain form of a `BifurcationCurve`; values of the second parameter times ``scale``."""
+    rows, notes = [], []
+    for number, curve in enumerate(curves, 1):
+        ratio, value, good = np.array(curve["omega_ratio"]), scale * np.array(curve["value"]), [told == "yes" for told in curve["orbit"]]
+        turns = [f"{scale * mark['value']:.7g} at {mark['omega_ratio']:.6f}" for mark in curve["located"] if mark["kind"] == FOLD]
+        ends = [f"{np.min(row):.6g} to {np.max(row):.6g}" for row in (ratio, value)]
+        what = ("symmetric" if curve["symmetric"] else "one-sided") + ("" if curve["period"] == 1 else f", period {curve['period']}")
+        rows.append((str(number), curve["kind"], what, f"{sum(good)} of {len(good)}", *ends, ", ".join(turns)))
+        notes.append(f"Curve {number}: {curve['ended']}.")
+    header = ("curve", "of", "orbits", "points that are orbits", "omega/omega_1", words, f"least or greatest {words}")
+    return "\n".join([markdown(header, rows), "", *notes]) if rows else "No such place on the branches over this range of frequencies."

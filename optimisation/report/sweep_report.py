@@ -1,17 +1,24 @@
-"""The JSON file and the printed summary of the command `sweep`."""
+"""The JSON file, the printed summary and the figure of the command `sweep`."""
+
+from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from impact_env.energy import EnergyAccount, mechanical_energy
 from impact_env.ensemble import LaneLevels
 from impact_env.laws import modes_in_words, words
+from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.loads import Loads, amplitude_in_words
-from impact_env.parameters import Beam
+from impact_env.parameters import Beam, NonlinearSink, SlidingAbsorber, TunedAbsorber
 from impact_env.plain import from_scene
-from impact_env.response import Response
-from optimisation.sweep_rate import LEAST_RATIO
+from impact_env.response import History, Response
+from optimisation.extremes import LEAST_RATIO
+from optimisation.report.figures import MM, figure_of, write_figure
 
 
 @dataclass(frozen=True)
@@ -106,3 +113,205 @@ def summary(result: Result, resonance: int) -> str:
         rows.append(("sweep over stationary", f"{result.sweep_ratio:.3f}", f"without absorber, at {rate:.3g} % per 100 pseudo periods{fast}"))
     lines = [f"  {name:<26}{value:>12}   {note}".rstrip() for name, value, note in rows]
     return "\n".join([words(response.scene.absorber), describe_run(response, resonance), *lines])
+
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+Array = NDArray[np.float64]
+TIP, ABSORBER, LEVEL, WALL, OTHER = "#1f4e79", "#d1641a", "#a0182d", "#555555", "#7a9a3a"
+BINS = 1500  # more than this many columns cannot be told apart
+DETAIL_PERIODS = 4  # to either side of the maximum
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """The figure's horizontal axis: the frequency ratio of a sweep, or time in pseudo periods at a constant frequency."""
+
+    response: Response
+    resonance: int
+
+    @property
+    def swept(self) -> bool:
+        return bool(np.ptp(self.response.drive.schedule.omegas) > 0)
+
+    def of(self, time: Array) -> Array:
+        schedule = self.response.drive.schedule
+        return np.asarray(schedule.omega_at(time) / schedule.reference if self.swept else time / schedule.pseudo_period)
+
+    @property
+    def label(self) -> str:
+        return rf"excitation frequency $\Omega/\omega_{{{self.resonance}}}$" if self.swept else "time in pseudo periods"
+
+
+def save_figure(path: Path, title: str, response: Response, resonance: int) -> None:
+    """Draw a response that has its level, events and history recorded, and its energies if it has them; save it."""
+    history, level = response.history, response.level
+    assert history is not None
+    assert level is not None
+    axis = _Axis(response, resonance)
+    # several move at places of their own, away from the tip
+    moving = isinstance(response.scene.absorber, SlidingAbsorber | TunedAbsorber | NonlinearSink)
+    rows = 3 if moving else 2
+    figure, axes = figure_of(12, 3.1 * rows, rows, 2, width_ratios=[2, 1])
+    figure.suptitle(title, fontsize=10)
+    _displacement(axes[0, 0], response, history, axis)
+    _detail(axes[0, 1], response, history, moving)
+    if moving:
+        _relative(axes[1, 0], response, history, axis)
+        _relative_detail(axes[1, 1], response, history)
+    _energies(axes[-1, 0], response, history, axis)
+    if response.energy is None:
+        axes[-1, 1].remove()
+    else:
+        _account(axes[-1, 1], response.energy, resonance)
+    for ax in axes[:, 0]:
+        ax.set_xlim(*sorted((float(axis.of(np.array(0.0))), float(axis.of(response.drive.schedule.times[-1])))))
+        ax.set_xlabel(axis.label)
+    write_figure(figure, path, 130)
+
+
+def _bins(history: History, response: Response) -> list[Array]:
+    """Return the samples of each column of the figure: whole pseudo periods, and no more columns than can be distinguished."""
+    samples = len(history.time)
+    per_period = max(1, round(response.drive.schedule.pseudo_period / (history.time[1] - history.time[0]))) if samples > 1 else 1
+    width = per_period * max(1, -(-samples // (per_period * BINS)))
+    return np.array_split(np.arange(samples), max(1, samples // width))
+
+
+def _envelope(ax: Axes, response: Response, history: History, axis: _Axis, values: Array, colour: str, label: str) -> None:
+    """Draw least and largest value of each bin, or the curve itself where the record is short."""
+    bins = _bins(history, response)
+    if len(bins) <= 60:
+        ax.plot(axis.of(history.time), values, color=colour, lw=0.8, label=label)
+        return
+    x = axis.of(np.array([np.mean(history.time[b]) for b in bins]))
+    low, high = (np.array([reduce(values[b]) for b in bins]) for reduce in (np.min, np.max))
+    ax.fill_between(x, low, high, color=colour, alpha=0.75, lw=0.3, label=label)
+
+
+def _headroom(ax: Axes, above: float = 0.25, below: float = 0.0) -> None:
+    """Widen the vertical axis by shares of its height, for the legend and the impacts' marks."""
+    low, high = ax.get_ylim()
+    ax.set_ylim(low - below * (high - low), high + above * (high - low))
+
+
+def _displacement(ax: Axes, response: Response, history: History, axis: _Axis) -> None:
+    level, period = response.level, response.drive.schedule.pseudo_period
+    assert level is not None
+    _envelope(ax, response, history, axis, MM * history.tip_displacement, TIP, "tip")
+    window = np.clip(level.time + np.array([-1, 1]) * HALF_WINDOW_PERIODS * period, 0, response.drive.schedule.times[-1])
+    start, stop = axis.of(window)
+    ax.axvspan(start, stop, color=LEVEL, alpha=0.15, lw=0, label=f"window, ±{HALF_WINDOW_PERIODS} pseudo periods")
+    for sign in (-1, 1):
+        ax.axhline(sign * MM * level.value, color=LEVEL, lw=1, ls="--", label=f"response level {MM * level.value:.3g} mm" if sign > 0 else None)
+    _headroom(ax, below=0.12)
+    if response.impacts is not None and len(response.impacts.time):
+        times = response.impacts.time
+        alpha = float(np.clip(400 / len(times), 0.08, 1))
+        ax.plot(axis.of(times), np.full(len(times), 0.035), "|", color=ABSORBER, ms=9, mew=0.6, alpha=alpha, transform=ax.get_xaxis_transform())
+        ax.plot([], [], "|", color=ABSORBER, ms=9, label=f"{len(times)} impacts")
+    ax.set_ylabel("tip displacement in mm")
+    ax.legend(loc="upper left", fontsize=8, ncols=4, framealpha=0.9)
+
+
+def _around_maximum(response: Response, history: History) -> tuple[slice, Array]:
+    """Return the samples around the maximum and their time from it in pseudo periods."""
+    assert response.level is not None
+    period = response.drive.schedule.pseudo_period
+    at = (history.time - response.level.time) / period
+    inside = np.flatnonzero(np.abs(at) <= DETAIL_PERIODS)
+    part = slice(inside[0], inside[-1] + 1) if len(inside) else slice(0, len(at))
+    return part, at[part]
+
+
+def _impact_lines(ax: Axes, response: Response) -> None:
+    assert response.level is not None
+    if response.impacts is not None:
+        at = (response.impacts.time - response.level.time) / response.drive.schedule.pseudo_period
+        for x in at[np.abs(at) <= DETAIL_PERIODS]:
+            ax.axvline(x, color=ABSORBER, lw=0.5, alpha=0.5)
+
+
+def _detail(ax: Axes, response: Response, history: History, moving: bool) -> None:
+    part, x = _around_maximum(response, history)
+    _impact_lines(ax, response)
+    ax.plot(x, MM * history.tip_displacement[part], color=TIP, label="tip")
+    if moving:
+        ax.plot(x, MM * history.absorber_displacement[part], color=ABSORBER, lw=1, label="absorber")
+    ax.set(xlabel="pseudo periods from the maximum", ylabel="displacement in mm")
+    _headroom(ax)
+    ax.legend(loc="upper left", fontsize=8, ncols=2)
+
+
+def _gap(response: Response) -> float | None:
+    absorber = response.scene.absorber
+    return absorber.walls.gap if isinstance(absorber, SlidingAbsorber) and absorber.walls is not None else None
+
+
+def _walls(ax: Axes, response: Response) -> None:
+    gap = _gap(response)
+    if gap is not None:
+        for sign in (-1, 1):
+            ax.axhline(sign * MM * gap, color=WALL, lw=1.6, label="cavity walls" if sign > 0 else None)
+
+
+def _relative(ax: Axes, response: Response, history: History, axis: _Axis) -> None:
+    values = MM * (history.absorber_displacement - history.tip_displacement)
+    _envelope(ax, response, history, axis, values, ABSORBER, "absorber relative to the tip")
+    _walls(ax, response)
+    _headroom(ax)
+    ax.set_ylabel("relative displacement in mm")
+    ax.legend(loc="upper left", fontsize=8, ncols=2, framealpha=0.9)
+
+
+def _relative_detail(ax: Axes, response: Response, history: History) -> None:
+    part, x = _around_maximum(response, history)
+    _impact_lines(ax, response)
+    ax.plot(x, MM * (history.absorber_displacement - history.tip_displacement)[part], color=ABSORBER, lw=1)
+    _walls(ax, response)
+    ax.set(xlabel="pseudo periods from the maximum", ylabel="relative displacement in mm")
+
+
+def _energies(ax: Axes, response: Response, history: History, axis: _Axis) -> None:
+    energy, bins, resonant = mechanical_energy(response.scene, history), _bins(history, response), axis.resonance - 1
+    short = len(bins) <= 60
+    x = axis.of(history.time if short else np.array([np.mean(history.time[b]) for b in bins]))
+    curves = [(energy.modal[:, resonant], TIP, f"mode {axis.resonance}")]
+    if response.scene.model.modes > 1:
+        curves.append((np.sum(np.delete(energy.modal, resonant, axis=1), axis=1), OTHER, "all other modes"))
+    if response.scene.absorber is not None:
+        curves.append((energy.absorber, ABSORBER, "absorber, kinetic"))
+    highest = 0.0
+    for values, colour, label in curves:
+        y = MM * (values if short else np.array([np.mean(values[b]) for b in bins]))
+        highest = max(highest, float(np.max(y)))
+        ax.plot(x, y, color=colour, lw=0.9, label=label)
+    if highest > 0:
+        ax.set_yscale("log")
+        ax.set_ylim(highest * 1e-5, highest * 8)
+    ax.set_ylabel("energy in mJ" if short else "energy in mJ, mean over bins")
+    ax.legend(loc="upper left", fontsize=8, ncols=3, framealpha=0.9)
+
+
+def _account(ax: Axes, account: EnergyAccount, resonance: int) -> None:
+    parts = {
+        "force's work": (account.work, WALL),
+        f"damping, mode {resonance}": (float(account.modal_loss[resonance - 1]), TIP),
+        "damping, other modes": (float(np.sum(np.delete(account.modal_loss, resonance - 1))), OTHER),
+        "friction": (account.friction_loss, ABSORBER),
+        "impacts": (account.impact_loss, ABSORBER),
+        "absorber's damper": (account.absorber_damping, ABSORBER),
+        "stored": (account.stored_at_end - account.stored_at_start, WALL),
+    }
+    shown = {name: part for name, part in parts.items() if part[0] != 0 or name == "force's work"}
+    values = [MM * value for value, _ in shown.values()]
+    bars = ax.barh(range(len(shown)), values, color=[colour for _, colour in shown.values()])
+    work = values[0]
+    labels = [f" {name}" + (f": {100 * value / work:.3g} %" if work > 0 else "") for name, value in zip(shown, values, strict=True)]
+    ax.bar_label(bars, labels, fontsize=8)
+    ax.set_yticks([])
+    ax.invert_yaxis()
+    ax.set_xlim(min(0, *values) * 1.9, max(values) * 1.9 or 1)  # room for the labels
+    ax.set_xlabel("energy over the run in mJ")

@@ -1,66 +1,148 @@
-"""The tunings of the linear absorber as rows, JSON and a figure. SI units, unless named."""
+"""All tunings of one absorber mass and one resonance, scored over one range: as a table, rows, JSON and a figure. SI units, unless named."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from impact_env.drive import PAPER_LIMITS
 from impact_env.frequency import tip_response
-from optimisation.report.written_figure import write_figure
-from optimisation.tuned.table import MINIMAX, MINIMUM_H2, NONE, PAPER_VALUES, RULE, Tuning, TuningTable
+from impact_env.modes import ModalModel
+from impact_env.parameters import DEFAULT_MASS_RATIO, TunedAbsorber
+from optimisation.report.figures import BLACK, BLUE, GREEN, PINK, YELLOW, draw_grid, figure_of, force_axis, write_figure
+from optimisation.tuned import (
+    HIGH,
+    LOW,
+    PAPER,
+    den_hartog,
+    h2_norm,
+    minimax,
+    minimum_h2,
+    paper_rule,
+    peak,
+    require_wide_range,
+    undamped_h2,
+    undamped_minimax,
+)
+
+NONE, PAPER_VALUES, RULE, EXACT, EXACT_H2, MINIMAX, MINIMUM_H2 = "none", "paper", "den_hartog", "undamped_minimax", "undamped_h2", "minimax", "h2"
+_PRINTED = 1e-3  # the paper prints its values to this accuracy
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """A tuned absorber (None: no absorber) with its scores: ``peak`` in m/N at ``peak_ratio`` (to omega_r), ``h2`` in m/(N sqrt(s))."""
+
+    key: str
+    label: str
+    absorber: TunedAbsorber | None
+    peak: float
+    peak_ratio: float
+    h2: float
+
+
+@dataclass(frozen=True, eq=False)
+class TuningTable:
+    """Tunings, the first without absorber; ``low`` and ``high`` are the scoring range over omega_r."""
+
+    model: ModalModel
+    mass_ratio: float
+    resonance: int
+    low: float
+    high: float
+    tunings: tuple[Tuning, ...]
+
+    @property
+    def omega(self) -> float:
+        """Resonance frequency of the free beam in rad/s."""
+        return self.model.resonance_omega(self.resonance)
+
+    def relative_peak(self, tuning: Tuning) -> float:
+        """Return the peak over that without absorber."""
+        return tuning.peak / self.tunings[0].peak
+
+    def relative_h2(self, tuning: Tuning) -> float:
+        """Return the H2 norm over that without absorber."""
+        return tuning.h2 / self.tunings[0].h2
+
+    def ratios(self, absorber: TunedAbsorber) -> tuple[float, float]:
+        """Return omega_a/omega_r and c/(2 m_a omega_a) of an absorber."""
+        mass = absorber.mass_ratio * self.model.beam_mass
+        omega = float(np.sqrt(absorber.stiffness / mass))
+        return omega / self.omega, absorber.damping / (2 * mass * omega)
+
+
+def paper_tuning(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1) -> TunedAbsorber:
+    """Return the paper's own values where its rule gives them (its beam, mass and first resonance), otherwise what its rule gives."""
+    rule = paper_rule(model, mass_ratio, resonance)
+    printed = abs(rule.stiffness / PAPER.stiffness - 1) < _PRINTED and abs(rule.damping / PAPER.damping - 1) < _PRINTED
+    return PAPER if printed and mass_ratio == PAPER.mass_ratio else rule
+
+
+def tuning_table(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1, low: float = LOW, high: float = HIGH) -> TuningTable:
+    """Return all tunings of an absorber of ``mass_ratio`` (to the beam's mass), tuned to a resonance and scored over low..high times omega_r.
+
+    Raises ParameterError for numbers out of range, a mode without damping, a node at the absorber, and a scoring range that cannot hold both split
+    peaks (`require_wide_range`).
+    """
+    require_wide_range(model, mass_ratio, resonance, low, high)
+    case = (mass_ratio, resonance)
+    paper = paper_tuning(model, *case)
+    absorbers: list[tuple[str, str, TunedAbsorber | None]] = [
+        (NONE, "no absorber", None),
+        (PAPER_VALUES, "paper's values" if paper is PAPER else "paper's rule", paper),
+        (RULE, "Den Hartog", den_hartog(model, *case)),
+        (EXACT, "minimax of one undamped mode", undamped_minimax(model, *case)),
+        (EXACT_H2, "H2 optimum of one undamped mode", undamped_h2(model, *case)),
+        (MINIMAX, "smallest peak, all modes", minimax(model, *case, low, high)),
+        (MINIMUM_H2, "smallest H2 norm, all modes", minimum_h2(model, *case, low, high)),
+    ]
+    tunings = tuple(
+        Tuning(key, label, absorber, *peak(model, absorber, resonance, low, high), h2_norm(model, absorber, resonance, low, high))
+        for key, label, absorber in absorbers
+    )
+    return TuningTable(model, mass_ratio, resonance, low, high, tunings)
+
 
 Json = dict[str, object]
 Bounds = Mapping[str, float]  # certified amplitude in m/N by key
-COLUMNS = (
-    "tuning",
-    "stiffness_n_m",
-    "damping_n_s_m",
-    "frequency_ratio",
-    "damping_ratio",
-    "peak_m_n",
-    "peak_frequency_ratio",
-    "peak_relative",
-    "h2_norm_m_n_sqrt_s",
-    "h2_relative",
-    "certified_amplitude_m_n",
-)
-DPI = 160
-# colours of Okabe and Ito; curves that lie on one another differ in dashes too
+# curves that lie on one another differ in dashes too
 LOOKS: dict[str, tuple[str, str | tuple[int, tuple[float, ...]], float]] = {
-    NONE: ("#000000", "-", 1.3),
-    PAPER_VALUES: ("#CC79A7", "-", 2.0),
-    RULE: ("#E69F00", "-", 3.4),
-    MINIMAX: ("#009E73", (0, (5, 2)), 2.0),
-    MINIMUM_H2: ("#0072B2", (0, (1.5, 1.5)), 2.0),
+    NONE: (BLACK, "-", 1.3),
+    PAPER_VALUES: (PINK, "-", 2.0),
+    RULE: (YELLOW, "-", 3.4),
+    MINIMAX: (GREEN, (0, (5, 2)), 2.0),
+    MINIMUM_H2: (BLUE, (0, (1.5, 1.5)), 2.0),
 }
 
 
+def columns(table: TuningTable) -> list[str]:
+    """Return the columns of `rows`."""
+    return ["tuning", *_values(table, table.tunings[0], {})]
+
+
 def rows(table: TuningTable, bounds: Bounds) -> Iterator[tuple[object, ...]]:
-    """Yield one row of `COLUMNS` for each tuning; an empty cell where there is no absorber or no certificate."""
+    """Yield a row for each tuning; an empty cell where there is no absorber or no certificate."""
     for tuning in table.tunings:
-        values = _values(table, tuning, bounds)
-        yield (tuning.key, *("" if value is None else value for value in values.values()))
+        yield (tuning.key, *("" if value is None else value for value in _values(table, tuning, bounds).values()))
 
 
 def _values(table: TuningTable, tuning: Tuning, bounds: Bounds) -> dict[str, float | None]:
     absorber = tuning.absorber
     frequency, damping = (None, None) if absorber is None else table.ratios(absorber)
-    numbers = (
-        None if absorber is None else absorber.stiffness,
-        None if absorber is None else absorber.damping,
-        frequency,
-        damping,
-        tuning.peak,
-        tuning.peak_ratio,
-        table.relative_peak(tuning),
-        tuning.h2,
-        table.relative_h2(tuning),
-        bounds.get(tuning.key),
-    )
-    return dict(zip(COLUMNS[1:], numbers, strict=True))
+    return {
+        "stiffness_n_m": None if absorber is None else absorber.stiffness,
+        "damping_n_s_m": None if absorber is None else absorber.damping,
+        "frequency_ratio": frequency,
+        "damping_ratio": damping,
+        "peak_m_n": tuning.peak,
+        "peak_frequency_ratio": tuning.peak_ratio,
+        "peak_relative": table.relative_peak(tuning),
+        "h2_norm_m_n_sqrt_s": tuning.h2,
+        "h2_relative": table.relative_h2(tuning),
+        "certified_amplitude_m_n": bounds.get(tuning.key),
+    }
 
 
 def summary(table: TuningTable, bounds: Bounds) -> Json:
@@ -79,8 +161,7 @@ def summary(table: TuningTable, bounds: Bounds) -> Json:
 
 def save_figure(path: Path, table: TuningTable) -> None:
     """Draw the amplitude over the scoring range, relative to the peak without absorber; the ending of ``path`` chooses the format."""
-    figure = Figure(figsize=(9, 5.4), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = figure_of(9, 5.4)
     ratio = np.unique(np.concatenate([np.linspace(table.low, table.high, 2001), [t.peak_ratio for t in table.tunings]]))
     shown = [tuning for tuning in table.tunings if tuning.key in LOOKS]
     for tuning in shown:
@@ -94,11 +175,8 @@ def save_figure(path: Path, table: TuningTable) -> None:
     axes.set(yscale="log", xlim=(table.low, table.high))
     axes.set_xlabel(f"frequency over that of resonance {table.resonance}, {table.omega / (2 * np.pi):.1f} Hz", fontsize=11)
     axes.set_ylabel("amplitude of the tip in %\nof the peak without absorber", fontsize=11)
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.grid(True, color="0.88", lw=0.7)
-    axes.set_axisbelow(True)
+    force_axis(axes.yaxis)
+    draw_grid(axes)
     axes.legend(loc="upper right", fontsize=9.5, framealpha=0.95)
     axes.set_title(f"Tuned absorber of {100 * table.mass_ratio:g} % of the beam's mass (circles: highest peak)", fontsize=12)
-    write_figure(figure, path, DPI)
+    write_figure(figure, path)

@@ -4,18 +4,231 @@ Room = (robust oracle - best rule of at most eight numbers) / (robust oracle - b
 above 0.1. Clairvoyance alone would admit luck.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+import impact_env  # noqa: F401 - registers the environments
 from impact_env.envs import ENVIRONMENTS
 from impact_env.envs.evaluation import interval, play
-from optimisation.rl.families import Array, Family, FamilyPolicy, task_of
-from optimisation.rl.oracle import Planner, plan
+from impact_env.envs.task import Mask, Task
+from impact_env.extras import optional
+from impact_env.parameters import count, require
+from optimisation.rl.families import Array, Family, FamilyPolicy, Observations, task_of
 from optimisation.rl.rules import BLIND, CONSTANT, EIGHT, FOUR, TASKS, env_of
-from optimisation.rl.tuning import Progress, Search, best_of, evolve
+
+# Choosing a family's numbers on training seeds: a grid for one number, CMA-ES for several. All candidates see the same seeds.
+#
+# CMA-ES: N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772; the implementation is the package cmaes.
+
+
+CHUNK = 512  # lanes that are played together: candidates times seeds
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """Numbers chosen for a family: their mean score over the training seeds, and how many candidates were tried."""
+
+    parameters: tuple[float, ...]
+    score: float
+    candidates: int
+
+
+def mean_scores(family: Family, candidates: NDArray[Any], name: str, seeds: Sequence[int], arguments: Mapping[str, Any]) -> Array:
+    """Return the mean score (C,) of each candidate (C, P) over the seeds."""
+    require(len(candidates) > 0, "candidates", candidates, "at least one")
+    together = max(1, CHUNK // len(seeds))
+    means = []
+    for part in np.array_split(candidates, range(together, len(candidates), together)):
+        policy = FamilyPolicy("candidates", family, np.repeat(part, len(seeds), axis=0))
+        means.append(play(policy, name, list(seeds) * len(part), arguments).scores.reshape(len(part), len(seeds)).mean(axis=1))
+    return np.concatenate(means)
+
+
+def best_of(
+    family: Family,
+    candidates: NDArray[Any],
+    name: str,
+    seeds: Sequence[int],
+    arguments: Mapping[str, Any],
+    progress: Progress | None = None,
+) -> Tuned:
+    """Return the candidate (C, P) with the largest mean score."""
+    scores = mean_scores(family, candidates, name, seeds, arguments)
+    if progress is not None:
+        progress(len(candidates))
+    best = int(np.argmax(scores))
+    return Tuned(tuple(candidates[best].tolist()), float(scores[best]), len(candidates))
+
+
+@dataclass(frozen=True)
+class Search:
+    """How far CMA-ES looks from each start: generations of ``population`` candidates, first standard deviation ``sigma``, in units of the
+    width of the numbers' bounds.
+    """  # noqa: D205
+
+    generations: int = 50
+    population: int = 16
+    sigma: float = 0.1
+    finalists: int = 8
+
+
+def searched(seeds: Sequence[int]) -> Sequence[int]:
+    """Return the seeds that a search sees: the first third."""
+    require(len(seeds) >= 3, "seeds", seeds, "at least three")
+    return seeds[: len(seeds) // 3]
+
+
+def evolve(
+    family: Family,
+    starts: Sequence[Sequence[float]],
+    name: str,
+    seeds: Sequence[int],
+    arguments: Mapping[str, Any],
+    search: Search,
+    progress: Progress | None = None,
+) -> Tuned:
+    """Return the best numbers that CMA-ES finds from each of several starts (P,) within the family's bounds.
+
+    It sees a third of the seeds; the means of the distributions, the starts, and the best candidates of all generations (``finalists`` a start) are
+    then compared on the others, which were not searched on, so that the luckiest candidate has no advantage.
+    """
+    with optional():
+        from cmaes import CMA
+    shown = searched(seeds)
+    kept = seeds[len(shown) :]
+    finalists: list[Array] = []
+    tried, bounds = 0, family.bounds
+    shape = np.diag((bounds[:, 1] - bounds[:, 0]) ** 2)
+    for number, start in enumerate(starts):
+        mean = np.asarray(start, dtype=np.float64)
+        optimiser = CMA(mean=mean, sigma=search.sigma, bounds=bounds, seed=number + 1, population_size=search.population, cov=shape)
+        seen: list[tuple[float, Array]] = []
+        for _ in range(search.generations):
+            candidates = np.array([optimiser.ask() for _ in range(search.population)])
+            scores = mean_scores(family, candidates, name, shown, arguments)
+            optimiser.tell([(candidate, -float(score)) for candidate, score in zip(candidates, scores, strict=True)])
+            seen += zip(scores.tolist(), candidates, strict=True)
+            tried += len(candidates)
+            if progress is not None:
+                progress(len(candidates))
+        seen.sort(key=lambda pair: -pair[0])
+        finalists += [mean, np.clip(optimiser.mean, *bounds.T), *(candidate for _, candidate in seen[: search.finalists])]
+    best = best_of(family, np.array(finalists), name, kept, arguments)
+    return Tuned(best.parameters, best.score, tried + best.candidates)
+
+
+# A planner that may look into the future: what is left above a rule, and how much of it is luck.
+#
+# Before each decision it tries candidates on copies of the lane, a constant action for a few intervals and the rule after them, and takes what did
+# best over a horizon (rollout: D. Bertsekas, Dynamic Programming and Optimal Control). With copies that are exact it is clairvoyant, and exploits a
+# chaos that nobody could. With copies whose force and phase are off it is robust: what it finds must hold for all of them.
+
+
+FORCE_OFF, PHASE_OFF = (0.002, 0.01), (0.02, 0.1)  # of a copy: share of the force, rad
+
+
+@dataclass(frozen=True)
+class Planner:
+    """What is tried: constant ``actions`` for each of ``lasting`` intervals, then the rule, over ``horizon`` intervals, on ``copies`` off it."""
+
+    actions: Sequence[Sequence[float]]
+    lasting: Sequence[int] = (1, 3)
+    horizon: int = 16
+    copies: int = 4
+    exact: bool = False
+
+    def __post_init__(self) -> None:
+        count("horizon", self.horizon, max(self.lasting))
+        count("copies", self.copies, 1)
+        require(len(self.actions) > 0, "actions", self.actions, "at least one")
+
+    @property
+    def trials(self) -> list[tuple[Sequence[float], int]]:
+        """Candidates as (action, intervals); the first is the rule alone."""
+        return [(self.actions[0], 0), *((action, last) for last in self.lasting for action in self.actions)]
+
+
+def copy_lanes(source: Task, target: Task, times: int) -> None:
+    """Put each lane of a task ``times`` times, one after the other, into a task of as many lanes. There must be no delay and no noise."""
+    for name, values in vars(source).items():
+        if isinstance(values, np.ndarray) and values.shape[:1] == (source.lanes,):
+            setattr(target, name, np.repeat(values, times, axis=0))
+    for own, values in zip(target.runs._variables(), source.runs._variables(), strict=True):
+        own[...] = np.repeat(values, times, axis=0)
+
+
+@dataclass(frozen=True)
+class Lanes:
+    """The lanes of an environment, and what a rule of a number of families does in them."""
+
+    task: Task
+    family: Family
+    numbers: Array
+
+    def step(self, observations: Observations, given: Array, takes: Mask, over: Mask) -> tuple[Observations, Array, Mask]:
+        """Advance lanes that are not over, by the rule or, where ``takes`` (L,), as ``given`` (L, A); return what is seen, rewards, who is over."""
+        rows = np.broadcast_to(self.numbers, (len(observations), len(self.numbers)))
+        ruled = np.clip(self.family.act(rows, observations), -1, 1).reshape(len(observations), -1)
+        actions = np.where(takes[:, None], given, ruled).astype(np.float32)
+        rewards, terminated, truncated = self.task.step(actions, over if over.any() else None)
+        return self.task.observe([]), rewards, over | terminated | truncated
+
+
+def disturb(task: Task, copies: int, generator: np.random.Generator) -> None:
+    """Put force and phase of all lanes off, each group of so many copies alike, by as much to either side; what disturbs them is drawn anew."""
+    groups, sides = task.lanes // copies, np.where(np.arange(copies) % 2 == 0, 1.0, -1.0)
+    off = sides * generator.uniform(*FORCE_OFF, copies), sides * generator.permutation(sides) * generator.uniform(*PHASE_OFF, copies)
+    task.force = task.force * (1 + np.tile(off[0], groups))
+    task.runs.orders["phase"] += np.tile(off[1], groups)
+    if task.settings.record is not None:
+        task.runs.orders["place"] = np.tile(generator.integers(len(task.settings.record.values) - 1, size=copies), groups)
+
+
+def plan(
+    name: str, seeds: Sequence[int], arguments: Mapping[str, Any], rule: tuple[Family, Array], planner: Planner, advance: Progress | None = None
+) -> Array:
+    """Return the scores (E,) of a planner over a rule without memory, on the seeds of the environment ``name``, which has neither noise nor delay."""
+    with optional():
+        import gymnasium
+    trials, lanes = planner.trials, len(seeds)
+    times = len(trials) * planner.copies
+    true: Any
+    tried: Any
+    true, tried = (gymnasium.make_vec(name, num_envs=n, vectorization_mode="vector_entry_point", **arguments) for n in (lanes, lanes * times))
+    try:
+        seen, _ = true.reset(seed=list(seeds))
+        tried.reset(seed=0)
+        own, other = (Lanes(env.unwrapped.task, *rule) for env in (true, tried))
+        constants = np.array([action for action, _ in trials], dtype=np.float64)
+        first = np.tile(np.repeat(constants, planner.copies, axis=0), (lanes, 1))
+        lasts = np.tile(np.repeat([last for _, last in trials], planner.copies), lanes)
+        scores, over, generator = np.zeros(lanes), np.zeros(lanes, dtype=np.bool_), np.random.default_rng(0)
+        while not over.all():
+            copy_lanes(own.task, other.task, times)
+            if not planner.exact:
+                disturb(other.task, planner.copies, generator)
+            gained, ended, looked = np.zeros(lanes * times), np.repeat(over, times), np.repeat(seen, times, axis=0)
+            for k in range(planner.horizon):
+                if ended.all():
+                    break
+                looked, rewards, ended = other.step(looked, first, lasts > k, ended)
+                gained += rewards
+            means = gained.reshape(lanes, len(trials), planner.copies).mean(axis=2)
+            best = np.argmax(means, axis=1)
+            seen, rewards, over = own.step(seen, constants[best], best > 0, over)
+            scores += rewards
+            if advance is not None:
+                advance(1)
+    finally:
+        true.close()
+        tried.close()
+    return scores
+
 
 FIRST_SEARCHED, FIRST_JUDGED = 1000, 2_500_000  # seeds; the latter are apart from those that train, validate and test
 CLAIRVOYANT, ROBUST = "clairvoyant oracle", "robust oracle"

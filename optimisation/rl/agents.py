@@ -1,10 +1,11 @@
 """A trained agent as one small file: the layers of its actor and what it was trained for. It needs neither torch nor stable-baselines3 to act."""
 
+import csv
 import io
 import json
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from impact_env.envs import ENVIRONMENTS
 from impact_env.parameters import ParameterError, require
-from optimisation.files import replacing
+from optimisation.files import replacing, write_csv
 
 AGENT_FORMAT = 1
 FINAL = "final.npz"
@@ -79,16 +80,12 @@ class Agent:
         require(self.squash in SQUASHES, "squash", self.squash, f"one of {', '.join(SQUASHES)}")
         widths = [weights.shape[1] for weights, _ in self.layers] + [ENVIRONMENTS[self.env_id].numbers]
         fits = all(w.shape == (n, w.shape[1]) and b.shape == (n,) for (w, b), n in zip(self.layers, widths[1:], strict=True))
-        require(
-            len(self.layers) > 0 and fits,
-            "layers",
-            [weights.shape for weights, _ in self.layers],
-            "layers that fit one another, to as many numbers as an action has",
-        )
+        shapes, allowed = [weights.shape for weights, _ in self.layers], "layers that fit one another, to as many numbers as an action has"
+        require(len(self.layers) > 0 and fits, "layers", shapes, allowed)
         if self.cells is not None:
             size = self.cells[1].shape[1]
-            shapes = (self.cells[0].shape[0], self.cells[1].shape[0], *self.cells[2].shape, 4 * self.layers[0][0].shape[1])
-            require(set(shapes) == {4 * size}, "cells", [part.shape for part in self.cells], "a memory that fits the first layer")
+            sizes = (self.cells[0].shape[0], self.cells[1].shape[0], *self.cells[2].shape, 4 * self.layers[0][0].shape[1])
+            require(set(sizes) == {4 * size}, "cells", [part.shape for part in self.cells], "a memory that fits the first layer")
         object.__setattr__(self, "_memory", None if self.cells is None else Memory(self.cells))
 
     @property
@@ -179,13 +176,111 @@ def actor_of(model: Any, env_id: str, seed: int, arguments: Mapping[str, Any]) -
     linear = [layer for layer in hidden if hasattr(layer, "weight")] + [last]
     layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear]
     kind, squash = type(model).__name__, "tanh" if stochastic_squash else "clip"
-    steps, activation = int(model.num_timesteps), policy.activation_fn.__name__.lower()
-    return Agent(env_id, SHORT.get(kind, kind.lower()), seed, steps, dict(arguments), activation, squash, layers, _cells_of(policy))
+    steps, activation, memory, cells = int(model.num_timesteps), policy.activation_fn.__name__.lower(), getattr(policy, "lstm_actor", None), None
+    if memory is not None:
+        names = ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
+        inputs, outputs, one, other = (getattr(memory, f"{name}_l0").detach().numpy().copy() for name in names)
+        cells = (inputs, outputs, one + other)
+    return Agent(env_id, SHORT.get(kind, kind.lower()), seed, steps, dict(arguments), activation, squash, layers, cells)
 
 
-def _cells_of(policy: Any) -> Cells | None:
-    memory = getattr(policy, "lstm_actor", None)
-    if memory is None:
-        return None
-    inputs, outputs, one, other = (getattr(memory, f"{name}_l0").detach().numpy().copy() for name in ("weight_ih", "weight_hh", "bias_ih", "bias_hh"))
-    return inputs, outputs, one + other
+SETTINGS, EVALUATIONS = "settings.json", "evaluations.csv"
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What an agent reached after ``steps`` of training, over the evaluation seeds.
+
+    ``score``: mean; ``iqm``: mean of the middle half; ``low``, ``high``: 10th and 90th percentile; ``intervals``: mean length of an episode.
+    """
+
+    leg: int
+    steps: int
+    score: float
+    iqm: float
+    low: float
+    high: float
+    intervals: float
+
+
+COLUMNS = tuple(f.name for f in fields(Evaluation))
+
+
+@dataclass(frozen=True)
+class Run:
+    """A training run: its ``folder``, ``settings`` as JSON values, evaluations from first to last, and whether it came to its end."""
+
+    folder: Path
+    settings: dict[str, Any]
+    evaluations: tuple[Evaluation, ...]
+    finished: bool
+
+    @property
+    def algorithm(self) -> str:
+        """Name of the algorithm."""
+        return str(self.settings["algorithm"])
+
+    @property
+    def seed(self) -> int:
+        """The run's seed."""
+        return int(self.settings["seed"])
+
+
+def run_folder(out: Path, task: str, algorithm: str, seed: int) -> Path:
+    """Return the folder of a run."""
+    return out / task / algorithm / f"seed-{seed}"
+
+
+def write_evaluations(folder: Path, evaluations: Sequence[Evaluation]) -> None:
+    """Write a run's evaluations as CSV."""
+    write_csv(folder / EVALUATIONS, COLUMNS, [list(asdict(evaluation).values()) for evaluation in evaluations])
+
+
+def read_evaluations(folder: Path) -> tuple[Evaluation, ...]:
+    """Return a run's evaluations, none if it has not come to one. Raises ParameterError for a file that is damaged."""
+    file = folder / EVALUATIONS
+    if not file.exists():
+        return ()
+    try:
+        with file.open(newline="", encoding="utf-8") as lines:
+            rows = list(csv.DictReader(lines))
+        return tuple(Evaluation(int(row["leg"]), int(row["steps"]), *(float(row[name]) for name in COLUMNS[2:])) for row in rows)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ParameterError(f"evaluations = {str(file)!r} is not allowed: a table that a training wrote ({error})") from error
+
+
+def find_runs(folder: Path) -> list[Run]:
+    """Return all runs under a folder, by algorithm and seed."""
+    runs = []
+    for file in folder.rglob(SETTINGS):
+        try:
+            settings = json.loads(file.read_text(encoding="utf-8"))
+            run = Run(file.parent, settings, read_evaluations(file.parent), (file.parent / FINAL).exists())
+            runs.append((run.algorithm, run.seed, run))
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise ParameterError(f"settings = {str(file)!r} is not allowed: a file that a training wrote ({error})") from error
+    return [run for _, _, run in sorted(runs, key=lambda entry: entry[:2])]
+
+
+def typical(runs: Sequence[Run]) -> Run:
+    """Return the run in the middle by the score of its last evaluation, the better one of two: held-out seeds have no say in what is kept."""
+    return sorted(runs, key=lambda run: (run.evaluations[-1].score, run.seed))[len(runs) // 2]
+
+
+def ship(source: Path, target: Path) -> list[Path]:
+    """Write the `typical` run of each task and algorithm under ``source`` as one file, stable-baselines3's with the agent's own in it."""
+    groups: dict[tuple[str, str], list[Run]] = {}
+    for run in find_runs(source):
+        if run.finished:
+            groups.setdefault((run.folder.parent.parent.name, run.algorithm), []).append(run)
+    files = []
+    for (task, algorithm), runs in groups.items():
+        folder, file = typical(runs).folder, target / f"{task}_{algorithm}.zip"
+        model = max((folder / "checkpoints").glob("*/model.zip"))
+        target.mkdir(parents=True, exist_ok=True)
+        with replacing(file) as temporary, zipfile.ZipFile(model) as whole, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name in whole.namelist():
+                archive.writestr(name, whole.read(name))
+            archive.write(folder / FINAL, FINAL)
+        files.append(file)
+    return files

@@ -1,8 +1,10 @@
-"""What a rule does, as an offline data set: episodes in the format of Minari (https://minari.farama.org), which other libraries read as well.
+"""Episodes as an offline data set, in the format of Minari (https://minari.farama.org), which other libraries read as well, and as films.
 
 A data set is a folder with Minari's HDF5 file: for each episode ``observations`` (T + 1, features) float32, ``actions`` (T, A) float32, ``rewards``
 (T,) float64, ``terminations`` and ``truncations`` (T,) bool, and the seed; scores are the sums of the rewards.
 """
+
+from __future__ import annotations
 
 import hashlib
 import os
@@ -13,14 +15,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import click
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 import impact_env  # noqa: F401 - registers the environments
+from impact_env.envs import ENVIRONMENTS
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, require
+from optimisation.files import replacing
+from optimisation.progress import Bar
+from optimisation.rl.agents import Agent
 
 PLACE = "MINARI_DATASETS_PATH"  # where Minari looks for data sets
 HDF5 = Path("data") / "main_data.hdf5"
@@ -109,17 +117,9 @@ def write_demonstrations(folder: Path, shown: Demonstrations, author: str, argum
 
 
 def _episode(kind: Any, shown: Demonstrations, k: int) -> Any:
-    steps = len(shown.actions[k])
-    last = np.arange(steps) == steps - 1
-    return kind(
-        id=k,
-        seed=shown.seeds[k],
-        observations=shown.observations[k],
-        actions=shown.actions[k],
-        rewards=shown.rewards[k],
-        terminations=last & shown.terminated[k],
-        truncations=last & (not shown.terminated[k]),
-    )
+    own = {name: getattr(shown, name)[k] for name in ("observations", "actions", "rewards")}
+    last, over = np.arange(len(shown.actions[k])) == len(shown.actions[k]) - 1, shown.terminated[k]
+    return kind(id=k, seed=shown.seeds[k], terminations=last & over, truncations=last & (not over), **own)
 
 
 def read_demonstrations(folder: Path, env_id: str) -> Demonstrations:
@@ -144,3 +144,60 @@ def fingerprint(shown: Demonstrations) -> str:
     for values in (*shown.observations, *shown.actions):
         digest.update(np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()
+
+
+if TYPE_CHECKING:
+    import gymnasium
+
+NAMES = {name.split("/")[1].split("-")[0].lower(): name for name in ENVIRONMENTS}
+INTERVAL = 2.0625  # pseudo periods: frames show a slow motion, as under a stroboscope that is a little slower than the machine
+COLOURS = 48
+
+
+def action_of(env: gymnasium.Env[Any, Any], observation: Any, action: float | Agent | None) -> Any:
+    """Return the constant action, an agent's, or a random one."""
+    if action is None:
+        return env.action_space.sample()
+    if isinstance(action, Agent):
+        return action.act(np.asarray(observation)[None])[0]
+    return 0 if env.action_space.shape == () else np.array([action], dtype=np.float32)
+
+
+def episode(name: str, mode: str, options: Mapping[str, Any], seed: int, action: float | Agent | None, most: int) -> tuple[list[np.ndarray], int]:
+    """Return the frames of an episode of an environment, and how many of them are shown in a second; ``action`` None: a random one each time."""
+    with optional():
+        import gymnasium
+    env = gymnasium.make(name, render_mode=mode, **options)
+    try:
+        return film(env, seed, action, most), int(env.metadata["render_fps"])
+    finally:
+        env.close()
+
+
+def film(env: gymnasium.Env[Any, Any], seed: int, action: float | Agent | None, most: int) -> list[np.ndarray]:
+    """Return the frames of an episode, at most ``most``; Ctrl-C ends it early."""
+    observation, _ = env.reset(seed=seed)
+    if isinstance(action, Agent):
+        action.start(1)
+    env.action_space.seed(seed)
+    frames, over = [env.render()], False
+    with Bar(total=most, desc="drawing", unit="frame", leave=False) as bar:
+        try:
+            while not over and len(frames) < most:
+                observation, _, end, cut, _ = env.step(action_of(env, observation, action))
+                frames.append(env.render())
+                over = end or cut
+                bar.update()
+        except KeyboardInterrupt:
+            click.echo("Stopped early.", err=True)
+    return [frame for frame in frames if isinstance(frame, np.ndarray)]
+
+
+def save(path: Path, frames: list[np.ndarray], fps: int) -> None:
+    """Write an animated GIF with one palette for all frames: the last frame's, which has all colours."""
+    palette = Image.fromarray(frames[-1]).quantize(COLOURS)
+    pictures = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    # a GIF counts in hundredths of a second, and viewers slow down below two of them
+    times = [max(20, 10 * round(100 / fps))] * (len(frames) - 1) + [1500]
+    with replacing(path) as temporary:
+        pictures[0].save(temporary, save_all=True, append_images=pictures[1:], duration=times, loop=0, optimize=True)

@@ -14,11 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 import impact_env  # noqa: F401 - registers the environments
+from impact_env.envs.adaptive_task import SweepGapTask
+from impact_env.envs.gap_task import GapTask
 from impact_env.envs.observation import STATE
+from impact_env.envs.settings import span
 from impact_env.envs.sweep_task import SweepTask
 from impact_env.envs.task import FREQUENCY_SCALE
 from impact_env.extras import optional
+from impact_env.frequency import receptance
 from impact_env.parameters import ParameterError, require
+from optimisation.bounds import design_force
 
 Array = NDArray[np.float64]
 Observations = NDArray[np.float32]
@@ -138,3 +143,233 @@ class Random:
     def act(self, observations: Observations) -> NDArray[np.float32]:
         """Return one draw for each lane."""
         return self._generator.uniform(-1, 1, (len(observations), self.numbers)).astype(np.float32)
+
+
+# Rules for the tasks that see amplitudes over an interval: rate, rate and gap, friction of a passage, and the gap under a force that changes.
+#
+# On the low branch impacts have stopped, and do not come back on the way down; that is all a rule of the rate looks at, beside the frequency, which
+# the machine's control knows. A friction limit that suits a response goes with a power of its size (scaling law), and so does the gap:
+# the design rule (`optimisation.bounds`) says g0 = force/f* for a gap of 1 m. Where the force is not known it follows from what is seen, by the
+# balance of the spectral line at the forcing frequency that `optimisation.bounds` derives:
+#
+#     f G_f = (1 - kappa) q - kappa r.
+#
+# The observation gives q (in phase with the force and a quarter behind it). Without impacts the absorber, free of friction, stays where it is:
+# r = -q and f = q/G_f. With impacts |r| is taken as ``stroke`` times the gap (a triangle's line is 0.81 of its amplitude, a square's 1.27), with
+# the phase for which f is real (its phase is the reference) and the absorber works against the force:
+#
+#     f = Re a + sqrt((|b| stroke gap)^2 - (Im a)^2),        a = (1 - kappa) q/G_f,        b = kappa/G_f.
+#
+# This is exact for a stationary response with that stroke, so a transient misleads it; the estimate is smoothed over the intervals.
+
+
+IN_PHASE, QUADRATURE, IMPACTS, TIME_LEFT = 0, 1, 4, 7  # columns of the observation
+FEW = 0.25  # of the feature "impacts": one in two pseudo periods; above the noise of a sensor, below what a sustained response has
+LAST = 0.15  # share of the time budget at which the small rule leaves
+SMALLEST = 1e-9  # of a look: what a passage that was never looked at counts as
+
+
+class OverFrequency(Family):
+    """What looks at the frequency."""
+
+    def __init__(self, task: Any) -> None:
+        self.rates = Rates.of(task)
+
+
+class FrequencyWindow(OverFrequency):
+    """A schedule: one rate inside a window of the frequency, another outside. Edges are shares of the range, in any order."""
+
+    names = ("edge", "other edge", "action inside", "action outside")
+    begins = (lambda _: (0.35, 0.5, 0.05, 1.0), lambda _: (0.33, 0.47, 0.1, 1.0))
+    limits = ((0, 1), (0, 1), (0, 1), (0, 1))
+
+    def act(self, parameters: Array, observations: Observations) -> Array:
+        """Return the action inside or outside."""
+        share = self.rates.share(observations)
+        edges = np.sort(parameters[:, :2], axis=1)
+        return np.where((share > edges[:, 0]) & (share <= edges[:, 1]), parameters[:, 2], parameters[:, 3])
+
+
+class SmallRule(OverFrequency):
+    """Haste to a frequency; then slow while there are impacts and time is left, and back from another frequency on; else haste."""
+
+    names = ("slow from", "action when slow", "back at", "action back")
+    begins = (lambda _: (0.46, 0.2, 0.4, -0.28), lambda _: (0.5, 0.1, 0.35, -0.6))  # the first: ratios 0.976 and 0.970 of the default range
+    limits = ((0.3, 0.7), (0, 1), (0.2, 0.6), (-1, 0))
+
+    def act(self, parameters: Array, observations: Observations) -> Array:
+        """Return the actions (L,)."""
+        slow_from, slow, back_at, back = parameters.T
+        share = self.rates.share(observations)
+        waits = (share <= slow_from) & (observations[:, IMPACTS] >= FEW) & (observations[:, TIME_LEFT] > LAST)
+        return np.where(waits, np.where(share <= back_at, back, slow), 1.0)
+
+
+class LimitOverFrequency(OverFrequency):
+    """A schedule of the friction limit: a parabola over the frequency."""
+
+    names = ("action in the middle", "slope", "curvature")
+    begins = (lambda c: (c[0], 0.0, 0.0),)
+    limits = ((-1, 1), (-2, 2), (-2, 2))
+
+    def act(self, parameters: Array, observations: Observations) -> Array:
+        """Return the parabola's value."""
+        x = 2 * self.rates.share(observations) - 1
+        return parameters[:, 0] + parameters[:, 1] * x + parameters[:, 2] * x * x
+
+
+class LimitByLook(OverFrequency):
+    """One limit at first, and from some place on one that goes with a power of the amplitude seen there: one look, which is remembered.
+
+    Where the first limit holds the absorber fast the response until the look is linear, and its amplitude speaks for the force.
+    """
+
+    names = ("action until the look", "share of the range at which it is", "action for one half-clearance", "exponent", "slope over the frequency")
+    begins = (lambda _: (1.0, 0.9, 0.5, 1.0, 0.0), lambda _: (0.5, 0.5, 0.0, 1.0, 0.0))
+    limits = ((-1, 1), (0.2, 0.98), (-1, 1), (0.0, 2.5), (-1, 1))
+
+    def __init__(self, task: Any) -> None:
+        super().__init__(task)
+        low, high = task.limits
+        self.per_e = 2 / np.log(high / low)  # of the action, for a factor of e in the limit
+        self.begin(0)
+
+    def begin(self, lanes: int) -> None:
+        """Forget what was seen."""
+        self.seen, self.looked = np.zeros(lanes), np.zeros(lanes, dtype=np.bool_)
+
+    def act(self, parameters: Array, observations: Observations) -> Array:
+        """Return the actions (L,)."""
+        first, place, level, exponent, slope = parameters.T
+        share = self.rates.share(observations)
+        amplitude = np.hypot(observations[:, IN_PHASE].astype(np.float64), observations[:, QUADRATURE].astype(np.float64))
+        self.seen = np.where(self.looked, self.seen, amplitude)
+        self.looked = self.looked | (share <= place)
+        by_look = level + exponent * self.per_e * np.log(np.maximum(self.seen, SMALLEST)) + slope * (2 * share - 1)
+        return np.where(self.looked, by_look, first)
+
+
+class GapScale:
+    """What gap rules know of a task: limits and unit of the gap (m), f*/gap of the design rule (N/m), the beam, the absorber's mass."""
+
+    def __init__(self, task: GapTask | SweepGapTask) -> None:
+        limits = task.cavity.gap_limits if isinstance(task, SweepGapTask) else task.control.gap_limits
+        self.low, self.high = span("gap_limits", limits)
+        self.geometric = isinstance(task, SweepGapTask)
+        self.column = [feature.name for feature in task.features].index("half-clearance in use")
+        self.origin, self.unit = task.frequency_origin, task.frequency_unit
+        self.length, self.omega = task.length, task.omega
+        self.model = task.settings.scene.model
+        mass = task.settings.scene.absorber_mass
+        assert mass is not None  # the task has a cavity, so there is an absorber
+        self.mass = float(mass)
+        self.force_per_gap = design_force(self.model, self.mass, 1.0, task.settings.resonance)
+
+    def action(self, gap: Array | float) -> Array:
+        """Return the action of a half-clearance in m."""
+        if self.geometric:
+            return np.asarray(2 * np.log(np.maximum(gap, 1e-3 * self.low) / self.low) / np.log(self.high / self.low) - 1)
+        return np.asarray(2 * (np.asarray(gap) - self.low) / (self.high - self.low) - 1)
+
+    def offset(self, observations: NDArray[Any]) -> Array:
+        """Return the frequency ratios less 1 in observations, over 0.1 (L,)."""
+        return np.asarray((self.origin + self.unit * observations[:, FREQUENCY].astype(np.float64) - 1) / FREQUENCY_SCALE)
+
+    def lines(self, ratio: Array) -> tuple[Array, Array]:
+        """Return G_f (m/N) and kappa, complex (L,), at frequency ratios."""
+        omega = ratio * self.omega
+        by_force = receptance(self.model, omega, self.model.force_shape, self.model.tip_shape)
+        kappa = receptance(self.model, omega, self.model.tip_shape, self.model.tip_shape) * self.mass * omega**2
+        return by_force, kappa  # type: ignore[return-value]
+
+
+class GapOverFrequency(Family):
+    """A gap that depends on the frequency alone: action = first + second * (ratio - 1)/0.1."""
+
+    names = ("action at the resonance", "change for a tenth of the frequency")
+    begins = (lambda c: (c[0], 0.0),)
+    limits = ((-1, 1), (-5, 5))
+
+    def act(self, parameters: Array, observations: Observations) -> Array:
+        """Return the straight line's value."""
+        return parameters[:, 0] + parameters[:, 1] * observations[:, FREQUENCY]
+
+
+class GapByEstimatedForce(Family):
+    """The design rule with a force that is estimated from the response, see the module's text, times a factor that depends on the frequency.
+
+    gap = (factor + slope * (ratio - 1)/0.1) * force/f*. ``memory`` is the weight of the estimate so far.
+    """
+
+    names = ("factor", "slope over the frequency", "stroke", "memory")
+    begins = (lambda _: (1.5, 0.0, 1.0, 0.7), lambda _: (1.0, 0.0, 1.0, 0.5))
+    limits = ((0.2, 4.0), (-5.0, 5.0), (0.3, 1.5), (0.0, 0.98))
+
+    def __init__(self, task: Any) -> None:
+        self.scale = GapScale(task)
+        self.begin(0)
+
+    def begin(self, lanes: int) -> None:
+        """Start with what the first gap would be right for."""
+        self.force = np.full(lanes, self.scale.length * self.scale.force_per_gap)
+        self._first = True
+
+    def estimate(self, stroke: Array, observations: Observations) -> Array:
+        """Return the force (L,) in N that the last interval speaks for."""
+        seen, length = observations.astype(np.float64), self.scale.length
+        q = (seen[:, IN_PHASE] - 1j * seen[:, QUADRATURE]) * length
+        by_force, kappa = self.scale.lines(1 + FREQUENCY_SCALE * self.scale.offset(seen))
+        a, size = (1 - kappa) * q / by_force, np.abs(kappa / by_force) * stroke * seen[:, self.scale.column] * length
+        knocked = a.real + np.sqrt(np.maximum(size**2 - a.imag**2, 0.0))
+        return np.maximum(np.where(seen[:, IMPACTS] > 0, knocked, (q / by_force).real), 0.0)
+
+    def act(self, parameters: Array, observations: Observations) -> Array:
+        """Return the action of the rule's gap for the smoothed estimate."""
+        factor, slope, stroke, memory = parameters.T
+        if not self._first:  # at the start nothing has been seen yet
+            weight = np.clip(memory, 0, 1)
+            self.force = weight * self.force + (1 - weight) * self.estimate(stroke, observations)
+        self._first = False
+        return self.scale.action((factor + slope * self.scale.offset(observations)) * self.force / self.scale.force_per_gap)
+
+
+PACE = ("rate action at the start", "share of the range at which the rest begins", "rate action after it")
+
+
+def pace(parameters: Array, share: Array) -> Array:
+    """Return rate actions (L,): one above a share of the range (of a passage down), another below it."""
+    return np.where(share > parameters[:, 1], parameters[:, 0], parameters[:, 2])
+
+
+class RateAndGapOverFrequency(OverFrequency):
+    """A schedule of rate and gap: the rate has one value to some place on the way and another after it, the gap's action is a parabola."""
+
+    names = (*PACE, "gap action in the middle", "its slope", "its curvature")
+    begins = (lambda c: (c[0], 0.5, c[0], c[1], 0.0, 0.0),)
+    limits = ((-1, 1), (0, 1), (-1, 1), (-1, 1), (-2, 2), (-2, 2))
+
+    def act(self, parameters: Array, observations: Observations) -> Array:
+        """Return rate and gap actions (L, 2)."""
+        share, (first, slope, curvature) = self.rates.share(observations), parameters[:, 3:6].T
+        x = 2 * share - 1
+        return np.stack([pace(parameters, share), first + slope * x + curvature * x * x], axis=1)
+
+
+class RateAndGapByEstimatedForce(OverFrequency):
+    """The same rates, with which there is time for a look at the force, and the gap of `GapByEstimatedForce`."""
+
+    names = (*PACE, *GapByEstimatedForce.names)
+    begins = (lambda c: (c[0], 0.5, c[0], 1.5, 0.0, 1.0, 0.7), lambda c: (0.0, 0.9, c[0], 1.5, 0.0, 1.0, 0.9))
+    limits = (*RateAndGapOverFrequency.limits[:3], *GapByEstimatedForce.limits)
+
+    def __init__(self, task: Any) -> None:
+        super().__init__(task)
+        self.rule = GapByEstimatedForce(task)
+
+    def begin(self, lanes: int) -> None:
+        """Forget the force."""
+        self.rule.begin(lanes)
+
+    def act(self, parameters: Array, observations: Observations) -> Array:
+        """Return rate and gap actions (L, 2)."""
+        return np.stack([pace(parameters, self.rates.share(observations)), self.rule.act(parameters[:, 3:], observations)], axis=1)

@@ -11,6 +11,13 @@ from impact_env.envs import ENVIRONMENTS
 from impact_env.extras import optional
 from impact_env.parameters import count, finite, fraction, non_negative, positive, require
 
+# how the hyperparameters of any algorithm are checked: whole numbers from 1 on, and others
+WHOLE = ("steps", "legs", "lanes", "batch_size", "n_steps", "n_epochs", "lstm", "buffer_size", "train_freq", "gradient_steps")
+NUMBERS = {
+    **dict.fromkeys(("reward_scale", "learning_rate", "final_learning_rate", "clip_range"), positive),
+    **dict.fromkeys(("gamma", "gae_lambda", "tau"), fraction),
+    **dict.fromkeys(("log_std_init", "target_entropy", "initial_value"), finite),
+}
 PACKAGED = Path(__file__).with_name("hyperparameters.yaml")
 
 
@@ -36,17 +43,21 @@ class Hyperparameters(ABC):
     initial_action: float
 
     def __post_init__(self) -> None:
-        for name in ("steps", "legs", "lanes", "batch_size"):
-            count(name, getattr(self, name), 1)
+        own = dict(vars(self))
+        for name in (name for name in WHOLE if name in own):
+            count(name, own[name], 1)
+        for name in (name for name in NUMBERS if name in own):
+            object.__setattr__(self, name, NUMBERS[name](name, own[name]))
         require(self.legs <= self.steps, "legs", self.legs, f"not more than steps = {self.steps}")
         listed = isinstance(self.hidden, Sequence) and not isinstance(self.hidden, str) and len(self.hidden) > 0
         require(listed, "hidden", self.hidden, "a list of widths, as [64, 64]")
         object.__setattr__(self, "hidden", tuple(count("hidden", width, 1) for width in self.hidden))
-        for name in ("reward_scale", "learning_rate", "final_learning_rate"):
-            object.__setattr__(self, name, positive(name, getattr(self, name)))
-        object.__setattr__(self, "gamma", fraction("gamma", self.gamma))
         inside = -1 < finite("initial_action", self.initial_action) < 1
         require(inside, "initial_action", self.initial_action, "a number between -1 and 1")
+        require(isinstance(own["use_sde"], bool), "use_sde", own["use_sde"], "true or false")
+        lasts = own["sde_sample_freq"]
+        allowed = isinstance(lasts, int) and not isinstance(lasts, bool) and (lasts == -1 or lasts > 0)
+        require(allowed, "sde_sample_freq", lasts, "a number of steps of each lane, 1 or more, or -1 for a whole round")
 
     def rate_of(self, leg: int) -> float:
         """Return the learning rate of a leg, counted from 0."""
@@ -87,16 +98,9 @@ class PPOSettings(Hyperparameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("n_steps", "n_epochs"):
-            count(name, getattr(self, name), 1)
         whole = self.n_steps * self.lanes % self.batch_size == 0 and self.batch_size > 1
         require(whole, "batch_size", self.batch_size, f"a divisor of n_steps * lanes = {self.n_steps * self.lanes}, above 1")
-        object.__setattr__(self, "gae_lambda", fraction("gae_lambda", self.gae_lambda))
-        object.__setattr__(self, "clip_range", positive("clip_range", self.clip_range))
         object.__setattr__(self, "ent_coef", non_negative("ent_coef", self.ent_coef))
-        object.__setattr__(self, "log_std_init", finite("log_std_init", self.log_std_init))
-        require(isinstance(self.use_sde, bool), "use_sde", self.use_sde, "true or false")
-        _check_sample_freq(self.sde_sample_freq)
 
     @property
     def round(self) -> int:
@@ -109,10 +113,6 @@ class RecurrentPPOSettings(PPOSettings):
     """Proximal policy optimisation with a memory of ``lstm`` cells in the actor, and as many in the critic, ahead of their layers (sb3-contrib)."""
 
     lstm: int
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        count("lstm", self.lstm, 1)
 
 
 @dataclass(frozen=True)
@@ -140,16 +140,8 @@ class SACSettings(Hyperparameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("buffer_size", "train_freq", "gradient_steps", "n_steps"):
-            count(name, getattr(self, name), 1)
         count("learning_starts", self.learning_starts, 0)
         require(self.buffer_size >= self.lanes, "buffer_size", self.buffer_size, f"not less than lanes = {self.lanes}")
-        object.__setattr__(self, "tau", fraction("tau", self.tau))
-        require(isinstance(self.use_sde, bool), "use_sde", self.use_sde, "true or false")
-        _check_sample_freq(self.sde_sample_freq)
-        for name in ("target_entropy", "initial_value"):
-            object.__setattr__(self, name, finite(name, getattr(self, name)))
-        object.__setattr__(self, "log_std_init", finite("log_std_init", self.log_std_init))
         if isinstance(self.ent_coef, str):
             ok = re.fullmatch(r"auto(_\d*\.?\d+(e-?\d+)?)?", self.ent_coef) is not None
             require(ok, "ent_coef", self.ent_coef, "a number, auto, or auto_ and the value to start from, as auto_0.1")
@@ -160,11 +152,6 @@ class SACSettings(Hyperparameters):
     def round(self) -> int:
         """Steps between two updates."""
         return self.train_freq * self.lanes
-
-
-def _check_sample_freq(value: int) -> None:
-    allowed = isinstance(value, int) and not isinstance(value, bool) and (value == -1 or value > 0)
-    require(allowed, "sde_sample_freq", value, "a number of steps of each lane, 1 or more, or -1 for a whole round")
 
 
 ALGORITHMS: dict[str, type[PPOSettings] | type[SACSettings]] = {"ppo": PPOSettings, "sac": SACSettings, "rppo": RecurrentPPOSettings}

@@ -1,20 +1,27 @@
-"""PPO and SAC of stable-baselines3 on a native vector environment, made from hyperparameters, and taken up again from their files."""
+"""PPO and SAC of stable-baselines3 on a native vector environment: made from hyperparameters, initialised, kept in files and taken up again."""
 
 from __future__ import annotations
 
+import json
 import math
+import os
 import pickle
+import shutil
 import warnings
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Union
+from typing import TYPE_CHECKING, Any, Union, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
-from impact_env.parameters import ParameterError
+from impact_env.parameters import ParameterError, require
+from optimisation.files import write_json
+from optimisation.rl.agents import Evaluation
+from optimisation.rl.demonstrations import Demonstrations
 from optimisation.rl.hyperparameters import PPOSettings, RecurrentPPOSettings, SACSettings, settings_for
 from optimisation.rl.vec_env import NativeVecEnv, make_native
 
@@ -29,6 +36,9 @@ if TYPE_CHECKING:
     from sb3_contrib import RecurrentPPO
 
 Model = Union["PPO", "SAC", "RecurrentPPO"]
+# hyperparameters that stable-baselines3 takes by their names
+OF_BOTH = ("learning_rate", "gamma", "batch_size", "n_steps", "ent_coef", "use_sde", "sde_sample_freq")
+OF_PPO, OF_SAC = ("n_epochs", "gae_lambda", "clip_range"), ("buffer_size", "learning_starts", "train_freq", "gradient_steps", "tau", "target_entropy")
 REPLAY = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
@@ -80,32 +90,12 @@ def make_lanes(
 
 def make_model(chosen: PPOSettings | SACSettings, env: VecEnv, seed: int) -> Model:
     """Return a fresh model."""
-    common: dict[str, Any] = {
-        "learning_rate": chosen.learning_rate,
-        "gamma": chosen.gamma,
-        "batch_size": chosen.batch_size,
-        "seed": seed,
-        "device": "cpu",
-    }
-    net: dict[str, Any] = {"net_arch": list(chosen.hidden)}
+    net: dict[str, Any] = {"net_arch": list(chosen.hidden), "log_std_init": chosen.log_std_init}
+    names = (*OF_BOTH, *(OF_PPO if isinstance(chosen, PPOSettings) else OF_SAC))
+    own: dict[str, Any] = {name: getattr(chosen, name) for name in names} | {"seed": seed, "device": "cpu"}
     if isinstance(chosen, PPOSettings):
-        return _make_ppo(chosen, env, net, common)
-    own = {
-        name: getattr(chosen, name)
-        for name in (
-            "buffer_size",
-            "learning_starts",
-            "train_freq",
-            "gradient_steps",
-            "n_steps",
-            "tau",
-            "ent_coef",
-            "target_entropy",
-            "use_sde",
-            "sde_sample_freq",
-        )
-    }
-    sac = SAC("MlpPolicy", env, policy_kwargs=net | {"clip_mean": 0.0, "log_std_init": chosen.log_std_init}, **own, **common)
+        return _make_ppo(chosen, env, net, own)
+    sac = SAC("MlpPolicy", env, policy_kwargs=net | {"clip_mean": 0.0}, **own)
     _start_at(sac.actor.mu, math.atanh(chosen.initial_action))
     with torch.no_grad():
         networks: list[Any] = [*sac.critic.q_networks, *sac.critic_target.q_networks]
@@ -114,17 +104,14 @@ def make_model(chosen: PPOSettings | SACSettings, env: VecEnv, seed: int) -> Mod
     return sac
 
 
-def _make_ppo(chosen: PPOSettings, env: VecEnv, net: dict[str, Any], common: dict[str, Any]) -> Model:
-    own = {name: getattr(chosen, name) for name in ("n_steps", "n_epochs", "gae_lambda", "clip_range", "ent_coef", "use_sde", "sde_sample_freq")}
-    net = net | {"log_std_init": chosen.log_std_init}
+def _make_ppo(chosen: PPOSettings, env: VecEnv, net: dict[str, Any], own: dict[str, Any]) -> Model:
     ppo: Any
     if isinstance(chosen, RecurrentPPOSettings):
-        ppo = recurrent()("MlpLstmPolicy", env, policy_kwargs=net | {"lstm_hidden_size": chosen.lstm}, **own, **common)
+        ppo = recurrent()("MlpLstmPolicy", env, policy_kwargs=net | {"lstm_hidden_size": chosen.lstm}, **own)
     else:
-        ppo = PPO("MlpPolicy", env, policy_kwargs=net, **own, **common)
+        ppo = PPO("MlpPolicy", env, policy_kwargs=net, **own)
     _start_at(ppo.policy.action_net, chosen.initial_action)
-    made: Model = ppo
-    return made
+    return cast("Model", ppo)
 
 
 def recurrent() -> Any:
@@ -190,7 +177,80 @@ def load_model(folder: Path, algorithm: str, env: ScaledRewards) -> Model:
             states: Any = model
             states._last_lstm_states = type(states._last_lstm_states)((parts[0], parts[1]), (parts[2], parts[3]))
     except Exception as error:  # whatever a torn zip file, pickle or array makes the readers raise
-        raise ParameterError(
-            f"checkpoint = {str(folder)!r} is not allowed: a folder whose files are whole ({type(error).__name__}: {error})"
-        ) from error
+        reason = f"a folder whose files are whole ({type(error).__name__}: {error})"
+        raise ParameterError(f"checkpoint = {str(folder)!r} is not allowed: {reason}") from error
     return model
+
+
+KEPT = 2  # checkpoints of a training run: folders that are whole or absent
+
+
+def save_checkpoint(folder: Path, leg: int, model: Model, env: ScaledRewards, evaluations: list[Evaluation]) -> None:
+    """Write the checkpoint at the end of a leg, and remove those before the last two."""
+    target = folder / f"leg-{leg:03d}"
+    temporary = folder / f".{target.name}-{os.getpid()}"
+    temporary.mkdir(parents=True)
+    save_model(temporary, model, env)
+    write_json(temporary / "evaluations.json", [asdict(evaluation) for evaluation in evaluations])
+    temporary.rename(target)
+    for old in checkpoints(folder)[:-KEPT]:
+        shutil.rmtree(old)
+
+
+def checkpoints(folder: Path) -> list[Path]:
+    """Return the checkpoints from first to last."""
+    return sorted(folder.glob("leg-*"))
+
+
+def last_checkpoint(folder: Path, algorithm: str, env: ScaledRewards) -> tuple[Model, list[Evaluation]] | None:
+    """Return model and evaluations of the last checkpoint that is whole, or None; what is not whole is removed."""
+    for half_made in folder.glob(".leg-*"):
+        shutil.rmtree(half_made)
+    for checkpoint in reversed(checkpoints(folder)):
+        try:
+            evaluations = [Evaluation(**values) for values in json.loads((checkpoint / "evaluations.json").read_text(encoding="utf-8"))]
+            return load_model(checkpoint, algorithm, env), evaluations
+        except (ParameterError, OSError, ValueError, TypeError):
+            shutil.rmtree(checkpoint)
+    return None
+
+
+def forget_replay(folder: Path) -> None:
+    """Remove what SAC remembered: of a finished run it is the larger part by far, and nothing needs it."""
+    for file in folder.glob("leg-*/replay.npz"):
+        file.unlink()
+
+
+# Initialisation from demonstrations: an actor learns to do in each situation what was done there (behaviour cloning), before it is trained.
+
+
+with optional():
+    import torch
+
+EPOCHS, BATCH, LEARNING_RATE = 40, 256, 1e-3
+
+
+def imitate(model: Model, shown: Demonstrations, seed: int, epochs: int = EPOCHS) -> float:
+    """Fit the mean action of a PPO or SAC model to demonstrations by least squares; return the mean squared error at the end.
+
+    Raises ParameterError if the demonstrations' observations or actions are of another size than the model's.
+    """
+    policy: Any = model.policy
+    tools: Any = torch
+    observations, actions = (torch.from_numpy(np.concatenate(parts)) for parts in ([o[:-1] for o in shown.observations], shown.actions))
+    sizes = (model.observation_space.shape, model.action_space.shape)
+    shapes = (tuple(observations.shape[1:]), tuple(actions.shape[1:]))
+    require(shapes == sizes, "shapes of demonstrations", shapes, f"{sizes}, those of the environment")
+    actor = getattr(model, "actor", None)
+    parameters = list((policy if actor is None else actor).parameters())
+    optimiser: Any = tools.optim.Adam(parameters, lr=LEARNING_RATE)
+    generator: Any = tools.Generator().manual_seed(seed)
+    mean: Any = (lambda seen: policy.get_distribution(seen).distribution.mean) if actor is None else (lambda seen: actor(seen, deterministic=True))
+    for _ in range(epochs):
+        for part in tools.randperm(len(observations), generator=generator).split(BATCH):
+            loss = tools.nn.functional.mse_loss(mean(observations[part]), actions[part])
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+    with torch.no_grad():
+        return float(torch.nn.functional.mse_loss(mean(observations), actions))

@@ -1,14 +1,173 @@
-"""One table of what needs no learning, for all tasks: families of rules and schedules, and the numbers that `admit_tasks` chose for them."""
+"""What needs no learning, for all tasks: families of rules and schedules, and the numbers that `admit_tasks` chose for them."""
 
 import json
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from impact_env.parameters import require
-from optimisation.rl import active_rules as active
-from optimisation.rl import passage_rules as passage
-from optimisation.rl.families import ConstantAction, ConstantPair, Family, FamilyPolicy, task_of
+from optimisation.rl.families import (
+    Array,
+    ConstantAction,
+    ConstantPair,
+    Family,
+    FamilyPolicy,
+    FrequencyWindow,
+    GapByEstimatedForce,
+    GapOverFrequency,
+    LimitByLook,
+    LimitOverFrequency,
+    Observations,
+    RateAndGapByEstimatedForce,
+    RateAndGapOverFrequency,
+    SmallRule,
+    Start,
+    task_of,
+)
+
+# Rules of few numbers for tasks within a period and for the limited passage: what needs no learning and sees what an agent sees.
+#
+# The scene and its mirror image are one, so an action is even in displacements and velocities: rules take products of two of them, over the mean
+# square of the tip. Friction and gap that suit a response go in proportion to its size (scaling law), so each family has its logarithm.
+
+
+X, V, R, W, COS, SIN, RATIO, LEFT, RMS = 0, 1, 2, 3, 5, 6, 7, 8, 9  # columns of a task within a period
+PAIR_IMPACTS, PAIR_RATIO, PAIR_SIZE, PAIR_WAY = 4, 6, 8, 9  # of the limited passage
+SMALL = 1e-3  # of the RMS: half-clearances
+
+
+def _columns(observations: Observations) -> tuple[Array, Array, Array]:
+    """Return the features, their logarithm of size, and the inverse of the mean square (L,)."""
+    seen = observations.astype(np.float64)
+    size = seen[:, RMS] + SMALL
+    return seen, np.log(size), 1 / size**2
+
+
+class Switch(Family):
+    """One action while the slip takes energy from a motion of a certain phase, another while it gives.
+
+    Eight numbers; the first four alone are a rule, with the others at `neutral`.
+    """
+
+    few = 4
+    begins = (lambda c: (c[0], 0.5, 0.0, 0.0), lambda c: (c[0], -0.5, 0.0, 0.0), lambda c: (c[0], 0.5, 0.5, 0.3))
+    names = ("middle", "half step", "phase", "per size", "frequency", "time", "softness", "per place")
+    neutral = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 0.0)
+
+    def act(self, parameters: Array, observations: Observations) -> Array:
+        """Return the actions (L,)."""
+        middle, step, phase, size, ratio, time, softness, place = parameters.T
+        seen, log_size, per_square = _columns(observations)
+        power = seen[:, W] * (seen[:, V] * np.cos(math.pi * phase) + seen[:, X] * np.sin(math.pi * phase)) * per_square
+        rest = size * log_size + ratio * seen[:, RATIO] + time * seen[:, LEFT] + place * (np.abs(seen[:, R]) - 0.5)
+        return middle + step * np.tanh(np.exp(softness) * power) + rest
+
+
+class Phase(Family):
+    """An action that swings twice a period with the force's phase: blind to the motion but for its size."""
+
+    few = 4
+    begins = (lambda c: (c[0], 0.3, 0.0, 0.3), lambda c: (c[0], 0.3, 1.0, 0.0))
+    names = ("middle", "swing", "phase", "per size", "frequency", "time", "phase over the frequency", "swing over size")
+    neutral = (0.0,) * 8
+
+    def act(self, parameters: Array, observations: Observations) -> Array:
+        """Return the actions (L,)."""
+        middle, swing, phase, size, ratio, time, bent, grown = parameters.T
+        seen, log_size, _ = _columns(observations)
+        angle = 2 * np.arctan2(seen[:, SIN], seen[:, COS]) + math.pi * (phase + bent * seen[:, RATIO])
+        return middle + (swing + grown * log_size) * np.sin(angle) + size * log_size + ratio * seen[:, RATIO] + time * seen[:, LEFT]
+
+
+class Products(Family):
+    """An action that is linear in products of the state."""
+
+    few = 4
+    begins = (lambda c: (c[0], 0.0, 0.0, 0.0), lambda c: (c[0], 0.3, 0.3, -0.1))
+    names = ("middle", "per size", "slip with velocity", "slip with place", "slip with displacement", "place with displacement", "frequency", "time")
+    neutral = (0.0,) * 8
+
+    def act(self, parameters: Array, observations: Observations) -> Array:
+        """Return the actions (L,)."""
+        seen, log_size, square = _columns(observations)
+        x, v, r, w = (seen[:, k] for k in (X, V, R, W))
+        terms = np.column_stack([np.ones(len(x)), log_size, v * w * square, r * w, x * w * square, x * r * square, seen[:, RATIO], seen[:, LEFT]])
+        return np.einsum("lk,lk->l", parameters, terms)
+
+
+class Blind(Family):
+    """A schedule over time that looks at nothing: actions at equidistant knots."""
+
+    knots = 6
+    names = tuple(f"action at {share:.1f} of the time" for share in np.linspace(0, 1, knots))
+    begins = (lambda c: (c[0],) * Blind.knots,)
+
+    def act(self, parameters: Array, observations: Observations) -> Array:
+        """Return the actions (L,)."""
+        at = np.clip(1 - observations[:, LEFT].astype(np.float64), 0, 1) * (self.knots - 1)
+        left = np.minimum(at.astype(np.int64), self.knots - 2)
+        lanes = np.arange(len(at))
+        return parameters[lanes, left] * (1 - at + left) + parameters[lanes, left + 1] * (at - left)
+
+
+class PairBySize(Family):
+    """Gap and friction of the limited passage by the size of the response, the frequency and, if all numbers are free, more.
+
+    Both in proportion to a power of the size (scaling law); the first four numbers are two places and two powers.
+    """
+
+    few = 4
+    beside = PAIR_WAY
+    names = (
+        "gap",
+        "gap per size",
+        "friction",
+        "friction per size",
+        "gap over frequency",
+        "friction over frequency",
+        "gap over way",
+        "friction over way",
+    )
+    neutral = (0.0,) * 8
+    begins: Sequence[Start] = (lambda c: (c[0], 0.0, c[1], 0.0), lambda c: (c[0], 0.3, c[1], 0.3))
+
+    def act(self, parameters: Array, observations: Observations) -> Array:
+        """Return gap and friction actions (L, 2)."""
+        seen = observations.astype(np.float64)
+        size, ratio, other = np.log(seen[:, PAIR_SIZE] + SMALL), seen[:, PAIR_RATIO], np.abs(seen[:, self.beside])
+        gap, gap_size, friction, friction_size, gap_ratio, friction_ratio, gap_other, friction_other = parameters.T
+        return np.stack(
+            [
+                gap + gap_size * size + gap_ratio * ratio + gap_other * other,
+                friction + friction_size * size + friction_ratio * ratio + friction_other * other,
+            ],
+            axis=1,
+        )
+
+
+class PairByImpacts(PairBySize):
+    """The same with impacts in place of the way."""
+
+    beside = PAIR_IMPACTS
+    names = (*PairBySize.names[:6], "gap and impacts", "friction and impacts")
+    begins = PairBySize.begins[:1]
+
+
+class BlindPair(Family):
+    """Gap and friction as parabolas over the way that is left: a schedule that does not look at the response."""
+
+    names = ("gap", "gap's slope", "gap's bend", "friction", "friction's slope", "friction's bend")
+    begins = (lambda c: (c[0], 0.0, 0.0, c[1], 0.0, 0.0),)
+
+    def act(self, parameters: Array, observations: Observations) -> Array:
+        """Return gap and friction actions (L, 2)."""
+        way = np.abs(observations[:, PAIR_WAY].astype(np.float64)) - 0.5
+        gap, gap_slope, gap_bend, friction, friction_slope, friction_bend = parameters.T
+        return np.stack([gap + gap_slope * way + gap_bend * way * way, friction + friction_slope * way + friction_bend * way * way], axis=1)
+
 
 CONSTANT, BLIND, FOUR, EIGHT = "best constant", "blind schedule", "rule of 4", "rule of 8"  # at most so many numbers
 CHOSEN = Path(__file__).with_name("rules.json")  # by task and what it is: family and numbers
@@ -28,16 +187,16 @@ class Families(NamedTuple):
         return len(self.constant.names)
 
 
-WITHIN = Families(ConstantAction, active.Blind, (active.Switch, active.Phase, active.Products), planned=True)
-RATE = Families(ConstantAction, passage.FrequencyWindow, (passage.SmallRule,))
+WITHIN = Families(ConstantAction, Blind, (Switch, Phase, Products), planned=True)
+RATE = Families(ConstantAction, FrequencyWindow, (SmallRule,))
 TASKS = {
     "ActiveFriction-v0": WITHIN,
     "ActiveGap-v0": WITHIN,
     "Structures-v0": WITHIN,
-    "Passage-v0": Families(ConstantPair, active.BlindPair, (active.PairBySize, active.PairByImpacts), planned=True),
-    "FrictionChoice-v1": Families(ConstantAction, passage.LimitOverFrequency, (passage.LimitByLook,)),
-    "SweepAndGap-v1": Families(ConstantPair, passage.RateAndGapOverFrequency, (passage.RateAndGapByEstimatedForce,)),
-    "GapChoice-v1": Families(ConstantAction, passage.GapOverFrequency, (passage.GapByEstimatedForce,)),
+    "Passage-v0": Families(ConstantPair, BlindPair, (PairBySize, PairByImpacts), planned=True),
+    "FrictionChoice-v1": Families(ConstantAction, LimitOverFrequency, (LimitByLook,)),
+    "SweepAndGap-v1": Families(ConstantPair, RateAndGapOverFrequency, (RateAndGapByEstimatedForce,)),
+    "GapChoice-v1": Families(ConstantAction, GapOverFrequency, (GapByEstimatedForce,)),
     "SweepRate-v1": RATE,
     "SweepRateNoisy-v1": RATE,
     "SweepRateDelayed-v1": RATE,

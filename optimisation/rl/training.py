@@ -7,9 +7,11 @@ versions and compiled kernels).
 
 import json
 import platform
-from collections.abc import Callable, Iterator, Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,15 +24,14 @@ from impact_env.envs.evaluation import interquartile_mean, play
 from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count, require
+from optimisation.executors import Pool, Task
 from optimisation.files import held, require_writable, write_json
-from optimisation.rl.agents import FINAL, actor_of, save_agent
-from optimisation.rl.checkpoints import forget_replay, last_checkpoint, save_checkpoint
-from optimisation.rl.cloning import imitate
+from optimisation.machine import difference
+from optimisation.progress import Bar
+from optimisation.rl.agents import FINAL, SETTINGS, Evaluation, actor_of, read_evaluations, save_agent, write_evaluations
 from optimisation.rl.demonstrations import fingerprint, read_demonstrations
 from optimisation.rl.hyperparameters import PPOSettings, SACSettings
-from optimisation.rl.models import Model, ScaledRewards, begin_leg, make_lanes, make_model
-from optimisation.rl.runs import SETTINGS, Evaluation, read_evaluations, write_evaluations
-from optimisation.sources import difference
+from optimisation.rl.models import Model, ScaledRewards, begin_leg, forget_replay, imitate, last_checkpoint, make_lanes, make_model, save_checkpoint
 
 with optional():
     import gymnasium
@@ -71,11 +72,6 @@ class Job:
         """How many numbers an action has."""
         return ENVIRONMENTS[self.env_id].numbers
 
-    @property
-    def evaluation_seeds(self) -> range:
-        """The seeds of the episodes that the agent is evaluated on; the same for all agents."""
-        return range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + self.episodes)
-
     def describe(self) -> dict[str, Any]:
         """Return all that the result depends on as JSON values; the environment with every argument, also those left at their defaults."""
         env = gymnasium.make_vec(self.env_id, num_envs=1, vectorization_mode="vector_entry_point", **self.arguments)
@@ -99,7 +95,7 @@ def versions() -> dict[str, str]:
 
 def evaluate(policy: Any, job: Job, leg: int, steps: int) -> Evaluation:
     """Return what a policy reaches on the job's evaluation seeds."""
-    played = play(policy, job.env_id, job.evaluation_seeds, job.arguments)
+    played = play(policy, job.env_id, range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + job.episodes), job.arguments)
     low, high = np.percentile(played.scores, (10, 90)).tolist()
     return Evaluation(leg, steps, float(played.scores.mean()), interquartile_mean(played.scores), low, high, float(played.steps.mean()))
 
@@ -113,7 +109,7 @@ def train(job: Job, folder: Path, show: Show | None = None, threads: int | None 
     Raises ParameterError if the folder holds a run of other settings, or is in use.
     """
     require_writable("folder", folder)
-    with _alone(folder):
+    with held(folder / ".lock", ParameterError(f"folder = {str(folder)!r} is not allowed: one that no other process trains in")):
         check_folder(job, folder)
         if not (folder / SETTINGS).exists():
             write_json(folder / SETTINGS, job.describe() | {"versions": versions()})
@@ -145,7 +141,9 @@ def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[Evalu
         if todo > 0:
             model.learn(todo, callback=_Watch(show, evaluations), log_interval=chosen.log_interval, reset_num_timesteps=False)
         evaluations = [*evaluations, evaluate(actor_of(model, job.env_id, job.seed, job.arguments), job, leg, model.num_timesteps)]
-        _log(model, evaluations[-1])
+        for name in ("score", "iqm", "intervals"):
+            model.logger.record(f"evaluation/{name}", getattr(evaluations[-1], name))
+        model.logger.dump(model.num_timesteps)
         save_checkpoint(kept, leg, model, env, evaluations)
         write_evaluations(folder, evaluations)
         show(model.num_timesteps, evaluations)
@@ -159,12 +157,6 @@ def _fresh(job: Job, env: ScaledRewards) -> Model:
     if job.demonstrations is not None:
         imitate(model, read_demonstrations(job.demonstrations, job.env_id), job.seed)
     return model
-
-
-def _log(model: Model, evaluation: Evaluation) -> None:
-    for name in ("score", "iqm", "intervals"):
-        model.logger.record(f"evaluation/{name}", getattr(evaluation, name))
-    model.logger.dump(model.num_timesteps)
 
 
 class _Watch(BaseCallback):
@@ -195,8 +187,90 @@ def check_folder(job: Job, folder: Path) -> None:
         raise ParameterError(f"folder = {str(folder)!r} is not allowed: it holds a run of other settings: {other}; choose another, or remove it")
 
 
+# What `train` does with its runs: one after the other with a live bar, or in several processes whose files are watched.
+
+
+BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} steps [{elapsed}, {remaining} left{postfix}]"
+WATCH_S = 1.0
+NO_LIMIT_S = 1e9
+Told = Callable[["Planned", Evaluation], str]
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A job and its folder."""
+
+    job: Job
+    folder: Path
+
+    @property
+    def label(self) -> str:
+        """Task, algorithm and seed."""
+        return f"{self.job.env_id.split('/')[1]}, {self.job.algorithm.upper()}, seed {self.job.seed}"
+
+    def share(self, steps: int) -> int:
+        """Return so many steps, at most those that the job wants."""
+        return min(steps, self.job.hyperparameters.steps)
+
+    def reached(self) -> int:
+        """Return the steps at the last evaluation."""
+        evaluations = read_evaluations(self.folder)
+        return self.share(evaluations[-1].steps) if evaluations else 0
+
+
+class Shown:
+    """The bar over all steps of all runs, and a line for each evaluation where they are asked for."""
+
+    def __init__(self, bar: Bar, told: Told | None) -> None:
+        self.bar, self.told = bar, told
+        self.done: dict[Path, int] = {}
+        self.seen: dict[Path, int] = {}
+
+    def __call__(self, planned: Planned, steps: int, evaluations: Sequence[Evaluation]) -> None:
+        """Show the steps that a run has made, and its last evaluation if that is new."""
+        if evaluations and len(evaluations) != self.seen.get(planned.folder):
+            self.seen[planned.folder] = len(evaluations)
+            self.bar.set_postfix_str(f"{planned.label}: {evaluations[-1].score:.4f}", refresh=False)
+            if self.told is not None:
+                self.bar.write(self.told(planned, evaluations[-1]))
+        before = self.done.get(planned.folder, 0)
+        self.done[planned.folder] = planned.share(steps)
+        self.bar.update(self.done[planned.folder] - before)
+
+
+def train_all(runs: Sequence[Planned], workers: int, told: Told | None = None) -> list[str]:
+    """Train or go on with all runs; return what went wrong, a line for each run that failed."""
+    total = sum(planned.job.hyperparameters.steps for planned in runs)
+    with Bar(total=total, desc="training", unit="step", bar_format=BAR, smoothing=0.05) as bar:
+        show = Shown(bar, told)
+        if min(workers, len(runs)) > 1:
+            tasks = [Task(train, (planned.job, planned.folder, None, 1), planned.label, NO_LIMIT_S) for planned in runs]
+            with _watching(runs, show):
+                return [f"{outcome.task.kind}: {outcome.error}" for outcome in Pool(workers, 0.0).run(tasks) if outcome.error]
+        for planned in runs:
+            train(planned.job, planned.folder, partial(show, planned))
+    return []
+
+
 @contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Hold a folder for this process; the system lets go of it however the process ends."""
-    with held(folder / ".lock", ParameterError(f"folder = {str(folder)!r} is not allowed: one that no other process trains in")):
+def _watching(runs: Sequence[Planned], show: Shown) -> Iterator[None]:
+    """Show what the runs' files say while other processes write them."""
+    over = threading.Event()
+
+    def look() -> None:
+        for planned in runs:
+            evaluations = read_evaluations(planned.folder)
+            show(planned, evaluations[-1].steps if evaluations else 0, evaluations)
+
+    def follow() -> None:
+        while not over.wait(WATCH_S):
+            look()
+
+    watcher = threading.Thread(target=follow, daemon=True)
+    watcher.start()
+    try:
         yield
+    finally:
+        over.set()
+        watcher.join()
+        look()

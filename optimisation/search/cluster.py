@@ -23,7 +23,7 @@ from impact_env.ensemble import first_of_each
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError
 from impact_env.sweep import IntegrationError
-from optimisation.sources import difference, fingerprint
+from optimisation.machine import difference, fingerprint
 
 with optional():
     import distributed

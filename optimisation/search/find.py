@@ -23,17 +23,16 @@ from scipy.stats import qmc
 
 from impact_env.ensemble import Executor, Threads
 from impact_env.parameters import count, require
-from optimisation.designs import WITH_IMPACTS, Design
+from optimisation.designs import Design
 from optimisation.evaluation import Clocked, evaluate
+from optimisation.machine import fingerprint
 from optimisation.problem import Problem
 from optimisation.progress import Bar, runs_bar
-from optimisation.search.judge import AUDITED, Verdict, audit, more_modes, verdict
+from optimisation.search.judge import AUDITED, Cost, Findings, Verdict, audit, more_modes, verdict
 from optimisation.search.ledger import Ledger, remembering
 from optimisation.search.noisy import NOISY, noisy_search
-from optimisation.search.result import Cost, Findings
-from optimisation.search.settings import CMA, Settings, default_settings
-from optimisation.search.told import Evaluated, Progress
-from optimisation.sources import fingerprint
+from optimisation.search.settings import CMA, Evaluated, Progress, Settings, default_settings
+from optimisation.variables import WITH_IMPACTS
 
 # SciPy's search for problems that are smooth: without walls there is no chaos, a level has hardly any noise, and few minima.
 #
@@ -165,7 +164,7 @@ def find(problem: Problem, plan: Plan, journal: Path | None = None, executor: Ex
         plan = replace(plan, sampler=FOR_NOISE)
     if plan.smooth(concept) or plan.noisy:
         with remembering(executor, _identity(problem, plan), journal) as ledger:
-            return (_find_noisily if plan.noisy else _find_smoothly)(problem, plan, ledger, bars)
+            return _find_again(problem, plan, ledger, bars)
     settings = default_settings(problem, plan.sampler, plan.batch, plan.seed, plan.screening, plan.from_scratch)
     with searched(f"{concept}: search", problem, settings, plan.designs, journal, executor, bars) as (study, finished, cost):
         findings = Findings(problem, study.told, finished, cost)
@@ -184,36 +183,28 @@ def _identity(problem: Problem, plan: Plan) -> dict[str, object]:
     return {"problem": problem.describe(), "search": search, "sources": fingerprint(__name__)}
 
 
-def _find_smoothly(problem: Problem, plan: Plan, ledger: Ledger, bars: Bars) -> Findings:
-    began, runs, clocked = time.perf_counter(), 2 * min(MEMBERS, problem.members) * len(problem.conditions), Clocked(ledger)
-    with bars.runs(f"{problem.space.concept}: search") as show:
+def _find_again(problem: Problem, plan: Plan, ledger: Ledger, bars: Bars) -> Findings:
+    """Search by SciPy, or with a model of the noise.
 
-        def count(done: int) -> None:
-            show(runs * done, runs * max(done, plan.designs))
-
-        told, finished = smooth_search(problem, plan.designs, clocked, plan.seed, plan.from_scratch, count)
-    seconds = time.perf_counter() - began
-    findings = Findings(problem, told, finished, Cost(len(told), ledger.runs, seconds, 1 - clocked.seconds / seconds))
-    return _judged(findings, [e for e in told if e.score.feasible] or told, plan, ledger, bars) if finished else findings
-
-
-def _find_noisily(problem: Problem, plan: Plan, ledger: Ledger, bars: Bars) -> Findings:
-    """Search with a model of the noise: a design of the plan counts as one member or a little more, as many as one costs that is screened."""
-    assert plan.sampler is not None
-    began, clocked = time.perf_counter(), Clocked(ledger)
-    members = max(2, round(default_settings(problem).members_a_design * plan.designs))
-    runs, done = 2 * len(problem.conditions), 0
+    Of the latter a design of the plan counts as one member or a little more, as many as one costs that is screened.
+    """
+    began, clocked, done = time.perf_counter(), Clocked(ledger), 0
+    runs, wanted = 2 * min(MEMBERS, problem.members) * len(problem.conditions), plan.designs
+    if plan.noisy:
+        runs, wanted = 2 * len(problem.conditions), max(2, round(default_settings(problem).members_a_design * plan.designs))
     with bars.runs(f"{problem.space.concept}: search") as show:
 
         def count(told: int) -> None:
             nonlocal done
             done = told
-            show(runs * told, runs * max(told, members))
+            show(runs * told, runs * max(told, wanted))
 
-        told, finished = noisy_search(problem, plan.sampler, members, clocked, plan.seed, plan.from_scratch, count)
+        rest = (wanted, clocked, plan.seed, plan.from_scratch, count)
+        told, finished = noisy_search(problem, str(plan.sampler), *rest) if plan.noisy else smooth_search(problem, *rest)
     seconds = time.perf_counter() - began
     findings = Findings(problem, told, finished, Cost(done, ledger.runs, seconds, 1 - clocked.seconds / seconds))
-    return _judged(findings, told, plan, ledger, bars) if finished else findings
+    kept = told if plan.noisy else [e for e in told if e.score.feasible] or told
+    return _judged(findings, kept, plan, ledger, bars) if finished else findings
 
 
 def _judged(findings: Findings, candidates: Sequence[Evaluated], plan: Plan, executor: Executor, bars: Bars) -> Findings:
@@ -227,9 +218,6 @@ def _judged(findings: Findings, candidates: Sequence[Evaluated], plan: Plan, exe
         return findings
     with bars.runs(f"{concept}: winner with more modes") as show:
         return replace(findings, wider=more_modes(problem, found.winner, found.share, executor, show))
-
-
-# The bars that show a search on the command line.
 
 
 @contextmanager

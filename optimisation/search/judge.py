@@ -8,7 +8,8 @@ ratio of two designs' values with a bootstrap interval (`optimisation.statistics
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,13 +21,13 @@ from impact_env.ensemble import Executor, Members
 from impact_env.parameters import count, require
 from optimisation.designs import Design
 from optimisation.evaluation import Progress, evaluate
-from optimisation.insight import Levels
+from optimisation.files import number
+from optimisation.insight import Levels, Sensitivity, Service
 from optimisation.measures import LEVEL
 from optimisation.mounting import with_more_modes
 from optimisation.objectives import Condition, Score
 from optimisation.problem import Problem
-from optimisation.search.settings import seed_of
-from optimisation.search.told import Evaluated
+from optimisation.search.settings import Evaluated, seed_of
 from optimisation.statistics import Gain, ratio_of_quantiles
 
 if TYPE_CHECKING:
@@ -168,3 +169,41 @@ def audit(study: DesignStudy, executor: Executor, designs: int = AUDITED, progre
     missed = sum(problem.cost(j.score) < best for j in again)
     told, full = [problem.cost(e.score) for e in drawn], [problem.cost(j.score) for j in again]
     return Audit(len(drawn), missed, float(spearmanr(told, full).statistic) if len(drawn) > 2 else float("nan"))
+
+
+@dataclass(frozen=True, eq=False)
+class Cost:
+    """What a search took: designs, runs and seconds of this session, and the share of the seconds that was not spent in runs."""
+
+    designs: int
+    runs: int
+    seconds: float
+    overhead: float
+
+    def describe(self) -> dict[str, object]:
+        """Return it as JSON values."""
+        return {**asdict(self), "seconds": round(self.seconds, 2), "overhead": number(round(self.overhead, 4))}
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """All that is known about one concept; what was not computed, or was broken off, is None. All of it is judged on fresh members."""
+
+    problem: Problem
+    told: list[Evaluated]
+    finished: bool
+    cost: Cost
+    verdict: Verdict | None = None
+    audit: Audit | None = None
+    wider: MoreModes | None = None
+    service: Service | None = None
+    curves: tuple[Levels, ...] | None = None  # over the force, one for each condition
+    detuned: tuple[Levels, ...] | None = None
+    gap_map: tuple[Levels, ...] | None = None
+    gaps: tuple[float, ...] = ()
+    sensitivity: Sensitivity | None = None
+
+    @cached_property
+    def own(self) -> Levels | None:
+        """Levels of winner and paper's design under the problem's own conditions, on the members that judged them."""
+        return None if self.verdict is None else self.verdict.levels(self.problem.conditions)

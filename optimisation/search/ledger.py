@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
 from optimisation.files import append, held
+from optimisation.machine import difference
 from optimisation.measures import Chunk
-from optimisation.sources import difference
 
 # A study's journal file: one process at a time, and in order again after a writer that was killed in the middle of a line.
 

@@ -1,8 +1,8 @@
 """Searches that model the noise: many designs with one member each, and a model of the quantile over the space.
 
 A level of one member is one draw, so a member is better spent on another design than on the same one, as long as a model joins what neighbours say.
-Both methods work in the space's coordinates, in which the scaling law has taken out force, mass and frequency (`optimisation.units`), as shares of
-their ranges.
+Both methods work in the space's coordinates, in which the scaling law has taken out force, mass and frequency (`optimisation.variables`), as shares
+of their ranges.
 
 *map*: designs of a low-discrepancy sequence, one member each. The quantile at a point is that of the designs around it, weighted by a Gaussian window
 (kernel quantile regression: M. C. Jones and P. Hall 1990); its width is the one with the least check loss when each design is left out.
@@ -22,11 +22,12 @@ from scipy.stats import qmc
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import count, require
-from optimisation.designs import WITH_IMPACTS, Design
+from optimisation.designs import Design
 from optimisation.evaluation import evaluate
 from optimisation.objectives import Score
 from optimisation.problem import Problem
-from optimisation.search.told import Evaluated
+from optimisation.search.settings import Evaluated
+from optimisation.variables import WITH_IMPACTS
 
 Array = NDArray[np.float64]
 MAP, REPLICATED = "map", "replicated"

@@ -27,12 +27,11 @@ from impact_env.parameters import ParameterError
 from optimisation.designs import Design, DesignSpace
 from optimisation.evaluation import evaluate
 from optimisation.files import append
+from optimisation.machine import SEARCHING, difference, fingerprint
 from optimisation.objectives import Score
 from optimisation.problem import Problem
 from optimisation.search.ledger import StudyError, alone, line_of, listed, repair
-from optimisation.search.settings import CMA, GP, NSGA2, RANDOM, Settings, seed_of
-from optimisation.search.told import Evaluated, Progress
-from optimisation.sources import SEARCHING, difference, fingerprint
+from optimisation.search.settings import CMA, GP, NSGA2, RANDOM, Evaluated, Progress, Settings, seed_of
 
 # Optuna's samplers without memory: what is proposed for a trial follows from the seed, its number, and the finished trials alone.
 #
@@ -46,7 +45,9 @@ with optional():
     from optuna.distributions import BaseDistribution, FloatDistribution, IntDistribution
     from optuna.samplers import BaseSampler, CmaEsSampler, GPSampler, NSGAIISampler, RandomSampler
     from optuna.samplers import nsgaii as genetic
-    from optuna.trial import FrozenTrial, TrialState
+    from optuna.storages import InMemoryStorage, JournalStorage
+    from optuna.storages.journal import JournalFileBackend
+    from optuna.trial import FrozenTrial, Trial, TrialState
 
 _NOTED = "gp:relative_params"  # where Optuna keeps a proposal of the Gaussian process
 
@@ -130,13 +131,6 @@ class TrialSampler(BaseSampler):
         """Let the method note what it keeps of a finished trial."""
         self._inner.after_trial(study, trial, state, values)
 
-
-with optional():
-    import optuna
-    from optuna.samplers import RandomSampler
-    from optuna.storages import InMemoryStorage, JournalStorage
-    from optuna.storages.journal import JournalFileBackend
-    from optuna.trial import FrozenTrial, Trial, TrialState
 
 Array = NDArray[np.float64]
 Json = dict[str, object]

@@ -30,8 +30,8 @@ from impact_env.extras import optional
 from impact_env.frequency import LinearAbsorber, state_space
 from impact_env.modes import ModalModel
 from impact_env.parameters import ParameterError, require
-from optimisation.convex import NotOptimalError, solve
-from optimisation.tuned.scoring import HIGH, LOW, highest_amplitude
+from optimisation.bounds.relaxation import NotOptimalError, solve
+from optimisation.tuned import HIGH, LOW, highest_amplitude
 
 with optional():
     import cvxpy

@@ -9,7 +9,7 @@ import numpy as np
 
 from impact_env.envs.evaluation import interval
 from impact_env.extras import optional
-from optimisation.report.markdown import markdown
+from optimisation.page import markdown
 from optimisation.rl.admission import ROOM
 from optimisation.rl.rules import EIGHT, TASKS
 from studies.study import Json

@@ -19,7 +19,7 @@ from impact_env.shared_mass import impact_absorbers
 from optimisation.bounds import design_gap
 from optimisation.friction_rule import scaled_friction
 from optimisation.machine import sources
-from optimisation.report.markdown import markdown
+from optimisation.page import markdown
 from optimisation.signals import band_levels
 from studies.load_spectra import (
     CASES,

@@ -21,8 +21,8 @@ from impact_env.sweep import simulate
 from optimisation.bounds import design_force
 from optimisation.friction_rule import scaled_friction
 from optimisation.load_comparison import expected_rms, runs_of, tuned_for
-from optimisation.load_measures import SAMPLES
-from optimisation.report.markdown import markdown
+from optimisation.measures import SAMPLES
+from optimisation.page import markdown
 from studies.study import Json
 
 Array = NDArray[np.float64]

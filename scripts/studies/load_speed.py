@@ -16,8 +16,8 @@ from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, SlidingAbsorber, impact_absorber
 from impact_env.response import Record
 from impact_env.scene import Scene
+from optimisation.machine import BARE, Timed
 from optimisation.progress import Bar
-from optimisation.timing import BARE, Timed
 from studies.one_table import lines, table_study
 from studies.study import Json, Measured, Study
 

@@ -8,7 +8,7 @@ import click
 
 from optimisation.cli.common import Command, check_target, json_option
 from optimisation.machine import machine, sources
-from optimisation.report.markdown import markdown
+from optimisation.page import markdown
 from studies.study import Json, Measured, Part, Place, Steps, Study
 
 S = TypeVar("S")

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 
 from impact_env.extras import optional
 from optimisation.files import replacing
-from optimisation.report.design_figures import BLACK, BLUE, ORANGE
-from optimisation.report.written_figure import write_figure
+from optimisation.report.figures import BLACK, BLUE, ORANGE, write_figure
 from optimisation.rl.families import Array, Random
 from optimisation.rl.rules import CONSTANT, EIGHT, TASKS, policies
 

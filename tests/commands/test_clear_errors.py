@@ -80,8 +80,8 @@ def test_json_alone_goes_to_standard_output_and_what_is_finished_after_an_early_
 
 @pytest.fixture
 def optimise(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.setattr("optimisation.service.FREQUENCIES", 2)
-    monkeypatch.setattr("optimisation.service.FORCES", np.array([0.5, 1.0, 2.0]))
+    monkeypatch.setattr("optimisation.insight.FREQUENCIES", 2)
+    monkeypatch.setattr("optimisation.insight.FORCES", np.array([0.5, 1.0, 2.0]))
     return load("optimise_design", monkeypatch)
 
 

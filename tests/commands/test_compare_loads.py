@@ -16,7 +16,7 @@ from impact_env.parameters import Beam
 from impact_env.scene import Scene
 from optimisation import load_comparison
 from optimisation.cli.group import imported
-from optimisation.load_measures import measure_of, measured
+from optimisation.measures import measure_of, measured
 
 LOAD = '[load]\nkind = "shock"\npulse = "triangle"\npeak_n = 30.0\npulse_s = 0.0125\nduration_s = 0.4\n'
 

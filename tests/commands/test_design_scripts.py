@@ -19,8 +19,8 @@ from optimisation.tuned import den_hartog, undamped_h2
 
 @pytest.fixture
 def tune(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.setattr("optimisation.tuned.table.minimax", lambda model, mass, resonance, *_range: den_hartog(model, mass, resonance))
-    monkeypatch.setattr("optimisation.tuned.table.minimum_h2", lambda model, mass, resonance, *_range: undamped_h2(model, mass, resonance))
+    monkeypatch.setattr("optimisation.report.tuning_report.minimax", lambda model, mass, resonance, *_range: den_hartog(model, mass, resonance))
+    monkeypatch.setattr("optimisation.report.tuning_report.minimum_h2", lambda model, mass, resonance, *_range: undamped_h2(model, mass, resonance))
     return load("tune_ltva", monkeypatch)
 
 
@@ -187,7 +187,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("few")
 def test_a_line_is_what_the_runs_of_that_mass_show() -> None:
-    (found,) = mass_ratios.checks(MODEL, [0.05], [1], 1, 50.0, 1, None)
+    (found,) = mass_ratios.checks(MODEL, [0.05], [1], {"members": 1, "percent_per_100_periods": 50.0, "threads": 1})
     own = check_gap(MODEL, 1.0, 1, scaled_absorber(MODEL, 1.0, 1, 0.05), factors=[0.5, 1.0, 1.5], members=1, percent_per_100_periods=50.0)
     np.testing.assert_array_equal(found.relative, own.relative)
     cells = [cell.strip() for cell in mass_ratios.text([found]).splitlines()[-1].strip("|").split("|")]

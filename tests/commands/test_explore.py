@@ -28,7 +28,7 @@ from optimisation.explore.server import MOST_BYTES, MOST_TABS, hosts_of, make_ap
 from optimisation.explore.settings import Refused, absorber_of, asked, controls, scene_of
 from optimisation.explore.waiting import Kernels
 from optimisation.explore.work import Work
-from optimisation.load_measures import read
+from optimisation.measures import read
 
 HOST = "127.0.0.1:8651"
 OWN = {"host": HOST, "origin": f"http://{HOST}"}

@@ -22,7 +22,7 @@ from optimisation.cli.group import file_of
 from optimisation.comparison import compare
 from optimisation.friction_rule import best_friction
 from optimisation.mounting import mounted
-from optimisation.report.comparison_figure import save_figure
+from optimisation.report.design_figures import save_figure
 from optimisation.tuned import den_hartog, undamped_h2
 from studies.cli.your_structure import BLOCK, PAGES
 
@@ -33,8 +33,8 @@ STEEL, FRAME, MEASURED = (str(EXAMPLES / f"{name}.toml") for name in ("steel_bea
 def quickly_tuned(monkeypatch: pytest.MonkeyPatch) -> None:
     closed = lambda model, mass, resonance=1, *_range: den_hartog(model, mass, resonance)  # noqa: E731
     monkeypatch.setattr("optimisation.comparison.minimax", closed)
-    monkeypatch.setattr("optimisation.tuned.table.minimax", closed)
-    monkeypatch.setattr("optimisation.tuned.table.minimum_h2", lambda model, mass, resonance, *_range: undamped_h2(model, mass, resonance))
+    monkeypatch.setattr("optimisation.report.tuning_report.minimax", closed)
+    monkeypatch.setattr("optimisation.report.tuning_report.minimum_h2", lambda model, mass, resonance, *_range: undamped_h2(model, mass, resonance))
 
 
 def call(name: str, monkeypatch: pytest.MonkeyPatch, line: str) -> Result:
@@ -185,7 +185,7 @@ def test_the_figure_has_the_tuned_absorber_near_both_resonances(monkeypatch: pyt
     def look(figure: Figure, *_: object) -> None:
         drawn.extend(panel.get_legend_handles_labels()[1] for panel in figure.axes)
 
-    monkeypatch.setattr("optimisation.report.comparison_figure.write_figure", look)
+    monkeypatch.setattr("optimisation.report.design_figures.write_figure", look)
     comparison = compare(load_structure(STEEL), resonances=(1, 2), forces=2, members=1, percent_per_100_periods=60.0)
     save_figure(tmp_path / "figure.png", comparison)
     assert len(drawn) == 2

@@ -19,8 +19,8 @@ from impact_env.parameters import ParameterError, RigidWalls, SlidingAbsorber
 from impact_env.plain_loads import read_loads
 from impact_env.scene import Scene
 from optimisation.cli.group import imported
-from optimisation.cli.load_option import loads_of
-from optimisation.load_measures import check_size
+from optimisation.cli.scene_options import loads_of
+from optimisation.measures import check_size
 from optimisation.signals import band_edges, of_signal
 
 MODEL = f"""

@@ -15,7 +15,7 @@ from impact_env.parameters import (
 )
 from impact_env.plain import from_scene
 from impact_env.scene import beam_scene
-from optimisation.cli import sweep, sweep_scene
+from optimisation.cli import scene_options, sweep
 
 STRONG = [*SHORT, "--force", "20"]
 CONSTANT = ["--modes", "2", "--from", "1", "--to", "1"]
@@ -168,13 +168,13 @@ def test_scene_from_a_file_is_the_scene_of_the_options(tmp_path: Path) -> None:
 
 def test_defaults_are_the_papers() -> None:
     given = options()
-    scene, beam = sweep_scene.make_scene(given)
+    scene, beam = scene_options.make_scene(given)
     assert beam == Beam()
-    schedule = sweep_scene.make_schedule(given, scene)
+    schedule = scene_options.make_schedule(given, scene)
     assert scene.model.modes == Beam.modes
     assert set(scene.model.damping_ratio) == {Beam.damping_ratio}
     assert tuple(schedule.omegas / schedule.reference) == pytest.approx(PAPER_LIMITS)
     assert schedule.periods == pytest.approx(1600)
-    assert sweep_scene.make_method(given) == Exact()
-    assert sweep_scene.make_method(options("--method", "moreau")) == Moreau()
-    assert sweep_scene.make_method(options("--method", "runge-kutta", "--steps-per-period", "50")) == RungeKutta(50)
+    assert scene_options.make_method(given) == Exact()
+    assert scene_options.make_method(options("--method", "moreau")) == Moreau()
+    assert scene_options.make_method(options("--method", "runge-kutta", "--steps-per-period", "50")) == RungeKutta(50)

@@ -18,7 +18,9 @@ from optimisation.bounds import (
     expected_gap,
     free_amplitude,
     gap_unit,
+    lines,
     near_range,
+    places,
     reach,
     reduction_share,
     require_reach,
@@ -26,7 +28,6 @@ from optimisation.bounds import (
     share_reached,
     stroke_limit_rms,
 )
-from optimisation.bounds.lines import lines, places
 from optimisation.friction_rule import scaled_friction
 from optimisation.tuned import peak
 

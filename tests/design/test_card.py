@@ -10,13 +10,14 @@ import pytest
 from impact_env import Beam, modal_model
 from impact_env.curve import performance_curve
 from impact_env.scene import Scene
+from optimisation.files import numbers
 from optimisation.gap_advice import advise
 from optimisation.gap_card import bearing
-from optimisation.report.card import Card, Chart, Curve, Row, content, numbers, page, text, write_card
+from optimisation.report.card import Card, Chart, Curve, Row, content, page, text, write_card
 from optimisation.report.cards import tuning_card
-from optimisation.report.gap_table import card as gap_card
+from optimisation.report.gap_report import card as gap_card
+from optimisation.report.tuning_report import Tuning, TuningTable
 from optimisation.tuned import den_hartog, highest_amplitude
-from optimisation.tuned.table import Tuning, TuningTable
 
 CARD = Card(
     "A <title> & more",
@@ -46,7 +47,7 @@ def test_text_json_and_html_say_the_same(tmp_path: Path) -> None:
         assert word in files[0].read_text()
     assert page(CARD).count("</script>") == 3  # words do not end a script
     assert "Copyright (c) 2022 Leon Sorokin" in page(CARD)
-    assert numbers([1.0, float("inf")]) == (1.0, None)
+    assert numbers([1.0, float("inf")]) == [1.0, None]
 
 
 def test_page_draws_in_a_browser_and_asks_for_nothing(tmp_path: Path) -> None:

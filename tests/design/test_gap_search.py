@@ -15,9 +15,8 @@ from impact_env.scene import Scene
 from impact_env.structures.matrices import lowest_modes
 from optimisation.bounds import reach
 from optimisation.friction_rule import scaled_friction
-from optimisation.gap_advice import Advice, advise
+from optimisation.gap_advice import PAIRS, STEP, Advice, Table, advise, answers, bracket, search, worst
 from optimisation.gap_check import scaled_absorber
-from optimisation.gap_search import PAIRS, STEP, Table, answers, bracket, search, worst
 from studies.cli import check_gaps
 from studies.drawn import CASES as DRAWN
 from studies.gaps import CASES, assembled, frame, hermite, judged, plate, storeys

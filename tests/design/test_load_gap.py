@@ -19,12 +19,12 @@ from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.cli.design_options import load_conditions
 from optimisation.cli.group import imported
-from optimisation.designs import GAP, IMPACT, TUNED, design_space
+from optimisation.designs import GAP, IMPACT, design_space
 from optimisation.evaluation import evaluate_arrays
-from optimisation.load_comparison import tuned_under
-from optimisation.load_gap import advise_for_loads
+from optimisation.load_comparison import advise_for_loads, tuned_under
 from optimisation.objectives import Condition, Constraint, Objective
 from optimisation.problem import Problem
+from optimisation.variables import TUNED
 
 MODEL = ModalModel(*(np.array([x]) for x in (OMEGA[0], 0.01, 0.6, 2.6)), MASS)
 BAND = ((35.0, 0.5), (46.0, 0.5))

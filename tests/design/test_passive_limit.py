@@ -11,9 +11,8 @@ from impact_env.frequency import receptance, state_space, tip_response
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, ParameterError, StuckAbsorber, TunedAbsorber
 from optimisation.bounds import design_force, stroke_limit_rms
-from optimisation.bounds.lines import lines as line_terms
-from optimisation.bounds.relaxation import dual_bound, passive_limit
-from optimisation.convex import NotOptimalError
+from optimisation.bounds import lines as line_terms
+from optimisation.bounds.relaxation import NotOptimalError, dual_bound, passive_limit
 from optimisation.tuned import PAPER, den_hartog, highest_amplitude
 from optimisation.tuned.certificate import certify
 

@@ -16,11 +16,9 @@ from optimisation.insight import SHOWN
 from optimisation.objectives import Condition, Constraint
 from optimisation.problem import Problem
 from optimisation.search.find import Plan, find, smooth_search
-from optimisation.search.judge import AUDIT, CHOICE, VERDICT, audit, more_modes, verdict
-from optimisation.search.result import Findings
-from optimisation.search.settings import Rung, Settings, default_settings
+from optimisation.search.judge import AUDIT, CHOICE, VERDICT, Findings, audit, more_modes, verdict
+from optimisation.search.settings import Rung, Settings, default_settings, hypervolume, nondominated
 from optimisation.search.study import opened
-from optimisation.search.told import hypervolume, nondominated
 from optimisation.tuned import HIGH, LOW, minimax
 
 pytest.importorskip("optuna")

@@ -26,11 +26,11 @@ from optimisation.cli.structure import main
 from optimisation.comparison import IMPACT, NONE, compare
 from optimisation.designs import design_space
 from optimisation.evaluation import evaluate
+from optimisation.extremes import stationary_level, sweep_ratio
 from optimisation.friction_rule import best_friction
 from optimisation.mounting import detuned, mounted, scene_on
 from optimisation.objectives import Condition, Objective
 from optimisation.problem import Problem
-from optimisation.sweep_rate import stationary_level, sweep_ratio
 from optimisation.tuned import den_hartog, highest_amplitude, minimax, peak
 
 LENGTH, BENDING, LINE, DAMPING = 1.2, 210e9 * 0.04 * 0.008**3 / 12, 7850 * 0.04 * 0.008, 0.005

@@ -12,14 +12,14 @@ from places import ROOT, SUPPORT
 
 from impact_env.ensemble import Executor
 from optimisation.designs import design_space
+from optimisation.machine import fingerprint
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.search.find import Plan, find
+from optimisation.search.judge import Findings
 from optimisation.search.ledger import StudyError, key_of, repair
-from optimisation.search.result import Findings
 from optimisation.search.settings import Rung, Settings
 from optimisation.search.study import DesignStudy, opened
-from optimisation.sources import fingerprint
 
 pytest.importorskip("optuna")
 pytest.importorskip("cmaes")

@@ -9,6 +9,7 @@ from scipy.integrate import quad
 from impact_env.frequency import natural_frequencies, poles, tip_response
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, ParameterError, StuckAbsorber, TunedAbsorber
+from optimisation.report.tuning_report import NONE, PAPER_VALUES, paper_tuning, tuning_table
 from optimisation.tuned import (
     PAPER,
     den_hartog,
@@ -24,7 +25,6 @@ from optimisation.tuned import (
     undamped_h2,
     undamped_minimax,
 )
-from optimisation.tuned.table import NONE, PAPER_VALUES, paper_tuning, tuning_table
 
 
 @pytest.fixture(scope="module")
@@ -222,7 +222,7 @@ def test_table_shows_the_mistuning(monkeypatch: pytest.MonkeyPatch) -> None:
     assert min(table.tunings, key=lambda tuning: tuning.h2).key == "h2"
     assert table.relative_peak(by_key["minimax"]) == pytest.approx(0.0938, abs=5e-5)
     assert table.ratios(PAPER)[0] == pytest.approx(np.sqrt(701.8 / (0.02 * MODEL.beam_mass)) / MODEL.omega[0])
-    monkeypatch.setattr("optimisation.tuned.table.minimax", lambda *_arguments: pytest.fail("searched"))
+    monkeypatch.setattr("optimisation.report.tuning_report.minimax", lambda *_arguments: pytest.fail("searched"))
     with pytest.raises(ParameterError, match="both peaks"):
         tuning_table(MODEL, low=0.9, high=1.06)
 

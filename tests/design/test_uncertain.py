@@ -14,7 +14,7 @@ from impact_env.parameters import TunedAbsorber
 from optimisation.cli.common import joined, uncertain_of
 from optimisation.cli.design_gap import main as design_gap
 from optimisation.designs import IMPACT, design_space
-from optimisation.hertz import estimate, material, meeting_mass, reaches_beyond
+from optimisation.gap_card import estimate, material, meeting_mass, reaches_beyond
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.uncertain import NAMES, drawn, require_parts, shares, spreads

@@ -15,12 +15,11 @@ from impact_env.envs import ENVIRONMENTS
 from impact_env.envs.evaluation import play
 from impact_env.parameters import ParameterError
 from optimisation.cli import judge
+from optimisation.rl.admission import Search, best_of, evolve, mean_scores
 from optimisation.rl.agents import TRAINED, Agent, Memory, load_agent, save_agent, shipped
 from optimisation.rl.demonstrations import fingerprint, read_demonstrations, record, write_demonstrations
-from optimisation.rl.families import ConstantAction, FamilyPolicy, task_of
-from optimisation.rl.passage_rules import FrequencyWindow, GapByEstimatedForce, SmallRule
+from optimisation.rl.families import ConstantAction, FamilyPolicy, FrequencyWindow, GapByEstimatedForce, SmallRule, task_of
 from optimisation.rl.rules import BLIND, CONSTANT, EIGHT, TASKS, env_of, policies
-from optimisation.rl.tuning import Search, best_of, evolve, mean_scores
 
 FRESH = range(7_000_000, 7_000_096)  # neither trained, tuned nor judged on
 # Bounds on means over seeds lie six of their standard deviations off, as found with six eigenbases that differ by rounding.
@@ -185,7 +184,7 @@ def test_an_agent_with_memory_acts_as_its_model_does(tmp_path: Path) -> None:
 def test_imitation_does_in_each_situation_what_was_shown() -> None:
     pytest.importorskip("stable_baselines3")
     from optimisation.rl.agents import actor_of
-    from optimisation.rl.cloning import imitate
+    from optimisation.rl.models import imitate
 
     shown = record(policies("SweepAndGap-v1")[EIGHT], ADAPTIVE, range(1000, 1024))
     for algorithm in ("ppo", "sac"):

@@ -24,11 +24,9 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormali
 
 from impact_env import ParameterError
 from optimisation.cli import train as command
-from optimisation.rl.agents import Agent, actor_of, find_agents, load_agent, packaged_file, save_agent, shipped
-from optimisation.rl.checkpoints import checkpoints
+from optimisation.rl.agents import Agent, actor_of, find_agents, find_runs, load_agent, packaged_file, read_evaluations, save_agent, shipped
 from optimisation.rl.hyperparameters import PACKAGED, PPOSettings, SACSettings, read, settings_for
-from optimisation.rl.models import begin_leg, make_lanes, make_model
-from optimisation.rl.runs import find_runs, read_evaluations
+from optimisation.rl.models import begin_leg, checkpoints, make_lanes, make_model
 from optimisation.rl.training import Job, train
 from optimisation.rl.vec_env import NativeVecEnv, make_native
 

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from optimisation.sources import ROOT, SEARCHING, closure, fingerprint
+from optimisation.machine import ROOT, SEARCHING, closure, fingerprint
 
 MEASURES, STUDY = "optimisation.measures", "optimisation.search.study"
 

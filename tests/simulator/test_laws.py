@@ -29,7 +29,7 @@ from impact_env.laws import argument, make, values
 from impact_env.periodic.case import case_of
 from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.plain import from_scene, to_scene
-from optimisation.cli.sweep_scene import OPTIONS, SCENE_OPTIONS, make_absorber
+from optimisation.cli.scene_options import OPTIONS, SCENE_OPTIONS, make_absorber
 
 GIVEN: dict[str, dict[str, Any]] = {
     "impact": {"mass_ratio": 0.03, "gap": 2e-3, "restitution": 0.8, "friction_limit": 0.2},

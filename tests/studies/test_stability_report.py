@@ -11,7 +11,7 @@ import pytest
 from commands import call
 
 from impact_env import Beam, modal_model
-from optimisation import machine, workers
+from optimisation import executors, machine
 from optimisation.files import write_json
 from optimisation.page import DOCS
 from studies.cli import stability
@@ -129,16 +129,16 @@ def stumble(x: int) -> int:
 
 
 def test_tasks_in_processes() -> None:
-    order = [workers.Task(double, (3,), "a", 60.0), workers.Task(stumble, (4,), "a", 60.0), workers.Task(time.sleep, (60,), "a", 0.2)]
-    outcomes = {o.task.function: o for o in workers.Pool(1, 30.0).run(order)}
+    order = [executors.Task(double, (3,), "a", 60.0), executors.Task(stumble, (4,), "a", 60.0), executors.Task(time.sleep, (60,), "a", 0.2)]
+    outcomes = {o.task.function: o for o in executors.Pool(1, 30.0).run(order)}
     assert outcomes[double].value == 6
     assert "no 4" in outcomes[stumble].error
     assert "not finished" in outcomes[time.sleep].error
 
 
 def test_lost_tasks_are_failures() -> None:
-    order = [workers.Task(tasks.run_cell, ("gap", "0 m", "exact"), "k", 1.0), workers.Task(tasks.run_eigen, (2,), "k", 1.0)]
-    gathered = tasks.gather([workers.Outcome(task, None, "the process died", 1.0) for task in order], order)
+    order = [executors.Task(tasks.run_cell, ("gap", "0 m", "exact"), "k", 1.0), executors.Task(tasks.run_eigen, (2,), "k", 1.0)]
+    gathered = tasks.gather([executors.Outcome(task, None, "the process died", 1.0) for task in order], order)
     assert len(list(gathered.failures())) == 2
     assert [outcome.task for outcome in tasks.finished(order, vars(gathered))] == order[:1]  # the other is asked again
 

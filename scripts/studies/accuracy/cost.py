@@ -15,7 +15,7 @@ from impact_env.methods import Exact, Method, Moreau
 from impact_env.parameters import Beam
 from impact_env.scene import beam_scene
 from impact_env.sweep import simulate
-from optimisation.report.markdown import markdown
+from optimisation.page import markdown
 from studies.accuracy.cases import COLOURS, MARKERS, Cases, Row, Settings, case, kind_named, median_time, method_name, number, plain, unique
 from studies.accuracy.trajectory import own_time
 

@@ -20,7 +20,7 @@ from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.parameters import Beam
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
-from optimisation.report.markdown import markdown
+from optimisation.page import markdown
 from studies.accuracy.cases import (
     LOOKS,
     Cases,

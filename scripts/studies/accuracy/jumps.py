@@ -13,7 +13,7 @@ from impact_env.methods import Exact, Method, Moreau
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.scene import beam_scene
 from impact_env.sweep import simulate
-from optimisation.report.markdown import markdown
+from optimisation.page import markdown
 from studies.accuracy.cases import MARKERS, Cases, Row, Settings, named, plain, unique
 
 NAME = "jumps"

@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from optimisation.page import published
-from optimisation.report.written_figure import write_figure
+from optimisation.report.figures import write_figure
 from studies.accuracy import bands, cost, distribution, growth, jumps, trajectory
 from studies.accuracy.cases import Row, Settings, made_with
 from studies.study import Json, Measured, Part, Saver, Study, rows_part

@@ -19,7 +19,7 @@ from impact_env.drive import Drive
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method
 from impact_env.sweep import IntegrationError, simulate
-from optimisation.report.markdown import markdown
+from optimisation.page import markdown
 from studies.accuracy.cases import (
     BARE,
     FULL,

@@ -13,8 +13,8 @@ from impact_env.methods import PAPER_STEPS, Exact, Method, Moreau
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.scene import Scene, beam_scene
 from optimisation.cli.common import command
+from optimisation.machine import Timed
 from optimisation.progress import Bar
-from optimisation.timing import Timed
 from studies import load_speed
 from studies.one_table import lines, table_options, table_place, table_study
 from studies.runner import run

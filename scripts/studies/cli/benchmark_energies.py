@@ -25,8 +25,8 @@ from impact_env.response import Record
 from impact_env.scene import beam_scene
 from impact_env.shared_mass import impact_absorbers
 from optimisation.cli.common import command
+from optimisation.machine import Timed
 from optimisation.progress import Bar
-from optimisation.timing import Timed
 from studies.one_table import lines, table_options, table_place, table_study
 from studies.runner import run
 from studies.study import Json, Measured

@@ -19,8 +19,8 @@ import numpy as np
 from impact_env.ensemble import available_cores
 from impact_env.extras import optional
 from optimisation.cli.common import command
+from optimisation.page import markdown
 from optimisation.progress import Bar
-from optimisation.report.markdown import markdown
 from studies.one_table import table_options, table_place, table_study
 from studies.runner import run
 from studies.study import Json, Measured

@@ -25,8 +25,8 @@ from impact_env.scene import beam_scene
 from optimisation.cli.common import check_target, command
 from optimisation.comparison import force_grid
 from optimisation.explore.settings import MOST_MEMBERS
-from optimisation.report.markdown import markdown
-from optimisation.report.written_figure import few_colours
+from optimisation.page import markdown
+from optimisation.report.figures import few_colours
 from studies.one_table import table_options, table_place, table_study
 from studies.runner import run
 from studies.study import Json, Measured

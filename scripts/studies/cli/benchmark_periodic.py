@@ -26,8 +26,8 @@ from impact_env.periodic.survey import attractors, closed_form_orbits, orbit_of_
 from impact_env.periodic.symmetric import FEWEST, closed_folds, closed_form, closed_form_branches, level_places, map_frequencies, symmetric_schedule
 from impact_env.periodic.validation import BAR, CHATTER_BAR, map_over
 from optimisation.cli.common import command
+from optimisation.page import markdown
 from optimisation.progress import Bar
-from optimisation.report.markdown import markdown
 from studies.one_table import table_options, table_place, table_study
 from studies.runner import run
 from studies.study import Json, Study

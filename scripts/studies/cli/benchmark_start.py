@@ -19,9 +19,8 @@ import click
 from impact_env.ensemble import available_cores
 from impact_env.parameters import ParameterError
 from optimisation.cli.common import command
-from optimisation.page import ROOT
+from optimisation.page import ROOT, markdown
 from optimisation.progress import Bar
-from optimisation.report.markdown import markdown
 from studies.one_table import table_options, table_place, table_study
 from studies.runner import run
 from studies.study import Json, Measured

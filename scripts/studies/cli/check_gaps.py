@@ -11,7 +11,7 @@ import click
 from impact_env.ensemble import Executor
 from optimisation.cli.common import command, plain_errors
 from optimisation.executors import cluster_option, workers
-from optimisation.gap_search import MEMBERS
+from optimisation.gap_advice import MEMBERS
 from optimisation.machine import sources
 from studies.drawn import CASES as DRAWN
 from studies.gaps import CASES, STEP, Case, Row, row

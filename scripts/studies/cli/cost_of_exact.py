@@ -20,9 +20,9 @@ from impact_env.kernels.motion.slots import advance
 from impact_env.kernels.motion.vector import POINTS, Place, Step, begin_orders, scan, turn_2
 from impact_env.methods import Exact
 from optimisation.cli.common import command
+from optimisation.machine import Timed
+from optimisation.page import markdown
 from optimisation.progress import Bar
-from optimisation.report.markdown import markdown
-from optimisation.timing import Timed
 from studies.cli.benchmark import CASES, START, Case
 from studies.one_table import table_options, table_place, table_study
 from studies.runner import run

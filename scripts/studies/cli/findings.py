@@ -16,8 +16,7 @@ from optimisation.cli.design_options import QUICK_MEMBERS, QUICK_SPEED
 from optimisation.executors import cluster_option, executor
 from optimisation.files import require_writable
 from optimisation.machine import peak_memory, sources
-from optimisation.page import published
-from optimisation.report.markdown import markdown
+from optimisation.page import markdown, published
 from optimisation.statistics import ratio_of_quantiles
 from studies.findings import parts
 from studies.findings.figures import FIGURES

@@ -18,7 +18,7 @@ from impact_env.drive import PAPER_DAMPING
 from impact_env.ensemble import Executor
 from impact_env.parameters import Beam
 from optimisation.cli.common import command, plain_errors
-from optimisation.designs import FRICTION_LIMIT, GAP, IMPACT, Design, design_space
+from optimisation.designs import Design, design_space
 from optimisation.evaluation import Progress
 from optimisation.executors import cluster_option, executor
 from optimisation.insight import SHOWN
@@ -28,6 +28,7 @@ from optimisation.problem import Problem
 from optimisation.progress import runs_bar
 from optimisation.search.judge import judged
 from optimisation.statistics import Branches, branches
+from optimisation.variables import FRICTION_LIMIT, GAP, IMPACT
 from studies.one_table import lines, table_options, table_place
 from studies.runner import run
 from studies.study import Json, Part, Steps, Study, rows_by_case

@@ -10,8 +10,7 @@ from impact_env.ensemble import Executor
 from impact_env.parameters import positive, require
 from impact_env.periodic.jump import Range
 from optimisation.cli.common import BadInput, command, plain_errors
-from optimisation.cli.structure_option import structure_option
-from optimisation.cli.sweep_scene import make_scene, refuse_parts
+from optimisation.cli.scene_options import make_scene, refuse_parts, structure_option
 from optimisation.executors import cluster_option, workers
 from studies.regimes.measured import Case, Settings, cases, grid
 from studies.regimes.study import JUMP, KINDS, OUT, QUICK_OUT, STUDY, place

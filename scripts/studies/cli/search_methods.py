@@ -23,9 +23,8 @@ from optimisation.designs import design_space
 from optimisation.executors import cluster_option, executor
 from optimisation.machine import sources
 from optimisation.objectives import Condition
-from optimisation.page import DOCS, published
+from optimisation.page import DOCS, markdown, published
 from optimisation.problem import Problem
-from optimisation.report.markdown import markdown
 from optimisation.search.find import BARS, QUIET, Bars, Plan, find
 from optimisation.search.noisy import MAP, NOISY, REPLICATED
 from optimisation.search.settings import CMA, RANDOM, SAMPLERS

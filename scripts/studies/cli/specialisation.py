@@ -16,8 +16,7 @@ import click
 from impact_env.sweep import IntegrationError
 from optimisation.cli.common import command
 from optimisation.machine import sources
-from optimisation.page import DOCS, published
-from optimisation.report.markdown import markdown
+from optimisation.page import DOCS, markdown, published
 from studies.one_table import lines
 from studies.runner import run
 from studies.study import Json, Measured, Part, Place, Steps, Study, Table

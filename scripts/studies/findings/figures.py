@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from optimisation.report.design_figures import BLACK, BLUE, GREEN, GREY, ORANGE, draw_grid, draw_legend, figure_with, force_axis, save_front
-from optimisation.report.written_figure import write_figure
+from optimisation.report.design_figures import save_front
+from optimisation.report.figures import BLACK, BLUE, GREEN, GREY, ORANGE, draw_grid, draw_legend, figure_with, force_axis, write_figure
 
 Json = dict[str, Any]
 COLOURS = {"impact": BLUE, "friction": ORANGE, "tuned": GREEN}

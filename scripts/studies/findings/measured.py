@@ -11,16 +11,15 @@ import numpy as np
 
 from impact_env.ensemble import Executor, Threads
 from impact_env.extras import optional
-from optimisation.designs import IMPACT
 from optimisation.evaluation import evaluate
 from optimisation.machine import peak_memory
 from optimisation.progress import Bar
-from optimisation.report.front_tables import front_summary
 from optimisation.search.cluster import Workers
 from optimisation.search.find import BARS, Plan, find
 from optimisation.search.judge import Audit
-from optimisation.search.pareto import BY_RESONANCE, CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
+from optimisation.search.pareto import BY_RESONANCE, CORNER, FORCES, bounds_of, compare_with_random, front_summary, judge_front, search_front
 from optimisation.search.settings import default_settings
+from optimisation.variables import IMPACT
 from studies.findings.parts import AT, Json, Settings
 
 with optional():

@@ -12,16 +12,17 @@ from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError, RigidWalls
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli.design_options import make_conditions
-from optimisation.designs import FRICTION, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, POSITION, SEVERAL, TUNED, VARIABLES, Design, design_space
-from optimisation.files import read_json
+from optimisation.designs import Design, design_space
+from optimisation.files import number, read_json
 from optimisation.friction_rule import best_friction
 from optimisation.insight import Levels, detuned, levels, member_levels, over_force, with_gaps
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
-from optimisation.report.design_tables import limit, number, summary
+from optimisation.report.design_tables import limit, summary
 from optimisation.search.find import BARS, Plan, find
-from optimisation.search.result import Findings
+from optimisation.search.judge import Findings
 from optimisation.tuned import minimax
+from optimisation.variables import FRICTION, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, POSITION, SEVERAL, TUNED, VARIABLES
 
 Json = dict[str, Any]
 AT = ((1, 3.5), (2, 35.0))  # resonance and force in N: the paper's optimum at either

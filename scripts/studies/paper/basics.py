@@ -24,8 +24,8 @@ from impact_env.response import DEFAULT_SAMPLES, Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
 from optimisation.bounds import design_force
-from optimisation.report.markdown import markdown
-from optimisation.sweep_rate import sweep_ratio
+from optimisation.extremes import sweep_ratio
+from optimisation.page import markdown
 from optimisation.tuned import PAPER, den_hartog, highest_amplitude, minimax, paper_rule, peak, peaks
 from studies.paper import basics_claims, high_low, jump
 from studies.paper.frame import PaperFigure, Settings, has, in_turn

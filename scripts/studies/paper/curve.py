@@ -26,7 +26,7 @@ from impact_env.periodic.stationary import Criteria, longest_pause
 from impact_env.response import DEFAULT_SAMPLES, Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
-from optimisation.report.design_figures import force_axis
+from optimisation.report.figures import force_axis
 from studies.paper.frame import Settings
 from studies.paper.style import MM, REFERENCE, Look, line
 from studies.study import Json

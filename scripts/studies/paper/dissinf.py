@@ -15,7 +15,7 @@ from impact_env.ensemble import draw_members
 from impact_env.methods import Moreau
 from impact_env.parameters import Absorber, Beam, RigidWalls, friction_damper, impact_absorber
 from impact_env.scene import Scene, beam_scene
-from optimisation.report.markdown import markdown
+from optimisation.page import markdown
 from studies.paper.claim import INFINITY, LITTLE, MUCH, SAME, Claim, claim, judged, spread, within
 from studies.paper.curve import Curve, Envelope, best_forces, curve_of, curves, draw_curve, force_grid, inset_of, level_axes
 from studies.paper.frame import PaperFigure, Settings, has, in_turn

@@ -16,8 +16,8 @@ from impact_env.methods import Method
 from impact_env.parameters import count
 from impact_env.periodic.residence import finished
 from optimisation.machine import sources
+from optimisation.page import markdown
 from optimisation.progress import sweeps_bar
-from optimisation.report.markdown import markdown
 from studies.paper.claim import Claim
 from studies.paper.style import saved
 from studies.study import Json, Measured, Part, Steps, Table

@@ -22,7 +22,7 @@ from impact_env.periodic.stationary import Stationary, stationary
 from impact_env.response import Record
 from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate
-from optimisation.report.markdown import markdown
+from optimisation.page import markdown
 from studies.paper import high_low_claims
 from studies.paper.branches import HARMONICS, balance, draw, responses
 from studies.paper.claim import between

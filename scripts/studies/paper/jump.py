@@ -19,8 +19,8 @@ from impact_env.periodic.residence import SILENCE, Approach, ExitRate, exit_rate
 from impact_env.response import DEFAULT_SAMPLES, Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
+from optimisation.page import markdown
 from optimisation.progress import sweeps_bar
-from optimisation.report.markdown import markdown
 from studies.paper import jump_claims
 from studies.paper.branches import draw, responses
 from studies.paper.claim import spread

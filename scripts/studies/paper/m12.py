@@ -16,9 +16,9 @@ from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, friction_damper
 from impact_env.scene import Scene, beam_scene
 from optimisation.bounds import resonance_limit
 from optimisation.comparison import FRICTION, IMPACT, LTVA_PAPER, LTVA_PAPER_WIDE, LTVA_TUNED_WIDE, NONE, RESONANCES, compare, concepts
+from optimisation.page import markdown
 from optimisation.progress import sweeps_bar
-from optimisation.report.comparison_figure import ORDINALS
-from optimisation.report.markdown import markdown
+from optimisation.report.design_figures import ORDINALS
 from studies.paper.claim import INFINITY, LITTLE, MUCH, WIDE, Claim, about, claim, spread
 from studies.paper.curve import Curve, best_forces, curve_of, curves, draw_curve, force_grid, inset_of, level_axes, plain_curve
 from studies.paper.frame import PaperFigure, Settings, has, in_turn, shortened

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from impact_env.curve import BAND, CurveCase, quantiles
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.scene import beam_scene
-from optimisation.report.markdown import markdown
+from optimisation.page import markdown
 from studies.paper.claim import SAME, Claim, Verdict
 from studies.paper.frame import NAME, PaperFigure, Settings, in_turn
 from studies.paper.style import LOOKS, legends, line, panels

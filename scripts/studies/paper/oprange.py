@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from impact_env.methods import Moreau
 from impact_env.parameters import Beam, StuckAbsorber, impact_absorber
 from impact_env.scene import beam_scene
-from optimisation.report.markdown import markdown
+from optimisation.page import markdown
 from studies.paper.claim import INFINITY, LITTLE, SAME, Claim, Verdict, claim, spread, within
 from studies.paper.curve import Curve, Ranges, curve_of, curves, force_grid, inset_of, level_axes, ranges_of, slopes, watched_curve
 from studies.paper.frame import PaperFigure, Settings, has, in_turn

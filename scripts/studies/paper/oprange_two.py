@@ -20,7 +20,7 @@ from impact_env.methods import Moreau
 from impact_env.parameters import Beam, RigidWalls, impact_absorber
 from impact_env.periodic.overview import exact_curves, linear_curves
 from impact_env.scene import Scene, beam_scene
-from optimisation.report.markdown import markdown
+from optimisation.page import markdown
 from studies.paper.claim import MUCH, PLACE, SAME, Claim, Verdict, claim, spread, within
 from studies.paper.curve import Curve, Envelope, curve_of, curves, draw_curve, force_grid, level_axes, ranges_of, watched_curve
 from studies.paper.frame import PaperFigure, Settings, has, in_turn

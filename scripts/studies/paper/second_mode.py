@@ -20,7 +20,7 @@ from impact_env.methods import Moreau
 from impact_env.parameters import Beam
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
-from optimisation.report.design_figures import force_axis
+from optimisation.report.figures import force_axis
 from studies.paper.account import SAMPLES, accounted, critical, lanes_of, scene, window_around
 from studies.paper.claim import INFINITY, LEFT, OFTEN, SAME, Claim, about, claim, spread
 from studies.paper.curve import curve_of, curves

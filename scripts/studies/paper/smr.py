@@ -23,7 +23,7 @@ from impact_env.phase_lag import phase_lag
 from impact_env.response import DEFAULT_SAMPLES, History, Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
-from optimisation.report.markdown import markdown
+from optimisation.page import markdown
 from studies.paper.claim import LEFT, MUCH, Claim, about, judged, middle, spread
 from studies.paper.frame import PaperFigure, Settings, has, in_turn
 from studies.paper.style import FAINT, LOOKS, MM, REFERENCE, legends, panels, signal

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from optimisation.report.written_figure import write_figure
+from optimisation.report.figures import write_figure
 from studies.study import Saver
 
 WIDTH, DPI = 7.2, 180  # in inches the width of a page's text

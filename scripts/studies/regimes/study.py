@@ -13,9 +13,8 @@ from impact_env.periodic.jump import Hazard, Jumps, hazard
 from impact_env.periodic.residence import ExitRate
 from impact_env.periodic.stationary import Kind
 from optimisation.machine import sources
-from optimisation.page import published
-from optimisation.report.markdown import markdown
-from optimisation.report.written_figure import write_figure
+from optimisation.page import markdown, published
+from optimisation.report.figures import write_figure
 from studies.regimes.measured import RESPONSE, STAY, SWEEP, WAYS, Key, Row, Settings, jump_cases, key, kind_cases
 from studies.study import Json, Measured, Part, Place, Saver, Study, Table, beside, rows_part
 

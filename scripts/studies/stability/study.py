@@ -12,11 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from optimisation.executors import Pool
 from optimisation.machine import sources
-from optimisation.page import published
-from optimisation.report.markdown import markdown
-from optimisation.report.written_figure import write_figure
-from optimisation.workers import Pool
+from optimisation.page import markdown, published
+from optimisation.report.figures import write_figure
 from studies.one_table import lines
 from studies.stability.cells import FAILED, GOOD, REFUSED, WEAK, Cell
 from studies.stability.tasks import Results, finished, gather, tasks

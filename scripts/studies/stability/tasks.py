@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 
 from impact_env import ParameterError, SlidingAbsorber
-from optimisation.workers import Outcome, Task
+from optimisation.executors import Outcome, Task
 from studies.stability import cells, checks, eigen, limits
 from studies.stability import soak as soaks
 from studies.stability.cases import Case, cases

@@ -1,0 +1,126 @@
+"""The style of all figures, how they are written (format by the ending, PNG with a palette), and the picture of a structure.
+
+matplotlib, which is slow to import, is imported when something is drawn.
+"""
+
+from __future__ import annotations
+
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from impact_env.modes import Structure, mode_shapes
+from impact_env.parameters import Beam
+from optimisation.files import replacing
+from optimisation.mounting import mounted, watched
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from PIL import Image
+
+COLOURS = 256
+MM = 1e3
+BLACK, BLUE, ORANGE, GREEN, PINK, SKY, YELLOW = "#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00"  # of Okabe and Ito
+GREY = "0.55"
+HATCHED: dict[str, Any] = {"facecolor": "0.93", "edgecolor": "0.72", "hatch": "////", "lw": 0.8}  # what no device can reach
+
+
+def figure_of(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
+    """Return a figure of a size in inches with its axes: one, a row of them, or an array (rows, columns); ``options`` as in `Figure.subplots`."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False, **options)
+    return figure, (axes[0, 0] if columns == 1 else axes[0]) if rows == 1 else axes
+
+
+def figure_with(count: int, height: float = 4.6) -> tuple[Figure, list[Axes]]:
+    """Return a figure with this many panels side by side."""
+    figure, axes = figure_of(max(5.4 * count, 6.4), height, 1, count)
+    return figure, list(np.atleast_1d(axes))
+
+
+def force_axis(axis: Any, subs: tuple[float, ...] = (1, 2, 5)) -> None:
+    """Put 1, 2 and 5 of each decade, or others, on a logarithmic axis."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axis.set_minor_locator(NullLocator())
+    axis.set_minor_formatter(NullFormatter())
+
+
+def draw_grid(panel: Axes) -> None:
+    """Draw a light grid behind all else."""
+    panel.grid(True, color="0.9", lw=0.7)
+    panel.set_axisbelow(True)
+
+
+def draw_legend(figure: Figure, panel: Axes, columns: int = 5, **options: Any) -> Any:
+    """Put one panel's legend below the figure, and return it."""
+    handles, labels = panel.get_legend_handles_labels()
+    given = {"ncols": min(columns, len(labels)), "frameon": False, "fontsize": 9} | options
+    return figure.legend(handles, labels, loc="outside lower center", **given)
+
+
+def write_figure(figure: Figure, path: Path, dpi: float = 160) -> None:
+    """Write a figure, whole or not at all, in the format that the ending of its path names (PNG where it has none).
+
+    A PNG has a palette of 256 colours: less than half as large, and off by less than one of 255 steps of a colour in the mean, at edges of lines.
+    """
+    from PIL import Image  # which matplotlib needs
+
+    kind = path.suffix[1:] or "png"
+    with replacing(path) as temporary:
+        if kind != "png":
+            figure.savefig(temporary, dpi=dpi, format=kind)
+            return
+        drawn = BytesIO()
+        figure.savefig(drawn, dpi=dpi, format=kind)
+        few_colours(Image.open(drawn)).save(temporary, format=kind, optimize=True, dpi=(dpi, dpi))
+
+
+def few_colours(image: Image.Image) -> Image.Image:
+    """Return an image with a palette, without a pattern of dots in place of colours that are left out."""
+    from PIL import Image
+
+    return image.convert("RGB").quantize(COLOURS, Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE)
+
+
+# The picture of a structure: the shapes of its lowest modes, with the places of force, absorber and response.
+
+
+MOST, POINTS = 6, 201
+PLACES = (("force", ORANGE, "v", 7), ("absorber", BLUE, "s", 9), ("response", "#F0E442", "o", 5))
+
+
+def save_structure(path: Path, structure: Structure) -> None:
+    """Draw a structure: a beam over its length, modes at their places alone as points; the ending of ``path`` chooses the format."""
+    model = mounted(structure)
+    shown = min(model.modes, MOST)
+    figure, panels = figure_of(8, 1.0 + 1.1 * shown, shown, sharex=True)
+    panels = np.ravel(panels)
+    shapes = (model.force_shape, model.tip_shape, model.level_shape)
+    beam = watched(structure) if isinstance(structure, Beam) else None
+    for k, panel in enumerate(panels):
+        panel.axhline(0, color="0.8", lw=0.8)
+        if isinstance(beam, Beam):
+            at = np.linspace(0, 1, POINTS)
+            panel.plot(at, mode_shapes(beam, at)[:, k], color="0.35")
+            places = [beam.force_position, beam.absorber_position, beam.response_position]
+        else:
+            places = [0.0, 1.0, 2.0]
+        for place, shape, (name, colour, mark, size) in zip(places, shapes, PLACES, strict=True):
+            panel.plot([place], [shape[k]], mark, color=colour, label=name, ms=size)
+        words = f"mode {k + 1}, {model.omega[k] / (2 * np.pi):.4g} Hz, damping {100 * model.damping_ratio[k]:.3g} %"
+        panel.set_title(words, fontsize=9, loc="left")
+    panels[0].legend(ncols=3, fontsize=8, frameon=False, loc="lower right", bbox_to_anchor=(1, 1))
+    if isinstance(beam, Beam):
+        panels[-1].set_xlabel("place over the length")
+    else:
+        panels[-1].set_xticks([0, 1, 2], [name for name, *_ in PLACES])
+    figure.supylabel("shape in 1/sqrt(kg)", fontsize=9)
+    write_figure(figure, path)
