@@ -1,7 +1,9 @@
 """What a band stands for: levels of members that differ in the force's phase, by a millionth in its amplitude, or both; what phases explain."""
 
+import itertools
 from collections.abc import Iterator
 from functools import partial
+from operator import itemgetter
 from typing import get_args
 
 import numpy as np
@@ -32,18 +34,13 @@ def _plans(settings: Settings) -> Iterator[tuple[str, Members, int]]:
     yield CROSSED, Members(np.repeat(drawn, repeats), draw_members(phases * repeats + 1, seed, "force").factors[1:]), repeats
 
 
-def key(row: Row) -> tuple[str, str]:
-    """Return direction and kind of members."""
-    return row["direction"], row["kind"]
+key = itemgetter("direction", "kind")  # of a row: its case
 
 
 def cases(settings: Settings) -> Cases:
     """Return a case for each direction and kind of members."""
-    return {
-        (direction, name): partial(_measured, direction, name, members, shared)
-        for direction in DIRECTIONS
-        for name, members, shared in _plans(settings)
-    }
+    plans = itertools.product(DIRECTIONS, _plans(settings))
+    return {(direction, name): partial(_measured, direction, name, members, shared) for direction, (name, members, shared) in plans}
 
 
 def _measured(direction: str, name: str, members: Members, shared: int) -> list[Row]:

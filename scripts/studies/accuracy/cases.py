@@ -169,6 +169,10 @@ class Settings:
     seed: int = 0
     quick: bool = False
 
+    def scenes_and_modes(self, names: Iterable[str]) -> list[tuple[str, int]]:
+        """Return each of the scenes that is asked for with each number of modes."""
+        return [(name, modes) for name in names if not self.kinds or name in self.kinds for modes in self.modes]
+
 
 FULL = Settings()
 QUICK = Settings(

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from functools import partial
+from operator import itemgetter
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -42,9 +43,7 @@ def _own_time(name: str, modes: int, method: Method, settings: Settings) -> floa
     return own_time(case(kind_named(name), modes), method, 1.0, settings)
 
 
-def key(row: Row) -> tuple[str, float, str, str]:
-    """Return the varied quantity, its value, scene and method."""
-    return row["over"], row["value"], row["scene"], row["method"]
+key = itemgetter("over", "value", "scene", "method")  # of a row: its case
 
 
 def cases(settings: Settings) -> Cases:

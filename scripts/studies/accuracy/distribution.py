@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import itemgetter
 
 import numpy as np
 import scipy.stats
@@ -58,19 +59,12 @@ def _levels(
         yield member, response.level.value, response.wall_time
 
 
-def key(row: Row) -> tuple[str, int]:
-    """Return scene and number of modes."""
-    return row["scene"], row["modes"]
+key = itemgetter("scene", "modes")  # of a row: its case
 
 
 def cases(settings: Settings) -> Cases:
     """Return a case for each scene and number of modes."""
-    return {
-        (kind.name, modes): partial(_measured, kind, modes, settings)
-        for kind in map(kind_named, KINDS)
-        if not settings.kinds or kind.name in settings.kinds
-        for modes in settings.modes
-    }
+    return {(name, modes): partial(_measured, kind_named(name), modes, settings) for name, modes in settings.scenes_and_modes(KINDS)}
 
 
 def _measured(kind: Kind, modes: int, settings: Settings) -> list[Row]:

@@ -5,6 +5,7 @@ A. Giorgilli, J.-M. Strelcyn, Meccanica 15, 1980). The mean logarithm of the gro
 """
 
 from functools import partial
+from operator import itemgetter
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -114,19 +115,12 @@ def _twins(run: _Continued, states: list[tuple[Array, int]], per_period: float, 
     return off
 
 
-def key(row: Row) -> tuple[str, int]:
-    """Return scene and number of modes."""
-    return row["scene"], row["modes"]
+key = itemgetter("scene", "modes")  # of a row: its case
 
 
 def cases(settings: Settings) -> Cases:
     """Return a case for each scene and number of modes."""
-    return {
-        (name, modes): partial(_measured, name, modes, settings)
-        for name in KINDS
-        if not settings.kinds or name in settings.kinds
-        for modes in settings.modes
-    }
+    return {(name, modes): partial(_measured, name, modes, settings) for name, modes in settings.scenes_and_modes(KINDS)}
 
 
 def _measured(name: str, modes: int, settings: Settings) -> list[Row]:

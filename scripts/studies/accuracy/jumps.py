@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import partial
+from operator import itemgetter
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -21,9 +22,7 @@ FORCE, FRICTION = 1.5, 0.025  # N
 HIGH = 0.75e-3  # m: between the two branches, which lie at about 0.5e-3 and 1.0e-3
 
 
-def key(row: Row) -> tuple[float, str, float | None]:
-    """Return slowness, method and its setting."""
-    return row["periods_per_percent"], row["method"], row["setting"]
+key = itemgetter("periods_per_percent", "method", "setting")  # of a row: its case
 
 
 def cases(settings: Settings) -> Cases:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -189,9 +190,7 @@ def peers(settings: Settings) -> list[tuple[str, float, Maker]]:
     return found + [("heyoka", tolerance, HeyokaRegimes) for tolerance in settings.heyoka_tolerances]
 
 
-def key(row: Row) -> tuple[str, int]:
-    """Return scene and number of modes."""
-    return row["scene"], row["modes"]
+key = itemgetter("scene", "modes")  # of a row: its case
 
 
 def order(settings: Settings) -> list[tuple[str, int]]:

@@ -6,6 +6,8 @@ Stays and sweeps belong to the part jump, responses to the part kinds.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, partial
+from itertools import product
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -125,23 +127,15 @@ BEFORE, AFTER = 0.002, 0.012  # of the resonance, that sweeps either way begin b
 BOTH_WAYS = 100.0, 300.0  # pseudo periods per percent
 
 
-def key(row: Row) -> Key:
-    """Return a row's key: the measurement's kind, the case, and its frequency ratio or slowness."""
-    return row["what"], row["case"], row["at"]
+key = itemgetter("what", "case", "at")  # of a row: its case
 
 
 def jump_cases(settings: Settings) -> Mapping[Key, Callable[[], list[Row]]]:
     """Return the measurements: stays at each frequency and sweeps at each slowness."""
     stay = {(STAY, case.name, ratio): partial(_stay, case, ratio, settings) for case in settings.cases for ratio in case.stay_ratios}
     sweep = {(SWEEP, case.name, slow): partial(_sweep, case, slow, settings) for case in settings.cases if case.sweep for slow in case.slownesses}
-    ways = {
-        (way, case.name, slow): partial(_one_way, case, way, slow, settings)
-        for case in settings.cases
-        if case.both_ways
-        for slow in BOTH_WAYS
-        for way in WAYS
-    }
-    return {**stay, **sweep, **ways}
+    both = product((case for case in settings.cases if case.both_ways), BOTH_WAYS, WAYS)
+    return {**stay, **sweep, **{(way, case.name, slow): partial(_one_way, case, way, slow, settings) for case, slow, way in both}}
 
 
 def kind_cases(settings: Settings) -> Mapping[Key, Callable[[], list[Row]]]:
@@ -185,12 +179,10 @@ def _one_way(case: Case, way: str, slowness: float, settings: Settings) -> list[
     high, low = case.both_ways
     over = Range(high + BEFORE, high, low, low - AFTER) if way == WAYS[0] else Range(low - BEFORE, low, high, high + AFTER)
     drawn = _phases(2 * settings.sweep_members, settings.seed + 2)
-    found = jumps(
-        case.scene, case.force, case.approach, over, slowness, drawn, settings.silence, threads=settings.threads, executor=settings.executor
-    )
-    return [
-        {"what": way, "case": case.name, "at": slowness, "first": over.first, "last": over.last, "present": found.present, "left": len(found.left)}
-    ]
+    at = (case.scene, case.force, case.approach, over, slowness, drawn)
+    found = jumps(*at, settings.silence, threads=settings.threads, executor=settings.executor)
+    row: Row = {"what": way, "case": case.name, "at": slowness, "first": over.first, "last": over.last}
+    return [row | {"present": found.present, "left": len(found.left)}]
 
 
 MEANS = ("impacts_per_period", "depth", "absorber_share", "impact_loss", "friction_loss")
