@@ -2,7 +2,7 @@
 
 import importlib.util
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -34,79 +34,63 @@ class Points(NamedTuple):
     points: int
 
 
-@dataclass
-class Figures:
-    """Two figures of two groups each, what was measured of them, and what happens before a group is."""
+def figure_of(label: str, points: int, begin: Callable[[str], None]) -> PaperFigure:
+    """Return a figure of two groups; ``begin`` is told the name of each before it is measured."""
 
-    points: int = 3
-    use: Callable[[], None] = lambda: None
-    measured: list[str] = field(default_factory=list)
-    events: dict[str, Callable[[], None]] = field(default_factory=dict)
+    def group(name: str, settings: Settings) -> dict[str, int]:
+        begin(name)
+        return {"sum": sum(range(points)) + settings.seed}
 
-    def group(self, name: str, settings: Settings) -> dict[str, int]:
-        self.events.get(name, lambda: None)()
-        self.measured.append(name)
-        return {"sum": sum(range(self.points)) + settings.seed}
+    def measure(settings: Settings, _size: Points, known: Json) -> Steps:
+        return in_turn({name: partial(group, f"{label} {name}", settings) for name in ("first", "second")}, known)
 
-    def figure(self, label: str) -> PaperFigure:
-        def words(values: Json) -> str:
-            return f"{label}: {values}"
+    def words(values: Json) -> str:
+        return f"{label}: {values}"
 
-        def measure(settings: Settings, _size: Points, known: Json) -> Steps:
-            return in_turn({name: partial(self.group, f"{label} {name}", settings) for name in ("first", "second")}, known)
+    def claims(values: Json) -> list[Claim]:
+        verdict = judged(values["first"]["sum"], values["second"]["sum"], 3, 3)
+        return [Claim(f"{label} sum", "the sum is 3", "2.1", str(values["second"]["sum"]), verdict, label, "It was another.")]
 
-        def claims(values: Json) -> list[Claim]:
-            verdict = judged(values["first"]["sum"], values["second"]["sum"], 3, 3)
-            return [Claim(f"{label} sum", "the sum is 3", "2.1", str(values["second"]["sum"]), verdict, label, "It was another.")]
-
-        sizes = Points(self.points), Points(0)
-        return PaperFigure(label, label, sizes=sizes, measure=measure, words=words, draw=lambda _: Figure(), claims=claims)
+    sizes = Points(points), Points(0)
+    return PaperFigure(label, label, sizes=sizes, measure=measure, words=words, draw=lambda _: Figure(), claims=claims)
 
 
-@pytest.fixture
-def figures(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Figures:
-    made = Figures()
+def test_finished_groups_and_figures_are_kept_until_their_parameters_change(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    measured: list[str] = []
+    stopped_by = ["two second"]
 
-    def use() -> None:
-        own = tuple(made.figure(label) for label in ("one", "two"))
+    def begin(name: str) -> None:
+        if name in stopped_by:
+            raise KeyboardInterrupt
+        measured.append(name)
+
+    def run(*options: object, points: int = 3, code: int = 0) -> list[tuple[str, str]]:
+        """Return figure and verdict of each claim."""
+        own = tuple(figure_of(label, points, begin) for label in ("one", "two"))
         monkeypatch.setattr(study, "FIGURES", own)
         monkeypatch.setattr(study, "STUDY", replace(study.STUDY, parts=tuple(figure.part() for figure in own)))
         monkeypatch.setattr(study, "CLAIMS", replace(study.CLAIMS, parts=(claims_part(own),)))
-
-    made.use = use
-    use()
-    monkeypatch.setattr(study, "LABELS", ("one", "two"))
-    page = tmp_path / "paper.md"
-    page.write_text("".join(f"<!-- {marker(name)} -->\n<!-- /{marker(name)} -->\n" for name in ("one", "two", SUMMARY, REFUTED, CLAIMED)))
-    return made
-
-
-def test_finished_groups_and_figures_are_kept_until_their_parameters_change(figures: Figures, tmp_path: Path) -> None:
-    def run(*options: object, code: int = 0) -> list[tuple[str, str]]:
-        """Return figure and verdict of each claim."""
         result = call(script(), "--out", tmp_path, *options)
         assert result.exit_code == code, result.output
         return [(claim["figure"], claim["verdict"]) for claim in read_json(tmp_path / "paper" / "claims.json.gz")["claims"]]
 
-    def stop() -> None:
-        raise KeyboardInterrupt
-
+    monkeypatch.setattr(study, "LABELS", ("one", "two"))
+    (tmp_path / "paper.md").write_text(
+        "".join(f"<!-- {marker(name)} -->\n<!-- /{marker(name)} -->\n" for name in ("one", "two", SUMMARY, REFUTED, CLAIMED))
+    )
     every = ["one first", "one second", "two first", "two second"]
-    figures.events["two second"] = stop
     assert run(code=130) == [("one", "holds")]
-    figures.events.clear()
+    stopped_by.clear()
     assert run() == [("one", "holds"), ("two", "holds")]
-    assert figures.measured == every
+    assert measured == every
     assert {"one.json.gz", "two.json.gz", "one.png", "two.png", "claims.json.gz"} <= {file.name for file in (tmp_path / "paper").iterdir()}
     run()
-    assert len(figures.measured) == 4
-    figures.points = 4
-    figures.use()
-    assert run("--figure", "two") == [("one", "holds"), ("two", "does not hold")]
-    assert figures.measured[4:] == every[2:]
-    run("--figure", "two", "--seed", 1)
-    run("--figure", "two", "--seed", 1, "--anew")
-    assert len(figures.measured) == 10
+    assert len(measured) == 4
+    assert run("--figure", "two", points=4) == [("one", "holds"), ("two", "does not hold")]
+    assert measured[4:] == every[2:]
+    run("--figure", "two", "--seed", 1, points=4)
+    run("--figure", "two", "--seed", 1, "--anew", points=4)
+    assert len(measured) == 10
 
 
 def test_summary_counts_substantive_and_definitional_claims_apart() -> None:
