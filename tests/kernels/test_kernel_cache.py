@@ -1,4 +1,4 @@
-"""Where compiled kernels are kept, in fresh processes that must obey permissions, each with a real run."""
+"""Where compiled kernels are kept, in fresh processes that must obey permissions, each with a real kernel."""
 
 import ctypes
 import os
@@ -9,25 +9,23 @@ import sys
 import sysconfig
 import tempfile
 import venv
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from places import ROOT
 
 from impact_env.kernels.compiling import cache
-from impact_env.kernels.compiling.cache import Folders, choose, digest
+from impact_env.kernels.compiling.cache import HOST, NEEDED, SHIPPED_FOR, Folders, choose, digest, why_not_shipped
 
 DAC_OVERRIDE, DAC_READ_SEARCH = 1, 2
 LIBC = ctypes.CDLL(None) if os.name == "posix" else None
 RUN = """
 import impact_env
-from impact_env import Beam, Drive, beam_scene, constant_frequency, simulate
 from impact_env.kernels.compiling.cache import folders
-from impact_env.kernels.exact.linear import linear_lane as kernel
-scene = beam_scene(Beam(modes=2))
-level = simulate(scene, Drive(1.0, constant_frequency(scene.model.resonance_omega(1), 1.0, 3.0))).level.value
-stats = kernel.stats
-print(folders().write, folders().read, level, sum(stats.cache_hits.values()), sum(stats.cache_misses.values()), sep="|")
+from impact_env.kernels.motion.level import close_level, new_level
+result, stats = close_level(new_level(32)), close_level.stats
+print(folders().write, folders().read, result, sum(stats.cache_hits.values()), sum(stats.cache_misses.values()), sep="|")
 """
 OUTSIDE = "import sys; sys.prefix = sys.base_prefix\n"  # of a virtual environment
 NOWHERE = """
@@ -52,7 +50,7 @@ def run(before: str = "", **variables: object) -> dict[str, str]:
     environment = kept | {"PYTHONPATH": str(ROOT)} | {name: str(value) for name, value in variables.items()}
     done = subprocess.run([sys.executable, "-c", before + RUN], env=environment, cwd="/", capture_output=True, text=True, preexec_fn=obey_permissions)
     assert done.returncode == 0, done.stderr
-    words = dict(zip(("write", "read", "level", "hits", "misses"), done.stdout.strip().split("|"), strict=True))
+    words = dict(zip(("write", "read", "result", "hits", "misses"), done.stdout.strip().split("|"), strict=True))
     return words | {"error": done.stderr}
 
 
@@ -78,11 +76,11 @@ def test_a_named_folder_is_filled_and_then_read_where_nothing_can_be_written(tmp
     assert second["read"] == str(named / digest())
     assert second["write"].startswith(str(temporary / "impact_env-"))
     assert (second["hits"], second["misses"]) == ("1", "0")
-    assert second["level"] == first["level"]
+    assert second["result"] == first["result"]
     assert not list(Path(second["write"]).rglob("*.nbc"))  # nothing was compiled
 
     third = run(NOWHERE, IMPACT_ENV_CACHE=named)
-    assert (third["write"], third["read"], third["level"]) == ("None", str(named / digest()), first["level"])
+    assert (third["write"], third["read"], third["result"]) == ("None", str(named / digest()), first["result"])
     assert (third["hits"], third["misses"]) == ("1", "0")
     assert "no folder can be written to" in third["error"]
 
@@ -92,12 +90,10 @@ def test_a_home_that_cannot_be_written_to_leaves_the_temporary_folder(tmp_path: 
     home, temporary = folder(tmp_path / "home", 0o555), folder(tmp_path / "tmp", 0o1777)
     (home / ".cache").mkdir()
     (home / ".cache").chmod(0o555)
-    first = run(OUTSIDE, HOME=home, TMPDIR=temporary)
+    found = run(OUTSIDE, HOME=home, TMPDIR=temporary)
     (private,) = temporary.glob("impact_env-*")
-    assert (first["write"], first["read"], first["misses"]) == (str(private / digest()), "None", "1")
+    assert (found["write"], found["read"], found["misses"]) == (str(private / digest()), "None", "1")
     assert private.stat().st_mode & 0o777 == 0o700
-    second = run(OUTSIDE, HOME=home, TMPDIR=temporary)
-    assert (second["hits"], second["misses"], second["level"]) == ("1", "0", first["level"])
 
 
 @posix
@@ -124,16 +120,6 @@ def test_a_folder_of_someone_else_is_not_read(tmp_path: Path, monkeypatch: pytes
     assert chosen.parent.stat().st_mode & 0o777 == 0o700
 
 
-@posix
-def test_nothing_can_be_written_at_all(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    def refuse(*_arguments: object, **_options: object) -> None:
-        raise PermissionError
-
-    monkeypatch.setattr(cache.Path, "mkdir", refuse)
-    monkeypatch.setattr(cache.tempfile, "gettempdir", refuse)
-    assert choose(tmp_path, "x") == Folders(None, None)
-
-
 def test_the_hash_sees_every_source(tmp_path: Path) -> None:
     (tmp_path / "below").mkdir()
     seen = {digest(tmp_path)}
@@ -158,18 +144,18 @@ print(sum(size.stats.cache_hits.values()), sum(size.stats.cache_misses.values())
 """
 
 
+def start(script: Path, folder: Path, *words: object) -> subprocess.Popen[str]:
+    """Start a script whose kernels are kept in a folder."""
+    environment = os.environ | {"IMPACT_ENV_CACHE": str(folder), "PYTHONPATH": str(ROOT)}
+    return subprocess.Popen([sys.executable, script, *map(str, words)], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
 def test_two_processes_that_fill_one_folder_lose_nothing(tmp_path: Path) -> None:
-    """numba reads an index, adds to it and writes it back; 18 variants each of one function make the two meet in that again and again."""
-    script = tmp_path / "filled.py"
-    script.write_text(FILLED)
-    environment = os.environ | {"IMPACT_ENV_CACHE": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
-
-    def start(variants: range) -> subprocess.Popen[str]:
-        return subprocess.Popen([sys.executable, script, *map(str, variants)], env=environment, stdout=subprocess.PIPE, text=True)
-
-    both = [start(range(0, 36, 2)), start(range(1, 36, 2))]
-    assert [process.communicate()[0].split() for process in both] == [["0", "18"]] * 2
-    assert start(range(36)).communicate()[0].split() == ["36", "0"]
+    """numba reads an index, adds to it and writes it back; 10 variants each of one function make the two meet in that again and again."""
+    (script := tmp_path / "filled.py").write_text(FILLED)
+    both = [start(script, tmp_path / "cache", *variants) for variants in (range(0, 20, 2), range(1, 20, 2))]
+    assert [process.communicate()[0].split() for process in both] == [["0", "10"]] * 2
+    assert start(script, tmp_path / "cache", *range(20)).communicate()[0].split() == ["20", "0"]
 
 
 # Damaged files of compiled kernels: never run, compiled anew with one warning, and whole again for the next process.
@@ -193,13 +179,12 @@ print(*(sum(kept.values()) for kernel in (first, second) for kept in (kernel.sta
 RESULT = f"{1 + CONSTANT} {1.5 + CONSTANT} {2 + CONSTANT}"
 
 
-def run_small(script: Path, folder: Path) -> tuple[str, str, list[str]]:
-    """Return the results, hits and misses of each kernel, and what was warned of, line by line."""
-    environment = os.environ | {"IMPACT_ENV_CACHE": str(folder), "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
-    result, stats = done.stdout.splitlines()
-    return result, stats, done.stderr.splitlines()
+def run_small(script: Path, folder: Path) -> tuple[str, list[str]]:
+    """Return hits and misses of each kernel, and what was warned of, line by line; the results must be right."""
+    out, errors = start(script, folder).communicate(timeout=120)
+    result, stats = out.splitlines()
+    assert result == RESULT
+    return stats, errors.splitlines()
 
 
 @pytest.fixture(scope="module")
@@ -207,7 +192,7 @@ def filled(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A script, and the folder where its kernels are kept."""
     place = tmp_path_factory.mktemp("kernels")
     (script := place / "small.py").write_text(SMALL)
-    assert run_small(script, place / "cache") == (RESULT, "0 2 0 1", [])
+    assert run_small(script, place / "cache") == ("0 2 0 1", [])
     return script, place / "cache"
 
 
@@ -223,36 +208,124 @@ def one(folder: Path, pattern: str) -> Path:
 
 
 def flipped(content: bytes) -> bytes:
-    """Flip a bit of the number that is added, or of what is in the middle."""
-    at = content.find(struct.pack("<d", CONSTANT)) + 5 or len(content) // 2
+    """Flip a bit of the number that is added."""
+    at = content.find(struct.pack("<d", CONSTANT)) + 5
+    assert at > 4
     return content[:at] + bytes([content[at] ^ 4]) + content[at + 1 :]
 
 
-DAMAGES = {
-    "empty": lambda _: b"",
-    "cut": lambda content: content[: len(content) // 2],
-    "garbage": lambda _: bytes(range(256)) * 9,
-    "flipped": flipped,
-}
-
-
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_damage_is_warned_of_once_and_mended(kept: tuple[Path, Path], damage: str) -> None:
+@pytest.mark.parametrize(("index", "code"), [(b"", flipped), (bytes(range(256)) * 9, lambda content: content[: len(content) // 2])])
+def test_damage_is_warned_of_once_and_mended(kept: tuple[Path, Path], index: bytes, code: Callable[[bytes], bytes]) -> None:
     """An index of two kernels, and the machine code of another."""
-    for path in (one(kept[1], "*first*.nbi"), one(kept[1], "*second*.nbc")):
-        path.write_bytes(DAMAGES[damage](path.read_bytes()))
-    result, stats, (line,) = run_small(*kept)
-    assert (result, stats) == (RESULT, "0 2 0 1")
-    assert line == f"damaged kernels in {kept[1] / digest()} are compiled anew"
-    assert run_small(*kept) == (RESULT, "2 0 1 0", [])
-
-
-def test_flipping_reaches_what_would_be_run(filled: tuple[Path, Path]) -> None:
-    assert struct.pack("<d", CONSTANT) in one(filled[1], "*second*.nbc").read_bytes()
+    one(kept[1], "*first*.nbi").write_bytes(index)
+    compiled = one(kept[1], "*second*.nbc")
+    compiled.write_bytes(code(compiled.read_bytes()))
+    assert run_small(*kept) == ("0 2 0 1", [f"damaged kernels in {kept[1] / digest()} are compiled anew"])
+    assert run_small(*kept) == ("2 0 1 0", [])
 
 
 def test_data_of_other_types_is_not_run(kept: tuple[Path, Path]) -> None:
     """As is left where an index was lost, and a process ended between a new one and its data."""
     one(kept[1], "*first*.2.nbc").write_bytes(one(kept[1], "*first*.1.nbc").read_bytes())
-    assert run_small(*kept) == (RESULT, "1 1 1 0", [])
-    assert run_small(*kept) == (RESULT, "2 0 1 0", [])
+    assert run_small(*kept) == ("1 1 1 0", [])
+
+
+# Kernels that came with the package: found from another folder and by other processes, and by no sources or processors that they are not for.
+
+
+FEATURES = cache.llvmlite.binding.get_host_cpu_features
+served = pytest.mark.skipif(sys.platform != "linux" or not all(FEATURES().get(name) for name in NEEDED), reason="needs Linux and AVX2")
+SIMULATE = """
+import sys
+import impact_env
+from impact_env import Beam, Drive, Record, beam_scene, impact_absorber, linear_sweep, on_compile, simulate
+told = []
+on_compile(told.append)
+found = []
+for word in sys.argv[1:]:
+    scene = beam_scene(Beam(modes=3), impact_absorber(restitution=0.7, friction_limit=0.1) if word == "friction" else None)
+    response = simulate(scene, Drive(3.5, linear_sweep(scene.model.resonance_omega(1), 0.97, 1.0)), record=Record(events=word == "friction"))
+    found += [response.level.value, *response.end_state, *([] if response.impacts is None else response.impacts.time)]
+print(*(float(x).hex() for x in found), sep=",")
+print(len(told) // 2, impact_env.__file__)
+"""
+
+
+def simulated(site: Path, kept: Path, *words: str, **variables: str) -> tuple[str, int, str]:
+    """Return the digits of the scenes that are named, how many kernels were compiled, and what was said."""
+    ours = {name: text for name, text in os.environ.items() if not name.startswith(("NUMBA_", "IMPACT_ENV_"))}
+    ours |= {"PYTHONPATH": str(site), "IMPACT_ENV_CACHE": str(kept)} | variables
+    done = subprocess.run([sys.executable, "-P", "-c", SIMULATE, *words], env=ours, cwd=kept.parent, capture_output=True, text=True, timeout=580)
+    assert done.returncode == 0, done.stderr
+    digits, (compiled, package) = done.stdout.splitlines()[0], done.stdout.splitlines()[1].split()
+    assert package == str(site / "impact_env" / "__init__.py")
+    return digits, int(compiled), done.stderr
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A package with kernels that were compiled elsewhere, as `scripts/build --kernels` does, and the digits that they gave there."""
+    folder = tmp_path_factory.mktemp("shipped")
+    package = folder / "site" / "impact_env"
+    shutil.copytree(ROOT / "impact_env", package, ignore=shutil.ignore_patterns("__pycache__", "shipped"))
+    name, features = SHIPPED_FOR
+    digits, compiled, _ = simulated(ROOT, folder / "made", "none", "friction", NUMBA_CPU_NAME=name, NUMBA_CPU_FEATURES=features)
+    assert compiled >= 2
+    shutil.copytree(folder / "made", package / "kernels" / "shipped")
+    return folder / "site", digits
+
+
+@pytest.mark.nightly
+@served
+def test_nothing_is_compiled_and_nothing_kept(made: tuple[Path, str], tmp_path: Path) -> None:
+    assert simulated(made[0], tmp_path / "kept", "none", "friction") == (made[1], 0, "")
+    assert not list((tmp_path / "kept").rglob("*.nb[ci]"))
+
+
+@pytest.mark.nightly
+@served
+def test_kernels_for_the_host_are_preferred_and_give_the_same_digits(made: tuple[Path, str], tmp_path: Path) -> None:
+    digits, compiled, _ = simulated(made[0], tmp_path / "kept", "none", **{HOST: "host"})
+    assert made[1].startswith(digits)
+    assert compiled >= 1
+    shutil.rmtree(shutil.copytree(made[0], tmp_path / "site") / "impact_env" / "kernels" / "shipped")
+    assert simulated(tmp_path / "site", tmp_path / "kept", "none") == (digits, 0, "")
+    assert simulated(ROOT, cache.cache_folder().parent, "none", "friction")[0] == made[1]  # what these tests have compiled for the host
+
+
+@pytest.mark.nightly
+@served
+def test_damaged_ones_and_those_of_other_sources_are_compiled_anew(made: tuple[Path, str], tmp_path: Path) -> None:
+    site = shutil.copytree(made[0], tmp_path / "another_site")
+    for file in site.rglob("linear.linear_lane*.nbc"):
+        content = file.read_bytes()
+        file.write_bytes(content[:-5000] + bytes(5000))
+    digits, compiled, said = simulated(site, tmp_path / "kept", "none")
+    assert compiled == 1
+    assert made[1].startswith(digits)
+    assert "damaged kernels in" in said
+    assert simulated(site, tmp_path / "kept", "none")[:2] == (digits, 0)
+    with (site / "impact_env" / "kernels" / "events" / "signals.py").open("a") as file:
+        file.write("# another version\n")
+    again, compiled, _ = simulated(site, tmp_path / "kept", "none")
+    assert (again, compiled > 0) == (digits, True)
+
+
+@pytest.mark.nightly
+@served
+def test_why_none_are_used_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache, "SHIPPED", tmp_path)
+    monkeypatch.delenv(HOST, raising=False)
+    for name in ("CPU_NAME", "CPU_FEATURES"):
+        monkeypatch.setattr(cache.numba.config, name, None)
+    why, python = why_not_shipped.__wrapped__, f"py{sys.version_info[0]}{sys.version_info[1]}"
+    assert why() == "none came with this package"
+    for folder, name in (("0123456789abcdef", f"f-1.{python}.nbi"), (digest(), "f-1.py27.nbi"), (digest(), f"f-1.{python}.nbi")):
+        assert why() != ""
+        (tmp_path / folder / "kernels").mkdir(parents=True, exist_ok=True)
+        (tmp_path / folder / "kernels" / name).touch()
+    assert why() == ""
+    monkeypatch.setattr(cache.llvmlite.binding, "get_host_cpu_features", lambda: FEATURES() | {"fma": False})
+    assert why() == "this processor lacks fma"
+    monkeypatch.setattr(cache.numba.config, "CPU_NAME", "generic")
+    assert "asks for others" in why()

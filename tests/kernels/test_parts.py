@@ -4,21 +4,16 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
-from functools import cache
 from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 import pytest
-from numba import typeof
 from numba.core.caching import NullCache
 from numba.core.errors import TypingError
 from places import ROOT, SUPPORT
 
 from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room, jit_view
-from impact_env.kernels.compiling.parts import _is_sparing
-from impact_env.kernels.motion.level import Level
-from impact_env.kernels.motion.observers import Energy, Events, Observe, Series
 
 
 def fresh(kernel: Any) -> Any:
@@ -27,8 +22,8 @@ def fresh(kernel: Any) -> Any:
     return kernel
 
 
-def diamond() -> tuple[Any, ...]:
-    """Return kernels of which the last calls two that share the first, the one of them by way of another."""
+def test_only_the_kernel_that_is_called_from_python_becomes_machine_code() -> None:
+    """The last of four calls two that share the first, the one of them by way of another."""
 
     @fresh
     @jit
@@ -52,11 +47,6 @@ def diamond() -> tuple[Any, ...]:
         room[0], room[1] = half(x), third(x)
         return room.sum()
 
-    return cube, half, third, both
-
-
-def test_only_the_kernel_that_is_called_from_python_becomes_machine_code() -> None:
-    cube, half, third, both = diamond()
     assert both(2.0) == pytest.approx(4.0 + 4.0 + 8.0 / 3.0)
     assert [len(kernel.overloads) for kernel in (cube, half, third, both)] == [0, 0, 0, 1]
     assert [len(kernel.part.overloads) for kernel in (cube, half, third, both)] == [1, 1, 1, 0]
@@ -65,53 +55,10 @@ def test_only_the_kernel_that_is_called_from_python_becomes_machine_code() -> No
     assert len(third.overloads) == 1
     assert both(3.0) == pytest.approx(0.5 * 27 * 2 + 9.0)
     assert list(both.overloads.values()) == [whole]
+    assert numba.njit(lambda x: 2.0 * third(x))(2.0) == pytest.approx(2.0 * (4.0 + 8.0 / 3.0))  # a function that is no kernel
 
 
-def test_a_function_that_is_no_kernel_calls_kernels() -> None:
-    _, _, third, _ = diamond()
-
-    @numba.njit
-    def twice(x: float) -> Any:
-        return 2.0 * third(x)
-
-    assert twice(2.0) == pytest.approx(2.0 * (4.0 + 8.0 / 3.0))
-
-
-def test_a_branch_for_a_part_that_is_absent_is_not_typed_where_it_is_there() -> None:
-    @fresh
-    @jit
-    def force(x, limit):
-        if limit is None:
-            return x.nothing  # does not compile
-        return limit * x
-
-    @fresh
-    @jit
-    def other(x, limit):
-        return force(x, limit) if limit is not None else x
-
-    assert other(2.0, 3.0) == 6.0
-    assert other(2.0, None) == 2.0
-    with pytest.raises(TypingError, match="nothing"):
-        force(2.0, None)
-
-
-def test_an_argument_that_may_be_none_keeps_both_branches() -> None:
-    @numba.njit
-    def some(x):
-        return x if x > 0.0 else None
-
-    @fresh
-    @jit
-    def size(limit):
-        return -1.0 if limit is None else 1.0
-
-    @fresh
-    @jit
-    def of(x):
-        return size(some(x))
-
-    assert (of(2.0), of(-2.0)) == (1.0, -1.0)
+# --- a branch for what is absent, or there, is not typed: each of these has one that does not compile ------------------------------------------
 
 
 class Pair(NamedTuple):
@@ -130,7 +77,7 @@ class Nest(NamedTuple):
 
 def by_name(pair, x):
     if pair.low is None:
-        return pair.low.nothing  # does not compile
+        return pair.low.nothing
     if pair.high is not None:
         return pair.high.nothing
     return pair.low * x
@@ -159,9 +106,39 @@ def in_a_function_that_dissolves(pair, x):
     return dissolves(pair, x)
 
 
-@pytest.mark.parametrize("function", [by_name, by_another_name, in_one_expression, in_a_function_that_dissolves])
+def in_a_group_in_a_group(pair, x):
+    return nested(Nest(pair, 1.0), x)
+
+
+@fresh
+@jit
+def nested(nest, x):
+    pair = nest.pair
+    if nest.pair.low is None:
+        return nest.pair.low.nothing
+    if pair.high is not None:
+        return pair.high.nothing
+    return nest.pair.low * nest.factor * x
+
+
+def as_arguments(pair, x):
+    return of_arguments(pair.low, pair.high, x)
+
+
+@fresh
+@jit
+def of_arguments(low, high, x):
+    if low is None:
+        return low.nothing
+    return low * x if high is None else high.nothing
+
+
+LEAVES = [by_name, by_another_name, in_one_expression, in_a_function_that_dissolves, in_a_group_in_a_group, as_arguments]
+
+
+@pytest.mark.parametrize("function", LEAVES)
 @pytest.mark.parametrize("decorate", [jit, jit_inline])
-def test_a_branch_for_an_absent_field_of_a_group_is_not_typed(function: Callable[..., Any], decorate: Callable[..., Any]) -> None:
+def test_a_branch_for_what_is_absent_is_not_typed(function: Callable[..., Any], decorate: Callable[..., Any]) -> None:
     leaf = fresh(decorate(function))
 
     @fresh
@@ -175,67 +152,41 @@ def test_a_branch_for_an_absent_field_of_a_group_is_not_typed(function: Callable
             leaf(other, 2.0)
 
 
-def test_a_branch_for_an_absent_field_of_a_group_in_a_group_is_not_typed() -> None:
+@numba.njit
+def some(x):
+    return x if x > 0.0 else None
+
+
+def test_what_may_be_none_keeps_both_branches() -> None:
     @fresh
     @jit
-    def of(nest, x):
-        pair = nest.pair
-        if nest.pair.low is None:
-            return nest.pair.low.nothing
-        if pair.high is not None:
-            return pair.high.nothing
-        return nest.pair.low * nest.factor * x
-
-    assert of(Nest(Pair(3.0, None), 2.0), 5.0) == 30.0
-    with pytest.raises(TypingError, match="nothing"):
-        of(Nest(Pair(3.0, 1.0), 2.0), 5.0)
-
-
-def test_a_field_that_may_be_none_keeps_both_branches() -> None:
-    @numba.njit
-    def some(x):
-        return x if x > 0.0 else None
-
-    @fresh
-    @jit
-    def size(pair):
-        return (-1.0 if pair.low is None else 1.0) + (-10.0 if pair.high is None else 10.0)
+    def size(low, pair):
+        return (-1.0 if low is None else 1.0) + (-10.0 if pair.high is None else 10.0)
 
     @fresh
     @jit
     def of(x, y):
-        return size(Pair(some(x), some(y)))
+        return size(some(x), Pair(1.0, some(y)))
 
-    assert [of(x, y) for x in (2.0, -2.0) for y in (2.0, -2.0)] == [11.0, -9.0, 9.0, -11.0]
-
-
-def test_a_name_that_is_a_field_only_at_times_keeps_both_branches() -> None:
     @fresh
     @jit
-    def size(pair, x):
+    def at_times(pair, x):
         high = pair.high
         if x > 0.0:
             high = x
         return -1.0 if high is None else 1.0
 
-    assert [size(Pair(1.0, None), x) for x in (2.0, -2.0)] == [1.0, -1.0]
-    assert [size(Pair(1.0, 3.0), x) for x in (2.0, -2.0)] == [1.0, 1.0]
+    assert [of(x, y) for x in (2.0, -2.0) for y in (2.0, -2.0)] == [11.0, -9.0, 9.0, -11.0]
+    assert [at_times(Pair(1.0, None), x) for x in (2.0, -2.0)] == [1.0, -1.0]
+    assert [at_times(Pair(1.0, 3.0), x) for x in (2.0, -2.0)] == [1.0, 1.0]
 
 
-def test_what_is_no_named_tuple_keeps_its_own_meaning() -> None:
-    @fresh
-    @jit
-    def real(x, pair):
-        first, _ = pair
-        return 0.0 if x.real is None or pair is None or first is None else x.real
-
-    assert real(3.0 + 4.0j, (1.0, 2.0)) == 3.0
-
-
-def test_constants_share_a_part() -> None:
+def test_constants_share_a_part_and_its_errors_reach_python() -> None:
     @fresh
     @jit
     def power(x, n):
+        if x < 0.0:
+            raise ValueError("below zero")
         return x**n
 
     @fresh
@@ -245,54 +196,23 @@ def test_constants_share_a_part() -> None:
 
     assert sums(2.0) == 12.0
     assert len(power.part.overloads) == 1
-
-
-def test_an_error_in_a_part_reaches_python() -> None:
-    @fresh
-    @jit
-    def refuse(x):
-        if x < 0.0:
-            raise ValueError("below zero")
-        return x
-
-    @fresh
-    @jit
-    def outer(x):
-        return 2.0 * refuse(x)
-
-    assert outer(1.0) == 2.0
     with pytest.raises(ValueError, match="below zero"):
-        outer(-1.0)
+        sums(-1.0)
 
 
-# How far a kernel is inlined: decided by what it is given, and not by what a process has compiled before. All in fresh processes.
+# --- how far a kernel is inlined: decided by what it is given, and not by what a process has compiled before -----------------------------------
 
 
-@cache
 def compiled(*words: str) -> dict[str, list[str]]:
-    """Return for each word the kernel's result, and then its instructions."""
+    """Return for each word the kernel's result, and then its instructions, from a fresh process."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     result = subprocess.run([sys.executable, str(SUPPORT / "inlined.py"), *words], env=environment, capture_output=True, text=True, timeout=300)
     assert result.returncode == 0, result.stderr
     return dict(zip(words, map(str.split, result.stdout.splitlines()), strict=True))
 
 
-def test_machine_code_does_not_depend_on_what_was_compiled_before() -> None:
-    first, last = compiled("bare", "sparing"), compiled("sparing", "bare")
-    assert first["bare"] == last["bare"]
-    assert first["sparing"] == last["sparing"]
-
-
-def test_a_sparing_group_spares_copies_and_changes_no_digit() -> None:
-    code = compiled("plain", "sparing")
-    assert code["plain"][0] == code["sparing"][0] == compiled("bare", "sparing")["bare"][0]
-    assert len(code["sparing"]) < len(code["plain"])  # by how much is the processor's: half on one with AVX-512, a few in a hundred without AVX
-
-
-def test_energies_and_states_spare_and_cheaper_observers_do_not() -> None:
-    level, energy = Level(np.zeros(3), np.zeros(1), np.zeros(2)), Energy(np.zeros(1), np.zeros(2))
-    events = Events(np.zeros(1), np.zeros(1), np.zeros(1))
-    cheap = Observe(1.0, (2, 3), level, events)
-    assert not _is_sparing(typeof(cheap))
-    assert _is_sparing(typeof(cheap._replace(energy=energy)))
-    assert _is_sparing(typeof((1.0, cheap._replace(series=Series(np.zeros((2, 2)))))))
+def test_machine_code_does_not_depend_on_what_was_compiled_before_and_a_sparing_group_spares_copies() -> None:
+    first, last = compiled("bare", "sparing", "plain"), compiled("sparing", "bare")
+    assert {word: first[word] for word in last} == last
+    assert first["plain"][0] == first["sparing"][0] == first["bare"][0]
+    assert len(first["sparing"]) < len(first["plain"])  # by how much is the processor's: half on one with AVX-512, a few in a hundred without AVX

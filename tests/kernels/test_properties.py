@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from core import drive_of, relative_displacement, run, scene_of
+from core import drive_of, relative_displacement, run
 from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
@@ -23,10 +23,9 @@ from impact_env import (
     TunedAbsorber,
     beam_scene,
 )
-from impact_env.energy import stored_energy
 from impact_env.parameters import Absorber, ParameterError
 
-few = settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+few = settings(max_examples=50, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 
 
 def powers(low: float, high: float) -> st.SearchStrategy[float]:
@@ -78,12 +77,10 @@ def starts(draw: st.DrawFn, scene: Scene) -> InitialState:
 
 
 def check(response: Response, error: float = 1e-9) -> None:
-    assert response.energy is not None
     energy = response.energy
     # what passes through the run: without damping and friction the work can cancel almost to nothing
     scale = max(abs(energy.work), float(np.sum(energy.modal_loss)), energy.stored_at_start, energy.stored_at_end, float(np.sum(energy.impact_loss)))
-    if response.history is not None:
-        scale = max(scale, abs(response.drive.amplitude) * float(np.max(np.abs(response.history.tip_displacement))))
+    scale = max(scale, abs(response.drive.amplitude) * float(np.max(np.abs(response.history.tip_displacement))))
     # friction's loss is its limit times a difference of displacements, whose terms are as large as the beam's deflection under that limit
     friction = getattr(response.scene.absorber, "friction", None)
     rounding = 1e-15 * friction.limit**2 / Beam().static_tip_stiffness if friction is not None else 0.0
@@ -103,8 +100,8 @@ def check(response: Response, error: float = 1e-9) -> None:
         assert np.max(np.abs(relative_displacement(response))) <= walls.gap + noise
         assert np.all(response.impacts.energy_lost >= 0)
         assert np.sum(response.impacts.energy_lost) == pytest.approx(energy.impact_loss, rel=1e-12, abs=1e-30)
-    if response.impact_count > 0 and response.drive.amplitude == 0 and energy.stored_at_start == 0:
-        raise AssertionError("impacts out of nothing")
+    if response.drive.amplitude == 0 and energy.stored_at_start == 0:
+        assert not np.any(response.end_state)  # rest stays at rest
 
 
 @few
@@ -143,7 +140,6 @@ def assert_same_beginning(one: Response, other: Response, factor: float) -> None
 @few
 @given(scenes(st.one_of(rigid, dampers, compliant, elastic), 10), drives, powers(-3, 3))
 def test_scaling_law(scene: Scene, drive: Drive, factor: float) -> None:
-    assert isinstance(scene.absorber, SlidingAbsorber)
     larger = Scene(scene.model, scaled(scene.absorber, factor))
     assert_same_beginning(run(scene, drive), run(larger, dataclasses.replace(drive, amplitude=factor * drive.amplitude)), factor)
 
@@ -156,50 +152,12 @@ def test_mirror_symmetry(scene: Scene, drive: Drive) -> None:
     assert one.impact_count == other.impact_count
 
 
-def test_doubling_everything_is_exact() -> None:
-    """A factor of two changes no rounding: not even thousands of impacts may differ."""
-    for absorber in (SlidingAbsorber(walls=RigidWalls(1e-3, 0.8)), SlidingAbsorber(walls=RigidWalls(1e-3, 0.8), friction=CoulombFriction(0.1))):
-        one, two = (run(scene_of(scaled(absorber, f)), drive_of(5.0 * f, 0.98, 1.02, periods=60)) for f in (1, 2))
-        assert one.impact_count > 100
-        np.testing.assert_array_equal(two.end_state, 2 * one.end_state)
-
-
-conservative = st.one_of(
-    st.none(),
-    st.builds(SlidingAbsorber, masses, st.builds(RigidWalls, gaps)),
-    st.builds(TunedAbsorber, masses, stiffnesses, st.just(0.0)),
-    st.builds(SlidingAbsorber, masses, st.builds(CompliantWalls, stiffnesses, gaps)),
-)
-
-
-@few
-@given(st.data(), st.integers(1, 10), conservative, st.floats(0.2, 20))
-def test_conserved_energy(data: st.DataObject, modes: int, absorber: Absorber | None, periods: float) -> None:
-    scene = beam_scene(Beam(modes=modes, damping_ratio=0.0), absorber)
-    initial = data.draw(starts(scene))
-    response = run(scene, drive_of(0.0, 1.0, periods=periods), initial=initial)
-    start = stored_energy(scene, initial.vector(scene))
-    assert stored_energy(scene, response.end_state) == pytest.approx(start, rel=1e-9, abs=1e-300)
-
-
 @few
 @given(scenes(st.one_of(rigid, dampers), 5), drives)
 def test_impulses_balance_the_absorbers_momentum(scene: Scene, drive: Drive) -> None:
     """Without friction, only walls change the absorber's velocity: in impacts, and while they hold it."""
     response = run(scene, drive)
-    assert scene.absorber_mass is not None
-    sliding = scene.absorber
-    assert isinstance(sliding, SlidingAbsorber)
-    if sliding.friction is None and response.stuck_time == 0:
+    if scene.absorber.friction is None and response.stuck_time == 0:
         momentum = scene.absorber_mass * response.end_state[-1]
         assert momentum == pytest.approx(np.sum(response.impacts.impulse), rel=1e-9, abs=1e-10 * np.sum(np.abs(response.impacts.impulse)))
     assert np.all(response.impacts.impulse * response.impacts.relative_velocity <= 0)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_run_repeats_bit_for_bit(seed: int) -> None:
-    absorber = SlidingAbsorber(walls=RigidWalls(1e-3, 0.8), friction=CoulombFriction(0.1))
-    drive = drive_of(5.0, 0.98, 1.0, periods=30, phase=float(seed))
-    one, two = (run(scene_of(absorber), drive) for _ in range(2))
-    np.testing.assert_array_equal(one.end_state, two.end_state)
-    np.testing.assert_array_equal(one.impacts.time, two.impacts.time)

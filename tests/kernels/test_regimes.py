@@ -10,7 +10,7 @@ from impact_env.kernels.motion.segments import Regime
 from impact_env.kernels.motion.slots import DRIVE, GUARD, RELATIVE, REST, TIP
 from impact_env.modes import modal_model
 from impact_env.regime_sets import set_modes
-from impact_env.regimes import basis_error, fastest, free_regime, joined_regime, padded_size, sprung_regime
+from impact_env.regimes import fastest, free_regime, joined_regime, padded_size, sprung_regime
 
 pytest.importorskip("mpmath")
 from reference.motion import joined_motion, sprung_motion, swinging_tip
@@ -68,7 +68,6 @@ def sprung_error(model: ModalModel, mass: float, stiffness: float, damper: float
 
 
 def several_error(model: ModalModel, masses: Array) -> float:
-    assert model.absorber_shapes is not None
     modes, n, worst = set_modes(model, masses, model.absorber_shapes), model.modes, 0.0
     scale = np.append(model.omega, np.ones(n))
     twice = np.where(modes.values.imag == 0, 1, 2)
@@ -90,7 +89,6 @@ def all_errors(model: ModalModel, mass: float, own: float, damping: float) -> li
     """Errors of the joined, the sprung and the several regime; ``own`` in units of the second frequency (or the only one)."""
     omega = own * model.omega[min(1, model.modes - 1)]
     errors = [joined_error(model, mass), sprung_error(model, mass, mass * omega**2, 2 * mass * omega * damping)]
-    assert model.absorber_shapes is not None
     return [*errors, several_error(model, np.linspace(0.4, 1, len(model.absorber_shapes)) * mass)]
 
 
@@ -123,21 +121,6 @@ def test_coupled_motion_with_critically_damped_modes(modes: int, every: bool, ma
         assert max(all_errors(model, mass, 0.7, (0.1, 1.0)[seed])) < 3 * BAR
 
 
-def test_critically_damped_modes_without_exception_span_the_state() -> None:
-    """A regime is refused where its modes do not: none of these is."""
-    rng = np.random.default_rng(5)
-    for scene in range(200):
-        modes = int(rng.choice([1, 2, 3, 10, 30]))
-        ratio = np.where(rng.random(modes) < rng.choice([0.4, 1.0]), 1.0, rng.choice([0.0, 0.01, 2.0]))
-        places = rng.uniform(0.05, 1, int(rng.integers(1, 5)))
-        model = modal_model(Beam(modes=modes, damping_ratio=tuple(ratio), absorber_position=float(places[0])), places)
-        mass, omega = 10 ** rng.uniform(-5, 1) * model.beam_mass, 10 ** rng.uniform(-1, 1.5) * model.omega[0]
-        fastest(model, mass)
-        fastest(model, mass, mass * omega**2, 2 * mass * omega * (0.0, 0.1, 1.0, 3.0)[scene % 4])
-        assert model.absorber_shapes is not None
-        set_modes(model, np.full(len(places), mass / len(places)), np.array(model.absorber_shapes))
-
-
 NODE = scipy.optimize.brentq(lambda x: modal_model(Beam(modes=3), [x]).absorber_shapes[0, 1], 0.7, 0.85, xtol=1e-16)
 
 
@@ -152,16 +135,14 @@ def test_places_beside_a_node_of_the_beam(ratio: float, beside: float) -> None:
 @pytest.mark.parametrize("share", [1e-20, 1e-9, 1e-7, 1e-4])
 def test_tip_shapes_that_almost_vanish(ratio: float, share: float) -> None:
     model = custom(3, 4, ratio, 2)
-    assert model.absorber_shapes is not None
     shapes = model.absorber_shapes * np.array([[1, share, 1, 0.3 * share], [1, -3 * share, 1, share]])
     changed = ModalModel(model.omega, model.damping_ratio, model.force_shape, shapes[0], 1.0, shapes)
     assert max(all_errors(changed, 0.3, 1.0, 0.05)) < BAR
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("apart", [0.0, 1e-15, 1e-9, 1e-4])
 def test_two_modes_with_one_frequency(apart: float) -> None:
-    for seed in range(20):
+    for seed in range(4):
         model = custom(seed, 4, 0.01, 2)
         omega = np.array(model.omega)
         omega[2] = omega[1] * (1 + apart)
@@ -198,16 +179,6 @@ def test_the_tip_under_a_swinging_relative_force() -> None:
     found = np.sum(both / (1j * at - s) + np.conj(both) / (1j * at - np.conj(s))) / 2
     expected = swinging_tip(model, mass, stiffness, at)
     assert abs(found - expected) < 1e-10 * abs(expected)
-
-
-def test_the_whole_basis_is_checked() -> None:
-    """Energy that goes from one mode to another counts, in the units of energy."""
-    out, into, scale = np.eye(4, dtype=complex), np.eye(4, dtype=complex), np.array([10.0, 1e4, 1.0, 1.0])
-    assert basis_error(out, into, scale) == 0
-    into[1, 0] = 1e-9
-    assert basis_error(out, into, scale) == pytest.approx(1e-6)
-    into[1, 0] = np.nan
-    assert basis_error(out, into, scale) == np.inf
 
 
 def test_what_has_no_digits_is_refused() -> None:

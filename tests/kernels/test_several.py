@@ -1,26 +1,18 @@
-"""Several absorbers: against independent integrators, closed forms and the single absorber, and what must hold for every scene."""
-
-from dataclasses import dataclass
+"""Several absorbers: limits, closed forms and what must hold for every scene; test_verification.py has them beside two references."""
 
 import numpy as np
 import pytest
-from core import OMEGA, PERIOD, Array, drive_of, relative_displacement, run, scene_of
-from every_scene import SEVERAL
+from core import PERIOD, Array, drive_of, run, still
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from impact_env import (
     Beam,
-    CompliantWalls,
     Drive,
-    ElasticCoulombFriction,
     InitialState,
-    Moreau,
     ParameterError,
     Response,
     RigidWalls,
-    RungeKutta,
-    Scene,
     SeveralAbsorbers,
     SlidingAbsorber,
     StuckAbsorber,
@@ -31,117 +23,32 @@ from impact_env import (
     linear_sweep,
     simulate,
 )
-from impact_env.controlled import ControlledRuns
-from impact_env.energy import stored_energy
-from impact_env.ensemble import Lane, run_lanes
-from impact_env.families import Observers
-from impact_env.families.exact import SEVERAL as ANY_NUMBER
-from impact_env.kernels.motion.observers import DONE, Series, new_check, new_counters, new_energy, new_events
-from impact_env.methods import Exact
 from optimisation.designs import design_space
 from optimisation.measures import FRICTION_HEAT, STROKE, of_motion
-from reference.mechanics import Mechanics
 
-
-@dataclass
-class Laws:
-    """Gap in m, restitution, friction limit in N and mobility in 1/kg of each absorber, (n,)."""
-
-    gap: Array
-    restitution: Array
-    limit: Array
-    mobility: Array
-
-
-def laws_of(scene: Scene, mobility: Array) -> Laws:
-    assert isinstance(scene.absorber, SeveralAbsorbers)
-    every = scene.absorber.absorbers
-    gap = np.array([np.inf if a.walls is None else a.walls.gap for a in every])
-    restitution = np.array([0.0 if a.walls is None else a.walls.restitution for a in every])
-    return Laws(gap, restitution, np.array([0.0 if a.friction is None else a.friction.limit for a in every]), np.diag(mobility))
-
-
-def percussion(laws: Laws, a: int, before: Array, free: float, distance: Array, dt: float) -> float:
-    """Return the percussion by friction and wall on absorber a in a step, the others being known; ``free``: its relative velocity without that."""
-    p = float(np.clip(-free / laws.mobility[a], -laws.limit[a] * dt, laws.limit[a] * dt))
-    if abs(distance[a]) >= laws.gap[a]:
-        wanted = -laws.restitution[a] * before[a]
-        if np.sign(distance[a]) * (free + laws.mobility[a] * p - wanted) > 0:
-            return float((wanted - free) / laws.mobility[a])
-    return p
-
-
-def small_steps(scene: Scene, drive: Drive, initial: InitialState, duration: float, steps: int) -> Array:
-    """Integrate by Moreau's scheme; return the end state."""
-    m, x, dt = Mechanics(scene), initial.vector(scene), duration / steps
-    laws, model, n, half = laws_of(scene, m.mobility), scene.model, m.modes, m.half
-    forces = drive.amplitude * np.cos(drive.schedule.phase_at(dt * (0.5 + np.arange(steps))) + drive.phase)
-    for force in forces:
-        x[:half] += 0.5 * dt * x[half:]
-        distance, before = (x[at + n : at + half] - m.shapes @ x[at : at + n] for at in (0, half))
-        x[half : half + n] += dt * (model.force_shape * force - 2 * model.damping_ratio * model.omega * x[half : half + n] - model.omega**2 * x[:n])
-        given = np.zeros(m.places)
-        for _ in range(20):
-            old = given.copy()
-            for a in range(m.places):
-                free = x[half + n + a] - m.shapes[a] @ x[half : half + n] - laws.mobility[a] * given[a]
-                new = percussion(laws, a, before, float(free), distance, dt)
-                x[half + n + a] += (new - given[a]) / m.masses[a]
-                x[half : half + n] -= m.shapes[a] * (new - given[a])
-                given[a] = new
-            if np.max(np.abs(given - old)) <= 1e-12 * np.max(np.abs(given)):
-                break
-        x[:half] += 0.5 * dt * x[half:]
-    return x
-
-
-BEAM = Beam(modes=3)
-GAPS, LIGHT = (0.00042526125170046344, 0.0006163855559120178), 0.14864217036644486  # no round numbers: what went wrong was rounding
+BEAM, ONE_MODE, START = Beam(modes=3), Beam(modes=1, damping_ratio=0.0), 1e-3  # m, of the mode
 
 
 def relative(response: Response) -> Array:
-    assert response.history is not None
     history = response.history
     return np.asarray(history.absorber_displacement - history.modal_displacement @ response.scene.absorber_shapes.T)
 
 
-def check(response: Response, error: float = 1e-10) -> float:
-    """Energy is balanced, losses are losses, and no wall is penetrated; return the largest of what may be 1 at most."""
+def check(response: Response, error: float = 1e-10) -> None:
+    """Energy is balanced, losses are losses, and no wall is penetrated."""
     energy, impacts, phases = response.energy, response.impacts, response.phases
     scale = max(abs(energy.work), float(np.sum(energy.modal_loss)), energy.stored_at_start, energy.stored_at_end)
-    shares = [abs(energy.balance_error) / (error * scale + 1e-25)]
-    assert shares[0] <= 1
+    assert abs(energy.balance_error) <= error * scale + 1e-25
     assert energy.friction_loss >= -1e-15 * scale
     assert np.all(impacts.energy_lost >= 0)
     assert len(impacts.time) == response.impact_count
     assert np.all(np.diff(impacts.time) >= -1e-13 * PERIOD)  # impacts at one time, within the resolution of time
     assert np.all(phases.end >= phases.start)
     assert np.sum(phases.end - phases.start) == pytest.approx(response.stuck_time, rel=1e-9, abs=1e-15)
-    assert isinstance(response.scene.absorber, SeveralAbsorbers)
     size = np.max(np.abs(response.history.absorber_displacement)) + np.max(np.abs(response.history.tip_displacement))
     for a, distance in enumerate(relative(response).T):
         walls = response.scene.cavity(a)
-        if walls is not None:
-            shares.append(float(np.max(np.abs(distance)) - walls.gap) / (1e-13 * (walls.gap + size)))
-            assert shares[-1] <= 1
-    return max(shares)
-
-
-@pytest.mark.slow
-def test_small_moreau_steps_converge_to_it() -> None:
-    """Contact laws in another form, without regimes and events: what the references take for granted is checked too."""
-    scene, force, ratio, periods = SEVERAL["sticking beside impacts"]
-    drive = drive_of(force, ratio, periods=periods)
-    response = run(scene, drive)
-    assert response.impact_count >= 3
-    assert set(response.phases.absorber.tolist()) == {0, 1, 2}
-    scale = np.abs(response.end_state) + np.repeat([1e-4, 1e-1], 5)
-    duration = float(drive.schedule.times[-1])
-    coarse, fine = (
-        float(np.max(np.abs(small_steps(scene, drive, InitialState(), duration, steps) - response.end_state) / scale)) for steps in (2_000, 12_000)
-    )
-    assert fine < 0.4 * coarse
-    assert fine < 6e-3
+        assert walls is None or np.max(np.abs(distance)) <= walls.gap + 1e-13 * (walls.gap + size)
 
 
 @pytest.mark.parametrize("friction", [None, 0.05])
@@ -158,38 +65,6 @@ def test_a_second_absorber_without_mass_changes_nothing(friction: float | None) 
     np.testing.assert_allclose(kept, single.end_state, atol=1e-6 * np.max(np.abs(single.end_state)))
 
 
-def test_order_of_the_absorbers_does_not_matter() -> None:
-    first, second, third = impact_absorber(3e-4, 0.7, 0.05, 0.01), impact_absorber(2e-4, 0.9, None, 0.02), friction_damper(0.2, 0.005)
-    drive = drive_of(3.0, 0.98, 1.0, periods=3)
-    runs = [
-        run(beam_scene(BEAM, SeveralAbsorbers(absorbers, positions)), drive)
-        for absorbers, positions in (((first, second, third), (1.0, 0.7, 0.4)), ((third, first, second), (0.4, 1.0, 0.7)))
-    ]
-    check(runs[0])
-    assert runs[0].impact_count == runs[1].impact_count >= 3
-    order = [0, 1, 2, 4, 5, 3, 6, 7, 8, 10, 11, 9]
-    np.testing.assert_allclose(runs[1].end_state[order], runs[0].end_state, rtol=1e-8, atol=1e-10)
-
-
-@pytest.mark.parametrize(
-    ("restitution", "friction"), [(0.0, None), (0.0, 0.05), (0.0, 0.15), (0.6, None), (0.6, 0.05), (0.6, 0.15), (1.0, None), (1.0, 0.05)]
-)
-def test_a_single_absorber_is_the_same_in_the_lane_of_several(friction: float | None, restitution: float) -> None:
-    """Two lanes of their own, by different regimes and ways from one to another, and no truth that they share but the search."""
-    scene, drive = beam_scene(BEAM, impact_absorber(3e-4, restitution, friction)), drive_of(3.0, 0.97, 1.02, periods=3)
-    single, start = run(scene, drive), InitialState().vector(scene)
-    series = Series(np.zeros((len(single.history.time), len(start))))  # as `run` has it, for one kernel fewer
-    seen, end = Observers(new_counters(check=new_check()), events=new_events(1000), series=series, energy=new_energy(3)), start.copy()
-    assert ANY_NUMBER.run(scene, drive, Exact(), end, drive.schedule.pseudo_period / 32, seen) == DONE
-    assert seen.counters.counts["impacts"] == single.impact_count >= 3
-    assert seen.counters.counts["stuck_time"] == pytest.approx(single.stuck_time, rel=1e-6, abs=1e-9 * PERIOD)
-    impacts = seen.events.impacts[: single.impact_count]
-    np.testing.assert_allclose(impacts["time"], single.impacts.time, atol=1e-8 * PERIOD)
-    np.testing.assert_allclose(impacts["impulse"], single.impacts.impulse, rtol=1e-6, atol=1e-9 * np.max(np.abs(single.impacts.impulse)))
-    np.testing.assert_allclose(end, single.end_state, atol=1e-7 * np.max(np.abs(single.end_state)))
-    assert seen.energy.totals["friction_loss"][0] == pytest.approx(single.energy.friction_loss, rel=1e-7)
-
-
 def test_absorbers_that_never_move_are_a_stuck_one_of_their_mass() -> None:
     stuck = tuple(SlidingAbsorber(ratio, RigidWalls(1e-3, 0.5), friction_damper(1e4).friction) for ratio in (0.01, 0.03, 0.02))
     drive, start = drive_of(3.0, 0.9, 1.1, periods=4), InitialState(np.array([1e-4, 1e-5, 0.0]))
@@ -200,7 +75,6 @@ def test_absorbers_that_never_move_are_a_stuck_one_of_their_mass() -> None:
     np.testing.assert_allclose(
         several.end_state[[0, 1, 2, 6, 7, 8]], single.end_state[[0, 1, 2, 4, 5, 6]], atol=1e-12 * np.max(np.abs(single.end_state))
     )
-    assert several.level is None
 
 
 def test_an_impact_keeps_momentum_and_obeys_restitution() -> None:
@@ -219,41 +93,36 @@ def test_an_impact_keeps_momentum_and_obeys_restitution() -> None:
     check(response)
 
 
-def test_simultaneous_events_of_equal_absorbers() -> None:
-    """Two equal absorbers at one place, in step: every event of one is an event of the other."""
-    scene = beam_scene(BEAM, impact_absorbers((3e-4, 3e-4), (1.0, 1.0), restitution=0.7, friction_limit=0.04))
-    response = run(scene, drive_of(3.0, 0.98, periods=4))
+@pytest.mark.plain
+def test_an_impact_that_pushes_another_absorber_into_its_wall_makes_it_hit_at_once() -> None:
+    """The other one is on its wall and about to leave it: without the hit it would be beyond the wall for a microsecond."""
+    scene = beam_scene(ONE_MODE, SeveralAbsorbers((impact_absorber(1e-5, 0.5, None, 0.01), impact_absorber(1e-3, 0.0, None, 1e-3)), (1.0, 1.0)))
+    shape, (other, mass) = float(scene.model.tip_shape[0]), scene.absorber_masses
+    tip, speed = -abs(shape) * START, 0.025
+    start = InitialState(np.array([tip / shape]), None, (tip + 1e-5, tip - 1e-3), (0.0, -speed))
+    response = run(scene, still(1e-4), initial=start)
+    pushed = shape**2 * speed / (1 / mass + shape**2)
+    np.testing.assert_array_equal(response.impacts.absorber[:2], [1, 0])
+    np.testing.assert_allclose(response.impacts.time[:2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(response.impacts.relative_velocity[:2], [-speed, pushed], rtol=1e-9)
+    assert response.impacts.impulse[1] == pytest.approx(-1.5 * pushed / (1 / other + shape**2), rel=1e-9)
+
+
+@pytest.mark.plain
+def test_bounces_beside_an_absorber_that_sticks_die_out() -> None:
+    """Each impact tears the stuck one loose, and its friction takes energy out, so that even restitution 1 comes to rest on a wall."""
+    scene = beam_scene(ONE_MODE, SeveralAbsorbers((impact_absorber(1e-5, 1.0, None, 0.5), friction_damper(7.0, 0.4)), (1.0, 1.0)))
+    shape = float(scene.model.tip_shape[0])
+    start = InitialState(np.array([START / shape]), None, (START + 1e-5, START), (1e-3, 0.0))
+    response = run(scene, still(5e-3), initial=start)
     check(response)
-    assert np.min(np.bincount(response.impacts.absorber)) >= 2
-
-
-def test_an_impact_turns_the_sliding_of_another_absorber() -> None:
-    """An impact that reverses another absorber's relative velocity must not let it stick for that: its kinetic energy would be lost."""
-    absorbers = (impact_absorber(1e-3, 0.0, None, 0.5), impact_absorber(1e-4, 0.0, None, 0.5), friction_damper(1.0, 0.25))
-    scene = beam_scene(Beam(modes=1, damping_ratio=0.0), SeveralAbsorbers(absorbers, (1.0, 1.0, 1.0)))
-    response = run(scene, drive_of(10.0, 1.0, periods=1.5))
-    check(response)
-    assert response.impact_count >= 2
-
-
-def test_absorbers_held_by_walls_set_each_other_free_only_finitely_often() -> None:
-    """Both are pressed to their walls by a constant pull of the beam while they chatter; plastic contact is the hardest case."""
-    for restitution in (0.0, 0.5):
-        scene = beam_scene(Beam(modes=2, damping_ratio=0.05), impact_absorbers((1e-5, 1e-5), (1.0, 0.8), restitution=restitution, mass_ratio=0.2))
-        response = run(scene, drive_of(5.0, 0.3, periods=3))
-        check(response)
-        assert set(response.phases.absorber[response.phases.kind > 0].tolist()) == {0, 1}
-        assert response.steps < 20_000
-
-
-def test_bounces_of_one_die_out_beside_one_that_is_held() -> None:
-    """A light absorber chatters with friction while a heavy one rests on its wall: each event must leave the bounces smaller, down to rounding."""
-    scene = beam_scene(Beam(), impact_absorbers(GAPS, (1.0, 0.7736825462817463), 0.7, 0.05, 0.02, (LIGHT, 1 - LIGHT)))
-    reference = scene.model.resonance_omega(1)
-    schedule = linear_sweep(reference, 0.9, 0.98, percent_per_100_periods=10.0)
-    response = run(scene, Drive(17.5, schedule, 4.698951511487796))
-    assert response.steps < 100_000
-    assert abs(response.energy.balance_error) < 1e-11 * response.energy.work
+    energy, phases, end = response.energy, response.phases, response.end_state
+    assert response.impact_count < 200
+    assert set(phases.absorber[phases.end == phases.end.max()].tolist()) == {0, 1}
+    np.testing.assert_allclose(end[4:], shape * end[3], rtol=1e-12)
+    assert end[1] - shape * end[0] == pytest.approx(1e-5, rel=1e-9)
+    assert energy.friction_loss > 0
+    assert abs(energy.balance_error) < 1e-12 * energy.stored_at_start
 
 
 def test_equal_absorbers_at_one_place_break_loose_at_once() -> None:
@@ -294,70 +163,14 @@ def test_energy_and_walls(data: st.DataObject, absorbers: SeveralAbsorbers, forc
     gaps = [getattr(scene.cavity(a), "gap", 1e-3) for a in range(scene.places)]
     start = InitialState(q, None, scene.absorber_shapes @ q + np.array(shares) * np.array(gaps), [0.1 * data.draw(unit) for _ in shares])
     response = run(scene, drive_of(force, ratio, periods=1.5), initial=data.draw(st.sampled_from([InitialState(), start])))
-    assert check(response, 1e-9) <= 1
+    check(response, 1e-9)
 
 
-@pytest.mark.nightly
-def test_lanes_and_level() -> None:
-    scene = beam_scene(BEAM, impact_absorbers((1e-3, 3e-4), (1.0, 0.6), restitution=0.7, friction_limit=0.05))
-    drive = drive_of(3.0, 0.98, 1.02, periods=30)
-    single = simulate(scene, drive)
-    lanes = run_lanes([Lane(scene, drive), Lane(scene, Drive(3.0, drive.schedule, 1.0))], threads=2)
-    assert lanes.level[0] == single.level.value
-    assert lanes.level[0] != lanes.level[1]
-    assert lanes.impacts[0] == single.impact_count > 0
-    recorded = run(scene, drive)
-    assert np.max(np.abs(recorded.history.tip_displacement)) == pytest.approx(single.level.max_tip, rel=0.02)
-    assert recorded.history.tip_shape is scene.model.tip_shape
-    assert recorded.energy.stored_at_end == pytest.approx(stored_energy(scene, recorded.end_state))
-
-
-def refusals() -> dict[str, tuple[object, ...]]:
-    ok = impact_absorber()
-    return {
-        "number of absorbers": (SeveralAbsorbers, (ok,), (1.0,)),
-        "position": (SeveralAbsorbers, (ok, ok), (1.0, 1.5)),
-        "positions": (impact_absorbers, (1e-3, 1e-3), (1.0,)),
-        "shares": (lambda: impact_absorbers((1e-3, 1e-3), (1.0, 0.5), shares=(0.5, 0.6)),),
-        "share": (lambda: impact_absorbers((1e-3, 1e-3), (1.0, 0.5), shares=(1.0, 0.0)),),
-        "restitution": (lambda: impact_absorbers((1e-3, 1e-3), (1.0, 0.5), restitution=(0.5, 0.5, 0.5)),),
-        "gap": (impact_absorbers, (1e-3, 0.0), (1.0, 0.5)),
-        "gap = inf": (impact_absorbers, (1e-3, float("inf")), (1.0, 0.5)),
-        "absorber": (SeveralAbsorbers, (ok, SlidingAbsorber(walls=CompliantWalls(1e5))), (1.0, 0.5)),
-        "absorber = Sliding": (SeveralAbsorbers, (ok, SlidingAbsorber(friction=ElasticCoulombFriction(1.0, 1e4))), (1.0, 0.5)),
-        "absorber_position": (beam_scene, Beam(absorber_position=0.5), impact_absorbers((1e-3, 1e-3), (1.0, 0.5))),
-        "absorber_shapes": (lambda: Scene(scene_of().model, impact_absorbers((1e-3, 1e-3), (1.0, 0.5))),),
-    }
-
-
-@pytest.mark.parametrize("name", list(refusals()))
-def test_what_is_not_possible_is_refused_by_name(name: str) -> None:
-    act, *arguments = refusals()[name]
-    with pytest.raises(ParameterError, match=name):
-        act(*arguments)
-
-
-def test_what_does_one_absorber_only_says_so() -> None:
-    scene, drive = beam_scene(BEAM, impact_absorbers((1e-3, 3e-4), (1.0, 0.6))), drive_of(1.0, 1.0)
-    for method in (Moreau(), RungeKutta()):
-        with pytest.raises(ParameterError, match="Exact for several absorbers"):
-            simulate(scene, drive, method)
-    with pytest.raises(ParameterError, match="one absorber"):
-        ControlledRuns(scene, 2, OMEGA, 1.0, samples_per_period=32)
-    with pytest.raises(ParameterError, match="one for each absorber"):
-        simulate(scene, drive, initial=InitialState(absorber_displacement=(0.0, 0.0, 0.0)))
-    with pytest.raises(ParameterError, match="inside the cavity"):
-        simulate(scene, drive, initial=InitialState(absorber_displacement=(0.0, 1e-3)))
-
-
-def test_budget_and_shares() -> None:
-    absorbers = impact_absorbers((1e-3, 2e-3, 3e-3), (1.0, 0.5, 0.7), (0.5, 0.6, 0.7), (0.1, None, 0.2), 0.03, (0.5, 0.3, 0.2))
-    assert absorbers.mass_ratio == pytest.approx(0.03, rel=1e-14)
-    assert absorbers.absorbers[1] == impact_absorber(2e-3, 0.6, None, 0.03 * 0.3)
-    scene = beam_scene(BEAM, absorbers)
-    assert scene.absorber_mass == pytest.approx(np.sum(scene.absorber_masses), rel=1e-14)
-    np.testing.assert_allclose(scene.absorber_shapes[0], scene.model.tip_shape, rtol=1e-14)
-    assert relative_displacement(run(beam_scene(BEAM, impact_absorber()), drive_of(1.0, 1.0, periods=0.1))).ndim == 1
+def test_starts_are_one_for_each_absorber_and_inside_its_cavity() -> None:
+    scene = beam_scene(BEAM, impact_absorbers((1e-3, 3e-4), (1.0, 0.6)))
+    for places, said in (((0.0, 0.0, 0.0), "one for each absorber"), ((0.0, 1e-3), "inside the cavity")):
+        with pytest.raises(ParameterError, match=said):
+            simulate(scene, drive_of(1.0, 1.0), initial=InitialState(absorber_displacement=places))
 
 
 def test_measures_of_a_design_see_every_absorber() -> None:

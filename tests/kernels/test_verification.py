@@ -1,20 +1,32 @@
-"""The references themselves: against closed forms and golden cases, one another, and the exact method."""
+"""The references: against closed forms and golden cases, and one another; and the exact method against them, in all kinds of contact."""
 
 import json
 from fractions import Fraction
 
 import numpy as np
 import pytest
-from core import OMEGA, PERIOD, drive_of, run, scene_of, steady_base, still
+from core import OMEGA, PERIOD, Array, cut, drive_of, golden, run, scene_of, steady_base, still
 from every_scene import SCENES, SEVERAL
 from places import TRUTHS
-from stepped import golden
 
-from impact_env import CompliantWalls, Drive, FrequencySchedule, InitialState, Response, Scene, SlidingAbsorber, StuckAbsorber, impact_absorber
+from impact_env import (
+    CompliantWalls,
+    Drive,
+    FrequencySchedule,
+    InitialState,
+    ModalModel,
+    Response,
+    Scene,
+    SlidingAbsorber,
+    StuckAbsorber,
+    impact_absorber,
+)
 from reference import dense
 
 mpmath = pytest.importorskip("mpmath")
 from reference import digits
+from reference.contact import RELEASE_DOWN, RELEASE_UP, REVERSAL, WALL, Automaton
+from studies.accuracy.event_driven import Integrator, Mechanics, PeerFailedError, follow, scipy_integrator
 
 DIGITS = 60
 MOST_EVENTS = 1000
@@ -97,27 +109,6 @@ def test_contacts_with_springs_have_40_digits() -> None:
     assert len(found.events) == 12
 
 
-def test_a_free_flight_of_the_dense_reference() -> None:
-    """An absorber that flies from a wall to the other over a beam at rest: the impact is at distance over speed."""
-    scene = scene_of(impact_absorber(1e-3, 1.0), modes=2)
-    known = dense.follow(scene, still(PERIOD), InitialState(absorber_displacement=-1e-3, absorber_velocity=0.25), np.linspace(0, PERIOD, 33), 1)
-    np.testing.assert_allclose(known.impacts[:1], [2e-3 / 0.25], rtol=1e-12)
-    before = known.time < known.impacts[0]
-    np.testing.assert_allclose(known.relative[before], -1e-3 + 0.25 * known.time[before], rtol=0, atol=1e-16)
-
-
-@pytest.mark.parametrize("restitution", [0.0, 0.5])
-def test_an_absorber_that_starts_on_a_wall_and_into_it_hits_at_once(restitution: float) -> None:
-    scene = Scene(steady_base(), impact_absorber(1e-3, restitution, mass_ratio=1.0))
-    start, end = InitialState(absorber_displacement=1e-3, absorber_velocity=0.05), 1e-3
-    known, found = dense.follow(scene, still(end), start, np.array([0.0, end])), digits.follow(scene, still(end), start)
-    for times, speeds in ((known.impacts, known.impact_velocity), (found.impact_time, found.relative_velocity)):
-        assert list(times) == [0.0]
-        assert list(speeds) == [0.05]
-    for state in (known.states[-1], found.end_state):
-        np.testing.assert_allclose(state[[1, 3]], [1e-3 - restitution * 0.05 * end, -restitution * 0.05], rtol=1e-12, atol=1e-18)
-
-
 # --- all contacts ------------------------------------------------------------------------------------------------------------------------------
 
 
@@ -147,7 +138,6 @@ def assert_same_impacts(found: digits.Trajectory, known: dense.Truth, response: 
 
 
 def test_breaks_of_the_schedule() -> None:
-    """A bent schedule; and breaks in a straight one change nothing, to the last digits."""
     scene = scene_of(impact_absorber(5e-4, 0.7, 0.1), modes=2)
     times, omegas = np.array([0.0, 0.7, 1.1, 2.0]) * PERIOD, np.array([0.9, 1.1, 0.8, 1.0]) * OMEGA
     bent = Drive(15.0, FrequencySchedule(times, omegas, OMEGA))
@@ -155,25 +145,89 @@ def test_breaks_of_the_schedule() -> None:
     assert len(found.impact_time) == len(known.impacts) > 2
     assert far(scene, known.states[-1], found.end_state) < 1e-10
     assert far(scene, run(scene, bent).end_state, found.end_state) < 1e-10
-    halves = Drive(15.0, FrequencySchedule(np.array([0.0, 0.5, 1.0]), np.array([200.0, 250.0, 300.0]), OMEGA))
-    whole = Drive(15.0, FrequencySchedule(np.array([0.0, 1.0]), np.array([200.0, 300.0]), OMEGA))
-    one, other = (digits.follow(scene, drive, impacts=2, until=0.6) for drive in (halves, whole))
-    assert abs(one.impact_time[-1] - other.impact_time[-1]) < 1e-38
     with pytest.raises(ValueError, match="straight"):
         digits.follow(scene, bent, rate=1.0)
 
 
-def test_a_reference_that_cannot_go_on_says_so() -> None:
-    scene, drive = scene_and_drive("springs and elastic friction")
-    known = dense.follow(scene, drive, None, np.array([0.0, float(drive.schedule.times[-1])]), most_events=5)
-    assert not known.complete
-    assert len(known.time) == 1
+# --- the exact method's events with friction, one by one ---------------------------------------------------------------------------------------
+
+EVENTS = 40
+OTHER = ModalModel([60.0, 61.0, 340.0, 2100.0], [0.002, 0.0, 0.3, 0.05], [1.1, -0.7, 0.9, 0.4], [1.0, 0.8, -1.3, 1.6], 0.4)
+CASES: dict[str, tuple[Scene, Drive, InitialState]] = {
+    "paper": (
+        scene_of(impact_absorber(1e-3, 0.7, 0.3), modes=5),
+        drive_of(3.5, 0.98, 0.99, periods=10),
+        InitialState(np.array([5e-4, 1e-5, 0.0, 0.0, 0.0])),
+    ),
+    "other": (
+        Scene(OTHER, impact_absorber(4e-4, 0.85, 0.05, 0.05)),
+        drive_of(3.0, 0.95, 1.05, periods=12, reference=60.0, phase=0.3),
+        InitialState(),
+    ),
+}
 
 
-def test_a_spoiled_motion_is_noticed() -> None:
-    """A friction limit that is wrong by a millionth shows: the comparisons above do not pass by themselves."""
-    scene, drive = scene_and_drive("impacts and friction")
-    spoiled = scene_of(impact_absorber(restitution=0.6, friction_limit=0.1 * (1 + 1e-6)), modes=2)
-    found = digits.follow(scene, drive)
-    end = np.array([0.0, float(drive.schedule.times[-1])])
-    assert far(scene, dense.follow(spoiled, drive, None, end).states[-1], found.end_state) > 1e-8
+def speed_at(scene: Scene, drive: Drive, initial: InitialState, time: float) -> float:
+    """Return the relative velocity of a run that ends at a time."""
+    state = run(scene, cut(drive, time), initial=initial, samples=4).end_state
+    n = scene.model.modes
+    return float(state[-1] - scene.model.tip_shape @ state[n + 1 : -1])
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_impacts_reversals_sticking_and_releases_are_those_of_many_digits(name: str) -> None:
+    scene, drive, initial = CASES[name]
+    true, response = digits.follow(scene, drive, initial, events=EVENTS), run(scene, drive, initial=initial, samples=4)
+    first = [(REVERSAL, 0.0, true.start[0])] if true.start[0] == "stuck" else []  # a start that sticks counts as a reversal at 0
+    events = [*first, *((event.what, float(event.time), event.regime) for event in true.events)][:EVENTS]
+    walls = np.cumsum([kind == WALL for kind, _, _ in events])
+    slack = np.minimum(1e-12 * 5.0**walls, 1e-8) * drive.schedule.pseudo_period
+
+    def same(found: Array, chosen: list[int], least: int) -> None:
+        times = np.array([events[k][1] for k in chosen])
+        assert len(times) >= least
+        assert np.sum(found < events[-1][1] + slack[-1]) == len(times)
+        assert np.all(np.abs(found[: len(times)] - times) < slack[chosen])
+
+    same(response.impacts.time, [k for k, (kind, _, _) in enumerate(events) if kind == WALL], 4)
+    same(response.phases.start, [k for k, (_, _, regime) in enumerate(events) if regime == "stuck" or regime.startswith("held")], 4)
+    same(response.phases.end, [k for k, (kind, _, _) in enumerate(events) if kind in (RELEASE_UP, RELEASE_DOWN)], 4)
+    turns = [k for k, (kind, _, regime) in enumerate(events) if kind == REVERSAL and regime.startswith("slide")]
+    assert len(turns) >= 2
+    for k in turns:
+        _, time, regime = events[k]
+        before, after = (speed_at(scene, drive, initial, time + sign * slack[k]) for sign in (-1, 1))
+        assert before * after < 0
+        assert (after > 0) == (regime == "slide +")
+
+
+# --- the peers that are measured against the package -------------------------------------------------------------------------------------------
+
+REST = InitialState()
+
+
+@pytest.mark.parametrize("name", ["friction", "impacts", "impacts and friction", "springs", "tuned"])
+@pytest.mark.parametrize(("peer", "balance", "far"), [("scipy", 1e-8, 1e-5), ("heyoka", 1e-11, 1e-8)])
+def test_peers_follow_the_reference(peer: str, name: str, balance: float, far: float) -> None:
+    """Its impacts are those of the reference, and its end state, relative to the largest entry."""
+    integrator = scipy_integrator(1e-10)
+    if peer == "heyoka":
+        integrator = pytest.importorskip("studies.accuracy.heyoka_peer", exc_type=ImportError).HeyokaRegimes(1e-15)
+    scene, drive = scene_of(SCENES[name], modes=2), drive_of(12.0, 0.97, 1.0, periods=3.3)
+    found, true = follow(scene, drive, REST, integrator, energy=True), digits.follow(scene, drive)
+    assert found.balance < balance
+    assert len(found.impact_time) == len(true.impact_time)
+    assert np.max(np.abs(found.end_state - true.end_state)) < far * np.max(np.abs(true.end_state))
+
+
+def test_a_peer_that_misses_a_wall_is_refused() -> None:
+    def blind(mechanics: Mechanics, automaton: Automaton) -> Integrator:
+        step = scipy_integrator(1e-6)(mechanics, automaton)
+
+        def integrate(_: object, start: float, stop: float, state: np.ndarray) -> tuple[float, np.ndarray, int]:
+            return step(automaton.regime("linear"), start, stop, state)
+
+        return integrate
+
+    with pytest.raises(PeerFailedError, match="passed a guard"):
+        follow(scene_of(SCENES["impacts"], modes=1), still(0.1), InitialState(absorber_velocity=0.05), blind)

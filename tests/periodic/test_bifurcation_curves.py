@@ -4,24 +4,22 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from support.orbit_cases import high_orbit, model_of, multipliers_by_reference, paper_case, steel
 
 from impact_env import Beam, beam_scene, impact_absorber
 from impact_env.parameters import ParameterError
-from impact_env.periodic.bifurcation_curves import KINDS, RESONANCE, BifurcationCurve, bifurcation_curve, bifurcation_curves, compound
+from impact_env.periodic.bifurcation_curves import KINDS, RESONANCE, BifurcationCurve, bifurcation_curve, bifurcation_curves
 from impact_env.periodic.branch import FOLD
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.continuation import Steps
-from impact_env.periodic.green import NoOrbit, Solution
+from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.harmonic_balance import harmonic_balance
-from impact_env.periodic.isolas import IsolaCell, Level, thresholds
+from impact_env.periodic.isolas import thresholds
 from impact_env.periodic.motion import motion_of, stability_of
 from impact_env.periodic.offspring import descendants
-from impact_env.periodic.orbit import Orbit, confirmed, orbit_of, plain_orbit, unpacked
+from impact_env.periodic.orbit import Orbit, confirmed, orbit_of, unpacked
 from impact_env.periodic.orbit_branches import GRAZING, PERIOD_DOUBLING, PULLING, SYMMETRY_BREAKING, TORUS, OrbitBranch, orbit_branch, orbit_branches
 from impact_env.periodic.overview import linear_curves, sweep_envelope
-from impact_env.periodic.schedule import EventSchedule
 from impact_env.periodic.symmetric import closed_folds
 from impact_env.scene import InitialState
 from impact_env.sweep import simulate
@@ -40,29 +38,29 @@ def one_mode() -> dict[str, list[BifurcationCurve]]:
 
 
 @cache
-def torus() -> BifurcationCurve:
+def high_branch() -> OrbitBranch:
     case = steel()
     first = float(case.model.omega[0])
-    branch = orbit_branch(high_orbit(case).solution, "omega", (0.95 * first, 0.957 * first))
-    return bifurcation_curve(branch.of(TORUS)[0].solution, TORUS, "force", (0.1, 0.6), (0.9 * first, 1.1 * first))
+    return orbit_branch(high_orbit(case).solution, "omega", (0.95 * first, 0.96 * first))
 
 
 @pytest.mark.parametrize(("kind", "target"), [(FOLD, 1), (SYMMETRY_BREAKING, -1), (PERIOD_DOUBLING, -1)])
 def test_multipliers_of_an_own_propagation_are_on_the_circle_along_a_curve(kind: str, target: int) -> None:
     curve = one_mode()[kind][0]
-    for k in np.linspace(0, len(curve.schedules) - 1, 5).astype(int)[1:-1]:
-        values = multipliers_by_reference(motion_of(curve.solution(int(k))))
+    for k in (len(curve.schedules) // 3, 2 * len(curve.schedules) // 3):
+        values = multipliers_by_reference(motion_of(curve.solution(k)))
         assert np.min(np.abs(values - target)) < 1e-3
-        assert curve.critical(int(k)) == pytest.approx(target, abs=1e-8)
+        assert curve.critical(k) == pytest.approx(target, abs=1e-8)
 
 
 def test_a_torus_over_the_force_has_a_pair_on_the_circle_and_ends_where_it_meets() -> None:
-    curve = torus()
-    for k in np.linspace(0, len(curve.schedules) - 1, 4).astype(int)[1:-1]:
-        values = multipliers_by_reference(motion_of(curve.solution(int(k))))
-        pair = values[np.argmin(np.abs(values - curve.critical(int(k))))]
-        assert abs(pair) == pytest.approx(1, abs=2e-3)
-        assert abs(pair.imag) > 0.1
+    found, first = high_branch().of(TORUS)[0].solution, float(steel().model.omega[0])
+    curve = bifurcation_curve(found, TORUS, "force", (0.1, 0.6), (0.9 * first, 1.1 * first))
+    k = len(curve.schedules) // 2
+    values = multipliers_by_reference(motion_of(curve.solution(k)))
+    pair = values[np.argmin(np.abs(values - curve.critical(k)))]
+    assert abs(pair) == pytest.approx(1, abs=2e-3)
+    assert abs(pair.imag) > 0.1
     ends = [orbit for kind, orbit in curve.located if kind == RESONANCE]
     assert ends
     for end in ends:
@@ -87,17 +85,15 @@ def test_folds_over_the_force_are_the_closed_forms_and_turn_at_birth_and_merger(
 
 
 def test_friction_changes_the_order_of_events_along_a_curve() -> None:
-    """N_m = 3, muN = 0.01 N, e = 1: orders of events come and go, and birth and merger with their reversals are those of Newton's method."""
-    model = model_of(3)
-    first = float(model.omega[0])
-    case = Case(model, 0.95 * first, 1.5, friction_limit=0.01)
+    """N_m = 3, muN = 0.01 N, e = 1: orders of events come and go, and the merger with its reversals is that of Newton's method."""
+    case = paper_case(3, 0.95, 1.5, friction=0.01)
+    first = float(case.model.omega[0])
     branch = orbit_branch(high_orbit(case).solution, "omega", (0.93 * first, 0.96 * first))
-    curves = list(bifurcation_curves([branch], (FOLD,), "force", (1.0, 3.0), (0.925 * first, first)))
+    curves = list(bifurcation_curves([branch], (FOLD,), "force", (1.4, 3.0), (0.925 * first, first)))
     assert len(curves) < len(branch.of(FOLD)) == 3  # one through both ends of the isola, one through the fold where reversals set in
     curve = curves[0]
     assert len({schedule.reversals for schedule in curve.schedules}) > 1
     turns = [orbit.case.force for kind, orbit in curve.located if kind == FOLD]
-    assert min(abs(turn - 1.22195527) for turn in turns) < 1e-6
     assert min(abs(turn - 2.37028402) for turn in turns) < 1e-6
     assert np.mean([isinstance(orbit, Orbit) for orbit in curve.orbits]) > 0.9
 
@@ -111,7 +107,7 @@ def test_behind_grazing_a_curve_is_no_orbits() -> None:
     assert all("passes a wall" in orbit.reason for orbit in refused)
 
 
-@pytest.mark.parametrize(("first", "most"), [(0.02, 0.2), (0.015, 0.2), (0.03, 0.2), (0.01, 0.4), (0.05, 0.5)])
+@pytest.mark.parametrize(("first", "most"), [(0.02, 0.2), (0.05, 0.5)])
 def test_the_fold_of_a_pair_begins_on_the_curve_of_broken_symmetry(first: float, most: float) -> None:
     """With some steps the way breaks down there, with others it passes over to the mirror images: which of them depends on last bits."""
     (known,), (broken,) = one_mode()[FOLD][1:], one_mode()[SYMMETRY_BREAKING]
@@ -162,74 +158,16 @@ def test_a_curve_over_another_parameter_comes_to_its_limits(parameter: str, limi
         assert np.min(np.abs(known - case.omega_ratio)) < 1e-8
 
 
-def test_the_second_compound_has_the_products_of_eigenvalues() -> None:
-    matrix = np.random.default_rng(5).normal(size=(5, 5))
-    values = np.linalg.eigvals(matrix)
-    products = np.outer(values, values)[np.triu_indices(5, 1)]
-    found = np.linalg.eigvals(compound(matrix))
-    for product in products:
-        assert np.min(np.abs(found - product)) < 1e-10
-
-
-# Where orbits lose stability in a pair, orbits over several periods, and the place of the response, by the dense reference.
-
-
-Array = NDArray[np.float64]
-
-
-@cache
-def high_branch() -> OrbitBranch:
-    case = steel()
-    first = float(case.model.omega[0])
-    return orbit_branch(high_orbit(case).solution, "omega", (0.95 * first, 0.96 * first))
-
-
 def test_a_torus_is_where_a_pair_of_an_own_propagations_multipliers_crosses_the_circle() -> None:
-    found = high_branch().of(TORUS)
-    assert found
-    for motion in found:
-        case = motion.solution.case
-        values = multipliers_by_reference(motion)
-        pair = values[np.argmin(np.abs(np.abs(values) - 1))]
-        assert abs(pair) == pytest.approx(1, abs=2e-3)
-        assert abs(pair.imag) > 0.1
-        event = min(high_branch().branch.located, key=lambda one: abs(one.parameter - case.omega))
-        inside = [stability_of(motion_of(high_branch().solution(k))).multipliers for k in (event.after, event.after + 1)]
-        before, behind = (int(np.sum(np.abs(multipliers) < 1)) for multipliers in inside)
-        assert abs(before - behind) == 2  # a pair, and nothing else, changes sides
-
-
-def listed(solution: Solution, times: int) -> Solution:
-    """Return one orbit listed over a number of periods."""
-    schedule = EventSchedule(solution.schedule.events * times, False, solution.schedule.period_multiple * times)
-    phases = np.concatenate([solution.phases + k * solution.schedule.turn for k in range(times)])
-    return Solution(solution.case, schedule, phases, np.tile(solution.impulses, times), solution.offset, solution.error, solution.steps)
-
-
-def over_a_period(solution: Solution) -> Solution:
-    """Return a symmetric orbit with its mirrored half listed too."""
-    old = solution.schedule
-    events = (*old.events, *(event.mirrored for event in old.events))
-    phases, impulses = np.concatenate([solution.phases, solution.phases + np.pi]), np.concatenate([solution.impulses, -solution.impulses])
-    return Solution(solution.case, EventSchedule(events, False, 1), phases, impulses, solution.offset, solution.error, solution.steps)
-
-
-def test_an_unstable_orbit_is_one_over_any_number_of_periods() -> None:
-    """Run over all of them at once rounding grows with the multipliers to the power of their number, and would refuse it."""
-    whole = over_a_period(high_orbit(paper_case(3, 0.9523, 1.5, friction=0.01)).solution)
-    assert abs(stability_of(motion_of(whole)).multipliers[0]) > 5
-    for times in (1, 2, 4, 8):
-        found = confirmed(motion_of(listed(whole, times)))
-        assert isinstance(found, Orbit), found.reason
-        assert found.residual < 1e-10
-        assert len(found.impacts) == times * whole.schedule.impacts
-        assert isinstance(again := orbit_of(plain_orbit(found)), Orbit)  # as files have it; by shooting over eight periods it would be lost
-        assert again.motion.tip_max == pytest.approx(found.motion.tip_max, rel=1e-9)
-    shifted = listed(whole, 4)
-    moved = shifted.phases.copy()
-    moved[-1] += 1e-4
-    other = confirmed(motion_of(Solution(shifted.case, shifted.schedule, moved, shifted.impulses, shifted.offset, shifted.error, shifted.steps)))
-    assert isinstance(other, NoOrbit)
+    motion = high_branch().of(TORUS)[0]
+    values = multipliers_by_reference(motion)
+    pair = values[np.argmin(np.abs(np.abs(values) - 1))]
+    assert abs(pair) == pytest.approx(1, abs=2e-3)
+    assert abs(pair.imag) > 0.1
+    event = min(high_branch().branch.located, key=lambda one: abs(one.parameter - motion.solution.case.omega))
+    inside = [stability_of(motion_of(high_branch().solution(k))).multipliers for k in (event.after, event.after + 1)]
+    before, behind = (int(np.sum(np.abs(multipliers) < 1)) for multipliers in inside)
+    assert abs(before - behind) == 2  # a pair, and nothing else, changes sides
 
 
 def test_the_response_is_given_at_one_place() -> None:
@@ -251,12 +189,6 @@ def test_the_response_is_given_at_one_place() -> None:
     balance = harmonic_balance(scene, omega, 1.5, 20)
     dynamic = np.zeros(21, complex)
     assert abs(balance.linear.tip(dynamic, 0.05, 0.9 * reference)[1]) == pytest.approx(linear.alone[0], rel=1e-9)
-
-
-def test_the_isola_of_a_cell_is_that_below_the_resonance() -> None:
-    levels = (Level("birth", 0.453, 0.93), Level("merger", 0.595, 0.96), Level("birth", 0.225, 1.02), Level("merger", 9.79, 1.05))
-    assert IsolaCell(3, 1.0, 0.0, levels).pair == levels[:2]
-    assert IsolaCell(3, 1.0, 0.0, levels[2:]).pair == levels[2:]
 
 
 def test_a_branch_in_friction_comes_to_its_limits() -> None:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from impact_env.periodic.branch import CLOSED, COUNT, LIMIT, MINIMUM_STEP, STOPPED, Monitor
-from impact_env.periodic.continuation import Chart, Problem, Steps, both_ways, continuation, switched
+from impact_env.periodic.branch import CLOSED, LIMIT, MINIMUM_STEP, STOPPED, Monitor
+from impact_env.periodic.continuation import Problem, both_ways, continuation, switched
 
 Array = np.ndarray
 
@@ -40,18 +40,6 @@ def test_a_circle_is_closed_and_its_folds_are_where_they_should_be() -> None:
     assert max(abs(z[0] ** 2 + p**2 - 1) for z, p in zip(branch.points, branch.parameters, strict=True)) < 1e-10
 
 
-@pytest.mark.parametrize(("size", "unit"), [(1e-6, 300.0), (1e4, 1e-3)])
-def test_scales_make_the_branch_independent_of_units(size: float, unit: float) -> None:
-    def residual(z: Array, p: float) -> tuple[Array, Array]:
-        values, jacobian = circle(z / size, p / unit)
-        return 1e5 * values, 1e5 * jacobian / np.array([size, unit])
-
-    plain = continuation(Problem(circle), np.array([1.0]), 0.0)
-    other = continuation(Problem(residual, scale=size, parameter_scale=unit), np.array([size]), 0.0)
-    assert other.parameters / unit == pytest.approx(plain.parameters, abs=1e-10)
-    assert other.ended == CLOSED
-
-
 def test_folds_of_an_s_shaped_curve_to_both_sides() -> None:
     branch = both_ways(Problem(cubic, limits=(-3.0, 3.0)), np.array([0.1]), 0.1)
     assert branch.ended == LIMIT
@@ -61,18 +49,6 @@ def test_folds_of_an_s_shaped_curve_to_both_sides() -> None:
     assert np.all(np.diff(x) > 0)
     for fold in branch.of("fold"):
         assert x[fold.after] <= fold.point[0] <= x[fold.after + 1]
-
-
-def test_an_isola_of_the_duffing_kind_is_gone_round_once() -> None:
-    """(a^2 - 1)^2 + 4 (p - 2)^2 = 0.25 has folds at p = 2 +- 0.25 on a = 1; the walk goes on from a point on it, not at a fold."""
-
-    def residual(z: Array, p: float) -> tuple[Array, Array]:
-        a = z[0]
-        return np.array([(a**2 - 1) ** 2 + 4 * (p - 2) ** 2 - 0.25]), np.array([[4 * a * (a**2 - 1), 8 * (p - 2)]])
-
-    branch = both_ways(Problem(residual, limits=(0.0, 4.0)), np.array([1.22]), 2.0)
-    assert branch.closed
-    assert sorted(f.parameter for f in branch.of("fold")) == pytest.approx([1.75, 2.25], abs=1e-11)
 
 
 def test_two_branches_of_a_pitchfork_are_found_from_one() -> None:
@@ -91,12 +67,6 @@ def test_two_branches_of_a_pitchfork_are_found_from_one() -> None:
         for point, q in zip(branch.points, branch.parameters, strict=True):
             assert point[0] ** 2 == pytest.approx(q - q**2, abs=1e-9)
     assert sorted(ends) == pytest.approx([-0.5, 0.5], abs=1e-9)
-
-
-def test_a_monitor_without_a_value_within_a_step_is_placed_at_its_begin() -> None:
-    monitor = Monitor("x is a half", lambda z, _: np.nan if abs(z[0] - 0.5) < 1e-4 else z[0] - 0.5)
-    (event,) = both_ways(Problem(cubic, limits=(-3.0, 3.0), monitors=(monitor,)), np.array([0.1]), 0.1).of("x is a half")
-    assert event.point[0] == pytest.approx(0.5, abs=0.1)
 
 
 def test_monitors_are_located_and_may_end_a_branch() -> None:
@@ -130,60 +100,6 @@ def test_a_blunt_kink_is_passed_and_a_sharp_one_reported() -> None:
     assert sharp.ended == MINIMUM_STEP
     assert sharp.parameters[-1] == pytest.approx(1, abs=1e-6)
     assert "no step from parameter = 0.99999" in sharp.message
-
-
-def test_a_branch_that_ends_in_nothing_says_so() -> None:
-    """Sqrt(1 - p) = x ends at p = 1: beyond, the residual is not a number."""
-
-    def residual(z: Array, p: float) -> tuple[Array, Array]:
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.array([z[0] - np.sqrt(1 - p) - 1]), np.array([[1.0, 0.5 / np.sqrt(1 - p)]])
-
-    branch = continuation(Problem(residual, "force"), np.array([2.0]), 0.0)
-    assert branch.ended == MINIMUM_STEP
-    assert "force = 0.99" in branch.message or "force = 1" in branch.message
-    assert "not finite" in branch.message or "Newton" in branch.message
-    assert len(branch) > 5
-    assert 0.9 < branch.parameters[-1] <= 1
-
-
-def test_unknowns_may_change_on_the_way() -> None:
-    def polar(z: Array, p: float) -> tuple[Array, Array]:  # angle and radius instead of x
-        angle, radius = z
-        values = np.array([radius * np.sin(angle) - p, radius - 1])
-        return values, np.array([[radius * np.cos(angle), np.sin(angle), -1.0], [0.0, 1.0, 0.0]])
-
-    def recentre(z: Array, p: float, tangent: Array) -> Chart | None:
-        if len(z) == 2 or p < 0.5:
-            return None
-        angle = np.arctan2(p, z[0])
-        rate = (z[0] * tangent[-1] - p * tangent[0]) / (z[0] ** 2 + p**2)
-        return Chart(polar, np.array([angle, 1.0]), np.array([rate, 0.0, tangent[-1]]))
-
-    branch = continuation(Problem(circle, recentre=recentre), np.array([1.0]), 0.0, steps=Steps(points=100))
-    assert {len(z) for z in branch.points} == {1, 2}
-    assert branch.ended == COUNT
-    assert [f.parameter for f in branch.of("fold")][:2] == pytest.approx([1, -1], abs=1e-10)
-
-
-def test_a_branch_is_closed_in_other_unknowns_than_it_began_with() -> None:
-    """From y > 0.5 on x is written down twice, and never again once only: the start's unknowns do not come back."""
-
-    def twice(z: Array, p: float) -> tuple[Array, Array]:
-        values, jacobian = circle(z[:1], p)
-        return np.array([values[0], z[1] - 2 * z[0]]), np.array([[jacobian[0, 0], 0.0, jacobian[0, 1]], [-2.0, 1.0, 0.0]])
-
-    def recentre(z: Array, p: float, tangent: Array) -> Chart | None:
-        if len(z) == 2 or p < 0.5:
-            return None
-        return Chart(twice, np.array([z[0], 2 * z[0]]), np.array([tangent[0], 2 * tangent[0], tangent[-1]]))
-
-    branch = continuation(Problem(circle, recentre=recentre), np.array([1.0]), 0.0)
-    assert branch.closed
-    assert "back at its point" in branch.message
-    again = [k for k, p in enumerate(branch.parameters) if p == branch.parameters[-1]]
-    assert len(again) == 2
-    assert branch.points[again[0]][0] == pytest.approx(branch.points[-1][0])
 
 
 def test_a_branch_can_be_stopped_and_keeps_what_it_has() -> None:

@@ -1,15 +1,21 @@
-"""Orbits, folds, births and mergers with friction's reversals: the published cases, and what surveys and maps find of them."""
+"""Orbits, folds, births and mergers with friction's reversals: the published cases; what surveys find; what leaves a branch at a multiplier of -1."""
+
+from functools import cache
+from itertools import islice, pairwise
 
 import numpy as np
 import pytest
-from orbit_cases import Array, high_orbit, isola, many_reversals, one_sided, paper_case
+from orbit_cases import Array, high_orbit, isola, model_of, one_sided, paper_case
 
-from impact_env.periodic.folds import beside
-from impact_env.periodic.green import NoOrbit, unknowns_of
-from impact_env.periodic.isolas import Threshold, folds, lowest_fold, thresholds
-from impact_env.periodic.orbit import Orbit, orbit_at
-from impact_env.periodic.orbit_branches import PULLING, orbit_branch
-from impact_env.periodic.survey import closed_form_orbits, crossings, orbits_over, same
+from impact_env.parameters import ParameterError
+from impact_env.periodic import offspring
+from impact_env.periodic.case import Case
+from impact_env.periodic.green import NoOrbit
+from impact_env.periodic.isolas import Threshold, folds, thresholds
+from impact_env.periodic.offspring import all_orbits_over, descendants, leaving
+from impact_env.periodic.orbit import Orbit, mirrored
+from impact_env.periodic.orbit_branches import PERIOD_DOUBLING, PULLING, SYMMETRY_BREAKING, OrbitBranch, orbit_branch, orbit_branches
+from impact_env.periodic.survey import closed_form_orbits, orbits_over, same
 from impact_env.periodic.symmetric import BIRTH, MERGER
 from impact_env.periodic.validation import BAR
 
@@ -52,9 +58,7 @@ def test_the_merged_branch_of_three_modes() -> None:
 
 
 def named(found: tuple[Threshold, ...], kind: str) -> Array:
-    return np.array(
-        [[threshold.force, threshold.omega_ratio] for threshold in found if threshold.kind == kind and isinstance(threshold.orbit, Orbit)]
-    )
+    return np.array([[one.force, one.omega_ratio] for one in found if one.kind == kind and isinstance(one.orbit, Orbit)])
 
 
 def test_birth_and_merger_of_three_modes_with_reversals() -> None:
@@ -97,23 +101,7 @@ def test_the_slow_pair_lives_while_the_fast_pair_does_not() -> None:
     assert np.abs(stability.slow_multipliers) == pytest.approx([0.967, 0.967], abs=0.01)
 
 
-def test_ten_modes_have_an_orbit_with_dozens_of_reversals_that_attracts() -> None:
-    orbit = many_reversals()
-    assert orbit.schedule.symmetric
-    assert orbit.schedule.reversals == 24
-    assert orbit.stability.stable
-    assert orbit.residual < BAR
-
-
 # --- surveys and maps ---------------------------------------------------------------------------------------------------------------
-
-
-def test_a_branch_crosses_a_frequency_where_the_closed_form_has_its_orbits() -> None:
-    case = paper_case(3, 0.945, 1.5, friction=0.01)
-    wanted = closed_form_orbits(case).orbits
-    found = [orbit for orbit in crossings(isola(), case.omega) if isinstance(orbit, Orbit)]
-    assert len(found) == len(wanted) == 2
-    assert all(any(same(one, other) for other in wanted) for one in found)
 
 
 def test_branches_find_orbits_that_the_closed_form_does_not_lead_to() -> None:
@@ -123,23 +111,95 @@ def test_branches_find_orbits_that_the_closed_form_does_not_lead_to() -> None:
     assert [orbit.schedule.reversals for orbit in found[0.966]] == [26]
 
 
-@pytest.mark.nightly
-def test_thresholds_among_many_reversals_settle_along_branches_over_the_force() -> None:
-    """N_m = 5, e = 0.7: Newton's method on the fold's conditions runs from one order of reversals to the other at the outer valley and ridge."""
-    case = paper_case(5, 1.0, 1.0, 0.7, 0.01)
-    birth, merger = thresholds(case, 0.91, 0.93)
-    for threshold, kind, side in ((birth, BIRTH, 1), (merger, MERGER, -1)):
-        assert threshold.kind == kind
-        assert isinstance(threshold.orbit, Orbit), threshold
-        assert threshold.orbit.schedule.reversals >= 4
-        assert threshold.orbit.residual < 1e-10
-        assert np.min(np.abs(threshold.orbit.stability.multipliers - 1)) < 1e-3  # a fold: half-period multiplier +1
-        for share in (-5e-4, 5e-4):
-            next_to = lowest_fold(threshold.orbit.case.changed(omega=threshold.orbit.case.omega * (1 + share)))
-            assert not isinstance(next_to, NoOrbit)
-            assert side * next_to.case.force > side * threshold.force
-    assert isinstance(birth.orbit, Orbit)
-    case, schedule, z = birth.orbit.case, birth.orbit.schedule, unknowns_of(birth.orbit.solution)
-    start = beside(case, schedule, z, 1.001)
-    assert isinstance(orbit_at(case.changed(force=1.001 * birth.force), schedule, start), Orbit)
-    assert isinstance(orbit_at(case.changed(force=0.999 * birth.force), schedule, start), NoOrbit)
+# --- the pair without symmetry, and doubled periods ----------------------------------------------------------------------------------
+
+MODEL = model_of(1)
+FIRST = float(MODEL.omega[0])
+LIMITS = (0.8 * FIRST, 0.96 * FIRST)
+
+
+def test_the_high_branch_of_one_dissipative_mode_hands_over_to_a_pair() -> None:
+    """N_m = 1, e = 0.75, 1.5 N: at 0.93 runs of the exact method settle to orbits of 0.714381 mm, one the mirror image of the other."""
+    case = Case(MODEL, 0.9 * FIRST, 1.5, restitution=0.75)
+    (branch,) = orbit_branches(case, *LIMITS)
+    breaking = branch.of(SYMMETRY_BREAKING)
+    for motion in breaking:
+        values = np.linalg.eigvals(motion.derivative)
+        assert np.min(np.abs(values + 1)) < 1e-7
+    left, right = sorted(motion.solution.case.omega_ratio for motion in breaking)
+    assert left < 0.91 < 0.93 < right
+    (pair,) = (found for found in descendants([branch], LIMITS, longest=1) if isinstance(found, OrbitBranch))
+    assert pair.branch.closed
+    orbits = list(pair.orbits())
+    assert all(isinstance(orbit, Orbit) for orbit in orbits)
+    near = [(a, b) for a, b in pairwise(orbits) if (a.case.omega_ratio - 0.93) * (b.case.omega_ratio - 0.93) <= 0]
+    assert len(near) == 2  # one of each
+    for a, b in near:
+        assert a.stability.stable
+        share = (0.93 - a.case.omega_ratio) / (b.case.omega_ratio - a.case.omega_ratio)
+        assert (1 - share) * a.motion.tip_max + share * b.motion.tip_max == pytest.approx(7.14381e-4, rel=2e-4)
+    phases = [np.diff([impact.phase for impact in a.impacts])[0] for a, _ in near]
+    assert phases[0] != pytest.approx(np.pi, abs=1e-2)
+
+
+@cache
+def doubling() -> tuple[OrbitBranch, OrbitBranch]:
+    """N_m = 1, e = 0.8, 1.5 N: the pair, and what leaves it where its period doubles."""
+    case = Case(MODEL, 0.9 * FIRST, 1.5, restitution=0.8)
+    (branch,) = orbit_branches(case, *LIMITS)
+    pair, doubled = islice(descendants([branch], LIMITS, longest=2), 2)
+    assert isinstance(pair, OrbitBranch)
+    assert isinstance(doubled, OrbitBranch)
+    return pair, doubled
+
+
+def test_a_multiplier_of_minus_one_leads_to_twice_the_period() -> None:
+    pair, doubled = doubling()
+    places = pair.of(PERIOD_DOUBLING)
+    assert len(places) >= 2
+    for motion in places:
+        values = np.linalg.eigvals(motion.derivative)
+        assert np.min(np.abs(values + 1)) < 1e-6
+    where = min(motion.solution.case.omega_ratio for motion in places)
+    orbits = [orbit for orbit in doubled.orbits() if isinstance(orbit, Orbit)]
+    assert len(orbits) > 30
+    assert {orbit.schedule.period_multiple for orbit in orbits} == {2}
+    assert all(orbit.residual < 1e-10 for orbit in orbits)
+    assert min(orbit.case.omega_ratio for orbit in orbits) == pytest.approx(where, abs=2e-5)
+    stable = [orbit for orbit in orbits if orbit.stability.stable]
+    assert stable
+    with pytest.raises(ParameterError, match="kind = 'fold'"):
+        next(leaving(pair, "fold"))
+
+
+def test_all_orbits_over_a_range_have_pairs_doubled_periods_and_their_mirror_images() -> None:
+    case = Case(MODEL, FIRST, 1.5, restitution=0.8)
+    ratios = np.array([0.93, 0.934, 0.936, 0.94])
+    told: list[str] = []
+    groups = list(all_orbits_over(case, ratios, lambda what, _done, _total: told.append(what)))
+    assert [group.case.omega_ratio for group in groups] == pytest.approx(ratios)
+    assert {"closed form", "branches"} <= set(told)
+    symmetric = list(orbits_over(case, ratios))
+    for group, plain in zip(groups, symmetric, strict=True):
+        assert [o.motion.tip_max for o in group.orbits if o.schedule.symmetric] == pytest.approx([o.motion.tip_max for o in plain.orbits])
+        sided = [orbit for orbit in group.orbits if not orbit.schedule.symmetric]
+        assert len(sided) % 2 == 0
+        for orbit in sided:
+            image = mirrored(orbit)
+            assert isinstance(image, Orbit)
+            assert sum(same(image, other) for other in sided) == 1
+            assert orbit.residual < 1e-10
+    multiples = [{orbit.schedule.period_multiple for orbit in group.orbits} for group in groups]
+    assert multiples[0] == {1}
+    assert multiples[1] == {1, 2}
+    assert {1, 2, 4} <= multiples[2]
+    assert any(orbit.stability.stable and orbit.schedule.period_multiple == 4 for orbit in groups[2].orbits)
+    assert {orbit.schedule.period_multiple for group in all_orbits_over(case, ratios, longest=2) for orbit in group.orbits} == {1, 2}
+
+
+def test_branches_without_end_are_left_with_a_word(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(offspring, "MOST_BRANCHES", 2)
+    case = Case(MODEL, FIRST, 1.5, restitution=0.8)
+    groups = list(all_orbits_over(case, np.array([0.93, 0.936]), settle=False))
+    assert any("there are more" in refused.reason for group in groups for refused in group.refused)
+    assert any(not orbit.schedule.symmetric for group in groups for orbit in group.orbits)

@@ -6,12 +6,11 @@ import scipy.stats
 
 from impact_env import Beam, beam_scene, impact_absorber
 from impact_env.drive import Drive, constant_frequency
-from impact_env.ensemble import draw_members
 from impact_env.periodic.case import case_of, start_from
 from impact_env.periodic.jump import Jumps, Range, hazard, jumps
-from impact_env.periodic.lyapunov import exponent_of, largest_exponent
-from impact_env.periodic.residence import Approach, ExitRate, Stays, exit_rate, first_silence, hold, passage, stay_of, stays
-from impact_env.periodic.stationary import Criteria, Kind, Window, classify, envelope, longest_pause, modulation_depth, stationary_members
+from impact_env.periodic.lyapunov import largest_exponent
+from impact_env.periodic.residence import Approach, ExitRate, Stays, exit_rate, hold, passage, stay_of, stays
+from impact_env.periodic.stationary import Criteria, Kind, Window, classify, envelope, stationary_members
 from impact_env.periodic.survey import closed_form_orbits
 from impact_env.response import Record
 from impact_env.scene import Scene
@@ -62,13 +61,6 @@ def test_period_is_found_within_its_tolerance_and_up_to_the_largest_multiple() -
     assert classify(blurred, Criteria(tolerance=1e-3)).multiple == 2
 
 
-def test_depth_and_pause() -> None:
-    assert modulation_depth(np.array([1.0, 3.0])) == 0.5
-    assert modulation_depth(np.zeros(4)) == 0.0
-    assert longest_pause(np.array([0.5, 2.0, 4.5]), 5) == 2.5
-    assert longest_pause(np.zeros(0), 5) == 5.0
-
-
 def members_at(modes: int, ratio: float, force: float, **absorber: float) -> list:
     scene = beam_scene(Beam(modes=modes), impact_absorber(**absorber))
     return stationary_members(scene, force, Approach(scene.model.resonance_omega(1)), ratio, 500, 150, [0.0, 1.0, 2.5])
@@ -91,31 +83,6 @@ def test_runs_of_each_kind() -> None:
     chaotic = members_at(10, 1.0, 3.5, restitution=0.7, friction_limit=0.1)
     assert {member.found.kind for member in chaotic} == {Kind.SUSTAINED}
     assert np.all(np.diff(envelope(chaotic)) > 0)
-
-
-def test_periodic_response_is_the_exact_orbit() -> None:
-    scene = beam_scene(Beam(modes=1), impact_absorber(restitution=0.75))
-    omega = scene.model.resonance_omega(1)
-    runs = stationary_members(scene, 1.5, Approach(omega, 1.0, 200.0, 3000.0), 0.9, 1500, 100, [0.0, 1.0, 2.0, 3.0])
-    orbits = closed_form_orbits(case_of(scene, 1.5, 0.9 * omega)).orbits
-    stable = [orbit for orbit in orbits if orbit.stability.stable]
-    periodic = [member for member in runs if member.found.kind is Kind.PERIODIC]
-    assert len(stable) == 1
-    assert periodic
-    for member in periodic:
-        assert member.found.multiple == 1
-        assert member.found.impacts_per_period == 2
-        assert np.max(member.peaks) == pytest.approx(stable[0].motion.tip_max, rel=0.01)  # 32 samples a period: cos(pi/32) is 0.995
-
-
-def test_silences() -> None:
-    impacts = np.array([1.0, 2.0, 3.0, 10.0, 11.0])
-    assert first_silence(impacts, 0, 12, 8).began is None
-    found = first_silence(impacts, 0, 12, 5)
-    assert (found.began, found.returned) == (3.0, True)
-    found = first_silence(impacts, 0, 20, 8)
-    assert (found.began, found.returned) == (11.0, False)
-    assert first_silence(np.zeros(0), 2.0, 20, 8).began == 2.0
 
 
 def test_stay_ends_is_censored_or_never_began() -> None:
@@ -144,15 +111,6 @@ def test_rate_of_a_known_sample() -> None:
     assert 1 / scipy.stats.expon.fit(data, floc=0)[1] == pytest.approx(found.rate, rel=1e-3)
     assert found.low < 2e-3 < found.high
     assert exit_rate(observed, burn_in=100.0).rate == pytest.approx(2e-3, rel=0.04)
-
-
-def test_interval_covers_as_often_as_it_says() -> None:
-    drawn, hits = np.random.default_rng(1), 0
-    for _ in range(400):
-        times = drawn.exponential(500.0, 40)
-        found = exit_rate(Stays(np.minimum(times, 600.0), times < 600.0))
-        hits += found.low < 1 / 500 < found.high
-    assert hits >= 0.93 * 400
 
 
 def test_rate_without_exits_and_without_time() -> None:
@@ -195,16 +153,6 @@ def test_factor_of_a_moving_frequency_is_found_from_counts() -> None:
         assert value == pytest.approx(found.factor * told.probability(slowness)[0])
         assert low < jumped.share + 3 * np.sqrt(jumped.share / 5000)
         assert high > jumped.share - 3 * np.sqrt(jumped.share / 5000)
-
-
-def test_sweeps_up_keep_what_sweeps_down_lose() -> None:
-    """The motion of the frequency carries runs over the border of the regime, or away from it: fewer leave the same range upwards."""
-    scene, approach = paper()
-    phases = draw_members(1200, 3, "phase").phases.tolist()
-    down = jumps(scene, 1.5, approach, Range(0.974, 0.972, 0.958, 0.946), 100.0, phases)
-    up = jumps(scene, 1.5, approach, Range(0.956, 0.958, 0.972, 0.984), 100.0, phases)
-    assert len(down.left) > len(up.left) + 3 * np.sqrt(len(up.left))  # of 1,200: 68 to 90 and 31 to 44
-    assert all(0.958 <= ratio < 0.972 for ratio in (*down.left, *up.left))
 
 
 def paper() -> tuple:
@@ -275,9 +223,3 @@ def test_chaos_parts_runs_as_its_exponent_says() -> None:
         rates.append(np.log(ends[1] / ends[0]) / 10)
     width = 3 * np.std(rates) / np.sqrt(len(rates)) + found.high - found.low
     assert abs(np.mean(rates) - found.value) < width
-
-
-def test_interval_covers_the_mean_of_independent_growths() -> None:
-    drawn = np.random.default_rng(1)
-    hits = sum((found := exponent_of(drawn.normal(0.3, 1.0, 400))).low < 0.3 < found.high for _ in range(400))
-    assert 0.9 * 400 < hits < 0.985 * 400

@@ -12,9 +12,9 @@ def _files(words: dict[str, str]) -> tuple[str, ...]:
 # some of every kind that say much in little time; what takes long in them is marked slow
 QUICK = _files(
     {
-        "kernels": "agreement check energies exact_compliant exact_rigid linear moreau properties records runge_kutta several",
+        "kernels": "check energies exact_contacts linear properties records several stepping",
         "simulator": "bad_input controlled ensemble model frequency plain structure",
-        "periodic": "continuation periodic_closed_form periodic_orbits published_orbits switching",
+        "periodic": "continuation periodic_closed_form periodic_orbits published_orbits",
         "environments": "environments evaluation lanes scores",
         "design": "bounds designs evaluate_arrays objectives structure_design",
         "studies": "study_pattern",
@@ -36,8 +36,8 @@ PARTS = (
 # by their time and, from nothing, by what they compile: two neighbours take other kinds of scenes, since both processes would compile the same one
 _LONGEST_FIRST = """
     kernels/loads simulator/controlled environments/active design/load_gap commands/explore commands/structure_commands design/advice
-    kernels/exact_rigid kernels/plain_python kernels/one_result kernels/exact_compliant kernels/several commands/clear_errors
-    environments/training kernels/runge_kutta environments/suite kernels/kernel_cache kernels/search_truth simulator/stop_and_passes
+    kernels/exact_contacts kernels/plain_python kernels/one_result kernels/several commands/clear_errors
+    environments/training kernels/stepping environments/suite kernels/kernel_cache kernels/search_truth simulator/stop_and_passes
     periodic/bifurcation_curves simulator/places simulator/first_use design/cluster house/extras kernels/dense_motion periodic/harmonic_balance
     design/study commands/explore_browser studies/stability_report studies/benchmark_scripts commands/frequency_scripts kernels/regimes
     commands/command commands/interrupted kernels/verification
@@ -48,8 +48,8 @@ LONGEST_FIRST = tuple("{}/test_{}.py".format(*word.split("/")) for word in _LONG
 LEANING = _files(
     {
         "environments": "suite training",
-        "kernels": "regimes linear exact_rigid",
-        "periodic": "periodic_orbits shooting switching",
+        "kernels": "regimes linear exact_contacts",
+        "periodic": "periodic_orbits published_orbits",
         "simulator": "model frequency structure",
         "design": "tuned",
     }

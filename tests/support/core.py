@@ -1,9 +1,11 @@
 """Runs and truths shared by the tests of the simulator's core. One set of observers for all runs, so that each kernel is compiled once."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from places import TRUTHS
 
 from impact_env import (
     Drive,
@@ -14,6 +16,7 @@ from impact_env import (
     Response,
     Scene,
     beam_scene,
+    impact_absorber,
     simulate,
 )
 from impact_env.methods import Method
@@ -37,6 +40,12 @@ def drive_of(force: float, *ratios: float, periods: float = 5.0, reference: floa
     return Drive(force, FrequencySchedule(np.linspace(0, periods * 2 * np.pi / reference, len(omegas)), omegas, reference), phase)
 
 
+def cut(drive: Drive, end: float) -> Drive:
+    """Return a drive of one stretch up to a time in s."""
+    times, schedule = np.array([0.0, end]), drive.schedule
+    return replace(drive, schedule=FrequencySchedule(times, schedule.omega_at(times), schedule.reference))
+
+
 def still(duration: float, reference: float = OMEGA) -> Drive:
     return drive_of(0.0, 1.0, periods=duration * reference / (2 * np.pi), reference=reference)
 
@@ -58,3 +67,16 @@ def scene_of(absorber: Absorber | None = None, **beam: object) -> Scene:
 def relative_displacement(response: Response) -> Array:
     history = response.history
     return np.asarray(history.absorber_displacement - history.tip_displacement)
+
+
+def golden(name: str, duration: float) -> tuple[Scene, Drive, Array, Array]:
+    """Return a golden case's scene and drive, impact times (s) and relative velocities before impact (m/s)."""
+    case = json.loads((TRUTHS / f"golden_{name}.json").read_text())
+    model = ModalModel(
+        case["omega_rad_s"], [case["damping_ratio"]] * case["modes"], case["phi_force"], case["phi_tip"], case["absorber_mass_kg"] / 0.02
+    )
+    absorber = impact_absorber(case["gap_m"], case["restitution"], case["friction_limit_N"] or None)
+    start, rate = case["excitation"]["start_rad_s"], case["excitation"]["rate_rad_s2"]
+    schedule = FrequencySchedule(np.array([0.0, duration]), np.array([start, start + rate * duration]), model.omega[0])
+    truths = (np.array(case[key], dtype=float) for key in ("impact_time_s", "pre_impact_relative_velocity_m_s"))
+    return Scene(model, absorber), Drive(case["force_amplitude_N"], schedule), *truths

@@ -70,7 +70,7 @@ SEVERAL: dict[str, tuple[Scene, float, float, float]] = {
     "chatter of two": (beam_scene(HELD, impact_absorbers((1e-5, 1e-5), (1.0, 0.8), restitution=0.0, mass_ratio=0.2)), 5.0, 0.3, 2.9),
 }
 LEVEL = Record(events=True)
-DRIVE = drive_of(6.0, 0.98, 1.02, periods=3.5, phase=0.4)
+DRIVE = drive_of(12.0, 0.98, 1.02, periods=2.0, phase=0.4)
 Bits = dict[str, str]
 
 
@@ -136,7 +136,7 @@ EVERY: dict[str, Callable[[], Bits]] = {
     "impacts with loss": swept(impact_absorber(restitution=0.7)),
     "impacts on walls that yield": swept(SlidingAbsorber(walls=YieldingWalls(0.01))),
     "impacts and friction": swept(impact_absorber(5e-4, 0.3, 0.1)),
-    "friction damper": swept(friction_damper(0.1)),
+    "friction damper": swept(friction_damper(0.3)),
     "compliant walls": swept(SlidingAbsorber(walls=CompliantWalls(1e6))),
     "elastic friction": swept(SlidingAbsorber(friction=ElasticCoulombFriction(0.1, 1e5))),
     "compliant walls and elastic friction": swept(SOFT),
