@@ -75,7 +75,10 @@ SMALL: dict[str, tuple[ModuleType, list[object], dict[str, object], Callable[[An
 }
 
 
-@pytest.mark.parametrize("block", [pytest.param(b, marks=pytest.mark.nightly if b == "benchmark_energies" else ()) for b in SMALL])
+AT_NIGHT = ("benchmark_energies", "benchmark_loads", "benchmark_periodic")  # compile kernels that few other tests use
+
+
+@pytest.mark.parametrize("block", [pytest.param(b, marks=pytest.mark.nightly if b in AT_NIGHT else ()) for b in SMALL])
 def test_a_benchmark_writes_what_it_prints(block: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     module, options, smaller, check, shown = SMALL[block]
     for name, value in smaller.items():

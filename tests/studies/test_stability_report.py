@@ -25,15 +25,15 @@ def case(group: str, name: str) -> cases.Case:
     return found
 
 
-@pytest.mark.parametrize("name", ["impact", "impact and friction"])
-def test_exact_cells_agree_with_the_reference_and_a_wrong_number_fails(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    cell = cells.measure(case("ordinary", name), cases.EXACT)
+def test_an_exact_cell_agrees_with_the_reference_and_a_wrong_number_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    own = case("ordinary", "impact and friction")
+    cell = cells.measure(own, cases.EXACT)
     assert (cell.verdict, cell.reason) == (cells.GOOD, "")
     assert cell.deviation < 1e-11
     assert cell.impacts > 3
-    known = cells._truth(case("ordinary", name))
+    known = cells._truth(own)
     monkeypatch.setattr(cells, "_truth", lambda _: replace(known, tip=known.tip * (1 + 1e-4)))
-    cell = cells.measure(case("ordinary", name), cases.EXACT)
+    cell = cells.measure(own, cases.EXACT)
     assert cell.verdict == cells.FAILED
     assert "from the reference" in cell.reason
 
@@ -114,6 +114,7 @@ def test_soaks_are_judged(name: str, value: Any, word: str) -> None:
     assert word in reason
 
 
+@pytest.mark.nightly
 def test_searches_are_checked_until_there_are_enough() -> None:
     found = checks.check("random structures, 1e4 gaps", 100, 0)
     assert found.searches >= 100
