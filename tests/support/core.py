@@ -7,20 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from places import TRUTHS
 
-from impact_env import (
-    Drive,
-    FrequencySchedule,
-    InitialState,
-    ModalModel,
-    Record,
-    Response,
-    Scene,
-    beam_scene,
-    impact_absorber,
-    simulate,
-)
+from impact_env.drive import Drive, FrequencySchedule
 from impact_env.methods import Method
-from impact_env.parameters import Absorber, Beam
+from impact_env.modes import ModalModel
+from impact_env.parameters import Absorber, Beam, impact_absorber
+from impact_env.response import Record, Response
+from impact_env.scene import InitialState, Scene, beam_scene
+from impact_env.sweep import simulate
 
 Array = NDArray[np.float64]
 OMEGA = float(beam_scene(Beam(modes=1)).model.omega[0])

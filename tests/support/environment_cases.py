@@ -7,24 +7,9 @@ import numpy as np
 
 from impact_env.envs import ENVIRONMENTS
 
-(
-    SWEEP,
-    GAP,
-    PASSIVE,
-    V1,
-    NOISY,
-    DELAYED,
-    OPEN_ADAPTIVE,
-    OPEN_FRICTION,
-    HARD,
-    GAP1,
-    ADAPTIVE,
-    FRICTION,
-    ACTIVE_FRICTION,
-    ACTIVE_GAP,
-    LIMITED,
-    STRUCTURES,
-) = ENVIRONMENTS
+NAMES = tuple(ENVIRONMENTS)
+SWEEP, GAP, PASSIVE, V1, NOISY, DELAYED, OPEN_ADAPTIVE, OPEN_FRICTION = NAMES[:8]
+HARD, GAP1, ADAPTIVE, FRICTION, ACTIVE_FRICTION, ACTIVE_GAP, LIMITED, STRUCTURES = NAMES[8:]
 PAIRS = (OPEN_ADAPTIVE, ADAPTIVE, LIMITED)  # which take two numbers
 RUBBING = {"modes": 2, "absorber_options": {"friction_limit": 0.025}}  # one kind of scene for most tests: one kernel to compile
 SHAKEN = {"kind": "random", "quantity": "base_acceleration", "spectrum": [[20.0, 0.5], [60.0, 0.5]], "duration_s": 2.0, "seed": 4}

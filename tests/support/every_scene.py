@@ -12,30 +12,27 @@ from core import ALL, OMEGA, drive_of, scene_of
 from numpy.typing import ArrayLike
 from orbit_cases import paper_case
 
-from impact_env import (
+from impact_env.controlled import ControlledRuns
+from impact_env.methods import Method, Moreau, RungeKutta
+from impact_env.parameters import (
+    Absorber,
     Beam,
     CompliantWalls,
     ElasticCoulombFriction,
-    Moreau,
     NonlinearSink,
-    Record,
-    Response,
-    RungeKutta,
-    Scene,
+    SeveralAbsorbers,
     SlidingAbsorber,
     StuckAbsorber,
     TunedAbsorber,
     YieldingWalls,
-    beam_scene,
     friction_damper,
     impact_absorber,
-    impact_absorbers,
-    simulate,
 )
-from impact_env.controlled import ControlledRuns
-from impact_env.methods import Method
-from impact_env.parameters import Absorber, SeveralAbsorbers
 from impact_env.periodic.survey import closed_form_orbits
+from impact_env.response import Record, Response
+from impact_env.scene import Scene, beam_scene
+from impact_env.shared_mass import impact_absorbers
+from impact_env.sweep import simulate
 
 # Scenes of every kind of contact, for comparisons with the references.
 

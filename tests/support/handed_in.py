@@ -17,35 +17,27 @@ from typing import Any
 import numpy as np
 from core import ALL
 
-from impact_env import (
+from impact_env.drive import Drive, FrequencySchedule, constant_frequency
+from impact_env.methods import Exact, Moreau, RungeKutta
+from impact_env.modes import ModalModel
+from impact_env.parameters import (
     Beam,
     CompliantWalls,
     CoulombFriction,
-    Drive,
     ElasticCoulombFriction,
-    Exact,
-    FrequencySchedule,
-    InitialState,
-    IntegrationError,
-    ModalModel,
-    Moreau,
     ParameterError,
-    Record,
-    Response,
     RigidWalls,
-    RungeKutta,
-    Scene,
     SeveralAbsorbers,
     SlidingAbsorber,
     StuckAbsorber,
     TunedAbsorber,
-    beam_scene,
-    constant_frequency,
     friction_damper,
     impact_absorber,
-    impact_absorbers,
-    simulate,
 )
+from impact_env.response import Record, Response
+from impact_env.scene import InitialState, Scene, beam_scene
+from impact_env.shared_mass import impact_absorbers
+from impact_env.sweep import IntegrationError, simulate
 
 BEAM = Beam(modes=2)
 SCENE = beam_scene(BEAM, impact_absorber(restitution=0.7))

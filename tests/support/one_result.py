@@ -11,22 +11,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from impact_env import (
-    Beam,
-    Drive,
-    Moreau,
-    Record,
-    StuckAbsorber,
-    TunedAbsorber,
-    beam_scene,
-    friction_damper,
-    impact_absorber,
-    linear_sweep,
-    simulate,
-)
+from impact_env.drive import Drive, linear_sweep
 from impact_env.ensemble import Lane, run_lanes
-from impact_env.parameters import Absorber
-from impact_env.scene import Scene
+from impact_env.methods import Moreau
+from impact_env.parameters import Absorber, Beam, StuckAbsorber, TunedAbsorber, friction_damper, impact_absorber
+from impact_env.response import Record
+from impact_env.scene import Scene, beam_scene
+from impact_env.sweep import simulate
 
 ABSORBERS: dict[str, Callable[[], Absorber | None]] = {
     "none": lambda: None,
