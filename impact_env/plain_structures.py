@@ -159,25 +159,12 @@ class _Place:
 PLACE = form(_Place, {"node": ("node", WHOLE), "direction": ("direction", TEXT)})
 
 
-@dataclass(frozen=True)
-class _Strained:
-    """A part of a strain: the displacement of a node in a direction, times a weight."""
-
-    node: int
-    direction: str
-    weight: float
-
-
-@dataclass(frozen=True)
-class _StrainedRow:
-    """A part of a strain: the displacement of a row of the matrices, times a weight."""
-
-    row: int
-    weight: float
-
-
-STRAINED = form(_Strained, {"node": ("node", WHOLE), "direction": ("direction", TEXT), "weight": ("weight", NUMBER)})
-STRAINED_ROW = form(_StrainedRow, {"row": ("row", WHOLE), "weight": ("weight", NUMBER)})
+# a part of a strain: a weight, and the displacement that it is of, of a node in a direction or of a row of the matrices
+STRAINED = form(
+    lambda node, direction, weight: (weight, _Place(node, direction)),
+    {"node": ("node", WHOLE), "direction": ("direction", TEXT), "weight": ("weight", NUMBER)},
+)
+STRAINED_ROW = form(lambda row, weight: (weight, row), {"row": ("row", WHOLE), "weight": ("weight", NUMBER)})
 
 
 def _one_or_list(sort: Sort) -> Sort:
@@ -192,6 +179,7 @@ def _one_or_list(sort: Sort) -> Sort:
     return Sort(read, list)
 
 
+Parts = list[tuple[float, Any]]
 TURNED = ("absorber_shapes", "response_shape", "stress_shape", "base_participation")  # with the modes' signs
 
 
@@ -214,9 +202,9 @@ def _placed(
     return _signed(ModalModel(omega, damping, force, absorbers[0], mass, several, response, stress, base, at_absorber))
 
 
-def _strain(parts: list[Any] | None, shape: Callable[[Any], Any]) -> Any:
+def _strain(parts: Parts | None, shape: Callable[[Any], Any]) -> Any:
     """Return the strain per modal displacement (N_m,): the sum of the parts' weights times the ``shape`` (N_m,) that a part has; None for none."""
-    return None if parts is None else np.sum([part.weight * shape(part) for part in parts], axis=0)
+    return None if parts is None else np.sum([weight * shape(of) for weight, of in parts], axis=0)
 
 
 def _of_universal(
@@ -229,7 +217,7 @@ def _of_universal(
     response: _Place | None = None,
     modes: int | None = None,
     damping_ratio: Any = None,
-    stress: list[_Strained] | None = None,
+    stress: Parts | None = None,
     base_participation: list[float] | None = None,
     base_at_absorber: float = ModalModel.base_at_absorber,
 ) -> ModalModel:
@@ -244,7 +232,7 @@ def _of_universal(
 
     places = [shape("absorber", place) for place in absorber]
     read = None if response is None else shape("response", response)
-    strain = _strain(stress, lambda part: shape("stress", _Place(part.node, part.direction)))
+    strain = _strain(stress, lambda place: shape("stress", place))
     base = None if base_participation is None else np.array(base_participation)
     require(base is None or len(base) == len(kept), "base_participation", base_participation, f"a number for each of the {len(kept)} modes")
     omega = [m.omega for m in kept]
@@ -297,7 +285,7 @@ def _of_matrices(
     modes: int = MODES,
     damping_ratio: Any = None,
     suspension_frequency: float | None = None,
-    stress: list[_StrainedRow] | None = None,
+    stress: Parts | None = None,
     base_vector: Any = None,
     coordinates: str | None = None,  # noqa: ARG001 - of the rows, for who looks for one
 ) -> ModalModel:
@@ -319,7 +307,7 @@ def _of_matrices(
     ratios = ratios_of(damping_ratio, found, len(kept.omega))
     shapes = kept.shapes / np.sqrt(UNITS[units])
     places, read = [shapes[k] for k in absorber], None if response is None else shapes[response]
-    strain = _strain(stress, lambda part: shapes[count("stress's row", part.row, 0, size - 1)])
+    strain = _strain(stress, lambda row: shapes[count("stress's row", row, 0, size - 1)])
     if base_vector is None:
         return _placed(kept.omega, ratios, shapes[force], places, read, structure_mass, strain)
     rigid = _base_vector(folder, base_vector, size)

@@ -6,6 +6,7 @@ The main branches are begun at the ends of the range, isolas at exact orbits.
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, fields
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -87,21 +88,17 @@ def balance_branches(
             continue
         if any(lies_on(balance, branch, solution, omega) for branch in found):
             continue
-        label = f"branch {len(found) + 1}"
-        branch = _followed(problem, solution, omega, steps, None if progress is None else lambda n, w, label=label: progress(label, n, w))  # type: ignore[misc]
+        show = None if progress is None else partial(progress, f"branch {len(found) + 1}")
+        if omega in problem.limits:  # from a limit of the frequency it has one side only
+            branch = continuation(problem, solution, omega, 1.0 if omega == low else -1.0, steps, show)
+        else:
+            branch = both_ways(problem, solution, omega, steps, show)
         found.append(branch)
         if branch.ended == STOPPED:
             break
     if not found:
         raise NoConvergenceError("harmonic balance: no start at either end of the range or from an exact orbit converged")
     return tuple(found)
-
-
-def _followed(problem: Problem, z: Real, omega: float, steps: Steps, progress: Callable[[int, float], None] | None) -> Branch:
-    """Return the branch through a point; from a limit of the frequency it has one side only."""
-    if omega in problem.limits:
-        return continuation(problem, z, omega, 1.0 if omega == problem.limits[0] else -1.0, steps, progress)
-    return both_ways(problem, z, omega, steps, progress)
 
 
 def lies_on(balance: Balance, branch: Branch, z: Real, omega: float) -> bool:

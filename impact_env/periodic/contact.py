@@ -98,10 +98,9 @@ def _cycle(motion: Real, turns: Real, rows: Real, limit: float, stiffness: float
 
 def _reaches(motion: Real, begin: float, end: float, value: float) -> float:
     """Return the angle between two turning points at which the motion has a value."""
-    h = harmonics_of(motion)
 
     def rest(angle: float) -> float:
-        return float(basis(angle, h) @ motion - value)
+        return float(basis(angle, harmonics_of(motion)) @ motion - value)
 
     if rest(begin) * rest(end) >= 0:  # slips from the turning point on, or at its very end: rounding
         return begin if abs(rest(begin)) < abs(rest(end)) else end

@@ -149,10 +149,11 @@ def continuation(
             if ended is not None:
                 break
             try:
-                before, doing = system, f"lost at {at}, where the unknowns change"
-                if len(way) > 1:
-                    problem, system, here = _recentred(problem, system, here, steps)
-                if system is not before:
+                doing = f"lost at {at}, where the unknowns change"
+                chart = problem.recentre(*way[-1], here.tangent * system.scale) if problem.recentre is not None and len(way) > 1 else None
+                if chart is not None:
+                    problem = replace(problem, residual=chart.residual, scale=chart.scale, monitors=chart.monitors)
+                    system, here = start(problem, chart.point, way[-1][1], chart.tangent, steps)
                     gates.append(Gate(len(way) - 1, system, here))
                 doing = f"no step from {at} down to {steps.least:.1e}"
                 there, size, kink = _next(system, here, size, steps)
@@ -227,18 +228,6 @@ def _bounded(problem: Problem, system: System, here: Place, there: Place) -> Pla
         return placed(x, jacobian, there.x - here.x)
     except NoConvergenceError:
         return there  # a fold at the limit itself: the last point lies just outside
-
-
-def _recentred(problem: Problem, system: System, place: Place, steps: Steps) -> tuple[Problem, System, Place]:
-    """Return the point to continue from, in other unknowns if the problem wants them."""
-    if problem.recentre is None:
-        return problem, system, place
-    z, parameter = system.plain(place.x)
-    chart = problem.recentre(z, parameter, place.tangent * system.scale)
-    if chart is None:
-        return problem, system, place
-    problem = replace(problem, residual=chart.residual, scale=chart.scale, monitors=chart.monitors)
-    return problem, *start(problem, chart.point, parameter, chart.tangent, steps)
 
 
 def both_ways(problem: Problem, z: Real, parameter: float, steps: Steps | None = None, progress: Progress | None = None) -> Branch:

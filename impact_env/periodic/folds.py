@@ -64,9 +64,7 @@ def fold_near(solution: Solution, parameter: str = "omega") -> Fold | NoOrbit:
             return NoOrbit(case, schedule, "the conditions of a fold are singular", z[: len(schedule.events)])
         z, v, value = z + step[:m], v + step[m:-1], value + unit * step[-1]
         error = float(np.max(np.abs(step)))
-        if not np.isfinite(error) or error > 1e3 or value <= 0:
-            break
-        if error < CLOSE:
+        if not np.isfinite(error) or error > 1e3 or value <= 0 or error < CLOSE:
             break
     if not error < 1e-8:
         return NoOrbit(case, schedule, f"no fold in {parameter} near here (last step {error:.1e})", z[: len(schedule.events)])
@@ -125,32 +123,25 @@ def _reordered_beside(case: Case, schedule: EventSchedule, start: Array) -> Moti
 
 def level_fold(fold: Fold, reach: float) -> Fold | NoOrbit:
     """Return the fold within ``reach`` (rad/s) of ``fold`` whose force is level over the frequency: a birth or a merger."""
-    last: list[Fold] = [fold]
+    last, lost = [fold], list[NoOrbit]()
 
     def slope(omega: float) -> float:
         solution = last[-1].motion.solution
         beside = reordered_fold(solution.case.changed(omega=omega), solution.schedule, unknowns_of(solution), "force")
         if isinstance(beside, NoOrbit):
-            raise _LostFoldError(beside)
+            lost.append(beside)
+            raise RuntimeError(beside.reason)
         last.append(beside)
         return beside.slope
 
     omega = fold.case.omega
     try:
         scipy.optimize.newton(slope, omega, x1=omega + 0.01 * reach, tol=LEVEL * omega, maxiter=30)
-    except _LostFoldError as error:
-        return error.reason
     except RuntimeError as error:
-        return NoOrbit(fold.case, fold.motion.solution.schedule, f"no level fold near here: {error}", fold.motion.solution.phases)
+        return (
+            lost[0] if lost else NoOrbit(fold.case, fold.motion.solution.schedule, f"no level fold near here: {error}", fold.motion.solution.phases)
+        )
     found = last[-1]
     if abs(found.case.omega - omega) > reach:
         return NoOrbit(found.case, found.motion.solution.schedule, "its level fold lies elsewhere", found.motion.solution.phases)
     return found
-
-
-class _LostFoldError(Exception):
-    """No fold at a frequency on the way; ``reason`` says why."""
-
-    def __init__(self, reason: NoOrbit) -> None:
-        super().__init__(reason.reason)
-        self.reason = reason

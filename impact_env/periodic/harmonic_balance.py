@@ -344,7 +344,10 @@ def _exponents(balance: Balance, z: Real, kind: int) -> tuple[Complex, Real, flo
     rows = [balance.polynomial(z), real_row(balance.response(z).contact)]
     omega = balance.omega / linear.multiple
     if not balance.symmetric:  # over two periods
-        rows, omega = [_doubled(row) for row in rows], omega / 2
+        once, omega = np.array([complexes(row) for row in rows]), omega / 2
+        twice = np.zeros((2, 2 * once.shape[1] - 1), complex)
+        twice[:, ::2] = once
+        rows = [real_row(row) for row in twice]
     h = len(rows[0]) // 2
     orders = np.concatenate([[0], np.arange(1, h + 1), np.arange(1, h + 1)])
     kept = np.flatnonzero(orders % 2 == kind)
@@ -366,11 +369,3 @@ def _exponents(balance: Balance, z: Real, kind: int) -> tuple[Complex, Real, flo
     shares = np.sum(np.abs(vectors[:size, inside].reshape(len(across), len(kept), -1)) ** 2, axis=0)
     inside[inside] = ok = np.sum(shares, axis=0) > 0
     return exponents[inside], orders[kept] @ (shares[:, ok] / np.sum(shares[:, ok], axis=0)), omega
-
-
-def _doubled(row: Real) -> Real:
-    """Return a polynomial over twice the period."""
-    h = len(row) // 2
-    twice = np.zeros(4 * h + 1)
-    twice[0], twice[2 : 2 * h + 1 : 2], twice[2 * h + 2 :: 2] = row[0], row[1 : h + 1], row[h + 1 :]
-    return twice

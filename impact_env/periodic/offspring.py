@@ -44,16 +44,6 @@ STEPS = Steps(first=0.01, least=1e-8, most=0.1, points=400)
 MARGIN = 0.02  # of the first resonance: how far beyond the range branches are followed, since a pair may leave there
 
 
-def _listed_twice(solution: Solution, side: float) -> Solution:
-    """Return the solution with its events and, behind them, what they are a span later: the mirrored ones if ``side`` is -1."""
-    old = solution.schedule
-    events = (*old.events, *((event.mirrored for event in old.events) if side < 0 else old.events))
-    phases = np.concatenate([solution.phases, solution.phases + old.turn])
-    impulses = np.concatenate([solution.impulses, side * solution.impulses])
-    schedule = EventSchedule(events, False, old.period_multiple * (1 if side < 0 else 2))
-    return Solution(solution.case, schedule, phases, impulses, solution.offset, solution.error, solution.steps)
-
-
 def leaving(orbits: OrbitBranch, kind: str) -> Iterator[Solution]:
     """Yield a solution beside each place of a branch at which the symmetry breaks or the period doubles (``kind``), on the branch that leaves there.
 
@@ -62,7 +52,12 @@ def leaving(orbits: OrbitBranch, kind: str) -> Iterator[Solution]:
     require(kind in (SYMMETRY_BREAKING, PERIOD_DOUBLING), "kind", kind, f"{SYMMETRY_BREAKING} or {PERIOD_DOUBLING}")
     side = -1.0 if kind == SYMMETRY_BREAKING else 1.0
     for motion in orbits.of(kind):
-        found = _beside(_listed_twice(motion.solution, side), side, orbits.branch.parameter)
+        one, old = motion.solution, motion.solution.schedule  # listed twice: its events and, behind them, what they are a span later
+        later = (event.mirrored if side < 0 else event for event in old.events)
+        schedule = EventSchedule((*old.events, *later), False, old.period_multiple * (1 if side < 0 else 2))
+        phases, impulses = np.concatenate([one.phases, one.phases + old.turn]), np.concatenate([one.impulses, side * one.impulses])
+        twice = Solution(one.case, schedule, phases, impulses, one.offset, one.error, one.steps)
+        found = _beside(twice, side, orbits.branch.parameter)
         if found is not None:
             yield found
 

@@ -150,12 +150,13 @@ def orbit_curve(orbits: OrbitBranch, reference: float, folds: Iterable[Motion] |
 
     ``folds``: motions at the branch's folds where they are known; None: those that were met on the branch.
     """
-    found = list(orbits.orbits())
-    values = np.array([(np.nan, np.nan, 0, 0) if isinstance(o, NoOrbit) else _values(o) for o in found])
-    refused: dict[str, int] = {}
-    for orbit in found:
+    found, refused = list(orbits.orbits()), dict[str, int]()
+    values = np.array([(np.nan, np.nan, 0.0, 0.0)] * len(found))
+    for k, orbit in enumerate(found):
         if isinstance(orbit, NoOrbit):
             refused[orbit.reason] = refused.get(orbit.reason, 0) + 1
+        else:
+            values[k] = orbit.motion.tip_max, orbit.motion.tip_rms, orbit.stability.stable, orbit.stability.slowly_stable
     marks = list[CurvePoint]()
     for kind, motion in _marks(orbits, folds):
         mark = CurvePoint(kind, getattr(motion.solution.case, orbits.branch.parameter) / reference, motion.tip_max, _critical(motion))
@@ -186,20 +187,12 @@ def _critical(motion: Motion) -> tuple[complex, ...]:
     return tuple(complex(m) for m in found[np.abs(np.abs(found) - 1) < ON_CIRCLE])
 
 
-def _values(orbit: Any) -> tuple[float, float, bool, bool]:
-    return orbit.motion.tip_max, orbit.motion.tip_rms, orbit.stability.stable, orbit.stability.slowly_stable
-
-
 def _marks(orbits: OrbitBranch, folds: Iterable[Motion] | None) -> Iterator[tuple[str, Motion]]:
     """Yield kind and motion of what was located and is an orbit; folds as Newton's method finishes them."""
-    for motion in _met(orbits) if folds is None else folds:
-        yield FOLD, motion
+    if folds is None:
+        met = (fold for fold in orbits.folds() if not isinstance(fold, NoOrbit))
+        folds = (fold.motion for fold in met if not isinstance(confirmed(fold.motion), NoOrbit))
+    yield from ((FOLD, motion) for motion in folds)
     for kind in sorted({event.kind for event in orbits.branch.located} - {FOLD, "kink"}):
         for motion in orbits.of(kind):
             yield kind, motion
-
-
-def _met(orbits: OrbitBranch) -> Iterator[Motion]:
-    for fold in orbits.folds():
-        if not isinstance(fold, NoOrbit) and not isinstance(confirmed(fold.motion), NoOrbit):
-            yield fold.motion
