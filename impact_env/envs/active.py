@@ -1,9 +1,11 @@
-"""ImpactAbsorber/ActiveFriction-v0 and ActiveGap-v0: an absorber that is set every quarter of a period."""
+"""Environments with an actuator: set every quarter of a period, or with slow walls on a passage; some of them on scenes that are drawn."""
 
+from functools import partial
 from typing import Any
 
 from impact_env.envs.active_task import ActiveFrictionTask, ActiveGapTask, Cycle, Drive
 from impact_env.envs.adaptive_task import Grip
+from impact_env.envs.drawn_task import Drawn, LimitedPassageTask, Pool, StructuresTask
 from impact_env.envs.observation import FEW_IMPACTS
 from impact_env.envs.settings import Settings
 from impact_env.envs.shells import Kind, TaskEnv, choice, with_rows
@@ -118,3 +120,134 @@ class ActiveGapEnv(TaskEnv):
 
 
 ActiveGapVectorEnv = vector_of(ActiveGapEnv)
+
+
+PASSAGE: dict[str, Any] = {
+    "modes": 2,
+    "absorber_options": {"friction_limit": 0.1},
+    "force": (0.5, 6.0),
+    "gap_speed": 0.01e-3,
+    "gap_lag": 0.0,
+    "impacts_limit": FEW_IMPACTS,
+}
+
+
+@with_rows
+class PassageEnv(TaskEnv):
+    """Walls that move slowly and friction that is free, on a passage of which nearly all is drawn.
+
+    ## Description
+    A machine passes a resonance up or down, at a rate, from a start, with a gap, a damping, a restitution and under a force that are all drawn;
+    nobody announces force, damping and restitution. Walls move so slowly, and at such a price, that where they should be has to be known before it is
+    needed; friction can be another one in every interval.
+
+    ## Action Space
+    A ``Box`` of two float32 numbers in [-1, 1]. The first, b, is the target of the half-clearance, ``low * (high/low)**((b + 1)/2)`` of
+    ``gap_limits``, towards which the walls move at ``gap_speed`` at most; they never close onto the absorber. The second, a, is the friction limit
+    for the next control interval, ``low * (high/low)**((a + 1)/2)`` of ``friction_range``. Numbers outside are cut to [-1, 1].
+
+    ## Observation Space
+    A ``Box`` of 13 float32 numbers, cut off at +-100. The unit of displacement is the scene's half-clearance (1 mm unless given). Force, damping and
+    restitution are not among them; info's ``force`` has the first, its ``scene`` the number of the other two.
+
+    (rows 1 to 4)
+    | 5 | impacts in the last interval | per pseudo period / 2, cut off at 4 |
+    | 6 | absorber's kinetic energy over that of beam and absorber | 1 |
+    | 7 | frequency ratio to the resonance, less 1 | 1 / 0.05 |
+    | 8 | share of the time budget that is left | 1 |
+    | 9 | RMS of the tip over the last interval | m / half-clearance |
+    | 10 | far frequency less present one | ratio / 0.05 |
+    | 11 | half-clearance in use | m / half-clearance of the scene |
+    | 12 | friction limit in use | its place in the range, as the action has it |
+    | 13 | rate of the frequency | % per 100 pseudo periods / 4 |
+
+    ## Rewards
+    The sum of all rewards is the score: minus the level of the passage (as in `SweepRateEnv`) over that of the same beam without absorber under the
+    same force in a sweep of the whole range at the rate that suits its damping, minus ``price`` for every half-clearance of the scene that the
+    walls move. Info's ``costs`` (5,) has what the last interval cost: rise of the relative level, below 0 where it falls; time over the time budget;
+    (displacement / half-clearance)^``fatigue_exponent``, summed over samples, over their number in a whole interval; half-clearances that the walls
+    moved; impacts, over the pseudo periods of a whole interval. The last stand in the place of the contact force of `ActiveFrictionEnv`, which is
+    read from the absorber's momentum: over several periods pushes to either side cancel. With ``vector_reward=True`` minus these costs are the
+    reward, in the form of MO-Gymnasium (``reward_space``).
+
+    ## Starting State
+    At rest, the absorber in the middle of the cavity. What is drawn: direction; start, up to ``start_spread`` behind the near end of ``limits``; rate
+    of the range ``sweep_rates``; gap of ``gap_starts``; one of ``scenes`` pairs of damping and restitution; force and phase.
+    ``reset(options={"force": ..., "scene": ...})`` chooses instead.
+
+    ## Episode End
+    Terminated when the far frequency is reached.
+
+    ## Arguments
+    - ``limits`` (default 0.93 to 1.03), ``start_spread`` (default 0.01), ``sweep_rates`` (default 2 to 6) in % per 100 pseudo periods
+    - ``gap_limits`` (default 0.1 mm to 3 mm), ``gap_starts`` (default 0.3 mm to 2 mm), ``gap_speed`` (default 0.01 mm, in m) a pseudo period,
+      ``gap_lag`` (default 0) in pseudo periods; ``friction_range`` (default 0.02 to 20) in units of m_a g0 omega^2
+    - ``price`` (default 0.01); ``fatigue_exponent`` (default 5) and ``vector_reward`` (default False)
+    - ``damping`` (default 0.005 to 0.02) of all modes, ``restitution`` (default 0.6 to 1), ``scenes`` (default 12): so many pairs of them are spread
+      evenly
+    - those of every environment: `impact_env.envs.settings.Settings` describes scene, force (default 0.5 to 6 N), method, interval (5) and
+      observation;
+      here ``modes`` 2 and a friction limit of 0.1 N, which is only the one shown at the start
+
+    The absorber must be an impact absorber with rigid walls and friction. Bad values raise `impact_env.ParameterError`, a step before a reset or
+    after the end `gymnasium.error.ResetNeeded`.
+
+    ## Version History
+    - v0: first version
+    """
+
+    kind = Kind(LimitedPassageTask, (Settings, Drawn, Drive, Grip), PASSAGE, partial(choice, 2))
+
+
+PassageVectorEnv = vector_of(PassageEnv)
+
+
+@with_rows
+class StructuresEnv(TaskEnv):
+    """`ActiveFrictionEnv` on a structure that is drawn, and judged on families that were not trained on.
+
+    ## Description
+    What holds and lets go of an absorber should do so on any structure. Each episode has another one, with another place of force and absorber:
+    cantilevers, beams on hinges and plates to train on and to validate, beams clamped at both ends and pairs of modes that belong to nothing to test.
+
+    ## Action Space
+    That of `ActiveFrictionEnv`: one float32 number in [-1, 1].
+
+    ## Observation Space
+    A ``Box`` of 14 float32 numbers, cut off at +-100; the first 11 are those of `ActiveFrictionEnv`. The last three are absent with
+    ``observe_structure=False``.
+
+    (rows 1 to 10)
+    | 11 | friction limit in use | its place in the range, as the action has it |
+    | 12 | damping ratio of the first mode | 1 / 0.01 |
+    | 13 | second frequency over the first | 1 / 5 |
+    | 14 | absorber's mass times the square of the first mode's shape at it | 1 / 0.08 |
+
+    ## Rewards
+    Those of `ActiveFrictionEnv`, each structure with its own stationary response.
+
+    ## Starting State
+    That of `ActiveFrictionEnv`. The structure is drawn, too; ``reset(options={"structure": ...})`` chooses its number. All structures have the mass
+    and the first frequency of the default beam, which is a choice of units, and two modes. The force that is drawn is that on the default beam:
+    another structure has the force that moves it as far at its resonance.
+
+    ## Episode End
+    Truncated when the time budget is spent.
+
+    ## Arguments
+    All of `ActiveFrictionEnv`, and
+
+    - ``split`` (default "train"): "train", "validation" or "test"; ``structures`` (default 24): how many there are to draw from
+    - ``observe_structure`` (default True): whether the last three features are there
+
+    Bad values raise `impact_env.ParameterError`, a step before a reset or after the end `gymnasium.error.ResetNeeded`. Pictures show the structure
+    as a straight line.
+
+    ## Version History
+    - v0: first version
+    """
+
+    kind = Kind(StructuresTask, (Settings, Cycle, Grip, Pool), SCENE | {"price": 5e-5}, choice)
+
+
+StructuresVectorEnv = vector_of(StructuresEnv)

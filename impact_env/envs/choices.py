@@ -3,8 +3,7 @@
 from functools import partial
 from typing import Any
 
-from impact_env.envs.adaptive_task import Cavity, FrictionTask, Grip, SweepGapTask
-from impact_env.envs.gap_task import GapControl, GapTask
+from impact_env.envs.adaptive_task import Cavity, FrictionTask, GapControl, GapTask, Grip, SweepGapTask
 from impact_env.envs.observation import FEW_IMPACTS
 from impact_env.envs.settings import Settings
 from impact_env.envs.shells import Kind, TaskEnv, choice, with_rows

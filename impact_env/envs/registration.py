@@ -39,8 +39,8 @@ ENVIRONMENTS = {
     "ImpactAbsorber/FrictionChoice-v1": Entry(FRICTION),
     "ImpactAbsorber/ActiveFriction-v0": Entry("impact_env.envs.active:ActiveFriction"),
     "ImpactAbsorber/ActiveGap-v0": Entry("impact_env.envs.active:ActiveGap"),
-    "ImpactAbsorber/Passage-v0": Entry("impact_env.envs.drawn:Passage", numbers=2),
-    "ImpactAbsorber/Structures-v0": Entry("impact_env.envs.drawn:Structures", has_split=True),
+    "ImpactAbsorber/Passage-v0": Entry("impact_env.envs.active:Passage", numbers=2),
+    "ImpactAbsorber/Structures-v0": Entry("impact_env.envs.active:Structures", has_split=True),
 }
 
 

@@ -15,7 +15,7 @@ LINES, KERNEL_LINES = 400, 450
 PLACES = 8  # arguments that can be given by place
 # more than that: commands, whose options come by name, what is told place, range, phases and judgement in a row, and a model's fields
 MORE = {
-    "impact_env/periodic/jump.py jumps": 9,
+    "impact_env/periodic/residence.py jumps": 9,
     "impact_env/plain_structures.py _placed": 9,
     "impact_env/kernels/control/lanes.py _each_rigid": 9,  # once for a lane and an interval
 }

@@ -8,7 +8,7 @@ import click
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import positive, require
-from impact_env.periodic.jump import Range
+from impact_env.periodic.residence import Range
 from optimisation.cli.common import BadInput, command, plain_errors
 from optimisation.cli.scene_options import make_scene, refuse_parts, structure_option
 from optimisation.executors import cluster_option, workers

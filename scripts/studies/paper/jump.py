@@ -14,8 +14,7 @@ from impact_env.drive import FrequencySchedule, linear_sweep
 from impact_env.ensemble import Lane, draw_members
 from impact_env.methods import Exact, Method, Moreau
 from impact_env.parameters import Beam, impact_absorber
-from impact_env.periodic.jump import Hazard, Jumps, Range, hazard, jumps
-from impact_env.periodic.residence import SILENCE, Approach, ExitRate, exit_rate, stays
+from impact_env.periodic.residence import SILENCE, Approach, ExitRate, Hazard, Jumps, Range, exit_rate, hazard, jumps, stays
 from impact_env.response import DEFAULT_SAMPLES, Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate

@@ -9,8 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from impact_env.periodic.jump import Hazard, Jumps, hazard
-from impact_env.periodic.residence import ExitRate
+from impact_env.periodic.residence import ExitRate, Hazard, Jumps, hazard
 from impact_env.periodic.stationary import Kind
 from optimisation.machine import sources
 from optimisation.page import markdown, published
