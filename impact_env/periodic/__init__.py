@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from impact_env.periodic.case import Case, case_of
     from impact_env.periodic.green import NoOrbit
     from impact_env.periodic.harmonic_balance import hill_multipliers
-    from impact_env.periodic.lyapunov import Exponent, largest_exponent
     from impact_env.periodic.offspring import descendants
     from impact_env.periodic.orbit import Orbit, confirmed, orbit_of, plain_orbit, shot_orbit, unpacked
     from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch, orbit_branches
     from impact_env.periodic.residence import Approach, Hazard, Range, exit_rate, hazard, jumps, stays
+    from impact_env.periodic.shooting import Exponent, largest_exponent
     from impact_env.periodic.survey import closed_form_orbits, orbit_of_simulation
 
 __all__ = ["Approach", "BifurcationCurve", "Case", "Exponent", "Hazard", "NoOrbit", "Orbit", "OrbitBranch", "Range"]
@@ -29,11 +29,11 @@ _MODULES = {
     "case": ("Case", "case_of"),
     "green": ("NoOrbit",),
     "harmonic_balance": ("hill_multipliers",),
-    "lyapunov": ("Exponent", "largest_exponent"),
     "offspring": ("descendants",),
     "orbit": ("Orbit", "confirmed", "orbit_of", "plain_orbit", "shot_orbit", "unpacked"),
     "orbit_branches": ("OrbitBranch", "orbit_branch", "orbit_branches"),
     "residence": ("Approach", "Hazard", "Range", "exit_rate", "hazard", "jumps", "stays"),
+    "shooting": ("Exponent", "largest_exponent"),
     "survey": ("closed_form_orbits", "orbit_of_simulation"),
 }
 

@@ -7,8 +7,8 @@ import scipy.stats
 from impact_env import Beam, beam_scene, impact_absorber
 from impact_env.drive import Drive, constant_frequency
 from impact_env.periodic.case import case_of, start_from
-from impact_env.periodic.lyapunov import largest_exponent
 from impact_env.periodic.residence import Approach, ExitRate, Jumps, Range, Stays, exit_rate, hazard, hold, jumps, passage, stay_of, stays
+from impact_env.periodic.shooting import largest_exponent
 from impact_env.periodic.stationary import Criteria, Kind, Window, classify, envelope, stationary_members
 from impact_env.periodic.survey import closed_form_orbits
 from impact_env.response import Record

@@ -21,7 +21,7 @@ from impact_env.ensemble import Lane, draw_members
 from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel, level_of, read_level
 from impact_env.methods import Exact, Method
 from impact_env.parameters import require
-from impact_env.periodic.lyapunov import largest_exponent
+from impact_env.periodic.shooting import largest_exponent
 from impact_env.periodic.stationary import Criteria, longest_pause
 from impact_env.response import DEFAULT_SAMPLES, Record, Response
 from impact_env.scene import Scene
