@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import impact_env  # noqa: F401 - registers the environments
-from impact_env.envs.adaptive_task import SweepGapTask
-from impact_env.envs.gap_task import GapTask
+from impact_env.envs.adaptive_task import GapTask, SweepGapTask
 from impact_env.envs.observation import STATE
 from impact_env.envs.settings import span
 from impact_env.envs.sweep_task import SweepTask
