@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import ACTIVE_FRICTION, ACTIVE_GAP, FRICTION, GAP1, LIMITED, PASSIVE, SHAKEN, STRUCTURES, actions, make, vector
+from environment_cases import ACTIVE_FRICTION, ACTIVE_GAP, FRICTION, GAP1, LIMITED, PASSIVE, SHAKEN, STRUCTURES, actions, make, played, vector
 
 from impact_env import Beam, CoulombFriction, Drive, FrequencySchedule, Record, Scene, linear_sweep, modal_model, simulate
 from impact_env.drive import default_rate
@@ -221,14 +221,9 @@ WAY: dict[str, Any] = {"limits": (0.98, 1.01), "rate": 4.0}
 
 def passage(name: str, given: Any, seed: int, **arguments: Any) -> tuple[list[Any], list[float], list[dict[str, Any]]]:
     """Return observations, rewards and info of a whole passage."""
-    env = gymnasium.make(name, **(WAY | arguments))
-    rows, rewards, infos, over = [env.reset(seed=seed)[0]], [], [], False
-    while not over:
-        row, reward, over, _, info = env.step(given[len(rewards)])
-        rows.append(row)
-        rewards.append(reward)
-        infos.append(info)
-    return rows, rewards, infos
+    env, left = gymnasium.make(name, **(WAY | arguments)), iter(given)
+    steps = played(env, lambda _: next(left), seed=seed)
+    return [step[0] for step in steps], [step[1] for step in steps], [step[4] for step in steps]
 
 
 @pytest.mark.parametrize("action", [-1.0, 0.6])

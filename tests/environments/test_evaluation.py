@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import ACTIVE_FRICTION, SHORT, V1, actions, vector
+from environment_cases import ACTIVE_FRICTION, SHORT, V1, actions, played, vector
 
 import impact_env
 from impact_env import ParameterError
@@ -26,11 +26,8 @@ def test_scores_are_those_of_single_environments(name: str) -> None:
     assert found.seeds == tuple(range(1_000_000, 1_000_005))
     env = gymnasium.make(name, **SHORT[name])
     for seed, score, steps in zip(found.seeds, found.scores, lengths, strict=True):
-        observation, total, done, over = env.reset(seed=seed)[0], 0.0, 0, False
-        while not over:
-            observation, reward, end, cut, _ = env.step(by_velocity(observation[None])[0])
-            total, done, over = total + reward, done + 1, end or cut
-        assert (score, steps) == (total, done)
+        own = played(env, lambda seen: by_velocity(seen[None])[0], seed=seed)
+        assert (score, steps) == (sum(step[1] for step in own), len(own))
 
 
 def test_differences_are_paired_and_the_table_says_all() -> None:

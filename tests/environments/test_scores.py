@@ -8,7 +8,7 @@ import pytest
 from places import EXAMPLES
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import ADAPTIVE, GAP, PASSIVE, RUBBING, SWEEP, V1, make
+from environment_cases import ADAPTIVE, GAP, PASSIVE, RUBBING, SWEEP, V1, make, played
 
 from impact_env import Beam, Drive, FrequencySchedule, Moreau, Scene, TunedAbsorber, load_structure, simulate
 from impact_env.controlled import ControlledRuns
@@ -28,15 +28,12 @@ IMPACTS = {"absorber": "impact", "absorber_options": {"gap": 0.95e-3, "mass_rati
 def test_rewards_add_up_to_the_score_which_is_the_papers_level() -> None:
     """Against `simulate` on the schedule that the actions made, and the closed form of the same passage at the paper's rate."""
     env = gymnasium.make(SWEEP, interval=5.0, limits=(0.965, 0.985), rates=(1.0, 10.0), direction="up", force=0.9, time_price=0.03, **RUBBING)
-    _, info = env.reset(seed=4)
-    phase = env.unwrapped.task.runs.orders["phase"][0]
-    times, ratios, rewards, end = [0.0], [info["frequency_ratio"]], [], False
-    while not end:
-        _, reward, end, cut, info = env.step(env.action_space.sample())
-        assert not cut
-        times.append(info["time"])
-        ratios.append(info["frequency_ratio"])
-        rewards.append(reward)
+    env.reset(seed=4)
+    phase = env.unwrapped.task.runs.orders["phase"][0]  # at the start; it goes on
+    steps = played(env, lambda _: env.action_space.sample(), seed=4)
+    rewards, infos = [step[1] for step in steps], [step[4] for step in steps]
+    times, ratios = [0.0, *(i["time"] for i in infos)], [0.965, *(i["frequency_ratio"] for i in infos)]
+    info = infos[-1]
     scene = env.unwrapped.task.settings.scene
     omega = scene.model.resonance_omega(1)
     schedule = FrequencySchedule(np.array(times) * 2 * np.pi / omega, np.array(ratios) * omega, omega)
@@ -48,6 +45,7 @@ def test_rewards_add_up_to_the_score_which_is_the_papers_level() -> None:
     assert info["score"] == pytest.approx(sum(rewards), rel=1e-14)  # from 3.12 on Python sums with less rounding
     assert -info["score"] == pytest.approx(info["relative_level"] + 0.03 * times[-1] / 100, rel=1e-12)
     assert len(rewards) > 5
+    assert not any(step[3] for step in steps)
 
 
 @pytest.mark.parametrize("ends", [(0.96, 0.98), (0.98, 0.96)])
@@ -61,11 +59,7 @@ def test_the_reference_is_the_beam_without_absorber_at_the_rate_of_its_damping(m
 @pytest.mark.parametrize(("arguments", "rate"), [({"beam": {"damping_ratio": 0.005}}, 0.25), ({}, 1.0), ({"rate": 2.0}, 2.0)])
 def test_a_passive_passage_takes_the_rate_of_its_damping_or_the_one_given(arguments: dict[str, Any], rate: float) -> None:
     env = gymnasium.make(PASSIVE, limits=(0.99, 1.01), interval=20.0, **arguments)
-    env.reset(seed=0)
-    steps, ended = 0, False
-    while not ended:
-        ended, steps = env.step(0)[2], steps + 1
-    assert steps == pytest.approx(0.02 * 1e4 / rate / 20, abs=1)
+    assert len(played(env, seed=0)) == pytest.approx(0.02 * 1e4 / rate / 20, abs=1)
 
 
 def test_fatigue_adds_up_to_the_damage_of_the_samples() -> None:
@@ -116,18 +110,16 @@ def test_the_gaps_score_is_relative_to_the_place_where_the_level_is_read() -> No
 def test_the_level_is_the_one_that_a_single_run_reads_there(scene: dict[str, Any], digits: float) -> None:
     env = gymnasium.make(PASSIVE, structure=STEEL, **WAY, **scene).unwrapped
     env.reset(seed=1)
-    phase, end, impacts = env.task.runs.orders["phase"][0], False, 0
-    while not end:
-        _, _, end, cut, info = env.step(0)
-        impacts += info["impacts"]
-        assert not cut
+    phase = env.task.runs.orders["phase"][0]  # at the start; it goes on
+    steps = played(env, seed=1)
+    info = steps[-1][4]
     drive = Drive(0.3, FrequencySchedule(np.array([0.0, info["time"]]) * 2 * np.pi / OMEGA, np.array([0.985, 0.995]) * OMEGA, OMEGA), phase)
     found = simulate(env.task.settings.scene, drive).level
     at_the_tip = simulate(Scene(replace(MODEL, response_shape=None), env.task.settings.scene.absorber), drive).level
     assert info["level"] == pytest.approx(found.value, rel=digits)
     assert info["relative_level"] == pytest.approx(found.value / (0.3 * passage(Scene(MODEL), 1, 0.985, 0.995, 32, 0.0, 1e-3)[0]), rel=digits)
     assert at_the_tip.value > 1.05 * found.value
-    assert (impacts > 5) is (scene is IMPACTS)
+    assert (sum(step[4]["impacts"] for step in steps) > 5) is (scene is IMPACTS)
 
 
 def advanced(absorber: LinearAbsorber | None, method: Method | None, ratio: float, intervals: int) -> Any:
@@ -184,15 +176,12 @@ def test_the_far_end_terminates_and_a_spent_budget_ends_the_passage_and_costs(na
             scores = []
             for price in (0.0, 0.7):
                 env = make(name, unfinished_price=price, **arguments)
-                env.reset(seed=0)
-                flags, left = (False, False), []
-                while not any(flags):
-                    observation, _, *flags, info = env.step(np.full(env.action_space.shape, action, np.float32))
-                    left.append(observation[7])
-                scores.append(info["score"])
+                steps = played(env, np.full(env.action_space.shape, action, np.float32), seed=0)
+                left = [step[0][7] for step in steps]
+                scores.append(steps[-1][4]["score"])
             assert np.all(np.diff(left) < 0)
             assert (len(left) == 12 and left[-1] == 0.0) == spent
-            assert flags == ([False, True] if spent and arguments.get("budget_end") != "terminated" else [True, False])
+            assert steps[-1][2:4] == ((False, True) if spent and arguments.get("budget_end") != "terminated" else (True, False))
             assert scores[0] - scores[1] == pytest.approx(0.7 if spent else 0.0, abs=1e-12)
 
 

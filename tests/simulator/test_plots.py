@@ -14,7 +14,6 @@ from impact_env import (
     Response,
     beam_scene,
     constant_frequency,
-    friction_damper,
     impact_absorber,
     impact_absorbers,
     linear_sweep,
@@ -100,7 +99,6 @@ def test_responses_and_scenes_are_shown_in_a_line_or_two() -> None:
     assert "&lt;script&gt;" in table("a", [("b", "<script>")])
     words = {
         impact_absorber(0.5e-3, 0.7, 0.1): "impact absorber, mass ratio 0.02, gap 0.5 mm, restitution 0.7, friction limit 0.1 N",
-        friction_damper(): "friction damper, mass ratio 0.02, friction limit 0.5 N",
         impact_absorbers([1e-3, 2e-3], [0.5, 1.0]): "at 0.5 of the length impact absorber, mass ratio 0.01, gap 1 mm",
     }
     for absorber, expected in words.items():

@@ -38,3 +38,12 @@ def actions(name: str, steps: int, lanes: int) -> np.ndarray:
     if name == PASSIVE:
         return np.zeros((steps, lanes), dtype=np.int64)
     return np.random.default_rng(5).uniform(-1, 1, (steps, lanes, 2 if name in PAIRS else 1)).astype(np.float32)
+
+
+def played(env: Any, act: Any = 0, **reset: Any) -> list[Any]:
+    """Return what each step of an episode gave; ``act`` is the action, or a function of the observation that gives it."""
+    observation, steps = env.reset(**reset)[0], []
+    while not steps or not (steps[-1][2] or steps[-1][3]):
+        steps.append(env.step(act(observation) if callable(act) else act))
+        observation = steps[-1][0]
+    return steps
