@@ -185,29 +185,23 @@ class DesignSpace:
 
     def design(self, values: Values) -> Design:
         """Return the design with these values (SI) of the free variables; raises ParameterError unless each has one within its bounds."""
-        self._require_names("values", values)
+        return self._checked("values", values, counted=False)
 
-        def checked(v: Variable, unit: float, _start: float) -> float:
-            x, low, high = values[v.name], v.low * unit, v.high * unit
-            require(low * (1 - 1e-12) <= x <= high * (1 + 1e-12), v.name, x, f"from {low:g} to {high:g} {v.si}".rstrip())
-            return x
-
-        return self._resolved(checked)
-
-    def _require_names(self, what: str, values: Values) -> None:
+    def _checked(self, what: str, values: Values, counted: bool) -> Design:
         names = [variable.name for variable in self.free]
         require(set(values) == set(names), what, dict(values), f"one for each of {', '.join(names)}")
 
-    def decoded(self, coordinates: Values) -> Design:
-        """Return the design at coordinates, one for each free variable; raises ParameterError unless each has one within its bounds."""
-        self._require_names("coordinates", coordinates)
-
         def checked(v: Variable, unit: float, _start: float) -> float:
-            x = coordinates[v.name]
-            require(v.low * (1 - 1e-12) <= x <= v.high * (1 + 1e-12), v.name, x, f"from {v.low:g} to {v.high:g} {v.unit}".rstrip())
-            return round(x) if v.whole else x * unit
+            x, (scale, words) = values[v.name], (1.0, v.unit) if counted else (unit, v.si)
+            low, high = v.low * scale, v.high * scale
+            require(low * (1 - 1e-12) <= x <= high * (1 + 1e-12), v.name, x, f"from {low:g} to {high:g} {words}".rstrip())
+            return x if not counted else round(x) if v.whole else x * unit
 
         return self._resolved(checked)
+
+    def decoded(self, coordinates: Values) -> Design:
+        """Return the design at coordinates, one for each free variable; raises ParameterError unless each has one within its bounds."""
+        return self._checked("coordinates", coordinates, counted=True)
 
     def coordinates(self, design: Design) -> dict[str, float]:
         """Return the coordinates of a design's free variables, cut to their bounds."""
@@ -253,10 +247,7 @@ def _known(concept: str) -> dict[str, Variable]:
 
 
 def design_space(
-    concept: str,
-    free: Iterable[str] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    fixed: Values | None = None,
+    concept: str, free: Iterable[str] | None = None, bounds: Mapping[str, tuple[float, float]] | None = None, fixed: Values | None = None
 ) -> DesignSpace:
     """Return a concept's space with the named variables free (default: those of `FREE`), in ``bounds`` (SI) where given, else in the concept's own.
 

@@ -38,9 +38,8 @@ def workers(threads: int | None, cluster: str | None) -> Iterator[Workers | None
     try:
         from optimisation.search.cluster import Workers
     except ImportError as error:
-        raise ParameterError(
-            f"--cluster = {cluster} is not allowed: where the package distributed is installed; {how_to_install('cluster')}"
-        ) from error
+        reason = f"where the package distributed is installed; {how_to_install('cluster')}"
+        raise ParameterError(f"--cluster = {cluster} is not allowed: {reason}") from error
     with Workers(cluster) as found:
         yield found
 
@@ -165,9 +164,8 @@ class Pool:
                     yield self._replace(worker, f"not finished after {limit:.0f} s")
 
     def _outcome(self, worker: _Worker, value: Any, error: str) -> Outcome:
-        task = worker.task
+        task, worker.task = worker.task, None
         assert task is not None
-        worker.task = None
         return Outcome(task, value, error, time.perf_counter() - worker.since)
 
     def _replace(self, worker: _Worker, error: str) -> Outcome:

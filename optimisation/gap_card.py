@@ -114,12 +114,12 @@ def change_with_modes(
 
 
 def uncertain_levels(
-    found: Advice, answer: Answer, every: Sequence[Spread], draws: int = DRAWS, threads: int | None = None, executor: Executor | None = None
+    found: Advice, answer: Answer, every: Sequence[Spread], threads: int | None = None, executor: Executor | None = None
 ) -> tuple[float, float, float]:
     """Return the 5, 50 and 95 % quantiles of a device's level in m with all that is uncertain drawn; raises KeyboardInterrupt if it is stopped."""
     check = found.check
     case = CurveCase(Scene(check.model, answer.absorber), np.array([check.force]), check.resonance, check.limits, check.rate)
-    ensemble = draw_members(draws + 1, UNSEEN)[1:]
+    ensemble = draw_members(DRAWS + 1, UNSEEN)[1:]
     pairs = zip(*(ensemble.drives(check.force, schedule) for schedule in case.schedules()), strict=True)
     lanes = [
         drawn(Lane(case.scene, drive), every, share, check.resonance, check.force)
@@ -129,7 +129,7 @@ def uncertain_levels(
     levels = run_lanes(lanes, threads=threads if executor is None else None, executor=executor)
     if not levels.complete:
         raise KeyboardInterrupt
-    low, median, high = np.quantile(levels.level.reshape(draws, 2).max(axis=1), (0.05, 0.5, 0.95))
+    low, median, high = np.quantile(levels.level.reshape(DRAWS, 2).max(axis=1), (0.05, 0.5, 0.95))
     return float(low), float(median), float(high)
 
 

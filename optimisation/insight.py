@@ -127,15 +127,7 @@ def neighbourhood(space: DesignSpace, design: Design, spread: float = SPREAD) ->
     return np.maximum(values * (1 - share), low), np.minimum(values * (1 + share), high)
 
 
-def sensitivity(
-    problem: Problem,
-    design: Design,
-    samples: int,
-    members: int,
-    executor: Executor,
-    spread: float = SPREAD,
-    progress: Progress | None = None,
-) -> Sensitivity:
+def sensitivity(problem: Problem, design: Design, samples: int, members: int, executor: Executor, progress: Progress | None = None) -> Sensitivity:
     """Return the Sobol indices (SciPy, Saltelli's estimator) of the first objective in a design's neighbourhood.
 
     ``samples``, a power of 2, stands for samples * (variables + 2) designs, each run for fresh
@@ -146,7 +138,7 @@ def sensitivity(
     require(len(names) > 1, "free variables", list(names), "two or more: one alone causes everything")
     require(samples >= 2 and samples & (samples - 1) == 0, "samples", samples, "a power of 2")
     near = replace(problem, objectives=problem.objectives[:1], constraints=(), members=members)
-    low, high = neighbourhood(problem.space, design, spread)
+    low, high = neighbourhood(problem.space, design)
     runs, fresh = 0, problem.fresh_ensemble(members, SHOWN)
 
     def costs(x: Array) -> Array:
@@ -156,7 +148,7 @@ def sensitivity(
         for k, measured in evaluate(near, designs, fresh, near.rate, executor, progress):
             result[k] = near.cost(near.score(designs[k], measured, fresh, near.rate))
         runs += len(designs)
-        require(bool(np.all(np.isfinite(result))), "neighbourhood", spread, "a smaller one: runs in it could not be finished")
+        require(bool(np.all(np.isfinite(result))), "neighbourhood", SPREAD, "a smaller one: runs in it could not be finished")
         return result[None]
 
     generator = np.random.default_rng(problem.seed)

@@ -161,12 +161,12 @@ class TunedUnder:
     ratios: Array
 
 
-def tuned_under(model: ModalModel, loads: Loads, mass_ratio: float, threads: int | None = None) -> TunedUnder:
+def tuned_under(model: ModalModel, loads: Loads, mass_ratio: float) -> TunedUnder:
     """Return the tuned absorber with the least measure under loads, over `RECORDS` members: for a random load that of the least mean square."""
     check_load(Scene(model, None), loads, Exact())
     drives = drives_of(draw_members(RECORDS, 0), loads)
-    best, peak = tuned_for(model, positive("mass_ratio", mass_ratio), drives, threads), minimax(model, mass_ratio)
-    found = runs_of(model, [best, peak, None], drives, threads, _in_bands)
+    best, peak = tuned_for(model, positive("mass_ratio", mass_ratio), drives), minimax(model, mass_ratio)
+    found = runs_of(model, [best, peak, None], drives, measure=_in_bands)
     return TunedUnder(loads, measure_of(loads), best, peak, np.max(found[:2] / found[2], axis=2))
 
 

@@ -6,6 +6,7 @@ import hashlib
 import platform
 import sys
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -41,15 +42,18 @@ def processor() -> str:
     return f"{name} ({family()})"
 
 
-def versions(packages: Iterable[str] = PACKAGES) -> dict[str, str]:
-    """Return the versions of the packages that are installed, and of the sources: the hash of the kernels."""
+def installed(packages: Iterable[str]) -> dict[str, str]:
+    """Return the versions of packages, of those that are installed."""
     found = {}
     for name in packages:
-        try:
+        with suppress(PackageNotFoundError):
             found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found | {"kernels": digest()}
+    return found
+
+
+def versions(packages: Iterable[str] = PACKAGES) -> dict[str, str]:
+    """Return the versions of the packages that are installed, and of the sources: the hash of the kernels."""
+    return installed(packages) | {"kernels": digest()}
 
 
 def conditions(packages: Iterable[str] = PACKAGES) -> dict[str, Any]:
@@ -73,9 +77,6 @@ def sources(values: Mapping[str, Any]) -> str:
     named = ", ".join(f"{'Python' if name == 'python' else name} {number}" for name, number in values["versions"].items())
     where = (values["date"], values["processor"], f"{values['cores']} cores", values.get("system"))
     return f"Measured on {', '.join(part for part in where if part)}; {named}."
-
-
-# The largest memory that a process has had, on any system.
 
 
 if sys.platform == "win32":
@@ -162,16 +163,7 @@ def fingerprint(module: str, packages: tuple[str, ...] = PACKAGES, root: Path = 
     known = hashlib.sha256()
     for name, source in sorted(closure(module, root).items()):
         known.update(name.encode() + b"\0" + source + b"\0")
-    versions = {}
-    for package in packages:
-        try:
-            versions[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    return {"code": known.hexdigest()[:16], **versions}
-
-
-# The first place where two descriptions in plain data differ.
+    return {"code": known.hexdigest()[:16], **installed(packages)}
 
 
 def difference(held: object, wanted: object, path: str = "") -> str:

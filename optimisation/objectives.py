@@ -228,7 +228,9 @@ class Objective:
         index = self.chosen(conditions)
         worse = np.max(values, axis=2)
         if self.kind == "range":
-            rows = np.array([[_width(conditions, part, member, self.limit) for part in _parts(conditions, index)] for member in worse])
+            assert self.limit is not None
+            parts = [(np.array([conditions[k].force for k in part]), part) for part in _parts(conditions, index)]
+            rows = np.array([[range_width(forces, member[part], self.limit) for forces, part in parts] for member in worse])
             return np.asarray(rows.min(axis=1) if self.over == WORST else rows.mean(axis=1))
         rows = worse[:, index]
         return np.asarray(rows.max(axis=1) if self.over == WORST else rows.mean(axis=1))
@@ -253,11 +255,6 @@ def _parts(conditions: Sequence[Condition], index: Sequence[int]) -> list[list[i
     for k in sorted(index, key=lambda k: conditions[k].force):
         groups.setdefault((conditions[k].resonance, conditions[k].limits, conditions[k].detuning), []).append(k)
     return list(groups.values())
-
-
-def _width(conditions: Sequence[Condition], part: Sequence[int], levels: Array, limit: float | None) -> float:
-    assert limit is not None
-    return range_width(np.array([conditions[k].force for k in part]), levels[list(part)], limit)
 
 
 def range_width(forces: Array, levels: Array, limit: float) -> float:

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.drive import FrequencySchedule, default_rate, linear_sweep
-from impact_env.ensemble import Executor, Lane, Members, draw_members
+from impact_env.drive import default_rate, linear_sweep
+from impact_env.ensemble import Lane, Members, draw_members
 from impact_env.loads import Loads, Member
 from impact_env.methods import Exact, check_load
 from impact_env.modes import ModalModel, Structure
@@ -18,7 +18,7 @@ from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, count, positive, req
 from impact_env.scene import Scene
 from optimisation.bounds import design_force
 from optimisation.designs import Design, DesignSpace
-from optimisation.evaluation import Evaluation, Progress, evaluate_arrays
+from optimisation.evaluation import evaluate_arrays
 from optimisation.extremes import sweep_ratio, usable_rate
 from optimisation.measures import DAMAGE, DECAY, FATIGUES, LEVEL, MEASURES, STRESS, Chunk, design_gap_for, measure, measure_of, stress_shape
 from optimisation.mounting import described, detuned, mounted
@@ -208,7 +208,8 @@ class Problem:
             lanes = tuple(Lane(scene, drive) for drive in _met(condition.loads, condition.force, ensemble))
             return Chunk(lanes, self.measures, self._beams[condition.detuning][1], self.fatigue_exponent)
         force = 1.0 if design is None else condition.force
-        up, down = (ensemble.drives(force, schedule) for schedule in _up_and_down(scene.model, condition, rate))
+        omega, (low, high) = scene.model.resonance_omega(condition.resonance), condition.limits
+        up, down = (ensemble.drives(force, linear_sweep(omega, *ends, rate)) for ends in ((low, high), (high, low)))
         lanes = tuple(Lane(scene, drive) for pair in zip(up, down, strict=True) for drive in pair)
         if self.spreads:
             own = [share for share in shares(self.spreads, ensemble) for _ in range(2)]
@@ -282,16 +283,7 @@ class Problem:
             rows.append(objective.per_member(measured[..., column] / scale, self.conditions))
         return np.array(rows)
 
-    def evaluate(
-        self,
-        X: ArrayLike,
-        ensemble: Members | None = None,
-        executor: Executor | None = None,
-        progress: Progress | None = None,
-        failures: dict[int, str] | None = None,
-    ) -> Evaluation:
-        """Return F, G and spread of designs at coordinates X (N, variables), in the order of X: see `evaluate_arrays`."""
-        return evaluate_arrays(self, X, ensemble, executor, progress, failures)
+    evaluate = evaluate_arrays  # of designs at coordinates: arrays in, arrays out
 
     def cost(self, score: Score) -> float:
         """Return the cost of the first objective; infinite for a design that breaks a constraint or failed."""
@@ -308,8 +300,3 @@ def _met(loads: Loads, factor: float, ensemble: Members) -> list[Loads]:
     numbers = np.asarray(ensemble.phases, dtype=np.float64).view(np.uint64).tolist()
     pairs = zip(numbers, ensemble.phases.tolist(), ensemble.factors.tolist(), strict=True)
     return [loads.member(Member(number, phase, factor * own)) for number, phase, own in pairs]
-
-
-def _up_and_down(model: ModalModel, condition: Condition, rate: float) -> tuple[FrequencySchedule, FrequencySchedule]:
-    omega, (low, high) = model.resonance_omega(condition.resonance), condition.limits
-    return linear_sweep(omega, low, high, rate), linear_sweep(omega, high, low, rate)

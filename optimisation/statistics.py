@@ -39,7 +39,7 @@ def _members(name: str, values: ArrayLike) -> Array:
     return array
 
 
-def ratio_of_quantiles(first: ArrayLike, second: ArrayLike, quantile: float = 0.5, seed: int = 0) -> Gain:
+def ratio_of_quantiles(first: ArrayLike, second: ArrayLike, quantile: float = 0.5) -> Gain:
     """Return the quantile of ``first`` (M,) over that of ``second`` (K,), values of members; the default is the ratio of medians.
 
     The interval is a percentile bootstrap, of no width where either has one member only. Raises ParameterError for empty rows.
@@ -55,12 +55,12 @@ def ratio_of_quantiles(first: ArrayLike, second: ArrayLike, quantile: float = 0.
         return Gain(*(float("nan"),) * 3)
     if min(a.size, b.size) < 2:
         return Gain(middle, middle, middle)
-    options = {"n_resamples": RESAMPLES, "confidence_level": COVERED, "method": "percentile", "rng": np.random.default_rng(seed)}
+    options = {"n_resamples": RESAMPLES, "confidence_level": COVERED, "method": "percentile", "rng": np.random.default_rng(0)}
     found = bootstrap((a, b), ratio, paired=False, vectorized=True, **options).confidence_interval
     return Gain(middle, float(found.low), float(found.high))
 
 
-def standard_error(values: ArrayLike, quantile: float = 0.5, seed: int = 0) -> float:
+def standard_error(values: ArrayLike, quantile: float = 0.5) -> float:
     """Return the bootstrap's standard error of a quantile of members (M,); NaN for one member, from which nothing can be said."""
     row = _members("values", values)
     if row.size < 2 or not np.all(np.isfinite(row)):
@@ -69,9 +69,8 @@ def standard_error(values: ArrayLike, quantile: float = 0.5, seed: int = 0) -> f
     def value(x: Array, axis: int = -1) -> Array:
         return np.asarray(np.quantile(x, quantile, axis=axis))
 
-    return float(
-        bootstrap((row,), value, n_resamples=RESAMPLES, method="percentile", vectorized=True, rng=np.random.default_rng(seed)).standard_error
-    )
+    found = bootstrap((row,), value, n_resamples=RESAMPLES, method="percentile", vectorized=True, rng=np.random.default_rng(0))
+    return float(found.standard_error)
 
 
 # Ensembles whose members take two branches of response: one design, force and structure, and two levels.

@@ -134,9 +134,9 @@ SWEPT = (0.9, 1.06)  # of the resonance frequency, the paper's sweep limits
 GRID = 321
 
 
-def _amplitudes(name: str, values: ArrayLike) -> Real:
+def _amplitudes(name: str, values: ArrayLike, allowed: str = "finite numbers, 0 or above") -> Real:
     array = np.asarray(values, dtype=np.float64)
-    require(bool(np.all(np.isfinite(array) & (array >= 0))), name, values, "finite numbers, 0 or above")
+    require(bool(np.all(np.isfinite(array) & (array >= 0))), name, values, allowed)
     return array
 
 
@@ -262,9 +262,9 @@ def design_force(model: ModalModel, mass: float, gap: float, resonance: int = 1,
     return smallest(lambda ratio: float(needed(np.asarray(ratio))), grid, forces)[0]
 
 
-def design_gap(model: ModalModel, mass: float, force: float, resonance: int = 1, low: float | None = None, high: float | None = None) -> float:
+def design_gap(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
     """Return the half-clearance g0 in m whose `design_force` is ``force`` (N): f* is proportional to the gap, so no simulation is needed."""
-    return positive("force", force) / design_force(model, mass, 1.0, resonance, low, high)
+    return positive("force", force) / design_force(model, mass, 1.0, resonance)
 
 
 def free_amplitude(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
@@ -338,12 +338,6 @@ def common_gap(model: ModalModel, mass: float, forces: Mapping[int, float]) -> f
 # How much of the possible reduction a design reached: 0 is no absorber, 1 is the limit.
 
 
-def _levels(name: str, values: ArrayLike) -> Real:
-    array = np.asarray(values, dtype=np.float64)
-    require(bool(np.all(np.isfinite(array) & (array >= 0))), name, values, "finite levels in m, 0 or above")
-    return array
-
-
 def reduction_share(level: ArrayLike, without: ArrayLike, limit: ArrayLike) -> Real:
     """Return (without - level)/(without - limit), of the broadcast shape of the three levels in m.
 
@@ -351,20 +345,14 @@ def reduction_share(level: ArrayLike, without: ArrayLike, limit: ArrayLike) -> R
     a lower bound of what was reached; below 0 means worse than no absorber, and above 1 a level that is not a stationary one (a
     sweep's). Raises ParameterError where limit >= without: nothing can be gained there.
     """
-    reached, start, end = _levels("level", level), _levels("without", without), _levels("limit", limit)
+    every = {"level": level, "without": without, "limit": limit}
+    reached, start, end = (_amplitudes(name, values, "finite levels in m, 0 or above") for name, values in every.items())
     require(bool(np.all(end < start)), "limit", limit, f"below the level without an absorber, {without!r} m")
     return np.asarray((start - reached) / (start - end))
 
 
 def share_reached(
-    model: ModalModel,
-    mass: float,
-    gap: float,
-    force: float,
-    level: ArrayLike,
-    resonance: int = 1,
-    low: float = SWEPT[0],
-    high: float = SWEPT[1],
+    model: ModalModel, mass: float, gap: float, force: float, level: ArrayLike, resonance: int = 1, low: float = SWEPT[0], high: float = SWEPT[1]
 ) -> Real:
     """Return the share of the possible reduction that a ``level`` (m, RMS, any shape) reached near a resonance, of level's shape.
 

@@ -13,9 +13,6 @@ from filelock import FileLock
 from impact_env.kernels.compiling.cache import PATIENCE, digest, folders
 from optimisation.cli.common import command, plain_errors
 
-# The folders of compiled kernels, one for each version of their sources and of the compiler: sizes, and how they are removed.
-
-
 OURS = re.compile(r"[0-9a-f]{16}")  # what `digest` returns: nothing else is ever removed
 STAMP = "warm"  # a checkout's set-up says with it that the usual kernels are there
 

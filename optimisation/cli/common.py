@@ -4,7 +4,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from functools import partial, wraps
+from functools import partial, reduce, wraps
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -70,6 +70,11 @@ def fill_page(page: Path | None, marker: str, table: str) -> list[Path]:
         return []
     fill(page, page, {marker: f"{table}\n\n{sources(conditions())}"})
     return [page]
+
+
+def stacked(options: Sequence[Callable[[Command], Command]]) -> Callable[[Command], Command]:
+    """Return what adds several options to a command, in this order."""
+    return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
 
 
 def file_option(name: str, words: str) -> Callable[[Command], Command]:

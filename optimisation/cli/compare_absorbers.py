@@ -15,19 +15,8 @@ from impact_env.ensemble import available_cores
 from impact_env.modes import Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
 from impact_env.scene import Scene
+from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import BadInput, command, end_early, name_files, out_option, plain_errors, rate_option, seed_option, threads_option
-from optimisation.cli.scene_options import (
-    RESONANCES_HELP,
-    load_option,
-    loads_of,
-    mass_option,
-    mass_ratio_of,
-    read_device,
-    read_structure,
-    refuse_beside_load,
-    scene_option,
-    structure_option,
-)
 from optimisation.comparison import DEFAULT_FORCES, IMPACT, RESONANCES, Comparison, compare
 from optimisation.executors import cluster_option, workers
 from optimisation.files import require_writable, write_files
@@ -36,21 +25,9 @@ from optimisation.load_comparison import compare_loads
 from optimisation.machine import peak_memory
 from optimisation.mounting import mounted
 from optimisation.progress import sweeps_bar
+from optimisation.report import comparison_tables as tables
 from optimisation.report.card import write_card
 from optimisation.report.cards import comparison_card
-from optimisation.report.comparison_tables import (
-    CURVE_COLUMNS,
-    LOAD_COLUMNS,
-    RUN_COLUMNS,
-    curve_rows,
-    load_rows,
-    load_summary,
-    load_table,
-    run_rows,
-    save_load_figure,
-    summary,
-    text_table,
-)
 from optimisation.report.design_figures import save_figure
 
 QUICK_FORCES, QUICK_MEMBERS = 10, 2
@@ -81,9 +58,9 @@ def borne(comparison: Comparison, threads: int | None) -> Impacts | None:
 def write(out: Path, comparison: Comparison, made: dict[str, object], impacts: Impacts | None = None) -> list[Path]:
     """Write runs, curves, summary (with the conditions ``made``) and figure into a folder, each whole or not at all; return the files."""
     contents = {
-        out / "runs.csv": (RUN_COLUMNS, run_rows(comparison)),
-        out / "curves.csv": (CURVE_COLUMNS, curve_rows(comparison)),
-        out / "summary.json": made | summary(comparison),
+        out / "runs.csv": (tables.RUN_COLUMNS, tables.run_rows(comparison)),
+        out / "curves.csv": (tables.CURVE_COLUMNS, tables.curve_rows(comparison)),
+        out / "summary.json": made | tables.summary(comparison),
         out / "comparison.png": lambda path: save_figure(path, comparison),
     }
     return write_files(contents) + write_card(out, comparison_card(comparison, impacts))
@@ -91,25 +68,25 @@ def write(out: Path, comparison: Comparison, made: dict[str, object], impacts: I
 
 def compared_under_loads(load: Path, structure: Structure | None, out: Path, given: dict[str, Any]) -> tuple[str, list[Path]]:
     """Compare absorbers under the loads of a file, write figure, runs and summary, and return the table and the files."""
-    refuse_beside_load(load, "force", "rate", "resonances")
+    scenes.refuse_beside_load(load, "force", "rate", "resonances")
     model = mounted(Beam() if structure is None else structure)
     chosen = {name: given[name] for name in ("mass_ratio", "gap", "members", "seed", "threads")}
-    found = compare_loads(model, loads_of(load, model), factors=given["forces"], **chosen)
+    found = compare_loads(model, scenes.loads_of(load, model), factors=given["forces"], **chosen)
     contents = {
-        out / "runs.csv": (LOAD_COLUMNS, load_rows(found)),
-        out / "summary.json": load_summary(found),
-        out / "comparison.png": lambda path: save_load_figure(path, found),
+        out / "runs.csv": (tables.LOAD_COLUMNS, tables.load_rows(found)),
+        out / "summary.json": tables.load_summary(found),
+        out / "comparison.png": lambda path: tables.save_load_figure(path, found),
     }
-    return load_table(found), write_files(contents)
+    return tables.load_table(found), write_files(contents)
 
 
 @command()
-@structure_option
-@scene_option
-@load_option
-@click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP)
+@scenes.structure_option
+@scenes.scene_option
+@scenes.load_option
+@click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=scenes.RESONANCES_HELP)
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Mass of each absorber over the structure's.")
-@mass_option
+@scenes.mass_option
 @click.option("--force", type=float, help=FORCE_HELP)
 @click.option("--gap", type=float, help=f"Clearance to either wall in m.  [default: by --force, or {RigidWalls.gap}]")
 @rate_option
@@ -136,9 +113,9 @@ def main(structure: Path | None, scene: Path | None, load: Path | None, quick: b
     given["percent_per_100_periods"] = given.pop("rate")
     with plain_errors():
         require_writable("--out", out)
-        own = None if structure is None else read_structure(structure)
+        own = None if structure is None else scenes.read_structure(structure)
         own_mass = mounted(Beam() if own is None else own).beam_mass
-        given["mass_ratio"] = mass_ratio_of(given["mass_ratio"], given.pop("mass_kg"), own_mass)
+        given["mass_ratio"] = scenes.mass_ratio_of(given["mass_ratio"], given.pop("mass_kg"), own_mass)
         if load is not None:
             if scene is not None:
                 raise BadInput("--scene does not go with --load: there each absorber is at its own best; --structure takes the file of a structure")
@@ -147,12 +124,12 @@ def main(structure: Path | None, scene: Path | None, load: Path | None, quick: b
             name_files(written)
             return
         if scene is not None:
-            own, given["device"] = read_device(scene, "structure", "mass_ratio", "mass_kg", "gap")
+            own, given["device"] = scenes.read_device(scene, "structure", "mass_ratio", "mass_kg", "gap")
             given |= {"mass_ratio": DEFAULT_MASS_RATIO}
         with workers(given["threads"], cluster) as executor, sweeps_bar("comparing") as show:
             comparison = compare(own, progress=show, executor=executor, **given)
         impacts = None if scene is None else borne(comparison, given["threads"])
         files = write(out, comparison, conditions(started, given["threads"], cluster), impacts)
-    click.echo(text_table(comparison))
+    click.echo(tables.text_table(comparison))
     name_files(files)
     end_early(comparison.complete, "the files hold the runs that were finished.")

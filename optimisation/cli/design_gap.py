@@ -10,35 +10,8 @@ import click
 from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative, require
-from optimisation.cli.common import (
-    BadInput,
-    check_target,
-    command,
-    end_early,
-    file_option,
-    name_files,
-    out_option,
-    plain_errors,
-    rate_option,
-    seed_option,
-    threads_option,
-    uncertain_of,
-    uncertain_option,
-)
-from optimisation.cli.scene_options import (
-    load_option,
-    loads_of,
-    mass_option,
-    mass_ratio_of,
-    position_option,
-    read_device,
-    refuse_beside,
-    refuse_beside_load,
-    scene_option,
-    structure_of,
-    structure_option,
-    write_device,
-)
+from optimisation.cli import common
+from optimisation.cli import scene_options as scenes
 from optimisation.executors import cluster_option, workers
 from optimisation.extremes import usable_force, usable_rate
 from optimisation.files import require_writable, write_files
@@ -62,6 +35,12 @@ CONTACT_HELP = f"Estimate contact time and force: of absorber and wall {ALLOWED}
 OF_SCENE = ("structure", "modes", "damping", "mass_ratio", "mass_kg", "position", "restitution", "friction_limit")
 
 
+def runs_of(given: dict[str, Any]) -> dict[str, Any]:
+    """Return how a search runs, whatever acts."""
+    members = given["members"] or (QUICK_MEMBERS if given["quick"] else MEMBERS)
+    return {"tolerance": given["force_tolerance"], "members": members, "seed": given["seed"], "threads": given["threads"]}
+
+
 def simulated(model: ModalModel, absorber: SlidingAbsorber, given: dict[str, Any], rate: float) -> Advice:
     """Search the gap as the options say, under a bar."""
     with workers(given["threads"], given["cluster"]) as executor, sweeps_bar("simulating") as show:
@@ -70,24 +49,21 @@ def simulated(model: ModalModel, absorber: SlidingAbsorber, given: dict[str, Any
             given["force"],
             given["resonance"],
             absorber,
-            tolerance=given["force_tolerance"],
             free=given["free"],
             friction_given=given["friction_limit"] is not None,
             factors=() if given["gaps"] is None else tuple(map(float, gap_factors(given["gaps"]))),
-            members=given["members"] or (QUICK_MEMBERS if given["quick"] else MEMBERS),
-            seed=given["seed"],
             percent_per_100_periods=rate,
-            threads=given["threads"],
             progress=show,
             executor=executor,
+            **runs_of(given),
         )
 
 
 def structure_in(given: dict[str, Any]) -> Structure:
     """Return the structure that the options describe; with --scene the values of the file's absorber take the place of the options'."""
     if given["scene"] is None:
-        return structure_of(given["structure"], given["position"], modes=given["modes"], damping_ratio=given["damping"])
-    structure, absorber = read_device(given["scene"], *OF_SCENE)
+        return scenes.structure_of(given["structure"], given["position"], modes=given["modes"], damping_ratio=given["damping"])
+    structure, absorber = scenes.read_device(given["scene"], *OF_SCENE)
     given["friction_limit"] = 0.0 if absorber.friction is None else absorber.friction.limit  # that of the file stays as it is, whatever the gap
     given["mass_ratio"], given["restitution"] = absorber.mass_ratio, rigid_walls(absorber).restitution
     return structure
@@ -95,7 +71,7 @@ def structure_in(given: dict[str, Any]) -> Structure:
 
 def absorber_on(model: ModalModel, given: dict[str, Any]) -> SlidingAbsorber:
     """Return the absorber at the rule's gap that the options describe."""
-    ratio = mass_ratio_of(given["mass_ratio"], given["mass_kg"], model.beam_mass)
+    ratio = scenes.mass_ratio_of(given["mass_ratio"], given["mass_kg"], model.beam_mass)
     absorber = scaled_absorber(model, given["force"], given["resonance"], ratio, given["restitution"])
     limit = given["friction_limit"]
     return absorber if limit is None else replace(absorber, friction=friction_law(non_negative("friction_limit", limit)))
@@ -108,7 +84,7 @@ def model_on(structure: Structure) -> ModalModel:
 
 def distributions(given: dict[str, Any], absorber: SlidingAbsorber) -> tuple[Spread, ...]:
     """Return what is uncertain; raises ParameterError for what the absorber lacks, and for numbers in SI units of what is searched."""
-    every = spreads(uncertain_of(given["uncertain"]))
+    every = spreads(common.uncertain_of(given["uncertain"]))
     require_parts(every, absorber)
     for one in every:
         searched = one.name == GAP or (one.name == FRICTION and given["friction_limit"] is None)
@@ -125,22 +101,21 @@ def write(out: Path, found: Advice, unsure: Unsure | None) -> list[Path]:
 
 def under_load(given: dict[str, Any]) -> None:
     """Search the gap under the loads of a file, write figure, runs and summary, and tell of them."""
-    refuse_beside_load(given["load"], "rate")
-    refuse_beside_load(given["load"], "free", "gaps", "cluster", "uncertain", "contact", why="there the gap alone is searched, in this process")
+    scenes.refuse_beside_load(given["load"], "rate")
+    scenes.refuse_beside_load(
+        given["load"], "free", "gaps", "cluster", "uncertain", "contact", why="there the gap alone is searched, in this process"
+    )
     structure = structure_in(given)
     require_writable("--out", given["out"])
-    check_target("--device", given["device"], (".json",))
+    common.check_target("--device", given["device"], (".json",))
     model = model_on(structure)
     found = advise_for_loads(
         model,
-        loads_of(given["load"], model, given["resonance"]),
+        scenes.loads_of(given["load"], model, given["resonance"]),
         given["resonance"],
         factor=1.0 if given["force"] is None else given["force"],
-        tolerance=given["force_tolerance"],
-        members=given["members"] or (QUICK_MEMBERS if given["quick"] else MEMBERS),
-        seed=given["seed"],
-        threads=given["threads"],
-        mass_ratio=mass_ratio_of(given["mass_ratio"], given["mass_kg"], model.beam_mass),
+        **runs_of(given),
+        mass_ratio=scenes.mass_ratio_of(given["mass_ratio"], given["mass_kg"], model.beam_mass),
         restitution=given["restitution"],
         friction_limit=given["friction_limit"],
     )
@@ -148,39 +123,39 @@ def under_load(given: dict[str, Any]) -> None:
     table, figure = (report.COLUMNS, report.rows(found)), partial(report.save_figure, found=found)
     files = write_files({out / "runs.csv": table, out / "summary.json": report.summary(found), out / "levels.png": figure})
     if given["device"] is not None:
-        write_device(given["device"], structure, found.recommended.absorber)
+        scenes.write_device(given["device"], structure, found.recommended.absorber)
         files.append(given["device"])
     click.echo(report.text(found))
-    name_files(files)
+    common.name_files(files)
 
 
-@command()
-@structure_option
-@scene_option
+@common.command()
+@scenes.structure_option
+@scenes.scene_option
 @click.option("--force", type=float, help="Amplitude of the harmonic force in N; with --load a factor on it.  [default: with --load 1]")
-@load_option
+@scenes.load_option
 @click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance near which it acts, counted from 1.")
 @click.option("--force-tolerance", type=float, default=TOLERANCE, show_default=True, help="Share by which the force may be larger or smaller.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
-@mass_option
-@position_option
+@scenes.mass_option
+@scenes.position_option
 @click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
 @click.option("--restitution", type=float, default=RESTITUTION, show_default=True, help="Coefficient of restitution in the simulation, 0 to 1.")
 @click.option("--friction-limit", type=float, help=FRICTION_HELP)
 @click.option("--free", multiple=True, type=click.Choice([*FREE]), help="Search this one too, the gap anew for each value; may be repeated.")
-@uncertain_option
+@common.uncertain_option
 @click.option("--contact", type=(str, str, float), metavar="MATERIAL MATERIAL RADIUS", help=CONTACT_HELP)
-@rate_option
+@common.rate_option
 @click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Damping ratio of all modes.")
 @click.option("--quick", is_flag=True, help=f"A look: {QUICK_MEMBERS} member, unless given.")
 @click.option("--gaps", type=click.IntRange(min=3), help="Simulate so many gaps around the rule's besides, odd, the rule's in the middle.")
 @click.option("--members", type=click.IntRange(min=1), help=MEMBERS_HELP)
-@seed_option
-@threads_option
+@common.seed_option
+@common.threads_option
 @cluster_option
-@file_option("--device", "Write structure and recommended absorber as a scene, .json.")
+@common.file_option("--device", "Write structure and recommended absorber as a scene, .json.")
 @click.option("--no-card", is_flag=True, help="Leave the card out: what the device bears, and what a tuned absorber or a damper would do.")
-@out_option("results/design_gap")
+@common.out_option("results/design_gap")
 def main(**given: Any) -> None:
     """Choose the gap of an impact absorber on the paper's beam, or another structure, for a force near a resonance.
 
@@ -191,13 +166,13 @@ def main(**given: Any) -> None:
 
     With --load what is made small is the measure that belongs to the loads (docs/loads.md), and there is no card.
     """
-    with plain_errors():
-        refuse_beside(given["structure"], "modes", "damping")
+    with common.plain_errors():
+        scenes.refuse_beside(given["structure"], "modes", "damping")
         if given["load"] is not None:
             under_load(given)
             return
         if given["force"] is None:
-            raise BadInput("--force is missing: the amplitude of the harmonic force in N, or --load FILE")
+            raise common.BadInput("--force is missing: the amplitude of the harmonic force in N, or --load FILE")
         usable_force("--force", given["force"])
         structure = structure_in(given)
         model = model_on(structure)
@@ -205,7 +180,7 @@ def main(**given: Any) -> None:
         if given["gaps"] is not None:
             gap_factors(given["gaps"])
         require_writable("--out", given["out"])
-        check_target("--device", given["device"], (".json",))
+        common.check_target("--device", given["device"], (".json",))
         rate = default_rate(model, (given["resonance"],)) if given["rate"] is None else usable_rate("--rate", given["rate"], [PAPER_LIMITS])
         every = distributions(given, absorber)
         for name in given["contact"][:2] if given["contact"] else ():
@@ -216,7 +191,7 @@ def main(**given: Any) -> None:
                 unsure = Unsure(every, *uncertain_levels(found, found.recommended, every, threads=given["threads"], executor=executor))
         files = write(given["out"], found, unsure)
         if given["device"] is not None and found.recommended is not None:
-            write_device(given["device"], structure, found.recommended.absorber)
+            scenes.write_device(given["device"], structure, found.recommended.absorber)
             files.append(given["device"])
         told, beside = warnings(found), list[str]()
         if found.recommended is not None and found.complete and not given["no_card"]:
@@ -227,5 +202,5 @@ def main(**given: Any) -> None:
             files += write_card(given["out"], own)
             told += ["", as_text(own)]
     click.echo("\n".join([*answer(found), *beside, *([] if unsure is None else [unsure.words]), "", text(found), *(["", *told] if told else [])]))
-    name_files(files)
-    end_early(found.complete, "the files hold the runs that were finished.")
+    common.name_files(files)
+    common.end_early(found.complete, "the files hold the runs that were finished.")

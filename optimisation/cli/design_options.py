@@ -14,20 +14,8 @@ from impact_env.loads import Loads
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, positive
 from optimisation.bounds import LEAST_REACH, design_force, reach
-from optimisation.cli.common import BadInput, Command, rate_option, threads_option, uncertain_of, uncertain_option
-from optimisation.cli.scene_options import (
-    RESONANCES_HELP,
-    is_given,
-    load_option,
-    loads_of,
-    mass_option,
-    read_device,
-    read_structure,
-    refuse_beside,
-    refuse_beside_load,
-    scene_option,
-    structure_option,
-)
+from optimisation.cli import scene_options as scenes
+from optimisation.cli.common import BadInput, rate_option, stacked, threads_option, uncertain_of, uncertain_option
 from optimisation.comparison import RESONANCES, WIDE_LIMITS
 from optimisation.designs import DesignSpace, design_space
 from optimisation.executors import cluster_option
@@ -74,39 +62,35 @@ class At(click.ParamType):  # type: ignore[type-arg, unused-ignore]
             self.fail(f"{value!r} is not RESONANCE:FORCE, as in 1:3.5", param, ctx)
 
 
+RESONANCES_HELP = f"{scenes.RESONANCES_HELP} Forces by the design rule."
 CONSTRAINT_HELP = f"Upper limit of {', '.join(LIMITABLE)}, in SI units, or of MODULE:FUNCTION."
-SHARED = (
-    structure_option,
-    scene_option,
-    load_option,
-    click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=f"{RESONANCES_HELP} Forces by the design rule."),
-    click.option("--free", multiple=True, metavar="NAME", help="Variable to search; may be repeated."),
-    click.option("--bounds", multiple=True, type=(str, float, float), metavar="NAME LOW HIGH", help="Bounds of a free variable, in SI units."),
-    click.option("--fix", multiple=True, type=(str, float), metavar="NAME VALUE", help="Value of a variable not searched.  [default: the paper's]"),
-    mass_option,
-    uncertain_option,
-    click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point.  [default: {DEFAULT_MEMBERS}, for fronts 4]"),
-    click.option("--batch", type=click.IntRange(min=2), help="Designs run in one call; the population of CMA-ES and NSGA-II."),
-    click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of search and members."),
-    click.option("--modes", type=click.IntRange(min=1), default=Beam.modes, show_default=True, help="Modes of the beam."),
-    rate_option,
-    click.option("--constraint", multiple=True, type=(str, float), metavar="NAME LIMIT", help=CONSTRAINT_HELP),
-    click.option("--quick", is_flag=True, help=f"A look: {QUICK_MEMBERS} members and sweeps {QUICK_SPEED:g} times as fast, unless given."),
-    threads_option,
-    cluster_option,
+shared_options = stacked(  # of every design study
+    (
+        scenes.structure_option,
+        scenes.scene_option,
+        scenes.load_option,
+        click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP),
+        click.option("--free", multiple=True, metavar="NAME", help="Variable to search; may be repeated."),
+        click.option("--bounds", multiple=True, type=(str, float, float), metavar="NAME LOW HIGH", help="Bounds of a free variable, in SI units."),
+        click.option(
+            "--fix", multiple=True, type=(str, float), metavar="NAME VALUE", help="Value of a variable not searched.  [default: the paper's]"
+        ),
+        scenes.mass_option,
+        uncertain_option,
+        click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point.  [default: {DEFAULT_MEMBERS}, for fronts 4]"),
+        click.option("--batch", type=click.IntRange(min=2), help="Designs run in one call; the population of CMA-ES and NSGA-II."),
+        click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of search and members."),
+        click.option("--modes", type=click.IntRange(min=1), default=Beam.modes, show_default=True, help="Modes of the beam."),
+        rate_option,
+        click.option("--constraint", multiple=True, type=(str, float), metavar="NAME LIMIT", help=CONSTRAINT_HELP),
+        click.option("--quick", is_flag=True, help=f"A look: {QUICK_MEMBERS} members and sweeps {QUICK_SPEED:g} times as fast, unless given."),
+        threads_option,
+        cluster_option,
+    )
 )
-
-
 study_option = click.option(
     "--study", type=click.Path(path_type=Path, dir_okay=False), help="Study file.  [default: study.journal in the folder, quick.journal with --quick]"
 )
-
-
-def shared_options(command: Command) -> Command:
-    """Give a command the options of every design study."""
-    for option in reversed(SHARED):
-        command = option(command)
-    return command
 
 
 def variables_help() -> str:
@@ -157,13 +141,13 @@ def structure_of(given: dict[str, Any]) -> Structure:
     """Return the structure of the file, read once, or the paper's beam with the options' modes."""
     if given["scene"] is not None:
         if "read" not in given:
-            given["read"], given["device"] = read_device(given["scene"], "structure", "modes")
+            given["read"], given["device"] = scenes.read_device(given["scene"], "structure", "modes")
         return given["read"]
     if given["structure"] is None:
         return replace(Beam(), modes=given["modes"])
-    refuse_beside(given["structure"], "modes")
+    scenes.refuse_beside(given["structure"], "modes")
     if "read" not in given:
-        given["read"] = read_structure(given["structure"])
+        given["read"] = scenes.read_structure(given["structure"])
     found: Structure = given["read"]
     return found
 
@@ -175,10 +159,10 @@ def forces_at(given: dict[str, Any], usual: tuple[tuple[int, float], ...]) -> li
     the usual ones do to the design forces of the paper's beam.
     """
     if given["at"]:
-        if is_given("resonances"):
+        if scenes.is_given("resonances"):
             raise ParameterError(f"--resonances = {given['resonances']} is not allowed: beside --at, which names resonances with their forces")
         return list(given["at"])
-    if given["structure"] is None and given["scene"] is None and not is_given("resonances"):
+    if given["structure"] is None and given["scene"] is None and not scenes.is_given("resonances"):
         return list(usual)
     model, paper = mounted(structure_of(given)), modal_model(Beam())
     structure_of(given)
@@ -195,9 +179,9 @@ def forces_at(given: dict[str, Any], usual: tuple[tuple[int, float], ...]) -> li
 
 def loads_in(given: dict[str, Any]) -> Loads | None:
     """Return the loads of --load, None without it; raises BadInput for options that do not go with it."""
-    refuse_beside_load(given["load"], "at", "resonances", "rate")
-    refuse_beside_load(given["load"], "uncertain", why="there a member's loads are what differs")
-    return None if given["load"] is None else loads_of(given["load"], mounted(structure_of(given)))
+    scenes.refuse_beside_load(given["load"], "at", "resonances", "rate")
+    scenes.refuse_beside_load(given["load"], "uncertain", why="there a member's loads are what differs")
+    return None if given["load"] is None else scenes.loads_of(given["load"], mounted(structure_of(given)))
 
 
 def make_problem(concept: str, conditions: tuple[Condition, ...], objectives: tuple[Objective, ...], given: dict[str, Any]) -> Problem:

@@ -15,18 +15,7 @@ from impact_env.periodic.overview import Asked, Overview, overview, sliding
 from impact_env.periodic.response_curve import COLUMNS
 from impact_env.periodic.stationary import QUANTILES, StationaryRuns
 from impact_env.plain import from_scene
-from optimisation.cli.common import (
-    BadInput,
-    check_targets,
-    command,
-    end_early,
-    file_option,
-    json_option,
-    name_files,
-    plain_errors,
-    plot_option,
-    resume_option,
-)
+from optimisation.cli import common
 from optimisation.cli.scene_options import is_given, make_scene, refuse_parts, scene_options
 from optimisation.executors import cluster_option, workers
 from optimisation.files import Pieces, write_files
@@ -62,16 +51,14 @@ def computed(given: dict[str, Any], executor: Executor | None = None) -> Overvie
     inelastic = isinstance(walls, RigidWalls) and walls.restitution < 1
     require(not (inelastic and given["method"] == BALANCE), "--method", BALANCE, "exact below a restitution of 1: harmonic balance has no impact law")
     hill = given["hill"]
-    require(
-        not hill or (given["method"] != EXACT and isinstance(walls, CompliantWalls)), "--hill", hill, "with harmonic balance and --contact-stiffness"
-    )
+    springs = given["method"] != EXACT and isinstance(walls, CompliantWalls)
+    require(not hill or springs, "--hill", hill, "with harmonic balance and --contact-stiffness")
     balance = None
     if given["method"] != EXACT and not inelastic:
         damper = PAPER_DAMPER if given["grounded_damper"] else 0.0
         balance = harmonic_balance(scene, low * reference, given["force"], given["harmonics"], given["weight"], grounded_damper=damper)
     sweeps = ((low, high), (high, low)) if given["sweeps"] else ()
-    rate = given["rate"]
-    rate = default_rate(scene.model, (given["resonance"],)) if rate is None else rate
+    rate = default_rate(scene.model, (given["resonance"],)) if given["rate"] is None else given["rate"]
     asked = Asked(given["method"] != BALANCE, given["pairs"], balance, sweeps, rate, stationary_runs(given, executor), hill)
     keep = Pieces(given["resume"], {"scene": from_scene(scene), "force": float(given["force"]), "reference": reference})
     with following(reference) as show:
@@ -83,7 +70,7 @@ def stationary_runs(given: dict[str, Any], executor: Executor | None = None) -> 
     if given["envelope"] is None:
         for name in ("members", "settle", "window", "approach", "threads", "cluster"):
             if is_given(name):
-                raise BadInput(f"--{name} does not go without --envelope: it is about the runs of the envelope")
+                raise common.BadInput(f"--{name} does not go without --envelope: it is about the runs of the envelope")
         return None
     lengths = given["members"], given["settle"], given["window"]
     return StationaryRuns(given["envelope"], *lengths, given["approach"], threads=given["threads"], executor=executor)
@@ -109,16 +96,13 @@ def text(result: Overview) -> str:
         rows[-1].append(", ".join(f"{kind} {ratio:.6g}" for ratio, kind in marks))
     header = ("curve", "method", "", "points", "peak, mm", "at", "folds", "stable, %", "period", "", "bifurcates at")
     blocks = [str(result.scene) + f", {result.force:g} N", "", markdown(header, rows), "", *[note for note in notes if note]]
-    return "\n".join([*blocks, *(["", runs_table(result)] if result.stationary else [])])
+    if result.stationary:
+        rows = [[f"{at.omega_ratio:.5f}", *(f"{1e3 * tip:.4f}" for tip in at.tip_max), f"{at.impacts:.2f}"] for at in result.stationary]
+        blocks += ["", markdown(("runs at", *(f"{100 * q:g} %, mm" for q in QUANTILES), "impacts a period"), rows)]
+    return "\n".join(blocks)
 
 
-def runs_table(result: Overview) -> str:
-    """Return a line for each frequency of the stationary responses."""
-    rows = [[f"{at.omega_ratio:.5f}", *(f"{1e3 * tip:.4f}" for tip in at.tip_max), f"{at.impacts:.2f}"] for at in result.stationary]
-    return markdown(("runs at", *(f"{100 * q:g} %, mm" for q in QUANTILES), "impacts a period"), rows)
-
-
-@command()
+@common.command()
 @click.option("--absorber", type=click.Choice(["impact", "friction"]), help="Impact absorber or friction damper.  [default: impact]")
 @scene_options("; below 1 exact orbits only")
 @click.option("--contact-stiffness", type=float, help="Makes the walls springs of this stiffness in N/m: harmonic balance only.")
@@ -142,10 +126,10 @@ def runs_table(result: Overview) -> str:
 @click.option("--approach", type=float, help="Ratio at which they begin, to come into impact.  [default: at rest, at the frequency itself]")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads of these runs; no number depends on it.  [default: all cores]")
 @cluster_option
-@resume_option
-@json_option("Write all curves and their orbits, in SI units; compressed if it ends in .gz.")
-@file_option("--csv", "Write a row for each point of a curve.")
-@plot_option
+@common.resume_option
+@common.json_option("Write all curves and their orbits, in SI units; compressed if it ends in .gz.")
+@common.file_option("--csv", "Write a row for each point of a curve.")
+@common.plot_option
 def main(**given: Any) -> None:
     """Follow all periodic responses over the frequency, and print their peaks and folds.
 
@@ -153,8 +137,8 @@ def main(**given: Any) -> None:
     stability. Harmonic balance has the responses without impacts too. Ctrl-C writes what is known so far; --resume keeps what is finished for a later
     run with the same scene, force and range.
     """
-    with plain_errors(), workers(given["threads"], given["cluster"]) as executor:
-        check_targets(given, ".json", ".gz")
+    with common.plain_errors(), workers(given["threads"], given["cluster"]) as executor:
+        common.check_targets(given, ".json", ".gz")
         given |= {"stiffness": None, "absorber_damping": None}
         refuse_parts(given)
         given["force"] = FORCE if given["force"] is None and given["structure"] is None else given["force"]
@@ -162,5 +146,5 @@ def main(**given: Any) -> None:
         rows = (COLUMNS, [row for number, curve in enumerate(result.curves, 1) for row in curve.rows(number)])
         files = write_files({given["json"]: result.to_plain(), given["csv"]: rows, given["plot"]: lambda path: save_figure(path, result)})
     click.echo(text(result))
-    name_files(files)
-    end_early(result.complete)
+    common.name_files(files)
+    common.end_early(result.complete)

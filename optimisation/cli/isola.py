@@ -8,18 +8,7 @@ from impact_env.periodic.case import case_of
 from impact_env.periodic.isolas import COLUMNS, IsolaCell, IsolaMap, isola_map
 from impact_env.periodic.validation import validation_alongside
 from impact_env.plain import from_scene
-from optimisation.cli.common import (
-    check_targets,
-    command,
-    end_early,
-    file_option,
-    json_option,
-    name_files,
-    numbers,
-    plain_errors,
-    plot_option,
-    resume_option,
-)
+from optimisation.cli import common
 from optimisation.cli.scene_options import make_scene, option_name, refuse_parts, scene_options
 from optimisation.files import Pieces, write_files
 from optimisation.page import markdown
@@ -40,7 +29,7 @@ def table(cells: tuple[IsolaCell, ...]) -> str:
 def computed(given: dict[str, Any]) -> IsolaMap:
     """Do what the options ask for. Raises BadInput or ParameterError before anything long is done."""
     kinds = {"map_modes": int, "map_restitutions": float, "map_friction_limits": float}
-    modes, restitutions, limits = (numbers(option_name(name), given[name], kind) if given[name] else () for name, kind in kinds.items())
+    modes, restitutions, limits = (common.numbers(option_name(name), given[name], kind) if given[name] else () for name, kind in kinds.items())
     scene, _ = make_scene(given)
     case = case_of(scene, 1.0, float(scene.model.omega[0]))
     if modes or restitutions or limits:  # the case's own where only the others are given
@@ -50,25 +39,25 @@ def computed(given: dict[str, Any]) -> IsolaMap:
         return isola_map(case, given["start"], given["stop"], modes, restitutions, show, limits, kept)
 
 
-@command()
+@common.command()
 @scene_options(", 0 to 1", friction="none")
 @click.option("--from", "start", type=float, default=0.9, show_default=True, help="Lowest frequency over the first resonance's.")
 @click.option("--to", "stop", type=float, default=1.0, show_default=True, help="Highest frequency over the first resonance's.")
 @click.option("--map-modes", default="", metavar="N,N,...", help="Numbers of modes of a map, at most --modes.  [default: that]")
 @click.option("--map-restitutions", default="", metavar="E,E,...", help="Restitutions of a map.  [default: --restitution]")
 @click.option("--map-friction-limits", default="", metavar="N,N,...", help="Friction limits of a map in N.  [default: --friction-limit]")
-@resume_option
-@json_option("Write fold force, thresholds and map, in SI units.")
-@file_option("--csv", "Write a row for each birth and merger.")
-@plot_option
+@common.resume_option
+@common.json_option("Write fold force, thresholds and map, in SI units.")
+@common.file_option("--csv", "Write a row for each birth and merger.")
+@common.plot_option
 def main(**given: Any) -> None:
     """Find the forces at which closed branches of symmetric two-impact orbits are born and merge with their neighbours.
 
     They are the valleys and ridges of the smallest force that has an orbit, a closed form over the frequency; each is then found again with its
     friction reversals and confirmed by the exact method. Ctrl-C writes what is known so far; --resume keeps each finished cell of the map.
     """
-    with plain_errors():
-        check_targets(given)
+    with common.plain_errors():
+        common.check_targets(given)
         given |= dict.fromkeys(("absorber", "contact_stiffness", "friction_stiffness", "stiffness", "absorber_damping", "force"))
         given["resonance"] = 1  # the one that is looked at
         refuse_parts(given)
@@ -77,5 +66,5 @@ def main(**given: Any) -> None:
         rows = (COLUMNS, [row for cell in cells for row in cell.rows()])
         files = write_files({given["json"]: found.to_plain(), given["csv"]: rows, given["plot"]: lambda path: save_isolas(path, found)})
     click.echo(table(cells))
-    name_files(files)
-    end_early(found.complete)
+    common.name_files(files)
+    common.end_early(found.complete)

@@ -15,40 +15,18 @@ import numpy as np
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
+from optimisation.cli import design_options as design
 from optimisation.cli.common import command, end_early, end_without, name_files, out_option, plain_errors
-from optimisation.cli.design_options import (
-    GOES_ON,
-    KEPT,
-    At,
-    conditions_of,
-    forces_at,
-    journal_of,
-    load_conditions,
-    loads_in,
-    make_conditions,
-    make_problem,
-    shared_options,
-    study_option,
-    variables_help,
-)
+from optimisation.designs import Design
 from optimisation.executors import executor as executor_on
 from optimisation.files import require_writable, write_files
-from optimisation.insight import DRAWS, FEW, detuned, levels, over_force, sensitivity, service, varied, with_gaps
-from optimisation.objectives import KINDS, MEAN, OWN, WORST, Objective
+from optimisation.insight import DRAWS, FEW, Levels, detuned, levels, over_force, sensitivity, service, varied, with_gaps
+from optimisation.objectives import KINDS, MEAN, OWN, WORST, Condition, Objective
 from optimisation.progress import runs_bar
+from optimisation.report import design_tables as tables
 from optimisation.report.card import write_card
 from optimisation.report.cards import findings_card
 from optimisation.report.design_figures import save_curves, save_map, save_robustness, save_sensitivity
-from optimisation.report.design_tables import (
-    PAPER,
-    WINNER,
-    design_columns,
-    design_rows,
-    level_columns,
-    level_rows,
-    summary,
-    text,
-)
 from optimisation.search.find import BARS, SCIPY, Plan, find
 from optimisation.search.judge import AUDITED, Findings
 from optimisation.search.noisy import NOISY
@@ -77,20 +55,19 @@ def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Fi
     both = [found.winner.design, found.paper.design]
     parts_of = [[c for c in problem.conditions if c.resonance == k] for k in dict.fromkeys(c.resonance for c in problem.conditions)]
     main = [part[len(part) // 2] for part in parts_of]  # the middle condition of each resonance
-    with runs_bar(f"{name}: curves over the force") as show:
-        parts = [levels(problem, both, over_force(c, np.geomspace(c.force / 5, 5 * c.force, FORCES)), few, executor, show) for c in main]
-        findings = replace(findings, curves=tuple(parts))
-    with runs_bar(f"{name}: detuned beams") as show:
-        parts = [levels(problem, both, detuned(c, np.linspace(-0.1, 0.1, DETUNINGS)), few, executor, show) for c in main]
-        findings = replace(findings, detuned=tuple(parts))
+
+    def seen(what: str, designs: list[Design], around: list[list[Condition]], members: int = few, rate: float | None = None) -> tuple[Levels, ...]:
+        with runs_bar(f"{name}: {what}") as show:
+            return tuple(levels(problem, designs, conditions, members, executor, show, rate) for conditions in around)
+
+    grids = [[over_force(c, np.geomspace(c.force / 5, 5 * c.force, number)) for c in main] for number in (FORCES, MAP)]
+    findings = replace(findings, curves=seen("curves over the force", both, grids[0]))
+    findings = replace(findings, detuned=seen("detuned beams", both, [detuned(c, np.linspace(-0.1, 0.1, DETUNINGS)) for c in main]))
     if name == IMPACT:
-        gap = found.winner.design.values[GAP]
+        gap, fast = found.winner.design.values[GAP], problem.rate if given["quick"] else FAST * problem.rate
         gaps = np.geomspace(gap / 5, 5 * gap, MAP)
-        with runs_bar(f"{name}: map over gap and force") as show:
-            fast = problem.rate if given["quick"] else FAST * problem.rate
-            designs = with_gaps(found.winner.design, gaps)
-            parts = [levels(problem, designs, over_force(c, np.geomspace(c.force / 5, 5 * c.force, MAP)), 1, executor, show, fast) for c in main]
-        findings = replace(findings, gap_map=tuple(parts), gaps=tuple(gaps.tolist()))
+        gap_map = seen("map over gap and force", with_gaps(found.winner.design, gaps), grids[1], 1, fast)
+        findings = replace(findings, gap_map=gap_map, gaps=tuple(gaps.tolist()))
     if len(varied(problem.space)) > 1:
         samples = QUICK_SOBOL if given["quick"] else SOBOL
         with runs_bar(f"{name}: sensitivity") as show:
@@ -100,13 +77,13 @@ def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Fi
 
 def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
     """Write tables and figures of the findings, and return the files."""
-    designs = (design_columns(findings.problem), design_rows(findings.problem, findings.told))
-    contents: dict[Path | None, object] = {out / "designs.csv": designs, out / "summary.json": conditions_of(given) | summary(findings)}
-    tables = (("curves", findings.curves, save_curves), ("detuned", findings.detuned, save_robustness), ("map", findings.gap_map, save_map))
-    for name, part, save in tables:
+    designs = (tables.design_columns(findings.problem), tables.design_rows(findings.problem, findings.told))
+    contents: dict[Path | None, object] = {out / "designs.csv": designs, out / "summary.json": design.conditions_of(given) | tables.summary(findings)}
+    drawn = (("curves", findings.curves, save_curves), ("detuned", findings.detuned, save_robustness), ("map", findings.gap_map, save_map))
+    for name, part, save in drawn:
         if part is not None:
-            names, gaps = ([], findings.gaps) if name == "map" else ((WINNER, PAPER), ())
-            contents[out / f"{name}.csv"] = (level_columns(part[0].conditions[0]), level_rows(part, names, gaps))
+            names, gaps = ([], findings.gaps) if name == "map" else ((tables.WINNER, tables.PAPER), ())
+            contents[out / f"{name}.csv"] = (tables.level_columns(part[0].conditions[0]), tables.level_rows(part, names, gaps))
             contents[out / f"{name}.png"] = partial(save, findings=findings)
     if findings.sensitivity is not None:
         contents[out / "sensitivity.png"] = partial(save_sensitivity, findings=findings)
@@ -115,27 +92,27 @@ def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
 
 def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Path) -> Findings:
     """Search a concept, write its files, and return the findings."""
-    loads, spread = loads_in(given), given["objective"] == "range"
-    conditions = make_conditions(concept, forces_at(given, USUAL), spread) if loads is None else load_conditions(loads, spread)
+    loads, spread = design.loads_in(given), given["objective"] == "range"
+    conditions = design.make_conditions(concept, design.forces_at(given, USUAL), spread) if loads is None else design.load_conditions(loads, spread)
     objective = Objective(given["objective"], given["over"], given["quantile"], None, given["limit"])
-    problem = make_problem(concept, conditions, (objective,), given)
+    problem = design.make_problem(concept, conditions, (objective,), given)
     designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
     plan = Plan(designs, given["sampler"], given["batch"], given["seed"], not given["no_screening"], given["from_scratch"], given["audit"])
-    findings = find(problem, plan, journal_of(given, out), executor, BARS)
+    findings = find(problem, plan, design.journal_of(given, out), executor, BARS)
     try:
         findings = explain(findings, given, executor)
     except KeyboardInterrupt:
         findings = replace(findings, finished=False)
     files = write(out, findings, given)
-    click.echo(text(findings))
+    click.echo(tables.text(findings))
     name_files(files)
     click.echo()
     return findings
 
 
-@command(epilog=variables_help())
+@command(epilog=design.variables_help())
 @click.option("--concept", type=click.Choice([*VARIABLES, ALL]), default=IMPACT, show_default=True, help="Kind of absorber.")
-@click.option("--at", multiple=True, type=At(), help=AT_HELP)
+@click.option("--at", multiple=True, type=design.At(), help=AT_HELP)
 @click.option("--objective", default="level", show_default=True, help=f"What makes a design good: {', '.join(KINDS)}, or {OWN}.")
 @click.option("--over", type=click.Choice([WORST, MEAN]), default=WORST, show_default=True, help="How resonances and forces join.")
 @click.option("--quantile", type=float, default=0.5, show_default=True, help="Share of the members that meet or better the value.")
@@ -148,9 +125,9 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
 @click.option("--no-screening", is_flag=True, help="Run every design in full instead of leaving hopeless ones behind.")
 @click.option("--audit", type=click.IntRange(min=0), default=AUDITED, show_default=True, help="Designs left behind to run in full all the same.")
 @click.option("--no-figures", is_flag=True, help="Search and judge only.")
-@study_option
+@design.study_option
 @out_option("results/optimise_design", "Folder; a concept has one in it.")
-@shared_options
+@design.shared_options
 def main(**given: Any) -> None:
     """Find the best design of an absorber for one or more resonances and forces.
 
@@ -161,7 +138,7 @@ def main(**given: Any) -> None:
     concepts = list(VARIABLES) if given["concept"] == ALL else [given["concept"]]
     given["every"] = len(concepts) > 1
     found: list[Findings] = []
-    with plain_errors(KEPT):
+    with plain_errors(design.KEPT):
         if given["every"] and given["study"] is not None:
             raise ParameterError(f"--study = {given['study']} is not allowed: with one concept, as each has a file of its own")
         with executor_on(given["threads"], given["cluster"]) as executor:
@@ -171,5 +148,5 @@ def main(**given: Any) -> None:
                 found.append(run_concept(concept, given, executor, out))
                 if not found[-1].finished:
                     break
-    end_early(all(findings.finished for findings in found), GOES_ON)
+    end_early(all(findings.finished for findings in found), design.GOES_ON)
     end_without(all(findings.verdict is not None and findings.verdict.feasible for findings in found))

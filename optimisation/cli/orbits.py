@@ -29,18 +29,7 @@ from optimisation.gap_check import rigid_walls
 from optimisation.mounting import mounted
 from optimisation.page import markdown
 from optimisation.progress import stages_bar
-from optimisation.report.periodic_figures import (
-    CURVE_COLUMNS,
-    curve_rows,
-    curve_text,
-    fold_text,
-    orbit_table,
-    plain_fold,
-    plain_threshold,
-    refusals,
-    save_curves,
-    threshold_text,
-)
+from optimisation.report import periodic_figures as report
 
 FORCE = 1.5  # N, the paper's moderate level of excitation
 FORCE_HELP = f"Amplitude of the harmonic force in N; not used for thresholds.  [default: {FORCE}, with --structure or --scene by the design rule]"
@@ -160,9 +149,9 @@ def asked_curves(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str,
     with stages_bar("orbits", leave=False) as told:
         curves = list(two_parameters(case, given, told, complete))
     force = "" if given["second"] == "force" else f", {case.force:g} N"
-    rows = ([key if name == "value" else name for name in CURVE_COLUMNS], curve_rows(curves))
-    write_files({given["csv"]: rows, given["plot"]: lambda path: save_curves(path, curves, f"{case.scene}{force}", words, scale)})
-    return curve_text(curves, words, scale), curves, complete[0]
+    rows = ([key if name == "value" else name for name in report.CURVE_COLUMNS], report.curve_rows(curves))
+    write_files({given["csv"]: rows, given["plot"]: lambda path: report.save_curves(path, curves, f"{case.scene}{force}", words, scale)})
+    return report.curve_text(curves, words, scale), curves, complete[0]
 
 
 def check(given: dict[str, Any]) -> None:
@@ -229,10 +218,10 @@ def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, An
         return asked_curves(case, given)
     if given["thresholds"]:
         levels = thresholds(case, low, high)
-        return threshold_text(levels), [plain_threshold(t) for t in levels if isinstance(t.orbit, Orbit)], True
+        return report.threshold_text(levels), [report.plain_threshold(t) for t in levels if isinstance(t.orbit, Orbit)], True
     if given["folds"]:
         located = folds(case, low, high)
-        return fold_text(located), [plain_fold(fold) for fold in located if isinstance(fold.orbit, Orbit)], True
+        return report.fold_text(located), [report.plain_fold(fold) for fold in located if isinstance(fold.orbit, Orbit)], True
     if given["along"] is not None:
         with stages_bar("orbits", leave=False) as told:
             curves = list(along(case, given, told))
@@ -243,9 +232,9 @@ def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, An
     with stages_bar("orbits", leave=False) as told:
         found = listed(case, given, told, complete)
     orbits = [orbit for group in found for orbit in group.orbits]
-    notes = refusals([orbit for group in found for orbit in group.refused], "solutions or runs are")
+    notes = report.refusals([orbit for group in found for orbit in group.refused], "solutions or runs are")
     stable = sum(orbit.stability.stable for orbit in orbits)
-    text = "\n".join([orbit_table(orbits), "", f"{len(orbits)} orbits, {stable} of them stable.", *notes])
+    text = "\n".join([report.orbit_table(orbits), "", f"{len(orbits)} orbits, {stable} of them stable.", *notes])
     return text, [plain_orbit(orbit) for orbit in orbits], complete[0]
 
 

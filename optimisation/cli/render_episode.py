@@ -24,12 +24,6 @@ def agents_choice(path: Path) -> tuple[str, dict[str, Any], Agent]:
     return found.env_id, dict(found.arguments), found
 
 
-def plain_choice(name: str, given: dict[str, Any]) -> tuple[str, dict[str, Any], float | None]:
-    """Return an environment by its short name, its arguments, and the action of every interval, None for a random one."""
-    interval = INTERVAL if given["interval"] is None else given["interval"]
-    return NAMES[name.lower()], {"interval": interval}, None if given["chance"] else given["action"]
-
-
 @command()
 @click.option("--env", "name", type=click.Choice(sorted(NAMES), case_sensitive=False), default="sweeprate", show_default=True)
 @click.option("--gif", "target", type=FILE, metavar="FILE", help="Write the film instead of showing it.")
@@ -48,7 +42,9 @@ def main(name: str, target: Path | None, agent: Path | None, **given: Any) -> No
     check_target("--gif", target, (".gif",))
     mode = "human" if target is None else "rgb_array"
     with plain_errors():
-        which, options, action = agents_choice(agent) if agent is not None else plain_choice(name, given)
+        interval = INTERVAL if given["interval"] is None else given["interval"]
+        plain = (NAMES[name.lower()], {"interval": interval}, None if given["chance"] else given["action"])
+        which, options, action = plain if agent is None else agents_choice(agent)
         options = {**options, **({} if given["force"] is None else {"force": given["force"]})}
         pictures, fps = episode(which, mode, options, given["seed"], action, given["frames"])
     if target is not None:

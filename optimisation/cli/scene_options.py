@@ -31,7 +31,7 @@ from impact_env.plain_loads import read_loads, to_loads
 from impact_env.scene import Scene, beam_scene
 from impact_env.structure import StructureWarning, load_structure
 from optimisation.bounds import design_force, design_gap
-from optimisation.cli.common import BadInput, Command, file_option
+from optimisation.cli.common import BadInput, Command, file_option, stacked
 from optimisation.files import write_json
 from optimisation.friction_rule import best_friction
 from optimisation.mounting import mounted
@@ -134,12 +134,7 @@ def scene_options(restitution: str, friction: str = "") -> Callable[[Command], C
         click.option("--friction-limit", type=float, help=f"Friction limit in N; 0: no friction.{told}"),
     )
 
-    def add(command: Command) -> Command:
-        for option in reversed(options):
-            command = option(command)
-        return command
-
-    return add
+    return stacked(options)
 
 
 SHORT = {
@@ -189,10 +184,7 @@ def loads_of(path: Path, model: ModalModel, resonance: int = 1) -> Loads:
     return loads
 
 
-SAID = "the file says what acts, and for how long"
-
-
-def refuse_beside_load(load: Path | None, *names: str, why: str = SAID) -> None:
+def refuse_beside_load(load: Path | None, *names: str, why: str = "the file says what acts, and for how long") -> None:
     """Raise BadInput if one of the options that are named was given beside --load."""
     options = {parameter.name: parameter.opts[0] for parameter in click.get_current_context().command.params}
     for name in names:
@@ -214,17 +206,13 @@ BESIDE_LOAD = ("force", "phase", "start", "stop", "rate", "periods", "down")  # 
 def absorber_options(defaults: Mapping[str, str]) -> Callable[[Command], Command]:
     """Add an option for each plain name of the table of laws; ``defaults``: the help's words in place of the library's default."""
     keys = {name: key for concept in CONCEPTS.values() for name, key in concept.items()}
-    usual = {"mass_ratio": str(DEFAULT_MASS_RATIO), "restitution": str(RigidWalls.restitution)} | dict(defaults)
-
-    def add(command: Command) -> Command:
-        for name, key in reversed(keys.items()):
-            kinds = [kind for kind, known in CONCEPTS.items() if name in known]
-            text = f"{key.what}{f', in {key.unit}' if key.unit else ''} ({', '.join(kinds)})."
-            text += f"  [default: {usual[name]}]" if name in usual else ""
-            command = click.option(option_name(OPTIONS.get(name, name)), type=float, help=text)(command)
-        return command
-
-    return add
+    usual, options = {"mass_ratio": str(DEFAULT_MASS_RATIO), "restitution": str(RigidWalls.restitution)} | dict(defaults), []
+    for name, key in keys.items():
+        kinds = [kind for kind, known in CONCEPTS.items() if name in known]
+        text = f"{key.what}{f', in {key.unit}' if key.unit else ''} ({', '.join(kinds)})."
+        text += f"  [default: {usual[name]}]" if name in usual else ""
+        options.append(click.option(option_name(OPTIONS.get(name, name)), type=float, help=text))
+    return stacked(options)
 
 
 def option_name(name: str) -> str:
@@ -240,12 +228,6 @@ def kind_of(given: Options) -> str:
 def chosen(given: Options, **options: str) -> Options:
     """Return the parameters, named after the library, whose options were given; the others keep the library's defaults."""
     return {parameter: given[option] for parameter, option in options.items() if given.get(option) is not None}
-
-
-def refuse_contradictions(given: Options) -> None:
-    """Raise BadInput if two options do not go together."""
-    refuse_parts(given)
-    _refuse_runs(given)
 
 
 def refuse_parts(given: Options) -> None:
@@ -266,7 +248,8 @@ def refuse_parts(given: Options) -> None:
             raise BadInput(f"{option_name(name)} does not go with --absorber {kind}: it is for {kinds}")
 
 
-def _refuse_runs(given: Options) -> None:
+def refuse_runs(given: Options) -> None:
+    """Raise BadInput if two options of the run do not go together."""
     if given["steps_per_period"] is not None and given["method"] == "exact":
         raise BadInput("--steps-per-period does not go with --method exact: it has no steps")
     if given["most_events"] is not None and given["method"] != "exact":

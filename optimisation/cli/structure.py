@@ -61,15 +61,13 @@ def text(model: ModalModel, structure: Beam | ModalModel) -> str:
     said = [f"mass {model.beam_mass:.4g} kg: an absorber of 1 % has {0.01 * model.beam_mass:.4g} kg"]
     if isinstance(structure, Beam):
         x = [structure.force_position, structure.absorber_position, structure.response_position]
-        said.append(
-            "force, absorber and response at {} of the length, {:g} m".format(", ".join(f"{p:g}" for p in x if p is not None), structure.length)
-        )
+        places = ", ".join(f"{p:g}" for p in x if p is not None)
+        said.append(f"force, absorber and response at {places} of the length, {structure.length:g} m")
         said.append(f"bending stiffness {structure.bending_stiffness:.5g} N m^2, mass per length {structure.mass_per_length:.5g} kg/m")
     elif len(model.places) > 1:
         said.append(f"{len(model.places)} places for absorbers; the first is shown")
-    return "\n".join(
-        [*said, "", markdown(header, lines), "", "Shapes at the places in use, in 1/sqrt(kg); free amplitude: at the response, one mode alone."]
-    )
+    note = "Shapes at the places in use, in 1/sqrt(kg); free amplitude: at the response, one mode alone."
+    return "\n".join([*said, "", markdown(header, lines), "", note])
 
 
 def coordinates(path: Path) -> tuple[str, NDArray[np.int64], Array]:

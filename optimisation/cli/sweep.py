@@ -20,21 +20,8 @@ from impact_env.parameters import Beam, RigidWalls, TunedAbsorber, count
 from impact_env.response import Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
+from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import FIGURES, BadInput, check_target, command, file_option, json_option, plain_errors
-from optimisation.cli.scene_options import (
-    DEFAULT_ABSORBER,
-    FRICTION_DAMPER_LIMIT,
-    PARTS,
-    Options,
-    absorber_options,
-    load_option,
-    loads_of,
-    make_method,
-    make_scene,
-    make_schedule,
-    refuse_contradictions,
-    structure_option,
-)
 from optimisation.executors import cluster_option, workers
 from optimisation.extremes import sweep_ratio
 from optimisation.files import replacing
@@ -94,16 +81,9 @@ def recorded(scene: Scene, drive: AnyDrive, method: Method, record: Record, most
         return simulate(scene, drive, method, record=record, most_events=most_events, progress=show)
 
 
-def compute(
-    scene: Scene,
-    drives: list[AnyDrive],
-    method: Method,
-    record: Record,
-    timed: bool,
-    most_events: int | None,
-    executor: Executor | None,
-) -> Result:
-    """Run all members, those after the first by an executor if there is one; the first is recorded and, if ``timed``, by itself timed."""
+def compute(given: scenes.Options, scene: Scene, drives: list[AnyDrive], method: Method, executor: Executor | None) -> Result:
+    """Run all members, those after the first by an executor if there is one; the first is recorded, and timed by itself if that is asked for."""
+    record, most_events = Record(events=True, energy=given["energy"], series=given["plot"] is not None), given["most_events"]
     response, others, wall_time = recorded(scene, drives[0], method, record, most_events), None, None
     with Bar(total=len(drives), desc="integrating", unit="run", delay=1, leave=False) as bar:
         if len(drives) > 1:
@@ -111,13 +91,13 @@ def compute(
             others = run_lanes(lanes, method, progress=lambda _done, _total: bar.update(), most_events=most_events, executor=executor)
             if not others.complete:
                 raise KeyboardInterrupt
-        if timed:
+        if given["time"]:
             bar.set_description_str("timing")
             wall_time = heard(lambda: integration_time(scene, drives[0], method, most_events), bar)
     return Result(response, others, wall_time)
 
 
-def ratio_of(given: Options, scene: Scene, schedule: FrequencySchedule) -> float | None:
+def ratio_of(given: scenes.Options, scene: Scene, schedule: FrequencySchedule) -> float | None:
     """Return the level of such sweeps without absorber over the stationary level; None at a constant frequency, where nothing is swept."""
     low, high = sorted(schedule.omegas / schedule.reference)
     if low == high:
@@ -132,7 +112,9 @@ def refuse_long(option: str, scene: Scene, schedule: FrequencySchedule, samples:
         raise BadInput(f"{option} of {schedule.periods:g} pseudo periods needs {size / 2**30:.1f} GiB: leave it out, or take fewer periods or modes")
 
 
-def measured(given: Options, scene: Scene, beam: Beam | None, drives: list[AnyDrive], executor: Executor | None) -> list[dict[str, Any]] | None:
+def measured(
+    given: scenes.Options, scene: Scene, beam: Beam | None, drives: list[AnyDrive], executor: Executor | None
+) -> list[dict[str, Any]] | None:
     """Return the measures of each member; None without --measures."""
     if given["measures"] is None:
         return None
@@ -145,7 +127,7 @@ def measured(given: Options, scene: Scene, beam: Beam | None, drives: list[AnyDr
     return [one for one in found if one is not None]
 
 
-def write(result: Result, given: Options, beam: Beam | None) -> None:
+def write(result: Result, given: scenes.Options, beam: Beam | None) -> None:
     """Write the files asked for: all of them or none."""
     with ExitStack() as files:
         if given["json"] is not None:
@@ -157,13 +139,14 @@ def write(result: Result, given: Options, beam: Beam | None) -> None:
             save_figure(files.enter_context(replacing(given["plot"].resolve())), title, result.response, given["resonance"])
 
 
-def run(given: Options) -> str:
+def run(given: scenes.Options) -> str:
     """Do what the options ask for and return the summary. Raises BadInput or ParameterError before anything is computed or written."""
-    refuse_contradictions(given)
+    scenes.refuse_parts(given)
+    scenes.refuse_runs(given)
     given["force"] = FORCE if given["force"] is None and (given["structure"] is None or given["load"] is not None) else given["force"]
     check_target("--json", given["json"])
     check_target("--plot", given["plot"], FIGURES)
-    (scene, beam), method = make_scene(given), make_method(given)
+    (scene, beam), method = scenes.make_scene(given), scenes.make_method(given)
     check_supported(scene, method)
     first = make_drive(given, scene)
     schedule = first.schedule
@@ -176,19 +159,18 @@ def run(given: Options) -> str:
         refuse_long("--measures", scene, schedule, count("measures", given["measures"], 4, MOST_SAMPLES))
     drives = drives_of(draw_members(given["members"], given["seed"]), first)
     with workers(None, given["cluster"]) as executor:
-        record = Record(events=True, energy=given["energy"], series=given["plot"] is not None)
-        result = compute(scene, drives, method, record, given["time"], given["most_events"], executor)
+        result = compute(given, scene, drives, method, executor)
         result = replace(result, measures=measured(given, scene, beam, drives, executor))
     result = replace(result, sweep_ratio=ratio_of(given, scene, schedule) if given["load"] is None else None)
     write(result, given, beam)
     return summary(result, given["resonance"])
 
 
-def make_drive(given: Options, scene: Scene) -> AnyDrive:
+def make_drive(given: scenes.Options, scene: Scene) -> AnyDrive:
     """Return the force, or the loads of a file."""
     if given["load"] is None:
-        return Drive(given["force"], make_schedule(given, scene), given["phase"])
-    loads = loads_of(given["load"], scene.model, given["resonance"])
+        return Drive(given["force"], scenes.make_schedule(given, scene), given["phase"])
+    loads = scenes.loads_of(given["load"], scene.model, given["resonance"])
     check_size(scene, loads)
     return loads
 
@@ -198,7 +180,7 @@ def default(text: str, value: object) -> str:
     return f"{text}  [default: {value}]"
 
 
-KINDS_HELP = default("Impact absorber, friction damper, linear tuned absorber, added mass, nonlinear sink, nothing.", DEFAULT_ABSORBER)
+KINDS_HELP = default("Impact absorber, friction damper, linear tuned absorber, added mass, nonlinear sink, nothing.", scenes.DEFAULT_ABSORBER)
 TO_HELP = "Last frequency over the resonance frequency; equal to --from: constant."
 RATE_HELP = default("Rate of the sweep in percent of the resonance frequency.", "1, less by the square of damping below 1 %")
 MEASURES_HELP = (
@@ -207,21 +189,21 @@ MEASURES_HELP = (
 
 
 @command()
-@click.option("--absorber", type=click.Choice(list(PARTS)), help=KINDS_HELP)
+@click.option("--absorber", type=click.Choice(list(scenes.PARTS)), help=KINDS_HELP)
 @file_option("--scene", "Beam and absorber from a .toml or .json file (docs/scenes.md).")
-@structure_option
+@scenes.structure_option
 @click.option("--modes", type=int, help=default("Number of modes kept.", Beam.modes))
 @click.option("--damping", type=float, help=default("Modal damping ratio, the same for all modes.", Beam.damping_ratio))
-@absorber_options(
+@scenes.absorber_options(
     {
         "gap": f"{RigidWalls.gap}, with --structure by the design rule",
-        "friction_limit": f"none for impact, {FRICTION_DAMPER_LIMIT} for friction, with --structure by the energy of a cycle",
+        "friction_limit": f"none for impact, {scenes.FRICTION_DAMPER_LIMIT} for friction, with --structure by the energy of a cycle",
         "friction_stiffness": "with compliant walls their stiffness",
         "stiffness": f"{TunedAbsorber.stiffness}, with --structure tuned",
         "damping": f"{TunedAbsorber.damping}, of a tuned one with --structure tuned",
     }
 )
-@load_option
+@scenes.load_option
 @click.option("--force", type=float, help=default("Amplitude of the harmonic force in N.", f"{FORCE}, with --structure by the design rule"))
 @click.option("--phase", type=float, default=0.0, show_default=True, help="Initial phase of the force in rad.")
 @click.option("--resonance", type=int, default=1, show_default=True, help="Resonance, counted from 1, that frequencies and pseudo periods refer to.")

@@ -9,20 +9,8 @@ from typing import Any
 import click
 
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
+from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import check_page, command, fill_page, name_files, out_option, page_option, plain_errors
-from optimisation.cli.scene_options import (
-    load_option,
-    loads_of,
-    mass_option,
-    mass_ratio_of,
-    model_of,
-    position_option,
-    read_device,
-    refuse_beside,
-    refuse_beside_load,
-    scene_option,
-    structure_option,
-)
 from optimisation.files import require_writable, write_files
 from optimisation.load_comparison import tuned_under
 from optimisation.mounting import mounted
@@ -84,13 +72,13 @@ def write(out: Path, table: TuningTable, bounds: dict[str, float]) -> list[Path]
 
 
 @command()
-@structure_option
-@scene_option
-@load_option
+@scenes.structure_option
+@scenes.scene_option
+@scenes.load_option
 @click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance to tune to, counted from 1.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
-@mass_option
-@position_option
+@scenes.mass_option
+@scenes.position_option
 @click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
 @click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Modal damping ratio, the same for all modes.")
 @click.option("--low", type=float, default=LOW, show_default=True, help="Begin of the scoring range over the resonance frequency.")
@@ -108,17 +96,17 @@ def main(**given: Any) -> None:
     """
     structure, scene, load, page, resonance, out = (given[name] for name in ("structure", "scene", "load", "page", "resonance", "out"))
     with plain_errors():
-        refuse_beside(structure, "modes", "damping")
+        scenes.refuse_beside(structure, "modes", "damping")
         if scene is None:
-            model, ratio = model_of(structure, given["position"], modes=given["modes"], damping_ratio=given["damping"]), given["mass_ratio"]
+            model, ratio = scenes.model_of(structure, given["position"], modes=given["modes"], damping_ratio=given["damping"]), given["mass_ratio"]
         else:
-            own, absorber = read_device(scene, "structure", "modes", "damping", "mass_ratio", "mass_kg", "position")
+            own, absorber = scenes.read_device(scene, "structure", "modes", "damping", "mass_ratio", "mass_kg", "position")
             model, ratio = mounted(own), absorber.mass_ratio
-        ratio = mass_ratio_of(ratio, given["mass_kg"], model.beam_mass)
+        ratio = scenes.mass_ratio_of(ratio, given["mass_kg"], model.beam_mass)
         require_writable("--out", out)
         if load is not None:
-            refuse_beside_load(load, "low", "high", "page", "quick", why="there is no range of frequencies to score, and nothing to prove")
-            found = tuned_under(model, loads_of(load, model, resonance), ratio)
+            scenes.refuse_beside_load(load, "low", "high", "page", "quick", why="there is no range of frequencies to score, and nothing to prove")
+            found = tuned_under(model, scenes.loads_of(load, model, resonance), ratio)
             files, told = write_files({out / "summary.json": tuned_summary(found)}), tuned_text(found)
         else:
             check_page(page, MARKER)

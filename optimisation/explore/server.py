@@ -294,8 +294,7 @@ def hosts_of(host: str, port: int) -> frozenset[str]:
 def serve(structure: Structure, name: str, host: str, listening: socket.socket, started: Callable[[], object]) -> None:
     """Serve until Ctrl-C, on a socket that listens."""
     app = make_app(structure, name, hosts_of(host, listening.getsockname()[1]), started)
-    config = uvicorn.Config(
-        app, log_level="warning", ws_max_size=MOST_BYTES, ws="websockets-sansio", timeout_graceful_shutdown=1, limit_concurrency=64
-    )
+    limits: dict[str, Any] = {"ws_max_size": MOST_BYTES, "timeout_graceful_shutdown": 1, "limit_concurrency": 64}
+    config = uvicorn.Config(app, log_level="warning", ws="websockets-sansio", **limits)
     with listening, suppress(KeyboardInterrupt):
         uvicorn.Server(config).run(sockets=[listening])

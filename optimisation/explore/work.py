@@ -65,7 +65,7 @@ class Work:
         self.scene = scene_of(values, structure)
         self.model, self.intensity, self.resonance = self.scene.model, values.intensity, values.resonance
         self.loading = Loading(values.load, self.model, self.resonance)
-        self.density: tuple[Array, Array] | None = None  # of a random force, from the sweep on
+        self.density: tuple[Array, Array] | None = None  # in Hz and m^2/Hz, of a random force after the start, from the sweep on
         self.borne: dict[str, float] = {}  # what the absorber bears in the run that is shown
 
     @property
@@ -178,18 +178,9 @@ class Work:
     def _curve(self, one: Pass, curve: PerformanceCurve) -> Message:
         up, down = (np.array([np.nanmedian(row) if not np.isnan(row).all() else np.nan for row in curve.level[..., d]]) for d in (0, 1))
         low, high = curve.band
-        return {
-            "type": "curve",
-            "rough": one.faster != 1.0,
-            "members": one.members,
-            "complete": curve.complete,
-            "force": rounded(curve.forces, 17),
-            "both": rounded(curve.median, 17),
-            "low": rounded(low),
-            "high": rounded(high),
-            "up": rounded(up),
-            "down": rounded(down),
-        }
+        about = {"type": "curve", "rough": one.faster != 1.0, "members": one.members, "complete": curve.complete}
+        lines = {"force": rounded(curve.forces, 17), "both": rounded(curve.median, 17)}
+        return about | lines | {"low": rounded(low), "high": rounded(high), "up": rounded(up), "down": rounded(down)}
 
     def sweep(self) -> Iterator[Message]:
         """Yield the sweep at the marked force, and the motion around the chosen instant."""
@@ -202,7 +193,10 @@ class Work:
         if self.gap() is not None:
             self.borne = dict(zip(("largest_speed", "rms_speed", "impacts_a_second", "power"), impact_numbers(response), strict=True))
         if not self.loading.swept:
-            self.density = _density(response)
+            history = response.history
+            assert history is not None
+            values = (history.modal_displacement @ self.model.level_shape)[history.time >= settled_after(response)]
+            self.density = spectrum(values, 1 / float(history.time[1]))
 
     def _sweep(self, response: Response) -> Message:
         level, envelope, impacts, schedule = response.level, response.envelope, response.impacts, response.drive.schedule
@@ -300,12 +294,8 @@ class Work:
         yield from self._line("none", Scene(_at_level(self.model)), case)
         gap = self.gap()
         if self.values.concept == "impact" and gap is not None and self.values.load == "force":
-            yield {
-                "type": "line",
-                "which": "limit",
-                "force": rounded(forces),
-                "level": rounded(resonance_limit(self.model, self.mass, gap, forces, self.resonance)),
-            }
+            level = rounded(resonance_limit(self.model, self.mass, gap, forces, self.resonance))
+            yield {"type": "line", "which": "limit", "force": rounded(forces), "level": level}
 
     def _slow_lines(self, case: CurveCase) -> Iterator[Message]:
         """Yield the curves of a friction damper and of a tuned absorber of the same mass at the same place."""
@@ -337,19 +327,11 @@ class Work:
             lines.pop("with", None)  # the base moves the absorber's mass as well
         for name, own in lines.items():
             linear = own if isinstance(own, TunedAbsorber | None) else StuckAbsorber(self.values["mass_ratio"])
-            amplitudes["stuck" if isinstance(own, SlidingAbsorber) else name] = rounded(
-                self.intensity * unit * np.abs(tip_response(model, linear, ratios * reference))
-            )
+            amplitude = self.intensity * unit * np.abs(tip_response(model, linear, ratios * reference))
+            amplitudes["stuck" if isinstance(own, SlidingAbsorber) else name] = rounded(amplitude)
         found: list[Message] = []
-        message = {
-            "type": "response",
-            "force": self.intensity,
-            "swept": self.loading.swept,
-            "ratio": rounded(ratios),
-            **amplitudes,
-            "branches": found,
-            "complete": False,
-        }
+        message = {"type": "response", "force": self.intensity, "swept": self.loading.swept, "ratio": rounded(ratios), **amplitudes}
+        message |= {"branches": found, "complete": False}
         yield dict(message)
         if self.density is not None:
             hertz, density = self.density
@@ -369,14 +351,6 @@ class Work:
         except ParameterError as error:
             message["note"] = str(error)
         yield dict(message, branches=list(found), complete=True)
-
-
-def _density(response: Response) -> tuple[Array, Array]:
-    """Return frequencies in Hz and the density in m^2/Hz of the displacement after the start."""
-    history = response.history
-    assert history is not None
-    values = (history.modal_displacement @ response.scene.model.level_shape)[history.time >= settled_after(response)]
-    return spectrum(values, 1 / float(history.time[1]))
 
 
 def _at_level(model: ModalModel) -> ModalModel:

@@ -41,8 +41,8 @@ POINTS = 601  # of a curve over the frequency
 
 def comparison_card(found: Comparison, borne: Impacts | None = None) -> Card:
     """Return the impact absorber, the levels of all at one force near each resonance, and all curves; ``borne`` near the first, if known."""
-    every = {concept.key: concept for concept in found.concepts}
-    own = every[IMPACT].absorber
+    labels = {concept.key: concept.label for concept in found.concepts}
+    own = next(concept.absorber for concept in found.concepts if concept.key == IMPACT)
     assert isinstance(own, SlidingAbsorber)
     groups: list[tuple[str, tuple[Row, ...]]] = [("Impact absorber", device_rows(own, found.model))]
     groups.append(("Others of its mass", tuple(Row(one.label, _parameters(one.absorber)) for one in found.concepts if one.key not in (NONE, IMPACT))))
@@ -50,11 +50,10 @@ def comparison_card(found: Comparison, borne: Impacts | None = None) -> Card:
     for part in found.resonances:
         name = f"Resonance {part.resonance}"
         if part.told is not None:
-            rows = _levels(part, {key: one.label for key, one in every.items()}, part.told)
-            groups.append((f"{name}, at {part.forces[part.told]:.3g} N", rows))
+            groups.append((f"{name}, at {part.forces[part.told]:.3g} N", _levels(part, labels, part.told)))
         if part.told is not None and part is found.resonances[0] and borne is not None:
             groups.append(("What it bears there", borne_rows(found.gap, borne, float(part.curves[IMPACT].median[part.told]))))
-        charts.append(_comparison_chart(part, {key: one.label for key, one in every.items()}, name))
+        charts.append(_comparison_chart(part, labels, name))
         if part.sweep_ratio < LEAST_RATIO:
             warnings.append(f"{name}: sweeps show {part.sweep_ratio:.3f} of the stationary level; sweep more slowly")
         if part.reach < 1:
@@ -101,11 +100,8 @@ def tuning_card(table: TuningTable, bounds: dict[str, float]) -> Card:
         curves.append(Curve(tuning.label, numbers(ratios), numbers(amplitude)))
     assumed = (*mass_rows(table.mass_ratio, table.model), *assumed_rows(table.model, (table.resonance,), None))
     chart = Chart("Amplitude", "frequency over the resonance's", "% of the peak without absorber", tuple(curves), log_y=True)
-    borne = [
-        ("What the tuning of the smallest peak bears under 1 N", _borne_tuned(table, t.absorber, ratios))
-        for t in table.tunings
-        if t.key == MINIMAX and t.absorber
-    ]
+    best = [tuning.absorber for tuning in table.tunings if tuning.key == MINIMAX and tuning.absorber]
+    borne = [("What the tuning of the smallest peak bears under 1 N", _borne_tuned(table, absorber, ratios)) for absorber in best]
     return Card("Tuned absorbers of one mass", (("Tunings", tuple(rows)), *borne, ("Assumptions", assumed)), (chart,))
 
 
@@ -194,13 +190,10 @@ def _over_force(part: Levels) -> Chart:
 def front_card(found: Front) -> Card:
     """Return the designs of a front, what some of them bear, and all that were tried."""
     problem, names = found.problem, [o.label for o in found.problem.objectives]
-    rows = [
-        Row(
-            f"design {e.number}",
-            ", ".join(f"{v.name} {e.design.values[v.name]:.4g}" for v in problem.space.free) + ": {:.4g} and {:.4g}".format(*e.score.values),
-        )
-        for e in found.members
-    ]
+    rows = []
+    for e in found.members:
+        values = ", ".join(f"{v.name} {e.design.values[v.name]:.4g}" for v in problem.space.free)
+        rows.append(Row(f"design {e.number}", values + ": {:.4g} and {:.4g}".format(*e.score.values)))
     warnings = () if found.members else ("no design kept all constraints",)
     parts = [("tried", found.told), ("on the front", found.members)]
     curves = [Curve(name, numbers(e.score.values[0] for e in part), numbers(e.score.values[1] for e in part), points=True) for name, part in parts]

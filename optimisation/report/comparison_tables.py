@@ -23,35 +23,10 @@ from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of, write_fi
 Json = dict[str, object]
 LIMIT = "limit"
 DIRECTIONS = {UP: "up", DOWN: "down"}
-RUN_COLUMNS = (
-    "resonance",
-    "concept",
-    "force_n",
-    "member",
-    "phase_rad",
-    "force_factor",
-    "direction",
-    "response_level_m",
-    "level_frequency_ratio",
-    "level_time_s",
-    "max_tip_m",
-    "impacts",
-    "stuck_time_s",
-)
-CURVE_COLUMNS = (
-    "resonance",
-    "concept",
-    "force_n",
-    "members",
-    "level_median_m",
-    "level_5_percent_m",
-    "level_95_percent_m",
-    "level_up_median_m",
-    "level_down_median_m",
-    "relative_median",
-    "relative_5_percent",
-    "relative_95_percent",
-)
+RUN = ("resonance", "concept", "force_n", "member", "phase_rad", "force_factor", "direction")
+RUN_COLUMNS = (*RUN, "response_level_m", "level_frequency_ratio", "level_time_s", "max_tip_m", "impacts", "stuck_time_s")
+LEVELS = ("level_median_m", "level_5_percent_m", "level_95_percent_m", "level_up_median_m", "level_down_median_m")
+CURVE_COLUMNS = ("resonance", "concept", "force_n", "members", *LEVELS, "relative_median", "relative_5_percent", "relative_95_percent")
 
 
 def run_rows(comparison: Comparison) -> Iterator[tuple[object, ...]]:

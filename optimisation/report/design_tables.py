@@ -257,9 +257,6 @@ def _condition_lines(findings: Findings) -> Iterator[str]:
             yield f"    the sweeps show {sweep:.3f} of the stationary level without absorber{fast}"
 
 
-# A winner in service as JSON values and as a text to read.
-
-
 WORDS = {
     IMPACT_SPEED: ("largest impact speed", "m/s", 1.0),
     IMPACT_RMS: ("RMS impact speed", "m/s", 1.0),

@@ -90,9 +90,6 @@ def few_colours(image: Image.Image) -> Image.Image:
     return image.convert("RGB").quantize(COLOURS, Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE)
 
 
-# The picture of a structure: the shapes of its lowest modes, with the places of force, absorber and response.
-
-
 MOST, POINTS = 6, 201
 PLACES = (("force", ORANGE, "v", 7), ("absorber", BLUE, "s", 9), ("response", "#F0E442", "o", 5))
 

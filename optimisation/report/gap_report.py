@@ -78,15 +78,14 @@ def _tried(tried: Sequence[tuple[str, float, float, float]]) -> list[str]:
 def warnings(found: Advice) -> list[str]:
     """Return warnings, and the number of sweeps."""
     check, ratio = found.check, found.check.sweep_ratio
-    lines = []
-    if check.reach < SMALL_REACH:
-        lines.append(f"Warning: the free amplitude is {check.reach:.3g} of the rule's gap; below {SMALL_REACH:g} the absorber does little.")
-    if check.reach > LARGE_REACH:
-        lines.append(f"Warning: free amplitude over the rule's gap above {LARGE_REACH:g}: the rule's gap is too narrow, on the steep side.")
-    if found.at_end:
-        lines.append("Warning: the best gap is the narrowest or widest that was tried: another mass or place may suit better.")
-    if found.recommended is not None and found.recommended.level >= float(check.without.median[0]):
-        lines.append("Warning: no gap brings the level below that without absorber: another place may suit better.")
+    useless = found.recommended is not None and found.recommended.level >= float(check.without.median[0])
+    seen = {
+        f"the free amplitude is {check.reach:.3g} of the rule's gap; below {SMALL_REACH:g} the absorber does little": check.reach < SMALL_REACH,
+        f"free amplitude over the rule's gap above {LARGE_REACH:g}: the rule's gap is too narrow, on the steep side": check.reach > LARGE_REACH,
+        "the best gap is the narrowest or widest that was tried: another mass or place may suit better": found.at_end,
+        "no gap brings the level below that without absorber: another place may suit better": useless,
+    }
+    lines = [f"Warning: {words}." for words, so in seen.items() if so]
     lines.append(f"Sweeps at {check.rate:.3g} % per 100 pseudo periods show {ratio:.3f} of the stationary level without absorber.")
     if ratio < LEAST_RATIO:
         lines.append(f"Warning: below {LEAST_RATIO:g} shares of the possible are left out; sweep more slowly.")
@@ -230,17 +229,8 @@ def _charts(found: Advice, bearing: Bearing) -> tuple[Chart, ...]:
 
 Json = dict[str, object]
 SUBS = (1, 1.5, 2, 3, 5, 7)  # ticks of a decade of gaps
-COLUMNS = (
-    "gap_m",
-    "gap_over_rule",
-    "members",
-    "level_median_m",
-    "level_5_percent_m",
-    "level_95_percent_m",
-    "relative_median",
-    "limit_m",
-    "share_of_possible_reduction",
-)
+LEVELS = ("level_median_m", "level_5_percent_m", "level_95_percent_m", "relative_median")
+COLUMNS = ("gap_m", "gap_over_rule", "members", *LEVELS, "limit_m", "share_of_possible_reduction")
 
 
 def rows(found: Advice) -> Iterator[tuple[object, ...]]:

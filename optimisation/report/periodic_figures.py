@@ -310,10 +310,8 @@ def orbit_table(orbits: list[Orbit]) -> str:
     for orbit in orbits:
         slow, fast = (float(np.max(np.abs(values))) for values in (orbit.stability.slow_multipliers, orbit.stability.fast_multipliers))
         schedule = orbit.schedule
-        kind = ("symmetric" if schedule.symmetric else "one-sided") + (
-            "" if schedule.period_multiple == 1 else f", period {schedule.period_multiple}"
-        )
-        kind += "" if schedule.flies else ", held"
+        kind = "symmetric" if schedule.symmetric else "one-sided"
+        kind += ("" if schedule.period_multiple == 1 else f", period {schedule.period_multiple}") + ("" if schedule.flies else ", held")
         sides = 2 if schedule.symmetric else 1
         rows.append(
             [

@@ -191,10 +191,10 @@ def _envelope(ax: Axes, response: Response, history: History, axis: _Axis, value
     ax.fill_between(x, low, high, color=colour, alpha=0.75, lw=0.3, label=label)
 
 
-def _headroom(ax: Axes, above: float = 0.25, below: float = 0.0) -> None:
+def _headroom(ax: Axes, below: float = 0.0) -> None:
     """Widen the vertical axis by shares of its height, for the legend and the impacts' marks."""
     low, high = ax.get_ylim()
-    ax.set_ylim(low - below * (high - low), high + above * (high - low))
+    ax.set_ylim(low - below * (high - low), high + 0.25 * (high - low))
 
 
 def _displacement(ax: Axes, response: Response, history: History, axis: _Axis) -> None:
@@ -216,27 +216,21 @@ def _displacement(ax: Axes, response: Response, history: History, axis: _Axis) -
     ax.legend(loc="upper left", fontsize=8, ncols=4, framealpha=0.9)
 
 
-def _around_maximum(response: Response, history: History) -> tuple[slice, Array]:
-    """Return the samples around the maximum and their time from it in pseudo periods."""
+def _around_maximum(ax: Axes, response: Response, history: History) -> tuple[slice, Array]:
+    """Return the samples around the maximum and their time from it in pseudo periods; draw the impacts there."""
     assert response.level is not None
-    period = response.drive.schedule.pseudo_period
-    at = (history.time - response.level.time) / period
+    start, period = response.level.time, response.drive.schedule.pseudo_period
+    at = (history.time - start) / period
     inside = np.flatnonzero(np.abs(at) <= DETAIL_PERIODS)
     part = slice(inside[0], inside[-1] + 1) if len(inside) else slice(0, len(at))
+    for x in () if response.impacts is None else (response.impacts.time - start) / period:
+        if abs(x) <= DETAIL_PERIODS:
+            ax.axvline(x, color=ABSORBER, lw=0.5, alpha=0.5)
     return part, at[part]
 
 
-def _impact_lines(ax: Axes, response: Response) -> None:
-    assert response.level is not None
-    if response.impacts is not None:
-        at = (response.impacts.time - response.level.time) / response.drive.schedule.pseudo_period
-        for x in at[np.abs(at) <= DETAIL_PERIODS]:
-            ax.axvline(x, color=ABSORBER, lw=0.5, alpha=0.5)
-
-
 def _detail(ax: Axes, response: Response, history: History, moving: bool) -> None:
-    part, x = _around_maximum(response, history)
-    _impact_lines(ax, response)
+    part, x = _around_maximum(ax, response, history)
     ax.plot(x, MM * history.tip_displacement[part], color=TIP, label="tip")
     if moving:
         ax.plot(x, MM * history.absorber_displacement[part], color=ABSORBER, lw=1, label="absorber")
@@ -245,16 +239,11 @@ def _detail(ax: Axes, response: Response, history: History, moving: bool) -> Non
     ax.legend(loc="upper left", fontsize=8, ncols=2)
 
 
-def _gap(response: Response) -> float | None:
-    absorber = response.scene.absorber
-    return absorber.walls.gap if isinstance(absorber, SlidingAbsorber) and absorber.walls is not None else None
-
-
 def _walls(ax: Axes, response: Response) -> None:
-    gap = _gap(response)
-    if gap is not None:
+    absorber = response.scene.absorber
+    if isinstance(absorber, SlidingAbsorber) and absorber.walls is not None:
         for sign in (-1, 1):
-            ax.axhline(sign * MM * gap, color=WALL, lw=1.6, label="cavity walls" if sign > 0 else None)
+            ax.axhline(sign * MM * absorber.walls.gap, color=WALL, lw=1.6, label="cavity walls" if sign > 0 else None)
 
 
 def _relative(ax: Axes, response: Response, history: History, axis: _Axis) -> None:
@@ -267,8 +256,7 @@ def _relative(ax: Axes, response: Response, history: History, axis: _Axis) -> No
 
 
 def _relative_detail(ax: Axes, response: Response, history: History) -> None:
-    part, x = _around_maximum(response, history)
-    _impact_lines(ax, response)
+    part, x = _around_maximum(ax, response, history)
     ax.plot(x, MM * (history.absorber_displacement - history.tip_displacement)[part], color=ABSORBER, lw=1)
     _walls(ax, response)
     ax.set(xlabel="pseudo periods from the maximum", ylabel="relative displacement in mm")

@@ -49,18 +49,9 @@ def mean_scores(family: Family, candidates: NDArray[Any], name: str, seeds: Sequ
     return np.concatenate(means)
 
 
-def best_of(
-    family: Family,
-    candidates: NDArray[Any],
-    name: str,
-    seeds: Sequence[int],
-    arguments: Mapping[str, Any],
-    progress: Progress | None = None,
-) -> Tuned:
+def best_of(family: Family, candidates: NDArray[Any], name: str, seeds: Sequence[int], arguments: Mapping[str, Any]) -> Tuned:
     """Return the candidate (C, P) with the largest mean score."""
     scores = mean_scores(family, candidates, name, seeds, arguments)
-    if progress is not None:
-        progress(len(candidates))
     best = int(np.argmax(scores))
     return Tuned(tuple(candidates[best].tolist()), float(scores[best]), len(candidates))
 

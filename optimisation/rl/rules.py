@@ -9,24 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impact_env.parameters import require
-from optimisation.rl.families import (
-    Array,
-    ConstantAction,
-    ConstantPair,
-    Family,
-    FamilyPolicy,
-    FrequencyWindow,
-    GapByEstimatedForce,
-    GapOverFrequency,
-    LimitByLook,
-    LimitOverFrequency,
-    Observations,
-    RateAndGapByEstimatedForce,
-    RateAndGapOverFrequency,
-    SmallRule,
-    Start,
-    task_of,
-)
+from optimisation.rl import families
+from optimisation.rl.families import Array, Family, Observations
 
 # Rules of few numbers for tasks within a period and for the limited passage: what needs no learning and sees what an agent sees.
 #
@@ -36,6 +20,7 @@ from optimisation.rl.families import (
 
 X, V, R, W, COS, SIN, RATIO, LEFT, RMS = 0, 1, 2, 3, 5, 6, 7, 8, 9  # columns of a task within a period
 PAIR_IMPACTS, PAIR_RATIO, PAIR_SIZE, PAIR_WAY = 4, 6, 8, 9  # of the limited passage
+PAIR = ("gap", "gap per size", "friction", "friction per size", "gap over frequency", "friction over frequency")
 SMALL = 1e-3  # of the RMS: half-clearances
 
 
@@ -121,38 +106,24 @@ class PairBySize(Family):
 
     few = 4
     beside = PAIR_WAY
-    names = (
-        "gap",
-        "gap per size",
-        "friction",
-        "friction per size",
-        "gap over frequency",
-        "friction over frequency",
-        "gap over way",
-        "friction over way",
-    )
+    names = (*PAIR, "gap over way", "friction over way")
     neutral = (0.0,) * 8
-    begins: Sequence[Start] = (lambda c: (c[0], 0.0, c[1], 0.0), lambda c: (c[0], 0.3, c[1], 0.3))
+    begins: Sequence[families.Start] = (lambda c: (c[0], 0.0, c[1], 0.0), lambda c: (c[0], 0.3, c[1], 0.3))
 
     def act(self, parameters: Array, observations: Observations) -> Array:
         """Return gap and friction actions (L, 2)."""
         seen = observations.astype(np.float64)
         size, ratio, other = np.log(seen[:, PAIR_SIZE] + SMALL), seen[:, PAIR_RATIO], np.abs(seen[:, self.beside])
         gap, gap_size, friction, friction_size, gap_ratio, friction_ratio, gap_other, friction_other = parameters.T
-        return np.stack(
-            [
-                gap + gap_size * size + gap_ratio * ratio + gap_other * other,
-                friction + friction_size * size + friction_ratio * ratio + friction_other * other,
-            ],
-            axis=1,
-        )
+        friction = friction + friction_size * size + friction_ratio * ratio + friction_other * other
+        return np.stack([gap + gap_size * size + gap_ratio * ratio + gap_other * other, friction], axis=1)
 
 
 class PairByImpacts(PairBySize):
     """The same with impacts in place of the way."""
 
     beside = PAIR_IMPACTS
-    names = (*PairBySize.names[:6], "gap and impacts", "friction and impacts")
+    names = (*PAIR, "gap and impacts", "friction and impacts")
     begins = PairBySize.begins[:1]
 
 
@@ -187,16 +158,16 @@ class Families(NamedTuple):
         return len(self.constant.names)
 
 
-WITHIN = Families(ConstantAction, Blind, (Switch, Phase, Products), planned=True)
-RATE = Families(ConstantAction, FrequencyWindow, (SmallRule,))
+WITHIN = Families(families.ConstantAction, Blind, (Switch, Phase, Products), planned=True)
+RATE = Families(families.ConstantAction, families.FrequencyWindow, (families.SmallRule,))
 TASKS = {
     "ActiveFriction-v0": WITHIN,
     "ActiveGap-v0": WITHIN,
     "Structures-v0": WITHIN,
-    "Passage-v0": Families(ConstantPair, BlindPair, (PairBySize, PairByImpacts), planned=True),
-    "FrictionChoice-v1": Families(ConstantAction, LimitOverFrequency, (LimitByLook,)),
-    "SweepAndGap-v1": Families(ConstantPair, RateAndGapOverFrequency, (RateAndGapByEstimatedForce,)),
-    "GapChoice-v1": Families(ConstantAction, GapOverFrequency, (GapByEstimatedForce,)),
+    "Passage-v0": Families(families.ConstantPair, BlindPair, (PairBySize, PairByImpacts), planned=True),
+    "FrictionChoice-v1": Families(families.ConstantAction, families.LimitOverFrequency, (families.LimitByLook,)),
+    "SweepAndGap-v1": Families(families.ConstantPair, families.RateAndGapOverFrequency, (families.RateAndGapByEstimatedForce,)),
+    "GapChoice-v1": Families(families.ConstantAction, families.GapOverFrequency, (families.GapByEstimatedForce,)),
     "SweepRate-v1": RATE,
     "SweepRateNoisy-v1": RATE,
     "SweepRateDelayed-v1": RATE,
@@ -214,13 +185,13 @@ def chosen(file: Path = CHOSEN) -> dict[str, dict[str, Any]]:
     return dict(json.loads(file.read_text(encoding="utf-8")))
 
 
-def policies(task: str, arguments: Mapping[str, Any] | None = None) -> dict[str, FamilyPolicy]:
+def policies(task: str, arguments: Mapping[str, Any] | None = None) -> dict[str, families.FamilyPolicy]:
     """Return the chosen policies of a task, by what they are; the rule of eight stands for the one of four where it is no other."""
-    behind, own = task_of(env_of(task), arguments), TASKS[task]
+    behind, own = families.task_of(env_of(task), arguments), TASKS[task]
     known: dict[str, Callable[[Any], Family]] = {family.__name__: family for family in (own.constant, own.blind, *own.looking)}
     found = {}
     for label, rule in chosen()[task].items():
         family = known[rule["family"]](behind)
         numbers = [*rule["numbers"], *family.neutral[len(rule["numbers"]) :]]
-        found[label] = FamilyPolicy(label, family, numbers)
+        found[label] = families.FamilyPolicy(label, family, numbers)
     return found

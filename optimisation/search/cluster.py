@@ -69,7 +69,10 @@ class Workers:
         rest = [k for k in range(len(items)) if k not in set(first)]
         if not rest:
             return
-        self._require_workers()
+        try:
+            self._client.wait_for_workers(1, timeout=self._patience)
+        except (TimeoutError, distributed.TimeoutError) as error:
+            raise ClusterError(f"--cluster = {self._address} is not allowed: a scheduler with one or more workers") from error
         call = uuid.uuid4().hex
         keys = {k: f"{function.__name__}-{call}-{k}" for k in rest}
         futures = {self._client.submit(do, SOURCES, function, items[k], key=keys[k], priority=-k, pure=False, retries=0): k for k in rest}
@@ -116,17 +119,10 @@ class Workers:
     def _lost(self, what: str) -> str:
         return f"--cluster = {self._address}: the scheduler {what}; the study keeps what is finished: start workers and run it again"
 
-    def _require_workers(self) -> None:
-        try:
-            self._client.wait_for_workers(1, timeout=self._patience)
-        except (TimeoutError, distributed.TimeoutError) as error:
-            raise ClusterError(f"--cluster = {self._address} is not allowed: a scheduler with one or more workers") from error
-
 
 def do(sources: dict[str, str], function: Callable[[T], R], item: T) -> R:
     """Return ``function(item)``, on a worker; raises ClusterError if its sources are others than those wanted."""
     if sources != SOURCES:
-        raise ClusterError(
-            f"worker = {distributed.get_worker().address} is not allowed: one with {SAME}; its {difference(SOURCES, sources, 'sources')}"
-        )
+        other = difference(SOURCES, sources, "sources")
+        raise ClusterError(f"worker = {distributed.get_worker().address} is not allowed: one with {SAME}; its {other}")
     return function(item)

@@ -46,12 +46,7 @@ _TOLERANCE = 1e-5  # in shares of the ranges, and in the objective
 
 
 def smooth_search(
-    problem: Problem,
-    designs: int,
-    executor: Executor,
-    seed: int = 0,
-    from_scratch: bool = False,
-    progress: Callable[[int], None] | None = None,
+    problem: Problem, designs: int, executor: Executor, seed: int = 0, from_scratch: bool = False, progress: Callable[[int], None] | None = None
 ) -> tuple[list[Evaluated], bool]:
     """Return the designs that were run, by number: the space's start (unless ``from_scratch``), scattered ones, and descents from the best of those.
 

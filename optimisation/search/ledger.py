@@ -25,9 +25,6 @@ from optimisation.files import append, held
 from optimisation.machine import difference
 from optimisation.measures import Chunk
 
-# A study's journal file: one process at a time, and in order again after a writer that was killed in the middle of a line.
-
-
 DAMAGED = ".damaged"
 
 
@@ -164,9 +161,8 @@ def remembering(executor: Executor, identity: dict[str, object], journal: Path |
         elif _HEAD not in lines[0]:
             raise StudyError(f"study file = {journal} is not allowed: it is the journal of another method; choose another file")
         elif lines[0] != head:
-            raise StudyError(
-                f"study file = {journal} is not allowed: it is another study: {difference(lines[0][_HEAD], head[_HEAD])}; choose another file"
-            )
+            other = difference(lines[0][_HEAD], head[_HEAD])
+            raise StudyError(f"study file = {journal} is not allowed: it is another study: {other}; choose another file")
         try:
             known = {str(line[_RUNS]): np.array(line[_MEASURES], dtype=float) for line in lines[1:]}
         except (KeyError, TypeError, ValueError) as error:

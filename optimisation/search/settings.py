@@ -40,9 +40,6 @@ class Progress:
     runs: int
 
 
-# Pareto fronts of two objectives: who is not dominated, and how much of the plane a front dominates.
-
-
 Array = NDArray[np.float64]
 
 
@@ -153,12 +150,7 @@ class Settings:
 
 
 def default_settings(
-    problem: Problem,
-    sampler: str | None = None,
-    batch: int | None = None,
-    seed: int = 0,
-    screening: bool = True,
-    from_scratch: bool = False,
+    problem: Problem, sampler: str | None = None, batch: int | None = None, seed: int = 0, screening: bool = True, from_scratch: bool = False
 ) -> Settings:
     """Return settings for a problem: CMA-ES for one objective, NSGA-II for several, and rungs unless ``screening`` is off.
 

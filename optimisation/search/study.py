@@ -225,11 +225,13 @@ class DesignStudy:
     def _asked(self, first: int, size: int) -> list[FrozenTrial]:
         """Return the batch's trials; what a killed process asked for is taken over, and what is missing is asked for."""
         known = {trial.number: trial for trial in self._study.get_trials(deepcopy=False)}
+        chosen, space = self.settings, self.problem.space
+        start = None if chosen.from_scratch else space.coordinates(space.default)
         for number in range(first, first + size):
             trial = known.get(number)
             if trial is not None and set(trial.params) == set(self._space):
                 continue
-            self._study.sampler = self._sampler(number)
+            self._study.sampler = TrialSampler(chosen.sampler, space, chosen.batch, chosen.seed, number, start)
             if trial is None:
                 self._study.ask(fixed_distributions=self._space)
             else:  # killed between two of its parameters
@@ -241,12 +243,6 @@ class DesignStudy:
                         half.suggest_float(v.name, v.low, v.high, log=v.log)
         self._study.sampler = RandomSampler()
         return sorted(self._study.get_trials(deepcopy=False), key=lambda trial: trial.number)[first : first + size]
-
-    def _sampler(self, number: int) -> TrialSampler:
-        chosen, space = self.settings, self.problem.space
-        return TrialSampler(
-            chosen.sampler, space, chosen.batch, chosen.seed, number, None if chosen.from_scratch else space.coordinates(space.default)
-        )
 
     def _climb(self, level: int, going: Sequence[tuple[FrozenTrial, Design]], executor: Executor, show: Callable[[int], None]) -> list[Score]:
         """Return the scores of designs on a rung, running what the journal does not hold yet."""

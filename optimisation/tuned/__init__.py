@@ -114,6 +114,15 @@ def require_wide_range(model: ModalModel, mass_ratio: float, resonance: int, low
     require(low <= first and high >= second, "scoring range (low, high)", (low, high), allowed)
 
 
+def _scored(model: ModalModel, absorber: LinearAbsorber | None, resonance: int, low: float, high: float) -> float:
+    """Return omega_r; raises ParameterError unless the range can score an absorber."""
+    omega_r = model.resonance_omega(resonance)
+    frequency_range(low, high)
+    if isinstance(absorber, TunedAbsorber):
+        require_wide_range(model, absorber.mass_ratio, resonance, low, high)
+    return omega_r
+
+
 def _inside(s: NDArray[np.complex128], low: float, high: float) -> NDArray[np.bool_]:
     """Return which poles lie in low..high, the ends included up to rounding: there an undamped response is infinite, too."""
     return np.asarray((s.imag >= low * (1 - 1e-12)) & (s.imag <= high * (1 + 1e-12)))
@@ -135,10 +144,7 @@ def peaks(model: ModalModel, absorber: LinearAbsorber | None, resonance: int = 1
 
     Arguments and errors as in `peak`; an undamped pole in the range raises ParameterError.
     """
-    omega_r = model.resonance_omega(resonance)
-    if isinstance(absorber, TunedAbsorber):
-        require_wide_range(model, absorber.mass_ratio, resonance, low, high)
-    frequency_range(low, high)
+    omega_r = _scored(model, absorber, resonance, low, high)
     grid = _grid(model, absorber, omega_r, low, high)
     if grid is None:
         raise ParameterError(f"damping_ratio = {model.damping_ratio!r} is not allowed: above 0 at every resonance of the range")
@@ -180,11 +186,7 @@ def peak(model: ModalModel, absorber: LinearAbsorber | None, resonance: int = 1,
     for a resonance that the model lacks and, with a TunedAbsorber, for a range that cannot hold both split peaks (see
     `require_wide_range`).
     """
-    omega_r = model.resonance_omega(resonance)
-    frequency_range(low, high)
-    if isinstance(absorber, TunedAbsorber):
-        require_wide_range(model, absorber.mass_ratio, resonance, low, high)
-    return _highest(model, absorber, omega_r, low, high)
+    return _highest(model, absorber, _scored(model, absorber, resonance, low, high), low, high)
 
 
 def highest_amplitude(
@@ -250,10 +252,7 @@ def h2_norm(model: ModalModel, absorber: LinearAbsorber | None, resonance: int =
 
     Raises ParameterError for a mode without damping and, with a TunedAbsorber, for a range that cannot hold both split peaks.
     """
-    omega_r = model.resonance_omega(resonance)
-    frequency_range(low, high)
-    if isinstance(absorber, TunedAbsorber):
-        require_wide_range(model, absorber.mass_ratio, resonance, low, high)
+    omega_r = _scored(model, absorber, resonance, low, high)
     matrix, b, c = _stable(model, absorber, omega_r)
     weighted = scipy.linalg.solve_continuous_lyapunov(matrix, -np.outer(b, b)) @ c
     return float(np.sqrt(omega_r * 2 * max(0.0, _integrated(matrix, c, weighted, low, high))))

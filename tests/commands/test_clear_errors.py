@@ -92,7 +92,7 @@ def pareto(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 def test_all_concepts_write_all_files(optimise: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(optimise, "VARIABLES", dict.fromkeys(("impact", "friction", "tuned")))  # several: two kernels more, of half a minute
-    before = optimise.conditions_of({"cluster": None, "threads": 1})["memory_bytes"]  # of all that these tests have loaded and compiled
+    before = optimise.design.conditions_of({"cluster": None, "threads": 1})["memory_bytes"]  # of all that these tests have loaded and compiled
     result = call(optimise, *FAST, "--concept", "all", "--at", "1:3.5", "--designs", 6, "--out", tmp_path)
     assert result.exit_code == 0, result.output
     common = {"card.html", "card.json", "designs.csv", "summary.json", "curves.csv", "curves.png", "detuned.csv", "detuned.png"}
