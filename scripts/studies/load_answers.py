@@ -21,22 +21,8 @@ from optimisation.friction_rule import scaled_friction
 from optimisation.machine import sources
 from optimisation.page import markdown
 from optimisation.signals import band_levels
-from studies.load_spectra import (
-    CASES,
-    GAP,
-    MASS_RATIO,
-    MODES,
-    RESTITUTION,
-    VARIANTS,
-    WIDTHS,
-    Case,
-    Settings,
-    band_text,
-    random_rows,
-    random_text,
-    shock_rows,
-    shock_text,
-)
+from studies import load_spectra as spectra
+from studies.load_spectra import CASES, GAP, MASS_RATIO, RESTITUTION, Case, Settings, band_text
 from studies.study import Json, Measured, Part, Saver, Study, rows_part
 
 Array = NDArray[np.float64]
@@ -147,7 +133,7 @@ GROUPS: dict[str, Callable[[Case], list[Variant]]] = {
     "restitution": _restitutions,
     "place": _places,
     "halves": _halves,
-    "modes": lambda case: _with_gaps(modal_model(replace(case.beam, modes=2 * MODES)), FEW_GAPS, f"{2 * MODES} modes, "),
+    "modes": lambda case: _with_gaps(modal_model(replace(case.beam, modes=2 * spectra.MODES)), FEW_GAPS, f"{2 * spectra.MODES} modes, "),
 }
 
 
@@ -244,9 +230,9 @@ def _over_force(rows: Sequence[Json], names: tuple[str, ...]) -> str:
 # part: title, what measures its rows, the name and the values that tell them apart, and what puts them into words
 PARTS: dict[str, tuple[str, Callable[[Case, Any, Settings], list[Json]], str, Sequence[Any], Callable[[Sequence[Json]], str]]] = {
     "loads_both": ("both resonances at once", both_rows, "group", tuple(GROUPS), both_text),
-    "loads_random": ("random loads", random_rows, "number", range(len(VARIANTS)), random_text),
+    "loads_random": ("random loads", spectra.random_rows, "number", range(len(spectra.VARIANTS)), spectra.random_text),
     "loads_gravity": ("gravity along the absorber's motion", gravity_rows, "weight", WEIGHTS, partial(_over_force, names=("weight", "friction"))),
-    "loads_shock": ("shocks", shock_rows, "width", WIDTHS, shock_text),
+    "loads_shock": ("shocks", spectra.shock_rows, "width", spectra.WIDTHS, spectra.shock_text),
     "loads_start": ("what a start does", start_rows, "start", STARTS, partial(_over_force, names=("start", "restitution", "friction"))),
 }
 
