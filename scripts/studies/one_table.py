@@ -4,9 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-import click
-
-from optimisation.cli.common import Command, check_target, json_option
+from optimisation.cli.common import Command, check_target, json_option, page_option
 from optimisation.machine import machine, sources
 from optimisation.page import markdown
 from studies.study import Json, Measured, Part, Place, Steps, Study
@@ -38,14 +36,8 @@ def lines(columns: Mapping[str, str], rows: Iterable[Mapping[str, Any]]) -> str:
 
 def table_options(marker: str, page: str) -> Callable[[Command], Command]:
     """Add --json and --page to a command whose table stands between the markers of ``page``; it gets them as ``target`` and ``page``."""
-    file = click.Path(dir_okay=False, path_type=Path)
-    words = f"Write the table into this page, between <!-- {marker} --> and <!-- /{marker} -->, as in {page}."
-
-    def add(command: Command) -> Command:
-        command = click.option("--page", type=file, metavar="FILE", help=words)(command)
-        return json_option("Write the numbers, each repeat where there are any.", "target")(command)
-
-    return add
+    json, table = json_option("Write the numbers, each repeat where there are any.", "target"), page_option(marker, page)
+    return lambda command: json(table(command))
 
 
 def table_place(target: Path | None, page: Path | None) -> Place:

@@ -113,7 +113,7 @@ def test_a_benchmark_writes_what_it_prints(block: str, monkeypatch: pytest.Monke
 )
 def test_agreement_is_to_the_digits_given(earlier: str, numbers: tuple[float, float, float], inside: bool) -> None:
     median, low, high = numbers
-    found = reference_levels.Compared(reference_levels.COLUMNS[0], 1.5, median, (low, high), earlier)
+    found = reference_levels.Compared(median, (low, high), earlier)
     assert found.inside is inside
     assert found.deviation == (None if " to " in earlier else pytest.approx(100 * (median / float(earlier) - 1)))
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
 
 import pytest
 from commands import call
@@ -17,7 +16,7 @@ from optimisation.files import read_json
 from studies.cli import reproduce_paper
 from studies.paper import study
 from studies.paper.claim import Claim, Verdict, from_plain, judged
-from studies.paper.frame import PaperFigure, Settings, in_turn, marker
+from studies.paper.frame import PaperFigure, Settings, Size, in_turn, marker
 from studies.paper.study import CLAIMED, REFUTED, SUMMARY, claims_part, reasons, summary, table
 from studies.study import Json, Steps
 
@@ -30,10 +29,6 @@ def script() -> ModuleType:
     return module
 
 
-class Points(NamedTuple):
-    points: int
-
-
 def figure_of(label: str, points: int, begin: Callable[[str], None]) -> PaperFigure:
     """Return a figure of two groups; ``begin`` is told the name of each before it is measured."""
 
@@ -41,7 +36,7 @@ def figure_of(label: str, points: int, begin: Callable[[str], None]) -> PaperFig
         begin(name)
         return {"sum": sum(range(points)) + settings.seed}
 
-    def measure(settings: Settings, _size: Points, known: Json) -> Steps:
+    def measure(settings: Settings, _size: Size, known: Json) -> Steps:
         return in_turn({name: partial(group, f"{label} {name}", settings) for name in ("first", "second")}, known)
 
     def words(values: Json) -> str:
@@ -51,7 +46,7 @@ def figure_of(label: str, points: int, begin: Callable[[str], None]) -> PaperFig
         verdict = judged(values["first"]["sum"], values["second"]["sum"], 3, 3)
         return [Claim(f"{label} sum", "the sum is 3", "2.1", str(values["second"]["sum"]), verdict, label, "It was another.")]
 
-    sizes = Points(points), Points(0)
+    sizes = Size(points=points), Size(points=0)
     return PaperFigure(label, label, sizes=sizes, measure=measure, words=words, draw=lambda _: Figure(), claims=claims)
 
 

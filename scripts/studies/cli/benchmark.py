@@ -4,13 +4,14 @@ import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import click
 
 from impact_env.drive import PAPER_RATE, Drive, linear_sweep
-from impact_env.methods import PAPER_STEPS, Exact, Method, Moreau
+from impact_env.methods import PAPER_STEPS, Exact, Moreau
 from impact_env.parameters import Beam, impact_absorber
+from impact_env.response import Response
 from impact_env.scene import Scene, beam_scene
 from optimisation.cli.common import command
 from optimisation.machine import Timed
@@ -18,12 +19,13 @@ from optimisation.progress import Bar
 from studies import load_speed
 from studies.one_table import lines, table_options, table_place, table_study
 from studies.runner import run
-from studies.study import Json, Measured
+from studies.study import Json, Measured, Study
 
 NAME = "benchmark"
 START = 0.98  # of the first resonance; with the whole length the sweep ends at 1.06
 WHOLE, QUICK = 800.0, 60.0  # pseudo periods
 REPEATS, QUICK_REPEATS = 5, 1
+T = TypeVar("T")
 
 
 class Settings(NamedTuple):
@@ -66,31 +68,40 @@ CASES = (
 )
 
 
-def measure(case: Case, periods: float, repeats: int, advance: Callable[[], object]) -> Json:
-    """Time both methods in turn, so that a machine that slows down meets both: times per pseudo period in us, medians and all repeats."""
-    scene = case.scene()
-
-    def prepared(method: Method, length: float) -> Timed:
-        schedule = linear_sweep(scene.model.resonance_omega(1), START, START + length * PAPER_RATE / 1e4)
-        return Timed(scene, Drive(case.force, schedule), method)
-
-    short = min(periods, case.moreau_periods)
-    exact, moreau = prepared(Exact(), periods), prepared(Moreau(), short)
+def in_turn(one: Timed, other: Timed, repeats: int, advance: Callable[[], object]) -> tuple[list[float], list[float], Response]:
+    """Return times per pseudo period in us of two runs in turn, so that a machine that slows down meets both, and the last response of the first."""
     times: tuple[list[float], list[float]] = ([], [])
-    counts = (0, 0, 0)
     for _ in range(repeats):
-        response = exact.run()
-        counts = (response.impact_count, response.steps, response.evaluations)
-        times[0].append(1e6 * response.wall_time / periods)
-        times[1].append(1e6 * moreau.run().wall_time / short)
+        response, beside = one.run(), other.run()
+        for found, each, timed in zip(times, (response, beside), (one, other), strict=True):
+            found.append(1e6 * each.wall_time / timed.drive.schedule.periods)
         advance()
-    impacts, events, evaluations = (count / periods for count in counts)
-    exact_us, moreau_us = map(statistics.median, times)
+    return *times, response
+
+
+def sweep_up(scene: Scene, force: float, start: float, periods: float) -> Drive:
+    """Return the paper's sweep up from a frequency over the first resonance's, over so many pseudo periods."""
+    return Drive(force, linear_sweep(scene.model.resonance_omega(1), start, start + periods * PAPER_RATE / 1e4))
+
+
+def measure(case: Case, periods: float, repeats: int, advance: Callable[[], object]) -> Json:
+    """Time both methods: times per pseudo period in us, medians and all repeats."""
+    scene, short = case.scene(), min(periods, case.moreau_periods)
+    exact, moreau = (Timed(scene, sweep_up(scene, case.force, START, length), method) for method, length in ((Exact(), periods), (Moreau(), short)))
+    exact_each, moreau_each, response = in_turn(exact, moreau, repeats, advance)
+    impacts, events, evaluations = (count / periods for count in (response.impact_count, response.steps, response.evaluations))
+    exact_us, moreau_us = statistics.median(exact_each), statistics.median(moreau_each)
     return {
         "name": case.name, "case": asdict(case), "pseudo_periods": periods, "moreau_pseudo_periods": short, "impacts_per_period": impacts,
-        "events_per_period": events, "evaluations_per_period": evaluations, "exact_us_each": times[0], "moreau_us_each": times[1],
+        "events_per_period": events, "evaluations_per_period": evaluations, "exact_us_each": exact_each, "moreau_us_each": moreau_each,
         "exact_us": exact_us, "moreau_us": moreau_us, "ratio": moreau_us / exact_us, "reference_ratio": case.reference_us / exact_us,
     }  # fmt: skip
+
+
+def all_cases(cases: Sequence[T], repeats: int, work: Callable[[T, Callable[[], object]], Json]) -> Json:
+    """Measure all cases, with a bar."""
+    with Bar(total=repeats * len(cases), desc="timing", unit="repeat", leave=False) as bar:
+        return {"repeats": repeats, "cases": [work(case, bar.update) for case in cases]}
 
 
 def table(cases: Sequence[Json]) -> str:
@@ -122,13 +133,12 @@ def _said(measured: Measured) -> str:
     )
 
 
-def _measure(settings: Settings) -> Json:
-    with Bar(total=settings.repeats * len(CASES), desc="timing", unit="repeat", leave=False) as bar:
-        results = [measure(case, settings.periods, settings.repeats, bar.update) for case in CASES]
-    return {"repeats": settings.repeats, "cases": results}
-
-
-STUDY = table_study(NAME, "speed of the exact method", _measure, _said)
+STUDY: Study[Settings] = table_study(
+    NAME,
+    "speed of the exact method",
+    lambda given: all_cases(CASES, given.repeats, lambda case, advance: measure(case, given.periods, given.repeats, advance)),
+    _said,
+)
 
 
 @command()

@@ -2,13 +2,12 @@
 
 import statistics
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import click
 
-from impact_env.drive import PAPER_RATE, Drive, linear_sweep
+from impact_env.drive import PAPER_RATE
 from impact_env.methods import Exact
 from impact_env.parameters import (
     Beam,
@@ -20,34 +19,25 @@ from impact_env.parameters import (
     TunedAbsorber,
     friction_damper,
     impact_absorber,
-)
+)  # fmt: skip
 from impact_env.response import Record
 from impact_env.scene import beam_scene
 from impact_env.shared_mass import impact_absorbers
 from optimisation.cli.common import command
 from optimisation.machine import Timed
-from optimisation.progress import Bar
+from studies.cli.benchmark import Settings, all_cases, in_turn, sweep_up
 from studies.one_table import lines, table_options, table_place, table_study
 from studies.runner import run
-from studies.study import Json, Measured
+from studies.study import Json, Measured, Study
 
 NAME = "benchmark_energies"
 START = 0.9  # of the first resonance; with the whole length the sweep ends at 1.06
 WHOLE, QUICK = 1600.0, 40.0  # pseudo periods
 REPEATS, QUICK_REPEATS = 40, 3
 STIFFNESS = 1e6  # N/m, of compliant walls
-LEVEL, ENERGIES = Record(), Record(energy=True)
 
 
-class Settings(NamedTuple):
-    """Pseudo periods of a run, and runs with and without an account."""
-
-    periods: float
-    repeats: int
-
-
-@dataclass(frozen=True)
-class Case:
+class Case(NamedTuple):
     """One line of the benchmark: the force is in N."""
 
     name: str
@@ -72,23 +62,17 @@ CASES = (
 
 
 def measure(case: Case, settings: Settings, advance: Callable[[], object]) -> Json:
-    """Time both in turn, so that a machine that slows down meets both: times per pseudo period in us, medians and all repeats."""
+    """Time both: times per pseudo period in us, medians and all repeats."""
     scene, periods = beam_scene(Beam(modes=case.modes), case.absorber), settings.periods
-    drive = Drive(case.force, linear_sweep(scene.model.resonance_omega(1), START, START + periods * PAPER_RATE / 1e4))
-    bare, watched = (Timed(scene, drive, Exact(), record=record) for record in (LEVEL, ENERGIES))
-    times: tuple[list[float], list[float]] = ([], [])
-    stretches, balance = 0.0, 0.0
-    for _ in range(settings.repeats):
-        times[0].append(1e6 * bare.run().wall_time / periods)
-        response = watched.run()
-        times[1].append(1e6 * response.wall_time / periods)
-        assert response.energy is not None
-        stretches, balance = response.steps / periods, response.energy.relative_error
-        advance()
-    bare_us, energies_us = map(statistics.median, times)
+    drive = sweep_up(scene, case.force, START, periods)
+    watched, bare = (Timed(scene, drive, Exact(), record=record) for record in (Record(energy=True), Record()))
+    energies_each, bare_each, response = in_turn(watched, bare, settings.repeats, advance)
+    assert response.energy is not None
+    bare_us, energies_us = statistics.median(bare_each), statistics.median(energies_each)
     return {
-        "name": case.name, "pseudo_periods": periods, "stretches_per_period": stretches, "bare_us_each": times[0], "energies_us_each": times[1],
-        "balance": balance, "bare_us": bare_us, "energies_us": energies_us, "ratio": energies_us / bare_us,
+        "name": case.name, "pseudo_periods": periods, "stretches_per_period": response.steps / periods, "bare_us_each": bare_each,
+        "energies_us_each": energies_each, "balance": response.energy.relative_error, "bare_us": bare_us, "energies_us": energies_us,
+        "ratio": energies_us / bare_us,
     }  # fmt: skip
 
 
@@ -117,13 +101,12 @@ def _said(measured: Measured) -> str:
     )
 
 
-def _measure(settings: Settings) -> Json:
-    with Bar(total=settings.repeats * len(CASES), desc="timing", unit="repeat", leave=False) as bar:
-        results = [measure(case, settings, bar.update) for case in CASES]
-    return {"repeats": settings.repeats, "cases": results}
-
-
-STUDY = table_study(NAME, "price of an energy account", _measure, _said)
+STUDY: Study[Settings] = table_study(
+    NAME,
+    "price of an energy account",
+    lambda given: all_cases(CASES, given.repeats, lambda case, advance: measure(case, given, advance)),
+    _said,
+)
 
 
 @command()

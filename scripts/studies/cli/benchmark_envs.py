@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,9 +20,8 @@ import numpy as np
 from impact_env.ensemble import available_cores
 from impact_env.extras import optional
 from optimisation.cli.common import command
-from optimisation.page import markdown
 from optimisation.progress import Bar
-from studies.one_table import table_options, table_place, table_study
+from studies.one_table import lines, table_options, table_place, table_study
 from studies.runner import run
 from studies.study import Json, Measured
 
@@ -75,9 +75,7 @@ def timed(name: str, lanes: int, step: Callable[[], object], seconds: float, adv
 
 def single(seconds: float, advance: Callable[[], object]) -> Speed:
     """Time one environment."""
-    with optional():
-        import gymnasium
-    env = gymnasium.make(PASSIVE, **PASSAGE)
+    env = gym().make(PASSIVE, **PASSAGE)
     env.reset(seed=0)
 
     def step() -> None:
@@ -88,24 +86,24 @@ def single(seconds: float, advance: Callable[[], object]) -> Speed:
     return timed("single", 1, step, seconds, advance)
 
 
-def vector(name: str, mode: str, lanes: int, seconds: float, advance: Callable[[], object], **options: Any) -> Speed:
-    """Time a vector of environments, made by Gymnasium's `make_vec` in this mode."""
+def gym() -> Any:
+    """Return gymnasium."""
     with optional():
         import gymnasium
-    env = gymnasium.make_vec(PASSIVE, num_envs=lanes, vectorization_mode=mode, **options, **PASSAGE)
-    try:
+    return gymnasium
+
+
+def vector(name: str, mode: str, lanes: int, seconds: float, advance: Callable[[], object], **options: Any) -> Speed:
+    """Time a vector of environments, made by Gymnasium's `make_vec` in this mode."""
+    with closing(gym().make_vec(PASSIVE, num_envs=lanes, vectorization_mode=mode, **options, **PASSAGE)) as env:
         env.reset(seed=0)
         actions = np.zeros(lanes, dtype=np.int64)
         return timed(name, lanes, lambda: env.step(actions), seconds, advance)
-    finally:
-        env.close()
 
 
 def task(name: str, lanes: int, seconds: float, advance: Callable[[], object]) -> Speed:
     """Time a task that people train on, as it is, under random actions, and what its steps take beside the simulation of their periods."""
-    with optional():
-        import gymnasium
-    env: Any = gymnasium.make_vec(name, num_envs=lanes)
+    env = gym().make_vec(name, num_envs=lanes)
     env.reset(seed=0)
     actions = np.random.default_rng(0).uniform(-1, 1, env.action_space.shape).astype(np.float32)
     runs, above, simulated = env.unwrapped.task.runs, list[float](), [0.0]
@@ -131,12 +129,10 @@ def bridge(seconds: float, advance: Callable[[], object]) -> Speed:
     """Time the native vector behind the interface of stable-baselines3."""
     from optimisation.rl.vec_env import make_native
 
-    env = make_native(PASSIVE, BRIDGE, **PASSAGE)
-    env.reset()
-    actions = np.zeros(BRIDGE, dtype=np.int64)
-    speed = timed("stable-baselines3 bridge", BRIDGE, lambda: env.step(actions), seconds, advance)
-    env.close()
-    return speed
+    with closing(make_native(PASSIVE, BRIDGE, **PASSAGE)) as env:
+        env.reset()
+        actions = np.zeros(BRIDGE, dtype=np.int64)
+        return timed("stable-baselines3 bridge", BRIDGE, lambda: env.step(actions), seconds, advance)
 
 
 def training(seconds: float, advance: Callable[[], object]) -> Speed:
@@ -160,29 +156,19 @@ def training(seconds: float, advance: Callable[[], object]) -> Speed:
 
 def first_step() -> tuple[float, float]:
     """Return the times in s that a new process needs to import what there is, and then to make an environment and do its first step."""
-    pairs = []
-    for _ in range(REPEATS):
-        done = subprocess.run([sys.executable, "-c", FIRST_STEP], capture_output=True, text=True, check=True)
-        pairs.append([float(number) for number in done.stdout.split()])
-    imported, made = zip(*pairs, strict=True)
-    return statistics.median(imported), statistics.median(made)
+    done = [subprocess.run([sys.executable, "-c", FIRST_STEP], capture_output=True, text=True, check=True).stdout for _ in range(REPEATS)]
+    imported, made = np.median([[float(number) for number in pair.split()] for pair in done], axis=0).tolist()
+    return imported, made
 
 
 def cases() -> list[Callable[[float, Callable[[], object]], Speed]]:
     """Return the timed cases in the order of the table."""
-    cores = available_cores()
-
-    def native(lanes: int) -> Callable[[float, Callable[[], object]], Speed]:
-        return lambda seconds, advance: vector("native vector", "vector_entry_point", lanes, seconds, advance)
-
-    def asynchronous(lanes: int) -> Callable[[float, Callable[[], object]], Speed]:
-        return lambda seconds, advance: vector("Gymnasium's AsyncVectorEnv", "async", lanes, seconds, advance, vector_kwargs={"context": "spawn"})
-
+    cores, spawned = available_cores(), {"context": "spawn"}
     return [
         single,
-        *map(native, NATIVE),
-        lambda seconds, advance: vector("Gymnasium's SyncVectorEnv", "sync", OWN, seconds, advance),
-        *map(asynchronous, sorted({cores, 4 * cores})),
+        *(partial(vector, "native vector", "vector_entry_point", lanes) for lanes in NATIVE),
+        partial(vector, "Gymnasium's SyncVectorEnv", "sync", OWN),
+        *(partial(vector, "Gymnasium's AsyncVectorEnv", "async", lanes, vector_kwargs=spawned) for lanes in sorted({cores, 4 * cores})),
         bridge,
         training,
         *(partial(task, f"ImpactAbsorber/{name}", lanes) for name in TRAINED_ON for lanes in (OWN, BRIDGE)),
@@ -192,12 +178,20 @@ def cases() -> list[Callable[[float, Callable[[], object]], Speed]]:
 def table(speeds: Sequence[Json]) -> str:
     """Return a line for each kind and number of environments."""
     best = max(speed["steps_per_s"] for speed in speeds if speed["name"].startswith("Gymnasium"))
+    columns = {
+        "environment": "{name}",
+        "lanes": "{lanes:,}",
+        "steps/s": "{steps_per_s:,.0f}",
+        "pseudo periods/s": "{periods:,.0f}",
+        "over Gymnasium's best": "{over}",
+        "µs a step above its periods": "{more}",
+    }
     rows = []
     for speed in speeds:
-        rate, interval = speed["steps_per_s"], speed["interval"]
-        over, above = ("-", f"{1e6 * speed['above']:,.0f}") if speed["name"] in TRAINED_ON else (f"{rate / best:.1f}", "-")
-        rows.append((speed["name"], f"{speed['lanes']:,}", f"{rate:,.0f}", f"{rate * interval:,.0f}", over, above))
-    return markdown(("environment", "lanes", "steps/s", "pseudo periods/s", "over Gymnasium's best", "µs a step above its periods"), rows)
+        rate, trained = speed["steps_per_s"], speed["name"] in TRAINED_ON
+        over, more = ("-", f"{1e6 * speed['above']:,.0f}") if trained else (f"{rate / best:.1f}", "-")
+        rows.append({**speed, "periods": rate * speed["interval"], "over": over, "more": more})
+    return lines(columns, rows)
 
 
 def _measure(seconds: float) -> Json:

@@ -25,9 +25,8 @@ from impact_env.scene import beam_scene
 from optimisation.cli.common import check_target, command
 from optimisation.comparison import force_grid
 from optimisation.explore.settings import MOST_MEMBERS
-from optimisation.page import markdown
 from optimisation.report.figures import few_colours
-from studies.one_table import table_options, table_place, table_study
+from studies.one_table import lines, table_options, table_place, table_study
 from studies.runner import run
 from studies.study import Json, Measured
 
@@ -41,6 +40,7 @@ SIZE: Any = {"width": 1280, "height": 800}
 FILM, FILM_COLOURS = (960, 600), 128
 PICTURE = 0.3  # s, for which each picture of the film is shown
 GAP = "Gap to either wall, mm"
+FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 class Settings(NamedTuple):
@@ -184,14 +184,20 @@ def measure(settings: Settings) -> Json:
 
 def said(found: Measured) -> str:
     """Return the table: medians, and in brackets the largest."""
-    header = ("modes, friction in N", "first points, ms", "24 forces both ways, ms", "everything, ms", "stale work ends, ms")
-    rows = []
-    for row in found.values["cases"]:
-        shown = [f"{statistics.median(times):.0f} ({max(times):.0f})" for name in (*MARKS.values(), "stopped_ms") for times in [row[name]]]
-        rows.append((f"{row['modes']}, {row['friction_limit']:g}", *shown))
+    columns = {
+        "modes, friction in N": "{modes}, {friction_limit:g}",
+        "first points, ms": "{first_ms}",
+        "24 forces both ways, ms": "{all_forces_ms}",
+        "everything, ms": "{everything_ms}",
+        "stale work ends, ms": "{stopped_ms}",
+    }
+    rows = [
+        row | {name: f"{statistics.median(row[name]):.0f} ({max(row[name]):.0f})" for name in (*MARKS.values(), "stopped_ms")}
+        for row in found.values["cases"]
+    ]
     first, last = found.values["load"]
     return (
-        f"{markdown(header, rows)}\n\nMedian of {found.values['repeats']} moves of the gap's slider, each when the forces of the one before are "
+        f"{lines(columns, rows)}\n\nMedian of {found.values['repeats']} moves of the gap's slider, each when the forces of the one before are "
         f"there, of everything of the last {WHOLE_REPEATS}; in brackets the longest. "
         f"The machine's load was {first:.1f} when it began and {last:.1f} when it ended, of which the benchmark is one or two."
     )
@@ -202,10 +208,8 @@ STUDY = table_study(NAME, "explorer", measure, said)
 
 @command()
 @click.option("--quick", is_flag=True, help=f"{QUICK_REPEATS} moves of each case: a look, not a measurement.")
-@click.option("--picture", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Keep a picture of the page: .png.")
-@click.option(
-    "--film", "filmed", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Make a film of the page, .gif, and nothing else."
-)
+@click.option("--picture", type=FILE, metavar="FILE", help="Keep a picture of the page: .png.")
+@click.option("--film", "filmed", type=FILE, metavar="FILE", help="Make a film of the page, .gif, and nothing else.")
 @table_options(NAME, "docs/explore.md")
 def main(quick: bool, picture: Path | None, filmed: Path | None, target: Path | None, page: Path | None) -> None:
     """Move a slider of the page and time what it draws, until the first points, all forces and everything; and how soon stale work ends.

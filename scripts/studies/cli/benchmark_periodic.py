@@ -3,8 +3,9 @@
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple, TypeVar
 
 import click
 import numpy as np
@@ -15,11 +16,11 @@ from impact_env.periodic.balance_branches import BALANCE_STEPS, frequency_proble
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Steps, both_ways
 from impact_env.periodic.folds import fold_near
-from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
+from impact_env.periodic.green import NoOrbit, solve, unknowns_of
 from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.periodic.motion import motion_of, stability_of
 from impact_env.periodic.orbit import Orbit
-from impact_env.periodic.orbit_branches import orbit_branch
+from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch
 from impact_env.periodic.schedule import EventSchedule, flying_schedule
 from impact_env.periodic.shooting import shoot
 from impact_env.periodic.survey import attractors, closed_form_orbits, orbit_of_simulation
@@ -38,11 +39,11 @@ BRANCH_POINTS = 200
 BALANCE_POINTS = 250
 MOVED = 1e-3  # rad, units of impulse: how far from the orbit Newton's method begins
 FINE_STEPS = Steps(first=0.005, least=1e-8, most=0.02, points=BRANCH_POINTS)
+T = TypeVar("T")
 DIFFERENCE = 2e-7  # of each coordinate's unit, by which a run is disturbed
 
 
-@dataclass(frozen=True)
-class Line:
+class Line(NamedTuple):
     """One line: what was measured, its bar (None: there is none) and its median, both in ``unit``, and all repeats in the order they were made in."""
 
     what: str
@@ -74,28 +75,27 @@ def first_orbit(case: Case) -> Orbit:
     return closed_form_orbits(case).orbits[0]
 
 
+def found(result: T | NoOrbit) -> T:
+    """Return what was found; raises ClickException with the reason if that is nothing."""
+    if isinstance(result, NoOrbit):
+        raise click.ClickException(result.reason)
+    return result
+
+
 def newton(schedule: EventSchedule, orbit: Orbit, repeated: int = 1) -> Callable[[], object]:
     """Return Newton's method from beside an orbit, whose events are listed once, or over several of its periods."""
-    case, z = orbit.case, unknowns_of(orbit.solution)
-    if repeated > 1:
-        n, m = len(orbit.schedule.events), orbit.schedule.impacts
-        phases = [z[:n] + k * orbit.schedule.turn for k in range(repeated)]
-        z = np.concatenate([*phases, *[z[n : n + m]] * repeated, z[n + m :]])
+    z, n, m = unknowns_of(orbit.solution), len(orbit.schedule.events), orbit.schedule.impacts
+    phases = [z[:n] + k * orbit.schedule.turn for k in range(repeated)]
+    z = np.concatenate([*phases, *[z[n : n + m]] * repeated, z[n + m :]])
     start = z + MOVED * np.cos(np.arange(len(z)))
-
-    def work() -> None:
-        if not isinstance(solve(case, schedule, start), Solution):
-            raise click.ClickException(f"Newton's method failed on {schedule}")
-
-    return work
+    return lambda: found(solve(orbit.case, schedule, start))
 
 
 def closed_form_line(modes: int, friction: float, repeats: int) -> Line:
     """Both branches of the closed form, for each frequency."""
     case, count = case_at(modes, 1.0, 3.0, 1.0, friction), 1000
     omegas = np.linspace(0.9, 1.06, count) * case.omega
-    what = f"closed form, both branches, {modes} modes"
-    return timed(what, 2.0, "us", repeats, lambda: closed_form_branches(case, omegas), count)
+    return timed(f"closed form, both branches, {modes} modes", 2.0, "us", repeats, lambda: closed_form_branches(case, omegas), count)
 
 
 def map_line(modes: int, repeats: int) -> Line:
@@ -114,21 +114,23 @@ def frictionless_branch(repeats: int) -> Line:
     def work() -> None:
         z = unknowns_of(first_orbit(case_at(3, 1.0, 3.0)).solution)
         for ratio in np.linspace(1.0, 1.06, BRANCH_POINTS):
-            solution = solve(case.changed(omega=float(ratio) * first), schedule, z)
-            if isinstance(solution, NoOrbit):
-                raise click.ClickException(solution.reason)
+            solution = found(solve(case.changed(omega=float(ratio) * first), schedule, z))
             z = unknowns_of(solution)
             stability_of(motion_of(solution))
 
     return timed(f"frictionless, {BRANCH_POINTS} branch points with multipliers", 0.5, "s", repeats, work)
 
 
+def branch_of(orbit: Orbit, reach: tuple[float, float]) -> OrbitBranch:
+    """Return the branch of an orbit between two frequencies over the first resonance's; all is looked at on every point."""
+    low, high = (ratio * float(orbit.case.model.omega[0]) for ratio in reach)
+    return orbit_branch(orbit.solution, "omega", (low, high), FINE_STEPS)
+
+
 def branch_line(what: str, bar: float, orbit: Orbit, reach: tuple[float, float], repeats: int) -> Line:
-    """Continuation through changes of the events' order, for 200 points; monitors and the order are looked at on every point."""
-    first = float(orbit.case.model.omega[0])
-    limits = (reach[0] * first, reach[1] * first)
-    points = len(orbit_branch(orbit.solution, "omega", limits, FINE_STEPS).schedules)
-    return timed(what, bar, "s", repeats, lambda: orbit_branch(orbit.solution, "omega", limits, FINE_STEPS), points / BRANCH_POINTS)
+    """Continuation through changes of the events' order, for 200 points."""
+    points = len(branch_of(orbit, reach).schedules)
+    return timed(what, bar, "s", repeats, lambda: branch_of(orbit, reach), points / BRANCH_POINTS)
 
 
 def largest(what: str, bar: float, each: list[float]) -> Line:
@@ -138,10 +140,8 @@ def largest(what: str, bar: float, each: list[float]) -> Line:
 
 def residual_line(orbits: dict[str, Orbit], reach: tuple[float, float]) -> Line:
     """The exact method's residual of every orbit on the isola of three modes, and of the single ones."""
-    isola = orbits["isola"]
-    first = float(isola.case.model.omega[0])
-    branch = orbit_branch(isola.solution, "omega", (reach[0] * first, reach[1] * first), FINE_STEPS)
-    each = [orbit.residual for orbit in branch.orbits() if isinstance(orbit, Orbit)] + [orbit.residual for orbit in orbits.values()]
+    branch = branch_of(orbits["isola"], reach)
+    each = [orbit.residual for orbit in (*branch.orbits(), *orbits.values()) if isinstance(orbit, Orbit)]
     return largest(f"largest residual by propagation, {len(each)} orbits", BAR, each)
 
 
@@ -151,10 +151,9 @@ def balance_line(repeats: int) -> Line:
     first, best = float(case.model.omega[0]), closed_form(case)[-1]
     balance = harmonic_balance(case.scene, case.omega, case.force, harmonics)
     z = balance.solved(start_of_orbit(balance, best.impulse, best.phase))
-    problem = frequency_problem(balance, 0.85 * first, 1.0 * first)
-    points = len(both_ways(problem, z, case.omega, BALANCE_STEPS))
+    work = partial(both_ways, frequency_problem(balance, 0.85 * first, 1.0 * first), z, case.omega, BALANCE_STEPS)
     what = f"harmonic balance, {harmonics} harmonics, {BALANCE_POINTS} branch points, 3 modes"
-    return timed(what, 5.0, "s", repeats, lambda: both_ways(problem, z, case.omega, BALANCE_STEPS), points / BALANCE_POINTS)
+    return timed(what, 5.0, "s", repeats, work, len(work()) / BALANCE_POINTS)
 
 
 def fold_line() -> Line:
@@ -180,12 +179,8 @@ def shooting_line(what: str, orbit: Orbit, repeats: int) -> Line:
     """Shooting from beside an orbit: each of Newton's steps follows the whole motion event by event."""
     phase, state = orbit.motion.mid_flight()
     start, schedule = state * (1 + 1e-5 * np.cos(np.arange(len(state)))), orbit.schedule
-
-    def work() -> None:
-        if isinstance(shoot(orbit.case, phase, start, schedule.symmetric, schedule.period_multiple), NoOrbit):
-            raise click.ClickException(f"shooting failed on {schedule}")
-
-    return timed(what, None, "ms", repeats, work)
+    work = partial(shoot, orbit.case, phase, start, schedule.symmetric, schedule.period_multiple)
+    return timed(what, None, "ms", repeats, lambda: found(work()))
 
 
 def multiplier_line(orbits: dict[str, Orbit], bar: float = 1e-6) -> Line:
@@ -257,7 +252,7 @@ def table(lines: Sequence[Json]) -> str:
 STUDY: Study[int] = table_study(
     NAME,
     "speed and accuracy of periodic orbits",
-    lambda repeats: {"lines": [asdict(line) for line in measure(repeats)]},
+    lambda repeats: {"lines": [line._asdict() for line in measure(repeats)]},
     lambda measured: table(measured.values["lines"]),
 )
 

@@ -9,19 +9,17 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import click
 
 from impact_env.ensemble import available_cores
 from impact_env.parameters import ParameterError
 from optimisation.cli.common import command
-from optimisation.page import ROOT, markdown
+from optimisation.page import ROOT
 from optimisation.progress import Bar
-from studies.one_table import table_options, table_place, table_study
+from studies.one_table import lines, table_options, table_place, table_study
 from studies.runner import run
 from studies.study import Json, Measured
 from studies.variants import Variant
@@ -54,90 +52,65 @@ env.step(env.action_space.sample())
 """
 ORBITS = ("-m", "optimisation.cli.group", "orbits", "--modes", "3", "--friction-limit", "0.01", "--at", "0.95")
 OTHERS = {"first step of an environment": ("-c", FIRST_STEP), "orbits, symmetric": (*ORBITS, "--symmetric"), "orbits, all": ORBITS}
-WANTED = {"to the table and the figure": 75.0}  # s
+WANTED = 75.0  # s
 WANTED_CALL = 15.0  # s
-STARTED = ("set-up", "compilation", "comparison")
+
+
 FORGOTTEN = ("IMPACT_ENV_", "NUMBA_", "PIP_CACHE", "PYTHONPATH", "XDG_", "VIRTUAL_ENV")
 
 
-class Settings(NamedTuple):
-    """Options of the comparison, whose first calls are timed, and what other first calls, by name as Python's arguments."""
-
-    comparison: tuple[str, ...]
-    first_calls: tuple[Variant, ...]
-    others: Mapping[str, tuple[str, ...]]
-
-    @property
-    def calls(self) -> dict[str, tuple[str, ...]]:
-        """All first calls, by name as Python's arguments."""
-        scenes = {variant.name: ("-c", FIRST_CALL, variant.absorber, variant.method, variant.record) for variant in self.first_calls}
-        return {**scenes, **self.others}
-
-
-WHOLE = Settings((), FIRST_CALLS, OTHERS)
-QUICK = Settings(("--quick",), FIRST_CALLS[:1], {})
-
-
-@dataclass(frozen=True)
-class Step:
-    """One step: times in s by the clock and of all cores together, and what is wanted by the clock, None if nothing is."""
-
-    what: str
-    wall_s: float
-    cpu_s: float
-    wanted_s: float | None = None
-
-
-def timed(what: str, command: list[str], clone: Path, environment: dict[str, str], wanted: float | None = None) -> Step:
-    """Run a step in the clone; raises ClickException with what it said if it fails."""
+def timed(what: str, command: list[str], clone: Path, environment: dict[str, str], wanted: float | None = None) -> Json:
+    """Run a step in the clone and return its times in s; raises ClickException with what it said if it fails."""
     before, began = os.times(), time.perf_counter()
     done = subprocess.run(command, cwd=clone, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True)
     wall, after = time.perf_counter() - began, os.times()
     if done.returncode:
         raise click.ClickException(f"{what}: {' '.join(command)} ended with {done.returncode}: {done.stderr.strip()[-2000:]}")
     cpu = after.children_user + after.children_system - before.children_user - before.children_system
-    return Step(what, wall, cpu, wanted)
+    return {"what": what, "wall_s": wall, "cpu_s": cpu, "wanted_s": wanted}
 
 
-def steps(settings: Settings, place: Path, advance: Callable[[], object]) -> list[Step]:
-    """Do all steps in an empty folder and return their times."""
+def first_calls(quick: bool) -> dict[str, tuple[str, ...]]:
+    """Return all first calls, by name as Python's arguments."""
+    scenes = FIRST_CALLS[:1] if quick else FIRST_CALLS
+    return {variant.name: ("-c", FIRST_CALL, variant.absorber, variant.method, variant.record) for variant in scenes} | ({} if quick else OTHERS)
+
+
+def steps(quick: bool, place: Path, advance: Callable[[], object]) -> list[Json]:
+    """Do all steps in an empty folder and return their times: by the clock, of all cores together, and what is wanted by the clock, if anything."""
     clone, home = place / "clone", place / "home"
     home.mkdir()
     environment = {name: value for name, value in os.environ.items() if not name.startswith(FORGOTTEN)} | {"HOME": str(home)}  # of a newcomer
     timed("clone", ["git", "clone", "--quiet", str(ROOT), str(clone)], place, os.environ.copy())
-    python = str(clone / ".venv" / "bin" / "python")
     set_up = [getattr(sys, "_base_executable", sys.executable), str(clone / "scripts" / "lib" / "set_up.py")]
-    comparison = [str(clone / "scripts" / "run"), "compare_absorbers", *settings.comparison, "--out", str(place / "results")]
-    commands = ([*set_up, "main"], [*set_up, "main", "kernels"], comparison)
+    comparison = [str(clone / "scripts" / "run"), "compare_absorbers", *(["--quick"] if quick else []), "--out", str(place / "results")]
+    started = {"set-up": [*set_up, "main"], "compilation": [*set_up, "main", "kernels"], "comparison": comparison}
     found = []
-    for what, words in zip(STARTED, commands, strict=True):
+    for what, words in started.items():
         found.append(timed(what, words, clone, environment))
         advance()
-    whole = "to the table and the figure"
-    found.append(Step(whole, sum(step.wall_s for step in found), sum(step.cpu_s for step in found), WANTED[whole]))
-    if settings.others:
+    wall, cpu = (sum(step[name] for step in found) for name in ("wall_s", "cpu_s"))
+    found.append({"what": "to the table and the figure", "wall_s": wall, "cpu_s": cpu, "wanted_s": WANTED})
+    if not quick:
         timed("packages of the environments", [*set_up, "env"], clone, environment)
-    for name, arguments in settings.calls.items():
-        found.append(timed(f"first call: {name}", [python, *arguments], clone, environment, WANTED_CALL))
+    for name, arguments in first_calls(quick).items():
+        found.append(timed(f"first call: {name}", [str(clone / ".venv" / "bin" / "python"), *arguments], clone, environment, WANTED_CALL))
         advance()
     return found
 
 
-def _measure(settings: Settings) -> Json:
+def _measure(quick: bool) -> Json:
     if not (ROOT / ".git").exists() or shutil.which("git") is None:
         raise ParameterError(f"{ROOT} is not allowed: a checkout with its history, and git to clone it")
-    total = len(STARTED) + len(settings.calls)
+    total = 3 + len(first_calls(quick))
     with tempfile.TemporaryDirectory(prefix="start-") as place, Bar(total=total, desc="starting", unit="step", leave=False) as bar:
-        found = steps(settings, Path(place), bar.update)
-    return {"cores": available_cores(), "steps": [asdict(step) for step in found]}
+        return {"cores": available_cores(), "steps": steps(quick, Path(place), bar.update)}
 
 
 def table(found: list[Json]) -> str:
     """Return a line for each step."""
-    rows = [
-        (step["what"], f"{step['wall_s']:.1f}", f"{step['cpu_s']:.1f}", "" if step["wanted_s"] is None else f"{step['wanted_s']:g}") for step in found
-    ]
-    return markdown(("step", "by the clock, s", "of all cores, s", "wanted, s"), rows)
+    columns = {"step": "{what}", "by the clock, s": "{wall_s:.1f}", "of all cores, s": "{cpu_s:.1f}", "wanted, s": "{wanted}"}
+    return lines(columns, ({**step, "wanted": "" if step["wanted_s"] is None else f"{step['wanted_s']:g}"} for step in found))
 
 
 def _said(measured: Measured) -> str:
@@ -156,4 +129,4 @@ def main(quick: bool, target: Path | None, page: Path | None) -> None:
 
     Run it on an otherwise idle machine with a network. It measures what is committed, and leaves nothing behind.
     """
-    run(STUDY, QUICK if quick else WHOLE, table_place(target, page))
+    run(STUDY, quick, table_place(target, page))

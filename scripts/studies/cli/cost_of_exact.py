@@ -3,27 +3,26 @@
 import statistics
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 import numpy as np
 
-from impact_env.drive import PAPER_RATE, Drive, linear_sweep
 from impact_env.families.exact import rigid_regimes
 from impact_env.families.family import WINDOW_PERIODS
 from impact_env.kernels.compiling.jit import jit
 from impact_env.kernels.events.signals import Course, Guards, Signal, new_signal, signal_at, terms_of
 from impact_env.kernels.motion.forced import Forced, Window, fill_carrier, new_forced, solve_forced
-from impact_env.kernels.motion.segments import Regime
-from impact_env.kernels.motion.slots import advance
+from impact_env.kernels.motion.slots import Slots, advance
 from impact_env.kernels.motion.vector import POINTS, Place, Step, begin_orders, scan, turn_2
 from impact_env.methods import Exact
 from optimisation.cli.common import command
 from optimisation.machine import Timed
 from optimisation.page import markdown
 from optimisation.progress import Bar
-from studies.cli.benchmark import CASES, START, Case
+from studies.cli.benchmark import CASES, START, Case, sweep_up
 from studies.one_table import table_options, table_place, table_study
 from studies.runner import run
 from studies.study import Json, Study
@@ -38,11 +37,11 @@ class Room(NamedTuple):
     z: Any
 
 
-def make_room(regime: Regime, omega: float, half: float) -> Room:
+def make_room(slots: Slots, omega: float, half: float) -> Room:
     """Return room with amplitudes of a millimetre on every slot, forced at ``omega`` in a window of half length ``half`` (s)."""
-    signal, forced = new_signal(regime.slots.rows.shape[1]), new_forced(regime.slots, None)
+    signal, forced = new_signal(slots.rows.shape[1]), new_forced(slots, None)
     window = Window(0.0, half, omega, 0.0, 1.0, 0.0)
-    solve_forced(regime.slots, window, None, forced)
+    solve_forced(slots, window, None, forced)
     signal.u[:] = 1e-3
     return Room(signal, forced, window, np.full_like(signal.u, 1e-3))
 
@@ -118,25 +117,24 @@ def nanoseconds(call: Callable[[], object]) -> float:
 
 def measure(case: Case, periods: float) -> Json:
     """Time a whole run, and each part in a loop of its own on the same scene."""
-    scene = case.scene()
-    omega = scene.model.resonance_omega(1)
-    run = Timed(scene, Drive(case.force, linear_sweep(omega, START, START + periods * PAPER_RATE / 1e4)), Exact())
+    scene, level = case.scene(), 1
+    window = WINDOW_PERIODS * 2 * np.pi / scene.model.resonance_omega(1)
+    run = Timed(scene, sweep_up(scene, case.force, START, periods), Exact())
     responses = [run.run() for _ in range(REPEATS)]
     us = 1e6 * statistics.median(response.wall_time for response in responses) / periods
     events, evaluations = responses[0].steps / periods, responses[0].evaluations / periods
-    regime = rigid_regimes(scene, WINDOW_PERIODS * 2 * np.pi / omega)[0]
-    room = make_room(regime, omega, 0.5 * WINDOW_PERIODS * 2 * np.pi / omega)
-    level = 1
-    scan = nanoseconds(lambda: repeat_scan(CALLS, regime.slots, room, level))
-    turn = nanoseconds(lambda: repeat_turn(CALLS, regime.slots, room, level))
+    slots = rigid_regimes(scene, window)[0].slots
+    room = make_room(slots, scene.model.resonance_omega(1), 0.5 * window)
+    scan, turn = (nanoseconds(partial(repeat, CALLS, slots, room, level)) for repeat in (repeat_scan, repeat_turn))
+    refine, advanced, chirp = (nanoseconds(partial(repeat, CALLS, slots, room)) for repeat in (repeat_refine, repeat_advance, repeat_solve))
     parts = {  # time of one call in ns, calls per pseudo period
         f"{POINTS} times of the signal, its rate and the margins to walls": (scan, evaluations - events),
         "amplitudes moved on": (turn, evaluations - events),
-        "one exact value and three derivatives (refining an event)": (nanoseconds(lambda: repeat_refine(CALLS, regime.slots, room)), events),
-        "slots advanced to the event": (nanoseconds(lambda: repeat_advance(CALLS, regime.slots, room)), events),
-        "chirp of a window": (nanoseconds(lambda: repeat_solve(CALLS, regime.slots, room)), 1 / WINDOW_PERIODS),
+        "one exact value and three derivatives (refining an event)": (refine, events),
+        "slots advanced to the event": (advanced, events),
+        "chirp of a window": (chirp, 1 / WINDOW_PERIODS),
     }
-    own = {"us": us, "slots": int(regime.slots.rows.shape[1]), "least_us": 1e-3 * events * (scan + turn)}
+    own = {"us": us, "slots": int(slots.rows.shape[1]), "least_us": 1e-3 * events * (scan + turn)}
     return {"case": case.name, **own, "parts": [{"name": name, "ns": ns, "calls": calls} for name, (ns, calls) in parts.items()]}
 
 
@@ -144,15 +142,11 @@ def table(cases: Sequence[Json]) -> str:
     """Return the parts of every case: time of a call, calls, share."""
     rows: list[tuple[str, ...]] = []
     for case in cases:
-        us, spent = case["us"], [1e-3 * part["ns"] * part["calls"] for part in case["parts"]]
-        rest, least = us - sum(spent), case["least_us"]
+        us, spent = case["us"], {part["name"]: 1e-3 * part["ns"] * part["calls"] for part in case["parts"]}
+        calls = {part["name"]: f"{part['ns']:.0f} x {part['calls']:.1f}" for part in case["parts"]}
+        rest = {"all else: jumps, joined phases, decisions, arguments": us - sum(spent.values()), "least: one block an event": case["least_us"]}
         rows.append((case["case"], f"{case['slots']} slots", "", f"{us:.3g}", "100 %"))
-        rows += [
-            ("", part["name"], f"{part['ns']:.0f} x {part['calls']:.1f}", f"{own:.2f}", f"{100 * own / us:.0f} %")
-            for part, own in zip(case["parts"], spent, strict=True)
-        ]
-        rows.append(("", "all else: jumps, joined phases, decisions, arguments", "", f"{rest:.2f}", f"{100 * rest / us:.0f} %"))
-        rows.append(("", "least: one block an event", "", f"{least:.2f}", f"{100 * least / us:.0f} %"))
+        rows += [("", name, calls.get(name, ""), f"{own:.2f}", f"{100 * own / us:.0f} %") for name, own in (spent | rest).items()]
     return markdown(("case", "part", "ns x calls per period", "us", "share"), rows)
 
 

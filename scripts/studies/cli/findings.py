@@ -3,6 +3,7 @@
 # needs: optimise, cluster
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import click
@@ -21,8 +22,9 @@ from optimisation.statistics import ratio_of_quantiles
 from studies.findings import parts
 from studies.findings.figures import FIGURES
 from studies.findings.parts import Settings
+from studies.one_table import lines
 from studies.runner import run
-from studies.study import Json, Measured, Part, Place, Saver, Steps, Study, beside
+from studies.study import Json, Measured, Part, Saver, Steps, Study, beside
 
 UNITS = {"gap": ("mm", 1e3), "friction_limit": ("N", 1.0), "restitution": ("", 1.0), "stiffness": ("N/m", 1.0), "damping": ("N s/m", 1.0)}
 SYMBOLS = {"restitution": "e", "friction_limit": "muN", "stiffness": "k", "damping": "c"}
@@ -51,10 +53,15 @@ def _judged(judged: Json) -> str:
     return f"{_percent(judged['score'][0])} ({_band(judged['score_5_to_95_percent'][0])})"
 
 
-def _gain(found: Json, digits: int = 3) -> str:
-    winner, paper = (np.array(found[name], dtype=float) for name in ("members_winner", "members_paper"))
-    gain = ratio_of_quantiles(winner, paper)
+def _over(one: Json, other: Json, digits: int, names: tuple[str, str] = ("members_winner", "members_winner")) -> str:
+    """Return one judged level over another, ratio of the medians with its 95 % interval."""
+    members = [np.array(found[name], dtype=float) for found, name in zip((one, other), names, strict=True)]
+    gain = ratio_of_quantiles(members[0], members[1])
     return f"{gain.ratio:.{digits}f} ({_band((gain.low, gain.high), 1.0, f'.{digits}f')})"
+
+
+def _gain(found: Json, digits: int = 3) -> str:
+    return _over(found, found, digits, ("members_winner", "members_paper"))
 
 
 def _found_besides(found: Json) -> Iterator[str]:
@@ -81,74 +88,65 @@ def _besides(named: Mapping[str, Json]) -> str:
 
 def _concepts(result: Json) -> str:
     header = ("concept", "found from scratch", "worse of both, %", "the paper's choice, %", "found over paper's", "first, %", "second, %", "share, %")
-    rows = []
+    rows, searches, best = [], [], result["impact"]
     for concept, found in result.items():
-        first, second = (c["winner"] for c in found["conditions"])
-        shares = " and ".join(_percent(x["share_of_possible_reduction"], 0) for x in (first, second))
-        levels = (_percent(first["relative"]), _percent(second["relative"]))
+        winners = [condition["winner"] for condition in found["conditions"]]
+        shares = " and ".join(_percent(winner["share_of_possible_reduction"], 0) for winner in winners)
+        levels = (_percent(winner["relative"]) for winner in winners)
         rows.append((concept, _design(found), _judged(found["winner"]), _judged(found["paper"]), _gain(found), *levels, shares))
-    best = np.array(result["impact"]["members_winner"], dtype=float)
-    others = []
-    for concept, found in result.items():
-        if concept != "impact":
-            gain = ratio_of_quantiles(np.array(found["members_winner"], dtype=float), best)
-            others.append(f"{gain.ratio:.2f} ({_band((gain.low, gain.high), 1.0, '.2f')}) times for the concept {concept}")
-    lines = [f"{found['designs']} designs, {found['problem']['members']} members" for found in result.values()]
+        searches.append(f"{concept} {found['designs']} designs, {found['problem']['members']} members")
+    others = [f"{_over(found, best, 2)} times for the concept {concept}" for concept, found in result.items() if found is not best]
     text = f"The worse level over that of the impact absorber found, ratio of the medians with its 95 % interval: {'; '.join(others)}."
-    return markdown(header, rows) + f"\n\n{text} Searches: {', '.join(f'{c} {x}' for c, x in zip(result, lines, strict=True))}." + _besides(result)
+    return f"{markdown(header, rows)}\n\n{text} Searches: {', '.join(searches)}." + _besides(result)
 
 
 def _optima(result: Json) -> str:
-    friction = ("friction damper at", "found, N", "energy argument, N", "paper, N", "level found, %", "with the paper's, %", "found over paper's")
-    rows = [
-        (
-            f"resonance {x['resonance']}, {x['force_n']:g} N",
-            f"{x['winner']['values']['friction_limit']:.3g}",
-            f"{x['argued_n']:.3g}",
-            f"{x['paper']['values']['friction_limit']:g}",
-            _judged(x["winner"]),
-            _judged(x["paper"]),
-            _gain(x),
-        )
-        for x in result["friction"]
-    ]
-    header = (
-        "impact absorber at", "best force for 1 mm, N", "rule, N", "paper, N", "found for that force", "rule's gap, mm", "level, %", "paper's, %",
-        "found over paper's",
-    )  # fmt: skip
-    impact = [
-        (
-            f"resonance {x['resonance']}",
-            f"{x['best_force_n']:.3g} ({_band(x['best_force_5_to_95_percent_n'], 1.0, '.3g')})",
-            f"{x['rule_force_n']:.3g}",
-            f"{x['force_n']:g}",
-            _design(x),
-            f"{1e3 * x['rule_gap_m']:.3g}",
-            _judged(x["winner"]),
-            _judged(x["paper"]),
-            _gain(x, 2),
-        )
+    friction = {
+        "friction damper at": "resonance {resonance}, {force_n:g} N",
+        "found, N": "{winner[values][friction_limit]:.3g}",
+        "energy argument, N": "{argued_n:.3g}",
+        "paper, N": "{paper[values][friction_limit]:g}",
+        "level found, %": "{level}",
+        "with the paper's, %": "{papers}",
+        "found over paper's": "{gain}",
+    }
+    impact = {
+        "impact absorber at": "resonance {resonance}",
+        "best force for 1 mm, N": "{best_force_n:.3g} ({band})",
+        "rule, N": "{rule_force_n:.3g}",
+        "paper, N": "{force_n:g}",
+        "found for that force": "{design}",
+        "rule's gap, mm": "{gap_mm:.3g}",
+        "level, %": "{level}",
+        "paper's, %": "{papers}",
+        "found over paper's": "{gain}",
+    }
+
+    def told(found: Json, digits: int = 3) -> Json:
+        return {**found, "level": _judged(found["winner"]), "papers": _judged(found["paper"]), "gain": _gain(found, digits)}
+
+    dampers = lines(friction, map(told, result["friction"]))
+    absorbers = [
+        told(x, 2) | {"band": _band(x["best_force_5_to_95_percent_n"], 1.0, ".3g"), "design": _design(x), "gap_mm": 1e3 * x["rule_gap_m"]}
         for x in result["impact"]
     ]
     besides = _besides({f"Resonance {x['resonance']}": x for x in result["impact"]})
-    return f"{markdown(friction, rows)}\n\n{markdown(header, impact)}{besides}"
+    return f"{dampers}\n\n{lines(impact, absorbers)}{besides}"
 
 
 def _place(result: Json) -> str:
     levels_of = ("worse of both, %", "limit, %", "first alone, %", "second alone, %")
-    header = ("position x/l", "mass ratio to mode 1", "to mode 2", "best gap, mm", *levels_of)
-    gaps, relative, limits = 1e3 * np.array(result["gaps_m"]), np.array(result["relative"]), np.array(result["limit"])
-    rows = []
-    for x, shapes, levels, bounds in zip(result["positions"], result["shapes"], relative, limits, strict=True):
-        worse = levels.max(axis=1)
-        best = int(worse.argmin())
+    header, rows = ("position x/l", "mass ratio to mode 1", "to mode 2", "best gap, mm", *levels_of), []
+    for x, shapes, *both in zip(*(result[name] for name in ("positions", "shapes", "relative", "limit")), strict=True):
+        levels, bounds = map(np.array, both)
+        best = int(levels.max(axis=1).argmin())
         ratios = [f"{result['mass_kg'] * shape**2:.4f}" for shape in shapes]
-        bound = _percent(bounds[best].max())
-        rows.append((f"{x:g}", *ratios, f"{gaps[best]:.2f}", _percent(worse[best]), bound, *(_percent(v) for v in levels.min(axis=0))))
+        told = [_percent(v) for v in (levels[best].max(), bounds[best].max(), *levels.min(axis=0))]
+        rows.append((f"{x:g}", *ratios, f"{1e3 * result['gaps_m'][best]:.2f}", *told))
     found = result["free"]
     place = found["winner"]["values"]["position"]
     text = f"With the position free among four variables the search ends at x/l = {place:.3g} ({_design(found)}): {_judged(found['winner'])} %."
-    return markdown(header, rows) + "\n\n" + text
+    return f"{markdown(header, rows)}\n\n{text}"
 
 
 def _robustness(result: Json) -> str:
@@ -162,12 +160,12 @@ def _robustness(result: Json) -> str:
 
 
 def _front(result: Json) -> str:
-    seeds = result["against_random"]
-    rows = [(str(x["seed"]), f"{x['method']:.4f}", f"{x['random']:.4f}", f"{100 * (x['method'] / x['random'] - 1):+.1f}") for x in seeds]
+    columns = {"seed": "{seed}", "NSGA-II": "{method:.4f}", "random search": "{random:.4f}", "difference, %": "{off:+.1f}"}
+    seeds = [{**x, "off": 100 * (x["method"] / x["random"] - 1)} for x in result["against_random"]]
     won = result["seeds_won_against_random"]
     text = f"{result['designs']} designs each. NSGA-II has the larger hypervolume in {won} of {len(seeds)} seeds."
     figure = "![Level at the second resonance over that at the first: all designs, the front, the paper's design, limits](findings/front.png)"
-    return "\n\n".join([markdown(("seed", "NSGA-II", "random search", "difference, %"), rows), text, figure])
+    return "\n\n".join([lines(columns, seeds), text, figure])
 
 
 def _scaling(result: Json) -> str:
@@ -203,25 +201,17 @@ DESIGNS, FEW, POINTS = 160, 4, 13  # odd: the study's own force is one of the po
 QUICK_DESIGNS, QUICK_POINTS = 20, 6
 
 
-def place(out: Path) -> Place:
-    """Return where files go: the page into a folder, all else into its folder findings."""
-    return beside(out, NAME, out / NAME)
-
-
 def settings(quick: bool, executor: Executor, seed: int, out: Path) -> Settings:
     """Return how much to search, with journals by which the same command goes on where it was stopped."""
     journals, data = JOURNALS / ("quick" if quick else "full") / str(seed), out / NAME
-    if quick:
-        return Settings(
-            executor, journals, QUICK_DESIGNS, QUICK_MEMBERS, QUICK_MEMBERS, QUICK_POINTS, data, QUICK_SPEED * PAPER_RATE, seed, quick=True
-        )
-    return Settings(executor, journals, DESIGNS, DEFAULT_MEMBERS, FEW, POINTS, data, PAPER_RATE, seed)
+    sizes = (QUICK_DESIGNS, QUICK_MEMBERS, QUICK_MEMBERS, QUICK_POINTS) if quick else (DESIGNS, DEFAULT_MEMBERS, FEW, POINTS)
+    return Settings(executor, journals, *sizes, data, (QUICK_SPEED if quick else 1.0) * PAPER_RATE, seed, quick=quick)
 
 
-def _about_searches(name: str) -> Callable[[Settings], Json]:
+def _about_searches(name: str, given: Settings) -> Json:
     from studies.findings import measured  # distributed is slow to import
 
-    return {"front": measured.front, "scaling": measured.scaling, "full": measured.full_study}[name]
+    return {"front": measured.front, "scaling": measured.scaling, "full": measured.full_study}[name](given)
 
 
 # a title, what measures it, what tells it
@@ -230,9 +220,9 @@ PARTS: dict[str, tuple[str, Callable[[Settings], Json], Callable[[Json], str]]] 
     "optima": ("the best friction limit, gap and force at each resonance alone", lambda given: parts.optima(given), _optima),
     "place": ("where along the beam", lambda given: parts.place(given), _place),
     "robustness": ("a beam that is not what it was thought to be", lambda given: parts.robustness(given), _robustness),
-    "front": ("first against second resonance", lambda given: _about_searches("front")(given), _front),
-    "scaling": ("one worker and two", lambda given: _about_searches("scaling")(given), _scaling),
-    "full": ("a study of full size", lambda given: _about_searches("full")(given), _full),
+    "front": ("first against second resonance", partial(_about_searches, "front"), _front),
+    "scaling": ("one worker and two", partial(_about_searches, "scaling"), _scaling),
+    "full": ("a study of full size", partial(_about_searches, "full"), _full),
 }
 
 
@@ -278,4 +268,4 @@ def main(parts: tuple[str, ...], quick: bool, seed: int, threads: int | None, cl
     with plain_errors(), executor(threads, None if redraw else cluster) as where:
         given = settings(quick, where, seed, out)
         require_writable("results", given.folder)
-        run(STUDY, given, place(out), only=parts, redraw=redraw)
+        run(STUDY, given, beside(out, NAME, out / NAME), only=parts, redraw=redraw)

@@ -5,7 +5,6 @@ rule's is too narrow (docs/which_gap.md). Levels are those of fresh members, rel
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -27,7 +26,7 @@ from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
 from optimisation.search.judge import judged
-from optimisation.statistics import Branches, branches
+from optimisation.statistics import branches
 from optimisation.variables import FRICTION_LIMIT, GAP, IMPACT
 from studies.one_table import lines, table_options, table_place
 from studies.runner import run
@@ -40,31 +39,21 @@ NAME = "friction_branches"
 MEMBERS = 32  # at the paper's damping
 
 
-@dataclass(frozen=True)
-class Row:
-    """Levels over no absorber of one friction limit (N): median and 5 to 95 % over the members, and their branches."""
+def rows(damping: float, factor: float, members: int, executor: Executor, progress: Progress | None = None) -> Iterator[Json]:
+    """Yield levels over no absorber for each of `LIMITS`: median and 5 to 95 % of the members, and their branches.
 
-    damping: float
-    gap: float  # over the rule's
-    limit: float
-    median: float
-    low: float
-    high: float
-    branches: Branches | None
-
-
-def rows(
-    damping: float, factor: float, members: int, executor: Executor, speed: float = 1.0, progress: Progress | None = None, beam: Beam | None = None
-) -> Iterator[Row]:
-    """Yield a row for each of `LIMITS`, on the paper's ``beam`` with another damping; ``speed`` times the usual sweep rate."""
-    own = Beam(damping_ratio=damping) if beam is None else beam
-    problem = Problem(design_space(IMPACT), (Condition(1, FORCE),), beam=own, members=members)
+    On the paper's beam with another damping, and a gap ``factor`` times the rule's.
+    """
+    problem = Problem(design_space(IMPACT), (Condition(1, FORCE),), beam=Beam(damping_ratio=damping), members=members)
     start = problem.space.default.values
     designs = [Design(IMPACT, {**start, GAP: factor * start[GAP], FRICTION_LIMIT: limit}) for limit in LIMITS]
-    swept = Problem(design_space(IMPACT), (Condition(1, FORCE),), beam=own, members=members, rate=speed * problem.rate)
-    for limit, found in zip(LIMITS, judged(swept, designs, swept.fresh_ensemble(members, SHOWN), executor, progress), strict=True):
+    for limit, found in zip(LIMITS, judged(problem, designs, problem.fresh_ensemble(members, SHOWN), executor, progress), strict=True):
         low, median, high = (float(x) for x in np.quantile(found.members[0], (BAND[0], 0.5, BAND[1])))
-        yield Row(damping, factor, limit, median, low, high, branches(found.members[0]))
+        apart = branches(found.members[0])
+        yield {
+            "damping_ratio": damping, "gap_over_rule": factor, "members": members, "friction_limit_n": limit, "relative_median": median,
+            "relative_5_to_95_percent": [low, high], "branches": "one" if apart is None else apart.text(100, " %"),
+        }  # fmt: skip
 
 
 class Settings(NamedTuple):
@@ -85,21 +74,8 @@ def members_of(damping: float, members: int) -> int:
 
 
 def _case(damping: float, gap: float, given: Settings) -> list[Json]:
-    members = members_of(damping, given.members)
     with runs_bar(f"damping {100 * damping:g} %, gap {gap:g}") as show:
-        found = list(rows(damping, gap, members, given.executor, progress=show))
-    return [
-        {
-            "damping_ratio": row.damping,
-            "gap_over_rule": row.gap,
-            "members": members,
-            "friction_limit_n": row.limit,
-            "relative_median": row.median,
-            "relative_5_to_95_percent": [row.low, row.high],
-            "branches": "one" if row.branches is None else row.branches.text(100, " %"),
-        }
-        for row in found
-    ]
+        return list(rows(damping, gap, members_of(damping, given.members), given.executor, progress=show))
 
 
 def _measure(given: Settings, known: Json) -> Steps:
@@ -119,11 +95,8 @@ def table(found: Sequence[Json]) -> str:
         "branches": "{branches}",
         "members": "{members}",
     }
-    rows = (
-        {**row, "damping": 100 * row["damping_ratio"], "level": [100 * x for x in (row["relative_median"], *row["relative_5_to_95_percent"])]}
-        for row in found
-    )
-    return lines(columns, rows)
+    levels = ([100 * x for x in (row["relative_median"], *row["relative_5_to_95_percent"])] for row in found)
+    return lines(columns, ({**row, "damping": 100 * row["damping_ratio"], "level": level} for row, level in zip(found, levels, strict=True)))
 
 
 STUDY: Study[Settings] = Study(

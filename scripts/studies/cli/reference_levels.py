@@ -70,52 +70,33 @@ PAST = Column("past the plateau", PAPERS_BEST, (PAST_PLATEAU,), ("above 0.57",),
 class Compared:
     """Median and band over the members, and the earlier number or span, all in mm."""
 
-    column: Column
-    force: float
     median: float
     band: tuple[float, float]
     earlier: str
 
     @property
-    def span(self) -> tuple[float, float]:
-        """What the earlier number stands for: half a unit of its last digit to either side."""
-        ends = self.earlier.split(" to ")
-        half = [0.5 * 10.0 ** -len(end.partition(".")[2]) for end in ends]
-        return float(ends[0]) - half[0], float(ends[-1]) + half[-1]
-
-    @property
     def inside(self) -> bool:
-        """Whether the earlier number is in the band; for a span, whether the median is in it."""
-        low, high = self.span
-        if " to " in self.earlier:
-            return low <= self.median <= high
-        return self.band[0] <= high and low <= self.band[1]
+        """Whether the earlier number, to half a unit of its last digit to either side, is in the band; for a span, whether the median is in it."""
+        ends = self.earlier.split(" to ")
+        first, last = (sign * 0.5 * 10.0 ** -len(end.partition(".")[2]) + float(end) for sign, end in ((-1, ends[0]), (1, ends[-1])))
+        low, high = (self.median, self.median) if len(ends) > 1 else self.band
+        return low <= last and first <= high
 
     @property
     def deviation(self) -> float | None:
         """Median less the earlier number, in percent of it; None for a span."""
         return None if " to " in self.earlier else 100 * (self.median / float(self.earlier) - 1)
 
-    def values(self) -> dict[str, object]:
-        """Return the line's content in the JSON file."""
-        return {
-            "resonance": self.column.resonance,
-            "scene": self.column.name,
-            "modes": self.column.modes,
-            "force_n": self.force,
-            "level_median_m": self.median / MM,
-            "level_5_to_95_percent_m": [x / MM for x in self.band],
-            "earlier_mm": self.earlier,
-            "deviation_percent": self.deviation,
-            "inside": self.inside,
-        }
 
-
-def compare(column: Column, curve: PerformanceCurve) -> Iterator[Compared]:
-    """Yield a line for each force of a column."""
-    for k, earlier in enumerate(column.earlier):
-        median, low, high = (float(x) for x in MM * quantiles(curve.combined, (0.5, *BAND))[:, k])
-        yield Compared(column, column.forces[k], median, (low, high), earlier)
+def compare(column: Column, curve: PerformanceCurve) -> Iterator[Json]:
+    """Yield the values of the JSON file for each force of a column."""
+    for force, earlier, levels in zip(column.forces, column.earlier, MM * quantiles(curve.combined, (0.5, *BAND)).T, strict=True):
+        median, low, high = levels.tolist()
+        found = Compared(median, (low, high), earlier)
+        yield {
+            "resonance": column.resonance, "scene": column.name, "modes": column.modes, "force_n": force, "level_median_m": median / MM,
+            "level_5_to_95_percent_m": [low / MM, high / MM], "earlier_mm": earlier, "deviation_percent": found.deviation, "inside": found.inside,
+        }  # fmt: skip
 
 
 def plateau_sentence(levels: Sequence[Json], past: Sequence[float]) -> str:
@@ -142,16 +123,10 @@ def table(levels: Sequence[Json]) -> str:
         "median less earlier": "{less}",
         "in band": "{word}",
     }
-    off = ("" if (x := level["deviation_percent"]) is None else f"{x:+.1f} %" for level in levels)
-    rows = (
-        {
-            **level,
-            "mm": [MM * x for x in (level["level_median_m"], *level["level_5_to_95_percent_m"])],
-            "less": less,
-            "word": "yes" if level["inside"] else "no",
-        }
-        for level, less in zip(levels, off, strict=True)
-    )
+    rows = []
+    for level in levels:
+        off, mm = level["deviation_percent"], [MM * x for x in (level["level_median_m"], *level["level_5_to_95_percent_m"])]
+        rows.append({**level, "mm": mm, "less": "" if off is None else f"{off:+.1f} %", "word": "yes" if level["inside"] else "no"})
     return lines(columns, rows)
 
 
@@ -172,7 +147,7 @@ def _measure(settings: Settings) -> Json:
         curves = performance_curves([column.case() for column in (*COLUMNS, PAST)], settings.members, settings.seed, progress=show)
     if not all(curve.complete for curve in curves):
         raise KeyboardInterrupt
-    levels = [result.values() for column, curve in zip(COLUMNS, curves, strict=False) for result in compare(column, curve)]
+    levels = [level for column, curve in zip(COLUMNS, curves, strict=False) for level in compare(column, curve)]
     return {"members": settings.members, "seed": settings.seed, "levels": levels, "past_plateau_level_m": curves[-1].combined[0].tolist()}
 
 

@@ -23,19 +23,21 @@ from optimisation.designs import design_space
 from optimisation.executors import cluster_option, executor
 from optimisation.machine import sources
 from optimisation.objectives import Condition
-from optimisation.page import DOCS, markdown, published
+from optimisation.page import DOCS, published
 from optimisation.problem import Problem
-from optimisation.search.find import BARS, QUIET, Bars, Plan, find
+from optimisation.search.find import BARS, Plan, find
 from optimisation.search.noisy import MAP, NOISY, REPLICATED
 from optimisation.search.settings import CMA, RANDOM, SAMPLERS
 from optimisation.statistics import ratio_of_quantiles
+from studies.one_table import lines
 from studies.runner import run
-from studies.study import Json, Measured, Part, Steps, Study, beside, rows_by_case, unpack
+from studies.study import Json, Measured, Part, Steps, Study, beside, rows_by_case
 
 METHODS = (CMA, RANDOM, REPLICATED, MAP)
 LABELS = SAMPLERS | NOISY
-SEEDS, DESIGNS, MEMBERS = 5, 160, 8
-SPEED = 2.0  # times the usual rate of the sweeps: they show 0.97 of the stationary level without absorber, and take half the time
+# speed, times the usual rate of the sweeps: at 2 they show 0.97 of the stationary level without absorber, and take half the time
+FULL: Json = {"designs": 160, "members": 8, "seeds": 5, "speed": 2.0}
+QUICK: Json = {"designs": 40, "members": 4, "seeds": 2, "speed": 4.0}
 # the paper's beam at its best operating points, alone and both, and a steel strip at its second
 STEEL = Beam(length=1.2, bending_stiffness=210e9 * 0.04 * 0.008**3 / 12, mass_per_length=7850 * 0.04 * 0.008, force_position=0.25)  # 40 x 8 mm
 QUESTIONS: dict[str, tuple[Beam, tuple[Condition, ...]]] = {
@@ -58,36 +60,19 @@ class Trial:
     members: Sequence[float]
     values: dict[str, float]
 
-    @property
-    def key(self) -> tuple[str, str, int]:
-        """What no other trial shares."""
-        return self.question, self.method, self.seed
 
-
-def trial(
-    question: str, method: str, seed: int, designs: int, members: int, executor: Executor, speed: float = 1.0, bars: Bars = QUIET
-) -> Trial | None:
-    """Search and judge; None if a KeyboardInterrupt ended it, or no design came to its end."""
-    beam, conditions = QUESTIONS[question]
-    problem = Problem(design_space("impact"), conditions, beam=beam, members=members, seed=seed)
-    problem = replace(problem, rate=speed * problem.rate)
-    plan = Plan(designs, method, seed=seed, from_scratch=True, audit=0, modes=False)
-    found = find(problem, plan, None, executor, bars)
-    if found.verdict is None or not found.finished:
-        return None
-    winner = found.verdict.winner
-    thought = found.verdict.found.score.values[0]
-    return Trial(question, method, seed, found.cost.runs, thought, winner.score.values[0], winner.members[0].tolist(), dict(winner.design.values))
-
-
-@dataclass(frozen=True)
-class Standing:
+class Standing(NamedTuple):
     """A method on one question: judged levels of its winners over the seeds (rising), and their median over that of CMA-ES, in words."""
 
     question: str
     method: str
-    levels: tuple[float, ...]
+    levels: list[float]
     over_cma: str
+
+    @property
+    def median(self) -> float:
+        """Median level."""
+        return float(np.median(self.levels))
 
 
 def standings(trials: Sequence[Trial]) -> list[Standing]:
@@ -95,21 +80,18 @@ def standings(trials: Sequence[Trial]) -> list[Standing]:
     found = []
     for question in dict.fromkeys(t.question for t in trials):
         levels = {m: sorted(t.level for t in trials if t.question == question and t.method == m) for m in METHODS}
-        rows = [
-            Standing(question, m, tuple(own), str(ratio_of_quantiles(own, levels[CMA])) if levels[CMA] else "-") for m, own in levels.items() if own
-        ]
-        found += sorted(rows, key=lambda row: float(np.median(row.levels)))
+        over = {m: str(ratio_of_quantiles(own, levels[CMA])) if levels[CMA] else "-" for m, own in levels.items() if own}
+        found += sorted((Standing(question, m, levels[m], word) for m, word in over.items()), key=lambda row: row.median)
     return found
 
 
-def winner(trials: Sequence[Trial]) -> str | None:
-    """Return the method with the least mean rank of its median level over the questions; None without trials."""
-    rows = standings(trials)
+def winner(rows: Sequence[Standing]) -> str:
+    """Return the method with the least mean rank of its median level over the questions."""
     ranks: dict[str, list[int]] = {}
     for question in dict.fromkeys(row.question for row in rows):
         for rank, row in enumerate(row for row in rows if row.question == question):
             ranks.setdefault(row.method, []).append(rank)
-    return min(ranks, key=lambda m: (float(np.mean(ranks[m])), METHODS.index(m))) if ranks else None
+    return min(ranks, key=lambda m: (float(np.mean(ranks[m])), METHODS.index(m)))
 
 
 NAME = "search_methods"
@@ -122,18 +104,17 @@ Key = tuple[str, str, int]
 class Settings(NamedTuple):
     """What is searched, and how large: designs a search, members, seeds, ``speed`` times the usual rate of the sweeps; and where it runs."""
 
+    executor: Executor
     questions: tuple[str, ...]
     designs: int
     members: int
     seeds: int
     speed: float
-    executor: Executor
 
     @property
     def told(self) -> Json:
         """What the numbers depend on, as the file holds it."""
-        own = self._asdict()
-        return {name: own[name] for name in ("designs", "members", "seeds", "speed")} | {"questions": list(self.questions)}
+        return {name: x for name, x in self._asdict().items() if name != "executor"} | {"questions": list(self.questions)}
 
     def keep(self, values: Json) -> Json:
         """Return the values of an earlier run with the same settings, else nothing."""
@@ -144,46 +125,44 @@ class Settings(NamedTuple):
         return [(question, method, seed) for seed in range(self.seeds) for question in self.questions for method in METHODS]
 
 
-FULL: dict[str, float] = {"designs": DESIGNS, "members": MEMBERS, "seeds": SEEDS, "speed": SPEED}
-QUICK: dict[str, float] = {"designs": 40, "members": 4, "seeds": 2, "speed": 4.0}
-
-
-def settings(quick: bool, questions: Sequence[str], executor: Executor) -> Settings:
-    """Return how much to search; no question is all of them."""
-    size = QUICK if quick else FULL
-    designs, members, seeds = (int(size[name]) for name in ("designs", "members", "seeds"))
-    return Settings(tuple(questions) or tuple(QUESTIONS), designs, members, seeds, size["speed"], executor)
-
-
-def _run(key: Key, given: Settings) -> list[Json]:
-    one = trial(*key, given.designs, given.members, given.executor, given.speed, BARS)
-    if one is None:
+def trial(question: str, method: str, seed: int, given: Settings) -> Trial:
+    """Search and judge; raises KeyboardInterrupt if one ended it, or no design came to its end."""
+    beam, conditions = QUESTIONS[question]
+    problem = Problem(design_space("impact"), conditions, beam=beam, members=given.members, seed=seed)
+    plan = Plan(given.designs, method, seed=seed, from_scratch=True, audit=0, modes=False)
+    found = find(replace(problem, rate=given.speed * problem.rate), plan, None, given.executor, BARS)
+    if found.verdict is None or not found.finished:
         raise KeyboardInterrupt
-    return [asdict(one)]
+    winner, thought = found.verdict.winner, found.verdict.found.score.values[0]
+    return Trial(question, method, seed, found.cost.runs, thought, winner.score.values[0], winner.members[0].tolist(), dict(winner.design.values))
 
 
 def _measure(given: Settings, known: Json) -> Steps:
-    cases: dict[Key, Callable[[], list[Json]]] = {key: partial(_run, key, given) for key in given.searches()}
-    for values in rows_by_case(cases, lambda row: Trial(**row).key, known):
+    def run(key: Key) -> list[Json]:
+        return [asdict(trial(*key, given))]
+
+    cases: dict[Key, Callable[[], list[Json]]] = {key: partial(run, key) for key in given.searches()}
+    for values in rows_by_case(cases, lambda row: (row["question"], row["method"], row["seed"]), known):
         yield {"settings": given.told, **values}
 
 
 def table(measured: Measured) -> str:
     """Return a line for each method on each question, and the best of them."""
-    trials = [Trial(**row) for row in measured.values["rows"]]
-    header = ("question", "method", "seeds", "level of the winner, %: median", "from", "to", "over CMA-ES (95 %)")
-    rows = [
-        (
-            r.question,
-            LABELS[r.method],
-            str(len(r.levels)),
-            *(f"{100 * x:.1f}" for x in (np.median(r.levels), min(r.levels), max(r.levels))),
-            r.over_cma,
-        )
-        for r in standings(trials)
-    ]
-    best = winner(trials)
-    return markdown(header, rows) + (f"\n\nLeast mean rank: {LABELS[best]}." if best else "")
+    found = standings([Trial(**row) for row in measured.values["rows"]])
+    columns = {
+        "question": "{question}",
+        "method": "{label}",
+        "seeds": "{seeds}",
+        "level of the winner, %: median": "{percent[0]:.1f}",
+        "from": "{percent[1]:.1f}",
+        "to": "{percent[2]:.1f}",
+        "over CMA-ES (95 %)": "{over_cma}",
+    }
+    rows = []
+    for row in found:
+        percent = [100 * x for x in (row.median, row.levels[0], row.levels[-1])]
+        rows.append({**row._asdict(), "label": LABELS[row.method], "seeds": len(row.levels), "percent": percent})
+    return f"{lines(columns, rows)}\n\nLeast mean rank: {LABELS[winner(found)]}."
 
 
 STUDY: Study[Settings] = Study(
@@ -199,9 +178,7 @@ STUDY: Study[Settings] = Study(
         ),
     ),
     pack=lambda _, own: {"settings": own.values["settings"], "conditions": own.conditions, "complete": own.complete, "trials": own.values["rows"]},
-    unpack=lambda name, own: unpack(
-        name, {"conditions": own["conditions"], "complete": own["complete"], "settings": own["settings"], "rows": own["trials"]}
-    ),
+    unpack=lambda _, own: Measured({"settings": own["settings"], "rows": own["trials"]}, own["conditions"], bool(own["complete"])),
     kept="the same command goes on from here.",
 )
 
@@ -219,5 +196,5 @@ def main(quick: bool, question: tuple[str, ...], threads: int | None, cluster: s
     Writes search_methods.json.gz and the page search_methods.md. Ctrl-C keeps what is finished: the same command goes on from there.
     """
     with plain_errors(), executor(threads, None if redraw else cluster) as where:
-        given = settings(quick, question, where)
+        given = Settings(where, question or tuple(QUESTIONS), **(QUICK if quick else FULL))
         run(STUDY, given, beside(out or (QUICK_OUT if quick else OUT), NAME), redraw=redraw, keep=given.keep)

@@ -7,9 +7,9 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 
@@ -40,8 +40,7 @@ class Results:
     pairs: list[dict[str, Any]] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
-class Claim:
+class Claim(NamedTuple):
     """A sentence and whether the numbers bear it out."""
 
     text: str
@@ -69,27 +68,23 @@ def left(quick: bool, known: Json) -> tuple[list[Variant], list[Pair]]:
 def measure(quick: bool, known: Json) -> Steps:
     """Measure everything that is not known, one process after the other, and yield what there is after each."""
     periods, repeats = (QUICK_PERIODS, QUICK_REPEATS) if quick else (PERIODS, REPEATS)
-    results = Results(**known)
-    variants, compared = left(quick, known)
+    results, (variants, compared) = Results(**known), left(quick, known)
     timed = {variant: results.own[variant.name] for variant in own(quick) if variant.name in results.own}
     with tempfile.TemporaryDirectory(prefix="impact_env-") as folder:
         caches = {kind: Path(folder) / str(number) for number, kind in enumerate(dict.fromkeys(variant.kind for variant in own(quick)))}
         for variant in variants:
             cold = _probe(variant, "inspect", caches[variant.kind], 1.0, 1)
             yield vars(results)
-            timed[variant] = _probe(variant, "time", caches[variant.kind], periods, repeats)
-            names = {"absorber": variant.absorber, "method": variant.method, "record": variant.record}
-            compiled = {"cold_s": cold["first_s"], "cached_s": timed[variant]["first_s"]} | {
-                name: cold[name] for name in ("functions", "instructions")
-            }
-            ran = {name: timed[variant][name] for name in ("ns_per_period", "impacts_per_period", "memory_mb", "peak_kb")}
-            results.own[variant.name] = names | compiled | ran
+            warm = timed[variant] = _probe(variant, "time", caches[variant.kind], periods, repeats)
+            compiled = {"cold_s": cold["first_s"], "cached_s": warm["first_s"], "functions": cold["functions"], "instructions": cold["instructions"]}
+            ran = {name: warm[name] for name in ("ns_per_period", "impacts_per_period", "memory_mb", "peak_kb")}
+            results.own[variant.name] = asdict(variant) | compiled | ran
             yield vars(results)
         for pair in compared:
-            for variant in (pair.without, pair.switched_off):
-                if variant not in timed:
-                    timed[variant] = _probe(variant, "time", caches[variant.kind], periods, repeats)
-            one, other = (timed[variant]["ns_per_period"] for variant in (pair.without, pair.switched_off))
+            one, other = (
+                (timed.get(variant) or _probe(variant, "time", caches[variant.kind], periods, repeats))["ns_per_period"]
+                for variant in (pair.without, pair.switched_off)
+            )
             named = {"part": pair.part, "without": pair.without.name, "switched_off": pair.switched_off.name}
             results.pairs.append(named | {"without_ns": one, "switched_off_ns": other, "ratio": other / one})
             yield vars(results)
@@ -98,16 +93,15 @@ def measure(quick: bool, known: Json) -> Steps:
 def claims(results: Results) -> Iterator[Claim]:
     """Yield the claims on the compiled code and on the measurements."""
     for entry in results.own.values():
-        called = [function["name"] for function in entry["functions"]]
-        scene = f"{entry['absorber']}, {entry['method']}, {entry['record']}"
-        if entry["method"] == "exact" and entry["absorber"] in LINEAR:
-            search = [name for name in called if name.startswith("search.")]
-            yield Claim(f"{scene}: searches no events", f"{len(search)} functions of the search", not search)
-        left = sum(function["arithmetic"] for function in entry["functions"] if function["name"] in FRICTION)
-        if entry["method"] == "exact" and entry["absorber"] == "impact":
-            yield Claim(f"{scene}: no friction arithmetic", f"{left} operations", left == 0)
-        if entry["method"] == "exact" and entry["absorber"] == "impact and friction":
-            yield Claim(f"{scene}: has friction arithmetic (the check can fail)", f"{left} operations", left > 0)
+        scene, exact = f"{entry['absorber']}, {entry['method']}, {entry['record']}", entry["method"] == "exact"
+        if exact and entry["absorber"] in LINEAR:
+            search = sum(function["name"].startswith("search.") for function in entry["functions"])
+            yield Claim(f"{scene}: searches no events", f"{search} functions of the search", not search)
+        rubbed = sum(function["arithmetic"] for function in entry["functions"] if function["name"] in FRICTION)
+        if exact and entry["absorber"] == "impact":
+            yield Claim(f"{scene}: no friction arithmetic", f"{rubbed} operations", rubbed == 0)
+        if exact and entry["absorber"] == "impact and friction":
+            yield Claim(f"{scene}: has friction arithmetic (the check can fail)", f"{rubbed} operations", rubbed > 0)
         growth = entry["peak_kb"][1] - entry["peak_kb"][0]
         if entry["record"] in ("nothing", "level"):
             yield Claim(f"{scene}: stores no time series", f"{growth:+.1f} kB for a run 10 times longer", growth < FLAT_KB)
@@ -151,6 +145,7 @@ def _claims(every: list[Claim]) -> str:
 def sections(measured: Measured) -> dict[str, str]:
     """Return the page's sections by the names of their `MARKERS`."""
     results = Results(**measured.values)
+    entries = [{**entry, "name": name_of(entry), "us": entry["ns_per_period"] / 1e3, **counts(entry)} for entry in results.own.values()]
     scenes = {
         "scene, method, recorded": "{name}",
         "compile cold, s": "{cold_s:.1f}",
@@ -161,11 +156,7 @@ def sections(measured: Measured) -> dict[str, str]:
         "held by a run, kB": "{peak_kb[0]:.0f}",
         "10 times longer, kB": "{peak_kb[1]:.0f}",
     }
-    code = ("scene, method, recorded", "machine instructions", "functions", *PARTS)
-    written = [
-        (name_of(entry), f"{entry['instructions']:,}", str(len(entry["functions"])), *(str(count or "") for count in counts(entry).values()))
-        for entry in results.own.values()
-    ]
+    code = {"scene, method, recorded": "{name}", "machine instructions": "{instructions:,}", "functions": "{called}"}
     pairs = {
         "part": "{part}",
         "scene without it": "{without}",
@@ -177,22 +168,22 @@ def sections(measured: Measured) -> dict[str, str]:
     found = (
         _summary(results, measured),
         _claims(list(claims(results))),
-        lines(scenes, ({**entry, "name": name_of(entry), "us": entry["ns_per_period"] / 1e3} for entry in results.own.values())),
-        markdown(code, written),
+        lines(scenes, entries),
+        lines(code | {part: f"{{{part}}}" for part in PARTS}, ({**entry, "called": len(entry["functions"])} for entry in entries)),
         lines(pairs, ({**pair, "us": (pair["without_ns"] / 1e3, pair["switched_off_ns"] / 1e3)} for pair in results.pairs)),
     )
     return dict(zip(MARKERS, found, strict=True))
 
 
-def counts(entry: dict[str, Any]) -> dict[str, int]:
-    """Return the arithmetic operations in each module of the kernels."""
-    counts = dict.fromkeys(PARTS, 0)
+def counts(entry: dict[str, Any]) -> dict[str, str]:
+    """Return the arithmetic operations in each module of the kernels, blank for none."""
+    found = dict.fromkeys(PARTS, 0)
     for function in entry["functions"]:
         module = function["name"].partition(".")[0]
         part = "energies" if module.startswith("energ") else OF.get(module, module)
-        if part in counts:
-            counts[part] += function["arithmetic"]
-    return counts
+        if part in found:
+            found[part] += function["arithmetic"]
+    return {part: str(number or "") for part, number in found.items()}
 
 
 NAME = "specialisation"
@@ -203,13 +194,9 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def _read(measured: Measured) -> Results:
-    return Results(**measured.values)
-
-
-def _steps(quick: bool, known: Json) -> int:
-    variants, pairs = left(quick, known)
-    return 2 * len(variants) + len(pairs)
+def _said(measured: Measured) -> str:
+    found = claims(Results(**measured.values))
+    return "\n".join(f"{'holds ' if claim.holds else 'BROKEN'}  {claim.text}: {claim.found}" for claim in found)
 
 
 PART: Part[bool] = Part(
@@ -218,10 +205,10 @@ PART: Part[bool] = Part(
     measure=measure,
     markers=MARKERS,
     sections=sections,
-    steps=_steps,
-    tables=lambda measured: [Table(NAME, COLUMNS, [[entry[column] for column in COLUMNS] for entry in _read(measured).own.values()])],
-    said=lambda found: "\n".join(f"{'holds ' if claim.holds else 'BROKEN'}  {claim.text}: {claim.found}" for claim in claims(_read(found))),
-    failures=lambda measured: [claim.text for claim in claims(_read(measured)) if not claim.holds],
+    steps=lambda quick, known: 2 * len(left(quick, known)[0]) + len(left(quick, known)[1]),
+    tables=lambda measured: [Table(NAME, COLUMNS, [[entry[column] for column in COLUMNS] for entry in measured.values["own"].values()])],
+    said=_said,
+    failures=lambda measured: [claim.text for claim in claims(Results(**measured.values)) if not claim.holds],
 )
 # settings: whether it is a quick look
 STUDY: Study[bool] = Study((PART,), notes=lambda quick: {"quick": quick})

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import PAPER_LIMITS, linear_sweep
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members
 from impact_env.level import HALF_WINDOW_PERIODS
@@ -15,7 +14,8 @@ from impact_env.periodic.case import start_from
 from impact_env.response import Response
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
-from studies.paper.curve import WATCHED, part_of
+from studies.paper.curve import WATCHED, both_ways, level_at, part_of
+from studies.paper.frame import there
 
 Array = NDArray[np.float64]
 SAMPLES = 4096  # per pseudo period: what a mode dissipates between an impact and the next sample is small up to the tenth mode
@@ -49,15 +49,13 @@ class Account:
 
 def accounted(lane: Lane) -> Account:
     """Return the account of a lane by the exact method: its sweep, and once more around the maximum, from the state at the window's start."""
-    level = simulate(lane.scene, lane.drive).level
-    assert level is not None
+    level = level_at(lane)
     response = window_around(lane, level.time)
-    assert response.energy is not None
     contacts, passed, left, single = _contacts(response)
-    periods = response.drive.schedule.periods
-    assert response.history is not None
-    tip = np.sqrt(np.mean((response.history.modal_displacement * response.history.tip_shape) ** 2, axis=0))
-    return Account(level.value, level.frequency_ratio, response.energy.modal_loss, contacts / periods, passed, left, single, tip)
+    history = there(response.history)
+    tip = np.sqrt(np.mean((history.modal_displacement * history.tip_shape) ** 2, axis=0))
+    loss, contacts_each = there(response.energy).modal_loss, contacts / response.drive.schedule.periods
+    return Account(level.value, level.frequency_ratio, loss, contacts_each, passed, left, single, tip)
 
 
 def window_around(lane: Lane, time: float, samples: int = SAMPLES) -> Response:
@@ -65,39 +63,26 @@ def window_around(lane: Lane, time: float, samples: int = SAMPLES) -> Response:
     schedule = lane.drive.schedule
     half, end = HALF_WINDOW_PERIODS * schedule.pseudo_period, float(schedule.times[-1])
     begin = max(0.0, time - half)
-    initial = None
-    if begin > 0:
-        state = simulate(lane.scene, part_of(lane.drive, 0.0, begin)).end_state
-        initial = start_from(lane.scene, state)
+    initial = start_from(lane.scene, simulate(lane.scene, part_of(lane.drive, 0.0, begin)).end_state) if begin > 0 else None
     record = replace(WATCHED, samples_per_period=samples)
     return simulate(lane.scene, part_of(lane.drive, begin, min(end, time + half)), initial=initial, record=record)
 
 
 def _contacts(response: Response) -> tuple[int, Array, Array, Array]:
     """Return the number of contacts, and what they pass on, leave, and each give to the second mode (`Account`)."""
-    history, impacts, schedule = response.history, response.impacts, response.drive.schedule
-    assert history is not None
-    assert impacts is not None
-    energy = mechanical_energy(response.scene, history).modal
-    samples = impacts.time / (schedule.pseudo_period / SAMPLES)
-    first, last = contact_ends(samples, APART * SAMPLES)
+    energy = mechanical_energy(response.scene, there(response.history)).modal
+    samples = there(response.impacts).time / (response.drive.schedule.pseudo_period / SAMPLES)
+    new = np.flatnonzero(np.diff(samples) >= APART * SAMPLES)  # after these impacts the next contact begins
+    count, nothing = len(new) + (len(samples) > 0), np.full(energy.shape[1], np.nan)
+    if count < 2:
+        return count, nothing, nothing, nothing[:0]
+    first, last = samples[[0, *(new + 1)]], samples[[*new, len(samples) - 1]]
     before = np.floor(first).astype(np.int64)
     after = np.minimum(np.ceil(last).astype(np.int64), len(energy) - 1)
-    nothing = np.full(energy.shape[1], np.nan)
-    if len(first) < 2:
-        return len(first), nothing, nothing, nothing[:0]
-    passed = np.mean(energy[after] - energy[before], axis=0) / np.mean(energy[before, 0])
+    gained = energy[after] - energy[before]
     left = np.sum(energy[before[1:]], axis=0) / np.sum(energy[after[:-1]], axis=0)
-    second = (energy[after] - energy[before])[:, min(1, energy.shape[1] - 1)] / energy[before, 0]
-    return len(first), np.asarray(passed), np.asarray(left), np.asarray(second)
-
-
-def contact_ends(times: Array, apart: float) -> tuple[Array, Array]:
-    """Return when contacts begin and end, (C,) each: impacts at rising ``times`` (K,) that are less than ``apart`` from their neighbours are one."""
-    if len(times) == 0:
-        return times, times
-    new = np.flatnonzero(np.diff(times) >= apart)
-    return times[np.concatenate([[0], new + 1])], times[np.concatenate([new, [len(times) - 1]])]
+    second = gained[:, min(1, energy.shape[1] - 1)] / energy[before, 0]
+    return count, np.asarray(np.mean(gained, axis=0) / np.mean(energy[before, 0])), np.asarray(left), np.asarray(second)
 
 
 def scene(beam: Beam) -> Scene:
@@ -107,10 +92,8 @@ def scene(beam: Beam) -> Scene:
 
 def lanes_of(own: Scene, force: float, members: int, seed: int) -> list[Lane]:
     """Return each member's sweep up, and its sweep down after it."""
-    reference, (low, high) = own.model.resonance_omega(1), PAPER_LIMITS
-    schedules = linear_sweep(reference, low, high), linear_sweep(reference, high, low)
     drawn = draw_members(members, seed)
-    return [Lane(own, drawn[m : m + 1].drives(force, schedule)[0]) for m in range(members) for schedule in schedules]
+    return [Lane(own, drawn[m : m + 1].drives(force, schedule)[0]) for m in range(members) for schedule in both_ways(own)]
 
 
 def critical(found: Sequence[Account]) -> list[Account]:

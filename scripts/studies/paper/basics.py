@@ -2,12 +2,11 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
-import scipy.stats
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.stats import bootstrap, norm
 
 from impact_env.controlled import ControlledRuns
 from impact_env.curve import BAND, CurveCase, quantiles
@@ -27,9 +26,11 @@ from optimisation.bounds import design_force
 from optimisation.extremes import sweep_ratio
 from optimisation.page import markdown
 from optimisation.tuned import PAPER, den_hartog, highest_amplitude, minimax, paper_rule, peak, peaks
-from studies.paper import basics_claims, high_low, jump
-from studies.paper.frame import PaperFigure, Settings, has, in_turn
-from studies.paper.style import LOOKS, MM, REFERENCE, legends, line, panels
+from studies.paper import high_low, jump
+from studies.paper.claim import SAME, Claim, Verdict, about, claim, interval, judged, within
+from studies.paper.curve import WATCHED, both_ways, level_in
+from studies.paper.frame import PaperFigure, Settings, Size, in_turn, there
+from studies.paper.style import LOOKS, MM, REFERENCE, legends, line, panels, signal
 from studies.study import Json, Steps
 
 Array = NDArray[np.float64]
@@ -39,18 +40,9 @@ FIRST = 12  # impacts after which rounding has not yet grown
 PIECES, SAMPLES = 4, 32  # a pseudo period of a run with the damper that the paper's harmonic balance has between absorber and ground (section 2.5)
 DAMPERS = {"without": 0.0, "with": PAPER_DAMPER}  # N s/m
 METHODS: dict[str, Method] = {"exact": Exact(), "paper's step": Moreau()}
-SERIES = Record(level=False, events=True, series=True, energy=True)
 
 
-class Sizes(NamedTuple):
-    """Members, forces in N, and runs with the damper to ground."""
-
-    members: int
-    forces: tuple[float, ...]
-    damped: int
-
-
-def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
+def _measure(settings: Settings, size: Size, known: Json) -> Steps:
     groups: dict[str, Callable[[], object]] = {
         "beam": beam_numbers,
         "tuned": tuned_numbers,
@@ -59,7 +51,7 @@ def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
         "window": partial(_window, settings, size),
         "step": partial(_step, settings, size),
         "scaling": _scaling,
-        "damper": partial(_damped, settings, size.damped),
+        "damper": lambda: {"jumps": _damped_jumps(settings, size.damped), "levels": _damped_levels(settings, size.damped // 4)},
     }
     return in_turn(groups, known)
 
@@ -67,11 +59,8 @@ def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
 def beam_numbers() -> Json:
     """Return frequencies, masses, the force's node, the static stiffness of all modes, and what a mode keeps after half a period."""
     beam = Beam()
-    model, whole = modal_model(beam), modal_model(Beam(modes=beam.freedoms))
+    model, whole, damped = modal_model(beam), modal_model(Beam(modes=beam.freedoms)), poles(modal_model(beam), None)
     ratios = model.omega / model.omega[0]
-    stuck = float(natural_frequencies(model, StuckAbsorber())[0] / model.omega[0])
-    damped = poles(model, None)
-    edges = linear_sweep(1.0, 0.9935, 1.0065, PAPER_RATE)
     return {
         "omega_1": float(model.omega[0]),
         "ratios": ratios.tolist(),
@@ -80,8 +69,8 @@ def beam_numbers() -> Json:
         "node": beam.force_position * beam.elements,
         "stiffness": beam.static_tip_stiffness,
         "stiffness_of_modes": float(1 / np.sum((whole.tip_shape / whole.omega) ** 2)),
-        "stuck_ratio": stuck,
-        "span_periods": edges.periods,
+        "stuck_ratio": float(natural_frequencies(model, StuckAbsorber())[0] / model.omega[0]),
+        "span_periods": linear_sweep(1.0, 0.9935, 1.0065, PAPER_RATE).periods,
         "left_after_half_period": np.exp(-2 * model.damping_ratio * np.pi * ratios).tolist(),
         "lost_in_own_period": (1 - np.exp(4 * np.pi * damped.real / damped.imag)).tolist(),
     }
@@ -90,23 +79,18 @@ def beam_numbers() -> Json:
 def tuned_numbers() -> Json:
     """Return the tunings of the LTVA with their peaks over no absorber, the paper's at the second resonance, and an undamped one at its frequency."""
     model = modal_model(Beam())
-    free = peak(model, None)[0]
-    found = {}
+    free, found = peak(model, None)[0], {}
     tunings = {"paper": PAPER, "modal mass of one": paper_rule(model), "Den Hartog": den_hartog(model), "smallest peak": minimax(model)}
     for name, absorber in tunings.items():
         heights = [height / free for height, _ in peaks(model, absorber)]
         swept = highest_amplitude(model, absorber, 1, *PAPER_LIMITS)[0] / free
         own = {"relative": max(heights), "at": peak(model, absorber)[1], "peaks": heights, "within_limits": swept}
         found[name] = {"stiffness": absorber.stiffness, "damping": absorber.damping, **own}
-    mass = PAPER.mass_ratio * model.beam_mass
     undamped = TunedAbsorber(PAPER.mass_ratio, PAPER.stiffness, 0.0)
-    tuned_to = float(np.sqrt(PAPER.stiffness / mass))
+    tuned_to = float(np.sqrt(PAPER.stiffness / (PAPER.mass_ratio * model.beam_mass)))
     second = [highest_amplitude(model, absorber, 2, *PAPER_LIMITS)[0] for absorber in (PAPER, None)]
-    return {
-        "tunings": found,
-        "second_relative": second[0] / second[1],
-        "undamped_relative": float(np.abs(tip_response(model, undamped, tuned_to)) / np.abs(tip_response(model, None, tuned_to))),
-    }
+    still, free_tip = (np.abs(tip_response(model, absorber, tuned_to)) for absorber in (undamped, None))
+    return {"tunings": found, "second_relative": second[0] / second[1], "undamped_relative": float(still / free_tip)}
 
 
 def linear_numbers() -> Json:
@@ -115,81 +99,64 @@ def linear_numbers() -> Json:
     low, high = PAPER_LIMITS
     found: Json = {"sweep_ratio": {}, "stuck_over_none": {}, "gap_force_n": {}, "gap_force_at_limits_n": {}, "design_force_n": {}}
     for resonance in (1, 2):
-        name, omega = str(resonance), model.resonance_omega(resonance)
+        name, omega, scenes = str(resonance), model.resonance_omega(resonance), (Scene(model, StuckAbsorber()), Scene(model, None))
+        stuck, none = (max(level_in(Lane(scene, Drive(1.0, sweep))) for sweep in both_ways(scene, resonance)) for scene in scenes)
         found["sweep_ratio"][name] = sweep_ratio(model, PAPER_RATE, resonance)
-        levels = [max(_level(Scene(model, absorber), resonance, ends) for ends in ((low, high), (high, low))) for absorber in (StuckAbsorber(), None)]
-        found["stuck_over_none"][name] = levels[0] / levels[1]
+        found["stuck_over_none"][name] = stuck / none
         found["gap_force_n"][name] = GAP / highest_amplitude(model, None, resonance, low, high)[0]
         found["gap_force_at_limits_n"][name] = [float(GAP / np.abs(tip_response(model, None, ratio * omega))) for ratio in (low, high)]
         found["design_force_n"][name] = design_force(model, PAPER.mass_ratio * model.beam_mass, GAP, resonance)
     return found
 
 
-def _level(scene: Scene, resonance: int, ends: tuple[float, float], force: float = 1.0) -> float:
-    level = simulate(scene, Drive(force, linear_sweep(scene.model.resonance_omega(resonance), *ends))).level
-    assert level is not None
-    return level.value
+def _impact_times(lane: Lane) -> Array:
+    return there(simulate(lane.scene, lane.drive, record=Record(events=True)).impacts).time
 
 
 def _entry() -> list[Json]:
     """Return at which frequency the first impact of a sweep comes, by force, up and down: ten modes, no losses in contact."""
     scene, rows = beam_scene(Beam(), impact_absorber()), []
     for force in ENTRY_FORCES:
-        ratios = []
-        for ends in (PAPER_LIMITS, PAPER_LIMITS[::-1]):
-            schedule = linear_sweep(scene.model.resonance_omega(1), *ends)
-            impacts = simulate(scene, Drive(force, schedule), record=Record(events=True)).impacts
-            assert impacts is not None
-            ratios.append(float(schedule.omega_at(float(impacts.time[0])) / schedule.reference))
-        rows.append({"force": force, "limits": list(PAPER_LIMITS), "up": ratios[0], "down": ratios[1]})
+        up, down = (sweep.omega_at(_impact_times(Lane(scene, Drive(force, sweep)))[0]) / sweep.reference for sweep in both_ways(scene))
+        rows.append({"force": force, "limits": list(PAPER_LIMITS), "up": float(up), "down": float(down)})
     return rows
 
 
 def both_windows(lane: Lane) -> tuple[float, float]:
     """Return the level in m of a lane with the paper's window and with one twice as long."""
-    record = SERIES if lane.scene.absorber is not None else Record(level=False, series=True)
-    history = simulate(lane.scene, lane.drive, record=record).history
-    assert history is not None
-    tip = history.tip_displacement
+    record = WATCHED if lane.scene.absorber is not None else Record(level=False, series=True)
+    tip = there(simulate(lane.scene, lane.drive, record=record).history).tip_displacement
     one, two = (response_level(tip, DEFAULT_SAMPLES, k * HALF_WINDOW_PERIODS)[0] for k in (1, 2))
     return one, two
 
 
-def _window(settings: Settings, size: Sizes) -> list[Json]:
+def _window(settings: Settings, size: Size) -> list[Json]:
     """Return levels over no absorber with both windows, for one, three and ten modes without losses in contact."""
-    forces, members = size.forces, draw_members(size.members, settings.seed)
-    scenes = [beam_scene(Beam(modes=n), absorber) for n in (1, 3, 10) for absorber in (impact_absorber(), None)]
-    lanes = []
-    for scene in scenes:
-        sweeps = [linear_sweep(scene.model.resonance_omega(1), *ends) for ends in (PAPER_LIMITS, PAPER_LIMITS[::-1])]
-        drives = [members.drives(force, schedule) for force in forces for schedule in sweeps]
-        lanes += [Lane(scene, drive) for per_member in drives for drive in per_member]
+    forces, members, numbers = size.forces, draw_members(size.members, settings.seed), (1, 3, 10)
+    scenes = [beam_scene(Beam(modes=n), absorber) for n in numbers for absorber in (impact_absorber(), None)]
+    lanes = [Lane(scene, drive) for scene in scenes for force in forces for sweep in both_ways(scene) for drive in members.drives(force, sweep)]
     found = np.array(settings.each("basics: window", lanes, both_windows)).reshape(3, 2, len(forces), 2, len(members), 2).max(axis=3)
     rows = []
-    for k, modes in enumerate((1, 3, 10)):
-        for f, force in enumerate(forces):
-            absorber, without = found[k, 0, f], found[k, 1, f]
-            middle = np.median(absorber / without, axis=0)
-            rows.append({"modes": modes, "force": force, "relative": middle.tolist(), "shrinks": float(np.median(absorber[:, 1] / absorber[:, 0]))})
+    for modes, (own, without) in zip(numbers, found, strict=True):
+        for force, absorber, none in zip(forces, own, without, strict=True):
+            shrinks = float(np.median(absorber[:, 1] / absorber[:, 0]))
+            rows.append({"modes": modes, "force": force, "relative": np.median(absorber / none, axis=0).tolist(), "shrinks": shrinks})
     return rows
 
 
-def _step(settings: Settings, size: Sizes) -> list[Json]:
+def _step(settings: Settings, size: Size) -> list[Json]:
     """Return levels by the Moreau scheme at the paper's step beside the exact ones."""
-    forces = np.array(size.forces)
     cases = {
         "3 modes, e = 1, 0.01 N": beam_scene(Beam(modes=3), impact_absorber(friction_limit=0.01)),
         "10 modes, e = 0.7, 0.1 N": beam_scene(Beam(), impact_absorber(restitution=0.7, friction_limit=0.1)),
     }
-    curves = [CurveCase(scene, forces) for scene in cases.values()]
-    by = {"exact": None, "moreau": Moreau(PAPER_STEPS)}
+    curves, by = [CurveCase(scene, np.array(size.forces)) for scene in cases.values()], {"exact": None, "moreau": Moreau(PAPER_STEPS)}
     levels = {name: settings.curves(f"basics: {name}", curves, size.members, method) for name, method in by.items()}
-    rows = []
-    for k, name in enumerate(cases):
-        for f, force in enumerate(forces.tolist()):
-            bands = {method: quantiles(found[k].combined[f], (0.5, *BAND)).tolist() for method, found in levels.items()}
-            rows.append({"case": name, "force": force, **bands})
-    return rows
+    return [
+        {"case": name, "force": force} | {by: quantiles(found[k].combined[f], (0.5, *BAND)).tolist() for by, found in levels.items()}
+        for k, name in enumerate(cases)
+        for f, force in enumerate(size.forces)
+    ]
 
 
 def _scaling() -> Json:
@@ -197,18 +164,14 @@ def _scaling() -> Json:
 
     With 2, which moves no digit, the level of a whole sweep with friction; with 3 the times of the first impacts, before rounding has grown.
     """
-    sweeps = []
-    for factor in (1.0, 2.0):
-        scene = beam_scene(Beam(), impact_absorber(factor * GAP, 0.7, factor * 0.1))
-        sweeps.append(_level(scene, 1, PAPER_LIMITS, factor * 3.5) / factor)
-    times = []
-    for factor in (1.0, 3.0):
-        scene = beam_scene(Beam(), impact_absorber(factor * GAP, 0.7))
-        schedule = linear_sweep(scene.model.resonance_omega(1), *PAPER_LIMITS)
-        impacts = simulate(scene, Drive(factor * 3.5, schedule), record=Record(events=True)).impacts
-        assert impacts is not None
-        times.append(impacts.time[:FIRST])
-    return {"level_by_2": sweeps[1] / sweeps[0] - 1, "times_by_3": float(np.max(np.abs(times[1] / times[0] - 1))), "impacts": FIRST}
+
+    def run(factor: float, friction: float | None) -> Lane:
+        scene = beam_scene(Beam(), impact_absorber(factor * GAP, 0.7, friction))
+        return Lane(scene, Drive(factor * 3.5, both_ways(scene)[0]))
+
+    one, two = (level_in(run(factor, factor * 0.1)) / factor for factor in (1.0, 2.0))
+    first, other = (_impact_times(run(factor, None))[:FIRST] for factor in (1.0, 3.0))
+    return {"level_by_2": two / one - 1, "times_by_3": float(np.max(np.abs(other / first - 1))), "impacts": FIRST}
 
 
 def squares(scene: Scene, drives: Sequence[Drive], damper: float, method: Method, threads: int | None = None, pieces: int = PIECES) -> Array:
@@ -216,8 +179,7 @@ def squares(scene: Scene, drives: Sequence[Drive], damper: float, method: Method
 
     The runs have one schedule. At the end of each piece the absorber's velocity shrinks as the damper would have it in that time.
     """
-    schedule, mass = drives[0].schedule, scene.absorber_mass
-    assert mass is not None
+    schedule = drives[0].schedule
     runs = ControlledRuns(scene, len(drives), schedule.reference, 1 / pieces, method, samples_per_period=SAMPLES, threads=threads)
     runs.orders["force"], runs.orders["phase"] = np.array([(drive.amplitude, drive.phase) for drive in drives]).T
     edges: Array = runs.duration * np.arange(int(schedule.times[-1] / runs.duration * (1 + 1e-9)) + 1.0)
@@ -227,7 +189,7 @@ def squares(scene: Scene, drives: Sequence[Drive], damper: float, method: Method
         runs.orders["omega_start"], runs.orders["omega_stop"] = omega[k : k + 2]
         runs.orders["fresh"] = True  # a piece begins at the state as it is left here
         runs.advance()
-        runs.state[:, -1] *= np.exp(-damper * runs.duration / mass)
+        runs.state[:, -1] *= np.exp(-damper * runs.duration / there(scene.absorber_mass))
         found[k] = runs.reports["mean_square"]
     runs.close()
     return found
@@ -257,50 +219,33 @@ def _damped_levels(settings: Settings, runs: int) -> list[Json]:
     """Return the median level of sweeps over three modes (the figure high_low) without and with the damper, and the 95 % interval of their ratio."""
     own, members, rows = high_low.scene(), draw_members(runs, settings.seed), []
     for force in high_low.FORCES.values():
-        sweeps = [linear_sweep(own.model.resonance_omega(1), *ends) for ends in (PAPER_LIMITS, PAPER_LIMITS[::-1])]
-        found = {
-            key: np.max([levels(own, members.drives(force, sweep), c, METHODS["exact"], settings.threads) for sweep in sweeps], axis=0)
-            for key, c in DAMPERS.items()
-        }
-        ratio = scipy.stats.bootstrap(
+        drives = [members.drives(force, sweep) for sweep in both_ways(own)]
+        found = {key: np.max([levels(own, each, c, METHODS["exact"], settings.threads) for each in drives], axis=0) for key, c in DAMPERS.items()}
+        ratio = bootstrap(
             (found["with"], found["without"]), lambda a, b, axis: np.median(a, axis) / np.median(b, axis), method="percentile", rng=settings.seed
         ).confidence_interval
         rows.append({"force_n": force, "low": float(ratio.low), "high": float(ratio.high)} | {key: float(np.median(x)) for key, x in found.items()})
     return rows
 
 
-def _damped(settings: Settings, runs: int) -> Json:
-    """Return both: the jumps of so many sweeps, the levels of a quarter."""
-    return {"jumps": _damped_jumps(settings, runs), "levels": _damped_levels(settings, runs // 4)}
-
-
 def _words(values: Json) -> str:
-    tables: list[tuple[Sequence[str], list[tuple[str, ...]]]] = []
-    if "tuned" in values:
-        header: tuple[str, ...] = ("tuned absorber (LTVA)", "$k$, N/m", "$c$, N s/m", "peak in % of no absorber")
-        tunings = values["tuned"]["tunings"].items()
-        tables.append((header, [(name, f"{x['stiffness']:.1f}", f"{x['damping']:.3f}", f"{100 * x['relative']:.2f}") for name, x in tunings]))
-    if "step" in values:
-        header = ("level in mm, median (5 to 95 %)", "exact", "Moreau, the paper's step")
-        tables.append(
-            (
-                header,
-                [
-                    (f"{x['case']}, {x['force']:g} N", *("{:.3f} ({:.3f} to {:.3f})".format(*(1e3 * y for y in x[by])) for by in ("exact", "moreau")))
-                    for x in values["step"]
-                ],
-            )
-        )
-    if "window" in values:
-        header = ("modes, force", "±10 periods, % of no absorber", "±20 periods, %", "level ±20 over ±10, %")
-        rows = [(f"{x['modes']}, {x['force']:g} N", *(f"{100 * r:.1f}" for r in (*x["relative"], x["shrinks"]))) for x in values["window"]]
-        tables.append((header, rows))
-    if "damper" in values:
-        header, told = ("damper of 0.001 N s/m between absorber and ground", "without", "with it"), values["damper"]
-        lines = [(f"sweeps that jump, {name}", [f"{row[key]} of {row['runs']}" for key in DAMPERS]) for name, row in basics_claims.jumps(told)]
-        lines += [(f"level in mm, 3 modes, {row['force_n']:g} N", [f"{1e3 * row[key]:.3f}" for key in DAMPERS]) for row in told["levels"]]
-        tables.append((header, [(name, *cells) for name, cells in lines]))
-    return "\n\n".join(markdown(header, rows) for header, rows in tables)
+    tunings, damper = values["tuned"]["tunings"].items(), values["damper"]
+    tables: dict[tuple[str, ...], list[tuple[str, ...]]] = {
+        ("tuned absorber (LTVA)", "$k$, N/m", "$c$, N s/m", "peak in % of no absorber"): [
+            (name, f"{x['stiffness']:.1f}", f"{x['damping']:.3f}", f"{100 * x['relative']:.2f}") for name, x in tunings
+        ],
+        ("level in mm, median (5 to 95 %)", "exact", "Moreau, the paper's step"): [
+            (f"{x['case']}, {x['force']:g} N", *(interval(*x[by], form="{:.3f}", factor=1e3) for by in ("exact", "moreau"))) for x in values["step"]
+        ],
+        ("modes, force", "±10 periods, % of no absorber", "±20 periods, %", "level ±20 over ±10, %"): [
+            (f"{x['modes']}, {x['force']:g} N", *(f"{100 * r:.1f}" for r in (*x["relative"], x["shrinks"]))) for x in values["window"]
+        ],
+        ("damper of 0.001 N s/m between absorber and ground", "without", "with it"): [
+            *((f"sweeps that jump, {name}", *(f"{row[key]} of {row['runs']}" for key in DAMPERS)) for name, row in jumps(damper)),
+            *((f"level in mm, 3 modes, {row['force_n']:g} N", *(f"{1e3 * row[key]:.3f}" for key in DAMPERS)) for row in damper["levels"]),
+        ],
+    }
+    return "\n\n".join(markdown(header, rows) for header, rows in tables.items())
 
 
 def _draw(values: Json) -> Figure:
@@ -308,20 +253,17 @@ def _draw(values: Json) -> Figure:
     figure, axes = panels(1, 2, 3.0)
     response, step = axes[0]
     model, ratio = modal_model(Beam()), np.linspace(0.7, 1.3, 1201)
-    shown = {"paper": LOOKS[1], "Den Hartog": LOOKS[0], "smallest peak": LOOKS[2]}
-    free = MM * np.abs(tip_response(model, None, ratio * model.omega[0]))
-    response.plot(ratio, free, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=1, label="no absorber")
-    for name, look in shown.items():
+    signal(response, ratio, MM * np.abs(tip_response(model, None, ratio * model.omega[0])), REFERENCE, "no absorber", 1)
+    for name, look in {"paper": LOOKS[1], "Den Hartog": LOOKS[0], "smallest peak": LOOKS[2]}.items():
         own = values["tuned"]["tunings"][name]
         absorber = TunedAbsorber(stiffness=own["stiffness"], damping=own["damping"])
         line(response, ratio, MM * np.abs(tip_response(model, absorber, ratio * model.omega[0])), look, f"LTVA: {name}", marked=False)
     response.set(xlabel="frequency over the first resonance", ylabel="tip amplitude in mm/N", ylim=(0, 0.25), xlim=(0.7, 1.3))
     rows = values["step"]
     for shift, method, look, label in ((-0.12, "exact", LOOKS[0], "exact"), (0.12, "moreau", LOOKS[1], "Moreau, the paper's step")):
-        found = 100 * np.array([np.array(row[method]) / row["exact"][0] for row in rows])
-        errors = (found[:, 0] - found[:, 1], found[:, 2] - found[:, 0])
-        at = np.arange(len(rows)) + shift
-        step.errorbar(at, found[:, 0], yerr=errors, color=look.colour, ls="", marker=look.marker, lw=1.2, capsize=2.5, label=label)
+        middle, low, high = 100 * np.array([np.array(row[method]) / row["exact"][0] for row in rows]).T
+        at, errors = np.arange(len(rows)) + shift, (middle - low, high - middle)
+        step.errorbar(at, middle, yerr=errors, color=look.colour, ls="", marker=look.marker, lw=1.2, capsize=2.5, label=label)
     step.set_xticks(range(len(rows)), [f"{row['case'].split(',')[0].removesuffix(' modes')}, {row['force']:g}" for row in rows])
     step.set(xlabel="modes, force in N", ylabel="level in % of the exact median")
     step.margins(y=0.25)
@@ -329,7 +271,107 @@ def _draw(values: Json) -> Figure:
     return figure
 
 
+AT_ONCE = 0.005  # of the resonance's frequency, within which of a limit a first impact belongs to the start
+said = partial(claim, "basics")
+
+
+def claims(values: Json) -> list[Claim]:
+    """Return all claims of the part."""
+    return [*_beam(values["beam"]), *_linear(values["linear"], values["entry"]), *_runs(values), _damper(values["damper"]), *_tuned(values["tuned"])]
+
+
+def _beam(beam: Json) -> list[Claim]:
+    second, lost, off = beam["ratios"][1], beam["lost_in_own_period"], beam["stiffness_of_modes"] / beam["stiffness"] - 1
+    own, whole = beam["absorber_kg"], beam["beam_kg"]
+    return [
+        said("basics_omega_2", round(second, 1) == 6.3, ratio=second),
+        said("basics_mass", abs(own / whole - 0.02) < 1e-12, own=1e3 * own, whole=1e3 * whole),
+        said("basics_node", abs(beam["node"] - 12) < 1e-9, **beam),
+        said("basics_stiffness", abs(off) < 1e-9, off=off, **beam),
+        said("basics_own_period", max(lost) - min(lost) < 1e-9, least=100 * min(lost), most=100 * max(lost), modes=len(lost)),
+        said("basics_span", abs(beam["span_periods"] - 130) < 0.5, **beam),
+    ]
+
+
+def _linear(linear: Json, entry: list[Json]) -> list[Claim]:
+    (sweep, swept), (stuck, second) = (linear[name].values() for name in ("sweep_ratio", "stuck_over_none"))
+    gap, rule = ({int(k): x for k, x in linear[name].items()} for name in ("gap_force_n", "design_force_n"))
+    off, (least, most), later = max(abs(stuck - 1), abs(second - 1)), about(10.0), gap[2] / gap[1]
+    early = [row["force"] for row in entry if min(abs(row["up"] - row["limits"][0]), abs(row["down"] - row["limits"][1])) < AT_ONCE]
+    seen = "; ".join(f"{row['force']:g} N: {row['up']:.4f} and {row['down']:.4f}" for row in entry)
+    stationary = min(linear["gap_force_at_limits_n"]["1"])
+    return [
+        said("basics_rate", min(sweep, swept) > 1 - SAME, one=sweep, two=swept),
+        said("basics_stuck_level", off < SAME, one=stuck, two=second, off=off),
+        said("basics_second_reason", least <= later <= most, gap=gap, rule=rule, later=later, times=rule[2] / rule[1]),
+        said("basics_limits", not early, stationary=stationary, seen=seen, least=min(early, default=0), near=AT_ONCE),
+    ]
+
+
+def _runs(values: Json) -> list[Claim]:
+    """Judge the window, the step and the scaling; of the step each case by how the bands of both methods stand to each other, the weakest decides."""
+    rows, scaling = values["window"], values["scaling"]
+    change = [100 * (row["relative"][1] / row["relative"][0] - 1) for row in rows]
+    one, two = (np.argsort([row["relative"][window] for row in rows]) for window in (0, 1))
+    less, order = [100 * (1 - row["shrinks"]) for row in rows], "the same" if np.array_equal(one, two) else "another"
+    window: Json = {"low": min(less), "high": max(less), "least": min(change), "most": max(change), "cases": len(rows), "order": order}
+    steps, (low, high) = values["step"], (100 * q for q in BAND)
+    off = [100 * (row["moreau"][0] / row["exact"][0] - 1) for row in steps]
+    cases = [judged(row["moreau"][1], row["moreau"][2], (1 - SAME) * row["exact"][1], (1 + SAME) * row["exact"][2]) for row in steps]
+    level, times = abs(scaling["level_by_2"]), scaling["times_by_3"]
+    return [
+        said("basics_window", min(less) > 0 and max(map(abs, change)) < 100 * SAME, **window),
+        said("basics_step", _weakest(cases), least=min(off), most=max(off), low=low, high=high, **_counted(cases)),
+        said("basics_scaling", level < 1e-12 and times < 1e-6, level=level, times=times, impacts=scaling["impacts"]),
+    ]
+
+
+def _weakest(cases: list[Verdict]) -> Verdict:
+    return next(verdict for verdict in (Verdict.NOT, Verdict.SPREAD, Verdict.HOLDS) if verdict in cases)
+
+
+def _counted(cases: list[Verdict]) -> Json:
+    return {"cases": len(cases), "inside": cases.count(Verdict.HOLDS), "beside": cases.count(Verdict.NOT)}
+
+
+def jumps(damper: Json) -> list[tuple[str, Json]]:
+    """Return the rows on sweeps with the damper to ground, and what they are of."""
+    return [(f"{row['method']}, {row['periods_per_percent']:g} pseudo periods per 1 %", row) for row in damper["jumps"]]
+
+
+def difference(rows: Sequence[Json]) -> tuple[float, float, float]:
+    """Return how much larger the share of runs is with the damper than without, the mean of all rows, and its 95 % interval."""
+    shares = np.array([[row[key] / row["runs"] for key in ("with", "without")] for row in rows])
+    counts = np.array([[row["runs"]] for row in rows])
+    middle = float(np.mean(shares[:, 0] - shares[:, 1]))
+    bound = float(norm.ppf(0.975) * np.sqrt(np.sum(shares * (1 - shares) / counts)) / len(rows))
+    return middle, middle - bound, middle + bound
+
+
+def _damper(damper: Json) -> Claim:
+    """Judge the change of the share of sweeps that jump, and of levels; the weakest case decides."""
+    (mean, low, high), levels = difference(damper["jumps"]), damper["levels"]
+    cases = [judged(low, high, -SAME, SAME)] + [judged(row["low"], row["high"], *within(SAME)) for row in levels]
+    each = ", ".join(f"{row['with'] / row['runs']:.3f} for {row['without'] / row['runs']:.3f} ({name})" for name, row in jumps(damper))
+    ratios = ", ".join(f"{row['with'] / row['without']:.3f} ({row['low']:.3f} to {row['high']:.3f}) at {row['force_n']:g} N" for row in levels)
+    return said("basics_damper", _weakest(cases), mean=mean, low=low, high=high, each=each, ratios=ratios, **_counted(cases))
+
+
+def _tuned(tuned: Json) -> list[Claim]:
+    paper, rule, own, best = (tuned["tunings"][name] for name in ("paper", "Den Hartog", "modal mass of one", "smallest peak"))
+    off = max(abs(paper[name] / rule[name] - 1) for name in ("stiffness", "damping"))
+    heights, peaks = paper["peaks"], ", ".join(f"{100 * height:.1f}" for height in paper["peaks"])
+    level, least, low, lower = (100 * one[name] for name in ("relative", "within_limits") for one in (paper, best))
+    holds = off < SAME and max(heights) / min(heights) < 1 + SAME and level < least * (1 + SAME)
+    second, undamped = tuned["second_relative"], tuned["undamped_relative"]
+    return [
+        said("basics_ltva", holds, rule=rule, own=own, peaks=peaks, level=level, least=least, low=low, lower=lower),
+        said("basics_ltva_second", second > 1 - SAME, second=second, off=1 - second),
+        said("basics_undamped", undamped < 1e-9, undamped=undamped),
+    ]
+
+
 FIGURE = PaperFigure(
-    "basics", "beam, tuned absorber, sweeps, window, step and scaling", sizes=(Sizes(8, (1.5, 3.5, 5.0), 400), Sizes(3, (1.5, 3.5), 20)),
-    measure=_measure, words=_words, draw=_draw, claims=basics_claims.of, needs=has("step"),
+    "basics", "beam, tuned absorber, sweeps, window, step and scaling", measure=_measure, words=_words, draw=_draw, claims=claims,
+    sizes=(Size(members=8, forces=(1.5, 3.5, 5.0), damped=400), Size(members=3, forces=(1.5, 3.5), damped=20)),  # damped: runs with the damper
 )  # fmt: skip

@@ -9,7 +9,7 @@ from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT, harmonic_
 from impact_env.periodic.overview import balance_curves, exact_curves, linear_curves
 from impact_env.periodic.response_curve import ResponseCurve
 from impact_env.scene import Scene
-from studies.paper.style import FAINT, LOOKS, MM, REFERENCE, STUCK
+from studies.paper.style import FAINT, LOOKS, MM, REFERENCE, STUCK, signal
 from studies.study import Json
 
 HARMONICS = 20  # the paper's
@@ -58,32 +58,26 @@ KINDS = (  # of an exact orbit: unstable slowly, unstable by fast multipliers on
 )
 
 
-def draw(axes: Axes, part: Json) -> None:
-    """Draw what `responses.responses` returns, heights in mm."""
-    linear = part["linear"]
-    ratio = np.array(linear["omega_ratio"])
+def draw_linear(axes: Axes, ratio: Any, linear: Json, width: float) -> None:
+    """Draw the responses without absorber and with a stuck one, in mm."""
     for name, look, label in (("alone", REFERENCE, "no absorber"), ("stuck", STUCK, "absorber stuck")):
-        axes.plot(ratio, MM * np.array(linear[name]), color=look.colour, ls=look.dashes, lw=0.9, label=label)
+        signal(axes, ratio, MM * np.array(linear[name]), look, label, width)
+
+
+def draw(axes: Axes, part: Json) -> None:
+    """Draw what `responses.responses` returns, heights in mm. Stretches of one stability share the point between."""
+    draw_linear(axes, part["linear"]["omega_ratio"], part["linear"], 0.9)
     for number, curve in enumerate(part["balance"]):
-        axes.plot(curve["omega_ratio"], _mm(curve["tip_max"]), color=FAINT, lw=1.0, label=None if number else "harmonic balance, 20 harmonics")
+        label = None if number else "harmonic balance, 20 harmonics"
+        axes.plot(curve["omega_ratio"], MM * np.array(curve["tip_max"], dtype=float), color=FAINT, lw=1.0, label=label)
     shown: set[int] = set()
     for curve in part["exact"]:
-        _exact(axes, curve, shown)
-
-
-def _mm(values: list[Any]) -> Any:
-    return MM * np.array([np.nan if value is None else value for value in values])
-
-
-def _exact(axes: Axes, curve: Json, shown: set[int]) -> None:
-    """Draw each stretch of one stability; neighbours share the point between."""
-    x, y, kinds = np.array(curve["omega_ratio"]), _mm(curve["tip_max"]), np.array(curve["kind"])
-    ends = np.flatnonzero(kinds[1:] != kinds[:-1]) + 1
-    for begin, end in zip([0, *ends], [*ends, len(kinds)], strict=True):
-        kind = int(kinds[begin])
-        colour, dashes, width, label = KINDS[kind]
-        part = slice(begin, min(int(end) + 1, len(kinds)))
-        axes.plot(x[part], y[part], color=colour, ls=dashes, lw=width, label=None if kind in shown else label)
-        shown.add(kind)
-    for ratio, height in curve["folds"]:
-        axes.plot(ratio, MM * height, "o", ms=3.5, mfc="white", mec="black", mew=0.7, zorder=5)
+        x, y, kinds = np.array(curve["omega_ratio"]), MM * np.array(curve["tip_max"], dtype=float), np.array(curve["kind"])
+        ends = np.flatnonzero(kinds[1:] != kinds[:-1]) + 1
+        for begin, end in zip([0, *ends], [*ends, len(kinds)], strict=True):
+            kind, stretch = int(kinds[begin]), slice(begin, min(int(end) + 1, len(kinds)))
+            colour, dashes, width, label = KINDS[kind]
+            axes.plot(x[stretch], y[stretch], color=colour, ls=dashes, lw=width, label=None if kind in shown else label)
+            shown.add(kind)
+        for ratio, height in curve["folds"]:
+            axes.plot(ratio, MM * height, "o", ms=3.5, mfc="white", mec="black", mew=0.7, zorder=5)

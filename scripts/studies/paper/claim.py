@@ -1,11 +1,17 @@
-"""A statement of the paper beside what was computed of it: what its words allow, by one rule, and how members' values are judged and told."""
+"""A statement of the paper beside what was computed of it: what its words allow, by one rule, and how members' values are judged and told.
 
-from dataclasses import dataclass
+The statements are in claims.toml.
+"""
+
+import tomllib
+from dataclasses import asdict, dataclass
 from enum import StrEnum
+from pathlib import Path
+from string import Formatter
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from impact_env.curve import BAND, quantiles
 from impact_env.parameters import require
@@ -45,6 +51,30 @@ def within(share: float) -> tuple[float, float]:
     return 1 - share, 1 + share
 
 
+ALLOWED = {  # by the words of claims.toml, of a number or a ratio
+    "the same": within(SAME),
+    "almost the same": within(LITTLE),
+    "no difference": (-SAME, SAME),
+    "nearly the whole": (1 - SAME, 1.0),
+    "nearly nothing": (0.0, LEFT),
+    "much less": (0.0, MUCH),
+    "less": (0.0, 1.0),
+    "more": (1.0, INFINITY),
+    "even": (1.0, EVEN),
+    "wide": (WIDE, INFINITY),
+}
+RULED = {"same": SAME, "much": MUCH, "left": LEFT, "wide": WIDE}  # what texts may name
+STATED: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(Path(__file__).with_name("claims.toml").read_text(encoding="utf-8"))
+
+
+def allowed_by(words: Any) -> tuple[float, float]:
+    """Return least and most of the key ``allowed`` of claims.toml."""
+    if isinstance(words, str):
+        return about(float(words.removeprefix("about "))) if words.startswith("about ") else ALLOWED[words]
+    least, most = words
+    return least, most
+
+
 class Verdict(StrEnum):
     """What the computation says of a statement."""
 
@@ -78,9 +108,7 @@ class Claim:
 
     def to_plain(self) -> dict[str, Any]:
         """Return a dict of strings; ``why`` is empty where the statement holds."""
-        named = {name: getattr(self, name) for name in ("name", "statement", "section", "computed")}
-        why = "" if self.verdict is Verdict.HOLDS else self.why
-        return {**named, "verdict": self.verdict.value, "figure": self.figure, "why": why, "definitional": self.definitional}
+        return asdict(self) | {"verdict": self.verdict.value, "why": "" if self.verdict is Verdict.HOLDS else self.why}
 
 
 def from_plain(plain: dict[str, Any]) -> Claim:
@@ -101,9 +129,19 @@ def chance(low: float, high: float) -> Verdict:
     return Verdict.HOLDS if low >= OFTEN else Verdict.SPREAD if high > RARE else Verdict.NOT
 
 
+def bands(values: ArrayLike) -> NDArray[np.float64]:
+    """Return 5 %, median and 95 % over the last axis, the members; NaN is left out."""
+    return quantiles(values, (BAND[0], 0.5, BAND[1]))
+
+
+def interval(middle: float, low: float, high: float, *, form: str = "{:.2f}", factor: float = 1.0) -> str:
+    """Return a value and the interval that it lies in, as "0.64 (0.55 to 0.71)"."""
+    return "{} ({} to {})".format(*(form.format(factor * x) for x in (middle, low, high)))
+
+
 def spread(values: ArrayLike, form: str = "{:.2f}", factor: float = 1.0, unit: str = "") -> str:
     """Return median and 5 to 95 % of members, as "0.64 (0.55 to 0.71)", the median alone where all read the same; NaN is left out."""
-    low, middle, high = (form.format(factor * float(x)) for x in quantiles(np.ravel(values), (BAND[0], 0.5, BAND[1])))
+    low, middle, high = (form.format(factor * float(x)) for x in bands(np.ravel(values)))
     return f"{middle}{unit}" if low == high else f"{middle}{unit} ({low} to {high})"
 
 
@@ -128,24 +166,47 @@ def verdict(low: float, high: float, least: float, most: float, at_step: float |
     return Verdict.STEP if found is Verdict.NOT and at_step is not None and least <= at_step <= most else found
 
 
+class Words(Formatter):
+    """Fills the braces of claims.toml: values of members as `spread` says them, and in per cent where the form ends in %."""
+
+    def format_field(self, value: Any, format_spec: str) -> Any:
+        """Return a value in words."""
+        if isinstance(value, str):
+            return value
+        form, factor, unit = format_spec, 1, ""
+        if form.endswith("%"):
+            form, factor, unit = form[:-1] + ("f" if form[-2].isdigit() else ""), 100, " %"
+        return (f"{factor * value:{form}}" if np.ndim(value) == 0 else spread(value, f"{{:{form}}}", factor)) + unit
+
+
 def claim(
     figure: str,
     name: str,
-    statement: str,
-    section: str,
-    values: ArrayLike,
-    allowed: tuple[float, float],
-    why: str,
+    found: Verdict | bool | ArrayLike,
+    /,
+    allowed: tuple[float, float] | None = None,
     *,
-    about: str = "",
-    form: str = "{:.2f}",
-    unit: str = "",
     at_step: float | None = None,
-    definitional: bool = False,
+    **told: Any,
 ) -> Claim:
-    """Return a claim on a number: ``values`` of the members, judged by their 5 to 95 %. ``about`` says what the number is.
+    """Return a claim of claims.toml: a verdict, whether it holds, or values of members, judged by their 5 to 95 %.
 
-    ``at_step``: the number by the paper's scheme and step, in one run.
+    ``allowed`` where claims.toml does not say it; ``told`` fills the braces, as do the values, as {value}. ``at_step``: the number by the paper's
+    scheme and step, in one run.
     """
-    said = f"{about}{spread(values, form, unit=unit)}" + ("" if at_step is None else f"; {form.format(at_step)}{unit} at the paper's step")
-    return Claim(f"{figure}_{name}", statement, section, said, verdict(*middle(values), *allowed, at_step), figure, why, definitional)
+    own, told = STATED[figure][name], {**RULED, "value": found, **told}
+
+    def said(text: str) -> str:
+        return Words().vformat(text, (), told)
+
+    if isinstance(found, bool | np.bool_):
+        found = Verdict.HOLDS if found else Verdict.NOT
+    judgement = found if isinstance(found, Verdict) else verdict(*middle(found), *(allowed or allowed_by(own["allowed"])), at_step)
+    if "about" in own:
+        form, unit = f"{{:{own.get('form', '.2f')}}}", own.get("unit", "")
+        computed = said(own["about"]) + spread(told["value"], form, unit=unit)
+        computed += "" if at_step is None else f"; {form.format(at_step)}{unit} at the paper's step"
+    else:
+        computed = said(own["computed"])
+    why = said(own.get("why", ""))
+    return Claim(said(name), said(own["statement"]), own["section"], computed, judgement, figure, why, own.get("definitional", False))

@@ -15,8 +15,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.curve import BAND, DOWN, CurveCase, PerformanceCurve, quantiles
-from impact_env.drive import Drive, FrequencySchedule
+from impact_env.curve import DOWN, CurveCase, PerformanceCurve
+from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule, linear_sweep
 from impact_env.ensemble import Lane, draw_members
 from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel, level_of, read_level
 from impact_env.methods import Exact, Method
@@ -27,19 +27,20 @@ from impact_env.response import DEFAULT_SAMPLES, Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.report.figures import force_axis
-from studies.paper.frame import Settings
-from studies.paper.style import MM, REFERENCE, Look, line
+from studies.paper.claim import bands, spread
+from studies.paper.frame import Settings, there
+from studies.paper.style import MM, Look, banded, level_of_nothing
 from studies.study import Json
 
 Array = NDArray[np.float64]
 WATCHED = Record(level=False, events=True, series=True, energy=True)
+SERIES = Record(level=False, events=True, series=True)
 
 
 class Seen(NamedTuple):
     """A sweep's level (m), frequency ratio of the maximum, largest |q_tip| (m) and number of impacts.
 
-    Then, of the level's window: impacts per pseudo period, and the longest pause between impacts in pseudo periods. ``before``: pseudo periods from
-    the first impact of the sweep to the maximum; NaN if there is none.
+    Then, of the level's window: impacts per pseudo period, and the longest pause between impacts in pseudo periods.
     """
 
     level: float
@@ -48,16 +49,28 @@ class Seen(NamedTuple):
     impacts: float
     rate: float
     pause: float
-    before: float
+
+
+def level_at(lane: Lane) -> ResponseLevel:
+    """Return the response level of a lane by the exact method."""
+    return there(simulate(lane.scene, lane.drive).level)
+
+
+def level_in(lane: Lane) -> float:
+    """Return the response level in m of a lane by the exact method."""
+    return level_at(lane).value
+
+
+def both_ways(scene: Scene, resonance: int = 1) -> tuple[FrequencySchedule, FrequencySchedule]:
+    """Return the paper's sweeps up and down near a resonance."""
+    omega, (low, high) = scene.model.resonance_omega(resonance), PAPER_LIMITS
+    return linear_sweep(omega, low, high), linear_sweep(omega, high, low)
 
 
 def sampled_level(response: Response) -> ResponseLevel:
     """Return the level of a run that was recorded as samples."""
-    history, schedule = response.history, response.drive.schedule
-    assert history is not None
-    found = read_level(level_of(history.tip_displacement, DEFAULT_SAMPLES), response.drive, schedule.pseudo_period / DEFAULT_SAMPLES)
-    assert found is not None
-    return found
+    level = level_of(there(response.history).tip_displacement, DEFAULT_SAMPLES)
+    return there(read_level(level, response.drive, response.drive.schedule.pseudo_period / DEFAULT_SAMPLES))
 
 
 def part_of(drive: Drive, start: float, stop: float) -> Drive:
@@ -77,15 +90,12 @@ class Contacts:
     def __call__(self, lane: Lane) -> Seen:
         """Return what is seen of the lane."""
         response = simulate(lane.scene, lane.drive, self.method, record=WATCHED)
-        assert response.impacts is not None
         level, period = sampled_level(response), lane.drive.schedule.pseudo_period
-        times, middle = response.impacts.time / period, level.time / period
+        times, middle = there(response.impacts).time / period, level.time / period
         begin = max(0.0, middle - HALF_WINDOW_PERIODS)
         length = min(lane.drive.schedule.periods, middle + HALF_WINDOW_PERIODS) - begin
         inside = times[(times >= begin) & (times <= begin + length)] - begin
-        pause = longest_pause(inside, length)
-        before = middle - times[0] if len(times) else np.nan
-        return Seen(level.value, level.frequency_ratio, level.max_tip, len(times), len(inside) / length, pause, float(before))
+        return Seen(level.value, level.frequency_ratio, level.max_tip, len(times), len(inside) / length, longest_pause(inside, length))
 
 
 @dataclass(frozen=True)
@@ -108,17 +118,15 @@ class Envelope:
 
     def __call__(self, lane: Lane) -> Array:
         """Return the envelope of the lane, (stretches,)."""
-        history = simulate(lane.scene, lane.drive, record=WATCHED).history
-        assert history is not None
+        history = there(simulate(lane.scene, lane.drive, record=WATCHED).history)
         firsts = np.arange(0, len(history.time), self.periods * DEFAULT_SAMPLES)
         return np.asarray(np.maximum.reduceat(np.abs(history.tip_displacement), firsts))
 
     def banded(self, settings: Settings, label: str, scene: Scene, drives: Sequence[Drive]) -> tuple[Json, Array]:
         """Return the envelopes of members with one schedule over frequency ratios, as 5 %, median, 95 % and nominal member; and each member's."""
         rows = np.array(settings.each(label, [Lane(scene, drive) for drive in drives], self))
-        low, middle, high = quantiles(rows.T, (BAND[0], 0.5, BAND[1])).tolist()
-        own = {"ratio": self.ratios(drives[0].schedule).tolist(), "low": low, "median": middle, "high": high, "nominal": rows[0].tolist()}
-        return own, rows
+        own = dict(zip(("low", "median", "high"), bands(rows.T).tolist(), strict=True))
+        return {"ratio": self.ratios(drives[0].schedule).tolist(), **own, "nominal": rows[0].tolist()}, rows
 
     def ratios(self, schedule: FrequencySchedule) -> Array:
         """Return the frequency in the middle of each stretch over the schedule's reference."""
@@ -135,8 +143,7 @@ class Curve:
     """Forces (F,) in N and, for each member, (F, M): level in m, the larger of up and down, and of that direction what follows.
 
     ``at``: frequency ratio of the maximum; ``down``: 1 where it is the sweep down. ``impacts``: the larger number of both directions. The rest is NaN
-    where the contacts were not looked at: largest |q_tip| in m, impacts per pseudo period and longest pause in the
-    level's window, pseudo periods since the first impact.
+    where the contacts were not looked at: largest |q_tip| in m, impacts per pseudo period and longest pause in the level's window.
     """
 
     forces: Array
@@ -147,24 +154,11 @@ class Curve:
     tip: Array
     rate: Array
     pause: Array
-    before: Array
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            object.__setattr__(self, field.name, np.asarray(getattr(self, field.name), dtype=np.float64))
-        shapes = {getattr(self, field.name).shape for field in fields(self)[1:]}
-        require(len(shapes) == 1 and self.level.shape[:1] == self.forces.shape, "curve", shapes, "a row of members for each force")
 
     @property
     def median(self) -> Array:
         """Median of the level in m, (F,)."""
-        return quantiles(self.level, (0.5,))[0]
-
-    @property
-    def band(self) -> tuple[Array, Array]:
-        """5 and 95 % of the level in m, (F,) each."""
-        low, high = quantiles(self.level, BAND)
-        return low, high
+        return bands(self.level)[1]
 
     @property
     def sustained(self) -> Array:
@@ -180,6 +174,10 @@ class Curve:
         """Return the level over that of the same member of a reference over the same forces, (F, M)."""
         require(np.array_equal(self.forces, reference.forces), "reference", reference.forces, f"a curve over the forces {self.forces}")
         return np.asarray(self.level / reference.level)
+
+    def best(self, reference: Curve) -> int:
+        """Return the number of the force with the least median level over a reference."""
+        return int(np.argmin(np.median(self.relative(reference), axis=1)))
 
     def nearest(self, force: float) -> int:
         """Return the number of the force next to ``force`` in N."""
@@ -201,10 +199,9 @@ def curve_of(plain: Json) -> Curve:
 
 def plain_curve(found: PerformanceCurve) -> Json:
     """Return a performance curve without a look at its contacts."""
-    lanes = found.lanes
-    nothing = np.full(lanes.level.shape, np.nan)
-    values = {"level": lanes.level, "at": lanes.frequency_ratio, "tip": lanes.max_tip, "impacts": lanes.impacts}
-    return _critical(found.forces, values | dict.fromkeys(("rate", "pause", "before"), nothing)).to_plain()
+    lanes, nothing = found.lanes, np.full(found.lanes.level.shape, np.nan)
+    values = {"level": lanes.level, "at": lanes.frequency_ratio, "tip": lanes.max_tip, "impacts": lanes.impacts, "rate": nothing, "pause": nothing}
+    return _critical(found.forces, values).to_plain()
 
 
 def _critical(forces: Array, values: Mapping[str, Array]) -> Curve:
@@ -221,20 +218,23 @@ def curves(settings: Settings, label: str, scenes: Mapping[str, Scene], forces: 
     return {name: plain_curve(found) for name, found in zip(scenes, settings.curves(label, cases, members, method), strict=True)}
 
 
-def watched_curve(settings: Settings, label: str, scene: Scene, forces: Sequence[float], members: int, method: Method | None = None) -> Json:
+def watched_curve(settings: Settings, label: str, scene: Scene, forces: Sequence[float], members: int) -> Json:
     """Return the plain performance curve of a scene near its first resonance, with a look at its contacts."""
-    case, drawn = CurveCase(scene, np.array(forces)), draw_members(members, settings.seed)
-    method = Exact() if method is None else method
-    lanes = [Lane(scene, drive) for force in case.forces for schedule in case.schedules() for drive in drawn.drives(float(force), schedule)]
-    seen = settings.each(label, lanes, Contacts(method), method)
-    shape = (len(case.forces), 2, members)
-    arrays = {name: np.array([one[k] for one in seen]).reshape(shape).transpose(0, 2, 1) for k, name in enumerate(Seen._fields)}
-    return _critical(case.forces, arrays).to_plain()
+    drawn = draw_members(members, settings.seed)
+    lanes = [Lane(scene, drive) for force in forces for schedule in both_ways(scene) for drive in drawn.drives(float(force), schedule)]
+    seen = np.array(settings.each(label, lanes, Contacts(Exact()))).reshape(len(forces), 2, members, -1)
+    return _critical(np.array(forces), dict(zip(Seen._fields, seen.transpose(3, 0, 2, 1), strict=True))).to_plain()
 
 
 def best_forces(own: Curve, none: Curve) -> Array:
     """Return each member's force in N with the smallest level over no absorber, (M,)."""
     return own.forces[np.argmin(own.relative(none), axis=0)]
+
+
+def best_of(own: Curve, none: Curve) -> tuple[str, str]:
+    """Return in words the force with the smallest median level over no absorber, and that level."""
+    best = own.best(none)
+    return f"{own.forces[best]:.3g}", spread(own.relative(none)[best])
 
 
 def force_grid(low: float, high: float, points: int, also: Sequence[float] = ()) -> tuple[float, ...]:
@@ -245,9 +245,8 @@ def force_grid(low: float, high: float, points: int, also: Sequence[float] = ())
 MOST = 0.5  # share of the members that decides
 
 
-@dataclass(frozen=True)
-class Border:
-    """Where a range ends: between two forces in N of a curve, ``low`` and ``high``; ``force``: their geometric mean."""
+class Border(NamedTuple):
+    """Where a range ends: between two forces in N of a curve, ``low`` and ``high``."""
 
     low: float
     high: float
@@ -257,9 +256,11 @@ class Border:
         """The middle on a logarithmic axis, in N."""
         return float(np.sqrt(self.low * self.high))
 
+    def __str__(self) -> str:
+        return f"between {self.low:.3g} and {self.high:.3g} N"
 
-@dataclass(frozen=True)
-class Ranges:
+
+class Ranges(NamedTuple):
     """``first_impacts``: the end of the linear range, ``transition``: of the primary one; None where the curve's forces do not hold it."""
 
     first_impacts: Border | None
@@ -270,18 +271,12 @@ def operating_ranges(forces: ArrayLike, impacting: ArrayLike, sustained: ArrayLi
     """Return the borders between rising forces (F,) in N, from the shares (F,) of members with impacts, and with sustained ones.
 
     The linear range ends at the first force at which most have impacts. The secondary range is what lies above the last force at which most have
-    pauses. Raises ParameterError unless the forces rise and all rows have one length.
+    pauses.
     """
-    rising, first, last = (np.asarray(row, dtype=float) for row in (forces, impacting, sustained))
-    require(rising.ndim == 1 and bool(np.all(np.diff(rising) > 0)), "forces", forces, "a row of rising forces in N")
-    require(first.shape == last.shape == rising.shape, "shares", (first.shape, last.shape), f"one for each of the {len(rising)} forces")
-    impacts, paused = np.flatnonzero(first > MOST), np.flatnonzero(last <= MOST)
-    return Ranges(_border(rising, int(impacts[0])) if len(impacts) else None, _border(rising, int(paused[-1]) + 1) if len(paused) else None)
-
-
-def _border(forces: NDArray[np.float64], k: int) -> Border | None:
-    """Return the border below force ``k``, None at either end of the curve."""
-    return Border(float(forces[k - 1]), float(forces[k])) if 0 < k < len(forces) else None
+    rising = np.asarray(forces, dtype=float)
+    impacts, paused = np.flatnonzero(np.asarray(impacting) > MOST), np.flatnonzero(np.asarray(sustained) <= MOST)
+    ends = impacts[0] if len(impacts) else 0, paused[-1] + 1 if len(paused) else 0
+    return Ranges(*(Border(float(rising[k - 1]), float(rising[k])) if 0 < k < len(rising) else None for k in ends))
 
 
 def ranges_of(curve: Curve) -> Ranges:
@@ -301,8 +296,7 @@ def slopes(curve: Curve, inside: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 def draw_curve(axes: Axes, own: Curve, look: Look, label: str, marked: bool = True) -> None:
     """Draw the median of a curve with its band and nominal member, levels in mm."""
-    low, high = own.band
-    line(axes, own.forces, MM * own.median, look, label, band=(MM * low, MM * high), nominal=MM * own.level[:, 0], marked=marked)
+    banded(axes, own.forces, own.level, look, label, MM, marked=marked)
 
 
 def level_axes(axes: Axes, none: Curve, most: float) -> None:
@@ -315,10 +309,10 @@ def inset_of(axes: Axes, bounds: tuple[float, float, float, float], none: Curve,
     """Add an inset at ``bounds`` of the axes: levels over no absorber at all forces, on a logarithmic axis, each curve in its look."""
     small = axes.inset_axes(bounds)
     for look, own in drawn.items():
-        low, middle, high = np.quantile(own.relative(none), (0.05, 0.5, 0.95), axis=1)
+        low, middle, high = bands(own.relative(none))
         small.fill_between(own.forces, low, high, color=look.colour, alpha=0.18, lw=0)
         small.plot(own.forces, middle, color=look.colour, ls=look.dashes, lw=1.0)
-    small.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=0.9)
+    level_of_nothing(small)
     small.set(xscale="log", xlim=(none.forces[0], none.forces[-1]), ylim=(0, 1.15))
     small.set_title("level over no absorber", fontsize=6.5, pad=2)
     small.set_xlabel("force in N", fontsize=6, labelpad=1)

@@ -6,6 +6,7 @@ A module measures in groups of plain values, says them in words, draws them, and
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, TypeVar
 
 from matplotlib.figure import Figure
@@ -68,25 +69,28 @@ class Settings:
             return finished(each_lane(lanes, measure, method, threads=self.threads, progress=show, executor=self.executor))
 
 
+class Size(SimpleNamespace):
+    """How much of a figure is computed: ``members``, ``forces`` in N, ``modes``, ... as the figure's module names and takes them."""
+
+
 @dataclass(frozen=True)
 class PaperFigure:
     """A figure with the paper's ``label``: between its markers stand the drawing, ``words`` of its values, and what they were measured by.
 
     ``sizes``: how much is computed in full and in a quick look, which beside the sources is all that the numbers depend on. ``measure(settings, size,
-    known)`` yields values as that of a `Part`. ``draw(values)`` returns the drawing, once there are all groups that it ``needs``. ``claims(values)``:
-    the statements of the paper that its numbers, all of them, decide. ``tables``: those too long for the page, as CSV files, of which `shortened`
-    shows some rows. ``answer(values)``: a line on an open question, "what is asked: what was found".
+    known)`` yields values as that of a `Part`. Once all are there, ``draw(values)`` returns the drawing and ``claims(values)`` the statements of the
+    paper that they decide. ``tables``: those too long for the page, as CSV files, of which `shortened` shows some rows. ``answer(values)``: a line on
+    an open question, "what is asked: what was found".
     """
 
     label: str
     title: str
     _: KW_ONLY
-    sizes: tuple[Any, Any]  # of one kind of named tuple
+    sizes: tuple[Size, Size]
     measure: Callable[[Settings, Any, Json], Steps]
     words: Callable[[Json], str]
     draw: Callable[[Json], Figure]
     claims: Callable[[Json], list[Claim]]
-    needs: Callable[[Json], bool] = lambda _: True
     tables: Callable[[Json], Sequence[Table]] = lambda _: ()
     answer: Callable[[Json], str] | None = None
 
@@ -95,15 +99,22 @@ class PaperFigure:
         return Part(
             self.label, self.title, markers=(marker(self.label),), sections=self._sections,
             measure=lambda settings, known: self.measure(settings, settings.size(*self.sizes), known),
-            figures=lambda measured: {self.label: saved(lambda: self.draw(measured.values))} if self.needs(measured.values) else {},
+            figures=lambda measured: {self.label: saved(lambda: self.draw(measured.values))} if measured.complete else {},
             tables=lambda measured: self.tables(measured.values) if measured.complete else (),
         )  # fmt: skip
 
     def _sections(self, measured: Measured) -> dict[str, str]:
-        drawn = [f"![{self.title[0].upper()}{self.title[1:]}]({NAME}/{self.label}.png)"] if self.needs(measured.values) else []
-        seconds = f"{measured.conditions['wall_s']:g} s.{'' if measured.complete else ' Stopped early.'}"
-        made = f"{amounts(measured.conditions)}{sources(measured.conditions)} {seconds}"
-        return {marker(self.label): "\n\n".join([*drawn, folded("Numbers", self.words(measured.values)), made])}
+        made = f"{amounts(measured.conditions)}{sources(measured.conditions)} {measured.conditions['wall_s']:g} s."
+        if not measured.complete:
+            return {marker(self.label): f"{made} Stopped early."}
+        drawn = f"![{self.title[0].upper()}{self.title[1:]}]({NAME}/{self.label}.png)"
+        return {marker(self.label): "\n\n".join([drawn, folded("Numbers", self.words(measured.values)), made])}
+
+
+def there(value: T | None) -> T:
+    """Return what a run was asked to record, which is None only where it was not."""
+    assert value is not None
+    return value
 
 
 def marker(label: str) -> str:
@@ -143,8 +154,3 @@ def in_turn(groups: Mapping[str, Callable[[], object]], known: Json) -> Steps:
             yield {own: values[own] for own in groups if own in values}
     if all(name in known for name in groups):
         yield values
-
-
-def has(*names: str) -> Callable[[Json], bool]:
-    """Return what tells whether groups are among the values: words and figures of a run that was stopped show what there is."""
-    return lambda values: all(name in values for name in names)

@@ -1,38 +1,41 @@
 """Frequency responses at a medium and a high force (paper, section 3.1, its figure high_low): exact orbits, and harmonic balance beside them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.stats import binomtest
 
 from impact_env.curve import CurveCase
 from impact_env.drive import Drive, constant_frequency
 from impact_env.ensemble import Lane, draw_members
 from impact_env.frequency import tip_response
 from impact_env.methods import Exact, Method, Moreau
+from impact_env.modes import modal_model
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.periodic.case import case_of
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER
 from impact_env.periodic.isolas import thresholds
 from impact_env.periodic.residence import Approach, hold
-from impact_env.periodic.stationary import Stationary, stationary
+from impact_env.periodic.stationary import Kind, Stationary, stationary
 from impact_env.response import Record
 from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate
 from optimisation.page import markdown
-from studies.paper import high_low_claims
 from studies.paper.branches import HARMONICS, balance, draw, responses
-from studies.paper.claim import between
+from studies.paper.claim import INFINITY, OFTEN, Claim, between, chance, claim, interval, judged
 from studies.paper.curve import Chaos
-from studies.paper.frame import PaperFigure, Settings, has, in_turn
+from studies.paper.frame import PaperFigure, Settings, Size, in_turn, there
 from studies.paper.style import FAINT, MM, legend_below, panels
 from studies.study import Json, Steps
 
 LABEL = "high_low"
 MODES, FRICTION, FORCES = 3, 0.01, {"medium": 1.5, "high": 3.0}  # N: limit of friction, and the paper's two forces
+GAP = 1e-3  # m
 LOW, HIGH, FAR = 0.9, 1.06, 1.2  # frequencies over the first resonance; the inset reaches farther
 PLACES = {"high branch": (3.0, 0.955), "at resonance, 1.5 N": (1.5, 1.0), "at resonance, 3 N": (3.0, 1.0)}  # N, ratio
 SETTLE, WINDOW = 1000.0, 200  # pseudo periods, periods of the force
@@ -43,22 +46,14 @@ def scene() -> Scene:
     return beam_scene(Beam(modes=MODES), impact_absorber(friction_limit=FRICTION))
 
 
-class Sizes(NamedTuple):
-    """Harmonics, forces (N) over which the best is looked for, members, periods of a Lyapunov exponent, and runs from random states."""
-
-    harmonics: tuple[int, ...]
-    forces: list[float]
-    members: int
-    periods: int
-    starts: int
-
-
 def _isola(harmonics: int, damper: float) -> Json:
     """Peak and outer folds of the isola at the medium force by harmonic balance, None where it finds no closed curve."""
-    closed = [curve for curve in balance(scene(), FORCES["medium"], LOW, 0.98, harmonics, damper) if curve["closed"]]
-    return {"harmonics": harmonics, "damper": damper, "peak": None, "folds": []} | (
-        {name: closed[0][name] for name in ("peak", "folds")} if closed else {}
-    )
+    found: Json = {"peak": None, "folds": []}
+    for curve in balance(scene(), FORCES["medium"], LOW, 0.98, harmonics, damper):
+        if curve["closed"]:
+            found = {name: curve[name] for name in found}
+            break
+    return {"harmonics": harmonics, "damper": damper, **found}
 
 
 def _levels_of_isolas() -> list[Json]:
@@ -76,10 +71,9 @@ class Rhythm:
     def __call__(self, lane: Lane) -> tuple[float, float]:
         """Return both of a lane."""
         schedule = lane.drive.schedule
-        response = simulate(lane.scene, lane.drive, self.method, record=Record(events=True))
-        assert response.impacts is not None
+        impacts = there(simulate(lane.scene, lane.drive, self.method, record=Record(events=True)).impacts)
         since = schedule.times[-1] - WINDOW * 2 * np.pi / schedule.omegas[-1]
-        walls = np.sign(response.impacts.impulse[response.impacts.time > since])
+        walls = np.sign(impacts.impulse[impacts.time > since])
         return len(walls) / WINDOW, np.count_nonzero(np.diff(walls)) / WINDOW
 
 
@@ -87,7 +81,7 @@ def _window(lane: Lane) -> Stationary:
     return stationary(lane.scene, lane.drive, WINDOW)
 
 
-def _stationary(settings: Settings, size: Sizes) -> Json:
+def _stationary(settings: Settings, size: Size) -> Json:
     """Return kinds, impacts a period, depths and peaks of all members at each of the places."""
     own, result = scene(), {}
     approach = Approach(own.model.resonance_omega(1), 1.0)
@@ -104,8 +98,7 @@ def _stationary(settings: Settings, size: Sizes) -> Json:
             "peak_median_m": [float(np.median(one.peaks)) for one in found],
         }
         for method in (Exact(), Moreau()):
-            rhythms = settings.each(f"{LABEL}: impacts", lanes, Rhythm(method), method)
-            result[name][f"rhythm {type(method).__name__}"] = [list(rhythm) for rhythm in rhythms]
+            result[name][f"rhythm {type(method).__name__}"] = settings.each(f"{LABEL}: impacts", lanes, Rhythm(method), method)
     return result
 
 
@@ -122,7 +115,7 @@ def _kind_from(lane: Lane) -> str:
     return stationary(lane.scene, lane.drive, WINDOW, initial=lane.initial).found.kind.value
 
 
-def _basin(settings: Settings, size: Sizes) -> Json:
+def _basin(settings: Settings, size: Size) -> Json:
     """Return how many of runs from random states settle to each kind at the resonance under the medium force.
 
     The first mode begins anywhere within the ellipse of its own resonance without absorber, the absorber anywhere in its cavity at the tip's speed.
@@ -134,13 +127,13 @@ def _basin(settings: Settings, size: Sizes) -> Json:
     for size, angle, place, phase in generator.uniform((0, 0, -1, 0), (1, 2 * np.pi, 1, 2 * np.pi), (number, 4)):
         q, v = (np.eye(MODES)[0] * most * np.sqrt(size) * x for x in (np.cos(angle), omega * np.sin(angle)))
         tip, speed = float(own.model.tip_shape @ q), float(own.model.tip_shape @ v)
-        schedule = constant_frequency(omega, 1.0, SETTLE)
-        lanes.append(Started(own, Drive(FORCES["medium"], schedule, float(phase)), InitialState(q, v, tip + 1e-3 * float(place), speed)))
+        drive = Drive(FORCES["medium"], constant_frequency(omega, 1.0, SETTLE), float(phase))
+        lanes.append(Started(own, drive, InitialState(q, v, tip + GAP * float(place), speed)))
     kinds = settings.each(f"{LABEL}: basin", lanes, _kind_from)
     return {kind: kinds.count(kind) for kind in sorted(set(kinds))}
 
 
-def _exponents(settings: Settings, size: Sizes) -> Json:
+def _exponents(settings: Settings, size: Size) -> Json:
     """Return the largest Lyapunov exponent at each of the places, from the paper's own phase."""
     own = scene()
     approach = Approach(own.model.resonance_omega(1), 1.0)
@@ -148,16 +141,14 @@ def _exponents(settings: Settings, size: Sizes) -> Json:
     return dict(zip(PLACES, settings.each(f"{LABEL}: exponents", lanes, Chaos(size.periods)), strict=True))
 
 
-def _levels(settings: Settings, size: Sizes) -> Json:
+def _levels(settings: Settings, size: Size) -> Json:
     """Return levels over the force, relative to no absorber."""
-    force = np.array(size.forces)
-    own = scene()
-    alone = Scene(own.model, None)
-    curve, reference = settings.curves(f"{LABEL}: levels", [CurveCase(own, force), CurveCase(alone, force)], size.members)
-    return {"force_n": force.tolist(), "relative": curve.relative_to(reference).tolist()}
+    cases = [CurveCase(each, np.array(size.forces)) for each in (scene(), Scene(scene().model, None))]
+    curve, reference = settings.curves(f"{LABEL}: levels", cases, size.members)
+    return {"force_n": list(size.forces), "relative": curve.relative_to(reference).tolist()}
 
 
-def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
+def _measure(settings: Settings, size: Size, known: Json) -> Steps:
     groups: dict[str, Any] = {name: partial(responses, scene(), force, LOW, FAR) for name, force in FORCES.items()}
     groups |= {
         "isolas": _levels_of_isolas,
@@ -175,27 +166,22 @@ def _words(values: Json) -> str:
     lines = []
     for name in FORCES:
         for method, said in (("exact", "exact orbits"), ("balance", "harmonic balance")):
-            for curve in values[name][method] if name in values else ():
-                if curve["peak"] is not None:
-                    at, peak = curve["peak"]
-                    form = "closed" if curve["closed"] else "open"
-                    folds = ", ".join(f"{ratio:.5f}" for ratio, _ in curve["folds"])
-                    lines.append((f"{values[name]['force_n']:g}", said, form, f"{1e3 * peak:.3f}", f"{at:.4f}", folds))
+            for curve in (curve for curve in values[name][method] if curve["peak"] is not None):
+                (at, peak), form = curve["peak"], "closed" if curve["closed"] else "open"
+                folds = ", ".join(f"{ratio:.5f}" for ratio, _ in curve["folds"])
+                lines.append((f"{values[name]['force_n']:g}", said, form, f"{1e3 * peak:.3f}", f"{at:.4f}", folds))
+    rows = []
+    for name, found in values["stationary"].items():
+        kinds = ", ".join(f"{kind} {found['kinds'].count(kind)}" for kind in dict.fromkeys(found["kinds"]))
+        exact, stepped = (np.array(found[f"rhythm {method}"]).T for method in ("Exact", "Moreau"))
+        counts = [between(values, "{:.2f}") for values in (*exact, stepped[0], found["depth"])]
+        exponent = interval(*values["exponents"][name], form="{:.3f}")
+        rows.append((name, f"{found['force_n']:g}", f"{found['omega_ratio']:g}", kinds, *counts, exponent))
+    columns = ("impacts a period", "visits to a wall", "impacts at the paper's step", "modulation depth", "largest exponent a period (95 %)")
     text = markdown(("force, N", "method", "curve", "peak, mm", "at", "folds"), lines)
-    if "stationary" in values:
-        rows = []
-        for name, found in values["stationary"].items():
-            kinds = ", ".join(f"{kind} {found['kinds'].count(kind)}" for kind in dict.fromkeys(found["kinds"]))
-            exact, stepped = (np.array(found[f"rhythm {method}"]) for method in ("Exact", "Moreau"))
-            counts = (between(exact[:, 0], "{:.2f}"), between(exact[:, 1], "{:.2f}"), between(stepped[:, 0], "{:.2f}"))
-            exponent = "{:.3f} ({:.3f} to {:.3f})".format(*values["exponents"][name]) if "exponents" in values else ""
-            rows.append((name, f"{found['force_n']:g}", f"{found['omega_ratio']:g}", kinds, *counts, between(found["depth"], "{:.2f}"), exponent))
-        columns = ("impacts a period", "visits to a wall", "impacts at the paper's step", "modulation depth", "largest exponent a period (95 %)")
-        text += "\n\n" + markdown(("stationary", "force, N", "frequency ratio", "members", *columns), rows)
-    return text
+    return text + "\n\n" + markdown(("stationary", "force, N", "frequency ratio", "members", *columns), rows)
 
 
-RANGE = (0.9, 1.06)
 NAMED = {  # the paper's names of the curves, and where they stand: frequency ratio and displacement in mm
     "medium": {"a": (0.99, 1.78), "b": (0.9705, 1.91), "c": (0.9405, 0.6), "d": (0.915, 0.29), "e": (0.936, 1.41), "f": (1.007, 0.55)},
     "high": {"a": (0.99, 3.55), "b": (0.972, 3.75), "c": (0.937, 0.13), "d": (0.93, 0.65), "e": (0.942, 2.75), "f": (1.0, 0.36)},
@@ -205,10 +191,10 @@ NAMED = {  # the paper's names of the curves, and where they stand: frequency ra
 def _draw(values: Json) -> Figure:
     """Draw the largest tip displacement over the frequency for both forces."""
     figure, axes = panels(1, 2, 3.6, "")
-    for own, name in zip(axes.flat, ("medium", "high"), strict=True):
+    for own, name in zip(axes.flat, FORCES, strict=True):
         part = values[name]
         draw(own, part)
-        own.set(xlim=RANGE, ylim=(0, 1.25 * MM * max(curve["peak"][1] for curve in part["balance"])), xlabel=r"frequency $\Omega/\omega_1$")
+        own.set(xlim=(LOW, HIGH), ylim=(0, 1.25 * MM * max(curve["peak"][1] for curve in part["balance"])), xlabel=r"frequency $\Omega/\omega_1$")
         own.set_title(f"{part['force_n']:g} N")
         own.axhline(1.0, color=FAINT, lw=0.5)
         for letter, (ratio, height) in NAMED[name].items():
@@ -222,11 +208,127 @@ def _draw(values: Json) -> Figure:
     return figure
 
 
+said = partial(claim, LABEL)
+
+
+def _claims(values: Json) -> list[Claim]:
+    """Return the statements that this figure decides."""
+    relative = np.array(values["levels"]["relative"])
+    best = np.array(values["levels"]["force_n"])[np.argmin(relative, axis=0)]
+    return [
+        *_linear(values), *_branches(values), *_regimes(values), _method(values), said("near the optimum", best, least=relative.min(axis=0)),
+    ]  # fmt: skip
+
+
+def _interpolated(part: Json, name: str, ratio: Any) -> Any:
+    return np.interp(ratio, part["linear"]["omega_ratio"], np.array(part["linear"][name], dtype=float))
+
+
+def _linear(values: Json) -> list[Claim]:
+    medium, omega = values["medium"], modal_model(Beam(modes=3)).omega
+    ratio, height = _sliding(medium)
+    off = np.abs(height / _interpolated(medium, "alone", ratio) - 1)
+    return [
+        said("third frequency", float(omega[2] / omega[0])),
+        said("stuck resonance", medium["stuck_peak"]),
+        said("sliding follows linear", float(off.max()), median=float(np.median(off))),
+        said("sharp bends", height.max() / GAP, mm=1e3 * height.max()),
+    ]
+
+
+def _sliding(part: Json) -> tuple[Any, Any]:
+    """Return frequency and height of the response without impacts below the resonance, by harmonic balance, up to where it turns at the gap."""
+    for curve in part["balance"]:
+        ratio, height = np.array(curve["omega_ratio"]), np.array(curve["tip_max"], dtype=float)
+        if not curve["closed"] and ratio.min() < 0.905:
+            ratio, height = (ratio, height) if ratio[0] < ratio[-1] else (ratio[::-1], height[::-1])
+            stop = int(np.argmax(height[ratio < 1.0])) + 1
+            return ratio[:stop], height[:stop]
+    raise ValueError("harmonic balance found no response without impacts")
+
+
+def _counts(part: Json) -> list[int]:
+    """Return how many periodic responses harmonic balance has at 320 frequencies between 0.9 and 1.06."""
+    grid, count = np.linspace(0.9003, 1.0597, 320), np.zeros(320, dtype=int)
+    for curve in part["balance"]:
+        ratio = np.array(curve["omega_ratio"] + (curve["omega_ratio"][:1] if curve["closed"] else []))
+        for low, high in zip(np.minimum(ratio[1:], ratio[:-1]), np.maximum(ratio[1:], ratio[:-1]), strict=True):
+            count += (low <= grid) & (grid < high)
+    return count.tolist()
+
+
+def _closed(part: Json, method: str) -> Json | None:
+    return next((curve for curve in part[method] if curve["closed"]), None)
+
+
+def _highest(part: Json) -> Json:
+    return max((curve for curve in part["exact"] if curve["peak"]), key=lambda curve: curve["peak"][1])
+
+
+def _branches(values: Json) -> list[Claim]:
+    medium, high = values["medium"], values["high"]
+    counts, isola, top = _counts(medium) + _counts(high), _closed(medium, "exact"), _highest(high)
+    births, mergers = ([one["force_n"] for one in values["isolas"] if one["kind"] == kind] for kind in ("birth", "merger"))
+    thresholds = f"born at {between(births, '{:.3f}')} N, merged at {between(mergers, '{:.3f}')} N" if mergers and births else "no threshold"
+    outer = [fold[0] for fold in isola["folds"]] if isola else []
+    alone = float(np.max(_interpolated(high, "alone", np.linspace(0.98, 1.02, 401))))
+    return [
+        said("number of responses", float(np.mean([1 <= n <= 3 for n in counts])), most=max(counts)),
+        said("isola", bool(outer and max(outer) < 1), isola=f"closed, from {min(outer):.5f} to {max(outer):.5f} of omega_1" if outer else "none"),
+        said("merger", any(1.5 < force < 3.0 for force in mergers), thresholds=thresholds),
+        said("far fold", max((fold[0] for fold in top["folds"]), default=0.0)),
+        said("merely shifted", 1 - top["peak"][1] / alone, peak=top["peak"][0]),
+    ]
+
+
+def _near(curves: Sequence[Json], ratio: float, width: float = 0.002) -> list[tuple[float, int]]:
+    """Return height and stability of the orbits next to a frequency."""
+    return [
+        (y, kind)
+        for curve in curves
+        for x, y, kind in zip(curve["omega_ratio"], curve["tip_max"], curve["kind"], strict=True)
+        if y is not None and abs(x - ratio) < width
+    ]
+
+
+def _regimes(values: Json) -> list[Claim]:
+    medium, high, found = values["medium"], values["high"], values["stationary"]
+    here = _near(medium["exact"], 1.0) or _near(medium["exact"], 1.0, 0.01)
+    unstable = sum(kind < 2 for _, kind in here)
+    basin, peaks = values["basin"], [_highest(part)["peak"][0] for part in (medium, high)]
+    runs = sum(basin.values())
+    upper = [kind for y, kind in _near(high["exact"], 0.945, 0.02) if y > 1.2 * GAP]
+    stable, slow = (float(np.mean([kind >= least for kind in upper])) for least in (2, 1))
+    at, top, exponent = found["at resonance, 1.5 N"], found["high branch"], values["exponents"]["high branch"]
+    impacts, visits = np.array(top["rhythm Exact"]).T
+    modulated = float(np.mean([kind == Kind.MODULATED.value for kind in at["kinds"]]))
+    wilson = binomtest(basin.get(Kind.MODULATED.value, 0), runs).proportion_ci(method="wilson")
+    return [
+        said("low at resonance", float(np.median([y for y, _ in here])) / float(_interpolated(medium, "alone", 1.0))),
+        said("unstable at resonance", unstable == len(here) and modulated >= OFTEN, unstable=unstable, orbits=len(here), modulated=modulated,
+             depth=at["depth"]),
+        said("sustained", visits),
+        said("two impacts", impacts, steps=np.array(top["rhythm Moreau"])[:, 0], stable=stable, slow=slow),
+        said("weakly modulated", top["depth"], depth=at["depth"]),
+        said("chaotic", judged(exponent[1], exponent[2], 0.0, INFINITY), exponent=exponent),
+        said("lower frequency", judged(min(peaks), max(peaks), 0.0, 0.999), medium=peaks[0], high=peaks[1], stuck=medium["stuck_peak"]),
+        said("basin", chance(wilson.low, wilson.high), kinds=", ".join(f"{kind} {count}" for kind, count in basin.items()), runs=runs),
+    ]  # fmt: skip
+
+
+def _method(values: Json) -> Claim:
+    exact, rows, bare = _closed(values["medium"], "exact"), values["harmonics"], values["no_damper"]
+    error, *others = (row["peak"][1] / exact["peak"][1] - 1 if exact and row["peak"] else np.nan for row in rows)
+    left, of_exact = (min((fold[0] for fold in one["folds"]), default=np.nan) for one in (rows[0], exact or {"folds": []}))
+    more = "".join(f"; with {row['harmonics']} harmonics {100 * off:+.1f} %" for row, off in zip(rows[1:], others, strict=True))
+    change = abs(rows[0]["peak"][1] / bare["peak"][1] - 1) if rows[0]["peak"] and bare["peak"] else np.nan
+    return said("twenty harmonics", abs(error), error=error, left=left, exact=of_exact, more=more, change=change)
+
+
 FIGURE = PaperFigure(
-    LABEL, "frequency responses at a medium and a high force", measure=_measure, words=_words, draw=_draw, claims=high_low_claims.claims,
-    needs=has(*FORCES),
-    sizes=(
-        Sizes((HARMONICS, 40), np.round(np.geomspace(0.9, 4.0, 12), 3).tolist(), 16, 2000, 200),
-        Sizes((HARMONICS,), np.round(np.geomspace(0.9, 4.0, 4), 3).tolist(), 2, 200, 4),
+    LABEL, "frequency responses at a medium and a high force", measure=_measure, words=_words, draw=_draw, claims=_claims,
+    sizes=(  # harmonics; forces over which the best is looked for; periods of a Lyapunov exponent; runs from random states
+        Size(harmonics=(HARMONICS, 40), forces=np.geomspace(0.9, 4.0, 12).round(3).tolist(), members=16, periods=2000, starts=200),
+        Size(harmonics=(HARMONICS,), forces=np.geomspace(0.9, 4.0, 4).round(3).tolist(), members=2, periods=200, starts=4),
     ),
 )  # fmt: skip

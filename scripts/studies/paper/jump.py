@@ -3,13 +3,12 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from impact_env.curve import BAND, quantiles
 from impact_env.drive import FrequencySchedule, linear_sweep
 from impact_env.ensemble import Lane, draw_members
 from impact_env.methods import Exact, Method, Moreau
@@ -20,16 +19,16 @@ from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
 from optimisation.page import markdown
 from optimisation.progress import sweeps_bar
-from studies.paper import jump_claims
 from studies.paper.branches import draw, responses
-from studies.paper.claim import spread
-from studies.paper.frame import PaperFigure, Settings, has, in_turn
-from studies.paper.style import LOOKS, MM, legend_below, legends, panels
+from studies.paper.claim import INFINITY, MUCH, Claim, bands, chance, claim, interval, judged, middle, spread
+from studies.paper.curve import level_in
+from studies.paper.frame import PaperFigure, Settings, Size, in_turn, there
+from studies.paper.style import LOOKS, MM, Look, legend_below, legends, panels
 from studies.study import Json, Steps
 
 LABEL = "jump"
 MODES, FRICTION, FORCES = 2, 0.025, {"medium": 1.5, "high": 3.0}  # N
-LOW, HIGH = 0.9, 1.06
+GAP, LOW, HIGH = 1e-3, 0.9, 1.06  # m, and frequencies over the first resonance
 RATE = 725.0  # the paper's faster sweep, in pseudo periods per 1 %; the other takes twice as long
 EDGES = np.linspace(LOW, HIGH, 81)  # of the stretches in which a sweep's largest displacement is kept
 ON_BRANCH, AT_RESONANCE = (0.935, 0.945), (0.995, 1.005)  # where the high branch, and the response at resonance, are read off
@@ -43,24 +42,12 @@ SWEEPS: dict[str, tuple[float, float, float, float, Method]] = {  # name: force 
 }
 OVER = Range(1.0, 0.988, 0.952, LOW)  # of the sweeps that are counted: they come from impact at resonance
 HIGH_LEVEL = 0.75e-3  # m: at 1.5 N response levels are near 0.55 and 1.05 mm
+HIGH_BRANCH = 1.5e-3  # m: at 3 N the high branch is above it, all else below
 DRIFT, BLOCK = (0.96, 0.97, 0.1), 100  # a slow sweep without impacts: from, to, % per 100 pseudo periods; over which the absorber's place is averaged
-FINER = 200  # steps a period of the highest mode: ten times the paper's
-EVERY = "exact"
-METHODS: dict[str, Method] = {EVERY: Exact(), "paper's step": Moreau(), "ten times finer": Moreau(FINER)}
+EVERY, STEP, FINER = "exact", "paper's step", "ten times finer"
+METHODS: dict[str, Method] = {EVERY: Exact(), STEP: Moreau(), FINER: Moreau(200)}  # steps a period of the highest mode; the paper's are 20
 BURN_IN = 100.0  # pseudo periods of a stay that are left out of its rate
-
-
-class Sizes(NamedTuple):
-    """How much is computed: members of sweeps, of jumps (with ten times finer steps) and of stays, their length, frequencies, and slownesses."""
-
-    sweeps: int
-    jumps: int
-    finer: int
-    stays: int
-    periods: float
-    ratios: int
-    slownesses: tuple[float, ...]
-    fast: tuple[float, ...]
+PAPER_PERIODS = 100.0  # pseudo periods per 1 % of the sweeps for a level
 
 
 def scene() -> Scene:
@@ -77,10 +64,8 @@ class Followed:
     def __call__(self, lane: Lane) -> tuple[list[float], float, float]:
         """Return all three of a lane."""
         schedule: FrequencySchedule = lane.drive.schedule
-        history = simulate(lane.scene, lane.drive, self.method, record=Record(level=False, series=True)).history
-        assert history is not None
-        period = np.floor(history.time / schedule.pseudo_period)
-        first = np.flatnonzero(np.diff(period, prepend=-1))
+        history = there(simulate(lane.scene, lane.drive, self.method, record=Record(level=False, series=True)).history)
+        first = np.flatnonzero(np.diff(np.floor(history.time / schedule.pseudo_period), prepend=-1))
         largest = np.maximum.reduceat(np.abs(history.tip_displacement), first)
         ratio = np.asarray(schedule.omega_at(history.time[first])) / schedule.reference
         place = np.clip(np.digitize(ratio, EDGES) - 1, 0, len(EDGES) - 2)
@@ -89,7 +74,7 @@ class Followed:
         return binned, float(np.median(branch)), float(np.max(resonance))
 
 
-def _sweeps(settings: Settings, size: Sizes) -> Json:
+def _sweeps(settings: Settings, size: Size) -> Json:
     """Return for each of `SWEEPS` the paper's own run, the band of all members, and where they are on the branch and at resonance."""
     own, result = scene(), {}
     members = draw_members(size.sweeps, settings.seed)
@@ -97,47 +82,39 @@ def _sweeps(settings: Settings, size: Sizes) -> Json:
         schedule = linear_sweep(own.model.resonance_omega(1), start, stop, 100 / slowness)
         lanes = [Lane(own, drive) for drive in members.drives(force, schedule)]
         binned, branch, resonance = zip(*settings.each(f"{LABEL}: {name}", lanes, Followed(method), method), strict=True)
-        low, high = quantiles(np.array(binned).T, BAND)
+        low, _, high = bands(np.array(binned).T).tolist()
         result[name] = {
-            "force_n": force, "periods_per_percent": slowness, "nominal_m": binned[0], "low_m": low.tolist(), "high_m": high.tolist(),
+            "force_n": force, "periods_per_percent": slowness, "nominal_m": binned[0], "low_m": low, "high_m": high,
             "on_branch_m": branch, "at_resonance_m": resonance,
         }  # fmt: skip
     return result
 
 
-def _rates(settings: Settings, size: Sizes) -> list[Json]:
+def _rates(settings: Settings, size: Size) -> list[Json]:
     """Return exits and time at risk at constant frequencies."""
-    own = scene()
-    phases = draw_members(size.stays, settings.seed, "phase").phases.tolist()
-    rows = []
+    own, rows, to = scene(), [], Json(threads=settings.threads, executor=settings.executor)
+    phases, approach = draw_members(size.stays, settings.seed, "phase").phases.tolist(), Approach(own.model.resonance_omega(1), 1.0)
     for ratio in np.round(np.linspace(OVER.first, OVER.last, size.ratios), 6).tolist():
         with sweeps_bar(f"{LABEL}: stays at {ratio:g}", leave=False) as show:
-            approach = Approach(own.model.resonance_omega(1), 1.0)
-            found = stays(
-                own, FORCES["medium"], approach, ratio, size.periods, phases, threads=settings.threads, progress=show, executor=settings.executor
-            )  # fmt: skip
+            found = stays(own, FORCES["medium"], approach, ratio, size.periods, phases, progress=show, **to)
         rate = exit_rate(found, BURN_IN)
-        interval = {name: None if np.isnan(value := getattr(rate, name)) else float(value) for name in ("rate", "low", "high")}
-        rows.append({"omega_ratio": ratio, "exits": rate.exits, "exposure": rate.exposure, **interval})
+        limits = {name: None if np.isnan(value := getattr(rate, name)) else float(value) for name in ("rate", "low", "high")}
+        rows.append({"omega_ratio": ratio, "exits": rate.exits, "exposure": rate.exposure, **limits})
     return rows
 
 
-def _jumps(settings: Settings, size: Sizes, name: str) -> list[Json]:
+def _jumps(settings: Settings, size: Size, name: str) -> list[Json]:
     """Return at each slowness how many sweeps reach the high branch, by one of the `METHODS`, and how many stayed in impact all the way."""
-    own, rows = scene(), []
-    slownesses: Sequence[float] = size.slownesses if name != "ten times finer" else [n for n in size.slownesses if n in (RATE, 2 * RATE)]
-    phases = draw_members(size.finer if name == "ten times finer" else size.jumps, settings.seed + 1, "phase").phases.tolist()
-    for slowness in slownesses:
+    own, rows, to = scene(), [], Json(threads=settings.threads, executor=settings.executor)
+    phases = draw_members(size.finer if name == FINER else size.jumps, settings.seed + 1, "phase").phases.tolist()
+    approach = Approach(own.model.resonance_omega(1), 1.0)
+    for slowness in (n for n in size.slownesses if name != FINER or n in (RATE, 2 * RATE)):
         with sweeps_bar(f"{LABEL}: {name}, {slowness:g} periods a percent", leave=False) as show:
-            approach = Approach(own.model.resonance_omega(1), 1.0)
-            found = jumps(
-                own, FORCES["medium"], approach, OVER, slowness, phases, SILENCE, HIGH_LEVEL, METHODS[name],
-                threads=settings.threads, progress=show, executor=settings.executor,
-            )  # fmt: skip
-        assert found.high is not None
-        low, high = Jumps(found.high, found.runs, found.runs).interval()
-        share = {"share": found.high / found.runs, "low": low, "high": high}
-        rows.append({"periods_per_percent": slowness, "reached": found.high, "runs": found.runs, "stayed": found.jumped, **share})
+            found = jumps(own, FORCES["medium"], approach, OVER, slowness, phases, SILENCE, HIGH_LEVEL, METHODS[name], progress=show, **to)
+        high = there(found.high)
+        low, most = Jumps(high, found.runs, found.runs).interval()
+        share = {"share": high / found.runs, "low": low, "high": most}
+        rows.append({"periods_per_percent": slowness, "reached": high, "runs": found.runs, "stayed": found.jumped, **share})
     return rows
 
 
@@ -150,43 +127,34 @@ class Drifted:
     def __call__(self, lane: Lane) -> tuple[float, int]:
         """Return that of a lane, and the number of its impacts."""
         response = simulate(lane.scene, lane.drive, self.method, record=Record(level=False, series=True))
-        assert response.history is not None
-        place = response.history.absorber_displacement - response.history.tip_displacement
+        place = there(response.history).absorber_displacement - there(response.history).tip_displacement
         each = DEFAULT_SAMPLES * BLOCK
         means = place[: len(place) // each * each].reshape(-1, each).mean(axis=1)
         return float(np.ptp(means)), response.impact_count
 
 
-def _drift(settings: Settings, size: Sizes) -> Json:
+def _drift(settings: Settings, size: Size) -> Json:
     """Return drift (m) and impacts of all members, by each of the `METHODS`."""
-    own, (start, stop, rate) = scene(), DRIFT
+    own, (start, stop, rate), result = scene(), DRIFT, {}
     phases = draw_members(size.sweeps, settings.seed, "phase")
     lanes = [Lane(own, drive) for drive in phases.drives(FORCES["medium"], linear_sweep(own.model.resonance_omega(1), start, stop, rate))]
-    result = {}
     for name, method in METHODS.items():
         drift, impacts = zip(*settings.each(f"{LABEL}: drift, {name}", lanes, Drifted(method), method), strict=True)
         result[name] = {"drift_m": drift, "impacts": impacts}
     return result
 
 
-def _level(lane: Lane) -> float:
-    level = simulate(lane.scene, lane.drive).level
-    assert level is not None
-    return level.value
-
-
-def _levels(settings: Settings, size: Sizes) -> list[Json]:
+def _levels(settings: Settings, size: Size) -> list[Json]:
     """Return response levels of sweeps down over their slowness."""
-    own, rows = scene(), []
-    members = draw_members(size.sweeps, settings.seed)
+    own, rows, members = scene(), [], draw_members(size.sweeps, settings.seed)
     for slowness in size.fast:
         schedule = linear_sweep(own.model.resonance_omega(1), HIGH, LOW, 100 / slowness)
         lanes = [Lane(own, drive) for drive in members.drives(FORCES["medium"], schedule)]
-        rows.append({"periods_per_percent": slowness, "level_m": settings.each(f"{LABEL}: levels", lanes, _level)})
+        rows.append({"periods_per_percent": slowness, "level_m": settings.each(f"{LABEL}: levels", lanes, level_in)})
     return rows
 
 
-def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
+def _measure(settings: Settings, size: Size, known: Json) -> Steps:
     groups: dict[str, Callable[[], Any]] = {name: partial(responses, scene(), force, LOW, HIGH) for name, force in FORCES.items()}
     groups |= {"sweeps": partial(_sweeps, settings, size), "rates": partial(_rates, settings, size)}
     groups |= {f"jumps, {name}": partial(_jumps, settings, size, name) for name in METHODS}
@@ -200,75 +168,68 @@ def hazard_of(values: Json) -> Hazard | None:
         return None
     counts = [ExitRate(row["exits"], row["exposure"], row["rate"], row["low"], row["high"]) for row in known]
     found = hazard([row["omega_ratio"] for row in known], counts)
-    sweeps = {row["periods_per_percent"]: Jumps(row["reached"], row["runs"], row["runs"]) for row in values.get(f"jumps, {EVERY}", ())}
+    sweeps = {row["periods_per_percent"]: Jumps(row["reached"], row["runs"], row["runs"]) for row in values[f"jumps, {EVERY}"]}
     told = any(0 < one.jumped < one.runs for one in sweeps.values())
     return found.with_sweeps(sweeps) if told else found
 
 
+def _share(row: Json) -> str:
+    return interval(row["share"], row["low"], row["high"])
+
+
 def _words(values: Json) -> str:
-    blocks = []
-    found = hazard_of(values) if "rates" in values else None
+    blocks, found = [], hazard_of(values)
     if found is not None:
         inverses = [f"{1 / x:.0f}" if x > 0 else "no end" for x in (found.value, found.high, found.low)]
         blocks.append(
             f"Integral of the rate of leaving from {found.first:g} to {found.last:g}, at {len(values['rates'])} frequencies: P(jump) = A exp(-N/"
-            f"{inverses[0]}) (95 %: {inverses[1]} to {inverses[2]}) for N pseudo periods per 1 %, A = {found.factor:.2f} ({found.factor_low:.2f} to "
-            f"{found.factor_high:.2f}) from the exact sweeps. The same case with more frequencies and runs: [regimes](regimes.md)."
+            f"{inverses[0]}) (95 %: {inverses[1]} to {inverses[2]}) for N pseudo periods per 1 %, A = "
+            f"{interval(found.factor, found.factor_low, found.factor_high)} from the exact sweeps. The same case with more frequencies and runs: "
+            "[regimes](regimes.md)."
         )
-    if has(*(f"jumps, {name}" for name in METHODS))(values):
-        lines = []
-        for row in values[f"jumps, {EVERY}"]:
-            n = row["periods_per_percent"]
-            told = "" if found is None else "{:.2f} ({:.2f} to {:.2f})".format(*found.probability(n))
-            own = [next((x for x in values[f"jumps, {name}"] if x["periods_per_percent"] == n), None) for name in METHODS]
-            shares = ["{reached} of {runs}: {share:.2f} ({low:.2f} to {high:.2f})".format(**x) if x else "" for x in own]
-            lines.append((f"{n:g}", told, *shares))
-        blocks.append("Share of sweeps down that reach the high branch:")
-        blocks.append(markdown(("pseudo periods per 1 %", "predicted from rates", *METHODS), lines))
-        names = ", ".join(
-            f"{name} {sum(row['reached'] for row in rows)} and {sum(row['stayed'] for row in rows)} of {sum(row['runs'] for row in rows)}"
-            for name in METHODS
-            for rows in (values[f"jumps, {name}"],)
-        )
-        blocks.append(f"Of all these runs, reached the high branch, and never without impact for {SILENCE:g} pseudo periods: {names}.")
-    if "drift" in values:
-        drifts = ", ".join(f"{name} {spread(one['drift_m'], '{:.3f}', 1e3)} mm" for name, one in values["drift"].items())
-        blocks.append(
-            f"Drift of the absorber's place in a slow sweep from {DRIFT[0]:g} to {DRIFT[1]:g} that begins at rest, without impacts: {drifts}."
-        )
-    if "levels" in values:
-        rows = [(f"{row['periods_per_percent']:g}", spread(row["level_m"], "{:.2f}", 1e3)) for row in values["levels"]]
-        blocks.append(markdown(("pseudo periods per 1 %, down", "response level, mm"), rows))
+    by = {name: {row["periods_per_percent"]: row for row in values[f"jumps, {name}"]} for name in METHODS}
+    lines = []
+    for n in by[EVERY]:
+        told = "" if found is None else interval(*found.probability(n))
+        shares = [f"{rows[n]['reached']} of {rows[n]['runs']}: {_share(rows[n])}" if n in rows else "" for rows in by.values()]
+        lines.append((f"{n:g}", told, *shares))
+    sums = {name: [sum(row[key] for row in rows.values()) for key in ("reached", "stayed", "runs")] for name, rows in by.items()}
+    names = ", ".join("{} {} and {} of {}".format(name, *counts) for name, counts in sums.items())
+    drifts = ", ".join(f"{name} {spread(one['drift_m'], '{:.3f}', 1e3)} mm" for name, one in values["drift"].items())
+    levels = [(f"{row['periods_per_percent']:g}", spread(row["level_m"], "{:.2f}", 1e3)) for row in values["levels"]]
+    blocks += [
+        "Share of sweeps down that reach the high branch:",
+        markdown(("pseudo periods per 1 %", "predicted from rates", *METHODS), lines),
+        f"Of all these runs, reached the high branch, and never without impact for {SILENCE:g} pseudo periods: {names}.",
+        f"Drift of the absorber's place in a slow sweep from {DRIFT[0]:g} to {DRIFT[1]:g} that begins at rest, without impacts: {drifts}.",
+        markdown(("pseudo periods per 1 %, down", "response level, mm"), levels),
+    ]
     return "\n\n".join(blocks)
 
 
-SHOWN = (  # of the panels above: force, title, and sweeps with their looks and words
-    (
-        "medium",
-        "1.5 N",
-        (
-            ("down", LOOKS[2], "down, 725 periods a percent"),
-            ("down, half the rate", LOOKS[4], "down, 1450"),
-            ("down, paper's step", LOOKS[3], "down, 725, paper's step"),
-        ),
-    ),
-    ("high", "3 N", (("high force, down", LOOKS[2], "down, 725 periods a percent"), ("high force, up", LOOKS[5], "up, 725"))),
-)
+SHOWN: dict[str, dict[str, tuple[Look, str]]] = {  # of the panels above: sweeps with their looks and words
+    "medium": {
+        "down": (LOOKS[2], "down, 725 periods a percent"),
+        "down, half the rate": (LOOKS[4], "down, 1450"),
+        "down, paper's step": (LOOKS[3], "down, 725, paper's step"),
+    },
+    "high": {"high force, down": (LOOKS[2], "down, 725 periods a percent"), "high force, up": (LOOKS[5], "up, 725")},
+}
 
 
 def _draw(values: Json) -> Figure:
     """Draw the sweeps over the periodic responses, rates of leaving, and the share of sweeps that jump over their slowness."""
     figure, axes = panels(2, 2, 6.6)
     middles = 0.5 * (EDGES[1:] + EDGES[:-1])
-    for own, (name, title, sweeps) in zip(axes[0], SHOWN, strict=True):
+    for own, (name, sweeps) in zip(axes[0], SHOWN.items(), strict=True):
         draw(own, values[name])
-        for sweep, look, label in sweeps:
-            part = values["sweeps"][sweep]
-            own.fill_between(middles, MM * np.array(part["low_m"]), MM * np.array(part["high_m"]), color=look.colour, alpha=0.3, lw=0)
-            own.plot(middles, MM * np.array(part["nominal_m"]), color=look.colour, lw=0.8, drawstyle="steps-mid", label=label)
+        for sweep, (look, label) in sweeps.items():
+            low, high, nominal = (MM * np.array(values["sweeps"][sweep][key]) for key in ("low_m", "high_m", "nominal_m"))
+            own.fill_between(middles, low, high, color=look.colour, alpha=0.3, lw=0)
+            own.plot(middles, nominal, color=look.colour, lw=0.8, drawstyle="steps-mid", label=label)
         top = 1.2 * MM * max(curve["peak"][1] for curve in values[name]["exact"])
         own.set(xlim=EDGES[[0, -1]], ylim=(0, top), xlabel=r"frequency $\Omega/\omega_1$")
-        own.set_title(title)
+        own.set_title(f"{FORCES[name]:g} N")
     axes[0, 0].set_ylabel("largest tip displacement in mm")
     _draw_rates(axes[1, 0], values["rates"])
     _shares(axes[1, 1], values)
@@ -278,36 +239,102 @@ def _draw(values: Json) -> Figure:
 
 
 def _draw_rates(axes: Axes, rates: Sequence[Json]) -> None:
-    known = [row for row in rates if row["rate"] is not None]
-    x, y, low, high = (np.array([row[name] for row in known]) for name in ("omega_ratio", "rate", "low", "high"))
-    axes.errorbar(
-        x, 1e4 * y, 1e4 * np.array([y - low, high - y]), fmt="o", ms=3, lw=0.9, color=LOOKS[0].colour, label="exits over time at risk, 95 %"
-    )
+    rows = [[row[name] for name in ("omega_ratio", "rate", "low", "high")] for row in rates if row["rate"] is not None]
+    x, y, low, high = np.array(rows).T
+    look: Json = {"fmt": "o", "ms": 3, "lw": 0.9, "color": LOOKS[0].colour}
+    axes.errorbar(x, 1e4 * y, 1e4 * np.array([y - low, high - y]), label="exits over time at risk, 95 %", **look)
     axes.set_ylim(top=1.3e4 * float(high.max()))
     axes.locator_params(axis="x", nbins=5)
     axes.set(xlabel=r"constant frequency $\Omega/\omega_1$", ylabel=r"rate of leaving, $10^{-4}$ per pseudo period")
 
 
 def _shares(axes: Axes, values: Json) -> None:
-    found = hazard_of(values)
-    n = np.geomspace(80, 4000, 200)
+    found, n = hazard_of(values), np.geomspace(80, 4000, 200)
     if found is not None:
         told = np.array([found.probability(float(each)) for each in n]).T
         axes.plot(n, told[0], color="black", lw=0.9, label="from the rates, times A")
         axes.fill_between(n, told[1], told[2], color="0.8", lw=0)
-    for k, name in enumerate(METHODS):
-        rows = values.get(f"jumps, {name}", ())
-        x, y, low, high = (np.array([row[column] for row in rows]) for column in ("periods_per_percent", "share", "low", "high"))
-        look, aside = LOOKS[k], 1.04 ** (k - 1)
+    for k, (name, look) in enumerate(zip(METHODS, LOOKS, strict=False)):
+        rows = [[row[column] for column in ("periods_per_percent", "share", "low", "high")] for row in values[f"jumps, {name}"]]
+        (x, y, low, high), aside = np.array(rows).T, 1.04 ** (k - 1)
         axes.errorbar(aside * x, y, [y - low, high - y], fmt=look.marker, ls=look.dashes if k else "", ms=4, lw=0.9, color=look.colour, label=name)
     axes.set(xscale="log", ylim=(-0.02, 1.05), xlabel="pseudo periods per 1 % of a sweep down", ylabel="share that jumps")
 
 
+said = partial(claim, LABEL)
+
+
+def _jump_claims(values: Json) -> list[Claim]:
+    exact, step, finer = (
+        {row["periods_per_percent"]: row for row in values[f"jumps, {name}"]} for name in ("exact", "paper's step", "ten times finer")
+    )
+    fast, slow, first, last = exact[725.0], exact[1450.0], *(values["jumps, exact"][k] for k in (0, -1))
+    both, coarse = (rows[725.0]["share"] * (1 - rows[1450.0]["share"]) for rows in (exact, step))
+    pair = [fast[low] * (1 - slow[high]) for low, high in (("low", "high"), ("high", "low"))]
+    own = [1e3 * max(values["sweeps"][name]["nominal_m"]) for name in ("down, paper's step", "down, half the rate, paper's step")]
+    cells = "; ".join(f"share at {n:g} exact {_share(exact[n])}, at the paper's step {_share(step[n])}" for n in (725.0, 1450.0))
+    some = ", ".join(f"{_share(finer[n])} at {n:g}" for n in (725.0, 1450.0) if n in finer)
+    back, none = (sum(row["reached"] - row["stayed"] for row in rows.values()) for rows in (step, exact))
+    drift = [spread(values["drift"][name]["drift_m"], "{:.3f}", 1e3) for name in ("paper's step", "ten times finer", "exact")]
+    dropped = ", ".join(f"{1 - row['share']:.2f} at {row['periods_per_percent']:g}" for row in (first, last))
+    return [
+        said("jump", chance(*pair), exact=both, step=coarse, pair=pair, cells=cells, own=own, finer=some, back=back, none=none, drift=drift,
+             runs=sum(row["runs"] for row in step.values())),
+        said("slower jumps less", judged(slow["low"], slow["high"], 0.0, fast["low"]), slow=_share(slow), fast=_share(fast)),
+        said("slow sweeps find the sliding response", first["low"] > last["high"], dropped=dropped),
+        said("conservative rate", judged(first["low"], first["high"], fast["high"], 1.0), first=_share(first), at=first["periods_per_percent"],
+             fast=_share(fast)),
+    ]  # fmt: skip
+
+
+def _claims(values: Json) -> list[Claim]:
+    """Return the statements that this figure decides.
+
+    How long impacts last, where the response without them exists, is judged against the time that a sweep at the paper's rate takes for a percent.
+    """
+    alone, rows = values["medium"]["linear"], values["levels"]
+    free = np.interp([row["omega_ratio"] for row in values["rates"]], alone["omega_ratio"], np.array(alone["alone"], dtype=float))
+    below = [row for row, height in zip(values["rates"], free, strict=True) if height < GAP and row["rate"]]
+    stay, (begin, end) = min(1 / row["rate"] for row in below), (below[k]["omega_ratio"] for k in (0, -1))
+    middles, slowness = [float(np.median(row["level_m"])) for row in rows], [row["periods_per_percent"] for row in rows]
+    shown = ", ".join(f"{n:g}: {spread(row['level_m'], '{:.2f}', 1e3)}" for n, row in zip(slowness, rows, strict=True))
+    over, worst = np.array(rows[0]["level_m"]) / min(middles[1:]), slowness[int(np.argmax(middles))]
+    return [
+        *_jump_claims(values),
+        said("modulation beyond sliding", judged(stay, stay, PAPER_PERIODS, INFINITY), stay=stay, begin=begin, end=end),
+        said("fast may be worse", over, shown=shown, first=slowness[0], worst=worst),
+        *_sweep_claims(values),
+    ]
+
+
+def _sweep_claims(values: Json) -> list[Claim]:
+    sweeps, medium = values["sweeps"], values["medium"]
+    alone = float(np.max(medium["linear"]["alone"]))
+    smr = np.array(sweeps["down"]["at_resonance_m"])
+    points = {name: [pair for curve in values[name]["exact"] for pair in zip(curve["omega_ratio"], curve["tip_max"], strict=True)] for name in
+              ("medium", "high")}  # fmt: skip
+    orbit = max(y for x, y in points["medium"] if y and 0.995 < x < 1.005)
+    branch = float(np.median([y for x, y in points["high"] if y and 0.935 < x < 0.945 and y > 1e-3]))  # of the high branch
+    down, up = (np.array(sweeps[f"high force, {way}"]["on_branch_m"]) for way in ("down", "up"))
+    nominal, low = ({way: max(sweeps[f"high force, {way}"][key]) for way in ("down", "up")} for key in ("nominal_m", "low_m"))
+    least = min(*nominal.values(), *low.values())
+    return [
+        said("sweeps follow branches", down / branch),
+        said("modulated maxima", judged(*middle(smr), orbit, MUCH * alone), value=1e3 * smr, orbit=1e3 * orbit, alone=1e3 * alone),
+        said("high force reaches it", judged(least, least, HIGH_BRANCH, 10e-3), down=1e3 * low["down"], up=1e3 * low["up"]),
+        said("hysteresis", np.median(up) < MUCH * np.median(down), down=1e3 * down, up=1e3 * up),
+    ]
+
+
 FIGURE = PaperFigure(
-    LABEL, "sweeps through resonance, and the jump", measure=_measure, words=_words, draw=_draw, claims=jump_claims.claims,
-    needs=has(*FORCES, "sweeps", "rates", "levels"),
-    sizes=(
-        Sizes(16, 200, 100, 100, 6000.0, 17, (100.0, 300.0, RATE, 2 * RATE, 4 * RATE), (1.0, 5.0, 20.0, 100.0, 300.0, RATE, 2 * RATE)),
-        Sizes(4, 40, 12, 24, 1500.0, 9, (100.0, RATE, 2 * RATE), (1.0, 20.0, 100.0, 2 * RATE)),
+    LABEL, "sweeps through resonance, and the jump", measure=_measure, words=_words, draw=_draw, claims=_claims,
+    sizes=(  # members of sweeps, of jumps, with ten times finer steps, and of stays, whose periods; numbers of ratios; slownesses of jumps, of levels
+        Size(
+            sweeps=16, jumps=200, finer=100, stays=100, periods=6000.0, ratios=17, slownesses=(100.0, 300.0, RATE, 2 * RATE, 4 * RATE),
+            fast=(1.0, 5.0, 20.0, 100.0, 300.0, RATE, 2 * RATE),
+        ),
+        Size(
+            sweeps=4, jumps=40, finer=12, stays=24, periods=1500.0, ratios=9, slownesses=(100.0, RATE, 2 * RATE), fast=(1.0, 20.0, 100.0, 2 * RATE),
+        ),
     ),
 )  # fmt: skip

@@ -13,7 +13,6 @@ again.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -29,13 +28,14 @@ from impact_env.periodic.stationary import window_of
 from impact_env.response import Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
-from studies.paper.claim import Claim, Verdict
-from studies.paper.curve import Chaos
-from studies.paper.frame import PaperFigure, Settings, has, in_turn, shortened
+from studies.paper.claim import Claim, claim, interval
+from studies.paper.curve import WATCHED, Chaos
+from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened, there
 from studies.paper.style import LOOKS, legends, line, panels
 from studies.study import Json, Steps, Table
 
 LABEL = "modulation"
+Case = tuple[Scene, Json, float]  # a scene under a force in N, and what is said of that
 FORCE = 1.5  # N, the paper's for the strongly modulated response
 SETTLE = 200  # pseudo periods before the window
 ENDS = (0.05, 0.95)  # quantiles of the periods' peaks that the depth is taken between: a largest peak would grow with the window
@@ -43,13 +43,11 @@ ENDS = (0.05, 0.95)  # quantiles of the periods' peaks that the depth is taken b
 BEGUN, ABOVE = (1, 3, 10), (1.01, 1.03, 1.1, 1.3)  # modes, and forces over that at which the first impacts come
 MOST_FOLLOWED = 14  # modes up to which a tangent vector is followed
 FAST = 4  # modes from which on most of what an impact scatters is gone before the next
-RECORD = Record(level=False, events=True, series=True, energy=True)
 
 
 def equivalent_restitution(scene: Scene, restitution: float = 1.0) -> float:
     """Return e_1 of the module's head for a scene with an absorber; below 0 the absorber is struck again at once."""
-    assert scene.absorber_mass is not None
-    compliances = 1 / scene.absorber_mass + np.cumsum(scene.model.tip_shape**2)
+    compliances = 1 / there(scene.absorber_mass) + np.cumsum(scene.model.tip_shape**2)
     return float((1 + restitution) * compliances[0] / compliances[-1] - 1)
 
 
@@ -61,24 +59,24 @@ class Exchange:
 
     def __call__(self, lane: Lane) -> dict[str, float]:
         """Return depth of the modulation, level, impacts a period, and what becomes of the energy."""
-        scene, settled = lane.scene, lane.drive
+        scene, settled, schedule = lane.scene, lane.drive, lane.drive.schedule
         end = simulate(scene, settled, record=Record(events=True)).end_state
-        omega = float(settled.schedule.omegas[-1])
-        phase = settled.phase + float(settled.schedule.phase_at(float(settled.schedule.times[-1])))
+        omega = float(schedule.omegas[-1])
+        phase = settled.phase + float(schedule.phase_at(float(schedule.times[-1])))
         drive = Drive(settled.amplitude, constant_frequency(omega, 1.0, self.periods), phase)
-        response = simulate(scene, drive, initial=start_from(scene, end), record=RECORD)
-        assert response.history is not None
-        assert response.energy is not None
-        energy, loss = mechanical_energy(scene, response.history), response.energy
+        response = simulate(scene, drive, initial=start_from(scene, end), record=WATCHED)
+        history, loss = there(response.history), there(response.energy)
+        energy = mechanical_energy(scene, history)
         lost = float(np.sum(loss.modal_loss)) + loss.impact_loss
+        taken = lost - float(loss.modal_loss[0])
         return {
             "depth": depth(window_of(scene, response, omega).peaks),
-            "rms_m": float(np.sqrt(np.mean(response.history.tip_displacement**2))),
+            "rms_m": float(np.sqrt(np.mean(history.tip_displacement**2))),
             "impacts": response.impact_count / self.periods,
             "absorber": float(np.mean(energy.absorber_share)),
             "absorber_most": float(np.quantile(energy.absorber_share, ENDS[1])),
-            "taken": (lost - float(loss.modal_loss[0])) / lost,
-            "a_period": (lost - float(loss.modal_loss[0])) / self.periods / float(np.mean(energy.modal[:, 0])),
+            "taken": taken / lost,
+            "a_period": taken / self.periods / float(np.mean(energy.modal[:, 0])),
         }
 
 
@@ -88,52 +86,38 @@ def depth(peaks: NDArray[np.float64]) -> float:
     return float((high - low) / (high + low))
 
 
-class Sizes(NamedTuple):
-    """Numbers of modes, restitutions of one mode, pseudo periods of the window, and members."""
-
-    modes: tuple[int, ...]
-    restitutions: tuple[float, ...]
-    periods: int
-    members: int
-
-
-def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
+def _measure(settings: Settings, size: Size, known: Json) -> Steps:
     many = [beam_scene(Beam(modes=n), impact_absorber()) for n in size.modes]
     equivalents = [max(equivalent_restitution(scene), 0.0) for scene in many]
-    same, one = (
-        [beam_scene(Beam(modes=1), impact_absorber(restitution=e)) for e in restitutions] for restitutions in (equivalents, size.restitutions)
-    )
+    same, one = ([beam_scene(Beam(modes=1), impact_absorber(restitution=e)) for e in each] for each in (equivalents, size.restitutions))
+    followed: list[Case] = [(scene, {}, FORCE) for scene in many if scene.model.modes <= MOST_FOLLOWED]  # from the paper's own phase
+    begun: list[Case] = [(scene, {"over": over}, over * _filling(scene)) for scene in many if scene.model.modes in BEGUN for over in ABOVE]
     groups = {
         "modes": partial(_rows, settings, size, many, equivalents),
         "equivalent": partial(_rows, settings, size, same, equivalents),
         "one mode": partial(_rows, settings, size, one, size.restitutions),
-        "exponents": partial(_exponents, settings, size, [scene for scene in many if scene.model.modes <= MOST_FOLLOWED]),
-        "begins": partial(_begins, settings, size, [scene for scene in many if scene.model.modes in BEGUN]),
+        "exponents": partial(_exponents, settings, "exponents", size.periods, followed),
+        "begins": partial(_exponents, settings, "begins", size.periods // 2, begun),
     }
     return in_turn(groups, known)
 
 
-def _exponents(settings: Settings, size: Sizes, scenes: list[Scene]) -> list[Json]:
-    """Return the largest Lyapunov exponent of each scene's response, from the paper's own phase."""
-    lanes = [Lane(scene, Drive(FORCE, constant_frequency(scene.model.resonance_omega(1), 1.0, SETTLE))) for scene in scenes]
-    found = settings.each(f"{LABEL}: exponents", lanes, Chaos(size.periods))
-    return [{"modes": scene.model.modes, "exponent": list(exponent)} for scene, exponent in zip(scenes, found, strict=True)]
+def _filling(scene: Scene) -> float:
+    """Return the force in N at which the free tip fills the gap."""
+    return RigidWalls.gap / float(np.abs(tip_response(scene.model, None, np.array([scene.model.resonance_omega(1)])))[0])
 
 
-def _begins(settings: Settings, size: Sizes, scenes: list[Scene]) -> list[Json]:
-    """Return the largest exponent at forces just above that at which the free tip fills the gap, by numbers of modes."""
-    lanes, rows = [], list[Json]()
-    for scene in scenes:
-        omega = scene.model.resonance_omega(1)
-        least = RigidWalls.gap / float(np.abs(tip_response(scene.model, None, np.array([omega])))[0])
-        for share in ABOVE:
-            lanes.append(Lane(scene, Drive(share * least, constant_frequency(omega, 1.0, SETTLE))))
-            rows.append({"modes": scene.model.modes, "over": share, "force_n": share * least})
-    found = settings.each(f"{LABEL}: begins", lanes, Chaos(size.periods // 2))
-    return [{**row, "exponent": list(exponent)} for row, exponent in zip(rows, found, strict=True)]
+def _exponents(settings: Settings, name: str, periods: int, cases: list[Case]) -> list[Json]:
+    """Return the largest Lyapunov exponent of scenes under forces in N, which may be given as "over" that at which the free tip fills the gap."""
+    lanes = [Lane(scene, Drive(force, constant_frequency(scene.model.resonance_omega(1), 1.0, SETTLE))) for scene, _, force in cases]
+    found = settings.each(f"{LABEL}: {name}", lanes, Chaos(periods))
+    return [
+        {"modes": scene.model.modes, **(over and {**over, "force_n": force}), "exponent": list(exponent)}
+        for (scene, over, force), exponent in zip(cases, found, strict=True)
+    ]
 
 
-def _rows(settings: Settings, size: Sizes, scenes: list[Scene], restitutions: Sequence[float]) -> list[Json]:
+def _rows(settings: Settings, size: Size, scenes: list[Scene], restitutions: Sequence[float]) -> list[Json]:
     """Return a row for each scene: medians and 5 and 95 % of its members, and the nominal member."""
     members = draw_members(size.members, settings.seed)
     lanes = []
@@ -155,62 +139,52 @@ def _table(values: Json) -> Table:
         "modes", "$e_1$", "depth", "one mode with $e_1$", "taken from mode 1, %", "one mode with $e_1$", "absorber's energy, %", "impacts a period",
         "largest exponent a period (95 %)",
     )  # fmt: skip
-    body = []
-    exponents = {row["modes"]: "{:.2f} ({:.2f} to {:.2f})".format(*row["exponent"]) for row in values.get("exponents", ())}
-    for row, other in zip(values.get("modes", ()), values.get("equivalent", ()), strict=False):
-        cells = (_interval(row["depth"]), _interval(other["depth"]), _interval(row["taken"], 100, 0), _interval(other["taken"], 100, 0))
+    body, exponents = [], {row["modes"]: interval(*row["exponent"]) for row in values["exponents"]}
+    for row, other in zip(values["modes"], values["equivalent"], strict=True):
+        cells = (_interval(row["depth"]), _interval(other["depth"]), *(_interval(one["taken"], 100, 0) for one in (row, other)))
         last = (_interval(row["absorber"], 100, 0), _interval(row["impacts"]), exponents.get(row["modes"], ""))
         body.append((f"{row['modes']}", f"{row['restitution']:.2f}", *cells, *last))
     return Table(f"{LABEL}_modes", header, body)
-
-
-def _words(values: Json) -> str:
-    blocks = [
-        shortened(_table(values)),
-        *([_compared(values)] if has("modes", "equivalent")(values) else []),
-        *([_begun(values)] if "begins" in values else []),
-    ]
-    return "\n\n".join(blocks)
 
 
 def _begun(values: Json) -> str:
     """Say how the exponent begins above the first impacts."""
     said = []
     for modes in dict.fromkeys(row["modes"] for row in values["begins"]):
-        own = [row for row in values["begins"] if row["modes"] == modes]
-        said.append(f"{', '.join('{:.2f} ({:.2f} to {:.2f})'.format(*row['exponent']) for row in own)} with {modes} mode{'s' if modes > 1 else ''}")
-    shares = ", ".join(f"{row['over']:g}" for row in own)
+        own = [interval(*row["exponent"]) for row in values["begins"] if row["modes"] == modes]
+        said.append(f"{', '.join(own)} with {modes} mode{'s' if modes > 1 else ''}")
+    shares = ", ".join(f"{over:g}" for over in dict.fromkeys(row["over"] for row in values["begins"]))
     return f"How it begins: at {shares} times the force at which the free tip fills the gap the largest exponent is {'; '.join(said)}."
 
 
 def _interval(found: list[float], scale: float = 1.0, digits: int = 2) -> str:
-    middle, low, high, _ = (f"{scale * x:.{digits}f}" for x in found)
-    return f"{middle} ({low} to {high})"
+    return interval(*found[:3], form=f"{{:.{digits}f}}", factor=scale)
+
+
+def _worst(values: Json) -> tuple[Json, Json]:
+    """Return the rows of many modes and of one mode with the equivalent restitution whose depths differ most."""
+    return max(zip(values["modes"], values["equivalent"], strict=True), key=lambda pair: abs(pair[0]["depth"][0] - pair[1]["depth"][0]))
 
 
 def _compared(values: Json) -> str:
     """Say how far apart many modes and one mode with the equivalent restitution are, over all and where scattering is fast."""
-    pairs = list(zip(values["modes"], values["equivalent"], strict=True))
-    worst = max(pairs, key=lambda pair: abs(pair[0]["depth"][0] - pair[1]["depth"][0]))
-    rest = [pair for pair in pairs if pair is not worst]
-    row, other = worst
-    first = (
+    row, other = _worst(values)
+    found = []
+    for few in (1, FAST):
+        some = [pair for pair in zip(values["modes"], values["equivalent"], strict=True) if pair[0] is not row and pair[0]["modes"] >= few]
+        depths, shares = (max(abs(one[name][0] - same[name][0]) for one, same in some) for name in ("depth", "taken"))
+        level = max(abs(one["rms_m"][0] / same["rms_m"][0] - 1) for one, same in some)
+        found.append(f"the depths by {depths:.2f} at most, the shares taken by {100 * shares:.0f} points, the levels by {100 * level:.0f} %")
+    return (
         f"They differ most at {row['modes']} modes, whose $e_1$ is {other['restitution']:.3f}: the depths are {_interval(row['depth'])} and "
-        f"{_interval(other['depth'])}, and one mode has {_interval(other['impacts'])} impacts a period."
+        f"{_interval(other['depth'])}, and one mode has {_interval(other['impacts'])} impacts a period. Else {found[0]}, and from {FAST} modes on "
+        f"{found[1]}."
     )
-    found = [first]
-    for few, words in ((1, "Else"), (FAST, f"and from {FAST} modes on")):
-        some = [(row, other) for row, other in rest if row["modes"] >= few]
-        depths, shares = (max(abs(row[name][0] - other[name][0]) for row, other in some) for name in ("depth", "taken"))
-        level = max(abs(row["rms_m"][0] / other["rms_m"][0] - 1) for row, other in some)
-        found.append(f"{words} the depths by {depths:.2f} at most, the shares taken by {100 * shares:.0f} points, the levels by {100 * level:.0f} %")
-    return f"{found[0]} {found[1]}, {found[2]}."
 
 
 def _answer(values: Json) -> str:
     """Say in a line what makes the modulation less obvious, and where that falls short."""
-    pairs = list(zip(values["modes"], values["equivalent"], strict=True))
-    row, other = max(pairs, key=lambda pair: abs(pair[0]["depth"][0] - pair[1]["depth"][0]))
+    row, other = _worst(values)
     return (
         f"What makes the modulation less obvious: energy that impacts scatter for good; one mode with a restitution that takes as much has nearly "
         f"the same depth, except at {row['modes']} modes, {row['depth'][0]:.2f} against {other['depth'][0]:.2f}."
@@ -219,13 +193,9 @@ def _answer(values: Json) -> str:
 
 def _claims(values: Json) -> list[Claim]:
     """Return the paper's statement on the modulation, of which it leaves the reason open."""
-    rows = values["modes"]
-    few, many = rows[0], rows[-1]
-    said = f"depth {_interval(few['depth'])} at {few['modes']} mode, {_interval(many['depth'])} at {many['modes']}"
-    holds = many["depth"][2] < few["depth"][1]
-    why = "" if holds else "The bands of the members overlap."
-    verdict = Verdict.HOLDS if holds else Verdict.NOT
-    return [Claim("modulation_fades", "the modulation becomes less obvious as modes are added", "4.2", said, verdict, LABEL, why)]
+    few, many = (values["modes"][k] for k in (0, -1))
+    told = {"few": _interval(few["depth"]), "fewest": few["modes"], "many": _interval(many["depth"]), "most": many["modes"]}
+    return [claim(LABEL, "modulation_fades", many["depth"][2] < few["depth"][1], **told)]
 
 
 NAMED = (1, 2, 3, 4, 5, 7, 10, 12)  # numbers of modes that stand beside their points
@@ -236,21 +206,22 @@ def _draw(values: Json) -> Figure:
     figure, axes = panels(1, 3, 2.9)
     depth, energy, over = axes[0]
     many, other, one = values["modes"], values["equivalent"], values["one mode"]
-    modes = [row["modes"] for row in many]
+    modes, restitutions = ([row[name] for row in many] for name in ("modes", "restitution"))
     for rows, look, label in ((many, LOOKS[0], "$N_m$ modes, $e$ = 1"), (other, LOOKS[1], "one mode, $e_1$")):
-        low, high = _edges(rows, "depth")
-        line(depth, modes, _middle(rows, "depth"), look, label, band=(low, high), nominal=[row["depth"][3] for row in rows])
-    line(energy, modes, 100 * _middle(many, "taken"), LOOKS[0], "taken, $N_m$ modes")
-    line(energy, modes, 100 * _middle(other, "taken"), LOOKS[1], "taken, one mode, $e_1$")
-    line(energy, modes, 100 * _middle(many, "absorber"), LOOKS[2], "in the absorber")
+        middle, low, high, nominal = _columns(rows, "depth")
+        line(depth, modes, middle, look, label, band=(low, high), nominal=nominal)
+    line(energy, modes, 100 * _columns(many, "taken")[0], LOOKS[0], "taken, $N_m$ modes")
+    line(energy, modes, 100 * _columns(other, "taken")[0], LOOKS[1], "taken, one mode, $e_1$")
+    line(energy, modes, 100 * _columns(many, "absorber")[0], LOOKS[2], "in the absorber")
     for panel in (depth, energy):
         panel.set(xscale="log", xlabel="modes $N_m$")
         panel.set_xticks(modes, [f"{n}" if n in (1, 2, 3, 5, 10, 20, 30) else "" for n in modes], minor=False)
         panel.minorticks_off()
-    line(over, [row["restitution"] for row in one], _middle(one, "depth"), LOOKS[1], "one mode over $e$", band=_edges(one, "depth"))
-    line(over, [row["restitution"] for row in many], _middle(many, "depth"), LOOKS[0], marked=False)
+    middle, low, high, _ = _columns(one, "depth")
+    line(over, [row["restitution"] for row in one], middle, LOOKS[1], "one mode over $e$", band=(low, high))
+    line(over, restitutions, _columns(many, "depth")[0], LOOKS[0], marked=False)
     over.lines[-1].set(ls="", marker=LOOKS[0].marker, label="$N_m$ modes at their $e_1$")
-    for e in dict.fromkeys(row["restitution"] for row in many):
+    for e in dict.fromkeys(restitutions):
         own = [row for row in many if row["restitution"] == e]  # several that are set to 0
         last, height = own[-1]["modes"], max(row["depth"][0] for row in own)
         words, beside = (f"{own[0]['modes']} to {last}", (-6, 13)) if len(own) > 1 else (f"{last}" if last in NAMED else "", (3, -9))
@@ -264,22 +235,20 @@ def _draw(values: Json) -> Figure:
     return figure
 
 
-def _middle(rows: list[Json], name: str) -> np.ndarray:
-    return np.array([row[name][0] for row in rows])
-
-
-def _edges(rows: list[Json], name: str) -> tuple[np.ndarray, np.ndarray]:
-    return np.array([row[name][1] for row in rows]), np.array([row[name][2] for row in rows])
+def _columns(rows: list[Json], name: str) -> NDArray[np.float64]:
+    """Return median, 5 and 95 % and the nominal member of all rows, (4, rows)."""
+    return np.array([row[name] for row in rows]).T
 
 
 FIGURE = PaperFigure(
-    LABEL, "what makes the modulation less obvious", measure=_measure, words=_words, draw=_draw, claims=_claims, answer=_answer,
-    needs=has("modes", "equivalent", "one mode"), tables=lambda values: (_table(values),),
-    sizes=(
-        Sizes(
-            (1, 2, 3, 4, 5, 7, 10, 11, 12, 13, 14, 15, 20, 30),
-            tuple(np.unique([*np.linspace(0, 1, 11), *np.linspace(0.02, 0.18, 9)]).round(2).tolist()), 1000, 8,
+    LABEL, "what makes the modulation less obvious", measure=_measure, draw=_draw, claims=_claims, answer=_answer,
+    words=lambda values: f"{shortened(_table(values))}\n\n{_compared(values)}\n\n{_begun(values)}",
+    tables=lambda values: (_table(values),),
+    sizes=(  # restitutions of one mode; pseudo periods of the window
+        Size(
+            modes=(1, 2, 3, 4, 5, 7, 10, 11, 12, 13, 14, 15, 20, 30),
+            restitutions=np.unique([*np.linspace(0, 1, 11), *np.linspace(0.02, 0.18, 9)]).round(2).tolist(), periods=1000, members=8,
         ),
-        Sizes((1, 3, 10, 20), (0.0, 0.25, 0.5, 0.75, 1.0), 300, 3),
+        Size(modes=(1, 3, 10, 20), restitutions=(0.0, 0.25, 0.5, 0.75, 1.0), periods=300, members=3),
     ),
 )  # fmt: skip

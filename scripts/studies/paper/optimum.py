@@ -2,71 +2,50 @@
 
 from functools import partial
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from impact_env.curve import CurveCase, PerformanceCurve
+from impact_env.curve import CurveCase
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, RigidWalls, impact_absorber
 from impact_env.scene import Scene
 from optimisation.bounds import design_force, reach
 from optimisation.gap_check import sweep_limits
-from studies.paper.claim import MUCH, Claim, Verdict, judged
-from studies.paper.frame import PaperFigure, Settings, in_turn, shortened
+from studies.paper.claim import MUCH, Claim, between, claim, interval, judged
+from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened, there
 from studies.paper.style import LOOKS, REFERENCE, legends, line, panels
 from studies.study import Json, Table
 
 LABEL = "optimum"
 
 
-class Sizes(NamedTuple):
-    """Mass ratios, restitutions, forces over the rule's, and members."""
-
-    masses: tuple[float, ...]
-    restitutions: tuple[float, ...]
-    factors: list[float]
-    members: int
-
-
-def _of_mass(mass: float, settings: Settings, size: Sizes) -> Json:
+def _of_mass(mass: float, settings: Settings, size: Size) -> Json:
     model = modal_model(Beam())
     kilograms, gap = mass * model.beam_mass, RigidWalls.gap
     rule, limits = design_force(model, kilograms, gap), sweep_limits(model, kilograms)
     forces = rule * np.array(size.factors)
     scenes = [Scene(model), *(Scene(model, impact_absorber(gap, e, mass_ratio=mass)) for e in size.restitutions)]
-    cases = [CurveCase(scene, forces, limits=limits) for scene in scenes]
-    without, *curves = settings.curves(f"{LABEL}: mass {mass:g}", cases, size.members)
-    rows = [_row(e, curve, without) for e, curve in zip(size.restitutions, curves, strict=True)]
+    without, *curves = settings.curves(f"{LABEL}: mass {mass:g}", [CurveCase(scene, forces, limits=limits) for scene in scenes], size.members)
+    rows = []
+    for e, curve in zip(size.restitutions, curves, strict=True):
+        best, relative = there(curve.optimum(without)), curve.relative_to(without)
+        at_best = {"best_n": best.force, "best_band_n": list(best.force_band), "level": best.relative, "level_band": list(best.relative_band)}
+        rows.append({"restitution": e, **at_best, "relative": np.median(relative, axis=1).tolist(), "nominal": relative[:, 0].tolist()})
     return {"mass": mass, "rule_n": rule, "reach": reach(model, kilograms), "forces_n": forces.tolist(), "rows": rows}
-
-
-def _row(restitution: float, curve: PerformanceCurve, without: PerformanceCurve) -> Json:
-    best, relative = curve.optimum(without), curve.relative_to(without)
-    assert best is not None
-    return {
-        "restitution": restitution,
-        "best_n": best.force,
-        "best_band_n": list(best.force_band),
-        "level": best.relative,
-        "level_band": list(best.relative_band),
-        "relative": np.median(relative, axis=1).tolist(),
-        "nominal": relative[:, 0].tolist(),
-    }
 
 
 def rows_of(values: Json) -> list[Json]:
     """Return a row for each mass and restitution, with the best force over the rule's."""
     found = []
     for group in values.values():
+        over = np.array(group["forces_n"]) / group["rule_n"]
         for row in group["rows"]:
             ratio = [x / group["rule_n"] for x in (row["best_n"], *row["best_band_n"])]
-            at_rule = float(np.exp(np.interp(0, np.log(np.array(group["forces_n"]) / group["rule_n"]), np.log(row["relative"]))))
+            at_rule = float(np.exp(np.interp(0, np.log(over), np.log(row["relative"]))))
             single = int(np.argmin(row["nominal"]))
-            nominal = [group["forces_n"][single] / group["rule_n"], row["nominal"][single]]  # best force over the rule's, and the level there
-            own = {"mass": group["mass"], "reach": group["reach"], "rule_n": group["rule_n"]}
-            found.append({**row, **own, "nominal_best": nominal, "ratio": ratio, "at_rule": at_rule})
+            nominal = [over[single], row["nominal"][single]]  # best force over the rule's, and the level there
+            found.append({**group, **row, "nominal_best": nominal, "ratio": ratio, "at_rule": at_rule})
     return found
 
 
@@ -78,8 +57,8 @@ def _table(values: Json) -> Table:
             f"{row['restitution']:g}",
             f"{row['rule_n']:.3g}",
             f"{row['best_n']:.3g}",
-            f"{row['ratio'][0]:.2f} ({row['ratio'][1]:.2f} to {row['ratio'][2]:.2f})",
-            f"{100 * row['level']:.1f} ({100 * row['level_band'][0]:.1f} to {100 * row['level_band'][1]:.1f})",
+            interval(*row["ratio"]),
+            interval(row["level"], *row["level_band"], form="{:.1f}", factor=100),
             f"{100 * row['at_rule']:.1f}",
         )
         for row in rows_of(values)
@@ -89,26 +68,22 @@ def _table(values: Json) -> Table:
 
 def _summary(rows: list[Json]) -> str:
     """Say how far the best force lies from the rule's by mass ratio, and with which power of the mass both grow."""
-    masses = sorted({row["mass"] for row in rows})
-    said = []
-    for mass in masses:
-        own = [row["ratio"][0] for row in rows if row["mass"] == mass]
-        said.append(f"{min(own):.2f} to {max(own):.2f} at {100 * mass:g} %")
-    text = f"Best force over the rule's, all restitutions: {', '.join(said)}."
-    if len(masses) > 1:
-        powers = [_power([row for row in rows if row["restitution"] == e], "best_n") for e in sorted({row["restitution"] for row in rows})]
-        best = f"{min(powers):.2f} to {max(powers):.2f}"
-        text += f" The rule's force grows with the mass to the power {_power(rows, 'rule_n'):.2f}, the best one to {best}."
-    return text
+    masses, restitutions = (sorted({row[name] for row in rows}) for name in ("mass", "restitution"))
+    said = [f"{between([row['ratio'][0] for row in rows if row['mass'] == mass], '{:.2f}')} at {100 * mass:g} %" for mass in masses]
+    powers = [_power([row for row in rows if row["restitution"] == e], "best_n") for e in restitutions]
+    return (
+        f"Best force over the rule's, all restitutions: {', '.join(said)}. The rule's force grows with the mass to the power "
+        f"{_power(rows, 'rule_n'):.2f}, the best one to {between(powers, '{:.2f}')}."
+    )
 
 
 def _answer(values: Json) -> str:
     """Say in a line where the best force goes."""
-    rows = rows_of(values)
-    light, heavy = ([row["ratio"][0] for row in rows if row["mass"] == pick(row["mass"] for row in rows)] for pick in (min, max))
+    rows, masses = rows_of(values), [group["mass"] for group in values.values()]
+    light, heavy = (between([row["ratio"][0] for row in rows if row["mass"] == pick(masses)], "{:.2f}") for pick in (min, max))
     return (
-        f"Where the best operating point goes: with the mass as the design rule says, {min(light):.2f} to {max(light):.2f} times its force for the "
-        f"lightest and {min(heavy):.2f} to {max(heavy):.2f} times for the heaviest absorber; restitution moves that of light ones only."
+        f"Where the best operating point goes: with the mass as the design rule says, {light} times its force for the lightest and {heavy} times for "
+        "the heaviest absorber; restitution moves that of light ones only."
     )
 
 
@@ -120,22 +95,15 @@ def _power(rows: list[Json], name: str) -> float:
 def _claims(values: Json) -> list[Claim]:
     """Return what the paper takes as known of the mass, and what it says of restitution at the optimum."""
     rows = rows_of(values)
-    heaviest = max(row["restitution"] for row in rows)
-    by_mass = [(row["mass"], row["level"], row["level_band"]) for row in rows if row["restitution"] == heaviest]
-    falls = all(after[1] < before[1] for before, after in pairwise(by_mass))
-    lightest = by_mass[0]
-    said = ", ".join(f"{100 * mass:g} %: {100 * level:.0f} ({100 * low:.0f} to {100 * high:.0f})" for mass, level, (low, high) in by_mass)
-    light = (
-        f"{100 * lightest[0]:g} %, e = {heaviest:g}: {100 * lightest[1]:.0f} ({100 * lightest[2][0]:.0f} to {100 * lightest[2][1]:.0f}) % of no "
-        "absorber at its best force"
-    )
+    e = max(row["restitution"] for row in rows)
+    own = [row for row in rows if row["restitution"] == e]
+    falls, light = all(after["level"] < before["level"] for before, after in pairwise(own)), own[0]
+    low, high = light["level_band"]
+    levels = {row["mass"]: interval(row["level"], *row["level_band"], form="{:.0f}", factor=100) for row in own}
     return [
-        Claim("optimum_mass", "a heavier absorber is the more effective (known, and left out of the study)", "2",
-              f"level at the best force in % of no absorber, e = {heaviest:g}, by mass ratio: {said}", Verdict.HOLDS if falls else Verdict.NOT, LABEL,
-              "" if falls else "The level at the best force does not fall from each mass to the next."),
-        Claim("optimum_light", "an absorber of less than 1 % without losses at its contact reduces the level considerably", "1", light,
-              judged(lightest[2][0], lightest[2][1], 0.0, MUCH), LABEL, "Members differ."),
-    ]  # fmt: skip
+        claim(LABEL, "optimum_mass", falls, e=e, each=", ".join(f"{100 * mass:g} %: {level}" for mass, level in levels.items())),
+        claim(LABEL, "optimum_light", judged(low, high, 0.0, MUCH), e=e, mass=light["mass"], level=levels[light["mass"]]),
+    ]
 
 
 def _draw(values: Json) -> Figure:
@@ -145,11 +113,11 @@ def _draw(values: Json) -> Figure:
     rows = rows_of(values)
     for e, look in zip(sorted({row["restitution"] for row in rows}), LOOKS, strict=False):
         own = [row for row in rows if row["restitution"] == e]
-        mass, ratio = [100 * row["mass"] for row in own], np.array([row["ratio"] for row in own])
-        single = np.array([row["nominal_best"] for row in own])
-        line(force, mass, ratio[:, 0], look, f"$e$ = {e:g}", band=(ratio[:, 1], ratio[:, 2]), nominal=single[:, 0])
-        band = 100 * np.array([row["level_band"] for row in own])
-        line(level, mass, [100 * row["level"] for row in own], look, band=(band[:, 0], band[:, 1]), nominal=100 * single[:, 1])
+        mass, single = [100 * row["mass"] for row in own], np.array([row["nominal_best"] for row in own]).T
+        middle, low, high = np.array([row["ratio"] for row in own]).T
+        line(force, mass, middle, look, f"$e$ = {e:g}", band=(low, high), nominal=single[0])
+        middle, low, high = 100 * np.array([(row["level"], *row["level_band"]) for row in own]).T
+        line(level, mass, middle, look, band=(low, high), nominal=100 * single[1])
     force.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=1, label="design rule")
     force.set(xlabel="mass ratio in %", ylabel="best force over the rule's", ylim=(0, None))
     level.set(xlabel="mass ratio in %", ylabel="level there in % of no absorber", ylim=(0, None))
@@ -162,8 +130,10 @@ FIGURE = PaperFigure(
     words=lambda values: f"{shortened(_table(values))}\n\n{_summary(rows_of(values))}",
     answer=_answer, tables=lambda values: (_table(values),),
     measure=lambda settings, size, known: in_turn({f"mass {mass:g}": partial(_of_mass, mass, settings, size) for mass in size.masses}, known),
-    sizes=(
-        Sizes((0.005, 0.01, 0.02, 0.03, 0.05), (0.3, 0.5, 0.7, 0.85, 1.0), np.geomspace(0.4, 1.75, 21).tolist(), 10),
-        Sizes((0.01, 0.02, 0.05), (0.5, 1.0), np.geomspace(0.5, 1.5, 6).tolist(), 3),
+    sizes=(  # mass ratios, and forces over the rule's
+        Size(
+            masses=(0.005, 0.01, 0.02, 0.03, 0.05), restitutions=(0.3, 0.5, 0.7, 0.85, 1.0), factors=np.geomspace(0.4, 1.75, 21).tolist(), members=10,
+        ),
+        Size(masses=(0.01, 0.02, 0.05), restitutions=(0.5, 1.0), factors=np.geomspace(0.5, 1.5, 6).tolist(), members=3),
     ),
 )  # fmt: skip

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,16 +12,15 @@ from impact_env.drive import PAPER_LIMITS, PAPER_RATE, linear_sweep
 from impact_env.ensemble import Lane, draw_members
 from impact_env.level import response_level
 from impact_env.methods import Method, Moreau
-from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
 from impact_env.response import DEFAULT_SAMPLES
-from impact_env.scene import beam_scene
+from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
 from studies.paper.account import accounted, critical, lanes_of, scene
-from studies.paper.claim import EVEN, INFINITY, LEFT, LITTLE, MUCH, SAME, Claim, about, claim, spread, within
+from studies.paper.claim import LEFT, MUCH, Claim, claim, spread
 from studies.paper.curve import WATCHED, curve_of, curves
-from studies.paper.frame import PaperFigure, Settings, in_turn, shortened
-from studies.paper.style import LOOKS, MM, REFERENCE, legends, line, panels, signal
+from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened, there
+from studies.paper.style import LOOKS, MM, banded, legends, level_of_nothing, panels, signal
 from studies.study import Json, Steps, Table
 
 LABEL = "scat"
@@ -33,34 +31,24 @@ SIXTH = 5  # from this mode on, counted from 0, the paper sees complete dissipat
 MOST_AT_STEP = 10  # modes up to which the passage is also run at the paper's step
 
 
-class Sizes(NamedTuple):
-    """How much to compute: numbers of modes, those whose energies are accounted for, those whose signals are shown, and members."""
-
-    modes: tuple[int, ...]
-    accounted: tuple[int, ...]
-    shown: tuple[int, ...]
-    members: int
-
-
-def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
+def _measure(settings: Settings, size: Size, known: Json) -> Steps:
     groups: dict[str, Callable[[], object]] = {f"level, {n}": partial(_level, settings, n, size.members) for n in size.modes}
     groups |= {f"account, {n}": partial(_account, settings, n, size.members) for n in size.accounted}
     groups |= {f"signal, {n}": partial(_signal, n, settings.seed) for n in size.shown}
     return in_turn(groups, known)
 
 
-def near_lanes(model: ModalModel, lane: Callable[..., Lane], members: int, seed: int) -> list[Lane]:
+def near_lanes(own: Scene, members: int, seed: int) -> list[Lane]:
     """Return each member's sweeps at 1.5 N, up and down, that end with the passage of omega_1."""
-    reference, (low, high), half = model.resonance_omega(1), PAPER_LIMITS, NEAR_PERIODS * PAPER_RATE / 100 / 100 / 2
+    reference, (low, high), half = own.model.resonance_omega(1), PAPER_LIMITS, NEAR_PERIODS * PAPER_RATE / 100 / 100 / 2
     schedules = linear_sweep(reference, low, 1 + half), linear_sweep(reference, high, 1 - half)
     drawn = draw_members(members, seed)
-    return [lane(drive=drawn[m : m + 1].drives(LOW, schedule)[0]) for m in range(members) for schedule in schedules]
+    return [Lane(own, drawn[m : m + 1].drives(LOW, schedule)[0]) for m in range(members) for schedule in schedules]
 
 
 def passage(lane: Lane, method: Method | None = None) -> Array:
     """Return the tip's displacement in m at the samples of the last `NEAR_PERIODS` of a sweep."""
-    history = simulate(lane.scene, lane.drive, method, record=WATCHED).history
-    assert history is not None
+    history = there(simulate(lane.scene, lane.drive, method, record=WATCHED).history)
     return history.tip_displacement[-(NEAR_PERIODS * DEFAULT_SAMPLES + 1) :]
 
 
@@ -72,15 +60,14 @@ def near_level(lane: Lane, method: Method | None = None) -> tuple[float, float]:
 
 def _level(settings: Settings, modes: int, members: int) -> Json:
     """Return the members' levels over no absorber: of the sweeps at 5 N, and of the passage of omega_1 at 1.5 N."""
-    own, none = scene(Beam(modes=modes)), beam_scene(Beam(modes=modes))
-    label = f"{LABEL}, {modes} modes"
-    found = curves(settings, label, {"own": own, "none": none}, (HIGH,), members)
+    own, label = scene(Beam(modes=modes)), f"{LABEL}, {modes} modes"
+    found = curves(settings, label, {"own": own, "none": beam_scene(Beam(modes=modes))}, (HIGH,), members)
     level, reference = (curve_of(found[name]).level[0] for name in ("own", "none"))
-    near = np.array(settings.each(label, near_lanes(own.model, partial(Lane, own), members, settings.seed), near_level))
+    near = np.array(settings.each(label, near_lanes(own, members, settings.seed), near_level))
     beside, whole = (near[:, k].reshape(members, 2) / (reference * LOW / HIGH)[:, None] for k in (0, 1))
     step, near_step = curve_of(curves(settings, label, {"own": own}, (HIGH,), 1, Moreau())["own"]).level[0, 0], None
     if modes <= MOST_AT_STEP:  # of one run
-        passages = settings.each(LABEL, near_lanes(own.model, partial(Lane, own), 1, settings.seed), partial(near_level, method=Moreau()), Moreau())
+        passages = settings.each(LABEL, near_lanes(own, 1, settings.seed), partial(near_level, method=Moreau()), Moreau())
         near_step = max(passages)[0] / (reference[0] * LOW / HIGH)
     return {
         "relative": (level / reference).tolist(),
@@ -95,21 +82,21 @@ def _level(settings: Settings, modes: int, members: int) -> Json:
 
 def _account(settings: Settings, modes: int, members: int) -> Json:
     """Return the members' accounts at 5 N, of the critical direction."""
-    found = critical(settings.each(f"{LABEL}, energies", lanes_of(scene(Beam(modes=modes)), HIGH, members, settings.seed), accounted))
+    own = scene(Beam(modes=modes))
+    found = critical(settings.each(f"{LABEL}, energies", lanes_of(own, HIGH, members, settings.seed), accounted))
     return {
         "shares": [account.shares.tolist() for account in found],
         "passed": [account.passed.tolist() for account in found],
         "left": [account.left.tolist() for account in found],
         "contacts": [account.contacts for account in found],
         "tip": [(account.tip / account.tip[0]).tolist() for account in found],
-        "omega": (scene(Beam(modes=modes)).model.omega / scene(Beam(modes=modes)).model.omega[0]).tolist(),
+        "omega": (own.model.omega / own.model.omega[0]).tolist(),
     }
 
 
 def _signal(modes: int, seed: int) -> list[float]:
     """Return the tip's displacement in m while the first member's sweep down passes omega_1."""
-    own = scene(Beam(modes=modes))
-    return passage(near_lanes(own.model, partial(Lane, own), 1, seed)[1]).tolist()
+    return passage(near_lanes(scene(Beam(modes=modes)), 1, seed)[1]).tolist()
 
 
 def known_modes(values: Json, what: str) -> list[int]:
@@ -118,32 +105,19 @@ def known_modes(values: Json, what: str) -> list[int]:
 
 
 def _levels(values: Json) -> Table:
-    rows = [
-        (
-            str(n),
-            spread(values[f"level, {n}"]["relative"], "{:.3f}"),
-            f"{values[f'level, {n}']['step']:.3f}",
-            spread(values[f"level, {n}"]["near_rms"], "{:.3f}"),
-        )
-        for n in known_modes(values, "level")
-    ]
+    levels = {n: values[f"level, {n}"] for n in known_modes(values, "level")}
+    rows = [(f"{n}", spread(x["relative"], "{:.3f}"), f"{x['step']:.3f}", spread(x["near_rms"], "{:.3f}")) for n, x in levels.items()]
     return Table(f"{LABEL}_levels", ("modes", "level at 5 N", "at the paper's step", "around omega_1 at 1.5 N, RMS of 130 periods"), rows)
 
 
 def _words(values: Json) -> str:
-    levels = known_modes(values, "level")
-    if not levels:
-        return "Not finished."
-    members = len(values[f"level, {levels[0]}"]["relative"])
-    blocks = [f"e = 1, no friction, {members} members; levels over no absorber.", shortened(_levels(values))]
-    counts = known_modes(values, "account")
-    if counts:
-        contacts = ", ".join(f"{np.median(values[f'account, {n}']['contacts']):.1f} contacts a pseudo period with {n} modes" for n in counts)
-        blocks.append(
-            f"Where the energy goes at 5 N, {contacts} (of what a contact gives to a mode above the tenth, a part is gone within it):"
-            f"\n\n{shortened(_energies(values))}"
-        )
-    return "\n\n".join(blocks)
+    contacts = {n: np.median(values[f"account, {n}"]["contacts"]) for n in known_modes(values, "account")}
+    counts = ", ".join(f"{number:.1f} contacts a pseudo period with {n} modes" for n, number in contacts.items())
+    return (
+        f"e = 1, no friction, {len(values['level, 1']['relative'])} members; levels over no absorber.\n\n{shortened(_levels(values))}\n\n"
+        f"Where the energy goes at 5 N, {counts} (of what a contact gives to a mode above the tenth, a part is gone within it):"
+        f"\n\n{shortened(_energies(values))}"
+    )
 
 
 def _energies(values: Json) -> Table:
@@ -160,11 +134,6 @@ def _energies(values: Json) -> Table:
     return Table(f"{LABEL}_energies", columns, rows)
 
 
-def _long(values: Json) -> list[Table]:
-    found = [(_levels, "level"), (_energies, "account")]
-    return [table(values) for table, what in found if known_modes(values, what)]
-
-
 def decayed(ratio: float) -> float:
     """Return the share of its energy that a mode of 1 % damping and frequency ``ratio`` omega_1 keeps over half a pseudo period."""
     return float(np.exp(-2 * 0.01 * ratio * np.pi))
@@ -177,50 +146,27 @@ def _claims(values: Json) -> list[Claim]:
     step = {n: values[f"level, {n}"]["step"] for n in modes}
     many = [n for n in modes if n >= 2 / 3 * modes[-1]]
     gain = 100 * (1 - np.concatenate([relative[n] for n in many]) / np.median(relative[1]))
-    own = values[f"account, {accounts[0]}"]
-    shares, left, passed = (np.array(own[key]) for key in ("shares", "left", "passed"))
+    stepped = 100 * (1 - float(np.mean([step[n] for n in many])) / step[1])
+    own, largest = (values[f"account, {accounts[k]}"] for k in (0, -1))
+    shares, left, passed, tip = (np.array(own[key]) for key in ("shares", "left", "passed", "tip"))
     uneven = np.concatenate([_unevenness(np.array(values[f"account, {n}"]["shares"])) for n in accounts])
-    given = _unevenness(passed)
-    largest = values[f"account, {accounts[-1]}"]
     complete = [i + 1 for i, share in enumerate(np.median(np.array(largest["left"]), axis=0)) if i and share < LEFT]
     less = f"of {accounts[-1]} modes it is as of mode {complete[0]} that less is left" if complete else f"no mode of {accounts[-1]} is left with less"
     influence = np.array([np.median(near[n]) for n in modes]) / np.median(near[1])
-    said, count = partial(claim, LABEL), f"{accounts[0]} modes: "
+    said, ends = partial(claim, LABEL, modes=accounts[0]), Json(first=many[0], last=many[-1])
     return [
-        said("one_mode", "5 N, one mode: the level is that without absorber", "4.2", relative[1], within(SAME),
-             "It is that of the absorber as a fixed mass.", about="over no absorber ", at_step=step[1]),
-        said("reduction", "5 N: many modes lower the level by about 60 % against one", "4.2", gain, about(60),
-             f"Members with {many[0]} to {many[-1]} modes; their median is {np.median(gain):.0f} %.",
-             about=f"{many[0]} to {many[-1]} modes: lower by ",
-             form="{:.0f}", unit=" %", at_step=100 * (1 - float(np.mean([step[n] for n in many])) / step[1])),
-        said("stabilises", "the level stabilises with the number of modes", "4.2",
-             [np.median(relative[many[0]]) - np.median(relative[many[-1]])], (-SAME, SAME), "Medians; 5 % of no absorber are allowed.",
-             about=f"from {many[0]} to {many[-1]} modes the median falls by ", form="{:.3f}"),
-        said("resonant_most", "of all modes the resonant one dissipates most", "4.2", shares[:, 0] / np.max(shares[:, 1:], axis=1), (1.0, INFINITY),
-             "Another mode dissipates more in some members.", about=f"{count}the resonant mode's loss over the largest other ", form="{:.1f}"),
-        said("sum", "the off-resonant modes' losses add up to a significant share", "4.2", 100 * (1 - shares[:, 0]), (100 * (1 - MUCH), 100),
-             "A fifth is asked for.", about=f"{count}off-resonant modes dissipate ", form="{:.0f}", unit=" %"),
-        said("sixth", "as of about mode 6 all that an impact passes on is dissipated before the next", "4.2", left[:, SIXTH], (0.0, LEFT),
-             f"Less than {100 * LEFT:g} % left is what counts as complete. With two impacts a period "
-             f"{100 * decayed(own['omega'][SIXTH]):.1f} % of mode 6 would be left, as the paper has it; but there are "
-             f"{np.median(own['contacts']):.1f} contacts a pseudo period, not evenly spaced, and "
-             f"{less}.", about=f"{count}left of mode 6 before the next contact "),
-        said("uniform", "modes 6 and higher dissipate nearly the same", "4.2", uneven, (1.0, EVEN),
-             "The largest share of these modes over the smallest, in single members. With more than ten modes their "
-             "shares differ more, and are smaller.",
-             about=f"{' and '.join(map(str, accounts))} modes: largest over smallest share from mode 6 on "),
-        said("passed", "impacts pass about the same energy to each of modes 6 and higher", "4.2", given, (1.0, EVEN),
-             "The net sum over all contacts of a window, largest over smallest.", about=f"{count}largest over smallest from mode 6 on "),
-        said("near_one", "1.5 N, one mode: around omega_1 the level is reduced to about 20 %", "4.2", near[1], about(0.2),
-             f"As the paper has it, the RMS of all {NEAR_PERIODS} pseudo periods, of the larger direction. Around the largest burst of this "
-             f"modulated response, 20 of them, it is {spread(values['level, 1']['near'])}.", about="over no absorber "),
-        said("near_all", "1.5 N: the number of modes has no considerable influence on the level around omega_1", "4.2", influence, within(LITTLE),
-             f"Medians over the members: from {np.min(influence):.2f} to {np.max(influence):.2f} of one mode's.",
-             about=f"{modes[0]} to {modes[-1]} modes, over one mode: "),
-        said("off_resonant", "off-resonant modes respond at least an order of magnitude less (known for smooth absorbers)", "1",
-             np.max(np.array(own["tip"])[:, 1:], axis=1), (0.0, LEFT), "Impacts excite them, unlike a smooth spring.",
-             about=f"{count}5 N, the largest of their parts in the tip's displacement over the resonant mode's, RMS ", form="{:.3f}"),
-    ]  # fmt: skip
+        said("scat_one_mode", relative[1], at_step=step[1]),
+        said("scat_reduction", gain, **ends, median=np.median(gain), at_step=stepped),
+        said("scat_stabilises", [np.median(relative[many[0]]) - np.median(relative[many[-1]])], **ends),
+        said("scat_resonant_most", shares[:, 0] / np.max(shares[:, 1:], axis=1)),
+        said("scat_sum", 100 * (1 - shares[:, 0]), (100 * (1 - MUCH), 100)),
+        said("scat_sixth", left[:, SIXTH], decayed=decayed(own["omega"][SIXTH]), contacts=np.median(own["contacts"]), less=less),
+        said("scat_uniform", uneven, accounts=" and ".join(map(str, accounts))),
+        said("scat_passed", _unevenness(passed)),
+        said("scat_near_one", near[1], periods=NEAR_PERIODS, burst=values["level, 1"]["near"]),
+        said("scat_near_all", influence, first=modes[0], last=modes[-1], least=np.min(influence), most=np.max(influence)),
+        said("scat_off_resonant", np.max(tip[:, 1:], axis=1)),
+    ]
 
 
 def _unevenness(rows: Array) -> Array:
@@ -249,13 +195,10 @@ def _draw(values: Json) -> Figure:
 def _draw_levels(axes: Axes, values: Json) -> None:
     modes = known_modes(values, "level")
     for look, key, name in ((LOOKS[0], "relative", "5 N, whole sweep"), (LOOKS[1], "near_rms", "1.5 N, around $\\omega_1$")):
-        rows = np.array([values[f"level, {n}"][key] for n in modes])
-        low, middle, high = np.quantile(rows, (0.05, 0.5, 0.95), axis=1)
-        line(axes, modes, middle, look, name, band=(low, high), nominal=rows[:, 0])
-    axes.plot(
-        modes, [values[f"level, {n}"]["step"] for n in modes], "x", color=LOOKS[3].colour, ms=4, zorder=5, label="5 N, one run, the paper's step"
-    )
-    axes.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=0.9)
+        banded(axes, modes, np.array([values[f"level, {n}"][key] for n in modes]), look, name)
+    steps = [values[f"level, {n}"]["step"] for n in modes]
+    axes.plot(modes, steps, "x", color=LOOKS[3].colour, ms=4, zorder=5, label="5 N, one run, the paper's step")
+    level_of_nothing(axes)
     axes.set(xlim=(0, max(modes) + 1), ylim=(0, 1.5), xlabel="number of modes $N_m$", ylabel="level over no absorber")
 
 
@@ -263,10 +206,9 @@ def _losses(axes: Axes, values: Json) -> None:
     small = axes.inset_axes((0.34, 0.5, 0.62, 0.38))
     for look, modes in zip(LOOKS, known_modes(values, "account"), strict=False):
         own = values[f"account, {modes}"]
-        number = np.arange(1, modes + 1)
         for place, key, first in ((axes, "shares", 0), (small, "left", 1)):
-            low, middle, high = 100 * np.quantile(np.array(own[key]), (0.05, 0.5, 0.95), axis=0)[:, first:]
-            line(place, number[first:], middle, look, f"{modes} modes", band=(low, high), marked=place is axes)
+            rows = 100 * np.array(own[key]).T[first:]
+            banded(place, np.arange(first, modes) + 1, rows, look, f"{modes} modes", nominal=False, marked=place is axes)
     axes.legend(loc="center right", bbox_to_anchor=(1, 0.31), ncols=2)
     axes.set(ylim=(0, None), xlabel="mode", ylabel="dissipated, % of all modes")
     small.set(yscale="log", ylim=(0.03, 150))
@@ -275,10 +217,10 @@ def _losses(axes: Axes, values: Json) -> None:
 
 
 FIGURE = PaperFigure(
-    LABEL, "the number of modes", measure=_measure, words=_words, draw=_draw, claims=_claims, tables=_long,
-    needs=lambda values: len(known_modes(values, "level")) > 1,
-    sizes=(
-        Sizes((*range(1, 13), *range(14, 31, 2)), (10, 20), (1, 3, 10, 30), 16),
-        Sizes((1, 2, 3, 6, 10, 14), (10,), (1, 3, 10, 14), 3),
+    LABEL, "the number of modes", measure=_measure, words=_words, draw=_draw, claims=_claims,
+    tables=lambda values: (_levels(values), _energies(values)),
+    sizes=(  # numbers of modes, those whose energies are accounted for, and those whose signals are shown
+        Size(modes=(*range(1, 13), *range(14, 31, 2)), accounted=(10, 20), shown=(1, 3, 10, 30), members=16),
+        Size(modes=(1, 2, 3, 6, 10, 14), accounted=(10,), shown=(1, 3, 10, 14), members=3),
     ),
 )  # fmt: skip

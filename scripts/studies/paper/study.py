@@ -43,7 +43,7 @@ BEYOND = (optimum.FIGURE, modulation.FIGURE, modes_needed.FIGURE, starts.FIGURE)
 FIGURES: tuple[PaperFigure, ...] = (basics.FIGURE, *PAPERS, *BEYOND)  # in the order of the page
 LABELS = tuple(figure.label for figure in FIGURES)
 PACKAGE = __package__ + "."
-WORDS = ("_claims", ".claim", ".frame", ".style", ".study")
+WORDS = (".claim", ".frame", ".style", ".study")
 OUT, QUICK_OUT = Path("results/paper"), Path("results/paper/quick")
 CLAIMED, SUMMARY, REFUTED = "claims", "summary", "refuted"
 HEADER = ("the paper says", "section", "computed", "verdict", "figure")
@@ -73,7 +73,7 @@ def key(name: str, settings: Settings) -> Json:
     source = hashlib.sha256()
     for each in sorted(sources(sys.modules[figure.words.__module__])):
         source.update(Path(sys.modules[each].__file__ or "").read_bytes())
-    own = {"kernels": digest(), "source": source.hexdigest()[:16], "parameters": settings.size(*figure.sizes)._asdict()}
+    own = {"kernels": digest(), "source": source.hexdigest()[:16], "parameters": vars(settings.size(*figure.sizes))}
     plain: Json = json.loads(json.dumps({"quick": settings.quick, "seed": settings.seed, **own}))
     return plain
 

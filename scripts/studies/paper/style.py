@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from optimisation.report.figures import write_figure
+from studies.paper.claim import bands
 from studies.study import Saver
 
 WIDTH, DPI = 7.2, 180  # in inches the width of a page's text
@@ -98,8 +99,29 @@ def line(
     axes.plot(x, y, color=look.colour, ls=look.dashes, marker=look.marker if marked else "", label=label, zorder=3)
 
 
+def banded(
+    axes: Axes,
+    x: ArrayLike,
+    rows: Any,
+    look: Look,
+    label: str | None = None,
+    factor: float = 1,
+    *,
+    nominal: bool = True,
+    marked: bool = True,
+) -> None:
+    """Draw the median of members' values, (points, M), with their band, and the first one as the ``nominal`` member, all times a ``factor``."""
+    low, middle, high = factor * bands(rows)
+    line(axes, x, middle, look, label, band=(low, high), nominal=factor * rows[:, 0] if nominal else None, marked=marked)
+
+
+def level_of_nothing(axes: Axes, label: str | None = None) -> None:
+    """Draw the level without absorber where levels are over it, or what else is 1."""
+    axes.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=0.9, label=label)
+
+
 def signal(axes: Axes, x: ArrayLike, y: ArrayLike, look: Look, label: str | None = None, width: float = 0.6) -> None:
-    """Draw a record in time: a thin line without markers."""
+    """Draw a thin line without markers: a record in time, or a linear response."""
     axes.plot(x, y, color=look.colour, ls=look.dashes, lw=width, label=label)
 
 
