@@ -125,7 +125,6 @@ class Timed:
 
 ROOT = Path(__file__).resolve().parents[1]
 OWN = ("impact_env", "optimisation")
-PACKAGES = ("llvmlite", "numba", "numpy", "scipy")
 SEARCHING = (*PACKAGES, "optuna", "cmaes")  # a search is proposed by these as well
 
 

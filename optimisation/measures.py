@@ -141,8 +141,8 @@ def check_size(scene: Scene, drive: AnyDrive) -> None:
 Array = NDArray[np.float64]
 
 # what a lane can be measured by; the order is that of the columns
-LEVEL, STROKE, IMPACT_POWER, IMPACT_SPEED, FRICTION_HEAT, DAMAGE = "level", "stroke", "impact_power", "impact_speed", "friction_heat", "damage"
-IMPACT_RATE, IMPACT_RMS, RMS, ACCELERATION, STRESS = "impact_rate", "impact_rms_speed", "rms", "acceleration", "stress"
+STROKE, IMPACT_POWER, IMPACT_SPEED, FRICTION_HEAT, DAMAGE = "stroke", "impact_power", "impact_speed", "friction_heat", "damage"
+IMPACT_RATE, IMPACT_RMS, ACCELERATION, STRESS = "impact_rate", "impact_rms_speed", "acceleration", "stress"
 MEASURES = {
     LEVEL: "response level in m (paper, Eq. barqtip) where it is read, on a cantilever the free end; of loads the measure that belongs to them",
     STROKE: "largest distance of the absorber from the middle of its cavity in m",

@@ -58,12 +58,6 @@ def clear(these: Iterable[Kept]) -> None:
         shutil.rmtree(one.folder)
 
 
-def line(one: Kept) -> str:
-    """Return one folder's line."""
-    made = "of today's sources" if one.current else "of other sources or another compiler"
-    return f"{one.folder}: {one.kernels} kernels, {one.size / 1e6:.1f} MB, {made}"
-
-
 @command()
 @click.argument("action", type=click.Choice(["info", "clear"]), default="info")
 @click.option("--older", is_flag=True, help="With clear: keep the kernels of today's sources.")
@@ -86,4 +80,5 @@ def main(action: str, older: bool) -> None:
         for k, place in enumerate(places):
             click.echo(f"{place}{' (only read)' if k else ''}")
             for one in kept(place):
-                click.echo(f"  {line(one)}")
+                made = "of today's sources" if one.current else "of other sources or another compiler"
+                click.echo(f"  {one.folder}: {one.kernels} kernels, {one.size / 1e6:.1f} MB, {made}")

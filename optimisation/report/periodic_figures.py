@@ -261,7 +261,7 @@ def _below(axes: Axes) -> None:
 
 
 KIND_COLOURS = {FOLD: BLUE, SYMMETRY_BREAKING: ORANGE, PERIOD_DOUBLING: GREEN, TORUS: PINK}
-MARKS = {FOLD: "o", GRAZING: "v", PULLING: "<"}
+TURNS = {kind: MARKS[kind] for kind in (FOLD, GRAZING, PULLING)}  # what is marked along curves of bifurcations
 
 
 def save_curves(path: Path, curves: list[dict[str, Any]], title: str, parameter: str, scale: float) -> None:
@@ -274,13 +274,13 @@ def save_curves(path: Path, curves: list[dict[str, Any]], title: str, parameter:
         axes.plot(ratio, np.where(beside, value, np.nan), color=colour, lw=1.8)
         axes.plot(ratio, np.where(good, np.nan, value), color=colour, lw=1.0, ls=":")
         for mark in curve["located"]:
-            if mark["kind"] in MARKS:
-                axes.plot(mark["omega_ratio"], scale * mark["value"], MARKS[mark["kind"]], color=colour, mfc="white", ms=5)
+            if mark["kind"] in TURNS:
+                axes.plot(mark["omega_ratio"], scale * mark["value"], TURNS[mark["kind"]], color=colour, mfc="white", ms=5)
     for kind in dict.fromkeys(curve["kind"] for curve in curves):
         axes.plot([], [], color=KIND_COLOURS[kind], lw=1.8, label=kind)
-    for kind in sorted({mark["kind"] for curve in curves for mark in curve["located"]} & set(MARKS)):
+    for kind in sorted({mark["kind"] for curve in curves for mark in curve["located"]} & set(TURNS)):
         label = f"{parameter} least or greatest" if kind == FOLD else kind
-        axes.plot([], [], MARKS[kind], color="black", mfc="white", ms=5, label=label)
+        axes.plot([], [], TURNS[kind], color="black", mfc="white", ms=5, label=label)
     if any(told != "yes" for curve in curves for told in curve["orbit"]):
         axes.plot([], [], color="black", lw=1.0, ls=":", label="no orbit of the true motion")
     axes.set(xlabel="frequency over the first resonance's", ylabel=parameter)

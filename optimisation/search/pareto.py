@@ -60,11 +60,6 @@ class Front:
         return sum(mine > random for _, mine, random in self.against)
 
 
-def costs(problem: Problem, told: Sequence[Evaluated]) -> Array:
-    """Return the costs of both objectives, (designs, 2); infinite for designs that break a constraint."""
-    return signed(problem, [e.score for e in told])
-
-
 def signed(problem: Problem, scores: Sequence[Score]) -> Array:
     """Return the costs of scores, (scores, objectives); infinite where a constraint is broken."""
     signs = np.array([-1.0 if o.maximise else 1.0 for o in problem.objectives])
@@ -141,7 +136,7 @@ def search_front(problem: Problem, settings: Settings, designs: int, corner: tup
     """Search; the front is that of all designs that were run, by the members of the search."""
     with searched("search", problem, settings, designs, journal, executor, BARS) as (study, finished, cost):
         told = study.told
-    rows = costs(problem, told)
+    rows = signed(problem, [e.score for e in told])
     best = {tuple(rows[k]): int(k) for k in np.flatnonzero(nondominated(rows))[::-1] if np.isfinite(rows[k]).all()}  # NSGA-II repeats designs
     index = [best[values] for values in sorted(best)]
     return Front(problem, told, finished, cost, index, corner, hypervolume(rows, corner))
@@ -179,7 +174,7 @@ def compare_with_random(front: Front, settings: Settings, seeds: int, executor: 
             with searched(f"seed {seed}, {SAMPLERS[sampler]}", problem, own, wanted, None, executor, BARS) as (study, finished, _cost):
                 if not finished:
                     return replace(front, against=tuple(rows), finished=False)
-                rows_of = costs(problem, study.told)
+                rows_of = signed(problem, [e.score for e in study.told])
                 best = [study.told[k].design for k in np.flatnonzero(nondominated(rows_of)) if np.isfinite(rows_of[k]).all()]
             with runs_bar(f"seed {seed}, {SAMPLERS[sampler]}, on fresh members") as show:
                 again = judged(problem, best, problem.fresh_ensemble(2 * problem.members, 0), executor, show)
