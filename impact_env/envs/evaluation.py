@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import trim_mean
 
-from impact_env.envs.registration import ENVIRONMENTS
+from impact_env.envs import ENVIRONMENTS
 from impact_env.extras import optional
 from impact_env.parameters import count, one_of, require
 

@@ -13,8 +13,7 @@ from every_scene import SCENES
 from impact_env import FrequencySchedule, InitialState, friction_damper, impact_absorber, linear_sweep, modal_model
 from impact_env.controlled import ControlledRuns
 from impact_env.drive import Drive, constant_frequency
-from impact_env.families import exact, family, kernel_key, stepping
-from impact_env.families.table import FAMILIES
+from impact_env.families import FAMILIES, exact, family, kernel_key, stepping
 from impact_env.kernels.motion.observers import DONE
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
