@@ -40,7 +40,7 @@ Look = Callable[[float, int], Array]
 
 @dataclass
 class Table:
-    """The members' levels by step of the gap, a whole number in a search; ``power`` see the module."""
+    """The members' levels by step of the gap, a whole number in a search; ``power`` see above."""
 
     levels: dict[float, Array] = field(default_factory=dict)
     power: float = 1.0
@@ -113,7 +113,7 @@ def start_factor(reach: float) -> float:
 
 
 def search(look: Look, start: int, tolerance: float, members: int, pairs: int, table: Table) -> None:
-    """Fill a table, from a step on, see the module; ``pairs``: of sweeps, up and down, after which no runs are added.
+    """Fill a table, from a step on, see above; ``pairs``: of sweeps, up and down, after which no runs are added.
 
     Answers and the gaps beside them run with one member, then two, so that a lucky one does not take all runs; then the answers with all members, and
     what pairs are left go to the gaps beside them.

@@ -158,7 +158,7 @@ def stroke_limit_rms(
     """Return the lower bound of the stationary RMS displacement in m, of the broadcast shape of force and frequency.
 
     ``mass`` m_a in kg and ``gap`` g0 in m, (n,) each if the model has the places of n absorbers; ``force_amplitude`` f in N, ``omega`` in rad/s;
-    ``at``: mode shape (N_m,) of the place whose displacement is meant, in 1/sqrt(kg), the model's tip by default. The module's docstring has the
+    ``at``: mode shape (N_m,) of the place whose displacement is meant, in 1/sqrt(kg), the model's tip by default. The comment above has the
     derivation and the assumptions. Multiplying gaps and force by one factor multiplies the bound by it. Raises ParameterError for numbers out of
     range.
     """

@@ -162,9 +162,8 @@ def check(given: dict[str, Any]) -> None:
         if given["second"] is None or given["over"] is None or any(given[name] for name in ("along", "at", "folds", "thresholds")):
             raise BadInput("--curve goes with --with, a second parameter, and --over, its range, and not with --along, --at, --folds or --thresholds")
         if given["second"] == "friction-limit" and not given["over"][0] > 0:
-            raise BadInput(
-                f"--over = {given['over']} is not allowed: friction limits above 0, as without friction the order of events is another one"
-            )
+            allowed = "friction limits above 0, as without friction the order of events is another one"
+            raise BadInput(f"--over = {given['over']} is not allowed: {allowed}")
     elif given["second"] is not None or given["csv"] is not None or given["plot"] is not None:
         raise BadInput("--with, --csv and --plot go with --curve: they are about curves over two parameters")
     elif (given["along"] is None) != (given["over"] is None) or (given["along"] is not None and given["at"] is None):

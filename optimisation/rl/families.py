@@ -295,7 +295,7 @@ class GapOverFrequency(Family):
 
 
 class GapByEstimatedForce(Family):
-    """The design rule with a force that is estimated from the response, see the module's text, times a factor that depends on the frequency.
+    """The design rule with a force that is estimated from the response, see the text above, times a factor that depends on the frequency.
 
     gap = (factor + slope * (ratio - 1)/0.1) * force/f*. ``memory`` is the weight of the estimate so far.
     """

@@ -259,7 +259,7 @@ def h2_norm(model: ModalModel, absorber: LinearAbsorber | None, resonance: int =
 
 
 def _integrated(matrix: Real, c: Real, weighted: Real, low: float, high: float) -> float:
-    """Return c (S(high) - S(low)) ``weighted``, S of the module's text: the logarithm of a matrix by its poles, or as such where two coincide."""
+    """Return c (S(high) - S(low)) ``weighted``, S of the text above: the logarithm of a matrix by its poles, or as such where two coincide."""
     s, vectors = np.linalg.eig(matrix)
     if np.linalg.cond(vectors) < _CONDITION:
         turned = [(np.log(-s - 1j * w) - np.log(-s + 1j * w)) for w in (low, high)]
