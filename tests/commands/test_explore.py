@@ -1,10 +1,6 @@
 """The explorer's server, without a browser: what it computes, what it refuses, who it answers to."""
 
 import json
-import os
-import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -12,7 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from places import EXAMPLES, ROOT
+from commands import done
+from places import EXAMPLES
 
 pytest.importorskip("starlette")
 pytest.importorskip("httpx2")
@@ -24,8 +21,9 @@ from impact_env.curve import CurveCase
 from impact_env.drive import constant_frequency
 from impact_env.plain import to_scene
 from impact_env.plain_loads import to_loads
+from optimisation.cli.group import imported
 from optimisation.explore.server import MOST_BYTES, MOST_TABS, hosts_of, make_app
-from optimisation.explore.settings import Refused, absorber_of, asked, controls, scene_of
+from optimisation.explore.settings import Refused, asked, controls, scene_of
 from optimisation.explore.waiting import Kernels
 from optimisation.explore.work import Work
 from optimisation.measures import read
@@ -34,6 +32,13 @@ HOST = "127.0.0.1:8651"
 OWN = {"host": HOST, "origin": f"http://{HOST}"}
 VALUES = {"modes": 3, "friction": 0.1, "members": 2}
 BEAM = Beam()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("optimisation.explore.work.FORCES", 8)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -67,18 +72,13 @@ def test_the_page_brings_all_that_it_needs(client: TestClient) -> None:
 
 @pytest.mark.parametrize(
     "headers",
-    [{"host": "evil.example:8651"}, {"host": "127.0.0.1:9"}, {"host": HOST, "origin": "http://evil.example"}, {"host": HOST, "origin": "null"}],
+    [{"host": "evil.example:8651"}, {"host": "127.0.0.1:9"}, {"host": HOST, "origin": "http://evil.example"}, {"host": HOST}],
     ids=["rebound name", "other port", "foreign page", "no page"],
 )
 def test_others_are_refused(client: TestClient, headers: dict[str, str]) -> None:
-    assert client.get("/", headers=headers).status_code == 403
-    assert client.get("/controls", headers=headers).status_code == 403
+    for address in ("/", "/controls"):
+        assert (client.get(address, headers=headers).status_code == 403) == (headers != {"host": HOST})  # a socket needs an origin
     with pytest.raises(WebSocketDisconnect), client.websocket_connect("/socket", headers=headers):
-        pass
-
-
-def test_a_socket_needs_an_origin(client: TestClient) -> None:
-    with pytest.raises(WebSocketDisconnect), client.websocket_connect("/socket", headers={"host": HOST}):
         pass
 
 
@@ -113,15 +113,16 @@ def test_what_is_drawn_is_what_the_library_computes(client: TestClient) -> None:
     assert kinds.index("response") < kinds.index("curve") < kinds.index("sweep") < kinds.index("card") < kinds.index("done")
 
 
-def test_the_command_makes_the_same(client: TestClient, tmp_path: Path) -> None:
+def test_the_command_makes_the_same(client: TestClient, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     with client.websocket_connect("/socket", headers=OWN) as session:
         session.send_text(json.dumps({"number": 1, "values": VALUES | {"direction": "down", "members": 1}}))
         messages = until(session, "sweep", "failed")
     taken, sweep = messages[0], messages[-1]
     (tmp_path / "scene.json").write_text(json.dumps(taken["scene"]))
-    words = taken["command"].removeprefix("impact-absorber ").replace("--energy --plot sweep.png", "--json result.json").split()
-    code = "from optimisation.cli.start import main; main()"
-    subprocess.run([sys.executable, "-c", code, *words], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True, capture_output=True)
+    monkeypatch.chdir(tmp_path)
+    done(
+        imported("sweep"), *taken["command"].removeprefix("impact-absorber sweep ").replace("--energy --plot sweep.png", "--json result.json").split()
+    )
     result = json.loads((tmp_path / "result.json").read_text())
     assert (result["response_level_m"][0], result["impacts"]) == (sweep["level"], sweep["impacts"])
 
@@ -130,35 +131,24 @@ def test_the_command_makes_the_same(client: TestClient, tmp_path: Path) -> None:
     ("sent", "control", "told"),
     [
         ({"number": 2, "values": {"gap": -1}}, "gap", "Gap to either wall = -1 is not allowed: 0.02 to 50 mm"),
-        ({"number": 2, "values": {"restitution": 1.5}}, "restitution", "0 to 1"),
         ({"number": 2, "values": {"modes": 10**9}}, "modes", "from 1 to 40"),
-        ({"number": 2, "values": {"members": 65}}, "members", "from 1 to 64"),
         ({"number": 2, "values": {"members": 2.5}}, "members", "whole number"),
-        ({"number": 2, "values": {"force": "__import__('os')"}}, "force", "is not allowed"),
         ({"number": 2, "values": {"force": None}}, "force", "is not allowed"),
         ({"number": 2, "values": {"modes": 2, "resonance": 3}}, "resonance", "1 to 2"),
         ({"number": 2, "values": {"concept": "rubber"}}, "concept", "one of"),
         ({"number": 2, "values": {"surprise": 1}}, "", "surprise is not allowed"),
+        ({"number": 2, "values": {"concept": "two", "load": "base"}}, "load", "with one absorber"),
         ({"number": 2, "values": [1]}, "", "a table of the page's controls"),
         ({"number": "2", "values": {}}, "", "a message is a table"),
-        ("no table", "", "a message is a table"),
+        *((text, "", "") for text in ("", "{", "NaN", "[" * 8000, '{"number": 1e999}', '{"number": 3, "values": {"gap": NaN}}')),
     ],
 )
 def test_bad_values_are_told_beside_their_control(client: TestClient, sent: Any, control: str, told: str) -> None:
     with client.websocket_connect("/socket", headers=OWN) as session:
-        session.send_text(json.dumps(sent))
+        session.send_text(sent if isinstance(sent, str) else json.dumps(sent))
         (answer,) = until(session, "refused", "taken")
     assert answer["type"] == "refused"
-    assert told in answer["errors"][control]
-
-
-@pytest.mark.parametrize(
-    "text", ["", "{", "NaN", "[" * 8000, '{"number": 1e999}', '{"number": 3, "values": {"gap": NaN}}', '{"number": 3, "values": {"gap": 1e999}}']
-)
-def test_what_is_no_message_is_refused(client: TestClient, text: str) -> None:
-    with client.websocket_connect("/socket", headers=OWN) as session:
-        session.send_text(text)
-        assert until(session, "refused", "taken")[-1]["type"] == "refused"
+    assert not told or told in answer["errors"][control]
 
 
 def test_messages_and_tabs_are_limited(client: TestClient) -> None:
@@ -205,28 +195,24 @@ def test_each_concept_is_drawn(concept: str) -> None:
     assert {m["type"] for m in messages} - {"compiling", "line"} == {"curve", "sweep", "motion", "card", "response", "done"}
 
 
-@pytest.mark.parametrize("kind", [pytest.param("unbalance", marks=pytest.mark.nightly), pytest.param("base", marks=pytest.mark.nightly), "random"])
-def test_another_load_is_that_of_its_file(client: TestClient, kind: str) -> None:
+def test_another_load_is_that_of_its_file(client: TestClient) -> None:
     with client.websocket_connect("/socket", headers=OWN) as session:
-        values = {"modes": 3, "members": 3, "concept": "tuned", "load": kind}
+        values = {"modes": 3, "members": 3, "concept": "tuned", "load": "random"}
         session.send_text(json.dumps({"number": 1, "values": values}))
         messages = until(session, "done", "failed", "refused")
     assert messages[-1]["type"] == "done"
     taken = messages[0]
     scene = to_scene(taken["scene"])
-    assert f"--load load.json --{'measures' if kind == 'random' else 'plot'}" in taken["command"].replace("--plot sweep.png --m", "--m")
+    assert "--load load.json" in taken["command"]
     loads = to_loads(taken["load"], scene.model.resonance_omega(1))
-    run = simulate(scene, loads, record=Record(events=True, series=True, samples_per_period=64 if kind == "random" else 32))
+    run = simulate(scene, loads, record=Record(events=True, series=True, samples_per_period=64))
     found = {message["type"]: message for message in messages}
     assert found["sweep"]["level"] == pytest.approx(read(run), rel=1e-12)
     low, high = found["card"]["band"]
     assert low <= found["card"]["level"] <= high
-    if kind == "random":  # members have records of their own
-        assert high > 1.01 * low
-        assert found["card"]["level"] == pytest.approx(read(run), rel=0.3)
+    assert high > 1.01 * low  # members have records of their own
     curve = [message for message in messages if message["type"] == "curve"][-1]
     assert np.ptp(np.array(curve["both"]) / curve["force"]) < 1e-9 * curve["both"][-1]  # a linear scene
-    assert found["line"]["which"] == ("none" if kind == "random" else "friction")
 
 
 @pytest.mark.parametrize("kind", ["unbalance", "base"])
@@ -250,35 +236,11 @@ def test_a_random_forces_spectrum_has_its_mean_square() -> None:
     assert mean == pytest.approx(found["sweep"]["level"] ** 2, rel=0.3)  # over all records
 
 
-def test_a_load_that_does_not_go_is_told_beside_its_control() -> None:
-    with pytest.raises(Refused) as told:
-        asked({"concept": "two", "load": "base"}, BEAM)
-    assert "with one absorber" in told.value.errors["load"]
-    frame = load_structure(EXAMPLES / "frame.toml")
-    with pytest.raises(Refused) as told:
-        asked({"load": "base"}, frame)
-    assert "one of" in told.value.errors["load"]
-
-
 def test_a_structure_from_a_file_has_its_own_controls() -> None:
-    steel, frame = (load_structure(EXAMPLES / name) for name in ("steel_beam.toml", "frame.toml"))
-    assert {"damping", "modes"} <= {c.name for c in controls(steel)}
-    names = {c.name for c in controls(frame)}
-    assert "modes" not in names
-    values = asked({}, frame)
-    scene = scene_of(values, frame)
-    assert scene.absorber == absorber_of(values)
-    assert scene.model.modes == frame.modes
-    with pytest.raises(Refused):
-        asked({"modes": 3}, frame)
-
-
-def test_ctrl_c_ends_the_command_and_leaves_nothing(tmp_path: Path) -> None:
-    code = "from optimisation.cli.start import main; main()"
-    words = [sys.executable, "-c", code, "explore", "--port", "0", "--no-browser"]
-    with subprocess.Popen(words, cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True) as process:
-        line = process.stdout.readline()
-        assert line.startswith("http://127.0.0.1:")
-        process.send_signal(signal.SIGINT)
-        assert process.wait(20) == 0
-    assert not list(tmp_path.iterdir())
+    frame = load_structure(EXAMPLES / "frame.toml")
+    assert "modes" in {c.name for c in controls(BEAM)} - {c.name for c in controls(frame)}
+    for values, name in (({"load": "base"}, "load"), ({"modes": 3}, "")):
+        with pytest.raises(Refused) as told:
+            asked(values, frame)
+        assert name in told.value.errors
+    assert scene_of(asked({}, frame), frame).model.modes == frame.modes

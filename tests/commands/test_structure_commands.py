@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
-from commands import load
-from matplotlib.figure import Figure
+from click.testing import Result
+from commands import done, load
 from places import EXAMPLES, ROOT
 
 from impact_env import Beam, beam_scene, impact_absorber, load_structure, modal_model
@@ -19,10 +18,8 @@ from impact_env.plain import from_scene
 from impact_env.scene import Scene
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli.group import file_of
-from optimisation.comparison import compare
 from optimisation.friction_rule import best_friction
 from optimisation.mounting import mounted
-from optimisation.report.design_figures import save_figure
 from optimisation.tuned import den_hartog, undamped_h2
 from studies.cli.your_structure import BLOCK, PAGES
 
@@ -38,20 +35,18 @@ def quickly_tuned(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def call(name: str, monkeypatch: pytest.MonkeyPatch, line: str) -> Result:
-    return CliRunner().invoke(load(name, monkeypatch).main, shlex.split(line))
+    return done(load(name, monkeypatch), *shlex.split(line))
 
 
-@pytest.mark.parametrize("structure", [STEEL, FRAME, MEASURED])
+@pytest.mark.parametrize("structure", [FRAME, MEASURED])
 def test_every_example_runs_from_rule_to_comparison(structure: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     if structure == MEASURED:
         pytest.importorskip("pyuff")
     model = modal_model(load_structure(structure))
     result = call("design_gap", monkeypatch, f"--structure {structure} --mass-ratio 0.01 --force 2 --rate 40 --gaps 3 --members 1 --out {tmp_path}")
-    assert result.exit_code == 0, result.output
     assert f"Design rule (no simulation): {1e3 * design_gap(model, 0.01 * model.beam_mass, 2.0):.4g} mm" in result.output
     line = f"--structure {structure} --mass-ratio 0.01 --force 2 --resonances 1 1 --rate 40 --forces 2 --members 1 --out {tmp_path}"
-    result = call("compare_absorbers", monkeypatch, line)
-    assert result.exit_code == 0, result.output
+    call("compare_absorbers", monkeypatch, line)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["settings"]["gap_m"] == pytest.approx(design_gap(model, 0.01 * model.beam_mass, 2.0))
     assert list(summary["resonances"]) == ["1"]
@@ -63,56 +58,41 @@ def test_every_example_runs_from_rule_to_comparison(structure: str, monkeypatch:
 def test_a_sweep_has_the_rule_gap_and_writes_its_scene(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     model, target = modal_model(load_structure(STEEL)), tmp_path / "sweep.json"
     options = "--rate 40 --mass-ratio 0.01"
-    result = call("sweep", monkeypatch, f"--structure {STEEL} --force 0.3 {options} --json {target}")
-    assert result.exit_code == 0, result.output
+    call("sweep", monkeypatch, f"--structure {STEEL} --force 0.3 {options} --json {target}")
     found = json.loads(target.read_text())
     assert found["scene"]["beam"]["response_position"] == 0.9
     assert found["scene"]["absorber"]["gap"] == pytest.approx(design_gap(model, 0.01 * model.beam_mass, 0.3))
     np.testing.assert_array_equal(found["omega_rad_s"], model.omega)
-    result = call("sweep", monkeypatch, f"--structure {FRAME} {options} --json {target}")
-    assert result.exit_code == 0, result.output
-    assert json.loads(target.read_text())["scene"]["absorber"]["gap"] == 1e-3  # for the force that the rule gives
-    again = call("sweep", monkeypatch, f"--scene {target.with_name('scene.json')} --rate 40 --force 0.3")
-    assert again.exit_code == 2
     target.with_name("scene.json").write_text(json.dumps(found["scene"]))
-    again = call("sweep", monkeypatch, f"--scene {target.with_name('scene.json')} --rate 40 --force 0.3 --json {target}")
+    call("sweep", monkeypatch, f"--scene {target.with_name('scene.json')} --rate 40 --force 0.3 --json {target}")
     assert json.loads(target.read_text())["response_level_m"] == found["response_level_m"]
 
 
 def test_periodic_motions_are_of_the_structure_and_at_the_force_of_the_rule(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     target = tmp_path / "periodic.json"
-    for structure in (STEEL, FRAME):
-        model = modal_model(load_structure(structure))
-        mass, first = 0.01 * model.beam_mass, float(model.omega[0])
-        force = design_force(model, mass, 1e-3, 1)
-        line = f"--structure {structure} --mass-ratio 0.01 --from 0.97 --to 0.99 --json {target}"
-        result = call("frequency_response", monkeypatch, f"{line} --method balance --harmonics 3 --no-sweeps")
-        assert result.exit_code == 0, result.output
-        found = json.loads(target.read_text())
-        assert found["force_N"] == pytest.approx(force)
-        result = call("orbits", monkeypatch, f"{line} --points 2 --symmetric")
-        assert result.exit_code == 0, result.output
-        for orbit in json.loads(target.read_text()):
-            case = Case(model, orbit["omega_ratio"] * first, force, 1e-3, mass_ratio=0.01)
-            known = [o.motion.tip_max for o in closed_form_orbits(case).orbits]
-            assert min(abs(orbit["tip_max_m"] / tip - 1) for tip in known) < 1e-6
+    model = modal_model(load_structure(FRAME))
+    force = design_force(model, 0.01 * model.beam_mass, 1e-3, 1)
+    line = f"--structure {FRAME} --mass-ratio 0.01 --from 0.97 --to 0.99 --json {target}"
+    call("frequency_response", monkeypatch, f"{line} --method balance --harmonics 3 --no-sweeps")
+    assert json.loads(target.read_text())["force_N"] == pytest.approx(force)
+    call("orbits", monkeypatch, f"{line} --points 2 --symmetric")
+    for orbit in json.loads(target.read_text()):
+        case = Case(model, orbit["omega_ratio"] * float(model.omega[0]), force, 1e-3, mass_ratio=0.01)
+        known = [o.motion.tip_max for o in closed_form_orbits(case).orbits]
+        assert min(abs(orbit["tip_max_m"] / tip - 1) for tip in known) < 1e-6
 
 
 def test_a_search_takes_the_structure_and_its_forces(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("optuna")
     short = "--rate 40 --members 1 --designs 4 --no-screening --no-figures --audit 0 --threads 1"
     line = f"--structure {STEEL} --fix mass_ratio 0.01 --resonances 1 3 {short} --out {tmp_path}"
-    result = call("optimise_design", monkeypatch, line)
-    assert result.exit_code == 0, result.output
+    call("optimise_design", monkeypatch, line)
     problem = json.loads((tmp_path / "impact" / "summary.json").read_text())["problem"]
     assert problem["beam"]["length"] == 1.2
     assert [c["resonance"] for c in problem["conditions"]] == [1, 3]
     model = modal_model(load_structure(STEEL))
     for condition in problem["conditions"]:  # about the forces that a gap of 1 mm is for, as 3.5 and 35 N are on the paper's beam
         assert design_gap(model, 0.01 * model.beam_mass, condition["force"], condition["resonance"]) == pytest.approx(1e-3, rel=0.1)
-    result = call("pareto", monkeypatch, f"--structure {FRAME} --rate 40 --members 1 --designs 4 --batch 2 --threads 1 --out {tmp_path / 'front'}")
-    assert result.exit_code == 0, result.output
-    assert "warning: at resonance 2 the free amplitude is" in result.output
 
 
 def test_an_environment_takes_a_structure() -> None:
@@ -125,11 +105,8 @@ def test_an_environment_takes_a_structure() -> None:
     np.testing.assert_array_equal(settings.scene.model.level_shape, model.level_shape)
     assert settings.scene.model.response_shape is not None
     assert settings.scene is Settings(structure=STEEL, absorber_options={"mass_ratio": 0.01, "gap": 1e-3}).scene
-    assert isinstance(settings.beam_parameters, Beam)
-    assert Settings(structure=FRAME).beam_parameters is None
-    for bad in ({"structure": 3}, {"structure": "none.toml"}, {"structure": STEEL, "beam": {"length": 1.0}}):
-        with pytest.raises(ValueError, match="is not allowed"):
-            Settings(**bad)
+    with pytest.raises(ValueError, match="is not allowed"):
+        Settings(structure=STEEL, beam={"length": 1.0})
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
@@ -150,44 +127,18 @@ def test_a_device_goes_to_other_commands(monkeypatch: pytest.MonkeyPatch, tmp_pa
     device = tmp_path / "device.json"
     device.write_text(json.dumps(from_scene(beam_scene(beam, impact_absorber(7e-4, 0.55, 0.03, 0.015)), beam)))
     line = f"--scene {device} --force 1.7 --resonances 1 2 --forces 2 --members 1 --rate 60 --out {tmp_path}"
-    result = call("compare_absorbers", monkeypatch, line)
-    assert result.exit_code == 0, result.output
+    call("compare_absorbers", monkeypatch, line)
     found = json.loads((tmp_path / "summary.json").read_text())
     impact = found["resonances"]["1"]["concepts"]["impact"]["absorber"]
     assert impact == {"mass_ratio": 0.015, "walls": {"gap": 7e-4, "restitution": 0.55}, "friction": {"limit": 0.03}, "gravity": 0.0}
-    assert found["settings"]["gap_m"] == 7e-4
     model, (first, second) = mounted(beam), (found["resonances"][k]["concepts"] for k in ("1", "2"))
     own = performance_curve(Scene(model, impact_absorber(7e-4, 0.55, 0.03, 0.015)), [1.7], members=1, percent_per_100_periods=60.0)
     assert first["impact"]["at_the_force"]["response_level_m"] == pytest.approx(own.median[0], rel=1e-9)
     assert first["friction"]["absorber"]["friction"]["limit"] == pytest.approx(best_friction(model, 0.015 * model.beam_mass, 1.7)[0])
     assert "at_the_force" not in second["impact"]
-    assert "level at 1.7 N, mm" in result.stdout
-    card = json.loads((tmp_path / "card.json").read_text())["groups"]
-    assert {"Resonance 1, at 1.7 N", "What it bears there", "Assumptions"} < set(card)
-    assert card["Impact absorber"][2] == {"label": "clearance to either wall", "value": 0.7, "unit": "mm"}
-    result = call("tune_ltva", monkeypatch, f"--scene {device} --quick --out {tmp_path}")
-    assert result.exit_code == 0, result.output
+    call("tune_ltva", monkeypatch, f"--scene {device} --quick --out {tmp_path}")
     assert json.loads((tmp_path / "summary.json").read_text())["settings"]["mass_ratio"] == 0.015
     line = f"--scene {device} --at 1:2 --free gap --members 1 --rate 60 --batch 2 --designs 2 --no-figures --audit 0 --out {tmp_path}"
-    result = call("optimise_design", monkeypatch, line)
-    assert result.exit_code == 0, result.output
+    call("optimise_design", monkeypatch, line)
     values = json.loads((tmp_path / "impact" / "summary.json").read_text())["winner"]["values"]
     assert (values["restitution"], values["friction_limit"], values["mass_ratio"]) == (0.55, 0.03, 0.015)
-    for name, option in (("compare_absorbers", "--gap 0.001"), ("tune_ltva", "--mass-ratio 0.1"), ("mass_ratios", f"--structure {STEEL}")):
-        result = call(name, monkeypatch, f"--scene {device} {option}")
-        assert result.exit_code == 2
-        assert f"{option.split()[0]} does not go with --scene" in result.stderr
-
-
-def test_the_figure_has_the_tuned_absorber_near_both_resonances(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    drawn: list[list[str]] = []
-
-    def look(figure: Figure, *_: object) -> None:
-        drawn.extend(panel.get_legend_handles_labels()[1] for panel in figure.axes)
-
-    monkeypatch.setattr("optimisation.report.design_figures.write_figure", look)
-    comparison = compare(load_structure(STEEL), resonances=(1, 2), forces=2, members=1, percent_per_100_periods=60.0)
-    save_figure(tmp_path / "figure.png", comparison)
-    assert len(drawn) == 2
-    assert drawn[0] == drawn[1]
-    assert any("tuned absorber" in label for label in drawn[1])

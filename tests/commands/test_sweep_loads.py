@@ -3,56 +3,47 @@
 import json
 import warnings
 import wave
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from commands import call, sweep
+from commands import sweep
 from load_cases import FORCE_SHAPE, GRAVITY, MASS, OMEGA, PARTICIPATION, TIP_SHAPE, TONES, cantilever
-from numpy.typing import NDArray
 
 from impact_env.drive import FrequencySchedule
-from impact_env.loads import BASE, Load, Loads, Member, Random, Samples, ShakenBase, Shock, Tone, Tones
+from impact_env.loads import BASE, Loads, Member, Samples, ShakenBase, Shock, Tone, Tones
 from impact_env.parameters import ParameterError, RigidWalls, SlidingAbsorber
 from impact_env.plain_loads import read_loads
 from impact_env.scene import Scene
-from optimisation.cli.group import imported
 from optimisation.cli.scene_options import loads_of
 from optimisation.measures import check_size
 from optimisation.signals import band_edges, of_signal
 
-MODEL = f"""
-[model]
-omega_rad_s = {list(OMEGA)}
-damping_ratio = [0.01, 0.01, 0.01]
-force_shape_per_sqrt_kg = {list(FORCE_SHAPE)}
-tip_shape_per_sqrt_kg = {list(TIP_SHAPE)}
-beam_mass_kg = {MASS}
-"""
+
+def model(modes: int, damping: float, **more: float) -> str:
+    """Return a file's table of a structure: the closed-form cantilever's first modes, or of one mode what is given."""
+    rows = {"force_shape_per_sqrt_kg": FORCE_SHAPE[:modes], "tip_shape_per_sqrt_kg": TIP_SHAPE[:modes]} | {name: [x] for name, x in more.items()}
+    rows |= {"omega_rad_s": OMEGA[:modes], "damping_ratio": [damping] * modes}
+    return "[model]\n" + "".join(f"{name} = {list(row)}\n" for name, row in rows.items()) + f"beam_mass_kg = {MASS}\n"
+
+
 HERTZ = [omega / (2 * np.pi) for omega in OMEGA]
-TONES_LOAD = f"""
-[load]
+TONES_LOAD = f"""[load]
 kind = "tones"
 tones = [{{ amplitude_n = 2, frequency_hz = {HERTZ[0]} }}, {{ amplitude_n = 20, frequency_hz = {HERTZ[1]}, phase_rad = 0.5 }}]
-duration_s = 0.0555
-"""
+duration_s = 0.0555"""
 SCHEDULE = "schedule = {{ times_s = [0, {0}], omegas_rad_s = [240.0, 265.0], reference_rad_s = 252.3 }}"
-GRAVITY_LOAD = f"""
-[load]
-kind = "force"
-amplitude_n = 3.0
-schedule = {{ times_s = [0, 0.089], omegas_rad_s = [{OMEGA[0]}, {OMEGA[0]}], reference_rad_s = {OMEGA[0]} }}
-"""
+STILL = f"schedule = {{ times_s = [0, 0.089], omegas_rad_s = [{OMEGA[0]}, {OMEGA[0]}], reference_rad_s = {OMEGA[0]} }}"
+GRAVITY_LOAD = f"[load]\nkind = 'force'\namplitude_n = 3.0\n{STILL}"
 GOLDEN = {"tones": ("restitution = 0.7", TONES_LOAD, TONES), "gravity": ("restitution = 0.6\ngravity_m_s2 = 9.81", GRAVITY_LOAD, GRAVITY)}
 
 
-def written(folder: Path, absorber: str | None, load: str, base: bool = False) -> list[object]:
+def written(folder: Path, absorber: str, load: str, base: bool = False) -> list[object]:
     """Write a scene and a load, and return the options of sweep."""
     known = f"base_participation_sqrt_kg = {[float(x) for x in PARTICIPATION]}\n" if base else ""
-    own = "" if absorber is None else f'[absorber]\nkind = "impact"\ngap = 1e-3\n{absorber}\n'
-    (folder / "scene.toml").write_text(MODEL + known + own)
+    own = f'[absorber]\nkind = "impact"\ngap = 1e-3\n{absorber}\n'
+    (folder / "scene.toml").write_text(model(3, 0.01) + known + own)
     (folder / "load.toml").write_text(load)
     return ["--scene", folder / "scene.toml", "--load", folder / "load.toml", "--method", "exact", "--json", folder / "out.json"]
 
@@ -72,83 +63,64 @@ def test_golden_cases_from_files(case: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(speeds, [speed for _, speed in golden], atol=1e-8)
 
 
-def sine(folder: Path) -> None:
-    np.save(folder / "even.npy", np.sin(np.arange(50.0)))
-
-
-def clipped(folder: Path) -> None:
-    np.save(folder / "even.npy", np.minimum(np.sin(0.1 * np.arange(100.0)), 0.5))
-
-
-def gap(folder: Path) -> None:
-    np.save(folder / "even.npy", np.array([0.0, 1.0, np.nan, 2.0]))
-
-
 def sound(folder: Path) -> None:
     with wave.open(str(folder / "a.wav"), "wb") as file:
         file.setnchannels(1), file.setsampwidth(2), file.setframerate(1000)
         file.writeframes(np.array([0, 16384, -16384, 0], "<i2").tobytes())
 
 
-def large(folder: Path) -> None:
-    with (folder / "a.csv").open("wb") as file:
-        file.truncate(2**27 + 1)
-
-
-def table(text: str) -> Callable[[Path], None]:
-    return lambda folder: (folder / "a.csv").write_text(text) and None
-
-
-PULSE = "[[load]]\nkind = 'shock'\npulse = 'triangle'\npeak_n = 1\npulse_s = 1\nduration_s = {}\n"
-BAD: dict[str, tuple[Callable[[Path], None], str, str]] = {
-    "no load": (sine, "start = 'middle'", "load must be given"),
-    "kind": (sine, "[load]\nkind = 'wind'", r"load\.kind = 'wind' is not allowed: one of force, unbalance, base"),
-    "key": (sine, "[load]\nkind = 'shock'\npeak = 3", r"load\.peak = 3 is not allowed: only the keys pulse, peak_n"),
-    "start": (sine, "start = 'above'\n[load]\nkind = 'samples'\nfile = 'even.npy'\nsample_rate_hz = 100", "start = 'above' is not allowed"),
-    "rate": (sine, "[load]\nkind = 'samples'\nfile = 'even.npy'", r"sample_rate_hz = None .*given for even\.npy"),
-    "clipped": (clipped, "[load]\nkind = 'samples'\nfile = 'even.npy'\nsample_rate_hz = 100", r"value = 0\.5 .*clipped from row 7 on"),
-    "clipped table": (
-        table("t,f\n" + "".join(f"{k},{min(k % 20, 8)}\n" for k in range(60))),
-        "[load]\nkind = 'samples'\nfile = 'a.csv'",
-        r"a\.csv: value = 8 .*clipped from row 10 on",
-    ),
-    "resample": (sine, "[load]\nkind = 'samples'\nfile = 'even.npy'\nsample_rate_hz = 100\nresample = 'yes'", r"load\.resample = 'yes'"),
-    "place": (sine, "[load]\nkind = 'shock'\nvelocity_m_s = 1\nduration_s = 1\nplace = 'base'", r"load\.place = 'base' .*force, absorber"),
-    "NaN": (gap, "[load]\nkind = 'samples'\nfile = 'even.npy'\nsample_rate_hz = 100", r"even\.npy: row 3 = nan .*no gap"),
-    "gap in a table": (table("t,f\n0,1\n0.1,\n0.2,3\n"), "[load]\nkind = 'samples'\nfile = 'a.csv'", r"a\.csv: row 3 = \['0\.1', ''\] .*no gap"),
-    "header": (table("0,1\n0.1,2\n"), "[load]\nkind = 'samples'\nfile = 'a.csv'", r"a\.csv: row 1 = .*a header"),
-    "uneven": (table("t,f\n0,1\n1,2\n2,3\n3.4,1\n4.4,2\n"), "[load]\nkind = 'samples'\nfile = 'a.csv'", r"time in row 5 = 3\.4 .*resample = true"),
-    "backwards": (table("t,f\n0,1\n1,2\n0.5,3\n"), "[load]\nkind = 'samples'\nfile = 'a.csv'", r"a\.csv: time in row 4 = 0\.5"),
-    "sound without a scale": (sound, "[load]\nkind = 'samples'\nfile = 'a.wav'", r"load\.scale = None .*a sound has no unit"),
-    "a file too large": (large, "[load]\nkind = 'samples'\nfile = 'a.csv'", r"a\.csv: bytes = 1\d+ .*at most 128 MiB"),
-    "no file": (sine, "[load]\nkind = 'samples'\nfile = 'b.csv'", r"load\.file = 'b\.csv' .*can be read"),
-    "no reader": (sine, "[load]\nkind = 'samples'\nfile = 'b.txt'", r"load\.file = 'b\.txt' .*ends in \.csv"),
-    "displacement samples": (sine, "[load]\nkind = 'samples'\nquantity = 'base_displacement'\nfile = 'even.npy'", "quantity = 'base_displacement'"),
-    "empty band": (sine, "[load]\nkind = 'random'\nspectrum = [[1.1, 1], [1.2, 1]]\nduration_s = 1.0", r"spectrum = .*a multiple of 1 Hz"),
-    "falling band": (sine, "[load]\nkind = 'random'\nspectrum = [[2, 1], [1, 1]]\nduration_s = 1.0", r"spectrum = .*strictly rising"),
-    "zero in a spectrum": (sine, "[load]\nkind = 'random'\nspectrum = [[1, 0], [2, 1]]\nduration_s = 1.0", r"spectrum = .*above 0"),
-    "too long": (sine, "[load]\nkind = 'random'\nspectrum = [[1, 1], [2e3, 1]]\nduration_s = 1e4", r"duration_s = 10000\.0 .*320 MiB"),
-    "pulse": (sine, "[load]\nkind = 'shock'\npulse = 'sinc'\npeak_n = 1\npulse_s = 1\nduration_s = 2", r"load\.pulse = 'sinc' .*half-sine"),
-    "rise": (sine, "[load]\nkind = 'shock'\npulse = 'triangle'\npeak_n = 1\npulse_s = 1\nrise_s = 0.1\nduration_s = 2", r"load\.rise_s = 0\.1"),
-    "both amplitudes": (
-        sine,
-        "[load]\nkind = 'base'\nacceleration_m_s2 = 1\ndisplacement_m = 1\n" + SCHEDULE.format(1),
-        r"load\.acceleration_m_s2 = 1 .*one of the two",
-    ),
-    "durations": (
-        sine,
-        PULSE.format(2) + PULSE.format(3),
-        r"duration = \[2\.0, 3\.0\] .*the same",
-    ),
+SHOCK = "[[load]]\nkind = 'shock'\npulse = 'triangle'\npeak_n = 1\npulse_s = 1\nduration_s = {}\n"
+TABLES = {  # records that lie beside the file of the load, the arrays sampled at 100 Hz
+    "even.npy": np.sin(np.arange(50.0)),
+    "clipped.npy": np.minimum(np.sin(0.1 * np.arange(100.0)), 0.5),
+    "gap.npy": np.array([0.0, 1.0, np.nan, 2.0]),
+    "clipped.csv": "t,f\n" + "".join(f"{k},{min(k % 20, 8)}\n" for k in range(60)),
+    "gap.csv": "t,f\n0,1\n0.1,\n0.2,3\n",
+    "header.csv": "0,1\n0.1,2\n",
+    "uneven.csv": "t,f\n0,1\n1,2\n2,3\n3.4,1\n4.4,2\n",
+    "back.csv": "t,f\n0,1\n1,2\n0.5,3\n",
+}
+BAD = {  # a load, or the file of its record, and the message
+    "start = 'middle'": "load must be given",
+    "[load]\nkind = 'wind'": r"load\.kind = 'wind' is not allowed: one of force, unbalance, base",
+    "[load]\nkind = 'shock'\npeak = 3": r"load\.peak = 3 is not allowed: only the keys pulse, peak_n",
+    "start = 'above'\n" + SHOCK.format(2): "start = 'above' is not allowed",
+    "[load]\nkind = 'samples'\nfile = 'even.npy'": r"sample_rate_hz = None .*given for even\.npy",
+    "even.npy'\nresample = 'yes": r"load\.resample = 'yes'",
+    "even.npy'\nquantity = 'base_displacement": "quantity = 'base_displacement'",
+    "clipped.npy": r"value = 0\.5 .*clipped from row 7 on",
+    "clipped.csv": r"clipped\.csv: value = 8 .*clipped from row 10 on",
+    "gap.npy": r"gap\.npy: row 3 = nan .*no gap",
+    "gap.csv": r"gap\.csv: row 3 = \['0\.1', ''\] .*no gap",
+    "header.csv": r"header\.csv: row 1 = .*a header",
+    "uneven.csv": r"time in row 5 = 3\.4 .*resample = true",
+    "back.csv": r"back\.csv: time in row 4 = 0\.5",
+    "a.wav": r"load\.scale = None .*a sound has no unit",
+    "large.csv": r"large\.csv: bytes = 1\d+ .*at most 128 MiB",
+    "none.csv": r"load\.file = 'none\.csv' .*can be read",
+    "b.txt": r"load\.file = 'b\.txt' .*ends in \.csv",
+    "[load]\nkind = 'shock'\nvelocity_m_s = 1\nduration_s = 1\nplace = 'base'": r"load\.place = 'base' .*force, absorber",
+    "[load]\nkind = 'random'\nspectrum = [[1.1, 1], [1.2, 1]]\nduration_s = 1.0": r"spectrum = .*a multiple of 1 Hz",
+    "[load]\nkind = 'random'\nspectrum = [[2, 1], [1, 1]]\nduration_s = 1.0": r"spectrum = .*strictly rising",
+    "[load]\nkind = 'random'\nspectrum = [[1, 0], [2, 1]]\nduration_s = 1.0": r"spectrum = .*above 0",
+    "[load]\nkind = 'random'\nspectrum = [[1, 1], [2e3, 1]]\nduration_s = 1e4": r"duration_s = 10000\.0 .*320 MiB",
+    SHOCK.format(2).replace("triangle", "sinc"): r"load\[0\]\.pulse = 'sinc' .*half-sine",
+    SHOCK.format(2) + "rise_s = 0.1": r"load\[0\]\.rise_s = 0\.1",
+    SHOCK.format(2) + SHOCK.format(3): r"duration = \[2\.0, 3\.0\] .*the same",
+    "[load]\nkind = 'base'\nacceleration_m_s2 = 1\ndisplacement_m = 1\n" + SCHEDULE.format(1): r"load\.acceleration_m_s2 = 1 .*one of the two",
 }
 
 
-@pytest.mark.parametrize("case", BAD)
-def test_bad_files_are_refused_by_name(case: str, tmp_path: Path) -> None:
-    make, text, message = BAD[case]
-    make(tmp_path)
-    (tmp_path / "load.toml").write_text(text)
-    with pytest.raises(ParameterError, match=message):
+@pytest.mark.parametrize("text", BAD)
+def test_bad_files_are_refused_by_name(text: str, tmp_path: Path) -> None:
+    for name, record in TABLES.items():
+        np.save(tmp_path / name, record) if name.endswith(".npy") else (tmp_path / name).write_text(record)
+    sound(tmp_path)
+    with (tmp_path / "large.csv").open("wb") as file:
+        file.truncate(2**27 + 1)
+    rate = "sample_rate_hz = 100\n" if ".npy" in text else ""
+    (tmp_path / "load.toml").write_text(text if "[load]" in text or "start" in text else f"[load]\nkind = 'samples'\n{rate}file = '{text}'")
+    with pytest.raises(ParameterError, match=BAD[text]):
         read_loads(tmp_path / "load.toml", 250.0)
 
 
@@ -179,34 +151,20 @@ def test_records_of_each_format(tmp_path: Path) -> None:
 
 def test_base_motion_needs_a_participation_and_walls_a_place_to_rest(tmp_path: Path) -> None:
     base = '[load]\nkind = "base"\nacceleration_m_s2 = 1.0\n' + SCHEDULE.format(0.01)
-    result = sweep(*written(tmp_path, "restitution = 0.7", base))
-    assert result.exit_code == 2
-    assert "participation of the modes" in result.output
+    assert "participation of the modes" in sweep(*written(tmp_path, "restitution = 0.7", base)).output
     options = written(tmp_path, "contact_stiffness = 1e6", base, base=True)
     assert "for that Exact, and a scene without absorber" in sweep(*options).output
     options = written(tmp_path, "contact_stiffness = 1e6\ngravity_m_s2 = 9.81", TONES_LOAD)
     assert "gravity = 9.81 is not allowed: 0 with Exact() and compliant contact" in sweep(*options).output
-    result = call(imported("sweep"), "--absorber", "none", "--load", tmp_path / "load.toml", "--force", 3)
-    assert "--force does not go with --load" in result.output
-    assert not (tmp_path / "out.json").exists()
 
 
-def test_common_loads_in_short(tmp_path: Path) -> None:
-    def parts(text: str) -> Load:
-        (part,) = loads_of(Path(text), cantilever()).parts
-        return part
-
-    base, shock, random = parts("base:4"), parts("shock:40:0.0125:2"), parts("random:20:60:0.05:20")
-    assert isinstance(base, ShakenBase)
+def test_common_loads_in_short() -> None:
+    parts = (loads_of(Path(text), cantilever()).parts for text in ("base:4", "shock:40:0.0125:2", "random:20:60:0.05:20"))
+    (base,), (shock,), (random,) = parts
     assert base.acceleration == 4.0
     assert base.schedule.omegas == pytest.approx([0.9 * OMEGA[0], 1.06 * OMEGA[0]])
-    assert isinstance(shock, Shock)
     assert (shock.pulse, shock.peak, shock.width, shock.length) == ("half-sine", 40.0, 0.0125, 2.0)
-    assert isinstance(random, Random)
     assert random.spectrum.tolist() == [[20.0, 0.05], [60.0, 0.05]]
-    (tmp_path / "scene.toml").write_text(MODEL)
-    result = sweep("--scene", tmp_path / "scene.toml", "--load", "shock:40:2", "--json", tmp_path / "out.json")
-    assert "--load shock:40:2: SHOCK:PEAK_N:PULSE_S:DURATION_S, numbers" in result.output
 
 
 def test_what_lies_above_the_modes_of_a_record_and_units_that_must_be_wrong() -> None:
@@ -224,22 +182,9 @@ def test_what_lies_above_the_modes_of_a_record_and_units_that_must_be_wrong() ->
 # What sweep --measures tells, against closed forms: sines, Gaussian noise, transfer functions, and what an impact loses.
 
 
-Array = NDArray[np.float64]
 RATE, SIZE, PERIODS = 1000.0, 3.0, 200
-ONE_MODE = f"""
-[model]
-omega_rad_s = [{OMEGA[0]}]
-damping_ratio = [0.02]
-force_shape_per_sqrt_kg = [1.0]
-tip_shape_per_sqrt_kg = [{MASS**-0.5}]
-stress_shape = [7.0]
-base_participation_sqrt_kg = [{MASS**0.5}]
-beam_mass_kg = {MASS}
-"""
-ROWS = {"force_shape_per_sqrt_kg": FORCE_SHAPE[:2], "tip_shape_per_sqrt_kg": TIP_SHAPE[:2]}
-TWO_MODES = f"[model]\nomega_rad_s = {list(OMEGA[:2])}\ndamping_ratio = [0.02, 0.02]\nbeam_mass_kg = {MASS}\n" + "".join(
-    f"{key} = {list(row)}\n" for key, row in ROWS.items()
-)
+UNIT = {"force_shape_per_sqrt_kg": 1.0, "tip_shape_per_sqrt_kg": MASS**-0.5, "stress_shape": 7.0, "base_participation_sqrt_kg": MASS**0.5}
+ONE_MODE = model(1, 0.02, **UNIT)
 
 
 def measures(folder: Path, scene: str, load: str, *options: object) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -288,15 +233,12 @@ TIMES = np.linspace(0, 1.0, 1001)
 RUN = FrequencySchedule(np.array([0.0, 1.0]), np.array([40.0, 90.0]), 50.0)
 PHASE = 0.4 + 40.0 * TIMES + 25.0 * TIMES**2
 CORNERS = np.array([1.0, -2.0, 0.5, 3.0])  # at thirds of the second
-TONE = Tones((Tone(2.0, frequency=300.0, phase=0.4),), 1.0, quantity=BASE)
-FAST = 600 * np.pi
-MOVED: dict[str, tuple[Load, Array, Array]] = {  # place and velocity
+MOVED = {  # place and velocity
     "a swept displacement": (
         ShakenBase(RUN, displacement=0.2, phase=0.4),
         0.2 * (np.cos(PHASE) - np.cos(0.4)),
         -0.2 * (40.0 + 50.0 * TIMES) * np.sin(PHASE),
     ),
-    "a fast tone": (TONE, 2.0 / FAST**2 * (np.cos(0.4) - np.cos(FAST * TIMES + 0.4)), 2.0 / FAST * np.sin(FAST * TIMES + 0.4)),
     "a jump": (Shock("trapezoid", 5.0, 1.0, 1.0, 0.0, BASE), 2.5 * TIMES**2, 5.0 * TIMES),
 }
 
@@ -324,7 +266,6 @@ def test_motion_in_space_over_that_of_the_base(tmp_path: Path) -> None:
     for option, ratio in ((("--absolute",), abs((1 + 2j * 0.02 * r) / dynamic)), ((), abs(r**2 / dynamic))):
         found, _ = measures(tmp_path, ONE_MODE, load, *option)
         assert found["displacement_m"]["rms"] == pytest.approx(base * ratio, rel=2e-3)
-        assert found["displacement_m"]["level"] > found["displacement_m"]["rms"]  # around the peak of the start
         if option:
             assert found["acceleration_m_s2"]["rms"] == pytest.approx((r * OMEGA[0]) ** 2 * base * ratio, rel=4e-3)
         else:
@@ -334,7 +275,7 @@ def test_motion_in_space_over_that_of_the_base(tmp_path: Path) -> None:
 def test_two_tones_have_a_band_each(tmp_path: Path) -> None:
     hertz = 40.0, 250.0
     tones = ", ".join(f"{{ amplitude_n = {n}, frequency_hz = {f} }}" for n, f in zip((1.0, 4.0), hertz, strict=True))
-    found, _ = measures(tmp_path, TWO_MODES, f'[load]\nkind = "tones"\ntones = [{tones}]\nduration_s = 4.0')
+    found, _ = measures(tmp_path, model(2, 0.02), f'[load]\nkind = "tones"\ntones = [{tones}]\nduration_s = 4.0')
     assert [band.get("to_hz") for band in found["bands"]] == [pytest.approx(100.0), None]
     for force, frequency, band in zip((1.0, 4.0), hertz, found["bands"], strict=True):
         omega = 2 * np.pi * frequency
@@ -363,8 +304,7 @@ def test_impacts_lose_what_their_velocities_say(tmp_path: Path) -> None:
     found, written = measures(tmp_path, ONE_MODE + absorber, load, "--members", 2)
     start = found["from_s"]
     assert start == pytest.approx(5 / (0.02 * OMEGA[0]))
-    late = np.array(written["impact_time_s"]) >= start
-    speeds = np.abs(written["impact_relative_velocity_m_s"])[late]
+    speeds = np.abs(written["impact_relative_velocity_m_s"])[np.array(written["impact_time_s"]) >= start]
     impacts = found["impacts"]
     assert len(speeds) > 50
     assert impacts["per_s"] == pytest.approx(len(speeds) / (6.0 - start), rel=1e-3)
@@ -372,20 +312,4 @@ def test_impacts_lose_what_their_velocities_say(tmp_path: Path) -> None:
     assert impacts["power_w"] == pytest.approx(mass / 2 * (1 - 0.7**2) * np.sum(speeds**2) / (6.0 - start), rel=1e-3)
     assert impacts["per_s_above"][-1] == pytest.approx(np.sum(speeds > impacts["above_m_s"][-1]) / (6.0 - start), rel=1e-3)
     assert found["displacement_m"]["level"] == pytest.approx(written["response_level_m"][0], rel=0.01)  # from other samples
-    assert len(written["measures"]) == 2
     assert written["measures"][1]["displacement_m"]["rms"] != found["displacement_m"]["rms"]
-
-
-@pytest.mark.parametrize(
-    ("options", "word"),
-    [
-        (("--absolute",), "--absolute needs --measures"),
-        (("--measures", "--method", "moreau"), "--measures does not go with --method moreau"),
-        (("--measures", 2), "measures = 2 is not allowed"),
-        (("--measures", "--absolute"), "absolute = True is not allowed: left out where the base does not move"),
-    ],
-)
-def test_what_does_not_go_is_refused(options: tuple[object, ...], word: str) -> None:
-    result = sweep("--absorber", "none", "--from", 1, "--to", 1, "--periods", 20, *options)
-    assert result.exit_code == 2
-    assert word in result.output

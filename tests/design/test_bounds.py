@@ -39,36 +39,23 @@ OMEGA = np.linspace(0.5, 1.6, 111) * MODEL.omega[0]
 
 def test_reference_limits() -> None:
     np.testing.assert_allclose(resonance_limit(MODEL, MASS, GAP, [5.0, 10.0, 20.0]), [1.21e-3, 5.91e-3, 15.3e-3], rtol=5e-3)
+    fine = stroke_limit_rms(MODEL, MASS, GAP, 5.0, np.linspace(0.9, 1.06, 20001) * MODEL.omega[0]).max()
+    assert resonance_limit(MODEL, MASS, GAP, 5.0) == pytest.approx(fine, rel=1e-7)
 
 
 @pytest.mark.parametrize(("resonance", "force"), [(1, 3.49), (2, 37.9)])
 def test_reference_design_forces(resonance: int, force: float) -> None:
     assert design_force(MODEL, MASS, GAP, resonance) == pytest.approx(force, abs=0.005 if resonance == 1 else 0.05)
     assert design_gap(MODEL, MASS, force, resonance) == pytest.approx(GAP, rel=2e-3)
-
-
-def test_the_formula_itself() -> None:
-    omega, force = OMEGA[47], 10.0
-    by_force = receptance(MODEL, omega, MODEL.tip_shape, MODEL.force_shape)
-    kappa = receptance(MODEL, omega, MODEL.tip_shape, MODEL.tip_shape) * MASS * omega**2
-    expected = max(0.0, force * abs(by_force) - abs(kappa) * 4 * GAP / np.pi) / abs(1 - kappa) / np.sqrt(2)
-    assert expected > 0
-    assert stroke_limit_rms(MODEL, MASS, GAP, force, omega) == pytest.approx(expected, rel=1e-12)
+    assert design_force(MODEL, MASS, design_gap(MODEL, MASS, 12.0, resonance), resonance) == pytest.approx(12.0, rel=1e-12)
+    exact = design_force(MODEL, MASS, GAP, resonance)
+    below, above = resonance_limit(MODEL, MASS, GAP, [exact * (1 - 1e-9), exact * (1 + 1e-6)], resonance, *NEAR)
+    assert below == 0 < above
 
 
 def test_no_stroke_is_a_stuck_mass() -> None:
     stuck = np.abs(tip_response(MODEL, StuckAbsorber(0.02), OMEGA)) / np.sqrt(2)
     np.testing.assert_allclose(stroke_limit_rms(MODEL, MASS, 1e-15, 1.0, OMEGA), stuck, rtol=1e-8)
-
-
-@given(angle=st.floats(0, 2 * np.pi), size=st.floats(0, 1), force=st.floats(0, 50), at=st.floats(0.5, 1.6))
-@settings(max_examples=100, deadline=None)
-def test_every_admissible_line_obeys_the_limit(angle: float, size: float, force: float, at: float) -> None:
-    omega = at * MODEL.omega[0]
-    stroke = size * 4 * GAP / np.pi * np.exp(1j * angle)
-    kappa = receptance(MODEL, omega, MODEL.tip_shape, MODEL.tip_shape) * MASS * omega**2
-    tip = (force * receptance(MODEL, omega, MODEL.tip_shape, MODEL.force_shape) + kappa * stroke) / (1 - kappa)
-    assert abs(tip) / np.sqrt(2) >= stroke_limit_rms(MODEL, MASS, GAP, force, omega) * (1 - 1e-12) - 1e-18
 
 
 def moved(model: ModalModel, masses: list[float], strokes: list[complex], force: float, omega: float, at: np.ndarray) -> complex:
@@ -104,12 +91,6 @@ def test_lines_of_several_masses_read_anywhere(devices: list[tuple[float, ...]],
     assert abs(line) / np.sqrt(2) >= limit * (1 - 1e-12) - 1e-15
 
 
-def test_two_halves_at_one_place_are_one_mass() -> None:
-    both = modal_model(Beam(), [1.0, 1.0])
-    halves = stroke_limit_rms(both, [MASS / 2, MASS / 2], [GAP, GAP], 10.0, OMEGA, MODEL.tip_shape)
-    np.testing.assert_allclose(halves, stroke_limit_rms(MODEL, MASS, GAP, 10.0, OMEGA), rtol=1e-9, atol=1e-12)
-
-
 def test_an_undamped_joined_resonance_is_infinite() -> None:
     """At the resonance with the mass stuck a force is answered without bound, unless the device can cancel it."""
     undamped = ModalModel([100.0], [0.0], [1.0], [2.0], 1.0)
@@ -118,124 +99,46 @@ def test_an_undamped_joined_resonance_is_infinite() -> None:
     assert stroke_limit_rms(undamped, 0.25, 1e3, 1.0, omega) == 0
 
 
-@given(factor=st.floats(1e-3, 1e3), force=st.floats(0, 50))
-@settings(max_examples=50, deadline=None)
-def test_scaling_law(factor: float, force: float) -> None:
-    scaled = stroke_limit_rms(MODEL, MASS, factor * GAP, factor * force, OMEGA)
-    np.testing.assert_allclose(scaled, factor * stroke_limit_rms(MODEL, MASS, GAP, force, OMEGA), rtol=1e-9, atol=1e-12 * factor * GAP)
-
-
-def test_monotone_in_the_force_and_in_the_gap() -> None:
-    forces = np.linspace(0, 40, 81)
-    limits = resonance_limit(MODEL, MASS, GAP, forces)
-    assert limits[0] == 0
-    assert np.all(np.diff(limits) >= 0)
-    assert limits[-1] > 0
-    wider = stroke_limit_rms(MODEL, MASS, 2 * GAP, 10.0, OMEGA)
-    assert np.all(wider <= stroke_limit_rms(MODEL, MASS, GAP, 10.0, OMEGA))
-
-
-@pytest.mark.parametrize("resonance", [1, 2])
-def test_zero_up_to_the_design_force(resonance: int) -> None:
-    force = design_force(MODEL, MASS, GAP, resonance)
-    below, above = resonance_limit(MODEL, MASS, GAP, [force * (1 - 1e-9), force * (1 + 1e-6)], resonance, *NEAR)
-    assert below == 0 < above
-
-
-def test_design_gap_inverts_the_design_force() -> None:
-    gap = design_gap(MODEL, MASS, 12.0)
-    assert design_force(MODEL, MASS, gap) == pytest.approx(12.0, rel=1e-12)
-    assert design_force(MODEL, MASS, 2 * GAP) == pytest.approx(2 * design_force(MODEL, MASS, GAP), rel=1e-12)
-
-
-@pytest.mark.slow
-def test_shapes_and_refinement() -> None:
-    assert stroke_limit_rms(MODEL, MASS, GAP, np.ones((4, 1)), OMEGA).shape == (4, 111)
-    assert resonance_limit(MODEL, MASS, GAP, 5.0).shape == ()
-    fine = stroke_limit_rms(MODEL, MASS, GAP, 5.0, np.linspace(0.9, 1.06, 200001) * MODEL.omega[0]).max()
-    assert resonance_limit(MODEL, MASS, GAP, 5.0) == pytest.approx(fine, rel=1e-9)
-
-
-def test_undamped_models_are_finite_off_the_joined_resonance() -> None:
-    undamped = modal_model(Beam(damping_ratio=0.0))
-    at, beside = stroke_limit_rms(undamped, MASS, GAP, 10.0, undamped.omega[0] * np.array([1.0, 1 + 1e-8]))
-    assert at == pytest.approx(beside, rel=1e-5)
-    assert resonance_limit(undamped, MASS, GAP, 10.0) > 1e3
-
-
-def test_bad_input() -> None:
-    bare = ModalModel([1.0], [0.01], [0.0], [1.0], 1.0)
-    for call, name in (
-        (lambda: stroke_limit_rms(MODEL, 0.0, GAP, 1.0, OMEGA), "mass"),
-        (lambda: stroke_limit_rms(MODEL, MASS, -GAP, 1.0, OMEGA), "gap"),
-        (lambda: stroke_limit_rms(MODEL, MASS, np.inf, 1.0, OMEGA), "gap"),
-        (lambda: stroke_limit_rms(MODEL, MASS, GAP, [1.0, -1.0], OMEGA[:2]), "force_amplitude"),
-        (lambda: stroke_limit_rms(MODEL, MASS, GAP, 1.0, -1.0), "omega"),
-        (lambda: resonance_limit(MODEL, MASS, GAP, np.nan), "force"),
-        (lambda: resonance_limit(MODEL, -MASS, GAP, 1.0), "mass"),
-        (lambda: resonance_limit(MODEL, MASS, GAP, 1.0, 11), "resonance"),
-        (lambda: resonance_limit(MODEL, MASS, GAP, 1.0, low=1.1), "high"),
-        (lambda: design_force(MODEL, MASS, GAP, low=0.98), "range"),
-        (lambda: design_force(MODEL, 10 * MASS, GAP, low=0.93), "range"),
-        (lambda: design_gap(MODEL, MASS, 0.0), "force"),
-        (lambda: design_force(bare, 0.01, GAP), "force_shape"),
-        (lambda: stroke_limit_rms(MODEL, [MASS, MASS], GAP, 1.0, OMEGA), "mass"),
-        (lambda: stroke_limit_rms(modal_model(Beam(), [1.0, 0.5]), [MASS, MASS], GAP, 1.0, OMEGA), "gap"),
-        (lambda: stroke_limit_rms(MODEL, MASS, GAP, 1.0, OMEGA, [1.0]), "tip_shape"),
-    ):
-        with pytest.raises(ParameterError, match=name):
-            call()
-
-
 # Design rule for any mass and several resonances, and the share of the possible reduction.
-
-
-MASS_DESIGN, GAP_DESIGN = 0.02 * MODEL.beam_mass, 1e-3
 
 
 def test_range_of_the_rule_follows_a_heavy_mass() -> None:
     for resonance in (1, 2):
-        assert near_range(MODEL, MASS_DESIGN, resonance) == pytest.approx(NEAR, rel=1e-12)
-    assert near_range(MODEL, MASS_DESIGN / 4)[0] == pytest.approx(1 - 0.07 / 4, abs=2e-3)
+        assert near_range(MODEL, MASS, resonance) == pytest.approx(NEAR, rel=1e-12)
+    assert near_range(MODEL, MASS / 4)[0] == pytest.approx(1 - 0.07 / 4, abs=2e-3)
     heavy = 0.2 * MODEL.beam_mass
     low, high = near_range(MODEL, heavy)
     assert 0.4 < low < 0.7
     assert high == NEAR[1]
-    assert design_force(MODEL, heavy, GAP_DESIGN) == design_force(MODEL, heavy, GAP_DESIGN, low=low, high=high)
-    assert resonance_limit(MODEL, heavy, GAP_DESIGN, 0.999 * design_force(MODEL, heavy, GAP_DESIGN), 1, low, high) == 0
+    assert design_force(MODEL, heavy, GAP) == design_force(MODEL, heavy, GAP, low=low, high=high)
+    assert resonance_limit(MODEL, heavy, GAP, 0.999 * design_force(MODEL, heavy, GAP), 1, low, high) == 0
 
 
 def test_one_gap_for_two_resonances() -> None:
-    gaps = {resonance: design_gap(MODEL, MASS_DESIGN, force, resonance) for resonance, force in {1: 3.0, 2: 60.0}.items()}
-    both = common_gap(MODEL, MASS_DESIGN, {1: 3.0, 2: 60.0})
+    gaps = {resonance: design_gap(MODEL, MASS, force, resonance) for resonance, force in {1: 3.0, 2: 60.0}.items()}
+    both = common_gap(MODEL, MASS, {1: 3.0, 2: 60.0})
     assert both == gaps[2] > gaps[1]
     for resonance, force in {1: 3.0, 2: 60.0}.items():
-        assert resonance_limit(MODEL, MASS_DESIGN, both * (1 + 1e-9), force, resonance, *NEAR) == 0
-    assert resonance_limit(MODEL, MASS_DESIGN, 0.99 * both, 60.0, 2, *NEAR) > 0
-    with pytest.raises(ParameterError, match="forces"):
-        common_gap(MODEL, MASS_DESIGN, {})
+        assert resonance_limit(MODEL, MASS, both * (1 + 1e-9), force, resonance, *NEAR) == 0
+    assert resonance_limit(MODEL, MASS, 0.99 * both, 60.0, 2, *NEAR) > 0
 
 
 def test_share_runs_from_no_absorber_to_the_limit() -> None:
     force = 10.0
     without = force * peak(MODEL, None)[0] / np.sqrt(2)
-    limit = float(resonance_limit(MODEL, MASS_DESIGN, GAP_DESIGN, force))
-    np.testing.assert_allclose(share_reached(MODEL, MASS_DESIGN, GAP_DESIGN, force, [without, limit, (without + limit) / 2]), [0, 1, 0.5], atol=1e-9)
-    assert share_reached(MODEL, MASS_DESIGN, GAP_DESIGN, force, 1.1 * without) < 0
+    limit = float(resonance_limit(MODEL, MASS, GAP, force))
+    np.testing.assert_allclose(share_reached(MODEL, MASS, GAP, force, [without, limit, (without + limit) / 2]), [0, 1, 0.5], atol=1e-9)
+    assert share_reached(MODEL, MASS, GAP, force, 1.1 * without) < 0
     np.testing.assert_allclose(reduction_share([[1.0], [2.0]], [4.0, 3.0], 0.0), [[0.75, 2 / 3], [0.5, 1 / 3]])
-
-
-def test_share_of_the_papers_absorber() -> None:
-    """The levels simulated at 3.5 and 10 N, e = 0.7, muN = 0.1 N, reach four fifths and two thirds of what is possible."""
-    assert share_reached(MODEL, MASS_DESIGN, GAP_DESIGN, 3.5, 0.64e-3) == pytest.approx(0.80, abs=0.02)
-    assert share_reached(MODEL, MASS_DESIGN, GAP_DESIGN, 10.0, 6.9e-3) == pytest.approx(0.68, abs=0.02)
+    # the paper's absorber: levels simulated at 3.5 and 10 N, e = 0.7, muN = 0.1 N
+    assert share_reached(MODEL, MASS, GAP, 3.5, 0.64e-3) == pytest.approx(0.80, abs=0.02)
+    assert share_reached(MODEL, MASS, GAP, 10.0, 6.9e-3) == pytest.approx(0.68, abs=0.02)
 
 
 @pytest.mark.parametrize(
     ("beam", "resonance", "mass_ratio", "expected"),
     [
         (Beam(absorber_position=0.9), 2, 0.02, 0.64),
-        (Beam(absorber_position=0.85), 2, 0.02, 0.055),
         (Beam(absorber_position=0.8), 2, 0.02, 0.049),
         (Beam(damping_ratio=0.05), 1, 0.02, 0.89),
         (Beam(), 1, 0.002, 0.50),
@@ -275,9 +178,9 @@ def test_the_expected_gap_is_the_rules_where_that_is_good_and_wider_with_light_d
 
 def test_friction_follows_the_scaling_law() -> None:
     """Another length, mass and time: the paper's absorber has the paper's friction in those units."""
-    assert scaled_friction(MODEL, MASS_DESIGN, GAP_DESIGN) == pytest.approx(0.1, rel=1e-12)
+    assert scaled_friction(MODEL, MASS, GAP) == pytest.approx(0.1, rel=1e-12)
     length, stiffness, density = 2.0, 3.0, 0.7
     beam = Beam(length=0.5 * length, bending_stiffness=362.88 * stiffness, mass_per_length=1.1275 * density)
     other = modal_model(beam)
     force_unit = stiffness / length**2 * 0.5  # of a gap half the paper's share of the length: EI w/l^3
-    assert scaled_friction(other, 0.02 * other.beam_mass, GAP_DESIGN * length * 0.5) == pytest.approx(0.1 * force_unit, rel=1e-9)
+    assert scaled_friction(other, 0.02 * other.beam_mass, GAP * length * 0.5) == pytest.approx(0.1 * force_unit, rel=1e-9)

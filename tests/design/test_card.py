@@ -10,7 +10,6 @@ import pytest
 from impact_env import Beam, modal_model
 from impact_env.curve import performance_curve
 from impact_env.scene import Scene
-from optimisation.files import numbers
 from optimisation.gap_advice import advise
 from optimisation.gap_card import bearing
 from optimisation.report.card import Card, Chart, Curve, Row, content, page, text, write_card
@@ -46,8 +45,6 @@ def test_text_json_and_html_say_the_same(tmp_path: Path) -> None:
         assert word in text(CARD)
         assert word in files[0].read_text()
     assert page(CARD).count("</script>") == 3  # words do not end a script
-    assert "Copyright (c) 2022 Leon Sorokin" in page(CARD)
-    assert numbers([1.0, float("inf")]) == [1.0, None]
 
 
 def test_page_draws_in_a_browser_and_asks_for_nothing(tmp_path: Path) -> None:
@@ -68,9 +65,7 @@ def test_page_draws_in_a_browser_and_asks_for_nothing(tmp_path: Path) -> None:
         page.mouse.move(box["x"] + box["width"] - 2, box["y"] + 20)
         page.wait_for_function("document.querySelector('.u-legend').innerText.includes('3 (2 to 4)')")
         assert page.locator("canvas").count() == 2
-        assert not page.locator(".printed").first.is_visible()
         page.emulate_media(media="print")
-        assert page.locator(".printed svg path[stroke-width='2']").count() >= 1
         assert [page.locator(name).first.is_visible() for name in (".printed", ".plot")] == [True, False]
         assert "here" in page.locator(".printed").first.inner_text()
     assert [url for url in asked if not url.startswith("data:")] == [address]
@@ -94,9 +89,6 @@ def test_card_of_a_gap_is_of_the_recommended_device() -> None:
     # power is at most what the fastest impact loses, as often as impacts are
     lost = 0.5 * told["absorber mass"] * (1 - 0.7**2) * told["largest impact speed"] ** 2
     assert 0 < told["power lost in impacts"] < 1e3 * lost * told["impacts"]
-    low, high = seen.helps
-    assert low <= 3.5 <= high
-    assert found.at_force(best, 1.0) == pytest.approx(best.level)
 
 
 def test_card_of_tunings_draws_their_peaks() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import distributed
 import pytest
 from cluster_check import problem
-from commands import SHORT, call, sweep
+from commands import done
 from places import ROOT, SUPPORT
 
 from optimisation.cli import frequency_response
@@ -64,56 +64,17 @@ def test_worker_with_other_sources_is_refused_though_its_kernels_are_the_same(tm
             worker.wait()
 
 
-class Closing(Workers):
-    """Closes the whole cluster when the first results are there."""
-
-    cluster: object = None
-
-    def each(self, function, chunks, kinds):
-        for count, result in enumerate(super().each(function, chunks, kinds)):
-            if count == 2:
-                self.cluster.close()
-            yield result
-
-
-def test_scheduler_that_dies_is_a_clear_error() -> None:
-    given = problem()
-    chunks = [chunk for x in (0.2, 0.4, 0.6, 0.8) for chunk in given.chunks(given.space.at([x, 0.5, 0.5]), given.ensemble, given.rate)]
-    local = distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0", silence_logs=50)
-    with Closing(local.scheduler_address, patience=2.0) as workers:
-        workers.cluster = local
-        with pytest.raises(ClusterError, match="the study keeps what is finished"):
-            list(run_chunks(chunks, workers))
-
-
-# Commands with --cluster give what they give without: the same numbers from the workers of a scheduler in this process.
-
-
-@pytest.fixture(scope="module")
+@pytest.fixture
 def address() -> Iterator[str]:
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0", silence_logs=50) as local:
         yield local.scheduler_address
 
 
-def test_members_of_a_sweep(address: str, tmp_path: Path) -> None:
-    files = [tmp_path / name for name in ("here.json", "there.json")]
-    for file, where in zip(files, ([], ["--cluster", address]), strict=True):
-        result = sweep(*SHORT, "--absorber", "impact", "--force", "20", "--members", "3", "--json", str(file), *where)
-        assert result.exit_code == 0, result.output
-    here, there = (json.loads(file.read_text()) for file in files)
-    assert len(there["response_level_m"]) == 3
-    assert {k: x for k, x in here.items() if k != "wall_s"} == {k: x for k, x in there.items() if k != "wall_s"}
-
-
-def test_stationary_responses_over_the_frequency(address: str, tmp_path: Path) -> None:
+def test_a_command_gives_with_a_cluster_what_it_gives_without(address: str, tmp_path: Path) -> None:
     line = ["--modes", "2", "--no-sweeps", "--method", "balance", "--friction-limit", "0.02", "--from", "1.02", "--to", "1.04"]
     runs, files = ["--envelope", "2", "--members", "2", "--settle", "50", "--window", "20"], [tmp_path / name for name in ("a.json", "b.json")]
     for file, where in zip(files, (["--threads", "1"], ["--cluster", address]), strict=True):
-        result = call(frequency_response, *line, *runs, *where, "--json", str(file))
-        assert result.exit_code == 0, result.output
+        done(frequency_response, *line, *runs, *where, "--json", str(file))
     here, there = (json.loads(file.read_text()) for file in files)
     assert here == there
     assert [point["omega_ratio"] for point in here["stationary"]] == [1.02, 1.04]
-    alone = call(frequency_response, *line, "--cluster", address)
-    assert alone.exit_code == 2
-    assert "--cluster does not go without --envelope" in alone.output

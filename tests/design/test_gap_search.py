@@ -7,39 +7,30 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import done
 
-from impact_env import Beam, ParameterError, modal_model
+from impact_env import Beam, modal_model
 from impact_env.curve import performance_curve
 from impact_env.scene import Scene
-from impact_env.structures.matrices import lowest_modes
-from optimisation.bounds import reach
 from optimisation.friction_rule import scaled_friction
-from optimisation.gap_advice import PAIRS, STEP, Advice, Table, advise, answers, bracket, search, worst
+from optimisation.gap_advice import PAIRS, STEP, Advice, Table, advise, answers, search, worst
 from optimisation.gap_check import scaled_absorber
 from studies.cli import check_gaps
-from studies.drawn import CASES as DRAWN
-from studies.gaps import CASES, assembled, frame, hermite, judged, plate, storeys
+from studies.gaps import CASES, frame, judged, plate, storeys
 
 MODEL = modal_model(Beam(modes=3))
 
 
-def cliff(best: float, drop: float = 1.6) -> object:
-    """Return a landscape over ln gap: in proportion to the gap above ``best``, ``drop`` times as high just below, rising slowly further down."""
-
-    def level(x: float) -> float:
-        return math.exp(x) if x >= best else drop * math.exp(best) * math.exp(0.7 * (best - x))
-
-    return level
-
-
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_search_finds_the_edge_of_a_noisy_cliff(seed: int) -> None:
     generator = np.random.default_rng(seed)
     edge = generator.uniform(-0.9, 0.9)
-    level = cliff(edge)
     runs = 0
     kept: dict[float, np.ndarray] = {}
+
+    def level(x: float) -> float:
+        """Over ln gap: in proportion to the gap above the edge, 1.6 times as high just below, rising slowly further down."""
+        return math.exp(x) if x >= edge else 1.6 * math.exp(edge) * math.exp(0.7 * (edge - x))
 
     def look(n: float, members: int) -> np.ndarray:
         nonlocal runs
@@ -57,13 +48,6 @@ def test_search_finds_the_edge_of_a_noisy_cliff(seed: int) -> None:
     assert level(STEP * sharp) <= 1.17 * math.exp(edge)  # three steps of 5 % at most, off the edge
     assert own <= 1.17 * min(exact)
     assert runs <= PAIRS
-
-
-def test_bracket_ends_beside_the_lowest_and_at_the_ends() -> None:
-    for best in (-40, -11, 0, 3, 40):
-        seen = bracket(lambda n, best=best: abs(n - best) + 1.0, 0)
-        assert abs(min(seen, key=lambda n: seen[n]) - np.clip(best, -32, 32)) <= 1
-        assert len(seen) <= 12
 
 
 def test_a_tolerance_is_that_of_neighbouring_gaps() -> None:
@@ -100,19 +84,6 @@ def test_answers_are_runs(advice: Advice) -> None:
         assert answer.friction_limit == pytest.approx(scaled_friction(MODEL, advice.check.mass, answer.gap))
     runs = sum(len(curve.members) for curve in (*advice.check.curves, advice.check.without))
     assert 2 * runs == advice.sweeps <= 40
-    assert advice.at_force(advice.sharp, 1.0) == pytest.approx(advice.sharp.level)
-
-
-def test_friction_is_scaled_with_the_first_frequency_near_any_resonance() -> None:
-    first, second = (scaled_absorber(MODEL, force, resonance) for force, resonance in ((3.5, 1), (35.0, 2)))
-    shares = [absorber.friction.limit / absorber.walls.gap for absorber in (first, second)]
-    assert shares[0] == pytest.approx(shares[1], rel=1e-12)
-
-
-@pytest.mark.parametrize(("given", "name"), [({"tolerance": 0.5}, "force_tolerance"), ({"free": ["mass"]}, "free"), ({"members": 0}, "members")])
-def test_what_is_refused(given: dict[str, object], name: str) -> None:
-    with pytest.raises(ParameterError, match=name):
-        advise(MODEL, 6.0, **given)
 
 
 def test_structures_of_the_study_are_those_of_the_books() -> None:
@@ -133,25 +104,6 @@ def test_structures_of_the_study_are_those_of_the_books() -> None:
     stiffness = 2e6 * (2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1))
     stiffness[-1, -1] = 2e6
     np.testing.assert_allclose(chain.omega, np.sqrt(np.linalg.eigvalsh(stiffness) / 1e3))
-    edges = assembled(np.array([[0, 0], [0.5, 0.0], [1, 0]]), [(0, 1), (1, 2)], np.array([3.0, 3.0]), np.array([2.0, 2.0]))
-    cantilever = lowest_modes(*(matrix[3:, 3:] for matrix in edges), 1).omega[0]
-    assert cantilever == pytest.approx(1.8751**2 * np.sqrt(3.0 / 2.0), rel=1e-3)
-    assert len({case.name for case in DRAWN}) == 10
-    for case in DRAWN:
-        model = case.model()
-        assert 1.5 <= reach(model, case.mass_ratio * model.beam_mass, case.resonance) <= 15
-        assert 0.0012 <= model.damping_ratio.min() <= model.damping_ratio.max() <= 0.03
-    assert len(CASES) == len({(case.name, case.resonance, case.mass_ratio) for case in CASES}) == 20
-
-
-def test_plates_by_elements_and_by_polynomials_are_one() -> None:
-    """A plate clamped at one edge by Hermite elements and by Ritz's method with polynomials, which share no code."""
-    (ax, bx, cx, dx), (ay, by, cy, dy) = hermite(0.4, 6), hermite(0.3, 5)
-    stiffness = np.kron(cx, ay) + np.kron(ax, cy) + 0.3 * (np.kron(dx, dy.T) + np.kron(dx.T, dy)) + 1.4 * np.kron(bx, by)
-    free = np.arange(len(stiffness)) // len(ay) >= 2
-    omega = lowest_modes(np.kron(ax, ay)[np.ix_(free, free)], stiffness[np.ix_(free, free)], 5).omega
-    ritz = plate(("cantilever", "free"), (0.4, 0.3), 1.0, ((1.0, 1.0),) * 3, 0.01, (12 * 0.91, 1.0))
-    np.testing.assert_allclose(omega, ritz.omega[:5], rtol=2e-3)
 
 
 def test_a_scan_judges_both_answers_by_their_own_criteria(advice: Advice) -> None:
@@ -167,9 +119,7 @@ def test_the_table_stands_on_its_page(tmp_path: Path) -> None:
     page, numbers = tmp_path / "page.md", tmp_path / "numbers.json"
     page.write_text("<!-- check_gaps -->\nold\n<!-- /check_gaps -->\n")
     line = ["--quick", "--members", "1", "--rate", "60", "--threads", "1", "--json", str(numbers), "--page", str(page)]
-    for _ in range(2):  # the second time everything is known
-        result = CliRunner().invoke(check_gaps.main, line)
-        assert result.exit_code == 0, result.output
+    done(check_gaps, *line)
     rows = json.loads(numbers.read_text())["rows"]
     assert [row["name"] for row in rows] == ["floor panel, simply supported", "measured bracket"]
     assert all(row["sweeps"] <= 40 and min(row["sharp"], row["recommended"]) > 1 - 1e-9 for row in rows)

@@ -43,7 +43,7 @@ def random_model(random: np.random.Generator) -> ModalModel:
     return modal_model(Beam(modes=3, damping_ratio=float(damping), force_position=float(at), absorber_position=float(absorber_at)))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (1, 2, 3))])
 def test_stationary_runs_of_random_designs_obey_the_limit(seed: int) -> None:
     random = np.random.default_rng(seed)
     margins = []
@@ -64,10 +64,11 @@ def test_stationary_runs_of_random_designs_obey_the_limit(seed: int) -> None:
     assert min(margins) < 1.25  # and is not far away
 
 
-def test_several_absorbers_anywhere_obey_the_limit_of_the_free_end() -> None:
+@pytest.mark.parametrize("designs", [4, pytest.param(16, marks=pytest.mark.nightly)])
+def test_several_absorbers_anywhere_obey_the_limit_of_the_free_end(designs: int) -> None:
     random = np.random.default_rng(0)
     margins = []
-    for k in range(16):
+    for k in range(designs):
         resonance, n = 1 + k % 2, 2 + k % 3 // 2
         positions = [float(random.choice([1.0, random.uniform(0.5, 1.0)])) for _ in range(n)]
         shares = random.dirichlet(np.ones(n))
@@ -85,7 +86,7 @@ def test_several_absorbers_anywhere_obey_the_limit_of_the_free_end() -> None:
         limit = float(stroke_limit_rms(model, masses, gaps, force, omega, model.tip_shape))
         assert rms >= limit * (1 - SLACK), (absorbers, force, omega)
         margins.append(rms / limit if limit > 0 else np.inf)
-    assert np.sum(np.isfinite(margins)) >= 8
+    assert np.sum(np.isfinite(margins)) >= designs // 2
     assert min(margins) < 1.5
 
 
@@ -100,13 +101,7 @@ def test_stationary_friction_dampers_obey_the_limit_of_their_own_stroke() -> Non
             assert rms >= float(stroke_limit_rms(model, mass, max(stroke, 1e-12), 3.5, omega)) * (1 - SLACK)
 
 
-@given(
-    stiffness=st.floats(-3, 3),
-    damping=st.floats(-3, 1),
-    mass_ratio=st.floats(0.001, 0.5),
-    at=st.floats(0.3, 20),
-    resonance=st.integers(1, 3),
-)
+@given(stiffness=st.floats(-3, 3), damping=st.floats(-3, 1), mass_ratio=st.floats(0.001, 0.5), at=st.floats(0.3, 20), resonance=st.integers(1, 3))
 @settings(max_examples=400)
 def test_tuned_absorbers_obey_the_limit_of_their_own_stroke(stiffness: float, damping: float, mass_ratio: float, at: float, resonance: int) -> None:
     """A tuned absorber is passive and its stroke is one line, of amplitude |r|: a gap of pi |r|/4 admits just that line, and the limit is met."""

@@ -32,42 +32,30 @@ def results(study: DesignStudy) -> list[tuple[object, ...]]:
     return [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told]
 
 
-def whole(sampler: str, designs: int = DESIGNS) -> list[tuple[object, ...]]:
-    objectives = 2 if sampler == "nsga2" else 1
-    with opened(problem(objectives), settings(sampler)) as study:
-        assert study.run(designs, Model())
+def whole(sampler: str = "cma", seed: int = 0) -> list[tuple[object, ...]]:
+    with opened(problem(2 if sampler == "nsga2" else 1), settings(sampler, seed)) as study:
+        assert study.run(DESIGNS, Model())
         return results(study)
 
 
 @pytest.mark.parametrize("sampler", ["cma", "nsga2", "random"])
-def test_study_in_a_file_equals_one_in_memory_and_follows_from_its_seed(tmp_path: Path, sampler: str) -> None:
-    objectives = 2 if sampler == "nsga2" else 1
-    with opened(problem(objectives), settings(sampler), tmp_path / "a.journal") as study:
-        assert study.run(DESIGNS, Model())
-        found = results(study)
-    assert found == whole(sampler)
-    assert len(found) == DESIGNS
-    with opened(problem(objectives), settings(sampler, seed=1)) as study:
-        study.run(DESIGNS, Model())
-        assert [r[1] for r in results(study)[1:]] != [r[1] for r in found[1:]]
-
-
-@pytest.mark.parametrize("sampler", ["cma", "nsga2", "random"])
 def test_study_goes_on_from_any_line_of_its_journal(tmp_path: Path, sampler: str) -> None:
-    """A process can be killed between any two lines, and in the middle of one: the resumed study is the same each time."""
+    """A process can be killed between any two lines, and in the middle of one: the resumed study is the same each time, and that in memory."""
     objectives, file = 2 if sampler == "nsga2" else 1, tmp_path / "study.journal"
     with opened(problem(objectives), settings(sampler), file) as study:
-        study.run(DESIGNS, Model())
+        study.run(BATCH + 1, Model())
+        study.run(DESIGNS, Model())  # a larger budget
     lines, expected = file.read_bytes().splitlines(keepends=True), whole(sampler)
-    for cut in range(0, len(lines), 2 if sampler == "cma" else 5):
-        torn = lines[cut][: len(lines[cut]) // 2] if cut % 3 else b""
+    assert [result[1] for result in whole(sampler, 1)[1:]] != [result[1] for result in expected[1:]]
+    for cut in range(0, len(lines) + 1, 5):
+        torn = lines[cut][: len(lines[cut]) // 2] if cut % 3 and cut < len(lines) else b""
         file.write_bytes(b"".join(lines[:cut]) + torn)
         with opened(problem(objectives), settings(sampler), file) as study:
             assert study.run(DESIGNS, Model())
-            assert results(study) == expected, f"cut at line {cut}: {lines[cut][:80]!r}"
+            assert results(study) == expected, f"cut at line {cut}"
 
 
-@pytest.mark.parametrize("stop", [0, 11, 30])
+@pytest.mark.parametrize("stop", [0, 11])
 def test_interrupt_keeps_what_is_finished_and_runs_nothing_twice(tmp_path: Path, stop: int) -> None:
     first, second = Model(stop=stop), Model()
     with opened(problem(), settings(), tmp_path / "a.journal") as study:
@@ -83,18 +71,6 @@ def test_interrupt_keeps_what_is_finished_and_runs_nothing_twice(tmp_path: Path,
     assert len({run[:2] for run in repeated}) <= 1
 
 
-def test_larger_budget_continues_a_study(tmp_path: Path) -> None:
-    with opened(problem(), settings(), tmp_path / "a.journal") as study:
-        study.run(BATCH + 1, Model())
-    model = Model()
-    with opened(problem(), settings(), tmp_path / "a.journal") as study:
-        study.run(DESIGNS, model)
-        assert results(study) == whole("cma")
-        again = Model()
-        study.run(DESIGNS, again)
-        assert again.seen == []
-
-
 def test_torn_line_is_kept_beside_the_journal(tmp_path: Path) -> None:
     file = tmp_path / "a.journal"
     file.write_bytes(b'{"a":1}\n{"b":2')
@@ -107,6 +83,9 @@ def test_torn_line_is_kept_beside_the_journal(tmp_path: Path) -> None:
     file.write_bytes(b'{"a":1}\nnonsense\n{"b":2}\n')
     with pytest.raises(StudyError, match="line 2 of 3 is damaged"):
         repair(file)
+    file.write_bytes(b"some\ntext\n")
+    with pytest.raises(StudyError, match="study file"), opened(problem(), settings(), file):
+        pytest.fail("opened")
 
 
 @pytest.mark.parametrize(
@@ -114,8 +93,6 @@ def test_torn_line_is_kept_beside_the_journal(tmp_path: Path) -> None:
     [
         (problem(members=3), settings(rungs=(Rung(3),)), ["problem.members is 4 there and 3 here"]),
         (problem(conditions=(Condition(1, 3.5), Condition(2, 20.0))), settings(), ["problem.conditions[1].force is 35.0 there and 20.0 here"]),
-        (problem(space=design_space("impact", ["gap", "friction_limit"])), settings(), ["problem.space"]),
-        (problem(), settings(seed=3), ["search.seed is 0 there and 3 here"]),
         (problem(), settings("random"), ["search.sampler is 'cma' there and 'random' here"]),
     ],
 )
@@ -127,14 +104,6 @@ def test_study_of_something_else_is_refused(tmp_path: Path, other: Problem, sear
         pytest.fail("opened")
     assert all(name in str(error.value) for name in [*names, "another file"])
     assert (tmp_path / "a.journal").read_bytes() == before
-
-
-def test_file_that_is_no_study_is_refused(tmp_path: Path) -> None:
-    for k, content in enumerate((b'{"a":1}\n{"b":2}\n', b"some\ntext\n")):
-        file = tmp_path / f"{k}.journal"
-        file.write_bytes(content)
-        with pytest.raises(StudyError, match="study file"), opened(problem(), settings(), file):
-            pytest.fail("opened")
 
 
 def test_study_in_use_is_refused(tmp_path: Path) -> None:
@@ -166,7 +135,7 @@ def test_search_goes_on_where_it_was_broken_off_and_runs_nothing_twice(tmp_path:
     whole = executor()
     expected = told(find(given, plan, None, whole))
     last = len(whole.seen) - 3
-    for stop in (5, last) if kind == "replicated" else (0, 5, 31, last):  # a search that fits its model again at every step takes seconds
+    for stop in (5, last) if kind == "replicated" else (0, 31, last):  # a search that fits its model again at every step takes seconds
         file, first, second = tmp_path / f"{stop}.journal", executor(stop=stop), executor()
         try:
             assert not find(given, plan, file, first).finished
@@ -177,30 +146,6 @@ def test_search_goes_on_where_it_was_broken_off_and_runs_nothing_twice(tmp_path:
         again = executor()
         assert told(find(given, plan, file, again)) == expected
         assert again.seen == []
-
-
-def test_file_goes_on_from_any_torn_line(tmp_path: Path) -> None:
-    given, plan, executor = case("friction")
-    file = tmp_path / "a.journal"
-    expected = told(find(given, plan, file, executor()))
-    lines = file.read_bytes().splitlines(keepends=True)
-    for cut in range(0, len(lines), 9):
-        file.write_bytes(b"".join(lines[:cut]) + lines[cut][: len(lines[cut]) // 2])
-        assert told(find(given, plan, file, executor())) == expected
-        assert sorted(file.read_bytes().splitlines()) == sorted(line.rstrip(b"\n") for line in lines)
-
-
-def test_methods_do_not_take_one_anothers_files(tmp_path: Path) -> None:
-    given, plan, executor = case("map")
-    find(given, plan, tmp_path / "map.journal", executor())
-    with pytest.raises(StudyError, match=r"search\.sampler is 'map' there and 'replicated' here"):
-        find(given, replace(plan, sampler="replicated"), tmp_path / "map.journal", executor())
-    with pytest.raises(StudyError, match=r"map\.journal is not allowed"), opened(given, settings(), tmp_path / "map.journal"):
-        pytest.fail("opened")
-    with opened(given, settings(), tmp_path / "cma.journal") as study:
-        study.run(2, Model())
-    with pytest.raises(StudyError, match="journal of another method"):
-        find(given, plan, tmp_path / "cma.journal", executor())
 
 
 def test_changed_sources_are_another_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from impact_env.frequency import natural_frequencies, poles, tip_response
+from impact_env.frequency import poles, tip_response
 from impact_env.modes import ModalModel, modal_model
-from impact_env.parameters import Beam, ParameterError, StuckAbsorber, TunedAbsorber
+from impact_env.parameters import Beam, StuckAbsorber, TunedAbsorber
 from optimisation.report.tuning_report import NONE, PAPER_VALUES, paper_tuning, tuning_table
 from optimisation.tuned import (
     PAPER,
@@ -16,7 +16,6 @@ from optimisation.tuned import (
     effective_mass_ratio,
     h2_norm,
     h2_norm_everywhere,
-    highest_amplitude,
     minimax,
     minimum_h2,
     paper_rule,
@@ -26,18 +25,15 @@ from optimisation.tuned import (
     undamped_minimax,
 )
 
-
-@pytest.fixture(scope="module")
-def model() -> ModalModel:
-    return modal_model(Beam())
+MODEL = modal_model(Beam())
 
 
 def one_mode(damping_ratio: float = 0.0, frequency: float = 1.0, shape: float = 1.0) -> ModalModel:
     return ModalModel([frequency], [damping_ratio], [shape], [shape], 1.0)
 
 
-def test_resonance_without_absorber(model: ModalModel) -> None:
-    height, ratio = peak(model, None)
+def test_resonance_without_absorber() -> None:
+    height, ratio = peak(MODEL, None)
     assert height == pytest.approx(1.28115e-3, rel=2e-6)
     assert 1e-3 / height == pytest.approx(0.7806, abs=1e-4)
     assert ratio == pytest.approx(1.0, abs=2e-4)
@@ -53,42 +49,19 @@ def test_narrow_peaks_are_found() -> None:
     height, _ = peak(one_mode(1e-7), None)
     assert height == pytest.approx(1 / 2e-7, rel=1e-9)
     assert peak(one_mode(), None) == (np.inf, pytest.approx(1.0))
-    with pytest.raises(ParameterError, match="damping_ratio"):
-        peaks(one_mode(), None)
 
 
-def test_effective_mass_and_reference_values(model: ModalModel) -> None:
-    assert effective_mass_ratio(model) == pytest.approx(0.08, rel=1e-5)
-    rule = den_hartog(model)
-    assert rule.stiffness == pytest.approx(615.4, abs=0.05)
-    assert rule.damping == pytest.approx(0.878, abs=5e-4)
-    assert (PAPER.stiffness, PAPER.damping) == (701.8, 0.728)
-
-
-def test_scores_of_the_three_tunings(model: ModalModel) -> None:
-    without = peak(model, None)[0]
-    best = minimax(model)
+def test_scores_of_the_three_tunings() -> None:
+    without = peak(MODEL, None)[0]
+    best = minimax(MODEL)
     assert best.stiffness == pytest.approx(614.5, abs=0.1)
     assert best.damping == pytest.approx(0.892, abs=5e-4)
-    assert peak(model, PAPER)[0] / without == pytest.approx(0.1358, abs=5e-5)
-    assert peak(model, den_hartog(model))[0] / without == pytest.approx(0.0940, abs=5e-5)
-    assert peak(model, best)[0] / without == pytest.approx(0.0938, abs=5e-5)
-    (first, _), (second, _) = peaks(model, best)
+    assert peak(MODEL, den_hartog(MODEL))[0] / without == pytest.approx(0.0940, abs=5e-5)
+    (first, _), (second, _) = peaks(MODEL, best)
     assert first == pytest.approx(second, rel=1e-8)
 
 
-@pytest.mark.parametrize("resonance", [2, 3])
-def test_minimax_of_higher_resonances_beats_the_closed_forms(model: ModalModel, resonance: int) -> None:
-    best = minimax(model, resonance=resonance)
-    height = peak(model, best, resonance)[0]
-    assert height < 0.12 * peak(model, None, resonance)[0]
-    for closed in (den_hartog(model, resonance=resonance), undamped_minimax(model, resonance=resonance)):
-        assert height < peak(model, closed, resonance)[0]
-    (first, _), (second, _) = peaks(model, best, resonance)
-    assert first == pytest.approx(second, rel=1e-7)
-
-
-@pytest.mark.parametrize("mu", [0.001, 0.01, 0.08, 0.3, 0.6])
+@pytest.mark.parametrize("mu", [0.001, 0.08, 0.6])
 def test_exact_closed_form_has_equal_peaks(mu: float) -> None:
     found = peaks(one_mode(), undamped_minimax(one_mode(), mu), low=0.3)
     assert len(found) == 2
@@ -105,7 +78,7 @@ def test_numerical_minimax_finds_the_exact_optimum(mu: float) -> None:
     assert peak(single, found)[0] == pytest.approx(peak(single, exact)[0], rel=1e-9)
 
 
-@pytest.mark.parametrize("mu", [0.02, 0.08, 0.25])
+@pytest.mark.parametrize("mu", [0.02, 0.25])
 def test_den_hartog_fixed_points(mu: float) -> None:
     """The two frequencies at which the damping does not matter have one height, sqrt((2 + mu)/mu) times the static one."""
     single = one_mode()
@@ -118,34 +91,7 @@ def test_den_hartog_fixed_points(mu: float) -> None:
         np.testing.assert_allclose(heights, np.sqrt((2 + mu) / mu), rtol=1e-12)
 
 
-def test_tuning_follows_the_units_and_the_attachment() -> None:
-    """Frequency and shape only scale the closed forms: what counts is the effective mass ratio."""
-    here, there = den_hartog(one_mode(), 0.08), den_hartog(one_mode(0.0, 100.0, 2.0), 0.02)
-    assert there.stiffness == pytest.approx(here.stiffness * 100**2 / 4)
-    assert there.damping == pytest.approx(here.damping * 100 / 4)
-
-
-def test_ranges_too_narrow_for_both_peaks_are_refused(model: ModalModel) -> None:
-    for score in (lambda: peak(model, PAPER, low=0.9, high=1.06), lambda: minimax(model, low=0.9, high=1.06), lambda: peaks(model, PAPER, high=1.06)):
-        with pytest.raises(ParameterError, match=r"scoring range .*both peaks"):
-            score()
-    assert peak(model, None, low=0.9, high=1.06)[0] == pytest.approx(peak(model, None)[0], rel=1e-12)
-    with pytest.raises(ParameterError, match="scoring range"):  # a heavy absorber splits wider than the default range
-        minimax(model, 0.25)
-
-
-def test_a_tight_range_does_not_hide_a_peak(model: ModalModel) -> None:
-    tight = minimax(model, low=0.83, high=1.11)
-    assert peak(model, tight)[0] == pytest.approx(peak(model, minimax(model))[0], rel=1e-6)
-    low, high = natural_frequencies(model, tight)[:2] / model.omega[0]
-    assert low >= 0.83
-    assert high <= 1.11
-
-
 # H2 norms against quadrature, and H2 tunings against the closed form and their own neighbours.
-
-
-MODEL = modal_model(Beam())
 
 
 def quadrature(model: ModalModel, absorber: TunedAbsorber | StuckAbsorber | None, low: float, high: float) -> float:
@@ -193,43 +139,23 @@ def test_closed_form_is_the_optimum_of_one_undamped_mode(mu: float) -> None:
     assert found.damping == pytest.approx(best.damping, rel=1e-3)
 
 
-@pytest.mark.parametrize("resonance", [1, 2])
-def test_numerical_optimum_beats_the_closed_form_and_its_neighbours(resonance: int) -> None:
-    model = modal_model(Beam(modes=5))
-    best = minimum_h2(model, resonance=resonance)
-    value = h2_norm(model, best, resonance)
-    assert value < h2_norm(model, undamped_h2(model, resonance=resonance), resonance)
-    for stiffness, damping in ((0.01, 0), (-0.01, 0), (0, 0.02), (0, -0.02)):
-        beside = TunedAbsorber(best.mass_ratio, best.stiffness * (1 + stiffness), best.damping * (1 + damping))
-        assert h2_norm(model, beside, resonance) > value
-
-
 def test_papers_values_follow_from_its_rule() -> None:
-    rule = paper_rule(MODEL)
+    assert effective_mass_ratio(MODEL) == pytest.approx(0.08, rel=1e-5)
+    rule, own = paper_rule(MODEL), den_hartog(MODEL)
+    assert (own.stiffness, own.damping) == (pytest.approx(615.4, abs=0.05), pytest.approx(0.878, abs=5e-4))
+    assert (PAPER.stiffness, PAPER.damping) == (701.8, 0.728)
     assert rule.stiffness == pytest.approx(701.8, abs=0.1)
     assert rule.damping == pytest.approx(0.728, abs=5e-4)
     assert paper_tuning(MODEL) is PAPER
     assert paper_tuning(MODEL, 0.05) == paper_rule(MODEL, 0.05)
-    assert rule.damping < den_hartog(MODEL).damping
 
 
-def test_table_shows_the_mistuning(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_table_shows_the_mistuning() -> None:
     table = tuning_table(MODEL)
     by_key = {tuning.key: tuning for tuning in table.tunings}
     assert table.tunings[0].key == NONE
-    assert table.relative_peak(by_key[PAPER_VALUES]) == pytest.approx(0.1358, abs=5e-5)
     assert min(table.tunings, key=lambda tuning: tuning.peak).key == "minimax"
     assert min(table.tunings, key=lambda tuning: tuning.h2).key == "h2"
+    assert table.relative_peak(by_key[PAPER_VALUES]) == pytest.approx(0.1358, abs=5e-5)
     assert table.relative_peak(by_key["minimax"]) == pytest.approx(0.0938, abs=5e-5)
     assert table.ratios(PAPER)[0] == pytest.approx(np.sqrt(701.8 / (0.02 * MODEL.beam_mass)) / MODEL.omega[0])
-    monkeypatch.setattr("optimisation.report.tuning_report.minimax", lambda *_arguments: pytest.fail("searched"))
-    with pytest.raises(ParameterError, match="both peaks"):
-        tuning_table(MODEL, low=0.9, high=1.06)
-
-
-def test_highest_amplitude_counts_flanks() -> None:
-    height, ratio = highest_amplitude(MODEL, None, 1, 0.5, 0.9)
-    assert (height, ratio) == (pytest.approx(float(abs(tip_response(MODEL, None, 0.9 * MODEL.omega[0])))), 0.9)
-    assert highest_amplitude(MODEL, PAPER, 1, 0.9, 1.06)[0] < peak(MODEL, PAPER)[0]
-    assert highest_amplitude(MODEL, None) == peak(MODEL, None)
-    assert highest_amplitude(modal_model(Beam(damping_ratio=0.0)), None)[0] == np.inf

@@ -45,7 +45,7 @@ def test_functions_take_few_arguments_by_place() -> None:
 # Results are not source: what is committed of them stays small.
 
 
-FILES_RESULTS, DOCS_BYTES, SDIST_BYTES = 690, 8e6, 8e6
+FILES_RESULTS, DOCS_BYTES, SDIST_BYTES = 685, 8e6, 8e6
 
 
 def _tracked() -> list[Path]:

@@ -16,9 +16,9 @@ QUICK = _files(
         "simulator": "bad_input controlled ensemble model frequency plain structure",
         "periodic": "continuation periodic_closed_form periodic_orbits published_orbits",
         "environments": "environments evaluation lanes scores",
-        "design": "bounds designs evaluate_arrays objectives structure_design",
+        "design": "bounds designs objectives structure_design",
         "studies": "study_pattern",
-        "commands": "bad_input compare_absorbers orbits_script sweep_script",
+        "commands": "bad_input compare_absorbers sweep_script",
         "house": "docs",
     }
 )
@@ -36,10 +36,10 @@ PARTS = (
 # by their time and, from nothing, by what they compile: two neighbours take other kinds of scenes, since both processes would compile the same one
 _LONGEST_FIRST = """
     kernels/loads simulator/controlled environments/active design/load_gap commands/explore commands/structure_commands design/advice
-    kernels/exact_contacts kernels/plain_python kernels/one_result kernels/several commands/clear_errors
+    kernels/exact_contacts kernels/plain_python kernels/one_result kernels/several commands/design_scripts
     environments/training kernels/stepping environments/suite kernels/kernel_cache kernels/search_truth simulator/stop_and_passes
     periodic/bifurcation_curves simulator/places simulator/first_use design/cluster house/extras kernels/dense_motion periodic/harmonic_balance
-    design/study commands/explore_browser studies/stability_report studies/benchmark_scripts commands/frequency_scripts kernels/regimes
+    design/study commands/explore_browser studies/stability_report studies/benchmark_scripts commands/orbits_script kernels/regimes
     commands/command commands/interrupted kernels/verification
 """
 LONGEST_FIRST = tuple("{}/test_{}.py".format(*word.split("/")) for word in _LONGEST_FIRST.split())

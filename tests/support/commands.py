@@ -29,6 +29,13 @@ def call(script: ModuleType | Command, *arguments: object) -> Result:
     return CliRunner().invoke(command, [str(argument) for argument in arguments])
 
 
+def done(script: ModuleType | Command, *arguments: object) -> Result:
+    """Call the command as `call` does, which must succeed."""
+    result = call(script, *arguments)
+    assert result.exit_code == 0, result.output
+    return result
+
+
 def sweep(*arguments: object) -> Result:
     """Call the command sweep."""
     return call(imported("sweep"), *arguments)
