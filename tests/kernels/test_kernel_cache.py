@@ -314,16 +314,17 @@ def test_damaged_ones_and_those_of_other_sources_are_compiled_anew(made: tuple[P
 @pytest.mark.nightly
 @served
 def test_why_none_are_used_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cache, "SHIPPED", tmp_path)
+    folder = tmp_path / "shipped"
+    monkeypatch.setattr(cache, "SHIPPED", folder)
     monkeypatch.delenv(HOST, raising=False)
     for name in ("CPU_NAME", "CPU_FEATURES"):
         monkeypatch.setattr(cache.numba.config, name, None)
     why, python = why_not_shipped.__wrapped__, f"py{sys.version_info[0]}{sys.version_info[1]}"
     assert why() == "none came with this package"
-    for folder, name in (("0123456789abcdef", f"f-1.{python}.nbi"), (digest(), "f-1.py27.nbi"), (digest(), f"f-1.{python}.nbi")):
+    for sources, name in (("0123456789abcdef", f"f-1.{python}.nbi"), (digest(), "f-1.py27.nbi"), (digest(), f"f-1.{python}.nbi")):
         assert why() != ""
-        (tmp_path / folder / "kernels").mkdir(parents=True, exist_ok=True)
-        (tmp_path / folder / "kernels" / name).touch()
+        (folder / sources / "kernels").mkdir(parents=True, exist_ok=True)
+        (folder / sources / "kernels" / name).touch()
     assert why() == ""
     monkeypatch.setattr(cache.llvmlite.binding, "get_host_cpu_features", lambda: FEATURES() | {"fma": False})
     assert why() == "this processor lacks fma"

@@ -43,9 +43,9 @@ def still(duration: float, reference: float = OMEGA) -> Drive:
     return drive_of(0.0, 1.0, periods=duration * reference / (2 * np.pi), reference=reference)
 
 
-def steady_base(limit_of_motion: float = 0.0) -> ModalModel:
-    """A mode that an absorber of ratio 1 does not move: the tip's share of it is ``limit_of_motion``."""
-    return ModalModel([100.0], [0.0], [0.0], [limit_of_motion], 1.0)
+def steady_base() -> ModalModel:
+    """A mode that does not move the tip: an absorber of ratio 1 has a mass of 1 kg."""
+    return ModalModel([100.0], [0.0], [0.0], [0.0], 1.0)
 
 
 def pushed_base() -> ModalModel:

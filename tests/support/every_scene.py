@@ -1,10 +1,5 @@
-"""Run as a process of its own: prints, as JSON, the bits that a small scene of each kind gives, or those kinds that the arguments name.
+"""Small scenes of every kind, and the bits that each gives: compiled or, under NUMBA_DISABLE_JIT=1, in plain Python, the same."""
 
-Compiled or, under NUMBA_DISABLE_JIT=1, in plain Python: the same kernels, so the same bits.
-"""
-
-import json
-import sys
 from collections.abc import Callable, Iterable
 
 import numpy as np
@@ -149,11 +144,3 @@ EVERY: dict[str, Callable[[], Bits]] = {
     "intervals, Moreau": controlled(impact_absorber(restitution=0.7), Moreau(100)),
     "orbits": orbits,
 }
-
-
-def main(words: list[str]) -> str:
-    return json.dumps({name: EVERY[name]() for name in words or EVERY})
-
-
-if __name__ == "__main__":
-    print(main(sys.argv[1:]))

@@ -46,10 +46,10 @@ def file_of_one_mode(damping_ratio: float) -> str:
     return f"[model]\nomega_rad_s = [{OMEGA[0]}]\ndamping_ratio = [{damping_ratio}]\n{shapes}\nbeam_mass_kg = {MASS}\n"
 
 
-def cantilever(participation: tuple[float, ...] | None = PARTICIPATION) -> ModalModel:
+def cantilever() -> ModalModel:
     """Return the closed-form cantilever."""
     rows = (np.array(row) for row in (OMEGA, np.full(3, 0.01), FORCE_SHAPE, TIP_SHAPE))
-    return ModalModel(*rows, MASS, base_participation=None if participation is None else np.array(participation))
+    return ModalModel(*rows, MASS, base_participation=np.array(PARTICIPATION))
 
 
 def chirp(schedule: FrequencySchedule, times: Array) -> tuple[Array, Array, Array]:

@@ -8,7 +8,6 @@ from impact_env import Beam, InitialState, ModalModel, beam_scene, impact_absorb
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.motion import Motion
 from impact_env.periodic.orbit import Orbit
-from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch
 from impact_env.periodic.survey import attractors, closed_form_orbits, orbit_of_simulation
 from reference import dense
 
@@ -27,13 +26,6 @@ def paper_case(modes: int, ratio: float, force: float, restitution: float = 1.0,
 
 def high_orbit(case: Case) -> Orbit:
     return closed_form_orbits(case).orbits[0]
-
-
-@cache
-def isola() -> OrbitBranch:
-    case = paper_case(3, 0.9523, 1.5, friction=0.01)
-    first = float(case.model.omega[0])
-    return orbit_branch(high_orbit(case).solution, "omega", (0.85 * first, 1.2 * first))
 
 
 @cache
