@@ -75,13 +75,13 @@ WAYS: dict[str, Any] = {
 @pytest.mark.parametrize(("name", "extra"), [(V1, NOISE), (GAP1, NOISE), (FRICTION, NOISE), (ACTIVE_FRICTION, LOADED)])
 def test_a_copy_goes_on_bit_for_bit(name: str, extra: dict[str, Any], way: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Through ends of episodes, apart from the original; a snapshot goes into another environment."""
-    monkeypatch.setattr("impact_env.controlled.FEWEST", 1)  # so that threads are at work before the copy
-    env, given = vector(name, 5, threads=2, **extra), actions(name, 30, 5)
+    monkeypatch.setattr("impact_env.controlled.FEWEST", 4)  # so that threads are at work before the copy
+    env, given = vector(name, 8, threads=2, **extra), actions(name, 30, 8)
     env.reset(seed=3)
     for action in given[:7]:
         env.step(action)
     if way == "snapshot":
-        other = vector(name, 5, **extra)
+        other = vector(name, 8, **extra)
         other.unwrapped.restore(pickle.loads(pickle.dumps(env.unwrapped.snapshot())))
     else:
         other = WAYS[way](env)
