@@ -74,7 +74,7 @@ class Workers:
         except (TimeoutError, distributed.TimeoutError) as error:
             raise ClusterError(f"--cluster = {self._address} is not allowed: a scheduler with one or more workers") from error
         call = uuid.uuid4().hex
-        keys = {k: f"{function.__name__}-{call}-{k}" for k in rest}
+        keys = {k: f"{call}-{k}" for k in rest}
         futures = {self._client.submit(do, SOURCES, function, items[k], key=keys[k], priority=-k, pure=False, retries=0): k for k in rest}
         try:
             yield from self._finished(futures)
