@@ -127,7 +127,8 @@ def main(structure: Path | None, scene: Path | None, load: Path | None, quick: b
             own, given["device"] = scenes.read_device(scene, "structure", "mass_ratio", "mass_kg", "gap")
             given |= {"mass_ratio": DEFAULT_MASS_RATIO}
         with workers(given["threads"], cluster) as executor, sweeps_bar("comparing") as show:
-            comparison = compare(own, progress=show, executor=executor, **given)
+            beam: dict[str, Any] = {} if own is None else {"beam": own}
+            comparison = compare(**beam, progress=show, executor=executor, **given)
         impacts = None if scene is None else borne(comparison, given["threads"])
         files = write(out, comparison, conditions(started, given["threads"], cluster), impacts)
     click.echo(tables.text_table(comparison))
