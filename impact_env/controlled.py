@@ -175,7 +175,7 @@ class ControlledRuns:
         """Return stretches of lanes that do not rest, rows [low, high)."""
         if workers not in self._shares:
             number = 1 if workers == 1 else PARTS * workers
-            self._shares[workers] = _stretches(np.linspace(0, self.lanes, 1 + number).astype(np.int64))
+            self._shares[workers] = _stretches(np.unique(np.linspace(0, self.lanes, 1 + number).astype(np.int64)))
         parts = self._shares[workers]
         if not self.idle.any():
             return parts
