@@ -1,7 +1,7 @@
 """Instantaneous phase lag between tip and absorber by the Hilbert transform (paper, section 3.2)."""
 
 import numpy as np
-import scipy.signal
+import scipy
 from numpy.typing import NDArray
 
 from impact_env.parameters import require

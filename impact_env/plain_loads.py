@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.io.wavfile
+import scipy
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule

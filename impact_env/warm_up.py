@@ -19,9 +19,6 @@ from impact_env.first_use import quiet
 from impact_env.kernels.compiling.cache import cache_folder
 from impact_env.kernels.compiling.jit import COMPILED
 from impact_env.parameters import Absorber, Beam, impact_absorber
-from impact_env.periodic.case import case_of
-from impact_env.periodic.orbit_branches import orbit_branches
-from impact_env.periodic.response_curve import orbit_curve
 from impact_env.prepare import short_run
 from impact_env.response import Record
 from impact_env.scene import beam_scene
@@ -59,6 +56,10 @@ def environments() -> Jobs:
 
 def follow_orbits(absorber: Absorber) -> None:
     """Follow the periodic orbits of a small beam through its resonance."""
+    from impact_env.periodic.case import case_of  # the main job needs none of it
+    from impact_env.periodic.orbit_branches import orbit_branches
+    from impact_env.periodic.response_curve import orbit_curve
+
     scene = beam_scene(Beam(modes=2), absorber)
     low, high = (ratio * scene.model.resonance_omega(1) for ratio in (0.9, 1.06))
     for branch in orbit_branches(case_of(scene, 3.5, low), low, high):

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import qmc, sobol_indices, uniform
 
 from impact_env.curve import BAND
 from impact_env.drive import constant_frequency
@@ -158,7 +158,8 @@ def sensitivity(problem: Problem, design: Design, samples: int, members: int, ex
         values.append(costs(x))
         return values[-1]
 
-    result = sobol_indices(func=noted, n=samples, dists=[uniform(a, b - a) for a, b in zip(low, high, strict=True)], rng=generator)
+    ranges = [scipy.stats.uniform(a, b - a) for a, b in zip(low, high, strict=True)]
+    result = scipy.stats.sobol_indices(func=noted, n=samples, dists=ranges, rng=generator)
     bands = result.bootstrap(0.95, n_resamples=500)
     first_band = np.array([bands.first_order.confidence_interval.low, bands.first_order.confidence_interval.high]).reshape(2, -1).T
     total_band = np.array([bands.total_order.confidence_interval.low, bands.total_order.confidence_interval.high]).reshape(2, -1).T
@@ -268,7 +269,7 @@ def _tolerated(
     few, many = problem.fresh_ensemble(members, SHOWN), problem.fresh_ensemble(draws, SHOWN)
     ends = [_chunks(problem, design, {name: at}, few, (LEVEL,)) for name in names for at in (-1.0, 1.0)]
     alone = np.median(np.array(_run(problem, ends, members, executor, progress))[..., 0], axis=1).reshape(len(names), 2, -1)
-    points = 2 * qmc.Halton(len(names), rng=np.random.default_rng(problem.seed)).random(draws) - 1
+    points = 2 * scipy.stats.qmc.Halton(len(names), rng=np.random.default_rng(problem.seed)).random(draws) - 1
     offs = [dict(zip(names, map(float, row), strict=True)) for row in points]
     sets = [_chunks(problem, design, off, many[k : k + 1], (LEVEL,)) for k, off in enumerate(offs)]
     drawn = np.array(_run(problem, sets, 1, executor, progress))[:, 0, :, 0]

@@ -7,8 +7,8 @@ measured as -0.17. Pairing them buys nothing, and the interval resamples each de
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import bootstrap
 
 from impact_env.parameters import require
 
@@ -56,7 +56,7 @@ def ratio_of_quantiles(first: ArrayLike, second: ArrayLike, quantile: float = 0.
     if min(a.size, b.size) < 2:
         return Gain(middle, middle, middle)
     options = {"n_resamples": RESAMPLES, "confidence_level": COVERED, "method": "percentile", "rng": np.random.default_rng(0)}
-    found = bootstrap((a, b), ratio, paired=False, vectorized=True, **options).confidence_interval
+    found = scipy.stats.bootstrap((a, b), ratio, paired=False, vectorized=True, **options).confidence_interval
     return Gain(middle, float(found.low), float(found.high))
 
 
@@ -69,7 +69,7 @@ def standard_error(values: ArrayLike, quantile: float = 0.5) -> float:
     def value(x: Array, axis: int = -1) -> Array:
         return np.asarray(np.quantile(x, quantile, axis=axis))
 
-    found = bootstrap((row,), value, n_resamples=RESAMPLES, method="percentile", vectorized=True, rng=np.random.default_rng(0))
+    found = scipy.stats.bootstrap((row,), value, n_resamples=RESAMPLES, method="percentile", vectorized=True, rng=np.random.default_rng(0))
     return float(found.standard_error)
 
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import truncnorm
+import scipy
 
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.ensemble import Lane, Members
@@ -45,7 +45,7 @@ class Spread:
     def drawn(self, share: float, nominal: float) -> float:
         """Return the value at a ``share`` (0 to 1) of the distribution of a number that is ``nominal``."""
         if self.normal:
-            return nominal * (1 + self.high * float(truncnorm.ppf(share, -CUT, CUT)))
+            return nominal * (1 + self.high * float(scipy.stats.truncnorm.ppf(share, -CUT, CUT)))
         value = self.low + share * (self.high - self.low)
         return nominal * (1 + value) if self.relative else value
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import trim_mean
 
 from impact_env.envs import ENVIRONMENTS
 from impact_env.extras import optional
@@ -25,7 +25,7 @@ EPISODES, RESAMPLES, COVERED = 256, 1000, 0.95
 
 def interquartile_mean(scores: Array) -> float:
     """Return the mean of the middle half of all scores."""
-    return float(trim_mean(np.ravel(scores), 0.25))
+    return float(scipy.stats.trim_mean(np.ravel(scores), 0.25))
 
 
 def difference(scores: Array, others: Array) -> float:

@@ -13,7 +13,7 @@ from functools import partial
 from typing import TypeVar
 
 import numpy as np
-import scipy.stats
+import scipy
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule

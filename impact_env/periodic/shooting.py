@@ -12,7 +12,7 @@ impacts Mueller, Chaos, Solitons & Fractals 5, 1995). Positive: chaotic; negativ
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
+import scipy
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive

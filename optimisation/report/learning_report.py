@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import trim_mean
 
 from optimisation.report.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, SKY, YELLOW, draw_grid, draw_legend, figure_of, write_figure
 from optimisation.rl.agents import Run
@@ -45,7 +45,7 @@ def save_learning_curve(path: Path, title: str, runs: Sequence[Run], baselines: 
         if len(group) > 1:
             low, high = np.percentile(scores, (10, 90), axis=0)
             panel.fill_between(steps, low, high, color=colour, alpha=0.15, lw=0)
-        panel.plot(steps, trim_mean(scores, 0.25, axis=0), color=colour, lw=2.2, label=f"{algorithm.upper()}, {_seeds(len(group))}")
+        panel.plot(steps, scipy.stats.trim_mean(scores, 0.25, axis=0), color=colour, lw=2.2, label=f"{algorithm.upper()}, {_seeds(len(group))}")
         ends += [float(scores[:, -1].max()), float(np.median(scores))]
     for (name, score), colour, style in zip(baselines.items(), LINES, STYLES, strict=False):
         panel.axhline(score, color=colour, ls=style, lw=1.3, label=f"{name}, {score:.3f}")
@@ -74,6 +74,6 @@ def table_rows(runs: Sequence[Run], baselines: Mapping[str, float]) -> list[tupl
     for algorithm, group in sorted(by_algorithm(runs).items()):
         steps, scores = curves(group)
         last = scores[:, -1]
-        numbers = (f"{trim_mean(last, 0.25):.4f}", f"{last.min():.4f}", f"{last.max():.4f}")
+        numbers = (f"{scipy.stats.trim_mean(last, 0.25):.4f}", f"{last.min():.4f}", f"{last.max():.4f}")
         rows.append((algorithm.upper(), str(len(group)), f"{steps[-1]:,.0f}", *numbers))
     return rows

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.stats import qmc
 
 from impact_env.ensemble import Executor, Threads
 from impact_env.parameters import count, require
@@ -73,7 +73,7 @@ def smooth_search(
 
     size = len(problem.space.free)
     start = problem.space.shares(problem.space.default)
-    points = qmc.Halton(size, rng=np.random.default_rng(seed)).random(min(SCATTERED, designs - 1))
+    points = scipy.stats.qmc.Halton(size, rng=np.random.default_rng(seed)).random(min(SCATTERED, designs - 1))
     points = points if from_scratch else np.vstack([start, points])
     try:
         costs = run([problem.space.at(shares.tolist()) for shares in points])

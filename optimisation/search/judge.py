@@ -13,8 +13,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import spearmanr
 
 from impact_env.curve import BAND
 from impact_env.ensemble import Executor, Members
@@ -168,7 +168,7 @@ def audit(study: DesignStudy, executor: Executor, designs: int = AUDITED, progre
     best = problem.cost(winner.score)
     missed = sum(problem.cost(j.score) < best for j in again)
     told, full = [problem.cost(e.score) for e in drawn], [problem.cost(j.score) for j in again]
-    return Audit(len(drawn), missed, float(spearmanr(told, full).statistic) if len(drawn) > 2 else float("nan"))
+    return Audit(len(drawn), missed, float(scipy.stats.spearmanr(told, full).statistic) if len(drawn) > 2 else float("nan"))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,10 +15,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 import scipy.linalg
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.stats import qmc
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import count, require
@@ -198,7 +198,7 @@ def _add(table: Table, shares: Sequence[Array]) -> list[int]:
 def _candidates(table: Table, best: Array, generator: np.random.Generator) -> Array:
     """Return points of the unit cube: spread evenly, and around the best designs."""
     size = len(table.problem.space.free)
-    even = qmc.Halton(size, rng=generator).random(CANDIDATES // 2)
+    even = scipy.stats.qmc.Halton(size, rng=generator).random(CANDIDATES // 2)
     scale = generator.choice([0.02, 0.05, 0.1], size=(CANDIDATES // 2, 1))
     near = best[generator.integers(len(best), size=CANDIDATES // 2)] + scale * generator.normal(size=(CANDIDATES // 2, size))
     return np.clip(np.vstack([even, near]), 0.0, 1.0)
@@ -218,7 +218,7 @@ def _told(table: Table, shares: Array, values: Array) -> list[Evaluated]:
 
 def _map(table: Table, budget: int, generator: np.random.Generator) -> Iterator[list[Evaluated]]:
     """Yield the best of the map so far, batch by batch."""
-    sequence = qmc.Halton(len(table.problem.space.free), rng=generator)
+    sequence = scipy.stats.qmc.Halton(len(table.problem.space.free), rng=generator)
     objective = table.problem.objectives[0]
     quantile = 1 - objective.share if objective.maximise else objective.share  # of costs, whose sign is turned where more is better
     while table.runs < budget:
@@ -245,7 +245,7 @@ def _apart(points: Array, values: Array, distance: float) -> tuple[Array, Array]
 
 def _replicated(table: Table, budget: int, generator: np.random.Generator) -> Iterator[list[Evaluated]]:
     """Yield the best of the process so far, round by round."""
-    _add(table, list(qmc.Halton(len(table.problem.space.free), rng=generator).random(min(BEGIN, budget) - table.runs)))
+    _add(table, list(scipy.stats.qmc.Halton(len(table.problem.space.free), rng=generator).random(min(BEGIN, budget) - table.runs)))
     table.run(range(len(table.shares)))
     logs: Array | None = None
     while True:
