@@ -2,6 +2,10 @@
 
 import inspect
 import json
+import os
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +23,7 @@ import torch
 import yaml
 from environment_cases import BRIEF, HARD, RUBBING
 from environment_cases import GAP1 as GAP
+from places import ROOT
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 
@@ -269,6 +274,28 @@ def test_the_command_trains_reports_and_ships(tmp_path: Path) -> None:
     refused = train_command(*options, "--steps", 1280)
     assert refused.exit_code == 2
     assert "steps is 900 there and 1280 here" in refused.output
+
+
+@pytest.mark.same_bits
+@pytest.mark.nightly
+def test_the_command_goes_on_after_kill_9(tmp_path: Path) -> None:
+    """The same command finishes what was killed as an undisturbed one would have."""
+    file = tmp_path / "small.yaml"
+    file.write_text(json.dumps({GAP: {"ppo": {**SMALL["ppo"], "steps": 2560, "legs": 10}}}))
+    words = [word for name, value in SHORT.items() for word in ("--argument", name, json.dumps(value))]
+    options = ["--task", "GapChoice-v1", "--algorithm", "ppo", "--seeds", 1, "--workers", 1, "--hyperparameters", file, *words]
+    killed, undisturbed = (tmp_path / out / "GapChoice-v1" / "ppo" / "seed-0" for out in ("killed", "undisturbed"))
+    command = [sys.executable, "-m", "optimisation.cli.group", "train", *map(str, options), "--out", str(tmp_path / "killed")]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    process, until = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL), time.monotonic() + 120
+    while process.poll() is None and len(read_evaluations(killed)) < 2 and time.monotonic() < until:
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    assert 2 <= len(read_evaluations(killed)) < 10
+    subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL, timeout=240)
+    assert train_command(*options, "--out", tmp_path / "undisturbed").exit_code == 0
+    assert read_evaluations(killed) == read_evaluations(undisturbed)
 
 
 # Agents that ship: they act without torch as stable-baselines3 makes them act, and go on learning; what they score: test_suite.py.
