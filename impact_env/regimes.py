@@ -3,13 +3,13 @@
 The coupled regimes (absorber stuck, held, or on a spring) have the eigenvalues and eigenvectors of secular.py; the free regime has the beam's own.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, TypeVar
 
 import numpy as np
-import scipy.special
 from numpy.typing import NDArray
 
 from impact_env.eigenvalues import all_eigen
@@ -192,7 +192,7 @@ def slot_rows(eigenvalues: Complex, drive: Complex, relative: Complex, guard: Co
     """Return Slots.rows from what belongs to each eigenvalue, all (J,) and unsorted."""
     used, s = len(eigenvalues), _decaying(eigenvalues, size)
     real = np.arange(size) < used
-    taylor = s ** np.arange(TAYLOR_TERMS)[:, None] / np.array([float(scipy.special.factorial(p)) for p in range(TAYLOR_TERMS)])[:, None]
+    taylor = s ** np.arange(TAYLOR_TERMS)[:, None] / np.array([float(math.factorial(p)) for p in range(TAYLOR_TERMS)])[:, None]
     taylor[1:, used:] = 0
     drive, relative, guard, tip = (in_order(values, eigenvalues, size) for values in (drive, relative, guard, tip))
     pairs = [s, s**2, drive, relative, np.where(real, -relative / s, 0), guard, tip, *taylor[1:]]

@@ -11,9 +11,7 @@ from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
-import scipy.io
-import scipy.linalg
-import scipy.sparse
+import scipy
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 

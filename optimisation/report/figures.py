@@ -87,7 +87,7 @@ def few_colours(image: Image.Image) -> Image.Image:
     """Return an image with a palette, without a pattern of dots in place of colours that are left out."""
     from PIL import Image
 
-    return image.convert("RGB").quantize(COLOURS, Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE)
+    return image.convert("RGB").quantize(COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
 
 
 MOST, POINTS = 6, 201
