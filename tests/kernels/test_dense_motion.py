@@ -20,7 +20,7 @@ DEPTH = 1e-9  # of the gap
 STILL = 1e-9  # of the largest velocity
 LOOSE = 1e-6  # of the friction limit
 # samples in a period of the fastest mode, pseudo periods of a run, scenes
-RUNS = {2: (64, 60.0, 48), 5: (64, 20.0, 48), 10: (64, 8.0, 32), 30: (16, 3.0, 8)}
+RUNS = {2: (64, 60.0, 120), 5: (64, 20.0, 120), 10: (64, 8.0, 80), 30: (16, 3.0, 16)}
 
 
 @dataclass(frozen=True)

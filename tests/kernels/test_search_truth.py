@@ -17,7 +17,7 @@ from reference.signals import HIGH, LOW, NOTHING, TURN, Force, Found, Guards, Si
 
 Model = tuple[str, int]
 MODELS: tuple[Model, ...] = (("paper", 2), ("paper", 10), ("paper", 30), ("other", 2), ("other", 10), ("other", 30))
-CASES = {2: 30, 10: 30, 30: 15}  # signals of each start in a window
+CASES = {2: 60, 10: 60, 30: 30}  # signals of each start in a window
 GUARDED = {
     "walls": ("leaves", "rests", "released", "inside"),
     "walls and rate": ("turns", "turns by a wall", "released", "inside"),
