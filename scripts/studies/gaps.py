@@ -15,12 +15,10 @@ from numpy.polynomial import Polynomial
 from numpy.polynomial.legendre import Legendre, leggauss
 from numpy.typing import NDArray
 
+from impact_env import Beam, CoulombFriction, ModalModel, Scene, SlidingAbsorber
 from impact_env.curve import CurveCase, performance_curves
 from impact_env.drive import PAPER_RATE
 from impact_env.ensemble import Executor
-from impact_env.modes import ModalModel
-from impact_env.parameters import Beam, CoulombFriction, SlidingAbsorber
-from impact_env.scene import Scene
 from impact_env.structures.matrices import lowest_modes
 from optimisation.bounds import expected_gap
 from optimisation.gap_advice import FASTER, TOLERANCE, Advice, advise

@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive, linear_sweep
+from impact_env import Drive, InitialState, ModalModel, Scene, impact_absorbers, linear_sweep, modal_model
 from impact_env.ensemble import Lane, draw_members, drives_of, each_lane, run_lanes
 from impact_env.loads import AnyDrive, Force, Loads, Tone, Tones
-from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Absorber, RigidWalls, SlidingAbsorber, friction_law, impact_absorber
-from impact_env.scene import InitialState, Scene
-from impact_env.shared_mass import impact_absorbers
 from optimisation.bounds import design_gap
 from optimisation.friction_rule import scaled_friction
 from optimisation.machine import sources

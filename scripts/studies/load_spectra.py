@@ -10,14 +10,11 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
+from impact_env import InitialState, ModalModel, Record, Scene, modal_model, mode_shapes, simulate
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members, drives_of
 from impact_env.loads import Loads, Random, Shock
-from impact_env.modes import ModalModel, modal_model, mode_shapes
 from impact_env.parameters import Absorber, Beam, impact_absorber
-from impact_env.response import Record
-from impact_env.scene import InitialState, Scene
-from impact_env.sweep import simulate
 from optimisation.bounds import design_force
 from optimisation.friction_rule import scaled_friction
 from optimisation.load_comparison import expected_rms, runs_of, tuned_for

@@ -10,12 +10,9 @@ import numpy as np
 import scipy.signal
 from numpy.typing import NDArray
 
+from impact_env import Beam, ModalModel, Record, Scene, SlidingAbsorber, impact_absorber, modal_model
 from impact_env.loads import Loads, Samples
 from impact_env.methods import PAPER_STEPS, Exact, Moreau
-from impact_env.modes import ModalModel, modal_model
-from impact_env.parameters import Beam, SlidingAbsorber, impact_absorber
-from impact_env.response import Record
-from impact_env.scene import Scene
 from optimisation.machine import BARE, Timed
 from optimisation.progress import Bar
 from studies.one_table import lines, table_study

@@ -13,8 +13,7 @@ from typing import TypeVar
 
 import click
 
-from impact_env.parameters import ParameterError
-from impact_env.sweep import IntegrationError
+from impact_env import IntegrationError, ParameterError
 from optimisation.cli.common import end_early, name_files, plain_errors
 from optimisation.files import read_json, replacing, require_writable, write_csv, write_json
 from optimisation.machine import conditions

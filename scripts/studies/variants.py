@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from impact_env.drive import Drive, constant_frequency
+from impact_env import Drive, Record, Scene, beam_scene, constant_frequency, impact_absorbers
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.parameters import (
     Absorber,
@@ -18,9 +18,6 @@ from impact_env.parameters import (
     friction_damper,
     impact_absorber,
 )
-from impact_env.response import Record
-from impact_env.scene import Scene, beam_scene
-from impact_env.shared_mass import impact_absorbers
 
 MODES, FORCE, RATIO = 10, 3.5, 0.98
 OUT_OF_REACH = 1e6  # m: walls that are never met

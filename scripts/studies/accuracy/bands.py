@@ -10,10 +10,9 @@ import numpy as np
 import scipy.stats
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env import Beam, beam_scene
 from impact_env.drive import PAPER_LIMITS, linear_sweep
 from impact_env.ensemble import Lane, MemberKind, Members, draw_members, run_lanes
-from impact_env.parameters import Beam
-from impact_env.scene import beam_scene
 from optimisation.page import markdown
 from studies.accuracy.cases import Cases, Row, Settings, kind_named, unique
 

@@ -15,13 +15,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
+from impact_env import InitialState, Record, Scene, beam_scene, simulate
 from impact_env.drive import PAPER_RATE, Drive, FrequencySchedule, linear_sweep
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.parameters import Absorber, Beam, CompliantWalls, SlidingAbsorber, TunedAbsorber, friction_damper, impact_absorber
-from impact_env.response import Record
-from impact_env.scene import InitialState, Scene, beam_scene
-from impact_env.sweep import simulate
 from optimisation.machine import sources
 from studies.study import Measured
 

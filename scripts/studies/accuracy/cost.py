@@ -10,12 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from impact_env.drive import Drive, linear_sweep
+from impact_env import Beam, Drive, beam_scene, linear_sweep, simulate
 from impact_env.ensemble import Lane, available_cores, draw_members, run_lanes
 from impact_env.methods import Exact, Method, Moreau
-from impact_env.parameters import Beam
-from impact_env.scene import beam_scene
-from impact_env.sweep import simulate
 from optimisation.page import markdown
 from studies.accuracy.cases import COLOURS, MARKERS, Cases, Row, Settings, case, kind_named, median_time, method_name, number, plain, unique
 from studies.accuracy.trajectory import own_time

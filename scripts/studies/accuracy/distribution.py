@@ -14,13 +14,10 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.drive import linear_sweep
+from impact_env import Beam, Scene, beam_scene, linear_sweep, simulate
 from impact_env.ensemble import Members, draw_members
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
-from impact_env.parameters import Beam
-from impact_env.scene import Scene, beam_scene
-from impact_env.sweep import simulate
 from optimisation.page import markdown
 from studies.accuracy.cases import (
     LOOKS,

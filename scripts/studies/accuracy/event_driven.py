@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from impact_env.drive import Drive
-from impact_env.parameters import SeveralAbsorbers, StuckAbsorber
-from impact_env.scene import InitialState, Scene
+from impact_env import Drive, InitialState, Scene, SeveralAbsorbers, StuckAbsorber
 from reference.contact import Automaton, Contacts, Guard, Regime
 
 Array = NDArray[np.float64]

@@ -11,10 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive, constant_frequency
-from impact_env.methods import Exact
-from impact_env.scene import InitialState
-from impact_env.sweep import simulate
+from impact_env import Drive, Exact, InitialState, constant_frequency, simulate
 from studies.accuracy.cases import BARE, COLOURS, MARKERS, WATCHED, Case, Cases, Row, Settings, case, kind_named, number, plain, shown_rows, unique
 from studies.one_table import lines
 

@@ -8,12 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
+from impact_env import Beam, beam_scene, impact_absorber, simulate
 from impact_env.drive import PAPER_LIMITS, linear_sweep
 from impact_env.ensemble import draw_members
 from impact_env.methods import Exact, Method, Moreau
-from impact_env.parameters import Beam, impact_absorber
-from impact_env.scene import beam_scene
-from impact_env.sweep import simulate
 from optimisation.page import markdown
 from studies.accuracy.cases import MARKERS, Cases, Row, Settings, named, plain, unique
 

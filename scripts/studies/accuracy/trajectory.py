@@ -16,10 +16,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive
+from impact_env import Drive, IntegrationError, simulate
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method
-from impact_env.sweep import IntegrationError, simulate
 from optimisation.page import markdown
 from studies.accuracy.cases import (
     BARE,

@@ -8,11 +8,9 @@ from typing import NamedTuple, TypeVar
 
 import click
 
+from impact_env import Beam, Response, Scene, beam_scene, impact_absorber
 from impact_env.drive import PAPER_RATE, Drive, linear_sweep
 from impact_env.methods import PAPER_STEPS, Exact, Moreau
-from impact_env.parameters import Beam, impact_absorber
-from impact_env.response import Response
-from impact_env.scene import Scene, beam_scene
 from optimisation.cli.common import command
 from optimisation.machine import Timed
 from optimisation.progress import Bar

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import click
 
+from impact_env import Exact, Record, beam_scene, impact_absorbers
 from impact_env.drive import PAPER_RATE
-from impact_env.methods import Exact
 from impact_env.parameters import (
     Beam,
     CompliantWalls,
@@ -20,9 +20,6 @@ from impact_env.parameters import (
     friction_damper,
     impact_absorber,
 )  # fmt: skip
-from impact_env.response import Record
-from impact_env.scene import beam_scene
-from impact_env.shared_mass import impact_absorbers
 from optimisation.cli.common import command
 from optimisation.machine import Timed
 from studies.cli.benchmark import Settings, all_cases, in_turn, sweep_up

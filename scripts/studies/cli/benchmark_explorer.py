@@ -18,10 +18,8 @@ from typing import Any, NamedTuple
 import click
 from PIL import Image
 
-from impact_env.budget import Stop
-from impact_env.curve import CurveCase, Pass, curve_passes
+from impact_env import CurveCase, Pass, Stop, beam_scene, curve_passes
 from impact_env.parameters import Beam, impact_absorber, require
-from impact_env.scene import beam_scene
 from optimisation.cli.common import check_target, command
 from optimisation.comparison import force_grid
 from optimisation.explore.settings import MOST_MEMBERS

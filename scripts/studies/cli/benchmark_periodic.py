@@ -10,8 +10,7 @@ from typing import NamedTuple, TypeVar
 import click
 import numpy as np
 
-from impact_env.modes import modal_model
-from impact_env.parameters import Beam
+from impact_env import Beam, modal_model
 from impact_env.periodic.balance_branches import BALANCE_STEPS, frequency_problem, start_of_orbit
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Steps, both_ways

@@ -6,14 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env import Beam, Response, Scene, beam_scene, impact_absorber, simulate
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members
 from impact_env.level import HALF_WINDOW_PERIODS
-from impact_env.parameters import Beam, impact_absorber
 from impact_env.periodic.case import start_from
-from impact_env.response import Response
-from impact_env.scene import Scene, beam_scene
-from impact_env.sweep import simulate
 from studies.paper.curve import WATCHED, both_ways, level_at, part_of
 from studies.paper.frame import there
 

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import bootstrap, norm
 
+from impact_env import Beam, RigidWalls, Scene, StuckAbsorber, TunedAbsorber, beam_scene, impact_absorber, modal_model, simulate
 from impact_env.controlled import ControlledRuns
 from impact_env.curve import BAND, CurveCase, quantiles
 from impact_env.drive import PAPER_LIMITS, PAPER_RATE, Drive, linear_sweep
@@ -15,13 +16,9 @@ from impact_env.ensemble import Lane, draw_members
 from impact_env.frequency import natural_frequencies, poles, tip_response
 from impact_env.level import HALF_WINDOW_PERIODS, response_level
 from impact_env.methods import PAPER_STEPS, Exact, Method, Moreau
-from impact_env.modes import modal_model
-from impact_env.parameters import Beam, RigidWalls, StuckAbsorber, TunedAbsorber, impact_absorber
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER
 from impact_env.periodic.residence import Approach, passage
 from impact_env.response import DEFAULT_SAMPLES, Record
-from impact_env.scene import Scene, beam_scene
-from impact_env.sweep import simulate
 from optimisation.bounds import design_force
 from optimisation.extremes import sweep_ratio
 from optimisation.page import markdown

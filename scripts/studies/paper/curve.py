@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env import Scene, simulate
 from impact_env.curve import DOWN, CurveCase, PerformanceCurve
 from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule, linear_sweep
 from impact_env.ensemble import Lane, draw_members
@@ -24,8 +25,6 @@ from impact_env.parameters import require
 from impact_env.periodic.shooting import largest_exponent
 from impact_env.periodic.stationary import Criteria, longest_pause
 from impact_env.response import DEFAULT_SAMPLES, Record, Response
-from impact_env.scene import Scene
-from impact_env.sweep import simulate
 from optimisation.report.figures import force_axis
 from studies.paper.claim import bands, spread
 from studies.paper.frame import Settings, there

@@ -9,11 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from impact_env import Moreau, Scene, beam_scene
 from impact_env.curve import BAND, quantiles
 from impact_env.ensemble import draw_members
-from impact_env.methods import Moreau
 from impact_env.parameters import Absorber, Beam, RigidWalls, friction_damper, impact_absorber
-from impact_env.scene import Scene, beam_scene
 from optimisation.page import markdown
 from studies.paper.claim import LITTLE, Claim, claim, judged, spread, within
 from studies.paper.curve import (

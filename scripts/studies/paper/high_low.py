@@ -9,22 +9,16 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
-from impact_env.curve import CurveCase
-from impact_env.drive import Drive, constant_frequency
+from impact_env import Beam, CurveCase, Drive, InitialState, Record, Scene, beam_scene, constant_frequency, impact_absorber, modal_model, simulate
 from impact_env.ensemble import Lane, draw_members
 from impact_env.frequency import tip_response
 from impact_env.methods import Exact, Method, Moreau
-from impact_env.modes import modal_model
-from impact_env.parameters import Beam, impact_absorber
 from impact_env.periodic.case import case_of
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER
 from impact_env.periodic.isolas import thresholds
 from impact_env.periodic.residence import Approach, hold
 from impact_env.periodic.stationary import Kind, Stationary, stationary
-from impact_env.response import Record
-from impact_env.scene import InitialState, Scene, beam_scene
-from impact_env.sweep import simulate
 from optimisation.page import markdown
 from studies.paper.branches import HARMONICS, balance, draw, responses
 from studies.paper.claim import INFINITY, OFTEN, Claim, between, chance, claim, interval, judged

@@ -9,14 +9,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from impact_env.drive import FrequencySchedule, linear_sweep
+from impact_env import Beam, FrequencySchedule, Scene, beam_scene, impact_absorber, linear_sweep, simulate
 from impact_env.ensemble import Lane, draw_members
 from impact_env.methods import Exact, Method, Moreau
-from impact_env.parameters import Beam, impact_absorber
 from impact_env.periodic.residence import SILENCE, Approach, ExitRate, Hazard, Jumps, Range, exit_rate, hazard, jumps, stays
 from impact_env.response import DEFAULT_SAMPLES, Record
-from impact_env.scene import Scene, beam_scene
-from impact_env.sweep import simulate
 from optimisation.page import markdown
 from optimisation.progress import sweeps_bar
 from studies.paper.branches import draw, responses

@@ -9,11 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impact_env.curve import CurveCase
-from impact_env.methods import Moreau
-from impact_env.modes import modal_model
+from impact_env import CurveCase, Moreau, Scene, beam_scene, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, friction_damper
-from impact_env.scene import Scene, beam_scene
 from optimisation.bounds import resonance_limit
 from optimisation.comparison import FRICTION, IMPACT, LTVA_PAPER, LTVA_PAPER_WIDE, LTVA_TUNED_WIDE, NONE, RESONANCES, compare, concepts
 from optimisation.page import markdown

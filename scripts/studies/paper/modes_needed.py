@@ -5,9 +5,7 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
-from impact_env.curve import CurveCase
-from impact_env.parameters import Beam, impact_absorber
-from impact_env.scene import beam_scene
+from impact_env import Beam, CurveCase, beam_scene, impact_absorber
 from optimisation.page import markdown
 from studies.paper.claim import SAME, Claim, Verdict, bands, claim, interval
 from studies.paper.frame import NAME, PaperFigure, Settings, Size, in_turn

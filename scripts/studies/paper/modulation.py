@@ -18,16 +18,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive, constant_frequency
+from impact_env import Beam, Drive, Record, RigidWalls, Scene, beam_scene, constant_frequency, impact_absorber, simulate
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members
 from impact_env.frequency import tip_response
-from impact_env.parameters import Beam, RigidWalls, impact_absorber
 from impact_env.periodic.case import start_from
 from impact_env.periodic.stationary import window_of
-from impact_env.response import Record
-from impact_env.scene import Scene, beam_scene
-from impact_env.sweep import simulate
 from studies.paper.claim import Claim, claim, interval
 from studies.paper.curve import WATCHED, Chaos
 from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened, there

@@ -10,9 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from impact_env.methods import Moreau
-from impact_env.parameters import Beam, StuckAbsorber, impact_absorber
-from impact_env.scene import beam_scene
+from impact_env import Beam, Moreau, StuckAbsorber, beam_scene, impact_absorber
 from optimisation.page import markdown
 from studies.paper.claim import SAME, Claim, bands, claim, spread
 from studies.paper.curve import Curve, Ranges, curve_of, curves, force_grid, inset_of, level_axes, ranges_of, slopes, watched_curve

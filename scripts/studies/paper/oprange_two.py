@@ -12,13 +12,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from impact_env import Beam, Moreau, RigidWalls, Scene, beam_scene, impact_absorber
 from impact_env.curve import BAND, quantiles
 from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import draw_members
-from impact_env.methods import Moreau
-from impact_env.parameters import Beam, RigidWalls, impact_absorber
 from impact_env.periodic.overview import exact_curves, linear_curves
-from impact_env.scene import Scene, beam_scene
 from optimisation.page import markdown
 from studies.paper.branches import draw_linear
 from studies.paper.claim import Claim, claim, spread

@@ -6,10 +6,7 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.figure import Figure
 
-from impact_env.curve import CurveCase
-from impact_env.modes import modal_model
-from impact_env.parameters import Beam, RigidWalls, impact_absorber
-from impact_env.scene import Scene
+from impact_env import Beam, CurveCase, RigidWalls, Scene, impact_absorber, modal_model
 from optimisation.bounds import design_force, reach
 from optimisation.gap_check import sweep_limits
 from studies.paper.claim import MUCH, Claim, between, claim, interval, judged

@@ -8,14 +8,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from impact_env import Beam, Scene, beam_scene, simulate
 from impact_env.drive import PAPER_LIMITS, PAPER_RATE, linear_sweep
 from impact_env.ensemble import Lane, draw_members
 from impact_env.level import response_level
 from impact_env.methods import Method, Moreau
-from impact_env.parameters import Beam
 from impact_env.response import DEFAULT_SAMPLES
-from impact_env.scene import Scene, beam_scene
-from impact_env.sweep import simulate
 from studies.paper.account import accounted, critical, lanes_of, scene
 from studies.paper.claim import LEFT, MUCH, Claim, claim, spread
 from studies.paper.curve import WATCHED, curve_of, curves

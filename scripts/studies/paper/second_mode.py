@@ -13,11 +13,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
+from impact_env import Beam, Moreau, Scene, beam_scene
 from impact_env.energy import mechanical_energy
 from impact_env.level import HALF_WINDOW_PERIODS
-from impact_env.methods import Moreau
-from impact_env.parameters import Beam
-from impact_env.scene import Scene, beam_scene
 from optimisation.report.figures import force_axis
 from studies.paper.account import SAMPLES, accounted, critical, lanes_of, scene, window_around
 from studies.paper.claim import Claim, claim, spread

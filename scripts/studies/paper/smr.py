@@ -10,18 +10,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impact_env.drive import constant_frequency
+from impact_env import Beam, ModalModel, RigidWalls, Scene, beam_scene, constant_frequency, impact_absorber, modal_model, simulate
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members
 from impact_env.frequency import tip_response
 from impact_env.methods import Exact, Method, Moreau
-from impact_env.modes import ModalModel, modal_model
-from impact_env.parameters import Beam, RigidWalls, impact_absorber
 from impact_env.periodic.stationary import modulation_depth
 from impact_env.phase_lag import phase_lag
 from impact_env.response import DEFAULT_SAMPLES
-from impact_env.scene import Scene, beam_scene
-from impact_env.sweep import simulate
 from optimisation.page import markdown
 from studies.paper.claim import LEFT, Claim, about, claim, judged, middle, spread
 from studies.paper.curve import SERIES

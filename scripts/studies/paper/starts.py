@@ -10,11 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from impact_env import Beam, InitialState, RigidWalls, Scene, beam_scene, impact_absorber, simulate
 from impact_env.drive import PAPER_LIMITS, Drive, linear_sweep
 from impact_env.ensemble import Lane, draw_members
-from impact_env.parameters import Beam, RigidWalls, impact_absorber
-from impact_env.scene import InitialState, Scene, beam_scene
-from impact_env.sweep import simulate
 from studies.paper.claim import SAME, Claim, Verdict, bands, between, claim, interval
 from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened, there
 from studies.paper.style import LOOKS, banded, legends, panels

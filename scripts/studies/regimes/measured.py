@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from impact_env import ModalModel, Scene, beam_scene
 from impact_env.ensemble import Executor, draw_members
-from impact_env.modes import ModalModel
 from impact_env.parameters import Beam, count, finite, impact_absorber, positive, require
 from impact_env.periodic.residence import Approach, Range, exit_rate, jumps, stays
 from impact_env.periodic.stationary import QUANTILES, Kind, envelope, stationary_members
-from impact_env.scene import Scene, beam_scene
 
 PAPER, STRIP, RECOMMENDED = "paper", "strip", "recommended"
 

@@ -6,7 +6,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from impact_env.drive import Drive, FrequencySchedule, constant_frequency
+from impact_env import Drive, FrequencySchedule, InitialState, Record, Scene, beam_scene, constant_frequency, simulate
 from impact_env.parameters import (
     Absorber,
     Beam,
@@ -21,9 +21,6 @@ from impact_env.parameters import (
     friction_damper,
     impact_absorber,
 )
-from impact_env.response import Record
-from impact_env.scene import InitialState, Scene, beam_scene
-from impact_env.sweep import simulate
 
 STATIC = Beam().static_tip_stiffness  # 3 EI / l^3 in N/m
 GAP = RigidWalls.gap

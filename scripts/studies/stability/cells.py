@@ -6,12 +6,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from impact_env.drive import Drive, FrequencySchedule
+from impact_env import Drive, FrequencySchedule, InitialState, ParameterError, Record, Response, RigidWalls, Scene, SlidingAbsorber, TunedAbsorber
 from impact_env.energy import stored_energy
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
-from impact_env.parameters import ParameterError, RigidWalls, SlidingAbsorber, TunedAbsorber
-from impact_env.response import Record, Response
-from impact_env.scene import InitialState, Scene
 from impact_env.sweep import IntegrationError, simulate
 from optimisation.machine import peak_memory
 from reference.dense import Truth, follow

@@ -5,18 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from impact_env import Beam, CompliantWalls, ElasticCoulombFriction, ModalModel, SeveralAbsorbers, SlidingAbsorber, friction_damper, impact_absorber
 from impact_env.drive import Drive, linear_sweep
-from impact_env.modes import ModalModel
-from impact_env.parameters import (
-    Absorber,
-    Beam,
-    CompliantWalls,
-    ElasticCoulombFriction,
-    SeveralAbsorbers,
-    SlidingAbsorber,
-    friction_damper,
-    impact_absorber,
-)
+from impact_env.parameters import Absorber
 from impact_env.response import Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import IntegrationError, simulate

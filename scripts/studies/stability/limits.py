@@ -7,13 +7,11 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive, FrequencySchedule
+from impact_env import Beam, CompliantWalls, Drive, FrequencySchedule, InitialState, Scene, SlidingAbsorber, TunedAbsorber, beam_scene
 from impact_env.families import Observers, family
 from impact_env.frequency import joint_matrices
 from impact_env.kernels.motion.observers import DONE, Series, new_counters
 from impact_env.methods import Method, Moreau, RungeKutta
-from impact_env.parameters import Beam, CompliantWalls, SlidingAbsorber, TunedAbsorber
-from impact_env.scene import InitialState, Scene, beam_scene
 
 MOREAU, RUNGE_KUTTA = "moreau", "runge-kutta"
 MAKE: dict[str, type[Moreau | RungeKutta]] = {MOREAU: Moreau, RUNGE_KUTTA: RungeKutta}

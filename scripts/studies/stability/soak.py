@@ -3,12 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from impact_env.drive import Drive, constant_frequency
+from impact_env import Drive, Record, beam_scene, constant_frequency, simulate
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.parameters import Absorber, Beam, CompliantWalls, SlidingAbsorber, impact_absorber
-from impact_env.response import Record
-from impact_env.scene import beam_scene
-from impact_env.sweep import simulate
 from optimisation.machine import peak_memory
 
 LENGTHS = (1_000, 10_000, 100_000, 1_000_000)  # pseudo periods
