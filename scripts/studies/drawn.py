@@ -17,14 +17,14 @@ from impact_env.modes import ModalModel
 from impact_env.structures.matrices import lowest_modes
 from optimisation.bounds import reach
 from studies.gaps import ALUMINIUM, MODES, STEEL, Case, assembled, hermite
+from studies.study import Array
 
-Real = NDArray[np.float64]
 SEEDS = range(2001, 2011)
 REACH, DAMPING, SHARES = (1.5, 15.0), (0.0012, 0.03), (0.01, 0.05)
 ALONG, ACROSS, STEPS = 8, 6, 12  # elements of a plate and of a beam
 
 
-def _drawn_modes(draw: Generator, mass: Real, stiffness: Real, free: NDArray[np.intp], places: NDArray[np.intp], total: float) -> ModalModel:
+def _drawn_modes(draw: Generator, mass: Array, stiffness: Array, free: NDArray[np.intp], places: NDArray[np.intp], total: float) -> ModalModel:
     """Return a model of what is free to move, with force, absorber and response at three of the places, all freedoms by number."""
     modes = lowest_modes(mass[np.ix_(free, free)], stiffness[np.ix_(free, free)], MODES)
     force, tip, read = modes.shapes[np.searchsorted(free, draw.choice(np.intersect1d(places, free), 3))]
@@ -36,7 +36,7 @@ def machine_plate(draw: Generator) -> ModalModel:
     (young, density), thickness, poisson = (STEEL, ALUMINIUM)[draw.integers(2)], draw.uniform(0.002, 0.006), 0.3
     length, width = draw.uniform(0.25, 0.8, 2)
     (ax, bx, cx, dx), (ay, by, cy, dy) = hermite(length, ALONG), hermite(width, ACROSS)
-    stiffness: Real = np.kron(cx, ay) + np.kron(ax, cy) + poisson * (np.kron(dx, dy.T) + np.kron(dx.T, dy)) + 2 * (1 - poisson) * np.kron(bx, by)
+    stiffness: Array = np.kron(cx, ay) + np.kron(ax, cy) + poisson * (np.kron(dx, dy.T) + np.kron(dx.T, dy)) + 2 * (1 - poisson) * np.kron(bx, by)
     stiffness *= young * thickness**3 / (12 * (1 - poisson**2))
     mass = np.asarray(density * thickness * np.kron(ax, ay), dtype=np.float64)
     total = density * thickness * length * width

@@ -24,8 +24,8 @@ from optimisation.bounds import expected_gap
 from optimisation.gap_advice import FASTER, TOLERANCE, Advice, advise
 from optimisation.gap_check import scaled_absorber
 from optimisation.mounting import mounted
+from studies.study import Array, there
 
-Real = NDArray[np.float64]
 Point = tuple[float, float]
 FORCE = 1.0  # N
 MODES, TERMS = 10, 8  # modes kept; polynomials along each edge of a plate
@@ -54,7 +54,7 @@ def _functions(held: str) -> list[Polynomial]:
 
 
 @cache
-def _bending(held: tuple[str, str], sides: Point, poisson: float) -> tuple[Real, Real]:
+def _bending(held: tuple[str, str], sides: Point, poisson: float) -> tuple[Array, Array]:
     """Return (mass, stiffness) of a plate's polynomials, (TERMS^2, TERMS^2), over its mass per area and its bending stiffness."""
     points, weights = leggauss(2 * TERMS + 4)
     tables = [
@@ -65,7 +65,7 @@ def _bending(held: tuple[str, str], sides: Point, poisson: float) -> tuple[Real,
     xx, yy, xy, w = (np.einsum("ip,jq->ijpq", tables[0][a], tables[1][b]).reshape(TERMS**2, -1) for a, b in ((2, 0), (0, 2), (1, 1), (0, 0)))
     measure = area * np.outer(weights, weights).ravel()
 
-    def product(first: Real, second: Real) -> Real:
+    def product(first: Array, second: Array) -> Array:
         return np.asarray((first * measure) @ second.T)
 
     cross = product(xx, yy)
@@ -80,7 +80,7 @@ def plate(held: tuple[str, str], sides: Point, thickness: float, places: tuple[P
     rigidity = young * thickness**3 / (12 * (1 - 0.3**2))
     modes = lowest_modes(density * thickness * mass, rigidity * stiffness, MODES)
 
-    def shape(place: Point) -> Real:
+    def shape(place: Point) -> Array:
         values = [[f(x) for f in _functions(edge)] for edge, x in zip(held, place, strict=True)]
         return np.asarray(np.outer(values[0], values[1]).ravel() @ modes.shapes)
 
@@ -107,7 +107,7 @@ def frame(width: float, height: float, bending: float, per_length: float, force:
     return ModalModel(modes.omega, np.full(MODES, damping), force_shape, tip, per_length * (2 * height + width), response_shape=read)
 
 
-def assembled(nodes: Real, members: Sequence[tuple[int, int]], bending: Real, per_length: Real) -> tuple[Real, Real]:
+def assembled(nodes: Array, members: Sequence[tuple[int, int]], bending: Array, per_length: Array) -> tuple[Array, Array]:
     """Return (mass, stiffness) of a plane frame: places of its nodes (n, 2), and the two nodes, N m^2 and kg/m of each member.
 
     Three freedoms a node: along both axes, and turn.
@@ -123,7 +123,7 @@ def assembled(nodes: Real, members: Sequence[tuple[int, int]], bending: Real, pe
     return mass, stiffness
 
 
-def hermite(length: float, elements: int) -> tuple[Real, Real, Real, Real]:
+def hermite(length: float, elements: int) -> tuple[Array, Array, Array, Array]:
     """Return integrals over a line of cubic Hermite elements, deflection and slope by turns: of N N, N' N', N'' N'' and N'' N."""
     found = np.zeros((4, 2 * elements + 2, 2 * elements + 2))
     step, bend = length / elements, [1, 2, 4, 5]
@@ -139,7 +139,7 @@ def hermite(length: float, elements: int) -> tuple[Real, Real, Real, Real]:
     return tuple(found)  # type: ignore[return-value]
 
 
-def _inertia(length: float) -> Real:
+def _inertia(length: float) -> Array:
     """Return an element's mass matrix (6, 6) over its mass per length: freedoms are motion along, across and turn at either end."""
     found = np.zeros((6, 6))
     found[np.ix_([0, 3], [0, 3])] = length * np.array([[2, 1], [1, 2]]) / 6
@@ -149,7 +149,7 @@ def _inertia(length: float) -> Real:
     return found
 
 
-def _stiffness(length: float) -> Real:
+def _stiffness(length: float) -> Array:
     """Return an element's stiffness matrix (6, 6) over its bending stiffness; it is 1000 times as stiff along as a slenderness of 1 gives."""
     found = np.zeros((6, 6))
     found[np.ix_([0, 3], [0, 3])] = 1e5 / length * np.array([[1, -1], [-1, 1]])
@@ -234,7 +234,6 @@ CASES = (
 )
 
 
-Array = NDArray[np.float64]
 STEP, FROM, TO = 0.05, -1.225, 1.1  # of ln (gap over the rule's); half a step off the gaps that a search tries
 WITHIN, BESIDE = 1.5, 2  # gaps are run in full where a look is within this of the lowest, and so many beside
 FRESH, UNSEEN = 12, 1  # members by which the scan's lowest gap is judged anew, and their seed
@@ -327,9 +326,7 @@ def judged(case: Case, found: Advice, at: Array, full: Array, expected: float, f
     shares = (1 - TOLERANCE, 1.0, 1 + TOLERANCE)
     inside = at[at - np.log1p(TOLERANCE) >= at[0]]
     worst = np.max([k * between(inside - np.log(k)) for k in shares], axis=0)
-    assert found.sharp is not None
-    assert found.recommended is not None
-    sharp, robust = (np.log(answer.gap / found.check.rule) for answer in (found.sharp, found.recommended))
+    sharp, robust = (np.log(there(answer).gap / found.check.rule) for answer in (found.sharp, found.recommended))
     lowest = full.min()
     told = (float(between(sharp) / lowest), fresh, float(max(k * between(robust - np.log(k)) for k in shares) / worst.min()))
     return Row(

@@ -4,10 +4,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impact_env import Drive, InitialState, ModalModel, Scene, impact_absorbers, linear_sweep, modal_model
 from impact_env.ensemble import Lane, draw_members, drives_of, each_lane, run_lanes
@@ -15,14 +15,12 @@ from impact_env.loads import AnyDrive, Force, Loads, Tone, Tones
 from impact_env.parameters import Absorber, RigidWalls, SlidingAbsorber, friction_law, impact_absorber
 from optimisation.bounds import design_gap
 from optimisation.friction_rule import scaled_friction
-from optimisation.machine import sources
 from optimisation.page import markdown
 from optimisation.signals import band_levels
 from studies import load_spectra as spectra
 from studies.load_spectra import CASES, GAP, MASS_RATIO, RESTITUTION, Case, Settings, band_text
-from studies.study import Json, Measured, Part, Saver, Study, rows_part
+from studies.study import Array, Json, Measured, Part, Saver, Study, rows_part, with_sources
 
-Array = NDArray[np.float64]
 LIMITS = (0.92, 1.04)  # of the sweeps, times a resonance
 SHARES = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.35, 0.5, 0.75, 1.0)
 REMEDIED = (0.2, 0.5, 1.0)  # shares at which remedies are tried
@@ -240,15 +238,14 @@ def _part(name: str) -> Part[Settings]:
     def cases(settings: Settings) -> dict[tuple[str, Any], Callable[[], list[Json]]]:
         return {(case.name, value): partial(rows_of, case, value, settings) for case in CASES.values() for value in values}
 
-    def text(found: Measured) -> str:
-        return f"{words(found.values['rows'])}\n\n{sources(found.conditions)}"
-
     def figures(found: Measured) -> dict[str, Saver]:
         from studies.load_figures import FIGURES  # matplotlib is slow to import
 
         return {name: lambda path: FIGURES[name](path, found.values["rows"])}
 
-    return rows_part(name, title, cases, lambda row: (row["structure"], row[told_apart]), text, figures=figures)
+    return rows_part(
+        name, title, cases, itemgetter("structure", told_apart), with_sources(lambda found: words(found.values["rows"])), figures=figures
+    )
 
 
 STUDY = Study(tuple(map(_part, PARTS)), notes=lambda settings: settings._asdict())

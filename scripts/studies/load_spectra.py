@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.optimize
-from numpy.typing import NDArray
 
 from impact_env import InitialState, ModalModel, Record, Scene, modal_model, mode_shapes, simulate
 from impact_env.energy import mechanical_energy
@@ -20,9 +19,8 @@ from optimisation.friction_rule import scaled_friction
 from optimisation.load_comparison import expected_rms, runs_of, tuned_for
 from optimisation.measures import SAMPLES
 from optimisation.page import markdown
-from studies.study import Json
+from studies.study import Array, Json, there
 
-Array = NDArray[np.float64]
 MODES, MASS_RATIO, GAP, RESTITUTION = 5, 0.02, 1e-3, 0.7
 BAND = (0.05, 0.5, 0.95)
 PERIODS = 800.0  # of a record
@@ -33,6 +31,7 @@ WIDTHS = (0.5, 0.16)  # of a half-sine pulse, in periods of the first mode
 PEAKS = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6)  # largest free displacement at the absorber over the gap
 SHOCK_PERIODS = 100.0
 TENTH = 10  # impacts after which energies are read
+SERIES = Record(level=False, series=True, samples_per_period=SAMPLES)
 
 
 class Settings(NamedTuple):
@@ -164,10 +163,8 @@ def _shock(model: ModalModel, width: float) -> Loads:
 
 def _high_share(lane: Lane) -> float:
     """Return the share of the modes above the first in the structure's energy after the tenth impact; not a number where there are fewer."""
-    impacts = simulate(lane.scene, lane.drive, record=Record(events=True)).impacts
-    history = simulate(lane.scene, lane.drive, record=Record(level=False, series=True, samples_per_period=SAMPLES)).history
-    assert history is not None
-    assert impacts is not None
+    impacts = there(simulate(lane.scene, lane.drive, record=Record(events=True)).impacts)
+    history = there(simulate(lane.scene, lane.drive, record=SERIES).history)
     if len(impacts.time) < TENTH:
         return float("nan")
     modal = mechanical_energy(lane.scene, history).modal[np.searchsorted(history.time, impacts.time[TENTH - 1])]
@@ -177,8 +174,7 @@ def _high_share(lane: Lane) -> float:
 def shock_rows(case: Case, width: float, settings: Settings) -> list[Json]:
     """Return decay times over that without absorber, and the share of the higher modes, over the peak; members begin elsewhere in the cavity."""
     model, unit = case.model, _shock(case.model, width)
-    history = simulate(Scene(model), unit, record=Record(level=False, series=True, samples_per_period=SAMPLES)).history
-    assert history is not None
+    history = there(simulate(Scene(model), unit, record=SERIES).history)
     per_newton = float(np.max(np.abs(history.tip_displacement)))
     tuned = tuned_for(model, MASS_RATIO, [unit])
     places = np.random.default_rng(0).uniform(-0.95, 0.95, settings.members) * GAP

@@ -8,15 +8,13 @@ from typing import Any
 
 import numpy as np
 import scipy.signal
-from numpy.typing import NDArray
 
 from impact_env import Beam, ModalModel, Record, Scene, SlidingAbsorber, impact_absorber, modal_model
 from impact_env.loads import Loads, Samples
 from impact_env.methods import PAPER_STEPS, Exact, Moreau
 from optimisation.machine import BARE, Timed
 from optimisation.progress import Bar
-from studies.one_table import lines, table_study
-from studies.study import Json, Measured, Study
+from studies.study import Array, Json, Measured, Study, lines, table_study, there
 
 NAME = "benchmark_loads"
 MODES, RATE, FORCE = 10, 5000.0, 20.0  # samples a second; N, the record's RMS
@@ -29,7 +27,7 @@ CASES: dict[str, SlidingAbsorber | None] = {
 }
 
 
-def state_space(model: ModalModel) -> tuple[NDArray[np.float64], ...]:
+def state_space(model: ModalModel) -> tuple[Array, ...]:
     """Return A, B, C, D from the force to the displacement where the level is read, with the modes' displacements and velocities as states."""
     n = model.modes
     a = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(model.omega**2), -np.diag(2 * model.damping_ratio * model.omega)]])
@@ -59,8 +57,7 @@ def measure(samples: int, repeats: int) -> Json:
         for name, absorber in CASES.items():
             scene, row = Scene(model, absorber), {"name": name, "samples": samples}
             exact, seen = Timed(scene, loads, Exact(), record=BARE), Timed(scene, loads, Exact(), record=recorded)
-            history = seen.run().history
-            assert history is not None
+            history = there(seen.run().history)
             row["impacts_per_s"] = exact.run().impact_count / float(times[-1])
             others: dict[str, Callable[[], Any]] = {"exact": exact.run, "recorded": seen.run}
             if absorber is None:

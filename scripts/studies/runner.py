@@ -83,11 +83,13 @@ def load(study: Study[S], part: Part[S], place: Place, option: str = "--redraw")
 
 def _measured_and_kept(study: Study[S], part: Part[S], settings: S, place: Place, resume: bool, keep: Callable[[Json], Json] | None) -> Measured:
     """Measure a part and write its numbers; one that an earlier run has finished is left as it is with ``resume``."""
-    path, earlier = place.numbers(part.name), None
-    if (resume or keep) and path is not None and path.exists():
+    path, earlier, told = place.numbers(part.name), None, part.told(settings)
+    if (resume or keep or told) and path is not None and path.exists():
         earlier = load(study, part, place, "--resume" if resume else "--out")
         if study.key is not None and earlier.conditions.get("key") != study.key(part.name, settings):
             earlier = None
+        elif told:
+            earlier = earlier if all(earlier.values.get(name) == value for name, value in told.items()) else None
         elif keep:
             kept = keep(earlier.values)
             earlier = replace(earlier, values=kept) if kept else None

@@ -10,14 +10,25 @@ from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import click
+import numpy as np
+from numpy.typing import NDArray
 
-from optimisation.machine import PACKAGES
-from optimisation.page import DOCS, has_markers
+from optimisation.cli.common import Command, check_target, json_option, page_option
+from optimisation.machine import PACKAGES, machine, sources
+from optimisation.page import DOCS, has_markers, markdown
 
 Json = dict[str, Any]
+Array = NDArray[np.float64]
 Steps = Generator[Json, None, None]
 Saver = Callable[[Path], None]  # writes a figure; the ending of the path chooses the format
 S = TypeVar("S")
+T = TypeVar("T")
+
+
+def there(value: T | None) -> T:
+    """Return what a run was asked to record, which is None only where it was not."""
+    assert value is not None
+    return value
 
 
 @dataclass(frozen=True)
@@ -47,6 +58,8 @@ class Part(Generic[S]):
 
     The rest tells of what was measured: ``sections`` the text between the page's ``markers``, ``tables`` the CSV files, ``figures`` by file name, a
     PNG where it has no ending, ``said`` what is printed (the sections, if it is None), and ``failures`` what makes the exit code 1.
+
+    ``told(settings)``: values on which all others depend. A part that has some goes on from its file whenever these are the same in it.
     """
 
     name: str
@@ -61,6 +74,7 @@ class Part(Generic[S]):
     figures: Callable[[Measured], Mapping[str, Saver]] = lambda _: {}
     said: Callable[[Measured], str] | None = None
     failures: Callable[[Measured], Sequence[str]] = lambda _: ()
+    told: Callable[[S], Json] = lambda _: {}
 
 
 def pack(_name: str, measured: Measured) -> Json:
@@ -150,16 +164,51 @@ def left(cases: Iterable[Any], key: Callable[[Json], Any], known: Json) -> list[
 
 def rows_part(
     name: str, title: str, cases: Callable[[S], Mapping[Any, Callable[[], list[Json]]]], key: Callable[[Json], Any], text: Callable[[Measured], str],
-    marker: str = "", order: Callable[[S], Sequence[Any] | None] = lambda _: None, **others: Any,
+    marker: str = "", order: Callable[[S], Sequence[Any] | None] = lambda _: None, told: Callable[[S], Json] = lambda _: {}, **others: Any,
 ) -> Part[S]:  # fmt: skip
-    """Return a part whose values are rows by case, and whose one section is ``text``; ``others`` are a part's."""
+    """Return a part whose values are what is ``told`` and rows by case, and whose one section is ``text`` unless ``others`` say otherwise."""
     marker = marker or name
-    return Part(
-        name,
-        title,
-        measure=lambda settings, known: rows_by_case(cases(settings), key, known, order(settings)),
-        markers=(marker,),
-        sections=lambda measured: {marker: text(measured)},
-        steps=lambda settings, known: len(left(cases(settings), key, known)),
-        **others,
-    )
+
+    def measure(settings: S, known: Json) -> Steps:
+        for values in rows_by_case(cases(settings), key, known, order(settings)):
+            yield {**told(settings), **values}
+
+    usual: Json = {"markers": (marker,), "sections": lambda measured: {marker: text(measured)}}
+    usual["steps"] = lambda settings, known: len(left(cases(settings), key, known))
+    return Part(name, title, measure=measure, told=told, **usual | others)
+
+
+def with_sources(said: Callable[[Measured], str]) -> Callable[[Measured], str]:
+    """Return what says the same and, below it, when, where and with what it was measured."""
+    return lambda measured: f"{said(measured)}\n\n{sources(measured.conditions)}"
+
+
+# Studies of one table: it is printed, its numbers go to a JSON file, and the table itself into a page, each on request.
+
+
+def table_study(name: str, title: str, measure: Callable[[S], Json], said: Callable[[Measured], str]) -> Study[S]:
+    """Return the study whose table ``said`` puts into words; what ``measure`` returns of the settings is whole, or there is nothing."""
+
+    def measured(settings: S, _known: Json) -> Steps:
+        yield measure(settings)
+
+    part = Part(name, title, measure=measured, markers=(name,), sections=lambda found: {name: with_sources(said)(found)}, said=said)
+    return Study((part,), pack=lambda _, found: {"machine": machine(found.conditions), **found.values}, kept="nothing is written.")
+
+
+def lines(columns: Mapping[str, str], rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return a Markdown table with a line for each row; ``columns`` say by their headers how values of a row are written, as for `str.format`."""
+    return markdown(tuple(columns), [tuple(form.format(**row) for form in columns.values()) for row in rows])
+
+
+def table_options(marker: str, page: str) -> Callable[[Command], Command]:
+    """Add --json and --page to a command whose table stands between the markers of ``page``; it gets them as ``target`` and ``page``."""
+    json, table = json_option("Write the numbers, each repeat where there are any.", "target"), page_option(marker, page)
+    return lambda command: json(table(command))
+
+
+def table_place(target: Path | None, page: Path | None) -> Place:
+    """Return where numbers and table go; raises BadInput, before any work is done, if they cannot be written."""
+    check_target("--json", target)
+    check_target("--page", page)
+    return Place(json=target, page=page)

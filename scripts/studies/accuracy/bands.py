@@ -8,15 +8,15 @@ from typing import get_args
 
 import numpy as np
 import scipy.stats
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from impact_env import Beam, beam_scene
 from impact_env.drive import PAPER_LIMITS, linear_sweep
 from impact_env.ensemble import Lane, MemberKind, Members, draw_members, run_lanes
 from optimisation.page import markdown
 from studies.accuracy.cases import Cases, Row, Settings, kind_named, unique
+from studies.study import Array
 
-Array = NDArray[np.float64]
 NAME = "bands"
 KIND, MODES = "impact, e = 0.7, with friction", 10
 CROSSED = "phases x forces"

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from impact_env import Beam, Scene, beam_scene, linear_sweep, simulate
 from impact_env.ensemble import Members, draw_members
@@ -34,8 +34,8 @@ from studies.accuracy.cases import (
     shown_rows,
     unique,
 )
+from studies.study import Array, there
 
-Array = NDArray[np.float64]
 NAME = "distribution"
 KINDS = ("impact, e = 1", "impact, e = 0.7", "impact, e = 0.7, with friction", "compliant walls, stiff")
 TRUTH = "truth"
@@ -52,8 +52,7 @@ def _levels(
         if budget is not None and member >= FEWEST and time.perf_counter() - began > budget:
             return
         response = simulate(scene, drive, method)
-        assert response.level is not None
-        yield member, response.level.value, response.wall_time
+        yield member, there(response.level).value, response.wall_time
 
 
 key = itemgetter("scene", "modes")  # of a row: its case

@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from impact_env import Drive, InitialState, Scene, SeveralAbsorbers, StuckAbsorber
 from reference.contact import Automaton, Contacts, Guard, Regime
+from studies.study import Array
 
-Array = NDArray[np.float64]
 REST_SPEED = 1e-11  # m/s: slower bounces end a chatter
 MAX_EVENTS = 5000
 NUDGE = 1e-13  # m/s: sliding starts with this relative velocity, clear of rounding, so that its reversal is not found at once

@@ -9,13 +9,11 @@ from operator import itemgetter
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from impact_env import Drive, Exact, InitialState, constant_frequency, simulate
 from studies.accuracy.cases import BARE, COLOURS, MARKERS, WATCHED, Case, Cases, Row, Settings, case, kind_named, number, plain, shown_rows, unique
-from studies.one_table import lines
+from studies.study import Array, lines, there
 
-Array = NDArray[np.float64]
 NAME = "growth"
 KINDS = (
     "friction damper", "impact, e = 1", "impact, e = 0.7", "impact, e = 0.7, with friction", "compliant walls, soft", "compliant walls, stiff",
@@ -66,8 +64,7 @@ class _Continued:
 
     def impact_times(self, state: Array, stretch: int, periods: float) -> Array:
         response = simulate(self.scene, self.drive(stretch, periods), Exact(), initial=self.initial(state), record=WATCHED)
-        assert response.impacts is not None
-        return response.impacts.time[:FOLLOWED]
+        return there(response.impacts).time[:FOLLOWED]
 
 
 def _direction(run: _Continued, generator: np.random.Generator) -> Array:

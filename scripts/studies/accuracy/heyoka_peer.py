@@ -8,16 +8,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impact_env.extras import optional
 from reference.contact import Automaton, Regime
 from studies.accuracy.event_driven import Integrator, Mechanics, PeerFailedError
+from studies.study import Array
 
 with optional():
     import heyoka
 
-Array = NDArray[np.float64]
 LEAD = 1e-3  # of 1/omega of the highest mode: the step without events
 SMALL = 12  # modes up to which the whole step is unrolled; above it, that takes minutes to compile
 

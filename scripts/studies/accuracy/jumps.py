@@ -14,6 +14,7 @@ from impact_env.ensemble import draw_members
 from impact_env.methods import Exact, Method, Moreau
 from optimisation.page import markdown
 from studies.accuracy.cases import MARKERS, Cases, Row, Settings, named, plain, unique
+from studies.study import there
 
 NAME = "jumps"
 FORCE, FRICTION = 1.5, 0.025  # N
@@ -43,9 +44,8 @@ def _measured(slowness: float, method: Method, settings: Settings) -> list[Row]:
     schedule = linear_sweep(scene.model.resonance_omega(1), high, low, percent_per_100_periods=100 / slowness)
     found = []
     for member, drive in enumerate(members.drives(FORCE, schedule)):
-        level = simulate(scene, drive, method).level
-        assert level is not None
-        found.append({"periods_per_percent": slowness, **_names(method), "member": member, "level_m": level.value})
+        level = there(simulate(scene, drive, method).level).value
+        found.append({"periods_per_percent": slowness, **_names(method), "member": member, "level_m": level})
     return found
 
 

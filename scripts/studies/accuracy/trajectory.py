@@ -14,7 +14,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
-from numpy.typing import NDArray
 
 from impact_env import Drive, IntegrationError, simulate
 from impact_env.laws import SceneKind
@@ -42,12 +41,11 @@ from studies.accuracy.cases import (
     unique,
 )
 from studies.accuracy.event_driven import PeerFailedError, PeerRun, follow, scipy_integrator
-from studies.study import left
+from studies.study import Array, left, there
 
 if TYPE_CHECKING:
     from reference import digits
 
-Array = NDArray[np.float64]
 NAME = "trajectory"
 IMPACTS = 5  # the error is read in the widest gap between two impacts from this one on
 LATEST = 9
@@ -128,9 +126,7 @@ def own_row(starts: list[Start], method: Method, settings: Settings) -> Row:
         began = time.perf_counter()
         for each, true in starts:
             response = simulate(each.scene, each.drive(true.periods), method, initial=each.initial, record=WATCHED)
-            assert response.impacts is not None
-            assert response.energy is not None
-            found.append(_errors(each, true, response.end_state, response.impacts.time, response.energy.relative_error))
+            found.append(_errors(each, true, response.end_state, there(response.impacts).time, there(response.energy).relative_error))
             if time.perf_counter() - began > settings.patience:
                 break
         us = own_time(it, method, truth.periods, settings)

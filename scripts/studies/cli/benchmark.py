@@ -15,9 +15,8 @@ from optimisation.cli.common import command
 from optimisation.machine import Timed
 from optimisation.progress import Bar
 from studies import load_speed
-from studies.one_table import lines, table_options, table_place, table_study
 from studies.runner import run
-from studies.study import Json, Measured, Study
+from studies.study import Json, Measured, Study, lines, table_options, table_place, table_study
 
 NAME = "benchmark"
 START = 0.98  # of the first resonance; with the whole length the sweep ends at 1.06

@@ -23,9 +23,8 @@ from impact_env.parameters import (
 from optimisation.cli.common import command
 from optimisation.machine import Timed
 from studies.cli.benchmark import Settings, all_cases, in_turn, sweep_up
-from studies.one_table import lines, table_options, table_place, table_study
 from studies.runner import run
-from studies.study import Json, Measured, Study
+from studies.study import Json, Measured, Study, lines, table_options, table_place, table_study, there
 
 NAME = "benchmark_energies"
 START = 0.9  # of the first resonance; with the whole length the sweep ends at 1.06
@@ -64,11 +63,10 @@ def measure(case: Case, settings: Settings, advance: Callable[[], object]) -> Js
     drive = sweep_up(scene, case.force, START, periods)
     watched, bare = (Timed(scene, drive, Exact(), record=record) for record in (Record(energy=True), Record()))
     energies_each, bare_each, response = in_turn(watched, bare, settings.repeats, advance)
-    assert response.energy is not None
     bare_us, energies_us = statistics.median(bare_each), statistics.median(energies_each)
     return {
         "name": case.name, "pseudo_periods": periods, "stretches_per_period": response.steps / periods, "bare_us_each": bare_each,
-        "energies_us_each": energies_each, "balance": response.energy.relative_error, "bare_us": bare_us, "energies_us": energies_us,
+        "energies_us_each": energies_each, "balance": there(response.energy).relative_error, "bare_us": bare_us, "energies_us": energies_us,
         "ratio": energies_us / bare_us,
     }  # fmt: skip
 

@@ -28,9 +28,8 @@ from impact_env.periodic.validation import BAR, CHATTER_BAR, map_over
 from optimisation.cli.common import command
 from optimisation.page import markdown
 from optimisation.progress import Bar
-from studies.one_table import table_options, table_place, table_study
 from studies.runner import run
-from studies.study import Json, Study
+from studies.study import Json, Study, table_options, table_place, table_study
 
 NAME = "benchmark_periodic"
 REPEATS, QUICK_REPEATS = 21, 3

@@ -19,9 +19,8 @@ from impact_env.parameters import ParameterError
 from optimisation.cli.common import command
 from optimisation.page import ROOT
 from optimisation.progress import Bar
-from studies.one_table import lines, table_options, table_place, table_study
 from studies.runner import run
-from studies.study import Json, Measured
+from studies.study import Json, Measured, lines, table_options, table_place, table_study
 from studies.variants import Variant
 
 NAME = "start"

@@ -1,8 +1,8 @@
 """Put the answers of design_gap to the test on twenty structures and ten drawn ones, beside fine scans over the gap."""
 
-from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,9 +15,8 @@ from optimisation.gap_advice import MEMBERS
 from optimisation.machine import sources
 from studies.drawn import CASES as DRAWN
 from studies.gaps import CASES, STEP, Case, Row, row
-from studies.one_table import lines, table_options, table_place
 from studies.runner import run
-from studies.study import Json, Measured, Part, Steps, Study, rows_by_case
+from studies.study import Json, Measured, Study, lines, rows_part, table_options, table_place
 
 NAME, HELD_OUT = "check_gaps", "check_gaps_held_out"  # also the page's markers
 QUICK_CASES, QUICK_STEP = (12, 19), 0.2
@@ -35,25 +34,9 @@ class Settings(NamedTuple):
     threads: int | None = None
     executor: Executor | None = None
 
-    @property
-    def told(self) -> Json:
-        """What the numbers depend on, as the file holds it."""
-        return {"members": self.members, "step": self.step, "rate": self.rate, "judges": self.judges}
 
-    def keep(self, values: Json) -> Json:
-        """Return the values of an earlier run with the same settings, else nothing."""
-        return values if all(values.get(name) == value for name, value in self.told.items()) else {}
-
-
-def _measure(given: Settings, known: Json) -> Steps:
-    def measured(case: Case) -> list[Json]:
-        return [asdict(row(case, given.members, given.step, given.rate, given.judges, given.threads, given.executor))]
-
-    cases: dict[tuple[str, int, float], Callable[[], list[Json]]] = {
-        (case.name, case.resonance, case.mass_ratio): partial(measured, case) for case in given.cases
-    }
-    for values in rows_by_case(cases, lambda found: (found["name"], found["resonance"], found["mass_ratio"]), known):
-        yield {**given.told, **values}
+def _measured(case: Case, given: Settings) -> list[Json]:
+    return [asdict(row(case, given.members, given.step, given.rate, given.judges, given.threads, given.executor))]
 
 
 def tables(measured: Measured) -> dict[str, str]:
@@ -89,17 +72,21 @@ def _table(found: list[Row]) -> str:
     return f"{table}\n\nWithin {TOLERATED:g} of the scan's lowest: {'; '.join(words)}."
 
 
+def _said(measured: Measured) -> str:
+    return "\n\n".join(tables(measured).values())
+
+
 STUDY: Study[Settings] = Study(
     (
-        Part(
+        rows_part(
             NAME,
             "the answers of design_gap beside fine scans",
-            measure=_measure,
-            markers=(NAME,),
+            cases=lambda given: {(case.name, case.resonance, case.mass_ratio): partial(_measured, case, given) for case in given.cases},
+            key=itemgetter("name", "resonance", "mass_ratio"),
+            text=_said,
+            told=lambda given: {"members": given.members, "step": given.step, "rate": given.rate, "judges": given.judges},
             sections=lambda found: {name: f"{table}\n\n{sources(found.conditions)}" for name, table in tables(found).items()},
-            steps=lambda given, known: len(given.cases) - len(known.get("rows", ())),
-            whole=lambda given, values: len(values["rows"]) == len(given.cases),
-            said=lambda found: "\n\n".join(tables(found).values()),
+            said=_said,
         ),
     ),
     kept="with --json the same command goes on from here.",
@@ -133,4 +120,4 @@ def main(
         cases = tuple(CASES[k] for k in QUICK_CASES) if quick else CASES + DRAWN
         step = QUICK_STEP if quick else STEP
         given = Settings(cases, members or MEMBERS, step, rate, judges, threads if found is None else None, found)
-        run(STUDY, given, table_place(target, page), keep=given.keep)
+        run(STUDY, given, table_place(target, page))

@@ -23,9 +23,8 @@ from optimisation.machine import Timed
 from optimisation.page import markdown
 from optimisation.progress import Bar
 from studies.cli.benchmark import CASES, START, Case, sweep_up
-from studies.one_table import table_options, table_place, table_study
 from studies.runner import run
-from studies.study import Json, Study
+from studies.study import Json, Study, table_options, table_place, table_study
 
 
 class Room(NamedTuple):

@@ -4,8 +4,9 @@ On the paper's beam at 3.5 N near the first resonance, the paper's absorber othe
 rule's is too narrow (docs/which_gap.md). Levels are those of fresh members, relative to no absorber.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,16 +22,14 @@ from optimisation.designs import Design, design_space
 from optimisation.evaluation import Progress
 from optimisation.executors import cluster_option, executor
 from optimisation.insight import SHOWN
-from optimisation.machine import sources
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
 from optimisation.search.judge import judged
 from optimisation.statistics import branches
 from optimisation.variables import FRICTION_LIMIT, GAP, IMPACT
-from studies.one_table import lines, table_options, table_place
 from studies.runner import run
-from studies.study import Json, Part, Steps, Study, rows_by_case
+from studies.study import Json, Measured, Study, lines, rows_part, table_options, table_place, with_sources
 
 LIMITS = (0.0, 0.002, 0.0125, 0.06, 0.1)  # N
 CASES = ((0.01, 1.0), (0.005, 1.0), (0.005, 1.4), (0.002, 1.4))  # damping ratio, and gap over the rule's
@@ -63,10 +62,6 @@ class Settings(NamedTuple):
     cases: tuple[tuple[float, float], ...]
     executor: Executor
 
-    def keep(self, values: Json) -> Json:
-        """Return the values of an earlier run with the same settings, else nothing."""
-        return values if values["members"] == self.members else {}
-
 
 def members_of(damping: float, members: int) -> int:
     """Return how many runs a point gets: fewer at less damping, whose sweeps take longer by its square, but a quarter at least."""
@@ -78,14 +73,9 @@ def _case(damping: float, gap: float, given: Settings) -> list[Json]:
         return list(rows(damping, gap, members_of(damping, given.members), given.executor, progress=show))
 
 
-def _measure(given: Settings, known: Json) -> Steps:
-    cases: dict[tuple[float, float], Callable[[], list[Json]]] = {case: partial(_case, *case, given) for case in given.cases}
-    for values in rows_by_case(cases, lambda row: (row["damping_ratio"], row["gap_over_rule"]), known):
-        yield {"members": given.members, **values}
-
-
-def table(found: Sequence[Json]) -> str:
+def table(measured: Measured) -> str:
     """Return a line for each friction limit of each case."""
+    found = measured.values["rows"]
     columns = {
         "damping, %": "{damping:g}",
         "gap over rule's": "{gap_over_rule:g}",
@@ -101,14 +91,15 @@ def table(found: Sequence[Json]) -> str:
 
 STUDY: Study[Settings] = Study(
     (
-        Part(
+        rows_part(
             NAME,
             "friction and branches",
-            measure=_measure,
-            markers=(NAME,),
-            sections=lambda measured: {NAME: f"{table(measured.values['rows'])}\n\n{sources(measured.conditions)}"},
-            said=lambda measured: table(measured.values["rows"]),
-            whole=lambda given, values: {(row["damping_ratio"], row["gap_over_rule"]) for row in values["rows"]} == set(given.cases),
+            cases=lambda given: {case: partial(_case, *case, given) for case in given.cases},
+            key=itemgetter("damping_ratio", "gap_over_rule"),
+            text=with_sources(table),
+            told=lambda given: {"members": given.members},
+            steps=None,
+            said=table,
         ),
     ),
     kept="what was finished is shown, and with --json the same command goes on from there.",
@@ -130,4 +121,4 @@ def main(quick: bool, members: int, threads: int | None, cluster: str | None, ta
     """
     with plain_errors(), executor(threads, cluster) as where:
         given = Settings(members, CASES[:1] if quick else CASES, where)
-        run(STUDY, given, table_place(target, page), keep=given.keep)
+        run(STUDY, given, table_place(target, page))

@@ -10,6 +10,8 @@ counts is the judged level of the winner, and the seeds tell how far that is luc
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import product
+from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,9 +31,8 @@ from optimisation.search.find import BARS, Plan, find
 from optimisation.search.noisy import MAP, NOISY, REPLICATED
 from optimisation.search.settings import CMA, RANDOM, SAMPLERS
 from optimisation.statistics import ratio_of_quantiles
-from studies.one_table import lines
 from studies.runner import run
-from studies.study import Json, Measured, Part, Steps, Study, beside, rows_by_case
+from studies.study import Json, Measured, Study, beside, lines, rows_part
 
 METHODS = (CMA, RANDOM, REPLICATED, MAP)
 LABELS = SAMPLERS | NOISY
@@ -98,7 +99,6 @@ NAME = "search_methods"
 QUICK_OUT = Path("results/search_methods")
 OUT = published(DOCS, QUICK_OUT)
 SECTION, MACHINE = "searches:levels", "searches:machine"
-Key = tuple[str, str, int]
 
 
 class Settings(NamedTuple):
@@ -116,14 +116,6 @@ class Settings(NamedTuple):
         """What the numbers depend on, as the file holds it."""
         return {name: x for name, x in self._asdict().items() if name != "executor"} | {"questions": list(self.questions)}
 
-    def keep(self, values: Json) -> Json:
-        """Return the values of an earlier run with the same settings, else nothing."""
-        return values if values["settings"] == self.told else {}
-
-    def searches(self) -> list[Key]:
-        """Return the keys of all searches, seed by seed, so that a run that is stopped has all methods."""
-        return [(question, method, seed) for seed in range(self.seeds) for question in self.questions for method in METHODS]
-
 
 def trial(question: str, method: str, seed: int, given: Settings) -> Trial:
     """Search and judge; raises KeyboardInterrupt if one ended it, or no design came to its end."""
@@ -137,13 +129,14 @@ def trial(question: str, method: str, seed: int, given: Settings) -> Trial:
     return Trial(question, method, seed, found.cost.runs, thought, winner.score.values[0], winner.members[0].tolist(), dict(winner.design.values))
 
 
-def _measure(given: Settings, known: Json) -> Steps:
-    def run(key: Key) -> list[Json]:
-        return [asdict(trial(*key, given))]
+def _searches(given: Settings) -> dict[tuple[str, str, int], Callable[[], list[Json]]]:
+    """Return all searches, seed by seed, so that a run that is stopped has all methods."""
 
-    cases: dict[Key, Callable[[], list[Json]]] = {key: partial(run, key) for key in given.searches()}
-    for values in rows_by_case(cases, lambda row: (row["question"], row["method"], row["seed"]), known):
-        yield {"settings": given.told, **values}
+    def run(question: str, method: str, seed: int) -> list[Json]:
+        return [asdict(trial(question, method, seed, given))]
+
+    every = product(range(given.seeds), given.questions, METHODS)
+    return {(question, method, seed): partial(run, question, method, seed) for seed, question, method in every}
 
 
 def table(measured: Measured) -> str:
@@ -167,13 +160,16 @@ def table(measured: Measured) -> str:
 
 STUDY: Study[Settings] = Study(
     (
-        Part(
+        rows_part(
             NAME,
             "searches for the same cost",
-            measure=_measure,
+            cases=_searches,
+            key=itemgetter("question", "method", "seed"),
+            text=table,
+            told=lambda given: {"settings": given.told},
+            steps=None,
             markers=(SECTION, MACHINE),
             sections=lambda measured: {SECTION: table(measured), MACHINE: sources(measured.conditions)},
-            whole=lambda given, values: len(values["rows"]) == len(given.searches()),
             said=table,
         ),
     ),
@@ -197,4 +193,4 @@ def main(quick: bool, question: tuple[str, ...], threads: int | None, cluster: s
     """
     with plain_errors(), executor(threads, None if redraw else cluster) as where:
         given = Settings(where, question or tuple(QUESTIONS), **(QUICK if quick else FULL))
-        run(STUDY, given, beside(out or (QUICK_OUT if quick else OUT), NAME), redraw=redraw, keep=given.keep)
+        run(STUDY, given, beside(out or (QUICK_OUT if quick else OUT), NAME), redraw=redraw)

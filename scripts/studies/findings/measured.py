@@ -20,7 +20,8 @@ from optimisation.search.judge import Audit
 from optimisation.search.pareto import BY_RESONANCE, CORNER, FORCES, bounds_of, compare_with_random, front_summary, judge_front, search_front
 from optimisation.search.settings import default_settings
 from optimisation.variables import IMPACT
-from studies.findings.parts import AT, Json, Settings
+from studies.findings.parts import AT, Settings
+from studies.study import Json, there
 
 with optional():
     import distributed
@@ -86,12 +87,11 @@ def front(study: Settings) -> Json:
     found = compare_with_random(judge_front(found, study.executor), settings, seeds, study.executor) if found.finished else found
     if not found.finished:
         raise KeyboardInterrupt
-    assert found.fresh is not None
     arrays: dict[str, Any] = {
         "labels": [o.label for o in problem.objectives],
         "front_scores": [list(e.score.values) for e in found.members],
         "searched": [list(e.score.values) for e in found.told],
-        "fresh": [list(judged.score.values) for judged in found.fresh],
+        "fresh": [list(judged.score.values) for judged in there(found.fresh)],
         "bound": bounds_of(found).tolist(),
     }
     return front_summary(found) | arrays

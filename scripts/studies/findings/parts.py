@@ -23,8 +23,8 @@ from optimisation.search.find import BARS, Plan, find
 from optimisation.search.judge import Findings
 from optimisation.tuned import minimax
 from optimisation.variables import FRICTION, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, POSITION, SEVERAL, TUNED, VARIABLES
+from studies.study import Json, there
 
-Json = dict[str, Any]
 AT = ((1, 3.5), (2, 35.0))  # resonance and force in N: the paper's optimum at either
 Point = tuple[int, float]
 Bounds = Mapping[str, tuple[float, float]]
@@ -74,8 +74,8 @@ def _numbers(values: np.ndarray) -> list[Any]:
 
 
 def _found(found: Findings) -> Json:
-    assert found.verdict is not None
-    members = {"members_winner": _numbers(found.verdict.winner.members[0]), "members_paper": _numbers(found.verdict.paper.members[0])}
+    verdict = there(found.verdict)
+    members = {"members_winner": _numbers(verdict.winner.members[0]), "members_paper": _numbers(verdict.paper.members[0])}
     return summary(found) | members
 
 
@@ -91,8 +91,7 @@ def concepts(study: Settings) -> Json:
     for concept in VARIABLES:
         problem = study.problem(concept, AT)
         found = study.find(f"concepts-{concept}", problem, round((PAIRS if concept == SEVERAL else 1) * study.designs))
-        assert found.verdict is not None
-        both = [found.verdict.winner.design, found.verdict.paper.design]
+        both = [there(found.verdict).winner.design, there(found.verdict).paper.design]
         curves = []
         for condition in problem.conditions:
             conditions = over_force(condition, np.geomspace(condition.force / SPAN, condition.force * SPAN, study.points))

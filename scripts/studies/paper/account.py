@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impact_env import Beam, Response, Scene, beam_scene, impact_absorber, simulate
 from impact_env.energy import mechanical_energy
@@ -12,9 +11,8 @@ from impact_env.ensemble import Lane, draw_members
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.periodic.case import start_from
 from studies.paper.curve import WATCHED, both_ways, level_at, part_of
-from studies.paper.frame import there
+from studies.study import Array, there
 
-Array = NDArray[np.float64]
 SAMPLES = 4096  # per pseudo period: what a mode dissipates between an impact and the next sample is small up to the tenth mode
 APART = 0.05  # pseudo periods: impacts that follow each other more closely are one contact, in which high modes bounce
 

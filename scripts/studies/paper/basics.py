@@ -5,7 +5,6 @@ from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.stats import bootstrap, norm
 
 from impact_env import Beam, RigidWalls, Scene, StuckAbsorber, TunedAbsorber, beam_scene, impact_absorber, modal_model, simulate
@@ -26,11 +25,10 @@ from optimisation.tuned import PAPER, den_hartog, highest_amplitude, minimax, pa
 from studies.paper import high_low, jump
 from studies.paper.claim import SAME, Claim, Verdict, about, claim, interval, judged, within
 from studies.paper.curve import WATCHED, both_ways, level_in
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn, there
+from studies.paper.frame import PaperFigure, Settings, Size, in_turn
 from studies.paper.style import LOOKS, MM, REFERENCE, legends, line, panels, signal
-from studies.study import Json, Steps
+from studies.study import Array, Json, Steps, there
 
-Array = NDArray[np.float64]
 GAP = RigidWalls.gap
 ENTRY_FORCES = (3.5, 5.0, 10.0, 20.0)  # N, at which the first impact of a sweep is looked for
 FIRST = 12  # impacts after which rounding has not yet grown

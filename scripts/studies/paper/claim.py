@@ -11,10 +11,11 @@ from string import Formatter
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from impact_env.curve import BAND, quantiles
 from impact_env.parameters import require
+from studies.study import Array
 
 # the one rule of tolerances: what the words of a statement allow, in numbers, the same for all claims; the page prints it
 INFINITY = float("inf")
@@ -129,7 +130,7 @@ def chance(low: float, high: float) -> Verdict:
     return Verdict.HOLDS if low >= OFTEN else Verdict.SPREAD if high > RARE else Verdict.NOT
 
 
-def bands(values: ArrayLike) -> NDArray[np.float64]:
+def bands(values: ArrayLike) -> Array:
     """Return 5 %, median and 95 % over the last axis, the members; NaN is left out."""
     return quantiles(values, (BAND[0], 0.5, BAND[1]))
 

@@ -27,11 +27,10 @@ from impact_env.periodic.stationary import Criteria, longest_pause
 from impact_env.response import DEFAULT_SAMPLES, Record, Response
 from optimisation.report.figures import force_axis
 from studies.paper.claim import bands, spread
-from studies.paper.frame import Settings, there
+from studies.paper.frame import Settings
 from studies.paper.style import MM, Look, banded, level_of_nothing
-from studies.study import Json
+from studies.study import Array, Json, there
 
-Array = NDArray[np.float64]
 WATCHED = Record(level=False, events=True, series=True, energy=True)
 SERIES = Record(level=False, events=True, series=True)
 
@@ -283,7 +282,7 @@ def ranges_of(curve: Curve) -> Ranges:
     return operating_ranges(curve.forces, curve.impacting, curve.sustained)
 
 
-def slopes(curve: Curve, inside: NDArray[np.bool_]) -> NDArray[np.float64]:
+def slopes(curve: Curve, inside: NDArray[np.bool_]) -> Array:
     """Return d log(level)/d log(force) of each member, (M,), by least squares over the forces ``inside`` (F,): 1 is proportional, 0 saturated.
 
     NaN where that is fewer than two forces.

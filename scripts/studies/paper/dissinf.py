@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from impact_env import Moreau, Scene, beam_scene
 from impact_env.curve import BAND, quantiles
@@ -30,10 +29,9 @@ from studies.paper.curve import (
 )  # fmt: skip
 from studies.paper.frame import PaperFigure, Settings, Size, in_turn
 from studies.paper.style import LOOKS, MM, REFERENCE, Look, line, panels, signal
-from studies.study import Json, Steps
+from studies.study import Array, Json, Steps
 
 LABEL = "dissinf"
-Array = NDArray[np.float64]
 LIMITS = (0.1, 0.5, 1.0)  # N; the paper's own ones but for 0.1 N are not in its text
 RESTITUTION = 0.7
 SWEPT, SWEPT_LIMIT = 5.0, 0.5  # N: force and friction limit of the sweeps

@@ -111,12 +111,6 @@ class PaperFigure:
         return {marker(self.label): "\n\n".join([drawn, folded("Numbers", self.words(measured.values)), made])}
 
 
-def there(value: T | None) -> T:
-    """Return what a run was asked to record, which is None only where it was not."""
-    assert value is not None
-    return value
-
-
 def marker(label: str) -> str:
     """Return the name of a figure's section on the page."""
     return f"{NAME}:{label}"

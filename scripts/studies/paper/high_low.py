@@ -23,9 +23,9 @@ from optimisation.page import markdown
 from studies.paper.branches import HARMONICS, balance, draw, responses
 from studies.paper.claim import INFINITY, OFTEN, Claim, between, chance, claim, interval, judged
 from studies.paper.curve import Chaos
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn, there
+from studies.paper.frame import PaperFigure, Settings, Size, in_turn
 from studies.paper.style import FAINT, MM, legend_below, panels
-from studies.study import Json, Steps
+from studies.study import Json, Steps, there
 
 LABEL = "high_low"
 MODES, FRICTION, FORCES = 3, 0.01, {"medium": 1.5, "high": 3.0}  # N: limit of friction, and the paper's two forces

@@ -19,9 +19,9 @@ from optimisation.progress import sweeps_bar
 from studies.paper.branches import draw, responses
 from studies.paper.claim import INFINITY, MUCH, Claim, bands, chance, claim, interval, judged, middle, spread
 from studies.paper.curve import level_in
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn, there
+from studies.paper.frame import PaperFigure, Settings, Size, in_turn
 from studies.paper.style import LOOKS, MM, Look, legend_below, legends, panels
-from studies.study import Json, Steps
+from studies.study import Json, Steps, there
 
 LABEL = "jump"
 MODES, FRICTION, FORCES = 2, 0.025, {"medium": 1.5, "high": 3.0}  # N

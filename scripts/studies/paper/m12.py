@@ -20,10 +20,9 @@ from studies.paper.claim import MUCH, Claim, claim, spread
 from studies.paper.curve import Curve, best_forces, curve_of, curves, draw_curve, force_grid, inset_of, level_axes, plain_curve
 from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened
 from studies.paper.style import LOOKS, MM, REFERENCE, Look, line, panels
-from studies.study import Json, Steps, Table
+from studies.study import Array, Json, Steps, Table
 
 LABEL = "m12"
-Array = NDArray[np.float64]
 PAPERS_BEST = {1: 3.5, 2: 35.0}  # N, by resonance
 PAPER_LIMIT = 0.5  # N, the paper's friction damper
 

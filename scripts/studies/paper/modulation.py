@@ -16,7 +16,6 @@ from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from impact_env import Beam, Drive, Record, RigidWalls, Scene, beam_scene, constant_frequency, impact_absorber, simulate
 from impact_env.energy import mechanical_energy
@@ -26,9 +25,9 @@ from impact_env.periodic.case import start_from
 from impact_env.periodic.stationary import window_of
 from studies.paper.claim import Claim, claim, interval
 from studies.paper.curve import WATCHED, Chaos
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened, there
+from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened
 from studies.paper.style import LOOKS, legends, line, panels
-from studies.study import Json, Steps, Table
+from studies.study import Array, Json, Steps, Table, there
 
 LABEL = "modulation"
 Case = tuple[Scene, Json, float]  # a scene under a force in N, and what is said of that
@@ -76,7 +75,7 @@ class Exchange:
         }
 
 
-def depth(peaks: NDArray[np.float64]) -> float:
+def depth(peaks: Array) -> float:
     """Return (a - b)/(a + b) with the 95 and 5 % quantiles a and b of the periods' largest |q_tip|, (M,)."""
     low, high = np.quantile(peaks, ENDS)
     return float((high - low) / (high + low))
@@ -231,7 +230,7 @@ def _draw(values: Json) -> Figure:
     return figure
 
 
-def _columns(rows: list[Json], name: str) -> NDArray[np.float64]:
+def _columns(rows: list[Json], name: str) -> Array:
     """Return median, 5 and 95 % and the nominal member of all rows, (4, rows)."""
     return np.array([row[name] for row in rows]).T
 

@@ -10,7 +10,6 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from impact_env import Beam, Moreau, RigidWalls, Scene, beam_scene, impact_absorber
 from impact_env.curve import BAND, quantiles
@@ -35,7 +34,7 @@ from studies.paper.curve import (
 )  # fmt: skip
 from studies.paper.frame import PaperFigure, Settings, Size, in_turn
 from studies.paper.style import FAINT, LOOKS, MM, REFERENCE, Look, legend_below, legends, line, panels, signal
-from studies.study import Json, Steps
+from studies.study import Array, Json, Steps
 
 LABEL = "oprangeTWO"
 NONE, ONE, THREE, LOSSY, BOTH = "none", "1 mode, e = 1", "3 modes, e = 1", "1 mode, e = 0.75", "3 modes, e = 0.75"
@@ -124,7 +123,7 @@ def gap_of_isola(orbits: Json) -> float:
     return max(0.0, float(min(np.min(other) for other in others) - max(np.max(own) for own in closed)))
 
 
-def _near(values: Json, name: str) -> NDArray[np.float64]:
+def _near(values: Json, name: str) -> Array:
     """Return each member's largest |q_tip| near omega_1 over that without absorber at the same force, (M,)."""
     sweeps, alone = values[f"sweeps, {name}"], max(values[f"orbits, {name}"]["linear"]["alone"])
     return np.maximum(sweeps["up"]["near"], sweeps["down"]["near"]) / alone

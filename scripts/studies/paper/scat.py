@@ -6,7 +6,6 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from impact_env import Beam, Scene, beam_scene, simulate
 from impact_env.drive import PAPER_LIMITS, PAPER_RATE, linear_sweep
@@ -17,12 +16,11 @@ from impact_env.response import DEFAULT_SAMPLES
 from studies.paper.account import accounted, critical, lanes_of, scene
 from studies.paper.claim import LEFT, MUCH, Claim, claim, spread
 from studies.paper.curve import WATCHED, curve_of, curves
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened, there
+from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened
 from studies.paper.style import LOOKS, MM, banded, legends, level_of_nothing, panels, signal
-from studies.study import Json, Steps, Table
+from studies.study import Array, Json, Steps, Table, there
 
 LABEL = "scat"
-Array = NDArray[np.float64]
 HIGH, LOW = 5.0, 1.5  # N
 NEAR_PERIODS = 130  # pseudo periods around omega_1, 0.9935 to 1.0065 of it
 SIXTH = 5  # from this mode on, counted from 0, the paper sees complete dissipation and a uniform distribution

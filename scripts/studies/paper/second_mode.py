@@ -10,7 +10,6 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from impact_env import Beam, Moreau, Scene, beam_scene
@@ -20,11 +19,10 @@ from optimisation.report.figures import force_axis
 from studies.paper.account import SAMPLES, accounted, critical, lanes_of, scene, window_around
 from studies.paper.claim import Claim, claim, spread
 from studies.paper.curve import curve_of, curves, level_at
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened, there
+from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened
 from studies.paper.style import LOOKS, banded, legends, level_of_nothing, panels, signal
-from studies.study import Json, Steps, Table
+from studies.study import Array, Json, Steps, Table, there
 
-Array = NDArray[np.float64]
 FORCE = 3.0
 TOLD = 0.75 * 0.02, 1.25 * 0.03  # of the first mode's energy: what an impact passes on by the paper, "about 2 to 3 %"
 SIGNAL_PERIODS, THINNED = 2.0, 8  # of the energies over time, and every which sample of it is kept

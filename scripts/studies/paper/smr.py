@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from impact_env import Beam, ModalModel, RigidWalls, Scene, beam_scene, constant_frequency, impact_absorber, modal_model, simulate
 from impact_env.energy import mechanical_energy
@@ -21,9 +20,9 @@ from impact_env.response import DEFAULT_SAMPLES
 from optimisation.page import markdown
 from studies.paper.claim import LEFT, Claim, about, claim, judged, middle, spread
 from studies.paper.curve import SERIES
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn, there
+from studies.paper.frame import PaperFigure, Settings, Size, in_turn
 from studies.paper.style import FAINT, LOOKS, MM, REFERENCE, Look, legends, panels, signal
-from studies.study import Json, Steps
+from studies.study import Array, Json, Steps, there
 
 LABEL = "SMR"
 FORCE = 1.7  # N
@@ -41,7 +40,6 @@ COUNTS = {  # what is counted in the periods of all members, over which edges
     "impacts, low": np.arange(-0.5, 7.5),
     "share": np.linspace(0.5, 1.0, 26),
 }
-Array = NDArray[np.float64]
 
 
 def scene() -> Scene:

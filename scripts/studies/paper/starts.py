@@ -8,19 +8,17 @@ from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from impact_env import Beam, InitialState, RigidWalls, Scene, beam_scene, impact_absorber, simulate
 from impact_env.drive import PAPER_LIMITS, Drive, linear_sweep
 from impact_env.ensemble import Lane, draw_members
 from studies.paper.claim import SAME, Claim, Verdict, bands, between, claim, interval
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened, there
+from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened
 from studies.paper.style import LOOKS, banded, legends, panels
-from studies.study import Json, Table
+from studies.study import Array, Json, Table, there
 
 LABEL = "starts"
 CHOICES = ("paper's", "position", "frequency", "both")  # what is drawn at random
-Array = NDArray[np.float64]
 
 
 def scenes() -> dict[str, Scene]:

@@ -17,6 +17,7 @@ from impact_env.ensemble import Executor, draw_members
 from impact_env.parameters import Beam, count, finite, impact_absorber, positive, require
 from impact_env.periodic.residence import Approach, Range, exit_rate, jumps, stays
 from impact_env.periodic.stationary import QUANTILES, Kind, envelope, stationary_members
+from studies.study import there
 
 PAPER, STRIP, RECOMMENDED = "paper", "strip", "recommended"
 
@@ -162,9 +163,8 @@ def _stay(case: Case, ratio: float, settings: Settings) -> list[Row]:
 
 
 def _sweep(case: Case, slowness: float, settings: Settings) -> list[Row]:
-    assert case.sweep is not None
     drawn = _phases(settings.sweep_members, settings.seed + 1)
-    at, limits = (case.scene, case.force, case.approach, case.sweep, slowness, drawn), (settings.silence, case.high_level)
+    at, limits = (case.scene, case.force, case.approach, there(case.sweep), slowness, drawn), (settings.silence, case.high_level)
     found = jumps(*at, *limits, threads=settings.threads, executor=settings.executor)
     low, high = found.interval()
     counts = {"runs": found.runs, "present": found.present, "jumped": found.jumped, "high_level": found.high}
@@ -173,8 +173,7 @@ def _sweep(case: Case, slowness: float, settings: Settings) -> list[Row]:
 
 def _one_way(case: Case, way: str, slowness: float, settings: Settings) -> list[Row]:
     """Return how many of twice the members leave between the two ratios in a sweep down or up; before one up they come down to its start."""
-    assert case.both_ways is not None
-    high, low = case.both_ways
+    high, low = there(case.both_ways)
     over = Range(high + BEFORE, high, low, low - AFTER) if way == WAYS[0] else Range(low - BEFORE, low, high, high + AFTER)
     drawn = _phases(2 * settings.sweep_members, settings.seed + 2)
     at = (case.scene, case.force, case.approach, over, slowness, drawn)

@@ -21,6 +21,7 @@ from impact_env.parameters import (
     friction_damper,
     impact_absorber,
 )
+from studies.study import there
 
 STATIC = Beam().static_tip_stiffness  # 3 EI / l^3 in N/m
 GAP = RigidWalls.gap
@@ -214,9 +215,7 @@ def _at(_scene: Scene, displacement: float = 0.0, velocity: float = 0.0) -> Init
 def _peak_per_newton(modes: int, periods: float) -> float:
     """Return the largest tip displacement of the bare beam per newton (m/N)."""
     scene = beam_scene(Beam(modes=modes))
-    response = simulate(scene, Drive(1.0, _constant(scene, periods)), record=Record(samples_per_period=512))
-    assert response.level is not None
-    return response.level.max_tip
+    return there(simulate(scene, Drive(1.0, _constant(scene, periods)), record=Record(samples_per_period=512)).level).max_tip
 
 
 def _peak_at(scene: Scene, displacement: float) -> Drive:

@@ -13,6 +13,7 @@ from impact_env.sweep import IntegrationError, simulate
 from optimisation.machine import peak_memory
 from reference.dense import Truth, follow
 from studies.stability.cases import EXACT, MOREAU, Case
+from studies.study import there
 
 SAMPLES = 32  # per pseudo period
 LEAST_SAMPLES = 33
@@ -97,10 +98,7 @@ def _cut(drive: Drive, end: float) -> Drive:
 
 
 def _fill(cell: Cell, case: Case, scene: Scene, drive: Drive, initial: InitialState, response: Response) -> None:
-    assert response.history is not None
-    assert response.energy is not None
-    cell.impacts, cell.wall_s = response.impact_count, response.wall_time
-    cell.balance = response.energy.relative_error
+    cell.impacts, cell.wall_s, cell.balance = response.impact_count, response.wall_time, there(response.energy).relative_error
     if isinstance(response.method, Moreau):
         cell.identity = _left_over(scene, initial, response)
     half = _run(scene, _cut(drive, 0.5 * float(drive.schedule.times[-1])), initial, response.method, _samples(drive))
@@ -124,8 +122,7 @@ def _truth(case: Case) -> Truth:
 
 
 def _deviation(expected: Truth, response: Response) -> float:
-    history = response.history
-    assert history is not None
+    history = there(response.history)
     count = min(len(expected.time), len(history.time))
     tip = history.tip_displacement[:count]
     distance = np.abs(tip - expected.tip[:count])
@@ -143,8 +140,7 @@ def _penetration(scene: Scene, response: Response) -> float | None:
     walls = scene.absorber.walls if isinstance(scene.absorber, SlidingAbsorber) else None
     if not isinstance(walls, RigidWalls):
         return None
-    history = response.history
-    assert history is not None
+    history = there(response.history)
     relative = history.absorber_displacement - history.tip_displacement
     depth = max(0.0, float(np.max(np.abs(relative))) - walls.gap)
     return depth / (walls.gap + float(np.max(np.abs(history.absorber_displacement))))
@@ -155,8 +151,7 @@ def _left_over(scene: Scene, initial: InitialState, response: Response) -> float
 
     With the mean velocity of each step the scheme's balance closes exactly but for that term.
     """
-    assert response.energy is not None
-    n, model, account = scene.model.modes, scene.model, response.energy
+    n, model, account = scene.model.modes, scene.model, there(response.energy)
     dt = float(response.drive.schedule.times[-1]) / response.steps
 
     def kinetic(state: np.ndarray) -> float:
@@ -172,21 +167,18 @@ def _left_over(scene: Scene, initial: InitialState, response: Response) -> float
 
 def _scale(response: Response) -> float:
     """Return the largest term of the energy balance in J."""
-    account = response.energy
-    assert account is not None
+    account = there(response.energy)
     losses = float(np.sum(account.modal_loss)), account.friction_loss, account.impact_loss, account.absorber_damping
     return max(abs(account.work), account.stored_at_start, account.stored_at_end, *map(abs, losses))
 
 
 def _drift(scene: Scene, response: Response, half: Response, conserved: bool) -> float:
     """Return the change of the balance over the second half, per pseudo period; for a conserved case that of the stored energy itself."""
-    assert response.energy is not None
-    assert half.energy is not None
     scale = _scale(response)
     if conserved:
         change = stored_energy(scene, response.end_state) - stored_energy(scene, half.end_state)
     else:
-        change = response.energy.balance_error - half.energy.balance_error
+        change = there(response.energy).balance_error - there(half.energy).balance_error
     return abs(change) / (scale if scale > 0 else 1.0) / (0.5 * response.drive.schedule.periods)
 
 

@@ -11,6 +11,7 @@ from impact_env.parameters import Absorber
 from impact_env.response import Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import IntegrationError, simulate
+from studies.study import there
 
 SEARCHES, QUICK_SEARCHES = 1_000_000, 20_000  # of all cases together
 SWEEP = (0.93, 1.05)  # frequencies over the first resonance that runs begin at
@@ -114,12 +115,11 @@ def check(name: str, searches: int, seed: int) -> Checked:
         stop = start + WIDTH * float(generator.choice([-1, 1]))
         drive = Drive(force, linear_sweep(omega, start, stop, RATE), phase)
         try:
-            found = simulate(scene, drive, record=RECORD, most_events=searches).check
+            found = there(simulate(scene, drive, record=RECORD, most_events=searches).check)
         except IntegrationError as error:
             if "budget" not in str(error) or error.response is None:
                 raise
-            found = error.response.check
-        assert found is not None
+            found = there(error.response.check)
         result.searches += found.searches
         result.misses += found.misses
         result.worst = max(result.worst, found.worst)

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.optimize
-from numpy.typing import NDArray
 
 from impact_env import Beam, CompliantWalls, Drive, FrequencySchedule, InitialState, Scene, SlidingAbsorber, TunedAbsorber, beam_scene
 from impact_env.families import Observers, family
 from impact_env.frequency import joint_matrices
 from impact_env.kernels.motion.observers import DONE, Series, new_counters
 from impact_env.methods import Method, Moreau, RungeKutta
+from studies.study import Array
 
 MOREAU, RUNGE_KUTTA = "moreau", "runge-kutta"
 MAKE: dict[str, type[Moreau | RungeKutta]] = {MOREAU: Moreau, RUNGE_KUTTA: RungeKutta}
@@ -76,14 +76,14 @@ class Limit:
         return abs(self.found_s / self.theory_s - 1) <= AGREE
 
 
-def first_order(scene: Scene) -> NDArray[np.float64]:
+def first_order(scene: Scene) -> Array:
     """Return the matrix of the linear scene with its spring closed, in displacements and velocities."""
     mass, damping, stiffness = _matrices(scene)
     zero, inverse = np.zeros_like(mass), np.diag(1 / np.diag(mass))
     return np.block([[zero, np.eye(len(mass))], [-inverse @ stiffness, -inverse @ damping]])
 
 
-def _matrices(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _matrices(scene: Scene) -> tuple[Array, Array, Array]:
     """Return mass, damping and stiffness; a wall's spring that is closed is a tuned absorber's without a damper."""
     absorber = scene.absorber
     if isinstance(absorber, SlidingAbsorber):

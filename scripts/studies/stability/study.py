@@ -16,10 +16,9 @@ from optimisation.executors import Pool
 from optimisation.machine import sources
 from optimisation.page import markdown, published
 from optimisation.report.figures import write_figure
-from studies.one_table import lines
 from studies.stability.cells import FAILED, GOOD, REFUSED, WEAK, Cell
 from studies.stability.tasks import Results, finished, gather, tasks
-from studies.study import Json, Measured, Part, Steps, Study, Table
+from studies.study import Json, Measured, Part, Steps, Study, Table, lines
 
 NAME = "stability"
 COMPILE_S = 240.0  # at most, for the kernels of a kind of scene
