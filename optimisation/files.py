@@ -1,48 +1,17 @@
-"""Output files, written whole or not at all, and finished pieces of long work, from which a stopped or killed run goes on."""
+"""Output files, written whole or not at all."""
 
 import csv
 import gzip
 import json
 import math
 import os
-import sys
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from impact_env.kernels.compiling.cache import digest
-from impact_env.parameters import ParameterError, require
-from impact_env.periodic.keeping import P
+from impact_env.parameters import require
 from impact_env.plain_files import replacing as replacing
-
-
-def append(path: Path, content: bytes) -> None:
-    """Add to the end of a file, or leave it as it was: a system may write a part only, and a disk may be full. Raises OSError then."""
-    with path.open("ab", buffering=0) as file:
-        begin, left = file.seek(0, os.SEEK_END), memoryview(content)
-        try:
-            while left:
-                left = left[file.write(left) :]
-        except BaseException:
-            file.truncate(begin)
-            raise
-
-
-@contextmanager
-def held(path: Path, refusal: ParameterError) -> Iterator[None]:
-    """Hold a file for this process; the system lets go of it however the process ends. Raises ``refusal`` if another holds it.
-
-    The file itself is locked, but on Windows, where nothing else could read it then, one beside it.
-    """
-    from filelock import lock_descriptor  # only studies that go on where they were killed need it
-
-    lock = path.with_name(f"{path.name}.lock") if sys.platform == "win32" else path
-    with lock.open("ab") as handle:
-        if not lock_descriptor(handle.fileno(), blocking=False):
-            raise refusal
-        yield
 
 
 def require_writable(name: str, folder: Path) -> None:
@@ -106,50 +75,3 @@ def read_json(path: Path) -> Any:
         return json.loads(gzip.decompress(content) if path.suffix == ".gz" else content)
     except (EOFError, zlib.error) as error:
         raise ValueError(f"{path.name} is not whole: {error}") from error
-
-
-Json = dict[str, Any]
-FORM = "pieces 1"
-
-
-class Pieces:
-    """Pieces that are kept in ``path`` (None: nowhere) for the work that ``basis`` describes; other work may have its pieces in the same file.
-
-    A piece is known again by basis, name and the kernels' sources. Each is written as soon as it is finished, and the file is always whole. Raises
-    ParameterError for a file that is something else.
-    """
-
-    def __init__(self, path: Path | None, basis: Json, option: str = "--resume") -> None:
-        self._path = path
-        self._basis = basis | {"kernels": digest()}
-        self._known: dict[str, list[Json]] = {}
-        self._refusal = f"{option} = {path} is not allowed: a file that this option has written before, or none yet"
-        if path is not None and path.exists():
-            self._known = self._read(path)
-
-    def _read(self, path: Path) -> dict[str, list[Json]]:
-        try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-            if content["form"] != FORM:
-                raise ValueError(f"form {content['form']}")
-            return {str(piece["name"]): list(piece["values"]) for piece in content["pieces"]}
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise ParameterError(f"{self._refusal} ({error})") from error
-
-    def __call__(self, name: Json, make: Callable[[], Iterator[P]], read: Callable[[Json], P], /) -> Iterator[P]:
-        """Yield the pieces of ``make``, from the file by ``read`` if they were finished before for the same basis and ``name``."""
-        key = json.dumps(self._basis | name, sort_keys=True)
-        if key in self._known:
-            try:
-                pieces = [read(value) for value in self._known[key]]
-            except (ValueError, KeyError, TypeError, AttributeError) as error:
-                raise ParameterError(f"{self._refusal} ({error})") from error
-            yield from pieces
-            return
-        done: list[Json] = []
-        for piece in make():
-            done.append(piece.to_plain())
-            yield piece
-        if self._path is not None:
-            self._known[key] = done
-            write_json(self._path, {"form": FORM, "pieces": [{"name": k, "values": values} for k, values in self._known.items()]})

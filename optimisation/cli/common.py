@@ -88,8 +88,8 @@ def out_option(folder: str, words: str = "Folder for figure and tables.") -> Cal
 
 
 def check_targets(given: dict[str, Any], *suffixes: str) -> None:
-    """Check --json (``suffixes``: .json unless given), --csv, --plot and --resume, as far as a command has them."""
-    allowed = {"json": suffixes or (".json",), "csv": (".csv",), "plot": FIGURES, "resume": (".json",)}
+    """Check --json (``suffixes``: .json unless given), --csv and --plot, as far as a command has them."""
+    allowed = {"json": suffixes or (".json",), "csv": (".csv",), "plot": FIGURES}
     for name, endings in allowed.items():
         check_target(f"--{name}", given.get(name), endings)
 
@@ -101,7 +101,7 @@ seed_option = click.option("--seed", type=click.IntRange(min=0), default=0, show
 RATE_HELP = "Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]"
 rate_option = click.option("--rate", type=float, help=RATE_HELP)
 plot_option = file_option("--plot", "Draw it: .png, .pdf or .svg.")
-RESUME = "Keep each finished piece in this .json file, and take from it what is there: goes on where a run was stopped."
+RESUME = "Keep each finished piece in this file, and take from it what is there: goes on where a run was stopped."
 resume_option = file_option("--resume", RESUME)
 
 

@@ -1,7 +1,7 @@
 """Frequency response of periodic motions: exact branches with their stability, harmonic balance, linear curves, and sweeps over them."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import Any
 
 import click
@@ -18,7 +18,8 @@ from impact_env.plain import from_scene
 from optimisation.cli import common
 from optimisation.cli.scene_options import is_given, make_scene, refuse_parts, scene_options
 from optimisation.executors import cluster_option, workers
-from optimisation.files import Pieces, write_files
+from optimisation.files import write_files
+from optimisation.kept import Kept
 from optimisation.page import markdown
 from optimisation.progress import Bar
 from optimisation.report.periodic_figures import save_figure
@@ -60,9 +61,9 @@ def computed(given: dict[str, Any], executor: Executor | None = None) -> Overvie
     sweeps = ((low, high), (high, low)) if given["sweeps"] else ()
     rate = default_rate(scene.model, (given["resonance"],)) if given["rate"] is None else given["rate"]
     asked = Asked(given["method"] != BALANCE, given["pairs"], balance, sweeps, rate, stationary_runs(given, executor), hill)
-    keep = Pieces(given["resume"], {"scene": from_scene(scene), "force": float(given["force"]), "reference": reference})
-    with following(reference) as show:
-        return overview(scene, given["force"], reference, low, high, asked, show, keep)
+    basis = {"scene": from_scene(scene), "force": float(given["force"]), "reference": reference}
+    with closing(Kept(given["resume"])) as kept, following(reference) as show:
+        return overview(scene, given["force"], reference, low, high, asked, show, kept.pieces(basis))
 
 
 def stationary_runs(given: dict[str, Any], executor: Executor | None = None) -> StationaryRuns | None:

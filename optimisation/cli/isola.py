@@ -1,5 +1,6 @@
 """Isolas of periodic responses: the forces at which they are born and merge, over frequency, restitution, friction and number of modes."""
 
+from contextlib import closing
 from typing import Any
 
 import click
@@ -10,7 +11,8 @@ from impact_env.periodic.validation import validation_alongside
 from impact_env.plain import from_scene
 from optimisation.cli import common
 from optimisation.cli.scene_options import make_scene, option_name, refuse_parts, scene_options
-from optimisation.files import Pieces, write_files
+from optimisation.files import write_files
+from optimisation.kept import Kept
 from optimisation.page import markdown
 from optimisation.progress import counting_bar
 from optimisation.report.periodic_figures import save_isolas
@@ -34,9 +36,8 @@ def computed(given: dict[str, Any]) -> IsolaMap:
     case = case_of(scene, 1.0, float(scene.model.omega[0]))
     if modes or restitutions or limits:  # the case's own where only the others are given
         modes, restitutions = modes or (case.model.modes,), restitutions or (case.restitution,)
-    kept = Pieces(given["resume"], {"scene": from_scene(scene)})
-    with validation_alongside(case), counting_bar("isolas", "cells", leave=False) as show:
-        return isola_map(case, given["start"], given["stop"], modes, restitutions, show, limits, kept)
+    with closing(Kept(given["resume"])) as kept, validation_alongside(case), counting_bar("isolas", "cells", leave=False) as show:
+        return isola_map(case, given["start"], given["stop"], modes, restitutions, show, limits, kept.pieces({"scene": from_scene(scene)}))
 
 
 @common.command()

@@ -18,6 +18,7 @@ from typing import Any
 import numba
 import numpy as np
 import scipy
+from filelock import FileLock, Timeout
 
 from impact_env.envs import ENVIRONMENTS
 from impact_env.envs.evaluation import interquartile_mean, play
@@ -25,7 +26,7 @@ from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count, require
 from optimisation.executors import Pool, Task
-from optimisation.files import held, require_writable, write_json
+from optimisation.files import require_writable, write_json
 from optimisation.machine import difference
 from optimisation.progress import Bar
 from optimisation.rl.agents import FINAL, SETTINGS, Evaluation, actor_of, read_evaluations, save_agent, write_evaluations
@@ -109,7 +110,7 @@ def train(job: Job, folder: Path, show: Show | None = None, threads: int | None 
     Raises ParameterError if the folder holds a run of other settings, or is in use.
     """
     require_writable("folder", folder)
-    with held(folder / ".lock", ParameterError(f"folder = {str(folder)!r} is not allowed: one that no other process trains in")):
+    with _alone(folder):
         check_folder(job, folder)
         if not (folder / SETTINGS).exists():
             write_json(folder / SETTINGS, job.describe() | {"versions": versions()})
@@ -126,6 +127,16 @@ def train(job: Job, folder: Path, show: Show | None = None, threads: int | None 
         finally:
             torch.set_num_threads(before)
             env.close()
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Hold a folder for this process; the system lets go of it however the process ends."""
+    try:
+        with FileLock(folder / ".lock", blocking=False):
+            yield
+    except Timeout as error:
+        raise ParameterError(f"folder = {str(folder)!r} is not allowed: one that no other process trains in") from error
 
 
 def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[Evaluation]:

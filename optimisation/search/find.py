@@ -25,7 +25,7 @@ from impact_env.ensemble import Executor, Threads
 from impact_env.parameters import count, require
 from optimisation.designs import Design
 from optimisation.evaluation import Clocked, evaluate
-from optimisation.machine import fingerprint
+from optimisation.machine import SEARCHING, fingerprint
 from optimisation.problem import Problem
 from optimisation.progress import Bar, runs_bar
 from optimisation.search.judge import AUDITED, Cost, Findings, Verdict, audit, more_modes, verdict
@@ -91,6 +91,7 @@ def smooth_search(
 if TYPE_CHECKING:
     from optimisation.search.study import DesignStudy
 
+PROPOSED = "optimisation.search.study"  # the module whose sources a search by Optuna depends on
 SCIPY = "scipy"
 # the default where levels are noisy: the best of docs/search_methods.md; any of `SAMPLERS` and `NOISY` may stand here
 FOR_NOISE = CMA
@@ -134,48 +135,53 @@ class Plan:
         return (self.sampler or (None if concept in WITH_IMPACTS else SCIPY)) == SCIPY
 
 
-@contextmanager
-def searched(
-    label: str, problem: Problem, settings: Settings, designs: int, journal: Path | None, executor: Executor, bars: Bars = QUIET
-) -> Iterator[tuple[DesignStudy, bool, Cost]]:
-    """Run a study under a bar and give it, still open, with whether it came to its end and what it took; errors as in `opened`."""
-    from optimisation.search.study import opened  # the other searches need no Optuna
+def identity(problem: Problem, search: dict[str, object], sources: dict[str, str]) -> dict[str, object]:
+    """Return the identity of a search, which one that goes on with its runs must share: question, method and sources."""
+    return {"problem": problem.describe(), "search": search, "sources": sources}
 
-    with opened(problem, settings, journal) as study:
-        with bars.study(label, settings.whole_batches(designs)) as show:
-            finished = study.run(designs, executor, show)
-        overhead = 1 - study.evaluating / study.seconds if study.runs else 0.0
-        yield study, finished, Cost(len(study.told), study.runs, study.seconds, overhead)
+
+def study_identity(problem: Problem, settings: Settings) -> dict[str, object]:
+    """Return the identity of a search by Optuna."""
+    return identity(problem, settings.describe(), fingerprint(PROPOSED, SEARCHING))
+
+
+def searched(label: str, problem: Problem, settings: Settings, designs: int, ledger: Ledger, bars: Bars = QUIET) -> tuple[DesignStudy, bool, Cost]:
+    """Run a study under a bar; return it, whether it came to its end, and what it took. Beside a ledger's file it is written for Optuna."""
+    from optimisation.search.study import DesignStudy  # the other searches need no Optuna
+
+    began, clocked, study = time.perf_counter(), Clocked(ledger), DesignStudy(problem, settings)
+    with bars.study(label, settings.whole_batches(designs)) as show:
+        finished = study.run(designs, clocked, show)
+    seconds = time.perf_counter() - began
+    if ledger.kept.path is not None:
+        study.save(ledger.kept.path.with_suffix(".optuna"))
+    return study, finished, Cost(len(study.told), ledger.runs, seconds, 1 - clocked.seconds / seconds if ledger.runs else 0.0)
 
 
 def find(problem: Problem, plan: Plan, journal: Path | None = None, executor: Executor | None = None, bars: Bars = QUIET) -> Findings:
     """Search, choose and judge; what a KeyboardInterrupt breaks off is left out, and the same call goes on from the ``journal``.
 
     ``journal`` None keeps the study in memory, ``executor`` None is all cores. Raises ParameterError for a plan that the problem does not allow and
-    StudyError for a journal that is another study's.
+    for a journal that is another study's.
     """
     executor, concept = executor or Threads(), problem.space.concept
     if plan.sampler is None and not plan.smooth(concept) and len(problem.objectives) == 1 and len(problem.space.free) > 1:
         plan = replace(plan, sampler=FOR_NOISE)
     if plan.smooth(concept) or plan.noisy:
-        with remembering(executor, _identity(problem, plan), journal) as ledger:
+        search: dict[str, object] = {"sampler": plan.sampler if plan.noisy else SCIPY, "seed": plan.seed, "from_scratch": plan.from_scratch}
+        with remembering(executor, identity(problem, search, fingerprint(__name__)), journal) as ledger:
             return _find_again(problem, plan, ledger, bars)
     settings = default_settings(problem, plan.sampler, plan.batch, plan.seed, plan.screening, plan.from_scratch)
-    with searched(f"{concept}: search", problem, settings, plan.designs, journal, executor, bars) as (study, finished, cost):
+    with remembering(executor, study_identity(problem, settings), journal) as ledger:
+        study, finished, cost = searched(f"{concept}: search", problem, settings, plan.designs, ledger, bars)
         findings = Findings(problem, study.told, finished, cost)
         if not finished:
             return findings
-        findings = _judged(findings, study.complete or study.told, plan, executor, bars)
+        findings = _judged(findings, study.complete or study.told, plan, ledger, bars)
         if len(settings.rungs) > 1 and findings.verdict is not None and plan.audit:
             with bars.runs(f"{concept}: designs left behind, in full") as show:
-                findings = replace(findings, audit=audit(study, executor, plan.audit, show))
+                findings = replace(findings, audit=audit(study, ledger, plan.audit, show))
     return findings
-
-
-def _identity(problem: Problem, plan: Plan) -> dict[str, object]:
-    """Return the identity of a search, which one that goes on with its runs must share: question, method and sources."""
-    search = {"sampler": plan.sampler if plan.noisy else SCIPY, "seed": plan.seed, "from_scratch": plan.from_scratch}
-    return {"problem": problem.describe(), "search": search, "sources": fingerprint(__name__)}
 
 
 def _find_again(problem: Problem, plan: Plan, ledger: Ledger, bars: Bars) -> Findings:

@@ -15,8 +15,9 @@ from optimisation.objectives import Objective, Score
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
 from optimisation.report.design_tables import limit, name_of
-from optimisation.search.find import BARS, searched
+from optimisation.search.find import BARS, searched, study_identity
 from optimisation.search.judge import Cost, Judged, judged
+from optimisation.search.ledger import Ledger, remembering
 from optimisation.search.settings import NSGA2, RANDOM, SAMPLERS, Evaluated, Settings, default_settings, hypervolume, nondominated
 
 Array = NDArray[np.float64]
@@ -134,8 +135,9 @@ CORNER = (1.1, 1.1)  # relative levels: what hypervolumes refer to
 
 def search_front(problem: Problem, settings: Settings, designs: int, corner: tuple[float, float], journal: Path | None, executor: Executor) -> Front:
     """Search; the front is that of all designs that were run, by the members of the search."""
-    with searched("search", problem, settings, designs, journal, executor, BARS) as (study, finished, cost):
-        told = study.told
+    with remembering(executor, study_identity(problem, settings), journal) as ledger:
+        study, finished, cost = searched("search", problem, settings, designs, ledger, BARS)
+    told = study.told
     rows = signed(problem, [e.score for e in told])
     best = {tuple(rows[k]): int(k) for k in np.flatnonzero(nondominated(rows))[::-1] if np.isfinite(rows[k]).all()}  # NSGA-II repeats designs
     index = [best[values] for values in sorted(best)]
@@ -171,11 +173,11 @@ def compare_with_random(front: Front, settings: Settings, seeds: int, executor: 
         found = []
         for sampler in (settings.sampler, RANDOM):
             own = default_settings(problem, sampler, batch, seed)
-            with searched(f"seed {seed}, {SAMPLERS[sampler]}", problem, own, wanted, None, executor, BARS) as (study, finished, _cost):
-                if not finished:
-                    return replace(front, against=tuple(rows), finished=False)
-                rows_of = signed(problem, [e.score for e in study.told])
-                best = [study.told[k].design for k in np.flatnonzero(nondominated(rows_of)) if np.isfinite(rows_of[k]).all()]
+            study, finished, _ = searched(f"seed {seed}, {SAMPLERS[sampler]}", problem, own, wanted, Ledger(executor), BARS)
+            if not finished:
+                return replace(front, against=tuple(rows), finished=False)
+            rows_of = signed(problem, [e.score for e in study.told])
+            best = [study.told[k].design for k in np.flatnonzero(nondominated(rows_of)) if np.isfinite(rows_of[k]).all()]
             with runs_bar(f"seed {seed}, {SAMPLERS[sampler]}, on fresh members") as show:
                 again = judged(problem, best, problem.fresh_ensemble(2 * problem.members, 0), executor, show)
             found.append(hypervolume(signed(problem, [judge.score for judge in again]), front.corner))

@@ -148,7 +148,7 @@ frequency_response --modes 2 --method balance --no-sweeps --envelope 2
     --resume kept.json -> --resume = kept.json
 isola --modes 3
     --map-friction-limits -1 -> friction limit = -1
-    --resume kept.txt -> --resume = kept.txt
+    --resume kept.json -> --resume = kept.json is not allowed: a file that this option has written before, or none yet
     --map-modes 1,5 --map-restitutions 1 -> modes = 5
     --from 1 --to 0.9 -> frequency range
     --structure {steel} -> --modes does not go with --structure

@@ -23,7 +23,7 @@ from optimisation.search.find import Plan, find, smooth_search
 from optimisation.search.judge import AUDIT, CHOICE, VERDICT, Findings, audit, more_modes, verdict
 from optimisation.search.noisy import NOISY, best_width, fitted, kernel_quantile, noisy_search
 from optimisation.search.settings import Rung, Settings, default_settings, hypervolume, nondominated
-from optimisation.search.study import opened
+from optimisation.search.study import DesignStudy
 from optimisation.tuned import HIGH, LOW, minimax
 from studies.cli import search_methods
 
@@ -37,69 +37,69 @@ DESIGNS = 3 * BATCH + 1
 def test_only_the_best_share_climbs_and_the_others_are_told_as_worse() -> None:
     rungs = (Rung(1, 2.0, 0.5), Rung(2, 1.0, 0.5), Rung(4))
     model = Model()
-    with opened(problem(), settings(rungs=rungs)) as study:
-        study.run(BATCH + 1, model)
-        reached = Counter(e.rungs for e in study.told)
-        assert reached == {1: 2, 2: 1, 3: 2}  # of 5 designs 3 go on, then 2
-        values = {e.number: trial.value for e, trial in zip(study.told, study._study.get_trials(), strict=True)}
-        by_rung = {r: [values[e.number] for e in study.told if e.rungs == r] for r in reached}
-        assert max(by_rung[3]) <= min(by_rung[2])
-        assert max(by_rung[2]) <= min(by_rung[1])
-        assert all(e.rungs == 3 for e in study.complete)
-        assert study.runs == 2 * 2 * (5 * 1 + 3 * 2 + 2 * 2)  # conditions, directions; the last rung adds two members to the two it has
+    study = DesignStudy(problem(), settings(rungs=rungs))
+    study.run(BATCH + 1, model)
+    reached = Counter(e.rungs for e in study.told)
+    assert reached == {1: 2, 2: 1, 3: 2}  # of 5 designs 3 go on, then 2
+    values = {e.number: trial.value for e, trial in zip(study.told, study._study.get_trials(), strict=True)}
+    by_rung = {r: [values[e.number] for e in study.told if e.rungs == r] for r in reached}
+    assert max(by_rung[3]) <= min(by_rung[2])
+    assert max(by_rung[2]) <= min(by_rung[1])
+    assert all(e.rungs == 3 for e in study.complete)
+    assert study.runs == 2 * 2 * (5 * 1 + 3 * 2 + 2 * 2)  # conditions, directions; the last rung adds two members to the two it has
 
 
 def test_searches_find_the_bottom_of_a_bowl() -> None:
     one = problem(conditions=(Condition(1, 3.5),))
     for sampler in ("cma", "random"):
-        with opened(one, Settings(sampler, 8, (Rung(4),))) as study:
-            study.run(240, Model())
-            best = min(study.complete, key=lambda e: e.score.values[0])
-            off = np.hypot(np.log(best.design.values["gap"] / 6e-4), best.design.values["restitution"] - 0.5)
-            assert off < (0.02 if sampler == "cma" else 0.3)
+        study = DesignStudy(one, Settings(sampler, 8, (Rung(4),)))
+        study.run(240, Model())
+        best = min(study.complete, key=lambda e: e.score.values[0])
+        off = np.hypot(np.log(best.design.values["gap"] / 6e-4), best.design.values["restitution"] - 0.5)
+        assert off < (0.02 if sampler == "cma" else 0.3)
 
 
 @pytest.mark.skipif(importlib.util.find_spec("torch") is None, reason="the Gaussian process needs torch")
 def test_gaussian_process_needs_few_designs() -> None:
-    with opened(problem(conditions=(Condition(1, 3.5),), members=1), Settings("gp", 4, (Rung(1),), 1)) as study:
-        study.run(17, Model())
-        best = min(study.complete, key=lambda e: e.score.values[0]).design.values
+    study = DesignStudy(problem(conditions=(Condition(1, 3.5),), members=1), Settings("gp", 4, (Rung(1),), 1))
+    study.run(17, Model())
+    best = min(study.complete, key=lambda e: e.score.values[0]).design.values
     assert np.hypot(np.log(best["gap"] / 6e-4), best["restitution"] - 0.5) < 0.15
 
 
 def test_broken_constraints_cannot_win() -> None:
     limited = problem(space=design_space("impact", ["gap", "mass_ratio"]), constraints=(Constraint("mass_ratio", 0.01),))
-    with opened(limited, settings()) as study:
-        study.run(6 * BATCH + 1, Model())
-        assert 0 < len(study.complete) < len(study.told)
-        assert all(e.design.values["mass_ratio"] <= 0.01 for e in study.complete)
-        told = {t.number: t for t in study._study.get_trials()}
-        broken = [e for e in study.told if not e.score.feasible]
-        assert min(told[e.number].value for e in broken) > max(told[e.number].value for e in study.complete)
-        assert all(told[e.number].system_attrs["constraints:mass_ratio"] > 0 for e in broken)
+    study = DesignStudy(limited, settings())
+    study.run(6 * BATCH + 1, Model())
+    assert 0 < len(study.complete) < len(study.told)
+    assert all(e.design.values["mass_ratio"] <= 0.01 for e in study.complete)
+    told = {t.number: t for t in study._study.get_trials()}
+    broken = [e for e in study.told if not e.score.feasible]
+    assert min(told[e.number].value for e in broken) > max(told[e.number].value for e in study.complete)
+    assert all(told[e.number].system_attrs["constraints:mass_ratio"] > 0 for e in broken)
 
 
 def test_winner_is_chosen_and_judged_on_members_that_the_search_has_not_seen() -> None:
     model = Model()
-    with opened(problem(), settings()) as study:
-        study.run(DESIGNS, model)
-        searched = {run[3] for run in model.seen}
-        judge = Model()
-        found = verdict(study.problem, study.complete, judge, finalists=2)
-        assert not searched & {run[3] for run in judge.seen}
-        assert found.winner.members.shape == (1, 4)
-        assert found.gain.low <= found.gain.ratio <= found.gain.high
-        assert found.gain.ratio == pytest.approx(np.median(found.winner.members) / np.median(found.paper.members))
-        assert dict(found.paper.design.values) == dict(study.problem.space.paper.values)
-        shown = found.levels(study.problem.conditions)
-        assert shown.median[0] == pytest.approx(np.median(found.winner.levels, axis=0))
-        checked_on = {run[3] for run in judge.seen}
-        audited = Model()
-        audit(study, audited, designs=3)
-        assert not (searched | checked_on) & {run[3] for run in audited.seen}
-        checked = audit(study, Model(), designs=3)
-        assert checked.designs == 3
-        assert 0 <= checked.missed <= 3
+    study = DesignStudy(problem(), settings())
+    study.run(DESIGNS, model)
+    searched = {run[3] for run in model.seen}
+    judge = Model()
+    found = verdict(study.problem, study.complete, judge, finalists=2)
+    assert not searched & {run[3] for run in judge.seen}
+    assert found.winner.members.shape == (1, 4)
+    assert found.gain.low <= found.gain.ratio <= found.gain.high
+    assert found.gain.ratio == pytest.approx(np.median(found.winner.members) / np.median(found.paper.members))
+    assert dict(found.paper.design.values) == dict(study.problem.space.paper.values)
+    shown = found.levels(study.problem.conditions)
+    assert shown.median[0] == pytest.approx(np.median(found.winner.levels, axis=0))
+    checked_on = {run[3] for run in judge.seen}
+    audited = Model()
+    audit(study, audited, designs=3)
+    assert not (searched | checked_on) & {run[3] for run in audited.seen}
+    checked = audit(study, Model(), designs=3)
+    assert checked.designs == 3
+    assert 0 <= checked.missed <= 3
 
 
 def test_fronts_and_their_volume() -> None:
@@ -118,9 +118,9 @@ def test_front_of_a_search_beats_random_search_with_the_same_budget() -> None:
     for seed in range(2):
         volumes = []
         for sampler in ("nsga2", "random"):
-            with opened(problem(2, members=1), Settings(sampler, 10, (Rung(1),), seed)) as study:
-                assert study.run(80, Model())
-                volumes.append(hypervolume(1e3 * np.array([e.score.values for e in study.told]), (200.0, 200.0)))
+            study = DesignStudy(problem(2, members=1), Settings(sampler, 10, (Rung(1),), seed))
+            assert study.run(80, Model())
+            volumes.append(hypervolume(1e3 * np.array([e.score.values for e in study.told]), (200.0, 200.0)))
         assert volumes[0] > volumes[1] > 0, f"seed {seed}: {volumes}"
 
 

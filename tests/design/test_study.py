@@ -1,7 +1,9 @@
 import os
+import sqlite3
 import subprocess
 import sys
 from collections import Counter
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,105 +13,137 @@ from design_studies import BATCH, Bowl, Model, problem, settings
 from places import ROOT, SUPPORT
 
 from impact_env.ensemble import Executor
+from impact_env.parameters import ParameterError
 from optimisation.designs import design_space
+from optimisation.kept import Kept
 from optimisation.machine import fingerprint
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
-from optimisation.search.find import Plan, find
+from optimisation.search.find import Plan, find, searched, study_identity
 from optimisation.search.judge import Findings
-from optimisation.search.ledger import StudyError, key_of, repair
+from optimisation.search.ledger import key_of, remembering
 from optimisation.search.settings import Rung, Settings
-from optimisation.search.study import DesignStudy, opened
+from optimisation.search.study import DesignStudy
 
-pytest.importorskip("optuna")
+optuna = pytest.importorskip("optuna")
 pytest.importorskip("cmaes")
 
 
 DESIGNS = 3 * BATCH + 1
+Result = tuple[object, ...]
 
 
-def results(study: DesignStudy) -> list[tuple[object, ...]]:
-    return [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told]
-
-
-def whole(sampler: str = "cma", seed: int = 0) -> list[tuple[object, ...]]:
-    with opened(problem(2 if sampler == "nsga2" else 1), settings(sampler, seed)) as study:
-        assert study.run(DESIGNS, Model())
-        return results(study)
+def search(
+    file: Path | None, given: Problem, chosen: Settings, designs: int = DESIGNS, executor: Executor | None = None
+) -> tuple[list[Result], bool, int]:
+    """Return what a search finds with the runs that a file holds, whether it came to its end, and how many runs it made."""
+    with remembering(executor or Model(), study_identity(given, chosen), file) as ledger:
+        study, finished, cost = searched("search", given, chosen, designs, ledger)
+    return [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told], finished, cost.runs
 
 
 @pytest.mark.parametrize("sampler", ["cma", "nsga2", "random"])
-def test_study_goes_on_from_any_line_of_its_journal(tmp_path: Path, sampler: str) -> None:
-    """A process can be killed between any two lines, and in the middle of one: the resumed study is the same each time, and that in memory."""
-    objectives, file = 2 if sampler == "nsga2" else 1, tmp_path / "study.journal"
-    with opened(problem(objectives), settings(sampler), file) as study:
-        study.run(BATCH + 1, Model())
-        study.run(DESIGNS, Model())  # a larger budget
-    lines, expected = file.read_bytes().splitlines(keepends=True), whole(sampler)
-    assert [result[1] for result in whole(sampler, 1)[1:]] != [result[1] for result in expected[1:]]
-    for cut in range(0, len(lines) + 1, 5):
-        torn = lines[cut][: len(lines[cut]) // 2] if cut % 3 and cut < len(lines) else b""
-        file.write_bytes(b"".join(lines[:cut]) + torn)
-        with opened(problem(objectives), settings(sampler), file) as study:
-            assert study.run(DESIGNS, Model())
-            assert results(study) == expected, f"cut at line {cut}"
+def test_study_goes_on_from_any_piece_of_its_file(tmp_path: Path, sampler: str) -> None:
+    """A process can be killed after any run: the resumed study is each time that in memory, and makes the missing runs only."""
+    given, file = problem(2 if sampler == "nsga2" else 1), tmp_path / "study.journal"
+    expected, _, runs = search(None, given, settings(sampler))
+    assert [result[1] for result in search(None, given, settings(sampler, 1))[0][1:]] != [result[1] for result in expected[1:]]
+    search(file, given, settings(sampler), BATCH + 1)
+    assert search(file, given, settings(sampler))[0] == expected  # a larger budget
+    whole = file.read_bytes()
+    for cut in range(0, 60, 5):
+        file.write_bytes(whole)
+        with closing(sqlite3.connect(file, isolation_level=None)) as opened:
+            (kept,) = opened.execute("SELECT count(*) FROM pieces WHERE rowid <= ? AND name <> 'identity'", (cut,)).fetchone()
+            opened.execute("DELETE FROM pieces WHERE rowid > ?", (cut,))
+        found, _, made = search(file, given, settings(sampler))
+        assert found == expected, f"cut at piece {cut}"
+        assert made < runs if kept else made == runs
 
 
 @pytest.mark.parametrize("stop", [0, 11])
 def test_interrupt_keeps_what_is_finished_and_runs_nothing_twice(tmp_path: Path, stop: int) -> None:
-    first, second = Model(stop=stop), Model()
-    with opened(problem(), settings(), tmp_path / "a.journal") as study:
-        assert not study.run(DESIGNS, first)
-    with opened(problem(), settings(), tmp_path / "a.journal") as study:
-        assert study.run(DESIGNS, second)
-        assert results(study) == whole("cma")
-    uninterrupted = Model()
-    with opened(problem(), settings()) as study:
-        study.run(DESIGNS, uninterrupted)
-    # a design whose last chunk was not reached begins again; all others keep their runs
-    repeated = Counter(first.seen + second.seen) - Counter(uninterrupted.seen)
-    assert len({run[:2] for run in repeated}) <= 1
+    first, second, uninterrupted = Model(stop=stop), Model(), Model()
+    assert not search(tmp_path / "a.journal", problem(), settings(), executor=first)[1]
+    found, finished, _ = search(tmp_path / "a.journal", problem(), settings(), executor=second)
+    assert finished
+    assert found == search(None, problem(), settings(), executor=uninterrupted)[0]
+    assert Counter(first.seen + second.seen) == Counter(uninterrupted.seen)
 
 
-def test_torn_line_is_kept_beside_the_journal(tmp_path: Path) -> None:
-    file = tmp_path / "a.journal"
-    file.write_bytes(b'{"a":1}\n{"b":2')
-    assert repair(file) == 6
-    assert file.read_bytes() == b'{"a":1}\n'
-    assert (tmp_path / "a.journal.damaged").read_bytes() == b'{"b":2\n'
-    assert repair(file) == 0
-    file.write_bytes(b'{"a":1}\nnonsense\n')
-    assert repair(file) == 9
-    file.write_bytes(b'{"a":1}\nnonsense\n{"b":2}\n')
-    with pytest.raises(StudyError, match="line 2 of 3 is damaged"):
-        repair(file)
-    file.write_bytes(b"some\ntext\n")
-    with pytest.raises(StudyError, match="study file"), opened(problem(), settings(), file):
-        pytest.fail("opened")
+def test_a_study_that_was_broken_off_goes_on_where_it_is() -> None:
+    study, model = DesignStudy(problem(), settings()), Model(stop=11)
+    assert not study.run(DESIGNS, model)
+    assert study.run(DESIGNS, Model())
+    assert [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told] == search(None, problem(), settings())[0]
+
+
+def test_optuna_reads_the_designs_of_a_study(tmp_path: Path) -> None:
+    found, _, _ = search(tmp_path / "a.journal", problem(), settings())
+    storage = optuna.storages.JournalStorage(optuna.storages.journal.JournalFileBackend(str(tmp_path / "a.optuna")))
+    trials = optuna.load_study(study_name=None, storage=storage).trials
+    assert [trial.number for trial in trials] == [number for number, *_ in found]
+    assert len({tuple(trial.params) for trial in trials}) == 1
+    assert trials[0].values == list(found[0][2].values)
+
+
+# The file: written whole or not at all, for one process at a time, and refused where it is something else.
+
+
+def test_pieces_survive_a_process_that_is_killed(tmp_path: Path) -> None:
+    code = "import pathlib, sys; from optimisation.kept import Kept\n"
+    code += "kept, n = Kept(pathlib.Path(sys.argv[1])), 0\nwhile True: kept.keep(str(n), [n] * 1000); n += 1; print(n, flush=True)"
+    file, environment = tmp_path / "kept", os.environ | {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen([sys.executable, "-c", code, file], env=environment, stdout=subprocess.PIPE, text=True) as process:
+        told = [int(process.stdout.readline()) for _ in range(20)][-1]
+        process.kill()
+        told = max([told, *map(int, process.stdout.read().split()[:-1])])
+    with closing(Kept(file)) as kept:
+        assert len(kept.known) >= told
+        assert all(values == [int(name)] * 1000 for name, values in kept.known.items())
+
+
+def test_a_file_that_cannot_be_used_is_refused_in_one_line_and_stays(tmp_path: Path) -> None:
+    good, words, another, torn = (tmp_path / name for name in ("good", "words", "another", "torn"))
+    with closing(Kept(good)) as kept:
+        kept.keep("a", [1.0, float("nan")] * 10000)
+        with pytest.raises(ParameterError, match=r"--resume = .*good is in use by another process"):
+            Kept(good)
+        kept._file.execute("PRAGMA max_page_count = 1")  # as on a full disk
+        with pytest.raises(OSError, match="full"):
+            kept.keep("b", [1.0] * 100000)
+    with closing(Kept(good)) as kept:
+        assert list(kept.known) == ["a"]
+    words.write_text('{"form": "pieces 1", "pieces": []}\n')  # what was written here before
+    with closing(sqlite3.connect(another)) as other:
+        other.execute("CREATE TABLE moments (x REAL)")
+    torn.write_bytes(good.read_bytes()[:9000])
+    for file in (words, another, torn):
+        before = file.read_bytes()
+        with pytest.raises(
+            ParameterError, match=rf"--resume = .*{file.name} is not allowed: a file that this option has written before, or none yet"
+        ):
+            Kept(file)
+        assert file.read_bytes() == before
+    with pytest.raises(ParameterError, match="a file that can be written to, in a folder that exists"):
+        Kept(tmp_path / "nowhere" / "a")
 
 
 @pytest.mark.parametrize(
-    ("other", "search", "names"),
+    ("other", "chosen", "names"),
     [
         (problem(members=3), settings(rungs=(Rung(3),)), ["problem.members is 4 there and 3 here"]),
         (problem(conditions=(Condition(1, 3.5), Condition(2, 20.0))), settings(), ["problem.conditions[1].force is 35.0 there and 20.0 here"]),
         (problem(), settings("random"), ["search.sampler is 'cma' there and 'random' here"]),
     ],
 )
-def test_study_of_something_else_is_refused(tmp_path: Path, other: Problem, search: Settings, names: list[str]) -> None:
-    with opened(problem(), settings(), tmp_path / "a.journal") as study:
-        study.run(2, Model())
+def test_study_of_something_else_is_refused(tmp_path: Path, other: Problem, chosen: Settings, names: list[str]) -> None:
+    search(tmp_path / "a.journal", problem(), settings(), 2)
     before = (tmp_path / "a.journal").read_bytes()
-    with pytest.raises(StudyError) as error, opened(other, search, tmp_path / "a.journal"):
-        pytest.fail("opened")
+    with pytest.raises(ParameterError) as error:
+        search(tmp_path / "a.journal", other, chosen)
     assert all(name in str(error.value) for name in [*names, "another file"])
     assert (tmp_path / "a.journal").read_bytes() == before
-
-
-def test_study_in_use_is_refused(tmp_path: Path) -> None:
-    file = tmp_path / "a.journal"
-    with opened(problem(), settings(), file), pytest.raises(StudyError, match="in use"), opened(problem(), settings(), file):
-        pytest.fail("opened")
 
 
 # Searches without Optuna go on from their file: killed anywhere, on a full disk, and only where they are the same search.
@@ -149,21 +183,18 @@ def test_search_goes_on_where_it_was_broken_off_and_runs_nothing_twice(tmp_path:
 
 
 def test_changed_sources_are_another_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """For both kinds of journal; versions of the packages count like the code."""
+    """For searches by SciPy and by Optuna; versions of the packages count like the code."""
     given, plan, executor = case("friction")
     find(given, plan, tmp_path / "scipy.journal", executor())
-    with opened(problem(), settings(), tmp_path / "cma.journal"):
-        pass
+    search(tmp_path / "cma.journal", problem(), settings(), 2)
     for file in ("scipy.journal", "cma.journal"):
-        lines = (tmp_path / file).read_text().splitlines()
-        head = next(line for line in lines if '"sources"' in line)
-        assert all(f'"{name}":' in head for name in ("code", "numba", "numpy"))
-    for module in ("find", "study"):
-        monkeypatch.setattr(f"optimisation.search.{module}.fingerprint", lambda *given: fingerprint(*given) | {"code": "0" * 16})
-    with pytest.raises(StudyError, match=r"sources\.code is '[0-9a-f]{16}' there and '0{16}' here; choose another file"):
+        with closing(Kept(tmp_path / file)) as kept:
+            assert {"code", "numba", "numpy"} <= set(kept.known["identity"]["sources"])
+    monkeypatch.setattr("optimisation.search.find.fingerprint", lambda *given: fingerprint(*given) | {"code": "0" * 16})
+    with pytest.raises(ParameterError, match=r"sources\.code is '[0-9a-f]{16}' there and '0{16}' here; choose another file"):
         find(given, plan, tmp_path / "scipy.journal", executor())
-    with pytest.raises(StudyError, match=r"sources\.code is"), opened(problem(), settings(), tmp_path / "cma.journal"):
-        pytest.fail("opened")
+    with pytest.raises(ParameterError, match=r"sources\.code is"):
+        search(tmp_path / "cma.journal", problem(), settings())
 
 
 @pytest.mark.same_bits

@@ -40,7 +40,7 @@ before = state()
 from impact_env import Beam, Drive, beam_scene, constant_frequency, simulate
 from impact_env.ensemble import Lane, run_lanes
 from impact_env.kernels.compiling.jit import jit
-from optimisation.search.study import opened
+from optimisation.search.study import DesignStudy
 import optimisation.report.sweep_report
 from studies.paper.style import legends, panels, saved
 from design_studies import Model, problem, settings
@@ -56,8 +56,7 @@ drive = Drive(1.0, constant_frequency(scene.model.resonance_omega(1), 1.0, 3.0))
 simulate(scene, drive, progress=lambda time, end: None)
 run_lanes([Lane(scene, drive)] * 2)
 gymnasium.make("ImpactAbsorber/Passive-v0").close()
-with opened(problem(), settings()) as study:
-    study.run(2, Model())
+DesignStudy(problem(), settings()).run(2, Model())
 
 def draw():
     figure, axes = panels(1, 1, 3.0)

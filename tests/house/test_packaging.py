@@ -18,8 +18,6 @@ import pytest
 from places import ROOT, SCRIPTS
 
 from impact_env.kernels.compiling import cache
-from impact_env.parameters import ParameterError
-from optimisation.files import held
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 CALL = 'Agg|-P -c from optimisation.cli.start import main; main("scripts/run")'
@@ -150,19 +148,6 @@ def test_one_set_up_at_a_time(tmp_path: Path) -> None:
 
 
 POSIX_ONLY = {"fcntl", "grp", "posix", "pty", "pwd", "resource", "termios", "tty"}
-
-
-def test_a_file_that_is_held_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A lock there keeps others from reading, so it is on a file beside."""
-    import filelock
-
-    locked = []
-    monkeypatch.setattr(sys, "platform", "win32")
-    monkeypatch.setattr(filelock, "lock_descriptor", lambda file, **_: locked.append(os.fstat(file).st_ino) is None)
-    (path := tmp_path / "study.journal").write_text("kept")
-    with held(path, ParameterError("held")):
-        assert locked == [(tmp_path / "study.journal.lock").stat().st_ino]
-        assert path.read_text() == "kept"
 
 
 def test_without_users_by_number_the_temporary_folder_is_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,7 +18,7 @@ from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.search.cluster import Workers
 from optimisation.search.settings import Rung, Settings
-from optimisation.search.study import opened
+from optimisation.search.study import DesignStudy
 
 
 def problem() -> Problem:
@@ -71,9 +71,9 @@ def compare(cluster: distributed.LocalCluster) -> None:
         print("lanes", same_comparison(workers))
         found = []
         for executor in (Threads(), workers):
-            with opened(given, Settings("cma", 4, (Rung(1, 2.0, 0.5), Rung(4)))) as study:
-                study.run(5, executor)
-                found.append([(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told])
+            study = DesignStudy(given, Settings("cma", 4, (Rung(1, 2.0, 0.5), Rung(4))))
+            study.run(5, executor)
+            found.append([(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told])
         print("studies", found[0] == found[1])
 
 
