@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -33,11 +32,10 @@ def run(
     only: Sequence[str] = (),
     redraw: bool = False,
     resume: bool = False,
-    keep: Callable[[Json], Json] | None = None,
 ) -> None:
     """Measure the parts (all, if ``only`` names none), or with ``redraw`` read them from their files, and write, draw and print the results.
 
-    ``resume``: go on from files of runs that were stopped. ``keep`` returns what to keep of the values in a file; the rest is measured anew.
+    ``resume``: go on from files of runs that were stopped.
 
     Exits with 1 if something failed, 2 with bad input, 130 if the run was stopped; each with one message.
     """
@@ -51,7 +49,7 @@ def run(
             require_markers(place.page, place.template or place.page, [marker for part in parts for marker in part.markers])
         failures: list[str] = []
         for part in parts:
-            measured = load(study, part, place) if redraw else _measured_and_kept(study, part, settings, place, resume, keep)
+            measured = load(study, part, place) if redraw else _measured_and_kept(study, part, settings, place, resume)
             publish(part, measured, place, [] if redraw else [file for file in [place.numbers(part.name)] if file])
             failures += part.failures(measured)
             if not redraw and measured.conditions.get("failure"):
@@ -81,18 +79,15 @@ def load(study: Study[S], part: Part[S], place: Place, option: str = "--redraw")
         raise ParameterError(f"{option}: {path} is not allowed: a file that an earlier run of this command wrote ({error})") from error
 
 
-def _measured_and_kept(study: Study[S], part: Part[S], settings: S, place: Place, resume: bool, keep: Callable[[Json], Json] | None) -> Measured:
+def _measured_and_kept(study: Study[S], part: Part[S], settings: S, place: Place, resume: bool) -> Measured:
     """Measure a part and write its numbers; one that an earlier run has finished is left as it is with ``resume``."""
     path, earlier, told = place.numbers(part.name), None, part.told(settings)
-    if (resume or keep or told) and path is not None and path.exists():
+    if (resume or told) and path is not None and path.exists():
         earlier = load(study, part, place, "--resume" if resume else "--out")
         if study.key is not None and earlier.conditions.get("key") != study.key(part.name, settings):
             earlier = None
         elif told:
             earlier = earlier if all(earlier.values.get(name) == value for name, value in told.items()) else None
-        elif keep:
-            kept = keep(earlier.values)
-            earlier = replace(earlier, values=kept) if kept else None
         elif earlier.complete:
             return earlier
         else:
@@ -122,7 +117,7 @@ def measure(
     def known(ended: bool, failure: str = "") -> Measured:
         taken: Json = {"wall_s": round(time.perf_counter() - began, 1)} | study.notes(settings) | ({"failure": failure} if failure else {})
         taken |= {} if study.key is None else {"key": study.key(part.name, settings)}
-        found = Measured(values, made | taken, ended and part.whole(settings, values))
+        found = Measured(values, made | taken, ended)
         keep(found)
         return found
 

@@ -54,7 +54,6 @@ class Part(Generic[S]):
 
     ``measure(settings, known)`` yields, after each of its ``steps(settings, known)``, all values that are known by then; what it yielded last is kept
     however it ends. ``known`` are the values of an earlier run to go on from, else empty. ``steps`` is None where it shows a bar of its own.
-    ``whole(settings, values)``: whether nothing is left to measure once ``measure`` has ended.
 
     The rest tells of what was measured: ``sections`` the text between the page's ``markers``, ``tables`` the CSV files, ``figures`` by file name, a
     PNG where it has no ending, ``said`` what is printed (the sections, if it is None), and ``failures`` what makes the exit code 1.
@@ -69,7 +68,6 @@ class Part(Generic[S]):
     markers: tuple[str, ...]
     sections: Callable[[Measured], Mapping[str, str]]
     steps: Callable[[S, Json], int] | None = None
-    whole: Callable[[S, Json], bool] = lambda *_: True
     tables: Callable[[Measured], Iterable[Table]] = lambda _: ()
     figures: Callable[[Measured], Mapping[str, Saver]] = lambda _: {}
     said: Callable[[Measured], str] | None = None
@@ -144,12 +142,12 @@ def beside(out: Path, name: str, data: Path | None = None) -> Place:
     return Place(data or out, out / f"{name}.md", DOCS / f"{name}.md")
 
 
-def rows_by_case(cases: Mapping[Any, Callable[[], list[Json]]], key: Callable[[Json], Any], known: Json, order: Sequence[Any] | None = None) -> Steps:
+def rows_by_case(cases: Mapping[Any, Callable[[], list[Json]]], key: Callable[[Json], Any], known: Json) -> Steps:
     """Yield {"rows": ...} after each case: a function that measures its rows, by what ``key`` returns of them. Cases that are known are left out.
 
-    Rows stand in the order of ``order``, by default that of the cases, whatever the order in which they were measured.
+    Rows stand in the order of the cases, whatever the order in which they were measured.
     """
-    places = {name: place for place, name in enumerate(order if order is not None else cases)}
+    places = {name: place for place, name in enumerate(cases)}
     rows: list[Json] = list(known.get("rows", ()))
     for name in left(cases, key, known):
         rows = sorted(rows + cases[name](), key=lambda row: places[key(row)])  # stable: a case's rows keep their order
@@ -164,13 +162,13 @@ def left(cases: Iterable[Any], key: Callable[[Json], Any], known: Json) -> list[
 
 def rows_part(
     name: str, title: str, cases: Callable[[S], Mapping[Any, Callable[[], list[Json]]]], key: Callable[[Json], Any], text: Callable[[Measured], str],
-    marker: str = "", order: Callable[[S], Sequence[Any] | None] = lambda _: None, told: Callable[[S], Json] = lambda _: {}, **others: Any,
+    marker: str = "", told: Callable[[S], Json] = lambda _: {}, **others: Any,
 ) -> Part[S]:  # fmt: skip
     """Return a part whose values are what is ``told`` and rows by case, and whose one section is ``text`` unless ``others`` say otherwise."""
     marker = marker or name
 
     def measure(settings: S, known: Json) -> Steps:
-        for values in rows_by_case(cases(settings), key, known, order(settings)):
+        for values in rows_by_case(cases(settings), key, known):
             yield {**told(settings), **values}
 
     usual: Json = {"markers": (marker,), "sections": lambda measured: {marker: text(measured)}}

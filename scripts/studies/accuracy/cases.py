@@ -139,7 +139,6 @@ class Settings:
 
     modes: tuple[int, ...] = (1, 3, 10, 30)
     kinds: tuple[str, ...] = ()  # empty: all
-    scenes: tuple[str, ...] = ()  # the trajectories of these alone are measured, and anew; empty: of all kinds
     steps: tuple[int, ...] = (20, 40, 100, 200, 400, 1000, 2000, 4000, 10000, 20000)
     peers: bool = True
     scipy_tolerances: tuple[float, ...] = (1e-6, 1e-9, 1e-12)

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -20,7 +19,7 @@ DPI = 110
 
 
 def _part(
-    module: ModuleType, title: str, table: Callable[[list[Row]], str], draw: Callable[[list[Row]], dict[str, Figure]] = lambda _: {}, **others: Any
+    module: ModuleType, title: str, table: Callable[[list[Row]], str], draw: Callable[[list[Row]], dict[str, Figure]] = lambda _: {}
 ) -> Part[Settings]:
     """Return a part of the study: a module with its ``cases`` and the ``key`` of a row's case, a table and figures by file name, of its rows."""
 
@@ -30,7 +29,7 @@ def _part(
     def figures(measured: Measured) -> dict[str, Saver]:
         return {file: partial(write_figure, figure, dpi=DPI) for file, figure in draw(measured.values["rows"]).items()}
 
-    return rows_part(module.NAME, title, module.cases, module.key, text, figures=figures, **others)
+    return rows_part(module.NAME, title, module.cases, module.key, text, figures=figures)
 
 
 RENAMED = {"processor": "machine", "wall_s": "seconds"}  # in the file
@@ -56,10 +55,9 @@ def unpack(name: str, content: Json) -> Measured:
     return Measured({"rows": rows}, made | {"versions": {"python": content.pop("python"), **content.pop("versions")}} | content, bool(complete))
 
 
-TRAJECTORY = {"order": trajectory.order, "whole": trajectory.is_whole}  # a run may measure some scenes anew
 STUDY: Study[Settings] = Study(
     (
-        _part(trajectory, "errors over the first impacts", trajectory.trajectory_table, trajectory.trajectory_figures, **TRAJECTORY),
+        _part(trajectory, "errors over the first impacts", trajectory.trajectory_table, trajectory.trajectory_figures),
         _part(distribution, "errors of the level's distribution", distribution.distribution_table, distribution.distribution_figures),
         _part(bands, "what a band stands for", bands.band_table),
         _part(growth, "how fast errors grow", growth.growth_table, growth.growth_figures),

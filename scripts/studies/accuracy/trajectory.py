@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
@@ -21,7 +21,6 @@ from impact_env.methods import Exact, Method
 from optimisation.page import markdown
 from studies.accuracy.cases import (
     BARE,
-    FULL,
     KINDS,
     LOOKS,
     WATCHED,
@@ -31,6 +30,7 @@ from studies.accuracy.cases import (
     Row,
     Settings,
     case,
+    kind_named,
     label_edges,
     median_time,
     method_name,
@@ -41,7 +41,7 @@ from studies.accuracy.cases import (
     unique,
 )
 from studies.accuracy.event_driven import PeerFailedError, PeerRun, follow, scipy_integrator
-from studies.study import Array, left, there
+from studies.study import Array, there
 
 if TYPE_CHECKING:
     from reference import digits
@@ -188,31 +188,16 @@ def peers(settings: Settings) -> list[tuple[str, float, Maker]]:
 key = itemgetter("scene", "modes")  # of a row: its case
 
 
-def order(settings: Settings) -> list[tuple[str, int]]:
-    """Return the keys in the order of the rows, whatever is measured of them."""
-    return [(kind.name, modes) for kind in KINDS for modes in sorted({*FULL.modes, *settings.modes})]
-
-
 def cases(settings: Settings) -> Cases:
     """Return a case for each scene and number of modes."""
-    names = settings.scenes or settings.kinds or tuple(kind.name for kind in KINDS)
-    return {(kind.name, modes): partial(_measured, kind, modes, settings) for kind in KINDS if kind.name in names for modes in settings.modes}
-
-
-def is_whole(settings: Settings, values: dict[str, Any]) -> bool:
-    """Return whether there are rows of all scenes, of which a run may measure some anew."""
-    return not left(cases(replace(settings, scenes=())), key, values)
+    every = settings.scenes_and_modes(kind.name for kind in KINDS)
+    return {(name, modes): partial(_measured, kind_named(name), modes, settings) for name, modes in every}
 
 
 def _measured(kind: Kind, modes: int, settings: Settings) -> list[Row]:
     starts = _starts(kind, modes, settings)
     found = [own_row(starts, method, settings) for method in starts[0][0].methods(settings.steps)]
     return found + [peer_row(starts, name, tolerance, make, settings) for name, tolerance, make in peers(settings)]
-
-
-def without_scenes(values: dict[str, Any], scenes: tuple[str, ...]) -> dict[str, Any]:
-    """Return the values but for the rows of these scenes."""
-    return {"rows": [row for row in values["rows"] if row["scene"] not in scenes]}
 
 
 def _starts(kind: Kind, modes: int, settings: Settings) -> list[Start]:
