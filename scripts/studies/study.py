@@ -176,6 +176,17 @@ def rows_part(
     return Part(name, title, measure=measure, told=told, **usual | others)
 
 
+def whole_part(
+    name: str, title: str, measure: Callable[[S], Json], text: Callable[[Measured], str], marker: str, **others: Any
+) -> Part[S]:  # fmt: skip
+    """Return a part that is measured as a whole, and whose one section is ``text``; ``others`` are a part's."""
+
+    def steps(settings: S, _known: Json) -> Steps:
+        yield measure(settings)
+
+    return Part(name, title, measure=steps, markers=(marker,), sections=lambda measured: {marker: text(measured)}, **others)
+
+
 def with_sources(said: Callable[[Measured], str]) -> Callable[[Measured], str]:
     """Return what says the same and, below it, when, where and with what it was measured."""
     return lambda measured: f"{said(measured)}\n\n{sources(measured.conditions)}"
@@ -186,11 +197,7 @@ def with_sources(said: Callable[[Measured], str]) -> Callable[[Measured], str]:
 
 def table_study(name: str, title: str, measure: Callable[[S], Json], said: Callable[[Measured], str]) -> Study[S]:
     """Return the study whose table ``said`` puts into words; what ``measure`` returns of the settings is whole, or there is nothing."""
-
-    def measured(settings: S, _known: Json) -> Steps:
-        yield measure(settings)
-
-    part = Part(name, title, measure=measured, markers=(name,), sections=lambda found: {name: with_sources(said)(found)}, said=said)
+    part = whole_part(name, title, measure, with_sources(said), name, said=said)
     return Study((part,), pack=lambda _, found: {"machine": machine(found.conditions), **found.values}, kept="nothing is written.")
 
 

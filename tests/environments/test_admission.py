@@ -95,7 +95,7 @@ def test_planners_are_above_their_rule_on_64_seeds() -> None:
 def test_the_command_fills_the_page_and_keeps_what_is_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A task for comparison gets rules and no planner; room is the share that a rule leaves."""
     monkeypatch.setattr(admit_tasks, "QUICK", replace(QUICK, judged=4))
-    monkeypatch.setattr("studies.admission.STEPS", 3)
+    monkeypatch.setattr("studies.cli.admit_tasks.STEPS", 3)
     target, page, rules = tmp_path / "tasks.json.gz", tmp_path / "page.md", tmp_path / "rules.json"
     page.write_text("".join(f"<!-- {name} -->\n<!-- /{name} -->\n" for name in admit_tasks.MARKERS))
     compared = admit("GapChoice-v1", {"hold": (20.0, 40.0), "time_budget": 100.0} | RUBBING, replace(QUICK, judged=4))

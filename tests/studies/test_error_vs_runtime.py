@@ -10,7 +10,7 @@ from commands import call
 pytest.importorskip("mpmath")
 from impact_env import Exact, Moreau
 from optimisation.files import read_json
-from studies.accuracy import cost, jumps, study, trajectory
+from studies.accuracy import cost, jumps, trajectory
 from studies.accuracy.bands import between_groups
 from studies.accuracy.cases import Settings
 from studies.accuracy.distribution import bootstrap, distance_at_size, mean_difference, relative_distance
@@ -29,10 +29,10 @@ def test_a_tiny_run_shows_who_is_exact_and_writes_files_figures_and_page(tmp_pat
     monkeypatch.setattr(cost, "OVER_MODES", (("impact, e = 1", Exact()), ("impact, e = 1", Moreau())))
     monkeypatch.setattr(cost, "LANE_PERIODS", 2.0)
     out, page = tmp_path / "study", tmp_path / "study.md"
-    page.write_text("".join(f"text\n<!-- {name} -->\nold\n<!-- /{name} -->\n" for name in study.PARTS))
+    page.write_text("".join(f"text\n<!-- {name} -->\nold\n<!-- /{name} -->\n" for name in error_vs_runtime.PARTS))
     result = call(error_vs_runtime, "--quick", "--out", out)
     assert result.exit_code == 0, result.output
-    contents = {name: read_json(out / f"{name}.json.gz") for name in study.PARTS}
+    contents = {name: read_json(out / f"{name}.json.gz") for name in error_vs_runtime.PARTS}
     for content in contents.values():
         assert content["complete"]
         assert content["quick"]
@@ -42,7 +42,7 @@ def test_a_tiny_run_shows_who_is_exact_and_writes_files_figures_and_page(tmp_pat
     text = page.read_text()
     assert "old" not in text
     assert text.count("| ") > 50
-    assert text.count("A quick look") == len(study.PARTS)
+    assert text.count("A quick look") == len(error_vs_runtime.PARTS)
 
     rows = contents["trajectory"]["rows"]
     by_name = {(row["method"], row["setting"]): row for row in rows}

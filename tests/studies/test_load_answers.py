@@ -13,9 +13,9 @@ from impact_env.scene import Scene
 from optimisation.files import read_json
 from optimisation.load_comparison import expected_rms, tuned_for
 from optimisation.signals import band_levels
-from studies import load_answers, load_spectra
-from studies.cli.load_answers import main
-from studies.load_answers import both_rows, both_text, orders
+from studies import load_spectra
+from studies.cli import load_answers
+from studies.cli.load_answers import both_rows, both_text, main, orders
 from studies.load_figures import FIGURES
 from studies.load_spectra import CASES, Settings, random_rows, random_text, shock_rows, shock_text
 

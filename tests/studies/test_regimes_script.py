@@ -9,9 +9,9 @@ from places import ROOT
 
 from optimisation.files import read_json
 from studies.cli import regimes
+from studies.cli.regimes import JUMP, KINDS, hazard_of, kind_table, of_case
 from studies.regimes import measured
 from studies.regimes.measured import PAPER, cases
-from studies.regimes.study import JUMP, KINDS, hazard_of, kind_table, of_case
 
 OWN = ["--modes", "2", "--friction-limit", "0.025", "--force", "1.5", "--quick", "--members", "6", "--points", "3", "--from", "0.98", "--to", "0.96"]
 

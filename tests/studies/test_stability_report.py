@@ -15,7 +15,7 @@ from optimisation import executors, machine
 from optimisation.files import write_json
 from optimisation.page import DOCS
 from studies.cli import stability
-from studies.stability import cases, cells, checks, eigen, limits, study, tasks
+from studies.stability import cases, cells, checks, eigen, limits, tasks
 from studies.stability import soak as soaks
 from studies.study import Measured
 
@@ -154,7 +154,7 @@ def test_redraw_writes_figure_and_page(tmp_path: Path) -> None:
     made = Measured(vars(found), machine.conditions() | {"wall_s": 1.0, "workers": 2, "quick": True})
     (folder := tmp_path / "methods").mkdir()
     shutil.copy(DOCS / "methods.md", tmp_path)
-    write_json(folder / "stability.json.gz", study.STUDY.pack("stability", made))
+    write_json(folder / "stability.json.gz", stability.STUDY.pack("stability", made))
     outcome = call(stability, "--redraw", "--out", folder)
     assert outcome.exit_code == 1, outcome.output
     assert "FAILED  gap: 0 m, exact: off | by much" in outcome.output

@@ -4,7 +4,9 @@ import csv
 import gzip
 import json
 import operator
+import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,7 +20,7 @@ from optimisation.files import read_json
 from optimisation.machine import sources
 from optimisation.page import has_markers
 from studies import runner
-from studies.study import Part, Place, Study, Table, left, rows_by_case
+from studies.study import Part, Place, Study, Table, rows_part
 
 PAGE = "by hand\n<!-- omega -->\nold\n<!-- /omega -->\nalso by hand\n<!-- shape -->\nold\n<!-- /shape -->\n"
 ELEMENTS = (2, 3, 5)
@@ -39,21 +41,20 @@ def measured_rows(name: str, elements: int, settings: Settings) -> list[dict[str
     return [{"elements": elements, "mode": k + 1, name: float(value)} for k, value in enumerate(values)]
 
 
-def part(name: str) -> Part[Settings]:
+def part(name: str, told: bool = False) -> Part[Settings]:
     def cases(settings: Settings) -> dict[int, Any]:
         return {n: partial(measured_rows, name, n, settings) for n in ELEMENTS}
 
     def save(path: Path, rows: list[dict[str, Any]]) -> None:
         path.write_text(str(len(rows)))
 
-    key = operator.itemgetter("elements")
-    return Part(
+    return rows_part(
         name,
         f"the {name}s of a beam",
-        measure=lambda settings, known: rows_by_case(cases(settings), key, known),
-        markers=(name,),
-        sections=lambda measured: {name: f"{len(measured.values['rows'])} rows. {sources(measured.conditions)}"},
-        steps=lambda settings, known: len(left(cases(settings), key, known)),
+        cases,
+        operator.itemgetter("elements"),
+        lambda measured: f"{len(measured.values['rows'])} rows. {sources(measured.conditions)}",
+        told=lambda settings: {"word": settings.word} if told else {},
         tables=lambda measured: [Table(name, ("elements", name), [[row["elements"], row[name]] for row in measured.values["rows"]])],
         figures=lambda measured: {name: partial(save, rows=measured.values["rows"]), f"{name}.html": partial(save, rows=measured.values["rows"][:1])},
     )
@@ -154,12 +155,20 @@ def test_what_is_stopped_is_kept_and_gone_on_with(place: Place, monkeypatch: pyt
     assert measured(place) == [2, 2, 3, 3, 5, 5]
     carry_out(place, {5: forbidden}, resume=True, **OMEGA)
     assert content(place) == whole
-    carry_out(place, {3: forbidden}, keep=lambda values: {"rows": values["rows"][2:4]}, **OMEGA)  # the others anew
-    assert measured(place) == [2, 2, 3, 3, 5, 5]
     monkeypatch.setattr(runner, "KEEP_S", -1.0)  # long runs are written on the way
     seen: list[dict[str, Any]] = []
     carry_out(place, {5: lambda: seen.append(content(place))}, **OMEGA)
     assert (seen[0]["complete"], len(seen[0]["rows"])) == (False, 4)
+
+
+def test_rows_go_on_by_themselves_while_what_is_told_of_them_is_the_same(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules[__name__], "STUDY", replace(STUDY, parts=(part("omega", told=True),)))
+    carry_out(place, {5: stop}, code=130)
+    carry_out(place, {2: forbidden, 3: forbidden})
+    assert measured(place) == [2, 2, 3, 3, 5, 5]
+    carry_out(place, dict.fromkeys(ELEMENTS, forbidden))
+    carry_out(place, {3: stop}, "other", code=130)
+    assert measured(place) == [2, 2]
 
 
 def test_a_run_that_breaks_down_keeps_what_there_is(place: Place) -> None:

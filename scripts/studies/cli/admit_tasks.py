@@ -2,21 +2,176 @@
 
 # needs: env, optimise
 
-from dataclasses import replace
+import inspect
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import click
+import numpy as np
 
+from impact_env.envs.evaluation import interval
+from impact_env.extras import optional
 from impact_env.parameters import ParameterError
 from optimisation.cli.common import BadInput, check_target, command
-from optimisation.files import read_json, write_json
-from optimisation.page import DOCS, fill, require_markers
+from optimisation.files import read_json, replacing, write_json
+from optimisation.page import DOCS, fill, markdown, require_markers
 from optimisation.progress import Bar
-from optimisation.rl.admission import EFFORTS, QUICK, add_agents, admit, tried
+from optimisation.report.figures import BLACK, BLUE, ORANGE, figure_of, write_figure
+from optimisation.rl.admission import EFFORTS, QUICK, ROOM, add_agents, admit, tried
 from optimisation.rl.agents import FINAL, find_agents
-from optimisation.rl.rules import CHOSEN, TASKS, env_of
-from studies.admission import NAMES, PICTURES, described, rooms, searches
-from studies.study import Json
+from optimisation.rl.families import Random
+from optimisation.rl.rules import CHOSEN, CONSTANT, EIGHT, TASKS, env_of, policies
+from studies.study import Array, Json
+
+NAMES = (*(name for name in TASKS if not name.startswith(("SweepRateNoisy", "SweepRateDelayed"))), "SweepRateHard-v0")
+PICTURES = "tasks"  # folder beside the page
+LANES, STEPS, SPAN = 64, 200, (1, 99)  # of random actions; percentiles
+
+
+def rooms(found: Mapping[str, Json]) -> str:
+    """Return the admission table: mean scores with their intervals over the judged seeds, and the room."""
+    columns = list(dict.fromkeys(label for one in found.values() for label in one["scores"]))
+    rows = []
+    for name, one in found.items():
+        cells = []
+        for label in columns:
+            scores = np.array(one["scores"][label]) if label in one["scores"] else None
+            cells.append("-" if scores is None else told(scores))
+        share = "{:.2f} [{:.2f}, {:.2f}]".format(*one[ROOM]) if ROOM in one else "-"
+        verdict = ("admitted" if one["admitted"] else "no room shown") if ROOM in one else "for comparison"
+        rows.append((f"`{name}`", *cells, share, verdict))
+    return markdown(("task", *columns, ROOM, "verdict"), rows)
+
+
+def told(scores: Any) -> str:
+    """Return the mean of scores (runs, seeds) with its interval, and how many runs there are if there are several."""
+    low, high = interval(np.mean, scores)
+    runs = f" ({len(scores)} runs)" if len(scores) > 1 else ""
+    return f"{scores.mean():.3f} [{low:.3f}, {high:.3f}]{runs}"
+
+
+def searches(found: Mapping[str, Json]) -> str:
+    """Return each rule's family and how it was tuned."""
+    rows = []
+    for name, one in found.items():
+        effort, best = one["effort"], one["rules"][EIGHT]
+        tried = ", ".join(f"{number:.3f}" for number in best["numbers"])
+        spent, ahead = f"{effort['searched']} / {effort['judged']}", f"{effort['horizon']}, {effort['copies']}"
+        rows.append((f"`{name}`", best["family"], tried, spent, ahead if ROOM in one else "-"))
+    return markdown(("task", "best family", "its numbers", "seeds of search / judged", "planner: intervals ahead, copies"), rows)
+
+
+def parts(kind: type) -> dict[str, str]:
+    """Return the sections of an environment's docstring by heading; the text before the first is under an empty one."""
+    pieces = re.split(r"^## (.*)$", inspect.getdoc(kind) or "", flags=re.MULTILINE)
+    return {"": pieces[0].strip()} | {heading: text.strip() for heading, text in zip(pieces[1::2], pieces[2::2], strict=True)}
+
+
+def described(names: Sequence[str] = NAMES) -> str:
+    """Return a section for each environment, with the ranges of its features under random actions."""
+    return "\n\n".join(section(f"ImpactAbsorber/{name}") for name in names)
+
+
+def section(name: str) -> str:
+    """Return the section of one environment."""
+    with optional():
+        import gymnasium
+    env: Any = gymnasium.make_vec(name, num_envs=LANES)
+    generator, seen = np.random.default_rng(0), [env.reset(seed=0)[0]]
+    seen += [env.step(generator.uniform(-1, 1, env.action_space.shape).astype(np.float32))[0] for _ in range(STEPS)]
+    low, high = np.percentile(np.concatenate(seen), SPAN, axis=0)
+    text = parts(type(gymnasium.make(name).unwrapped))
+    lines = [line for line in text["Observation Space"].splitlines() if re.match(r"\| \d+ \|", line)]
+    rows = [[*(cell.strip() for cell in line.strip("| ").split("|")), f"{a:.2g} to {b:.2g}"] for line, a, b in zip(lines, low, high, strict=True)]
+    table = markdown(("#", "feature", "unit and scale", f"{SPAN[0]} to {SPAN[1]} % under random actions"), rows)
+    flat = {heading: re.sub(r"\s*\n\s*", " ", own) for heading, own in text.items()}
+    head = f"## {name.split('/')[1]}\n\n{flat['']} {flat['Description']}\n\n**Action.** {flat['Action Space']}"
+    short = name.split("/")[1]
+    picture = f"![An episode of {short}: what is observed, what is done, and the level]({PICTURES}/{short}.png)"
+    return f"{head}\n\n{table}\n\n**Score.** {flat['Rewards']}\n\n{picture}"
+
+
+# Pictures: an episode of a task with what is observed, what is done, and what comes of it.
+
+
+SEED, DPI = 3, 90
+COLOURS = (BLUE, ORANGE)
+
+
+@dataclass(frozen=True)
+class Episode:
+    """Times (n + 1,) in pseudo periods, observations (n + 1, features), actions (n, numbers), and levels (n,) over those without absorber.
+
+    ``cumulative``: a level is the passage's so far, and not the mean over the last pseudo period, or interval if that is longer.
+    """
+
+    features: list[str]
+    times: Array
+    observations: Array
+    actions: Array
+    levels: Array
+    cumulative: bool
+
+
+def episode(task: str, policy: Any) -> Episode:
+    """Play an episode."""
+    with optional():
+        import gymnasium
+    env: Any = gymnasium.make(f"ImpactAbsorber/{task}")
+    seen, info = env.reset(seed=SEED)
+    policy.start(1)
+    times, observations, actions, levels, over = [float(info["time"])], [seen], [], [], False
+    while not over:
+        action = policy.act(seen[None])[0]
+        seen, reward, end, cut, info = env.step(action)
+        over = end or cut
+        times.append(float(info["time"]))
+        observations.append(seen)
+        actions.append(action)
+        levels.append(float(info.get("relative_level", -float(reward))))
+    env.close()
+    cumulative = "relative_level" in info
+    shares = 1 if cumulative else len(levels)  # of a mean, as rewards are
+    last = max(1, round(1 / env.unwrapped.task.interval))
+    means = [shares * float(np.mean(levels[max(0, k + 1 - last) : k + 1])) for k in range(len(levels))]
+    features = [feature.name for feature in env.unwrapped.task.features]
+    return Episode(features, np.array(times), np.array(observations), np.array(actions), np.array(means), cumulative)
+
+
+def save_picture(path: Path, task: str) -> None:
+    """Draw an episode by the chosen rule, or by chance where there is none, with all that is observed, and actions and levels by the constant beside."""
+    chosen = policies(task) if task in TASKS else {}
+    actors = {"the chosen rule": chosen[EIGHT], CONSTANT: chosen[CONSTANT]} if chosen else {"random actions": Random()}
+    found, first = {name: episode(task, policy) for name, policy in actors.items()}, next(iter(actors))
+    features, observations, times = found[first].features, found[first].observations, found[first].times
+    figure, panels = figure_of(8.6, 6.0, 3, 1, sharex=True, height_ratios=(0.24 * len(features), 1, 1.2))
+    seen, done, came = panels[:, 0]
+    shown = observations.T / np.maximum(np.abs(observations).max(axis=0), 1e-12)[:, None]
+    edges = np.append(times, 2 * times[-1] - times[-2])
+    seen.pcolormesh(edges, np.arange(len(features) + 1), shown, cmap="RdBu_r", vmin=-1, vmax=1)
+    seen.set_yticks(np.arange(len(features)) + 0.5, features, fontsize=8)
+    seen.invert_yaxis()
+    figure.suptitle(f"{task}: what is observed (blue below 0, red above), what is done, and the level", fontsize=10)
+    for (name, one), colour in zip(found.items(), COLOURS, strict=False):
+        for values, style, label in zip(one.actions.T, ("-", (0, (2, 1))), (name, f"{name}: second number"), strict=False):
+            done.stairs(values, one.times, baseline=None, color=colour, ls=style, lw=1.3, label=label)
+        came.stairs(one.levels, one.times, baseline=None, color=colour, lw=1.3)
+    came.axhline(1.0, color=BLACK, lw=0.8, ls=":")
+    done.set(ylabel="action", ylim=(-1.08, 1.08))
+    came.set(ylabel="level so far" if found[first].cumulative else "RMS and prices")
+    came.set(xlabel="time in pseudo periods", xlim=(0, max(one.times[-1] for one in found.values())))
+    came.set_ylim(bottom=min(0.0, *(float(one.levels.min()) for one in found.values())))
+    for panel in (done, came):
+        panel.grid(True, color="0.9", lw=0.7)
+    figure.align_ylabels([done, came])
+    figure.legend(*done.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary:
+        write_figure(figure, temporary, DPI)
+
 
 NUMBERS, PAGE = DOCS / "tasks.json.gz", DOCS / "tasks.md"
 MARKERS = ("admission", "rules", "tasks")
@@ -81,8 +236,6 @@ def main(
         if rules is not None:
             write_json(rules, {name: one["rules"] for name, one in found.items()})
         if page is not None:
-            from studies.task_pictures import save_picture  # matplotlib is slow to import
-
             for name in Bar(NAMES, desc="pictures", unit="task", leave=False):
                 save_picture(page.parent / PICTURES / f"{name}.png", name)
             fill(page, PAGE, {"admission": rooms(found), "rules": searches(found), "tasks": described()})

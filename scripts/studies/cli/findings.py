@@ -3,7 +3,6 @@
 # needs: optimise, cluster
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
 import click
@@ -16,14 +15,14 @@ from optimisation.cli.common import command, plain_errors
 from optimisation.cli.design_options import QUICK_MEMBERS, QUICK_SPEED
 from optimisation.executors import cluster_option, executor
 from optimisation.files import require_writable
-from optimisation.machine import peak_memory, sources
+from optimisation.machine import peak_memory
 from optimisation.page import markdown, published
 from optimisation.statistics import ratio_of_quantiles
 from studies.findings import parts
 from studies.findings.figures import FIGURES
 from studies.findings.parts import Settings
 from studies.runner import run
-from studies.study import Json, Measured, Part, Saver, Steps, Study, beside, lines
+from studies.study import Json, Measured, Part, Saver, Study, beside, lines, whole_part, with_sources
 
 UNITS = {"gap": ("mm", 1e3), "friction_limit": ("N", 1.0), "restitution": ("", 1.0), "stiffness": ("N/m", 1.0), "damping": ("N s/m", 1.0)}
 SYMBOLS = {"restitution": "e", "friction_limit": "muN", "stiffness": "k", "damping": "c"}
@@ -207,37 +206,26 @@ def settings(quick: bool, executor: Executor, seed: int, out: Path) -> Settings:
     return Settings(executor, journals, *sizes, data, (QUICK_SPEED if quick else 1.0) * PAPER_RATE, seed, quick=quick)
 
 
-def _about_searches(name: str, given: Settings) -> Json:
-    from studies.findings import measured  # distributed is slow to import
-
-    return {"front": measured.front, "scaling": measured.scaling, "full": measured.full_study}[name](given)
-
-
 # a title, what measures it, what tells it
 PARTS: dict[str, tuple[str, Callable[[Settings], Json], Callable[[Json], str]]] = {
-    "concepts": ("the best design of each concept for two resonances", lambda given: parts.concepts(given), _concepts),
-    "optima": ("the best friction limit, gap and force at each resonance alone", lambda given: parts.optima(given), _optima),
-    "place": ("where along the beam", lambda given: parts.place(given), _place),
-    "robustness": ("a beam that is not what it was thought to be", lambda given: parts.robustness(given), _robustness),
-    "front": ("first against second resonance", partial(_about_searches, "front"), _front),
-    "scaling": ("one worker and two", partial(_about_searches, "scaling"), _scaling),
-    "full": ("a study of full size", partial(_about_searches, "full"), _full),
+    "concepts": ("the best design of each concept for two resonances", parts.concepts, _concepts),
+    "optima": ("the best friction limit, gap and force at each resonance alone", parts.optima, _optima),
+    "place": ("where along the beam", parts.place, _place),
+    "robustness": ("a beam that is not what it was thought to be", parts.robustness, _robustness),
+    "front": ("first against second resonance", parts.front, _front),
+    "scaling": ("one worker and two", parts.scaling, _scaling),
+    "full": ("a study of full size", parts.full, _full),
 }
 
 
 def _part(name: str) -> Part[Settings]:
     marker, (title, compute, words) = f"{NAME}:{name}", PARTS[name]
 
-    def measure(given: Settings, _known: Json) -> Steps:
-        yield compute(given)
-
     def drawn(measured: Measured) -> dict[str, Saver]:
         return {name: lambda path: FIGURES[name](path, measured.values)} if name in FIGURES else {}
 
-    def sections(measured: Measured) -> dict[str, str]:
-        return {marker: f"{words(measured.values)}\n\n{sources(measured.conditions)}"}
-
-    return Part(name, f"{name}: {title}", measure=measure, markers=(marker,), sections=sections, figures=drawn)
+    text = with_sources(lambda measured: words(measured.values))
+    return whole_part(name, f"{name}: {title}", compute, text, marker, figures=drawn)
 
 
 STUDY: Study[Settings] = Study(

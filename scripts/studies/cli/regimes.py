@@ -1,20 +1,285 @@
 """Regimes of a response: how long impacts last at each frequency, P(jump) of a sweep from that, and where it is periodic, where chaotic."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import positive, require
-from impact_env.periodic.residence import Range
+from impact_env.periodic.residence import ExitRate, Hazard, Jumps, Range, hazard
+from impact_env.periodic.stationary import Kind
 from optimisation.cli.common import BadInput, command, plain_errors
 from optimisation.cli.scene_options import make_scene, refuse_parts, structure_option
 from optimisation.executors import cluster_option, workers
-from studies.regimes.measured import Case, Settings, cases, grid
-from studies.regimes.study import JUMP, KINDS, OUT, QUICK_OUT, STUDY, place
+from optimisation.machine import sources
+from optimisation.page import markdown, published
+from optimisation.report.figures import write_figure
+from studies.regimes.measured import RESPONSE, STAY, SWEEP, WAYS, Case, Key, Row, Settings, cases, grid, jump_cases, key, kind_cases
 from studies.runner import run
+from studies.study import Json, Measured, Part, Place, Saver, Study, Table, beside, rows_part
+
+NAMES = {Kind.LINEAR: "no impacts", Kind.PERIODIC: "periodic", Kind.SUSTAINED: "sustained", Kind.MODULATED: "strongly modulated"}
+
+
+def of_case(rows: list[Row], what: str, case: str) -> list[Row]:
+    """Return a case's rows of one sort."""
+    return [row for row in rows if (row["what"], row["case"]) == (what, case)]
+
+
+def names(rows: list[Row]) -> list[str]:
+    """Return the names of cases, in the order of the rows."""
+    return list(dict.fromkeys(row["case"] for row in rows))
+
+
+def hazard_of(stays: list[Row], first: float = np.inf, last: float = -np.inf) -> Hazard | None:
+    """Return the integral of the rates between two ratios, None where fewer than two frequencies have one."""
+    known = [row for row in stays if row["rate"] is not None and last <= row["at"] <= first]
+    if len(known) < 2:
+        return None
+    rates = [ExitRate(row["exits"], row["exposure"], row["rate"], row["low"], row["high"]) for row in known]
+    return hazard([row["at"] for row in known], rates)
+
+
+SHOWN = 8  # frequencies of a case's rates on the page
+
+
+def stay_table(stays: list[Row]) -> str:
+    """Return lines for some of the frequencies, evenly chosen; the CSV file has all."""
+    step = max(1, len(stays) // SHOWN)
+    lines = []
+    for row in stays[::step]:
+        rates = ("", "") if row["rate"] is None else (f"{1e4 * row['rate']:.3g}", f"{1e4 * row['low']:.2g} to {1e4 * row['high']:.2g}")
+        late = f"{1e4 * row['late_exits'] / row['late_exposure']:.3g}" if row["late_exposure"] else ""
+        pause = "" if row["longest_pause"] is None else f"{row['longest_pause']:.1f}"
+        lines.append((f"{row['at']:g}", str(row["runs"] - row["absent"]), str(row["exits"]), *rates, late, pause, str(row["returned"])))
+    header = ("frequency ratio", "runs there", "exits", "rate, 1e-4 per pseudo period", "95 %", "later rate", "longest pause", "returned")
+    return markdown(header, lines) + ("" if step == 1 else f"\n\nAll {len(stays)} frequencies: [jump_stay.csv](regimes/jump_stay.csv).")
+
+
+def sweep_table(sweeps: list[Row], found: Hazard | None) -> str:
+    """Return a line for each slowness: measured beside predicted."""
+    lines = []
+    for row in sweeps:
+        told = "{:.3f}|{:.3f} to {:.3f}".format(*found.probability(row["at"])).split("|") if found is not None else ("", "")
+        share = "" if row["share"] is None else f"{row['share']:.3f}"
+        high_level = "" if row["high_level"] is None else f"{row['high_level'] / row['runs']:.3f}"
+        lines.append((f"{row['at']:g}", *told, share, f"{row['low']:.3f} to {row['high']:.3f}", f"{row['jumped']} of {row['present']}", high_level))
+    header = ("pseudo periods per 1 %", "P(jump) predicted", "95 %", "measured", "95 %, Wilson", "runs", "level above the limit, of all")
+    return markdown(header, lines)
+
+
+def about(found: Hazard | None) -> str:
+    """Say what the rates amount to."""
+    if found is None:
+        return "Fewer than two frequencies have a rate: no prediction."
+    reach = f"Integral of the rate from {found.first:g} to {found.last:g}: "
+    if found.value == 0:
+        return f"{reach}no run left."
+    inverse, interval = f"exp(-N/{1 / found.value:.0f})", f"(95 %: {1 / found.high:.0f} to {1 / found.low:.0f})"
+    if found.factor == 1:
+        return f"{reach}P(jump) = {inverse} {interval}."
+    factor = f"A = {found.factor:.3f} (95 %: {found.factor_low:.3f} to {found.factor_high:.3f}) from the sweeps"
+    return f"{reach}P(jump) = A {inverse} {interval}, {factor}."
+
+
+def with_sweeps(found: Hazard | None, sweeps: list[Row]) -> Hazard | None:
+    """Return the hazard with the factor that sweeps show; as it is where none of them tells."""
+    measured = {row["at"]: Jumps(row["jumped"], row["present"], row["runs"]) for row in sweeps}
+    told = [one for one in measured.values() if 0 < one.jumped < one.present]
+    return found.with_sweeps(measured) if found is not None and told else found
+
+
+def ways_table(rows: list[Row], case: str) -> str:
+    """Return a line for each slowness and way of sweeps through one range, beside what constant frequencies say; empty if there are none."""
+    lines = []
+    for row in (row for way in WAYS for row in of_case(rows, way, case)):
+        high, low = max(row["first"], row["last"]), min(row["first"], row["last"])
+        rates = hazard_of(of_case(rows, STAY, case), high, low)
+        share = row["left"] / row["present"]
+        told, measured, error = 0.0 if rates is None else row["at"] * rates.value, -np.log1p(-share), np.sqrt(share / (1 - share) / row["present"])
+        cells = (f"{told:.4f}", f"{measured:.4f}", f"{measured - told:+.4f} +- {error:.4f}")
+        lines.append((f"{row['what']}, {row['first']:g} to {row['last']:g}", f"{row['at']:g}", f"{row['left']} of {row['present']}", *cells))
+    header = ("sweep", "pseudo periods per 1 %", "left", "exits told by the rates", "measured, -log of the share that stays", "more than told")
+    return markdown(header, lines) if lines else ""
+
+
+def pattern(row: Row) -> str:
+    """Return the kinds at a frequency, each with its share, the multiples of periodic ones named."""
+    shares = {NAMES[Kind.LINEAR]: row[Kind.LINEAR.value]} | {f"period {multiple}": number for multiple, number in row["multiples"].items()}
+    shares |= {NAMES[kind]: row[kind.value] for kind in (Kind.SUSTAINED, Kind.MODULATED)}
+    return ", ".join(f"{name} {100 * number / row['runs']:.0f} %" for name, number in shares.items() if number)
+
+
+# what is told of the responses: factor and digits
+SHARES = ("absorber_share", "impact_loss", "friction_loss")
+SPANS = (("impacts_per_period", 1, "{:.2f}"), ("depth", 1, "{:.2f}"), *((name, 100, "{:.0f}") for name in SHARES), ("peak_50", 1e3, "{:.3f}"))
+
+
+def kind_table(rows: list[Row]) -> str:
+    """Return a line for each stretch of frequencies with the same kinds in the same shares."""
+    lines = []
+    for words, stretch in groupby(rows, key=pattern):
+        group = list(stretch)
+        first, last = group[0]["at"], group[-1]["at"]
+        at = f"{first:g}" if first == last else f"{first:g} to {last:g}"
+        lines.append((at, words, *(_span(group, *span) for span in SPANS)))
+    header = ("frequency ratio", "kinds", "impacts per period", "depth", "absorber's energy, %", "impact losses, %", "friction losses, %", "peak, mm")
+    return markdown(header, lines)
+
+
+def _span(group: list[Row], name: str, factor: float, form: str) -> str:
+    low, high = (form.format(factor * f(row[name] for row in group)) for f in (min, max))
+    return low if low == high else f"{low} to {high}"
+
+
+def slownesses(rows: list[Row], case: str) -> list[Row]:
+    """Return a case's sweeps, the fastest first."""
+    return sorted(of_case(rows, SWEEP, case), key=lambda row: row["at"])
+
+
+NAME = "regimes"
+QUICK_OUT = Path("results/regimes")
+OUT = published(Path("docs"), QUICK_OUT)
+JUMP, KINDS = "jump", "kinds"
+NUMBERS, TIMES = ("stay_members", "sweep_members", "kind_members", "seed"), ("stay_periods", "burn_in", "silence", "settle", "window")
+
+
+def place(out: Path, own: bool) -> Place:
+    """Return where files go: the page into a folder, all else into its folder regimes; for a scene of the caller's all into the folder, no page."""
+    return Place(out) if own else beside(out, NAME, out / NAME)
+
+
+def _jump_words(rows: list[Row]) -> list[str]:
+    blocks = []
+    for case in names(rows):
+        stays, sweeps = of_case(rows, STAY, case), slownesses(rows, case)
+        found = with_sweeps(hazard_of(stays), sweeps)
+        tables = (sweep_table(sweeps, found) if sweeps else "", ways_table(rows, case), stay_table(stays) if stays else "")
+        blocks += [f"**{case}.** {about(found)}", *filter(None, tables)]
+    return blocks
+
+
+def _kind_words(rows: list[Row]) -> list[str]:
+    return [words for case in names(rows) for words in (f"**{case}**", kind_table(of_case(rows, RESPONSE, case)))]
+
+
+def _tables(measured: Measured, name: str) -> list[Table]:
+    rows: list[Row] = measured.values["rows"]
+    found = []
+    for what in dict.fromkeys(row["what"] for row in rows if row["what"] not in WAYS):
+        own = [row for row in rows if row["what"] == what]
+        columns = [column for column in own[0] if column != "what"]
+        cells = [[row[column] for column in columns] for row in own]
+        words = [[" ".join(f"{k}:{v}" for k, v in x.items()) if isinstance(x, dict) else "" if x is None else x for x in line] for line in cells]
+        found.append(Table(f"{name}_{what}", columns, words))
+    return found
+
+
+def _part(
+    name: str,
+    title: str,
+    cases: Callable[[Settings], Mapping[Key, Callable[[], list[Row]]]],
+    words: Callable[[list[Row]], list[str]],
+    save: Callable[[Path, list[Row]], None],
+) -> Part[Settings]:
+    def text(measured: Measured) -> str:
+        made = f"{sources(measured.conditions)} {measured.conditions['wall_s']:g} s." + ("" if measured.complete else " Stopped early.")
+        return "\n\n".join([*words(measured.values["rows"]), made])
+
+    def figures(measured: Measured) -> dict[str, Saver]:
+        return {name: lambda path: save(path, measured.values["rows"])}
+
+    return rows_part(name, title, cases, key, text, f"{NAME}:{name}", tables=partial(_tables, name=name), figures=figures)
+
+
+def _notes(settings: Settings) -> Json:
+    words = [f"{case.name}: {case.scene}, {case.force:g} N, by {case.approach_ratio:g}" for case in settings.cases]
+    return {"cases": words, **{name: getattr(settings, name) for name in (*NUMBERS, "quick", *TIMES)}}
+
+
+COLOURS = {Kind.LINEAR: "#BBBBBB", Kind.PERIODIC: "#0072B2", Kind.SUSTAINED: "#E69F00", Kind.MODULATED: "#CC3311"}
+DPI = 110
+
+
+def save_jump(path: Path, rows: list[Row]) -> None:
+    """Draw rates of leaving over the frequency, and jumps over the slowness, a row for each case."""
+    shown = names(rows)
+    figure = Figure(figsize=(11, 4.2 * len(shown)), layout="constrained")
+    for case, (rates, jumps) in zip(shown, np.atleast_2d(figure.subplots(len(shown), 2)), strict=True):
+        _rates(rates, [row for row in of_case(rows, STAY, case) if row["rate"] is not None])
+        rates.set(xlabel="frequency over the resonance's", ylabel=r"rate of leaving, $10^{-4}$ per pseudo period")
+        rates.set_title(f"{case}: constant frequencies")
+        _jumps(jumps, slownesses(rows, case), of_case(rows, STAY, case))
+        jumps.set(xlabel="pseudo periods per 1 %", ylabel="share that jumps", title=f"{case}: sweeps", ylim=(-0.02, 1.02))
+    write_figure(figure, path, DPI)
+
+
+def _bars(panel: Axes, x: list[float], rows: list[Row], value: str, label: str, scale: float = 1.0) -> None:
+    y, low, high = (scale * np.array([row[name] for row in rows]) for name in (value, "low", "high"))
+    panel.errorbar(x, y, [y - low, high - y], fmt="o", ms=4, color="#0072B2", lw=1, capsize=2, label=label)
+
+
+def _rates(panel: Axes, rows: list[Row]) -> None:
+    if rows:
+        _bars(panel, [row["at"] for row in rows], rows, "rate", "exits over time at risk, 95 %", 1e4)
+        panel.margins(y=0.14)
+        panel.legend(frameon=False, loc="upper left")
+    panel.grid(True, color="0.9", lw=0.6)
+
+
+def _jumps(panel: Axes, sweeps: list[Row], stays: list[Row]) -> None:
+    measured, found = [row for row in sweeps if row["share"] is not None], with_sweeps(hazard_of(stays), sweeps)
+    if measured and found is not None:
+        n = np.geomspace(measured[0]["at"] / 2, measured[-1]["at"] * 2, 200)
+        told = np.array([found.probability(each) for each in n]).T
+        panel.plot(n, told[0], color="0.2", lw=1.2, label=f"{found.factor:.3f} exp(-N integral of the rate)")
+        panel.fill_between(n, told[1], told[2], color="0.85", lw=0)
+    if measured:
+        _bars(panel, [row["at"] for row in measured], measured, "share", "measured, 95 %")
+        panel.legend(frameon=False)
+    panel.set_xscale("log")
+    panel.grid(True, color="0.9", lw=0.6)
+
+
+def save_kinds(path: Path, rows: list[Row]) -> None:
+    """Draw the members' kinds over the frequency above the envelope of the response, a column for each case."""
+    shown = names(rows)
+    figure = Figure(figsize=(6.5 * len(shown), 7), layout="constrained")
+    panels = figure.subplots(2, len(shown), squeeze=False, sharex="col")
+    for case, (top, bottom) in zip(shown, panels.T, strict=True):
+        own = of_case(rows, RESPONSE, case)
+        x = np.array([row["at"] for row in own])
+        shares = [[row[kind.value] / row["runs"] for row in own] for kind in Kind]
+        top.stackplot(x, shares, labels=[NAMES[kind] for kind in Kind], colors=[COLOURS[kind] for kind in Kind], step="mid")
+        top.set(ylabel="share of members", title=case, ylim=(0, 1))
+        low, middle, high = (1e3 * np.array([row[name] for row in own]) for name in ("peak_5", "peak_50", "peak_95"))
+        bottom.fill_between(x, low, high, color="0.85", lw=0, label="5 to 95 %")
+        bottom.plot(x, middle, color="#0072B2", lw=1.2, label="median")
+        bottom.set(xlabel="frequency over the resonance's", ylabel=r"largest $|q_\mathrm{tip}|$ of a period in mm")
+        bottom.set_xlim(x[0], x[-1])
+        bottom.legend(frameon=False)
+        bottom.grid(True, color="0.9", lw=0.6)
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(Kind), frameon=False)
+    write_figure(figure, path, DPI)
+
+
+STUDY: Study[Settings] = Study(
+    (
+        _part(JUMP, "how long impacts last, and the jump", jump_cases, _jump_words, save_jump),
+        _part(KINDS, "kinds of response over the frequency", kind_cases, _kind_words, save_kinds),
+    ),
+    notes=_notes,
+    same=("processor", "versions", "cases", *NUMBERS, *TIMES),
+)
+
 
 OWN = ("scene", "structure", "modes", "damping", "mass_ratio", "gap", "restitution", "friction_limit", "force")
 NOT_ASKED = ("absorber", "contact_stiffness", "friction_stiffness", "stiffness", "absorber_damping")
