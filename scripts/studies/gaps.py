@@ -9,11 +9,11 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.legendre import Legendre, leggauss
-from numpy.typing import NDArray
 
 from impact_env import Beam, CoulombFriction, ModalModel, Scene, SlidingAbsorber
 from impact_env.curve import CurveCase, performance_curves
@@ -21,10 +21,10 @@ from impact_env.drive import PAPER_RATE
 from impact_env.ensemble import Executor
 from impact_env.structures.matrices import lowest_modes
 from optimisation.bounds import expected_gap
-from optimisation.gap_advice import FASTER, TOLERANCE, Advice, advise
+from optimisation.gap_advice import FASTER, MEMBERS, TOLERANCE, Advice, advise
 from optimisation.gap_check import scaled_absorber
 from optimisation.mounting import mounted
-from studies.study import Array, there
+from studies.study import Array, Json, there
 
 Point = tuple[float, float]
 FORCE = 1.0  # N
@@ -264,47 +264,47 @@ class Row:
     gaps: int
 
 
-def row(
-    case: Case,
-    members: int,
-    step: float = STEP,
-    rate: float | None = None,
-    judges: int | None = None,
-    threads: int | None = None,
-    executor: Executor | None = None,
-) -> Row:
-    """Return a case's row, judged on ``judges`` members (None: those of the search); raises KeyboardInterrupt if it is stopped."""
+class Settings(NamedTuple):
+    """The cases, runs for each gap, the scan's step of ln gap, the sweeps' rate (None: the default), and runs that judge (None: the search's)."""
+
+    cases: tuple[Case, ...]
+    members: int = MEMBERS
+    step: float = STEP
+    rate: float | None = None
+    judges: int | None = None
+    threads: int | None = None
+    executor: Executor | None = None
+
+
+def row(case: Case, given: Settings) -> Row:
+    """Return a case's row; raises KeyboardInterrupt if it is stopped."""
     model = case.model()
     absorber = scaled_absorber(model, FORCE, case.resonance, case.mass_ratio)
-    where = {"threads": threads, "executor": executor}
-    found = advise(model, FORCE, case.resonance, absorber, members=members, percent_per_100_periods=rate, **where)  # type: ignore[arg-type]
+    where: Json = {"threads": given.threads, "executor": given.executor}
+    found = advise(model, FORCE, case.resonance, absorber, members=given.members, percent_per_100_periods=given.rate, **where)
     if not found.complete or found.sharp is None or found.recommended is None:
         raise KeyboardInterrupt
     check = found.check
     fit = float(expected_gap(model, check.mass, FORCE, case.resonance))
     best = found.recommended.gap  # and what it is under more and less force
     told = np.log(np.array([found.sharp.gap, best / (1 + TOLERANCE), best, best / (1 - TOLERANCE), check.rule, fit]) / check.rule)
-    grid = np.arange(FROM, TO, step)
+    grid = np.arange(FROM, TO, given.step)
     own = {told[0]: found.sharp.absorber, told[2]: found.recommended.absorber}  # the very devices: runs part from those of other last digits
 
     def levels(at: Sequence[float] | Array, number: int, speed: float, first: int = 0, seed: int = 0) -> Array:
         scenes = [Scene(model, own[x] if x in own else scaled(check.absorber, float(np.exp(x)))) for x in at]
         cases = [CurveCase(scene, np.array([FORCE]), case.resonance, check.limits, speed) for scene in scenes]
-        curves = performance_curves(cases, number, seed, threads=threads, executor=executor)
+        curves = performance_curves(cases, number, seed, **where)
         if not all(curve.complete for curve in curves):
             raise KeyboardInterrupt
         return np.array([np.median(curve.combined[0, first:]) for curve in curves])
 
-    near = grid[_beside(levels(grid, 1, min(PAPER_RATE, FASTER * check.rate)), WITHIN)]
+    looked = levels(grid, 1, min(PAPER_RATE, FASTER * check.rate))
+    near = grid[np.convolve(looked <= WITHIN * looked.min(), np.ones(2 * BESIDE + 1), "same") > 0]  # and those beside
     at = np.union1d(near, told)
-    full = levels(at, judges or members, check.rate)
+    full = levels(at, given.judges or given.members, check.rate)
     again = levels([told[0], at[np.argmin(full)]], FRESH + 1, check.rate, 1, UNSEEN)  # the first member of all ensembles is one and the same run
     return judged(case, found, at, full, fit / check.rule, float(again[0] / again[1]))
-
-
-def _beside(levels: Array, within: float) -> NDArray[np.bool_]:
-    """Return which levels are within a factor of the lowest, and those beside them."""
-    return np.convolve(levels <= within * levels.min(), np.ones(2 * BESIDE + 1), "same") > 0
 
 
 def scaled(absorber: SlidingAbsorber, factor: float) -> SlidingAbsorber:

@@ -1,6 +1,7 @@
 """The figures of the answers about loads."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -60,8 +61,12 @@ def save_both(path: Path, rows: Sequence[Json]) -> None:
     write_figure(figure, path, 110)
 
 
-def _over_force(path: Path, rows: Sequence[Json], colour: str, style: str, words: tuple[str, str]) -> None:
-    """Draw the level over the force: a colour for each value of one name, a style for both of the other, in ``words``."""
+def save_over_force(path: Path, rows: Sequence[Json], colour: str, words: tuple[str, str], style: str = "friction") -> None:
+    """Draw the level over the force: a colour for each value of one name, a style for both of the other, in ``words``.
+
+    Of rows that name a restitution, those with neither losses nor friction and those with both.
+    """
+    rows = [row for row in rows if "restitution" not in row or (row["restitution"], row["friction"]) in ((1.0, 0.0), (0.7, 1.0))]
     figure = Figure(figsize=(9.0, 4.2), layout="constrained")
     panels = figure.subplots(1, len(_structures(rows)), sharey=True, squeeze=False)[0]
     colours, styles = (list(dict.fromkeys(row[name] for row in rows)) for name in (colour, style))
@@ -80,17 +85,6 @@ def _over_force(path: Path, rows: Sequence[Json], colour: str, style: str, words
     panels[0].set_ylabel("level over that without absorber")
     panels[-1].legend(frameon=False, fontsize=8)
     write_figure(figure, path, 110)
-
-
-def save_gravity(path: Path, rows: Sequence[Json]) -> None:
-    """Draw the level over the force for each weight, with friction (broken) and without."""
-    _over_force(path, rows, "weight", "friction", ("no friction", "with friction"))
-
-
-def save_start(path: Path, rows: Sequence[Json]) -> None:
-    """Draw the level over the force from each start, with friction and losses (broken) and without either."""
-    kept = [row for row in rows if (row["restitution"], row["friction"]) in ((1.0, 0.0), (0.7, 1.0))]
-    _over_force(path, kept, "start", "friction", ("no friction, e = 1", "with friction, e = 0.7"))
 
 
 def _finish(figure: Figure, panels: list[tuple[str, Any]], path: Path) -> None:
@@ -143,7 +137,7 @@ def save_shock(path: Path, rows: Sequence[Json]) -> None:
 FIGURES: dict[str, Callable[[Path, Sequence[Json]], None]] = {
     "loads_both": save_both,
     "loads_random": save_random,
-    "loads_gravity": save_gravity,
+    "loads_gravity": partial(save_over_force, colour="weight", words=("no friction", "with friction")),
     "loads_shock": save_shock,
-    "loads_start": save_start,
+    "loads_start": partial(save_over_force, colour="start", words=("no friction, e = 1", "with friction, e = 0.7")),
 }

@@ -150,8 +150,8 @@ def test_claims_hold_or_are_broken_and_the_page_says_so(name: str, found: dict[s
         (0, "Every part left out saves time.", 1.8, good),
         (1, "Left out without a saving of 2 % or more: friction (exact).", 1.0, good | {name: found}),
     ):
-        values = specialisation.Results(scenes, [SAVING | {"switched_off_ns": ratio * 5e3, "ratio": ratio}])
-        made = Measured(vars(values), conditions() | {"quick": True})
+        values = {"own": scenes, "pairs": [SAVING | {"switched_off_ns": ratio * 5e3, "ratio": ratio}]}
+        made = Measured(values, conditions() | {"quick": True})
         write_json(tmp_path / "specialisation.json.gz", specialisation.STUDY.pack("specialisation", made))
         result = call(specialisation, "--redraw", "--out", tmp_path)
         assert result.exit_code == code, result.output

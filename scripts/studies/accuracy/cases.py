@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from impact_env import InitialState, Record, Scene, beam_scene, simulate
 from impact_env.drive import PAPER_RATE, Drive, FrequencySchedule, linear_sweep
@@ -235,9 +234,7 @@ def made_with(measured: Measured) -> str:
 
 def plain(panel: Axes, ticks: list[float]) -> None:
     """Write the ticks of an axis as plain numbers."""
-    panel.set_xticks(ticks)
-    panel.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    panel.xaxis.set_minor_formatter(NullFormatter())
+    panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     panel.minorticks_off()
 
 

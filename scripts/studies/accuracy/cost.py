@@ -8,12 +8,12 @@ from operator import itemgetter
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from impact_env import Beam, Drive, beam_scene, linear_sweep, simulate
 from impact_env.ensemble import Lane, available_cores, draw_members, run_lanes
 from impact_env.methods import Exact, Method, Moreau
 from optimisation.page import markdown
+from optimisation.report.figures import force_axis
 from studies.accuracy.cases import COLOURS, MARKERS, Cases, Row, Settings, case, kind_named, median_time, method_name, number, plain, unique
 from studies.accuracy.trajectory import own_time
 
@@ -31,15 +31,6 @@ THREAD_LANES = 64
 LENGTH_KIND, LENGTH_MODES, LENGTH_LIMITS = "impact, e = 1", 3, (0.94, 0.98)
 
 
-def _thread_counts() -> list[int]:
-    cores = available_cores()
-    return sorted({2**k for k in range(cores.bit_length()) if 2**k <= cores} | {cores})
-
-
-def _own_time(name: str, modes: int, method: Method, settings: Settings) -> float:
-    return own_time(case(kind_named(name), modes), method, 1.0, settings)
-
-
 key = itemgetter("over", "value", "scene", "method")  # of a row: its case
 
 
@@ -55,10 +46,12 @@ def cases(settings: Settings) -> Cases:
         for modes in settings.cost_modes:
             words = method_name(method, beam_scene(Beam(modes=modes), kind_named(name).absorber()))
             label = f"{words}, {method.steps_per_period} steps" if isinstance(method, Moreau) else words
-            add(MODES, modes, name, modes, label, partial(_own_time, name, modes, method, settings))
+            us = partial(lambda name, modes, method: own_time(case(kind_named(name), modes), method, 1.0, settings), name, modes, method)
+            add(MODES, modes, name, modes, label, us)
     for lanes in settings.cost_lanes:
         add(LANES, lanes, LANE_KIND, LANE_MODES, "Exact", partial(_lanes_time, lanes, 1, settings))
-    for threads in _thread_counts():
+    cores = available_cores()
+    for threads in sorted({2**k for k in range(cores.bit_length()) if 2**k <= cores} | {cores}):
         add(THREADS, threads, LANE_KIND, LANE_MODES, "Exact", partial(_lanes_time, THREAD_LANES, threads, settings))
     for periods in settings.cost_periods:
         add(LENGTH, periods, LENGTH_KIND, LENGTH_MODES, "Exact", partial(_length_time, periods, settings))
@@ -140,6 +133,4 @@ def _room(panel: Axes, rows: list[Row]) -> None:
     if values and max(values) < 10 * min(values):
         middle = float(np.sqrt(min(values) * max(values)))
         panel.set_ylim(middle / 4, middle * 4)
-        panel.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        panel.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-        panel.yaxis.set_minor_locator(NullLocator())
+        force_axis(panel.yaxis)

@@ -11,7 +11,6 @@ import scipy.stats
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import ArrayLike
 
 from impact_env import Beam, Scene, beam_scene, linear_sweep, simulate
@@ -19,6 +18,7 @@ from impact_env.ensemble import Members, draw_members
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from optimisation.page import markdown
+from optimisation.report.figures import force_axis
 from studies.accuracy.cases import (
     LOOKS,
     Cases,
@@ -183,9 +183,7 @@ def _few_ticks(panel: Axes) -> None:
     if high < 10 * low:
         panel.set_ylim(np.sqrt(low * high) / np.sqrt(10), np.sqrt(low * high) * np.sqrt(10))
     for axis in (panel.xaxis, panel.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1, 3)))
-        axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-        axis.set_minor_locator(NullLocator())
+        force_axis(axis, (1, 3))
     panel.grid(True, color="0.9", lw=0.6)
     panel.set_axisbelow(True)
 

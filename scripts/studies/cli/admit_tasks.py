@@ -16,7 +16,7 @@ from impact_env.envs.evaluation import interval
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError
 from optimisation.cli.common import BadInput, check_target, command
-from optimisation.files import read_json, replacing, write_json
+from optimisation.files import read_json, write_json
 from optimisation.page import DOCS, fill, markdown, require_markers
 from optimisation.progress import Bar
 from optimisation.report.figures import BLACK, BLUE, ORANGE, figure_of, write_figure
@@ -142,7 +142,7 @@ def episode(task: str, policy: Any) -> Episode:
 
 
 def save_picture(path: Path, task: str) -> None:
-    """Draw an episode by the chosen rule, or by chance where there is none, with all that is observed, and actions and levels by the constant beside."""
+    """Draw an episode by the chosen rule, or by chance where there is none: what is observed, and actions and levels beside those of the constant."""
     chosen = policies(task) if task in TASKS else {}
     actors = {"the chosen rule": chosen[EIGHT], CONSTANT: chosen[CONSTANT]} if chosen else {"random actions": Random()}
     found, first = {name: episode(task, policy) for name, policy in actors.items()}, next(iter(actors))
@@ -169,8 +169,7 @@ def save_picture(path: Path, task: str) -> None:
     figure.align_ylabels([done, came])
     figure.legend(*done.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        write_figure(figure, temporary, DPI)
+    write_figure(figure, path, DPI)
 
 
 NUMBERS, PAGE = DOCS / "tasks.json.gz", DOCS / "tasks.md"

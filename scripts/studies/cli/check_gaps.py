@@ -4,17 +4,15 @@ from dataclasses import asdict
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
-from typing import NamedTuple
 
 import click
 
-from impact_env.ensemble import Executor
 from optimisation.cli.common import command, plain_errors
 from optimisation.executors import cluster_option, workers
 from optimisation.gap_advice import MEMBERS
 from optimisation.machine import sources
 from studies.drawn import CASES as DRAWN
-from studies.gaps import CASES, STEP, Case, Row, row
+from studies.gaps import CASES, STEP, Case, Row, Settings, row
 from studies.runner import run
 from studies.study import Json, Measured, Study, lines, rows_part, table_options, table_place
 
@@ -23,20 +21,8 @@ QUICK_CASES, QUICK_STEP = (12, 19), 0.2
 TOLERATED = 1.1
 
 
-class Settings(NamedTuple):
-    """The cases, runs for each gap, the scan's step of ln gap, the sweeps' rate (None: the default), and where."""
-
-    cases: tuple[Case, ...]
-    members: int = MEMBERS
-    step: float = STEP
-    rate: float | None = None
-    judges: int | None = None
-    threads: int | None = None
-    executor: Executor | None = None
-
-
 def _measured(case: Case, given: Settings) -> list[Json]:
-    return [asdict(row(case, given.members, given.step, given.rate, given.judges, given.threads, given.executor))]
+    return [asdict(row(case, given))]
 
 
 def tables(measured: Measured) -> dict[str, str]:

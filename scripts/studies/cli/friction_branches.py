@@ -4,7 +4,6 @@ On the paper's beam at 3.5 N near the first resonance, the paper's absorber othe
 rule's is too narrow (docs/which_gap.md). Levels are those of fresh members, relative to no absorber.
 """
 
-from collections.abc import Iterator
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
@@ -19,7 +18,6 @@ from impact_env.ensemble import Executor
 from impact_env.parameters import Beam
 from optimisation.cli.common import command, plain_errors
 from optimisation.designs import Design, design_space
-from optimisation.evaluation import Progress
 from optimisation.executors import cluster_option, executor
 from optimisation.insight import SHOWN
 from optimisation.objectives import Condition
@@ -38,23 +36,6 @@ NAME = "friction_branches"
 MEMBERS = 32  # at the paper's damping
 
 
-def rows(damping: float, factor: float, members: int, executor: Executor, progress: Progress | None = None) -> Iterator[Json]:
-    """Yield levels over no absorber for each of `LIMITS`: median and 5 to 95 % of the members, and their branches.
-
-    On the paper's beam with another damping, and a gap ``factor`` times the rule's.
-    """
-    problem = Problem(design_space(IMPACT), (Condition(1, FORCE),), beam=Beam(damping_ratio=damping), members=members)
-    start = problem.space.default.values
-    designs = [Design(IMPACT, {**start, GAP: factor * start[GAP], FRICTION_LIMIT: limit}) for limit in LIMITS]
-    for limit, found in zip(LIMITS, judged(problem, designs, problem.fresh_ensemble(members, SHOWN), executor, progress), strict=True):
-        low, median, high = (float(x) for x in np.quantile(found.members[0], (BAND[0], 0.5, BAND[1])))
-        apart = branches(found.members[0])
-        yield {
-            "damping_ratio": damping, "gap_over_rule": factor, "members": members, "friction_limit_n": limit, "relative_median": median,
-            "relative_5_to_95_percent": [low, high], "branches": "one" if apart is None else apart.text(100, " %"),
-        }  # fmt: skip
-
-
 class Settings(NamedTuple):
     """Runs for each point at the paper's damping, cases of `CASES`, and what makes the runs."""
 
@@ -63,14 +44,28 @@ class Settings(NamedTuple):
     executor: Executor
 
 
-def members_of(damping: float, members: int) -> int:
-    """Return how many runs a point gets: fewer at less damping, whose sweeps take longer by its square, but a quarter at least."""
-    return max(1, round(members * min(1.0, max(0.25, damping / PAPER_DAMPING))))
+def _rows(damping: float, factor: float, given: Settings) -> list[Json]:
+    """Return levels over no absorber for each of `LIMITS`: median and 5 to 95 % of the members, and their branches.
 
-
-def _case(damping: float, gap: float, given: Settings) -> list[Json]:
-    with runs_bar(f"damping {100 * damping:g} %, gap {gap:g}") as show:
-        return list(rows(damping, gap, members_of(damping, given.members), given.executor, progress=show))
+    On the paper's beam with another damping, and a gap ``factor`` times the rule's. There are fewer members at less damping, whose sweeps take longer
+    by its square, but a quarter at least.
+    """
+    members, found = max(1, round(given.members * min(1.0, max(0.25, damping / PAPER_DAMPING)))), []
+    problem = Problem(design_space(IMPACT), (Condition(1, FORCE),), beam=Beam(damping_ratio=damping), members=members)
+    start = problem.space.default.values
+    designs = [Design(IMPACT, {**start, GAP: factor * start[GAP], FRICTION_LIMIT: limit}) for limit in LIMITS]
+    with runs_bar(f"damping {100 * damping:g} %, gap {factor:g}") as show:
+        levels = judged(problem, designs, problem.fresh_ensemble(members, SHOWN), given.executor, show)
+    for limit, one in zip(LIMITS, levels, strict=True):
+        low, median, high = (float(x) for x in np.quantile(one.members[0], (BAND[0], 0.5, BAND[1])))
+        apart = branches(one.members[0])
+        found.append(
+            {
+                "damping_ratio": damping, "gap_over_rule": factor, "members": members, "friction_limit_n": limit, "relative_median": median,
+                "relative_5_to_95_percent": [low, high], "branches": "one" if apart is None else apart.text(100, " %"),
+            }
+        )  # fmt: skip
+    return found
 
 
 def table(measured: Measured) -> str:
@@ -94,7 +89,7 @@ STUDY: Study[Settings] = Study(
         rows_part(
             NAME,
             "friction and branches",
-            cases=lambda given: {case: partial(_case, *case, given) for case in given.cases},
+            cases=lambda given: {case: partial(_rows, *case, given) for case in given.cases},
             key=itemgetter("damping_ratio", "gap_over_rule"),
             text=with_sources(table),
             told=lambda given: {"members": given.members},

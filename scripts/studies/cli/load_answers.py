@@ -14,7 +14,7 @@ import numpy as np
 from impact_env import Drive, InitialState, ModalModel, Scene, impact_absorbers, linear_sweep, modal_model
 from impact_env.ensemble import Lane, draw_members, drives_of, each_lane, run_lanes
 from impact_env.loads import AnyDrive, Force, Loads, Tone, Tones
-from impact_env.parameters import Absorber, RigidWalls, SlidingAbsorber, friction_law, impact_absorber
+from impact_env.parameters import RigidWalls, SlidingAbsorber, friction_law, impact_absorber
 from optimisation.bounds import design_gap
 from optimisation.cli.common import command
 from optimisation.friction_rule import scaled_friction
@@ -81,12 +81,10 @@ def both_rows(case: Case, group: str, settings: Settings) -> list[Json]:
     return rows
 
 
-def _impact(gap: float = GAP, restitution: float = RESTITUTION, friction: float | None = None) -> Absorber:
-    return impact_absorber(gap, restitution, friction, MASS_RATIO)
-
-
-def _with_gaps(model: ModalModel, gaps: Sequence[float], word: str = "", **options: float) -> list[Variant]:
-    return [(f"{word}gap {1e3 * gap:.2g} mm", Scene(model, _impact(gap, **options))) for gap in gaps]
+def _with_gaps(
+    model: ModalModel, gaps: Sequence[float], word: str = "", restitution: float = RESTITUTION, friction: float | None = None
+) -> list[Variant]:
+    return [(f"{word}gap {1e3 * gap:.2g} mm", Scene(model, impact_absorber(gap, restitution, friction, MASS_RATIO))) for gap in gaps]
 
 
 def _frictions(case: Case) -> list[Variant]:
@@ -95,10 +93,6 @@ def _frictions(case: Case) -> list[Variant]:
         limit = factor * scaled_friction(case.model, case.mass, GAP)
         found += _with_gaps(case.model, FEW_GAPS, f"friction {limit:.2g} N, ", friction=limit)
     return found
-
-
-def _restitutions(case: Case) -> list[Variant]:
-    return [one for e in RESTITUTIONS for one in _with_gaps(case.model, FEW_GAPS, f"restitution {e:g}, ", restitution=e)]
 
 
 def _places(case: Case) -> list[Variant]:
@@ -129,7 +123,7 @@ GROUPS: dict[str, Callable[[Case], list[Variant]]] = {
     "share": lambda case: _with_gaps(case.model, [GAP]),
     "gap": lambda case: _with_gaps(case.model, [factor * GAP for factor in GAP_FACTORS]),
     "friction": _frictions,
-    "restitution": _restitutions,
+    "restitution": lambda case: [one for e in RESTITUTIONS for one in _with_gaps(case.model, FEW_GAPS, f"restitution {e:g}, ", restitution=e)],
     "place": _places,
     "halves": _halves,
     "modes": lambda case: _with_gaps(modal_model(replace(case.beam, modes=2 * spectra.MODES)), FEW_GAPS, f"{2 * spectra.MODES} modes, "),

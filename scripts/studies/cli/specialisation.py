@@ -7,7 +7,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,14 +29,6 @@ FRICTION = ("rigid_contact.friction_force", "rigid_contact.add_friction_loss", "
 LINEAR = ("no absorber", "stuck", "tuned")
 REAL = 1.02  # a part switched off by its value must cost more than this, or leaving it out saves nothing
 FLAT_KB = 64.0  # memory that a longer run may need more, when nothing is stored
-
-
-@dataclass
-class Results:
-    """The measurements as plain values: own[name] of each variant, pairs in their order."""
-
-    own: dict[str, dict[str, Any]] = field(default_factory=dict)
-    pairs: list[dict[str, Any]] = field(default_factory=list)
 
 
 class Claim(NamedTuple):
@@ -65,33 +57,33 @@ def left(quick: bool, known: Json) -> tuple[list[Variant], list[Pair]]:
 
 
 def measure(quick: bool, known: Json) -> Steps:
-    """Measure everything that is not known, one process after the other, and yield what there is after each."""
+    """Measure everything that is not known, one process after the other, and yield what there is after each: "own" by variant, and "pairs"."""
     periods, repeats = (QUICK_PERIODS, QUICK_REPEATS) if quick else (PERIODS, REPEATS)
-    results, (variants, compared) = Results(**known), left(quick, known)
-    timed = {variant: results.own[variant.name] for variant in own(quick) if variant.name in results.own}
+    results, (variants, compared) = {"own": {}, "pairs": []} | known, left(quick, known)
+    timed = {variant: results["own"][variant.name] for variant in own(quick) if variant.name in results["own"]}
     with tempfile.TemporaryDirectory(prefix="impact_env-") as folder:
         caches = {kind: Path(folder) / str(number) for number, kind in enumerate(dict.fromkeys(variant.kind for variant in own(quick)))}
         for variant in variants:
             cold = _probe(variant, "inspect", caches[variant.kind], 1.0, 1)
-            yield vars(results)
+            yield results
             warm = timed[variant] = _probe(variant, "time", caches[variant.kind], periods, repeats)
             compiled = {"cold_s": cold["first_s"], "cached_s": warm["first_s"], "functions": cold["functions"], "instructions": cold["instructions"]}
             ran = {name: warm[name] for name in ("ns_per_period", "impacts_per_period", "memory_mb", "peak_kb")}
-            results.own[variant.name] = asdict(variant) | compiled | ran
-            yield vars(results)
+            results["own"][variant.name] = asdict(variant) | compiled | ran
+            yield results
         for pair in compared:
             one, other = (
                 (timed.get(variant) or _probe(variant, "time", caches[variant.kind], periods, repeats))["ns_per_period"]
                 for variant in (pair.without, pair.switched_off)
             )
             named = {"part": pair.part, "without": pair.without.name, "switched_off": pair.switched_off.name}
-            results.pairs.append(named | {"without_ns": one, "switched_off_ns": other, "ratio": other / one})
-            yield vars(results)
+            results["pairs"].append(named | {"without_ns": one, "switched_off_ns": other, "ratio": other / one})
+            yield results
 
 
-def claims(results: Results) -> Iterator[Claim]:
+def claims(results: Json) -> Iterator[Claim]:
     """Yield the claims on the compiled code and on the measurements."""
-    for entry in results.own.values():
+    for entry in results["own"].values():
         scene, exact = f"{entry['absorber']}, {entry['method']}, {entry['record']}", entry["method"] == "exact"
         if exact and entry["absorber"] in LINEAR:
             search = sum(function["name"].startswith("search.") for function in entry["functions"])
@@ -115,20 +107,15 @@ PARTS = (
 OF = {"rigid": "exact", "springs": "compliant", "level": "observers", "steps": "search"}  # modules that are counted with another
 
 
-def name_of(entry: dict[str, Any]) -> str:
-    """Return scene, method and what is recorded beside the level."""
-    return f"{entry['absorber']}, {entry['method']}" + ("" if entry["record"] == "level" else f", {entry['record']}")
-
-
 MARKERS = tuple(f"specialisation:{name}" for name in ("summary", "claims", "scenes", "code", "pairs"))
 
 
-def _summary(results: Results, measured: Measured) -> str:
+def _summary(results: Json, measured: Measured) -> str:
     found, broken = list(claims(results)), [claim for claim in claims(results) if not claim.holds]
     words = [f"{len(found) - len(broken)} of {len(found)} claims hold. {sources(measured.conditions)}"]
     words += ["**Stopped early or a quick look: not all of the report.**"] if not measured.complete or measured.conditions.get("quick") else []
-    without = [pair["part"] for pair in results.pairs if pair["ratio"] < REAL]  # their absence saves no time that can be told from noise
-    if not results.pairs:
+    without = [pair["part"] for pair in results["pairs"] if pair["ratio"] < REAL]  # their absence saves no time that can be told from noise
+    if not results["pairs"]:
         return "\n".join(words)
     saving = f"Left out without a saving of {100 * (REAL - 1):.0f} % or more: {', '.join(without)}." if without else "Every part left out saves time."
     return "\n".join([*words, saving])
@@ -143,8 +130,10 @@ def _claims(every: list[Claim]) -> str:
 
 def sections(measured: Measured) -> dict[str, str]:
     """Return the page's sections by the names of their `MARKERS`."""
-    results = Results(**measured.values)
-    entries = [{**entry, "name": name_of(entry), "us": entry["ns_per_period"] / 1e3, **counts(entry)} for entry in results.own.values()]
+    results, entries = measured.values, list[Json]()
+    for entry in results["own"].values():
+        name = ", ".join([entry["absorber"], entry["method"], *([entry["record"]] if entry["record"] != "level" else [])])
+        entries.append({**entry, "name": name, "us": entry["ns_per_period"] / 1e3, "called": len(entry["functions"]), **counts(entry)})
     scenes = {
         "scene, method, recorded": "{name}",
         "compile cold, s": "{cold_s:.1f}",
@@ -168,8 +157,8 @@ def sections(measured: Measured) -> dict[str, str]:
         _summary(results, measured),
         _claims(list(claims(results))),
         lines(scenes, entries),
-        lines(code | {part: f"{{{part}}}" for part in PARTS}, ({**entry, "called": len(entry["functions"])} for entry in entries)),
-        lines(pairs, ({**pair, "us": (pair["without_ns"] / 1e3, pair["switched_off_ns"] / 1e3)} for pair in results.pairs)),
+        lines(code | {part: f"{{{part}}}" for part in PARTS}, entries),
+        lines(pairs, ({**pair, "us": (pair["without_ns"] / 1e3, pair["switched_off_ns"] / 1e3)} for pair in results["pairs"])),
     )
     return dict(zip(MARKERS, found, strict=True))
 
@@ -194,7 +183,7 @@ COLUMNS = (
 
 
 def _said(measured: Measured) -> str:
-    found = claims(Results(**measured.values))
+    found = claims(measured.values)
     return "\n".join(f"{'holds ' if claim.holds else 'BROKEN'}  {claim.text}: {claim.found}" for claim in found)
 
 
@@ -207,7 +196,7 @@ PART: Part[bool] = Part(
     steps=lambda quick, known: 2 * len(left(quick, known)[0]) + len(left(quick, known)[1]),
     tables=lambda measured: [Table(NAME, COLUMNS, [[entry[column] for column in COLUMNS] for entry in measured.values["own"].values()])],
     said=_said,
-    failures=lambda measured: [claim.text for claim in claims(Results(**measured.values)) if not claim.holds],
+    failures=lambda measured: [claim.text for claim in claims(measured.values) if not claim.holds],
 )
 # settings: whether it is a quick look
 STUDY: Study[bool] = Study((PART,), notes=lambda quick: {"quick": quick})

@@ -1,7 +1,7 @@
 """The stability report's work as tasks for processes, and its results as plain values."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 
@@ -27,9 +27,11 @@ def run_cell(group: str, name: str, method: str) -> Json:
     return {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in values.items()}
 
 
-def run_limit(number: int) -> Json:
+def run_limit(method: str, what: str, damping_ratio: float) -> Json:
     """Find a step limit."""
-    found = limits.find_limit(limits.CASES[number])
+    names = ("method", "what", "damping_ratio")
+    case = next(case for case in limits.CASES if [getattr(case, name) for name in names] == [method, what, damping_ratio])
+    found = limits.find_limit(case)
     return asdict(found) | {"agrees": found.agrees}
 
 
@@ -40,9 +42,9 @@ def run_eigen(elements: int) -> Json:
     return values | {name: {str(mode): error for mode, error in values[name].items()} for name in ("rounding", "discretisation")}
 
 
-def run_soak(number: int, lengths: tuple[int, ...]) -> Json:
+def run_soak(name: str, lengths: tuple[int, ...]) -> Json:
     """Do one very long run."""
-    return asdict(soaks.soak(soaks.CASES[number], lengths))
+    return asdict(soaks.soak(next(case for case in soaks.CASES if case.name == name), lengths))
 
 
 def run_check(name: str, searches: int) -> Json:
@@ -51,7 +53,14 @@ def run_check(name: str, searches: int) -> Json:
     return asdict(found) | {"passed": found.passed}
 
 
-SECTIONS = {run_cell: "cells", run_limit: "limits", run_eigen: "eigen", run_soak: "soaks", run_check: "checks"}  # of `Results`
+# of `Results`: the section of what a task returns, and the keys by which it is known there, which are the task's first arguments
+SECTIONS: dict[Callable[..., Json], tuple[str, tuple[str, ...]]] = {
+    run_cell: ("cells", ("group", "case", "method")),
+    run_limit: ("limits", ("method", "what", "damping_ratio")),
+    run_eigen: ("eigen", ("elements",)),
+    run_soak: ("soaks", ("name",)),
+    run_check: ("checks", ("name",)),
+}
 
 
 def _kind(case: Case, method: str) -> str:
@@ -69,14 +78,13 @@ def _kind(case: Case, method: str) -> str:
 def tasks(quick: bool) -> list[Task]:
     """Return all tasks, the longest first and those of one case one after the other."""
     lengths = soaks.QUICK_LENGTHS if quick else soaks.LENGTHS
-    chosen = [number for number, case in enumerate(limits.CASES) if not quick or case in limits.QUICK]
     limit = QUICK_CELL_LIMIT_S if quick else CELL_LIMIT_S
     searches = -(-(checks.QUICK_SEARCHES if quick else checks.SEARCHES) // len(checks.CASES))
     return [
-        *(Task(run_check, (name, searches), f"check {number}", LONG_LIMIT_S) for number, name in enumerate(checks.CASES)),
-        *(Task(run_soak, (number, lengths), f"soak {number}", LONG_LIMIT_S) for number in range(len(soaks.CASES))),
+        *(Task(run_check, (name, searches), f"check {name}", LONG_LIMIT_S) for name in checks.CASES),
+        *(Task(run_soak, (case.name, lengths), f"soak {case.name}", LONG_LIMIT_S) for case in soaks.CASES),
         *(Task(run_cell, (case.group, case.name, method), _kind(case, method), limit) for case in cases(quick) for method in case.methods),
-        *(Task(run_limit, (number,), "limits", OTHER_LIMIT_S) for number in chosen),
+        *(Task(run_limit, (x.method, x.what, x.damping_ratio), "limits", OTHER_LIMIT_S) for x in (limits.QUICK if quick else limits.CASES)),
         *(Task(run_eigen, (elements,), "eigenproblem", OTHER_LIMIT_S) for elements in (eigen.QUICK_ELEMENTS if quick else eigen.ELEMENTS)),
     ]
 
@@ -121,7 +129,7 @@ def gather(outcomes: Sequence[Outcome], order: Sequence[Task]) -> Results:
     for outcome in sorted(outcomes, key=lambda outcome: place[outcome.task.function, outcome.task.arguments]):
         task = outcome.task
         if outcome.value is not None:
-            getattr(results, SECTIONS[task.function]).append(outcome.value)
+            getattr(results, SECTIONS[task.function][0]).append(outcome.value)
         elif task.function is run_cell:
             group, case, method = task.arguments
             results.cells.append(asdict(cells.Cell(group, case, method, cells.FAILED, outcome.error)))
@@ -130,24 +138,11 @@ def gather(outcomes: Sequence[Outcome], order: Sequence[Task]) -> Results:
     return results
 
 
-def _identity(task: Task) -> Json:
-    """Return the keys by which a task's result is known in its section."""
-    if task.function is run_cell:
-        return dict(zip(("group", "case", "method"), task.arguments, strict=True))
-    number = task.arguments[0]
-    if task.function is run_limit:
-        case = limits.CASES[number]
-        return {"method": case.method, "what": case.what, "damping_ratio": case.damping_ratio}
-    if task.function is run_eigen:
-        return {"elements": number}
-    return {"name": soaks.CASES[number].name if task.function is run_soak else number}
-
-
 def finished(order: Sequence[Task], known: Json) -> list[Outcome]:
     """Return the outcomes of an earlier run; a task that was lost there has none."""
     found = []
     for task in order:
-        own = _identity(task)
-        entries = known.get(SECTIONS[task.function], ())
-        found += [Outcome(task, entry, "", 0.0) for entry in entries if all(entry[name] == value for name, value in own.items())][:1]
+        section, keys = SECTIONS[task.function]
+        own = list(task.arguments[: len(keys)])
+        found += [Outcome(task, entry, "", 0.0) for entry in known.get(section, ()) if [entry[name] for name in keys] == own][:1]
     return found
