@@ -59,7 +59,8 @@ def left(quick: bool, known: Json) -> tuple[list[Variant], list[Pair]]:
 def measure(quick: bool, known: Json) -> Steps:
     """Measure everything that is not known, one process after the other, and yield what there is after each: "own" by variant, and "pairs"."""
     periods, repeats = (QUICK_PERIODS, QUICK_REPEATS) if quick else (PERIODS, REPEATS)
-    results, (variants, compared) = {"own": {}, "pairs": []} | known, left(quick, known)
+    results: Json = {"own": {}, "pairs": []} | known
+    variants, compared = left(quick, known)
     timed = {variant: results["own"][variant.name] for variant in own(quick) if variant.name in results["own"]}
     with tempfile.TemporaryDirectory(prefix="impact_env-") as folder:
         caches = {kind: Path(folder) / str(number) for number, kind in enumerate(dict.fromkeys(variant.kind for variant in own(quick)))}
