@@ -1,10 +1,8 @@
 """Time of a sample of a record: the exact method beside scipy.signal.lsim where all is linear, and beside the Moreau scheme where walls are."""
 
 import statistics
-import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 import scipy.signal
@@ -13,8 +11,8 @@ from impact_env import Beam, ModalModel, Record, Scene, SlidingAbsorber, impact_
 from impact_env.loads import Loads, Samples
 from impact_env.methods import PAPER_STEPS, Exact, Moreau
 from optimisation.machine import BARE, Timed
-from optimisation.progress import Bar
 from studies.study import Array, Json, Measured, Study, lines, table_study, there
+from studies.timing import Advance, Settings, all_cases, in_turn, seconds
 
 NAME = "benchmark_loads"
 MODES, RATE, FORCE = 10, 5000.0, 20.0  # samples a second; N, the record's RMS
@@ -35,43 +33,26 @@ def state_space(model: ModalModel) -> tuple[Array, ...]:
     return a, b, np.concatenate([model.level_shape, np.zeros(n)])[None], np.zeros((1, 1))
 
 
-def _each(repeats: int, work: Callable[[], Any], bar: Bar) -> list[float]:
-    """Return the times of repeats in s."""
-    found = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        work()
-        found.append(time.perf_counter() - began)
-        bar.update()
-    return found
-
-
-def measure(samples: int, repeats: int) -> Json:
-    """Return times of a sample in us for each case, and how far lsim's displacement is from the exact one's, relative to its largest."""
+def measure(case: tuple[str, SlidingAbsorber | None], given: Settings, advance: Advance) -> Json:
+    """Return times of a sample in us, and how far lsim's displacement is from the exact one's, relative to its largest."""
+    (name, absorber), samples = case, int(given.periods)
     model, times = modal_model(Beam(modes=MODES)), np.arange(samples + 1) / RATE
     values = FORCE * np.random.default_rng(0).standard_normal(len(times))
-    loads = Loads((Samples(times, values),), 2 * np.pi * RATE / PERIOD)
+    loads, scene = Loads((Samples(times, values),), 2 * np.pi * RATE / PERIOD), Scene(model, absorber)
     recorded = Record(level=False, series=True, samples_per_period=PERIOD)
-    rows = []
-    with Bar(total=3 * repeats * len(CASES), desc="timing", unit="repeat", leave=False) as bar:
-        for name, absorber in CASES.items():
-            scene, row = Scene(model, absorber), {"name": name, "samples": samples}
-            exact, seen = Timed(scene, loads, Exact(), record=BARE), Timed(scene, loads, Exact(), record=recorded)
-            history = there(seen.run().history)
-            row["impacts_per_s"] = exact.run().impact_count / float(times[-1])
-            others: dict[str, Callable[[], Any]] = {"exact": exact.run, "recorded": seen.run}
-            if absorber is None:
-                system = scipy.signal.StateSpace(*state_space(model))
-                _, found, _ = scipy.signal.lsim(system, values, times)
-                size = float(np.max(np.abs(found)))
-                row["difference"] = float(np.max(np.abs(history.modal_displacement @ model.level_shape - found))) / size
-                others["lsim"] = partial(scipy.signal.lsim, system, values, times)
-            else:
-                others["moreau"] = Timed(scene, loads, Moreau()).run
-            for other, work in others.items():
-                row[f"{other}_us"] = 1e6 * statistics.median(_each(repeats, work, bar)) / samples
-            rows.append(row)
-    return {"repeats": repeats, "cases": rows}
+    exact, seen = Timed(scene, loads, Exact(), record=BARE), Timed(scene, loads, Exact(), record=recorded)
+    history = there(seen.run().history)
+    row: Json = {"name": name, "samples": samples, "impacts_per_s": exact.run().impact_count / float(times[-1])}
+    runs: dict[str, Callable[[], object]] = {"exact": exact.run, "recorded": seen.run}
+    if absorber is None:
+        system = scipy.signal.StateSpace(*state_space(model))
+        _, found, _ = scipy.signal.lsim(system, values, times)
+        row["difference"] = float(np.max(np.abs(history.modal_displacement @ model.level_shape - found)) / np.max(np.abs(found)))
+        runs["lsim"] = partial(scipy.signal.lsim, system, values, times)
+    else:
+        runs["moreau"] = Timed(scene, loads, Moreau()).run
+    each = in_turn({name: partial(seconds, run) for name, run in runs.items()}, given.repeats, advance)
+    return row | {f"{name}_us": 1e6 * statistics.median(found) / samples for name, found in each.items()}
 
 
 COLUMNS = {
@@ -92,4 +73,4 @@ def _said(measured: Measured) -> str:
     )
 
 
-STUDY: Study[tuple[int, int]] = table_study(NAME, "a sample of a record", lambda settings: measure(*settings), _said)
+STUDY: Study[Settings] = table_study(NAME, "a sample of a record", lambda given: all_cases(list(CASES.items()), given, measure), _said)

@@ -66,7 +66,7 @@ def test_a_tiny_run_shows_who_is_exact_and_writes_files_figures_and_page(tmp_pat
 def test_shares_count_the_high_branch() -> None:
     shared = {"periods_per_percent": 100.0, "method": "Exact", "setting": None}
     (share,) = jumps.shares([{**shared, "level_m": level} for level in (0.5e-3, 0.52e-3, 0.8e-3, 1.0e-3)])
-    assert (share.hits, share.runs, share.between, share.share) == (2, 4, 1, 0.5)
+    assert (share.hits, share.runs, share.between) == (2, 4, 1)
     assert share.interval() == pytest.approx((0.1500, 0.8500), abs=1e-4)  # Wilson's
 
 

@@ -3,8 +3,6 @@
 So errors and times are those of impacts.
 """
 
-import statistics
-import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -177,15 +175,6 @@ QUICK = Settings(
     sweep_steps=(20, 80), truth_members=16, members=12, budget=1.5, band_members=20, band_phases=5, band_repeats=4, stretches=40, twins=4,
     jump_rates=(100.0, 200.0), jump_steps=(20, 60), jump_members=12, cost_modes=(1, 3, 10, 30), cost_lanes=(1, 16, 64), cost_periods=(10, 100, 1000),
 )  # fmt: skip
-
-
-def median_time(run: Callable[[], float], repeats: int, patience: float) -> float:
-    """Return the median of several times in s; slow runs are repeated less often."""
-    began = time.perf_counter()
-    times = [run()]
-    while len(times) < repeats and time.perf_counter() - began < patience:
-        times.append(run())
-    return statistics.median(times)
 
 
 # What tables and figures of the study share: looks, and numbers in words.

@@ -1,6 +1,5 @@
 """What a pseudo period costs: against the number of modes, of lanes, of threads, and the length of the sweep."""
 
-import time
 from collections.abc import Callable
 from functools import partial
 from operator import itemgetter
@@ -14,8 +13,9 @@ from impact_env.ensemble import Lane, available_cores, draw_members, run_lanes
 from impact_env.methods import Exact, Method, Moreau
 from optimisation.page import markdown
 from optimisation.report.figures import force_axis
-from studies.accuracy.cases import COLOURS, MARKERS, Cases, Row, Settings, case, kind_named, median_time, method_name, number, plain, unique
+from studies.accuracy.cases import COLOURS, MARKERS, Cases, Row, Settings, case, kind_named, method_name, number, plain, unique
 from studies.accuracy.trajectory import own_time
+from studies.timing import median_time, seconds
 
 NAME = "cost"
 MODES, LANES, THREADS, LENGTH = "modes", "lanes", "threads", "pseudo periods"
@@ -65,13 +65,8 @@ def _lanes_time(lanes: int, threads: int, settings: Settings) -> float:
     schedule = linear_sweep(scene.model.resonance_omega(1), 0.95, 0.95 + LANE_PERIODS / 1e4)
     wanted = [Lane(scene, drive) for drive in draw_members(lanes, settings.seed).drives(kind.force, schedule)]
     run_lanes(wanted[:1], threads=1)  # compile
-
-    def run() -> float:
-        began = time.perf_counter()
-        run_lanes(wanted, threads=threads)
-        return time.perf_counter() - began
-
-    return 1e6 * median_time(run, settings.repeats, settings.patience) / (lanes * LANE_PERIODS)
+    taken = median_time(partial(seconds, partial(run_lanes, wanted, threads=threads)), settings.repeats, settings.patience)
+    return 1e6 * taken / (lanes * LANE_PERIODS)
 
 
 def _length_time(periods: float, settings: Settings) -> float:

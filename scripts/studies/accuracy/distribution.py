@@ -19,21 +19,8 @@ from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from optimisation.page import markdown
 from optimisation.report.figures import force_axis
-from studies.accuracy.cases import (
-    LOOKS,
-    Cases,
-    Kind,
-    Row,
-    Settings,
-    kind_named,
-    label_edges,
-    method_name,
-    named,
-    number,
-    panel_grid,
-    shown_rows,
-    unique,
-)
+from studies.accuracy import cases as shared
+from studies.accuracy.cases import Cases, Kind, Row, Settings
 from studies.study import Array, there
 
 NAME = "distribution"
@@ -60,7 +47,7 @@ key = itemgetter("scene", "modes")  # of a row: its case
 
 def cases(settings: Settings) -> Cases:
     """Return a case for each scene and number of modes."""
-    return {(name, modes): partial(_measured, kind_named(name), modes, settings) for name, modes in settings.scenes_and_modes(KINDS)}
+    return {(name, modes): partial(_measured, shared.kind_named(name), modes, settings) for name, modes in settings.scenes_and_modes(KINDS)}
 
 
 def _measured(kind: Kind, modes: int, settings: Settings) -> list[Row]:
@@ -76,7 +63,7 @@ def _measured(kind: Kind, modes: int, settings: Settings) -> list[Row]:
         list(_levels(scene, kind, method, own[:1], short, None))  # compile
         for member, level, seconds in _levels(scene, kind, method, own, settings, None if label else settings.budget):
             setting = None if isinstance(method, Exact) else method.steps_per_period
-            row: Row = {"scene": kind.name, "modes": modes, "method": label or method_name(method, scene), "setting": setting}
+            row: Row = {"scene": kind.name, "modes": modes, "method": label or shared.method_name(method, scene), "setting": setting}
             found.append(row | {"member": member, "level_m": level, "wall_s": seconds})
     return found
 
@@ -142,7 +129,7 @@ MATCHED_RUNS = 16  # of the exact method: the cost at which methods are compared
 
 def distribution_table(rows: list[Row]) -> str:
     """Return a line for each method of each scene and number of modes."""
-    methods = compared(shown_rows(rows))
+    methods = compared(shared.shown_rows(rows))
     header = ("scene", "modes", "method", "runs", "ms a run", "mean, %", "95 %", "distance, %", "95 %", "at matched cost, %")
     lines = []
     for method in methods:
@@ -151,17 +138,17 @@ def distribution_table(rows: list[Row]) -> str:
         for statistic, form in ((mean_difference, "{:+.2f}"), (relative_distance, "{:.2f}")):
             low, high = (form.format(100 * x) for x in bootstrap(statistic, *both))
             cells += [form.format(100 * statistic(*both)), f"{low} to {high}"]
-        name = named({"method": method.method, "setting": method.setting})
-        runs, cost = (str(len(method.levels)), number(1e3 * method.seconds, 3)), f"{100 * method.at_cost(MATCHED_RUNS * exact.seconds):.2f}"
+        name = shared.named({"method": method.method, "setting": method.setting})
+        runs, cost = (str(len(method.levels)), shared.number(1e3 * method.seconds, 3)), f"{100 * method.at_cost(MATCHED_RUNS * exact.seconds):.2f}"
         lines.append((method.scene, str(method.modes), name, *runs, *cells, cost))
     return markdown(header, lines)
 
 
 def distribution_figures(all_rows: list[Row]) -> dict[str, Figure]:
     """Draw the distance from the truth to expect against the time spent, for ensembles of growing size."""
-    scenes, modes = (unique(row[name] for row in all_rows) for name in ("scene", "modes"))
+    scenes, modes = (shared.unique(row[name] for row in all_rows) for name in ("scene", "modes"))
     methods = compared(all_rows)
-    figure, panels = panel_grid(scenes, modes)
+    figure, panels = shared.panel_grid(scenes, modes)
     settings = sorted({m.setting for m in methods if m.setting is not None})
     for line, scene in zip(panels, scenes, strict=True):
         for panel, count in zip(line, modes, strict=True):
@@ -169,7 +156,7 @@ def distribution_figures(all_rows: list[Row]) -> dict[str, Figure]:
                 if (method.scene, method.modes) == (scene, count):
                     _ensemble_line(panel, method, settings)
             _few_ticks(panel)
-    label_edges(panels, "time of the ensemble, s", "distance of the distributions, %")
+    shared.label_edges(panels, "time of the ensemble, s", "distance of the distributions, %")
     named = {f"{m.method}, {m.setting:g} steps" if m.setting else m.method: _style(m, settings) for m in methods}
     handles = [Line2D([], [], color=colour, marker=marker, alpha=alpha, label=name) for name, (colour, marker, alpha) in named.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
@@ -189,7 +176,7 @@ def _few_ticks(panel: Axes) -> None:
 
 
 def _style(method: Compared, settings: list[float]) -> tuple[str, str, float]:
-    colour, marker = LOOKS[method.method]
+    colour, marker = shared.LOOKS[method.method]
     if method.setting is None:
         return colour, marker, 1.0
     at = settings.index(method.setting)

@@ -147,7 +147,11 @@ def follow(scene: Scene, drive: Drive, initial: InitialState, make: Callable[[Me
         contacts.jump(0, regime.guards[hit])
         times += [state.t] * len(contacts.struck)
         state.nudge(contacts.regimes[0])
-    return PeerRun(np.array(times), state.x[: 2 * n + 2].copy(), _balance(mechanics, start, state.x) if energy else None, wall_time)
+    balance = None
+    if energy:  # work less losses less gain of stored energy, relative to the largest of them
+        before, after, (work, losses) = mechanics.stored(start), mechanics.stored(state.x), state.x[-2:]
+        balance = float(abs(work - losses - after + before) / max(abs(work), abs(losses), before, after))
+    return PeerRun(np.array(times), state.x[: 2 * n + 2].copy(), balance, wall_time)
 
 
 class _State:
@@ -174,12 +178,6 @@ class _State:
         """Start sliding from rest with a velocity of its sign."""
         if regime.sliding and abs(self.relative(0)[1]) < NUDGE:
             self.x[2 * self.mechanics.modes + 1] += regime.sliding * NUDGE
-
-
-def _balance(mechanics: Mechanics, start: Array, end: Array) -> float:
-    """Return work less losses less gain of stored energy, relative to the largest of them."""
-    before, after, (work, losses) = mechanics.stored(start), mechanics.stored(end), end[-2:]
-    return float(abs(work - losses - after + before) / max(abs(work), abs(losses), before, after))
 
 
 def _check(mechanics: Mechanics, regime: Regime, t: float, x: Array) -> None:

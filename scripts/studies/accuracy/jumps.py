@@ -1,8 +1,8 @@
 """The jump of the paper's two-mode absorber: share of downward sweeps that reach the high branch, against the sweep's slowness and the method."""
 
-from dataclasses import dataclass
 from functools import partial
 from operator import itemgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -49,9 +49,8 @@ def _measured(slowness: float, method: Method, settings: Settings) -> list[Row]:
     return found
 
 
-@dataclass(frozen=True)
-class Share:
-    """Share of the runs that reach the high branch, with both 95 % intervals; ``between`` counts levels close to the limit between the branches."""
+class Share(NamedTuple):
+    """Share of the runs that reach the high branch; ``between`` counts levels close to the limit between the branches."""
 
     slowness: float
     method: str
@@ -60,28 +59,22 @@ class Share:
     runs: int
     between: int
 
-    @property
-    def share(self) -> float:
-        """Share of the runs."""
-        return self.hits / self.runs
-
     def interval(self, method: str = "wilson") -> tuple[float, float]:
-        """Return Wilson's interval, or the exact one (Clopper and Pearson's)."""
+        """Return the 95 % interval of Wilson, or the exact one (Clopper and Pearson's)."""
         found = binomtest(self.hits, self.runs).proportion_ci(method=method)
         return float(found.low), float(found.high)
 
 
 def shares(all_rows: list[Row]) -> list[Share]:
     """Return the share for each slowness and method, in the order of the rows."""
-    cells: dict[tuple[float, str, float | None], list[float]] = {}
+    cells: dict[Any, list[float]] = {}
     for row in all_rows:
-        cells.setdefault((row["periods_per_percent"], row["method"], row["setting"]), []).append(row["level_m"])
-    result = []
-    for (slowness, method, setting), levels in cells.items():
-        values = np.array(levels)
-        between = int(np.sum(np.abs(values - HIGH) < 0.1 * HIGH))
-        result.append(Share(slowness, method, setting, int(np.sum(values > HIGH)), len(values), between))
-    return result
+        cells.setdefault(key(row), []).append(row["level_m"])
+    found = []
+    for (slowness, method, setting), each in cells.items():
+        levels = np.array(each)
+        found.append(Share(slowness, method, setting, int(np.sum(levels > HIGH)), len(levels), int(np.sum(np.abs(levels - HIGH) < 0.1 * HIGH))))
+    return found
 
 
 def jump_table(rows: list[Row]) -> str:
@@ -91,7 +84,7 @@ def jump_table(rows: list[Row]) -> str:
     for share in shares(rows):
         intervals = ["{:.2f} to {:.2f}".format(*share.interval(method)) for method in ("wilson", "exact")]
         name = named({"method": share.method, "setting": share.setting})
-        lines.append((f"{share.slowness:g}", name, str(share.runs), f"{share.share:.2f}", *intervals, str(share.between)))
+        lines.append((f"{share.slowness:g}", name, str(share.runs), f"{share.hits / share.runs:.2f}", *intervals, str(share.between)))
     return markdown(header, lines)
 
 
@@ -104,7 +97,7 @@ def jump_figures(all_rows: list[Row]) -> dict[str, Figure]:
     for k, (method, setting) in enumerate(lines):
         line = [share for share in found if (share.method, share.setting) == (method, setting)]
         at = np.array([share.slowness for share in line]) * 1.03 ** (k - (len(lines) - 1) / 2)  # side by side
-        y = np.array([share.share for share in line])
+        y = np.array([share.hits / share.runs for share in line])
         bars = np.abs(np.array([share.interval() for share in line]).T - y)
         label = method if setting is None else f"{method}, {setting:g} steps per highest period"
         colour = "#0072B2" if setting is None else ("#D55E00", "#E69F00", "#CC79A7", "#777777")[(k - 1) % 4]

@@ -19,29 +19,11 @@ from impact_env import Drive, IntegrationError, simulate
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method
 from optimisation.page import markdown
-from studies.accuracy.cases import (
-    BARE,
-    KINDS,
-    LOOKS,
-    WATCHED,
-    Case,
-    Cases,
-    Kind,
-    Row,
-    Settings,
-    case,
-    kind_named,
-    label_edges,
-    median_time,
-    method_name,
-    named,
-    number,
-    panel_grid,
-    shown_rows,
-    unique,
-)
+from studies.accuracy import cases as shared
+from studies.accuracy.cases import Case, Cases, Kind, Row, Settings
 from studies.accuracy.event_driven import PeerFailedError, PeerRun, follow, scipy_integrator
 from studies.study import Array, there
+from studies.timing import median_time
 
 if TYPE_CHECKING:
     from reference import digits
@@ -122,24 +104,24 @@ def own_row(starts: list[Start], method: Method, settings: Settings) -> Row:
     it, truth = starts[0]
     found, us, note = [], None, ""
     try:
-        simulate(it.scene, it.drive(0.01), method, initial=it.initial, record=WATCHED)  # compile
+        simulate(it.scene, it.drive(0.01), method, initial=it.initial, record=shared.WATCHED)  # compile
         began = time.perf_counter()
         for each, true in starts:
-            response = simulate(each.scene, each.drive(true.periods), method, initial=each.initial, record=WATCHED)
+            response = simulate(each.scene, each.drive(true.periods), method, initial=each.initial, record=shared.WATCHED)
             found.append(_errors(each, true, response.end_state, there(response.impacts).time, there(response.energy).relative_error))
             if time.perf_counter() - began > settings.patience:
                 break
         us = own_time(it, method, truth.periods, settings)
     except IntegrationError as error:
         note = str(error)
-    return _row(starts[0], method_name(method, it.scene), None if isinstance(method, Exact) else method.steps_per_period, found, us, note)
+    return _row(starts[0], shared.method_name(method, it.scene), None if isinstance(method, Exact) else method.steps_per_period, found, us, note)
 
 
 def own_time(it: Case, method: Method, shortest: float, settings: Settings) -> float:
     """Return the time of a pseudo period in us: the median of runs that are long enough to be timed."""
 
     def run(periods: float) -> float:
-        return simulate(it.scene, it.drive(periods), method, initial=it.initial, record=BARE).wall_time / periods
+        return simulate(it.scene, it.drive(periods), method, initial=it.initial, record=shared.BARE).wall_time / periods
 
     run(0.01)  # compile
     rough = run(min(shortest, 1.0))
@@ -190,8 +172,8 @@ key = itemgetter("scene", "modes")  # of a row: its case
 
 def cases(settings: Settings) -> Cases:
     """Return a case for each scene and number of modes."""
-    every = settings.scenes_and_modes(kind.name for kind in KINDS)
-    return {(name, modes): partial(_measured, kind_named(name), modes, settings) for name, modes in every}
+    every = settings.scenes_and_modes(kind.name for kind in shared.KINDS)
+    return {(name, modes): partial(_measured, shared.kind_named(name), modes, settings) for name, modes in every}
 
 
 def _measured(kind: Kind, modes: int, settings: Settings) -> list[Row]:
@@ -202,9 +184,9 @@ def _measured(kind: Kind, modes: int, settings: Settings) -> list[Row]:
 
 def _starts(kind: Kind, modes: int, settings: Settings) -> list[Start]:
     """Return a scene's starts with their references; one suffices where there are no events to be met by chance."""
-    found = [case(kind, modes)]
+    found = [shared.case(kind, modes)]
     if found[0].scene.kind is not SceneKind.LINEAR:
-        found += [case(kind, modes, number) for number in range(1, settings.starts)]
+        found += [shared.case(kind, modes, number) for number in range(1, settings.starts)]
     return [(it, truth_of(it)) for it in found]
 
 
@@ -217,8 +199,8 @@ SHOWN_STEPS = (20, 20000)
 
 def trajectory_table(rows: list[Row]) -> str:
     """Return the lines of most interest; all are in the JSON file."""
-    failed = [f"- {row['scene']}, {row['modes']} modes, {named(row)}: {row['note']}" for row in rows if row["note"]]
-    rows = shown_rows(rows)
+    failed = [f"- {row['scene']}, {row['modes']} modes, {shared.named(row)}: {row['note']}" for row in rows if row["note"]]
+    rows = shared.shown_rows(rows)
     own = ("Moreau", "Runge-Kutta")
     tight = {name: min((row["setting"] for row in rows if row["method"] == name), default=None) for name in ("SciPy", "heyoka")}
     shown = [
@@ -230,34 +212,36 @@ def trajectory_table(rows: list[Row]) -> str:
     lines = []
     for row in shown:
         errors = ("" if row[name] is None else f"{row[name]:.1e}" for name in ERRORS)
-        lines.append((row["scene"], str(row["modes"]), named(row), number(row["us_per_period"], 3), *errors))
+        lines.append((row["scene"], str(row["modes"]), shared.named(row), shared.number(row["us_per_period"], 3), *errors))
     return markdown(header, lines) + ("\n\nNot finished:\n\n" + "\n".join(failed) if failed else "")
 
 
 def grid(all_rows: list[Row], value: str, scenes: list[str], title: str) -> Figure:
     """Draw a panel for each scene and number of modes: a value against the time of a pseudo period."""
-    modes = unique(row["modes"] for row in all_rows)
+    modes = shared.unique(row["modes"] for row in all_rows)
     scenes = [scene for scene in scenes if any(row["scene"] == scene for row in all_rows)]
     all_rows = [row for row in all_rows if row["scene"] in scenes]
-    figure, panels = panel_grid(scenes, modes, share=True)
+    figure, panels = shared.panel_grid(scenes, modes, share=True)
     for line, scene in zip(panels, scenes, strict=True):
         for panel, count in zip(line, modes, strict=True):
             _panel(panel, [row for row in all_rows if row["scene"] == scene and row["modes"] == count], value)
-    label_edges(panels, "time of a pseudo period, µs", LABELS[value])
-    shown = [name for name in LOOKS if any(row["method"] == name for row in all_rows) and (name != "closed form" or len(scenes) == 1)]
+    shared.label_edges(panels, "time of a pseudo period, µs", LABELS[value])
+    shown = [name for name in shared.LOOKS if any(row["method"] == name for row in all_rows) and (name != "closed form" or len(scenes) == 1)]
     names = {"Exact": "Exact (closed form where there are no events)"}
-    handles = [Line2D([], [], color=LOOKS[name][0], marker=LOOKS[name][1], lw=1, ls=_line(name), label=names.get(name, name)) for name in shown]
+    handles = [
+        Line2D([], [], color=shared.LOOKS[name][0], marker=shared.LOOKS[name][1], lw=1, ls=_line(name), label=names.get(name, name)) for name in shown
+    ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(shown), frameon=False)
     figure.suptitle(title, fontsize=12)
     return figure
 
 
 def _panel(panel: Axes, cell: list[Row], value: str) -> None:
-    for name in unique(row["method"] for row in cell):
+    for name in shared.unique(row["method"] for row in cell):
         points = [(row["us_per_period"], row[value]) for row in cell if row["method"] == name and row[value] is not None and row["us_per_period"]]
         if points:
             x, y = np.array(sorted(points)).T
-            colour, marker = LOOKS[name]
+            colour, marker = shared.LOOKS[name]
             size = 7 if name in ("Exact", "closed form") else 4.5
             panel.plot(x, np.clip(y, FLOOR, CEILING), marker=marker, ls=_line(name), color=colour, ms=size, lw=1, clip_on=False)
     panel.set(xscale="log", yscale="log")
@@ -275,7 +259,7 @@ def _line(name: str) -> str:
 
 def trajectory_figures(all_rows: list[Row]) -> dict[str, Figure]:
     """Draw errors of the state and of the energy balance over all scenes, and the errors of the main ones."""
-    scenes = unique(row["scene"] for row in all_rows)
+    scenes = shared.unique(row["scene"] for row in all_rows)
     without = f"(without impacts: after {WITHOUT_IMPACTS} pseudo periods)"
     error = f"Error of the state after {IMPACTS} to {LATEST - 1} impacts {without}, against run time"
     figures = {

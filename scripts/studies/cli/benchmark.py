@@ -1,35 +1,25 @@
 """Speed of the exact method against the Moreau scheme at the paper's step: one core, one process, compilation apart."""
 
-import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import NamedTuple, TypeVar
 
 import click
 
-from impact_env import Beam, Response, Scene, beam_scene, impact_absorber
-from impact_env.drive import PAPER_RATE, Drive, linear_sweep
+from impact_env import Beam, Scene, beam_scene, impact_absorber
+from impact_env.drive import PAPER_RATE
 from impact_env.methods import PAPER_STEPS, Exact, Moreau
 from optimisation.cli.common import command
 from optimisation.machine import Timed
-from optimisation.progress import Bar
 from studies import load_speed
 from studies.runner import run
 from studies.study import Json, Measured, Study, lines, table_options, table_place, table_study
+from studies.timing import Advance, Settings, all_cases, each_and_median, in_turn, sweep_up
 
 NAME = "benchmark"
 START = 0.98  # of the first resonance; with the whole length the sweep ends at 1.06
 WHOLE, QUICK = 800.0, 60.0  # pseudo periods
 REPEATS, QUICK_REPEATS = 5, 1
-T = TypeVar("T")
-
-
-class Settings(NamedTuple):
-    """Pseudo periods of a run, and runs of each method."""
-
-    periods: float
-    repeats: int
 
 
 @dataclass(frozen=True)
@@ -65,40 +55,19 @@ CASES = (
 )
 
 
-def in_turn(one: Timed, other: Timed, repeats: int, advance: Callable[[], object]) -> tuple[list[float], list[float], Response]:
-    """Return times per pseudo period in us of two runs in turn, so that a machine that slows down meets both, and the last response of the first."""
-    times: tuple[list[float], list[float]] = ([], [])
-    for _ in range(repeats):
-        response, beside = one.run(), other.run()
-        for found, each, timed in zip(times, (response, beside), (one, other), strict=True):
-            found.append(1e6 * each.wall_time / timed.drive.schedule.periods)
-        advance()
-    return *times, response
-
-
-def sweep_up(scene: Scene, force: float, start: float, periods: float) -> Drive:
-    """Return the paper's sweep up from a frequency over the first resonance's, over so many pseudo periods."""
-    return Drive(force, linear_sweep(scene.model.resonance_omega(1), start, start + periods * PAPER_RATE / 1e4))
-
-
-def measure(case: Case, periods: float, repeats: int, advance: Callable[[], object]) -> Json:
+def measure(case: Case, given: Settings, advance: Advance) -> Json:
     """Time both methods: times per pseudo period in us, medians and all repeats."""
-    scene, short = case.scene(), min(periods, case.moreau_periods)
-    exact, moreau = (Timed(scene, sweep_up(scene, case.force, START, length), method) for method, length in ((Exact(), periods), (Moreau(), short)))
-    exact_each, moreau_each, response = in_turn(exact, moreau, repeats, advance)
+    scene, periods, short = case.scene(), given.periods, min(given.periods, case.moreau_periods)
+    exact, moreau = (Timed(scene, sweep_up(scene, case.force, START, length), method) for length, method in ((periods, Exact()), (short, Moreau())))
+    response = exact.run()
     impacts, events, evaluations = (count / periods for count in (response.impact_count, response.steps, response.evaluations))
-    exact_us, moreau_us = statistics.median(exact_each), statistics.median(moreau_each)
+    runs = {"exact": lambda: exact.run().wall_time / periods, "moreau": lambda: moreau.run().wall_time / short}
+    times = each_and_median(in_turn(runs, given.repeats, advance))
     return {
         "name": case.name, "case": asdict(case), "pseudo_periods": periods, "moreau_pseudo_periods": short, "impacts_per_period": impacts,
-        "events_per_period": events, "evaluations_per_period": evaluations, "exact_us_each": exact_each, "moreau_us_each": moreau_each,
-        "exact_us": exact_us, "moreau_us": moreau_us, "ratio": moreau_us / exact_us, "reference_ratio": case.reference_us / exact_us,
+        "events_per_period": events, "evaluations_per_period": evaluations, **times, "ratio": times["moreau_us"] / times["exact_us"],
+        "reference_ratio": case.reference_us / times["exact_us"],
     }  # fmt: skip
-
-
-def all_cases(cases: Sequence[T], repeats: int, work: Callable[[T, Callable[[], object]], Json]) -> Json:
-    """Measure all cases, with a bar."""
-    with Bar(total=repeats * len(cases), desc="timing", unit="repeat", leave=False) as bar:
-        return {"repeats": repeats, "cases": [work(case, bar.update) for case in cases]}
 
 
 def table(cases: Sequence[Json]) -> str:
@@ -133,7 +102,7 @@ def _said(measured: Measured) -> str:
 STUDY: Study[Settings] = table_study(
     NAME,
     "speed of the exact method",
-    lambda given: all_cases(CASES, given.repeats, lambda case, advance: measure(case, given.periods, given.repeats, advance)),
+    lambda given: all_cases(CASES, given, measure),
     _said,
 )
 
@@ -150,6 +119,6 @@ def main(quick: bool, repeats: int | None, record: bool, target: Path | None, pa
     """
     times = repeats or (QUICK_REPEATS if quick else REPEATS)
     if record:
-        run(load_speed.STUDY, (load_speed.QUICK if quick else load_speed.WHOLE, times), table_place(target, page))
+        run(load_speed.STUDY, Settings(load_speed.QUICK if quick else load_speed.WHOLE, times), table_place(target, page))
     else:
         run(STUDY, Settings(QUICK if quick else WHOLE, times), table_place(target, page))

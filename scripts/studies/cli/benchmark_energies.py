@@ -1,7 +1,6 @@
 """Price of an energy account: runs with it beside runs without, one core, one process, compilation apart."""
 
-import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,9 +21,9 @@ from impact_env.parameters import (
 )  # fmt: skip
 from optimisation.cli.common import command
 from optimisation.machine import Timed
-from studies.cli.benchmark import Settings, all_cases, in_turn, sweep_up
 from studies.runner import run
 from studies.study import Json, Measured, Study, lines, table_options, table_place, table_study, there
+from studies.timing import Advance, Settings, all_cases, each_and_median, in_turn, sweep_up
 
 NAME = "benchmark_energies"
 START = 0.9  # of the first resonance; with the whole length the sweep ends at 1.06
@@ -57,17 +56,17 @@ CASES = (
 )
 
 
-def measure(case: Case, settings: Settings, advance: Callable[[], object]) -> Json:
+def measure(case: Case, given: Settings, advance: Advance) -> Json:
     """Time both: times per pseudo period in us, medians and all repeats."""
-    scene, periods = beam_scene(Beam(modes=case.modes), case.absorber), settings.periods
+    scene, periods = beam_scene(Beam(modes=case.modes), case.absorber), given.periods
     drive = sweep_up(scene, case.force, START, periods)
     watched, bare = (Timed(scene, drive, Exact(), record=record) for record in (Record(energy=True), Record()))
-    energies_each, bare_each, response = in_turn(watched, bare, settings.repeats, advance)
-    bare_us, energies_us = statistics.median(bare_each), statistics.median(energies_each)
+    response = watched.run()
+    runs = {"energies": lambda: watched.run().wall_time / periods, "bare": lambda: bare.run().wall_time / periods}
+    times = each_and_median(in_turn(runs, given.repeats, advance))
     return {
-        "name": case.name, "pseudo_periods": periods, "stretches_per_period": response.steps / periods, "bare_us_each": bare_each,
-        "energies_us_each": energies_each, "balance": there(response.energy).relative_error, "bare_us": bare_us, "energies_us": energies_us,
-        "ratio": energies_us / bare_us,
+        "name": case.name, "pseudo_periods": periods, "stretches_per_period": response.steps / periods, **times,
+        "balance": there(response.energy).relative_error, "ratio": times["energies_us"] / times["bare_us"],
     }  # fmt: skip
 
 
@@ -99,7 +98,7 @@ def _said(measured: Measured) -> str:
 STUDY: Study[Settings] = table_study(
     NAME,
     "price of an energy account",
-    lambda given: all_cases(CASES, given.repeats, lambda case, advance: measure(case, given, advance)),
+    lambda given: all_cases(CASES, given, measure),
     _said,
 )
 

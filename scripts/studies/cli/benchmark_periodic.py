@@ -1,7 +1,6 @@
 """Speed and accuracy of periodic orbits: closed form, maps, Newton's method, branches, folds and multipliers; one core, compilation apart."""
 
 import statistics
-import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -30,6 +29,7 @@ from optimisation.page import markdown
 from optimisation.progress import Bar
 from studies.runner import run
 from studies.study import Json, Study, table_options, table_place, table_study
+from studies.timing import seconds
 
 NAME = "benchmark_periodic"
 REPEATS, QUICK_REPEATS = 21, 3
@@ -54,11 +54,7 @@ class Line(NamedTuple):
 def timed(what: str, bar: float | None, unit: str, repeats: int, work: Callable[[], object], parts: float = 1.0) -> Line:
     """Time ``work``, which does ``parts`` of what is measured; the first call compiles and is not counted."""
     work()
-    factor, each = {"s": 1.0, "ms": 1e3, "us": 1e6}[unit] / parts, []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        work()
-        each.append(factor * (time.perf_counter() - began))
+    each = [{"s": 1.0, "ms": 1e3, "us": 1e6}[unit] / parts * seconds(work) for _ in range(repeats)]
     return Line(what, bar, statistics.median(each), unit, tuple(each))
 
 

@@ -1,7 +1,5 @@
 """What the exact method's time is spent on: the cost of its parts, how often each is needed, and what is left over."""
 
-import statistics
-import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -22,9 +20,10 @@ from optimisation.cli.common import command
 from optimisation.machine import Timed
 from optimisation.page import markdown
 from optimisation.progress import Bar
-from studies.cli.benchmark import CASES, START, Case, sweep_up
+from studies.cli.benchmark import CASES, START, Case
 from studies.runner import run
 from studies.study import Json, Study, table_options, table_place, table_study
+from studies.timing import median_time, seconds, sweep_up
 
 
 class Room(NamedTuple):
@@ -106,12 +105,7 @@ REPEATS = 7
 def nanoseconds(call: Callable[[], object]) -> float:
     """Return the median time of one of CALLS calls."""
     call()
-    times = []
-    for _ in range(REPEATS):
-        began = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - began)
-    return 1e9 * statistics.median(times) / CALLS
+    return 1e9 * median_time(partial(seconds, call), REPEATS) / CALLS
 
 
 def measure(case: Case, periods: float) -> Json:
@@ -119,9 +113,8 @@ def measure(case: Case, periods: float) -> Json:
     scene, level = case.scene(), 1
     window = WINDOW_PERIODS * 2 * np.pi / scene.model.resonance_omega(1)
     run = Timed(scene, sweep_up(scene, case.force, START, periods), Exact())
-    responses = [run.run() for _ in range(REPEATS)]
-    us = 1e6 * statistics.median(response.wall_time for response in responses) / periods
-    events, evaluations = responses[0].steps / periods, responses[0].evaluations / periods
+    response, us = run.run(), 1e6 * median_time(lambda: run.run().wall_time, REPEATS) / periods
+    events, evaluations = response.steps / periods, response.evaluations / periods
     slots = rigid_regimes(scene, window)[0].slots
     room = make_room(slots, scene.model.resonance_omega(1), 0.5 * window)
     scan, turn = (nanoseconds(partial(repeat, CALLS, slots, room, level)) for repeat in (repeat_scan, repeat_turn))

@@ -65,36 +65,25 @@ COLUMNS = (
 PAST = Column("past the plateau", PAPERS_BEST, (PAST_PLATEAU,), ("above 0.57",), 2)
 
 
-@dataclass(frozen=True)
-class Compared:
-    """Median and band over the members, and the earlier number or span, all in mm."""
+def compared(median: float, low: float, high: float, earlier: str) -> Json:
+    """Return how median and band over the members stand to an earlier number or span, all in mm.
 
-    median: float
-    band: tuple[float, float]
-    earlier: str
-
-    @property
-    def inside(self) -> bool:
-        """Whether the earlier number, to half a unit of its last digit to either side, is in the band; for a span, whether the median is in it."""
-        ends = self.earlier.split(" to ")
-        first, last = (sign * 0.5 * 10.0 ** -len(end.partition(".")[2]) + float(end) for sign, end in ((-1, ends[0]), (1, ends[-1])))
-        low, high = (self.median, self.median) if len(ends) > 1 else self.band
-        return low <= last and first <= high
-
-    @property
-    def deviation(self) -> float | None:
-        """Median less the earlier number, in percent of it; None for a span."""
-        return None if " to " in self.earlier else 100 * (self.median / float(self.earlier) - 1)
+    ``inside``: whether the number, to half a unit of its last digit to either side, is in the band; for a span, whether the median is in it.
+    ``deviation_percent``: median less the number, in percent of it; None for a span.
+    """
+    ends = earlier.split(" to ")
+    first, last = (sign * 0.5 * 10.0 ** -len(end.partition(".")[2]) + float(end) for sign, end in ((-1, ends[0]), (1, ends[-1])))
+    low, high, off = (median, median, None) if len(ends) > 1 else (low, high, 100 * (median / float(earlier) - 1))
+    return {"deviation_percent": off, "inside": low <= last and first <= high}
 
 
 def compare(column: Column, curve: PerformanceCurve) -> Iterator[Json]:
     """Yield the values of the JSON file for each force of a column."""
     for force, earlier, levels in zip(column.forces, column.earlier, MM * quantiles(curve.combined, (0.5, *BAND)).T, strict=True):
         median, low, high = levels.tolist()
-        found = Compared(median, (low, high), earlier)
         yield {
             "resonance": column.resonance, "scene": column.name, "modes": column.modes, "force_n": force, "level_median_m": median / MM,
-            "level_5_to_95_percent_m": [low / MM, high / MM], "earlier_mm": earlier, "deviation_percent": found.deviation, "inside": found.inside,
+            "level_5_to_95_percent_m": [low / MM, high / MM], "earlier_mm": earlier, **compared(median, low, high, earlier),
         }  # fmt: skip
 
 

@@ -5,6 +5,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from optimisation.search.settings import default_settings
 from optimisation.tuned import minimax
 from optimisation.variables import FRICTION, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, POSITION, SEVERAL, TUNED, VARIABLES
 from studies.study import Json, there
+from studies.timing import in_turn, seconds
 
 AT = ((1, 3.5), (2, 35.0))  # resonance and force in N: the paper's optimum at either
 Point = tuple[int, float]
@@ -221,13 +223,13 @@ def scaling(study: Settings) -> Json:
         kinds["cluster"] = [stack.enter_context(_cluster(n)) for n in WORKERS]
         for executor in (e for group in kinds.values() for e in group):  # workers load their kernels
             dict(evaluate(problem, designs[:4], problem.ensemble[:1], 10 * problem.rate, executor))
-        times: dict[tuple[str, int], list[float]] = {(kind, n): [] for kind in kinds for n in WORKERS}
-        for _ in Bar(range(3), desc="scaling", unit="rounds", leave=False):
-            for kind, group in kinds.items():
-                for n, executor in zip(WORKERS, group, strict=True):
-                    began = time.perf_counter()
-                    dict(evaluate(problem, designs, problem.ensemble, problem.rate, executor))
-                    times[kind, n].append(time.perf_counter() - began)
+
+        def once(executor: Executor) -> float:
+            return seconds(lambda: dict(evaluate(problem, designs, problem.ensemble, problem.rate, executor)))
+
+        batches = {(kind, n): partial(once, executor) for kind, group in kinds.items() for n, executor in zip(WORKERS, group, strict=True)}
+        with Bar(total=3, desc="scaling", unit="rounds", leave=False) as bar:
+            times = in_turn(batches, 3, bar.update)
     speedup = {kind: statistics.median(times[kind, 1]) / statistics.median(times[kind, 2]) for kind in kinds}
     runs = 2 * len(designs) * len(problem.ensemble) * len(problem.conditions)
     rows = [{"kind": kind, "workers": n, "seconds": statistics.median(s), "all_s": s} for (kind, n), s in times.items()]

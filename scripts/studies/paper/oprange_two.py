@@ -138,7 +138,8 @@ def _claims(values: Json) -> list[Claim]:
     stepped = {name: float(step[name].level[at, 0] / read[NONE].level[at, 0]) for name in (THREE, LOSSY)}
     down, near = np.where(read[ONE].down[at] > 0, read[ONE].at[at], np.nan), _near(values, ONE)
     one, three = (values[f"orbits, {name}"] for name in (ONE, THREE))
-    said = partial(claim, LABEL, star=values["force_n"], near=NEAR)
+    said, (first, last) = partial(claim, LABEL, star=values["force_n"], near=NEAR), ranges_of(read[ONE])
+    borders = " and ".join(str(border or "not found") for border in (first, last))  # of the linear and the primary range
     return [
         said("oprangeTWO_noneffective", relative[ONE][read[ONE].impacting > 0.5]),
         said("oprangeTWO_maximum_at", down, at_step=float(step[ONE].at[at, 0])),
@@ -149,15 +150,8 @@ def _claims(values: Json) -> list[Claim]:
         said("oprangeTWO_isola", [gap_of_isola(three)]),
         said("oprangeTWO_reduced_branch", [_highest(three) / _highest(one)]),
         said("oprangeTWO_single_frequency", near / relative[ONE][at].mean()),
-        _no_primary(read[ONE]),
+        said("oprangeTWO_no_primary", first is not None and last is not None and last.low <= first.high, borders=borders),
     ]
-
-
-def _no_primary(own: Curve) -> Claim:
-    """Judge whether the first impacts are the last that pause."""
-    first, last = ranges_of(own)
-    borders = " and ".join(str(border or "not found") for border in (first, last))
-    return claim(LABEL, "oprangeTWO_no_primary", first is not None and last is not None and last.low <= first.high, borders=borders)
 
 
 def _highest(orbits: Json) -> float:

@@ -1,0 +1,65 @@
+"""How benchmarks time: runs in turn, so that a machine that slows down meets all of them; medians of repeats, compilation apart."""
+
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple, TypeVar
+
+from impact_env import Drive, Scene, linear_sweep
+from impact_env.drive import PAPER_RATE
+from optimisation.progress import Bar
+from studies.study import Json
+
+K = TypeVar("K")
+T = TypeVar("T")
+Advance = Callable[[], object]  # told of each repeat, as a bar is
+
+
+class Settings(NamedTuple):
+    """Pseudo periods of a run, or its samples, and how often each is timed."""
+
+    periods: float
+    repeats: int
+
+
+def seconds(work: Callable[[], object]) -> float:
+    """Return the time of a call in s."""
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began
+
+
+def in_turn(runs: Mapping[K, Callable[[], float]], repeats: int, advance: Advance = lambda: None) -> dict[K, list[float]]:
+    """Return what runs say of each repeat, as their time in s, by name; in each repeat they go one after the other."""
+    found: dict[K, list[float]] = {name: [] for name in runs}
+    for _ in range(repeats):
+        for name, run in runs.items():
+            found[name].append(run())
+        advance()
+    return found
+
+
+def each_and_median(found: Mapping[str, Sequence[float]]) -> Json:
+    """Return the values of a benchmark's file, of times in s: by name all of them in us, and their median."""
+    each = {name: [1e6 * x for x in times] for name, times in found.items()}
+    return {f"{name}_us_each": times for name, times in each.items()} | {f"{name}_us": statistics.median(times) for name, times in each.items()}
+
+
+def median_time(run: Callable[[], float], repeats: int, patience: float = float("inf")) -> float:
+    """Return the median of several times in s; slow runs are repeated less often, once they have taken so many s."""
+    began = time.perf_counter()
+    times = [run()]
+    while len(times) < repeats and time.perf_counter() - began < patience:
+        times.append(run())
+    return statistics.median(times)
+
+
+def sweep_up(scene: Scene, force: float, start: float, periods: float) -> Drive:
+    """Return the paper's sweep up from a frequency over the first resonance's, over so many pseudo periods."""
+    return Drive(force, linear_sweep(scene.model.resonance_omega(1), start, start + periods * PAPER_RATE / 1e4))
+
+
+def all_cases(cases: Sequence[T], given: Settings, measure: Callable[[T, Settings, Advance], Json]) -> Json:
+    """Measure all cases, with a bar."""
+    with Bar(total=given.repeats * len(cases), desc="timing", unit="repeat", leave=False) as bar:
+        return {"repeats": given.repeats, "cases": [measure(case, given, bar.update) for case in cases]}
