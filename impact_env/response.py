@@ -42,6 +42,7 @@ class Record:
     """What to observe: response level, impacts and contact phases, the state at samples, the energy balance.
 
     ``series``: the samples of the whole run, or of a `Window` of it. ``envelope``: least and largest displacement in so many equal parts of the run.
+    ``reversals``: where friction may turn, beside impacts and contact phases; of the exact method with rigid contact.
     ``check``: whether the exact method's event search missed nothing, found out by dense sampling. It is for tests: a run takes much longer.
     """
 
@@ -52,12 +53,13 @@ class Record:
     samples_per_period: int = DEFAULT_SAMPLES
     check: bool = False
     envelope: int | None = None
+    reversals: bool = False
 
     def __post_init__(self) -> None:
         count("samples_per_period", self.samples_per_period, 4, MOST_SAMPLES)
         if self.envelope is not None:
             object.__setattr__(self, "envelope", count("envelope", self.envelope, 1, MOST_BINS))
-        for name in ("level", "events", "series", "energy", "check"):
+        for name in ("level", "events", "series", "energy", "check", "reversals"):
             if name == "series" and isinstance(self.series, Window):
                 continue
             object.__setattr__(self, name, flag(name, getattr(self, name)))
@@ -87,6 +89,14 @@ class ContactPhases:
     start: Array
     end: Array
     kind: NDArray[np.int64]
+    absorber: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Reversals:
+    """Times (K,) in s at which an absorber in flight has no relative velocity: friction turns or sticks. ``absorber`` as of `ContactPhases`."""
+
+    time: Array
     absorber: NDArray[np.int64]
 
 
@@ -168,6 +178,7 @@ class Response:
     energy: EnergyAccount | None = None
     check: SearchCheck | None = None
     envelope: Envelope | None = None
+    reversals: Reversals | None = None
 
     def __repr__(self) -> str:
         level = self.level

@@ -17,11 +17,12 @@ from impact_env.first_use import CompilingFor
 from impact_env.kernels.motion import observers
 from impact_env.kernels.motion.level import new_level
 from impact_env.kernels.motion.observers import Check, Counters, Energy, Series, new_check, new_energy, new_events
+from impact_env.laws import SceneKind
 from impact_env.level import HALF_WINDOW_PERIODS, level_of, read_level, require_samples
 from impact_env.loads import AnyDrive, Loads
 from impact_env.methods import Exact, Method, check_load, check_mass, check_step
-from impact_env.parameters import SeveralAbsorbers, StuckAbsorber, count, instance
-from impact_env.response import ContactPhases, Envelope, History, Impacts, Record, Response, SearchCheck, Window
+from impact_env.parameters import SeveralAbsorbers, StuckAbsorber, count, instance, require
+from impact_env.response import ContactPhases, Envelope, History, Impacts, Record, Response, Reversals, SearchCheck, Window
 from impact_env.scene import InitialState, Scene
 
 Array = NDArray[np.float64]
@@ -72,7 +73,7 @@ def _room(scene: Scene, drive: AnyDrive, record: Record, interval: float, capaci
     return Observers(
         counters,
         level=new_level(record.samples_per_period, HALF_WINDOW_PERIODS) if record.level else None,
-        events=new_events(capacity) if record.events else None,
+        events=new_events(capacity, record.reversals) if record.events or record.reversals else None,
         series=Series(np.zeros((samples, 2 * (n + scene.places)))) if record.series else None,
         energy=new_energy(n) if record.energy else None,
     )
@@ -119,6 +120,9 @@ def simulate(
         found = simulate(scene, drive, method, initial=initial, record=sampled, most_events=most_events, progress=progress, stop=stop)
         return _read_elsewhere(found, record)
     kernels = family(scene, method)
+    if record.reversals:
+        allowed = isinstance(method, Exact) and scene.kind in {SceneKind.RIGID, SceneKind.SEVERAL}
+        require(allowed, "reversals", True, f"with rigid contact and the exact method, not {method} on {scene.absorber}")
     check_mass(scene)
     check_step(scene, drive, method)
     budget = None if most_events is None else count("most_events", most_events, 1, MOST_EVENTS)
@@ -134,7 +138,7 @@ def simulate(
         with nullcontext() if stop is None else stop.reaching(counters):
             status = work() if tell is None else watched(work, counters, end, tell)
         wall_time = time.perf_counter() - began
-        needed = 0 if room.events is None else max(int(room.events.counts["impacts"]), int(room.events.counts["phases"]))
+        needed = 0 if room.events is None else max(room.events.counts.item())
         if needed <= capacity:
             break
         capacity = needed
@@ -202,12 +206,15 @@ def _response(
     """Return the response, up to the time reached if the run is not complete."""
     counts = room.counters.counts
     reached = float(drive.schedule.times[-1] if complete else counts["reached"])
-    impacts = phases = None
+    impacts = phases = reversals = None
     if room.events is not None:
         rows = room.events.impacts[: room.events.counts["impacts"]]
         impacts = Impacts(*(rows[name].copy() for name in ("time", "relative_velocity", "impulse", "loss", "absorber")))
         rows = room.events.phases[: room.events.counts["phases"]]
         phases = ContactPhases(*(rows[name].copy() for name in ("start", "end", "kind", "absorber")))
+        if room.events.reversals is not None:
+            rows = room.events.reversals[: room.events.counts["reversals"]]
+            reversals = Reversals(rows["time"].copy(), rows["absorber"].copy())
     return Response(
         scene,
         drive,
@@ -224,6 +231,7 @@ def _response(
         history=_history(scene, room.series, interval, None if complete else reached),
         energy=_energy(scene, room.energy, start, state),
         check=_check(room.counters.check),
+        reversals=reversals,
     )
 
 

@@ -1,26 +1,30 @@
 """A motion from a section of the force's phase on, with its derivative: the exact method's events, and flights and saltation matrices between.
 
-The times of impacts and joined phases are the exact method's. The pieces between are in closed form; reversals of friction, which that method does
-not list, are located in them.
+The exact method says when impacts, reversals and joined phases are. The pieces between are in closed form, in the free (or sliding) regime or the
+joined one.
 """
 
 from dataclasses import dataclass, field
+from enum import IntEnum
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.periodic.monodromy import leap_over
+from impact_env.modes import ModalModel
 from impact_env.parameters import ParameterError
 from impact_env.periodic.case import Case, start_from
-from impact_env.periodic.pieces import Flow, Piece, flows_of, piece_of
 from impact_env.periodic.schedule import Event, Regime
+from impact_env.regimes import Modes, checked_modes, own_modes
 from impact_env.response import Record, Response
 from impact_env.sweep import IntegrationError, simulate
 
 Array = NDArray[np.float64]
-RECORD = Record(level=False, events=True)
-SLIVER = 1e-10  # rad: what turns so shortly before another event is that event
+Complex = NDArray[np.complex128]
+RECORD = Record(level=False, events=True, reversals=True)
+SLIVER = 1e-10  # rad: a joined phase that begins so shortly after an impact begins at it
 WALLS = (0, -1, 1)  # that holds the absorber in each kind of `ContactPhases`
 
 
@@ -36,7 +40,103 @@ class Happening(NamedTuple):
     impulse: float
 
 
-MOST_TURNS = 100  # reversals in a flight between two events of the exact method
+@dataclass(frozen=True, eq=False)
+class Flow:
+    """One regime of a case: its exponentials, and the constant answer to the force.
+
+    ``up``, ``down`` (J,): slots of the forced motion that turn with the force and against it.
+    """
+
+    case: Case
+    joined: bool
+    modes: Modes
+    up: Complex
+    down: Complex
+
+    def forced(self, phase: float) -> Complex:
+        """Return the slots (J,) of the forced motion at a phase of the force in rad."""
+        return np.asarray(self.up * np.exp(1j * phase) + self.down * np.exp(-1j * phase))
+
+    def derivative(self, dt: float) -> Array:
+        """Return the derivative (2 N_m + 2,)^2 of the state after ``dt`` (s) by the state before."""
+        n, modes = self.case.model.modes, self.modes
+        matrix = np.real((modes.out * np.exp(modes.values * dt)) @ modes.into)
+        if self.joined:  # the absorber keeps its place against the tip
+            tip = self.case.model.tip_shape
+            matrix[n], matrix[2 * n + 1] = tip @ matrix[:n], tip @ matrix[n + 1 : -1]
+            matrix[n, n] += 1.0
+            matrix[n, :n] -= tip
+        else:
+            matrix[n, n], matrix[n, -1], matrix[-1, -1] = 1.0, dt, 1.0
+        return matrix
+
+
+@lru_cache(maxsize=32)
+def _modes(model: ModalModel, mass: float, joined: bool) -> Modes:
+    return checked_modes(model, mass, None, 0.0) if joined else own_modes(model, np.arange(model.modes))
+
+
+def _flow(case: Case, joined: bool) -> Flow:
+    """Return a regime of a case. A mode without damping at resonance has no steady answer: it is infinite."""
+    modes = _modes(case.model, case.structure.mass, joined)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        up, down = (0.5 * case.force * modes.drive / (side * 1j * case.omega - modes.values) for side in (1, -1))
+    return Flow(case, joined, modes, up, down)
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """The motion from ``time`` (s after the section) on, ``phase`` (rad) of the force there, with a constant ``force`` (N) on a sliding absorber.
+
+    ``begin`` (2 N_m + 2,): the state there. ``sign`` of the relative velocity, ``wall`` that holds a joined absorber (0: friction does).
+    """
+
+    flow: Flow
+    time: float
+    phase: float
+    force: float
+    begin: Array
+    sign: int
+    wall: int
+
+    @cached_property
+    def rest(self) -> Complex:
+        """Slots (J,) of the constant force."""
+        modes = self.flow.modes
+        return np.asarray(-modes.relative * self.force / modes.values)
+
+    @cached_property
+    def free(self) -> Complex:
+        """Slots (J,) without forced and constant part."""
+        return np.asarray(self.flow.modes.into @ self.begin - self.flow.forced(self.phase) - self.rest)
+
+    def states(self, dts: Array) -> Array:
+        """Return the states (S, 2 N_m + 2) at times ``dts`` (S,) in s after the piece's start."""
+        flow, modes, n = self.flow, self.flow.modes, self.flow.case.model.modes
+        turned = np.exp(1j * (self.phase + flow.case.omega * dts))
+        slots = np.exp(np.outer(dts, modes.values)) * self.free + np.outer(turned, flow.up) + np.outer(np.conj(turned), flow.down) + self.rest
+        states = np.real(slots @ modes.out.T)
+        if flow.joined:
+            tip = flow.case.model.tip_shape
+            states[:, n] = states[:, :n] @ tip + float(self.begin[n] - tip @ self.begin[:n])
+            states[:, -1] = states[:, n + 1 : -1] @ tip
+        else:
+            acceleration = self.force / flow.case.structure.mass
+            states[:, n] = self.begin[n] + dts * (self.begin[-1] + 0.5 * dts * acceleration)
+            states[:, -1] = self.begin[-1] + dts * acceleration
+        return np.asarray(states)
+
+    def bend(self, dt: float, state: Array) -> float:
+        """Return the relative acceleration (m/s^2) at ``dt`` (s), where the ``state`` is, under the constant force alone."""
+        structure, n = self.flow.case.structure, self.flow.case.model.modes
+        pull = self.flow.case.force * np.cos(self.phase + self.flow.case.omega * dt)
+        modal = structure.push * pull - structure.rate * state[n + 1 : -1] - structure.omega**2 * state[:n]
+        return float(self.force * structure.compliance - structure.tip @ modal)
+
+    @property
+    def force_on(self) -> float:
+        """Force (N) on the absorber at the piece's start: of a joined one that without which it would have a relative acceleration."""
+        return -self.bend(0.0, self.begin) / self.flow.case.structure.compliance if self.flow.joined else self.force
 
 
 @dataclass(eq=False)
@@ -90,78 +190,92 @@ def passage(case: Case, phase: float, state: Array, span: float) -> Passage:
     return walk.found
 
 
+class _What(IntEnum):
+    """In the order in which they happen at the same time."""
+
+    IMPACT = 0
+    REVERSAL = 1
+    JOINING = 2
+    PARTING = 3
+
+
+class _Mark(NamedTuple):
+    """An event of the exact method at a ``time`` (s): the ``wall`` hit or holding, an impact's restitution, whether the wall ``holds`` then."""
+
+    time: float
+    what: _What
+    wall: int = 0
+    restitution: float = 0.0
+    holds: bool = False
+
+
+def _marks(case: Case, run: Response) -> list[_Mark]:
+    """Return the events of a run in the order of time; where an impact or a reversal leads to a joined phase, that is one mark."""
+    assert run.impacts is not None
+    assert run.phases is not None
+    assert run.reversals is not None
+    begins, ends, at, impulse = run.phases.start, run.phases.end, run.impacts.time, run.impacts.impulse
+    same = np.append(False, begins[1:] <= ends[:-1])[: len(begins)]  # as the phase before, but for what holds
+    rest, marks, holds = impulse + run.impacts.relative_velocity / case.structure.compliance, [], set()
+    for begin, kind in zip(begins[~same], run.phases.kind[~same], strict=True):
+        before = int(np.searchsorted(at, begin, side="right")) - 1
+        if before >= 0 and begin - at[before] <= SLIVER / case.omega:
+            holds.add(before)
+        else:
+            marks.append(_Mark(float(begin), _What.JOINING, WALLS[int(kind)]))
+    for k, time in enumerate(at):
+        whole = abs(rest[k]) > abs(rest[k] + case.restitution * run.impacts.relative_velocity[k] / case.structure.compliance)
+        marks.append(_Mark(float(time), _What.IMPACT, int(-np.sign(impulse[k])), case.restitution if whole else 0.0, k in holds))
+    marks += [_Mark(float(end), _What.PARTING) for end in ends[~np.append(same[1:], False)[: len(ends)]] if end < run.drive.schedule.times[-1]]
+    marks += [_Mark(float(time), _What.REVERSAL) for time in run.reversals.time if time not in begins]
+    return sorted(marks)
+
+
 class _Walk:
     """A passage on its way."""
 
     def __init__(self, case: Case, phase: float, span: float) -> None:
         n = case.model.modes
         self.case, self.found = case, Passage(case, phase, span, np.eye(2 * n + 2))
-        self.free, self.joined = flows_of(case)
+        self.free, self.joined = _flow(case, joined=False), _flow(case, joined=True)
         self.sliding = Regime.SLIDING if case.friction_limit > 0 else Regime.FREE
         self.speed = np.concatenate([np.zeros(n + 1), -case.model.tip_shape, [1.0]])  # row of the relative velocity
         self.push = np.concatenate([np.zeros(n + 1), -case.model.tip_shape, [1 / case.structure.mass]])  # of a unit impulse on the absorber
 
     def follow(self, state: Array, run: Response) -> None:
         """Go through the events of the exact method's run from a ``state`` at its start."""
-        assert run.impacts is not None
-        assert run.phases is not None
-        marks = [
-            (float(t), 0, int(-np.sign(p)), float(r)) for t, p, r in zip(run.impacts.time, run.impacts.impulse, self._restitutions(run), strict=True)
-        ]
-        begins, ends = run.phases.start, run.phases.end
-        for k in range(len(begins)):
-            if k == 0 or begins[k] > ends[k - 1]:  # what holds may change on the spot
-                marks.append((float(begins[k]), 1, WALLS[int(run.phases.kind[k])], 0.0))
-            if ends[k] < self.found.span and (k + 1 == len(begins) or begins[k + 1] > ends[k]):
-                marks.append((float(ends[k]), 2, 0, 0.0))
         self._go_on(self.free, 0.0, state, 1 if float(self.speed @ state) > 0 else -1)
-        marks.sort()
-        for k, (time, what, wall, restitution) in enumerate(marks):
-            if what == 1 and k > 0 and marks[k - 1][1] == 0 and time - marks[k - 1][0] <= SLIVER / self.case.omega:
-                continue  # the impact before has seen to it
-            piece, state, bend = self._advance(time)
-            if what == 0:
-                after = marks[k + 1] if k + 1 < len(marks) else (np.inf, 0, 0, 0.0)
-                self._hit(piece, time, state, bend, wall, restitution, after[1] == 1 and after[0] - time <= SLIVER / self.case.omega)
-            elif what == 1:
-                self._hold(piece, time, state, bend, wall)
-            else:
-                self._release(piece, time, state)
+        for mark in _marks(self.case, run):
+            self._meet(mark)
         self.found.end = self._advance(self.found.span)[1]
 
-    def _restitutions(self, run: Response) -> Array:
-        """Return the restitution of each impact: 0 of one that completes a chatter."""
-        assert run.impacts is not None
-        speed, impulse = run.impacts.relative_velocity, run.impacts.impulse
-        whole = np.abs(impulse + (1 + self.case.restitution) * speed / self.case.structure.compliance)
-        return np.where(whole < np.abs(impulse + speed / self.case.structure.compliance), self.case.restitution, 0.0)
+    def _meet(self, mark: _Mark) -> None:
+        piece, state, bend = self._advance(mark.time)
+        if mark.what is _What.IMPACT:
+            self._hit(piece, mark, state, bend)
+        elif mark.what is _What.REVERSAL:
+            self._turn(piece, mark.time, state, bend)
+        elif mark.what is _What.JOINING:
+            self._hold(piece, mark, state, bend)
+        else:
+            self._release(piece, mark.time, state)
 
     def _advance(self, time: float) -> tuple[Piece, Array, float]:
-        """Fly, reversals included, or be held until a time (s); return the piece then, the state, and the relative acceleration of a flight."""
-        for _ in range(MOST_TURNS):
-            piece = self.found.pieces[-1]
-            dt, turn = time - piece.time, None
-            if self.case.friction_limit > 0 and not piece.flow.joined:
-                turn = piece.turn(dt - SLIVER / self.case.omega)
-            dt = dt if turn is None else turn
-            self.found.derivative = piece.flow.derivative(dt) @ self.found.derivative
-            state, bend = piece.state(dt), 0.0 if piece.flow.joined else float(piece.relative(dt)[2])
-            if turn is None:
-                return piece, state, bend
-            if piece.sign * bend >= 0:
-                raise PassageError("the relative velocity only touches zero at a reversal")
-            state = self._at_rest(state)
-            self._leap(0, 0.0, 0.0, 2 * piece.sign * self.case.friction_limit, 0.0, bend)
-            self._note(piece.time + dt, Event(self.sliding, 0, -piece.sign))
-            self._go_on(self.free, piece.time + dt, state, -piece.sign, rested=True)
-        raise PassageError("reversals without end")
+        """Fly or be held until a time (s); return the piece, the state then, and the relative acceleration of a flight."""
+        piece = self.found.pieces[-1]
+        dt = time - piece.time
+        self.found.derivative = piece.flow.derivative(dt) @ self.found.derivative
+        state = piece.states(np.array([dt]))[0]
+        return piece, state, 0.0 if piece.flow.joined else piece.bend(dt, state)
 
     def _at_rest(self, state: Array) -> Array:
         """Return a state without what rounding left of the relative velocity."""
         return np.asarray(state - self.push * float(self.speed @ state) / self.case.structure.compliance)
 
-    def _go_on(self, flow: Flow, time: float, state: Array, sign: int, wall: int = 0, rested: bool = False) -> None:
-        self.found.pieces.append(piece_of(flow, time, self.found.phase + self.case.omega * time, state, sign, wall, rested))
+    def _go_on(self, flow: Flow, time: float, state: Array, sign: int, wall: int = 0) -> Piece:
+        force = 0.0 if flow.joined else -sign * self.case.friction_limit
+        self.found.pieces.append(Piece(flow, time, self.found.phase + self.case.omega * time, force, state, sign, wall))
+        return self.found.pieces[-1]
 
     def _note(self, time: float, event: Event, impulse: float = 0.0) -> None:
         self.found.happenings.append(Happening(time, event, impulse))
@@ -172,31 +286,37 @@ class _Walk:
             raise PassageError("an event is only touched: no derivative")
         leap_over(self.case.structure, wall, restitution, impulse, jump, rate, bend, self.found.derivative)
 
+    def _turn(self, piece: Piece, time: float, state: Array, bend: float) -> None:
+        """The relative velocity is zero, and the absorber slides on the other way."""
+        if piece.sign * bend >= 0:
+            raise PassageError("the relative velocity only touches zero at a reversal")
+        self._leap(0, 0.0, 0.0, 2 * piece.sign * self.case.friction_limit, 0.0, bend)
+        self._note(time, Event(self.sliding, 0, -piece.sign))
+        self._go_on(self.free, time, self._at_rest(state), -piece.sign)
+
     def _release(self, piece: Piece, time: float, state: Array) -> None:
         """The joint force leaves its bounds without a jump: neither the state nor its rate has one."""
-        here = piece_of(self.joined, time, self.found.phase + self.case.omega * time, state, 0)
-        sign = -piece.wall if piece.wall != 0 else -int(np.sign(here.joint_force))
+        here = self._go_on(self.joined, time, state, 0)
+        self.found.pieces.pop()
+        sign = -piece.wall if piece.wall != 0 else -int(np.sign(here.force_on))
         self._note(time, Event(self.sliding, 0, sign))
-        self._go_on(self.free, time, state, sign, rested=True)
+        self._go_on(self.free, time, state, sign)
 
-    def _hold(self, piece: Piece, time: float, state: Array, bend: float, wall: int) -> None:
+    def _hold(self, piece: Piece, mark: _Mark, state: Array, bend: float) -> None:
         """The relative velocity is zero, and friction or a wall holds the absorber from now on."""
-        self._go_on(self.joined, time, self._at_rest(state), 0, wall)
-        if time > 0:  # else it is held from the start
-            self._leap(0, 0.0, 0.0, self.found.pieces[-1].joint_force - piece.force, 0.0, bend)
-        self._note(time, Event(Regime.JOINED, wall, 0))
+        now = self._go_on(self.joined, mark.time, self._at_rest(state), 0, mark.wall)
+        if mark.time > 0:  # else it is held from the start
+            self._leap(0, 0.0, 0.0, now.force_on - piece.force, 0.0, bend)
+        self._note(mark.time, Event(Regime.JOINED, mark.wall, 0))
 
-    def _hit(self, piece: Piece, time: float, state: Array, bend: float, wall: int, restitution: float, holds: bool) -> None:
+    def _hit(self, piece: Piece, mark: _Mark, state: Array, bend: float) -> None:
         """An impact, after which the wall may hold the absorber: where all bounces to come are below the rounding of the distance."""
-        n, rate = self.case.model.modes, float(self.speed @ state)
+        n, rate, wall = self.case.model.modes, float(self.speed @ state), mark.wall
         state[n] = float(self.case.model.tip_shape @ state[:n]) + wall * self.case.gap
-        impulse = -(1 + restitution) * rate / self.case.structure.compliance
+        impulse = -(1 + mark.restitution) * rate / self.case.structure.compliance
         after = np.asarray(state + impulse * self.push)
-        self._note(time, Event(self.sliding, wall, -wall), impulse)
-        if holds:
-            self._note(time, Event(Regime.JOINED, wall, 0))
-            self._go_on(self.joined, time, after, 0, wall)
-        else:
-            self._go_on(self.free, time, after, -wall, 0, restitution == 0.0)
-        now = self.found.pieces[-1]
-        self._leap(wall, restitution, impulse, (now.joint_force if holds else now.force) - piece.force, rate, bend)
+        self._note(mark.time, Event(self.sliding, wall, -wall), impulse)
+        if mark.holds:
+            self._note(mark.time, Event(Regime.JOINED, wall, 0))
+        now = self._go_on(self.joined, mark.time, after, 0, wall) if mark.holds else self._go_on(self.free, mark.time, after, -wall)
+        self._leap(wall, mark.restitution, impulse, now.force_on - piece.force, rate, bend)

@@ -11,7 +11,20 @@ import pytest
 from core import Array, run
 from numpy.typing import NDArray
 
-from impact_env import Beam, Drive, FrequencySchedule, InitialState, Response, Scene, beam_scene, friction_damper, impact_absorber, impact_absorbers
+from impact_env import (
+    Beam,
+    Drive,
+    FrequencySchedule,
+    InitialState,
+    Record,
+    Response,
+    Scene,
+    beam_scene,
+    friction_damper,
+    impact_absorber,
+    impact_absorbers,
+    simulate,
+)
 from impact_env.kernels.motion.observers import HELD_LOWER, HELD_UPPER, STUCK_INSIDE
 
 Mask = NDArray[np.bool_]
@@ -147,3 +160,23 @@ def test_contacts_hold_at_every_sample(make: object, modes: int) -> None:
         wrong += [f"seed {seed}, absorber {a}: {fault}" for a in range(scene.places) for fault in faults(response, a)]
     assert make is damper or impacts > scenes
     assert not wrong, f"{len(wrong)} faults:\n" + "\n".join(wrong)
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize("make", [one_absorber, damper, two_absorbers])
+def test_between_impacts_a_sliding_absorber_turns_where_a_reversal_is_listed_and_nowhere_else(make: object) -> None:
+    turns, record = 0, Record(level=False, events=True, series=True, reversals=True, samples_per_period=100)
+    for seed in range(8):
+        rng = np.random.default_rng([seed, 77])
+        scene = make(2, rng)
+        sliding = [a for a, each in enumerate(getattr(scene.absorber, "absorbers", [scene.absorber])) if each.friction is not None]
+        if not sliding:
+            continue
+        response = simulate(scene, drive_of(scene, rng.uniform(0.9, 1.04), 2.0, rng), initial=start_of(scene, rng), record=record)
+        for a in sliding:
+            motion, listed = motion_of(response, a), response.reversals.time[response.reversals.absorber == a]
+            changes = motion.apart & (motion.speed[:-1] * motion.speed[1:] < 0)
+            odd = motion.apart & (np.histogram(listed, motion.time)[0] % 2 == 1)
+            assert np.array_equal(changes[1:], odd[1:])  # at the start it may rest, but for rounding
+            turns += np.sum(odd)
+    assert turns >= 10

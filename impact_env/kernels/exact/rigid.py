@@ -15,7 +15,7 @@ from impact_env.kernels.exact.free_and_joined import begin, body_of, enter, fly,
 from impact_env.kernels.exact.rigid_contact import FREE, JOINED, end_phase, friction_force, impact, turn, weight_held
 from impact_env.kernels.motion.forced import add_forced
 from impact_env.kernels.motion.lines import solve_window
-from impact_env.kernels.motion.observers import DONE, NOT_FINITE
+from impact_env.kernels.motion.observers import DONE, NOT_FINITE, push_reversal
 from impact_env.kernels.motion.segments import last_sample, to_state, window_count, window_of
 from impact_env.kernels.motion.slots import REST, add, copy
 
@@ -69,6 +69,7 @@ def meet(scene, window, found, room, observe):
     if found.kind == NOTHING:
         return False
     if found.kind == REVERSAL:
+        push_reversal(observe.events, window.centre + body.now.tau, body.now.which)
         return turn(slots, contact, contact.limit, body, found)
     return impact(slots, room.free_forced, window, contact.walls, contact, body, found, observe)
 

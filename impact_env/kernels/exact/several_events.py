@@ -30,6 +30,7 @@ from impact_env.kernels.exact.rigid_contact import (
 from impact_env.kernels.exact.sets import bend, enter_set, forced_of, is_joined, joined_set, signal_of, slots_with, solve_set
 from impact_env.kernels.exact.settle import part, see_places, settle
 from impact_env.kernels.motion.forced import add_forced, signal_value
+from impact_env.kernels.motion.observers import push_reversal
 from impact_env.kernels.motion.segments import to_state
 from impact_env.kernels.motion.slots import GUARD, REST, SPEED, add, copy, weigh
 
@@ -160,6 +161,7 @@ def release(scene, window, s, a, event, state, room, events):
 def reverse(scene, window, s, a, found, state, room, events):
     """The relative velocity of absorber a is zero: stick, or slide on the other way."""
     now, sets, limit = room.now, scene.sets, scene.absorbers.limit[a]
+    push_reversal(events, window.centre + now[0].tau, now[a].which)
     alone = s == 0
     for b in range(now.shape[0]):
         if b != a and now[b].at_rest:

@@ -43,7 +43,8 @@ COUNTS = record(
 CLOCK = record(level=INTEGER, series=INTEGER, interval=NUMBER)  # next sample of level and series, and the time between two (s)
 IMPACT = record(time=NUMBER, relative_velocity=NUMBER, impulse=NUMBER, loss=NUMBER, absorber=INTEGER)
 PHASE = record(start=NUMBER, end=NUMBER, kind=INTEGER, absorber=INTEGER)
-LISTED = record(impacts=INTEGER, phases=INTEGER)
+REVERSED = record(time=NUMBER, absorber=INTEGER)
+LISTED = record(impacts=INTEGER, phases=INTEGER, reversals=INTEGER)
 TOTALS = record(work=NUMBER, friction_loss=NUMBER, impact_loss=NUMBER, absorber_damping=NUMBER)
 CHECKED = record(searches=INTEGER, misses=INTEGER)
 MISS = record(time=NUMBER, kind=INTEGER, share=NUMBER)
@@ -72,7 +73,7 @@ class Counters(NamedTuple):
 
 
 class Events(NamedTuple):
-    """What happened at the contacts: ``impacts`` and ``phases`` (capacity,), IMPACT and PHASE records.
+    """What happened at the contacts: ``impacts``, ``phases`` and ``reversals`` (capacity,), IMPACT, PHASE and REVERSED records.
 
     ``counts``, a LISTED record, goes on counting when the capacity is used up, so that the caller can run again with enough of it.
     """
@@ -80,6 +81,7 @@ class Events(NamedTuple):
     impacts: NDArray[Any]
     phases: NDArray[Any]
     counts: Any
+    reversals: NDArray[Any] | None = None
 
 
 @sparing
@@ -128,9 +130,9 @@ def new_clock(interval: float) -> Any:
     return one(CLOCK, interval=interval)
 
 
-def new_events(capacity: int) -> Events:
-    """Return empty lists of impacts and phases."""
-    return Events(np.zeros(capacity, IMPACT), np.zeros(capacity, PHASE), one(LISTED))
+def new_events(capacity: int, reversals: bool = False) -> Events:
+    """Return empty lists of impacts and phases, and if wanted of reversals."""
+    return Events(np.zeros(capacity, IMPACT), np.zeros(capacity, PHASE), one(LISTED), np.zeros(capacity, REVERSED) if reversals else None)
 
 
 def new_energy(modes: int) -> Energy:
@@ -165,3 +167,17 @@ def push_phase(events, start, end, kind, absorber):
         row = events.phases[k]
         row.start, row.end, row.kind, row.absorber = start, end, kind, absorber
     events.counts.phases = k + 1
+
+
+@jit
+def push_reversal(events, time, absorber):
+    """Append a time (s) at which an absorber (its number) has no relative velocity and friction may turn, if such are listed."""
+    if events is None:
+        return
+    if events.reversals is None:
+        return
+    k = events.counts.reversals
+    if k < events.reversals.shape[0]:
+        row = events.reversals[k]
+        row.time, row.absorber = time, absorber
+    events.counts.reversals = k + 1
