@@ -137,7 +137,7 @@ def stay_of(impacts: Array, begin: float, end: float, silence: float) -> tuple[f
 
 
 def _stay(period: float, begin: float, end: float, silence: float, lane: Lane) -> tuple[float, bool, bool, float] | tuple[()]:
-    """Return what `stays` measures of a lane, empty if it had left before; another process gets the same numbers."""
+    """Return a lane's `stays`, empty if it had left before; another process gets the same numbers."""
     response = simulate(lane.scene, lane.drive, record=Record(events=True))
     assert response.impacts is not None
     return stay_of(response.impacts.time / period, begin, end, silence) or ()

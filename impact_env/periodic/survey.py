@@ -212,7 +212,7 @@ def orbits_over(case: Case, ratios: Array, progress: Progress | None = None) -> 
 
 
 def attractors(case: Case, near: Iterable[Orbit], settle: float = SETTLE, most_multiple: int = MOST_MULTIPLE) -> Iterator[Orbit | NoOrbit]:
-    """Yield what runs settle to: one from rest, and one from beside each unstable orbit in ``near``; with the mirror image where it differs.
+    """Yield the motions that runs settle to: from rest, and from beside each unstable orbit in ``near``; with the mirror image where it differs.
 
     A symmetric orbit that loses its symmetry so leads to the pair of orbits that took over from it. See `orbit_of_simulation`.
     """

@@ -75,7 +75,7 @@ def motion_of(response: Response, which: int) -> Motion:
 
 
 def faults(response: Response, which: int = 0) -> list[str]:
-    """Return what an absorber does that it must not."""
+    """Return the absorber's faults, in words."""
     absorber = getattr(response.scene.absorber, "absorbers", [response.scene.absorber])[which]
     gap = np.inf if absorber.walls is None else absorber.walls.gap
     limit = 0.0 if absorber.friction is None else absorber.friction.limit

@@ -37,7 +37,7 @@ def own_beam(*damping: float) -> ModalModel:
 
 
 def rows_of(response: Response) -> Array:
-    """Return what is integrated, (S, N_m + 2): modal velocities squared, power of the force, the damper's relative velocity squared."""
+    """Return the integrands, (S, N_m + 2): modal velocities squared, power of the force, the damper's relative velocity squared."""
     history, model, drive = response.history, response.scene.model, response.drive
     force = drive.amplitude * np.cos(drive.schedule.phase_at(history.time) + drive.phase)
     relative = np.zeros_like(history.time)

@@ -8,7 +8,7 @@ from places import ROOT, SUPPORT
 
 
 def run(*words: str) -> str:
-    """Return what the scene gives in a fresh process."""
+    """Return the scene's result in a fresh process."""
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(SUPPORT), str(ROOT)])}
     result = subprocess.run([sys.executable, str(SUPPORT / "one_result.py"), *words], env=environment, capture_output=True, text=True, timeout=580)
     assert result.returncode == 0, result.stderr

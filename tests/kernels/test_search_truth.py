@@ -161,7 +161,7 @@ def searched(cases: Cases, case: int, level: int) -> tuple[int, float]:
 
 
 def differences(cases: Cases, truth: Found, top: int) -> list[str]:
-    """Return what the search finds otherwise than brute force, one line for each case."""
+    """Return the differences between the search and brute force, one line for each case."""
     lines, sizes, fast = [], cases.signals.sizes(), cases.signals.fastest
     for case in np.flatnonzero(truth.clear):
         kind, time = truth.kind[case], truth.time[case]

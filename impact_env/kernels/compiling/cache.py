@@ -164,7 +164,7 @@ class _Locator(UserProvidedCacheLocator):
         return cls(py_func, py_file)
 
     def get_source_stamp(self) -> object:
-        """Return what the folder is named by, and numba's own for a function that is none of the package's."""
+        """Return the stamp that names the folder, and numba's own for a function outside of the package."""
         return _digest() if PACKAGE in Path(self._py_file).resolve().parents else super().get_source_stamp()
 
 

@@ -229,13 +229,13 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
             return super().compile(signature)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Return what a caller's types are inferred from; within kernels constants are passed as numbers, so that one part serves all."""
+        """Return the signature for a caller's type inference; within kernels constants are passed as numbers, so that one part serves all."""
         if not _nested:
             return super().get_call_template(args, kws)
         return self._called.get_call_template(tuple(map(types.unliteral, args)), {name: types.unliteral(kind) for name, kind in kws.items()})
 
     def get_overload(self, signature: Any) -> Any:
-        """Return what the caller's code calls."""
+        """Return the function that the caller's code calls."""
         return self._called.get_overload(signature) if _nested else super().get_overload(signature)
 
 

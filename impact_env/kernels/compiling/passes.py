@@ -47,7 +47,7 @@ def _kind_of(code: ir.FunctionIR, args: Sequence[types.Type], value: Any) -> typ
 
 
 def _is_none(code: ir.FunctionIR, args: Sequence[types.Type], test: Any) -> bool | None:
-    """Return what ``x is None`` or ``x is not None`` comes to; None where types do not tell, or for any other expression."""
+    """Return the truth of ``x is None`` or ``x is not None``; None where types do not tell, or for any other expression."""
     if not (isinstance(test, ir.Expr) and test.op == "binop" and test.fn in (operator.is_, operator.is_not)):
         return None
     none = ir_utils.guard(ir_utils.get_definition, code, test.rhs)

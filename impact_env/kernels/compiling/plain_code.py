@@ -120,7 +120,7 @@ class PlainFields:
 
 
 def opened(value: Any) -> Any:
-    """Return what code works with: an array flat, a named tuple's fields by their names, a number, a whole number, None."""
+    """Return an argument as code takes it: an array flat, a named tuple's fields by their names, a number, a whole number, None."""
     if isinstance(value, np.ndarray):
         return value.view().reshape(-1, copy=False)
     if isinstance(value, tuple):

@@ -222,7 +222,7 @@ class Fields:
 
 
 def opened(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """Return what code works with: a pointer to the numbers of an array, which must be contiguous, a named tuple's `Fields`, None, else a number."""
+    """Return an argument as code takes it: a pointer to the numbers of a contiguous array, a named tuple's `Fields`, None, else a number."""
     if isinstance(kind, types.Array):
         return context.make_array(kind)(context, builder, value).data
     if isinstance(kind, types.BaseNamedTuple):

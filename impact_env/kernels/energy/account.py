@@ -86,7 +86,7 @@ def new_account(energy, regimes, slots):
 
 @jit_view
 def account_of(account, r):
-    """Return what an account knows of its regime number r."""
+    """Return an account's sums of its regime number r."""
     rows, powers, size, at = account.rows[r], account.powers[r], account.rows.shape[2], 6 + 6 * TERMS
     return RegimeAccount(
         velocity=rows[:2],

@@ -175,7 +175,7 @@ def search(course, guards, length, half):
 
 @jit_inline
 def next_event(window, course, guards, length):
-    """Return what `search` does in a `forced.Window`."""
+    """Return the first Event of a `Course` in a `forced.Window` within ``length`` (s), as `search` does."""
     if is_clear(window.load, course, guards, length):
         return Event(NOTHING, length, 0.0, 0.0, 0.0, 1)
     return search(course, guards, length, window.half)

@@ -168,7 +168,7 @@ def counted(event, evaluations):
 
 @jit_inline
 def given_up(evaluations):
-    """Return what is not a number, so that the run ends in an error: an event could be missed."""
+    """Return an Event of NaN, so that the run ends in an error: an event could be missed."""
     return Event(NOTHING, np.nan, np.nan, np.nan, np.nan, evaluations)
 
 

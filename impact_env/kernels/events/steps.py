@@ -58,7 +58,7 @@ def leaves_rest(b, h, direction, error):
 
 @jit_inline
 def leaves_guard(signal, guards, step, walls, reversals):
-    """Return what a scan found, (walls, reversals), with the bit of the first step as the guard says on which the signal starts."""
+    """Return a scan's (walls, reversals), with the bit of the first step corrected for the guard on which the signal starts."""
     b, w, size = signal.block, signal.moving, signal.u.shape[1]
     if guards.low is not None:
         if guards.side != 0:

@@ -89,7 +89,7 @@ def fall(contact, now):
 
 @jit
 def weight_held(gravity):
-    """Return what a joined regime has as its constant force: the acceleration of the absorber's weight (`regimes.with_weight`)."""
+    """Return a joined regime's constant force, as the acceleration of the absorber's weight (`regimes.with_weight`)."""
     if gravity is None:
         return 0.0
     return gravity

@@ -156,7 +156,7 @@ def _observe(cells, mix, stride, j, one, responses):
 
 @jit
 def _seen(spring, added_mass, tip, w2, c):
-    """Return what a mode's displacement, velocity and excitation add to the observation."""
+    """Return the shares of a mode's displacement, velocity and excitation in the observation."""
     if added_mass is not None:
         return -tip * w2, -tip * c, tip
     if spring is not None:

@@ -96,7 +96,7 @@ def swing_watched(table, forces, at, push):
 
 @jit_room
 def _seen(table, rows):
-    """Return what the eight rows of an observation see of the state in the four stages of the next step."""
+    """Return the eight rows of an observation of the state, in the four stages of the next step."""
     cells, stride, y = table.cells, stride_of(table.wide), np.zeros(4)
     for stage in range(4):
         for j in range(table.lanes):
