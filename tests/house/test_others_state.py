@@ -42,7 +42,7 @@ from impact_env.ensemble import Lane, run_lanes
 from impact_env.kernels.compiling.jit import jit
 from optimisation.search.study import DesignStudy
 import optimisation.report.sweep_report
-from studies.paper.style import legends, panels, saved
+from studies.paper.frame import legends, panels, saved
 from design_studies import Model, problem, settings
 
 @jit

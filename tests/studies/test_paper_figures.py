@@ -35,9 +35,8 @@ from studies.paper.curve import (
     slopes,
     watched_curve,
 )
-from studies.paper.frame import PaperFigure, Settings, Size
+from studies.paper.frame import PaperFigure, Settings, Size, saved
 from studies.paper.study import FIGURES
-from studies.paper.style import saved
 from studies.study import Json
 
 FORCES = np.array([0.5, 1.0, 2.0, 4.0, 8.0])

@@ -17,7 +17,7 @@ from impact_env import Beam, IntegrationError, modal_model
 from optimisation.files import read_json
 from optimisation.machine import sources
 from optimisation.page import has_markers
-from studies import runner
+from studies import study as pattern
 from studies.study import Part, Place, Study, Table, rows_part
 
 PAGE = "by hand\n<!-- omega -->\nold\n<!-- /omega -->\nalso by hand\n<!-- shape -->\nold\n<!-- /shape -->\n"
@@ -72,7 +72,7 @@ def place(tmp_path: Path) -> Place:
 def carry_out(place: Place, events: dict[int, Any] | None = None, word: str = "same", code: int = 0, **options: Any) -> Result:
     @click.command()
     def main() -> None:
-        runner.run(STUDY, Settings(events or {}, word), place, **options)
+        pattern.run(STUDY, Settings(events or {}, word), place, **options)
 
     result = CliRunner().invoke(main, [])
     assert result.exit_code == code, result.output
@@ -153,7 +153,7 @@ def test_what_is_stopped_is_kept_and_gone_on_with(place: Place, monkeypatch: pyt
     assert measured(place) == [2, 2, 3, 3, 5, 5]
     carry_out(place, {5: forbidden}, resume=True, **OMEGA)
     assert content(place) == whole
-    monkeypatch.setattr(runner, "KEEP_S", -1.0)  # long runs are written on the way
+    monkeypatch.setattr(pattern, "KEEP_S", -1.0)  # long runs are written on the way
     seen: list[dict[str, Any]] = []
     carry_out(place, {5: lambda: seen.append(content(place))}, **OMEGA)
     assert (seen[0]["complete"], len(seen[0]["rows"])) == (False, 4)

@@ -12,8 +12,7 @@ from impact_env.methods import PAPER_STEPS, Exact, Moreau
 from optimisation.cli.common import command
 from optimisation.machine import Timed
 from studies import load_speed
-from studies.runner import run
-from studies.study import Json, Measured, Study, lines, table_options, table_place, table_study
+from studies.study import Json, Measured, Study, lines, run, table_options, table_place, table_study
 from studies.timing import Advance, Settings, all_cases, each_and_median, in_turn, sweep_up
 
 NAME = "benchmark"

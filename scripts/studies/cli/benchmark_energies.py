@@ -21,8 +21,7 @@ from impact_env.parameters import (
 )  # fmt: skip
 from optimisation.cli.common import command
 from optimisation.machine import Timed
-from studies.runner import run
-from studies.study import Json, Measured, Study, lines, table_options, table_place, table_study, there
+from studies.study import Json, Measured, Study, lines, run, table_options, table_place, table_study, there
 from studies.timing import Advance, Settings, all_cases, each_and_median, in_turn, sweep_up
 
 NAME = "benchmark_energies"

@@ -21,8 +21,7 @@ from impact_env.ensemble import available_cores
 from impact_env.extras import optional
 from optimisation.cli.common import command
 from optimisation.progress import Bar
-from studies.runner import run
-from studies.study import Json, Measured, lines, table_options, table_place, table_study
+from studies.study import Json, Measured, lines, run, table_options, table_place, table_study
 
 NAME = "speeds"
 PASSIVE, SWEEP = "ImpactAbsorber/Passive-v0", "ImpactAbsorber/SweepRate-v0"

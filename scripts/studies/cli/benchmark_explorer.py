@@ -24,8 +24,7 @@ from optimisation.cli.common import check_target, command
 from optimisation.comparison import force_grid
 from optimisation.explore.settings import MOST_MEMBERS
 from optimisation.report.figures import few_colours
-from studies.runner import run
-from studies.study import Json, Measured, lines, table_options, table_place, table_study
+from studies.study import Json, Measured, lines, run, table_options, table_place, table_study
 
 NAME = "benchmark_explorer"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")

@@ -27,8 +27,7 @@ from impact_env.periodic.validation import BAR, CHATTER_BAR, map_over
 from optimisation.cli.common import command
 from optimisation.page import markdown
 from optimisation.progress import Bar
-from studies.runner import run
-from studies.study import Json, Study, table_options, table_place, table_study
+from studies.study import Json, Study, run, table_options, table_place, table_study
 from studies.timing import seconds
 
 NAME = "benchmark_periodic"

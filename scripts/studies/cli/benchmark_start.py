@@ -19,8 +19,7 @@ from impact_env.parameters import ParameterError
 from optimisation.cli.common import command
 from optimisation.page import ROOT
 from optimisation.progress import Bar
-from studies.runner import run
-from studies.study import Json, Measured, lines, table_options, table_place, table_study
+from studies.study import Json, Measured, lines, run, table_options, table_place, table_study
 from studies.variants import Variant
 
 NAME = "start"

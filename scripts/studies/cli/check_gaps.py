@@ -4,6 +4,7 @@ from dataclasses import asdict
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -13,8 +14,7 @@ from optimisation.gap_advice import MEMBERS
 from optimisation.machine import sources
 from studies.drawn import CASES as DRAWN
 from studies.gaps import CASES, STEP, Case, Row, Settings, row
-from studies.runner import run
-from studies.study import Json, Measured, Study, lines, rows_part, table_options, table_place
+from studies.study import Json, Measured, Study, lines, rows_part, run, table_options, table_place
 
 NAME, HELD_OUT = "check_gaps", "check_gaps_held_out"  # also the page's markers
 QUICK_CASES, QUICK_STEP = (12, 19), 0.2
@@ -87,23 +87,15 @@ STUDY: Study[Settings] = Study(
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
 @cluster_option
 @table_options(NAME, "docs/which_gap.md")
-def main(
-    quick: bool,
-    members: int | None,
-    judges: int | None,
-    rate: float | None,
-    threads: int | None,
-    cluster: str | None,
-    target: Path | None,
-    page: Path | None,
-) -> None:
+def main(quick: bool, cluster: str | None, target: Path | None, page: Path | None, **given: Any) -> None:
     """Print, for twenty structures and ten drawn ones, what the answers of design_gap lose against a scan with gaps 5 % apart.
 
     A scan is judged by what each answer minimises. Ctrl-C prints, and writes, what is finished; with --json the same
     command goes on from there.
     """
-    with plain_errors(), workers(threads, cluster) as found:
-        cases = tuple(CASES[k] for k in QUICK_CASES) if quick else CASES + DRAWN
-        step = QUICK_STEP if quick else STEP
-        given = Settings(cases, members or MEMBERS, step, rate, judges, threads if found is None else None, found)
-        run(STUDY, given, table_place(target, page))
+    with plain_errors(), workers(given["threads"], cluster) as found:
+        given |= {"members": given["members"] or MEMBERS, "threads": given["threads"] if found is None else None}
+        settings = Settings(
+            tuple(CASES[k] for k in QUICK_CASES) if quick else CASES + DRAWN, step=QUICK_STEP if quick else STEP, executor=found, **given
+        )
+        run(STUDY, settings, table_place(target, page))

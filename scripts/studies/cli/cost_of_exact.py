@@ -21,8 +21,7 @@ from optimisation.machine import Timed
 from optimisation.page import markdown
 from optimisation.progress import Bar
 from studies.cli.benchmark import CASES, START, Case
-from studies.runner import run
-from studies.study import Json, Study, table_options, table_place, table_study
+from studies.study import Json, Study, run, table_options, table_place, table_study
 from studies.timing import median_time, seconds, sweep_up
 
 

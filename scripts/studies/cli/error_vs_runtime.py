@@ -15,8 +15,7 @@ from optimisation.page import published
 from optimisation.report.figures import write_figure
 from studies.accuracy import bands, cost, distribution, growth, jumps, trajectory
 from studies.accuracy.cases import FULL, QUICK, Row, Settings, made_with
-from studies.runner import run
-from studies.study import Json, Measured, Part, Saver, Study, rows_part, with_page
+from studies.study import Json, Measured, Part, Saver, Study, rows_part, run, with_page
 
 QUICK_OUT = Path("results/error_vs_runtime")
 OUT = published(Path("docs/methods"), QUICK_OUT)

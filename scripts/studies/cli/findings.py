@@ -21,8 +21,7 @@ from optimisation.statistics import ratio_of_quantiles
 from studies.findings import parts
 from studies.findings.figures import FIGURES
 from studies.findings.parts import Settings
-from studies.runner import run
-from studies.study import Json, Measured, Part, Saver, Study, beside, lines, whole_part, with_sources
+from studies.study import Json, Measured, Part, Saver, Study, beside, lines, run, whole_part, with_sources
 
 UNITS = {"gap": ("mm", 1e3), "friction_limit": ("N", 1.0), "restitution": ("", 1.0), "stiffness": ("N/m", 1.0), "damping": ("N s/m", 1.0)}
 SYMBOLS = {"restitution": "e", "friction_limit": "muN", "stiffness": "k", "damping": "c"}

@@ -26,8 +26,7 @@ from optimisation.progress import runs_bar
 from optimisation.search.judge import judged
 from optimisation.statistics import branches
 from optimisation.variables import FRICTION_LIMIT, GAP, IMPACT
-from studies.runner import run
-from studies.study import Json, Measured, Study, lines, rows_part, table_options, table_place, with_sources
+from studies.study import Json, Measured, Study, lines, rows_part, run, table_options, table_place, with_sources
 
 LIMITS = (0.0, 0.002, 0.0125, 0.06, 0.1)  # N
 CASES = ((0.01, 1.0), (0.005, 1.0), (0.005, 1.4), (0.002, 1.4))  # damping ratio, and gap over the rule's

@@ -22,8 +22,7 @@ from optimisation.page import DOCS, markdown, published
 from optimisation.signals import band_levels
 from studies import load_spectra as spectra
 from studies.load_spectra import CASES, GAP, MASS_RATIO, RESTITUTION, Case, Settings, band_text
-from studies.runner import run
-from studies.study import Array, Json, Measured, Part, Place, Saver, Study, rows_part, with_sources
+from studies.study import Array, Json, Measured, Part, Place, Saver, Study, rows_part, run, with_sources
 
 LIMITS = (0.92, 1.04)  # of the sweeps, times a resonance
 SHARES = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.35, 0.5, 0.75, 1.0)

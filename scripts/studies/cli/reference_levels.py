@@ -13,8 +13,7 @@ from impact_env.parameters import Absorber, Beam, friction_damper, impact_absorb
 from impact_env.scene import beam_scene
 from optimisation.cli.common import command
 from optimisation.progress import sweeps_bar
-from studies.runner import run
-from studies.study import Json, Measured, lines, table_options, table_place, table_study
+from studies.study import Json, Measured, lines, run, table_options, table_place, table_study
 
 NAME = "levels"
 MM = 1e3

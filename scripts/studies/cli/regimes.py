@@ -23,8 +23,7 @@ from optimisation.machine import sources
 from optimisation.page import markdown, published
 from optimisation.report.figures import write_figure
 from studies.regimes.measured import RESPONSE, STAY, SWEEP, WAYS, Case, Key, Row, Settings, cases, grid, jump_cases, key, kind_cases
-from studies.runner import run
-from studies.study import Json, Measured, Part, Place, Saver, Study, Table, beside, rows_part
+from studies.study import Json, Measured, Part, Place, Saver, Study, Table, beside, rows_part, run
 
 NAMES = {Kind.LINEAR: "no impacts", Kind.PERIODIC: "periodic", Kind.SUSTAINED: "sustained", Kind.MODULATED: "strongly modulated"}
 

@@ -9,7 +9,7 @@ from optimisation.cli.common import command, plain_errors
 from optimisation.executors import cluster_option, workers
 from studies.paper.frame import Settings
 from studies.paper.study import CLAIMS, LABELS, OUT, QUICK_OUT, STUDY, place
-from studies.runner import run
+from studies.study import run
 
 
 @command()

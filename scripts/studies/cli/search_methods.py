@@ -31,8 +31,7 @@ from optimisation.search.find import BARS, Plan, find
 from optimisation.search.noisy import MAP, NOISY, REPLICATED
 from optimisation.search.settings import CMA, RANDOM, SAMPLERS
 from optimisation.statistics import ratio_of_quantiles
-from studies.runner import run
-from studies.study import Json, Measured, Study, beside, lines, rows_part
+from studies.study import Json, Measured, Study, beside, lines, rows_part, run
 
 METHODS = (CMA, RANDOM, REPLICATED, MAP)
 LABELS = SAMPLERS | NOISY

@@ -17,8 +17,7 @@ from impact_env.sweep import IntegrationError
 from optimisation.cli.common import command
 from optimisation.machine import sources
 from optimisation.page import DOCS, markdown, published
-from studies.runner import run
-from studies.study import Json, Measured, Part, Place, Steps, Study, Table, lines
+from studies.study import Json, Measured, Part, Place, Steps, Study, Table, lines, run
 from studies.variants import Pair, Variant, own, pairs
 
 PROBE = Path(__file__).parents[1] / "probe.py"

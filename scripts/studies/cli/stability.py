@@ -19,10 +19,9 @@ from optimisation.executors import Pool
 from optimisation.machine import sources
 from optimisation.page import markdown, published
 from optimisation.report.figures import write_figure
-from studies.runner import run
 from studies.stability.cells import FAILED, GOOD, REFUSED, WEAK, Cell
 from studies.stability.tasks import Results, finished, gather, tasks
-from studies.study import Json, Measured, Part, Steps, Study, Table, lines, with_page
+from studies.study import Json, Measured, Part, Steps, Study, Table, lines, run, with_page
 
 NAME = "stability"
 COMPILE_S = 240.0  # at most, for the kernels of a kind of scene

@@ -25,8 +25,7 @@ from optimisation.tuned import PAPER, den_hartog, highest_amplitude, minimax, pa
 from studies.paper import high_low, jump
 from studies.paper.claim import SAME, Claim, Verdict, about, claim, interval, judged, within
 from studies.paper.curve import WATCHED, both_ways, level_in
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn
-from studies.paper.style import LOOKS, MM, REFERENCE, legends, line, panels, signal
+from studies.paper.frame import LOOKS, MM, REFERENCE, PaperFigure, Settings, Size, in_turn, legends, line, panels, signal
 from studies.study import Array, Json, Steps, there
 
 GAP = RigidWalls.gap

@@ -9,7 +9,7 @@ from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT, harmonic_
 from impact_env.periodic.overview import balance_curves, exact_curves, linear_curves
 from impact_env.periodic.response_curve import ResponseCurve
 from impact_env.scene import Scene
-from studies.paper.style import FAINT, LOOKS, MM, REFERENCE, STUCK, signal
+from studies.paper.frame import FAINT, LOOKS, MM, REFERENCE, STUCK, signal
 from studies.study import Json
 
 HARMONICS = 20  # the paper's

@@ -13,8 +13,7 @@ from impact_env.methods import Exact, Method, RungeKutta
 from impact_env.parameters import Absorber, Beam, CompliantWalls, SlidingAbsorber, friction_damper, impact_absorber
 from impact_env.scene import beam_scene
 from studies.paper.claim import LITTLE, SAME, Claim, Verdict, claim, middle, spread
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened
-from studies.paper.style import FAINT, LOOKS, MM, REFERENCE, banded, legends, panels, signal
+from studies.paper.frame import FAINT, LOOKS, MM, REFERENCE, PaperFigure, Settings, Size, banded, in_turn, legends, panels, shortened, signal
 from studies.study import Json, Steps, Table
 
 LABEL = "conv"

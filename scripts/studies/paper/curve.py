@@ -27,8 +27,7 @@ from impact_env.periodic.stationary import Criteria, longest_pause
 from impact_env.response import DEFAULT_SAMPLES, Record, Response
 from optimisation.report.figures import force_axis
 from studies.paper.claim import bands, spread
-from studies.paper.frame import Settings
-from studies.paper.style import MM, Look, banded, level_of_nothing
+from studies.paper.frame import MM, Look, Settings, banded, level_of_nothing
 from studies.study import Array, Json, there
 
 WATCHED = Record(level=False, events=True, series=True, energy=True)

@@ -27,8 +27,7 @@ from studies.paper.curve import (
     inset_of,
     level_axes,
 )  # fmt: skip
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn
-from studies.paper.style import LOOKS, MM, REFERENCE, Look, line, panels, signal
+from studies.paper.frame import LOOKS, MM, REFERENCE, Look, PaperFigure, Settings, Size, in_turn, line, panels, signal
 from studies.study import Array, Json, Steps
 
 LABEL = "dissinf"

@@ -23,8 +23,7 @@ from optimisation.page import markdown
 from studies.paper.branches import HARMONICS, balance, draw, responses
 from studies.paper.claim import INFINITY, OFTEN, Claim, between, chance, claim, interval, judged
 from studies.paper.curve import Chaos
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn
-from studies.paper.style import FAINT, MM, legend_below, panels
+from studies.paper.frame import FAINT, MM, PaperFigure, Settings, Size, in_turn, legend_below, panels
 from studies.study import Json, Steps, there
 
 LABEL = "high_low"

@@ -19,8 +19,7 @@ from optimisation.progress import sweeps_bar
 from studies.paper.branches import draw, responses
 from studies.paper.claim import INFINITY, MUCH, Claim, bands, chance, claim, interval, judged, middle, spread
 from studies.paper.curve import level_in
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn
-from studies.paper.style import LOOKS, MM, Look, legend_below, legends, panels
+from studies.paper.frame import LOOKS, MM, Look, PaperFigure, Settings, Size, in_turn, legend_below, legends, panels
 from studies.study import Json, Steps, there
 
 LABEL = "jump"

@@ -18,8 +18,7 @@ from optimisation.progress import sweeps_bar
 from optimisation.report.design_figures import ORDINALS
 from studies.paper.claim import MUCH, Claim, claim, spread
 from studies.paper.curve import Curve, best_forces, curve_of, curves, draw_curve, force_grid, inset_of, level_axes, plain_curve
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened
-from studies.paper.style import LOOKS, MM, REFERENCE, Look, line, panels
+from studies.paper.frame import LOOKS, MM, REFERENCE, Look, PaperFigure, Settings, Size, in_turn, line, panels, shortened
 from studies.study import Array, Json, Steps, Table
 
 LABEL = "m12"

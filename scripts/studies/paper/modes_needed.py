@@ -8,8 +8,7 @@ from matplotlib.figure import Figure
 from impact_env import Beam, CurveCase, beam_scene, impact_absorber
 from optimisation.page import markdown
 from studies.paper.claim import SAME, Claim, Verdict, bands, claim, interval
-from studies.paper.frame import NAME, PaperFigure, Settings, Size, in_turn
-from studies.paper.style import LOOKS, legends, line, panels
+from studies.paper.frame import LOOKS, NAME, PaperFigure, Settings, Size, in_turn, legends, line, panels
 from studies.study import Json
 
 LABEL = "modes_needed"

@@ -25,8 +25,7 @@ from impact_env.periodic.case import start_from
 from impact_env.periodic.stationary import window_of
 from studies.paper.claim import Claim, claim, interval
 from studies.paper.curve import WATCHED, Chaos
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened
-from studies.paper.style import LOOKS, legends, line, panels
+from studies.paper.frame import LOOKS, PaperFigure, Settings, Size, in_turn, legends, line, panels, shortened
 from studies.study import Array, Json, Steps, Table, there
 
 LABEL = "modulation"

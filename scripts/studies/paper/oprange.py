@@ -14,8 +14,7 @@ from impact_env import Beam, Moreau, StuckAbsorber, beam_scene, impact_absorber
 from optimisation.page import markdown
 from studies.paper.claim import SAME, Claim, bands, claim, spread
 from studies.paper.curve import Curve, Ranges, curve_of, curves, force_grid, inset_of, level_axes, ranges_of, slopes, watched_curve
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn
-from studies.paper.style import LOOKS, MM, REFERENCE, STUCK, banded, legends, line, panels
+from studies.paper.frame import LOOKS, MM, REFERENCE, STUCK, PaperFigure, Settings, Size, banded, in_turn, legends, line, panels
 from studies.study import Json, Steps, there
 
 LABEL = "oprange"

@@ -32,8 +32,7 @@ from studies.paper.curve import (
     ranges_of,
     watched_curve,
 )  # fmt: skip
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn
-from studies.paper.style import FAINT, LOOKS, MM, REFERENCE, Look, legend_below, legends, line, panels, signal
+from studies.paper.frame import FAINT, LOOKS, MM, REFERENCE, Look, PaperFigure, Settings, Size, in_turn, legend_below, legends, line, panels, signal
 from studies.study import Array, Json, Steps
 
 LABEL = "oprangeTWO"

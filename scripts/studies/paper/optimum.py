@@ -10,8 +10,7 @@ from impact_env import Beam, CurveCase, RigidWalls, Scene, impact_absorber, moda
 from optimisation.bounds import design_force, reach
 from optimisation.gap_check import sweep_limits
 from studies.paper.claim import MUCH, Claim, between, claim, interval, judged
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened
-from studies.paper.style import LOOKS, REFERENCE, legends, line, panels
+from studies.paper.frame import LOOKS, REFERENCE, PaperFigure, Settings, Size, in_turn, legends, line, panels, shortened
 from studies.study import Json, Table, there
 
 LABEL = "optimum"

@@ -16,8 +16,7 @@ from impact_env.response import DEFAULT_SAMPLES
 from studies.paper.account import accounted, critical, lanes_of, scene
 from studies.paper.claim import LEFT, MUCH, Claim, claim, spread
 from studies.paper.curve import WATCHED, curve_of, curves
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened
-from studies.paper.style import LOOKS, MM, banded, legends, level_of_nothing, panels, signal
+from studies.paper.frame import LOOKS, MM, PaperFigure, Settings, Size, banded, in_turn, legends, level_of_nothing, panels, shortened, signal
 from studies.study import Array, Json, Steps, Table, there
 
 LABEL = "scat"

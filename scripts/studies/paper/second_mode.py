@@ -19,8 +19,7 @@ from optimisation.report.figures import force_axis
 from studies.paper.account import SAMPLES, accounted, critical, lanes_of, scene, window_around
 from studies.paper.claim import Claim, claim, spread
 from studies.paper.curve import curve_of, curves, level_at
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened
-from studies.paper.style import LOOKS, banded, legends, level_of_nothing, panels, signal
+from studies.paper.frame import LOOKS, PaperFigure, Settings, Size, banded, in_turn, legends, level_of_nothing, panels, shortened, signal
 from studies.study import Array, Json, Steps, Table, there
 
 FORCE = 3.0

@@ -20,8 +20,7 @@ from impact_env.response import DEFAULT_SAMPLES
 from optimisation.page import markdown
 from studies.paper.claim import LEFT, Claim, about, claim, judged, middle, spread
 from studies.paper.curve import SERIES
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn
-from studies.paper.style import FAINT, LOOKS, MM, REFERENCE, Look, legends, panels, signal
+from studies.paper.frame import FAINT, LOOKS, MM, REFERENCE, Look, PaperFigure, Settings, Size, in_turn, legends, panels, signal
 from studies.study import Array, Json, Steps, there
 
 LABEL = "SMR"

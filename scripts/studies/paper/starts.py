@@ -13,8 +13,7 @@ from impact_env import Beam, InitialState, RigidWalls, Scene, beam_scene, impact
 from impact_env.drive import PAPER_LIMITS, Drive, linear_sweep
 from impact_env.ensemble import Lane, draw_members
 from studies.paper.claim import SAME, Claim, Verdict, bands, between, claim, interval
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn, shortened
-from studies.paper.style import LOOKS, banded, legends, panels
+from studies.paper.frame import LOOKS, PaperFigure, Settings, Size, banded, in_turn, legends, panels, shortened
 from studies.study import Array, Json, Table, there
 
 LABEL = "starts"

@@ -32,8 +32,7 @@ from studies.paper import (
 )
 from studies.paper.claim import RULE, Claim, Verdict, from_plain
 from studies.paper.frame import NAME, PaperFigure, Settings, folded, marker
-from studies.runner import load
-from studies.study import Json, Measured, Part, Place, Steps, Study, beside
+from studies.study import Json, Measured, Part, Place, Steps, Study, beside, load
 
 PAPERS = (
     high_low.FIGURE, jump.FIGURE, smr.FIGURE, oprange.FIGURE, oprange_two.FIGURE, second_mode.FREQUENCY, second_mode.DAMPING, scat.FIGURE,
@@ -43,7 +42,7 @@ BEYOND = (optimum.FIGURE, modulation.FIGURE, modes_needed.FIGURE, starts.FIGURE)
 FIGURES: tuple[PaperFigure, ...] = (basics.FIGURE, *PAPERS, *BEYOND)  # in the order of the page
 LABELS = tuple(figure.label for figure in FIGURES)
 PACKAGE = __package__ + "."
-WORDS = (".claim", ".frame", ".style", ".study")
+WORDS = (".claim", ".frame", ".study")
 OUT, QUICK_OUT = Path("results/paper"), Path("results/paper/quick")
 CLAIMED, SUMMARY, REFUTED = "claims", "summary", "refuted"
 HEADER = ("the paper says", "section", "computed", "verdict", "figure")
