@@ -23,9 +23,9 @@ from studies.paper.account import window_around
 from studies.paper.claim import Verdict, from_plain, judged, verdict
 from studies.paper.curve import (
     WATCHED,
-    Contacts,
     Curve,
     Envelope,
+    contacts,
     curve_of,
     operating_ranges,
     part_of,
@@ -103,7 +103,7 @@ def test_watched_curve_is_the_performance_curve() -> None:
 
 def test_contacts_count_by_hand() -> None:
     one = lane(force=4.0)
-    seen, response = Contacts(Exact())(one), simulate(one.scene, one.drive, record=WATCHED)
+    seen, response = contacts(one), simulate(one.scene, one.drive, record=WATCHED)
     level, period = sampled_level(response), one.drive.schedule.pseudo_period
     inside = [t for t in response.impacts.time if abs(t - level.time) <= 10 * period]
     assert seen.rate == pytest.approx(len(inside) / 20)
@@ -220,7 +220,7 @@ def test_the_sliding_absorber_drifts_at_the_papers_step_only() -> None:
     """By the exact method whole periods of friction leave the absorber's place; a scheme that is late at each reversal moves it to a wall."""
     scene, (start, stop, _) = jump.scene(), jump.DRIFT
     drives = draw_members(3, 0, "phase").drives(1.5, linear_sweep(scene.model.resonance_omega(1), start, stop, 0.2))
-    drifts = {method: [jump.Drifted(method)(Lane(scene, drive))[0] for drive in drives] for method in (Exact(), Moreau())}
+    drifts = {method: [jump.drifted(Lane(scene, drive), method)[0] for drive in drives] for method in (Exact(), Moreau())}
     assert max(drifts[Exact()]) < 0.02e-3
     assert min(drifts[Moreau()]) > 0.04e-3
 
@@ -236,7 +236,7 @@ def test_friction_springs_and_walls_approach_the_rigid_laws() -> None:
 
 def test_on_the_high_branch_the_absorber_visits_two_walls_a_period_and_is_struck_more_often() -> None:
     scene = high_low.scene()
-    impacts, visits = high_low.Rhythm(Exact())(Lane(scene, hold(Approach(scene.model.resonance_omega(1), 1.0), 3.0, 0.955, 400.0)))
+    impacts, visits = high_low.rhythm(Lane(scene, hold(Approach(scene.model.resonance_omega(1), 1.0), 3.0, 0.955, 400.0)), Exact())
     assert visits == pytest.approx(2.0, abs=0.1)
     assert 3 < impacts < 6
 

@@ -15,12 +15,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env import Scene, simulate
+from impact_env import InitialState, Scene, simulate
 from impact_env.curve import DOWN, CurveCase, PerformanceCurve
 from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule, linear_sweep
 from impact_env.ensemble import Lane, draw_members
 from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel, level_of, read_level
-from impact_env.methods import Exact, Method
+from impact_env.methods import Method
 from impact_env.parameters import require
 from impact_env.periodic.shooting import largest_exponent
 from impact_env.periodic.stationary import Criteria, longest_pause
@@ -32,6 +32,13 @@ from studies.study import Array, Json, there
 
 WATCHED = Record(level=False, events=True, series=True, energy=True)
 SERIES = Record(level=False, events=True, series=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Started(Lane):
+    """A lane that begins at a state of its own."""
+
+    initial: InitialState
 
 
 class Seen(NamedTuple):
@@ -78,33 +85,21 @@ def part_of(drive: Drive, start: float, stop: float) -> Drive:
     return Drive(drive.amplitude, own, drive.phase + float(schedule.phase_at(start)))
 
 
-@dataclass(frozen=True)
-class Contacts:
-    """Measures a lane's `Seen` with a method."""
-
-    method: Method
-
-    def __call__(self, lane: Lane) -> Seen:
-        """Return what is seen of the lane."""
-        response = simulate(lane.scene, lane.drive, self.method, record=WATCHED)
-        level, period = sampled_level(response), lane.drive.schedule.pseudo_period
-        times, middle = there(response.impacts).time / period, level.time / period
-        begin = max(0.0, middle - HALF_WINDOW_PERIODS)
-        length = min(lane.drive.schedule.periods, middle + HALF_WINDOW_PERIODS) - begin
-        inside = times[(times >= begin) & (times <= begin + length)] - begin
-        return Seen(level.value, level.frequency_ratio, level.max_tip, len(times), len(inside) / length, longest_pause(inside, length))
+def contacts(lane: Lane, method: Method | None = None) -> Seen:
+    """Return a lane's `Seen` with a method (None: the exact one)."""
+    response = simulate(lane.scene, lane.drive, method, record=WATCHED)
+    level, period = sampled_level(response), lane.drive.schedule.pseudo_period
+    times, middle = there(response.impacts).time / period, level.time / period
+    begin = max(0.0, middle - HALF_WINDOW_PERIODS)
+    length = min(lane.drive.schedule.periods, middle + HALF_WINDOW_PERIODS) - begin
+    inside = times[(times >= begin) & (times <= begin + length)] - begin
+    return Seen(level.value, level.frequency_ratio, level.max_tip, len(times), len(inside) / length, longest_pause(inside, length))
 
 
-@dataclass(frozen=True)
-class Chaos:
-    """Measures the largest Lyapunov exponent of what a lane settles to, over ``periods`` of the force: value, and the ends of its interval."""
-
-    periods: int
-
-    def __call__(self, lane: Lane) -> tuple[float, float, float]:
-        """Return that of the lane, per period of the force."""
-        found = largest_exponent(lane.scene, lane.drive, self.periods)
-        return found.value, found.low, found.high
+def chaos(lane: Lane, periods: int) -> tuple[float, float, float]:
+    """Return the largest Lyapunov exponent of what a lane settles to, per period of the force, over so many: value, and the ends of its interval."""
+    found = largest_exponent(lane.scene, lane.drive, periods)
+    return found.value, found.low, found.high
 
 
 @dataclass(frozen=True)
@@ -219,7 +214,7 @@ def watched_curve(settings: Settings, label: str, scene: Scene, forces: Sequence
     """Return the plain performance curve of a scene near its first resonance, with a look at its contacts."""
     drawn = draw_members(members, settings.seed)
     lanes = [Lane(scene, drive) for force in forces for schedule in both_ways(scene) for drive in drawn.drives(float(force), schedule)]
-    seen = np.array(settings.each(label, lanes, Contacts(Exact()))).reshape(len(forces), 2, members, -1)
+    seen = np.array(settings.each(label, lanes, contacts)).reshape(len(forces), 2, members, -1)
     return _critical(np.array(forces), dict(zip(Seen._fields, seen.transpose(3, 0, 2, 1), strict=True))).to_plain()
 
 

@@ -67,7 +67,7 @@ class Settings:
     def each(self, label: str, lanes: Sequence[Lane], measure: Callable[[Lane], R], method: Method | None = None) -> list[R]:
         """Return what ``measure`` finds of each lane, with a bar; raises KeyboardInterrupt if that is broken off, errors as `each_lane`.
 
-        ``measure`` is a function of a module or a frozen value that can be called, so that it can be sent to another process.
+        ``measure`` is a function of a module, or a partial of one, so that it can be sent to another process.
         """
         with sweeps_bar(label, leave=False) as show:
             return finished(each_lane(lanes, measure, method, threads=self.threads, progress=show, executor=self.executor))

@@ -1,7 +1,6 @@
 """Frequency responses at a medium and a high force (paper, section 3.1, its figure high_low): exact orbits, and harmonic balance beside them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -22,7 +21,7 @@ from impact_env.periodic.stationary import Kind, Stationary, stationary
 from optimisation.page import markdown
 from studies.paper.branches import HARMONICS, balance, draw, responses
 from studies.paper.claim import INFINITY, OFTEN, Claim, between, chance, claim, interval, judged
-from studies.paper.curve import Chaos
+from studies.paper.curve import Started, chaos
 from studies.paper.frame import FAINT, MM, PaperFigure, Settings, Size, in_turn, legend_below, panels
 from studies.study import Json, Steps, there
 
@@ -55,19 +54,13 @@ def _levels_of_isolas() -> list[Json]:
     return [{"kind": one.kind, "force_n": one.force, "omega_ratio": one.omega_ratio} for one in found if not isinstance(one.orbit, NoOrbit)]
 
 
-@dataclass(frozen=True)
-class Rhythm:
-    """Impacts, and visits to a wall, in each of the last `WINDOW` periods of a lane at a constant frequency; a visit ends with one to the other."""
-
-    method: Method
-
-    def __call__(self, lane: Lane) -> tuple[float, float]:
-        """Return both of a lane."""
-        schedule = lane.drive.schedule
-        impacts = there(simulate(lane.scene, lane.drive, self.method, record=Record(events=True)).impacts)
-        since = schedule.times[-1] - WINDOW * 2 * np.pi / schedule.omegas[-1]
-        walls = np.sign(impacts.impulse[impacts.time > since])
-        return len(walls) / WINDOW, np.count_nonzero(np.diff(walls)) / WINDOW
+def rhythm(lane: Lane, method: Method) -> tuple[float, float]:
+    """Return impacts, and visits to a wall, in each of the last `WINDOW` periods at a constant frequency; a visit ends with one to the other."""
+    schedule = lane.drive.schedule
+    impacts = there(simulate(lane.scene, lane.drive, method, record=Record(events=True)).impacts)
+    since = schedule.times[-1] - WINDOW * 2 * np.pi / schedule.omegas[-1]
+    walls = np.sign(impacts.impulse[impacts.time > since])
+    return len(walls) / WINDOW, np.count_nonzero(np.diff(walls)) / WINDOW
 
 
 def _window(lane: Lane) -> Stationary:
@@ -91,15 +84,8 @@ def _stationary(settings: Settings, size: Size) -> Json:
             "peak_median_m": [float(np.median(one.peaks)) for one in found],
         }
         for method in (Exact(), Moreau()):
-            result[name][f"rhythm {type(method).__name__}"] = settings.each(f"{LABEL}: impacts", lanes, Rhythm(method), method)
+            result[name][f"rhythm {type(method).__name__}"] = settings.each(f"{LABEL}: impacts", lanes, partial(rhythm, method=method), method)
     return result
-
-
-@dataclass(frozen=True, eq=False)
-class Started(Lane):
-    """A lane that begins at a state of its own."""
-
-    initial: InitialState
 
 
 def _kind_from(lane: Lane) -> str:
@@ -131,7 +117,7 @@ def _exponents(settings: Settings, size: Size) -> Json:
     own = scene()
     approach = Approach(own.model.resonance_omega(1), 1.0)
     lanes = [Lane(own, hold(approach, force, ratio, SETTLE)) for force, ratio in PLACES.values()]
-    return dict(zip(PLACES, settings.each(f"{LABEL}: exponents", lanes, Chaos(size.periods)), strict=True))
+    return dict(zip(PLACES, settings.each(f"{LABEL}: exponents", lanes, partial(chaos, periods=size.periods)), strict=True))
 
 
 def _levels(settings: Settings, size: Size) -> Json:

@@ -1,7 +1,6 @@
 """Sweeps through resonance, and the jump to the high branch as a probability (paper, section 3.1, its figure jump)."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -51,23 +50,17 @@ def scene() -> Scene:
     return beam_scene(Beam(modes=MODES), impact_absorber(friction_limit=FRICTION))
 
 
-@dataclass(frozen=True)
-class Followed:
-    """Of a sweep: the largest |q_tip| in m between `EDGES`, the median of the periods' largest on the high branch, the largest at resonance."""
-
-    method: Method
-
-    def __call__(self, lane: Lane) -> tuple[list[float], float, float]:
-        """Return all three of a lane."""
-        schedule: FrequencySchedule = lane.drive.schedule
-        history = there(simulate(lane.scene, lane.drive, self.method, record=Record(level=False, series=True)).history)
-        first = np.flatnonzero(np.diff(np.floor(history.time / schedule.pseudo_period), prepend=-1))
-        largest = np.maximum.reduceat(np.abs(history.tip_displacement), first)
-        ratio = np.asarray(schedule.omega_at(history.time[first])) / schedule.reference
-        place = np.clip(np.digitize(ratio, EDGES) - 1, 0, len(EDGES) - 2)
-        binned = [float(f"{np.max(largest[place == k]):.5g}") for k in range(len(EDGES) - 1)]
-        branch, resonance = (largest[(low <= ratio) & (ratio <= high)] for low, high in (ON_BRANCH, AT_RESONANCE))
-        return binned, float(np.median(branch)), float(np.max(resonance))
+def followed(lane: Lane, method: Method) -> tuple[list[float], float, float]:
+    """Return the largest |q_tip| in m between `EDGES`, the median of the periods' largest on the high branch, and the largest at resonance."""
+    schedule: FrequencySchedule = lane.drive.schedule
+    history = there(simulate(lane.scene, lane.drive, method, record=Record(level=False, series=True)).history)
+    first = np.flatnonzero(np.diff(np.floor(history.time / schedule.pseudo_period), prepend=-1))
+    largest = np.maximum.reduceat(np.abs(history.tip_displacement), first)
+    ratio = np.asarray(schedule.omega_at(history.time[first])) / schedule.reference
+    place = np.clip(np.digitize(ratio, EDGES) - 1, 0, len(EDGES) - 2)
+    binned = [float(f"{np.max(largest[place == k]):.5g}") for k in range(len(EDGES) - 1)]
+    branch, resonance = (largest[(low <= ratio) & (ratio <= high)] for low, high in (ON_BRANCH, AT_RESONANCE))
+    return binned, float(np.median(branch)), float(np.max(resonance))
 
 
 def _sweeps(settings: Settings, size: Size) -> Json:
@@ -77,7 +70,7 @@ def _sweeps(settings: Settings, size: Size) -> Json:
     for name, (force, slowness, start, stop, method) in SWEEPS.items():
         schedule = linear_sweep(own.model.resonance_omega(1), start, stop, 100 / slowness)
         lanes = [Lane(own, drive) for drive in members.drives(force, schedule)]
-        binned, branch, resonance = zip(*settings.each(f"{LABEL}: {name}", lanes, Followed(method), method), strict=True)
+        binned, branch, resonance = zip(*settings.each(f"{LABEL}: {name}", lanes, partial(followed, method=method), method), strict=True)
         low, _, high = bands(np.array(binned).T).tolist()
         result[name] = {
             "force_n": force, "periods_per_percent": slowness, "nominal_m": binned[0], "low_m": low, "high_m": high,
@@ -114,19 +107,16 @@ def _jumps(settings: Settings, size: Size, name: str) -> list[Json]:
     return rows
 
 
-@dataclass(frozen=True)
-class Drifted:
-    """How far the absorber's mean place wanders in a sweep without impacts, in m: the friction of whole periods should leave it where it is."""
+def drifted(lane: Lane, method: Method) -> tuple[float, int]:
+    """Return how far the absorber's mean place wanders in a sweep, in m, and the number of impacts.
 
-    method: Method
-
-    def __call__(self, lane: Lane) -> tuple[float, int]:
-        """Return that of a lane, and the number of its impacts."""
-        response = simulate(lane.scene, lane.drive, self.method, record=Record(level=False, series=True))
-        place = there(response.history).absorber_displacement - there(response.history).tip_displacement
-        each = DEFAULT_SAMPLES * BLOCK
-        means = place[: len(place) // each * each].reshape(-1, each).mean(axis=1)
-        return float(np.ptp(means)), response.impact_count
+    Without impacts the friction of whole periods should leave the place where it is.
+    """
+    response = simulate(lane.scene, lane.drive, method, record=Record(level=False, series=True))
+    place = there(response.history).absorber_displacement - there(response.history).tip_displacement
+    each = DEFAULT_SAMPLES * BLOCK
+    means = place[: len(place) // each * each].reshape(-1, each).mean(axis=1)
+    return float(np.ptp(means)), response.impact_count
 
 
 def _drift(settings: Settings, size: Size) -> Json:
@@ -135,7 +125,7 @@ def _drift(settings: Settings, size: Size) -> Json:
     phases = draw_members(size.sweeps, settings.seed, "phase")
     lanes = [Lane(own, drive) for drive in phases.drives(FORCES["medium"], linear_sweep(own.model.resonance_omega(1), start, stop, rate))]
     for name, method in METHODS.items():
-        drift, impacts = zip(*settings.each(f"{LABEL}: drift, {name}", lanes, Drifted(method), method), strict=True)
+        drift, impacts = zip(*settings.each(f"{LABEL}: drift, {name}", lanes, partial(drifted, method=method), method), strict=True)
         result[name] = {"drift_m": drift, "impacts": impacts}
     return result
 

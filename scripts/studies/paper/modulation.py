@@ -11,7 +11,6 @@ again.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -24,7 +23,7 @@ from impact_env.frequency import tip_response
 from impact_env.periodic.case import start_from
 from impact_env.periodic.stationary import window_of
 from studies.paper.claim import Claim, claim, interval
-from studies.paper.curve import WATCHED, Chaos
+from studies.paper.curve import WATCHED, chaos
 from studies.paper.frame import LOOKS, PaperFigure, Settings, Size, in_turn, legends, line, panels, shortened
 from studies.study import Array, Json, Steps, Table, there
 
@@ -45,33 +44,30 @@ def equivalent_restitution(scene: Scene, restitution: float = 1.0) -> float:
     return float((1 + restitution) * compliances[0] / compliances[-1] - 1)
 
 
-@dataclass(frozen=True)
-class Exchange:
-    """Measures a lane's window of ``periods`` after its own run, at the frequency and phase it ended with."""
+def exchange(lane: Lane, periods: int) -> dict[str, float]:
+    """Return depth of the modulation, level, impacts a period, and what becomes of the energy.
 
-    periods: int
-
-    def __call__(self, lane: Lane) -> dict[str, float]:
-        """Return depth of the modulation, level, impacts a period, and what becomes of the energy."""
-        scene, settled, schedule = lane.scene, lane.drive, lane.drive.schedule
-        end = simulate(scene, settled, record=Record(events=True)).end_state
-        omega = float(schedule.omegas[-1])
-        phase = settled.phase + float(schedule.phase_at(float(schedule.times[-1])))
-        drive = Drive(settled.amplitude, constant_frequency(omega, 1.0, self.periods), phase)
-        response = simulate(scene, drive, initial=start_from(scene, end), record=WATCHED)
-        history, loss = there(response.history), there(response.energy)
-        energy = mechanical_energy(scene, history)
-        lost = float(np.sum(loss.modal_loss)) + loss.impact_loss
-        taken = lost - float(loss.modal_loss[0])
-        return {
-            "depth": depth(window_of(scene, response, omega).peaks),
-            "rms_m": float(np.sqrt(np.mean(history.tip_displacement**2))),
-            "impacts": response.impact_count / self.periods,
-            "absorber": float(np.mean(energy.absorber_share)),
-            "absorber_most": float(np.quantile(energy.absorber_share, ENDS[1])),
-            "taken": taken / lost,
-            "a_period": taken / self.periods / float(np.mean(energy.modal[:, 0])),
-        }
+    Of a window of ``periods`` after the lane's own run, at the frequency and phase that it ended with.
+    """
+    scene, settled, schedule = lane.scene, lane.drive, lane.drive.schedule
+    end = simulate(scene, settled, record=Record(events=True)).end_state
+    omega = float(schedule.omegas[-1])
+    phase = settled.phase + float(schedule.phase_at(float(schedule.times[-1])))
+    drive = Drive(settled.amplitude, constant_frequency(omega, 1.0, periods), phase)
+    response = simulate(scene, drive, initial=start_from(scene, end), record=WATCHED)
+    history, loss = there(response.history), there(response.energy)
+    energy = mechanical_energy(scene, history)
+    lost = float(np.sum(loss.modal_loss)) + loss.impact_loss
+    taken = lost - float(loss.modal_loss[0])
+    return {
+        "depth": depth(window_of(scene, response, omega).peaks),
+        "rms_m": float(np.sqrt(np.mean(history.tip_displacement**2))),
+        "impacts": response.impact_count / periods,
+        "absorber": float(np.mean(energy.absorber_share)),
+        "absorber_most": float(np.quantile(energy.absorber_share, ENDS[1])),
+        "taken": taken / lost,
+        "a_period": taken / periods / float(np.mean(energy.modal[:, 0])),
+    }
 
 
 def depth(peaks: Array) -> float:
@@ -104,7 +100,7 @@ def _filling(scene: Scene) -> float:
 def _exponents(settings: Settings, name: str, periods: int, cases: list[Case]) -> list[Json]:
     """Return the largest Lyapunov exponent of scenes under forces in N, which may be given as "over" that at which the free tip fills the gap."""
     lanes = [Lane(scene, Drive(force, constant_frequency(scene.model.resonance_omega(1), 1.0, SETTLE))) for scene, _, force in cases]
-    found = settings.each(f"{LABEL}: {name}", lanes, Chaos(periods))
+    found = settings.each(f"{LABEL}: {name}", lanes, partial(chaos, periods=periods))
     return [
         {"modes": scene.model.modes, **(over and {**over, "force_n": force}), "exponent": list(exponent)}
         for (scene, over, force), exponent in zip(cases, found, strict=True)
@@ -118,7 +114,7 @@ def _rows(settings: Settings, size: Size, scenes: list[Scene], restitutions: Seq
     for scene in scenes:
         schedule = constant_frequency(scene.model.resonance_omega(1), 1.0, SETTLE)
         lanes += [Lane(scene, drive) for drive in members.drives(FORCE, schedule)]
-    found = settings.each(LABEL, lanes, Exchange(size.periods))
+    found = settings.each(LABEL, lanes, partial(exchange, periods=size.periods))
     rows = []
     for k, (scene, restitution) in enumerate(zip(scenes, restitutions, strict=True)):
         own = found[k * len(members) : (k + 1) * len(members)]

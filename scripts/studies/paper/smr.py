@@ -1,7 +1,6 @@
 """The strongly modulated response of one mode without losses at its contact (paper, section 3.2, its figure SMR)."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -46,48 +45,44 @@ def scene() -> Scene:
     return beam_scene(Beam(modes=1), impact_absorber())
 
 
-@dataclass(frozen=True)
-class Modulated:
-    """What a lane does after it has settled: numbers of all its ``periods``, by the method, and its first ones as a record."""
+def modulated(lane: Lane, method: Method, periods: int) -> Json:
+    """Return what a lane does after it has settled: numbers of all its ``periods``, by the method, and its first ones as a record.
 
-    method: Method
-    periods: int
-
-    def __call__(self, lane: Lane) -> Json:
-        """Return plain values; the thirds "high" and "low" are the periods with the largest and the smallest tip displacements."""
-        response = simulate(lane.scene, lane.drive, self.method, record=SERIES)
-        history, first = there(response.history), SETTLE * DEFAULT_SAMPLES
-        rows = slice(first, first + self.periods * DEFAULT_SAMPLES)
-        energy, displacement = mechanical_energy(lane.scene, history), history.tip_displacement[rows]
-        lag, share, tip = (each.reshape(self.periods, -1) for each in (phase_lag(history)[rows], energy.absorber_share[rows], np.abs(displacement)))
-        when = there(response.impacts).time / lane.drive.schedule.pseudo_period - SETTLE
-        impacts = np.histogram(when, np.arange(self.periods + 1))[0]
-        lags, peaks, order = np.angle(np.exp(1j * lag).mean(axis=1)), tip.max(axis=1), np.argsort(tip.max(axis=1))
-        thirds = {"low": order[: self.periods // 3], "high": order[-(self.periods // 3) :]}
-        largest = _largest(share.ravel(), self.periods)
-        counted = {"tip": peaks, "share": np.array(largest)} | {f"lag, {name}": lags[k] for name, k in thirds.items()}
-        counted |= {f"impacts, {name}": impacts[k] for name, k in thirds.items()}
-        # size of the lag (rad) at the instants at which the absorber's energy is in its largest third, over that at all of them
-        absorber = energy.absorber[rows]
-        size, most = np.abs(np.angle(np.exp(1j * lag.ravel()))), absorber > np.quantile(absorber, 2 / 3)
-        return {
-            "depth": modulation_depth(peaks),
-            "rms_m": float(np.sqrt(np.mean(displacement**2))),
-            "impacts": {name: float(np.mean(impacts[k])) for name, k in thirds.items()},
-            "lag": {name: float(np.median(np.abs(lags[k]))) for name, k in thirds.items()},
-            "lag_width": {name: float(np.quantile(lags[k], 0.95) - np.quantile(lags[k], 0.05)) for name, k in thirds.items()},
-            "lag_at_transfer": float(np.median(np.abs(lag[share > TRANSFER]))),
-            "lag_at_all": float(np.median(np.abs(lag))),
-            "lag_at_energy": float(np.mean(size[most]) / np.mean(size)),
-            "energy_and_lag": float(np.corrcoef(absorber.reshape(self.periods, -1).mean(axis=1), np.abs(lags))[0, 1]),
-            "share": largest,
-            "waits": _waits(share.max(axis=1)),
-            "counts": {name: np.histogram(counted[name], edges)[0].tolist() for name, edges in COUNTS.items()},
-            "record": _record(
-                tip_m=displacement, absorber_m=history.absorber_displacement[rows], lag_rad=lag.ravel(), modal_j=energy.modal[rows, 0],
-                absorber_j=absorber,
-            ),
-        }  # fmt: skip
+    The thirds "high" and "low" are the periods with the largest and the smallest tip displacements.
+    """
+    response = simulate(lane.scene, lane.drive, method, record=SERIES)
+    history, first = there(response.history), SETTLE * DEFAULT_SAMPLES
+    rows = slice(first, first + periods * DEFAULT_SAMPLES)
+    energy, displacement = mechanical_energy(lane.scene, history), history.tip_displacement[rows]
+    lag, share, tip = (each.reshape(periods, -1) for each in (phase_lag(history)[rows], energy.absorber_share[rows], np.abs(displacement)))
+    when = there(response.impacts).time / lane.drive.schedule.pseudo_period - SETTLE
+    impacts = np.histogram(when, np.arange(periods + 1))[0]
+    lags, peaks, order = np.angle(np.exp(1j * lag).mean(axis=1)), tip.max(axis=1), np.argsort(tip.max(axis=1))
+    thirds = {"low": order[: periods // 3], "high": order[-(periods // 3) :]}
+    largest = _largest(share.ravel(), periods)
+    counted = {"tip": peaks, "share": np.array(largest)} | {f"lag, {name}": lags[k] for name, k in thirds.items()}
+    counted |= {f"impacts, {name}": impacts[k] for name, k in thirds.items()}
+    # size of the lag (rad) at the instants at which the absorber's energy is in its largest third, over that at all of them
+    absorber = energy.absorber[rows]
+    size, most = np.abs(np.angle(np.exp(1j * lag.ravel()))), absorber > np.quantile(absorber, 2 / 3)
+    return {
+        "depth": modulation_depth(peaks),
+        "rms_m": float(np.sqrt(np.mean(displacement**2))),
+        "impacts": {name: float(np.mean(impacts[k])) for name, k in thirds.items()},
+        "lag": {name: float(np.median(np.abs(lags[k]))) for name, k in thirds.items()},
+        "lag_width": {name: float(np.quantile(lags[k], 0.95) - np.quantile(lags[k], 0.05)) for name, k in thirds.items()},
+        "lag_at_transfer": float(np.median(np.abs(lag[share > TRANSFER]))),
+        "lag_at_all": float(np.median(np.abs(lag))),
+        "lag_at_energy": float(np.mean(size[most]) / np.mean(size)),
+        "energy_and_lag": float(np.corrcoef(absorber.reshape(periods, -1).mean(axis=1), np.abs(lags))[0, 1]),
+        "share": largest,
+        "waits": _waits(share.max(axis=1)),
+        "counts": {name: np.histogram(counted[name], edges)[0].tolist() for name, edges in COUNTS.items()},
+        "record": _record(
+            tip_m=displacement, absorber_m=history.absorber_displacement[rows], lag_rad=lag.ravel(), modal_j=energy.modal[rows, 0],
+            absorber_j=absorber,
+        ),
+    }  # fmt: skip
 
 
 def _largest(share: Array, periods: int) -> list[float]:
@@ -112,23 +107,17 @@ def _members(settings: Settings, size: Size, name: str) -> Json:
     own = scene()
     schedule = constant_frequency(own.model.resonance_omega(1), 1.0, SETTLE + size.periods)
     lanes = [Lane(own, drive) for drive in draw_members(size.members, settings.seed).drives(FORCE, schedule)]
-    found = settings.each(f"{LABEL}: {name}", lanes, Modulated(METHODS[name], size.periods), METHODS[name])
+    found = settings.each(f"{LABEL}: {name}", lanes, partial(modulated, method=METHODS[name], periods=size.periods), METHODS[name])
     counts = {what: np.sum([one["counts"][what] for one in found], axis=0).tolist() for what in COUNTS}
     several = {key: [x for one in found for x in one[key]] for key in ("share", "waits")}
     kept = {key: [one[key] for one in found] for key in found[0] if key not in ("counts", "record", *several)}
     return {**kept, **several, "counts": counts, "record": found[0]["record"]}
 
 
-@dataclass(frozen=True)
-class Shares:
-    """The absorber's largest share of the energy in each `STRETCH` of a lane's ``periods`` after it has settled."""
-
-    periods: int
-
-    def __call__(self, lane: Lane) -> list[float]:
-        """Return them."""
-        history = there(simulate(lane.scene, lane.drive, record=SERIES).history)
-        return _largest(mechanical_energy(lane.scene, history).absorber_share[SETTLE * DEFAULT_SAMPLES :], self.periods)
+def shares(lane: Lane, periods: int) -> list[float]:
+    """Return the absorber's largest share of the energy in each `STRETCH` of a lane's ``periods`` after it has settled."""
+    history = there(simulate(lane.scene, lane.drive, record=SERIES).history)
+    return _largest(mechanical_energy(lane.scene, history).absorber_share[SETTLE * DEFAULT_SAMPLES :], periods)
 
 
 def _elsewhere(settings: Settings, size: Size) -> list[Json]:
@@ -141,7 +130,7 @@ def _elsewhere(settings: Settings, size: Size) -> list[Json]:
         force = FORCE * _filling(model) / _filling(scene().model)
         drives = drawn.drives(force, constant_frequency(model.resonance_omega(1), 1.0, SETTLE + periods))
         lanes = [Lane(Scene(model, impact_absorber()), drive) for drive in drives]
-        found = settings.each(f"{LABEL}: resonance {resonance}", lanes, Shares(periods))
+        found = settings.each(f"{LABEL}: resonance {resonance}", lanes, partial(shares, periods=periods))
         rows.append({"resonance": resonance, "force_n": force, "share": [x for one in found for x in one]})
     return rows
 

@@ -3,7 +3,6 @@
 The paper begins each sweep at one frequency with the absorber in the middle, and calls that conservative.
 """
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -13,6 +12,7 @@ from impact_env import Beam, InitialState, RigidWalls, Scene, beam_scene, impact
 from impact_env.drive import PAPER_LIMITS, Drive, linear_sweep
 from impact_env.ensemble import Lane, draw_members
 from studies.paper.claim import SAME, Claim, Verdict, bands, between, claim, interval
+from studies.paper.curve import Started
 from studies.paper.frame import LOOKS, PaperFigure, Settings, Size, banded, in_turn, legends, panels, shortened
 from studies.study import Array, Json, Table, there
 
@@ -29,17 +29,10 @@ def scenes() -> dict[str, Scene]:
     }
 
 
-@dataclass(frozen=True, eq=False)
-class Start(Lane):
-    """A lane that begins with the absorber beside the middle of its cavity: ``displacement`` in m."""
-
-    displacement: float
-
-
 def level_from(lane: Lane) -> float:
-    """Return the response level in m of a `Start`."""
-    assert isinstance(lane, Start)
-    return there(simulate(lane.scene, lane.drive, initial=InitialState(absorber_displacement=lane.displacement)).level).value
+    """Return the response level in m of a `Started` lane."""
+    assert isinstance(lane, Started)
+    return there(simulate(lane.scene, lane.drive, initial=lane.initial).level).value
 
 
 def _of_scene(scene: Scene, settings: Settings, size: Size) -> Json:
@@ -56,7 +49,7 @@ def _of_scene(scene: Scene, settings: Settings, size: Size) -> Json:
                 for start, stop in zip(first[m].tolist(), (high, low), strict=True):
                     schedule = linear_sweep(scene.model.resonance_omega(1), start, stop)
                     drive = Drive(force * float(members.factors[m]), schedule, float(members.phases[m]))
-                    lanes.append(Start(scene, drive, float(places[m])))
+                    lanes.append(Started(scene, drive, InitialState(absorber_displacement=float(places[m]))))
     levels = np.array(settings.each(LABEL, lanes, level_from)).reshape(len(CHOICES), len(forces), number, 2).max(axis=-1)
     return {"forces_n": list(forces), "levels_m": dict(zip(CHOICES, levels.tolist(), strict=True))}
 

@@ -11,6 +11,7 @@ from studies.study import there
 
 LENGTHS = (1_000, 10_000, 100_000, 1_000_000)  # pseudo periods
 QUICK_LENGTHS = (100, 1_000, 10_000)
+FORCE, RATIO = 2.0, 0.98  # N, and frequency over the first resonance
 RECORD = Record(level=True, energy=True)
 MOST_GROWTH_MB = 20.0  # from the shortest run to the longest, far below what one number a period would take
 MOST_BALANCE = 1e-9  # of the exact method
@@ -23,19 +24,17 @@ class SoakCase:
 
     name: str
     modes: int
-    force: float
-    ratio: float
     absorber: Callable[[], Absorber]
     method: Method
     longest: int = 1_000_000  # pseudo periods; less where a period takes long
 
 
 CASES = (
-    SoakCase("3 modes, e = 0.8, exact", 3, 2.0, 0.98, lambda: impact_absorber(restitution=0.8), Exact()),
-    SoakCase("1 mode, e = 0.7, friction, exact", 1, 2.0, 0.98, lambda: impact_absorber(restitution=0.7, friction_limit=0.05), Exact(), 100_000),
-    SoakCase("1 mode, compliant walls, exact", 1, 2.0, 0.98, lambda: SlidingAbsorber(walls=CompliantWalls(1e5)), Exact(), 100_000),
-    SoakCase("1 mode, e = 0.7, friction, Moreau", 1, 2.0, 0.98, lambda: impact_absorber(restitution=0.7, friction_limit=0.05), Moreau()),
-    SoakCase("1 mode, compliant walls, Runge-Kutta", 1, 2.0, 0.98, lambda: SlidingAbsorber(walls=CompliantWalls(1e5)), RungeKutta()),
+    SoakCase("3 modes, e = 0.8, exact", 3, lambda: impact_absorber(restitution=0.8), Exact()),
+    SoakCase("1 mode, e = 0.7, friction, exact", 1, lambda: impact_absorber(restitution=0.7, friction_limit=0.05), Exact(), 100_000),
+    SoakCase("1 mode, compliant walls, exact", 1, lambda: SlidingAbsorber(walls=CompliantWalls(1e5)), Exact(), 100_000),
+    SoakCase("1 mode, e = 0.7, friction, Moreau", 1, lambda: impact_absorber(restitution=0.7, friction_limit=0.05), Moreau()),
+    SoakCase("1 mode, compliant walls, Runge-Kutta", 1, lambda: SlidingAbsorber(walls=CompliantWalls(1e5)), RungeKutta()),
 )
 
 
@@ -58,8 +57,8 @@ def soak(case: SoakCase, lengths: tuple[int, ...]) -> Soak:
     scene = beam_scene(Beam(modes=case.modes), case.absorber())
     result = Soak(case.name, [length for length in lengths if length <= case.longest], [], [], [], [])
     for length in result.lengths:
-        schedule = constant_frequency(scene.model.resonance_omega(1), case.ratio, float(length))
-        response = simulate(scene, Drive(case.force, schedule), case.method, record=RECORD)
+        schedule = constant_frequency(scene.model.resonance_omega(1), RATIO, float(length))
+        response = simulate(scene, Drive(FORCE, schedule), case.method, record=RECORD)
         result.balance.append(there(response.energy).relative_error)
         result.memory_mb.append(1e-6 * peak_memory())
         result.us_per_period.append(1e6 * response.wall_time / length)
