@@ -7,9 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize_scalar
 
 from impact_env.frequency import frequency_range
 from impact_env.modes import ModalModel, with_masses
@@ -203,7 +202,7 @@ def smallest(function: Callable[[float], float], grid: Real, values: Real) -> tu
     if at in (0, len(grid) - 1):
         return on_grid
     bounds = (float(grid[at - 1]), float(grid[at + 1]))
-    found = minimize_scalar(function, bounds=bounds, method="bounded", options={"xatol": 1e-10})
+    found = scipy.optimize.minimize_scalar(function, bounds=bounds, method="bounded", options={"xatol": 1e-10})
     return min(on_grid, (float(found.fun), float(found.x)))
 
 

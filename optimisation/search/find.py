@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from impact_env.ensemble import Executor, Threads
 from impact_env.parameters import count, require
@@ -82,7 +81,7 @@ def smooth_search(
             if left > 0:
                 simplex = np.vstack([points[k], points[k] + 0.05 * np.eye(size)])
                 options = {"initial_simplex": simplex, "maxfev": left, "xatol": _TOLERANCE, "fatol": _TOLERANCE}
-                minimize(at, points[k], method="Nelder-Mead", options=options)
+                scipy.optimize.minimize(at, points[k], method="Nelder-Mead", options=options)
     except KeyboardInterrupt:
         return seen, False
     return seen, True

@@ -16,9 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
-import scipy.linalg
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import count, require
@@ -153,7 +151,7 @@ def fitted(x: Array, rows: Array, start: Array | None = None) -> Process:
             return 1e10
 
     bounds = [(np.log(0.02), np.log(20.0))] * x.shape[1] + [(np.log(1e-3), np.log(10.0)), (np.log(1e-3), np.log(2.0))]
-    found = minimize(loss, np.clip(first, *np.array(bounds).T), method="L-BFGS-B", bounds=bounds, options={"maxiter": 40})
+    found = scipy.optimize.minimize(loss, np.clip(first, *np.array(bounds).T), method="L-BFGS-B", bounds=bounds, options={"maxiter": 40})
     return Process(x, y, members, within, found.x)
 
 

@@ -6,9 +6,8 @@
 from collections.abc import Callable
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from impact_env.frequency import LinearAbsorber, frequency_range, natural_frequencies, poles, state_space, tip_response
 from impact_env.modes import ModalModel
@@ -311,7 +310,7 @@ def _smallest(score: Score, known: tuple[TunedAbsorber, TunedAbsorber], model: M
 
     def descend(start: Array, size: float, steps: float, gain: float) -> Array:
         options = {"initial_simplex": start + size * np.array([[0, 0], [1, 0], [0, 3]]), "xatol": steps, "fatol": gain}
-        return np.asarray(minimize(objective, start, method="Nelder-Mead", options=options).x)
+        return np.asarray(scipy.optimize.minimize(objective, start, method="Nelder-Mead", options=options).x)
 
     best = min((descend(start, 0.05, 1e-3, 1e-6) for start in starts), key=objective)
     for size in (1e-2, 1e-4):
