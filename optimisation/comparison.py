@@ -173,11 +173,6 @@ class Comparison:
         return all(curve.complete for resonance in self.resonances for curve in resonance.curves.values())
 
 
-def is_paper(structure: Structure) -> bool:
-    """Return whether a structure is the paper's beam, with any number of modes."""
-    return isinstance(structure, Beam) and replace(structure, modes=Beam.modes, response_position=None) == Beam()
-
-
 def force_grid(design: float, forces: int = DEFAULT_FORCES) -> Array:
     """Return rising forces in N, (forces,), over `FORCE_SPAN` times the design force (N), denser around it; at least 2."""
     count("forces", forces, 2, MOST_FORCES)
@@ -224,7 +219,7 @@ def compare(
     clearance = design_gap(model, mass, at, every[0]) if gap is None and at is not None else positive("gap", RigidWalls.gap if gap is None else gap)
     own = at if device is not None else None
     design = [design_force(model, mass, clearance, resonance) for resonance in every]
-    paper = beam is None or is_paper(beam)
+    paper = isinstance(beam, Beam | None) and replace(beam or Beam(), modes=Beam.modes, response_position=None) == Beam()
     usual = paper and device is None and force is None and gap is None and mass_ratio == DEFAULT_MASS_RATIO
     compared = concepts(model) if usual else scaled_concepts(model, mass_ratio, clearance, every[0], design[0] if own is None else own)
     if device is not None:

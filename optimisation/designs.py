@@ -174,7 +174,8 @@ class DesignSpace:
         """Return a design, variable by variable in the order in which units follow; ``choose`` takes a free variable, its unit and its start."""
         free = {v.name: v for v in self.free}
         found: dict[str, float] = {}
-        for v in sorted(VARIABLES[self.concept], key=_rank):
+        # a unit is known after mass and place, and that of a friction limit after the gap
+        for v in sorted(VARIABLES[self.concept], key=lambda v: v.scaled + v.name.startswith(FRICTION_LIMIT)):
             start = v.default if not v.scaled or self.units is None else self._units.start(self.concept, v.name, found)
             if v.name in free:
                 unit = self._units.of(self.concept, v.name, found) if free[v.name].scaled else 1.0
@@ -235,11 +236,6 @@ class DesignSpace:
         free |= {v.name: free[v.name] | {"whole": True} for v in self.free if v.whole}
         default, names = self.default.values, {v.name for v in self.free}
         return {"concept": self.concept, "version": self.version, "free": free, "fixed": {n: x for n, x in default.items() if n not in names}}
-
-
-def _rank(v: Variable) -> int:
-    """Return when a variable's unit is known: after mass and place, and for a friction limit after the gap."""
-    return 0 if not v.scaled else 2 if v.name.startswith(FRICTION_LIMIT) else 1
 
 
 def _known(concept: str) -> dict[str, Variable]:

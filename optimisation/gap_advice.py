@@ -107,11 +107,6 @@ def asked(table: Table, tolerance: float, beside: bool) -> list[float]:
     return list(dict.fromkeys((sharp, robust, *near, *((sharp - 1, sharp + 1, robust - 1) if beside else ()))))
 
 
-def start_factor(reach: float) -> float:
-    """Return where a search begins, over the rule's gap, for free amplitude over that gap: a fit to simulations of other structures."""
-    return 1.57 / (1 + 1.14 / reach)
-
-
 def search(look: Look, start: int, tolerance: float, members: int, pairs: int, table: Table) -> None:
     """Fill a table, from a step on, see above; ``pairs``: of sweeps, up and down, after which no runs are added.
 
@@ -300,7 +295,8 @@ def advise(
         return run_lanes(lanes, threads=threads, progress=show, executor=executor)
 
     runs = _Runs(model, force, resonance, replace(own, walls=replace(walls, gap=rule)), limits, seed, not friction_given, run)
-    start, table, complete = round(math.log(start_factor(found)) / STEP), Table(), True
+    # a search begins where a fit to simulations of other structures has the best gap over the rule's, by the free amplitude over that
+    start, table, complete = round(math.log(1.57 / (1 + 1.14 / found)) / STEP), Table(), True
     tried: list[tuple[str, float, float, float]] = []
     try:
         without = runs.curve(None, 1, rate)

@@ -69,11 +69,11 @@ class Bearing:
     rivals: Rivals
 
 
-def bearing(found: Advice, answer: Answer, threads: int | None = None, executor: Executor | None = None) -> Bearing:
+def bearing(found: Advice, answer: Answer, executor: Executor) -> Bearing:
     """Run a device once up and once down with its impacts recorded, and its rivals; raises KeyboardInterrupt if that is stopped."""
     check = found.check
     case = CurveCase(Scene(check.model, answer.absorber), np.array([check.force]), check.resonance, check.limits, check.rate)
-    impacts = impacts_of(case, threads, executor)
+    impacts = impacts_of(case, executor)
     forces, without = check.force * FACTORS, float(check.without.median[0]) / check.force
     levels = np.array([found.at_force(answer, float(factor)) for factor in FACTORS])
     works, helps = (stretch(forces, levels < share * without * forces, len(forces) // 2) for share in (HALVED, 1.0))
@@ -90,10 +90,10 @@ def rivals(model: ModalModel, mass_ratio: float, force: float, resonance: int) -
     return Rivals(force * peak / float(np.sqrt(2)), damper, limit)
 
 
-def impacts_of(case: CurveCase, threads: int | None = None, executor: Executor | None = None) -> Impacts:
+def impacts_of(case: CurveCase, executor: Executor) -> Impacts:
     """Run a case's first force once up and once down with its impacts recorded; raises KeyboardInterrupt if that is stopped."""
     lanes = [Lane(case.scene, Drive(float(case.forces[0]), schedule)) for schedule in case.schedules()]
-    pairs = each_lane(lanes, _impacts, threads=threads if executor is None else None, executor=executor)
+    pairs = each_lane(lanes, _impacts, executor=executor)
     seen = [one for one in pairs if one is not None]
     if len(seen) < len(lanes):
         raise KeyboardInterrupt
@@ -101,21 +101,17 @@ def impacts_of(case: CurveCase, threads: int | None = None, executor: Executor |
     return Impacts(largest, rms, rate, power, ratio * case.scene.model.resonance_omega(case.resonance))
 
 
-def change_with_modes(
-    found: Advice, answer: Answer, structure: Structure, seed: int = 0, threads: int | None = None, executor: Executor | None = None
-) -> str:
+def change_with_modes(found: Advice, answer: Answer, structure: Structure, seed: int, executor: Executor) -> str:
     """Return in words what twice the modes change of a device's level; nothing where the structure has no more."""
     beam, check = with_more_modes(structure), found.check
     if beam is None:
         return ""
     case = CurveCase(Scene(modal_model(beam), answer.absorber), np.array([check.force]), check.resonance, check.limits, check.rate)
-    (curve,) = performance_curves([case], found.members, seed, threads=threads, executor=executor)
+    (curve,) = performance_curves([case], found.members, seed, executor=executor)
     return f"; with {beam.modes} the level is {1e3 * curve.median[0]:.4g} mm, {curve.median[0] / answer.level:.2f} times as high"
 
 
-def uncertain_levels(
-    found: Advice, answer: Answer, every: Sequence[Spread], threads: int | None = None, executor: Executor | None = None
-) -> tuple[float, float, float]:
+def uncertain_levels(found: Advice, answer: Answer, every: Sequence[Spread], executor: Executor) -> tuple[float, float, float]:
     """Return the 5, 50 and 95 % quantiles of a device's level in m with all that is uncertain drawn; raises KeyboardInterrupt if it is stopped."""
     check = found.check
     case = CurveCase(Scene(check.model, answer.absorber), np.array([check.force]), check.resonance, check.limits, check.rate)
@@ -126,7 +122,7 @@ def uncertain_levels(
         for pair, share in zip(pairs, shares(every, ensemble), strict=True)
         for drive in pair
     ]
-    levels = run_lanes(lanes, threads=threads if executor is None else None, executor=executor)
+    levels = run_lanes(lanes, executor=executor)
     if not levels.complete:
         raise KeyboardInterrupt
     low, median, high = np.quantile(levels.level.reshape(DRAWS, 2).max(axis=1), (0.05, 0.5, 0.95))

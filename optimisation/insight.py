@@ -252,30 +252,6 @@ def watched(problem: Problem, design: Design, executor: Executor, progress: Prog
     return {name: bands[:, :, k] for k, name in enumerate(names) if name != LEVEL}, np.asarray(bands[1, :, 0])
 
 
-def _served(problem: Problem, design: Design, members: int, executor: Executor, progress: Progress | None) -> Array:
-    """Return the range of forces in N around each condition's own over which the level is at least halved, (2, C)."""
-    found = np.full((2, len(problem.conditions)), np.nan)
-    for c, condition in enumerate(problem.conditions):
-        part = levels(problem, [design], over_force(condition, condition.force * FORCES), members, executor, progress)
-        found[:, c] = stretch(condition.force * FORCES, part.relative[0] <= HALVED, len(FORCES) // 2)
-    return found
-
-
-def _tolerated(
-    problem: Problem, design: Design, members: int, draws: int, executor: Executor, progress: Progress | None
-) -> tuple[dict[str, Array], Array]:
-    """Return the levels with one number off at a time, and the quantiles of those with all of them off."""
-    names = tolerances(design)
-    few, many = problem.fresh_ensemble(members, SHOWN), problem.fresh_ensemble(draws, SHOWN)
-    ends = [_chunks(problem, design, {name: at}, few, (LEVEL,)) for name in names for at in (-1.0, 1.0)]
-    alone = np.median(np.array(_run(problem, ends, members, executor, progress))[..., 0], axis=1).reshape(len(names), 2, -1)
-    points = 2 * scipy.stats.qmc.Halton(len(names), rng=np.random.default_rng(problem.seed)).random(draws) - 1
-    offs = [dict(zip(names, map(float, row), strict=True)) for row in points]
-    sets = [_chunks(problem, design, off, many[k : k + 1], (LEVEL,)) for k, off in enumerate(offs)]
-    drawn = np.array(_run(problem, sets, 1, executor, progress))[:, 0, :, 0]
-    return {name: alone[k] for k, name in enumerate(names)}, np.asarray(np.quantile(drawn, QUANTILES, axis=0))
-
-
 def lasting_levels(problem: Problem, design: Design, executor: Executor, progress: Progress | None = None) -> Array:
     """Return the largest RMS in m of the free end under a force of constant frequency, over frequencies of each condition's sweep, (C,).
 
@@ -302,9 +278,18 @@ def service(
 
     What a run has a part in that the integrator gives up is NaN. Raises ParameterError for numbers out of range.
     """
-    few, many, problem = count("members", members, 1), count("draws", draws, 1), replace(problem, uncertain={})
+    members, draws, problem = count("members", members, 1), count("draws", draws, 1), replace(problem, uncertain={})
     seen, level = watched(problem, design, executor, progress)
-    forces = _served(problem, design, few, executor, progress)
-    single, joint = _tolerated(problem, design, few, many, executor, progress)
+    forces = np.full((2, len(problem.conditions)), np.nan)
+    for c, condition in enumerate(problem.conditions):
+        part = levels(problem, [design], over_force(condition, condition.force * FORCES), members, executor, progress)
+        forces[:, c] = stretch(condition.force * FORCES, part.relative[0] <= HALVED, len(FORCES) // 2)
+    names, few, many = tolerances(design), problem.fresh_ensemble(members, SHOWN), problem.fresh_ensemble(draws, SHOWN)
+    ends = [_chunks(problem, design, {name: at}, few, (LEVEL,)) for name in names for at in (-1.0, 1.0)]
+    alone = np.median(np.array(_run(problem, ends, members, executor, progress))[..., 0], axis=1).reshape(len(names), 2, -1)
+    points = 2 * scipy.stats.qmc.Halton(len(names), rng=np.random.default_rng(problem.seed)).random(draws) - 1
+    offs = [dict(zip(names, map(float, row), strict=True)) for row in points]
+    sets = [_chunks(problem, design, off, many[k : k + 1], (LEVEL,)) for k, off in enumerate(offs)]
+    joint = np.quantile(np.array(_run(problem, sets, 1, executor, progress))[:, 0, :, 0], QUANTILES, axis=0)
     lasting = lasting_levels(problem, design, executor, progress)
-    return Service(problem.conditions, seen, forces, single, joint, level, lasting)
+    return Service(problem.conditions, seen, forces, dict(zip(names, alone, strict=True)), np.asarray(joint), level, lasting)

@@ -1,11 +1,10 @@
 """What a study says about itself: when, on which machine and from which sources its numbers are, and how long a run takes."""
 
-import ast
 import datetime
 import hashlib
 import platform
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -117,51 +116,23 @@ class Timed:
         return simulate(self.scene, self.drive, self.method, record=self.record, most_events=self.most_events)
 
 
-# A fingerprint of the sources behind a number: a module with all that it imports of this project, and the packages that compute.
-#
-# Two processes with the same fingerprint run the same instructions on one kind of processor. One with another may get other numbers unnoticed: so it
-# does not go on with a study of the first, and does no work for it as a cluster's worker.
-
-
 ROOT = Path(__file__).resolve().parents[1]
-OWN = ("impact_env", "optimisation")
+LEFT_OUT = ("cli", "envs", "explore", "report", "rl")  # commands, pages, figures and environments: no number of a search or a run is theirs
 SEARCHING = (*PACKAGES, "optuna", "cmaes")  # a search is proposed by these as well
 
 
-def _file_of(module: str, root: Path) -> Path | None:
-    place = root.joinpath(*module.split("."))
-    return next((file for file in (place / "__init__.py", place.with_suffix(".py")) if file.is_file()), None)
-
-
-def _imported(source: bytes) -> Iterator[str]:
-    """Yield the names that a module may import: all of its import statements, those inside of functions too."""
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Import):
-            yield from (name.name for name in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module is not None:
-            yield node.module
-            yield from (f"{node.module}.{name.name}" for name in node.names)  # some of them are modules
-
-
-def closure(module: str, root: Path = ROOT) -> dict[str, bytes]:
-    """Return the sources of a module and of all modules of this project below ``root`` that it imports, by name."""
-    found: dict[str, bytes] = {}
-    todo = [module]
-    while todo:
-        parts = todo.pop().split(".")
-        for name in (".".join(parts[:k]) for k in range(1, len(parts) + 1)):  # importing a module imports its packages
-            if parts[0] in OWN and name not in found and (file := _file_of(name, root)) is not None:
-                found[name] = file.read_bytes().replace(b"\r\n", b"\n")
-                todo += _imported(found[name])
-    return found
-
-
 @cache
-def fingerprint(module: str, packages: tuple[str, ...] = PACKAGES, root: Path = ROOT) -> dict[str, str]:
-    """Return the hash of a module's `closure` as ``code``, and the versions of ``packages`` that are installed, as they are at the first call."""
+def fingerprint(packages: tuple[str, ...] = PACKAGES, root: Path = ROOT) -> dict[str, str]:
+    """Return the hash of the sources that numbers come from as ``code``, and the versions of ``packages`` that are installed.
+
+    Two processes with the same fingerprint run the same instructions on one kind of processor. One with another may get other numbers unnoticed: so
+    it does not go on with a study of the first, and does no work for it as a cluster's worker.
+    """
     known = hashlib.sha256()
-    for name, source in sorted(closure(module, root).items()):
-        known.update(name.encode() + b"\0" + source + b"\0")
+    for file in sorted(file for name in ("impact_env", "optimisation") for file in root.joinpath(name).rglob("*.py")):
+        place = file.relative_to(root)
+        if place.parts[1] not in LEFT_OUT:
+            known.update(place.as_posix().encode() + b"\0" + file.read_bytes().replace(b"\r\n", b"\n") + b"\0")
     return {"code": known.hexdigest()[:16], **installed(packages)}
 
 

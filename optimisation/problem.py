@@ -70,7 +70,10 @@ class Problem:
         names = [constraint.name for constraint in self.constraints]
         require(len(set(names)) == len(names), "constraints", names, "each of them once")
         if self.space.concept == TUNED:
-            self._require_both_peaks()
+            # a sweep so narrow that an optimiser could push a tuned absorber's second peak out of it is refused
+            mass = max([v.high for v in self.space.free if v.name == MASS_RATIO] + [self.space.default.values[MASS_RATIO]])
+            for condition in self.conditions if not self.under_loads else ():
+                require_wide_range(self.model, mass, condition.resonance, *condition.limits)
         self._require_loads()
         self._require_uncertain()
         for name in {DAMAGE, STRESS} & set(self.measures):
@@ -120,12 +123,6 @@ class Problem:
                 self.beam.place(name, value)
         if not free and self.space.concept != SEVERAL and self.space.fixed.get(POSITION, Beam.absorber_position) == Beam.absorber_position:
             object.__setattr__(self, "space", replace(self.space, fixed={**self.space.fixed, POSITION: own}))
-
-    def _require_both_peaks(self) -> None:
-        """Raise ParameterError if a sweep is so narrow that an optimiser could push a tuned absorber's second peak out of it."""
-        mass = max([v.high for v in self.space.free if v.name == MASS_RATIO] + [self.space.default.values[MASS_RATIO]])
-        for condition in self.conditions if not self.under_loads else ():
-            require_wide_range(self.model, mass, condition.resonance, *condition.limits)
 
     @cached_property
     def model(self) -> ModalModel:

@@ -6,23 +6,21 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numba
-import numpy
-import scipy
 
 from impact_env.curve import DEFAULT_MEMBERS, CurveCase
-from impact_env.ensemble import available_cores
+from impact_env.ensemble import Executor, available_cores
 from impact_env.modes import Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
 from impact_env.scene import Scene
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import BadInput, command, end_early, name_files, out_option, plain_errors, rate_option, seed_option, threads_option
 from optimisation.comparison import DEFAULT_FORCES, IMPACT, RESONANCES, Comparison, compare
-from optimisation.executors import cluster_option, workers
+from optimisation.executors import cluster_option
+from optimisation.executors import executor as executor_on
 from optimisation.files import require_writable, write_files
 from optimisation.gap_card import Impacts, impacts_of
 from optimisation.load_comparison import compare_loads
-from optimisation.machine import peak_memory
+from optimisation.machine import installed, peak_memory
 from optimisation.mounting import mounted
 from optimisation.progress import sweeps_bar
 from optimisation.report import comparison_tables as tables
@@ -36,23 +34,22 @@ FORCE_HELP = "Force in N near the first of the resonances: the design rule gives
 
 def conditions(started: float, threads: int | None, cluster: str | None) -> dict[str, object]:
     """Return versions, threads or cluster, the time since ``started`` (of ``time.perf_counter``, s) and the memory used."""
-    versions = {"python": platform.python_version(), "numpy": numpy.__version__, "scipy": scipy.__version__, "numba": numba.__version__}
     return {
-        "versions": versions,
+        "versions": {"python": platform.python_version(), **installed(("numpy", "scipy", "numba"))},
         **({"cluster": cluster} if cluster else {"threads": threads or available_cores()}),
         "wall_s": round(time.perf_counter() - started, 2),
         "memory_bytes": peak_memory(),
     }
 
 
-def borne(comparison: Comparison, threads: int | None) -> Impacts | None:
+def borne(comparison: Comparison, executor: Executor) -> Impacts | None:
     """Return the impacts of the impact absorber near the first resonance, at the force of the comparison; None if there is none."""
     part = comparison.resonances[0]
     if part.told is None or not comparison.complete:
         return None
     case = {concept.key: concept for concept in comparison.concepts}[IMPACT]
     scene, rate = Scene(comparison.model, case.absorber), comparison.percent_per_100_periods
-    return impacts_of(CurveCase(scene, part.forces[part.told : part.told + 1], part.resonance, case.limits, rate), threads)
+    return impacts_of(CurveCase(scene, part.forces[part.told : part.told + 1], part.resonance, case.limits, rate), executor)
 
 
 def write(out: Path, comparison: Comparison, made: dict[str, object], impacts: Impacts | None = None) -> list[Path]:
@@ -126,11 +123,12 @@ def main(structure: Path | None, scene: Path | None, load: Path | None, quick: b
         if scene is not None:
             own, given["device"] = scenes.read_device(scene, "structure", "mass_ratio", "mass_kg", "gap")
             given |= {"mass_ratio": DEFAULT_MASS_RATIO}
-        with workers(given["threads"], cluster) as executor, sweeps_bar("comparing") as show:
-            beam: dict[str, Any] = {} if own is None else {"beam": own}
-            comparison = compare(**beam, progress=show, executor=executor, **given)
-        impacts = None if scene is None else borne(comparison, given["threads"])
-        files = write(out, comparison, conditions(started, given["threads"], cluster), impacts)
+        threads = given.pop("threads")
+        with executor_on(threads, cluster) as executor:
+            with sweeps_bar("comparing") as show:
+                comparison = compare(own, progress=show, executor=executor, **given)
+            impacts = None if scene is None else borne(comparison, executor)
+        files = write(out, comparison, conditions(started, threads, cluster), impacts)
     click.echo(tables.text_table(comparison))
     name_files(files)
     end_early(comparison.complete, "the files hold the runs that were finished.")

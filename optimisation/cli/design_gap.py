@@ -8,11 +8,13 @@ from typing import Any
 import click
 
 from impact_env.drive import PAPER_LIMITS, default_rate
+from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative, require
 from optimisation.cli import common
 from optimisation.cli import scene_options as scenes
-from optimisation.executors import cluster_option, workers
+from optimisation.executors import cluster_option
+from optimisation.executors import executor as executor_on
 from optimisation.extremes import usable_force, usable_rate
 from optimisation.files import require_writable, write_files
 from optimisation.friction_rule import PAPER_FRICTION
@@ -38,12 +40,12 @@ OF_SCENE = ("structure", "modes", "damping", "mass_ratio", "mass_kg", "position"
 def runs_of(given: dict[str, Any]) -> dict[str, Any]:
     """Return how a search runs, whatever acts."""
     members = given["members"] or (QUICK_MEMBERS if given["quick"] else MEMBERS)
-    return {"tolerance": given["force_tolerance"], "members": members, "seed": given["seed"], "threads": given["threads"]}
+    return {"tolerance": given["force_tolerance"], "members": members, "seed": given["seed"]}
 
 
-def simulated(model: ModalModel, absorber: SlidingAbsorber, given: dict[str, Any], rate: float) -> Advice:
+def simulated(model: ModalModel, absorber: SlidingAbsorber, given: dict[str, Any], rate: float, executor: Executor) -> Advice:
     """Search the gap as the options say, under a bar."""
-    with workers(given["threads"], given["cluster"]) as executor, sweeps_bar("simulating") as show:
+    with sweeps_bar("simulating") as show:
         return advise(
             model,
             given["force"],
@@ -114,6 +116,7 @@ def under_load(given: dict[str, Any]) -> None:
         scenes.loads_of(given["load"], model, given["resonance"]),
         given["resonance"],
         factor=1.0 if given["force"] is None else given["force"],
+        threads=given["threads"],
         **runs_of(given),
         mass_ratio=scenes.mass_ratio_of(given["mass_ratio"], given["mass_kg"], model.beam_mass),
         restitution=given["restitution"],
@@ -185,22 +188,21 @@ def main(**given: Any) -> None:
         every = distributions(given, absorber)
         for name in given["contact"][:2] if given["contact"] else ():
             material(name)
-        found, unsure = simulated(model, absorber, given, rate), None
-        if every and found.recommended is not None and found.complete:
-            with workers(given["threads"], given["cluster"]) as executor:
-                unsure = Unsure(every, *uncertain_levels(found, found.recommended, every, threads=given["threads"], executor=executor))
-        files = write(given["out"], found, unsure)
-        if given["device"] is not None and found.recommended is not None:
-            scenes.write_device(given["device"], structure, found.recommended.absorber)
-            files.append(given["device"])
-        told, beside = warnings(found), list[str]()
-        if found.recommended is not None and found.complete and not given["no_card"]:
-            with workers(given["threads"], given["cluster"]) as executor:
-                borne = bearing(found, found.recommended, given["threads"], executor)
-                more = change_with_modes(found, found.recommended, structure, given["seed"], given["threads"], executor)
-            own, beside = card(found, borne, unsure, given["contact"], more), [rivals(borne)]
-            files += write_card(given["out"], own)
-            told += ["", as_text(own)]
+        with executor_on(given["threads"], given["cluster"]) as executor:
+            found = simulated(model, absorber, given, rate, executor)
+            best = found.recommended if found.complete else None
+            unsure = None if best is None or not every else Unsure(every, *uncertain_levels(found, best, every, executor))
+            files = write(given["out"], found, unsure)
+            if given["device"] is not None and found.recommended is not None:
+                scenes.write_device(given["device"], structure, found.recommended.absorber)
+                files.append(given["device"])
+            told, beside = warnings(found), list[str]()
+            if best is not None and not given["no_card"]:
+                borne = bearing(found, best, executor)
+                more = change_with_modes(found, best, structure, given["seed"], executor)
+                own, beside = card(found, borne, unsure, given["contact"], more), [rivals(borne)]
+                files += write_card(given["out"], own)
+                told += ["", as_text(own)]
     click.echo("\n".join([*answer(found), *beside, *([] if unsure is None else [unsure.words]), "", text(found), *(["", *told] if told else [])]))
     common.name_files(files)
     common.end_early(found.complete, "the files hold the runs that were finished.")

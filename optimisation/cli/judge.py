@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 
 from impact_env.envs.evaluation import EPISODES, SPLITS, Evaluation, Scored, evaluate
-from impact_env.parameters import ParameterError, require
-from optimisation.cli.common import BadInput, check_target, command
+from impact_env.parameters import require
+from optimisation.cli.common import check_target, command, plain_errors
 from optimisation.files import write_csv
 from optimisation.page import DOCS, ROOT, fill, markdown, require_markers
 from optimisation.progress import Bar
@@ -67,7 +67,7 @@ def write_board(path: Path, found: dict[str, Evaluation]) -> list[list[str]]:
 @click.option("--page", type=click.Path(path_type=Path), help=f"Write the leaderboard's table into a page, as in docs/{PAGE.name}; with --board.")
 def main(tasks: tuple[str, ...], files: tuple[Path, ...], split: str, episodes: int, board: Path | None, page: Path | None) -> None:
     """Play chosen rules, shipped agents and given ones on the first seeds of a split, and say which is better and how sure that is."""
-    try:
+    with plain_errors():
         check_target("--board", board, (".csv",))
         check_target("--page", page)
         require(page is None or board is not None, "--page", str(page), "given with --board")
@@ -85,5 +85,3 @@ def main(tasks: tuple[str, ...], files: tuple[Path, ...], split: str, episodes: 
             if page is not None:
                 told = [(f"`{task}`", name, who, f"{float(s):.3f} [{float(a):.3f}, {float(b):.3f}]") for task, name, who, _, _, _, s, a, b in rows]
                 fill(page, PAGE, {MARKER: markdown(("task", "policy", "who", "mean score"), told)})
-    except ParameterError as error:
-        raise BadInput(str(error)) from error

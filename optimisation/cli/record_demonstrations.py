@@ -8,8 +8,7 @@ from typing import Any
 import click
 
 from impact_env.envs.evaluation import SPLITS
-from impact_env.parameters import ParameterError
-from optimisation.cli.common import BadInput, command
+from optimisation.cli.common import command, plain_errors
 from optimisation.files import require_writable
 from optimisation.rl.agents import load_agent
 from optimisation.rl.demonstrations import record, write_demonstrations
@@ -20,13 +19,6 @@ EPISODES = 256
 SHOWN = ("rule", "ppo", "sac", "random")
 
 
-def shown_by(word: str, task: str) -> Any:
-    """Return who plays: the task's rule, the agent that ships, or chance."""
-    if word == "random":
-        return Random(numbers=TASKS[task].numbers)
-    return policies(task)[EIGHT] if word == "rule" else load_agent(task, word)
-
-
 @command()
 @click.option("--task", "tasks", multiple=True, type=click.Choice(list(TASKS)), help="May be repeated.  [default: all]")
 @click.option("--policy", "words", multiple=True, type=click.Choice(SHOWN), default=("rule",), show_default=True, help="May be repeated.")
@@ -34,14 +26,14 @@ def shown_by(word: str, task: str) -> Any:
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("results/demonstrations"), show_default=True)
 def main(tasks: tuple[str, ...], words: tuple[str, ...], episodes: int, out: Path) -> None:
     """Play episodes of each task and write OUT/TASK-POLICY-v0, a data set that Minari reads (MINARI_DATASETS_PATH=OUT)."""
-    try:
+    with plain_errors():
         require_writable("--out", out)
         for task in tasks or TASKS:
             for word in words:
-                shown = record(shown_by(word, task), env_of(task), SPLITS["train"][:episodes])
+                chance = Random(numbers=TASKS[task].numbers) if word == "random" else None
+                plays: Any = chance or (policies(task)[EIGHT] if word == "rule" else load_agent(task, word))
+                shown = record(plays, env_of(task), SPLITS["train"][:episodes])
                 folder = out / f"{task.rpartition('-')[0]}-{word}-v0"
                 write_demonstrations(folder, shown, word)
                 scores, steps = sum(float(rewards.sum()) for rewards in shown.rewards), sum(map(len, shown.rewards))
                 click.echo(f"{folder}: {episodes} episodes of {word}, {steps:,} steps, mean score {scores / episodes:.3f}")
-    except ParameterError as error:
-        raise BadInput(str(error)) from error

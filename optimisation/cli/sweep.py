@@ -97,14 +97,6 @@ def compute(given: scenes.Options, scene: Scene, drives: list[AnyDrive], method:
     return Result(response, others, wall_time)
 
 
-def ratio_of(given: scenes.Options, scene: Scene, schedule: FrequencySchedule) -> float | None:
-    """Return the level of such sweeps without absorber over the stationary level; None at a constant frequency, where nothing is swept."""
-    low, high = sorted(schedule.omegas / schedule.reference)
-    if low == high:
-        return None
-    return sweep_ratio(scene.model, 1e4 * (high - low) / schedule.periods, given["resonance"], (float(low), float(high)))
-
-
 def refuse_long(option: str, scene: Scene, schedule: FrequencySchedule, samples: int) -> None:
     """Raise BadInput if the samples for an option would not fit into the memory that is allowed for them."""
     size = 8 * (2 * scene.model.modes + 2) * schedule.periods * samples
@@ -161,7 +153,10 @@ def run(given: scenes.Options) -> str:
     with workers(None, given["cluster"]) as executor:
         result = compute(given, scene, drives, method, executor)
         result = replace(result, measures=measured(given, scene, beam, drives, executor))
-    result = replace(result, sweep_ratio=ratio_of(given, scene, schedule) if given["load"] is None else None)
+    low, high = (float(end) for end in sorted((schedule.omegas / schedule.reference)[[0, -1]]))
+    if given["load"] is None and low != high:  # at a constant frequency nothing is swept
+        ratio = sweep_ratio(scene.model, 1e4 * (high - low) / schedule.periods, given["resonance"], (low, high))
+        result = replace(result, sweep_ratio=ratio)
     write(result, given, beam)
     return summary(result, given["resonance"])
 

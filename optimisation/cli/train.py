@@ -3,15 +3,13 @@
 # needs: env, rl
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
 from impact_env.ensemble import available_cores
-from impact_env.parameters import ParameterError
-from optimisation.cli.common import INTERRUPTED, BadInput, command
+from optimisation.cli.common import command, end_early, plain_errors
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.page import markdown
 from optimisation.progress import Bar
@@ -134,8 +132,8 @@ def main(**given: Any) -> None:
     given["workers"] = given["workers"] or available_cores()
     given["out"] = given["out"] or (OUT.with_name(f"{OUT.name}_quick") if quick else OUT)
     given["arguments"] = environment_arguments(given["arguments"])
-    finished = True
-    try:
+    finished, goes_on = True, "the same command goes on from the last checkpoints."
+    with plain_errors(f"Stopped early: {goes_on}"):
         require_writable("--out", given["out"])
         if given["ship"] is not None:
             require_writable("--ship", given["ship"])
@@ -143,10 +141,4 @@ def main(**given: Any) -> None:
             finished = finished and train_task(task, given)
         if finished and given["ship"] is not None:
             click.echo(f"{len(ship(given['out'], given['ship']))} agents written to {given['ship']}")
-    except ParameterError as error:
-        raise BadInput(str(error)) from error
-    except KeyboardInterrupt:
-        finished = False
-    if not finished:
-        click.echo("Stopped early: the same command goes on from the last checkpoints.", err=True)
-        sys.exit(INTERRUPTED)
+    end_early(finished, goes_on)

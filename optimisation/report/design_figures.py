@@ -138,12 +138,7 @@ def save_curves(path: Path, findings: Findings) -> None:
         scale, shown = SHOWN[own.told[1]]
         panel.plot(forces, scale * levels.without, color=figures.BLACK, lw=1.2, label="no absorber")
         _lines(panel, forces, levels, np.full(len(forces), scale))
-        panel.set(
-            xscale="log",
-            yscale="log",
-            xlim=(forces[0], forces[-1]),
-            xlabel="amplitude of the force in N" if own.loads is None else "factor on the loads",
-        )
+        panel.set(xscale="log", yscale="log", xlim=(forces[0], forces[-1]), xlabel=_axis(own))
         bottom = 0.5 * scale * float(np.min(levels.low))
         dense = over_force(own, np.geomspace(forces[0], forces[-1], 60))
         bound = np.array([limit(findings.problem, findings.verdict.winner.design, condition) for condition in dense])
@@ -184,13 +179,7 @@ def save_map(path: Path, findings: Findings) -> None:
         for slope in 10 ** np.arange(np.ceil(low * 4) / 4, high, 0.25):
             panel.plot(forces, slope * forces, color="white", lw=0.5, alpha=0.6)
         panel.plot(own.force, figures.MM * winner.values[GAP], "o", ms=9, mfc=figures.ORANGE, mec="white", mew=1.5, label="winner")
-        panel.set(
-            xscale="log",
-            yscale="log",
-            xlim=(forces[0], forces[-1]),
-            ylim=(gaps[0], gaps[-1]),
-            xlabel="amplitude of the force in N" if own.loads is None else "factor on the loads",
-        )
+        panel.set(xscale="log", yscale="log", xlim=(forces[0], forces[-1]), ylim=(gaps[0], gaps[-1]), xlabel=_axis(own))
         panel.set_title(_title(own))
         figures.force_axis(panel.xaxis)
         figures.force_axis(panel.yaxis)

@@ -39,7 +39,7 @@ Model = Union["PPO", "SAC", "RecurrentPPO"]
 # hyperparameters that stable-baselines3 takes by their names
 OF_BOTH = ("learning_rate", "gamma", "batch_size", "n_steps", "ent_coef", "use_sde", "sde_sample_freq")
 OF_PPO, OF_SAC = ("n_epochs", "gae_lambda", "clip_range"), ("buffer_size", "learning_starts", "train_freq", "gradient_steps", "tau", "target_entropy")
-REPLAY = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+REPLAY = "replay.pkl"
 
 
 class ScaledRewards(VecEnvWrapper):
@@ -143,16 +143,9 @@ def begin_leg(model: Model, seed: int, leg: int, learning_rate: float) -> None:
 def save_model(folder: Path, model: Model, env: ScaledRewards) -> None:
     """Write networks, optimisers and counters, where the lanes are in their episodes, and for SAC what it remembers."""
     model.save(folder / "model.zip")
-    (folder / "lanes.pickle").write_bytes(pickle.dumps(env.snapshot()))
+    (folder / "lanes.pickle").write_bytes(pickle.dumps((env.snapshot(), getattr(model, "_last_lstm_states", None))))
     if isinstance(model, SAC):
-        memory = model.replay_buffer
-        assert memory is not None
-        filled = memory.size()
-        arrays = {name: getattr(memory, name)[:filled] for name in REPLAY}
-        np.savez(folder / "replay.npz", position=memory.pos, full=memory.full, **arrays)
-    states = getattr(model, "_last_lstm_states", None)
-    if states is not None:
-        np.savez(folder / "memory.npz", *(part.numpy() for pair in states for part in pair))
+        model.save_replay_buffer(folder / REPLAY)
 
 
 def load_model(folder: Path, algorithm: str, env: ScaledRewards) -> Model:
@@ -163,19 +156,12 @@ def load_model(folder: Path, algorithm: str, env: ScaledRewards) -> Model:
             warnings.filterwarnings("ignore", message="`n_steps=")
             model: Model = kind.load(folder / "model.zip", env=env, device="cpu", force_reset=False)
         env.reset()
-        env.restore(pickle.loads((folder / "lanes.pickle").read_bytes()))
+        lanes, states = pickle.loads((folder / "lanes.pickle").read_bytes())
+        env.restore(lanes)
         if isinstance(model, SAC):
-            memory = model.replay_buffer
-            assert memory is not None
-            with np.load(folder / "replay.npz") as file:
-                for name in REPLAY:
-                    getattr(memory, name)[: len(file[name])] = file[name]
-                memory.pos, memory.full = int(file["position"]), bool(file["full"])
-        if algorithm == "rppo":
-            with np.load(folder / "memory.npz") as file:
-                parts = [torch.from_numpy(file[name]) for name in file.files]
-            states: Any = model
-            states._last_lstm_states = type(states._last_lstm_states)((parts[0], parts[1]), (parts[2], parts[3]))
+            model.load_replay_buffer(folder / REPLAY)
+        if states is not None:
+            cast("RecurrentPPO", model)._last_lstm_states = states
     except Exception as error:  # whatever a torn zip file, pickle or array makes the readers raise
         reason = f"a folder whose files are whole ({type(error).__name__}: {error})"
         raise ParameterError(f"checkpoint = {str(folder)!r} is not allowed: {reason}") from error
@@ -217,7 +203,7 @@ def last_checkpoint(folder: Path, algorithm: str, env: ScaledRewards) -> tuple[M
 
 def forget_replay(folder: Path) -> None:
     """Remove what SAC remembered: of a finished run it is the larger part by far, and nothing needs it."""
-    for file in folder.glob("leg-*/replay.npz"):
+    for file in folder.glob(f"leg-*/{REPLAY}"):
         file.unlink()
 
 

@@ -41,7 +41,7 @@ with optional():
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
-RUN_FORMAT = 1
+RUN_FORMAT = 2
 FIRST_EVALUATION_SEED = 1_000_000  # apart from the seeds on which baselines are tuned, and from those on which all are judged
 EVALUATION_EPISODES = 64
 Show = Callable[[int, list[Evaluation]], None]

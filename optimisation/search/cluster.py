@@ -31,7 +31,7 @@ with optional():
 Array = NDArray[np.float64]
 PATIENCE = 30.0  # s to wait for a scheduler, or for a worker when there is none
 POLL = 2.0  # s between two looks for workers while nothing comes in
-SOURCES = fingerprint("optimisation.measures")  # of what this process has just loaded: its files may be others by the time of a run
+SOURCES = fingerprint()  # of what this process has just loaded: its files may be others by the time of a run
 SAME = "the same version of this package and of what it computes with"
 T = TypeVar("T")
 R = TypeVar("R")

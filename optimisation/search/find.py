@@ -90,7 +90,6 @@ def smooth_search(
 if TYPE_CHECKING:
     from optimisation.search.study import DesignStudy
 
-PROPOSED = "optimisation.search.study"  # the module whose sources a search by Optuna depends on
 SCIPY = "scipy"
 # the default where levels are noisy: the best of docs/search_methods.md; any of `SAMPLERS` and `NOISY` may stand here
 FOR_NOISE = CMA
@@ -134,14 +133,9 @@ class Plan:
         return (self.sampler or (None if concept in WITH_IMPACTS else SCIPY)) == SCIPY
 
 
-def identity(problem: Problem, search: dict[str, object], sources: dict[str, str]) -> dict[str, object]:
+def identity(problem: Problem, search: dict[str, object]) -> dict[str, object]:
     """Return the identity of a search, which one that goes on with its runs must share: question, method and sources."""
-    return {"problem": problem.describe(), "search": search, "sources": sources}
-
-
-def study_identity(problem: Problem, settings: Settings) -> dict[str, object]:
-    """Return the identity of a search by Optuna."""
-    return identity(problem, settings.describe(), fingerprint(PROPOSED, SEARCHING))
+    return {"problem": problem.describe(), "search": search, "sources": fingerprint(SEARCHING)}
 
 
 def searched(label: str, problem: Problem, settings: Settings, designs: int, ledger: Ledger, bars: Bars = QUIET) -> tuple[DesignStudy, bool, Cost]:
@@ -168,10 +162,10 @@ def find(problem: Problem, plan: Plan, journal: Path | None = None, executor: Ex
         plan = replace(plan, sampler=FOR_NOISE)
     if plan.smooth(concept) or plan.noisy:
         search: dict[str, object] = {"sampler": plan.sampler if plan.noisy else SCIPY, "seed": plan.seed, "from_scratch": plan.from_scratch}
-        with remembering(executor, identity(problem, search, fingerprint(__name__)), journal) as ledger:
+        with remembering(executor, identity(problem, search), journal) as ledger:
             return _find_again(problem, plan, ledger, bars)
     settings = default_settings(problem, plan.sampler, plan.batch, plan.seed, plan.screening, plan.from_scratch)
-    with remembering(executor, study_identity(problem, settings), journal) as ledger:
+    with remembering(executor, identity(problem, settings.describe()), journal) as ledger:
         study, finished, cost = searched(f"{concept}: search", problem, settings, plan.designs, ledger, bars)
         findings = Findings(problem, study.told, finished, cost)
         if not finished:

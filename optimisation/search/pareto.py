@@ -15,7 +15,7 @@ from optimisation.objectives import Objective, Score
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
 from optimisation.report.design_tables import limit, name_of
-from optimisation.search.find import BARS, searched, study_identity
+from optimisation.search.find import BARS, identity, searched
 from optimisation.search.judge import Cost, Judged, judged
 from optimisation.search.ledger import Ledger, remembering
 from optimisation.search.settings import NSGA2, RANDOM, SAMPLERS, Evaluated, Settings, default_settings, hypervolume, nondominated
@@ -135,7 +135,7 @@ CORNER = (1.1, 1.1)  # relative levels: what hypervolumes refer to
 
 def search_front(problem: Problem, settings: Settings, designs: int, corner: tuple[float, float], journal: Path | None, executor: Executor) -> Front:
     """Search; the front is that of all designs that were run, by the members of the search."""
-    with remembering(executor, study_identity(problem, settings), journal) as ledger:
+    with remembering(executor, identity(problem, settings.describe()), journal) as ledger:
         study, finished, cost = searched("search", problem, settings, designs, ledger, BARS)
     told = study.told
     rows = signed(problem, [e.score for e in told])

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_env.extras import how_to_install
 from impact_env.parameters import count, fraction, positive, require
-from optimisation.designs import Design, DesignSpace
+from optimisation.designs import Design
 from optimisation.objectives import Score
 from optimisation.problem import Problem
 from optimisation.variables import TUNED
@@ -77,16 +77,6 @@ def seed_of(seed: int, *numbers: int) -> int:
     return int(np.random.SeedSequence([seed, *numbers]).generate_state(1)[0] >> 1)
 
 
-def check_sampler(name: str, space: DesignSpace, objectives: int) -> None:
-    """Raise ParameterError if a sampler is unknown or cannot do a problem."""
-    require(name in SAMPLERS, "sampler", name, f"one of {', '.join(SAMPLERS)}")
-    if name == CMA:
-        require(objectives == 1, "sampler", name, f"one objective; for {objectives} use {NSGA2}, {GP} or {RANDOM}")
-        require(len(space.free) >= 2, "sampler", name, f"two or more free variables; for one use {GP} or {RANDOM}")
-    if name == GP:
-        require(importlib.util.find_spec("torch") is not None, "sampler", name, f"where the package torch is installed; {how_to_install('rl')}")
-
-
 @dataclass(frozen=True)
 class Rung:
     """``members`` of the ensemble, counted from its first; ``speed``: sweep rate over the problem's; ``keep``: share that goes on from here."""
@@ -130,13 +120,23 @@ class Settings:
 
     def check(self, problem: Problem) -> None:
         """Raise ParameterError unless the settings go with a problem."""
-        check_sampler(self.sampler, problem.space, len(problem.objectives))
+        name, objectives = self.sampler, len(problem.objectives)
+        require(name in SAMPLERS, "sampler", name, f"one of {', '.join(SAMPLERS)}")
+        if name == CMA:
+            require(objectives == 1, "sampler", name, f"one objective; for {objectives} use {NSGA2}, {GP} or {RANDOM}")
+            require(len(problem.space.free) >= 2, "sampler", name, f"two or more free variables; for one use {GP} or {RANDOM}")
+        if name == GP:
+            require(importlib.util.find_spec("torch") is not None, "sampler", name, f"where the package torch is installed; {how_to_install('rl')}")
         last = self.rungs[-1] if self.rungs else None
         require(last is not None and last.speed == 1, "rungs", self.rungs, "one or more, the last at the problem's own sweep rate")
         assert last is not None
         require(last.members == problem.members, "members of the last rung", last.members, f"the problem's {problem.members}")
-        single = len(problem.objectives) == 1
-        require(single or len(self.rungs) == 1, "rungs", self.rungs, "a single one where there are several objectives: there is no one best share")
+        require(
+            objectives == 1 or len(self.rungs) == 1,
+            "rungs",
+            self.rungs,
+            "a single one where there are several objectives: there is no one best share",
+        )
 
     def describe(self) -> dict[str, object]:
         """Return the settings as JSON values."""

@@ -9,6 +9,7 @@ import pytest
 
 from impact_env import Beam, modal_model
 from impact_env.curve import performance_curve
+from impact_env.ensemble import Threads
 from impact_env.scene import Scene
 from optimisation.gap_advice import advise
 from optimisation.gap_card import bearing
@@ -76,7 +77,7 @@ def test_card_of_a_gap_is_of_the_recommended_device() -> None:
     model = modal_model(Beam(modes=2))
     found = advise(model, 3.5, members=1, percent_per_100_periods=40.0)
     best = found.recommended
-    seen = bearing(found, best, 1)
+    seen = bearing(found, best, Threads(1))
     told = {row["label"]: row["value"] for rows in content(gap_card(found, seen))["groups"].values() for row in rows}
     assert told["clearance to either wall"] == 1e3 * best.gap
     assert told["absorber mass"] == pytest.approx(0.02 * model.beam_mass)

@@ -19,7 +19,7 @@ from optimisation.kept import Kept
 from optimisation.machine import fingerprint
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
-from optimisation.search.find import Plan, find, searched, study_identity
+from optimisation.search.find import Plan, find, identity, searched
 from optimisation.search.judge import Findings
 from optimisation.search.ledger import key_of, remembering
 from optimisation.search.settings import Rung, Settings
@@ -35,7 +35,7 @@ Result = tuple[object, ...]
 
 def search(file: Path | None, given: Problem, chosen: Settings, designs: int = DESIGNS) -> tuple[list[Result], int]:
     """Return what a search finds with the runs that a file holds, and how many runs it made."""
-    with remembering(Model(), study_identity(given, chosen), file) as ledger:
+    with remembering(Model(), identity(given, chosen.describe()), file) as ledger:
         study, _, cost = searched("search", given, chosen, designs, ledger)
     return [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told], cost.runs
 
