@@ -27,7 +27,7 @@ from impact_env.scene import InitialState, Scene
 
 Array = NDArray[np.float64]
 MOST_EVENTS = 10**15  # of a budget: more than a run of a year has
-FIRST_CAPACITY = 16384  # of the list of impacts: enough for a sweep at the paper's rate
+FIRST_CAPACITY = 65536  # of the lists of events: enough for a sweep at the paper's rate, and for the reversals of a thousand periods
 
 
 class IntegrationError(RuntimeError):

@@ -23,7 +23,7 @@ from impact_env.sweep import IntegrationError, simulate
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-RECORD = Record(level=False, events=True, reversals=True)
+RECORD = Record(level=False, events=True, reversals=True)  # of all runs here, so that few kernels are compiled
 SLIVER = 1e-10  # rad: a joined phase that begins so shortly after an impact begins at it
 WALLS = (0, -1, 1)  # that holds the absorber in each kind of `ContactPhases`
 

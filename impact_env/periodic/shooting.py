@@ -20,9 +20,8 @@ from impact_env.parameters import ParameterError, count, finite, require
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.green import NoOrbit, Solution
 from impact_env.periodic.motion import ShotMotion
-from impact_env.periodic.passage import Passage, PassageError, passage
+from impact_env.periodic.passage import RECORD, Passage, PassageError, passage
 from impact_env.periodic.schedule import Event, EventSchedule, flying_schedule, turn_of
-from impact_env.response import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 
@@ -146,7 +145,7 @@ def largest_exponent(scene: Scene, settled: Drive, periods: int) -> Exponent:
     count("periods", periods, STRETCH * BLOCKS)
     schedule = settled.schedule
     case = case_of(scene, settled.amplitude, float(schedule.omegas[-1]))
-    state = simulate(scene, settled, record=Record(events=True)).end_state
+    state = simulate(scene, settled, record=RECORD).end_state
     phase, unit = settled.phase + float(schedule.phase_at(float(schedule.times[-1]))), units_of(case)
     vector = np.random.default_rng(0).normal(size=len(unit))
     growth = []

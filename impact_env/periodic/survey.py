@@ -11,11 +11,10 @@ from impact_env.periodic.case import Case, start_from
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.orbit import Orbit, mirrored, orbit_at, shot_orbit
 from impact_env.periodic.orbit_branches import COARSE, OrbitBranch, orbit_branches
-from impact_env.periodic.passage import PassageError, passage
+from impact_env.periodic.passage import RECORD, PassageError, passage
 from impact_env.periodic.schedule import flying_schedule, turn_of
 from impact_env.periodic.shooting import shot
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
-from impact_env.response import Record
 from impact_env.scene import InitialState
 from impact_env.sweep import simulate
 
@@ -34,7 +33,7 @@ Progress = Callable[[int, int], None]
 def state_after(case: Case, periods: float, initial: InitialState | None = None, phase: float = 0.0) -> tuple[Array, float]:
     """Return the state (2 N_m + 2,) after some of the force's periods from ``initial`` (default: rest), and the phase there (rad, below 2 pi)."""
     duration = positive("periods", periods) * case.period
-    response = simulate(case.scene, case.drive(duration, phase), initial=initial, record=Record(level=False, events=True))
+    response = simulate(case.scene, case.drive(duration, phase), initial=initial, record=RECORD)
     return response.end_state, (phase + case.omega * duration) % (2 * np.pi)
 
 

@@ -7,11 +7,11 @@ import scipy.stats
 from impact_env import Beam, beam_scene, impact_absorber
 from impact_env.drive import Drive, constant_frequency
 from impact_env.periodic.case import case_of, start_from
+from impact_env.periodic.passage import RECORD
 from impact_env.periodic.residence import Approach, ExitRate, Jumps, Range, Stays, exit_rate, hazard, hold, jumps, passage, stay_of, stays
 from impact_env.periodic.shooting import largest_exponent
 from impact_env.periodic.stationary import Criteria, Kind, Window, classify, envelope, stationary_members
 from impact_env.periodic.survey import closed_form_orbits
-from impact_env.response import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 
@@ -210,14 +210,13 @@ def test_chaos_parts_runs_as_its_exponent_says() -> None:
     found = largest_exponent(scene, drive(scene, 1.7, 1.0, 500.0), 1600)
     assert found.chaotic
     rates = []
-    record = Record(level=False, events=True)
     for k in range(40):
-        state = simulate(scene, drive(scene, 1.7, 1.0, 500.0 + 10 * k), record=record).end_state
+        state = simulate(scene, drive(scene, 1.7, 1.0, 500.0 + 10 * k), record=RECORD).end_state
         other = state + 1e-11 * np.random.default_rng(k).normal(size=len(state)) * np.array([1.0, 1.0, omega, omega])
         ends = []
         for periods in (2.0, 12.0):  # the first two turn the difference into the fastest direction
             run = Drive(1.7, constant_frequency(omega, 1.0, periods))
-            one, two = (simulate(scene, run, initial=start_from(scene, start), record=record).end_state for start in (state, other))
+            one, two = (simulate(scene, run, initial=start_from(scene, start), record=RECORD).end_state for start in (state, other))
             ends.append(np.linalg.norm((two - one) / np.array([1.0, 1.0, omega, omega])))
         rates.append(np.log(ends[1] / ends[0]) / 10)
     width = 3 * np.std(rates) / np.sqrt(len(rates)) + found.high - found.low
