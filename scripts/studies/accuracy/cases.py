@@ -18,7 +18,7 @@ from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.parameters import Absorber, Beam, CompliantWalls, SlidingAbsorber, TunedAbsorber, friction_damper, impact_absorber
 from optimisation.machine import sources
-from studies.study import Measured
+from studies.study import Array, Measured
 
 MODES = (1, 3, 10, 30)
 START = 0.95  # of the first resonance
@@ -73,6 +73,12 @@ class Case:
     def period(self) -> float:
         """A pseudo period in s."""
         return self.scene.model.pseudo_period()
+
+    @property
+    def weights(self) -> Array:
+        """Of the squares of a state in the norm of energy; the absorber's place counts as if on a spring that gives it the first resonance."""
+        omega, mass = self.scene.model.omega, self.scene.absorber_mass or 0.0
+        return np.concatenate([omega**2, [mass * omega[0] ** 2], np.ones(self.modes), [mass]])
 
     def drive(self, periods: float) -> Drive:
         """Return the drive that goes on from the start at the paper's rate for a number of pseudo periods."""

@@ -34,9 +34,7 @@ class _Continued:
     def __init__(self, it: Case) -> None:
         self.it, self.scene = it, it.scene
         self.reference = self.scene.model.resonance_omega(1)
-        model, mass = self.scene.model, self.scene.absorber_mass or 0.0
-        n = it.modes
-        self.weights = np.concatenate([model.omega**2, [mass * model.omega[0] ** 2], np.ones(n), [mass]])
+        self.weights = it.weights
         self.stretch = STRETCH
         trial = 10
         self.stretch = min(STRETCH, STRETCH_IMPACTS * STRETCH * trial / max(1, self.run(it.initial.vector(it.scene), 0, trial)[1]))

@@ -201,17 +201,9 @@ def known(file: Path) -> dict[str, Json]:
 )
 @click.option("--rules", type=click.Path(path_type=Path), help=f"Write the numbers of all rules, too, as in optimisation/rl/{CHOSEN.name}.")
 @click.option("--redraw", is_flag=True, help="The page again from the numbers in --json; only agents of --agents are judged, beside these.")
-def main(
-    tasks: tuple[str, ...],
-    quick: bool,
-    judged: int | None,
-    agents: Path | None,
-    target: Path | None,
-    page: Path | None,
-    rules: Path | None,
-    redraw: bool,
-) -> None:
+def main(tasks: tuple[str, ...], quick: bool, judged: int | None, redraw: bool, **files: Path | None) -> None:
     """Find the best rules of each task, let planners look ahead, and print scores and room."""
+    agents, target, page, rules = (files[name] for name in ("agents", "target", "page", "rules"))
     try:
         check_target("--json", target)
         check_target("--page", page)

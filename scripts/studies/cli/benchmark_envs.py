@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -41,23 +40,12 @@ FIRST_STEP = (
 )
 
 
-@dataclass(frozen=True)
-class Speed:
-    """Environment steps per second over all lanes: the median of the repeats, and each of them; ``interval`` of a step in pseudo periods.
+def timed(name: str, lanes: int, step: Callable[[], object], seconds: float, advance: Callable[[], object], settle: int = SETTLE) -> Json:
+    """Return environment steps per second over all lanes: the median of the repeats, and each of them; ``interval`` of a step in pseudo periods.
 
-    ``above``: median time in s that a step of all lanes takes above its periods, if that was looked at.
+    ``step``, which advances all lanes once, is called for ``seconds`` in each repeat, after so many calls to ``settle``. ``above``: median time in s
+    that a step of all lanes takes above its periods, if that was looked at.
     """
-
-    name: str
-    lanes: int
-    steps_per_s: float
-    each: tuple[float, ...]
-    interval: float = PASSAGE["interval"]
-    above: float | None = None
-
-
-def timed(name: str, lanes: int, step: Callable[[], object], seconds: float, advance: Callable[[], object], settle: int = SETTLE) -> Speed:
-    """Call ``step``, which advances all lanes once, for ``seconds`` in each repeat, after so many calls to ``settle``."""
     for _ in range(settle):
         step()
     rates = []
@@ -68,10 +56,12 @@ def timed(name: str, lanes: int, step: Callable[[], object], seconds: float, adv
             count += 1
         rates.append(count * lanes / passed)
         advance()
-    return Speed(name, lanes, statistics.median(rates), tuple(rates))
+    return {
+        "name": name, "lanes": lanes, "steps_per_s": statistics.median(rates), "each": rates, "interval": PASSAGE["interval"], "above": None,
+    }  # fmt: skip
 
 
-def single(seconds: float, advance: Callable[[], object]) -> Speed:
+def single(seconds: float, advance: Callable[[], object]) -> Json:
     """Time one environment."""
     env = gym().make(PASSIVE, **PASSAGE)
     env.reset(seed=0)
@@ -91,7 +81,7 @@ def gym() -> Any:
     return gymnasium
 
 
-def vector(name: str, mode: str, lanes: int, seconds: float, advance: Callable[[], object], **options: Any) -> Speed:
+def vector(name: str, mode: str, lanes: int, seconds: float, advance: Callable[[], object], **options: Any) -> Json:
     """Time a vector of environments, made by Gymnasium's `make_vec` in this mode."""
     with closing(gym().make_vec(PASSIVE, num_envs=lanes, vectorization_mode=mode, **options, **PASSAGE)) as env:
         env.reset(seed=0)
@@ -99,7 +89,7 @@ def vector(name: str, mode: str, lanes: int, seconds: float, advance: Callable[[
         return timed(name, lanes, lambda: env.step(actions), seconds, advance)
 
 
-def task(name: str, lanes: int, seconds: float, advance: Callable[[], object]) -> Speed:
+def task(name: str, lanes: int, seconds: float, advance: Callable[[], object]) -> Json:
     """Time a task that people train on, as it is, under random actions, and what its steps take beside the simulation of their periods."""
     env = gym().make_vec(name, num_envs=lanes)
     env.reset(seed=0)
@@ -120,10 +110,10 @@ def task(name: str, lanes: int, seconds: float, advance: Callable[[], object]) -
     runs.advance = simulate_timed
     speed = timed(name.split("/")[1], lanes, step, seconds, advance)
     env.close()
-    return replace(speed, interval=env.unwrapped.task.interval, above=statistics.median(above))
+    return speed | {"interval": env.unwrapped.task.interval, "above": statistics.median(above)}
 
 
-def bridge(seconds: float, advance: Callable[[], object]) -> Speed:
+def bridge(seconds: float, advance: Callable[[], object]) -> Json:
     """Time the native vector behind the interface of stable-baselines3."""
     from optimisation.rl.vec_env import make_native
 
@@ -133,7 +123,7 @@ def bridge(seconds: float, advance: Callable[[], object]) -> Speed:
         return timed("stable-baselines3 bridge", BRIDGE, lambda: env.step(actions), seconds, advance)
 
 
-def training(seconds: float, advance: Callable[[], object]) -> Speed:
+def training(seconds: float, advance: Callable[[], object]) -> Json:
     """Time PPO's whole loop on the sweep task: collecting, learning, resetting."""
     with optional():
         from stable_baselines3 import PPO
@@ -149,7 +139,7 @@ def training(seconds: float, advance: Callable[[], object]) -> Speed:
     model.learn(round_of)
     speed = timed("PPO's whole loop", round_of, lambda: model.learn(round_of, reset_num_timesteps=False), seconds, advance, settle=0)
     env.close()
-    return replace(speed, lanes=TRAINED)
+    return speed | {"lanes": TRAINED}
 
 
 def first_step() -> tuple[float, float]:
@@ -159,7 +149,7 @@ def first_step() -> tuple[float, float]:
     return imported, made
 
 
-def cases() -> list[Callable[[float, Callable[[], object]], Speed]]:
+def cases() -> list[Callable[[float, Callable[[], object]], Json]]:
     """Return the timed cases in the order of the table."""
     cores, spawned = available_cores(), {"context": "spawn"}
     return [
@@ -195,7 +185,7 @@ def table(speeds: Sequence[Json]) -> str:
 def _measure(seconds: float) -> Json:
     every = cases()
     with Bar(total=REPEATS * len(every), desc="timing", unit="repeat", leave=False) as bar:
-        speeds = [asdict(case(seconds, bar.update)) for case in every]
+        speeds = [case(seconds, bar.update) for case in every]
     imported, made = first_step()
     return {"scene": SCENE, "repeat_s": seconds, "make_and_first_step_s": made, "import_s": imported, "speeds": speeds}
 

@@ -8,7 +8,7 @@ counts is the judged level of the winner, and the seeds tell how far that is luc
 # needs: optimise
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import product
 from operator import itemgetter
@@ -47,20 +47,6 @@ QUESTIONS: dict[str, tuple[Beam, tuple[Condition, ...]]] = {
 }
 
 
-@dataclass(frozen=True)
-class Trial:
-    """One search: question, method and seed, the runs it made, what it thought of its winner, and the winner's ``level`` and fresh ``members``."""
-
-    question: str
-    method: str
-    seed: int
-    runs: int
-    thought: float
-    level: float
-    members: Sequence[float]
-    values: dict[str, float]
-
-
 class Standing(NamedTuple):
     """A method on one question: judged levels of its winners over the seeds (rising), and their median over that of CMA-ES, in words."""
 
@@ -75,11 +61,11 @@ class Standing(NamedTuple):
         return float(np.median(self.levels))
 
 
-def standings(trials: Sequence[Trial]) -> list[Standing]:
-    """Return all methods on all questions, best median first within a question."""
+def standings(trials: Sequence[Json]) -> list[Standing]:
+    """Return all methods on all questions, best median first within a question, of the rows of `trial`."""
     found = []
-    for question in dict.fromkeys(t.question for t in trials):
-        levels = {m: sorted(t.level for t in trials if t.question == question and t.method == m) for m in METHODS}
+    for question in dict.fromkeys(t["question"] for t in trials):
+        levels = {m: sorted(t["level"] for t in trials if (t["question"], t["method"]) == (question, m)) for m in METHODS}
         over = {m: str(ratio_of_quantiles(own, levels[CMA])) if levels[CMA] else "-" for m, own in levels.items() if own}
         found += sorted((Standing(question, m, levels[m], word) for m, word in over.items()), key=lambda row: row.median)
     return found
@@ -116,8 +102,11 @@ class Settings(NamedTuple):
         return {name: x for name, x in self._asdict().items() if name != "executor"} | {"questions": list(self.questions)}
 
 
-def trial(question: str, method: str, seed: int, given: Settings) -> Trial:
-    """Search and judge; raises KeyboardInterrupt if one ended it, or no design came to its end."""
+def trial(question: str, method: str, seed: int, given: Settings) -> list[Json]:
+    """Return the one row of a search: the runs it made, what it ``thought`` of its winner, and the winner's ``level`` of fresh ``members``.
+
+    Raises KeyboardInterrupt if one ended it, or no design came to its end.
+    """
     beam, conditions = QUESTIONS[question]
     problem = Problem(design_space("impact"), conditions, beam=beam, members=given.members, seed=seed)
     plan = Plan(given.designs, method, seed=seed, from_scratch=True, audit=0, modes=False)
@@ -125,22 +114,20 @@ def trial(question: str, method: str, seed: int, given: Settings) -> Trial:
     if found.verdict is None or not found.finished:
         raise KeyboardInterrupt
     winner, thought = found.verdict.winner, found.verdict.found.score.values[0]
-    return Trial(question, method, seed, found.cost.runs, thought, winner.score.values[0], winner.members[0].tolist(), dict(winner.design.values))
+    level, members, values = winner.score.values[0], winner.members[0].tolist(), dict(winner.design.values)
+    row = {"question": question, "method": method, "seed": seed, "runs": found.cost.runs, "thought": thought}
+    return [row | {"level": level, "members": members, "values": values}]
 
 
 def _searches(given: Settings) -> dict[tuple[str, str, int], Callable[[], list[Json]]]:
     """Return all searches, seed by seed, so that a run that is stopped has all methods."""
-
-    def run(question: str, method: str, seed: int) -> list[Json]:
-        return [asdict(trial(question, method, seed, given))]
-
     every = product(range(given.seeds), given.questions, METHODS)
-    return {(question, method, seed): partial(run, question, method, seed) for seed, question, method in every}
+    return {(question, method, seed): partial(trial, question, method, seed, given) for seed, question, method in every}
 
 
 def table(measured: Measured) -> str:
     """Return a line for each method on each question, and the best of them."""
-    found = standings([Trial(**row) for row in measured.values["rows"]])
+    found = standings(measured.values["rows"])
     columns = {
         "question": "{question}",
         "method": "{label}",

@@ -84,13 +84,8 @@ def read(part: Json) -> dict[str, Curve]:
 
 def span(forces: Array, inside: NDArray[np.bool_]) -> float:
     """Return the ratio of the ends of the longest unbroken range of forces (F,) that are ``inside``; 1 if there are none."""
-    best, start = 1.0, None
-    for k, here in enumerate([*inside.tolist(), False]):
-        if here and start is None:
-            start = k
-        elif not here and start is not None:
-            best, start = max(best, float(forces[k - 1] / forces[start])), None
-    return best
+    at = np.flatnonzero(inside)
+    return max((float(forces[run[-1]] / forces[run[0]]) for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1) if len(run)), default=1.0)
 
 
 def _words(values: Json) -> str:

@@ -58,12 +58,7 @@ def _transfer(square: Decimal) -> Matrix:
 
 def _end_forces(square: Decimal, elements: int) -> Decimal:
     """Return the determinant that is zero where a clamped chain of elements has free ends' forces of zero."""
-    power, rest, base = None, elements, _transfer(square)
-    while rest:
-        if rest & 1:
-            power = base if power is None else power @ base
-        base, rest = base @ base, rest >> 1
-    assert power is not None
+    power = np.linalg.matrix_power(_transfer(square), elements)
     return Decimal(power[2, 2] * power[3, 3] - power[2, 3] * power[3, 2])
 
 
