@@ -239,31 +239,6 @@ WITHIN, BESIDE = 1.5, 2  # gaps are run in full where a look is within this of t
 FRESH, UNSEEN = 12, 1  # members by which the scan's lowest gap is judged anew, and their seed
 
 
-@dataclass(frozen=True)
-class Row:
-    """One case. Levels are medians over the lowest of the scan, for ``recommended`` the worst over the tolerance, over the lowest such.
-
-    ``fresh``: the level of `sharp` over that at the scan's lowest gap, both with members that neither was chosen by. ``best`` is the best gap over
-    the rule's; ``rule``, ``expected``: the levels at the rule's gap and at the fit of `expected_gap`. ``relative``: the lowest level over that
-    without absorber.
-    """
-
-    name: str
-    resonance: int
-    damping: float
-    mass_ratio: float
-    reach: float
-    best: float
-    relative: float
-    sharp: float
-    fresh: float
-    recommended: float
-    rule: float
-    expected: float
-    sweeps: int
-    gaps: int
-
-
 class Settings(NamedTuple):
     """The cases, runs for each gap, the scan's step of ln gap, the sweeps' rate (None: the default), and runs that judge (None: the search's)."""
 
@@ -276,8 +251,8 @@ class Settings(NamedTuple):
     executor: Executor | None = None
 
 
-def row(case: Case, given: Settings) -> Row:
-    """Return a case's row; raises KeyboardInterrupt if it is stopped."""
+def row(case: Case, given: Settings) -> list[Json]:
+    """Return a case's one row; raises KeyboardInterrupt if it is stopped."""
     model = case.model()
     absorber = scaled_absorber(model, FORCE, case.resonance, case.mass_ratio)
     where: Json = {"threads": given.threads, "executor": given.executor}
@@ -304,7 +279,7 @@ def row(case: Case, given: Settings) -> Row:
     at = np.union1d(near, told)
     full = levels(at, given.judges or given.members, check.rate)
     again = levels([told[0], at[np.argmin(full)]], FRESH + 1, check.rate, 1, UNSEEN)  # the first member of all ensembles is one and the same run
-    return judged(case, found, at, full, fit / check.rule, float(again[0] / again[1]))
+    return [judged(case, found, at, full, fit / check.rule, float(again[0] / again[1]))]
 
 
 def scaled(absorber: SlidingAbsorber, factor: float) -> SlidingAbsorber:
@@ -316,8 +291,13 @@ def scaled(absorber: SlidingAbsorber, factor: float) -> SlidingAbsorber:
     )
 
 
-def judged(case: Case, found: Advice, at: Array, full: Array, expected: float, fresh: float) -> Row:
-    """Return the row of medians ``full`` (m) at ``at``, ln of gaps over the rule's, rising."""
+def judged(case: Case, found: Advice, at: Array, full: Array, expected: float, fresh: float) -> Json:
+    """Return the row of medians ``full`` (m) at ``at``, ln of gaps over the rule's, rising. Its levels are medians over the lowest of the scan.
+
+    ``recommended`` is the worst over the tolerance, over the lowest such. ``fresh``: the level of `sharp` over that at the scan's lowest gap, both
+    with members that neither was chosen by. ``best`` is the best gap over the rule's; ``rule``, ``expected``: the levels at the rule's gap and at
+    the fit of `expected_gap`. ``relative``: the lowest level over that without absorber.
+    """
 
     def between(x: Array | float) -> Array:
         beyond = np.maximum(np.asarray(x) - at[-1], 0.0)  # in proportion to the gap
@@ -328,9 +308,10 @@ def judged(case: Case, found: Advice, at: Array, full: Array, expected: float, f
     worst = np.max([k * between(inside - np.log(k)) for k in shares], axis=0)
     sharp, robust = (np.log(there(answer).gap / found.check.rule) for answer in (found.sharp, found.recommended))
     lowest = full.min()
-    told = (float(between(sharp) / lowest), fresh, float(max(k * between(robust - np.log(k)) for k in shares) / worst.min()))
-    return Row(
-        case.name, case.resonance, float(case.model().damping_ratio[case.resonance - 1]), case.mass_ratio, found.check.reach,
-        float(np.exp(at[np.argmin(full)])), float(lowest / found.check.without.median[0]), *told, float(between(0.0) / lowest),
-        float(between(np.log(expected)) / lowest), found.sweeps, len(at),
-    )  # fmt: skip
+    return {
+        "name": case.name, "resonance": case.resonance, "damping": float(case.model().damping_ratio[case.resonance - 1]),
+        "mass_ratio": case.mass_ratio, "reach": found.check.reach, "best": float(np.exp(at[np.argmin(full)])),
+        "relative": float(lowest / found.check.without.median[0]), "sharp": float(between(sharp) / lowest), "fresh": fresh,
+        "recommended": float(max(k * between(robust - np.log(k)) for k in shares) / worst.min()), "rule": float(between(0.0) / lowest),
+        "expected": float(between(np.log(expected)) / lowest), "sweeps": found.sweeps, "gaps": len(at),
+    }  # fmt: skip

@@ -109,10 +109,10 @@ def test_structures_of_the_study_are_those_of_the_books() -> None:
 def test_a_scan_judges_both_answers_by_their_own_criteria(advice: Advice) -> None:
     at = np.arange(-0.5, 0.6, 0.05)
     row = judged(CASES[0], advice, at, np.where(at < -0.01, 3.0, 1.0) * np.exp(at), 1.2, 1.0)
-    assert row.best == pytest.approx(1.0)
-    assert row.expected == pytest.approx(1.2, rel=1e-6)
+    assert row["best"] == pytest.approx(1.0)
+    assert row["expected"] == pytest.approx(1.2, rel=1e-6)
     sharp = advice.sharp.gap / advice.check.rule
-    assert row.sharp == pytest.approx((3.0 if sharp < 0.99 else 1.0) * sharp, rel=0.06)
+    assert row["sharp"] == pytest.approx((3.0 if sharp < 0.99 else 1.0) * sharp, rel=0.06)
 
 
 def test_the_table_stands_on_its_page(tmp_path: Path) -> None:

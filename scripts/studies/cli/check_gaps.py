@@ -1,6 +1,5 @@
 """Put the answers of design_gap to the test on twenty structures and ten drawn ones, beside fine scans over the gap."""
 
-from dataclasses import asdict
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
@@ -13,7 +12,7 @@ from optimisation.executors import cluster_option, workers
 from optimisation.gap_advice import MEMBERS
 from optimisation.machine import sources
 from studies.drawn import CASES as DRAWN
-from studies.gaps import CASES, STEP, Case, Row, Settings, row
+from studies.gaps import CASES, STEP, Settings, row
 from studies.study import Json, Measured, Study, lines, rows_part, run, table_options, table_place
 
 NAME, HELD_OUT = "check_gaps", "check_gaps_held_out"  # also the page's markers
@@ -21,18 +20,14 @@ QUICK_CASES, QUICK_STEP = (12, 19), 0.2
 TOLERATED = 1.1
 
 
-def _measured(case: Case, given: Settings) -> list[Json]:
-    return [asdict(row(case, given))]
-
-
 def tables(measured: Measured) -> dict[str, str]:
     """Return a table of the cases beside which the search was made, and one of those drawn, as far as there are any."""
-    found, drawn = [Row(**values) for values in measured.values["rows"]], {case.name for case in DRAWN}
-    parts = {name: [r for r in found if (r.name in drawn) is own] for name, own in ((NAME, False), (HELD_OUT, True))}
+    found, drawn = measured.values["rows"], {case.name for case in DRAWN}
+    parts = {name: [r for r in found if (r["name"] in drawn) is own] for name, own in ((NAME, False), (HELD_OUT, True))}
     return {name: _table(rows) for name, rows in parts.items() if rows}
 
 
-def _table(found: list[Row]) -> str:
+def _table(found: list[Json]) -> str:
     """Return a line for each case, how many are good, and the worst."""
     columns = {
         "structure": "{name}",
@@ -48,13 +43,13 @@ def _table(found: list[Row]) -> str:
         **{name: f"{{{name}:.2f}}" for name in ("rule", "expected")},
         "sweeps": "{sweeps}",
     }
-    table = lines(columns, ({**asdict(r), "percent": [100 * x for x in (r.damping, r.mass_ratio, r.relative)]} for r in found))
+    table = lines(columns, ({**r, "percent": [100 * r[name] for name in ("damping", "mass_ratio", "relative")]} for r in found))
     words = []
     known = {"sharp": "`sharp`", "fresh": "`sharp` on fresh members", "recommended": "`recommended`", "rule": "the rule's gap"}
     for name, word in (known | {"expected": "the expected gap"}).items():
-        worst = max(found, key=lambda r: getattr(r, name))
-        good = sum(getattr(r, name) <= TOLERATED for r in found)
-        words.append(f"{word}: {good} of {len(found)}, worst {getattr(worst, name):.2f} ({worst.name}, resonance {worst.resonance})")
+        worst = max(found, key=lambda r: float(r[name]))
+        good = sum(r[name] <= TOLERATED for r in found)
+        words.append(f"{word}: {good} of {len(found)}, worst {worst[name]:.2f} ({worst['name']}, resonance {worst['resonance']})")
     return f"{table}\n\nWithin {TOLERATED:g} of the scan's lowest: {'; '.join(words)}."
 
 
@@ -67,7 +62,7 @@ STUDY: Study[Settings] = Study(
         rows_part(
             NAME,
             "the answers of design_gap beside fine scans",
-            cases=lambda given: {(case.name, case.resonance, case.mass_ratio): partial(_measured, case, given) for case in given.cases},
+            cases=lambda given: {(case.name, case.resonance, case.mass_ratio): partial(row, case, given) for case in given.cases},
             key=itemgetter("name", "resonance", "mass_ratio"),
             text=_said,
             told=lambda given: {"members": given.members, "step": given.step, "rate": given.rate, "judges": given.judges},

@@ -13,20 +13,9 @@ from impact_env.curve import BAND, quantiles
 from impact_env.ensemble import draw_members
 from impact_env.parameters import Absorber, Beam, RigidWalls, friction_damper, impact_absorber
 from optimisation.page import markdown
+from studies.paper import curve as performance
 from studies.paper.claim import LITTLE, Claim, claim, judged, spread, within
-from studies.paper.curve import (
-    Curve,
-    Envelope,
-    best_forces,
-    best_of,
-    both_ways,
-    curve_of,
-    curves,
-    draw_curve,
-    force_grid,
-    inset_of,
-    level_axes,
-)  # fmt: skip
+from studies.paper.curve import Curve, Envelope
 from studies.paper.frame import LOOKS, MM, REFERENCE, Look, PaperFigure, Settings, Size, in_turn, line, panels, signal
 from studies.study import Array, Json, Steps
 
@@ -81,12 +70,12 @@ def _measure(settings: Settings, size: Size, known: Json) -> Steps:
 
 
 def _curve(settings: Settings, name: str, forces: tuple[float, ...], members: int, method: Moreau | None = None) -> Json:
-    return curves(settings, f"{LABEL}, {name}", {name: _scenes()[name]}, forces, members, method)[name]
+    return performance.curves(settings, f"{LABEL}, {name}", {name: _scenes()[name]}, forces, members, method)[name]
 
 
 def _sweep(settings: Settings, scene: Scene, members: int) -> Json:
     """Return the envelope of |q_tip| in m of the sweeps down over frequency ratios, and each member's largest."""
-    drives = draw_members(members, settings.seed).drives(SWEPT, both_ways(scene)[1])
+    drives = draw_members(members, settings.seed).drives(SWEPT, performance.both_ways(scene)[1])
     own, rows = ENVELOPE.banded(settings, f"{LABEL}, sweeps", scene, drives)
     return own | {"largest": np.max(rows, axis=1).tolist()}
 
@@ -113,13 +102,13 @@ def forces_at(own: Curve, level: float) -> Array:
 
 
 def _words(values: Json) -> str:
-    none, rows = curve_of(values[NONE]), []
+    none, rows = performance.curve_of(values[NONE]), []
     at = none.nearest(SWEPT)
     for name in _scenes():
         if name != NONE:
-            own = curve_of(values[name])
+            own = performance.curve_of(values[name])
             first = float(np.median(first_impacts(own)))
-            rows.append((name, f"{first:.2f}" if np.isfinite(first) else "none", *best_of(own, none), spread(own.relative(none)[at])))
+            rows.append((name, f"{first:.2f}" if np.isfinite(first) else "none", *performance.best_of(own, none), spread(own.relative(none)[at])))
     header = ("", "first impacts from, N", "best force, N", "over no absorber there", f"at {SWEPT:g} N")
     lines = [(name, spread(1e3 * np.array(values[f"sweep, {name}"]["largest"]))) for name in swept_scenes()]
     swept = markdown((f"down at {SWEPT:g} N, muN = {SWEPT_LIMIT:g} N", "largest displacement, mm"), lines)
@@ -133,12 +122,12 @@ def _within(own: Curve, other: Curve, span: tuple[float, float]) -> Array:
 
 
 def _dampers(values: Json) -> list[Claim]:
-    read = {name: curve_of(values[name]) for name in _scenes()}
+    read = {name: performance.curve_of(values[name]) for name in _scenes()}
     none, small, large = read[NONE], LIMITS[0], LIMITS[-1]
     relative = {limit: read[sliding(limit)].relative(none) for limit in LIMITS}
     ends = np.concatenate([relative[large][0], relative[small][-1]])
     least = np.concatenate([np.min(one, axis=0) for one in relative.values()])
-    best = np.array([best_forces(read[sliding(limit)], none) for limit in LIMITS])
+    best = np.array([performance.best_forces(read[sliding(limit)], none) for limit in LIMITS])
     first = np.array([first_impacts(read[name]) for name in (CONSERVATIVE, *map(impacting, LIMITS))])
     forces, begins = (", ".join(f"{np.median(row):.2g}" for row in rows) for rows in (best, first))
     said = partial(claim, LABEL, small=small, large=large)
@@ -147,13 +136,13 @@ def _dampers(values: Json) -> list[Claim]:
         said("dissinf_damper_best", least),
         said("dissinf_damper_moves", (best[1:] / best[:-1]).ravel(), forces=forces),
         said("dissinf_first_impacts", (first[1:] / first[:-1]).ravel(), forces=begins),
-        said("dissinf_damper_before", best[0] / best_forces(read[impacting(small)], none)),
+        said("dissinf_damper_before", best[0] / performance.best_forces(read[impacting(small)], none)),
     ]
 
 
 def _absorbers(values: Json) -> list[Claim]:
-    read = {name: curve_of(values[name]) for name in _scenes()}
-    step = {name: curve_of(values[f"step, {name}"]) for name in STEPPED}
+    read = {name: performance.curve_of(values[name]) for name in _scenes()}
+    step = {name: performance.curve_of(values[f"step, {name}"]) for name in STEPPED}
     few, many = impacting(LIMITS[0]), impacting(LIMITS[-1])
     (ended, begun), (end, begin) = ((forces_at(read[name], RigidWalls.gap), first_impacts(read[name])) for name in (CONSERVATIVE, few))
     first, last = (f"{low:g} to {high:g} N" for low, high in (PRIMARY, SECONDARY))
@@ -205,20 +194,20 @@ def _draw(values: Json) -> Figure:
 
 
 def _curves(axes: Axes, values: Json) -> None:
-    read = {name: curve_of(values[name]) for name in _scenes()}
+    read = {name: performance.curve_of(values[name]) for name in _scenes()}
     none = read[NONE]
     line(axes, none.forces, MM * none.median, REFERENCE, NONE, marked=False)
     looks = (LOOKS[5], *(Look(look.colour, "-", look.marker) for look in (*LOOKS[: len(LIMITS)], LOOKS[4])))
     drawn = {}
     for name, look in zip((CONSERVATIVE, *map(impacting, LIMITS), DISSIPATIVE), looks, strict=True):
         drawn[look] = read[name]
-        draw_curve(axes, read[name], look, name, marked=name != CONSERVATIVE)
+        performance.draw_curve(axes, read[name], look, name, marked=name != CONSERVATIVE)
     for limit, own in zip(LIMITS, LOOKS, strict=False):
         name, look = sliding(limit), Look(own.colour, (0, (4, 2)))
         drawn[look] = read[name]
         signal(axes, read[name].forces, MM * read[name].median, look, name, 1.0)
-    inset_of(axes, (0.05, 0.57, 0.4, 0.36), none, drawn)
-    level_axes(axes, none, SECONDARY[1])
+    performance.inset_of(axes, (0.05, 0.57, 0.4, 0.36), none, drawn)
+    performance.level_axes(axes, none, SECONDARY[1])
     axes.legend(fontsize=7, frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.12))
 
 
@@ -236,7 +225,7 @@ FIGURE = PaperFigure(
     LABEL, "friction and restitution", measure=_measure, words=_words, draw=_draw,
     claims=lambda values: [*_dampers(values), *_absorbers(values), *_swept(values)],
     sizes=(  # swept: members of the sweeps
-        Size(forces=force_grid(0.1, 20.0, 28, (3.5, SWEPT)), members=12, swept=16),
+        Size(forces=performance.force_grid(0.1, 20.0, 28, (3.5, SWEPT)), members=12, swept=16),
         Size(forces=(0.1, 0.4, 0.8, 1.2, 2.0, 2.8, 3.5, 4.2, SWEPT, 8.0, 20.0), members=2, swept=2),
     ),
 )  # fmt: skip

@@ -17,21 +17,10 @@ from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import draw_members
 from impact_env.periodic.overview import exact_curves, linear_curves
 from optimisation.page import markdown
+from studies.paper import curve as performance
 from studies.paper.branches import draw_linear
 from studies.paper.claim import Claim, claim, spread
-from studies.paper.curve import (
-    Curve,
-    Envelope,
-    best_of,
-    both_ways,
-    curve_of,
-    curves,
-    draw_curve,
-    force_grid,
-    level_axes,
-    ranges_of,
-    watched_curve,
-)  # fmt: skip
+from studies.paper.curve import Curve, Envelope
 from studies.paper.frame import FAINT, LOOKS, MM, REFERENCE, Look, PaperFigure, Settings, Size, in_turn, legend_below, legends, line, panels, signal
 from studies.study import Array, Json, Steps
 
@@ -52,13 +41,13 @@ def _measure(settings: Settings, size: Size, known: Json) -> Steps:
     every = scenes()
     found: Json = dict(known)
     groups: dict[str, Callable[[], object]] = {
-        name: partial(watched_curve, settings, LABEL, scene, size.forces, size.members) for name, scene in every.items()
+        name: partial(performance.watched_curve, settings, LABEL, scene, size.forces, size.members) for name, scene in every.items()
     }
-    groups[NONE] = lambda: curves(settings, LABEL, {NONE: beam_scene(Beam(modes=3))}, size.forces, size.members)[NONE]
-    groups["step"] = lambda: curves(settings, LABEL, every, size.forces, 1, Moreau())
+    groups[NONE] = lambda: performance.curves(settings, LABEL, {NONE: beam_scene(Beam(modes=3))}, size.forces, size.members)[NONE]
+    groups["step"] = lambda: performance.curves(settings, LABEL, every, size.forces, 1, Moreau())
     for found in in_turn(groups, known):
         yield found
-    force = chosen_force({name: curve_of(found[name]) for name in (NONE, *SWEPT)})
+    force = chosen_force({name: performance.curve_of(found[name]) for name in (NONE, *SWEPT)})
     rest: dict[str, Callable[[], object]] = {f"sweeps, {name}": partial(_sweeps, settings, every[name], force, size.swept) for name in SWEPT}
     rest |= {f"orbits, {name}": partial(_orbits, every[name], force) for name in SWEPT}
     for more in in_turn(rest, known):
@@ -75,7 +64,7 @@ def chosen_force(read: dict[str, Curve]) -> float:
 def _sweeps(settings: Settings, scene: Scene, force: float, members: int) -> Json:
     """Return envelopes of |q_tip| in m of the sweeps up and down, each member's, over frequency ratios."""
     drawn, result = draw_members(members, settings.seed), {}
-    for name, schedule in zip(("up", "down"), both_ways(scene), strict=True):
+    for name, schedule in zip(("up", "down"), performance.both_ways(scene), strict=True):
         own, rows = ENVELOPE.banded(settings, LABEL, scene, drawn.drives(force, schedule))
         near = np.abs(np.array(own["ratio"]) - 1) <= NEAR
         result[name] = own | {"near": np.max(rows[:, near], axis=1).tolist()}
@@ -99,13 +88,13 @@ def _orbits(scene: Scene, force: float) -> Json:
 
 
 def _words(values: Json) -> str:
-    none, force = curve_of(values[NONE]), values["force_n"]
+    none, force = performance.curve_of(values[NONE]), values["force_n"]
     rows = []
     for name in scenes():
-        own = curve_of(values[name])
-        marks = [f"{border.low:.3g} to {border.high:.3g}" if border else "" for border in ranges_of(own)]
+        own = performance.curve_of(values[name])
+        marks = [f"{border.low:.3g} to {border.high:.3g}" if border else "" for border in performance.ranges_of(own)]
         at = own.nearest(force)
-        rows.append((name, *marks, *best_of(own, none), spread(own.relative(none)[at]), f"{own.sustained[at]:.2f}"))
+        rows.append((name, *marks, *performance.best_of(own, none), spread(own.relative(none)[at]), f"{own.sustained[at]:.2f}"))
     header = ("", "first impacts, N", "secondary from, N", "best force, N", "over no absorber there", "at f*", "sustained at f*")
     return (
         f"{none.level.shape[1]} members, {len(none.forces)} forces. f* = {force:.3g} N: the force at which the conservative absorber on one mode "
@@ -130,14 +119,14 @@ def _near(values: Json, name: str) -> Array:
 
 def _claims(values: Json) -> list[Claim]:
     """Return what curves and sweeps say of losses, modes and where the maximum lies."""
-    read = {name: curve_of(values[name]) for name in (NONE, *scenes())}
+    read = {name: performance.curve_of(values[name]) for name in (NONE, *scenes())}
     relative = {name: read[name].relative(read[NONE]) for name in scenes()}
-    step = {name: curve_of(values["step"][name]) for name in scenes()}
+    step = {name: performance.curve_of(values["step"][name]) for name in scenes()}
     at = read[ONE].nearest(values["force_n"])
     stepped = {name: float(step[name].level[at, 0] / read[NONE].level[at, 0]) for name in (THREE, LOSSY)}
     down, near = np.where(read[ONE].down[at] > 0, read[ONE].at[at], np.nan), _near(values, ONE)
     one, three = (values[f"orbits, {name}"] for name in (ONE, THREE))
-    said, (first, last) = partial(claim, LABEL, star=values["force_n"], near=NEAR), ranges_of(read[ONE])
+    said, (first, last) = partial(claim, LABEL, star=values["force_n"], near=NEAR), performance.ranges_of(read[ONE])
     borders = " and ".join(str(border or "not found") for border in (first, last))  # of the linear and the primary range
     return [
         said("oprangeTWO_noneffective", relative[ONE][read[ONE].impacting > 0.5]),
@@ -172,17 +161,17 @@ def _draw(values: Json) -> Figure:
 
 
 def _curves(axes: Axes, values: Json) -> None:
-    none, force = curve_of(values[NONE]), values["force_n"]
+    none, force = performance.curve_of(values[NONE]), values["force_n"]
     line(axes, none.forces, MM * none.median, REFERENCE, "no absorber", marked=False)
     for look, name in zip(LOOKS, (*SWEPT, BOTH), strict=False):
-        own = curve_of(values[name])
-        draw_curve(axes, own, look, name, marked=False)
-        border = ranges_of(own).transition
+        own = performance.curve_of(values[name])
+        performance.draw_curve(axes, own, look, name, marked=False)
+        border = performance.ranges_of(own).transition
         if border is not None:
             axes.plot(border.force, np.interp(border.force, own.forces, MM * own.median), look.marker, color=look.colour, ms=5, zorder=4)
     axes.axvline(force, ymax=0.6, color=FAINT, lw=0.9, ls=":")
     axes.text(force, 0.5, " f*", transform=axes.get_xaxis_transform(), fontsize=8)
-    level_axes(axes, none, 5.0)
+    performance.level_axes(axes, none, 5.0)
 
 
 def _draw_sweeps(axes: Axes, values: Json, name: str, look: Look) -> None:
@@ -203,7 +192,7 @@ def _draw_sweeps(axes: Axes, values: Json, name: str, look: Look) -> None:
 FIGURE = PaperFigure(
     LABEL, "one mode, three modes, and losses at the impacts", measure=_measure, words=_words, draw=_draw, claims=_claims,
     sizes=(  # swept: members of the sweeps at f*
-        Size(forces=force_grid(0.5, 12.0, 33, (3.0,)), members=12, swept=24),
-        Size(forces=force_grid(0.6, 12.0, 7, (1.2, 1.3, 1.4, 1.7)), members=4, swept=4),
+        Size(forces=performance.force_grid(0.5, 12.0, 33, (3.0,)), members=12, swept=24),
+        Size(forces=performance.force_grid(0.6, 12.0, 7, (1.2, 1.3, 1.4, 1.7)), members=4, swept=4),
     ),
 )  # fmt: skip

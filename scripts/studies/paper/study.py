@@ -34,12 +34,10 @@ from studies.paper.claim import RULE, Claim, Verdict, from_plain
 from studies.paper.frame import NAME, PaperFigure, Settings, folded, marker
 from studies.study import Json, Measured, Part, Place, Steps, Study, beside, load
 
-PAPERS = (
-    high_low.FIGURE, jump.FIGURE, smr.FIGURE, oprange.FIGURE, oprange_two.FIGURE, second_mode.FREQUENCY, second_mode.DAMPING, scat.FIGURE,
-    dissinf.FIGURE, m12.FIGURE, conv.FIGURE,
+FIGURES: tuple[PaperFigure, ...] = (  # in the order of the page: the paper's own, then what goes beyond it
+    basics.FIGURE, high_low.FIGURE, jump.FIGURE, smr.FIGURE, oprange.FIGURE, oprange_two.FIGURE, second_mode.FREQUENCY, second_mode.DAMPING,
+    scat.FIGURE, dissinf.FIGURE, m12.FIGURE, conv.FIGURE, optimum.FIGURE, modulation.FIGURE, modes_needed.FIGURE, starts.FIGURE,
 )  # fmt: skip
-BEYOND = (optimum.FIGURE, modulation.FIGURE, modes_needed.FIGURE, starts.FIGURE)
-FIGURES: tuple[PaperFigure, ...] = (basics.FIGURE, *PAPERS, *BEYOND)  # in the order of the page
 LABELS = tuple(figure.label for figure in FIGURES)
 PACKAGE = __package__ + "."
 WORDS = (".claim", ".frame", ".study")
