@@ -20,7 +20,7 @@ from optimisation.machine import sources
 from optimisation.page import markdown, published
 from optimisation.report.figures import write_figure
 from studies.stability.cells import FAILED, GOOD, REFUSED, WEAK, Cell
-from studies.stability.tasks import Results, finished, gather, tasks
+from studies.stability.tasks import failures, finished, gather, tasks
 from studies.study import Json, Measured, Part, Steps, Study, Table, lines, run, with_page
 
 NAME = "stability"
@@ -44,7 +44,7 @@ def _measure(settings: Settings, known: Json) -> Steps:
     with closing(Pool(settings.workers, COMPILE_S).run([task for task in order if (task.function, task.arguments) not in done])) as stream:
         for outcome in stream:
             outcomes.append(outcome)
-            yield vars(gather(outcomes, order))
+            yield gather(outcomes, order)
 
 
 def _steps(settings: Settings, known: Json) -> int:
@@ -59,9 +59,8 @@ NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 def said(measured: Measured) -> str:
     """Return the printed text: the matrix, and all failures."""
-    results = Results(**measured.values)
-    failures = list(results.failures())
-    return "\n".join([_matrix(results), *(f"FAILED  {line}" for line in failures), f"\n{len(failures)} failures"])
+    failed = list(failures(measured.values))
+    return "\n".join([_matrix(measured.values), *(f"FAILED  {line}" for line in failed), f"\n{len(failed)} failures"])
 
 
 def _number(value: float | None) -> str:
@@ -72,26 +71,25 @@ def _worst(cells: Sequence[Json], name: str) -> str:
     return _number(max((cell[name] for cell in cells if cell[name] is not None), default=None))
 
 
-def _summary(results: Results, measured: Measured) -> str:
-    counts, made = Counter(cell["verdict"] for cell in results.cells), measured.conditions
-    failures = list(results.failures())
+def _summary(results: Json, measured: Measured) -> str:
+    counts, made = Counter(cell["verdict"] for cell in results["cells"]), measured.conditions
     words = {GOOD: "good", WEAK: "with fewer digits", REFUSED: "refused with an error", FAILED: "failed"}
     parts = ", ".join(f"{counts[verdict]} {text}" for verdict, text in words.items())
-    told = [f"{len(results.cells)} cells: {parts}. {sources(made)}"]
+    told = [f"{len(results['cells'])} cells: {parts}. {sources(made)}"]
     told.append(f"Wall time {made.get('wall_s', 0):.0f} s on {made.get('workers', '?')} processes, compiling included.")
     if not measured.complete:
         told.append("**Stopped early or a quick look: not all of the report.**")
-    if failures:
-        told += ["", "Failures:", "", *(f"- {line}" for line in failures)]
+    if failed := list(failures(results)):
+        told += ["", "Failures:", "", *(f"- {line}" for line in failed)]
     return "\n".join(told)
 
 
-def _matrix(results: Results) -> str:
+def _matrix(results: Json) -> str:
     header = ("group and method", "cells", GOOD, WEAK, REFUSED, FAILED, "worst balance", "penetration", "from reference", "finer step", "slowest, s")
     rows = []
-    for group in dict.fromkeys(cell["group"] for cell in results.cells):
-        for method in dict.fromkeys(cell["method"] for cell in results.cells):
-            some = [cell for cell in results.cells if cell["group"] == group and cell["method"] == method]
+    for group in dict.fromkeys(cell["group"] for cell in results["cells"]):
+        for method in dict.fromkeys(cell["method"] for cell in results["cells"]):
+            some = [cell for cell in results["cells"] if cell["group"] == group and cell["method"] == method]
             if not some:
                 continue
             counts = Counter(cell["verdict"] for cell in some)
@@ -102,12 +100,12 @@ def _matrix(results: Results) -> str:
     return markdown(header, rows)
 
 
-def _remarks(results: Results) -> str:
+def _remarks(results: Json) -> str:
     """Return a line for each reason, numbers in it aside: the first case that has it, and how many cells have."""
     rows = []
     for verdict in (FAILED, WEAK, REFUSED):
         alike: dict[tuple[str, str], list[Json]] = {}
-        for cell in results.cells:
+        for cell in results["cells"]:
             if cell["verdict"] == verdict:
                 same = cell["group"] if verdict == REFUSED else cell["case"]  # digits that are lost are told case by case
                 alike.setdefault((same, NUMBER.sub("", cell["reason"]) if verdict == REFUSED else cell["reason"]), []).append(cell)
@@ -120,20 +118,20 @@ def _remarks(results: Results) -> str:
     return markdown(("first case", "cells", "methods", "verdict", "reason of the first"), rows) if rows else "None."
 
 
-def _limits(results: Results) -> str:
+def _limits(results: Json) -> str:
     columns = {
         "method and scene": "{method}, {what}", "D": "{damping_ratio:g}", "omega dt, theory": "{theory:.5f}", "omega dt, found": "{found:.5f}",
         "difference": "{off:+.1e}", "paper's step / limit": "{share:.3f}",
     }  # fmt: skip
     rows = []
-    for x in results.limits:
+    for x in results["limits"]:
         omega, theory, found = x["omega"], x["theory_s"], x["found_s"]
         rows.append(x | {"theory": theory * omega, "found": found * omega, "off": found / theory - 1, "share": x["paper_s"] / theory})
     return lines(columns, rows)
 
 
-def _stiffness(results: Results) -> str:
-    some = [cell for cell in results.cells if cell["group"] == "contact stiffness" and cell["case"].startswith("1e")]
+def _stiffness(results: Json) -> str:
+    some = [cell for cell in results["cells"] if cell["group"] == "contact stiffness" and cell["case"].startswith("1e")]
     header = ("contact", "exact: balance", "from reference", "s", "Runge-Kutta: balance", "from reference ", "finer step", "s ")
     rows = []
     for case in dict.fromkeys(cell["case"] for cell in some):
@@ -144,19 +142,19 @@ def _stiffness(results: Results) -> str:
     return markdown(header, rows)
 
 
-def _eigen(results: Results) -> str:
+def _eigen(results: Json) -> str:
     header = ("elements", "rounding, mode 1", "mode 2", "mode 10", "highest", "elements' error, mode 1", "mode 2 ", "mode 10 ", "tip of mode 1")
     rows = []
-    for x in results.eigen:
+    for x in results["eigen"]:
         rounding, other = ([_number(x[name].get(mode)) for mode in ("1", "2", "10")] for name in ("rounding", "discretisation"))
         rows.append((str(x["elements"]), *rounding, _number(x["highest"]), *other, _number(x["tip"])))
     return markdown(header, rows)
 
 
-def _soaks(results: Results) -> str:
+def _soaks(results: Json) -> str:
     header = ("run", "pseudo periods", "balance", "memory, MB", "us per period", "impacts per period", "passed")
     rows = []
-    for x in results.soaks:
+    for x in results["soaks"]:
         last = len(x["lengths"]) - 1
         for k, length in enumerate(x["lengths"]):
             numbers = (f"{x['memory_mb'][k]:.1f}", f"{x['us_per_period'][k]:.2f}", f"{x['impacts_per_period'][k]:.2f}")
@@ -165,15 +163,15 @@ def _soaks(results: Results) -> str:
     return markdown(header, rows)
 
 
-def _checks(results: Results) -> str:
-    if not results.checks:
+def _checks(results: Json) -> str:
+    if not results["checks"]:
         return "Not measured yet."
-    rows = [(x["name"], f"{x['searches']:,}", f"{x['misses']:,}", _number(x["worst"]), x["first"]) for x in results.checks]
-    total = (f"{sum(x[name] for x in results.checks):,}" for name in ("searches", "misses"))
-    return markdown(("scene", "searches", "misses", "worst", "first miss"), [*rows, ("all", *total, _worst(results.checks, "worst"), "")])
+    rows = [(x["name"], f"{x['searches']:,}", f"{x['misses']:,}", _number(x["worst"]), x["first"]) for x in results["checks"]]
+    total = (f"{sum(x[name] for x in results['checks']):,}" for name in ("searches", "misses"))
+    return markdown(("scene", "searches", "misses", "worst", "first miss"), [*rows, ("all", *total, _worst(results["checks"], "worst"), "")])
 
 
-SECTIONS: dict[str, Callable[[Results], str]] = {
+SECTIONS: dict[str, Callable[[Json], str]] = {
     "stability:matrix": _matrix,
     "stability:remarks": _remarks,
     "stability:limits": _limits,
@@ -186,8 +184,8 @@ SECTIONS: dict[str, Callable[[Results], str]] = {
 
 def sections(measured: Measured) -> dict[str, str]:
     """Return the page's sections by the names of their markers."""
-    results = Results(**measured.values)
-    return {"stability:summary": _summary(results, measured)} | {name: text(results) for name, text in SECTIONS.items()}
+    own = {name: text(measured.values) for name, text in SECTIONS.items()}
+    return {"stability:summary": _summary(measured.values, measured)} | own
 
 
 COLOURS = {"exact": "#0072B2", "moreau": "#D55E00", "runge-kutta": "#009E73"}
@@ -196,7 +194,7 @@ SMALLEST = 1e-16
 SOAK_STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 
 
-def save_figure(path: Path, results: Results) -> None:
+def save_figure(path: Path, results: Json) -> None:
     """Draw the report; the ending of ``path`` chooses the format."""
     figure = Figure(figsize=(14, 10.5), layout="constrained")
     grid = figure.add_gridspec(2, 6, height_ratios=(1.15, 1))
@@ -209,11 +207,11 @@ def save_figure(path: Path, results: Results) -> None:
     write_figure(figure, path, 130)
 
 
-def _draw_matrix(ax: Axes, results: Results) -> None:
-    groups = list(dict.fromkeys(cell["group"] for cell in results.cells))
+def _draw_matrix(ax: Axes, results: Json) -> None:
+    groups = list(dict.fromkeys(cell["group"] for cell in results["cells"]))
     generator = np.random.default_rng(0)
     offsets = {"exact": 0.25, "moreau": 0.0, "runge-kutta": -0.25}
-    for cell in results.cells:
+    for cell in results["cells"]:
         y = len(groups) - 1 - groups.index(cell["group"]) + offsets[cell["method"]] + generator.uniform(-0.09, 0.09)
         colour = COLOURS[cell["method"]]
         if cell["verdict"] == FAILED:
@@ -235,9 +233,9 @@ def _draw_matrix(ax: Axes, results: Results) -> None:
     ax.set_title("each case with each method, its usual step", fontsize=11)
 
 
-def _draw_limits(ax: Axes, results: Results) -> None:
+def _draw_limits(ax: Axes, results: Json) -> None:
     for method in ("moreau", "runge-kutta"):
-        some = sorted((x for x in results.limits if x["method"] == method and x["what"] == "one mode"), key=lambda x: x["damping_ratio"])
+        some = sorted((x for x in results["limits"] if x["method"] == method and x["what"] == "one mode"), key=lambda x: x["damping_ratio"])
         if not some:
             continue
         ratio = np.maximum([x["damping_ratio"] for x in some], 3e-4)
@@ -260,12 +258,12 @@ def _runge_kutta_reach(ratio: float) -> float:
     return float(np.abs(z[np.argmax(outside)]) / np.abs(s)) if outside.any() else float("nan")
 
 
-def _draw_stiffness(ax: Axes, results: Results) -> None:
+def _draw_stiffness(ax: Axes, results: Json) -> None:
     for method in ("exact", "runge-kutta"):
         for friction, marker in ((False, "o"), (True, "s")):
             some = [
                 (float(cell["case"].split()[0]), cell)
-                for cell in results.cells
+                for cell in results["cells"]
                 if cell["group"] == "contact stiffness" and cell["case"].startswith("1e") and cell["method"] == method
                 if "3EI" in cell["case"] and ("friction" in cell["case"]) == friction
             ]
@@ -283,11 +281,11 @@ def _draw_stiffness(ax: Axes, results: Results) -> None:
     ax.grid(color="0.92")
 
 
-def _draw_eigen(ax: Axes, results: Results) -> None:
-    elements = [x["elements"] for x in results.eigen]
+def _draw_eigen(ax: Axes, results: Json) -> None:
+    elements = [x["elements"] for x in results["eigen"]]
     for mode, colour in (("1", "#0072B2"), ("2", "#D55E00"), ("10", "#009E73")):
         for name, style, what in (("rounding", "o-", "rounding"), ("discretisation", "--", "elements")):
-            points = [(n, max(x[name][mode], SMALLEST)) for n, x in zip(elements, results.eigen, strict=True) if mode in x[name]]
+            points = [(n, max(x[name][mode], SMALLEST)) for n, x in zip(elements, results["eigen"], strict=True) if mode in x[name]]
             if points:
                 ax.plot(*zip(*points, strict=True), style, color=colour, ms=4, lw=1.2, label=f"mode {mode}, {what}")
     ax.set(xscale="log", yscale="log", xlabel="number of elements", ylabel="relative error of the frequency", ylim=(5e-17, 50))
@@ -297,9 +295,9 @@ def _draw_eigen(ax: Axes, results: Results) -> None:
     ax.grid(color="0.92")
 
 
-def _draw_soaks(ax: Axes, results: Results) -> None:
+def _draw_soaks(ax: Axes, results: Json) -> None:
     other = ax.twinx()
-    for soak, style in zip(results.soaks, SOAK_STYLES, strict=False):
+    for soak, style in zip(results["soaks"], SOAK_STYLES, strict=False):
         name = next(method for method, label in LABELS.items() if soak["name"].endswith(label))
         ax.plot(soak["lengths"], np.maximum(soak["balance"], SMALLEST), marker="o", ms=4, ls=style, color=COLOURS[name], label=soak["name"])
         other.plot(soak["lengths"], np.array(soak["memory_mb"]) - soak["memory_mb"][0], ls=style, color="0.6", lw=1)
@@ -320,9 +318,9 @@ PART: Part[Settings] = Part(
     sections=sections,
     steps=_steps,
     tables=lambda measured: [Table(NAME, CELL_COLUMNS, [[cell[column] for column in CELL_COLUMNS] for cell in measured.values["cells"]])],
-    figures=lambda measured: {NAME: lambda path: save_figure(path, Results(**measured.values))},
+    figures=lambda measured: {NAME: lambda path: save_figure(path, measured.values)},
     said=said,
-    failures=lambda measured: list(Results(**measured.values).failures()),
+    failures=lambda measured: list(failures(measured.values)),
 )
 STUDY: Study[Settings] = Study((PART,), notes=lambda settings: {"workers": settings.workers, "quick": settings.quick})
 

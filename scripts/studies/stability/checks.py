@@ -1,7 +1,6 @@
 """Does the exact method's search for events miss any: searches checked by dense sampling, over a mix of scenes."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from impact_env.parameters import Absorber
 from impact_env.response import Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import IntegrationError, simulate
-from studies.study import there
+from studies.study import Json, there
 
 SEARCHES, QUICK_SEARCHES = 1_000_000, 20_000  # of all cases together
 SWEEP = (0.93, 1.05)  # frequencies over the first resonance that runs begin at
@@ -88,26 +87,14 @@ CASES: dict[str, Callable[[np.random.Generator], Scene]] = {
 NEARER = {"nearer to critical damping": lambda generator: random_structure(generator, 1e5, critical=(-4, -2))}  # told beside the table
 
 
-@dataclass
-class Checked:
-    """Searches checked of a case, misses among them, the worst as in `SearchCheck`, and where the first was."""
+def check(name: str, searches: int, seed: int | None = None) -> Json:
+    """Run sweeps of random force, phase and frequency until this many searches have been checked; a run with more events is cut off there.
 
-    name: str
-    searches: int = 0
-    misses: int = 0
-    worst: float = 0.0
-    first: str = ""
-
-    @property
-    def passed(self) -> bool:
-        """Whether something was checked and nothing missed."""
-        return self.misses == 0 and self.searches > 0
-
-
-def check(name: str, searches: int, seed: int) -> Checked:
-    """Run sweeps of random force, phase and frequency until this many searches have been checked; a run with more events is cut off there."""
-    generator, result = np.random.default_rng(seed), Checked(name)
-    while result.searches < searches:
+    ``misses`` among them, the ``worst`` as in `SearchCheck`, and where the ``first`` was. The seed is by default the case's number.
+    """
+    generator = np.random.default_rng(list(CASES).index(name) if seed is None else seed)
+    result: Json = {"name": name, "searches": 0, "misses": 0, "worst": 0.0, "first": ""}
+    while result["searches"] < searches:
         scene = (CASES | NEARER)[name](generator)
         omega = scene.model.resonance_omega(1)
         force = float(np.exp(generator.uniform(*np.log(FORCES))))
@@ -120,11 +107,11 @@ def check(name: str, searches: int, seed: int) -> Checked:
             if "budget" not in str(error) or error.response is None:
                 raise
             found = there(error.response.check)
-        result.searches += found.searches
-        result.misses += found.misses
-        result.worst = max(result.worst, found.worst)
-        if found.misses and not result.first:
+        result["searches"] += found.searches
+        result["misses"] += found.misses
+        result["worst"] = max(result["worst"], found.worst)
+        if found.misses and not result["first"]:
             at, kind = found.times[0] * omega / (2 * np.pi), KINDS[found.kinds[0]]
             run = f"{force!r} N, phase {phase!r} rad, {start!r} to {stop!r}"
-            result.first = f"{kind} by {found.sizes[0]:.1e} at {at:.6g} pseudo periods of {run}"
-    return result
+            result["first"] = f"{kind} by {found.sizes[0]:.1e} at {at:.6g} pseudo periods of {run}"
+    return result | {"passed": result["misses"] == 0}

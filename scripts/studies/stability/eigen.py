@@ -1,6 +1,5 @@
 """How exact the modes are: the finite-element eigenproblem in many digits, and the continuous cantilever, beside what the package computes."""
 
-from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from itertools import pairwise
 from typing import Any
@@ -10,6 +9,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from impact_env import Beam, ParameterError, modal_model
+from studies.study import Json
 
 ELEMENTS = (2, 3, 5, 10, 20, 30, 50, 100, 200, 350, 500)
 QUICK_ELEMENTS = (2, 10, 30, 100)
@@ -24,27 +24,6 @@ Matrix = NDArray[Any]  # of Decimal
 # an Hermite element of unit length, stiffness and mass per length; the mass matrix times 420
 _K = ((12, 6, -12, 6), (6, 4, -6, 2), (-12, -6, 12, -6), (6, 2, -6, 4))
 _M = ((156, 22, 54, -13), (22, 4, 13, -3), (54, 13, 156, -22), (-13, -3, -22, 4))
-
-
-@dataclass(frozen=True)
-class Accuracy:
-    """Relative errors of computed frequencies, by mode counted from 1.
-
-    ``rounding``: against the same finite elements in many digits; ``discretisation``: of these against the beam; ``highest``: rounding of the last
-    mode, None where it was not computed; ``tip``: of the first mode's tip amplitude against 2/sqrt(mass). ``error`` tells why there are no numbers.
-    """
-
-    elements: int
-    rounding: dict[int, float]
-    discretisation: dict[int, float]
-    highest: float | None
-    tip: float | None
-    error: str = ""
-
-    @property
-    def wrong(self) -> bool:
-        """Whether a frequency has lost so many digits that it is no frequency of these elements."""
-        return any(value > WRONG for value in self.rounding.values())
 
 
 def _transfer(square: Decimal) -> Matrix:
@@ -85,20 +64,25 @@ def continuous_roots(count: int) -> np.ndarray:
     return np.array([scipy.optimize.brentq(lambda x: np.cos(x) + 1 / np.cosh(x), low, high, xtol=1e-15, rtol=1e-15) for low, high in pairwise(ends)])
 
 
-def accuracy(elements: int) -> Accuracy:
-    """Return the errors of the modes of a beam of so many elements, with all its modes kept."""
-    beam = Beam(length=1.0, bending_stiffness=1.0, mass_per_length=1.0, elements=elements, modes=2 * elements)
+def accuracy(elements: int) -> Json:
+    """Return relative errors of the frequencies of a beam of so many elements, with all its modes kept, by mode counted from 1.
+
+    ``rounding``: against the same finite elements in many digits; ``discretisation``: of these against the beam; ``highest``: rounding of the last
+    mode, None where it was not computed; ``tip``: of the first mode's tip amplitude against 2/sqrt(mass). ``wrong``: a frequency has lost so many
+    digits that it is none of these elements. ``error`` tells why there are no numbers.
+    """
+    found: Json = {"elements": elements, "rounding": {}, "discretisation": {}, "highest": None, "tip": None, "error": "", "wrong": False}
     try:
-        model = modal_model(beam)
+        model = modal_model(Beam(length=1.0, bending_stiffness=1.0, mass_per_length=1.0, elements=elements, modes=2 * elements))
     except ParameterError as error:
-        return Accuracy(elements, {}, {}, None, None, str(error))
+        return found | {"error": str(error)}
     roots = continuous_roots(max(CHECKED)) ** 2
-    modes = [mode for mode in CHECKED if mode <= 2 * elements]
-    exact = {mode: float(exact_frequency(elements, float(model.omega[mode - 1]))) for mode in modes}
-    rounding = {mode: abs(float(model.omega[mode - 1]) / exact[mode] - 1) for mode in modes}
-    discretisation = {mode: abs(exact[mode] / roots[mode - 1] - 1) for mode in modes}
-    highest = None
+    for mode in (mode for mode in CHECKED if mode <= 2 * elements):
+        exact = float(exact_frequency(elements, float(model.omega[mode - 1])))
+        found["rounding"][str(mode)] = abs(float(model.omega[mode - 1]) / exact - 1)
+        found["discretisation"][str(mode)] = abs(exact / float(roots[mode - 1]) - 1)
     if elements <= HIGHEST_UP_TO:
         last = float(model.omega[-1])
-        highest = abs(last / float(exact_frequency(elements, last)) - 1)
-    return Accuracy(elements, rounding, discretisation, highest, abs(float(model.tip_shape[0]) / 2 - 1))
+        found["highest"] = abs(last / float(exact_frequency(elements, last)) - 1)
+    found["tip"] = abs(float(model.tip_shape[0]) / 2 - 1)
+    return found | {"wrong": any(value > WRONG for value in found["rounding"].values())}

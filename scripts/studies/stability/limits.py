@@ -11,7 +11,7 @@ from impact_env.families import Observers, family
 from impact_env.frequency import joint_matrices
 from impact_env.kernels.motion.observers import DONE, Series, new_counters
 from impact_env.methods import Method, Moreau, RungeKutta
-from studies.study import Array
+from studies.study import Array, Json
 
 MOREAU, RUNGE_KUTTA = "moreau", "runge-kutta"
 MAKE: dict[str, type[Moreau | RungeKutta]] = {MOREAU: Moreau, RUNGE_KUTTA: RungeKutta}
@@ -56,24 +56,6 @@ CASES = (
     *(LimitCase(method, *other) for other in OTHERS for method in MAKE),
 )
 QUICK = tuple(case for case in CASES if case.damping_ratio in (0.0, 0.01, 1.0, 20.0))
-
-
-@dataclass(frozen=True)
-class Limit:
-    """Largest stable step in s by theory and by bisection, and the method's own step at the paper's setting."""
-
-    method: str
-    what: str
-    damping_ratio: float
-    omega: float
-    theory_s: float
-    found_s: float
-    paper_s: float
-
-    @property
-    def agrees(self) -> bool:
-        """Whether both agree."""
-        return abs(self.found_s / self.theory_s - 1) <= AGREE
 
 
 def first_order(scene: Scene) -> Array:
@@ -149,8 +131,11 @@ def grows(case: LimitCase, scene: Scene, dt: float) -> bool:
     return status != DONE or not np.all(np.isfinite(end)) or bool(np.max(np.abs(end)) > GROWN * size)
 
 
-def find_limit(case: LimitCase) -> Limit:
-    """Bisect for the largest stable step of a case; theory has no part in it."""
+def find_limit(case: LimitCase) -> Json:
+    """Bisect for the largest stable step of a case; theory has no part in it.
+
+    Steps are in s: by theory, by bisection, and the method's own at the paper's setting. ``agrees``: whether the first two do.
+    """
     scene = case.scene()
     fastest = float(np.max(np.abs(np.linalg.eigvals(first_order(scene)))))
     low, high = 0.01 / fastest, 10.0 / fastest
@@ -158,5 +143,6 @@ def find_limit(case: LimitCase) -> Limit:
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if grows(case, scene, middle) else (middle, high)
     theory = moreau_theory(scene) if case.method == MOREAU else runge_kutta_theory(scene)
-    paper = MAKE[case.method]().step(scene)
-    return Limit(case.method, case.what, case.damping_ratio, float(np.max(scene.model.omega)), theory, float(np.sqrt(low * high)), paper)
+    found, paper = float(np.sqrt(low * high)), MAKE[case.method]().step(scene)
+    own = {"method": case.method, "what": case.what, "damping_ratio": case.damping_ratio, "omega": float(np.max(scene.model.omega))}
+    return own | {"theory_s": theory, "found_s": found, "paper_s": paper, "agrees": abs(found / theory - 1) <= AGREE}

@@ -7,7 +7,7 @@ from impact_env import Drive, Record, beam_scene, constant_frequency, simulate
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.parameters import Absorber, Beam, CompliantWalls, SlidingAbsorber, impact_absorber
 from optimisation.machine import peak_memory
-from studies.study import there
+from studies.study import Json, there
 
 LENGTHS = (1_000, 10_000, 100_000, 1_000_000)  # pseudo periods
 QUICK_LENGTHS = (100, 1_000, 10_000)
@@ -38,44 +38,33 @@ CASES = (
 )
 
 
-@dataclass
-class Soak:
-    """Per length in pseudo periods: relative balance error, largest memory of the process so far in MB, time in us and impacts per pseudo period."""
+def soak(case: SoakCase, lengths: tuple[int, ...]) -> Json:
+    """Run a case over each length, the shortest first.
 
-    name: str
-    lengths: list[int]
-    balance: list[float]
-    memory_mb: list[float]
-    us_per_period: list[float]
-    impacts_per_period: list[float]
-    passed: bool = False
-    reason: str = ""
-
-
-def soak(case: SoakCase, lengths: tuple[int, ...]) -> Soak:
-    """Run a case over each length, the shortest first."""
+    Per length in pseudo periods: relative balance error, largest memory of the process so far in MB, time in us and impacts per pseudo period.
+    """
     scene = beam_scene(Beam(modes=case.modes), case.absorber())
-    result = Soak(case.name, [length for length in lengths if length <= case.longest], [], [], [], [])
-    for length in result.lengths:
+    lengths = tuple(length for length in lengths if length <= case.longest)
+    found: Json = {"name": case.name, "lengths": list(lengths), "balance": [], "memory_mb": [], "us_per_period": [], "impacts_per_period": []}
+    for length in lengths:
         schedule = constant_frequency(scene.model.resonance_omega(1), RATIO, float(length))
         response = simulate(scene, Drive(FORCE, schedule), case.method, record=RECORD)
-        result.balance.append(there(response.energy).relative_error)
-        result.memory_mb.append(1e-6 * peak_memory())
-        result.us_per_period.append(1e6 * response.wall_time / length)
-        result.impacts_per_period.append(response.impact_count / length)
-    result.passed, result.reason = _judge(result, isinstance(case.method, Exact))
-    return result
+        found["balance"].append(there(response.energy).relative_error)
+        found["memory_mb"].append(1e-6 * peak_memory())
+        found["us_per_period"].append(1e6 * response.wall_time / length)
+        found["impacts_per_period"].append(response.impact_count / length)
+    reason = wrong_with(found, isinstance(case.method, Exact))
+    return found | {"passed": not reason, "reason": reason}
 
 
-def _judge(result: Soak, exact: bool) -> tuple[bool, str]:
-    growth = result.memory_mb[-1] - result.memory_mb[0]
+def wrong_with(found: Json, exact: bool) -> str:
+    """Return what is wrong with a very long run, empty if nothing is."""
+    memory, balance = found["memory_mb"], found["balance"]
+    growth, shorter = memory[-1] - memory[0], max([*balance[:-1], 1e-12])
     if growth > MOST_GROWTH_MB:
-        return False, f"memory grew by {growth:.0f} MB"
-    if exact and max(result.balance) > MOST_BALANCE:
-        return False, f"balance {max(result.balance):.1e}"
-    shorter = max([*result.balance[:-1], 1e-12])
-    if not exact and result.balance[-1] > MOST_FACTOR * shorter:
-        return False, f"balance grew from {shorter:.1e} to {result.balance[-1]:.1e}"
-    if min(result.impacts_per_period) == 0:
-        return False, "no impacts: nothing was tested"
-    return True, ""
+        return f"memory grew by {growth:.0f} MB"
+    if exact and max(balance) > MOST_BALANCE:
+        return f"balance {max(balance):.1e}"
+    if not exact and balance[-1] > MOST_FACTOR * shorter:
+        return f"balance grew from {shorter:.1e} to {balance[-1]:.1e}"
+    return "" if min(found["impacts_per_period"]) > 0 else "no impacts: nothing was tested"

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from functools import lru_cache
 
 from impact_env import ParameterError, SlidingAbsorber
@@ -29,37 +29,22 @@ def run_cell(group: str, name: str, method: str) -> Json:
 
 def run_limit(method: str, what: str, damping_ratio: float) -> Json:
     """Find a step limit."""
-    names = ("method", "what", "damping_ratio")
-    case = next(case for case in limits.CASES if [getattr(case, name) for name in names] == [method, what, damping_ratio])
-    found = limits.find_limit(case)
-    return asdict(found) | {"agrees": found.agrees}
-
-
-def run_eigen(elements: int) -> Json:
-    """Compute the errors of the modes."""
-    found = eigen.accuracy(elements)
-    values = asdict(found) | {"wrong": found.wrong}
-    return values | {name: {str(mode): error for mode, error in values[name].items()} for name in ("rounding", "discretisation")}
+    own = (method, what, damping_ratio)
+    return limits.find_limit(next(case for case in limits.CASES if (case.method, case.what, case.damping_ratio) == own))
 
 
 def run_soak(name: str, lengths: tuple[int, ...]) -> Json:
     """Do one very long run."""
-    return asdict(soaks.soak(next(case for case in soaks.CASES if case.name == name), lengths))
+    return soaks.soak(next(case for case in soaks.CASES if case.name == name), lengths)
 
 
-def run_check(name: str, searches: int) -> Json:
-    """Check searches of one scene."""
-    found = checks.check(name, searches, list(checks.CASES).index(name))
-    return asdict(found) | {"passed": found.passed}
-
-
-# of `Results`: the section of what a task returns, and the keys by which it is known there, which are the task's first arguments
+# the section of what a task returns, and the keys by which it is known there, which are the task's first arguments
 SECTIONS: dict[Callable[..., Json], tuple[str, tuple[str, ...]]] = {
     run_cell: ("cells", ("group", "case", "method")),
     run_limit: ("limits", ("method", "what", "damping_ratio")),
-    run_eigen: ("eigen", ("elements",)),
+    eigen.accuracy: ("eigen", ("elements",)),
     run_soak: ("soaks", ("name",)),
-    run_check: ("checks", ("name",)),
+    checks.check: ("checks", ("name",)),
 }
 
 
@@ -81,60 +66,48 @@ def tasks(quick: bool) -> list[Task]:
     limit = QUICK_CELL_LIMIT_S if quick else CELL_LIMIT_S
     searches = -(-(checks.QUICK_SEARCHES if quick else checks.SEARCHES) // len(checks.CASES))
     return [
-        *(Task(run_check, (name, searches), f"check {name}", LONG_LIMIT_S) for name in checks.CASES),
+        *(Task(checks.check, (name, searches), f"check {name}", LONG_LIMIT_S) for name in checks.CASES),
         *(Task(run_soak, (case.name, lengths), f"soak {case.name}", LONG_LIMIT_S) for case in soaks.CASES),
         *(Task(run_cell, (case.group, case.name, method), _kind(case, method), limit) for case in cases(quick) for method in case.methods),
         *(Task(run_limit, (x.method, x.what, x.damping_ratio), "limits", OTHER_LIMIT_S) for x in (limits.QUICK if quick else limits.CASES)),
-        *(Task(run_eigen, (elements,), "eigenproblem", OTHER_LIMIT_S) for elements in (eigen.QUICK_ELEMENTS if quick else eigen.ELEMENTS)),
+        *(Task(eigen.accuracy, (elements,), "eigenproblem", OTHER_LIMIT_S) for elements in (eigen.QUICK_ELEMENTS if quick else eigen.ELEMENTS)),
     ]
 
 
-@dataclass
-class Results:
-    """What has been measured: plain values for JSON, section by section, in the order of the tasks."""
-
-    cells: list[Json] = field(default_factory=list)
-    limits: list[Json] = field(default_factory=list)
-    eigen: list[Json] = field(default_factory=list)
-    soaks: list[Json] = field(default_factory=list)
-    checks: list[Json] = field(default_factory=list)
-    lost: list[Json] = field(default_factory=list)
-
-    def failures(self) -> Iterator[str]:
-        """Yield a line for each thing that is wrong."""
-        for cell in self.cells:
-            if cell["verdict"] == cells.FAILED:
-                yield f"{cell['group']}: {cell['case']}, {cell['method']}: {cell['reason']}"
-        for limit in self.limits:
-            if not limit["agrees"]:
-                found, theory = limit["found_s"], limit["theory_s"]
-                yield f"step limit of {limit['method']}, {limit['what']}, D = {limit['damping_ratio']:g}: {found:.6g} s, theory {theory:.6g} s"
-        for entry in self.eigen:
-            if entry["wrong"] or entry["error"]:
-                yield f"eigenproblem with {entry['elements']} elements: {entry['error'] or entry['rounding']}"
-        for soak in self.soaks:
-            if not soak["passed"]:
-                yield f"soak, {soak['name']}: {soak['reason']}"
-        for found in self.checks:
-            if not found["passed"]:
-                yield f"searches, {found['name']}: {found['misses']} of {found['searches']} missed an event, {found['first']}"
-        for lost in self.lost:
-            yield f"{lost['what']}: {lost['error']}"
+def failures(results: Json) -> Iterator[str]:
+    """Yield a line for each thing that is wrong."""
+    for cell in results["cells"]:
+        if cell["verdict"] == cells.FAILED:
+            yield f"{cell['group']}: {cell['case']}, {cell['method']}: {cell['reason']}"
+    for limit in results["limits"]:
+        if not limit["agrees"]:
+            found, theory = limit["found_s"], limit["theory_s"]
+            yield f"step limit of {limit['method']}, {limit['what']}, D = {limit['damping_ratio']:g}: {found:.6g} s, theory {theory:.6g} s"
+    for entry in results["eigen"]:
+        if entry["wrong"] or entry["error"]:
+            yield f"eigenproblem with {entry['elements']} elements: {entry['error'] or entry['rounding']}"
+    for soak in results["soaks"]:
+        if not soak["passed"]:
+            yield f"soak, {soak['name']}: {soak['reason']}"
+    for found in results["checks"]:
+        if not found["passed"]:
+            yield f"searches, {found['name']}: {found['misses']} of {found['searches']} missed an event, {found['first']}"
+    yield from (f"{lost['what']}: {lost['error']}" for lost in results["lost"])
 
 
-def gather(outcomes: Sequence[Outcome], order: Sequence[Task]) -> Results:
-    """Return the results of finished tasks, in the given order. A cell that was lost (time, crash) is a failed cell."""
-    results = Results()
+def gather(outcomes: Sequence[Outcome], order: Sequence[Task]) -> Json:
+    """Return the results of finished tasks by section, in the given order. A cell that was lost (time, crash) is a failed cell."""
+    results: Json = {name: [] for name in ("cells", "limits", "eigen", "soaks", "checks", "lost")}
     place = {(task.function, task.arguments): number for number, task in enumerate(order)}
     for outcome in sorted(outcomes, key=lambda outcome: place[outcome.task.function, outcome.task.arguments]):
-        task = outcome.task
+        task, (section, _) = outcome.task, SECTIONS[outcome.task.function]
         if outcome.value is not None:
-            getattr(results, SECTIONS[task.function][0]).append(outcome.value)
+            results[section].append(outcome.value)
         elif task.function is run_cell:
             group, case, method = task.arguments
-            results.cells.append(asdict(cells.Cell(group, case, method, cells.FAILED, outcome.error)))
+            results["cells"].append(asdict(cells.Cell(group, case, method, cells.FAILED, outcome.error)))
         else:
-            results.lost.append({"what": f"{task.function.__name__[4:]} {task.arguments}", "error": outcome.error})
+            results["lost"].append({"what": f"{section} {task.arguments}", "error": outcome.error})
     return results
 
 
