@@ -2,6 +2,8 @@
 
 import pickle
 import re
+import subprocess
+import sys
 import warnings
 from dataclasses import fields
 from itertools import pairwise
@@ -58,11 +60,14 @@ def test_noise_and_delay_touch_measured_features_only() -> None:
     np.testing.assert_array_equal(late[:2, measured], clean[[0, 0]][:, measured])
 
 
-def test_names_are_registered_once_and_have_the_package_as_their_prefix() -> None:
+def test_names_are_registered_by_the_import_that_their_prefix_asks_for_and_only_once() -> None:
+    """In a process that has imported nothing of the package."""
+    code = f"import gymnasium; print(gymnasium.make('impact_env:{PASSIVE}', interval=1.0).spec.id)"
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.stdout.strip() == PASSIVE, done.stderr
     before = {name: gymnasium.registry[name] for name in ENVIRONMENTS}
     register_environments()
     assert all(gymnasium.registry[name] is before[name] for name in ENVIRONMENTS)
-    assert gymnasium.make(f"impact_env:{PASSIVE}", interval=1.0).spec.id == PASSIVE
 
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)

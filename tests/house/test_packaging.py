@@ -230,3 +230,17 @@ def test_a_wheel_from_the_source_distribution_is_the_same(tmp_path: Path) -> Non
     (source,) = (tmp_path / "source").iterdir()
     with zipfile.ZipFile(built(tmp_path, source=source)) as one, zipfile.ZipFile(built(tmp_path / "direct")) as two:
         assert {i.filename: i.CRC for i in one.infolist()} == {i.filename: i.CRC for i in two.infolist()}
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_a_wheel_says_in_its_name_what_its_kernels_are_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compiled: bool) -> None:
+    kept = tmp_path / "made" / "digest" / "kernels"
+    kept.mkdir(parents=True)
+    for name in ("f-1.py311.nbi", "f-1.py311.1.nbc", "lock"):
+        (kept / name).write_text(name)
+    monkeypatch.setenv("KERNELS", str(tmp_path / "made") if compiled else "")
+    python, wheel = f"cp{sys.version_info[0]}{sys.version_info[1]}", built(tmp_path)
+    assert wheel.stem.endswith(f"-{python}-{python}-manylinux_2_27_x86_64" if compiled else "-py3-none-any")
+    with zipfile.ZipFile(wheel) as archive:
+        inside = {name.partition("shipped/")[2] for name in archive.namelist() if "shipped" in name}
+    assert inside == ({"digest/kernels/f-1.py311.nbi", "digest/kernels/f-1.py311.1.nbc"} if compiled else set())

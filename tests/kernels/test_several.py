@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from core import PERIOD, Array, drive_of, run, still
+from every_scene import SEVERAL
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -13,6 +14,7 @@ from impact_env import (
     ParameterError,
     Response,
     RigidWalls,
+    Scene,
     SeveralAbsorbers,
     SlidingAbsorber,
     StuckAbsorber,
@@ -27,6 +29,7 @@ from optimisation.designs import design_space
 from optimisation.measures import FRICTION_HEAT, STROKE, of_motion
 
 BEAM, ONE_MODE, START = Beam(modes=3), Beam(modes=1, damping_ratio=0.0), 1e-3  # m, of the mode
+SWEEPS = 4  # over all absorbers: what one of them does to another is small
 
 
 def relative(response: Response) -> Array:
@@ -49,6 +52,42 @@ def check(response: Response, error: float = 1e-10) -> None:
     for a, distance in enumerate(relative(response).T):
         walls = response.scene.cavity(a)
         assert walls is None or np.max(np.abs(distance)) <= walls.gap + 1e-13 * (walls.gap + size)
+
+
+def small_steps(scene: Scene, drive: Drive, steps: int) -> Array:
+    """Return the end state of a run from rest by Moreau's scheme: contact laws as projections, without the regimes and events of the references."""
+    model, shapes, masses, every = scene.model, scene.absorber_shapes, scene.absorber_masses, scene.absorber.absorbers
+    gaps, restitutions = zip(*((np.inf, 0.0) if one.walls is None else (one.walls.gap, one.walls.restitution) for one in every), strict=True)
+    mobility, dt = shapes @ shapes.T + np.diag(1 / masses), float(drive.schedule.times[-1]) / steps
+    most = dt * np.array([0.0 if one.friction is None else one.friction.limit for one in every])
+    (q, u), (x, v) = np.zeros((2, model.modes)), np.zeros((2, len(every)))
+    for force in drive.amplitude * np.cos(drive.schedule.phase_at(dt * (0.5 + np.arange(steps))) + drive.phase):
+        q, x = q + dt / 2 * u, x + dt / 2 * v
+        distance, before = x - shapes @ q, v - shapes @ u
+        u = u + dt * (model.force_shape * force - 2 * model.damping_ratio * model.omega * u - model.omega**2 * q)
+        free, percussion = v - shapes @ u, np.zeros(len(every))
+        for _ in range(SWEEPS):
+            for a, own in enumerate(np.diag(mobility)):  # each one's by the others'
+                alone = free[a] + mobility[a] @ percussion - own * percussion[a]
+                percussion[a] = np.clip(-alone / own, -most[a], most[a])
+                rebound = -restitutions[a] * before[a]
+                if abs(distance[a]) >= gaps[a] and np.sign(distance[a]) * (alone + own * percussion[a] - rebound) > 0:
+                    percussion[a] = (rebound - alone) / own
+        u, v = u - shapes.T @ percussion, v + percussion / masses
+        q, x = q + dt / 2 * u, x + dt / 2 * v
+    return np.concatenate([q, x, u, v])
+
+
+def test_small_steps_of_another_scheme_converge_to_it() -> None:
+    scene, force, ratio, periods = SEVERAL["sticking beside impacts"]
+    drive = drive_of(force, ratio, periods=periods)
+    response = run(scene, drive)
+    assert response.impact_count >= 3
+    assert set(response.phases.absorber.tolist()) == {0, 1, 2}
+    scale = np.abs(response.end_state) + np.repeat([1e-4, 1e-1], 5)
+    coarse, fine = (np.max(np.abs(small_steps(scene, drive, steps) - response.end_state) / scale) for steps in (1_000, 6_000))
+    assert fine < 0.3 * coarse
+    assert fine < 2e-3
 
 
 @pytest.mark.parametrize("friction", [None, 0.05])

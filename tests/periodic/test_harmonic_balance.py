@@ -1,9 +1,12 @@
-"""Harmonic balance against the exact method, a closed form, linear limits and exact orbits."""
+"""Harmonic balance against scipy's integration in time, the exact method, a closed form, linear limits and exact orbits."""
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+import scipy.integrate
 from core import ALL
 from orbit_cases import model_of
 
@@ -21,12 +24,12 @@ from impact_env.parameters import (
 )
 from impact_env.periodic.balance_branches import frequency_problem, start_of_orbit
 from impact_env.periodic.case import case_of
-from impact_env.periodic.contact import elastic_coulomb
+from impact_env.periodic.contact import Contact, elastic_coulomb
 from impact_env.periodic.continuation import Steps, both_ways
-from impact_env.periodic.harmonic_balance import FORCE, OMEGA, PAPER_DAMPER, Balance, harmonic_balance, hill_multipliers
+from impact_env.periodic.harmonic_balance import FORCE, OMEGA, PAPER_DAMPER, Balance, HarmonicResponse, harmonic_balance, hill_multipliers
 from impact_env.periodic.survey import closed_form_orbits
 from impact_env.periodic.symmetric import closed_form
-from impact_env.periodic.trigonometric import negative, roots, share, values, window
+from impact_env.periodic.trigonometric import basis, negative, roots, share, values, window
 from impact_env.response import Window
 from impact_env.scene import InitialState, Scene
 from impact_env.sweep import simulate
@@ -60,6 +63,55 @@ def test_the_jacobian_is_the_derivative(absorber: SlidingAbsorber, symmetric: bo
         by_parameter = (residual(z, at * (1 + 1e-6))[0] - residual(z, at * (1 - 1e-6))[0]) / (2e-6 * at)
         assert jacobian[:, :-1] == pytest.approx(by_z, abs=1e-7 * np.max(np.abs(by_z)))
         assert jacobian[:, -1] == pytest.approx(by_parameter, abs=1e-4 * np.max(np.abs(by_parameter)) + 1e-12)
+
+
+# Oscillators x'' + 0.1 x' + x = force cos(omega t) - pull(x): the tip of one mode; its absorber is so heavy that it stays where it is.
+
+OSCILLATOR, HEAVY = ModalModel([1.0], [0.05], [1.0], [1.0], 1.0), 1e9
+
+
+@dataclass(frozen=True)
+class HardeningSpring:
+    """The absorber's force is -r^3/2; so many samples of it have its harmonics without error."""
+
+    def contact(self, motion: Array, dynamic: Array, omega: float, parameter: str) -> Contact:  # noqa: ARG002
+        n = len(motion)
+        rows = np.array([basis(angle, n // 2) for angle in np.arange(4 * n) * 2 * np.pi / (4 * n)])
+        back, r, zero = np.linalg.pinv(rows), rows @ motion, np.zeros((n, n))
+        return Contact(-back @ r**3 / 2, -back @ (1.5 * r[:, None] ** 2 * rows), zero, zero[0], zero[0], zero)
+
+
+def assert_integrated(found: HarmonicResponse, pull: Callable[[float], float], omega: float, force: float, close: float) -> None:
+    """Settled by DOP853 from a response's own start: half of peak to peak and RMS of a period."""
+
+    def rate(t: float, y: Array) -> list[float]:
+        return [y[1], force * np.cos(omega * t) - 0.1 * y[1] - y[0] - pull(y[0])]
+
+    turn, orders = 2 * np.pi / omega, np.arange(len(found.tip))
+    times = turn * np.append(0, np.linspace(99, 100, 4001))
+    start = [np.sum(found.tip).real, np.sum(1j * omega * orders * found.tip).real]
+    x = scipy.integrate.solve_ivp(rate, (0, times[-1]), start, "DOP853", times, rtol=1e-11, atol=1e-13, max_step=turn / 40).y[0, 1:]
+    assert found.tip_amplitude == pytest.approx(np.ptp(x) / 2, rel=close)
+    assert found.tip_rms == pytest.approx(np.sqrt(np.mean(x[:-1] ** 2)), rel=close)
+
+
+def test_both_branches_of_a_duffing_oscillator_are_what_integration_settles_to() -> None:
+    first = replace(harmonic_balance(Scene(OSCILLATOR, impact_absorber(mass_ratio=HEAVY)), 0.5, 0.4, 15), law=HardeningSpring())
+    branch = both_ways(frequency_problem(first, 0.3, 3.0), first.solved(first.free()), 0.5, Steps(most=0.05))
+    upper, lower = sorted((fold.parameter for fold in branch.of("fold")), reverse=True)
+    assert lower < 1.6 < upper
+    crossings = [z for z, (p, q) in zip(branch.points, pairwise(branch.parameters), strict=False) if (p - 1.6) * (q - 1.6) < 0]
+    assert len(crossings) == 3
+    at = first.at(OMEGA, 1.6)
+    for z in (crossings[0], crossings[2]):  # the middle one is unstable: integration leaves it
+        assert_integrated(at.response(at.solved(z)), lambda x: 0.5 * x**3, 1.6, 0.4, 1e-6)
+
+
+@pytest.mark.parametrize(("harmonics", "close"), [(15, 3e-5), (39, 2e-6)])
+def test_an_oscillator_between_springs_is_what_integration_settles_to(harmonics: int, close: float) -> None:
+    scene = Scene(OSCILLATOR, SlidingAbsorber(HEAVY, CompliantWalls(4.0, 0.6)))
+    balance = harmonic_balance(scene, 1.3, 0.5, harmonics)
+    assert_integrated(balance.response(balance.solved(balance.free())), lambda x: 4 * (max(0, x - 0.6) - max(0, -0.6 - x)), 1.3, 0.5, close)
 
 
 @pytest.mark.parametrize("ratio", [0.9, 0.97])

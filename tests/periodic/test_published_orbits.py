@@ -10,10 +10,11 @@ from orbit_cases import Array, high_orbit, model_of, one_sided, paper_case
 from impact_env.parameters import ParameterError
 from impact_env.periodic import offspring
 from impact_env.periodic.case import Case
-from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.isolas import Threshold, folds, thresholds
+from impact_env.periodic.folds import beside
+from impact_env.periodic.green import NoOrbit, unknowns_of
+from impact_env.periodic.isolas import Threshold, folds, lowest_fold, thresholds
 from impact_env.periodic.offspring import all_orbits_over, descendants, leaving
-from impact_env.periodic.orbit import Orbit, mirrored
+from impact_env.periodic.orbit import Orbit, mirrored, orbit_at
 from impact_env.periodic.orbit_branches import PERIOD_DOUBLING, PULLING, SYMMETRY_BREAKING, OrbitBranch, orbit_branch, orbit_branches
 from impact_env.periodic.survey import closed_form_orbits, orbits_over, same
 from impact_env.periodic.symmetric import BIRTH, MERGER
@@ -73,6 +74,27 @@ def test_birth_and_merger_of_one_mode_with_losses() -> None:
     found = thresholds(paper_case(1, 1.0, 1.5, 0.75), 0.88, 1.0)
     assert named(found, BIRTH) == pytest.approx(np.array([[1.22957, 0.90594]]), abs=5e-6)
     assert named(found, MERGER) == pytest.approx(np.array([[2.41657, 0.96768]]), abs=6e-6)
+
+
+@pytest.mark.nightly
+def test_thresholds_among_many_reversals_settle_along_branches_over_the_force() -> None:
+    """N_m = 5, e = 0.7: Newton's method on the fold's conditions runs from one order of reversals to the other at the outer valley and ridge."""
+    birth, merger = thresholds(paper_case(5, 1.0, 1.0, 0.7, 0.01), 0.91, 0.93)
+    assert (birth.kind, merger.kind) == (BIRTH, MERGER)
+    for threshold, side in ((birth, 1), (merger, -1)):
+        orbit = threshold.orbit
+        assert isinstance(orbit, Orbit), threshold
+        assert orbit.schedule.reversals >= 4
+        assert orbit.residual < BAR
+        assert np.min(np.abs(orbit.stability.multipliers - 1)) < 1e-3  # a fold: half-period multiplier +1
+        for share in (-5e-4, 5e-4):
+            next_to = lowest_fold(orbit.case.changed(omega=orbit.case.omega * (1 + share)))
+            assert not isinstance(next_to, NoOrbit)
+            assert side * next_to.case.force > side * threshold.force
+    case, schedule = birth.orbit.case, birth.orbit.schedule
+    start = beside(case, schedule, unknowns_of(birth.orbit.solution), 1.001)
+    assert isinstance(orbit_at(case.changed(force=1.001 * birth.force), schedule, start), Orbit)
+    assert isinstance(orbit_at(case.changed(force=0.999 * birth.force), schedule, start), NoOrbit)
 
 
 def test_the_fold_of_ten_modes_with_friction() -> None:

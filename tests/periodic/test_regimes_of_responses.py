@@ -1,15 +1,18 @@
 """Kinds of response, stays in the regime of impacts, and the jump: constructed motions, known samples, runs, and a strip besides the beam."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import scipy.stats
 
 from impact_env import Beam, beam_scene, impact_absorber
 from impact_env.drive import Drive, constant_frequency
+from impact_env.ensemble import draw_members
 from impact_env.periodic.case import case_of, start_from
 from impact_env.periodic.passage import RECORD
 from impact_env.periodic.residence import Approach, ExitRate, Jumps, Range, Stays, exit_rate, hazard, hold, jumps, passage, stay_of, stays
-from impact_env.periodic.shooting import largest_exponent
+from impact_env.periodic.shooting import Exponent, exponent_of, largest_exponent
 from impact_env.periodic.stationary import Criteria, Kind, Window, classify, envelope, stationary_members
 from impact_env.periodic.survey import closed_form_orbits
 from impact_env.scene import Scene
@@ -112,6 +115,20 @@ def test_rate_of_a_known_sample() -> None:
     assert exit_rate(observed, burn_in=100.0).rate == pytest.approx(2e-3, rel=0.04)
 
 
+def rate_of(drawn: np.random.Generator) -> ExitRate:
+    times = drawn.exponential(500.0, 40)
+    return exit_rate(Stays(np.minimum(times, 600.0), times < 600.0))
+
+
+@pytest.mark.parametrize(("measured", "true"), [(rate_of, 1 / 500), (lambda drawn: exponent_of(drawn.normal(0.3, 1.0, 400)), 0.3)])
+def test_intervals_cover_what_is_known_as_often_as_they_say(measured: Callable[[np.random.Generator], ExitRate | Exponent], true: float) -> None:
+    drawn = np.random.default_rng(1)
+    found = [measured(drawn) for _ in range(1000)]
+    above, below = np.mean([one.low >= true for one in found]), np.mean([one.high <= true for one in found])
+    assert 0.93 < 1 - above - below < 0.975
+    assert max(above, below) < 0.04  # on neither side alone
+
+
 def test_rate_without_exits_and_without_time() -> None:
     found = exit_rate(Stays(np.full(10, 50.0), np.zeros(10, dtype=bool)))
     assert (found.exits, found.rate, found.low) == (0, 0.0, 0.0)
@@ -152,6 +169,16 @@ def test_factor_of_a_moving_frequency_is_found_from_counts() -> None:
         assert value == pytest.approx(found.factor * told.probability(slowness)[0])
         assert low < jumped.share + 3 * np.sqrt(jumped.share / 5000)
         assert high > jumped.share - 3 * np.sqrt(jumped.share / 5000)
+
+
+@pytest.mark.nightly
+def test_sweeps_up_keep_what_sweeps_down_lose() -> None:
+    """The motion of the frequency carries runs over the border of the regime, or away from it: fewer leave the same range upwards."""
+    scene, approach = paper()
+    phases = draw_members(1200, 3, "phase").phases.tolist()
+    down, up = (jumps(scene, 1.5, approach, Range(*ratios), 100.0, phases) for ratios in ((0.974, 0.972, 0.958, 0.946), (0.956, 0.958, 0.972, 0.984)))
+    assert len(down.left) > len(up.left) + 3 * np.sqrt(len(up.left))  # of 1,200: 68 to 90 and 31 to 44
+    assert all(0.958 <= ratio < 0.972 for ratio in (*down.left, *up.left))
 
 
 def paper() -> tuple:

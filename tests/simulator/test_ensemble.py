@@ -176,6 +176,19 @@ def test_curves_hold_the_single_runs() -> None:
                 assert curve.lanes.frequency_ratio[k, m, d] == pytest.approx(run.frequency_ratio, rel=1e-9)
 
 
+def test_interrupted_curves_have_whole_members() -> None:
+    def stop(done: int, _total: int) -> None:
+        if done == 10:
+            raise KeyboardInterrupt
+
+    cases = [CurveCase(scene, FORCES[1:], 1, (0.95, 1.05), FAST) for scene in (IMPACT, NONE)]
+    for curve in performance_curves(cases, 200, threads=1, progress=stop):  # so many that most are left when the interrupt is seen
+        assert not curve.complete
+        assert np.isfinite(curve.combined[:, 0]).all()
+        assert np.isnan(curve.combined[:, -1]).all()
+        assert np.isfinite(curve.median).all()
+
+
 def test_rate_of_a_case_follows_the_damping_of_its_resonance() -> None:
     scene = beam_scene(Beam(modes=2, damping_ratio=(0.02, 0.005)))
     assert [CurveCase(scene, FORCES, k).percent_per_100_periods for k in (1, 2)] == [1.0, pytest.approx(0.25)]
