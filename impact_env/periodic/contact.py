@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import scipy.optimize
 
-from impact_env.parameters import require
+from impact_env.parameters import CompliantWalls, CoulombFriction, ElasticCoulombFriction, non_negative, positive, require
 from impact_env.periodic.trigonometric import TURN, Real, basis, derivative, harmonics_of, negative, roots, share, window
 
 
@@ -159,6 +159,14 @@ class RigidContact:
     weight: float
     friction_weight: float
 
+    def __post_init__(self) -> None:
+        if self.gap is not None:
+            non_negative("gap", self.gap)
+        if self.friction_limit is not None:
+            CoulombFriction(self.friction_limit)
+        positive("weight", self.weight)
+        positive("friction_weight", self.friction_weight)
+
     def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> Contact:
         """See `Law`."""
         walls = _walls(dynamic - self.weight * motion, self.weight, self.gap, parameter)
@@ -209,6 +217,12 @@ class CompliantContact:
     stiffness: float | None
     friction_limit: float | None
     friction_stiffness: float | None
+
+    def __post_init__(self) -> None:
+        if self.gap is not None or self.stiffness is not None:
+            CompliantWalls(self.stiffness, self.gap)  # type: ignore[arg-type]  # refuses one without the other, and so does friction
+        if self.friction_limit is not None or self.friction_stiffness is not None:
+            ElasticCoulombFriction(self.friction_limit, self.friction_stiffness)  # type: ignore[arg-type]
 
     def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> Contact:  # noqa: ARG002 - no law of the dynamics
         """See `Law`."""

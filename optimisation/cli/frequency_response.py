@@ -59,7 +59,7 @@ def computed(given: dict[str, Any], executor: Executor | None = None) -> Overvie
         damper = PAPER_DAMPER if given["grounded_damper"] else 0.0
         balance = harmonic_balance(scene, low * reference, given["force"], given["harmonics"], given["weight"], grounded_damper=damper)
     sweeps = ((low, high), (high, low)) if given["sweeps"] else ()
-    rate = default_rate(scene.model, (given["resonance"],)) if given["rate"] is None else given["rate"]
+    rate = default_rate(scene.model, (given["resonance"],)) if given["rate"] is None else positive("--rate", given["rate"])
     asked = Asked(given["method"] != BALANCE, given["pairs"], balance, sweeps, rate, stationary_runs(given, executor), hill)
     basis = {"scene": from_scene(scene), "force": float(given["force"]), "reference": reference}
     with closing(Kept(given["resume"])) as kept, following(reference) as show:

@@ -145,6 +145,7 @@ frequency_response --modes 2 --method balance --no-sweeps --envelope 2
     --absorber friction --gap 1e-3 -> --gap does not go with --absorber friction
     --restitution 0.7 --contact-stiffness 1e4 -> left out with contact_stiffness
     --envelope 1 -> points = 1
+    --rate 0 -> --rate = 0.0 is not allowed
     --resume kept.json -> --resume = kept.json
 isola --modes 3
     --map-friction-limits -1 -> friction limit = -1

@@ -40,6 +40,7 @@ from impact_env.envs.settings import Settings
 from impact_env.frequency import joint_matrices, tip_response
 from impact_env.level import response_level
 from impact_env.parameters import friction_law
+from impact_env.periodic.contact import CompliantContact, RigidContact
 from impact_env.plain import from_drive, from_scene, to_drive, to_method, to_scene
 from impact_env.plain_files import read_plain
 
@@ -196,12 +197,17 @@ def test_bad_files_are_named(name: str, text: str | bytes, message: str, tmp_pat
 MADE_BY_RUNS = ("Compilation", "PerformanceCurve", "Preparation", "Response", "IntegrationError", "ParameterError", "Stopped", "StructureWarning")
 ELSEWHERE = ("Stop", "curve_passes", "is_ready", "prepare", "evaluate", "__version__")  # test_stop_and_passes.py, test_evaluation.py
 MORE = {
-    make.__name__: make for make in (CurveCase, Lane, Members, default_rate, draw_members, performance_curve, response_level, run_lanes, Settings)
-}
+    make.__name__: make
+    for make in (
+        CompliantContact, CurveCase, Lane, Members, RigidContact, Settings, default_rate, draw_members, performance_curve, response_level, run_lanes,
+    )
+}  # fmt: skip
 PUBLIC = {name: getattr(impact_env, name) for name in impact_env.__all__ if name not in MADE_BY_RUNS + ELSEWHERE} | MORE
 OWN: dict[str, dict[str, Any]] = {
     "Beam": {"modes": 2, "elements": 4},
     "SlidingAbsorber": {"friction": CoulombFriction(0.1)},
+    "RigidContact": {"gap": 1e-3, "friction_limit": 0.1},
+    "CompliantContact": {"gap": 1e-3, "stiffness": 1e5, "friction_limit": 0.1, "friction_stiffness": 1e5},
     "load_structure": {"path": Path(__file__).parents[2] / "docs" / "examples" / "steel_beam.toml"},
     "Window": {"start": 0.0, "end": 1.0},
     "run_lanes": {"lanes": [Lane(handed_in.SCENE, handed_in.DRIVE)]},

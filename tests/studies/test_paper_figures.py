@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,9 +19,9 @@ from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate
 from optimisation.files import read_json
 from optimisation.page import DOCS
-from studies.paper import basics, conv, high_low, jump, oprange, scat, second_mode, smr
+from studies.paper import basics, claim, conv, high_low, jump, oprange, scat, second_mode, smr
 from studies.paper.account import window_around
-from studies.paper.claim import Verdict, from_plain, judged, verdict
+from studies.paper.claim import Verdict, judged, verdict
 from studies.paper.curve import (
     WATCHED,
     Curve,
@@ -36,8 +37,8 @@ from studies.paper.curve import (
     watched_curve,
 )
 from studies.paper.frame import PaperFigure, Settings, Size, saved
-from studies.paper.study import FIGURES
-from studies.study import Json
+from studies.paper.study import FIGURES, STUDY, place
+from studies.study import Json, load
 
 FORCES = np.array([0.5, 1.0, 2.0, 4.0, 8.0])
 QUICK = Settings(Path("nowhere"), quick=True, threads=1)
@@ -241,10 +242,29 @@ def test_on_the_high_branch_the_absorber_visits_two_walls_a_period_and_is_struck
     assert 3 < impacts < 6
 
 
-def test_published_claims_are_on_the_page() -> None:
-    content = read_json(DOCS / "paper" / "claims.json.gz")
-    claims, page = [from_plain(plain) for plain in content["claims"]], (DOCS / "paper.md").read_text()
+class Judged(dict[str, dict[str, Any]]):
+    """The texts of a figure's claims, which note each name that is looked up."""
+
+    def __init__(self, stated: dict[str, dict[str, Any]]) -> None:
+        super().__init__(stated)
+        self.names: set[str] = set()
+
+    def __getitem__(self, name: str) -> dict[str, Any]:
+        self.names.add(name)
+        return super().__getitem__(name)
+
+
+def test_published_claims_are_those_of_the_published_numbers_and_each_text_is_judged_by_its_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+    content, claims = read_json(DOCS / "paper" / "claims.json.gz"), []
     assert not content["missing"]
-    assert len({claim.name for claim in claims}) == len(claims) >= 30
-    assert {claim.figure for claim in claims} <= {figure.label for figure in FIGURES}
-    assert all(claim.statement.replace("|", "\\|") in page for claim in claims)
+    for figure in FIGURES:
+        own = Judged(claim.STATED[figure.label])
+        monkeypatch.setattr(claim, "STATED", {figure.label: own})  # what another figure judges is not there
+        claims += figure.claims(load(STUDY, figure.part(), place(DOCS)).values)
+        monkeypatch.undo()
+        assert own.names == set(own), figure.label
+    assert set(claim.STATED) == {figure.label for figure in FIGURES}
+    assert [one.to_plain() for one in claims] == content["claims"]
+    assert len({one.name for one in claims}) == len(claims) >= 30
+    page = (DOCS / "paper.md").read_text()
+    assert all(one.statement.replace("|", "\\|") in page for one in claims)
