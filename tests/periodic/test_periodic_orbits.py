@@ -1,12 +1,10 @@
 """Orbits with friction's reversals, stuck phases and chatter: the exact method's own runs as the judge, shooting, and what is refused."""
 
 from copy import deepcopy
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 import pytest
-import scipy.optimize
 from core import ALL
 from orbit_cases import attractor, high_orbit, many_reversals, model_of, one_sided, other_case, paper_case
 from periodic_truth import matched
@@ -83,6 +81,25 @@ def test_multipliers_are_those_of_disturbed_runs(name: str) -> None:
         assert np.min(np.abs(found + 1)) < 1e-10
     elif name in HELD:
         assert np.sum(np.abs(found) < 1e-3) >= 2
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_held_phases_and_slip_are_those_of_forty_digits(name: str) -> None:
+    """Taylor series in whole numbers come back to an orbit's start over its span, and join and release the absorber where the orbit does."""
+    digits, orbit, case = pytest.importorskip("reference.digits", exc_type=ImportError), orbit_of(name), orbit_of(name).case
+    start, state = orbit.motion.mid_flight()
+    true = digits.follow(case.scene, case.drive(orbit.schedule.turn / case.omega, start), start_from(case.scene, state))
+    half = len(state) // 2
+    for end, begin in zip(np.split(-true.end_state if orbit.schedule.symmetric else true.end_state, [half]), np.split(state, [half]), strict=True):
+        assert end == pytest.approx(begin, abs=1e-8 * np.max(np.abs(begin)))
+    wanted = [(start + case.omega * float(event.time)) % orbit.schedule.turn for event in true.events]
+    joined = [False, *(event.regime.startswith(("stuck", "held")) for event in true.events)]
+    changes = sorted((phase, now) for phase, before, now in zip(wanted, joined, joined[1:], strict=False) if now != before)
+    regimes = [event.regime is Regime.JOINED for event in orbit.schedule.events]
+    phases = orbit.solution.phases % orbit.schedule.turn
+    found = sorted((phase, regimes[k]) for k, phase in enumerate(phases) if regimes[k] != regimes[k - 1])
+    assert len(found) >= 2
+    np.testing.assert_allclose(found, changes, rtol=0, atol=1e-6)  # the last of a chatter's bounces end sooner in 16 digits than in 40
 
 
 def test_mirrored_orbits_are_a_pair_and_a_symmetric_one_its_own() -> None:
@@ -255,101 +272,3 @@ def test_a_branch_ends_where_the_absorber_grazes_a_wall() -> None:
     beyond = settled(behind.case, at.schedule, unknowns_of(at))
     assert isinstance(beyond, Motion)
     assert "impacts instead of" in validate(beyond).reason
-
-
-# One mode with a friction damper, piece by piece in closed form: stuck together it is an oscillator of larger mass, else one under a constant force.
-#
-# Nothing of the package is used. The absorber slides (relative velocity of one sign), or sticks until the force that carries it reaches the limit.
-
-
-@dataclass(frozen=True)
-class Damper:
-    """q'' + 2 D w q' + w^2 q = push f cos(omega t) - tip R, and m x'' = R: |R| is at most the limit."""
-
-    w: float
-    damping: float
-    push: float
-    tip: float
-    mass: float
-    force: float
-    omega: float
-    limit: float
-
-    def oscillator(self, t0: float, q0: float, v0: float, inertia: float, pull: float):
-        """Return q(t) and its derivatives (3,) of inertia q'' + 2 D w q' + w^2 q = push f cos(omega t) - tip pull."""
-        rate, root = self.damping * self.w / inertia, np.sqrt(self.w**2 / inertia - (self.damping * self.w / inertia) ** 2)
-        wave = self.push * self.force / (self.w**2 - inertia * self.omega**2 + 2j * self.damping * self.w * self.omega)
-        rest = -self.tip * pull / self.w**2
-        s = complex(-rate, root)
-        start = wave * np.exp(1j * self.omega * t0)
-        a, b = q0 - rest - start.real, v0 - (1j * self.omega * start).real
-        z = a - 1j * (b + rate * a) / root
-
-        def motion(t: float) -> np.ndarray:
-            free, forced = z * np.exp(s * (t - t0)), wave * np.exp(1j * self.omega * t)
-            return np.array([free.real + forced.real + rest, (s * free + 1j * self.omega * forced).real, (s**2 * free - self.omega**2 * forced).real])
-
-        return motion
-
-    def settled(self, periods: int) -> tuple[list[tuple[str, float]], np.ndarray, float]:
-        """Return events ("stick" or "slip", time) of the last period, its state (q, q', x') at its begin, and the largest |tip|."""
-        turn = 2 * np.pi / self.omega
-        t, q, v, u, stuck, pull = 0.0, 0.0, 0.0, 0.0, True, 0.0
-        events, begin, tips = [], np.zeros(3), []
-        while t < periods * turn:
-            inertia = 1 + self.mass * self.tip**2 if stuck else 1.0
-            motion = self.oscillator(t, q, v, inertia, pull if not stuck else 0.0)
-
-            def guard(s: float, motion=motion, stuck=stuck, t=t, u=u, pull=pull) -> float:
-                if stuck:
-                    return self.limit - abs(self.mass * self.tip * motion(s)[2])
-                return (u + pull / self.mass * (s - t) - self.tip * motion(s)[1]) * -np.sign(pull)  # friction acts against the sliding
-
-            grid = t + turn / 100 * np.arange(1, 226)
-            values = np.array([guard(s) for s in grid])
-            out = np.flatnonzero(values < 0)
-            if len(out) == 0:  # stuck for more than two periods, as at first
-                t, (q, v, _) = float(grid[-1]), motion(grid[-1])
-                u = self.tip * v
-                continue
-            k = int(out[0])
-            low = t + 1e-9 * turn if k == 0 else grid[k - 1]
-            end = scipy.optimize.brentq(guard, low, grid[k], xtol=1e-18, rtol=1e-15)
-            last = (periods - 1) * turn
-            if end > last:
-                tips += [abs(self.tip * motion(s)[0]) for s in np.linspace(max(t, last), min(end, periods * turn), 200)]
-            if t <= last < end:
-                q1, v1, _ = motion(last)
-                begin = np.array([q1, v1, self.tip * v1 if stuck else u + pull / self.mass * (last - t)])
-            (q, v, a), before, t = motion(end), t, end
-            if stuck:
-                u, pull, stuck = self.tip * v, float(np.sign(a * self.tip)) * self.limit, False
-                events.append(("slip", t))
-            else:
-                u += pull / self.mass * (t - before)
-                acceleration = (self.push * self.force * np.cos(self.omega * t) - 2 * self.damping * self.w * v - self.w**2 * q) * self.tip
-                needed = self.mass * acceleration / (1 + self.mass * self.tip**2)
-                stuck = abs(needed) <= self.limit
-                pull = float(np.sign(needed)) * self.limit
-                events.append(("stick" if stuck else "turn", t))
-        return [event for event in events if (periods - 1) * turn <= event[1] < periods * turn], begin, float(np.max(tips))
-
-
-def test_stick_and_slip_of_a_friction_damper() -> None:
-    orbit = orbit_of("friction damper")
-    case, model = orbit.case, orbit.case.model
-    truth = Damper(
-        float(model.omega[0]), float(model.damping_ratio[0]), float(model.force_shape[0]), float(model.tip_shape[0]), case.structure.mass, case.force,
-        case.omega, case.friction_limit,
-    )  # fmt: skip
-    events, begin, tip = truth.settled(400)
-    assert orbit.impacts == ()
-    assert orbit.schedule.symmetric
-    found = sorted((float(p % np.pi), e.regime is Regime.JOINED) for p, e in zip(orbit.solution.phases, orbit.schedule.events, strict=True))
-    wanted = sorted((float(case.omega * t % np.pi), kind == "stick") for kind, t in events)[::2]
-    assert {kind for kind, _ in events} == {"stick", "slip"}
-    assert [stick for _, stick in found] == [stick for _, stick in wanted]
-    assert [phase for phase, _ in found] == pytest.approx([phase for phase, _ in wanted], abs=1e-7)
-    state = orbit.motion.state_at(0.0)
-    assert state[[0, 2, 3]] == pytest.approx(begin, rel=1e-8, abs=1e-9 * case.gap * case.omega)
-    assert orbit.motion.tip_max == pytest.approx(tip, rel=1e-4)
