@@ -4,9 +4,9 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import cantilever
 import numpy as np
 import pytest
-import scipy.optimize
 import scipy.signal
 import scipy.sparse
 from commands import done
@@ -43,22 +43,11 @@ def steel() -> Beam:
     return beam
 
 
-def roots() -> np.ndarray:
-    """Solutions of cos x = -1/cosh x."""
-    middle = (np.arange(MODES) + 0.5) * np.pi
-    return np.array([scipy.optimize.brentq(lambda x: np.cos(x) + 1 / np.cosh(x), m - 1.0, m + 1.0) for m in middle])
-
-
 def deflection(at: float) -> np.ndarray:
-    """Mass-normalised deflection of a cantilever's modes, without the cancellation of hyperbolic functions."""
-    x = roots()
-    denominator = np.sinh(x) + np.sin(x)
-    sigma, rest = (np.cosh(x) + np.cos(x)) / denominator, (np.sin(x) - np.cos(x) - np.exp(-x)) / denominator
-    shape = rest * np.exp(x * at) / 2 + (1 + sigma) * np.exp(-x * at) / 2 - np.cos(x * at) + sigma * np.sin(x * at)
-    return np.asarray(shape / np.sqrt(MASS))
+    return cantilever.shapes(MODES, at) / np.sqrt(MASS)
 
 
-OMEGA = roots() ** 2 * np.sqrt(BENDING / LINE) / LENGTH**2
+OMEGA = cantilever.roots(MODES) ** 2 * np.sqrt(BENDING / LINE) / LENGTH**2
 
 
 def receptances(w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from core import drive_of, relative_displacement, run
+from core import check, drive_of, run
 from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
@@ -76,34 +76,6 @@ def starts(draw: st.DrawFn, scene: Scene) -> InitialState:
     return InitialState(q, u, float(scene.model.tip_shape @ q) + share * gap, 0.1 * draw(unit))
 
 
-def check(response: Response, error: float = 1e-9) -> None:
-    energy = response.energy
-    # what passes through the run: without damping and friction the work can cancel almost to nothing
-    scale = max(abs(energy.work), float(np.sum(energy.modal_loss)), energy.stored_at_start, energy.stored_at_end, float(np.sum(energy.impact_loss)))
-    scale = max(scale, abs(response.drive.amplitude) * float(np.max(np.abs(response.history.tip_displacement))))
-    # friction's loss is its limit times a difference of displacements, whose terms are as large as the beam's deflection under that limit
-    friction = getattr(response.scene.absorber, "friction", None)
-    rounding = 1e-15 * friction.limit**2 / Beam().static_tip_stiffness if friction is not None else 0.0
-    assert abs(energy.balance_error) <= error * scale + rounding + 1e-25
-    for loss in (*energy.modal_loss, energy.friction_loss, energy.impact_loss, energy.absorber_damping):
-        assert loss >= -1e-15 * scale
-    assert np.all(np.isfinite(response.end_state))
-    assert len(response.impacts.time) == response.impact_count
-    assert np.all(np.diff(response.impacts.time) >= 0)
-    assert np.all(response.phases.end >= response.phases.start)
-    walls = getattr(response.scene.absorber, "walls", None)
-    if isinstance(walls, RigidWalls):
-        # two equal eigenvalues have no modal form: near critical damping four digits of the rounding are lost
-        critical = np.any(np.abs(response.scene.model.damping_ratio - 1) < 1e-6)
-        places = response.history.absorber_displacement, response.history.tip_displacement
-        noise = (1e-11 if critical else 1e-13) * (walls.gap + sum(np.max(np.abs(place)) for place in places))
-        assert np.max(np.abs(relative_displacement(response))) <= walls.gap + noise
-        assert np.all(response.impacts.energy_lost >= 0)
-        assert np.sum(response.impacts.energy_lost) == pytest.approx(energy.impact_loss, rel=1e-12, abs=1e-30)
-    if response.drive.amplitude == 0 and energy.stored_at_start == 0:
-        assert not np.any(response.end_state)  # rest stays at rest
-
-
 @few
 @given(st.data(), scenes(), drives)
 def test_energy_and_walls(data: st.DataObject, scene: Scene, drive: Drive) -> None:
@@ -114,7 +86,15 @@ def test_energy_and_walls(data: st.DataObject, scene: Scene, drive: Drive) -> No
         if "modal basis off" not in str(refusal):
             raise
         reject()  # eigenvalues that (almost) coincide, or lie many decades apart, have no modal basis
-    check(response)
+    # what passes through the run: without damping and friction the work can cancel almost to nothing
+    scale = max(float(np.sum(response.energy.impact_loss)), abs(drive.amplitude) * float(np.max(np.abs(response.history.tip_displacement))))
+    # friction's loss is its limit times a difference of displacements, whose terms are as large as the beam's deflection under that limit
+    friction = getattr(scene.absorber, "friction", None)
+    scale += 1e-6 * friction.limit**2 / Beam().static_tip_stiffness if friction is not None else 0.0
+    # two equal eigenvalues have no modal form: near critical damping four digits of the rounding are lost
+    check(response, 1e-9, scale, 1e-11 if np.any(np.abs(scene.model.damping_ratio - 1) < 1e-6) else 1e-13)
+    if drive.amplitude == 0 and response.energy.stored_at_start == 0:
+        assert not np.any(response.end_state)  # rest stays at rest
 
 
 def scaled(absorber: SlidingAbsorber, factor: float) -> SlidingAbsorber:

@@ -1,9 +1,9 @@
 """Claims of the paper that are cheap to compute, against closed forms of beam, impact and absorber that share no code with the package."""
 
-from collections.abc import Callable
 from copy import deepcopy
 from typing import Any
 
+import cantilever
 import numpy as np
 import pytest
 import scipy.optimize
@@ -20,39 +20,9 @@ Real = NDArray[np.float64]
 LENGTH, STIFFNESS, DENSITY, DAMPING, MODES = 0.5, 362.88, 1.1275, 0.01, 10  # the paper's Table 1, typed again
 MASS = DENSITY * LENGTH
 ABSORBER = 0.02 * MASS
-
-
-def root(function: Callable[[float], float], low: float, high: float) -> float:
-    return float(scipy.optimize.brentq(function, low, high, xtol=1e-14))
-
-
-def clamped(x: float) -> float:
-    """The cantilever's frequency equation over cosh, so that it stays small."""
-    return float(np.cos(x) + 1 / np.cosh(x))
-
-
-@pytest.fixture(scope="module")
-def roots() -> Real:
-    return np.array([root(clamped, (k - 0.5) * np.pi - 0.4, (k - 0.5) * np.pi + 0.4) for k in range(1, MODES + 1)])
-
-
-@pytest.fixture(scope="module")
-def omega(roots: Real) -> Real:
-    return np.asarray(roots**2 * np.sqrt(STIFFNESS / DENSITY) / LENGTH**2)
-
-
-@pytest.fixture(scope="module")
-def shapes(roots: Real) -> tuple[Real, Real]:
-    """Mass-normalised deflections of the continuous cantilever at the tip and at 0.4 of the length."""
-    x = np.linspace(0, 1, 40001)
-    tips, forces = [], []
-    for b in roots:
-        s = (np.cos(b) + np.cosh(b)) / (np.sin(b) + np.sinh(b))
-        own = np.cosh(b * x) - np.cos(b * x) - s * (np.sinh(b * x) - np.sin(b * x))
-        own = own / np.sqrt(MASS * np.trapezoid(own**2, x))
-        tips.append(own[-1])
-        forces.append(own[16000])
-    return np.array(tips), np.array(forces)
+ROOTS = cantilever.roots(MODES)
+OMEGA = ROOTS**2 * np.sqrt(STIFFNESS / DENSITY) / LENGTH**2
+TIP, FORCE = (cantilever.shapes(MODES, at) / np.sqrt(MASS) for at in (1.0, 0.4))
 
 
 @pytest.fixture(scope="module")
@@ -79,41 +49,40 @@ def verdicts(claims: list[Claim]) -> dict[str, Verdict]:
     return {claim.name.removeprefix("basics_"): claim.verdict for claim in claims}
 
 
-def amplitude(omega: Real, shapes: tuple[Real, Real], at: Real, stiffness: float, damping: float) -> Real:
+def amplitude(at: Real, stiffness: float, damping: float) -> Real:
     """Tip amplitude per newton with a spring and a damper between tip and absorber: modes and absorber as one dense system, by frequency."""
-    tip, force = shapes
-    stretch = np.append(-tip, 1.0)
+    stretch = np.append(-TIP, 1.0)
     mass = np.diag(np.append(np.ones(MODES), ABSORBER))
-    rates, squares = (np.diag(np.append(row, 0.0)) for row in (2 * DAMPING * omega, omega**2))
+    rates, squares = (np.diag(np.append(row, 0.0)) for row in (2 * DAMPING * OMEGA, OMEGA**2))
     rates = rates + damping * np.outer(stretch, stretch)
     squares = squares + stiffness * np.outer(stretch, stretch)
     dynamic = squares[None] - at[:, None, None] ** 2 * mass + 1j * at[:, None, None] * rates
-    found = np.linalg.solve(dynamic, np.broadcast_to(np.append(force, 0.0)[:, None], (len(at), MODES + 1, 1)))
-    return np.asarray(np.abs(found[:, :MODES, 0] @ tip))
+    found = np.linalg.solve(dynamic, np.broadcast_to(np.append(FORCE, 0.0)[:, None], (len(at), MODES + 1, 1)))
+    return np.asarray(np.abs(found[:, :MODES, 0] @ TIP))
 
 
-def test_the_beams_numbers_are_those_of_closed_forms(roots: Real, omega: Real, values: dict[str, Any]) -> None:
+def test_the_beams_numbers_are_those_of_closed_forms(values: dict[str, Any]) -> None:
     beam = values["beam"]
-    assert beam["omega_1"] == pytest.approx(omega[0], rel=1e-6)
-    assert beam["ratios"] == pytest.approx(list(omega / omega[0]), rel=1e-3)  # the elements show from the eighth mode on
-    assert (round(omega[1] / omega[0], 1), round(omega[2] / omega[0], 1)) == (6.3, 17.5)
+    assert beam["omega_1"] == pytest.approx(OMEGA[0], rel=1e-6)
+    assert beam["ratios"] == pytest.approx(list(OMEGA / OMEGA[0]), rel=1e-3)  # the elements show from the eighth mode on
+    assert (round(OMEGA[1] / OMEGA[0], 1), round(OMEGA[2] / OMEGA[0], 1)) == (6.3, 17.5)
     # a mass stuck at the end: 1 + cos x cosh x = m_a/m x (sin x cosh x - cos x sinh x)
-    loaded = root(lambda x: clamped(x) - 0.02 * x * (np.sin(x) - np.cos(x) * np.tanh(x)), 1.5, 1.88)
-    assert beam["stuck_ratio"] == pytest.approx((loaded / roots[0]) ** 2, rel=1e-5)
+    loaded = scipy.optimize.brentq(lambda x: np.cos(x) + 1 / np.cosh(x) - 0.02 * x * (np.sin(x) - np.cos(x) * np.tanh(x)), 1.5, 1.88, xtol=1e-14)
+    assert beam["stuck_ratio"] == pytest.approx((loaded / ROOTS[0]) ** 2, rel=1e-5)
     for name in ("stiffness", "stiffness_of_modes"):
         assert beam[name] == pytest.approx(3 * STIFFNESS / LENGTH**3, rel=1e-9)
-    left = np.exp(-2 * DAMPING * omega * np.pi / omega[0])  # of what an impact leaves in a mode, half a period later
+    left = np.exp(-2 * DAMPING * OMEGA * np.pi / OMEGA[0])  # of what an impact leaves in a mode, half a period later
     assert beam["left_after_half_period"] == pytest.approx(list(left), rel=0.02)
     assert left[4] > 0.01 > left[5]
 
 
-def test_den_hartogs_rule_and_the_papers_values(omega: Real, shapes: tuple[Real, Real], values: dict[str, Any]) -> None:
+def test_den_hartogs_rule_and_the_papers_values(values: dict[str, Any]) -> None:
     def rule(mu: float) -> tuple[float, float]:
-        own = omega[0] / (1 + mu)
+        own = OMEGA[0] / (1 + mu)
         return ABSORBER * own**2, 2 * ABSORBER * own * float(np.sqrt(3 * mu / (8 * (1 + mu))))
 
     tunings = values["tuned"]["tunings"]
-    effective = ABSORBER * shapes[0][0] ** 2
+    effective = ABSORBER * TIP[0] ** 2
     assert effective == pytest.approx(0.08, rel=1e-6)
     for name, (stiffness, damping) in {"Den Hartog": rule(effective), "modal mass of one": (rule(ABSORBER)[0], 2 * rule(ABSORBER)[1])}.items():
         assert (tunings[name]["stiffness"], tunings[name]["damping"]) == pytest.approx((stiffness, damping), rel=1e-5)
@@ -121,9 +90,9 @@ def test_den_hartogs_rule_and_the_papers_values(omega: Real, shapes: tuple[Real,
     assert (misread["stiffness"], misread["damping"]) == pytest.approx((701.8, 0.728), rel=1e-3)
 
 
-def test_peaks_with_each_tuned_absorber(omega: Real, shapes: tuple[Real, Real], values: dict[str, Any]) -> None:
+def test_peaks_with_each_tuned_absorber(values: dict[str, Any]) -> None:
     def peak(start: float, stop: float, stiffness: float = 0.0, damping: float = 0.0, mode: int = 0) -> float:
-        return float(amplitude(omega, shapes, omega[mode] * np.linspace(start, stop, 6001), stiffness, damping).max())
+        return float(amplitude(OMEGA[mode] * np.linspace(start, stop, 6001), stiffness, damping).max())
 
     tunings, heights = values["tuned"]["tunings"], {}
     for name, found in tunings.items():
@@ -141,24 +110,24 @@ def test_peaks_with_each_tuned_absorber(omega: Real, shapes: tuple[Real, Real], 
         assert values["linear"]["gap_force_n"][str(mode + 1)] == pytest.approx(1e-3 / peak(0.9, 1.06, mode=mode), rel=2e-3)
 
 
-def test_a_sweep_shows_nearly_the_stationary_level(omega: Real, shapes: tuple[Real, Real], values: dict[str, Any]) -> None:
+def test_a_sweep_shows_nearly_the_stationary_level(values: dict[str, Any]) -> None:
     """Each mode's convolution with a chirp by the trapezoidal rule, and the RMS in a window, in plain numpy."""
-    period, each = 2 * np.pi / omega[0], 200
+    period, each = 2 * np.pi / OMEGA[0], 200
     levels = []
     for start, stop in ((0.9, 1.06), (1.06, 0.9)):
         duration = abs(stop - start) * 1e4 * period
         time = np.arange(int(duration / period) * each) * period / each
-        force = np.cos(omega[0] * (start * time + (stop - start) * time**2 / (2 * duration)))
+        force = np.cos(OMEGA[0] * (start * time + (stop - start) * time**2 / (2 * duration)))
         tip = np.zeros_like(time)
         for k in range(2):
-            pole = omega[k] * (-DAMPING + 1j * np.sqrt(1 - DAMPING**2))
+            pole = OMEGA[k] * (-DAMPING + 1j * np.sqrt(1 - DAMPING**2))
             step = period / each
             factor = np.exp(pole * step)
             pushed = scipy.signal.lfilter([step / 2, step / 2 * factor], [1, -factor], force.astype(complex))
-            tip += shapes[0][k] * shapes[1][k] * pushed.imag / (omega[k] * np.sqrt(1 - DAMPING**2))
+            tip += TIP[k] * FORCE[k] * pushed.imag / (OMEGA[k] * np.sqrt(1 - DAMPING**2))
         peak = int(np.argmax(np.abs(tip)))
         levels.append(np.sqrt(np.mean(tip[peak - 10 * each : peak + 10 * each] ** 2)))
-    stationary = amplitude(omega, shapes, omega[0] * np.linspace(0.9, 1.06, 4001), 0.0, 0.0).max() / np.sqrt(2)
+    stationary = amplitude(OMEGA[0] * np.linspace(0.9, 1.06, 4001), 0.0, 0.0).max() / np.sqrt(2)
     assert values["linear"]["sweep_ratio"]["1"] == pytest.approx(max(levels) / stationary, rel=2e-3)
 
 
@@ -199,9 +168,9 @@ def test_another_number_refutes_a_claim(name: str, values: dict[str, Any]) -> No
 
 @pytest.mark.parametrize("modes", [1, 3, 10])
 @pytest.mark.parametrize("restitution", [1.0, 0.6])
-def test_modes_take_from_the_first_what_a_lossy_impact_takes(modes: int, restitution: float, shapes: tuple[Real, Real]) -> None:
+def test_modes_take_from_the_first_what_a_lossy_impact_takes(modes: int, restitution: float) -> None:
     """The impulse from Newton's law as a linear system of all velocities after the impact, and that of one mode with the equivalent restitution."""
-    tip = shapes[0][:modes]
+    tip = TIP[:modes]
     before = np.append(np.random.default_rng(3).normal(size=modes), 0.7)  # velocities of modes and absorber
 
     def after(row: Real, velocities: Real, e: float) -> Real:

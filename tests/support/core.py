@@ -4,13 +4,15 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from places import TRUTHS
 
 from impact_env.drive import Drive, FrequencySchedule
+from impact_env.kernels.motion.observers import STUCK_INSIDE
 from impact_env.methods import Method
 from impact_env.modes import ModalModel
-from impact_env.parameters import Absorber, Beam, impact_absorber
+from impact_env.parameters import Absorber, Beam, CompliantWalls, RigidWalls, SeveralAbsorbers, SlidingAbsorber, impact_absorber
 from impact_env.response import Record, Response
 from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate
@@ -58,8 +60,35 @@ def scene_of(absorber: Absorber | None = None, **beam: object) -> Scene:
 
 
 def relative_displacement(response: Response) -> Array:
-    history = response.history
-    return np.asarray(history.absorber_displacement - history.tip_displacement)
+    """Return the absorber's, (S,), or those of several, (S, n), in m."""
+    history, absorber = response.history, response.history.absorber_displacement
+    return np.asarray(absorber - (history.tip_displacement if absorber.ndim == 1 else history.modal_displacement @ response.scene.absorber_shapes.T))
+
+
+def check(response: Response, error: float = 1e-11, scale: float = 0.0, noise: float = 1e-13) -> Response:
+    """Energy is balanced, losses are losses, no rigid wall is penetrated, and the lists of impacts and of phases are consistent.
+
+    ``error``: of the largest term of the balance, or of what else passes through the run, ``scale`` in J; ``noise``: of the displacements.
+    """
+    energy, impacts, phases, several = response.energy, response.impacts, response.phases, response.scene.places > 1
+    scale = max(scale, abs(energy.work), float(np.sum(energy.modal_loss)), energy.stored_at_start, energy.stored_at_end)
+    assert abs(energy.balance_error) <= error * scale + 1e-25
+    for loss in (*energy.modal_loss, energy.friction_loss, energy.impact_loss, energy.absorber_damping, *impacts.energy_lost):
+        assert loss >= -1e-15 * scale
+    assert np.sum(impacts.energy_lost) == pytest.approx(energy.impact_loss, rel=1e-12, abs=1e-30)
+    assert np.all(np.isfinite(response.end_state))
+    assert len(impacts.time) == response.impact_count
+    assert np.all(np.diff(impacts.time) >= (-1e-13 * PERIOD if several else 0))  # of several at one time, within the resolution of time
+    assert np.all(phases.end >= phases.start)
+    soft = isinstance(getattr(response.scene.absorber, "walls", None), CompliantWalls)
+    joined = phases.kind == STUCK_INSIDE if soft else phases.kind >= 0
+    if isinstance(response.scene.absorber, SlidingAbsorber | SeveralAbsorbers):
+        assert response.stuck_time == pytest.approx(np.sum((phases.end - phases.start)[joined]), rel=1e-9, abs=1e-15)
+    size = np.max(np.abs(response.history.absorber_displacement)) + np.max(np.abs(response.history.tip_displacement))
+    for a, distance in enumerate(relative_displacement(response).reshape(len(response.history.time), -1).T):
+        walls = response.scene.cavity(a)
+        assert not isinstance(walls, RigidWalls) or np.max(np.abs(distance)) <= walls.gap + noise * (walls.gap + size)
+    return response
 
 
 def golden(name: str, duration: float) -> tuple[Scene, Drive, Array, Array]:
