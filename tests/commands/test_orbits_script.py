@@ -114,7 +114,7 @@ def test_folds_and_thresholds(tmp_path: Path) -> None:
     assert [fold["omega_ratio"] for fold in found] == pytest.approx([0.9336128203, 0.9336233427, 0.9552754578], abs=1e-9)
     assert {fold["force_N"] for fold in found} == {1.5}
     _, found = listed(tmp_path, *PAPER, "--from", "0.93", "--to", "1", "--thresholds")
-    assert [threshold["force_N"] for threshold in found] == pytest.approx([1.221955, 2.370284], abs=1e-6)
+    assert [threshold["force_N"] for threshold in found] == pytest.approx([1.221955, 2.370284], abs=5e-7)  # birth and merger with reversals
 
 
 def test_curves_over_two_parameters_are_in_all_files(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import distributed
 import pytest
 from cluster_check import problem
 from commands import done
-from places import ROOT, SUPPORT
+from places import ROOT, SUPPORT, fresh
 
 from optimisation.cli import frequency_response
 from optimisation.evaluation import run_chunks
@@ -21,10 +21,7 @@ pytest.importorskip("optuna")
 
 
 def test_workers_and_studies_give_what_threads_give_though_a_worker_is_killed() -> None:
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(SUPPORT), str(ROOT)])}
-    command = [sys.executable, str(SUPPORT / "cluster_check.py")]
-    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=580)
-    assert result.returncode == 0, result.stderr
+    result = fresh(SUPPORT / "cluster_check.py")
     assert result.stdout.splitlines() == ["killed True", "runs True", "killed at once True True", "lanes True", "studies True"], (
         result.stdout + result.stderr
     )

@@ -11,11 +11,11 @@ import scipy.signal
 import scipy.sparse
 from commands import done
 from core import STEEL
+from design_studies import values_of
 from places import EXAMPLES
 
 from impact_env import ModalModel, load_structure
 from impact_env.drive import PAPER_LIMITS, Drive, default_rate, linear_sweep
-from impact_env.ensemble import Threads
 from impact_env.level import response_level
 from impact_env.modes import deflection_row, matrices, modal_model
 from impact_env.parameters import Beam
@@ -24,7 +24,6 @@ from impact_env.sweep import simulate
 from optimisation.bounds import design_force, near_range, resonance_limit
 from optimisation.cli import structure
 from optimisation.designs import design_space
-from optimisation.evaluation import evaluate
 from optimisation.extremes import stationary_level, sweep_ratio
 from optimisation.mounting import detuned, mounted
 from optimisation.objectives import Condition
@@ -113,14 +112,9 @@ def small(beam: Beam | ModalModel, **changes: object) -> Problem:
     return Problem(beam=beam, **(given | changes))
 
 
-def measured(problem: Problem) -> np.ndarray:
-    ((_, found),) = evaluate(problem, [problem.space.default], problem.ensemble, problem.rate, Threads(1))
-    return found
-
-
 def test_a_problem_takes_a_modal_model_as_it_takes_its_beam() -> None:
     beam, own = small(Beam(modes=2)), small(modal_model(Beam(modes=2)))
-    np.testing.assert_allclose(measured(own)[:, 0], measured(beam)[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(values_of(own)[:, 0], values_of(beam)[:, 0], rtol=1e-12)
     assert own.describe() != beam.describe()
     assert mounted(detuned(own.beam, 0.1)).omega[1] == pytest.approx(1.1 * beam.model.omega[1])
 

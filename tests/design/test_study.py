@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from design_studies import BATCH, Bowl, Model, problem, settings
-from places import ROOT, SUPPORT
+from places import ROOT, fresh
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
@@ -183,8 +183,7 @@ def test_changed_sources_are_another_study(tmp_path: Path, monkeypatch: pytest.M
 def test_key_is_the_same_in_another_process_and_differs_with_all_that_a_run_is_made_of() -> None:
     code = "from design_studies import problem; from optimisation.search.ledger import key_of\n"
     code += "g = problem(); print(*map(key_of, g.chunks(g.space.default, g.ensemble, g.rate)))"
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(SUPPORT), str(ROOT)]), "PYTHONHASHSEED": "7"}
-    there = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout.split()
+    there = fresh("-c", code, PYTHONHASHSEED=7).stdout.split()
     given = problem()
 
     def keys(other: Problem, rate: float = given.rate) -> list[str]:

@@ -2,8 +2,6 @@
 
 import pickle
 import re
-import subprocess
-import sys
 import warnings
 from dataclasses import fields
 from itertools import pairwise
@@ -17,6 +15,7 @@ from environment_cases import ACTIVE_FRICTION, ACTIVE_GAP, ADAPTIVE, GAP, LIMITE
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
+from places import fresh
 
 from impact_env import ParameterError
 from impact_env.envs import ENVIRONMENTS, register_environments
@@ -63,8 +62,7 @@ def test_noise_and_delay_touch_measured_features_only() -> None:
 def test_names_are_registered_by_the_import_that_their_prefix_asks_for_and_only_once() -> None:
     """In a process that has imported nothing of the package."""
     code = f"import gymnasium; print(gymnasium.make('impact_env:{PASSIVE}', interval=1.0).spec.id)"
-    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, timeout=120)
-    assert done.stdout.strip() == PASSIVE, done.stderr
+    assert fresh("-W", "error", "-c", code).stdout.strip() == PASSIVE
     before = {name: gymnasium.registry[name] for name in ENVIRONMENTS}
     register_environments()
     assert all(gymnasium.registry[name] is before[name] for name in ENVIRONMENTS)

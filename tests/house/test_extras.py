@@ -1,13 +1,12 @@
 """What an import says where an optional package is missing, in fresh processes that cannot import it."""
 
 import os
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
 import pytest
-from places import ROOT, SCRIPTS, SUPPORT
+from places import ROOT, SCRIPTS, fresh
 
 from impact_env.extras import DISTRIBUTION, EXTRAS, how_to_install
 
@@ -46,10 +45,9 @@ for module in {modules}:
 """
 
 
-def fresh(code: str) -> list[str]:
-    kept = Path(sys.prefix) / "kernel-cache"  # not in the folder that its sys.prefix names
-    environment = {"IMPACT_ENV_CACHE": str(kept)} | os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (ROOT, SCRIPTS, SUPPORT.parent)))}
-    return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
+def said(code: str) -> list[str]:
+    kept = os.environ.get("IMPACT_ENV_CACHE", Path(sys.prefix) / "kernel-cache")  # not in the folder that its sys.prefix names
+    return fresh("-c", code, IMPACT_ENV_CACHE=kept).stdout.splitlines()
 
 
 def expected(package: str) -> str:
@@ -58,7 +56,7 @@ def expected(package: str) -> str:
 
 def test_an_import_names_the_extra() -> None:
     modules = {module: package for package, names in IMPORTS.items() for module in names.split()}
-    lines = fresh(TRY.format(packages=list(EXTRAS), modules=list(modules)))
+    lines = said(TRY.format(packages=list(EXTRAS), modules=list(modules)))
     assert lines == [f"{module} MissingExtraError {expected(package)}" for module, package in modules.items()]
 
 
@@ -71,7 +69,7 @@ def test_the_environments_need_nothing_that_learns() -> None:
     code = TRY.format(packages=others, modules=[]) + "import gymnasium, impact_env\nfor name in impact_env.envs.ENVIRONMENTS:\n"
     code += "    env = gymnasium.make(name, interval=1.0, render_mode='rgb_array')\n    env.reset(seed=0)\n"
     code += "    env.step(env.action_space.sample())\n    print(env.render().shape)\n"
-    assert fresh(code) == ["(420, 640, 3)"] * len(ENVIRONMENTS)
+    assert said(code) == ["(420, 640, 3)"] * len(ENVIRONMENTS)
 
 
 def test_what_only_one_function_needs_is_named_by_it() -> None:
@@ -90,7 +88,7 @@ def test_what_only_one_function_needs_is_named_by_it() -> None:
     packages = list(calls.values())
     code += TRY.format(packages=packages, modules=[]) + f"for package in {packages}: sys.modules.pop(package, None)\n"
     code += "".join(f"try:\n    {call}\nexcept ImportError as error:\n    print(error)\n" for call in calls)
-    for line, package in zip(fresh(code), packages, strict=True):
+    for line, package in zip(said(code), packages, strict=True):
         assert line == expected(package) or "h5py" in line
 
 

@@ -1,12 +1,9 @@
 """What belongs to the whole process, and so to others, is as it was after an import, a compilation, runs and a study. In a fresh process."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from places import ROOT, SUPPORT
+from places import fresh
 
 SCRIPT = """
 import atexit, gc, locale, logging, multiprocessing, os, pathlib, random, signal, sys, threading, warnings
@@ -74,8 +71,5 @@ def test_what_others_have_set_stays(tmp_path: Path) -> None:
     pytest.importorskip("optuna")
     pytest.importorskip("gymnasium")
     (script := tmp_path / "script.py").write_text(SCRIPT)
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(SUPPORT)])}
-    done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == []
+    assert fresh(script).stdout.split() == []
     assert list((tmp_path / "__pycache__").glob("script.own*.nbi"))  # where numba keeps what others compile

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from places import ROOT, SCRIPTS
+from places import ROOT, SCRIPTS, fresh
 
 from impact_env.kernels.compiling import cache
 
@@ -40,8 +40,7 @@ def test_simulator_imports_no_heavy_library() -> None:
         "heavy = {'matplotlib', 'torch', 'pygame', 'PIL', 'stable_baselines3', 'cvxpy', 'optuna', 'optimisation'}\n"
         "print(sorted(heavy & set(sys.modules)))"
     )
-    result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert result.stdout.strip() == "[]"
+    assert fresh("-c", code).stdout.strip() == "[]"
 
 
 def test_every_dependency_is_pinned_once() -> None:

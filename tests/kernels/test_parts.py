@@ -1,8 +1,5 @@
 """How kernels are compiled: one that Python calls in one piece with all that it calls, without what cannot be reached."""
 
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -11,7 +8,8 @@ import numpy as np
 import pytest
 from numba.core.caching import NullCache
 from numba.core.errors import TypingError
-from places import ROOT, SUPPORT
+from places import SUPPORT
+from places import fresh as process
 
 from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room, jit_view
 
@@ -205,10 +203,8 @@ def test_constants_share_a_part_and_its_errors_reach_python() -> None:
 
 def compiled(*words: str) -> dict[str, list[str]]:
     """Return for each word the kernel's result, and then its instructions, from a fresh process."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    result = subprocess.run([sys.executable, str(SUPPORT / "inlined.py"), *words], env=environment, capture_output=True, text=True, timeout=300)
-    assert result.returncode == 0, result.stderr
-    return dict(zip(words, map(str.split, result.stdout.splitlines()), strict=True))
+    lines = process(SUPPORT / "inlined.py", *words).stdout.splitlines()
+    return dict(zip(words, map(str.split, lines), strict=True))
 
 
 def test_machine_code_does_not_depend_on_what_was_compiled_before_and_a_sparing_group_spares_copies() -> None:

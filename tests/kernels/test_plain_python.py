@@ -3,9 +3,6 @@
 import ctypes
 import json
 import math
-import os
-import subprocess
-import sys
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from every_scene import EVERY
-from places import ROOT, SUPPORT
+from places import fresh
 
 from impact_env.kernels.compiling.plain_code import fused
 
@@ -35,10 +32,7 @@ assert told == ["NUMBA_DISABLE_JIT is set: kernels run in plain Python, there is
 @cache
 def plain(folder: Path) -> dict[str, dict[str, str]]:
     """Return the bits of a process in which nothing is compiled; kernels would be kept in ``folder``."""
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(SUPPORT), str(ROOT)]), "NUMBA_DISABLE_JIT": "1", "IMPACT_ENV_CACHE": str(folder)}
-    command = [sys.executable, "-W", "error::RuntimeWarning", "-c", WHOLE]
-    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=580)
-    assert result.returncode == 0, result.stderr
+    result = fresh("-W", "error::RuntimeWarning", "-c", WHOLE, NUMBA_DISABLE_JIT=1, IMPACT_ENV_CACHE=folder)
     assert not folder.exists()  # nothing is written
     found: dict[str, dict[str, str]] = json.loads(result.stdout)
     return found

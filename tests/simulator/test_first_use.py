@@ -1,14 +1,11 @@
 """What is told of compiling at a first use, kernels that another process compiles, and what validations of orbits compile."""
 
 import gc
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from numba.core import event
-from places import ROOT, SUPPORT
+from places import SUPPORT, fresh
 
 from impact_env import Beam, ParameterError, RungeKutta, beam_scene, impact_absorber, prepare
 from impact_env.kernels.compiling.parts import COMPILING
@@ -86,8 +83,7 @@ def told(code: str, folder: Path) -> tuple[list[str], list[str]]:
     """Run code in a fresh process, with a folder for kernels, and return the lines of stdout and stderr."""
     if not (file := folder / "script.py").exists() or file.read_text() != code:
         file.write_text(code)  # older numba goes by the time of its last change
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(folder)}
-    done = subprocess.run([sys.executable, file], env=environment, capture_output=True, text=True, timeout=200, check=True)
+    done = fresh(file, IMPACT_ENV_CACHE=folder)
     return done.stdout.splitlines(), done.stderr.splitlines()
 
 
@@ -134,10 +130,8 @@ def test_garbage_is_looked_for_seldom_while_something_compiles_and_as_before_aft
     ("way", "runs"), [("well", ["False 1 1 0 None True", "True 0 1 0 None True"]), ("badly", ["False 1 0 0 None True"])], ids=["well", "badly"]
 )
 def test_a_kernel_comes_from_the_other_process_or_else_from_here(tmp_path: Path, way: str, runs: list[str]) -> None:
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(tmp_path)}
     for expected in runs:
-        words = [sys.executable, str(SUPPORT / "beside.py"), way]
-        done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=120)
+        done = fresh(SUPPORT / "beside.py", way, IMPACT_ENV_CACHE=tmp_path)
         assert done.stdout.strip() == expected, done.stderr
         assert all(line.startswith("impact_env: compiling ") for line in done.stderr.splitlines())
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import sweep
+from design_studies import values_of
 from places import EXAMPLES
 
 from impact_env import Beam, ModalModel, beam_scene, impact_absorber, impact_absorbers, load_structure, modal_model
@@ -16,7 +17,6 @@ from impact_env.modes import deflection_row, matrices
 from impact_env.plain import from_scene, to_scene
 from optimisation.bounds import design_gap
 from optimisation.designs import Design, design_space
-from optimisation.evaluation import evaluate
 from optimisation.insight import neighbourhood, varied
 from optimisation.mounting import mounted
 from optimisation.objectives import Condition, Objective
@@ -55,11 +55,6 @@ def problem(structure: Beam | ModalModel, concept: str = "impact", free: list[st
     return Problem(design_space(concept, free), (Condition(1, 3.5),), beam=structure, **given)
 
 
-def measured(own: Problem, design: Design) -> np.ndarray:
-    ((_, found),) = evaluate(own, [design], own.ensemble, own.rate, THREADS)
-    return found
-
-
 @pytest.mark.parametrize("number", [1, 2])
 def test_a_place_of_the_file_is_that_of_the_beam(number: int, structure: ModalModel) -> None:
     own, beam = problem(structure, free=["gap", "position"]), problem(BEAM, free=["gap", "position"])
@@ -71,7 +66,7 @@ def test_a_place_of_the_file_is_that_of_the_beam(number: int, structure: ModalMo
     assert model.absorber_shapes is None
     np.testing.assert_allclose(np.abs(model.tip_shape), np.abs(truth.tip_shape), rtol=1e-9)
     np.testing.assert_allclose(np.abs(model.level_shape), np.abs(truth.level_shape), rtol=1e-9)
-    np.testing.assert_allclose(measured(own, found), measured(beam, known), rtol=1e-6)
+    np.testing.assert_allclose(values_of(own, found), values_of(beam, known), rtol=1e-6)
 
 
 def test_several_absorbers_are_at_the_chosen_places_and_the_level_where_the_file_says(structure: ModalModel) -> None:
@@ -84,7 +79,7 @@ def test_several_absorbers_are_at_the_chosen_places_and_the_level_where_the_file
     for k, position in enumerate(PLACES):
         at = np.abs(modal_model(replace(BEAM, absorber_position=position)).tip_shape)
         np.testing.assert_allclose(np.abs(scene.absorber_shapes[k]), at, rtol=1e-9)
-    np.testing.assert_allclose(measured(own, found), measured(beam, known), rtol=1e-3)  # impacts amplify rounding
+    np.testing.assert_allclose(values_of(own, found), values_of(beam, known), rtol=1e-3)  # impacts amplify rounding
 
 
 def test_one_absorber_is_at_the_first_place_and_not_where_the_level_is_read(structure: ModalModel, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import scipy.linalg
 import scipy.optimize
 import scipy.sparse
 from core import EVERYTHING, drive_of, run
-from load_cases import record_of
+from load_cases import chain, record_of
 from places import EXAMPLES
 
 from impact_env import Beam, Section, StructureWarning, beam_scene, modal_model
@@ -35,14 +35,6 @@ def written(folder: Path, table: str, **keys: object) -> Path:
     path = folder / "structure.json"
     path.write_text(json.dumps({table: {key: value for key, value in keys.items() if value is not None}}))
     return path
-
-
-def chain(folder: Path, held: bool = True, **more: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Three masses on springs, as matrices in a file."""
-    mass = np.diag([1.0, 0.5, 1.5])
-    stiffness = 1e4 * np.array([[2.0 if held else 1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
-    np.savez(folder / "m.npz", M=mass, K=stiffness, **more)
-    return mass, stiffness
 
 
 # wave numbers times the length of uniform beams, from the characteristic equations of each pair of ends

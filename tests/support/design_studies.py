@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env import Beam
-from impact_env.ensemble import Lane
+from impact_env.ensemble import Lane, Threads
 from impact_env.parameters import SlidingAbsorber
-from optimisation.designs import design_space
+from optimisation.designs import Design, design_space
+from optimisation.evaluation import evaluate
 from optimisation.measures import Chunk
 from optimisation.objectives import Condition, Objective
 from optimisation.problem import Problem
@@ -35,6 +36,12 @@ def problem(objectives: int = 1, **changes: object) -> Problem:
 
 def settings(sampler: str = "cma", seed: int = 0, rungs: tuple[Rung, ...] = (Rung(1, 1.0, 0.5), Rung(4))) -> Settings:
     return Settings(sampler, BATCH, rungs if sampler != "nsga2" else rungs[-1:], seed)
+
+
+def values_of(problem: Problem, design: Design | None = None) -> Array:
+    """Return what one design (None: the default) has for all members, simulated in this thread."""
+    ((_, found),) = evaluate(problem, [design or problem.space.default], problem.ensemble, problem.rate, Threads(1))
+    return found
 
 
 @dataclass

@@ -52,6 +52,14 @@ def cantilever() -> ModalModel:
     return ModalModel(*rows, MASS, base_participation=np.array(PARTICIPATION))
 
 
+def chain(folder: Path, held: bool = True, **more: Array) -> tuple[Array, Array]:
+    """Three masses on springs, as matrices in a file."""
+    mass = np.diag([1.0, 0.5, 1.5])
+    stiffness = 1e4 * np.array([[2.0 if held else 1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    np.savez(folder / "m.npz", M=mass, K=stiffness, **more)
+    return mass, stiffness
+
+
 def chirp(schedule: FrequencySchedule, times: Array) -> tuple[Array, Array, Array]:
     """Return frequency (rad/s), its rate (rad/s^2) and phase (rad) of a schedule of one stretch at times in s."""
     rate = (schedule.omegas[1] - schedule.omegas[0]) / schedule.times[1]
