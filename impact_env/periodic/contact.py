@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import scipy.optimize
 
-from impact_env.parameters import CompliantWalls, CoulombFriction, ElasticCoulombFriction, non_negative, positive, require
+from impact_env.parameters import CompliantWalls, CoulombFriction, ElasticCoulombFriction, check_each, non_negative, positive, require
 from impact_env.periodic.trigonometric import TURN, Real, basis, derivative, harmonics_of, negative, roots, share, window
 
 
@@ -164,8 +164,7 @@ class RigidContact:
             non_negative("gap", self.gap)
         if self.friction_limit is not None:
             CoulombFriction(self.friction_limit)
-        positive("weight", self.weight)
-        positive("friction_weight", self.friction_weight)
+        check_each(self, weight=positive, friction_weight=positive)
 
     def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> Contact:
         """See `Law`."""

@@ -183,15 +183,9 @@ def window_of(scene: Scene, response: Response, omega: float) -> Window:
 def _states(scene: Scene, history: History, omega: float) -> Array:
     """Return the samples as displacements in m, (S, 2 N_m + 2): each mode's share of the tip's, and the absorber's against the tip."""
     shape = np.where(scene.model.tip_shape == 0, 1.0, scene.model.tip_shape)
-    relative = history.absorber_displacement - history.tip_displacement
-    return np.column_stack(
-        [
-            history.modal_displacement * shape,
-            relative,
-            history.modal_velocity * shape / omega,
-            (history.absorber_velocity - history.tip_velocity) / omega,
-        ]
-    )
+    places = history.modal_displacement * shape, history.absorber_displacement - history.tip_displacement
+    speeds = history.modal_velocity * shape / omega, (history.absorber_velocity - history.tip_velocity) / omega
+    return np.column_stack([*places, *speeds])
 
 
 def _energies(scene: Scene, history: History, account: EnergyAccount) -> Energies:
