@@ -87,7 +87,7 @@ class ControlledRuns:
         kernels = family(scene, method)
         beside = _beside(scene, method, record, moves_base, interval * 2 * np.pi / positive("reference", reference))
         weightless(scene.absorber, "a run that is controlled in intervals")
-        require(kernels.control is not None, "absorber", scene.absorber, "one absorber in a run that is controlled in intervals")
+        require(kernels.lanes is not None, "absorber", scene.absorber, "one absorber in a run that is controlled in intervals")
         self.scene, self.method, self.lanes = scene, method, count("lanes", lanes, 1)
         self.threads = available_cores() if threads is None else count("threads", threads, 1)
         period, modes = 2 * np.pi / positive("reference", reference), scene.model.modes
@@ -115,10 +115,8 @@ class ControlledRuns:
 
     def _new_crew(self) -> Crew:
         """Return the threads that advance the lanes."""
-        control, board = family(self.scene, self.method).control, new_board(self.lanes)
-        assert control is not None
-        batch = Batch(self._watch, self._memory, self.orders, self.reports, self.status)
-        return Crew(partial(control(self.scene, self.method, self._period, batch), board), board)
+        batch, board = Batch(self._watch, self._memory, self.orders, self.reports, self.status), new_board(self.lanes)
+        return Crew(partial(family(self.scene, self.method).control(self.scene, self.method, self._period, batch), board), board)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out threads and compiled code, which cannot be copied."""

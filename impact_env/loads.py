@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,7 @@ class Samples(Load):
     times: Array
     values: Array
     quantity: str = FORCE
+    sizes: ClassVar[tuple[str, ...]] = ("values",)
 
     def __post_init__(self) -> None:
         one_of("quantity", self.quantity, QUANTITIES)
@@ -79,10 +81,6 @@ class Samples(Load):
         sizes = np.abs(np.fft.rfft(self.values)) ** 2
         above = np.fft.rfftfreq(len(self.values), self.times[1]) > frequency
         return float(np.sum(sizes[above]) / max(np.sum(sizes), 1e-300))
-
-    def member(self, other: Member) -> Samples:
-        """Return the load of a member of an ensemble: the record is the same."""
-        return replace(self, values=other.factor * self.values)
 
     def base_velocity(self) -> float:
         """Return the base's velocity in m/s at time 0 whose mean is zero."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,9 +50,14 @@ class Member:
 
 
 class Load(ABC):
-    """A load, which lasts as long as its ``schedule``, or its ``length`` in s where it has none."""
+    """A load, which lasts as long as its ``schedule``, or its ``length`` in s where it has none.
+
+    ``sizes``: the attributes to which it is proportional, one of them or all; a ``phase``, where it has one, is that of its schedule.
+    """
 
     length: float | None
+    sizes: ClassVar[tuple[str, ...]] = ()
+    phase: float | None = None
 
     @property
     def duration(self) -> float:
@@ -66,9 +72,12 @@ class Load(ABC):
     def pieces(self) -> list[Pieces]:
         """Return its pieces, a record for each tone."""
 
-    @abstractmethod
-    def member(self, other: Member) -> Load:
+    def member(self, other: Member) -> Self:
         """Return the load of a member of an ensemble."""
+        changed = {name: other.factor * getattr(self, name) for name in self.sizes if getattr(self, name) is not None}
+        if self.phase is not None:
+            changed["phase"] = self.phase + other.phase
+        return replace(self, **changed)  # type: ignore[type-var]
 
     def base_velocity(self) -> float:
         """Return the base's velocity in m/s at time 0 whose mean is zero; 0 where it does not move, or only after a pulse."""
@@ -98,6 +107,7 @@ class Shock(Load):
     length: float
     rise: float | None = None
     quantity: str = FORCE
+    sizes: ClassVar[tuple[str, ...]] = ("peak",)
 
     def __post_init__(self) -> None:
         one_of("pulse", self.pulse, PULSES), one_of("quantity", self.quantity, QUANTITIES)
@@ -119,10 +129,6 @@ class Shock(Load):
         times = np.array([0.0, rise, width - rise, width, end])
         return [lines_between(times, np.array([0.0, peak, peak, 0.0, 0.0]), base)]
 
-    def member(self, other: Member) -> Shock:
-        """Return the load of a member of an ensemble: the pulse is the same."""
-        return replace(self, peak=other.factor * self.peak)
-
 
 @dataclass(frozen=True)
 class Strike(Load):
@@ -135,6 +141,7 @@ class Strike(Load):
     velocity: float
     length: float
     place: str = PLACES[0]
+    sizes: ClassVar[tuple[str, ...]] = ("velocity",)
 
     def __post_init__(self) -> None:
         keep_checked(self, velocity=finite, length=positive)
@@ -148,10 +155,6 @@ class Strike(Load):
     def pieces(self) -> list[Pieces]:
         """Return one that is nothing."""
         return [Pieces(np.array([0.0, self.length]), np.zeros((1, 9)), False)]
-
-    def member(self, other: Member) -> Strike:
-        """Return the load of a member of an ensemble: at the same place."""
-        return replace(self, velocity=other.factor * self.velocity)
 
     def modal_velocity(self, model: ModalModel) -> Array:
         """Return the velocities (N_m,) in sqrt(kg) m/s that it leaves."""
@@ -220,6 +223,7 @@ class Unbalance(Load):
     unbalance: float
     schedule: FrequencySchedule
     phase: float = 0.0
+    sizes: ClassVar[tuple[str, ...]] = ("unbalance",)
 
     def __post_init__(self) -> None:
         keep_checked(self, unbalance=finite, phase=finite)
@@ -228,10 +232,6 @@ class Unbalance(Load):
     def pieces(self) -> list[Pieces]:
         """Return its pieces."""
         return [_schedule_pieces(self.schedule, 1.0, self.phase, _squared(self.schedule, self.unbalance), False)]
-
-    def member(self, other: Member) -> Unbalance:
-        """Return the load of a member of an ensemble."""
-        return replace(self, unbalance=other.factor * self.unbalance, phase=self.phase + other.phase)
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,6 +242,7 @@ class ShakenBase(Load):
     acceleration: float | None = None
     displacement: float | None = None
     phase: float = 0.0
+    sizes: ClassVar[tuple[str, ...]] = ("acceleration", "displacement")
 
     def __post_init__(self) -> None:
         instance("schedule", self.schedule, FrequencySchedule)
@@ -258,11 +259,6 @@ class ShakenBase(Load):
         coefficients = _squared(self.schedule, -self.displacement)
         coefficients[:, 1] = self.displacement * np.diff(self.schedule.omegas) / np.diff(self.schedule.times)
         return [_schedule_pieces(self.schedule, 1.0, self.phase, coefficients, True)]
-
-    def member(self, other: Member) -> ShakenBase:
-        """Return the load of a member of an ensemble."""
-        amplitude = {name: other.factor * getattr(self, name) for name in ("acceleration", "displacement") if getattr(self, name) is not None}
-        return replace(self, phase=self.phase + other.phase, **amplitude)
 
     def base_velocity(self) -> float:
         """Return the base's velocity in m/s at time 0 whose mean is zero."""
@@ -317,7 +313,10 @@ class Tones(Load):
 
     def pieces(self) -> list[Pieces]:
         """Return the pieces of each tone."""
-        return [_schedule_pieces(*self._turning(tone), tone.phase, self._size(tone), self.quantity == BASE) for tone in self.tones]
+        return [
+            _schedule_pieces(*self._turning(tone), tone.phase, _constant(self._turning(tone)[0], tone.amplitude), self.quantity == BASE)
+            for tone in self.tones
+        ]
 
     def _turning(self, tone: Tone) -> tuple[FrequencySchedule, float]:
         if self.schedule is not None:
@@ -326,9 +325,6 @@ class Tones(Load):
         assert tone.frequency is not None
         omega = 2 * np.pi * tone.frequency
         return FrequencySchedule(np.array([0.0, self.duration]), np.full(2, omega), 2 * np.pi / self.duration), 1.0
-
-    def _size(self, tone: Tone) -> Array:
-        return _constant(self._turning(tone)[0], tone.amplitude)
 
     def member(self, other: Member) -> Tones:
         """Return the load of a member of an ensemble: every tone has a phase of its own."""

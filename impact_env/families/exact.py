@@ -1,8 +1,9 @@
 """The families of the exact method: one rigid absorber (free or sliding, and joined), one on springs, scenes of one regime, several absorbers."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 
@@ -39,6 +40,36 @@ from impact_env.regime_sets import regime_sets
 from impact_env.regimes import fastest, free_regime, joined_regime, padded_size, sprung_regime, table_reach
 from impact_env.scene import Scene
 
+Taken = tuple[Any, float]  # a scene as its kernels take it, and the reach of its regimes' tables in s
+
+
+@dataclass(frozen=True)
+class ExactFamily(Family):
+    """``take`` makes of a scene, the wanted reach in s, whether the base moves, and the drive (None: under control) what the kernels take.
+
+    ``regime``: the one of it whose slots a lane under control keeps.
+    """
+
+    take: Callable[[Scene, float, bool, AnyDrive | None], Taken]
+    regime: Callable[[Any], Regime]
+
+    def run(self, scene: Scene, drive: AnyDrive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
+        """Integrate over the whole schedule, see `Family.run`."""
+        taken, reach = self.take(scene, window_of(drive), moves_base(drive), drive)
+        if not self.searched:
+            observers = replace(observers, events=None)  # there are none, and a list would be one more variant to compile
+        return int(self.lane(taken, schedule_of(scene, drive, reach), state, observers.every(sample_dt)))
+
+    def control(self, scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
+        """Return the kernel that advances lanes, see `Family.control`."""
+        assert self.lanes is not None
+        return partial(self.lanes, *self.take(scene, WINDOW_PERIODS * pseudo_period, base_in(batch), None), batch)
+
+    def slots(self, scene: Scene, pseudo_period: float) -> int:
+        """Return the slots of the regime."""
+        return self.regime(self.take(scene, WINDOW_PERIODS * pseudo_period, False, None)[0]).slots.rows.shape[1]
+
+
 # One absorber with rigid walls, rigid friction or both: free or sliding, and joined.
 
 
@@ -72,26 +103,13 @@ def _laws_rigid(scene: Scene) -> tuple[Walls, float | None]:
     return FAR_AWAY if walls is None else walls, limit
 
 
-def _rigid(scene: Scene, wanted: float, laws: tuple[Walls | None, float | None], moves: bool, drive: AnyDrive | None = None) -> tuple[Rigid, float]:
-    """Return the scene as its kernels take it, and the reach of the regimes' tables in s: ``wanted`` or less. ``moves``: whether the base does."""
+def _rigid(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> Taken:
     free, joined, reach = rigid_regimes(scene, wanted, moves)
+    laws = rigid_laws(scene) if drive is None else _laws_rigid(scene)
     return Rigid(free, joined, contact_of(scene, *laws, drive), losses_of(scene)), reach
 
 
-def _run_rigid(scene: Scene, drive: AnyDrive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
-    rigid, reach = _rigid(scene, window_of(drive), _laws_rigid(scene), moves_base(drive), drive)
-    return int(exact_lane(rigid, schedule_of(scene, drive, reach), state, observers.every(sample_dt)))
-
-
-def _control_rigid(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
-    return partial(rigid_lanes, *_rigid(scene, WINDOW_PERIODS * pseudo_period, rigid_laws(scene), base_in(batch)), batch)
-
-
-def _slots_rigid(scene: Scene, pseudo_period: float) -> int:
-    return rigid_regimes(scene, WINDOW_PERIODS * pseudo_period)[0].slots.rows.shape[1]
-
-
-RIGID = Family("rigid", _laws_rigid, _run_rigid, _control_rigid, _slots_rigid, searched=True)
+RIGID = ExactFamily("rigid", exact_lane, rigid_lanes, _laws_rigid, True, _rigid, lambda rigid: rigid.free)
 
 
 # One absorber whose contacts are springs (paper, appendix A): a spring to the wall, and elastic Coulomb friction.
@@ -129,26 +147,12 @@ def _laws_compliant(scene: Scene) -> tuple[float | None, float | None]:
     return None if absorber.walls is None else absorber.walls.gap, None if absorber.friction is None else absorber.friction.limit
 
 
-def _sprung(scene: Scene, wanted: float) -> tuple[Sprung, float]:
-    """Return the scene as its kernels take it, and the reach of the regimes' tables in s: ``wanted`` or less."""
+def _sprung(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> Taken:
     regimes, reach = compliant_regimes(scene, wanted)
     return Sprung(regimes, contact_of(scene), _springs(scene), *_laws_compliant(scene), losses_of(scene)), reach
 
 
-def _run_compliant(scene: Scene, drive: AnyDrive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
-    sprung, reach = _sprung(scene, window_of(drive))
-    return int(compliant_lane(sprung, schedule_of(scene, drive, reach), state, observers.every(sample_dt)))
-
-
-def _control_compliant(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
-    return partial(compliant_lanes, *_sprung(scene, WINDOW_PERIODS * pseudo_period), batch)
-
-
-def _slots_compliant(scene: Scene, pseudo_period: float) -> int:
-    return compliant_regimes(scene, WINDOW_PERIODS * pseudo_period)[0][0].slots.rows.shape[1]
-
-
-COMPLIANT = Family("compliant", _laws_compliant, _run_compliant, _control_compliant, _slots_compliant, searched=True)
+COMPLIANT = ExactFamily("compliant", compliant_lane, compliant_lanes, _laws_compliant, True, _sprung, lambda sprung: sprung.regimes[0])
 
 
 # Scenes of one linear regime: no absorber, a stuck one, a tuned one. The exact method is a closed form, without events.
@@ -169,28 +173,12 @@ def linear_regime(scene: Scene, wanted: float, moves: bool = False) -> tuple[Reg
     return sprung_regime(model, mass, spring.stiffness, spring.damping, size, reach, moves=moves, heavy=heavy), reach
 
 
-def _laws_linear(scene: Scene) -> tuple[object, ...]:
-    return ()
+def _linear(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> Taken:
+    regime, reach = linear_regime(scene, wanted, moves)
+    return Linear(regime, losses_of(scene), gravity_in(scene, drive)), reach
 
 
-def _run_linear(scene: Scene, drive: AnyDrive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
-    regime, reach = linear_regime(scene, window_of(drive), moves_base(drive))
-    observers = replace(observers, events=None)  # there are none, and a list would be one more variant to compile
-    return int(
-        linear_lane(Linear(regime, losses_of(scene), gravity_in(scene, drive)), schedule_of(scene, drive, reach), state, observers.every(sample_dt))
-    )
-
-
-def _control_linear(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
-    regime, reach = linear_regime(scene, WINDOW_PERIODS * pseudo_period, base_in(batch))
-    return partial(linear_lanes, Linear(regime, losses_of(scene), None), reach, batch)
-
-
-def _slots_linear(scene: Scene, pseudo_period: float) -> int:
-    return linear_regime(scene, WINDOW_PERIODS * pseudo_period)[0].slots.rows.shape[1]
-
-
-LINEAR = Family("linear", _laws_linear, _run_linear, _control_linear, _slots_linear)
+LINEAR = ExactFamily("linear", linear_lane, linear_lanes, lambda _: (), False, _linear, lambda linear: linear.regime)
 
 
 # Several absorbers with rigid contact at places of their own: one regime for each set of joined ones.
@@ -213,14 +201,9 @@ def _absorbers(scene: Scene) -> Absorbers:
     return Absorbers(scene.absorber_masses, gap, restitution, limit, shapes, tip, scene.model.omega**2)
 
 
-def _laws_several(scene: Scene) -> tuple[object, ...]:
-    return ()
+def _several(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> Taken:
+    sets, reach = _sets(scene, wanted)
+    return Several(sets, _absorbers(scene), losses_of(scene)), reach
 
 
-def _run_several(scene: Scene, drive: AnyDrive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
-    sets, reach = _sets(scene, window_of(drive))
-    several = Several(sets, _absorbers(scene), losses_of(scene))
-    return int(several_lane(several, schedule_of(scene, drive, reach), state, observers.every(sample_dt)))
-
-
-SEVERAL = Family("several", _laws_several, _run_several, searched=True)
+SEVERAL = ExactFamily("several", several_lane, None, lambda _: (), True, _several, lambda several: several.sets)

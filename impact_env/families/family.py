@@ -1,9 +1,10 @@
 """The interface of a family of kernels, and what all families of the exact method share."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,6 @@ from impact_env.parameters import TunedAbsorber, gravity_of
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
-Part = tuple[int, int]
 
 
 @dataclass
@@ -41,52 +41,43 @@ class Observers:
         return Observe(new_clock(sample_dt), self.counters, self.level, self.events, self.series, self.energy)
 
 
-class Run(Protocol):
-    """A family's single run."""
+def absent(law: object) -> object:
+    """Return whether a law is absent; of one that has parts which may be, which of them are."""
+    return tuple(map(absent, law)) if isinstance(law, tuple) else law is None
 
-    def __call__(self, scene: Scene, drive: AnyDrive, method: Any, state: Array, sample_dt: float, observers: Observers, /) -> int:
+
+@dataclass(frozen=True)
+class Family(ABC):
+    """Kernels for some kinds of scenes: ``lane`` makes a single run, ``lanes`` advances many under control (None: there is no such kernel).
+
+    ``laws``: parts of a scene without which the kernels are others, None where absent. ``searched``: whether its events are searched for.
+    """
+
+    name: str
+    lane: Callable[..., int]
+    lanes: Callable[..., bool] | None
+    laws: Callable[[Scene], tuple[Any, ...]]
+    searched: bool
+
+    def key(self, scene: Scene) -> tuple[object, ...]:
+        """Return a key, equal for two scenes that the same compiled kernels simulate, under the same kind of drive."""
+        return self.name, absent(self.laws(scene))
+
+    @abstractmethod
+    def run(self, scene: Scene, drive: AnyDrive, method: Any, state: Array, sample_dt: float, observers: Observers) -> int:
         """Integrate over the whole schedule and return a status code of `impact_env.kernels.motion.observers`.
 
         ``state`` (2 N_m + 2 n,) is the start and becomes the end. Samples lie ``sample_dt`` (s) apart from time 0. A slider of elastic friction
         starts without force.
         """
 
-
-class Control(Protocol):
-    """A family's lanes under control."""
-
-    def __call__(self, scene: Scene, method: Any, pseudo_period: float, batch: Batch, /) -> Callable[[Board, int, int], bool]:
+    @abstractmethod
+    def control(self, scene: Scene, method: Any, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
         """Return the kernel of `kernels.control.lanes` that advances lanes by their orders' intervals; ``pseudo_period`` in s."""
 
-
-def one_slot(scene: Scene, pseudo_period: float) -> int:
-    """Return the slots of a family that keeps nothing but the state."""
-    return 1
-
-
-def absent(law: object) -> object:
-    """Return whether a law is absent; of one that has parts which may be, which of them are."""
-    return tuple(part is None for part in law) if isinstance(law, tuple) else law is None
-
-
-@dataclass(frozen=True)
-class Family:
-    """One family of kernels.
-
-    ``laws``: parts of a scene without which the kernels are others, None where absent. ``searched``: its events are searched for.
-    ``control``: lanes in intervals, or None where the family has none. ``slots``: number of slots that a lane keeps between intervals.
-    """
-
-    name: str
-    laws: Callable[[Scene], tuple[object, ...]]
-    run: Run
-    control: Control | None = None
-    slots: Callable[[Scene, float], int] = one_slot
-    searched: bool = False
-
-    def key(self, scene: Scene) -> tuple[object, ...]:
-        """Return a key, equal for two scenes that the same compiled kernels simulate, under the same kind of drive."""
-        return self.name, *(absent(law) for law in self.laws(scene))
+    def slots(self, scene: Scene, pseudo_period: float) -> int:
+        """Return the number of slots that a lane under control keeps between intervals; 1 where it keeps nothing but its state."""
+        return 1
 
 
 # What the families of the exact method share: the losses, the schedule of windows, the contact at one absorber.

@@ -1,6 +1,7 @@
 """The time-stepping methods: Moreau's scheme for rigid contact, Runge-Kutta's for linear scenes and compliant contact."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -53,7 +54,7 @@ def _wide(lanes: int, stride: int) -> int | None:
     return padded if padded > stride else None
 
 
-def _moreau_parts(scene: Scene) -> tuple[RigidLaws, int | None]:
+def _moreau_laws(scene: Scene) -> tuple[RigidLaws, int | None]:
     """Return the absorber's laws and the padded width of the table; a stuck absorber is one whose friction has no limit."""
     walls, limit = None, np.inf if isinstance(scene.absorber, StuckAbsorber) else None
     if isinstance(scene.absorber, SlidingAbsorber):
@@ -61,22 +62,7 @@ def _moreau_parts(scene: Scene) -> tuple[RigidLaws, int | None]:
     return RigidLaws(scene.absorber_mass, walls, limit, _spring(scene)), _wide(scene.model.modes, moreau.STRIDE)
 
 
-def _moreau_laws(scene: Scene) -> tuple[object, ...]:
-    laws, wide = _moreau_parts(scene)
-    return *laws, wide
-
-
-def _run_moreau(scene: Scene, drive: AnyDrive, method: Moreau, state: Array, sample_dt: float, observers: Observers) -> int:
-    laws, wide = _moreau_parts(scene)
-    return int(moreau_lane(_modes(scene), laws, _force(scene, drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
-
-
-def _control_moreau(scene: Scene, method: Moreau, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
-    laws, wide = _moreau_parts(scene)
-    return partial(moreau_lanes, _modes(scene), laws, Step(method.step(scene), wide), batch)
-
-
-def _runge_kutta_parts(scene: Scene) -> tuple[CompliantLaws, int | None]:
+def _runge_kutta_laws(scene: Scene) -> tuple[CompliantLaws, int | None]:
     """Return the absorber's laws, one that is stuck as a mass added to the tip, and the padded width of the table."""
     absorber, mass = scene.absorber, scene.absorber_mass
     stops = slider = None
@@ -87,22 +73,23 @@ def _runge_kutta_parts(scene: Scene) -> tuple[CompliantLaws, int | None]:
     return CompliantLaws(free_mass, added_mass, stops, slider, _spring(scene), cubic), _wide(scene.model.modes + 1, feedback.STRIDE)
 
 
-def _runge_kutta_laws(scene: Scene) -> tuple[object, ...]:
-    laws, wide = _runge_kutta_parts(scene)
-    return *laws, wide
+@dataclass(frozen=True)
+class SteppingFamily(Family):
+    """A method with a fixed step; ``laws`` are those of the absorber as its kernels take them, and the padded width of the table."""
+
+    def run(self, scene: Scene, drive: AnyDrive, method: Moreau | RungeKutta, state: Array, sample_dt: float, observers: Observers) -> int:
+        """Integrate over the whole schedule, see `Family.run`."""
+        laws, wide = self.laws(scene)
+        return int(self.lane(_modes(scene), laws, _force(scene, drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
+
+    def control(self, scene: Scene, method: Moreau | RungeKutta, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
+        """Return the kernel that advances lanes, see `Family.control`."""
+        assert self.lanes is not None
+        laws, wide = self.laws(scene)
+        # a state of steps does not hold the slider
+        require(getattr(laws, "slider", None) is None, "method", method, "Exact for elastic friction that is controlled in intervals")
+        return partial(self.lanes, _modes(scene), laws, Step(method.step(scene), wide), batch)
 
 
-def _run_runge_kutta(scene: Scene, drive: AnyDrive, method: RungeKutta, state: Array, sample_dt: float, observers: Observers) -> int:
-    laws, wide = _runge_kutta_parts(scene)
-    return int(runge_kutta_lane(_modes(scene), laws, _force(scene, drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
-
-
-def _control_runge_kutta(scene: Scene, method: RungeKutta, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
-    laws, wide = _runge_kutta_parts(scene)
-    # a state of steps does not hold the slider
-    require(laws.slider is None, "method", method, "Exact for elastic friction that is controlled in intervals")
-    return partial(runge_kutta_lanes, _modes(scene), laws, Step(method.step(scene), wide), batch)
-
-
-MOREAU = Family("moreau", _moreau_laws, _run_moreau, _control_moreau)
-RUNGE_KUTTA = Family("runge_kutta", _runge_kutta_laws, _run_runge_kutta, _control_runge_kutta)
+MOREAU = SteppingFamily("moreau", moreau_lane, moreau_lanes, _moreau_laws, False)
+RUNGE_KUTTA = SteppingFamily("runge_kutta", runge_kutta_lane, runge_kutta_lanes, _runge_kutta_laws, False)

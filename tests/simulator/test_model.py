@@ -1,5 +1,6 @@
 import itertools
 import math
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -13,7 +14,7 @@ from every_scene import SCENES
 from impact_env import FrequencySchedule, InitialState, friction_damper, impact_absorber, linear_sweep, modal_model
 from impact_env.controlled import ControlledRuns
 from impact_env.drive import Drive, constant_frequency
-from impact_env.families import FAMILIES, exact, family, kernel_key, stepping
+from impact_env.families import FAMILIES, family, kernel_key
 from impact_env.kernels.motion.observers import DONE
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
@@ -120,7 +121,6 @@ ABSORBERS: dict[str, Absorber | None] = {
     "several": impact_absorbers((1e-3, 1e-3), (0.8, 1.0), mass_ratio=0.01),
 }
 METHODS: tuple[Method, ...] = (Exact(), Moreau(), RungeKutta())
-LANES = {exact: ("linear_lane", "exact_lane", "compliant_lane", "several_lane"), stepping: ("moreau_lane", "runge_kutta_lane")}
 
 
 def scene(name: str) -> Scene:
@@ -143,14 +143,13 @@ def test_each_pair_is_in_the_table_or_refused_and_has_one_key_exactly_where_it_s
         calls.append((name, *map(numba.typeof, arguments)))
         return DONE
 
-    for module, names in LANES.items():
-        for name in names:
-            monkeypatch.setattr(module, name, partial(watched, name))
+    for pair, own in FAMILIES.items():
+        monkeypatch.setitem(FAMILIES, pair, replace(own, lane=partial(watched, own.name)))
     for name in ABSORBERS:
         present = scene(name)
         if (present.kind, type(method)) in FAMILIES:
             assert FAMILIES[present.kind, type(method)] is family(present, method)
-            assert (family(present, method).control is None) == (present.kind is SceneKind.SEVERAL)
+            assert (family(present, method).lanes is None) == (present.kind is SceneKind.SEVERAL)
             simulate(present, drive(present), method)
             seen.append((kernel_key(present, method), calls[-1]))
         else:
