@@ -77,6 +77,17 @@ def form(make: Callable[..., Any], keys: Keys) -> Sort:
     return Sort(read, write)
 
 
+def tables(make: Callable[..., Any], keys: Keys) -> Sort:
+    """Return the sort of a list of such dicts, each of which is a `form`; it is read as a tuple."""
+    one = form(make, keys)
+
+    def read(path: str, plain: Any) -> tuple[Any, ...]:
+        require(isinstance(plain, list | tuple), path, plain, f"a list of tables with the keys {', '.join(keys)}")
+        return tuple(one.read(f"{path}[{i}]", part) for i, part in enumerate(plain))
+
+    return Sort(read, lambda values: [one.write(value) for value in values])
+
+
 def _at(path: str, keys: Keys, error: ParameterError) -> ParameterError:
     """Return a class's error with the key path in the place of the argument's name, or before the message if it is about several arguments."""
     name, _, rest = str(error).partition(" = ")

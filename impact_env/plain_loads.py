@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
-from impact_env.forms import NUMBER, ROW, ROWS, WHOLE, Keys, Sort, form, require_keys
+from impact_env.forms import NUMBER, ROW, ROWS, WHOLE, Keys, Sort, form, require_keys, tables
 from impact_env.loads import (
     BASE,
     FORCE,
@@ -48,52 +48,42 @@ CLIPPED = 8  # samples in a row at a record's largest or smallest value: what a 
 UNEVEN = 1e-3  # of the sampling interval: what written times are rounded to
 
 
-def _tones(keys: Keys) -> Callable[[str, Any], tuple[Tone, ...]]:
-    sort = form(Tone, keys)
-
-    def read(path: str, plain: Any) -> tuple[Tone, ...]:
-        require(isinstance(plain, list | tuple), path, plain, f"a list of tables with the keys {', '.join(keys)}")
-        return tuple(sort.read(f"{path}[{i}]", part) for i, part in enumerate(plain))
-
-    return read
-
-
-def _tone_keys(quantity: str, name: str, key: str) -> Keys:
-    return {"amplitude_n" if quantity == FORCE else "amplitude_m_s2": ("amplitude", NUMBER), key: (name, NUMBER), "phase_rad": ("phase", NUMBER)}
-
-
-def _read_tones(path: str, plain: Mapping[str, Any], quantity: str) -> Tones:
-    fixed = Sort(_tones(_tone_keys(quantity, "frequency", "frequency_hz")), list)
-    ordered = Sort(_tones(_tone_keys(quantity, "order", "order")), list)
-    keys: Keys = {"tones": ("tones", fixed), "duration_s": ("length", NUMBER)}
-    if "orders" in plain or "schedule" in plain:
-        keys = {"orders": ("tones", ordered), "schedule": ("schedule", SCHEDULE)}
-        require_keys(path, plain, keys, ("orders", "schedule"))
-    return form(partial(Tones, quantity=quantity), keys).read(path, plain)
+def _tones(quantity: str, name: str, key: str) -> Sort:
+    """Return the sort of a list of tones, whose frequency or order (``name``) is called ``key``."""
+    amplitude = "amplitude_n" if quantity == FORCE else "amplitude_m_s2"
+    return tables(Tone, {amplitude: ("amplitude", NUMBER), key: (name, NUMBER), "phase_rad": ("phase", NUMBER)})
 
 
 def _force(amplitude: float, schedule: FrequencySchedule, phase: float = 0.0) -> Force:
     return Force(Drive(amplitude, schedule, phase))
 
 
-def _read_random(path: str, plain: Mapping[str, Any], quantity: str) -> Random:
-    keys: Keys = {"spectrum": ("spectrum", ROWS), "duration_s": ("length", NUMBER), "seed": ("seed", WHOLE)}
-    return form(partial(Random, quantity=quantity), keys).read(path, plain)
+WITH_SCHEDULE: Keys = {"phase_rad": ("phase", NUMBER), "schedule": ("schedule", SCHEDULE)}
+LENGTH: Keys = {"duration_s": ("length", NUMBER)}
+SHAKEN: Keys = {"acceleration_m_s2": ("acceleration", NUMBER), "displacement_m": ("displacement", NUMBER), **WITH_SCHEDULE}
 
 
-def _read_shock(path: str, plain: Mapping[str, Any], quantity: str) -> Load:
+def _form_of(kind: str, path: str, plain: Mapping[str, Any], quantity: str) -> Sort:
+    """Return the form of a load of any kind but samples; some kinds have two, which their keys tell apart."""
+    if kind == "force":
+        return form(_force, {"amplitude_n": ("amplitude", NUMBER), **WITH_SCHEDULE})
+    if kind == "unbalance":
+        return form(Unbalance, {"unbalance_kg_m": ("unbalance", NUMBER), **WITH_SCHEDULE})
+    if kind == "base":
+        return form(ShakenBase, SHAKEN)
+    if kind == "random":
+        return form(partial(Random, quantity=quantity), {"spectrum": ("spectrum", ROWS), **LENGTH, "seed": ("seed", WHOLE)})
+    if kind == "tones":
+        keys: Keys = {"tones": ("tones", _tones(quantity, "frequency", "frequency_hz")), **LENGTH}
+        if "orders" in plain or "schedule" in plain:
+            keys = {"orders": ("tones", _tones(quantity, "order", "order")), "schedule": ("schedule", SCHEDULE)}
+            require_keys(path, plain, keys, ("orders", "schedule"))
+        return form(partial(Tones, quantity=quantity), keys)
     if "velocity_m_s" in plain:
         require(quantity == FORCE, f"{path}.quantity", quantity, "left out beside velocity_m_s, which is relative to the base")
-        struck: Keys = {"velocity_m_s": ("velocity", NUMBER), "place": ("place", TEXT), "duration_s": ("length", NUMBER)}
-        return form(Strike, struck).read(path, plain)
-    keys: Keys = {
-        "pulse": ("pulse", TEXT),
-        "peak_n" if quantity == FORCE else "peak_m_s2": ("peak", NUMBER),
-        "pulse_s": ("width", NUMBER),
-        "rise_s": ("rise", NUMBER),
-        "duration_s": ("length", NUMBER),
-    }
-    return form(partial(Shock, quantity=quantity), keys).read(path, plain)
+        return form(Strike, {"velocity_m_s": ("velocity", NUMBER), "place": ("place", TEXT), **LENGTH})
+    peak: Keys = {"pulse": ("pulse", TEXT), "peak_n" if quantity == FORCE else "peak_m_s2": ("peak", NUMBER)}
+    return form(partial(Shock, quantity=quantity), {**peak, "pulse_s": ("width", NUMBER), "rise_s": ("rise", NUMBER), **LENGTH})
 
 
 SAMPLE_KEYS = ("file", "scale", "sample_rate_hz", "resample")
@@ -248,19 +238,6 @@ def _read_uff(file: Path, rate: float | None) -> tuple[Array, Array]:
 
 Reader = Callable[[Path, float | None], tuple[Array, Array]]
 RECORDS: dict[str, Reader] = {".csv": _read_csv, ".wav": _read_wav, ".npy": _read_npy, ".uff": _read_uff, ".unv": _read_uff}
-WITH_SCHEDULE: Keys = {"phase_rad": ("phase", NUMBER), "schedule": ("schedule", SCHEDULE)}
-
-
-def _read_base(path: str, plain: Mapping[str, Any], folder: Path) -> Load:
-    """Return a base that moves: harmonic, or the tones, samples, spectrum or pulse of another kind with this quantity."""
-    kinds: dict[str, Callable[..., Load]] = {"tones": _read_tones, "orders": _read_tones, "spectrum": _read_random, "pulse": _read_shock}
-    for key, read in kinds.items():
-        if key in plain:
-            return read(path, plain, BASE)
-    if "file" in plain:
-        return _read_samples(path, plain, BASE, folder)
-    keys: Keys = {"acceleration_m_s2": ("acceleration", NUMBER), "displacement_m": ("displacement", NUMBER), **WITH_SCHEDULE}
-    return form(ShakenBase, keys).read(path, plain)
 
 
 def _read_one(path: str, plain: Any, folder: Path) -> Load:
@@ -271,18 +248,15 @@ def _read_one(path: str, plain: Any, folder: Path) -> Load:
         require(kind not in ("force", "unbalance"), f"{path}.quantity", plain["quantity"], f"left out of a load of the kind {kind}")
     quantity = one_of(f"{path}.quantity", plain.get("quantity", BASE if kind == "base" else FORCE), QUANTITIES)
     require(kind != "base" or quantity == BASE, f"{path}.quantity", quantity, f"{BASE}, or left out, of a base")
-    if kind in ("force", "unbalance"):
-        make, key, name = (_force, "amplitude_n", "amplitude") if kind == "force" else (Unbalance, "unbalance_kg_m", "unbalance")
-        return form(make, {key: (name, NUMBER), **WITH_SCHEDULE}).read(path, rest)
-    if kind == "base":
-        return _read_base(path, rest, folder)
+    if kind == "base":  # harmonic, or tones, samples, a spectrum or a pulse of its acceleration
+        kind = next((other for key, other in OF_BASE.items() if key in rest), kind)
     if kind == "samples":
         return _read_samples(path, rest, quantity, folder)
-    read: dict[str, Callable[..., Load]] = {"tones": _read_tones, "random": _read_random, "shock": _read_shock}
-    return read[kind](path, rest, quantity)
+    return _form_of(kind, path, rest, quantity).read(path, rest)
 
 
 KINDS = ("force", "unbalance", "base", "tones", "samples", "random", "shock")
+OF_BASE = {"tones": "tones", "orders": "tones", "spectrum": "random", "pulse": "shock", "file": "samples"}  # by its keys, of which other kind it is
 START_KEYS: Keys = {
     "modal_displacement": ("modal_displacement", ROW),
     "modal_velocity": ("modal_velocity", ROW),

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from impact_env.forms import NUMBER, ROW, WHOLE, Keys, Sort, form
+from impact_env.forms import NUMBER, ROW, WHOLE, Keys, Sort, form, tables
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam, ParameterError, Section, count, positive, require, row
 from impact_env.structures.checks import StructureWarning, warnings_of_matrix
@@ -42,21 +42,12 @@ class Profile:
         for name in PROFILES:
             for key in PROFILES[name]:
                 value, own = getattr(self, key), key in PROFILES[self.kind]
-                require(
-                    value > 0 if own else value == 0 or key in PROFILES[self.kind],
-                    f"{key}_m",
-                    value,
-                    f"above 0, for {name}" if own else f"for {name} only",
-                )
+                require(value > 0 if own else value == 0, f"{key}_m", value, f"above 0, for {name}" if own else f"for {name} only")
         if self.kind == "tube":
             require(2 * self.wall <= self.diameter, "wall_m", self.wall, f"at most half the diameter, {self.diameter / 2:g} m")
         if self.kind == "I":
-            require(
-                2 * self.flange < self.height and self.web < self.width,
-                "flange_m, web_m",
-                (self.flange, self.web),
-                "less than half the height, the width",
-            )
+            ok, allowed = 2 * self.flange < self.height and self.web < self.width, "less than half the height, the width"
+            require(ok, "flange_m, web_m", (self.flange, self.web), allowed)
 
     @property
     def area(self) -> float:
@@ -92,16 +83,8 @@ SECTION_KEYS: Keys = {
     "bending_stiffness_n_m2": ("bending_stiffness", NUMBER),
     "mass_per_length_kg_m": ("mass_per_length", NUMBER),
 }
-SECTION = form(Section, SECTION_KEYS)
-
-
-def _sections(path: str, plain: Any) -> tuple[Section, ...]:
-    require(isinstance(plain, list | tuple), path, plain, f"a list of tables with the keys {', '.join(SECTION_KEYS)}")
-    return tuple(SECTION.read(f"{path}[{i}]", part) for i, part in enumerate(plain))
-
-
 VECTOR = Sort(lambda path, plain: text(path, plain) if isinstance(plain, str) else ROW.read(path, plain), list)  # or the name of a file
-SECTIONS = Sort(_sections, lambda sections: [SECTION.write(section) for section in sections])
+SECTIONS = tables(Section, SECTION_KEYS)
 BEAM_KEYS = form(
     Beam,
     {
@@ -180,15 +163,13 @@ def _one_or_list(sort: Sort) -> Sort:
 
 
 Parts = list[tuple[float, Any]]
-TURNED = ("absorber_shapes", "response_shape", "stress_shape", "base_participation")  # with the modes' signs
+TURNED = ("force_shape", "tip_shape", "absorber_shapes", "response_shape", "stress_shape", "base_participation")  # with the modes' signs
 
 
 def _signed(model: ModalModel) -> ModalModel:
     """Return a model whose absorber moves up in every mode, as a beam's tip does."""
     sign = np.where(model.tip_shape < 0, -1.0, 1.0)
-    rows = {name: getattr(model, name) * sign for name in ("force_shape", "tip_shape")}
-    more = {name: getattr(model, name) * sign for name in TURNED if getattr(model, name) is not None}
-    return replace(model, **rows, **more)
+    return replace(model, **{name: getattr(model, name) * sign for name in TURNED if getattr(model, name) is not None})
 
 
 def _placed(

@@ -76,11 +76,9 @@ def _model(
     else:
         require(frequencies is None, "frequencies", frequencies, "left out beside omega_rad_s")
         require(min(omega) > 0, "omega", omega, HELD)
-    w, force, tip = (np.array(row) for row in (omega, force_shape, tip_shape))
-    damping = ratios_of(damping_ratio, None, len(w))
-    optional = absorber_shapes, response_shape, stress_shape, base_participation
-    absorbers, response, stress, base = (None if row is None else np.array(row) for row in optional)
-    return ModalModel(w, damping, force, tip, beam_mass, absorbers, response, stress, base, base_at_absorber)
+    absorbers = None if absorber_shapes is None else np.array(absorber_shapes)
+    shapes = force_shape, tip_shape, beam_mass, absorbers, response_shape, stress_shape, base_participation
+    return ModalModel(omega, ratios_of(damping_ratio, None, len(omega)), *shapes, base_at_absorber)  # type: ignore[arg-type]  # made arrays there
 
 
 COLUMNS: Keys = {"omega_rad_s": ("omega", ROW), "frequencies_hz": ("frequencies", ROW), **SHAPES, "damping_ratio": ("damping_ratio", DAMPING_RATIO)}

@@ -32,22 +32,26 @@ class MeasuredMode:
     normalised_by_mass: bool
 
 
+def _datasets(path: Path, *kinds: int) -> tuple[list[dict[str, Any]], list[int]]:
+    """Return the datasets of some kinds in a file, as the library has them, and the kinds of all; raises ParameterError if it cannot be read."""
+    with optional():
+        import pyuff
+    require(path.is_file(), "file", str(path), "a Universal File that exists")
+    try:
+        reader = pyuff.UFF(str(path))
+        every = [int(kind) for kind in reader.get_set_types()]
+        return [reader.read_sets(k) for k, kind in enumerate(every) if kind in kinds], every
+    except Exception as error:  # the library raises bare exceptions
+        raise ParameterError(f"file = {str(path)!r} is not allowed: a Universal File that can be read ({error})") from error
+
+
 def read_modes(path: Path) -> list[MeasuredMode]:
     """Return the modes of a Universal File by rising frequency.
 
     A shape is divided by the root of its modal mass, if the file has one. Raises ParameterError for a file that cannot be read or has no modes,
     for units other than SI, and for shapes that are complex to a degree.
     """
-    with optional():
-        import pyuff
-    require(path.is_file(), "file", str(path), "a Universal File that exists")
-    try:
-        reader = pyuff.UFF(str(path))
-        kinds = [int(kind) for kind in reader.get_set_types()]
-        wanted = [k for k, kind in enumerate(kinds) if kind in (55, 164)]
-        sets = [reader.read_sets(k) for k in wanted]
-    except Exception as error:  # the library raises bare exceptions
-        raise ParameterError(f"file = {str(path)!r} is not allowed: a Universal File that can be read ({error})") from error
+    sets, kinds = _datasets(path, 55, 164)
     for units in (part for part in sets if part["type"] == 164):
         code = int(units["units_code"])
         require(code == SI, "file", f"{path}, units {code}", "SI units (code 1 in dataset 164)")
@@ -108,14 +112,7 @@ def at(modes: list[MeasuredMode], path: Path, name: str, place: tuple[int, str])
 
 def read_nodes(path: Path) -> tuple[NDArray[np.int64], Real]:
     """Return numbers (N,) and coordinates (N, 3) in m of the nodes of a Universal File, its datasets 15 or 2411; raises ParameterError for none."""
-    with optional():
-        import pyuff
-    require(path.is_file(), "file", str(path), "a Universal File that exists")
-    try:
-        reader = pyuff.UFF(str(path))
-        sets = [reader.read_sets(k) for k, kind in enumerate(reader.get_set_types()) if int(kind) in NODES]
-    except Exception as error:  # the library raises bare exceptions
-        raise ParameterError(f"file = {str(path)!r} is not allowed: a Universal File that can be read ({error})") from error
+    sets, _ = _datasets(path, *NODES)
     require(len(sets) > 0, "file", str(path), "a Universal File with the coordinates of its nodes, in datasets 15 or 2411")
     numbers = np.concatenate([np.asarray(part["node_nums"]) for part in sets]).astype(np.int64)
     return numbers, np.concatenate([np.column_stack([part[axis] for axis in DIRECTIONS]) for part in sets]).astype(np.float64)
@@ -123,14 +120,7 @@ def read_nodes(path: Path) -> tuple[NDArray[np.int64], Real]:
 
 def read_record(path: Path) -> tuple[Real, Real]:
     """Return times in s and values of the one time history of a Universal File. Raises ParameterError where there is none, or more."""
-    with optional():
-        import pyuff
-    require(path.is_file(), "file", str(path), "a Universal File that exists")
-    try:
-        reader = pyuff.UFF(str(path))
-        sets = [reader.read_sets(k) for k, kind in enumerate(reader.get_set_types()) if int(kind) == 58]
-    except Exception as error:  # the library raises bare exceptions
-        raise ParameterError(f"file = {str(path)!r} is not allowed: a Universal File that can be read ({error})") from error
+    sets, _ = _datasets(path, 58)
     histories = [part for part in sets if int(part["func_type"]) in TIME_HISTORIES]
     require(len(histories) == 1, f"{path.name}: time histories", len(histories), "one dataset 58 with a response over time")
     return np.asarray(histories[0]["x"], dtype=np.float64), np.real(np.asarray(histories[0]["data"])).astype(np.float64)
