@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.envs.adaptive_task import Cavity, Grip, limits_in_newtons, place_of, require_cavity
-from impact_env.envs.observation import DISTANCE, FREQUENCY, IMPACTS, TIME_LEFT, VELOCITY, Feature
+from impact_env.envs.adaptive_task import Cavity, Grip, HeldTask, WallsTask, require_cavity
+from impact_env.envs.observation import DISTANCE, FREQUENCY, FRICTION_IN_USE, GAP_IN_USE, IMPACTS, TIME_LEFT, VELOCITY, Feature
 from impact_env.envs.reference import stationary_amplitude
 from impact_env.envs.settings import FORCES, Range, Settings, pair, span
 from impact_env.envs.task import Array, Mask, Task
@@ -66,14 +66,13 @@ class ActiveTask(Task):
         self._speed, self._rms, self._whole = np.zeros(lanes), np.zeros(lanes), np.full(lanes, self.interval)
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
-        """Draw frequency, force and phase."""
+        """Draw frequency and force."""
         low, high = self._ratios
         self.ratio[lane] = self.drawn("frequency_ratio", lane, low if low == high else generator.uniform(low, high))
         self.force[lane] = self.draw_force(lane, generator)
         unit = stationary_amplitude(self.model(lane), self.ratio[lane] * self.omega, self.settings.moves_base)
         self._scale[lane] = unit * self.force[lane] / math.sqrt(2)
         self.squares[lane] = self._speed[lane] = self._rms[lane] = 0.0
-        self.draw_phase(lane, generator)
 
     @abstractmethod
     def act(self, action: Array) -> None:
@@ -126,41 +125,24 @@ class ActiveTask(Task):
         return super().info() | {"rms": self._rms.copy()}
 
 
-class ActiveFrictionTask(ActiveTask):
-    """Lanes with a friction limit that is set: ``friction`` (L,) in N and ``place`` (L,) in the range, from -1 to 1, are those in use."""
+class ActiveFrictionTask(HeldTask, ActiveTask):
+    """Lanes with a friction limit that is set."""
 
-    features: Sequence[Feature] = (*CYCLE, Feature("friction limit in use", False))
+    features: Sequence[Feature] = (*CYCLE, FRICTION_IN_USE)
 
     def __init__(self, settings: Settings, cycle: Cycle, grip: Grip, lanes: int) -> None:
-        self.limits, self._begin = limits_in_newtons(settings, grip)
+        self.take_hold(settings, grip, lanes)
         super().__init__(settings, cycle, lanes)
-        self.described = (cycle, grip)
-        self.friction, self.place, self._before = (np.zeros(lanes) for _ in range(3))
-
-    def draw(self, lane: int, generator: np.random.Generator) -> None:
-        """Draw what all draw; the friction starts as the scene has it."""
-        super().draw(lane, generator)
-        self.friction[lane], self.place[lane] = self._begin, place_of(self._begin, self.limits)
-        self._before[lane] = self.place[lane]
+        self.described, self._before = (cycle, grip), self.place
 
     def act(self, action: Array) -> None:
         """Order the friction limits."""
-        self._before, self.place = self.place, action
-        self.runs.orders["limit"] = self.friction = spread(0.5 * (action + 1), *self.limits)
+        self._before = self.place
+        self.order_friction(action)
 
     def moved(self) -> Array:
         """Return the way over the range of limits, which is 2 wide."""
         return np.abs(self.place - self._before)
-
-    def values(self) -> Array:
-        """Return the scaled features (L, features)."""
-        values = super().values()
-        values[:, len(CYCLE)] = self.place
-        return values
-
-    def info(self) -> dict[str, NDArray[Any]]:
-        """Return what info says of each lane."""
-        return super().info() | {"friction_limit": self.friction.copy()}
 
 
 @dataclass(frozen=True)
@@ -181,24 +163,13 @@ class Drive(Cavity):
         return gap + np.minimum(np.maximum((wanted - gap) * share, -most), most)
 
 
-class ActiveGapTask(ActiveTask):
-    """Lanes with walls that are moved."""
+class MovedWallsTask(WallsTask):
+    """A task whose walls move towards what is wanted, as ``drive`` lets them."""
 
-    features: Sequence[Feature] = (*CYCLE, Feature("half-clearance in use", False))
-
-    def __init__(self, settings: Settings, cycle: Cycle, drive: Drive, lanes: int) -> None:
-        require_cavity(settings.scene.absorber)
-        self.drive = drive
-        super().__init__(settings, cycle, lanes)
-        self.described, self._before = (cycle, drive), np.zeros(lanes)
-
-    def draw(self, lane: int, generator: np.random.Generator) -> None:
-        """Draw what all draw; the cavity starts as the scene has it."""
-        super().draw(lane, generator)
-        self.runs.orders["gap"][lane] = self.length
+    drive: Drive
 
     def act(self, action: Array) -> None:
-        """Order half-clearances on the way to those wanted."""
+        """Order half-clearances on the way to those wanted, for actions (L,) from -1 to 1."""
         self._before = self.runs.orders["gap"].copy()
         wanted = spread(0.5 * (action + 1), *self.drive.gap_limits)
         self.runs.orders["gap"] = self.drive.towards(wanted, self._before, self.interval)
@@ -207,12 +178,14 @@ class ActiveGapTask(ActiveTask):
         """Return the walls' way in half-clearances of the scene."""
         return np.abs(self.runs.orders["gap"] - self._before) / self.length
 
-    def values(self) -> Array:
-        """Return the scaled features (L, features)."""
-        values = super().values()
-        values[:, len(CYCLE)] = self.runs.orders["gap"] / self.length
-        return values
 
-    def info(self) -> dict[str, NDArray[Any]]:
-        """Return what info says of each lane."""
-        return super().info() | {"gap": self.runs.orders["gap"].copy()}
+class ActiveGapTask(MovedWallsTask, ActiveTask):
+    """Lanes with walls that are moved."""
+
+    features: Sequence[Feature] = (*CYCLE, GAP_IN_USE)
+
+    def __init__(self, settings: Settings, cycle: Cycle, drive: Drive, lanes: int) -> None:
+        require_cavity(settings.scene.absorber)
+        self.drive = drive
+        super().__init__(settings, cycle, lanes)
+        self.described, self._before = (cycle, drive), np.zeros(lanes)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.controlled import friction_limit
-from impact_env.envs.observation import STATE, Feature
+from impact_env.envs.observation import FRICTION_IN_USE, GAP_IN_USE, STATE, WAY_LEFT, Feature
 from impact_env.envs.reference import mean_power_of_cosine
 from impact_env.envs.settings import Range, Settings, pair, span
 from impact_env.envs.sweep_task import OneRate, Passage, PassiveTask, SweepTask
@@ -38,44 +38,57 @@ def require_cavity(absorber: Absorber | None) -> None:
     require(rigid, "absorber", absorber, "an impact absorber with rigid walls: there must be a cavity whose walls can be set")
 
 
-class SweepGapTask(SweepTask):
-    """Lanes that pass through a resonance, each with a cavity that is set on the way."""
+class WallsTask(Task):
+    """A task whose cavity is set: the half-clearance in use is that of the runs' orders."""
 
-    features: Sequence[Feature] = (*STATE, Feature("way left", False), Feature("half-clearance in use", False))
-
-    def __init__(self, settings: Settings, passage: Passage, cavity: Cavity, lanes: int) -> None:
-        require_cavity(settings.scene.absorber)
-        self.cavity = cavity
-        super().__init__(settings, passage, lanes)
-        self.described = (passage, cavity)
-        self.limited = np.zeros(lanes, dtype=np.bool_)
-
-    def draw(self, lane: int, generator: np.random.Generator) -> None:
-        """Draw what a passage draws; the cavity starts as the scene has it."""
-        super().draw(lane, generator)
+    def begin(self, lane: int) -> None:
+        """Give the cavity the scene's half-clearance, see `Task.begin`."""
+        super().begin(lane)
         self.runs.orders["gap"][lane] = self.length
-        self.limited[lane] = False
 
-    def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
-        """Order the wanted half-clearances, and go on at the chosen rates."""
-        self._wanted = spread(0.5 * (actions[:, 1].astype(np.float64) + 1), *self.cavity.gap_limits)
-        self.runs.orders["gap"] = self._wanted
-        return super().decide(actions)
-
-    def reward(self) -> Array:
-        """Return the reward of the passage."""
-        self.limited = self.runs.orders["gap"] > self._wanted
-        return super().reward()
-
-    def values(self) -> Array:
-        """Return the scaled features (L, features)."""
-        values = super().values()
-        values[:, 10] = self.runs.orders["gap"] / self.length
-        return values
+    def further(self) -> tuple[Array, ...]:
+        """Return the half-clearance in use, too."""
+        return (*super().further(), self.runs.orders["gap"] / self.length)
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""
-        return super().info() | {"gap": self.runs.orders["gap"].copy(), "gap_limited": self.limited.copy()}
+        return super().info() | {"gap": self.runs.orders["gap"].copy()}
+
+
+class ChosenGapTask(WallsTask):
+    """A task whose half-clearances (L,) in m are ``wanted``: they are in use at once, but no smaller than the absorber's distance from the middle."""
+
+    wanted: Array
+
+    def begin(self, lane: int) -> None:
+        """Give the cavity the scene's half-clearance, see `Task.begin`."""
+        super().begin(lane)
+        self.wanted[lane] = self.length
+
+    def order_gaps(self, wanted: Array) -> None:
+        """Order half-clearances (L,) in m."""
+        self.runs.orders["gap"] = self.wanted = wanted
+
+    def info(self) -> dict[str, NDArray[Any]]:
+        """Return what info says of each lane."""
+        return super().info() | {"gap_limited": self.runs.orders["gap"] > self.wanted}
+
+
+class SweepGapTask(ChosenGapTask, SweepTask):
+    """Lanes that pass through a resonance, each with a cavity that is set on the way."""
+
+    features: Sequence[Feature] = (*STATE, WAY_LEFT, GAP_IN_USE)
+
+    def __init__(self, settings: Settings, passage: Passage, cavity: Cavity, lanes: int) -> None:
+        require_cavity(settings.scene.absorber)
+        self.cavity, self.wanted = cavity, np.zeros(lanes)
+        super().__init__(settings, passage, lanes)
+        self.described = (passage, cavity)
+
+    def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
+        """Order the wanted half-clearances, and go on at the chosen rates."""
+        self.order_gaps(spread(0.5 * (actions[:, 1].astype(np.float64) + 1), *self.cavity.gap_limits))
+        return super().decide(actions)
 
 
 @dataclass(frozen=True)
@@ -91,55 +104,55 @@ class Grip:
         object.__setattr__(self, "friction_range", (low, high))
 
 
-def limits_in_newtons(settings: Settings, grip: Grip) -> tuple[Range, float]:
-    """Return the lowest and highest friction limit, and the scene's own, in N; raises ParameterError where there is no rigid friction."""
-    scene, begin = settings.scene, friction_limit(settings.scene)
-    require(math.isfinite(begin), "absorber", scene.absorber, "one with rigid friction: there must be a friction_limit that can be set")
-    assert scene.absorber_mass is not None
-    unit = scene.absorber_mass * settings.length * settings.omega**2
-    return (grip.friction_range[0] * unit, grip.friction_range[1] * unit), begin
+class HeldTask(Task):
+    """A task with friction that is set: ``limits`` (N) has the lowest and highest friction limit.
 
-
-def place_of(limit: float, limits: Range) -> float:
-    """Return the place of a friction limit in a range, as an action has it."""
-    low, high = limits
-    return 2 * math.log(limit / low) / math.log(high / low) - 1
-
-
-class FrictionTask(PassiveTask):
-    """Lanes that pass through a resonance, each with friction that is set on the way.
-
-    ``limits`` (N): lowest and highest friction limit. ``friction`` (L,) in N and ``place`` (L,) in the range, from -1 to 1: those in use.
+    ``friction`` (L,) in N and ``place`` (L,) in the range, from -1 to 1, are those in use.
     """
 
-    features: Sequence[Feature] = (*STATE, Feature("way left", False), Feature("friction limit in use", False))
-
-    def __init__(self, settings: Settings, way: OneRate, grip: Grip, lanes: int) -> None:
-        self.limits, self._begin = limits_in_newtons(settings, grip)
-        super().__init__(settings, way, lanes)
-        self.described = (self.passage, way, grip)
+    def take_hold(self, settings: Settings, grip: Grip, lanes: int) -> None:
+        """Set the limits in N; raises ParameterError where there is no rigid friction."""
+        scene, self._begin = settings.scene, friction_limit(settings.scene)
+        require(math.isfinite(self._begin), "absorber", scene.absorber, "one with rigid friction: there must be a friction_limit that can be set")
+        assert scene.absorber_mass is not None
+        unit = scene.absorber_mass * settings.length * settings.omega**2
+        self.limits = low, high = grip.friction_range[0] * unit, grip.friction_range[1] * unit
+        self._begin_place = 2 * math.log(self._begin / low) / math.log(high / low) - 1
         self.friction, self.place = np.full(lanes, self._begin), np.zeros(lanes)
 
-    def draw(self, lane: int, generator: np.random.Generator) -> None:
-        """Draw what a passage draws; the friction starts as the scene has it."""
-        super().draw(lane, generator)
-        self.friction[lane], self.place[lane] = self._begin, place_of(self._begin, self.limits)
+    def begin(self, lane: int) -> None:
+        """Show the scene's friction, see `Task.begin`."""
+        super().begin(lane)
+        self.friction[lane], self.place[lane] = self._begin, self._begin_place
 
-    def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
-        """Order the chosen friction limits, and go on."""
-        self.place = actions[:, 0].astype(np.float64)
-        self.runs.orders["limit"] = self.friction = spread(0.5 * (self.place + 1), *self.limits)
-        return super().decide(actions)
+    def order_friction(self, places: Array) -> None:
+        """Order friction limits by their places (L,) in the range."""
+        self.place = places
+        self.runs.orders["limit"] = self.friction = spread(0.5 * (places + 1), *self.limits)
 
-    def values(self) -> Array:
-        """Return the scaled features (L, features)."""
-        values = super().values()
-        values[:, 10] = self.place
-        return values
+    def further(self) -> tuple[Array, ...]:
+        """Return the place of the friction limit in use, too."""
+        return (*super().further(), self.place)
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""
         return super().info() | {"friction_limit": self.friction.copy()}
+
+
+class FrictionTask(HeldTask, PassiveTask):
+    """Lanes that pass through a resonance, each with friction that is set on the way."""
+
+    features: Sequence[Feature] = (*STATE, WAY_LEFT, FRICTION_IN_USE)
+
+    def __init__(self, settings: Settings, way: OneRate, grip: Grip, lanes: int) -> None:
+        self.take_hold(settings, grip, lanes)
+        super().__init__(settings, way, lanes)
+        self.described = (self.passage, way, grip)
+
+    def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
+        """Order the chosen friction limits, and go on."""
+        self.order_friction(actions[:, 0].astype(np.float64))
+        return super().decide(actions)
 
 
 OBJECTIVES = ("rms", "fatigue")
@@ -163,10 +176,10 @@ class GapControl:
         check_each(self, time_budget=positive, fatigue_exponent=positive)
 
 
-class GapTask(Task):
+class GapTask(ChosenGapTask):
     """Lanes with a cavity that is set under a force that changes."""
 
-    features: Sequence[Feature] = (*STATE, Feature("half-clearance in use", False))
+    features: Sequence[Feature] = (*STATE, GAP_IN_USE)
     level_name = "RMS over the scene's half-clearance"
 
     def __init__(self, settings: Settings, control: GapControl, lanes: int) -> None:
@@ -181,11 +194,10 @@ class GapTask(Task):
         self._forces = np.zeros((lanes, steps))
         self._scale = np.ones((lanes, steps))
         self._ratio = np.ones(lanes)
-        self._rows = np.arange(lanes)
-        self.limited = np.zeros(lanes, dtype=np.bool_)
+        self._rows, self.wanted = np.arange(lanes), np.zeros(lanes)
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
-        """Draw the frequency, the schedule of the force, and the phase; the cavity starts as the scene has it."""
+        """Draw the frequency and the schedule of the force."""
         low, high = self._ratios
         self.ratio[lane] = low if low == high else generator.uniform(low, high)
         done, interval = 0, self.interval
@@ -200,21 +212,16 @@ class GapTask(Task):
         largest, mean = amplitude * self._forces[lane], mean_power_of_cosine(exponent)
         self._scale[lane] = [(one / self.length) ** exponent * mean for one in largest.tolist()] if self.fatigue else largest / math.sqrt(2)
         self.force[lane] = self._forces[lane, 0]
-        self.runs.orders["gap"][lane] = self.length
-        self.limited[lane] = False
-        self.draw_phase(lane, generator)
 
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Order the wanted half-clearances and the forces of the interval."""
         low, high = self._gaps
-        self._wanted = low + 0.5 * (actions[:, 0].astype(np.float64) + 1) * (high - low)
-        self.runs.orders["gap"] = self._wanted
+        self.order_gaps(low + 0.5 * (actions[:, 0].astype(np.float64) + 1) * (high - low))
         self.force = self._forces[self._rows, np.minimum(self.elapsed, self.steps - 1)]
         return np.full(self.lanes, self.interval), self.ratio.copy(), np.zeros(self.lanes, dtype=np.bool_)
 
     def reward(self) -> Array:
         """Return minus the interval's share of the mean relative response."""
-        self.limited = self.runs.orders["gap"] > self._wanted
         scale = self._scale[self._rows, self.elapsed - 1] * self.steps
         if self.fatigue:
             samples = self.interval * self.settings.samples_per_period
@@ -229,13 +236,6 @@ class GapTask(Task):
         """Return twice the largest half-clearance for all lanes (L,) in m."""
         return np.full(self.lanes, 2 * self.control.gap_limits[1])  # type: ignore[index]
 
-    def values(self) -> Array:
-        """Return the scaled features (L, features)."""
-        values = super().values()
-        values[:, 9] = self.runs.orders["gap"] / self.length
-        return values
-
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""
-        own = {"rms": np.sqrt(self.runs.reports["mean_square"]), "gap": self.runs.orders["gap"].copy(), "gap_limited": self.limited.copy()}
-        return super().info() | own
+        return super().info() | {"rms": np.sqrt(self.runs.reports["mean_square"])}

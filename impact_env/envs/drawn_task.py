@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.controlled import ControlledRuns, PooledRuns
-from impact_env.envs.active_task import ActiveFrictionTask, Cycle, Drive
-from impact_env.envs.adaptive_task import Grip, limits_in_newtons, place_of, require_cavity
-from impact_env.envs.observation import FREQUENCY, STATE, TIME_LEFT, Feature
+from impact_env.envs.active_task import ActiveFrictionTask, Cycle, Drive, MovedWallsTask
+from impact_env.envs.adaptive_task import Grip, HeldTask, require_cavity
+from impact_env.envs.observation import FREQUENCY, FRICTION_IN_USE, GAP_IN_USE, STATE, TIME_LEFT, WAY_LEFT, Feature
 from impact_env.envs.reference import passage, stationary_amplitude
 from impact_env.envs.settings import FORCES, Range, Settings, span
 from impact_env.envs.sweep_task import PER_PERIOD, Passage, SweepTask, speeds
-from impact_env.envs.task import Array, Mask
-from impact_env.kernels.control.interval import spread
+from impact_env.envs.task import Array, Mask, Task
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, RigidWalls, SlidingAbsorber, check_each, count, non_negative, one_of, positive, require
 from impact_env.scene import Scene
@@ -70,7 +69,28 @@ class Drawn:
         return made
 
 
-class LimitedPassageTask(SweepTask):
+class PooledTask(Task):
+    """A task whose lanes are each in one of several ``scenes``, which an episode draws."""
+
+    scenes: Sequence[Scene]
+
+    def make_runs(self, **arguments: Any) -> ControlledRuns:
+        """Return lanes in a pool of scenes."""
+        return PooledRuns(self.scenes, **arguments)
+
+    @property
+    def which(self) -> NDArray[np.int64]:
+        """The lanes' scenes (L,), by their numbers."""
+        assert isinstance(self.runs, PooledRuns)
+        return self.runs.which
+
+    def draw_scene(self, name: str, lane: int, generator: np.random.Generator) -> int:
+        """Draw a lane's scene, and return its number; a reset may choose it by ``name``, under which info has it."""
+        self.which[lane] = number = int(self.drawn(name, lane, float(generator.integers(len(self.scenes)))))
+        return number
+
+
+class LimitedPassageTask(PooledTask, HeldTask, MovedWallsTask, SweepTask):
     """Lanes that pass through a resonance, each in a scene of a pool, at a rate of its own.
 
     Of `costs` the level is the rise of the relative level, and the actuator moves the walls. Impacts, a pseudo period of a whole interval, are there
@@ -84,15 +104,15 @@ class LimitedPassageTask(SweepTask):
         FREQUENCY,
         TIME_LEFT,
         Feature("RMS of the last interval", True),
-        Feature("way left", False),
-        Feature("half-clearance in use", False),
-        Feature("friction limit in use", False),
+        WAY_LEFT,
+        GAP_IN_USE,
+        FRICTION_IN_USE,
         Feature("rate of the frequency", False),
     )
 
     def __init__(self, settings: Settings, drawn: Drawn, drive: Drive, grip: Grip, lanes: int) -> None:
         require_cavity(settings.scene.absorber)
-        self.limits, self._begin = limits_in_newtons(settings, grip)
+        self.take_hold(settings, grip, lanes)
         self.own, self.drive = drawn, drive
         self.scenes = drawn.pool(settings.scene)
         low, high = drawn.limits
@@ -111,33 +131,28 @@ class LimitedPassageTask(SweepTask):
         self.level_name = "RMS of an interval over the scene's half-clearance"
         self.options = {"force": FORCES, "scene": (0, drawn.scenes - 1)}
         self._levels: dict[tuple[int, bool], float] = {}
-        self.rates, self._before, self.friction, self.place = (np.zeros(lanes) for _ in range(4))
+        self.rates = np.zeros(lanes)
 
     def make_runs(self, **arguments: Any) -> ControlledRuns:
         """Return lanes in a pool of scenes."""
-        return PooledRuns(self.scenes, **arguments | {"exponent": self.own.fatigue_exponent})  # for the costs: the reward has none
+        return super().make_runs(**arguments | {"exponent": self.own.fatigue_exponent})  # for the costs: the reward has none
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
-        """Draw scene, direction, start, rate, gap, force and phase."""
-        own = self.own
-        assert isinstance(self.runs, PooledRuns)
-        self.runs.which[lane] = number = int(self.drawn("scene", lane, float(generator.integers(len(self.scenes)))))
+        """Draw scene, direction, start, rate, gap and force."""
+        own, number = self.own, self.draw_scene("scene", lane, generator)
         down = bool(generator.integers(2))
         start, self.far[lane] = self._ends[int(down)]
         self.sign[lane] = -1.0 if down else 1.0
         self.ratio[lane] = start + self.sign[lane] * own.start_spread * generator.uniform()
         self.rates[lane] = generator.uniform(*own.sweep_rates)
         low, high = own.gap_starts
-        self.runs.orders["gap"][lane] = self._before[lane] = low * (high / low) ** generator.uniform()
-        self.friction[lane] = self._begin
-        self.place[lane] = place_of(self._begin, self.limits)
+        self.runs.orders["gap"][lane] = low * (high / low) ** generator.uniform()
         self.force[lane] = force = self.draw_force(lane, generator)
         if (number, down) not in self._levels:  # of the beam without absorber over the whole range, under 1 N
             yardstick = (self.settings.samples_per_period, 0.0, self.length, self.settings.moves_base)
             self._levels[number, down] = passage(self.scenes[number], self.settings.resonance, *self._ends[int(down)].tolist(), *yardstick)[0]
         self.level_scale[lane] = self._levels[number, down] * force
         self._potential[lane] = 0.0
-        self.draw_phase(lane, generator)
 
     def rate(self, actions: NDArray[Any]) -> Array:  # noqa: ARG002 - it is drawn
         """Return the rates (L,) in % per 100 pseudo periods."""
@@ -145,37 +160,27 @@ class LimitedPassageTask(SweepTask):
 
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Order walls and friction, and go on."""
-        shares = 0.5 * (actions.astype(np.float64) + 1)
-        self._before = self.runs.orders["gap"].copy()
-        wanted = spread(np.ascontiguousarray(shares[:, 0]), *self.drive.gap_limits)
-        self.runs.orders["gap"] = self.drive.towards(wanted, self._before, self.interval)
-        self.place = actions[:, 1].astype(np.float64)
-        self.runs.orders["limit"] = self.friction = spread(np.ascontiguousarray(shares[:, 1]), *self.limits)
+        self.act(actions[:, 0].astype(np.float64))
+        self.order_friction(actions[:, 1].astype(np.float64))
         return super().decide(actions)
 
     def reward(self) -> Array:
         """Return the reward of the passage, less the price of moving the walls."""
-        rewards, moved = super().reward(), np.abs(self.runs.orders["gap"] - self._before)
-        self.charge(-rewards, moved / self.length, self.runs.reports["impact_count"] / self.interval)
-        return rewards - self.own.price * moved / self.length
+        rewards, moved = super().reward(), self.moved()
+        self.charge(-rewards, moved, self.runs.reports["impact_count"] / self.interval)
+        return rewards - self.own.price * np.abs(self.runs.orders["gap"] - self._before) / self.length
 
     def level(self) -> Array:
         """Return the RMS of the last interval in half-clearances."""
         return np.sqrt(self.runs.reports["mean_square"]) / self.length
 
-    def values(self) -> Array:
-        """Return the scaled features (L, features)."""
-        values = super().values()
-        values[:, 10] = self.runs.orders["gap"] / self.length
-        values[:, 11] = self.place
-        values[:, 12] = self.rates / 4
-        return values
+    def further(self) -> tuple[Array, ...]:
+        """Return the rate of the frequency, too."""
+        return (*super().further(), self.rates / 4)
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""
-        assert isinstance(self.runs, PooledRuns)
-        own = {"gap": self.runs.orders["gap"].copy(), "friction_limit": self.friction.copy(), "scene": self.runs.which.copy()}
-        return super().info() | own
+        return super().info() | {"scene": self.which.copy()}
 
 
 Generator = np.random.Generator
@@ -254,7 +259,7 @@ class Pool:
         return [in_units_of(kinds[k % len(kinds)](np.random.default_rng([seed, k])), standard) for k in range(self.structures)]
 
 
-class StructuresTask(ActiveFrictionTask):
+class StructuresTask(PooledTask, ActiveFrictionTask):
     """Lanes with a structure each."""
 
     def __init__(self, settings: Settings, cycle: Cycle, grip: Grip, pool: Pool, lanes: int) -> None:
@@ -266,6 +271,7 @@ class StructuresTask(ActiveFrictionTask):
         usual = stationary_amplitude(standard, standard.omega[0], settings.moves_base)
         self._force_unit = [usual / stationary_amplitude(model, model.omega[0], settings.moves_base) for model in self.models]
         self._shapes = np.array([model.tip_shape for model in self.models])
+        self.scenes = [replace(settings.scene, model=model) for model in self.models]
         super().__init__(settings, cycle, grip, lanes)
         self.described += (pool,)
         mass = settings.scene.absorber_mass
@@ -273,23 +279,13 @@ class StructuresTask(ActiveFrictionTask):
         self._data = np.array([(m.damping_ratio[0] / 0.01, m.omega[1] / m.omega[0] / 5, mass * m.tip_shape[0] ** 2 / 0.08) for m in self.models])
         self.options = {**self.options, "structure": (0, pool.structures - 1)}
 
-    def make_runs(self, **arguments: Any) -> ControlledRuns:
-        """Return lanes in a pool of scenes."""
-        return PooledRuns([replace(self.scene, model=model) for model in self.models], **arguments)
-
-    @property
-    def which(self) -> NDArray[np.int64]:
-        """The lanes' structures (L,)."""
-        assert isinstance(self.runs, PooledRuns)
-        return self.runs.which
-
     def model(self, lane: int) -> ModalModel:
         """Return a lane's structure."""
         return self.models[self.which[lane]]
 
     def draw(self, lane: int, generator: Generator) -> None:
         """Draw the structure, and what all draw."""
-        self.which[lane] = int(self.drawn("structure", lane, float(generator.integers(len(self.models)))))
+        self.draw_scene("structure", lane, generator)
         super().draw(lane, generator)
 
     def draw_force(self, lane: int, generator: Generator) -> float:
@@ -300,12 +296,9 @@ class StructuresTask(ActiveFrictionTask):
         """Return the lanes' shapes (L, 2)."""
         return np.asarray(self._shapes[self.which])
 
-    def values(self) -> NDArray[np.float64]:
-        """Return the scaled features (L, features)."""
-        values = super().values()
-        if self.pool.observe_structure:
-            values[:, -len(DATA) :] = self._data[self.which]
-        return values
+    def further(self) -> tuple[Array, ...]:
+        """Return the structure's numbers, too, if they are shown."""
+        return (*super().further(), *(self._data[self.which].T if self.pool.observe_structure else ()))
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""

@@ -28,6 +28,9 @@ SHARE = Feature("absorber's share of the energy", True)
 FREQUENCY = Feature("frequency", False)
 TIME_LEFT = Feature("time left", False)
 LEVEL = Feature("level", True)
+WAY_LEFT = Feature("way left", False)
+GAP_IN_USE = Feature("half-clearance in use", False)
+FRICTION_IN_USE = Feature("friction limit in use", False)
 STATE = (TIP_IN_PHASE, TIP_QUADRATURE, DISTANCE, VELOCITY, IMPACTS, SHARE, FREQUENCY, TIME_LEFT, LEVEL)
 
 

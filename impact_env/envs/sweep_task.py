@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import PAPER_LIMITS, default_rate
-from impact_env.envs.observation import STATE, Feature
+from impact_env.envs.observation import STATE, WAY_LEFT, Feature
 from impact_env.envs.reference import passage
 from impact_env.envs.settings import OBJECTIVES, Range, Settings, span
 from impact_env.envs.task import FREQUENCY_SCALE, Array, Mask, Task
@@ -69,7 +69,7 @@ class Passage:
 class SweepTask(Task):
     """Lanes that pass through a resonance."""
 
-    features: Sequence[Feature] = (*STATE, Feature("way left", False))
+    features: Sequence[Feature] = (*STATE, WAY_LEFT)
 
     def __init__(self, settings: Settings, passage_settings: Passage, lanes: int) -> None:
         self.passage, self.described = passage_settings, (passage_settings,)
@@ -90,7 +90,7 @@ class SweepTask(Task):
         self.sign, self.far, self.level_scale, self.damage_scale, self._potential = (np.ones(lanes) for _ in range(5))
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
-        """Draw direction, force and phase."""
+        """Draw direction and force."""
         direction = self.passage.direction
         down = bool(generator.integers(2)) if direction == "random" else direction == "down"
         self.ratio[lane], self.far[lane] = self._ends[int(down)]
@@ -100,7 +100,6 @@ class SweepTask(Task):
         self.level_scale[lane] = level * force
         self.damage_scale[lane] = damage * force**self.passage.fatigue_exponent if self.fatigue else 1.0
         self._potential[lane] = 0.0
-        self.draw_phase(lane, generator)
 
     def rate(self, actions: NDArray[Any]) -> Array:
         """Return the rates (L,) in % per 100 pseudo periods for actions in [-1, 1], (L, 1)."""
@@ -133,11 +132,9 @@ class SweepTask(Task):
         """Return the amplitude of the reference passage (L,) in m."""
         return 1.5 * self.level_scale
 
-    def values(self) -> Array:
-        """Return the scaled features (L, features)."""
-        values = super().values()
-        values[:, 9] = (self.far - self.ratio) / self.frequency_unit
-        return values
+    def further(self) -> tuple[Array, ...]:
+        """Return the way to the far end."""
+        return ((self.far - self.ratio) / self.frequency_unit,)
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""

@@ -85,11 +85,11 @@ class Task(ABC):
         """
         self._chosen = {name: self._checked(name, value) for name, value in (chosen or {}).items()}
         for lane in np.flatnonzero(which).tolist():
+            self.begin(lane)
             self.draw(lane, generators[lane])
+            self.runs.orders["phase"][lane] = generators[lane].uniform(0, 2 * np.pi)
             if self._record is not None:
                 self.runs.orders["place"][lane] = generators[lane].integers(len(self._record.values) - 1)
-        for values in (self.time, self.score, self.elapsed, self.costs):
-            values[which] = 0
         self.runs.restart(which)
         return self.sensors.see(self.values(), generators, which)
 
@@ -129,9 +129,14 @@ class Task(ABC):
         """Return the observations (L, features) after a step."""
         return self.sensors.see(self.values(), generators, None, resting)
 
+    def begin(self, lane: int) -> None:
+        """Put a lane's time and score to zero, and what is set interval by interval to what the scene has."""
+        for values in (self.time, self.score, self.elapsed, self.costs):
+            values[lane] = 0
+
     @abstractmethod
     def draw(self, lane: int, generator: np.random.Generator) -> None:
-        """Set what an episode draws, and the lane's first orders."""
+        """Set what an episode draws before the force's phase, and the lane's first orders."""
 
     @abstractmethod
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
@@ -179,16 +184,19 @@ class Task(ABC):
         low, high = self._force_range
         return self.drawn("force", lane, low if low == high else float(generator.uniform(low, high)))
 
-    def draw_phase(self, lane: int, generator: np.random.Generator) -> None:
-        """Draw the force's phase at the start."""
-        self.runs.orders["phase"][lane] = generator.uniform(0, 2 * np.pi)
-
     def values(self) -> Array:
         """Return the scaled features (L, features)."""
         values = np.empty((self.lanes, len(self.features)))
         fill_features(self.runs.reports, self._units, self.ratio, self.elapsed, self.level(), values)
         np.minimum(values[:, 4], self.settings.impacts_limit, out=values[:, 4])
+        further = self.further()
+        for k, column in enumerate(further, values.shape[1] - len(further)):
+            values[:, k] = column
         return values
+
+    def further(self) -> tuple[Array, ...]:
+        """Return the last of the scaled features, (L,) each: those that a task has beside what all tasks have."""
+        return ()
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane, new arrays (L,)."""
