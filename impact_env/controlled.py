@@ -93,7 +93,7 @@ class ControlledRuns:
         period, modes = 2 * np.pi / positive("reference", reference), scene.model.modes
         samples = round(interval * samples_per_period)
         self.duration = samples * period / samples_per_period
-        self._orders, self._reports = np.zeros(lanes, ORDER), np.zeros(lanes, REPORT)
+        self.orders, self.reports = np.zeros(lanes, ORDER), np.zeros(lanes, REPORT)
         self.status = np.zeros(lanes, dtype=np.int64)
         self.idle = np.zeros(lanes, dtype=np.bool_)
         slots = kernels.slots(scene, period)
@@ -125,16 +125,6 @@ class ControlledRuns:
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         self._crew, self._compiled = self._new_crew(), False
-
-    @property
-    def orders(self) -> NDArray[Any]:
-        """ORDER records (L,), to be filled in place."""
-        return self._orders
-
-    @property
-    def reports(self) -> NDArray[Any]:
-        """REPORT records (L,)."""
-        return self._reports
 
     @property
     def state(self) -> Array:
@@ -221,7 +211,7 @@ class PooledRuns(ControlledRuns):
         self._rows = np.arange(lanes)  # of a lane in what is kept
         self._members: dict[int, ControlledRuns] = {}
         super().__init__(scenes[0], lanes, reference, interval, method, **options)
-        self._ordered, self._reported, self._ended = self._orders.copy(), self._reports.copy(), self.status.copy()
+        self._ordered, self._reported, self._ended = self.orders.copy(), self.reports.copy(), self.status.copy()
         self._laid = self.which.copy()
         self._still: NDArray[np.bool_] | None = None  # the lanes that rested when the turns were made; None: make them anew
         self._turns: list[tuple[int, NDArray[np.int64]]] = []  # of scenes: which rows are advanced
@@ -230,7 +220,7 @@ class PooledRuns(ControlledRuns):
         if number not in self._members:
             made = self._make(self.scenes[number], self.lanes)
             require(made._memory.z.shape == self._memory.z.shape, "scenes", made.scene, "scenes with as many modes and the same kind of absorber")
-            made._orders, made._reports, made.status, made._memory = self._ordered, self._reported, self._ended, self._memory
+            made.orders, made.reports, made.status, made._memory = self._ordered, self._reported, self._ended, self._memory
             made._crew = made._new_crew()
             self._members[number] = made
         return self._members[number]
@@ -267,10 +257,10 @@ class PooledRuns(ControlledRuns):
         if self._still is None or not np.array_equal(self._still, self.idle):
             self._take_turns()
         rows = self._rows
-        self._ordered[rows], self._reported[rows], self._ended[rows] = self._orders, self._reports, self.status
+        self._ordered[rows], self._reported[rows], self._ended[rows] = self.orders, self.reports, self.status
         for number, parts in self._turns:  # one thread: to hand a scene's few lanes to a helper takes longer than to do them
             self._member(number)._do(parts)
-        self._orders[...], self._reports[...], self.status[...] = self._ordered[rows], self._reported[rows], self._ended[rows]
+        self.orders[...], self.reports[...], self.status[...] = self._ordered[rows], self._reported[rows], self._ended[rows]
         self._check()
 
     def _take_turns(self) -> None:

@@ -7,29 +7,17 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 DISTRIBUTION = "impact-absorber-workbench"
-# as they are imported; the extras of pyproject.toml that bring them
-EXTRAS = {
-    "gymnasium": "env",
-    "stable_baselines3": "rl",
-    "torch": "rl",
-    "tensorboard": "rl",
-    "yaml": "rl",
-    "sb3_contrib": "rl",
-    "PIL": "env",
-    "pygame": "env",
-    "minari": "offline",
-    "h5py": "offline",
-    "cvxpy": "optimise",
-    "optuna": "optimise",
-    "cmaes": "optimise",
-    "distributed": "cluster",
-    "pyuff": "files",
-    "starlette": "explore",
-    "uvicorn": "explore",
-    "websockets": "explore",
-    "heyoka": "peers",
-    "mpmath": "peers",
+OF_EXTRAS = {  # extras of pyproject.toml: the packages that they bring, as they are imported
+    "env": ("gymnasium", "PIL", "pygame"),
+    "rl": ("stable_baselines3", "torch", "tensorboard", "yaml", "sb3_contrib"),
+    "offline": ("minari", "h5py"),
+    "optimise": ("cvxpy", "optuna", "cmaes"),
+    "cluster": ("distributed",),
+    "files": ("pyuff",),
+    "explore": ("starlette", "uvicorn", "websockets"),
+    "peers": ("heyoka", "mpmath"),
 }
+EXTRAS = {package: extra for extra, packages in OF_EXTRAS.items() for package in packages}
 
 
 class MissingExtraError(ModuleNotFoundError):

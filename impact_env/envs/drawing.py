@@ -7,8 +7,6 @@ the pale band is the amplitude over the interval.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -16,8 +14,8 @@ from numpy.typing import NDArray
 
 from impact_env.envs.task import Task
 from impact_env.extras import how_to_install, optional
-from impact_env.modes import ModalModel, modal_model
-from impact_env.parameters import Beam, ParameterError, SlidingAbsorber
+from impact_env.modes import ModalModel, mode_shapes
+from impact_env.parameters import ParameterError, SlidingAbsorber
 
 with optional():
     from PIL import Image, ImageDraw, ImageFont
@@ -33,21 +31,6 @@ STRIP_LEFT, STRIP_RIGHT = 60.0, 620.0
 UNKNOWN_PLACE = 0.5  # of the force, as a share of the length, where it is not known
 PAPER, INK, PALE, BLUE, RED, GREEN = "white", "#303030", "#d8e4f0", "#1f5fa8", "#c03028", "#2f7d4f"
 MASS = 9.0  # half the side of the absorber in pixels
-
-
-@lru_cache(maxsize=8)
-def _shapes(lengths: tuple[Any, ...]) -> Array:
-    beam = Beam(**dict(lengths[:-1]), modal_frequency_ratio=dict(lengths[-1]))
-    moves = {0.0: beam.ends.startswith("free"), 1.0: beam.ends.endswith("free")}
-    places = [float(x) for x in np.linspace(0, 1, POSITIONS + 1)]
-    still = np.zeros(beam.modes)
-    return np.array([modal_model(replace(beam, force_position=x)).force_shape if moves.get(x, True) else still for x in places])
-
-
-def mode_shapes(beam: Beam) -> Array:
-    """Return the modes' deflections at equidistant places from the left end to the right one, (POSITIONS + 1, N_m) in 1/sqrt(kg)."""
-    values = {name: getattr(beam, name) for name in beam.__dataclass_fields__ if name != "modal_frequency_ratio"}
-    return _shapes((*values.items(), tuple(beam.modal_frequency_ratio.items())))
 
 
 def straight_shapes(model: ModalModel) -> Array:
@@ -107,7 +90,7 @@ class Screen:
         self.task, self.fps = task, fps
         settings = task.settings
         self.beam = settings.beam_parameters
-        self.shapes = straight_shapes(settings.scene.model) if self.beam is None else mode_shapes(self.beam)
+        self.shapes = straight_shapes(settings.scene.model) if self.beam is None else mode_shapes(self.beam, np.linspace(0, 1, POSITIONS + 1))
         self.sliding = settings.scene.absorber if isinstance(settings.scene.absorber, SlidingAbsorber) else None
         self.strips: dict[int, tuple[Strip, Strip]] = {}
         self._wanted = window

@@ -1,7 +1,7 @@
 """Arguments of the environments that choose scene, force, method and observation: plain values, so that a spec can be written as JSON."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from pathlib import Path
@@ -36,7 +36,7 @@ from impact_env.scene import Scene, beam_scene
 from impact_env.structure import load_structure
 
 Range = tuple[float, float]
-METHODS = ("exact", "moreau", "runge-kutta")
+METHODS: dict[str, Callable[..., Method]] = {"exact": Exact, "moreau": Moreau, "runge-kutta": RungeKutta}
 OBJECTIVES = ("level", "fatigue")
 FORCES = (1e-30, 1e30)  # N: squares of what follows from them, and powers of order five, are still numbers
 SCENE_PARTS = ("absorber", "absorber_options", "modes", "beam")  # what a whole scene stands in place of
@@ -69,26 +69,22 @@ def pair(group: object, name: str, what: str) -> None:
 
 def make_method(name: str, steps_per_period: int | None) -> Method:
     """Return an integration method by its name."""
-    one_of("method", name, METHODS)
-    if name == "exact":
-        require(steps_per_period is None, "steps_per_period", steps_per_period, "left out with method exact: it has no steps")
-        return Exact()
-    steps = {} if steps_per_period is None else {"steps_per_period": steps_per_period}
-    return Moreau(**steps) if name == "moreau" else RungeKutta(**steps)
+    kind = METHODS[one_of("method", name, METHODS)]
+    if steps_per_period is None:
+        return kind()
+    require(kind is not Exact, "steps_per_period", steps_per_period, "left out with method exact: it has no steps")
+    return kind(steps_per_period)
 
 
 @lru_cache(maxsize=64)
-def _scene(absorber: str, options: str, beam: str) -> Scene:
-    return beam_scene(_beam(beam), make(absorber, json.loads(options)))
-
-
-def _beam(text: str) -> Beam:
-    values = known("beam", json.loads(text), {f.name for f in fields(Beam)})
+def _scene(absorber: str, options: str, beam: str) -> tuple[Scene, Beam]:
+    values = json.loads(beam)
     if isinstance(values.get("damping_ratio"), list):
         values["damping_ratio"] = tuple(values["damping_ratio"])
     if "modal_frequency_ratio" in values:
         values["modal_frequency_ratio"] = {int(mode): ratio for mode, ratio in values["modal_frequency_ratio"].items()}
-    return Beam(**values)
+    found = Beam(**values)
+    return beam_scene(found, make(absorber, json.loads(options))), found
 
 
 def as_json(name: str, value: Any) -> str:
@@ -119,8 +115,10 @@ def _structure(path: str, _changed: int) -> Structure:
 
 
 @lru_cache(maxsize=64)
-def _on_structure(path: str, changed: int, absorber: str, options: str) -> Scene:
-    return Scene(modal_model(_structure(path, changed)).with_absorber_at(1), make(absorber, json.loads(options)))
+def _on_structure(path: str, changed: int, absorber: str, options: str) -> tuple[Scene, Beam | None]:
+    structure = _structure(path, changed)
+    scene = Scene(modal_model(structure).with_absorber_at(1), make(absorber, json.loads(options)))
+    return scene, structure if isinstance(structure, Beam) else None
 
 
 @lru_cache(maxsize=64)
@@ -226,28 +224,25 @@ class Settings:
             require(getattr(self, name) == default, name, getattr(self, name), "left out beside whole_scene, which says it already")
 
     @property
+    def _scene_and_beam(self) -> tuple[Scene, Beam | None]:
+        if isinstance(self.whole_scene, Scene):
+            return self.whole_scene, None
+        if self.whole_scene is not None:
+            return _whole_scene(as_json("whole_scene", self.whole_scene))
+        options = as_json("absorber_options", self.absorber_options)
+        if self.structure is not None:
+            return _on_structure(*_file_of(self.structure), self.absorber, options)
+        return _scene(self.absorber, options, as_json("beam", {**self.beam, "modes": self.modes}))
+
+    @property
     def scene(self) -> Scene:
         """The scene; the same object for the same values."""
-        if isinstance(self.whole_scene, Scene):
-            return self.whole_scene
-        if self.whole_scene is not None:
-            return _whole_scene(as_json("whole_scene", self.whole_scene))[0]
-        if self.structure is not None:
-            return _on_structure(*_file_of(self.structure), self.absorber, as_json("absorber_options", self.absorber_options))
-        beam = {**known("beam", self.beam, {f.name for f in fields(Beam)}), "modes": self.modes}
-        return _scene(self.absorber, as_json("absorber_options", self.absorber_options), as_json("beam", beam))
+        return self._scene_and_beam[0]
 
     @property
     def beam_parameters(self) -> Beam | None:
         """The beam, None where only its modes are known."""
-        if isinstance(self.whole_scene, Scene):
-            return None
-        if self.whole_scene is not None:
-            return _whole_scene(as_json("whole_scene", self.whole_scene))[1]
-        if self.structure is not None:
-            structure = _structure(*_file_of(self.structure))
-            return structure if isinstance(structure, Beam) else None
-        return _beam(as_json("beam", {**self.beam, "modes": self.modes}))
+        return self._scene_and_beam[1]
 
     @property
     def integrator(self) -> Method:

@@ -137,6 +137,20 @@ def checked_seed(seed: Any) -> int | None:
     return None if seed is None else count("seed", seed, 0)
 
 
+def screen_of(env: Any, is_reset: bool, maker: str) -> Any:
+    """Return an environment's screen, made for its first picture; None, with a warning, without a render mode; ``maker``: what takes one."""
+    if env.render_mode is None:
+        gymnasium.logger.warn(f"render() does nothing without a render_mode: give one to gymnasium.{maker}")
+        return None
+    if not is_reset:
+        raise ResetNeeded("call reset() before render()")
+    from impact_env.envs.drawing import Screen
+
+    if env._screen is None:
+        env._screen = Screen(env.task, env.render_mode == "human", env.metadata["render_fps"])
+    return env._screen
+
+
 def with_rows(kind: _Class) -> _Class:
     """Put the features that several tasks show into the table of a docstring."""
     kind.__doc__ = cleandoc(kind.__doc__ or "")
@@ -187,16 +201,10 @@ class TaskEnv(gymnasium.Env[Observation, Any]):
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return an image (height, width, 3), or show it in a window."""
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() does nothing without a render_mode: give one to gymnasium.make")
+        screen = screen_of(self, self._over is not None, "make")
+        if screen is None:
             return None
-        if self._over is None:
-            raise ResetNeeded("call reset() before render()")
-        from impact_env.envs.drawing import Screen
-
-        if self._screen is None:
-            self._screen = Screen(self.task, self.render_mode == "human", self.metadata["render_fps"])
-        image: NDArray[np.uint8] | None = self._screen.show(0)
+        image: NDArray[np.uint8] | None = screen.show(0)
         return image
 
     def close(self) -> None:

@@ -19,12 +19,12 @@ from impact_env.envs.shells import (
     costs_as_rewards,
     observation_space,
     reward_space,
+    screen_of,
 )
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count, require
 
 with optional():
-    import gymnasium
     from gymnasium.error import ResetNeeded
     from gymnasium.utils import seeding
     from gymnasium.vector import AutoresetMode, VectorEnv
@@ -211,19 +211,13 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return an image of each lane."""
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() does nothing without a render_mode: give one to gymnasium.make_vec")
+        screen = screen_of(self, self._observations is not None, "make_vec")
+        if screen is None:
             return None
-        if self._observations is None:
-            raise ResetNeeded("call reset() before render()")
-        from impact_env.envs.drawing import Screen
-
-        if self._screen is None:
-            self._screen = Screen(self.task, self.render_mode == "human", self.metadata["render_fps"])
         if self.render_mode == "human":
-            self._screen.show(0)
+            screen.show(0)
             return None
-        return tuple(self._screen.show(lane) for lane in range(self.num_envs))
+        return tuple(screen.show(lane) for lane in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002 - gymnasium passes on what close() was given
         """Close the window and end the threads."""
