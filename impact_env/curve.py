@@ -22,7 +22,7 @@ from impact_env.ensemble import MOST_MEMBERS, Executor, Lane, LaneLevels, LevelO
 from impact_env.laws import SceneKind
 from impact_env.loads import AnyDrive, Member, member_of
 from impact_env.methods import Exact, Method
-from impact_env.parameters import count, instance, listed, positive, require, row, two
+from impact_env.parameters import count, instance, keep_checked, listed, positive, require, row, two
 from impact_env.plots import plot_curve, table
 from impact_env.response import DEFAULT_SAMPLES, Record
 from impact_env.scene import Scene
@@ -57,7 +57,7 @@ class CurveCase:
         forces = row("forces", self.forces, "a row of finite forces in N, 0 or above")
         require(forces.size > 0 and bool(np.all(forces >= 0)), "forces", self.forces, "a row of finite forces in N, 0 or above")
         object.__setattr__(self, "forces", forces)
-        object.__setattr__(self, "limits", two("limits", self.limits))
+        keep_checked(self, limits=two)
         require(callable(self.load), "load", self.load, "a function of a force in N and a schedule")
         if self.percent_per_100_periods is None:
             object.__setattr__(self, "percent_per_100_periods", default_rate(self.scene.model, (self.resonance,)))
@@ -268,7 +268,7 @@ class Pass:
     def __post_init__(self) -> None:
         if self.forces is not None:
             count("forces", self.forces, 1)
-        object.__setattr__(self, "faster", positive("faster", self.faster))
+        keep_checked(self, faster=positive)
         count("members", self.members, 1, MOST_MEMBERS)
 
 

@@ -39,12 +39,8 @@ class FrequencySchedule:
         object.__setattr__(self, "reference", positive("reference frequency", self.reference, SLOWEST, FASTEST))
         for name, values in (("times", times), ("omegas", omegas)):
             object.__setattr__(self, name, values)
-        require(
-            self.periods <= MOST_PERIODS * (1 + 1e-12),
-            "times",
-            self.times,
-            f"at most {MOST_PERIODS:g} pseudo periods of the reference frequency, not {self.periods:g}",
-        )
+        allowed = f"at most {MOST_PERIODS:g} pseudo periods of the reference frequency, not {self.periods:g}"
+        require(self.periods <= MOST_PERIODS * (1 + 1e-12), "times", self.times, allowed)
 
     @property
     def pseudo_period(self) -> float:

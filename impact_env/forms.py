@@ -98,27 +98,6 @@ def _at(path: str, keys: Keys, error: ParameterError) -> ParameterError:
     return ParameterError(f"{path}: {error}")
 
 
-def either(kinds: Mapping[str, tuple[Callable[[Any], bool], Sort]], default: str | None = None) -> Sort:
-    """Return the sort of a dict whose key ``kind`` says which of some forms it has: by name, whether a value is of that kind, and its form.
-
-    Without the key it is of the kind ``default``; if that is None the key must be given.
-    """
-
-    def read(path: str, plain: Any) -> Any:
-        require(isinstance(plain, Mapping), path, plain, f"a table whose kind is one of {', '.join(kinds)}")
-        kind = plain.get("kind", default)
-        require(isinstance(kind, str) and kind in kinds, f"{path}.kind", kind, f"one of {', '.join(kinds)}")
-        return kinds[kind][1].read(path, {key: part for key, part in plain.items() if key != "kind"})
-
-    def write(value: Any) -> dict[str, Any]:
-        for kind, (is_one, sort) in kinds.items():
-            if is_one(value):
-                return {"kind": kind, **sort.write(value)}
-        raise ParameterError(f"{value!r} is not allowed: it has none of the plain forms {', '.join(kinds)}")
-
-    return Sort(read, write)
-
-
 def optional(sort: Sort) -> Sort:
     """Return a sort that may also be None, for what is absent."""
     return Sort(lambda path, plain: None if plain is None else sort.read(path, plain), sort.write)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import FASTEST, SLOWEST, Drive, FrequencySchedule
-from impact_env.parameters import count, instance, listed, one_of, positive, require, row
+from impact_env.parameters import count, instance, keep_checked, listed, one_of, positive, require, row
 from impact_env.scene import InitialState, Scene
 from impact_env.turning_loads import BASE as BASE
 from impact_env.turning_loads import FORCE as FORCE
@@ -110,7 +110,7 @@ class Random(Load):
 
     def __post_init__(self) -> None:
         one_of("quantity", self.quantity, QUANTITIES)
-        object.__setattr__(self, "length", positive("length", self.length))
+        keep_checked(self, length=positive)
         count("seed", self.seed, 0)
         allowed = "two or more pairs [Hz, value], frequencies strictly rising from above 0, values above 0"
         spectrum = row("spectrum", self.spectrum, allowed, axes=2)

@@ -91,6 +91,7 @@ class RungeKutta:
 
 
 Method = Exact | Moreau | RungeKutta
+METHODS: dict[str, type[Method]] = {"exact": Exact, "moreau": Moreau, "runge-kutta": RungeKutta}  # by their plain names
 
 
 _REFUSED: dict[tuple[SceneKind, type[Method]], str] = {
@@ -106,7 +107,7 @@ _REFUSED: dict[tuple[SceneKind, type[Method]], str] = {
 
 def method_class(method: Method) -> type[Method]:
     """Return which of the methods this is, also for one that is derived from it."""
-    return next(known for known in (Exact, Moreau, RungeKutta) if isinstance(method, known))
+    return next(known for known in METHODS.values() if isinstance(method, known))
 
 
 GENERAL = {(SceneKind.LINEAR, Exact), (SceneKind.RIGID, Exact)}  # what a base that moves is for, and gravity
@@ -159,14 +160,13 @@ def check_step(scene: Scene, drive: AnyDrive, method: Method) -> None:
     A step that resolves the highest mode's period may still be too long for strong damping: the fast one of an overdamped mode's two rates
     grows with the damping ratio, and both schemes are explicit. It may also be too long for a force above all modes.
     """
-    highest = largest(drive)
     if isinstance(method, Exact):
         return
     dt, steps = method.step(scene), method.steps_per_period
     growth = _moreau_growth(scene, dt) if isinstance(method, Moreau) else _runge_kutta_growth(scene, dt)
     why = "for this scene's damping, as an explicit step is unstable above its limit"
     require(growth <= 1, "steps_per_period", steps, f"about {2 ** max(0, int(np.ceil(np.log2(max(growth, 1))))) * steps} or more {why}")
-    coarseness = highest * dt * LEAST_STEPS / (2 * np.pi)
+    coarseness = largest(drive) * dt * LEAST_STEPS / (2 * np.pi)
     allowed = f"{int(np.ceil(steps * coarseness))} or more for this force, so that each of its periods has {LEAST_STEPS} steps"
     require(coarseness <= 1, "steps_per_period", steps, allowed)
 

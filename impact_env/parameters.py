@@ -57,8 +57,7 @@ class Section:
 
     def __post_init__(self) -> None:
         count("section's elements", self.elements, 1, MOST_ELEMENTS)
-        for name in ("bending_stiffness", "mass_per_length"):
-            object.__setattr__(self, name, positive(name, getattr(self, name)))
+        keep_checked(self, bending_stiffness=positive, mass_per_length=positive)
 
 
 @dataclass(frozen=True)
@@ -109,16 +108,15 @@ class Beam:
             positive(f"modal_frequency_ratio[{mode}]", ratio)
 
     def _check_parts(self) -> None:
-        object.__setattr__(self, "tip_mass", non_negative("tip_mass", self.tip_mass))
+        keep_checked(self, tip_mass=non_negative, sections=listed)
         require(self.tip_mass == 0 or self.ends.endswith("-free"), "tip_mass", self.tip_mass, f"0 with {self.ends} ends, where the tip does not move")
-        object.__setattr__(self, "sections", listed("sections", self.sections))
         for section in self.sections:
             instance("sections", section, Section)
         taken = sum(section.elements for section in self.sections)
         require(taken <= self.elements, "sections", self.sections, f"with {self.elements} elements or fewer in all, not {taken}")
         if self.suspension_frequency is not None or self.rigid_motions:
             require(self.suspension_frequency is not None, "suspension_frequency", None, SUSPENDED)
-            object.__setattr__(self, "suspension_frequency", positive("suspension_frequency", self.suspension_frequency))
+            keep_checked(self, suspension_frequency=positive)
             require(self.rigid_motions > 0, "suspension_frequency", self.suspension_frequency, f"left out with {self.ends} ends, which hold the beam")
 
     def place(self, name: str, value: object) -> float:
@@ -181,7 +179,7 @@ class YieldingWalls:
     restitution: float = RigidWalls.restitution
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "yield_velocity", positive("yield_velocity", self.yield_velocity))
+        keep_checked(self, yield_velocity=positive)
         rigid = RigidWalls(self.gap, self.restitution)
         require(0 < rigid.gap < math.inf, "gap", self.gap, "a number in m above 0, and finite, with a yield_velocity")
         object.__setattr__(self, "gap", rigid.gap)
@@ -306,7 +304,7 @@ class SeveralAbsorbers:
     positions: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "absorbers", listed("absorbers", self.absorbers))
+        keep_checked(self, absorbers=listed)
         object.__setattr__(self, "positions", tuple(fraction("positions", x) for x in listed("positions", self.positions)))
         n = len(self.absorbers)
         require(2 <= n <= MOST_ABSORBERS, "number of absorbers", n, f"2 to {MOST_ABSORBERS}; one is an absorber by itself")

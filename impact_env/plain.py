@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from impact_env.drive import Drive, FrequencySchedule
-from impact_env.forms import NUMBER, ROW, WHOLE, Keys, Sort, either, form, optional, require_keys
+from impact_env.forms import NUMBER, ROW, WHOLE, Keys, Sort, form, optional, require_keys
 from impact_env.laws import CONCEPTS, GRAVITY, HEAVY, argument, concept, make, values
-from impact_env.methods import Exact, Method, Moreau, RungeKutta
+from impact_env.methods import METHODS, Exact, Method, Moreau, RungeKutta
 from impact_env.modes import Structure
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
@@ -134,14 +134,8 @@ SCENE_KEYS = (*STRUCTURES, "absorber")
 SCHEDULE = form(FrequencySchedule, {"times_s": ("times", ROW), "omegas_rad_s": ("omegas", ROW), "reference_rad_s": ("reference", NUMBER)})
 DRIVE = form(Drive, {"amplitude_n": ("amplitude", NUMBER), "phase_rad": ("phase", NUMBER), "schedule": ("schedule", SCHEDULE)})
 STEPS: Keys = {"steps_per_period": ("steps_per_period", WHOLE)}
-METHOD = either(
-    {
-        "exact": (lambda m: isinstance(m, Exact), form(Exact, {})),
-        "moreau": (lambda m: isinstance(m, Moreau), form(Moreau, STEPS)),
-        "runge-kutta": (lambda m: isinstance(m, RungeKutta), form(RungeKutta, {**STEPS, "steps_per_contact": ("steps_per_contact", WHOLE)})),
-    },
-    "exact",
-)
+METHOD = {"exact": form(Exact, {}), "moreau": form(Moreau, STEPS)}
+METHOD["runge-kutta"] = form(RungeKutta, {**STEPS, "steps_per_contact": ("steps_per_contact", WHOLE)})
 
 
 def to_scene(plain: Mapping[str, Any], folder: Path | None = None) -> Scene:
@@ -209,9 +203,12 @@ def from_drive(drive: Drive) -> Plain:
 
 def to_method(plain: Mapping[str, Any]) -> Method:
     """Return the method of a plain form: ``kind``, one of exact (default), moreau and runge-kutta, and its steps."""
-    return METHOD.read("method", plain)
+    require(isinstance(plain, Mapping), "method", plain, f"a table whose kind is one of {', '.join(METHOD)}")
+    kind = one_of("method.kind", plain.get("kind", "exact"), METHOD)
+    return METHOD[kind].read("method", {key: part for key, part in plain.items() if key != "kind"})
 
 
 def from_method(method: Method) -> Plain:
     """Return a method's plain form."""
-    return METHOD.write(method)
+    kind = next(name for name, known in METHODS.items() if isinstance(method, known))
+    return {"kind": kind, **METHOD[kind].write(method)}

@@ -12,7 +12,7 @@ from impact_env.energy import EnergyAccount
 from impact_env.level import MOST_SAMPLES, ResponseLevel
 from impact_env.loads import amplitude_in_words
 from impact_env.methods import Method
-from impact_env.parameters import count, finite, flag, require
+from impact_env.parameters import count, finite, flag, keep_checked, require
 from impact_env.plots import plot_response, table
 from impact_env.scene import Scene
 
@@ -59,10 +59,8 @@ class Record:
         count("samples_per_period", self.samples_per_period, 4, MOST_SAMPLES)
         if self.envelope is not None:
             object.__setattr__(self, "envelope", count("envelope", self.envelope, 1, MOST_BINS))
-        for name in ("level", "events", "series", "energy", "check", "reversals"):
-            if name == "series" and isinstance(self.series, Window):
-                continue
-            object.__setattr__(self, name, flag(name, getattr(self, name)))
+        keep_checked(self, level=flag, events=flag, series=lambda name, given: given if isinstance(given, Window) else flag(name, given))
+        keep_checked(self, energy=flag, check=flag, reversals=flag)
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,9 +26,8 @@ class Scene:
             object.__setattr__(self, "model", replace(self.model, tip_shape=self.model.level_shape, response_shape=None))
         found = 0 if shapes is None else len(shapes)
         wanted = 0 if several is None else len(several.absorbers)
-        require(
-            found == wanted or several is None, "absorber_shapes of the modal model", found, f"{wanted} rows, one for each of the several absorbers"
-        )
+        allowed = f"{wanted} rows, one for each of the several absorbers"
+        require(found == wanted or several is None, "absorber_shapes of the modal model", found, allowed)
         sliding = self.absorber if isinstance(self.absorber, SlidingAbsorber) else None
         # a cavity without clearance holds the mass: the same mechanics as a stuck absorber
         if sliding is not None and isinstance(sliding.walls, RigidWalls) and sliding.walls.gap == 0:

@@ -109,16 +109,13 @@ def simulate(
     usual = drive.initial(scene) if isinstance(drive, Loads) else InitialState()
     initial = usual if initial is None else instance("initial", initial, InitialState)
     check_load(scene, drive, method)
+    again = partial(simulate, scene, drive, method, initial=initial, most_events=most_events, progress=progress, stop=stop)
     if record.envelope is not None or isinstance(record.series, Window):
-        sampled = replace(record, envelope=None, series=True)
-        found = simulate(scene, drive, method, initial=initial, record=sampled, most_events=most_events, progress=progress, stop=stop)
-        return _reduced(found, record)
+        return _reduced(again(record=replace(record, envelope=None, series=True)), record)
     if record.level and isinstance(drive, Drive) and drive.amplitude != 0:
         require_samples(record.samples_per_period, float(drive.schedule.omegas.max()) / drive.schedule.reference)
     if record.level and scene.model.response_shape is not None and not isinstance(scene.absorber, SeveralAbsorbers):
-        sampled = replace(record, level=False, series=True)
-        found = simulate(scene, drive, method, initial=initial, record=sampled, most_events=most_events, progress=progress, stop=stop)
-        return _read_elsewhere(found, record)
+        return _read_elsewhere(again(record=replace(record, level=False, series=True)), record)
     kernels = family(scene, method)
     if record.reversals:
         allowed = isinstance(method, Exact) and scene.kind in {SceneKind.RIGID, SceneKind.SEVERAL}
@@ -261,12 +258,5 @@ def _energy(scene: Scene, energy: Energy | None, start: Array, end: Array) -> En
     if energy is None:
         return None
     totals = energy.totals[0]
-    return EnergyAccount(
-        float(totals["work"]),
-        energy.modal,
-        float(totals["friction_loss"]),
-        float(totals["impact_loss"]),
-        float(totals["absorber_damping"]),
-        stored_energy(scene, start),
-        stored_energy(scene, end),
-    )
+    friction, impacts, damper = (float(totals[name]) for name in ("friction_loss", "impact_loss", "absorber_damping"))
+    return EnergyAccount(float(totals["work"]), energy.modal, friction, impacts, damper, stored_energy(scene, start), stored_energy(scene, end))

@@ -248,8 +248,7 @@ class ShakenBase(Load):
         instance("schedule", self.schedule, FrequencySchedule)
         given = [name for name in ("acceleration", "displacement") if getattr(self, name) is not None]
         require(len(given) == 1, "acceleration", self.acceleration, "given, or a displacement in its place: one of the two")
-        for name in (*given, "phase"):
-            object.__setattr__(self, name, finite(name, getattr(self, name)))
+        keep_checked(self, **dict.fromkeys((*given, "phase"), finite))
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces; of a displacement U cos(phase) the acceleration is -U (omega^2 cos(phase) + rate sin(phase))."""
@@ -280,13 +279,9 @@ class Tone:
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("amplitude", "phase"):
-            object.__setattr__(self, name, finite(name, getattr(self, name)))
+        keep_checked(self, amplitude=finite, phase=finite)
         require((self.frequency is None) != (self.order is None), "frequency", self.frequency, "given, or an order in its place: one of the two")
-        if self.frequency is not None:
-            object.__setattr__(self, "frequency", positive("frequency", self.frequency))
-        if self.order is not None:
-            object.__setattr__(self, "order", positive("order", self.order))
+        keep_checked(self, **{"frequency" if self.order is None else "order": positive})
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,7 +302,7 @@ class Tones(Load):
             require((tone.order is None) == (self.schedule is None), "tones", tone, "an order for each with a schedule, else a frequency for each")
         if self.schedule is None:
             require(self.length is not None, "length", self.length, "given, in s, for tones of fixed frequencies")
-            object.__setattr__(self, "length", positive("length", self.length))
+            keep_checked(self, length=positive)
         else:
             require(self.length is None, "length", self.length, "left out beside a schedule")
 

@@ -13,7 +13,7 @@ from impact_env.envs.observation import LIMIT
 from impact_env.laws import CONCEPTS, make
 from impact_env.level import MOST_SAMPLES
 from impact_env.loads import Random, Samples
-from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_general, check_supported
+from impact_env.methods import METHODS, Exact, Method, check_general, check_supported
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import (
     MOST_ELEMENTS,
@@ -36,7 +36,6 @@ from impact_env.scene import Scene, beam_scene
 from impact_env.structure import load_structure
 
 Range = tuple[float, float]
-METHODS: dict[str, Callable[..., Method]] = {"exact": Exact, "moreau": Moreau, "runge-kutta": RungeKutta}
 OBJECTIVES = ("level", "fatigue")
 FORCES = (1e-30, 1e30)  # N: squares of what follows from them, and powers of order five, are still numbers
 SCENE_PARTS = ("absorber", "absorber_options", "modes", "beam")  # what a whole scene stands in place of
@@ -69,7 +68,7 @@ def pair(group: object, name: str, what: str) -> None:
 
 def make_method(name: str, steps_per_period: int | None) -> Method:
     """Return an integration method by its name."""
-    kind = METHODS[one_of("method", name, METHODS)]
+    kind: Callable[..., Method] = METHODS[one_of("method", name, METHODS)]
     if steps_per_period is None:
         return kind()
     require(kind is not Exact, "steps_per_period", steps_per_period, "left out with method exact: it has no steps")
