@@ -189,7 +189,8 @@ def run_lanes(
     for k, found in enumerate(each_lane(lanes, measure, method, threads=threads, progress=progress, executor=executor)):
         if found is not None:
             values[:, k] = found
-    return LaneLevels(*values, complete=not np.isnan(values[0]).any())
+    level, time, ratio, tip, impacts, stuck = values
+    return LaneLevels(level, time, ratio, tip, impacts, stuck, complete=not np.isnan(level).any())
 
 
 @dataclass(frozen=True, eq=False)
