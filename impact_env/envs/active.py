@@ -8,7 +8,7 @@ from impact_env.envs.adaptive_task import Grip
 from impact_env.envs.drawn_task import Drawn, LimitedPassageTask, Pool, StructuresTask
 from impact_env.envs.observation import FEW_IMPACTS
 from impact_env.envs.settings import Settings
-from impact_env.envs.shells import Kind, TaskEnv, choice, with_rows
+from impact_env.envs.shells import Kind, TaskEnv, choice, with_table
 from impact_env.envs.vector_shell import vector_of
 
 SCENE: dict[str, Any] = {
@@ -20,7 +20,7 @@ SCENE: dict[str, Any] = {
 }
 
 
-@with_rows
+@with_table
 class ActiveFrictionEnv(TaskEnv):
     """When to hold an absorber, and when to let it go, within a period.
 
@@ -37,8 +37,7 @@ class ActiveFrictionEnv(TaskEnv):
     A ``Box`` of 11 float32 numbers, cut off at +-100: the state at the interval's end. The unit of displacement is the scene's half-clearance (1 mm
     without walls), that of velocity this times the resonance's circular frequency. The force is not among them; info's ``force`` has it.
 
-    (rows 1 to 10)
-    | 11 | friction limit in use | its place in the range, as the action has it |
+    (features)
 
     ## Rewards
     The sum of all rewards is the score: minus the mean over the intervals of the tip's RMS, relative to the stationary RMS of the beam without
@@ -75,7 +74,7 @@ class ActiveFrictionEnv(TaskEnv):
 ActiveFrictionVectorEnv = vector_of(ActiveFrictionEnv)
 
 
-@with_rows
+@with_table
 class ActiveGapEnv(TaskEnv):
     """Where to move the walls of an absorber within a period.
 
@@ -91,8 +90,7 @@ class ActiveGapEnv(TaskEnv):
     A ``Box`` of 11 float32 numbers, cut off at +-100: the state at the interval's end, with the units of `ActiveFrictionEnv`. The force is not among
     them; info's ``force`` has it.
 
-    (rows 1 to 10)
-    | 11 | half-clearance in use | m / half-clearance of the scene |
+    (features)
 
     ## Rewards
     Those of `ActiveFrictionEnv`; the price is that of moving the walls by one half-clearance of the scene.
@@ -132,7 +130,7 @@ PASSAGE: dict[str, Any] = {
 }
 
 
-@with_rows
+@with_table
 class PassageEnv(TaskEnv):
     """Walls that move slowly and friction that is free, on a passage of which nearly all is drawn.
 
@@ -150,16 +148,7 @@ class PassageEnv(TaskEnv):
     A ``Box`` of 13 float32 numbers, cut off at +-100. The unit of displacement is the scene's half-clearance (1 mm unless given). Force, damping and
     restitution are not among them; info's ``force`` has the first, its ``scene`` the number of the other two.
 
-    (rows 1 to 4)
-    | 5 | impacts in the last interval | per pseudo period / 2, cut off at 4 |
-    | 6 | absorber's kinetic energy over that of beam and absorber | 1 |
-    | 7 | frequency ratio to the resonance, less 1 | 1 / 0.05 |
-    | 8 | share of the time budget that is left | 1 |
-    | 9 | RMS of the tip over the last interval | m / half-clearance |
-    | 10 | far frequency less present one | ratio / 0.05 |
-    | 11 | half-clearance in use | m / half-clearance of the scene |
-    | 12 | friction limit in use | its place in the range, as the action has it |
-    | 13 | rate of the frequency | % per 100 pseudo periods / 4 |
+    (features)
 
     ## Rewards
     The sum of all rewards is the score: minus the level of the passage (as in `SweepRateEnv`) over that of the same beam without absorber under the
@@ -202,7 +191,7 @@ class PassageEnv(TaskEnv):
 PassageVectorEnv = vector_of(PassageEnv)
 
 
-@with_rows
+@with_table
 class StructuresEnv(TaskEnv):
     """`ActiveFrictionEnv` on a structure that is drawn, and judged on families that were not trained on.
 
@@ -217,11 +206,7 @@ class StructuresEnv(TaskEnv):
     A ``Box`` of 14 float32 numbers, cut off at +-100; the first 11 are those of `ActiveFrictionEnv`. The last three are absent with
     ``observe_structure=False``.
 
-    (rows 1 to 10)
-    | 11 | friction limit in use | its place in the range, as the action has it |
-    | 12 | damping ratio of the first mode | 1 / 0.01 |
-    | 13 | second frequency over the first | 1 / 5 |
-    | 14 | absorber's mass times the square of the first mode's shape at it | 1 / 0.08 |
+    (features)
 
     ## Rewards
     Those of `ActiveFrictionEnv`, each structure with its own stationary response.

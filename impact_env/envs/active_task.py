@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.envs.adaptive_task import Cavity, Grip, HeldTask, WallsTask, require_cavity
-from impact_env.envs.observation import DISTANCE, FREQUENCY, FRICTION_IN_USE, GAP_IN_USE, IMPACTS, TIME_LEFT, VELOCITY, Feature
+from impact_env.envs.observation import DISTANCE, FREQUENCY, FRICTION_IN_USE, GAP_IN_USE, IMPACTS, LENGTH, TIME_LEFT, VELOCITY, Feature
 from impact_env.envs.reference import stationary_amplitude
 from impact_env.envs.settings import FORCES, Range, Settings, pair, span
 from impact_env.envs.task import Array, Mask, Task
@@ -19,16 +19,16 @@ from impact_env.level import require_samples
 from impact_env.parameters import check_each, non_negative, positive
 
 CYCLE = (
-    Feature("tip displacement", True),
-    Feature("tip velocity", True),
-    DISTANCE,
-    VELOCITY,
+    Feature("tip displacement", True, "displacement of the tip", LENGTH),
+    Feature("tip velocity", True, "velocity of the tip", "m/s / unit of velocity"),
+    Feature(DISTANCE.name, True, "absorber less tip", LENGTH),
+    Feature(VELOCITY.name, True, "its rate", "m/s / unit of velocity"),
     IMPACTS,
-    Feature("cosine of the force's phase", False),
-    Feature("sine of the force's phase", False),
+    Feature("cosine of the force's phase", False, "cosine of the force's phase"),
+    Feature("sine of the force's phase", False, "sine of the force's phase"),
     FREQUENCY,
     TIME_LEFT,
-    Feature("RMS of the last period", True),
+    Feature("RMS of the last period", True, "RMS of the tip over the last period", LENGTH),
 )
 
 

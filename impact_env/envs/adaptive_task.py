@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.controlled import friction_limit
-from impact_env.envs.observation import FRICTION_IN_USE, GAP_IN_USE, STATE, WAY_LEFT, Feature
+from impact_env.envs.observation import FRICTION_IN_USE, GAP_IN_USE, LENGTH, LEVEL, RMS, STATE, WAY_LEFT, Feature
 from impact_env.envs.reference import mean_power_of_cosine
 from impact_env.envs.settings import Range, Settings, pair, span
 from impact_env.envs.sweep_task import OneRate, Passage, PassiveTask, SweepTask
@@ -179,7 +179,7 @@ class GapControl:
 class GapTask(ChosenGapTask):
     """Lanes with a cavity that is set under a force that changes."""
 
-    features: Sequence[Feature] = (*STATE, GAP_IN_USE)
+    features: Sequence[Feature] = (*STATE[:-1], Feature(LEVEL.name, True, RMS.what, LENGTH), GAP_IN_USE)
     level_name = "RMS over the scene's half-clearance"
 
     def __init__(self, settings: Settings, control: GapControl, lanes: int) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 from impact_env.envs.adaptive_task import Cavity, FrictionTask, GapControl, GapTask, Grip, SweepGapTask
 from impact_env.envs.observation import FEW_IMPACTS
 from impact_env.envs.settings import Settings
-from impact_env.envs.shells import Kind, TaskEnv, choice, with_rows
+from impact_env.envs.shells import Kind, TaskEnv, choice, with_table
 from impact_env.envs.sweep_task import OneRate, Passage, PassiveTask, SweepTask
 from impact_env.envs.vector_shell import vector_of
 from impact_env.extras import optional
@@ -87,7 +87,7 @@ class PassiveEnv(TaskEnv):
 PassiveVectorEnv = vector_of(PassiveEnv)
 
 
-@with_rows
+@with_table
 class SweepRateEnv(TaskEnv):
     """How quickly to run through a resonance: the hard exploration task.
 
@@ -105,13 +105,7 @@ class SweepRateEnv(TaskEnv):
     ## Observation Space
     A ``Box`` of 10 float32 numbers, cut off at +-100. The unit of displacement is the scene's half-clearance (1 mm without walls).
 
-    (rows 1 to 4)
-    | 5 | impacts in the last interval | per pseudo period / 2 |
-    | 6 | absorber's kinetic energy over that of beam and absorber | 1 |
-    | 7 | frequency ratio to the resonance, less 1 | 1 / 0.1 |
-    | 8 | share of the time budget that is left | 1 |
-    | 9 | response level so far | m / reference level |
-    | 10 | far frequency less present one | ratio / 0.1 |
+    (features)
 
     ## Rewards
     The sum of all rewards is the score: minus the paper's resonant response level of the whole passage (RMS over 10 pseudo periods to either side of
@@ -153,7 +147,7 @@ class SweepRateEnv(TaskEnv):
 SweepRateVectorEnv = vector_of(SweepRateEnv)
 
 
-@with_rows
+@with_table
 class SweepRateV1Env(TaskEnv):
     """How quickly to run through a resonance, and when to go back.
 
@@ -172,13 +166,7 @@ class SweepRateV1Env(TaskEnv):
     ## Observation Space
     A ``Box`` of 10 float32 numbers, cut off at +-100. The unit of displacement is the scene's half-clearance (1 mm without walls).
 
-    (rows 1 to 4)
-    | 5 | impacts in the last interval | per pseudo period / 2 |
-    | 6 | absorber's kinetic energy over that of beam and absorber | 1 |
-    | 7 | frequency ratio to the resonance, less the middle of ``limits`` | 1 / ``frequency_unit`` |
-    | 8 | share of the time budget that is left | 1 |
-    | 9 | response level so far | m / reference level |
-    | 10 | far frequency less present one | ratio / ``frequency_unit`` |
+    (features)
 
     ## Rewards
     Those of `SweepRateEnv`: minus the level relative to that of the beam without absorber, minus a price of time, minus ``unfinished_price`` if
@@ -210,7 +198,7 @@ class SweepRateV1Env(TaskEnv):
 SweepRateV1VectorEnv = vector_of(SweepRateV1Env)
 
 
-@with_rows
+@with_table
 class SweepAndGapEnv(TaskEnv):
     """How quickly to run through a resonance, and which clearance to give the cavity on the way.
 
@@ -229,14 +217,7 @@ class SweepAndGapEnv(TaskEnv):
     A ``Box`` of 11 float32 numbers, cut off at +-100. The unit of displacement is the scene's half-clearance (1 mm unless given). The force is not
     among them; info's ``force`` has it.
 
-    (rows 1 to 4)
-    | 5 | impacts in the last interval | per pseudo period / 2, cut off at 4 |
-    | 6 | absorber's kinetic energy over that of beam and absorber | 1 |
-    | 7 | frequency ratio to the resonance, less the middle of ``limits`` | 1 / ``frequency_unit`` |
-    | 8 | share of the time budget that is left | 1 |
-    | 9 | response level so far | m / half-clearance of the scene |
-    | 10 | far frequency less present one | ratio / ``frequency_unit`` |
-    | 11 | half-clearance in use | m / half-clearance of the scene |
+    (features)
 
     ## Rewards
     Those of `SweepRateEnv`: minus the level relative to that of the beam without absorber under the same force, minus a price of time, minus
@@ -271,7 +252,7 @@ class SweepAndGapEnv(TaskEnv):
 SweepAndGapVectorEnv = vector_of(SweepAndGapEnv)
 
 
-@with_rows
+@with_table
 class FrictionChoiceEnv(TaskEnv):
     """Which friction limit to give an absorber on the way through a resonance.
 
@@ -290,14 +271,7 @@ class FrictionChoiceEnv(TaskEnv):
     A ``Box`` of 11 float32 numbers, cut off at +-100. The unit of displacement is the scene's half-clearance (1 mm without walls). The force is not
     among them; info's ``force`` has it.
 
-    (rows 1 to 4)
-    | 5 | impacts in the last interval | per pseudo period / 2, cut off at 4 |
-    | 6 | absorber's kinetic energy over that of beam and absorber | 1 |
-    | 7 | frequency ratio to the resonance, less 1 | 1 / 0.1 |
-    | 8 | share of the time budget that is left | 1 |
-    | 9 | response level so far | m / half-clearance of the scene |
-    | 10 | far frequency less present one | ratio / 0.1 |
-    | 11 | friction limit in use | its place in the range, as the action has it |
+    (features)
 
     ## Rewards
     Those of `SweepRateEnv`: minus the level relative to that of the beam without absorber under the same force, minus a price of time.
@@ -332,7 +306,7 @@ class FrictionChoiceEnv(TaskEnv):
 FrictionChoiceVectorEnv = vector_of(FrictionChoiceEnv)
 
 
-@with_rows
+@with_table
 class GapChoiceEnv(TaskEnv):
     """Which clearance to give the cavity under a force that changes.
 
@@ -348,13 +322,7 @@ class GapChoiceEnv(TaskEnv):
     ## Observation Space
     A ``Box`` of 10 float32 numbers, cut off at +-100. The unit of displacement is the scene's half-clearance (1 mm without walls).
 
-    (rows 1 to 4)
-    | 5 | impacts in the last interval | per pseudo period / 2, cut off at 4 |
-    | 6 | absorber's kinetic energy over that of beam and absorber | 1 |
-    | 7 | frequency ratio to the resonance, less 1 | 1 / 0.1 |
-    | 8 | share of the time budget that is left | 1 |
-    | 9 | RMS of the tip over the last interval | m / half-clearance |
-    | 10 | half-clearance in use | m / half-clearance of the scene |
+    (features)
 
     ## Rewards
     The sum of all rewards is the score: minus the mean over the intervals of the tip's RMS relative to the stationary RMS of a beam without absorber

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from impact_env.controlled import ControlledRuns, PooledRuns
 from impact_env.envs.active_task import ActiveFrictionTask, Cycle, Drive, MovedWallsTask
 from impact_env.envs.adaptive_task import Grip, HeldTask, require_cavity
-from impact_env.envs.observation import FREQUENCY, FRICTION_IN_USE, GAP_IN_USE, STATE, TIME_LEFT, WAY_LEFT, Feature
+from impact_env.envs.observation import FREQUENCY, FRICTION_IN_USE, GAP_IN_USE, RMS, STATE, TIME_LEFT, WAY_LEFT, Feature
 from impact_env.envs.reference import passage, stationary_amplitude
 from impact_env.envs.settings import FORCES, Range, Settings, span
 from impact_env.envs.sweep_task import PER_PERIOD, Passage, SweepTask, speeds
@@ -98,16 +98,17 @@ class LimitedPassageTask(PooledTask, HeldTask, MovedWallsTask, SweepTask):
     """
 
     cost_names = ("level", "time", "fatigue", "actuator", "impacts")
+    frequency_unit = 0.05
     least_cost = np.array([-math.inf, 0.0, 0.0, 0.0, 0.0])
     features: Sequence[Feature] = (
         *(feature for feature in STATE[:-1] if feature not in (FREQUENCY, TIME_LEFT)),
         FREQUENCY,
         TIME_LEFT,
-        Feature("RMS of the last interval", True),
+        RMS,
         WAY_LEFT,
         GAP_IN_USE,
         FRICTION_IN_USE,
-        Feature("rate of the frequency", False),
+        Feature("rate of the frequency", False, "rate of the frequency", "% per 100 pseudo periods / 4"),
     )
 
     def __init__(self, settings: Settings, drawn: Drawn, drive: Drive, grip: Grip, lanes: int) -> None:
@@ -122,7 +123,7 @@ class LimitedPassageTask(PooledTask, HeldTask, MovedWallsTask, SweepTask):
             limits=drawn.limits,
             rates=drawn.sweep_rates,
             time_price=0.0,
-            frequency_unit=0.05,
+            frequency_unit=self.frequency_unit,
             level_unit="gap",
             time_budget=1.01 * budget + 1,
         )
@@ -186,9 +187,9 @@ class LimitedPassageTask(PooledTask, HeldTask, MovedWallsTask, SweepTask):
 Generator = np.random.Generator
 DAMPING = (0.005, 0.02)
 DATA = (
-    Feature("damping ratio of the first mode", False),
-    Feature("second frequency over the first", False),
-    Feature("absorber's mass over the first mode's", False),
+    Feature("damping ratio of the first mode", False, "damping ratio of the first mode", "1 / 0.01"),
+    Feature("second frequency over the first", False, "second frequency over the first", "1 / 5"),
+    Feature("absorber's mass over the first mode's", False, "absorber's mass times the square of the first mode's shape at it", "1 / 0.08"),
 )
 
 
@@ -262,12 +263,14 @@ class Pool:
 class StructuresTask(PooledTask, ActiveFrictionTask):
     """Lanes with a structure each."""
 
+    features: Sequence[Feature] = (*ActiveFrictionTask.features, *DATA)
+
     def __init__(self, settings: Settings, cycle: Cycle, grip: Grip, pool: Pool, lanes: int) -> None:
         standard = settings.scene.model
         require(standard.modes == 2, "modes", standard.modes, "2: structures that are drawn have as many")
         self.pool, self.models = pool, pool.models(standard)
-        if pool.observe_structure:
-            self.features: Sequence[Feature] = (*ActiveFrictionTask.features, *DATA)
+        if not pool.observe_structure:
+            self.features = ActiveFrictionTask.features
         usual = stationary_amplitude(standard, standard.omega[0], settings.moves_base)
         self._force_unit = [usual / stationary_amplitude(model, model.omega[0], settings.moves_base) for model in self.models]
         self._shapes = np.array([model.tip_shape for model in self.models])

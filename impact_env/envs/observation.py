@@ -13,24 +13,32 @@ FEW_IMPACTS = 4.0  # the same of feature 5 in newer tasks, so that chatter stays
 
 @dataclass(frozen=True)
 class Feature:
-    """One number of an observation; ``measured`` ones come from sensors and get noise and delay, the others are known to the machine's control."""
+    """One number of an observation; ``measured`` ones come from sensors and get noise and delay, the others are known to the machine's control.
+
+    ``what`` it is, and its ``unit`` and scale, are rows of docstrings' tables (`shells.with_table`), where braces stand for arguments.
+    """
 
     name: str
     measured: bool
+    what: str
+    unit: str = "1"
 
 
-TIP_IN_PHASE = Feature("tip amplitude in phase with the force", True)
-TIP_QUADRATURE = Feature("tip amplitude a quarter behind the force", True)
-DISTANCE = Feature("absorber's place in the cavity", True)
-VELOCITY = Feature("absorber's velocity in the cavity", True)
-IMPACTS = Feature("impacts per pseudo period", True)
-SHARE = Feature("absorber's share of the energy", True)
-FREQUENCY = Feature("frequency", False)
-TIME_LEFT = Feature("time left", False)
-LEVEL = Feature("level", True)
-WAY_LEFT = Feature("way left", False)
-GAP_IN_USE = Feature("half-clearance in use", False)
-FRICTION_IN_USE = Feature("friction limit in use", False)
+LENGTH, OF_SCENE = "m / half-clearance", "m / half-clearance of the scene"
+PER_VELOCITY = "m/s / (half-clearance times the resonance's circular frequency)"
+TIP_IN_PHASE = Feature("tip amplitude in phase with the force", True, "amplitude of the tip in phase with the force, over the last interval", LENGTH)
+TIP_QUADRATURE = Feature("tip amplitude a quarter behind the force", True, "amplitude of the tip a quarter of a period behind the force", LENGTH)
+DISTANCE = Feature("absorber's place in the cavity", True, "absorber less tip at the interval's end", LENGTH)
+VELOCITY = Feature("absorber's velocity in the cavity", True, "its rate", PER_VELOCITY)
+IMPACTS = Feature("impacts per pseudo period", True, "impacts in the last interval", "per pseudo period / 2{few}")
+SHARE = Feature("absorber's share of the energy", True, "absorber's kinetic energy over that of beam and absorber")
+FREQUENCY = Feature("frequency", False, "frequency ratio to the resonance, less {origin}", "1 / {scale}")
+TIME_LEFT = Feature("time left", False, "share of the time budget that is left")
+LEVEL = Feature("level", True, "response level so far", "m / {level}")
+RMS = Feature("RMS of the last interval", True, "RMS of the tip over the last interval", LENGTH)
+WAY_LEFT = Feature("way left", False, "far frequency less present one", "ratio / {scale}")
+GAP_IN_USE = Feature("half-clearance in use", False, "half-clearance in use", OF_SCENE)
+FRICTION_IN_USE = Feature("friction limit in use", False, "friction limit in use", "its place in the range, as the action has it")
 STATE = (TIP_IN_PHASE, TIP_QUADRATURE, DISTANCE, VELOCITY, IMPACTS, SHARE, FREQUENCY, TIME_LEFT, LEVEL)
 
 

@@ -1,14 +1,14 @@
 """What gymnasium asks for around a task, and what single and vector environments share: the single one is a vector of one lane without autoreset."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from inspect import cleandoc
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.envs.observation import LIMIT
+from impact_env.envs.observation import FEW_IMPACTS, LIMIT
 from impact_env.envs.settings import with_defaults
 from impact_env.envs.task import Task
 from impact_env.extras import optional
@@ -24,29 +24,6 @@ METADATA: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 30
 Info = dict[str, Any]
 Observation = NDArray[np.float32]
 _Class = TypeVar("_Class", bound=type)
-# rows that the tables of several docstrings have in common: with decisions over several periods, and within one
-ROWS = {
-    "(rows 1 to 4)": """\
-| # | what | unit and scale |
-| --- | --- | --- |
-| 1 | amplitude of the tip in phase with the force, over the last interval | m / half-clearance |
-| 2 | amplitude of the tip a quarter of a period behind the force | m / half-clearance |
-| 3 | absorber less tip at the interval's end | m / half-clearance |
-| 4 | its rate | m/s / (half-clearance times the resonance's circular frequency) |""",
-    "(rows 1 to 10)": """\
-| # | what | unit and scale |
-| --- | --- | --- |
-| 1 | displacement of the tip | m / half-clearance |
-| 2 | velocity of the tip | m/s / unit of velocity |
-| 3 | absorber less tip | m / half-clearance |
-| 4 | its rate | m/s / unit of velocity |
-| 5 | impacts in the last interval | per pseudo period / 2, cut off at 4 |
-| 6 | cosine of the force's phase | 1 |
-| 7 | sine of the force's phase | 1 |
-| 8 | frequency ratio to the resonance, less 1 | 1 / 0.1 |
-| 9 | share of the time budget that is left | 1 |
-| 10 | RMS of the tip over the last period | m / half-clearance |""",
-}
 
 
 @dataclass(frozen=True)
@@ -56,7 +33,7 @@ class Kind:
     ``defaults``: arguments that are others than the dataclasses say; ``actions`` makes the space of one lane's actions.
     """
 
-    task: Callable[..., Task]
+    task: Any  # a class of tasks
     groups: tuple[type, ...]
     defaults: Mapping[str, Any]
     actions: Callable[[], spaces.Space[Any]]
@@ -151,12 +128,21 @@ def screen_of(env: Any, is_reset: bool, maker: str) -> Any:
     return env._screen
 
 
-def with_rows(kind: _Class) -> _Class:
-    """Put the features that several tasks show into the table of a docstring."""
-    kind.__doc__ = cleandoc(kind.__doc__ or "")
-    for place, rows in ROWS.items():
-        kind.__doc__ = kind.__doc__.replace(place, rows)
-    return kind
+def with_table(env: _Class) -> _Class:
+    """Put the features of its task in the place of (features) into the docstring of an environment, as a table."""
+    kind: Kind = env.kind  # type: ignore[attr-defined]
+    given = {field.name: field.default for group in kind.groups for field in fields(group)} | dict(kind.defaults)
+    from_middle = given.get("frequency_origin") == "middle"
+    words = {
+        "few": f", cut off at {FEW_IMPACTS:g}" if given["impacts_limit"] == FEW_IMPACTS else "",
+        "origin": "the middle of ``limits``" if from_middle else "1",
+        "scale": "``frequency_unit``" if from_middle else kind.task.frequency_unit,
+        "level": "half-clearance of the scene" if given.get("level_unit") == "gap" else "reference level",
+    }
+    rows = [f"| {k} | {feature.what} | {feature.unit} |".format(**words) for k, feature in enumerate(kind.task.features, 1)]
+    table = "\n".join(("| # | what | unit and scale |", "| --- | --- | --- |", *rows))
+    env.__doc__ = cleandoc(env.__doc__ or "").replace("(features)", table)
+    return env
 
 
 class TaskEnv(gymnasium.Env[Observation, Any]):
