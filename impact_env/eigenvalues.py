@@ -30,10 +30,8 @@ from impact_env.secular import (
 )
 
 NEAR_CRITICAL = 0.01  # of 1 - D^2: offsets are then from the middle of both poles
-CLOSE, REAL = (
-    1e-3,
-    3e-5,
-)  # imaginary part over size of a complex pair that has no modal form in practice, and half the distance of two real eigenvalues
+CLOSE = 1e-3  # imaginary part over size of a complex pair that has no modal form in practice
+REAL = 3e-5  # half the distance of two real eigenvalues over their size, likewise
 FARTHEST = 0.3  # share of |s| that a Newton step may go
 
 Starts = tuple[Leads, Complex]

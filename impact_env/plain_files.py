@@ -5,6 +5,7 @@ import os
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +22,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def _json(text: str) -> Any:
-    return json.loads(text, object_pairs_hook=_once)
-
-
-READERS: dict[str, Callable[[str], Any]] = {".toml": tomllib.loads, ".json": _json}
+READERS: dict[str, Callable[[str], Any]] = {".toml": tomllib.loads, ".json": partial(json.loads, object_pairs_hook=_once)}
 
 
 def read_plain(path: Path | str) -> dict[str, Any]:

@@ -111,9 +111,7 @@ def regime_sets(model: ModalModel, shapes: Real, masses: Real, wanted: float) ->
     maps = [np.array(part) for part in zip(*(_maps(modes, joined, shapes, size) for modes, joined in zip(every, sets, strict=True)), strict=True)]
     bent = np.array([_bent(row) for row in rows])
     mobility = np.array([_compliance(masses, shapes, joined) for joined in sets])
-    out, into = maps
-    table, scale, steps, waves, turns, errors = tables
-    return Sets(rows, table, scale, steps, waves, turns, errors, out, into, bent, mobility), reach
+    return Sets._make([rows, *tables, *maps, bent, mobility]), reach
 
 
 def _bent(rows: Real) -> Real:

@@ -135,12 +135,6 @@ def _record(text: str) -> Samples:
     return record
 
 
-def with_defaults(defaults: Mapping[str, Any], arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an environment's arguments with its defaults; those that describe a scene do not apply beside a whole one."""
-    whole = arguments.get("whole_scene") is not None
-    return {name: value for name, value in defaults.items() if not (whole and name in SCENE_PARTS)} | dict(arguments)
-
-
 @dataclass(frozen=True)
 class Settings:
     """Arguments that all environments share.

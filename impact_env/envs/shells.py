@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.envs.observation import FEW_IMPACTS, LIMIT
-from impact_env.envs.settings import with_defaults
+from impact_env.envs.settings import SCENE_PARTS
 from impact_env.envs.task import Task
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count, require
@@ -40,7 +40,9 @@ class Kind:
 
     def make(self, lanes: int, arguments: Mapping[str, Any]) -> Task:
         """Return the task with these keyword arguments; raises ParameterError for a bad one."""
-        parts = split(with_defaults(self.defaults, arguments), *self.groups)
+        left_out = SCENE_PARTS if arguments.get("whole_scene") is not None else ()  # what describes a scene does not apply beside a whole one
+        defaults = {name: value for name, value in self.defaults.items() if name not in left_out}
+        parts = split(defaults | dict(arguments), *self.groups)
         return self.task(*(group(**part) for group, part in zip(self.groups, parts, strict=True)), lanes)
 
 

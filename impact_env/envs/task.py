@@ -112,9 +112,6 @@ class Task(ABC):
         self.duration = duration
         rewards = self.reward()
         self.score = self.score + rewards
-        return self._outcome(rewards, terminated, late, resting)
-
-    def _outcome(self, rewards: Array, terminated: Mask, late: Mask, resting: Mask | None) -> tuple[Array, Mask, Mask]:
         truncated = np.zeros_like(late) if self.budget_terminates else late
         if self.budget_terminates:
             terminated = terminated | late

@@ -12,12 +12,10 @@ from impact_env.families.family import (
     Array,
     Family,
     Observers,
-    base_in,
     compiled,
     contact_of,
     gravity_in,
     losses_of,
-    moves_base,
     schedule_of,
     window_of,
 )
@@ -33,7 +31,7 @@ from impact_env.kernels.exact.sets import Absorbers, Sets
 from impact_env.kernels.exact.several import Several, several_lane
 from impact_env.kernels.exact.springs import Springs
 from impact_env.kernels.motion.segments import Regime
-from impact_env.loads import AnyDrive
+from impact_env.loads import AnyDrive, Loads
 from impact_env.methods import Exact
 from impact_env.parameters import RigidWalls, SeveralAbsorbers, SlidingAbsorber
 from impact_env.regime_sets import regime_sets
@@ -55,7 +53,7 @@ class ExactFamily(Family):
 
     def run(self, scene: Scene, drive: AnyDrive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
         """Integrate over the whole schedule, see `Family.run`."""
-        taken, reach = self.take(scene, window_of(drive), moves_base(drive), drive)
+        taken, reach = self.take(scene, window_of(drive), isinstance(drive, Loads) and drive.moves_base, drive)
         if not self.searched:
             observers = replace(observers, events=None)  # there are none, and a list would be one more variant to compile
         return int(self.lane(taken, schedule_of(scene, drive, reach), state, observers.every(sample_dt)))
@@ -63,7 +61,8 @@ class ExactFamily(Family):
     def control(self, scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
         """Return the kernel that advances lanes, see `Family.control`."""
         assert self.lanes is not None
-        return partial(self.lanes, *self.take(scene, WINDOW_PERIODS * pseudo_period, base_in(batch), None), batch)
+        moves = batch.watch.beside is not None and batch.watch.beside.base is not None
+        return partial(self.lanes, *self.take(scene, WINDOW_PERIODS * pseudo_period, moves, None), batch)
 
     def slots(self, scene: Scene, pseudo_period: float) -> int:
         """Return the slots of the regime."""

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive
 from impact_env.kernels.control.crew import Board
 from impact_env.kernels.control.interval import Batch
 from impact_env.kernels.exact.rigid_contact import Contact, Walls
@@ -104,18 +103,12 @@ def window_of(drive: AnyDrive) -> float:
 def schedule_of(scene: Scene, drive: AnyDrive, reach: float) -> Schedule:
     """Return a drive as the exact kernels take it, in windows of at most ``reach`` (s)."""
     if isinstance(drive, Loads):
-        return _schedule_of_loads(scene, drive, reach)
-    assert isinstance(drive, Drive)
+        times, pieces, which, moves_base = drive.on_one_clock()
+        load = loads.Load(pieces, which, moves_base, np.zeros((2, TERMS)), base_of(scene) if moves_base.any() else None, np.zeros(1, np.bool_))
+        return Schedule(times, np.zeros(len(times)), np.zeros(len(times)), 0.0, reach, load)
     breaks = drive.schedule
     phases = breaks.phase_at(breaks.times) + drive.phase
     return Schedule(np.array(breaks.times), np.array(breaks.omegas), np.asarray(phases), drive.amplitude, reach, None)
-
-
-def _schedule_of_loads(scene: Scene, drive: Loads, reach: float) -> Schedule:
-    times, pieces, which, moves_base = drive.on_one_clock()
-    base = base_of(scene) if moves_base.any() else None
-    load = loads.Load(pieces, which, moves_base, np.zeros((2, TERMS)), base, np.zeros(1, np.bool_))
-    return Schedule(times, np.zeros(len(times)), np.zeros(len(times)), 0.0, reach, load)
 
 
 def base_of(scene: Scene) -> loads.Base:
@@ -123,16 +116,6 @@ def base_of(scene: Scene) -> loads.Base:
     model, mass = scene.model, scene.absorber_mass or 0.0
     assert model.base_participation is not None
     return loads.Base(np.zeros((2, TERMS)), np.array(model.base_participation), model.base_at_absorber, mass * model.base_at_absorber)
-
-
-def base_in(batch: Batch) -> bool:
-    """Return whether the base moves in lanes under control."""
-    return batch.watch.beside is not None and batch.watch.beside.base is not None
-
-
-def moves_base(drive: AnyDrive | None) -> bool:
-    """Return whether a drive moves the base."""
-    return isinstance(drive, Loads) and drive.moves_base
 
 
 def gravity_in(scene: Scene, drive: AnyDrive | None = None) -> float | None:

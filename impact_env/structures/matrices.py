@@ -37,11 +37,9 @@ def read_matrix(path: Path, name: str, letter: str) -> Any:
 
     Raises ParameterError with the matrix's ``name`` if the file cannot be read.
     """
-    reader = READERS.get(path.suffix.lower())
-    require(reader is not None, name, str(path), f"a file that ends in {' or '.join(READERS)}")
-    assert reader is not None
+    require(path.suffix.lower() in READERS, name, str(path), f"a file that ends in {' or '.join(READERS)}")
     try:
-        return reader(path, letter)
+        return READERS[path.suffix.lower()](path, letter)
     except (OSError, ValueError, KeyError, BadZipFile, EOFError, TypeError) as error:
         raise ParameterError(f"{name} = {str(path)!r} is not allowed: a matrix that can be read ({error})") from error
 
@@ -194,7 +192,6 @@ def proportional_damping(damping: Any, modes: Modes) -> Real:
     )
     what = f"a matrix that couples the modes {min(i, j) + 1} and {max(i, j) + 1} by {coupling[i, j]:.2g} of their own damping"
     require(float(coupling[i, j]) <= COUPLING, "damping", what, allowed)
-    require(
-        bool(np.all(own >= -COUPLING * np.max(np.abs(own)))), "damping", f"a matrix that feeds mode {int(np.argmin(own)) + 1}", "no negative damping"
-    )
+    ok, what = bool(np.all(own >= -COUPLING * np.max(np.abs(own)))), f"a matrix that feeds mode {int(np.argmin(own)) + 1}"
+    require(ok, "damping", what, "no negative damping")
     return np.asarray(np.maximum(own, 0.0) / (2 * modes.omega))
