@@ -62,7 +62,7 @@ def counters_for(drive: AnyDrive, most_events: int | None, check: Check | None =
 
 
 def onwards(progress: Watcher) -> Watcher:
-    """Return a watcher that never goes back, where a run is made again with more room."""
+    """Return a watcher that is never told an earlier time, for a run that is repeated with more room."""
     furthest = 0.0
 
     def tell(time: float, end: float) -> None:
@@ -74,7 +74,7 @@ def onwards(progress: Watcher) -> Watcher:
 
 
 def watched(work: Callable[[], T], counters: Counters, end: float, progress: Watcher) -> T:
-    """Do ``work`` in a thread and tell ``progress`` ten times a second how far it is.
+    """Do ``work`` in a thread and call ``progress`` ten times a second with the time reached.
 
     A KeyboardInterrupt, or an error in ``progress``, ends the kernel at its next event and is passed on.
     """

@@ -22,7 +22,7 @@ def require(ok: bool, name: str, value: object, allowed: str) -> None:
 
 
 def _shown(value: object) -> str:
-    """Return a value for people. Python writes no whole number of more than 4,300 digits, nested ones neither."""
+    """Return a value as text for an error; Python refuses to write whole numbers of more than 4,300 digits."""
     if isinstance(value, int) and abs(value) >= MOST_SHOWN:
         return "a whole number of very many digits"
     try:
@@ -36,7 +36,7 @@ SMALL, LARGE = 1e-30, 1e30  # products of several such numbers, and powers of or
 
 
 def number(value: object) -> float:
-    """Return a real number of any type as a float, NaN for what is none, or too large to be one; a truth value is no number."""
+    """Return a real number of any type as a float, NaN for anything else and for what is too large; a bool is not a number."""
     if not isinstance(value, Real) or isinstance(value, bool):
         return math.nan
     try:
@@ -130,6 +130,6 @@ def check_each(group: object, **checks: Callable[[str, Any], object]) -> None:
 
 
 def keep_checked(group: object, **checks: Callable[[str, Any], object]) -> None:
-    """Put what its check returns in the place of each attribute of a frozen dataclass, as its ``__post_init__`` may."""
+    """Replace attributes of a frozen dataclass by what their checks return, in its ``__post_init__``."""
     for name, check in checks.items():
         object.__setattr__(group, name, check(name, getattr(group, name)))

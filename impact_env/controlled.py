@@ -1,6 +1,6 @@
 """Runs under control: many lanes of one scene that advance by one control interval a call and take new orders (rate, gap, friction) before each.
 
-What a lane does is the run that `simulate` makes with the same schedule; see `impact_env.kernels.control.interval` for what is ordered and reported.
+A lane's run is that of `simulate` with the same schedule; see `impact_env.kernels.control.interval` for what is ordered and reported.
 """
 
 import math
@@ -35,16 +35,16 @@ PARTS = 4  # of a thread, since lanes differ in their number of impacts
 
 
 def friction_limit(scene: Scene) -> float:
-    """Return the limit (N) of an absorber's rigid friction, infinity where there is none that could be another: then orders' limits are not read.
+    """Return the limit (N) of an absorber's rigid friction; infinity without such friction, where the limits in orders are not read.
 
-    So a stuck absorber is to the Moreau scheme one of this limit.
+    The Moreau scheme takes a stuck absorber as one with an infinite limit.
     """
     friction = scene.absorber.friction if isinstance(scene.absorber, SlidingAbsorber) else None
     return friction.limit if isinstance(friction, CoulombFriction) else math.inf
 
 
 def _beside(scene: Scene, method: Method, record: Samples | None, moves_base: bool, interval: float) -> Beside | None:
-    """Return the loads beside one force at the force's place, in intervals (s); None without any. Raises ParameterError where it cannot."""
+    """Return what acts beside the orders' force in an interval (s), None without; raises ParameterError where scene or method cannot have it."""
     base = check_general(scene, method, record, moves_base=moves_base)
     if record is None and not moves_base:
         return None
@@ -96,6 +96,7 @@ class ControlledRuns:
         self.orders, self.reports = np.zeros(lanes, ORDER), np.zeros(lanes, REPORT)
         self.status = np.zeros(lanes, dtype=np.int64)
         self.idle = np.zeros(lanes, dtype=np.bool_)
+        self._rows = np.arange(lanes)  # where in the memory a lane's is
         slots = kernels.slots(scene, period)
         self._memory = new_lanes(lanes, slots, 2 * modes + 2, HALF_WINDOW_PERIODS * samples_per_period)
         mass = 0.0 if scene.absorber_mass is None else scene.absorber_mass
@@ -133,8 +134,9 @@ class ControlledRuns:
 
     def restart(self, which: NDArray[Any]) -> None:
         """Put lanes (indices or mask) at rest with the absorber in the middle of the cavity; their next interval is the first of a run."""
-        self._memory.state[which] = 0.0
-        self._memory.kept["gap"][which] = self.orders["gap"][which]
+        rows = self._rows[which]
+        self._memory.state[rows] = 0.0
+        self._memory.kept["gap"][rows] = self.orders["gap"][which]
         self.reports[which] = np.zeros(1, REPORT)
         self.orders["fresh"][which] = True
 
@@ -189,7 +191,7 @@ class ControlledRuns:
 
 
 def _looked_up(kernel: Any) -> Callable[[int, int], bool]:
-    """Return a compiled kernel with its arguments as the machine code itself: numba looks at their types at every call, which takes 8 of 12 us."""
+    """Return a compiled kernel with its arguments as the machine code itself: numba looks at their types at every call, 8 of 12 us."""
     return partial(kernel.func.overloads[tuple(map(typeof, (*kernel.args, 0, 0)))].entry_point, *kernel.args) if COMPILED else kernel
 
 
@@ -208,7 +210,6 @@ class PooledRuns(ControlledRuns):
     def __init__(self, scenes: Sequence[Scene], lanes: int, reference: float, interval: float, method: Method | None = None, **options: Any) -> None:
         self._make: Callable[..., ControlledRuns] = partial(ControlledRuns, reference=reference, interval=interval, method=method, **options)
         self.scenes, self.which = tuple(scenes), np.zeros(lanes, dtype=np.int64)
-        self._rows = np.arange(lanes)  # of a lane in what is kept
         self._members: dict[int, ControlledRuns] = {}
         super().__init__(scenes[0], lanes, reference, interval, method, **options)
         self._ordered, self._reported, self._ended = self.orders.copy(), self.reports.copy(), self.status.copy()
@@ -230,7 +231,7 @@ class PooledRuns(ControlledRuns):
         self._members = {}
 
     def _lay(self, order: NDArray[np.int64]) -> None:
-        """Put what the lanes (L,) in ``order`` keep one after the other."""
+        """Lay the memory of the lanes in the order (L,) one after the other."""
         rows = self._rows[order]
         for values in self._memory:
             values[...] = values[rows]
@@ -240,14 +241,6 @@ class PooledRuns(ControlledRuns):
     def state(self) -> Array:
         """State of each lane, a copy (L, 2 N_m + 2)."""
         return np.asarray(self._memory.state[self._rows])
-
-    def restart(self, which: NDArray[Any]) -> None:
-        """Put lanes (indices or mask) at rest, as `ControlledRuns.restart` does."""
-        rows = self._rows[which]
-        self._memory.state[rows] = 0.0
-        self._memory.kept["gap"][rows] = self.orders["gap"][which]
-        self.reports[which] = np.zeros(1, REPORT)
-        self.orders["fresh"][which] = True
 
     def advance(self) -> None:
         """Advance all lanes but idle ones, scene by scene."""

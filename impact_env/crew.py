@@ -45,7 +45,7 @@ class Crew:
         self._ended = time.perf_counter()
 
     def _call(self, helpers: int) -> None:
-        """Wake the helpers that do not stand by."""
+        """Start helpers in the place of those that have left."""
         quick = time.perf_counter() - self._ended < QUICK_S
         standing_by = [helper for helper in self._helpers if not helper.done()]
         if self._pool is None and helpers:

@@ -1,6 +1,6 @@
 """Performance curves: response level over the force's amplitude, as an ensemble with a band (paper, section 3.3).
 
-In the impact regimes a level is a random variable: runs that differ in the last digits of anything part after some impacts. A curve is therefore
+In the impact regimes a level is a random variable: runs that differ in last digits only diverge after some impacts. A curve is therefore
 computed over members that differ in the initial phase of the force and, by a millionth at most, in its amplitude; it has a median and a band.
 """
 
@@ -259,7 +259,7 @@ def performance_curve(
 
 @dataclass(frozen=True)
 class Pass:
-    """One look at a curve: so many of its ``forces`` (None: all), swept so many times ``faster`` than the case says, with its first ``members``."""
+    """One pass over a curve: so many of its ``forces`` (None: all), swept so many times ``faster`` than the case says, with its first ``members``."""
 
     forces: int | None = None
     faster: float = 1.0
@@ -380,7 +380,7 @@ def _one_pass(
 
 
 def _spread(number: int) -> list[int]:
-    """Return 0 to number - 1, ends first, then always what lies between those that are there."""
+    """Return 0 to number - 1 in an order that refines a grid: the ends first, then points between those before."""
     order = sorted({0, number - 1})
     step = number - 1
     while step > 1:

@@ -124,7 +124,7 @@ def _close(lead: Index, s: Complex) -> tuple[NDArray[np.bool_], Index, Complex]:
 
 @np.errstate(divide="ignore", invalid="ignore")  # where two poles are one: what is not a number is no start, or found by the check of the basis
 def all_eigen(c: Coupling, weak: float) -> Eigen:
-    """Return all eigenvalues and vectors; ``weak``: up to which share of |s|^2 in R a mode is looked for at its own pole."""
+    """Return all eigenvalues and vectors; ``weak``: share of |s|^2 up to which R leaves a mode near its own pole, from where it is then sought."""
     middles, near = _by_middles(c, weak)
     poles, far = _by_poles(c, weak)
     starts = middles + poles

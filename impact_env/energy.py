@@ -44,7 +44,7 @@ class EnergyAccount:
 
 
 def stored_energy(scene: Scene, state: Array) -> float:
-    """Return the energy of modes, absorbers and springs of a state (2 N_m + 2 n,) in J (paper, Eq. Einst), and what a weight has."""
+    """Return the energy of modes, absorbers, springs and weights of a state (2 N_m + 2 n,) in J (paper, Eq. Einst)."""
     n, model, half = scene.model.modes, scene.model, len(state) // 2
     energy = 0.5 * float(np.sum((model.omega * state[:n]) ** 2 + state[half : half + n] ** 2))
     if scene.absorber_mass is not None:

@@ -39,7 +39,7 @@ R = TypeVar("R")
 
 @runtime_checkable
 class Executor(Protocol):
-    """Something that does work elsewhere than in threads of this process, as a cluster's workers do."""
+    """Runs work outside the threads of this process, such as on the workers of a cluster."""
 
     def each(self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]) -> Generator[tuple[int, R], None, None]:
         """Yield (number of the item, ``function(item)``) in the order in which they are finished; closing it drops what has not begun.
@@ -120,7 +120,7 @@ class Members:
 
     @property
     def key(self) -> bytes:
-        """What is the same for the same members, and else differs."""
+        """Bytes that are equal for equal members only."""
         return self.phases.tobytes() + self.factors.tobytes()
 
     def drives(self, force: float, schedule: FrequencySchedule, phase: float = 0.0) -> list[Drive]:
@@ -137,8 +137,8 @@ def drives_of(members: Members, drive: AnyDrive) -> list[AnyDrive]:
 def draw_members(members: int, seed: int, kind: MemberKind = "both") -> Members:
     """Return the members of an ensemble. Member 0 is the paper's run: phase 0, and the force as it is.
 
-    Every other one stands for what nobody knows about a run, which impacts amplify: when it began, a phase uniform in [0, 2 pi), and the
-    force's last digits, a share uniform within `PERTURBATION`, which is far above rounding. ``kind`` "phase" and "force" vary one of them
+    Every other one varies what is not known of a run and is amplified by impacts: the initial phase, uniform in [0, 2 pi), and the force,
+    by a share uniform within `PERTURBATION`, which is far above rounding. ``kind`` "phase" and "force" vary one of them
     alone. More members with the same seed continue the same lists, and a kind's list does not depend on the other.
     """
     count("members", members, 1, MOST_MEMBERS)
@@ -290,7 +290,7 @@ def first_of_each(keys: Iterable[Hashable]) -> list[int]:
 def _run_all(run: Callable[[int], None], first: list[int], total: int, workers: int, progress: Progress | None) -> None:
     """Call ``run`` for 0..total - 1, ``first`` one after the other: threads that need the same kernel would only wait for its compilation.
 
-    Where a kind of scene was seen with another record before, they do wait, and nothing else happens.
+    Where a kind of scene has run with another record before, threads may wait for it all the same, which costs time only.
     """
     done = 0
 

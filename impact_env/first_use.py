@@ -57,7 +57,7 @@ def on_compile(callback: Callable[[Compilation], object]) -> Callable[[], None]:
 
 
 class CompilingFor:
-    """While it is entered, what this thread compiles is compiled for this scene and method; ``words`` is what the hint's command needs.
+    """Within it, compilation in this thread is announced as for this scene and method; ``words`` is the argument of the hint's command.
 
     The two are turned into text only if there is something to say, since every run passes here.
     """
@@ -76,7 +76,7 @@ class CompilingFor:
 
 
 class _SeldomCollected(event.Listener):
-    """What compilation makes mostly stays: to look for garbage among it as often as Python does takes up to a tenth of the time."""
+    """Rarer garbage collection while numba compiles: most objects stay, and searching them at Python's rate takes up to a tenth of the time."""
 
     def on_start(self, event: event.Event) -> None:  # noqa: ARG002 - numba's interface
         self._before = gc.get_threshold()
@@ -88,7 +88,7 @@ class _SeldomCollected(event.Listener):
 
 
 class _Announcer(event.Listener):
-    """Tells of each kernel that is compiled, of which there is one at a time: callbacks at once, everyone as soon as it has taken `PATIENCE`."""
+    """Announces each compilation, one at a time: to callbacks at once, to the user once it has taken `PATIENCE`."""
 
     silent = False
 
@@ -132,7 +132,7 @@ event.register(COMPILING, _SeldomCollected())
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Say nothing meanwhile: the caller tells what is being compiled."""
+    """Announce nothing within it: the caller says what is compiled."""
     before, _ANNOUNCER.silent = _ANNOUNCER.silent, True
     try:
         yield

@@ -56,7 +56,7 @@ class Law:
 
     ``keys``: its plain names. ``mark``: the one that only this law of its group has, None for the group's usual law. ``kernel``: what compiled code
     takes, the name of a tuple of `impact_env.kernels` whose fields are attributes of the law (None where it has none), or of one attribute; it is
-    named, not imported, so that who reads a scene needs no kernels (`families.family.compiled`). ``stored``: its energy in J at a relative
+    named, not imported, so that reading a scene loads no kernels (`families.family.compiled`). ``stored``: its energy in J at a relative
     displacement in m. ``words``: its values for people.
     """
 

@@ -83,7 +83,7 @@ class Samples(Load):
         return float(np.sum(sizes[above]) / max(np.sum(sizes), 1e-300))
 
     def base_velocity(self) -> float:
-        """Return the base's velocity in m/s at time 0 whose mean is zero."""
+        """Return the base's velocity in m/s at time 0 with which its mean velocity is zero."""
         if self.quantity == FORCE:
             return 0.0
         steps, a = np.diff(self.times), self.values
@@ -166,7 +166,7 @@ class Random(Load):
         return replace(self, number=self.number + other.number, factor=other.factor * self.factor)
 
     def base_velocity(self) -> float:
-        """Return the base's velocity in m/s at time 0 whose mean is zero."""
+        """Return the base's velocity in m/s at time 0 with which its mean velocity is zero."""
         return self.record().base_velocity()
 
 
@@ -220,7 +220,7 @@ class Loads:
         return replace(self, parts=tuple(part.member(other) for part in self.parts))
 
     def base_velocity(self) -> float:
-        """Return the base's velocity in m/s at time 0 whose mean is zero."""
+        """Return the base's velocity in m/s at time 0 with which its mean velocity is zero."""
         return sum(part.base_velocity() for part in self.parts)
 
     def base_motion(self, times: Array) -> tuple[Array, Array]:
@@ -289,7 +289,7 @@ AnyDrive = Drive | Loads
 
 
 def largest(drive: AnyDrive) -> float:
-    """Return the highest frequency (rad/s) of a drive at which it has a share, 0 for none."""
+    """Return the highest frequency (rad/s) of a drive's harmonic parts that are not zero, 0 without any."""
     if isinstance(drive, Drive):
         return float(np.max(drive.schedule.omegas)) if drive.amplitude != 0 else 0.0
     highest = 0.0

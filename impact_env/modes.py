@@ -89,7 +89,7 @@ def _whole(beam: Beam) -> tuple[Real, Real]:
 
 
 def rigid_shapes(beam: Beam) -> Real:
-    """Return the motions that bend nothing, as columns over the freedoms of `free`: of a free beam a shift and a turn, of a pinned one the turn."""
+    """Return the rigid-body motions, as columns over the freedoms of `free`: of a free beam a shift and a turn, of a pinned one the turn."""
     element, nodes = 1 / beam.elements, np.arange(beam.elements + 1)
     shift, turn = np.zeros(2 * beam.elements + 2), np.zeros(2 * beam.elements + 2)
     shift[0::2], turn[0::2], turn[1::2] = 1, nodes * element, element
@@ -220,7 +220,7 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
 
     A modal model is given back as it is; it has no positions. The inverse problem M v = (1/omega^2) K v is solved because the low modes,
     the ones that matter, then are the largest eigenvalues and keep more digits than from K v = omega^2 M v. The frequencies
-    follow from the shapes. Modes of a beam on a soft suspension begin with those that bend nothing.
+    follow from the shapes. Modes of a beam on a soft suspension begin with the rigid-body motions.
     """
     if isinstance(beam, ModalModel):
         require(positions is None, "positions", positions, "for beams only: a modal model has shapes at the places of its absorbers, and no others")

@@ -30,15 +30,15 @@ from impact_env.checks import (
 __all__ = ["LARGE", "SMALL", "ParameterError", "check_each", "count", "finite", "flag", "fraction", "instance", "listed", "non_negative", "number"]
 __all__ += ["keep_checked", "one_of", "positive", "require", "row", "two"]
 
-SUSPENSION_STEP = 0.1  # further motions that bend nothing have so much higher frequencies each: two of one frequency have no modes of their own
+SUSPENSION_STEP = 0.1  # by this share the next rigid-body motion's frequency is higher: shapes of equal frequencies would be undetermined
 
 
 def suspended(frequency: float, motions: int) -> tuple[float, ...]:
-    """Return the frequencies in Hz of motions on a soft suspension: that given, and `SUSPENSION_STEP` of it more for each further one."""
+    """Return the frequencies in Hz of rigid-body motions on a soft suspension: ``frequency``, then `SUSPENSION_STEP` of it more each."""
     return tuple(frequency * (1 + SUSPENSION_STEP * k) for k in range(motions))
 
 
-# how the ends are held, left and right -> number of motions that bend nothing
+# supports at the left and the right end -> number of rigid-body motions
 ENDS = {"clamped-free": 0, "clamped-pinned": 0, "clamped-clamped": 0, "pinned-pinned": 0, "pinned-free": 1, "free-free": 2}
 SUSPENDED = "given: these ends leave the beam rigid-body motions, whose frequency a soft suspension makes, in Hz, far below the first bending mode"
 
@@ -130,7 +130,7 @@ class Beam:
 
     @property
     def rigid_motions(self) -> int:
-        """Number of motions that bend nothing."""
+        """Number of rigid-body motions."""
         return ENDS[self.ends]
 
     @property
@@ -198,7 +198,7 @@ class CompliantWalls:
         object.__setattr__(self, "gap", non_negative("gap", self.gap))
 
 
-LEAST_LIMIT = 1e-300  # N: a limit may stand for none
+LEAST_LIMIT = 1e-300  # N: a tiny limit may stand for no friction
 
 
 @dataclass(frozen=True)
@@ -275,7 +275,7 @@ class SlidingAbsorber:
     """A mass that slides along the tip's deflection, with walls, friction, or both (paper, section 2.2).
 
     With walls it is the impact absorber, without them the friction damper. A part that is absent is None. ``gravity`` in m/s^2 is along its motion,
-    towards the lower wall, and acts on the absorber alone: the beam's own weight is a constant that its displacement is told from.
+    towards the lower wall, and acts on the absorber alone: the beam's displacement is measured from where its own weight holds it.
     """
 
     mass_ratio: float = DEFAULT_MASS_RATIO
@@ -335,7 +335,7 @@ def gravity_of(absorber: Absorber | None) -> float:
 
 
 def weightless(absorber: Absorber | None, what: str) -> None:
-    """Raise ParameterError for an absorber that has a weight along its motion, which ``what`` knows nothing of."""
+    """Raise ParameterError for an absorber that has a weight along its motion, which ``what`` does not model."""
     heavy = gravity_of(absorber)
     require(heavy == 0, "gravity", heavy, f"0 for {what}")
 

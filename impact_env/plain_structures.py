@@ -27,7 +27,7 @@ PROFILES = {"rectangle": ("width", "height"), "tube": ("diameter", "wall"), "I":
 
 @dataclass(frozen=True)
 class Profile:
-    """A cross section that bends about its level axis: a rectangle, a round tube (``wall`` of its diameter's half: a rod) or an I."""
+    """A cross section that bends about its level axis: a rectangle, a round tube (a rod if ``wall`` is half the diameter) or an I."""
 
     kind: str
     width: float = 0.0
@@ -142,7 +142,7 @@ class _Place:
 PLACE = form(_Place, {"node": ("node", WHOLE), "direction": ("direction", TEXT)})
 
 
-# a part of a strain: a weight, and the displacement that it is of, of a node in a direction or of a row of the matrices
+# a term of a strain: a weight, and the displacement it multiplies, of a node in a direction or of a row of the matrices
 STRAINED = form(
     lambda node, direction, weight: (weight, _Place(node, direction)),
     {"node": ("node", WHOLE), "direction": ("direction", TEXT), "weight": ("weight", NUMBER)},

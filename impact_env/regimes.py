@@ -119,7 +119,7 @@ def coupled_modes(model: ModalModel, mass: float, stiffness: float | None, dampe
 
 
 def parted_modes(shapes: Real) -> tuple[Index, Index]:
-    """Return the modes that feel absorbers with ``shapes`` (p, N_m), and those with a node at all of them."""
+    """Return the modes that move absorbers with ``shapes`` (p, N_m), and those with a node at all of them."""
     coupled = np.any(np.abs(shapes) > UNCOUPLED * np.max(np.abs(shapes), axis=1, keepdims=True), axis=0)
     return np.flatnonzero(coupled), np.flatnonzero(~coupled)
 
@@ -215,7 +215,7 @@ def basis_error(out: Complex, into: Complex, scale: Real) -> float:
 
 
 def complete(modes_for: Callable[[float], M], error_of: Callable[[M], float], name: str, value: object, allowed: str) -> M:
-    """Return the modes that span the state best among those that start values of different kinds lead to; ParameterError if none do.
+    """Return the modes from the kind of start values (`WEAK`) whose basis is most nearly complete; raises ParameterError if none is complete.
 
     The error says that a parameter of this ``name`` and ``value`` is not what is ``allowed``.
     """

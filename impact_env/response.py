@@ -43,7 +43,7 @@ class Record:
 
     ``series``: the samples of the whole run, or of a `Window` of it. ``envelope``: least and largest displacement in so many equal parts of the run.
     ``reversals``: where friction may turn, beside impacts and contact phases; of the exact method with rigid contact.
-    ``check``: whether the exact method's event search missed nothing, found out by dense sampling. It is for tests: a run takes much longer.
+    ``check``: whether the exact method's event search missed an event, by dense sampling; for tests, since a run takes much longer.
     """
 
     level: bool = True

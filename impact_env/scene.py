@@ -44,7 +44,7 @@ class Scene:
 
     @property
     def kind(self) -> SceneKind:
-        """What happens in it."""
+        """Kind of scene, by the laws of its absorber."""
         return kind(self.absorber)
 
     @property

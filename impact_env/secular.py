@@ -61,7 +61,7 @@ class Coupling:
     sprung: bool
 
     def __post_init__(self) -> None:
-        """Separate equal frequencies by their last digit: a motion of both without the masses would be a root at two poles at once."""
+        """Separate equal frequencies by their last digit: a motion that leaves the masses at rest would be a root at two poles at once."""
         omega, order = np.array(self.omega), np.argsort(self.omega, kind="stable")
         for a, b in pairwise(order):
             omega[b] = max(omega[b], np.nextafter(omega[a], np.inf))
@@ -213,10 +213,10 @@ def risen(c: Coupling, leads: Leads, height: Real) -> tuple[Complex, Real]:
 
 @dataclass(frozen=True, eq=False)
 class Eigen:
-    """Eigenvalues (J,), and of each slot what it moves: modes ``v`` (J, n), scaled masses ``z`` (J, p), the spring's ``stretch`` (J,).
+    """Eigenvalues (J,) and right eigenvectors: modes ``v`` (J, n), scaled masses ``z`` (J, p), the spring's ``stretch`` (J,).
 
-    The other half moves it: ``by_displacement``, ``by_velocity`` (J, N) of the oscillators, ``by_force`` (J, n) on the modes, ``by_pull`` (J,) of the
-    scaled masses against their places. Real parts of a slot, twice where it is complex, are to be summed.
+    Left eigenvectors, normalised: ``by_displacement``, ``by_velocity`` (J, N) of the oscillators, ``by_force`` (J, n) on the modes, ``by_pull``
+    (J,) of the scaled masses against their places. Real parts of a slot, twice where it is complex, are to be summed.
     """
 
     s: Complex

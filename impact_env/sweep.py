@@ -176,7 +176,7 @@ def _reduced(response: Response, record: Record) -> Response:
 
 
 def _failure(response: Response, counters: Counters, status: int) -> IntegrationError:
-    """Say why a run ended early, when, what it had used, and what to do."""
+    """Return the error of a run that ended early: why, when, its use of the budget, and advice."""
     counts, period = counters.counts, response.drive.schedule.pseudo_period
     at = float(counts["reached"])
     parts = [f"{response.method} on {response.scene.absorber}: {REASONS[status]}"]

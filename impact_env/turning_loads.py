@@ -1,7 +1,4 @@
-"""Loads as a run takes them (`Pieces`), and those that a formula gives.
-
-They are those that follow a schedule: a force, an unbalance, a base that swings, tones and orders; and shocks and strikes.
-"""
+"""Loads given by formulas, and their form in a run (`Pieces`): harmonic force, unbalance, base motion, tones and orders, shocks and strikes."""
 
 from __future__ import annotations
 
@@ -80,7 +77,7 @@ class Load(ABC):
         return replace(self, **changed)  # type: ignore[type-var]
 
     def base_velocity(self) -> float:
-        """Return the base's velocity in m/s at time 0 whose mean is zero; 0 where it does not move, or only after a pulse."""
+        """Return the base's velocity in m/s at time 0 with which its mean velocity is zero; 0 where it does not move, or only after a pulse."""
         return 0.0
 
 
@@ -135,7 +132,7 @@ class Strike(Load):
     """A structure that is struck at a ``place``, "force" or "absorber", just before time 0, and left alone for ``length`` s.
 
     The place then has the ``velocity`` (m/s), and the modes of the bare structure what an impulse of velocity / sum(shape^2) N s there leaves them:
-    a place is the softer, the more modes are kept.
+    the mobility of a place grows with the number of modes kept.
     """
 
     velocity: float
@@ -149,11 +146,11 @@ class Strike(Load):
 
     @property
     def width(self) -> float:
-        """Return how long its pulse takes, no time."""
+        """Duration of the pulse in s, 0."""
         return 0.0
 
     def pieces(self) -> list[Pieces]:
-        """Return one that is nothing."""
+        """Return a load of zero: the strike itself is part of the state at time 0."""
         return [Pieces(np.array([0.0, self.length]), np.zeros((1, 9)), False)]
 
     def modal_velocity(self, model: ModalModel) -> Array:
@@ -260,7 +257,7 @@ class ShakenBase(Load):
         return [_schedule_pieces(self.schedule, 1.0, self.phase, coefficients, True)]
 
     def base_velocity(self) -> float:
-        """Return the base's velocity in m/s at time 0 whose mean is zero."""
+        """Return the base's velocity in m/s at time 0 with which its mean velocity is zero."""
         omega = float(self.schedule.omegas[0])
         if self.displacement is not None:
             return float(-self.displacement * omega * np.sin(self.phase))
@@ -331,7 +328,7 @@ class Tones(Load):
         return replace(self, tones=tuple(tones))
 
     def base_velocity(self) -> float:
-        """Return the base's velocity in m/s at time 0 whose mean is zero."""
+        """Return the base's velocity in m/s at time 0 with which its mean velocity is zero."""
         if self.quantity == FORCE:
             return 0.0
         speeds = [float(schedule.omegas[0]) * order for schedule, order in map(self._turning, self.tones)]

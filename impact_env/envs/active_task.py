@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.envs.adaptive_task import Cavity, Grip, HeldTask, WallsTask, require_cavity
+from impact_env.envs.adaptive_task import Cavity, Grip, VariableFrictionTask, VariableGapTask, require_cavity
 from impact_env.envs.observation import DISTANCE, FREQUENCY, FRICTION_IN_USE, GAP_IN_USE, IMPACTS, LENGTH, TIME_LEFT, VELOCITY, Feature
 from impact_env.envs.reference import stationary_amplitude
 from impact_env.envs.settings import FORCES, Range, Settings, pair, span
@@ -125,13 +125,13 @@ class ActiveTask(Task):
         return super().info() | {"rms": self._rms.copy()}
 
 
-class ActiveFrictionTask(HeldTask, ActiveTask):
+class ActiveFrictionTask(VariableFrictionTask, ActiveTask):
     """Lanes with a friction limit that is set."""
 
     features: Sequence[Feature] = (*CYCLE, FRICTION_IN_USE)
 
     def __init__(self, settings: Settings, cycle: Cycle, grip: Grip, lanes: int) -> None:
-        self.take_hold(settings, grip, lanes)
+        self.set_limits(settings, grip, lanes)
         super().__init__(settings, cycle, lanes)
         self.described, self._before = (cycle, grip), self.place
 
@@ -163,7 +163,7 @@ class Drive(Cavity):
         return gap + np.minimum(np.maximum((wanted - gap) * share, -most), most)
 
 
-class MovedWallsTask(WallsTask):
+class MovingWallsTask(VariableGapTask):
     """A task whose walls move towards what is wanted, as ``drive`` lets them."""
 
     drive: Drive
@@ -179,7 +179,7 @@ class MovedWallsTask(WallsTask):
         return np.abs(self.runs.orders["gap"] - self._before) / self.length
 
 
-class ActiveGapTask(MovedWallsTask, ActiveTask):
+class ActiveGapTask(MovingWallsTask, ActiveTask):
     """Lanes with walls that are moved."""
 
     features: Sequence[Feature] = (*CYCLE, GAP_IN_USE)

@@ -38,7 +38,7 @@ def require_cavity(absorber: Absorber | None) -> None:
     require(rigid, "absorber", absorber, "an impact absorber with rigid walls: there must be a cavity whose walls can be set")
 
 
-class WallsTask(Task):
+class VariableGapTask(Task):
     """A task whose cavity is set: the half-clearance in use is that of the runs' orders."""
 
     def begin(self, lane: int) -> None:
@@ -55,7 +55,7 @@ class WallsTask(Task):
         return super().info() | {"gap": self.runs.orders["gap"].copy()}
 
 
-class ChosenGapTask(WallsTask):
+class ChosenGapTask(VariableGapTask):
     """A task whose half-clearances (L,) in m are ``wanted``: they are in use at once, but no smaller than the absorber's distance from the middle."""
 
     wanted: Array
@@ -104,13 +104,13 @@ class Grip:
         object.__setattr__(self, "friction_range", (low, high))
 
 
-class HeldTask(Task):
+class VariableFrictionTask(Task):
     """A task with friction that is set: ``limits`` (N) has the lowest and highest friction limit.
 
     ``friction`` (L,) in N and ``place`` (L,) in the range, from -1 to 1, are those in use.
     """
 
-    def take_hold(self, settings: Settings, grip: Grip, lanes: int) -> None:
+    def set_limits(self, settings: Settings, grip: Grip, lanes: int) -> None:
         """Set the limits in N; raises ParameterError where there is no rigid friction."""
         scene, self._begin = settings.scene, friction_limit(settings.scene)
         require(math.isfinite(self._begin), "absorber", scene.absorber, "one with rigid friction: there must be a friction_limit that can be set")
@@ -139,13 +139,13 @@ class HeldTask(Task):
         return super().info() | {"friction_limit": self.friction.copy()}
 
 
-class FrictionTask(HeldTask, PassiveTask):
+class FrictionTask(VariableFrictionTask, PassiveTask):
     """Lanes that pass through a resonance, each with friction that is set on the way."""
 
     features: Sequence[Feature] = (*STATE, WAY_LEFT, FRICTION_IN_USE)
 
     def __init__(self, settings: Settings, way: OneRate, grip: Grip, lanes: int) -> None:
-        self.take_hold(settings, grip, lanes)
+        self.set_limits(settings, grip, lanes)
         super().__init__(settings, way, lanes)
         self.described = (self.passage, way, grip)
 

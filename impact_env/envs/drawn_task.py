@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.controlled import ControlledRuns, PooledRuns
-from impact_env.envs.active_task import ActiveFrictionTask, Cycle, Drive, MovedWallsTask
-from impact_env.envs.adaptive_task import Grip, HeldTask, require_cavity
+from impact_env.envs.active_task import ActiveFrictionTask, Cycle, Drive, MovingWallsTask
+from impact_env.envs.adaptive_task import Grip, VariableFrictionTask, require_cavity
 from impact_env.envs.observation import FREQUENCY, FRICTION_IN_USE, GAP_IN_USE, RMS, STATE, TIME_LEFT, WAY_LEFT, Feature
 from impact_env.envs.reference import passage, stationary_amplitude
 from impact_env.envs.settings import FORCES, Range, Settings, span
@@ -90,7 +90,7 @@ class PooledTask(Task):
         return number
 
 
-class LimitedPassageTask(PooledTask, HeldTask, MovedWallsTask, SweepTask):
+class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, SweepTask):
     """Lanes that pass through a resonance, each in a scene of a pool, at a rate of its own.
 
     Of `costs` the level is the rise of the relative level, and the actuator moves the walls. Impacts, a pseudo period of a whole interval, are there
@@ -113,7 +113,7 @@ class LimitedPassageTask(PooledTask, HeldTask, MovedWallsTask, SweepTask):
 
     def __init__(self, settings: Settings, drawn: Drawn, drive: Drive, grip: Grip, lanes: int) -> None:
         require_cavity(settings.scene.absorber)
-        self.take_hold(settings, grip, lanes)
+        self.set_limits(settings, grip, lanes)
         self.own, self.drive = drawn, drive
         self.scenes = drawn.pool(settings.scene)
         low, high = drawn.limits

@@ -64,7 +64,7 @@ class Sensors:
     ) -> NDArray[np.float32]:
         """Return the observations (L, features) of scaled values (L, features): of all lanes, or of those that are ``fresh``, at their start.
 
-        Lanes that are ``resting`` use up no random numbers: they start afresh before they are looked at.
+        Lanes that are ``resting`` draw no random numbers: they are reset before their observation is used.
         """
         seen = values
         if self.noise > 0:

@@ -1,4 +1,4 @@
-"""What a beam without absorber does, for one newton: the yardstick of all scores. Linear, so levels are proportional to the force."""
+"""The beam without absorber under one newton: the reference of all scores. It is linear, so levels are proportional to the force."""
 
 import math
 from dataclasses import replace

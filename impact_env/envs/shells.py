@@ -28,9 +28,9 @@ _Class = TypeVar("_Class", bound=type)
 
 @dataclass(frozen=True)
 class Kind:
-    """``task`` is called with one of each of ``groups``, dataclasses that share the environment's arguments out among them, and the number of lanes.
+    """How an environment makes its task: ``task`` takes one object of each of ``groups``, the dataclasses of its arguments, and the number of lanes.
 
-    ``defaults``: arguments that are others than the dataclasses say; ``actions`` makes the space of one lane's actions.
+    ``defaults``: those that differ from the dataclasses'; ``actions`` makes the space of one lane's actions.
     """
 
     task: Any  # a class of tasks

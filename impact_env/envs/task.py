@@ -144,7 +144,7 @@ class Task(ABC):
         """Return the rewards (L,) of the interval that was just made."""
 
     def charge(self, level: Array, moved: Array, contact: Array) -> None:
-        """Fill ``costs`` (L, 5), what the interval adds to scores of their own, from three of them (L,).
+        """Fill the interval's ``costs`` (L, 5), of which three (L,) are given.
 
         The other two are time, over the time budget, and fatigue: (|q|/g0)^m summed over the samples, over the number of them in a whole interval.
         """

@@ -119,7 +119,7 @@ def base_of(scene: Scene) -> loads.Base:
 
 
 def gravity_in(scene: Scene, drive: AnyDrive | None = None) -> float | None:
-    """Return the gravity (m/s^2) along a single absorber's motion, None where there is none, but under loads 0: so they need no kernels without."""
+    """Return the gravity (m/s^2) along a single absorber's motion, None without; under loads 0 in place of None, so that one kernel does for both."""
     return gravity_of(scene.absorber) if isinstance(drive, Loads) else gravity_of(scene.absorber) or None
 
 

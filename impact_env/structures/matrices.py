@@ -68,7 +68,7 @@ Real = NDArray[np.float64]
 DENSE = 1200  # freedoms up to which all modes are computed, by a dense solver
 SHIFT = 1e-10  # of the usual ratio of stiffness to mass: makes the stiffness of a free structure regular
 ASYMMETRY = 1e-8  # of a matrix's largest entry
-NOISE = 1e3  # roundings of the stiffness energy: a square of a frequency below them is none
+NOISE = 1e3  # times the rounding of the stiffness energy: squares of frequencies below that are taken as 0
 COUPLING = 1e-6  # of the modal damping: what a damping matrix may have beside its diagonal
 RIGID = (
     "a structure that is held. {number} motions bend nothing. Either hold it, or give suspension_frequency_hz, far below the first bending mode: "
@@ -78,7 +78,7 @@ RIGID = (
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Lowest modes: ``omega`` (N_m,) in rad/s, rising, mass-normalised ``shapes`` (freedoms, N_m), and how many of them bend nothing, ``rigid``."""
+    """Lowest modes: ``omega`` (N_m,) in rad/s, rising, mass-normalised ``shapes`` (freedoms, N_m); ``rigid``: how many are rigid-body motions."""
 
     omega: Real
     shapes: Real

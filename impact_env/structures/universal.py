@@ -49,7 +49,7 @@ def read_modes(path: Path) -> list[MeasuredMode]:
     """Return the modes of a Universal File by rising frequency.
 
     A shape is divided by the root of its modal mass, if the file has one. Raises ParameterError for a file that cannot be read or has no modes,
-    for units other than SI, and for shapes that are complex to a degree.
+    for units other than SI, and for shapes that are far from real.
     """
     sets, kinds = _datasets(path, 55, 164)
     for units in (part for part in sets if part["type"] == 164):
@@ -87,7 +87,7 @@ def _residue(name: str, shape: NDArray[np.complex128], modal_a: complex, value: 
 
 
 def _real(name: str, shape: NDArray[np.complex128]) -> Real:
-    """Return a complex shape turned to the real axis; raises ParameterError if much of it is not there."""
+    """Return a complex shape turned to the real axis; raises ParameterError if it is far from real."""
     turn = np.sum(shape**2)
     collinear = float(abs(turn)) / max(float(np.sum(np.abs(shape) ** 2)), np.finfo(float).tiny)
     allowed = f"{COLLINEAR} or above: the simulation works with real modes, so fit normal modes"
