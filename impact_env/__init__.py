@@ -30,11 +30,11 @@ from impact_env.parameters import (
     friction_damper,
     impact_absorber,
 )
+from impact_env.plain import StructureWarning, load_structure
 from impact_env.prepare import Preparation, is_ready, prepare
 from impact_env.response import Record, Response, Window
 from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.shared_mass import impact_absorbers
-from impact_env.structure import StructureWarning, load_structure
 from impact_env.sweep import IntegrationError, Stopped, simulate
 
 __all__ = ["Beam", "ModalModel", "Section", "StructureWarning", "load_structure", "modal_model", "mode_shapes"]

@@ -1,5 +1,7 @@
 """A scene, a drive and a method as plain data: nested dicts of numbers, strings and lists, so JSON or TOML, in SI units. Both ways are exact.
 
+`load_structure` reads the part of a scene that an absorber is put on from a file of its own.
+
 `docs/scenes.md` describes the form. A key that is left out has the default of the class; everything else that does not fit is a ParameterError
 that names the key's path, the value and what is allowed. The tables below are the form: key -> argument of the class, and its sort.
 """
@@ -15,7 +17,7 @@ from impact_env.drive import Drive, FrequencySchedule
 from impact_env.forms import NUMBER, ROW, WHOLE, Keys, Sort, form, optional, require_keys
 from impact_env.laws import CONCEPTS, GRAVITY, HEAVY, argument, concept, make, values
 from impact_env.methods import METHODS, Exact, Method, Moreau, RungeKutta
-from impact_env.modes import Structure
+from impact_env.modes import Structure, modal_model
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
     Absorber,
@@ -24,12 +26,17 @@ from impact_env.parameters import (
     SeveralAbsorbers,
     SlidingAbsorber,
     fraction,
+    instance,
     one_of,
     require,
+    suspended,
 )
+from impact_env.plain_files import read_plain
 from impact_env.plain_structures import BEAM, MODEL, STRUCTURES
 from impact_env.scene import Scene, beam_scene
 from impact_env.shared_mass import shared_masses
+from impact_env.structures.checks import StructureWarning as StructureWarning
+from impact_env.structures.checks import warnings_of
 
 Plain = dict[str, Any]
 INFINITY = "infinity"  # JSON has no infinite number
@@ -166,6 +173,46 @@ def to_structure(plain: Mapping[str, Any], folder: Path | None = None, path: str
     require(len(given) <= 1, f"{path}{given[0] if given else ''}", plain.get(given[0]) if given else None, allowed)
     kind = given[0] if given else "beam"
     return STRUCTURES[kind](folder or Path()).read(f"{path}{kind}", plain.get(kind, {}))
+
+
+NEEDED = ("length_m", "bending_stiffness_n_m2", "mass_per_length_kg_m")  # of a beam in a file
+
+
+def load_structure(path: Path | str) -> Structure:
+    """Return the structure that a TOML or JSON file describes: a `Beam`, or the `ModalModel` of modal data, a Universal File or matrices.
+
+    The file has one of the tables ``beam``, ``model``, ``universal`` and ``matrices``, and no absorber (`docs/scenes.md`). Level and limits are read
+    at the response's place, or at the absorber's if it names none. Raises ParameterError that names file, key, value and what is
+    allowed; warns with a StructureWarning about what looks wrong: shapes that are not mass-normalised, frequencies that coincide, units.
+    """
+    path = Path(instance("path", path, str | Path))
+    plain = read_plain(path)
+    try:
+        structure = _read(plain, path)
+    except ParameterError as error:
+        raise ParameterError(f"{path}: {error}") from error
+    beam = structure if isinstance(structure, Beam) else None
+    model = modal_model(structure)
+    own = plain.get("matrices", {}).get("suspension_frequency_hz")
+    rigid = beam.rigid_motions if beam is not None else 0
+    if own is not None:
+        rigid = sum(math.isclose(a, 2 * math.pi * b, rel_tol=1e-12) for a, b in zip(model.omega, suspended(own, model.modes), strict=True))
+    for text in warnings_of(model, beam, rigid):
+        warnings.warn(f"{path}: {text}", StructureWarning, stacklevel=2)
+    return structure
+
+
+def _read(plain: dict[str, Any], path: Path) -> Structure:
+    kinds = [kind for kind in ("beam", "model", "universal", "matrices") if kind in plain]
+    require("absorber" not in plain, "absorber", plain.get("absorber"), "left out: a structure is what an absorber is put on (a scene has both)")
+    structure = to_structure(plain, path.parent, "")
+    require(len(kinds) == 1, "structure", list(plain), "a file with one of the tables beam, model, universal, matrices")
+    if isinstance(structure, Beam):
+        missing = [key for key in (NEEDED[:1] if "section" in plain["beam"] else NEEDED) if key not in plain["beam"]]
+        require(not missing, "beam", list(plain["beam"]), f"the keys {', '.join(missing)} must be given")
+        if structure.response_position is None:  # in every command: where the absorber was, also if a search moves it
+            return replace(structure, response_position=structure.absorber_position)
+    return structure
 
 
 def to_beam(plain: Mapping[str, Any]) -> Beam | None:

@@ -5,19 +5,13 @@ from typing import Any
 
 from impact_env.envs.active_task import ActiveFrictionTask, ActiveGapTask, Cycle, Drive
 from impact_env.envs.adaptive_task import Grip
+from impact_env.envs.choices import SEMI_ACTIVE
 from impact_env.envs.drawn_task import Drawn, LimitedPassageTask, Pool, StructuresTask
-from impact_env.envs.observation import FEW_IMPACTS
 from impact_env.envs.settings import Settings
 from impact_env.envs.shells import Kind, TaskEnv, choice, with_table
 from impact_env.envs.vector_shell import vector_of
 
-SCENE: dict[str, Any] = {
-    "modes": 2,
-    "absorber_options": {"friction_limit": 0.1},
-    "force": (0.5, 6.0),
-    "interval": 0.25,
-    "impacts_limit": FEW_IMPACTS,
-}
+SCENE: dict[str, Any] = SEMI_ACTIVE | {"interval": 0.25}
 
 
 @with_table
@@ -61,8 +55,7 @@ class ActiveFrictionEnv(TaskEnv):
     - ``vector_reward`` (default False); those of every environment: `impact_env.envs.settings.Settings` describes scene, force (default 0.5 to 6 N),
       method, interval and observation; here ``modes`` 2 and a friction limit of 0.1 N, which is only the one shown at the start
 
-    The absorber must have rigid friction. Bad values raise `impact_env.ParameterError`, a step before a reset or after the end
-    `gymnasium.error.ResetNeeded`.
+    The absorber must have rigid friction.
 
     ## Version History
     - v0: first version
@@ -107,8 +100,7 @@ class ActiveGapEnv(TaskEnv):
     - ``gap_limits`` (default 0.1 mm to 3 mm): half-clearances in m
     - ``gap_speed`` (default 0.3 mm): how far the walls move at most in a pseudo period, in m; ``gap_lag`` (default 0.1 pseudo periods)
 
-    The absorber must be an impact absorber with rigid walls. Bad values raise `impact_env.ParameterError`, a step before a reset or after the end
-    `gymnasium.error.ResetNeeded`.
+    The absorber must be an impact absorber with rigid walls.
 
     ## Version History
     - v0: first version
@@ -120,14 +112,7 @@ class ActiveGapEnv(TaskEnv):
 ActiveGapVectorEnv = vector_of(ActiveGapEnv)
 
 
-PASSAGE: dict[str, Any] = {
-    "modes": 2,
-    "absorber_options": {"friction_limit": 0.1},
-    "force": (0.5, 6.0),
-    "gap_speed": 0.01e-3,
-    "gap_lag": 0.0,
-    "impacts_limit": FEW_IMPACTS,
-}
+PASSAGE: dict[str, Any] = SEMI_ACTIVE | {"gap_speed": 0.01e-3, "gap_lag": 0.0}
 
 
 @with_table
@@ -178,8 +163,7 @@ class PassageEnv(TaskEnv):
       observation;
       here ``modes`` 2 and a friction limit of 0.1 N, which is only the one shown at the start
 
-    The absorber must be an impact absorber with rigid walls and friction. Bad values raise `impact_env.ParameterError`, a step before a reset or
-    after the end `gymnasium.error.ResetNeeded`.
+    The absorber must be an impact absorber with rigid walls and friction.
 
     ## Version History
     - v0: first version
@@ -225,8 +209,7 @@ class StructuresEnv(TaskEnv):
     - ``split`` (default "train"): "train", "validation" or "test"; ``structures`` (default 24): how many there are to draw from
     - ``observe_structure`` (default True): whether the last three features are there
 
-    Bad values raise `impact_env.ParameterError`, a step before a reset or after the end `gymnasium.error.ResetNeeded`. Pictures show the structure
-    as a straight line.
+    Pictures show the structure as a straight line.
 
     ## Version History
     - v0: first version

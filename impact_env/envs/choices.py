@@ -16,38 +16,16 @@ with optional():
 
 # The paper's example of a jump during a sweep (section 3.1), where the rate decides. Range, rates, budget and price are chosen such that a
 # slow passage pays in a part of the range only.
-HARD: dict[str, Any] = {"modes": 2, "absorber_options": {"friction_limit": 0.025}, "limits": (0.93, 1.03)}
-RATE_V1: dict[str, Any] = {
-    **HARD,
-    "interval": 25.0,
-    "backward_rate": 4.0,
-    "time_budget": 8000.0,
-    "budget_end": "terminated",
-    "frequency_origin": "middle",
-    "frequency_unit": 0.0125,
-}
-RATE_AND_GAP: dict[str, Any] = {
-    "force": (0.5, 6.0),
-    "absorber_options": {"restitution": 0.7},
-    "limits": (0.93, 1.03),
-    "interval": 10.0,
-    "time_budget": 4000.0,
-    "budget_end": "terminated",
-    "frequency_origin": "middle",
-    "frequency_unit": 0.0125,
-    "level_unit": "gap",
-    "impacts_limit": FEW_IMPACTS,
-}
-FRICTION: dict[str, Any] = {
-    "modes": 2,
-    "absorber_options": {"friction_limit": 0.1},
-    "limits": (0.93, 1.03),
-    "rate": 4.0,
-    "force": (0.5, 6.0),
-    "level_unit": "gap",
-    "impacts_limit": FEW_IMPACTS,
-}
-GAP: dict[str, Any] = {"force": (0.5, 6.0), "absorber_options": {"restitution": 0.7}, "impacts_limit": FEW_IMPACTS}
+RANGE: dict[str, Any] = {"limits": (0.93, 1.03)}
+HARD: dict[str, Any] = {"modes": 2, "absorber_options": {"friction_limit": 0.025}, **RANGE}
+FROM_MIDDLE: dict[str, Any] = {**RANGE, "budget_end": "terminated", "frequency_origin": "middle", "frequency_unit": 0.0125}
+RATE_V1 = HARD | FROM_MIDDLE | {"interval": 25.0, "backward_rate": 4.0, "time_budget": 8000.0}
+# forces that are drawn, and walls or friction that are set
+DRAWN: dict[str, Any] = {"force": (0.5, 6.0), "impacts_limit": FEW_IMPACTS}
+GAP = DRAWN | {"absorber_options": {"restitution": 0.7}}
+RATE_AND_GAP = GAP | FROM_MIDDLE | {"interval": 10.0, "time_budget": 4000.0, "level_unit": "gap"}
+SEMI_ACTIVE = DRAWN | {"modes": 2, "absorber_options": {"friction_limit": 0.1}}
+FRICTION = SEMI_ACTIVE | RANGE | {"rate": 4.0, "level_unit": "gap"}
 
 
 class PassiveEnv(TaskEnv):
@@ -134,8 +112,6 @@ class SweepRateEnv(TaskEnv):
     - those of every environment: `impact_env.envs.settings.Settings` describes scene, force, method, interval and observation; here ``modes`` 2 and
       a friction limit of 0.025 N
     - ``render_mode``: None, "rgb_array" or "human"
-
-    Bad values raise `impact_env.ParameterError`, a step before a reset or after the end `gymnasium.error.ResetNeeded`.
 
     ## Version History
     - v0: first version, also named ``ImpactAbsorber/SweepRateHard-v0``: the task of exploration, which v1 does not replace
@@ -237,8 +213,7 @@ class SweepAndGapEnv(TaskEnv):
     - ``force`` (default 0.5 to 6) in N; ``absorber_options`` (default restitution 0.7, no friction), ``modes`` 3; ``interval`` 10,
       ``time_budget`` 4000, ``backward_rate`` 0
 
-    The absorber must be an impact absorber with rigid walls. Bad values raise `impact_env.ParameterError`, a step before a reset or after the end
-    `gymnasium.error.ResetNeeded`.
+    The absorber must be an impact absorber with rigid walls.
 
     ## Version History
     - v1: the level is in half-clearances, and feature 5 is cut off at 4. It is v0 with ``level_unit="gap"`` and ``impacts_limit=4``
@@ -291,8 +266,7 @@ class FrictionChoiceEnv(TaskEnv):
     - ``direction``, ``time_price``, ``objective``, ``fatigue_exponent`` and all arguments of scene, method, interval and observation: as in
       `SweepRateEnv`
 
-    The absorber must have rigid friction: an impact absorber with rigid walls and a ``friction_limit``, or a friction damper. Bad values raise
-    `impact_env.ParameterError`, a step before a reset or after the end `gymnasium.error.ResetNeeded`.
+    The absorber must have rigid friction: an impact absorber with rigid walls and a ``friction_limit``, or a friction damper.
 
     ## Version History
     - v1: the level is in half-clearances, and feature 5 is cut off at 4. It is v0 with ``level_unit="gap"`` and ``impacts_limit=4``
@@ -345,8 +319,7 @@ class GapChoiceEnv(TaskEnv):
     - those of every environment: `impact_env.envs.settings.Settings` describes scene, method, interval and observation
     - ``render_mode``: None, "rgb_array" or "human"
 
-    The absorber must be an impact absorber with rigid walls. Bad values raise `impact_env.ParameterError`, a step before a reset or after the end
-    `gymnasium.error.ResetNeeded`.
+    The absorber must be an impact absorber with rigid walls.
 
     ## Version History
     - v1: feature 5 is cut off at 4 (``impacts_limit=4``); chatter reaches tens

@@ -29,11 +29,10 @@ from impact_env.parameters import (
     positive,
     require,
 )
-from impact_env.plain import from_scene, to_beam, to_scene
+from impact_env.plain import from_scene, load_structure, to_beam, to_scene
 from impact_env.plain_loads import to_loads
 from impact_env.response import DEFAULT_SAMPLES
 from impact_env.scene import Scene, beam_scene
-from impact_env.structure import load_structure
 
 Range = tuple[float, float]
 OBJECTIVES = ("level", "fatigue")
@@ -157,7 +156,8 @@ class Settings:
     - ``raw_state`` (default False): put the state into info: modal displacements, absorber displacement, modal velocities, absorber velocity
     - ``threads`` (default: all cores): of the vector environment; the numbers do not depend on it
 
-    Defaults are those of this class; an environment with others says so. Bad values raise `impact_env.ParameterError` that names the argument.
+    Defaults are those of this class; an environment with others says so. Bad values raise `impact_env.ParameterError` that names the argument,
+    a step before a reset or after the end raises `gymnasium.error.ResetNeeded`.
     """
 
     absorber: str = "impact"

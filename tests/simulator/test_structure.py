@@ -20,9 +20,8 @@ from impact_env.frequency import receptance, tip_response
 from impact_env.loads import BASE, Loads, Samples
 from impact_env.modes import ModalModel, matrices
 from impact_env.parameters import ParameterError, impact_absorber
-from impact_env.plain import from_scene
+from impact_env.plain import from_scene, load_structure
 from impact_env.scene import Scene
-from impact_env.structure import load_structure
 from impact_env.structures.checks import warnings_of_matrix
 from impact_env.structures.matrices import lowest_modes
 from impact_env.sweep import simulate
