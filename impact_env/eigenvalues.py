@@ -24,7 +24,6 @@ from impact_env.secular import (
     close_pairs,
     eigenvectors,
     eliminated,
-    one_after_the_other,
     solved,
     together,
 )
@@ -88,7 +87,7 @@ def _by_dense_solver(c: Coupling, which: Index) -> Starts:
     pole, second = np.where(nearer, one, other), np.where(nearer, other, one)
     near = np.abs(values - pole) < np.abs(values)
     parts = at_poles(c, lead[near], pole[near], second[near]), at_points(c, lead[~near], np.zeros(int(np.sum(~near)), complex))
-    leads = one_after_the_other(list(parts))
+    leads = together(list(parts))
     return leads, np.concatenate([values[near], values[~near]]) - leads.point
 
 
@@ -133,7 +132,7 @@ def all_eigen(c: Coupling, weak: float) -> Eigen:
         if c.sprung:  # the dense solver always has the mass
             starts = [_chosen(part, part[0].lead < c.modes) for part in starts]
         starts.append(_by_dense_solver(c, left))
-    leads, offset = one_after_the_other([part[0] for part in starts]), np.concatenate([part[1] for part in starts])
+    leads, offset = together([part[0] for part in starts]), np.concatenate([part[1] for part in starts])
     alone, lead, place = _close(leads.lead, leads.point + offset)
     single = chosen(leads, alone)
     found = [eigenvectors(c, single, solved(c, single, offset[alone], FARTHEST))]

@@ -12,7 +12,7 @@ from impact_env.kernels.exact.sets import Sets
 from impact_env.kernels.motion.slots import REST, TIP
 from impact_env.modes import ModalModel, with_masses
 from impact_env.regimes import basis_error, complete, in_order, own_modes, padded_size, parted, parted_modes, slot_rows, slot_tables, table_reach
-from impact_env.secular import Complex, Coupling, Index, Real
+from impact_env.secular import Complex, Coupling, Index, Real, together
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def _together(model: ModalModel, masses: Real, shapes: Real, weak: float) -> Set
     v, to, weights = np.zeros((len(e.s), n), complex), np.zeros((len(e.s), 2 * n), complex), np.zeros((len(e.s), n), complex)
     v[:, which], weights[:, which], to[:, which], to[:, n + which] = e.v, e.by_force, e.by_displacement, e.by_velocity
     coupled = SetModes(e.s, v, to, weights, e.z / np.sqrt(masses))
-    return SetModes(*(np.concatenate(parts) for parts in zip(vars(coupled).values(), vars(_own(model, own, len(masses))).values(), strict=True)))
+    return together([coupled, _own(model, own, len(masses))])
 
 
 def set_modes(model: ModalModel, masses: Real, shapes: Real) -> SetModes:

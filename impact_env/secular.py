@@ -24,6 +24,7 @@ what is of second order in b is right: the error is of sixth order in SPLIT, 1e-
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,7 @@ ITERATIONS, ROUNDING = 30, 1e-15  # of Newton's method, and the share of |s| in 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
 Index = NDArray[np.int64]
+Parts = TypeVar("Parts")
 
 
 def raised(size: Real, square: Real) -> list[tuple[Real, Real]]:
@@ -46,6 +48,11 @@ def raised(size: Real, square: Real) -> list[tuple[Real, Real]]:
         others = [o for o in heights if o is not h]
         weights.append(np.prod([(square - o**2) / (h**2 - o**2) for o in others], axis=0))
     return list(zip(heights, weights, strict=True))
+
+
+def together(parts: list[Parts]) -> Parts:
+    """Return the arrays of several parts, objects of one dataclass, one after the other."""
+    return type(parts[0])(*(np.concatenate(values) for values in zip(*(vars(part).values() for part in parts), strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,11 +133,6 @@ def at_poles(c: Coupling, lead: Index, pole: Complex, other: Complex) -> Leads:
     turn = at.turn.copy()
     turn[rows, lead] = -other
     return Leads(lead, pole, np.zeros_like(pole), pole - other, d, turn)
-
-
-def one_after_the_other(parts: list[Leads]) -> Leads:
-    """Return the leads of several parts as one."""
-    return Leads(*(np.concatenate(values) for values in zip(*(vars(part).values() for part in parts), strict=True)))
 
 
 def chosen(leads: Leads, which: NDArray[np.bool_] | Index) -> Leads:
@@ -311,8 +313,3 @@ def close_pairs(c: Coupling, lead: Index, place: Complex) -> Eigen:
         factors = [1, weight, weight, weight] + 4 * [1 / (2j * h)]
         slots.append(Eigen(*((part * factor).T for part, factor in zip(parts, factors, strict=True))))
     return together(slots)
-
-
-def together(parts: list[Eigen]) -> Eigen:
-    """Return the slots of several parts as one."""
-    return Eigen(*(np.concatenate(values) for values in zip(*(vars(part).values() for part in parts), strict=True)))
