@@ -25,11 +25,10 @@ from impact_env.parameters import (
     positive,
     require,
 )
-from impact_env.plain import from_scene, to_beam, to_scene
+from impact_env.plain import StructureWarning, from_scene, load_structure, to_beam, to_scene
 from impact_env.plain_files import read_plain
 from impact_env.plain_loads import read_loads, to_loads
 from impact_env.scene import Scene, beam_scene
-from impact_env.structure import StructureWarning, load_structure
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli.common import BadInput, Command, file_option, stacked
 from optimisation.files import write_json
