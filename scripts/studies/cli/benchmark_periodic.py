@@ -4,7 +4,7 @@ import statistics
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import click
 import numpy as np
@@ -40,21 +40,16 @@ T = TypeVar("T")
 DIFFERENCE = 2e-7  # of each coordinate's unit, by which a run is disturbed
 
 
-class Line(NamedTuple):
-    """One line: what was measured, its bar (None: there is none) and its median, both in ``unit``, and all repeats in the order they were made in."""
-
-    what: str
-    bar: float | None
-    median: float
-    unit: str
-    each: tuple[float, ...]
+def line(what: str, bar: float | None, median: float, unit: str, each: Sequence[float]) -> Json:
+    """Return a line: what was measured, its bar (None: there is none) and its median, both in ``unit``, and all repeats as they were made."""
+    return {"what": what, "bar": bar, "median": median, "unit": unit, "each": list(each)}
 
 
-def timed(what: str, bar: float | None, unit: str, repeats: int, work: Callable[[], object], parts: float = 1.0) -> Line:
+def timed(what: str, bar: float | None, unit: str, repeats: int, work: Callable[[], object], parts: float = 1.0) -> Json:
     """Time ``work``, which does ``parts`` of what is measured; the first call compiles and is not counted."""
     work()
     each = [{"s": 1.0, "ms": 1e3, "us": 1e6}[unit] / parts * seconds(work) for _ in range(repeats)]
-    return Line(what, bar, statistics.median(each), unit, tuple(each))
+    return line(what, bar, statistics.median(each), unit, each)
 
 
 def case_at(modes: int, ratio: float, force: float, restitution: float = 1.0, friction: float = 0.0) -> Case:
@@ -84,14 +79,14 @@ def newton(schedule: EventSchedule, orbit: Orbit, repeated: int = 1) -> Callable
     return lambda: found(solve(orbit.case, schedule, start))
 
 
-def closed_form_line(modes: int, friction: float, repeats: int) -> Line:
+def closed_form_line(modes: int, friction: float, repeats: int) -> Json:
     """Both branches of the closed form, for each frequency."""
     case, count = case_at(modes, 1.0, 3.0, 1.0, friction), 1000
     omegas = np.linspace(0.9, 1.06, count) * case.omega
     return timed(f"closed form, both branches, {modes} modes", 2.0, "us", repeats, lambda: closed_form_branches(case, omegas), count)
 
 
-def map_line(modes: int, repeats: int) -> Line:
+def map_line(modes: int, repeats: int) -> Json:
     """The map of the fold force with births and mergers."""
     case = case_at(modes, 1.0, 3.0, 1.0, 0.01)
     assert len(map_frequencies(case, 0.9, 1.06)) == FEWEST
@@ -99,7 +94,7 @@ def map_line(modes: int, repeats: int) -> Line:
     return timed(what, 0.1, "s", repeats, lambda: level_places(case, 0.9, 1.06))
 
 
-def frictionless_branch(repeats: int) -> Line:
+def frictionless_branch(repeats: int) -> Json:
     """200 points: events, motion and multipliers, each from the point before."""
     case = case_at(3, 0.9, 3.0)
     schedule, first = symmetric_schedule(False), float(case.model.omega[0])
@@ -120,25 +115,25 @@ def branch_of(orbit: Orbit, reach: tuple[float, float]) -> OrbitBranch:
     return orbit_branch(orbit.solution, "omega", (low, high), FINE_STEPS)
 
 
-def branch_line(what: str, bar: float, orbit: Orbit, reach: tuple[float, float], repeats: int) -> Line:
+def branch_line(what: str, bar: float, orbit: Orbit, reach: tuple[float, float], repeats: int) -> Json:
     """Continuation through changes of the events' order, for 200 points."""
     points = len(branch_of(orbit, reach).schedules)
     return timed(what, bar, "s", repeats, lambda: branch_of(orbit, reach), points / BRANCH_POINTS)
 
 
-def largest(what: str, bar: float, each: list[float]) -> Line:
+def largest(what: str, bar: float, each: list[float]) -> Json:
     """Return the line of the largest of several."""
-    return Line(what, bar, max(each), "", tuple(each))
+    return line(what, bar, max(each), "", each)
 
 
-def residual_line(orbits: dict[str, Orbit], reach: tuple[float, float]) -> Line:
+def residual_line(orbits: dict[str, Orbit], reach: tuple[float, float]) -> Json:
     """The exact method's residual of every orbit on the isola of three modes, and of the single ones."""
     branch = branch_of(orbits["isola"], reach)
     each = [orbit.residual for orbit in (*branch.orbits(), *orbits.values()) if isinstance(orbit, Orbit)]
     return largest(f"largest residual by propagation, {len(each)} orbits", BAR, each)
 
 
-def balance_line(repeats: int) -> Line:
+def balance_line(repeats: int) -> Json:
     """Harmonic balance as in the paper: the isola of three modes at 20 harmonics, folds located, for 250 points."""
     case, harmonics = case_at(3, 0.95, 1.5, 1.0, 0.01), 20
     first, best = float(case.model.omega[0]), closed_form(case)[-1]
@@ -149,7 +144,7 @@ def balance_line(repeats: int) -> Line:
     return timed(what, 5.0, "s", repeats, work, len(work()) / BALANCE_POINTS)
 
 
-def fold_line() -> Line:
+def fold_line() -> Json:
     """Folds by Newton's method on their own conditions, against the discriminant of the closed form."""
     each = []
     for case in (case_at(3, 1.0, 1.5), case_at(1, 1.0, 1.5, 0.75)):
@@ -168,7 +163,7 @@ def held_orbits() -> dict[str, Orbit]:
     return {name: orbit for name, (case, settle) in cases.items() if isinstance(orbit := orbit_of_simulation(case, settle), Orbit)}
 
 
-def shooting_line(what: str, orbit: Orbit, repeats: int) -> Line:
+def shooting_line(what: str, orbit: Orbit, repeats: int) -> Json:
     """Shooting from beside an orbit: each of Newton's steps follows the whole motion event by event."""
     phase, state = orbit.motion.mid_flight()
     start, schedule = state * (1 + 1e-5 * np.cos(np.arange(len(state)))), orbit.schedule
@@ -176,7 +171,7 @@ def shooting_line(what: str, orbit: Orbit, repeats: int) -> Line:
     return timed(what, None, "ms", repeats, lambda: found(work()))
 
 
-def multiplier_line(orbits: dict[str, Orbit], bar: float = 1e-6) -> Line:
+def multiplier_line(orbits: dict[str, Orbit], bar: float = 1e-6) -> Json:
     """Multipliers against eigenvalues of the exact method's map, differentiated by runs that are disturbed in each coordinate."""
     each = []
     for orbit in orbits.values():
@@ -194,7 +189,7 @@ def multiplier_line(orbits: dict[str, Orbit], bar: float = 1e-6) -> Line:
     return largest(f"multipliers against disturbed runs, {len(each)} of {len(orbits)} orbits{', complete chatter' * (bar > 1e-6)}", bar, each)
 
 
-def measure(repeats: int) -> list[Line]:
+def measure(repeats: int) -> list[Json]:
     """Make all lines, one after the other."""
     losses = first_orbit(case_at(1, 0.93, 1.5, 0.75))
     sided = next(orbit for orbit in attractors(losses.case, [losses]) if isinstance(orbit, Orbit))
@@ -203,7 +198,7 @@ def measure(repeats: int) -> list[Line]:
     orbits = {"isola": isola, "many": many, "sided": sided, "losses": losses, "free": free}
     twice = flying_schedule([int(wall) for wall in sided.schedule.order.wall] * 2, False, period_multiple=2)
     slow, held = max(repeats // 4, 3), held_orbits()
-    jobs: list[Callable[[], Line]] = [
+    jobs: list[Callable[[], Json]] = [
         lambda: closed_form_line(3, 0.01, repeats),
         lambda: closed_form_line(10, 0.1, repeats),
         lambda: map_line(3, repeats),
@@ -245,7 +240,7 @@ def table(lines: Sequence[Json]) -> str:
 STUDY: Study[int] = table_study(
     NAME,
     "speed and accuracy of periodic orbits",
-    lambda repeats: {"lines": [line._asdict() for line in measure(repeats)]},
+    lambda repeats: {"lines": measure(repeats)},
     lambda measured: table(measured.values["lines"]),
 )
 

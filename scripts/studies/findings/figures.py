@@ -2,15 +2,14 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from optimisation.report.design_figures import save_front
 from optimisation.report.figures import BLACK, BLUE, GREEN, GREY, ORANGE, draw_grid, draw_legend, figure_with, force_axis, write_figure
+from studies.study import Json
 
-Json = dict[str, Any]
 COLOURS = {"impact": BLUE, "friction": ORANGE, "tuned": GREEN}
 FURTHER = "#CC79A7"  # Okabe and Ito: a concept beyond those
 PAPER_STYLE = (0, (4, 2))

@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 from impact_env.curve import CurveCase, PerformanceCurve, performance_curves
 from impact_env.ensemble import Executor, Lane, each_lane
 from impact_env.methods import Method
-from impact_env.parameters import count
 from impact_env.periodic.residence import finished
 from optimisation.machine import sources
 from optimisation.page import markdown
@@ -46,11 +45,6 @@ class Settings:
     seed: int = 0
     threads: int | None = None
     executor: Executor | None = None
-
-    def __post_init__(self) -> None:
-        count("seed", self.seed, 0)
-        if self.threads is not None:
-            count("threads", self.threads, 1)
 
     def size(self, full: T, quick: T) -> T:
         """Return one of two sizes: that of the whole figure, or that of a look."""
