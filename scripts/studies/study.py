@@ -153,15 +153,7 @@ def beside(out: Path, name: str, data: Path | None = None) -> Place:
 KEEP_S = 30.0  # what is measured is written this often at least, where a step does not take longer
 
 
-def run(
-    study: Study[S],
-    settings: S,
-    place: Place,
-    *,
-    only: Sequence[str] = (),
-    redraw: bool = False,
-    resume: bool = False,
-) -> None:
+def run(study: Study[S], settings: S, place: Place, *, only: Sequence[str] = (), redraw: bool = False, resume: bool = False) -> None:
     """Measure the parts (all, if ``only`` names none), or with ``redraw`` read them from their files, and write, draw and print the results.
 
     ``resume``: go on from files of runs that were stopped.

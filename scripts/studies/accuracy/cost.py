@@ -12,7 +12,7 @@ from impact_env import Beam, Drive, beam_scene, linear_sweep, simulate
 from impact_env.ensemble import Lane, available_cores, draw_members, run_lanes
 from impact_env.methods import Exact, Method, Moreau
 from optimisation.page import markdown
-from optimisation.report.figures import force_axis
+from optimisation.report.figures import figure_of, force_axis
 from studies.accuracy.cases import COLOURS, MARKERS, Cases, Row, Settings, case, kind_named, method_name, number, plain, unique
 from studies.accuracy.trajectory import own_time
 from studies.timing import median_time, seconds
@@ -98,8 +98,7 @@ def cost_table(rows: list[Row]) -> str:
 
 def cost_figures(all_rows: list[Row]) -> dict[str, Figure]:
     """Draw the cost over modes, lanes, threads and length."""
-    figure = Figure(figsize=(11, 8.6), layout="constrained")
-    panels = figure.subplots(2, 2)
+    figure, panels = figure_of(11, 8.6, 2, 2)
     titles = {
         MODES: ("number of modes", "Number of modes"),
         LANES: ("lanes, one thread", "Number of lanes: impact, e = 1, 10 modes"),

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from impact_env import Drive, Exact, InitialState, constant_frequency, simulate
+from optimisation.report.figures import figure_of
 from studies.accuracy.cases import BARE, COLOURS, MARKERS, WATCHED, Case, Cases, Row, Settings, case, kind_named, number, plain, shown_rows, unique
 from studies.study import Array, lines, there
 
@@ -153,8 +154,7 @@ def growth_figures(all_rows: list[Row]) -> dict[str, Figure]:
     exponents, twins = [row for row in all_rows if row["impact"] is None], [row for row in all_rows if row["impact"] is not None]
     scenes, modes = unique(row["scene"] for row in exponents), unique(row["modes"] for row in exponents)
     most = 10 if 10 in modes else modes[-1]
-    figure = Figure(figsize=(11, 4.8), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure, (left, right) = figure_of(11, 4.8, 1, 2)
     for scene, colour, marker in zip(scenes, COLOURS, MARKERS, strict=False):
         line = [row for row in twins if row["scene"] == scene and row["modes"] == most]
         if line:

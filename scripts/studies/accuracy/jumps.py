@@ -13,6 +13,7 @@ from impact_env.drive import PAPER_LIMITS, linear_sweep
 from impact_env.ensemble import draw_members
 from impact_env.methods import Exact, Method, Moreau
 from optimisation.page import markdown
+from optimisation.report.figures import figure_of
 from studies.accuracy.cases import MARKERS, Cases, Row, Settings, named, plain, unique
 from studies.study import there
 
@@ -91,8 +92,7 @@ def jump_table(rows: list[Row]) -> str:
 def jump_figures(all_rows: list[Row]) -> dict[str, Figure]:
     """Draw the share of runs that reach the high branch over the slowness."""
     found = shares(all_rows)
-    figure = Figure(figsize=(8, 4.8), layout="constrained")
-    panel = figure.subplots()
+    figure, panel = figure_of(8, 4.8)
     lines = unique((share.method, share.setting) for share in found)
     for k, (method, setting) in enumerate(lines):
         line = [share for share in found if (share.method, share.setting) == (method, setting)]

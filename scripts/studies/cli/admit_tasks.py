@@ -194,11 +194,7 @@ def known(file: Path) -> dict[str, Json]:
 @click.option("--judged", type=click.IntRange(min=8), help="Seeds that all are judged on.  [default: 32 to 64, by task]")
 @click.option("--agents", type=click.Path(path_type=Path, file_okay=False, exists=True), help="Folder of trained agents to judge beside rules.")
 @click.option("--json", "target", type=click.Path(path_type=Path), help="File of the numbers, to which others are added.")
-@click.option(
-    "--page",
-    type=click.Path(path_type=Path),
-    help=f"Write tables, sections and pictures of all tasks, as in docs/{PAGE.name}.",
-)
+@click.option("--page", type=click.Path(path_type=Path), help=f"Write tables, sections and pictures of all tasks, as in docs/{PAGE.name}.")
 @click.option("--rules", type=click.Path(path_type=Path), help=f"Write the numbers of all rules, too, as in optimisation/rl/{CHOSEN.name}.")
 @click.option("--redraw", is_flag=True, help="The page again from the numbers in --json; only agents of --agents are judged, beside these.")
 def main(tasks: tuple[str, ...], quick: bool, judged: int | None, redraw: bool, **files: Path | None) -> None:

@@ -10,7 +10,6 @@ from typing import Any
 import click
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import positive, require
@@ -21,7 +20,7 @@ from optimisation.cli.scene_options import make_scene, refuse_parts, structure_o
 from optimisation.executors import cluster_option, workers
 from optimisation.machine import sources
 from optimisation.page import markdown, published
-from optimisation.report.figures import write_figure
+from optimisation.report.figures import figure_of, write_figure
 from studies.regimes.measured import RESPONSE, STAY, SWEEP, WAYS, Case, Key, Row, Settings, cases, grid, jump_cases, key, kind_cases
 from studies.study import Json, Measured, Part, Place, Saver, Study, Table, beside, rows_part, run
 
@@ -211,8 +210,8 @@ DPI = 110
 def save_jump(path: Path, rows: list[Row]) -> None:
     """Draw rates of leaving over the frequency, and jumps over the slowness, a row for each case."""
     shown = names(rows)
-    figure = Figure(figsize=(11, 4.2 * len(shown)), layout="constrained")
-    for case, (rates, jumps) in zip(shown, np.atleast_2d(figure.subplots(len(shown), 2)), strict=True):
+    figure, panels = figure_of(11, 4.2 * len(shown), len(shown), 2)
+    for case, (rates, jumps) in zip(shown, np.atleast_2d(panels), strict=True):
         _rates(rates, [row for row in of_case(rows, STAY, case) if row["rate"] is not None])
         rates.set(xlabel="frequency over the resonance's", ylabel=r"rate of leaving, $10^{-4}$ per pseudo period")
         rates.set_title(f"{case}: constant frequencies")
@@ -251,8 +250,7 @@ def _jumps(panel: Axes, sweeps: list[Row], stays: list[Row]) -> None:
 def save_kinds(path: Path, rows: list[Row]) -> None:
     """Draw the members' kinds over the frequency above the envelope of the response, a column for each case."""
     shown = names(rows)
-    figure = Figure(figsize=(6.5 * len(shown), 7), layout="constrained")
-    panels = figure.subplots(2, len(shown), squeeze=False, sharex="col")
+    figure, panels = figure_of(6.5 * len(shown), 7, 2, len(shown), sharex="col")
     for case, (top, bottom) in zip(shown, panels.T, strict=True):
         own = of_case(rows, RESPONSE, case)
         x = np.array([row["at"] for row in own])

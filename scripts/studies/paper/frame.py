@@ -234,15 +234,7 @@ def line(
 
 
 def banded(
-    axes: Axes,
-    x: ArrayLike,
-    rows: Any,
-    look: Look,
-    label: str | None = None,
-    factor: float = 1,
-    *,
-    nominal: bool = True,
-    marked: bool = True,
+    axes: Axes, x: ArrayLike, rows: Any, look: Look, label: str | None = None, factor: float = 1, *, nominal: bool = True, marked: bool = True
 ) -> None:
     """Draw the median of members' values, (points, M), with their band, and the first one as the ``nominal`` member, all times a ``factor``."""
     low, middle, high = factor * bands(rows)
