@@ -13,7 +13,7 @@ from commands import call
 
 from optimisation.files import write_json
 from optimisation.machine import conditions
-from studies import load_speed, probe
+from studies import probe
 from studies.cli import benchmark, benchmark_energies, benchmark_periodic, cost_of_exact, reference_levels, specialisation
 from studies.study import Measured
 
@@ -67,7 +67,7 @@ timed = benchmark_periodic.timed  # repeats tell about times alone: two
 # block of its page, module, options, constants that are smaller here, what the values must be, and which of them the table shows
 SMALL: dict[str, tuple[ModuleType, list[object], dict[str, object], Callable[[Any], None], str]] = {
     "benchmark": (benchmark, ["--quick", "--repeats", 3], {"CASES": (replace(benchmark.CASES[0], moreau_periods=20.0),)}, one_column, "cases"),
-    "benchmark_loads": (benchmark, ["--record", "--quick"], {}, beside_lsim, ""),
+    "benchmark_loads": (benchmark, ["--record", "--quick"], {"RECORDED": {"no absorber": None}}, beside_lsim, ""),
     "benchmark_energies": (benchmark_energies, ["--quick"], {"CASES": benchmark_energies.CASES[-1:]}, prices, "cases"),
     "levels": (reference_levels, ["--members", 2], {"PLATEAU": PLATEAU, "COLUMNS": (*LINEAR, PLATEAU), "PAST": LINEAR[0]}, levels, "levels"),
     "cost": (cost_of_exact, ["--quick"], {"CASES": benchmark.CASES[:1], "CALLS": 200}, parts, "cases"),
@@ -83,7 +83,6 @@ def test_a_benchmark_writes_what_it_prints(block: str, monkeypatch: pytest.Monke
     module, options, smaller, check, shown = SMALL[block]
     for name, value in smaller.items():
         monkeypatch.setattr(module, name, value)
-    monkeypatch.setattr(load_speed, "CASES", {"no absorber": None})
     target, page = tmp_path / "numbers.json", tmp_path / "page.md"
     page.write_text(f"before\n<!-- {block} -->\nold\n<!-- /{block} -->\nafter\n")
     result = call(module, *options, "--json", target, "--page", page)

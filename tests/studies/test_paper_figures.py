@@ -25,9 +25,10 @@ from studies.paper.claim import Verdict, judged, verdict
 from studies.paper.curve import (
     WATCHED,
     Curve,
-    Envelope,
     contacts,
     curve_of,
+    envelope,
+    envelope_ratios,
     operating_ranges,
     part_of,
     plain_curve,
@@ -115,8 +116,7 @@ def test_contacts_count_by_hand() -> None:
 def test_envelope_of_a_slow_linear_sweep_is_the_frequency_response() -> None:
     scene = beam_scene(Beam(modes=2))
     drive = Drive(1.0, linear_sweep(scene.model.resonance_omega(1), 0.9, 1.06))
-    watch = Envelope(4)
-    ratio, found = watch.ratios(drive.schedule), watch(Lane(scene, drive))
+    ratio, found = envelope_ratios(drive.schedule), envelope(Lane(scene, drive))
     assert len(ratio) == len(found)
     inside = (ratio > 0.91) & (ratio < 0.97)
     still = np.abs(tip_response(scene.model, None, ratio[inside] * scene.model.resonance_omega(1)))

@@ -1,19 +1,23 @@
 """Speed of the exact method against the Moreau scheme at the paper's step: one core, one process, compilation apart."""
 
-from collections.abc import Sequence
+import statistics
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import click
+import numpy as np
+import scipy.signal
 
-from impact_env import Beam, Scene, beam_scene, impact_absorber
+from impact_env import Beam, ModalModel, Record, Scene, SlidingAbsorber, beam_scene, impact_absorber, modal_model
 from impact_env.drive import PAPER_RATE
+from impact_env.loads import Loads, Samples
 from impact_env.methods import PAPER_STEPS, Exact, Moreau
 from optimisation.cli.common import command
-from optimisation.machine import Timed
-from studies import load_speed
-from studies.study import Json, Measured, Study, lines, run, table_options, table_place, table_study
-from studies.timing import Advance, Settings, all_cases, each_and_median, in_turn, sweep_up
+from optimisation.machine import BARE, Timed
+from studies.study import Array, Json, Measured, Study, lines, run, table_options, table_place, table_study, there
+from studies.timing import Advance, Settings, all_cases, each_and_median, in_turn, seconds, sweep_up
 
 NAME = "benchmark"
 START = 0.98  # of the first resonance; with the whole length the sweep ends at 1.06
@@ -106,6 +110,71 @@ STUDY: Study[Settings] = table_study(
 )
 
 
+# A sample of a record: beside scipy.signal.lsim where all is linear, and beside the Moreau scheme where walls are.
+RECORD = "benchmark_loads"
+MODES, RATE, FORCE = 10, 5000.0, 20.0  # samples a second; N, the record's RMS
+SAMPLES, QUICK_SAMPLES = 100_000, 2_000  # samples
+PERIOD = 32  # samples in a pseudo period, so that what is recorded is the motion at the record's samples
+RECORDED: dict[str, SlidingAbsorber | None] = {
+    "no absorber": None,
+    "walls that are watched, never met": impact_absorber(1.0, 0.7),
+    "walls that are met, gap 1 mm, e = 0.7": impact_absorber(1e-3, 0.7),
+}
+
+
+def state_space(model: ModalModel) -> tuple[Array, ...]:
+    """Return A, B, C, D from the force to the displacement where the level is read, with the modes' displacements and velocities as states."""
+    n = model.modes
+    a = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(model.omega**2), -np.diag(2 * model.damping_ratio * model.omega)]])
+    b = np.concatenate([np.zeros(n), model.force_shape])[:, None]
+    return a, b, np.concatenate([model.level_shape, np.zeros(n)])[None], np.zeros((1, 1))
+
+
+def measure_record(case: tuple[str, SlidingAbsorber | None], given: Settings, advance: Advance) -> Json:
+    """Return times of a sample in us, and how far lsim's displacement is from the exact one's, relative to its largest."""
+    (name, absorber), samples = case, int(given.periods)
+    model, times = modal_model(Beam(modes=MODES)), np.arange(samples + 1) / RATE
+    values = FORCE * np.random.default_rng(0).standard_normal(len(times))
+    loads, scene = Loads((Samples(times, values),), 2 * np.pi * RATE / PERIOD), Scene(model, absorber)
+    recorded = Record(level=False, series=True, samples_per_period=PERIOD)
+    exact, seen = Timed(scene, loads, Exact(), record=BARE), Timed(scene, loads, Exact(), record=recorded)
+    history = there(seen.run().history)
+    row: Json = {"name": name, "samples": samples, "impacts_per_s": exact.run().impact_count / float(times[-1])}
+    runs: dict[str, Callable[[], object]] = {"exact": exact.run, "recorded": seen.run}
+    if absorber is None:
+        system = scipy.signal.StateSpace(*state_space(model))
+        _, found, _ = scipy.signal.lsim(system, values, times)
+        row["difference"] = float(np.max(np.abs(history.modal_displacement @ model.level_shape - found)) / np.max(np.abs(found)))
+        runs["lsim"] = partial(scipy.signal.lsim, system, values, times)
+    else:
+        runs["moreau"] = Timed(scene, loads, Moreau()).run
+    each = in_turn({name: partial(seconds, run) for name, run in runs.items()}, given.repeats, advance)
+    return row | {f"{name}_us": 1e6 * statistics.median(found) / samples for name, found in each.items()}
+
+
+COLUMNS = {
+    "case": "name", "exact, us": "exact_us", "with all samples kept, us": "recorded_us", "lsim, us": "lsim_us", "Moreau, us": "moreau_us",
+    "impacts a second": "impacts_per_s",
+}  # fmt: skip
+
+
+def _record_said(measured: Measured) -> str:
+    cases, repeats = measured.values["cases"], measured.values["repeats"]
+    told = [{name: row[name] if name == "name" else f"{row[name]:.3g}" if name in row else "" for name in COLUMNS.values()} for row in cases]
+    samples, difference = cases[0]["samples"], cases[0]["difference"]
+    return (
+        f"{lines({head: f'{{{name}}}' for head, name in COLUMNS.items()}, told)}\n\n"
+        f"All per sample of a white record of {samples:,} at {RATE:,.0f} a second, {FORCE:g} N RMS, on the paper's beam with {MODES} modes; whole\n"
+        f"calls on one core, compiled before, median of {repeats}. What lsim, with straight lines between samples, gives for the displacement\n"
+        f"differs by {difference:.1g} of the largest. The Moreau scheme has {PAPER_STEPS} steps per period of the highest mode."
+    )
+
+
+RECORD_STUDY: Study[Settings] = table_study(
+    RECORD, "a sample of a record", lambda given: all_cases(list(RECORDED.items()), given, measure_record), _record_said
+)
+
+
 @command()
 @click.option("--quick", is_flag=True, help=f"{QUICK_REPEATS} repeat of {QUICK:g} pseudo periods: a look, not a measurement.")
 @click.option("--repeats", type=click.IntRange(min=1), help=f"Runs of each method, of which the median counts.  [default: {REPEATS}]")
@@ -118,6 +187,6 @@ def main(quick: bool, repeats: int | None, record: bool, target: Path | None, pa
     """
     times = repeats or (QUICK_REPEATS if quick else REPEATS)
     if record:
-        run(load_speed.STUDY, Settings(load_speed.QUICK if quick else load_speed.WHOLE, times), table_place(target, page))
+        run(RECORD_STUDY, Settings(QUICK_SAMPLES if quick else SAMPLES, times), table_place(target, page))
     else:
         run(STUDY, Settings(QUICK if quick else WHOLE, times), table_place(target, page))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -102,29 +103,24 @@ def chaos(lane: Lane, periods: int) -> tuple[float, float, float]:
     return found.value, found.low, found.high
 
 
-@dataclass(frozen=True)
-class Envelope:
-    """Measures a lane's largest |q_tip| in m in each stretch of ``periods`` pseudo periods; the last one may be shorter."""
+def envelope(lane: Lane, periods: int = 4) -> Array:
+    """Return a lane's largest |q_tip| in m in each stretch of so many pseudo periods, (stretches,); the last one may be shorter."""
+    history = there(simulate(lane.scene, lane.drive, record=WATCHED).history)
+    return np.asarray(np.maximum.reduceat(np.abs(history.tip_displacement), np.arange(0, len(history.time), periods * DEFAULT_SAMPLES)))
 
-    periods: int = 4
 
-    def __call__(self, lane: Lane) -> Array:
-        """Return the envelope of the lane, (stretches,)."""
-        history = there(simulate(lane.scene, lane.drive, record=WATCHED).history)
-        firsts = np.arange(0, len(history.time), self.periods * DEFAULT_SAMPLES)
-        return np.asarray(np.maximum.reduceat(np.abs(history.tip_displacement), firsts))
+def envelope_ratios(schedule: FrequencySchedule, periods: int = 4) -> Array:
+    """Return the frequency in the middle of each stretch over the schedule's reference."""
+    stretches = int(np.ceil((int(schedule.periods * (1 + 1e-12) * DEFAULT_SAMPLES) + 1) / (periods * DEFAULT_SAMPLES)))
+    middles = np.minimum((np.arange(stretches) + 0.5) * periods, schedule.periods)
+    return np.asarray(schedule.omega_at(middles * schedule.pseudo_period)) / schedule.reference
 
-    def banded(self, settings: Settings, label: str, scene: Scene, drives: Sequence[Drive]) -> tuple[Json, Array]:
-        """Return the envelopes of members with one schedule over frequency ratios, as 5 %, median, 95 % and nominal member; and each member's."""
-        rows = np.array(settings.each(label, [Lane(scene, drive) for drive in drives], self))
-        own = dict(zip(("low", "median", "high"), bands(rows.T).tolist(), strict=True))
-        return {"ratio": self.ratios(drives[0].schedule).tolist(), **own, "nominal": rows[0].tolist()}, rows
 
-    def ratios(self, schedule: FrequencySchedule) -> Array:
-        """Return the frequency in the middle of each stretch over the schedule's reference."""
-        stretches = int(np.ceil((int(schedule.periods * (1 + 1e-12) * DEFAULT_SAMPLES) + 1) / (self.periods * DEFAULT_SAMPLES)))
-        middles = np.minimum((np.arange(stretches) + 0.5) * self.periods, schedule.periods)
-        return np.asarray(schedule.omega_at(middles * schedule.pseudo_period)) / schedule.reference
+def envelopes(settings: Settings, label: str, scene: Scene, drives: Sequence[Drive], periods: int = 4) -> tuple[Json, Array]:
+    """Return the envelopes of members with one schedule over frequency ratios, as 5 %, median, 95 % and nominal member; and each member's."""
+    rows = np.array(settings.each(label, [Lane(scene, drive) for drive in drives], partial(envelope, periods=periods)))
+    own = dict(zip(("low", "median", "high"), bands(rows.T).tolist(), strict=True))
+    return {"ratio": envelope_ratios(drives[0].schedule, periods).tolist(), **own, "nominal": rows[0].tolist()}, rows
 
 
 PAUSE = Criteria().pause  # periods of the force: without such a pause within the level's window impacts are sustained

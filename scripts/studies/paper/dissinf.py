@@ -15,7 +15,7 @@ from impact_env.parameters import Absorber, Beam, RigidWalls, friction_damper, i
 from optimisation.page import markdown
 from studies.paper import curve as performance
 from studies.paper.claim import LITTLE, Claim, claim, judged, spread, within
-from studies.paper.curve import Curve, Envelope
+from studies.paper.curve import Curve
 from studies.paper.frame import LOOKS, MM, REFERENCE, Look, PaperFigure, Settings, Size, in_turn, line, panels, signal
 from studies.study import Array, Json, Steps
 
@@ -26,7 +26,7 @@ SWEPT, SWEPT_LIMIT = 5.0, 0.5  # N: force and friction limit of the sweeps
 NONE, CONSERVATIVE, DISSIPATIVE = "no absorber", "muN = 0, e = 1", f"muN = {LIMITS[0]:g} N, e = {RESTITUTION:g}"
 SCATTERING, FRICTION, BOTH, ALL = "scattering", "friction", "friction and scattering", "friction, scattering and e = 0.7"
 PRIMARY, SECONDARY = (1.0, 3.0), (4.0, 8.0)  # N: well inside of the ranges without friction, whose border is the paper's 3.5 N
-ENVELOPE = Envelope(8)
+STRETCH = 8  # pseudo periods of an envelope
 
 
 def impacting(limit: float) -> str:
@@ -76,7 +76,7 @@ def _curve(settings: Settings, name: str, forces: tuple[float, ...], members: in
 def _sweep(settings: Settings, scene: Scene, members: int) -> Json:
     """Return the envelope of |q_tip| in m of the sweeps down over frequency ratios, and each member's largest."""
     drives = draw_members(members, settings.seed).drives(SWEPT, performance.both_ways(scene)[1])
-    own, rows = ENVELOPE.banded(settings, f"{LABEL}, sweeps", scene, drives)
+    own, rows = performance.envelopes(settings, f"{LABEL}, sweeps", scene, drives, STRETCH)
     return own | {"largest": np.max(rows, axis=1).tolist()}
 
 

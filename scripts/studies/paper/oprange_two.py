@@ -20,7 +20,7 @@ from optimisation.page import markdown
 from studies.paper import curve as performance
 from studies.paper.branches import draw_linear
 from studies.paper.claim import Claim, claim, spread
-from studies.paper.curve import Curve, Envelope
+from studies.paper.curve import Curve
 from studies.paper.frame import FAINT, LOOKS, MM, REFERENCE, Look, PaperFigure, Settings, Size, in_turn, legend_below, legends, line, panels, signal
 from studies.study import Array, Json, Steps
 
@@ -28,7 +28,6 @@ LABEL = "oprangeTWO"
 NONE, ONE, THREE, LOSSY, BOTH = "none", "1 mode, e = 1", "3 modes, e = 1", "1 mode, e = 0.75", "3 modes, e = 0.75"
 SWEPT = (ONE, THREE, LOSSY)  # panels b, c and d
 NEAR = 0.0065  # of omega_1: where the paper looks at the response near the resonance itself
-ENVELOPE = Envelope()
 
 
 def scenes() -> dict[str, Scene]:
@@ -65,7 +64,7 @@ def _sweeps(settings: Settings, scene: Scene, force: float, members: int) -> Jso
     """Return envelopes of |q_tip| in m of the sweeps up and down, each member's, over frequency ratios."""
     drawn, result = draw_members(members, settings.seed), {}
     for name, schedule in zip(("up", "down"), performance.both_ways(scene), strict=True):
-        own, rows = ENVELOPE.banded(settings, LABEL, scene, drawn.drives(force, schedule))
+        own, rows = performance.envelopes(settings, LABEL, scene, drawn.drives(force, schedule))
         near = np.abs(np.array(own["ratio"]) - 1) <= NEAR
         result[name] = own | {"near": np.max(rows[:, near], axis=1).tolist()}
     return result
