@@ -101,7 +101,8 @@ class Design:
 class DesignSpace:
     """A concept with its ``free`` variables, within their bounds, and the values, in SI units, of those that are ``fixed``.
 
-    ``units`` are those of the structure (a problem puts in its own); None: the paper's beam, on which the start is the paper's design.
+    ``units`` are those of the structure (a problem puts in its own), which scaled bounds and the values of what is neither free nor fixed follow;
+    None: the paper's beam, on which the start is the paper's design.
     """
 
     concept: str
@@ -151,10 +152,6 @@ class DesignSpace:
             if parts_of(name)[0] == POSITION:
                 require(value in range(1, number + 1), name, value, f"the number of one of the structure's places for absorbers, 1 to {number}")
         return replace(self, free=tuple(v.choice(number) if v.name in at else v for v in self.free))
-
-    def bound_to(self, units: Units) -> DesignSpace:
-        """Return the space on another structure: scaled bounds, and the values of what is neither free nor fixed, follow its units."""
-        return replace(self, units=units)
 
     @property
     def _units(self) -> Units:

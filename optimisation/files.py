@@ -42,10 +42,13 @@ def write_json(path: Path, content: object) -> None:
             temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
+Table = tuple[Sequence[str], Iterable[Sequence[object]]]  # names of columns, and rows
+
+
 def write_files(contents: Mapping[Any, object]) -> list[Path]:
     """Write files by their paths, each whole or not at all, and return them; a path of None: not wanted.
 
-    A tuple, of column names and rows, is a table (`write_csv`); a function draws what is in the file; all else is JSON.
+    A `Table` is CSV (`write_csv`); a function draws what is in the file; all else is JSON.
     """
     wanted = {path: content for path, content in contents.items() if path is not None}
     for path, content in wanted.items():

@@ -62,7 +62,7 @@ class Problem:
         self._place()
         for condition in self.conditions:
             self.model.resonance_omega(condition.resonance)
-        object.__setattr__(self, "space", self.space.bound_to(self.units))
+        object.__setattr__(self, "space", replace(self.space, units=self.units))
         limits = [condition.limits for condition in self.conditions]
         object.__setattr__(self, "rate", self.usual_rate if self.rate is None else usable_rate("rate", self.rate, limits))
         for objective in self.objectives:

@@ -77,13 +77,13 @@ def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Fi
 
 def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
     """Write tables and figures of the findings, and return the files."""
-    designs = (tables.design_columns(findings.problem), tables.design_rows(findings.problem, findings.told))
-    contents: dict[Path | None, object] = {out / "designs.csv": designs, out / "summary.json": design.conditions_of(given) | tables.summary(findings)}
+    designs, summary = tables.design_table(findings.problem, findings.told), design.conditions_of(given) | tables.summary(findings)
+    contents: dict[Path | None, object] = {out / "designs.csv": designs, out / "summary.json": summary}
     drawn = (("curves", findings.curves, save_curves), ("detuned", findings.detuned, save_robustness), ("map", findings.gap_map, save_map))
     for name, part, save in drawn:
         if part is not None:
             names, gaps = ([], findings.gaps) if name == "map" else ((tables.WINNER, tables.PAPER), ())
-            contents[out / f"{name}.csv"] = (tables.level_columns(part[0].conditions[0]), tables.level_rows(part, names, gaps))
+            contents[out / f"{name}.csv"] = tables.level_table(part, names, gaps)
             contents[out / f"{name}.png"] = partial(save, findings=findings)
     if findings.sensitivity is not None:
         contents[out / "sensitivity.png"] = partial(save_sensitivity, findings=findings)

@@ -64,8 +64,8 @@ def study(problem: Problem, given: dict[str, Any], journal: Path, executor: Exec
 
 def write(out: Path, front: fronts.Front, given: dict[str, Any]) -> list[Path]:
     """Write the tables and figures of a front, and return the files."""
-    designs, summary = (fronts.front_columns(front.problem), fronts.front_rows(front)), fronts.front_summary(front)
-    files = write_files({out / "front.csv": designs, out / "summary.json": design.conditions_of(given) | summary})
+    summary = design.conditions_of(given) | fronts.front_summary(front)
+    files = write_files({out / "front.csv": fronts.front_table(front), out / "summary.json": summary})
     if front.fresh and front.paper is not None:
         labels = [o.label for o in front.problem.objectives]
         searched, found = (np.array([e.score.values for e in part]) for part in (front.told, front.members))

@@ -9,19 +9,10 @@ import click
 
 from optimisation.cli.common import FILE, BadInput, check_target, command, file_option, plain_errors
 from optimisation.cli.scene_options import is_given
-from optimisation.rl.agents import Agent, load_agent
+from optimisation.rl.agents import load_agent
 from optimisation.rl.demonstrations import INTERVAL, NAMES, episode, save
 
 OPTIONS = {"name": "env", "action": "action", "chance": "random", "interval": "interval"}
-
-
-def agents_choice(path: Path) -> tuple[str, dict[str, Any], Agent]:
-    """Return the environment of an agent, its arguments, and who acts. Raises BadInput for options that contradict the agent, ParameterError."""
-    for option in ("name", "action", "chance", "interval"):
-        if is_given(option):
-            raise BadInput(f"--{OPTIONS[option]} does not go with --agent: the agent acts, in the environment that it was trained in")
-    found = load_agent(path)
-    return found.env_id, dict(found.arguments), found
 
 
 @command()
@@ -43,9 +34,14 @@ def main(name: str, target: Path | None, agent: Path | None, **given: Any) -> No
     mode = "human" if target is None else "rgb_array"
     with plain_errors():
         interval = INTERVAL if given["interval"] is None else given["interval"]
-        plain = (NAMES[name.lower()], {"interval": interval}, None if given["chance"] else given["action"])
-        which, options, action = plain if agent is None else agents_choice(agent)
-        options = {**options, **({} if given["force"] is None else {"force": given["force"]})}
+        which, options, action = NAMES[name.lower()], {"interval": interval}, None if given["chance"] else given["action"]
+        if agent is not None:
+            for option, told in OPTIONS.items():
+                if is_given(option):
+                    raise BadInput(f"--{told} does not go with --agent: the agent acts, in the environment that it was trained in")
+            action = load_agent(agent)
+            which, options = action.env_id, dict(action.arguments)
+        options |= {} if given["force"] is None else {"force": given["force"]}
         pictures, fps = episode(which, mode, options, given["seed"], action, given["frames"])
     if target is not None:
         save(target, pictures, fps)

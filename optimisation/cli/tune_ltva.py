@@ -19,7 +19,7 @@ from optimisation.progress import BAR, Bar
 from optimisation.report.card import write_card
 from optimisation.report.cards import tuning_card
 from optimisation.report.comparison_tables import tuned_summary, tuned_text
-from optimisation.report.tuning_report import MINIMAX, PAPER_VALUES, TuningTable, columns, rows, save_figure, summary, tuning_table
+from optimisation.report.tuning_report import MINIMAX, PAPER_VALUES, TuningTable, csv_table, save_figure, summary, tuning_table
 from optimisation.tuned import HIGH, LOW
 
 HEADER = ("tuning", "k, N/m", "c, N s/m", "omega_a/omega_r", "damping ratio", "peak, %", "at", "H2 norm, %", "proved, %")
@@ -66,7 +66,7 @@ def certificates(table: TuningTable) -> dict[str, float]:
 
 def write(out: Path, table: TuningTable, bounds: dict[str, float]) -> list[Path]:
     """Write the figure and the tables into a folder, and return the files."""
-    tunings, figure = (columns(table), rows(table, bounds)), partial(save_figure, table=table)
+    tunings, figure = csv_table(table, bounds), partial(save_figure, table=table)
     files = write_files({out / "tunings.csv": tunings, out / "summary.json": summary(table, bounds), out / "tunings.png": figure})
     return files + write_card(out, tuning_card(table, bounds))
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from optimisation.bounds import reduction_share, resonance_limit
 from optimisation.designs import Design
 from optimisation.extremes import LEAST_RATIO
-from optimisation.files import number, numbers
+from optimisation.files import Table, number, numbers
 from optimisation.insight import BEAM_TOLERANCES, QUANTILES, TOLERANCES, Levels, Service
 from optimisation.measures import ACCELERATION, FRICTION_HEAT, IMPACT_POWER, IMPACT_RATE, IMPACT_RMS, IMPACT_SPEED, SHOWN, STROKE, TOLD
 from optimisation.mounting import detuned
@@ -44,37 +44,32 @@ def name_of(objective: Objective) -> str:
     return objective.kind if objective.resonance is None else f"{objective.kind}_{objective.resonance}"
 
 
-def design_columns(problem: Problem) -> list[str]:
-    """Return the columns of `design_rows`."""
-    return ["number", *(v.name for v in problem.space.free), *map(name_of, problem.objectives), "rungs", "feasible"]
-
-
-def design_rows(problem: Problem, told: Sequence[Evaluated]) -> Iterator[list[object]]:
-    """Yield a row for each design of a study, by number."""
-    for e in told:
-        yield [e.number, *(e.design.values[v.name] for v in problem.space.free), *e.score.values, e.rungs, int(e.score.feasible)]
+def design_table(problem: Problem, told: Sequence[Evaluated]) -> Table:
+    """Return a table with a row for each design of a study, by number."""
+    free = [v.name for v in problem.space.free]
+    rows = [[e.number, *(e.design.values[name] for name in free), *e.score.values, e.rungs, int(e.score.feasible)] for e in told]
+    return ["number", *free, *map(name_of, problem.objectives), "rungs", "feasible"], rows
 
 
 LEVEL_COLUMNS = ("resonance", "force_n", "detuning", "design", "gap_m", "level_median_m", "level_5_percent_m", "level_95_percent_m", "without_m")
 
 
-def level_columns(condition: Condition) -> tuple[str, ...]:
-    """Return the columns of `level_rows`: `LEVEL_COLUMNS`, under loads those of their measure and of a factor on them."""
-    if condition.loads is None:
-        return LEVEL_COLUMNS
-    name, unit = condition.told
-    return ("load", "factor", "detuning", "design", "gap_m", *(f"{name}_{part}_{unit}" for part in ("median", "5_percent", "95_percent", "without")))
-
-
-def level_rows(parts: Sequence[Levels], names: Sequence[str], gaps: Sequence[float] = ()) -> Iterator[list[object]]:
-    """Yield a row of `level_columns` for each condition and design."""
+def level_table(parts: Sequence[Levels], names: Sequence[str], gaps: Sequence[float] = ()) -> Table:
+    """Return a table with a row for each condition and design: `LEVEL_COLUMNS`, under loads those of their measure and of a factor on them."""
+    columns: tuple[str, ...] = LEVEL_COLUMNS
+    rows, first = list[list[object]](), parts[0].conditions[0]
+    if first.loads is not None:
+        name, unit = first.told
+        measured = (f"{name}_{part}_{unit}" for part in ("median", "5_percent", "95_percent", "without"))
+        columns = ("load", "factor", "detuning", "design", "gap_m", *measured)
     for part in parts:
         for k, condition in enumerate(part.conditions):
             for d in range(len(part.median)):
                 who = [names[d], ""] if names else [WINNER, gaps[d]]
                 values = [float(x[d, k]) for x in (part.median, part.low, part.high)]
                 place = condition.resonance if condition.loads is None else condition.place
-                yield [place, condition.force, condition.detuning, *who, *values, float(part.without[k])]
+                rows.append([place, condition.force, condition.detuning, *who, *values, float(part.without[k])])
+    return columns, rows
 
 
 def kept(problem: Problem, score: Score) -> str:

@@ -1,6 +1,6 @@
 """All tunings of one absorber mass and one resonance, scored over one range: as a table, rows, JSON and a figure. SI units, unless named."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +10,7 @@ from impact_env.drive import PAPER_LIMITS
 from impact_env.frequency import tip_response
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, TunedAbsorber
+from optimisation.files import Table
 from optimisation.report.figures import BLACK, BLUE, GREEN, PINK, YELLOW, draw_grid, figure_of, force_axis, write_figure
 from optimisation.tuned import (
     HIGH,
@@ -117,15 +118,11 @@ LOOKS: dict[str, tuple[str, str | tuple[int, tuple[float, ...]], float]] = {
 }
 
 
-def columns(table: TuningTable) -> list[str]:
-    """Return the columns of `rows`."""
-    return ["tuning", *_values(table, table.tunings[0], {})]
-
-
-def rows(table: TuningTable, bounds: Bounds) -> Iterator[tuple[object, ...]]:
-    """Yield a row for each tuning; an empty cell where there is no absorber or no certificate."""
-    for tuning in table.tunings:
-        yield (tuning.key, *("" if value is None else value for value in _values(table, tuning, bounds).values()))
+def csv_table(table: TuningTable, bounds: Bounds) -> Table:
+    """Return a table with a row for each tuning; an empty cell where there is no absorber or no certificate."""
+    values = {tuning.key: _values(table, tuning, bounds) for tuning in table.tunings}
+    rows = [(key, *("" if value is None else value for value in own.values())) for key, own in values.items()]
+    return ["tuning", *values[table.tunings[0].key]], rows
 
 
 def _values(table: TuningTable, tuning: Tuning, bounds: Bounds) -> dict[str, float | None]:

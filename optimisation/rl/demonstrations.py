@@ -105,7 +105,11 @@ def write_demonstrations(folder: Path, shown: Demonstrations, author: str, argum
         with optional():
             import gymnasium
         env = gymnasium.make(shown.env_id, **(arguments or {}))
-        episodes = [_episode(EpisodeBuffer, shown, k) for k in range(len(shown.seeds))]
+        episodes = []
+        for k, seed in enumerate(shown.seeds):
+            last, over = np.arange(len(shown.actions[k])) == len(shown.actions[k]) - 1, shown.terminated[k]
+            own = {name: getattr(shown, name)[k] for name in ("observations", "actions", "rewards")}
+            episodes.append(EpisodeBuffer(id=k, seed=seed, terminations=last & over, truncations=last & (not over), **own))
         words = f"{author} on {shown.env_id}, one episode for each of the seeds {shown.seeds[0]} to {shown.seeds[-1]}"
         with warnings.catch_warnings():  # it asks for an address and a link, which a reader's own data set has none of
             warnings.simplefilter("ignore", UserWarning)
@@ -114,12 +118,6 @@ def write_demonstrations(folder: Path, shown: Demonstrations, author: str, argum
         if folder.exists():
             shutil.rmtree(folder)
         (Path(place) / folder.name).rename(folder)
-
-
-def _episode(kind: Any, shown: Demonstrations, k: int) -> Any:
-    own = {name: getattr(shown, name)[k] for name in ("observations", "actions", "rewards")}
-    last, over = np.arange(len(shown.actions[k])) == len(shown.actions[k]) - 1, shown.terminated[k]
-    return kind(id=k, seed=shown.seeds[k], terminations=last & over, truncations=last & (not over), **own)
 
 
 def read_demonstrations(folder: Path, env_id: str) -> Demonstrations:

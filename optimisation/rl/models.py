@@ -94,7 +94,13 @@ def make_model(chosen: PPOSettings | SACSettings, env: VecEnv, seed: int) -> Mod
     names = (*OF_BOTH, *(OF_PPO if isinstance(chosen, PPOSettings) else OF_SAC))
     own: dict[str, Any] = {name: getattr(chosen, name) for name in names} | {"seed": seed, "device": "cpu"}
     if isinstance(chosen, PPOSettings):
-        return _make_ppo(chosen, env, net, own)
+        kind: Any = PPO
+        policy = "MlpPolicy"
+        if isinstance(chosen, RecurrentPPOSettings):
+            kind, policy, net = recurrent(), "MlpLstmPolicy", net | {"lstm_hidden_size": chosen.lstm}
+        ppo = kind(policy, env, policy_kwargs=net, **own)
+        _start_at(ppo.policy.action_net, chosen.initial_action)
+        return cast("Model", ppo)
     sac = SAC("MlpPolicy", env, policy_kwargs=net | {"clip_mean": 0.0}, **own)
     _start_at(sac.actor.mu, math.atanh(chosen.initial_action))
     with torch.no_grad():
@@ -102,16 +108,6 @@ def make_model(chosen: PPOSettings | SACSettings, env: VecEnv, seed: int) -> Mod
         for layers in networks:
             layers[-1].bias += chosen.initial_value
     return sac
-
-
-def _make_ppo(chosen: PPOSettings, env: VecEnv, net: dict[str, Any], own: dict[str, Any]) -> Model:
-    ppo: Any
-    if isinstance(chosen, RecurrentPPOSettings):
-        ppo = recurrent()("MlpLstmPolicy", env, policy_kwargs=net | {"lstm_hidden_size": chosen.lstm}, **own)
-    else:
-        ppo = PPO("MlpPolicy", env, policy_kwargs=net, **own)
-    _start_at(ppo.policy.action_net, chosen.initial_action)
-    return cast("Model", ppo)
 
 
 def recurrent() -> Any:

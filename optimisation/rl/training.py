@@ -15,9 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
-import scipy
 from filelock import FileLock, Timeout
 
 from impact_env.envs import ENVIRONMENTS
@@ -27,7 +25,7 @@ from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count, require
 from optimisation.executors import Pool, Task
 from optimisation.files import require_writable, write_json
-from optimisation.machine import difference
+from optimisation.machine import difference, installed
 from optimisation.progress import Bar
 from optimisation.rl.agents import FINAL, SETTINGS, Evaluation, actor_of, read_evaluations, save_agent, write_evaluations
 from optimisation.rl.demonstrations import fingerprint, read_demonstrations
@@ -36,12 +34,12 @@ from optimisation.rl.models import Model, ScaledRewards, begin_leg, forget_repla
 
 with optional():
     import gymnasium
-    import stable_baselines3
     import torch
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
 RUN_FORMAT = 2
+PACKAGES = ("numpy", "scipy", "numba", "torch", "gymnasium", "stable_baselines3")  # what a training's digits may depend on
 FIRST_EVALUATION_SEED = 1_000_000  # apart from the seeds on which baselines are tuned, and from those on which all are judged
 EVALUATION_EPISODES = 64
 Show = Callable[[int, list[Evaluation]], None]
@@ -88,12 +86,6 @@ class Job:
         return dict(json.loads(json.dumps(whole)))
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of what a training's digits may depend on."""
-    modules = (np, scipy, numba, torch, gymnasium, stable_baselines3)
-    return {"python": platform.python_version()} | {module.__name__: str(module.__version__) for module in modules}
-
-
 def evaluate(policy: Any, job: Job, leg: int, steps: int) -> Evaluation:
     """Return what a policy reaches on the job's evaluation seeds."""
     played = play(policy, job.env_id, range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + job.episodes), job.arguments)
@@ -113,7 +105,8 @@ def train(job: Job, folder: Path, show: Show | None = None, threads: int | None 
     with _alone(folder):
         check_folder(job, folder)
         if not (folder / SETTINGS).exists():
-            write_json(folder / SETTINGS, job.describe() | {"versions": versions()})
+            versions = {"python": platform.python_version(), **installed(PACKAGES)}
+            write_json(folder / SETTINGS, job.describe() | {"versions": versions})
         show = show or (lambda _steps, _evaluations: None)
         if (folder / FINAL).exists():  # SAC's memory is gone with the end, so that its checkpoints are not whole
             forget_replay(folder / "checkpoints")

@@ -1,6 +1,6 @@
 """A Pareto study: search, run the front again on fresh members, compare with random search of the same budget; and the study as numbers."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.ensemble import Executor
-from optimisation.files import numbers
+from optimisation.files import Table, numbers
 from optimisation.insight import watched
 from optimisation.measures import LEVEL, TOLD
 from optimisation.objectives import Objective, Score
@@ -68,18 +68,14 @@ def signed(problem: Problem, scores: Sequence[Score]) -> Array:
     return np.asarray(rows * signs)
 
 
-def front_columns(problem: Problem) -> list[str]:
-    """Return the columns of `front_rows`."""
-    names = [name_of(objective) for objective in problem.objectives]
-    return ["number", *(v.name for v in problem.space.free), *names, "on_front", *(f"{name}_fresh" for name in names)]
-
-
-def front_rows(front: Front) -> Iterator[list[object]]:
-    """Yield a row for each design, by number; an empty cell where it did not run on fresh members."""
-    fresh = {} if front.fresh is None else dict(zip(front.index, front.fresh, strict=True))
+def front_table(front: Front) -> Table:
+    """Return a table with a row for each design, by number; an empty cell where it did not run on fresh members."""
+    fresh, free = {} if front.fresh is None else dict(zip(front.index, front.fresh, strict=True)), [v.name for v in front.problem.space.free]
+    names, rows = [name_of(objective) for objective in front.problem.objectives], []
     for k, e in enumerate(front.told):
-        again = fresh[k].score.values if k in fresh else [""] * len(front.problem.objectives)
-        yield [e.number, *(e.design.values[v.name] for v in front.problem.space.free), *e.score.values, int(k in front.index), *again]
+        again = fresh[k].score.values if k in fresh else [""] * len(names)
+        rows.append([e.number, *(e.design.values[name] for name in free), *e.score.values, int(k in front.index), *again])
+    return ["number", *free, *names, "on_front", *(f"{name}_fresh" for name in names)], rows
 
 
 def front_summary(front: Front) -> Json:

@@ -206,12 +206,6 @@ def highest_amplitude(
     return max(_local_maxima(model, absorber, omega_r, grid) + [(float(y), float(x)) for y, x in zip(heights, ends, strict=True)])
 
 
-def splits_inside(model: ModalModel, absorber: TunedAbsorber, resonance: int, low: float, high: float) -> bool:
-    """Return whether both natural frequencies around omega_r lie in low..high times omega_r: a peak outside would not be seen by a score."""
-    first, second = natural_frequencies(model, absorber)[resonance - 1 : resonance + 1] / model.resonance_omega(resonance)
-    return bool(low <= first and second <= high)
-
-
 # Numerical tuning on the damped multi-mode model: the smallest peak (H-infinity) and the smallest variance (H2), from several starts.
 
 
@@ -303,7 +297,8 @@ def _smallest(score: Score, known: tuple[TunedAbsorber, TunedAbsorber], model: M
 
     def objective(logs: Array) -> float:
         absorber = absorber_at(logs)
-        return float(np.log(score(absorber))) if splits_inside(model, absorber, resonance, low, high) else _REFUSED
+        first, second = natural_frequencies(model, absorber)[resonance - 1 : resonance + 1] / model.resonance_omega(resonance)
+        return float(np.log(score(absorber))) if low <= first and second <= high else _REFUSED  # outside a peak would not be seen
 
     starts = [np.log([a.stiffness, a.damping]) for a in known]
     starts += [starts[0] + np.array([-0.15, 0.5]), starts[0] + np.array([0.15, -0.5])]
