@@ -147,7 +147,7 @@ def searched(label: str, problem: Problem, settings: Settings, designs: int, led
         finished = study.run(designs, clocked, show)
     seconds = time.perf_counter() - began
     if ledger.kept.path is not None:
-        study.save(ledger.kept.path.with_suffix(".optuna"))
+        study.save(ledger.kept.path.with_name(f"{ledger.kept.path.name}.optuna"))
     return study, finished, Cost(len(study.told), ledger.runs, seconds, 1 - clocked.seconds / seconds if ledger.runs else 0.0)
 
 

@@ -162,7 +162,9 @@ def test_concepts_write_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     common = {"card.html", "card.json", "designs.csv", "summary.json", "curves.csv", "curves.png", "detuned.csv", "detuned.png", "sensitivity.png"}
     for concept, own in (("impact", {"map.csv", "map.png"}), ("tuned", set())):
         folder = tmp_path / concept
-        assert {file.name for file in folder.iterdir()} == common | own | {"study.journal"} | ({"study.optuna"} if concept == "impact" else set())
+        assert {file.name for file in folder.iterdir()} == common | own | {"study.journal"} | (
+            {"study.journal.optuna"} if concept == "impact" else set()
+        )
         assert all(file.read_bytes().startswith(b"\x89PNG") for file in folder.glob("*.png"))
         content = json.loads((folder / "summary.json").read_text())
         assert content["finished"] is True
@@ -184,7 +186,7 @@ def test_concepts_write_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
 def test_front_is_written_and_compared(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     result = done(load("pareto", monkeypatch), *FAST, "--designs", 13, "--random-seeds", 2, "--out", tmp_path)
     folder = tmp_path / "resonances"
-    files = {"front.csv", "front.png", "summary.json", "study.journal", "study.optuna", "card.html", "card.json"}
+    files = {"front.csv", "front.png", "summary.json", "study.journal", "study.journal.optuna", "card.html", "card.json"}
     assert {file.name for file in folder.iterdir()} == files
     content, rows = json.loads((folder / "summary.json").read_text()), read(folder / "front.csv")
     assert len(rows) == content["designs"] == 13

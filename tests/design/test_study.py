@@ -68,7 +68,7 @@ def test_a_study_that_was_broken_off_goes_on_where_it_is() -> None:
 
 def test_optuna_reads_the_designs_of_a_study(tmp_path: Path) -> None:
     found, _ = search(tmp_path / "a.journal", problem(), settings())
-    storage = optuna.storages.JournalStorage(optuna.storages.journal.JournalFileBackend(str(tmp_path / "a.optuna")))
+    storage = optuna.storages.JournalStorage(optuna.storages.journal.JournalFileBackend(str(tmp_path / "a.journal.optuna")))
     trials = optuna.load_study(study_name=None, storage=storage).trials
     assert [trial.number for trial in trials] == [number for number, *_ in found]
     assert trials[0].values == list(found[0][2].values)
