@@ -235,10 +235,6 @@ class Objective:
         rows = worse[:, index]
         return np.asarray(rows.max(axis=1) if self.over == WORST else rows.mean(axis=1))
 
-    def of(self, values: Array, conditions: Sequence[Condition]) -> float:
-        """Return the design's value: the quantile of `per_member`."""
-        return self.value_of(self.per_member(values, conditions))
-
     def value_of(self, members: Array) -> float:
         """Return the design's value from one value for each member, (M,)."""
         return float(np.quantile(members, self.share))

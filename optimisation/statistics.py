@@ -24,11 +24,6 @@ class Gain:
     low: float
     high: float
 
-    @property
-    def clear(self) -> bool:
-        """Whether the interval leaves out 1: the two designs differ."""
-        return self.high < 1 or self.low > 1
-
     def __str__(self) -> str:
         return f"{self.ratio:.3f} ({self.low:.3f} to {self.high:.3f})"
 

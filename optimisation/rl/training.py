@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 from filelock import FileLock, Timeout
 
-from impact_env.envs import ENVIRONMENTS
 from impact_env.envs.evaluation import interquartile_mean, play
 from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
@@ -65,11 +64,6 @@ class Job:
         count("episodes", self.episodes, 1)
         memory = self.algorithm == "rppo"
         require(not memory or self.demonstrations is None, "demonstrations", str(self.demonstrations), "left out for rppo: only one step is imitated")
-
-    @property
-    def numbers(self) -> int:
-        """How many numbers an action has."""
-        return ENVIRONMENTS[self.env_id].numbers
 
     def describe(self) -> dict[str, Any]:
         """Return all that the result depends on as JSON values; the environment with every argument, also those left at their defaults."""
@@ -215,11 +209,6 @@ class Planned:
     def share(self, steps: int) -> int:
         """Return so many steps, at most those that the job wants."""
         return min(steps, self.job.hyperparameters.steps)
-
-    def reached(self) -> int:
-        """Return the steps at the last evaluation."""
-        evaluations = read_evaluations(self.folder)
-        return self.share(evaluations[-1].steps) if evaluations else 0
 
 
 class Shown:

@@ -30,7 +30,7 @@ from optimisation.progress import Bar, runs_bar
 from optimisation.search.judge import AUDITED, Cost, Findings, Verdict, audit, more_modes, verdict
 from optimisation.search.ledger import Ledger, remembering
 from optimisation.search.noisy import NOISY, noisy_search
-from optimisation.search.settings import CMA, Evaluated, Progress, Settings, default_settings
+from optimisation.search.settings import CMA, Evaluated, Settings, default_settings
 from optimisation.variables import WITH_IMPACTS
 
 # SciPy's search for problems that are smooth: without walls there is no chaos, a level has hardly any noise, and few minima.
@@ -98,10 +98,13 @@ Counting = Callable[[int, int], None]  # takes how many runs are done, and of ho
 
 @dataclass(frozen=True)
 class Bars:
-    """What shows how far a search is: ``runs`` under a label, and the designs of a ``study`` under a label, of so many. The default shows nothing."""
+    """What shows how far a search is: ``runs`` under a label, and the designs of a ``study`` under a label, of so many, with their runs.
+
+    The default shows nothing.
+    """
 
     runs: Callable[[str], AbstractContextManager[Counting]] = lambda _label: nullcontext(lambda _done, _total: None)
-    study: Callable[[str, int], AbstractContextManager[Callable[[Progress], None]]] = lambda _label, _wanted: nullcontext(lambda _progress: None)
+    study: Callable[[str, int], AbstractContextManager[Counting]] = lambda _label, _wanted: nullcontext(lambda _designs, _runs: None)
 
 
 QUIET = Bars()
@@ -215,13 +218,13 @@ def _judged(findings: Findings, candidates: Sequence[Evaluated], plan: Plan, exe
 
 
 @contextmanager
-def study_bar(label: str, wanted: int) -> Iterator[Callable[[Progress], None]]:
+def study_bar(label: str, wanted: int) -> Iterator[Counting]:
     """Give a function that shows how many designs are done of those that are ``wanted``, and the runs that they took."""
     with Bar(total=wanted, desc=label, unit="designs") as bar:
 
-        def show(progress: Progress) -> None:
-            bar.set_postfix_str(f"{progress.runs} runs", refresh=False)
-            bar.update(progress.designs - bar.n)
+        def show(designs: int, runs: int) -> None:
+            bar.set_postfix_str(f"{runs} runs", refresh=False)
+            bar.update(designs - bar.n)
             bar.refresh()
 
         yield show

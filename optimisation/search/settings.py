@@ -31,15 +31,6 @@ class Evaluated:
     rungs: int
 
 
-@dataclass(frozen=True, eq=False)
-class Progress:
-    """How far a study is: ``designs`` told, ``wanted`` in all, and the ``runs`` made in this session."""
-
-    designs: int
-    wanted: int
-    runs: int
-
-
 Array = NDArray[np.float64]
 
 

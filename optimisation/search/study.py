@@ -22,7 +22,7 @@ from optimisation.evaluation import evaluate
 from optimisation.files import replacing
 from optimisation.objectives import Score
 from optimisation.problem import Problem
-from optimisation.search.settings import CMA, GP, NSGA2, RANDOM, Evaluated, Progress, Settings, seed_of
+from optimisation.search.settings import CMA, GP, NSGA2, RANDOM, Evaluated, Settings, seed_of
 
 with optional():
     import optuna
@@ -115,13 +115,13 @@ class DesignStudy:
         """The finished designs that kept all constraints on the last rung: one of them wins."""
         return [e for e in self.told if e.score.feasible and e.rungs == len(self.settings.rungs)]
 
-    def run(self, designs: int, executor: Executor, progress: Callable[[Progress], None] = lambda _: None) -> bool:
+    def run(self, designs: int, executor: Executor, progress: Callable[[int, int], object] = lambda _designs, _runs: None) -> bool:
         """Search until at least ``designs`` (whole batches) are told; return False if a KeyboardInterrupt ended it early, of which a call goes on."""
         wanted = self.settings.whole_batches(designs)
         try:
             with _quiet():
                 while len(self.told) < wanted:
-                    self._batch(executor, lambda: progress(Progress(len(self.told), wanted, self.runs)))
+                    self._batch(executor, lambda: progress(len(self.told), self.runs))
         except KeyboardInterrupt:
             return False
         return True
@@ -133,7 +133,7 @@ class DesignStudy:
             study = self._empty(JournalStorage(JournalFileBackend(str(temporary))))
             study.add_trials([optuna.create_trial(params=t.params, distributions=t.distributions, values=t.values) for t in trials])
 
-    def _batch(self, executor: Executor, show: Callable[[], None]) -> None:
+    def _batch(self, executor: Executor, show: Callable[[], object]) -> None:
         show()
         first, chosen = len(self.told), self.settings
         self._asked = self._asked or [self._ask(number) for number in range(first, first + chosen.batch + (first == 0))]
@@ -157,7 +157,7 @@ class DesignStudy:
         return self._study.ask(fixed_distributions=self._space)
 
     def _climb(
-        self, level: int, going: list[int], designs: list[Design], measured: dict[int, Array], executor: Executor, show: Callable[[], None]
+        self, level: int, going: list[int], designs: list[Design], measured: dict[int, Array], executor: Executor, show: Callable[[], object]
     ) -> None:
         """Run what is missing on a rung: of a design that was run as fast on the one below only the members that come to it."""
         rung, below, problem = self.settings.rungs[level], self.settings.rungs[level - 1] if level else None, self.problem

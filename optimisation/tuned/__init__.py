@@ -222,31 +222,15 @@ Real = NDArray[np.float64]
 _CONDITION = 1e9  # of the eigenvectors: above it their digits are lost
 
 
-def _stable(model: ModalModel, absorber: LinearAbsorber | None, reference: float) -> tuple[Real, Real, Real]:
-    """Return the state space; raises ParameterError if a pole is not damped, since the variance is infinite then."""
-    matrix, b, c = state_space(model, absorber, reference)
-    decay = float(-np.max(np.linalg.eigvals(matrix).real))
-    require(decay > 1e-12, "damping_ratio", model.damping_ratio, "above 0 at every mode, or an absorber that damps it: the variance is infinite")
-    return matrix, b, c
-
-
-def h2_norm_everywhere(model: ModalModel, absorber: LinearAbsorber | None) -> float:
-    """Return the H2 norm of `tip_response` over all frequencies in m/(N sqrt(s)): RMS of the tip under white noise of unit intensity.
-
-    Raises ParameterError for a mode without damping.
-    """
-    reference = float(model.omega[0])
-    matrix, b, c = _stable(model, absorber, reference)
-    return float(np.sqrt(reference * (c @ scipy.linalg.solve_continuous_lyapunov(matrix, -np.outer(b, b)) @ c)))
-
-
 def h2_norm(model: ModalModel, absorber: LinearAbsorber | None, resonance: int = 1, low: float = LOW, high: float = HIGH) -> float:
     """Return the part of the H2 norm that comes from low..high times omega_r (and its mirror image), in m/(N sqrt(s)).
 
     Raises ParameterError for a mode without damping and, with a TunedAbsorber, for a range that cannot hold both split peaks.
     """
     omega_r = _scored(model, absorber, resonance, low, high)
-    matrix, b, c = _stable(model, absorber, omega_r)
+    matrix, b, c = state_space(model, absorber, omega_r)
+    decay = float(-np.max(np.linalg.eigvals(matrix).real))
+    require(decay > 1e-12, "damping_ratio", model.damping_ratio, "above 0 at every mode, or an absorber that damps it: the variance is infinite")
     weighted = scipy.linalg.solve_continuous_lyapunov(matrix, -np.outer(b, b)) @ c
     return float(np.sqrt(omega_r * 2 * max(0.0, _integrated(matrix, c, weighted, low, high))))
 

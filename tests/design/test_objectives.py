@@ -125,13 +125,17 @@ def test_conditions_directions_and_members_join_as_told() -> None:
     np.testing.assert_array_equal(Objective().per_member(values, BOTH), [5.0, 4.0, 3.0])
     np.testing.assert_array_equal(Objective(over="mean").per_member(values, BOTH), [3.5, 2.5, 2.5])
     np.testing.assert_array_equal(Objective(resonance=2).per_member(values, BOTH), [5.0, 1.0, 3.0])
-    assert Objective().of(values, BOTH) == 4.0
-    assert Objective(quantile=1.0).of(values, BOTH) == 5.0
+
+    def told(objective: Objective, conditions: tuple[Condition, ...]) -> float:
+        return objective.value_of(objective.per_member(values, conditions))
+
+    assert told(Objective(), BOTH) == 4.0
+    assert told(Objective(quantile=1.0), BOTH) == 5.0
     forces = tuple(Condition(1, f) for f in (1.0, 10.0, 100.0))
     wide = Objective("range", limit=0.3, quantile=1.0)
     values = np.repeat(np.array([[0.2, 0.2, 0.2], [0.2, 0.4, 0.4]])[..., None], 2, axis=2)
-    assert wide.of(values, forces) == pytest.approx(0.5)  # what every member reaches
-    assert replace(wide, quantile=0.5).of(values, forces) == pytest.approx(1.25)
+    assert told(wide, forces) == pytest.approx(0.5)  # what every member reaches
+    assert told(replace(wide, quantile=0.5), forces) == pytest.approx(1.25)
 
 
 def test_best_gap_scales_with_the_force_and_lies_at_the_rule() -> None:
