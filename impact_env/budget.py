@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from typing import TypeVar
 
@@ -78,26 +79,12 @@ def watched(work: Callable[[], T], counters: Counters, end: float, progress: Wat
 
     A KeyboardInterrupt, or an error in ``progress``, ends the kernel at its next event and is passed on.
     """
-    results: list[T] = []
-    errors: list[BaseException] = []
-
-    def run() -> None:
+    with ThreadPoolExecutor(1) as pool:
+        running = pool.submit(work)
         try:
-            results.append(work())
-        except BaseException as error:  # it is raised again below
-            errors.append(error)
-
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    try:
-        while thread.is_alive():
-            thread.join(POLL_S)
-            if thread.is_alive():
+            while wait([running], POLL_S).not_done:
                 progress(float(counters.counts["reached"]), end)
-    except BaseException:
-        counters.counts["stop"] = True
-        thread.join()
-        raise
-    if errors:
-        raise errors[0]
-    return results[0]
+        except BaseException:
+            counters.counts["stop"] = True
+            raise
+    return running.result()

@@ -60,7 +60,7 @@ def form(make: Callable[..., Any], keys: Keys) -> Sort:
     A key that is left out has the default of ``make``; one whose argument has none must be given. Attributes that are None are not written.
     """
     arguments = inspect.signature(make).parameters
-    needed = tuple(key for key, (name, _) in keys.items() if arguments[name].default is inspect.Parameter.empty)
+    needed = tuple(key for key, (name, _) in keys.items() if name in arguments and arguments[name].default is inspect.Parameter.empty)
 
     def read(path: str, plain: Any) -> Any:
         require_keys(path, plain, keys, needed)

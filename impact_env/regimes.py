@@ -129,33 +129,25 @@ def padded_size(slots: int) -> int:
     return 4 * -(-slots // 4)
 
 
-@dataclass(frozen=True)
-class Carried:
-    """What a regime's absorber adds to the loads: its mass (kg) and the model's tip shape; on a ``spring`` it moves by itself."""
-
-    mass: float
-    tip_shape: Real
-    spring: bool
-
-    def response(self, modes: Modes) -> Complex:
-        """Return the response (J,) to a unit acceleration of the absorber's mass, as a force on it."""
-        return self.mass * (modes.push @ self.tip_shape + (modes.relative if self.spring else 0.0))
+def carried_response(modes: Modes, model: ModalModel, mass: float, spring: bool) -> Complex:
+    """Return the response (J,) to a unit acceleration of the absorber's mass (kg), as a force on it; on a ``spring`` it moves by itself."""
+    return mass * (modes.push @ model.tip_shape + (modes.relative if spring else 0.0))
 
 
-def with_weight(modes: Modes, carried: Carried) -> Modes:
+def with_weight(modes: Modes, carried: Complex) -> Modes:
     """Return modes whose constant force is the weight of the absorber per unit of gravity, downwards."""
-    return replace(modes, relative=-carried.response(modes))
+    return replace(modes, relative=-carried)
 
 
-def base_rows(modes: Modes, model: ModalModel, size: int, carried: Carried | None) -> Real:
+def base_rows(modes: Modes, model: ModalModel, size: int, carried: Complex | None) -> Real:
     """Return the rows BASE of Slots: the response to a unit acceleration of the base in relative coordinates, -Gamma on the modes.
 
-    An absorber that is not free adds -m_a r, r the rigid displacement at its place.
+    An absorber that is not free adds -m_a r, r the rigid displacement at its place; ``carried`` (J,): the response to its mass.
     """
     assert model.base_participation is not None
     response = -(modes.push @ model.base_participation)
     if carried is not None:
-        response = response - model.base_at_absorber * carried.response(modes)
+        response = response - model.base_at_absorber * carried
     return parted(in_order(response, modes.values, size))
 
 
@@ -294,7 +286,8 @@ def joined_regime(model: ModalModel, mass: float, size: int, reach: float, *, mo
 
     ``heavy``: the constant force is the absorber's weight, here and below.
     """
-    modes, carried = checked_modes(model, mass, None, 0.0), Carried(mass, model.tip_shape, False)
+    modes = checked_modes(model, mass, None, 0.0)
+    carried = carried_response(modes, model, mass, spring=False)
     base = base_rows(modes, model, size, carried) if moves else None
     return _regime(with_weight(modes, carried) if heavy else modes, mass * modes.values**2 * modes.tip, size, reach, base)
 
@@ -303,7 +296,8 @@ def sprung_regime(
     model: ModalModel, mass: float, stiffness: float, damper: float, size: int, reach: float, *, moves: bool = False, heavy: bool = False
 ) -> Regime:
     """Return the regime of an absorber (kg) on a spring (N/m) and a damper (N s/m). Guard signal: relative displacement absorber - tip."""
-    modes, carried = checked_modes(model, mass, stiffness, damper), Carried(mass, model.tip_shape, True)
+    modes = checked_modes(model, mass, stiffness, damper)
+    carried = carried_response(modes, model, mass, spring=True)
     base = base_rows(modes, model, size, carried) if moves else None
     return _regime(with_weight(modes, carried) if heavy else modes, modes.stretch, size, reach, base)
 

@@ -62,12 +62,9 @@ def _model(
     beam_mass: float,
     omega: list[float] | None = None,
     frequencies: list[float] | None = None,
-    absorber_shapes: list[list[float]] | None = None,
-    response_shape: list[float] | None = None,
-    stress_shape: list[float] | None = None,
-    base_participation: list[float] | None = None,
-    base_at_absorber: float = ModalModel.base_at_absorber,
+    **more: Any,
 ) -> ModalModel:
+    """Return the model; ``more``: further arguments of `ModalModel`."""
     if omega is None:
         require(frequencies is not None, "omega", omega, "given, in rad/s, or frequencies_hz in its place")
         assert frequencies is not None
@@ -76,9 +73,10 @@ def _model(
     else:
         require(frequencies is None, "frequencies", frequencies, "left out beside omega_rad_s")
         require(min(omega) > 0, "omega", omega, HELD)
-    absorbers = None if absorber_shapes is None else np.array(absorber_shapes)
-    shapes = force_shape, tip_shape, beam_mass, absorbers, response_shape, stress_shape, base_participation
-    return ModalModel(omega, ratios_of(damping_ratio, None, len(omega)), *shapes, base_at_absorber)  # type: ignore[arg-type]  # made arrays there
+    if "absorber_shapes" in more:
+        more["absorber_shapes"] = np.array(more["absorber_shapes"])
+    ratios = ratios_of(damping_ratio, None, len(omega))
+    return ModalModel(np.array(omega), ratios, np.array(force_shape), np.array(tip_shape), beam_mass, **more)
 
 
 COLUMNS: Keys = {"omega_rad_s": ("omega", ROW), "frequencies_hz": ("frequencies", ROW), **SHAPES, "damping_ratio": ("damping_ratio", DAMPING_RATIO)}
