@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from impact_env.budget import Stop, Watcher, counters_for, onwards, watched
 from impact_env.drive import Drive
 from impact_env.energy import EnergyAccount, stored_energy
-from impact_env.families import Observers, family
+from impact_env.families import family
 from impact_env.first_use import CompilingFor
 from impact_env.kernels.motion import observers
 from impact_env.kernels.motion.level import new_level
-from impact_env.kernels.motion.observers import Check, Counters, Energy, Series, new_check, new_energy, new_events
+from impact_env.kernels.motion.observers import Check, Counters, Energy, Observe, Series, new_check, new_clock, new_energy, new_events
 from impact_env.laws import SceneKind
 from impact_env.level import HALF_WINDOW_PERIODS, level_of, read_level, require_samples
 from impact_env.loads import AnyDrive, Loads
@@ -62,15 +62,16 @@ ADVICE = {
 }
 
 
-def integrate(scene: Scene, drive: AnyDrive, method: Method, state: Array, interval: float, room: Observers) -> int:
-    """Run the method's kernel on ``state`` (2 N_m + 2 n,) in place, samples ``interval`` (s) apart, and return its status code."""
+def integrate(scene: Scene, drive: AnyDrive, method: Method, state: Array, room: Observe) -> int:
+    """Run the method's kernel on ``state`` (2 N_m + 2 n,) in place and return its status code."""
     with CompilingFor(scene, method):
-        return family(scene, method).run(scene, drive, method, state, interval, room)
+        return family(scene, method).run(scene, drive, method, state, room)
 
 
-def _room(scene: Scene, drive: AnyDrive, record: Record, interval: float, capacity: int, counters: Counters) -> Observers:
+def _room(scene: Scene, drive: AnyDrive, record: Record, interval: float, capacity: int, counters: Counters) -> Observe:
     n, samples = scene.model.modes, int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
-    return Observers(
+    return Observe(
+        new_clock(interval),
         counters,
         level=new_level(record.samples_per_period, HALF_WINDOW_PERIODS) if record.level else None,
         events=new_events(capacity, record.reversals) if record.events or record.reversals else None,
@@ -130,7 +131,7 @@ def simulate(
     while True:
         counters = counters_for(drive, budget, new_check() if record.check and kernels.searched else None)
         room, state = _room(scene, drive, record, interval, capacity, counters), start.copy()
-        work = partial(integrate, scene, drive, method, state, interval, room)
+        work = partial(integrate, scene, drive, method, state, room)
         began = time.perf_counter()
         with nullcontext() if stop is None else stop.reaching(counters):
             status = work() if tell is None else watched(work, counters, end, tell)
@@ -194,7 +195,7 @@ def _response(
     method: Method,
     start: Array,
     state: Array,
-    room: Observers,
+    room: Observe,
     interval: float,
     *,
     wall_time: float,

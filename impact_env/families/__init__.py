@@ -1,13 +1,13 @@
 """From scene and method to kernels: the families, and the table that finds the one. No other module looks at kinds of scenes."""
 
 from impact_env.families.exact import COMPLIANT, LINEAR, RIGID, SEVERAL
-from impact_env.families.family import Family, Observers
+from impact_env.families.family import Family
 from impact_env.families.stepping import MOREAU, RUNGE_KUTTA
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported, method_class
 from impact_env.scene import Scene
 
-__all__ = ["FAMILIES", "Family", "Observers", "family", "kernel_key"]
+__all__ = ["FAMILIES", "Family", "family", "kernel_key"]
 FAMILIES: dict[tuple[SceneKind, type[Method]], Family] = {
     (SceneKind.LINEAR, Exact): LINEAR,
     (SceneKind.LINEAR, Moreau): MOREAU,

@@ -1,7 +1,7 @@
 """The families of the exact method: one rigid absorber (free or sliding, and joined), one on springs, scenes of one regime, several absorbers."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
 
@@ -11,7 +11,6 @@ from impact_env.families.family import (
     WINDOW_PERIODS,
     Array,
     Family,
-    Observers,
     compiled,
     contact_of,
     gravity_in,
@@ -30,6 +29,7 @@ from impact_env.kernels.exact.rigid_contact import Walls
 from impact_env.kernels.exact.sets import Absorbers, Sets
 from impact_env.kernels.exact.several import Several, several_lane
 from impact_env.kernels.exact.springs import Springs
+from impact_env.kernels.motion.observers import Observe
 from impact_env.kernels.motion.segments import Regime
 from impact_env.loads import AnyDrive, Loads
 from impact_env.methods import Exact
@@ -51,12 +51,12 @@ class ExactFamily(Family):
     take: Callable[[Scene, float, bool, AnyDrive | None], Taken]
     regime: Callable[[Any], Regime]
 
-    def run(self, scene: Scene, drive: AnyDrive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
+    def run(self, scene: Scene, drive: AnyDrive, method: Exact, state: Array, observe: Observe) -> int:
         """Integrate over the whole schedule, see `Family.run`."""
         taken, reach = self.take(scene, window_of(drive), isinstance(drive, Loads) and drive.moves_base, drive)
         if not self.searched:
-            observers = replace(observers, events=None)  # there are none, and a list would be one more variant to compile
-        return int(self.lane(taken, schedule_of(scene, drive, reach), state, observers.every(sample_dt)))
+            observe = observe._replace(events=None)  # there are none, and a list would be one more variant to compile
+        return int(self.lane(taken, schedule_of(scene, drive, reach), state, observe))
 
     def control(self, scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
         """Return the kernel that advances lanes, see `Family.control`."""

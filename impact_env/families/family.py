@@ -13,8 +13,7 @@ from impact_env.kernels.control.crew import Board
 from impact_env.kernels.control.interval import Batch
 from impact_env.kernels.exact.rigid_contact import Contact, Walls
 from impact_env.kernels.motion import loads
-from impact_env.kernels.motion.level import Level
-from impact_env.kernels.motion.observers import Counters, Energy, Events, Observe, Series, new_clock
+from impact_env.kernels.motion.observers import Observe
 from impact_env.kernels.motion.segments import Losses, Schedule
 from impact_env.kernels.motion.vector import TERMS
 from impact_env.laws import entry
@@ -23,21 +22,6 @@ from impact_env.parameters import TunedAbsorber, gravity_of
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
-
-
-@dataclass
-class Observers:
-    """The arrays into which a run is observed; what is None is not."""
-
-    counters: Counters
-    level: Level | None = None
-    events: Events | None = None
-    series: Series | None = None
-    energy: Energy | None = None
-
-    def every(self, sample_dt: float) -> Observe:
-        """Return them as the kernels take them, for a run that begins, with samples ``sample_dt`` (s) apart."""
-        return Observe(new_clock(sample_dt), self.counters, self.level, self.events, self.series, self.energy)
 
 
 def absent(law: object) -> object:
@@ -63,11 +47,11 @@ class Family(ABC):
         return self.name, absent(self.laws(scene))
 
     @abstractmethod
-    def run(self, scene: Scene, drive: AnyDrive, method: Any, state: Array, sample_dt: float, observers: Observers) -> int:
+    def run(self, scene: Scene, drive: AnyDrive, method: Any, state: Array, observe: Observe) -> int:
         """Integrate over the whole schedule and return a status code of `impact_env.kernels.motion.observers`.
 
-        ``state`` (2 N_m + 2 n,) is the start and becomes the end. Samples lie ``sample_dt`` (s) apart from time 0. A slider of elastic friction
-        starts without force.
+        ``state`` (2 N_m + 2 n,) is the start and becomes the end. ``observe``, with a new clock, is filled. A slider of elastic friction starts
+        without force.
         """
 
     @abstractmethod

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.families.exact import rigid_laws
-from impact_env.families.family import Family, Observers, compiled, schedule_of
+from impact_env.families.family import Family, compiled, schedule_of
 from impact_env.kernels.control.crew import Board
 from impact_env.kernels.control.interval import Batch
 from impact_env.kernels.control.lanes import moreau_lanes, runge_kutta_lanes
+from impact_env.kernels.motion.observers import Observe
 from impact_env.kernels.stepping import feedback, moreau
 from impact_env.kernels.stepping.feedback import CompliantLaws
 from impact_env.kernels.stepping.grid import Force, Modes, Step
@@ -77,10 +78,10 @@ def _runge_kutta_laws(scene: Scene) -> tuple[CompliantLaws, int | None]:
 class SteppingFamily(Family):
     """A method with a fixed step; ``laws`` are those of the absorber as its kernels take them, and the padded width of the table."""
 
-    def run(self, scene: Scene, drive: AnyDrive, method: Moreau | RungeKutta, state: Array, sample_dt: float, observers: Observers) -> int:
+    def run(self, scene: Scene, drive: AnyDrive, method: Moreau | RungeKutta, state: Array, observe: Observe) -> int:
         """Integrate over the whole schedule, see `Family.run`."""
         laws, wide = self.laws(scene)
-        return int(self.lane(_modes(scene), laws, _force(scene, drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
+        return int(self.lane(_modes(scene), laws, _force(scene, drive), state, Step(method.step(scene), wide), observe))
 
     def control(self, scene: Scene, method: Moreau | RungeKutta, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
         """Return the kernel that advances lanes, see `Family.control`."""

@@ -7,9 +7,9 @@ import numpy as np
 import scipy.optimize
 
 from impact_env import Beam, CompliantWalls, Drive, FrequencySchedule, InitialState, Scene, SlidingAbsorber, TunedAbsorber, beam_scene
-from impact_env.families import Observers, family
+from impact_env.families import family
 from impact_env.frequency import joint_matrices
-from impact_env.kernels.motion.observers import DONE, Series, new_counters
+from impact_env.kernels.motion.observers import DONE, Observe, Series, new_clock, new_counters
 from impact_env.methods import Method, Moreau, RungeKutta
 from studies.study import Array, Json
 
@@ -124,9 +124,9 @@ def grows(case: LimitCase, scene: Scene, dt: float) -> bool:
     state = start.vector(scene)
     weight = np.concatenate([scene.model.omega, [0.0], np.ones(len(state) // 2)])
     size = np.hypot(*np.split(weight * state, 2)).max()
-    observers = Observers(new_counters(), series=Series(np.zeros((2, len(state)))))
+    observe = Observe(new_clock(duration), new_counters(), series=Series(np.zeros((2, len(state)))))
     method = at_step(MAKE[case.method](), dt)
-    status = family(scene, method).run(scene, drive, method, state, duration, observers)
+    status = family(scene, method).run(scene, drive, method, state, observe)
     end = weight * state
     return status != DONE or not np.all(np.isfinite(end)) or bool(np.max(np.abs(end)) > GROWN * size)
 
