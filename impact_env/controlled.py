@@ -16,7 +16,7 @@ from impact_env.crew import Crew
 from impact_env.ensemble import available_cores
 from impact_env.families import family
 from impact_env.families.family import base_of
-from impact_env.first_use import CompilingFor
+from impact_env.first_use import compiling_for
 from impact_env.kernels.compiling.jit import COMPILED
 from impact_env.kernels.control.crew import new_board
 from impact_env.kernels.control.interval import ORDER, REPORT, Batch, Beside, Watch, new_lanes
@@ -151,7 +151,7 @@ class ControlledRuns:
         if self._compiled:
             self._crew.work(parts, workers - 1)
         else:
-            with CompilingFor(self.scene, self.method, "environments"):
+            with compiling_for(self.scene, self.method, "environments"):
                 self._crew.work(parts, 0)
             self._crew.take, self._compiled = _looked_up(self._crew.take), True
 

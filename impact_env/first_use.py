@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Literal
 
 from numba.core import event
@@ -56,23 +55,17 @@ def on_compile(callback: Callable[[Compilation], object]) -> Callable[[], None]:
     return end
 
 
-class CompilingFor:
-    """Within it, compilation in this thread is announced as for this scene and method; ``words`` is the argument of the hint's command.
+@contextmanager
+def compiling_for(scene: object, method: object, words: str = "") -> Iterator[None]:
+    """Announce compilation in this thread as for this scene and method; ``words`` is the argument of the hint's command.
 
-    The two are turned into text only if there is something to say, since every run passes here.
+    Scene and method are turned into text only if there is something to say, since every run passes here.
     """
-
-    __slots__ = ("_before", "_purpose")
-
-    def __init__(self, scene: object, method: object, words: str = "") -> None:
-        self._purpose = (scene, method, words)
-
-    def __enter__(self) -> None:
-        self._before = getattr(_thread, "purpose", None)
-        _thread.purpose = self._purpose
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        _thread.purpose = self._before
+    before, _thread.purpose = getattr(_thread, "purpose", None), (scene, method, words)
+    try:
+        yield
+    finally:
+        _thread.purpose = before
 
 
 class _SeldomCollected(event.Listener):

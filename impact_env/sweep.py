@@ -13,7 +13,7 @@ from impact_env.budget import Stop, Watcher, counters_for, onwards, watched
 from impact_env.drive import Drive
 from impact_env.energy import EnergyAccount, stored_energy
 from impact_env.families import family
-from impact_env.first_use import CompilingFor
+from impact_env.first_use import compiling_for
 from impact_env.kernels.motion import observers
 from impact_env.kernels.motion.level import new_level
 from impact_env.kernels.motion.observers import Check, Counters, Energy, Observe, Series, new_check, new_clock, new_energy, new_events
@@ -64,7 +64,7 @@ ADVICE = {
 
 def integrate(scene: Scene, drive: AnyDrive, method: Method, state: Array, room: Observe) -> int:
     """Run the method's kernel on ``state`` (2 N_m + 2 n,) in place and return its status code."""
-    with CompilingFor(scene, method):
+    with compiling_for(scene, method):
         return family(scene, method).run(scene, drive, method, state, room)
 
 

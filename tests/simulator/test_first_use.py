@@ -51,7 +51,7 @@ def kernel(value):
     return jit(add)
 
 on_compile(wait)
-with first_use.CompilingFor("a scene", "a method"):
+with first_use.compiling_for("a scene", "a method"):
     for value in (1, 2):
         kernel(value)(1)
 """
