@@ -8,13 +8,13 @@ from impact_env.envs.adaptive_task import Grip
 from impact_env.envs.choices import SEMI_ACTIVE
 from impact_env.envs.drawn_task import Drawn, LimitedPassageTask, Pool, StructuresTask
 from impact_env.envs.settings import Settings
-from impact_env.envs.shells import Kind, TaskEnv, choice, with_table
-from impact_env.envs.vector_shell import vector_of
+from impact_env.envs.shells import Kind, TaskEnv, choice
+from impact_env.envs.vector_shell import environment
 
 SCENE: dict[str, Any] = SEMI_ACTIVE | {"interval": 0.25}
 
 
-@with_table
+@environment
 class ActiveFrictionEnv(TaskEnv):
     """When to hold an absorber, and when to let it go, within a period.
 
@@ -64,10 +64,7 @@ class ActiveFrictionEnv(TaskEnv):
     kind = Kind(ActiveFrictionTask, (Settings, Cycle, Grip), SCENE | {"price": 5e-5}, choice)
 
 
-ActiveFrictionVectorEnv = vector_of(ActiveFrictionEnv)
-
-
-@with_table
+@environment
 class ActiveGapEnv(TaskEnv):
     """Where to move the walls of an absorber within a period.
 
@@ -109,13 +106,10 @@ class ActiveGapEnv(TaskEnv):
     kind = Kind(ActiveGapTask, (Settings, Cycle, Drive), SCENE | {"price": 5e-4}, choice)
 
 
-ActiveGapVectorEnv = vector_of(ActiveGapEnv)
-
-
 PASSAGE: dict[str, Any] = SEMI_ACTIVE | {"gap_speed": 0.01e-3, "gap_lag": 0.0}
 
 
-@with_table
+@environment
 class PassageEnv(TaskEnv):
     """Walls that move slowly and friction that is free, on a passage of which nearly all is drawn.
 
@@ -172,10 +166,7 @@ class PassageEnv(TaskEnv):
     kind = Kind(LimitedPassageTask, (Settings, Drawn, Drive, Grip), PASSAGE, partial(choice, 2))
 
 
-PassageVectorEnv = vector_of(PassageEnv)
-
-
-@with_table
+@environment
 class StructuresEnv(TaskEnv):
     """`ActiveFrictionEnv` on a structure that is drawn, and judged on families that were not trained on.
 
@@ -216,6 +207,3 @@ class StructuresEnv(TaskEnv):
     """
 
     kind = Kind(StructuresTask, (Settings, Cycle, Grip, Pool), SCENE | {"price": 5e-5}, choice)
-
-
-StructuresVectorEnv = vector_of(StructuresEnv)

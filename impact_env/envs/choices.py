@@ -6,9 +6,9 @@ from typing import Any
 from impact_env.envs.adaptive_task import Cavity, FrictionTask, GapControl, GapTask, Grip, SweepGapTask
 from impact_env.envs.observation import FEW_IMPACTS
 from impact_env.envs.settings import Settings
-from impact_env.envs.shells import Kind, TaskEnv, choice, with_table
+from impact_env.envs.shells import Kind, TaskEnv, choice
 from impact_env.envs.sweep_task import OneRate, Passage, PassiveTask, SweepTask
-from impact_env.envs.vector_shell import vector_of
+from impact_env.envs.vector_shell import environment
 from impact_env.extras import optional
 
 with optional():
@@ -28,6 +28,7 @@ SEMI_ACTIVE = DRAWN | {"modes": 2, "absorber_options": {"friction_limit": 0.1}}
 FRICTION = SEMI_ACTIVE | RANGE | {"rate": 4.0, "level_unit": "gap"}
 
 
+@environment
 class PassiveEnv(TaskEnv):
     """A passage through resonance without a choice.
 
@@ -62,10 +63,7 @@ class PassiveEnv(TaskEnv):
     kind = Kind(PassiveTask, (Settings, OneRate), {"time_price": 0.0}, partial(Discrete, 1))
 
 
-PassiveVectorEnv = vector_of(PassiveEnv)
-
-
-@with_table
+@environment
 class SweepRateEnv(TaskEnv):
     """How quickly to run through a resonance: the hard exploration task.
 
@@ -120,10 +118,7 @@ class SweepRateEnv(TaskEnv):
     kind = Kind(SweepTask, (Settings, Passage), HARD, choice)
 
 
-SweepRateVectorEnv = vector_of(SweepRateEnv)
-
-
-@with_table
+@environment
 class SweepRateV1Env(TaskEnv):
     """How quickly to run through a resonance, and when to go back.
 
@@ -171,10 +166,7 @@ class SweepRateV1Env(TaskEnv):
     kind = Kind(SweepTask, (Settings, Passage), RATE_V1, choice)
 
 
-SweepRateV1VectorEnv = vector_of(SweepRateV1Env)
-
-
-@with_table
+@environment
 class SweepAndGapEnv(TaskEnv):
     """How quickly to run through a resonance, and which clearance to give the cavity on the way.
 
@@ -224,10 +216,7 @@ class SweepAndGapEnv(TaskEnv):
     kind = Kind(SweepGapTask, (Settings, Passage, Cavity), RATE_AND_GAP, partial(choice, 2))
 
 
-SweepAndGapVectorEnv = vector_of(SweepAndGapEnv)
-
-
-@with_table
+@environment
 class FrictionChoiceEnv(TaskEnv):
     """Which friction limit to give an absorber on the way through a resonance.
 
@@ -277,10 +266,7 @@ class FrictionChoiceEnv(TaskEnv):
     kind = Kind(FrictionTask, (Settings, OneRate, Grip), FRICTION, choice)
 
 
-FrictionChoiceVectorEnv = vector_of(FrictionChoiceEnv)
-
-
-@with_table
+@environment
 class GapChoiceEnv(TaskEnv):
     """Which clearance to give the cavity under a force that changes.
 
@@ -327,6 +313,3 @@ class GapChoiceEnv(TaskEnv):
     """
 
     kind = Kind(GapTask, (Settings, GapControl), GAP, choice)
-
-
-GapChoiceVectorEnv = vector_of(GapChoiceEnv)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from inspect import cleandoc
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,6 @@ RENDER_MODES = ("rgb_array", "human")
 METADATA: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 30}
 Info = dict[str, Any]
 Observation = NDArray[np.float32]
-_Class = TypeVar("_Class", bound=type)
 
 
 @dataclass(frozen=True)
@@ -42,17 +41,12 @@ class Kind:
         """Return the task with these keyword arguments; raises ParameterError for a bad one."""
         left_out = SCENE_PARTS if arguments.get("whole_scene") is not None else ()  # what describes a scene does not apply beside a whole one
         defaults = {name: value for name, value in self.defaults.items() if name not in left_out}
-        parts = split(defaults | dict(arguments), *self.groups)
+        given, names = defaults | dict(arguments), [{field.name for field in fields(group)} for group in self.groups]
+        strange = sorted(set(given).difference(*names))
+        if strange:
+            raise ParameterError(f"{strange[0]} is not an argument of this environment: it has {', '.join(sorted(set().union(*names)))}")
+        parts = [{name: value for name, value in given.items() if name in own} for own in names]
         return self.task(*(group(**part) for group, part in zip(self.groups, parts, strict=True)), lanes)
-
-
-def split(arguments: dict[str, Any], *groups: type) -> list[dict[str, Any]]:
-    """Return keyword arguments as one dict for each dataclass that has them; raise ParameterError for one that none has."""
-    names = [tuple(getattr(group, "__dataclass_fields__")) for group in groups]  # noqa: B009
-    strange = sorted(set(arguments) - {name for group in names for name in group})
-    if strange:
-        raise ParameterError(f"{strange[0]} is not an argument of this environment: it has {', '.join(sorted({n for g in names for n in g}))}")
-    return [{name: value for name, value in arguments.items() if name in group} for group in names]
 
 
 def observation_space(task: Task) -> spaces.Box:
@@ -130,9 +124,9 @@ def screen_of(env: Any, is_reset: bool, maker: str) -> Any:
     return env._screen
 
 
-def with_table(env: _Class) -> _Class:
+def with_table(env: Any) -> None:
     """Put the features of its task in the place of (features) into the docstring of an environment, as a table."""
-    kind: Kind = env.kind  # type: ignore[attr-defined]
+    kind: Kind = env.kind
     given = {field.name: field.default for group in kind.groups for field in fields(group)} | dict(kind.defaults)
     from_middle = given.get("frequency_origin") == "middle"
     words = {
@@ -144,7 +138,6 @@ def with_table(env: _Class) -> _Class:
     rows = [f"| {k} | {feature.what} | {feature.unit} |".format(**words) for k, feature in enumerate(kind.task.features, 1)]
     table = "\n".join(("| # | what | unit and scale |", "| --- | --- | --- |", *rows))
     env.__doc__ = cleandoc(env.__doc__ or "").replace("(features)", table)
-    return env
 
 
 class TaskEnv(gymnasium.Env[Observation, Any]):

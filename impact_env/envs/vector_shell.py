@@ -1,5 +1,6 @@
 """The native vector: all lanes of a task in one call of the simulator, with each of gymnasium's three kinds of autoreset."""
 
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -20,6 +21,7 @@ from impact_env.envs.shells import (
     observation_space,
     reward_space,
     screen_of,
+    with_table,
 )
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count, require
@@ -227,8 +229,11 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         self.task.close()
 
 
-def vector_of(single: type[TaskEnv]) -> type[TaskVectorEnv]:
-    """Return the native vector of an environment, in its module and named after it; lane i is the single one with seed + i."""
+def environment(single: type[TaskEnv]) -> type[TaskEnv]:
+    """Complete an environment: the table of features in its docstring and, beside it in its module, its native vector, named after it."""
+    with_table(single)
     name = single.__name__.replace("Env", "VectorEnv")
     told = f"Native vector of `{single.__name__}`, see `TaskVectorEnv`; lane i is the single one with seed + i."
-    return type(name, (TaskVectorEnv,), {"__doc__": told, "__module__": single.__module__, "kind": single.kind})
+    vector = type(name, (TaskVectorEnv,), {"__doc__": told, "__module__": single.__module__, "kind": single.kind})
+    setattr(sys.modules[single.__module__], name, vector)
+    return single

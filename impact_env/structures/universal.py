@@ -72,18 +72,15 @@ def _mode(path: Path, part: dict[str, Any]) -> MeasuredMode:
     else:
         value, mass = complex(part["eig"]), 0.0
         omega, damping = abs(value), -value.real / max(abs(value), np.finfo(float).tiny)
-        shape = _residue(name, shape, complex(part["modal_a"]), value)
+        modal_a = complex(part["modal_a"])
+        require(modal_a != 0, "file", f"{name}, modal A 0", "complex modes with their modal A, which scales them")
+        # the residue of a mass-normalised real mode is 1/(2 i omega_d): modal A becomes 2 i omega_d
+        shape = np.asarray(shape * np.sqrt(2j * value.imag / modal_a))
     if np.iscomplexobj(shape):
         shape = _real(name, shape)
     require(omega > 0, "file", name, "a frequency above 0: a rigid-body motion needs that of its suspension")
     require(math.isfinite(mass) and mass >= 0, "file", f"{name}, modal mass {mass}", "a modal mass of 0 (none) or above")
     return MeasuredMode(omega, damping, np.asarray(part["node_nums"], dtype=np.int64), shape / np.sqrt(mass or 1.0), mass > 0)
-
-
-def _residue(name: str, shape: NDArray[np.complex128], modal_a: complex, value: complex) -> NDArray[np.complex128]:
-    """Return the shape scaled so that its residue is that of a mass-normalised real mode, 1/(2 i omega_d): modal A becomes 2 i omega_d."""
-    require(modal_a != 0, "file", f"{name}, modal A 0", "complex modes with their modal A, which scales them")
-    return np.asarray(shape * np.sqrt(2j * value.imag / modal_a))
 
 
 def _real(name: str, shape: NDArray[np.complex128]) -> Real:
