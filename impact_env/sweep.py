@@ -117,19 +117,24 @@ def simulate(
         require_samples(record.samples_per_period, float(drive.schedule.omegas.max()) / drive.schedule.reference)
     if record.level and scene.model.response_shape is not None and not isinstance(scene.absorber, SeveralAbsorbers):
         return _read_elsewhere(again(record=replace(record, level=False, series=True)), record)
-    kernels = family(scene, method)
+    family(scene, method)  # refuses what the method cannot do
     if record.reversals:
         allowed = isinstance(method, Exact) and scene.kind in {SceneKind.RIGID, SceneKind.SEVERAL}
         require(allowed, "reversals", True, f"with rigid contact and the exact method, not {method} on {scene.absorber}")
     check_mass(scene)
     check_step(scene, drive, method)
     budget = None if most_events is None else count("most_events", most_events, 1, MOST_EVENTS)
-    start = initial.vector(scene)
-    interval = drive.schedule.pseudo_period / record.samples_per_period
+    return _run(scene, drive, method, initial.vector(scene), record, budget, None if progress is None else onwards(progress), stop)
+
+
+def _run(
+    scene: Scene, drive: AnyDrive, method: Method, start: Array, record: Record, budget: int | None, tell: Watcher | None, stop: Stop | None
+) -> Response:
+    """Run from a state (2 N_m + 2 n,), and again with longer lists where there are more impacts or phases than they hold; errors as `simulate`."""
+    interval, searched = drive.schedule.pseudo_period / record.samples_per_period, family(scene, method).searched
     end, capacity = float(drive.schedule.times[-1]), FIRST_CAPACITY
-    tell = None if progress is None else onwards(progress)
     while True:
-        counters = counters_for(drive, budget, new_check() if record.check and kernels.searched else None)
+        counters = counters_for(drive, budget, new_check() if record.check and searched else None)
         room, state = _room(scene, drive, record, interval, capacity, counters), start.copy()
         work = partial(integrate, scene, drive, method, state, room)
         began = time.perf_counter()

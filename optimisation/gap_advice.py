@@ -254,6 +254,17 @@ class _Runs:
         """Return the members' levels in m at a gap."""
         return self.curve(step, members, rate).combined[0, :members]
 
+    def at_rate(self, rate: float) -> dict[float, PerformanceCurve]:
+        """Return what was run with an absorber at a rate, by steps in their order."""
+        return dict(sorted((step, curve) for (step, of), curve in self.kept.items() if of == rate and step is not None))
+
+    def check(self, rule: float, reach: float, rate: float) -> GapCheck:
+        """Return what was run at a rate over the ``rule``'s gap in m; levels without an absorber that were not finished are NaN."""
+        gaps, none = rule * np.exp(STEP * np.array([*self.at_rate(rate)], dtype=float)), np.full((1, 1, 2), np.nan)
+        nothing = PerformanceCurve(np.array([self.force]), draw_members(1, 0), LaneLevels(none, none, none, none, none, none, complete=False))
+        curves, without = tuple(self.at_rate(rate).values()), self.kept.get((None, rate), nothing)
+        return GapCheck(self.model, self.resonance, self.force, self.absorber, rule, gaps, self.limits, curves, without, reach, rate)
+
 
 def advise(
     model: ModalModel,
@@ -299,7 +310,7 @@ def advise(
     start, table, complete = round(math.log(1.57 / (1 + 1.14 / found)) / STEP), Table(), True
     tried: list[tuple[str, float, float, float]] = []
     try:
-        without = runs.curve(None, 1, rate)
+        runs.curve(None, 1, rate)
         for name in wanted:
             start = _freed(runs, name, start, max(rate, min(PAPER_RATE, FASTER * rate)), tried)
         search(lambda n, m: runs.levels(n, m, rate), start, tolerance, members, pairs, table)
@@ -307,17 +318,12 @@ def advise(
         for factor in factors:
             runs.curve(math.log(factor) / STEP, members, rate)
     except _Stopped:
-        none, complete = np.full((1, 1, 2), np.nan), False
-        nothing = PerformanceCurve(np.array([force]), draw_members(1, 0), LaneLevels(none, none, none, none, none, none, complete=False))
-        without = runs.kept.get((None, rate), nothing)
-    full = dict(sorted((step, curve) for (step, of), curve in runs.kept.items() if of == rate and step is not None))
-    table.levels |= {step: curve.combined[0] for step, curve in full.items()}
-    gaps = rule * np.exp(STEP * np.array([*full], dtype=float))
-    check = GapCheck(model, resonance, force, runs.absorber, rule, gaps, limits, tuple(full.values()), without, found, rate)
+        complete = False
+    table.levels |= {step: curve.combined[0] for step, curve in runs.at_rate(rate).items()}
     ran = max((len(levels) for levels in table.levels.values()), default=0)
     both = answers(table, tolerance, min(2, ran)) if ran else ()
     sharp, recommended = (answer_at(runs.device(step), table, step, tolerance) for step in both) if both else (None, None)
-    return Advice(check, table, tolerance, members, runs.sweeps, sharp, recommended, complete, tuple(tried))
+    return Advice(runs.check(rule, found, rate), table, tolerance, members, runs.sweeps, sharp, recommended, complete, tuple(tried))
 
 
 def answer_at(absorber: SlidingAbsorber, table: Table, step: float, tolerance: float) -> Answer:

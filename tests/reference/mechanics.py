@@ -33,10 +33,11 @@ class Mechanics:
     """Masses, shapes and rows of a scene with n places (one where there is no absorber: a mass of 1 kg that nothing touches).
 
     The state (S,) = (2 N_m + 2 n + 1,) is omega_i q_i, omega_1 q_a, u_i, v_a, 1: the scaling keeps exponentials accurate, the 1 carries constants.
+    Another ``scale`` (N_m + n,) of displacements may be given.
     ``gaps`` (n, S) and ``speeds`` (n, S) are the rows of relative displacement (m) and velocity (m/s), ``tip`` (S,) that of the tip's displacement.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, scale: Array | None = None) -> None:
         model = scene.model
         self.scene, self.model, self.modes, self.places = scene, model, model.modes, scene.places
         self.shapes = np.array(scene.absorber_shapes)
@@ -44,15 +45,15 @@ class Mechanics:
         self.mobility = self.shapes @ self.shapes.T + np.diag(1 / self.masses)
         self.half = self.modes + self.places
         self.size = 2 * self.half + 1
-        self.scale = np.append(model.omega, np.full(self.places, model.omega[0]))
+        self.scale = np.append(model.omega, np.full(self.places, model.omega[0])) if scale is None else scale
         rows = np.concatenate([-self.shapes, np.eye(self.places)], axis=1)
         self.gaps, self.speeds = np.zeros((2, self.places, self.size))
         self.gaps[:, : self.half] = rows / self.scale
         self.speeds[:, self.half : -1] = rows
         self.tip = np.zeros(self.size)
-        self.tip[: self.modes] = model.tip_shape / model.omega
+        self.tip[: self.modes] = model.tip_shape / self.scale[: self.modes]
         self.unforced = np.zeros((self.modes, self.size))  # of the modes, by stiffness and damping
-        self.unforced[:, : self.modes] = -np.diag(model.omega)
+        self.unforced[:, : self.modes] = -np.diag(model.omega**2 / self.scale[: self.modes])
         self.unforced[:, self.half : self.half + self.modes] = -np.diag(2 * model.damping_ratio * model.omega)
 
         base = np.zeros(self.modes) if model.base_participation is None else -model.base_participation

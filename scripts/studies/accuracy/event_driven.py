@@ -14,6 +14,8 @@ from scipy.integrate import solve_ivp
 
 from impact_env import Drive, InitialState, Scene, SeveralAbsorbers, StuckAbsorber
 from reference.contact import Automaton, Contacts, Guard, Regime
+from reference.mechanics import Linear
+from reference.mechanics import Mechanics as DenseMechanics
 from studies.study import Array
 
 REST_SPEED = 1e-11  # m/s: slower bounces end a chatter
@@ -43,8 +45,8 @@ class Integrator(Protocol):
         """Integrate from ``start`` to ``stop`` (s)."""
 
 
-class Mechanics:
-    """A scene's right-hand side. The state is q, q_a, q', v_a; with ``energy`` also the work of the force and the losses in J."""
+class Mechanics(DenseMechanics):
+    """A scene's right-hand side, the dense one. The state is q, q_a, q', v_a; with ``energy`` also the work of the force and the losses in J."""
 
     def __init__(self, scene: Scene, drive: Drive, energy: bool) -> None:
         if isinstance(scene.absorber, StuckAbsorber | SeveralAbsorbers) or len(drive.schedule.times) != 2:
@@ -52,67 +54,49 @@ class Mechanics:
         automaton = Automaton(scene.absorber)
         if automaton.slider is not None or automaton.bonded:
             raise ValueError("elastic friction, and walls without clearance, are not covered")
-        self.scene, self.drive, self.model, self.modes = scene, drive, scene.model, scene.model.modes
-        self.energy = energy
-        self.mass = 1.0 if scene.absorber_mass is None else scene.absorber_mass
-        self.compliance = 1 / self.mass + float(np.sum(self.model.tip_shape**2))
+        super().__init__(scene, np.ones(scene.model.modes + 1))
+        self.drive, self.energy, self.mass, self.compliance = drive, energy, float(self.masses[0]), float(self.mobility[0, 0])
         self.square, self.rate = self.model.omega**2, 2 * self.model.damping_ratio * self.model.omega
-        self.tip_shape, self.force_shape = np.array(self.model.tip_shape), np.array(self.model.force_shape)
         omegas = drive.schedule.omegas
         self.start_omega, self.slope = float(omegas[0]), float((omegas[1] - omegas[0]) / drive.schedule.times[1])
+        self.made: dict[str, Linear] = {}
+
+    def of(self, regime: Regime) -> Linear:
+        """Return the equations in a regime."""
+        if regime.name not in self.made:
+            self.made[regime.name] = self.linear([regime])
+        return self.made[regime.name]
 
     def force(self, t: float) -> float:
         """Return the force (N) at a time (s)."""
         return self.drive.amplitude * np.cos(self.drive.phase + (self.start_omega + 0.5 * self.slope * t) * t)
 
-    def relative(self, x: Array) -> tuple[float, float]:
-        """Return the absorber's displacement and velocity relative to the tip (m, m/s)."""
-        n = self.modes
-        return x[n] - self.tip_shape @ x[:n], x[2 * n + 1] - self.tip_shape @ x[n + 1 : 2 * n + 1]
-
-    def unjoined(self, f: float, x: Array) -> Array:
-        """Return the accelerations of the modes (N_m,) under a force, without contact."""
-        n = self.modes
-        return self.force_shape * f - self.square * x[:n] - self.rate * x[n + 1 : 2 * n + 1]
-
-    def contact_force(self, regime: Regime, f: float, x: Array) -> float:
-        """Return the force (N) on the absorber in a regime."""
-        if regime.joined:
-            return float(self.tip_shape @ self.unjoined(f, x)) / self.compliance
-        if regime.stiffness == 0 and regime.damping == 0:
-            return regime.constant
-        y, gamma = self.relative(x)
-        return regime.constant - regime.stiffness * (y - regime.rest) - regime.damping * gamma
+    def motion(self, x: Array) -> Array:
+        """Return the dense state of a state with or without energies."""
+        return np.append(x[: self.size - 1], 1.0)
 
     def rates(self, regime: Regime, t: float, x: Array) -> Array:
         """Return the rate of a state, with those of work and losses where energy is asked for."""
-        n = self.modes
-        f = self.force(t)
-        u = x[n + 1 : 2 * n + 1]
-        contact = self.contact_force(regime, f, x)
-        out = np.empty_like(x)
-        out[: n + 1] = x[n + 1 : 2 * n + 2]
-        out[n + 1 : 2 * n + 1] = self.unjoined(f, x) - self.tip_shape * contact
-        out[2 * n + 1] = contact / self.mass
-        if self.energy:
-            out[2 * n + 2] = f * (self.force_shape @ u)
-            out[2 * n + 3] = self.rate @ u**2 - contact * (x[2 * n + 1] - self.tip_shape @ u)
-        return out
+        linear, f, state, n = self.of(regime), self.force(t), self.motion(x), self.modes
+        found = (linear.matrix @ state + linear.column[:, 0] * f)[:-1]
+        if not self.energy:
+            return np.asarray(found)
+        u, contact = x[n + 1 : 2 * n + 1], linear.forces[0] @ state + linear.pushes[0, 0] * f
+        return np.append(found, [f * (self.model.force_shape @ u), self.rate @ u**2 - contact * (self.speeds[0] @ state)])
 
-    def guard(self, regime: Regime, guard: Guard, t: float, x: Array) -> float:
+    def value(self, regime: Regime, guard: Guard, t: float, x: Array) -> float:
         """Return a guard's value."""
-        y, gamma = self.relative(x)
-        value = guard.constant + guard.y_weight * y + guard.gamma_weight * gamma
-        return value + guard.force_weight * self.contact_force(regime, self.force(t), x) if guard.force_weight else value
+        row, push = self.guard(0, guard, self.of(regime))
+        return float(row @ self.motion(x) + push[0] * self.force(t))
 
     def kick(self, x: Array, restitution: float) -> None:
         """Apply an impact in place, and account for its loss."""
-        n, gamma = self.modes, self.relative(x)[1]
-        impulse = -(1 + restitution) * gamma / self.compliance
-        x[n + 1 : 2 * n + 1] -= self.tip_shape * impulse
-        x[2 * n + 1] += impulse / self.mass
+        state = self.motion(x)
+        gamma = self.speeds[0] @ state
+        self.impulse(state, [0], np.array([-(1 + restitution) * gamma]))
+        x[: self.size - 1] = state[:-1]
         if self.energy:
-            x[2 * n + 3] += 0.5 * (1 - restitution**2) * gamma**2 / self.compliance
+            x[-1] += 0.5 * (1 - restitution**2) * gamma**2 / self.compliance
 
     def stored(self, x: Array) -> float:
         """Return the energy of modes and absorber; springs between them are in the losses."""
@@ -158,15 +142,15 @@ class _State:
     """The state of a peer's run, as the contacts want to see and to change it."""
 
     def __init__(self, mechanics: Mechanics, x: Array) -> None:
-        self.mechanics, self.x, self.t = mechanics, x, 0.0
-        self.mobility = np.array([[mechanics.compliance]])
+        self.mechanics, self.x, self.t, self.mobility = mechanics, x, 0.0, mechanics.mobility
 
     def relative(self, which: int) -> tuple[float, float]:  # noqa: ARG002 - there is one absorber
-        y, gamma = self.mechanics.relative(self.x)
-        return float(y), float(gamma)
+        m, state = self.mechanics, self.mechanics.motion(self.x)
+        return float(m.gaps[0] @ state), float(m.speeds[0] @ state)
 
     def pull(self) -> Array:
-        return np.array([self.mechanics.tip_shape @ self.mechanics.unjoined(self.mechanics.force(self.t), self.x)])
+        m = self.mechanics
+        return np.asarray(m.shapes @ (m.unforced @ m.motion(self.x) + m.driven[:, 0] * m.force(self.t)))
 
     def strike(self, which: int, restitution: float) -> None:  # noqa: ARG002
         self.mechanics.kick(self.x, restitution)
@@ -185,7 +169,7 @@ def _check(mechanics: Mechanics, regime: Regime, t: float, x: Array) -> None:
         raise PeerFailedError("the state is not finite")
     for guard in regime.guards:
         size = abs(guard.constant) if guard.constant else abs(x[2 * mechanics.modes + 1]) + abs(x[mechanics.modes + 1])
-        if mechanics.guard(regime, guard, t, x) < -VIOLATED * max(size, 1e-12):
+        if mechanics.value(regime, guard, t, x) < -VIOLATED * max(size, 1e-12):
             raise PeerFailedError(f"passed a guard without noticing it ({guard.event} in {regime.name})")
 
 
@@ -196,7 +180,7 @@ def scipy_integrator(tolerance: float) -> Callable[[Mechanics, Automaton], Integ
         first = 0.05 / float(np.max(mechanics.model.omega))
 
         def integrate(regime: Regime, start: float, stop: float, state: Array) -> tuple[float, Array, int]:
-            events: list[Any] = [lambda t, x, guard=guard: mechanics.guard(regime, guard, t, x) for guard in regime.guards]
+            events: list[Any] = [lambda t, x, guard=guard: mechanics.value(regime, guard, t, x) for guard in regime.guards]
             for event in events:
                 event.terminal, event.direction = True, -1
             solution = solve_ivp(

@@ -23,15 +23,15 @@ SMALL = 12  # modes up to which the whole step is unrolled; above it, that takes
 
 def _system(mechanics: Mechanics, regime: Regime) -> tuple[list[tuple[Any, Any]], list[Any]]:
     """Return the equations of a regime and the expressions of its guards."""
-    n = mechanics.modes
+    n, model = mechanics.modes, mechanics.model
     names = [*(f"q{i}" for i in range(n)), "qa", *(f"u{i}" for i in range(n)), "va"]
     names += ["work", "loss"] if mechanics.energy else []
     x = heyoka.make_vars(*names)
     q, qa, u, va = x[:n], x[n], x[n + 1 : 2 * n + 1], x[2 * n + 1]
     t = heyoka.time
     force = mechanics.drive.amplitude * heyoka.cos(mechanics.drive.phase + (mechanics.start_omega + 0.5 * mechanics.slope * t) * t)
-    free = [float(mechanics.force_shape[i]) * force - float(mechanics.square[i]) * q[i] - float(mechanics.rate[i]) * u[i] for i in range(n)]
-    tip = [float(value) for value in mechanics.tip_shape]
+    free = [float(model.force_shape[i]) * force - float(mechanics.square[i]) * q[i] - float(mechanics.rate[i]) * u[i] for i in range(n)]
+    tip = [float(value) for value in model.tip_shape]
     y = qa - heyoka.sum([tip[i] * q[i] for i in range(n)])
     gamma = va - heyoka.sum([tip[i] * u[i] for i in range(n)])
     if regime.joined:
@@ -41,7 +41,7 @@ def _system(mechanics: Mechanics, regime: Regime) -> tuple[list[tuple[Any, Any]]
         contact = contact + 0.0 * qa if regime.stiffness == 0 and regime.damping == 0 else contact
     rates = [*u, va, *(free[i] - tip[i] * contact for i in range(n)), contact * (1 / mechanics.mass)]
     if mechanics.energy:
-        rates.append(force * heyoka.sum([float(mechanics.force_shape[i]) * u[i] for i in range(n)]))
+        rates.append(force * heyoka.sum([float(model.force_shape[i]) * u[i] for i in range(n)]))
         rates.append(heyoka.sum([float(mechanics.rate[i]) * u[i] * u[i] for i in range(n)]) - contact * gamma)
     guards = [g.constant + g.y_weight * y + g.gamma_weight * gamma + g.force_weight * contact for g in regime.guards]
     return list(zip(x, rates, strict=True)), guards
@@ -68,7 +68,7 @@ class HeyokaRegimes:
                 blind.state[:] = state
                 blind.propagate_until(start + lead)
                 start, state = start + lead, blind.state
-                if any(mechanics.guard(regime, guard, start, np.array(state)) <= 0 for guard in regime.guards):
+                if any(mechanics.value(regime, guard, start, np.array(state)) <= 0 for guard in regime.guards):
                     raise PeerFailedError(f"a return to a guard within {LEAD:g} of the fastest mode's time")
             watching.time = start
             watching.state[:] = state
