@@ -139,32 +139,25 @@ def sensitivity(problem: Problem, design: Design, samples: int, members: int, ex
     require(samples >= 2 and samples & (samples - 1) == 0, "samples", samples, "a power of 2")
     near = replace(problem, objectives=problem.objectives[:1], constraints=(), members=members)
     low, high = neighbourhood(problem.space, design)
-    runs, fresh = 0, problem.fresh_ensemble(members, SHOWN)
+    fresh, values = problem.fresh_ensemble(members, SHOWN), list[Array]()
 
     def costs(x: Array) -> Array:
-        nonlocal runs
         designs = [Design(design.concept, {**design.values, **dict(zip(names, map(float, row), strict=True))}) for row in x.T]
         result = np.empty(len(designs))
         for k, measured in evaluate(near, designs, fresh, near.rate, executor, progress):
             result[k] = near.cost(near.score(designs[k], measured, fresh, near.rate))
-        runs += len(designs)
+        values.append(result)
         require(bool(np.all(np.isfinite(result))), "neighbourhood", SPREAD, "a smaller one: runs in it could not be finished")
         return result[None]
 
-    generator = np.random.default_rng(problem.seed)
-    values: list[Array] = []
-
-    def noted(x: Array) -> Array:
-        values.append(costs(x))
-        return values[-1]
-
     ranges = [scipy.stats.uniform(a, b - a) for a, b in zip(low, high, strict=True)]
-    result = scipy.stats.sobol_indices(func=noted, n=samples, dists=ranges, rng=generator)
+    result = scipy.stats.sobol_indices(func=costs, n=samples, dists=ranges, rng=np.random.default_rng(problem.seed))
     bands = result.bootstrap(0.95, n_resamples=500)
     first_band = np.array([bands.first_order.confidence_interval.low, bands.first_order.confidence_interval.high]).reshape(2, -1).T
     total_band = np.array([bands.total_order.confidence_interval.low, bands.total_order.confidence_interval.high]).reshape(2, -1).T
     first, total = np.ravel(result.first_order), np.ravel(result.total_order)
-    return Sensitivity(names, low, high, first, first_band, total, total_band, float(np.std(np.concatenate(values, axis=1))), runs)
+    every = np.concatenate(values)
+    return Sensitivity(names, low, high, first, first_band, total, total_band, float(np.std(every)), len(every))
 
 
 # A design in service, as its builder needs it: impacts, wear, heat, forces it serves, tolerances, and what a lasting vibration does.

@@ -88,7 +88,6 @@ class Branches:
 
     levels: tuple[float, float]
     shares: tuple[float, float]
-    margin: float
 
     def text(self, scale: float = 1.0, unit: str = "") -> str:
         """Return the branches in words, levels times ``scale``."""
@@ -140,4 +139,4 @@ def branches(members: ArrayLike) -> Branches | None:
     low, high = (float(np.median(levels[part])) for part in (~upper, upper))
     if high < APART * low:
         return None
-    return Branches((low, high), (float(1 - upper.mean()), float(upper.mean())), float(margin))
+    return Branches((low, high), (float(1 - upper.mean()), float(upper.mean())))

@@ -49,22 +49,6 @@ class PassiveLimit:
     slack: float
 
 
-@dataclass(frozen=True)
-class _Problem:
-    """The level's line is 1 + b u for strokes |u| <= largest, the line of the device's own place, but for a factor, a + c u."""
-
-    b: complex
-    a: complex
-    c: complex
-    largest: float
-
-    def level(self, u: complex) -> float:
-        return abs(1 + self.b * u)
-
-    def power(self, u: complex) -> float:
-        return (u * np.conj(self.a + self.c * u)).imag
-
-
 @lru_cache(maxsize=1)
 def _programme() -> tuple[Any, Any, Any, list[Any]]:
     """Return problem, matrix over (1, Re u, Im u), its parameters and constraints; so cvxpy compiles it only once."""
@@ -107,24 +91,25 @@ def passive_limit(model: ModalModel, mass: float, gap: float, force: float, omeg
     turn, place = by_force / abs(by_force), amplitude * complex(own.force)
     unit = abs(place) or 1.0
     # at an undamped resonance both lines grow along the same eigenvector, and only ratios of what is left are used
-    problem = _Problem(complex(level.strokes[0]) * size / abs(by_force), place / turn / unit, complex(own.strokes[0]) * size / unit, 1.0)
-    stroke, bound, slack = _solve(problem)
+    stroke, bound, slack = _solve(complex(level.strokes[0]) * size / abs(by_force), place / turn / unit, complex(own.strokes[0]) * size / unit)
     rms = float(level.scale) * abs(by_force) * bound / np.sqrt(2) if bound > 0 else 0.0
     return PassiveLimit(float(rms), omega, size * stroke * turn, slack)
 
 
-def _solve(given: _Problem) -> tuple[complex, float, float]:
-    """Return the stroke over R, the certified least level over |f A|, and the slack of the relaxation."""
+def _solve(b: complex, a: complex, c: complex) -> tuple[complex, float, float]:
+    """Return the stroke u over R, the certified least level over |f A|, and the slack of the relaxation.
+
+    The level's line is 1 + b u for strokes |u| <= 1, the line of the device's own place, but for a factor, a + c u.
+    """
     programme, matrix, data, constraints = _programme()
-    largest = max(1.0, abs(given.b))  # where rest is in reach the stroke that gives it, 1/|b|, is the unit instead of R
-    b, a, c = given.b / largest, given.a, given.c / largest
-    scaled = _Problem(b, a, c, largest)
+    largest = max(1.0, abs(b))  # where rest is in reach the stroke that gives it, 1/|b|, is the unit instead of R
+    b, c = b / largest, c / largest
     data.value = np.array([b.real, b.imag, abs(b) ** 2, 1 / largest**2, a.real, a.imag, c.imag])
     solve(programme, f"passive limit (ratio of strokes {largest:.6g})", _TOLERANCE)
     stroke, power = (max(0.0, float(constraint.dual_value)) for constraint in constraints[:2])
     bound = float(np.sqrt(max(0.0, dual_bound(b, largest, stroke, power, (a, c)))))
     u = complex(matrix.value[0, 1], matrix.value[0, 2])
-    reached, flow = scaled.level(u), scaled.power(u)
+    reached, flow = abs(1 + b * u), float((u * np.conj(a + c * u)).imag)
     if abs(u) > largest + _ADMISSIBLE or flow > _ADMISSIBLE or reached - bound > _AGREEMENT:
         raise NotOptimalError(f"passive limit: the multipliers prove {bound:.9g}, and the stroke found reaches {reached:.9g} (power {flow:.3g})")
     return u / largest, bound, float(matrix.value[1, 1] + matrix.value[2, 2] - abs(u) ** 2) / largest**2
