@@ -278,7 +278,8 @@ class Tone:
     def __post_init__(self) -> None:
         keep_checked(self, amplitude=finite, phase=finite)
         require((self.frequency is None) != (self.order is None), "frequency", self.frequency, "given, or an order in its place: one of the two")
-        keep_checked(self, **{"frequency" if self.order is None else "order": positive})
+        given = "order" if self.frequency is None else "frequency"
+        keep_checked(self, **{given: positive})
 
 
 @dataclass(frozen=True, eq=False)

@@ -108,7 +108,7 @@ def _rigid(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> 
     return Rigid(free, joined, contact_of(scene, *laws, drive), losses_of(scene)), reach
 
 
-RIGID = ExactFamily("rigid", exact_lane, rigid_lanes, _laws_rigid, True, _rigid, lambda rigid: rigid.free)
+RIGID = ExactFamily("rigid", exact_lane, rigid_lanes, _laws_rigid, searched=True, take=_rigid, regime=lambda rigid: rigid.free)
 
 
 # One absorber whose contacts are springs (paper, appendix A): a spring to the wall, and elastic Coulomb friction.
@@ -151,7 +151,9 @@ def _sprung(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) ->
     return Sprung(regimes, contact_of(scene), _springs(scene), *_laws_compliant(scene), losses_of(scene)), reach
 
 
-COMPLIANT = ExactFamily("compliant", compliant_lane, compliant_lanes, _laws_compliant, True, _sprung, lambda sprung: sprung.regimes[0])
+COMPLIANT = ExactFamily(
+    "compliant", compliant_lane, compliant_lanes, _laws_compliant, searched=True, take=_sprung, regime=lambda sprung: sprung.regimes[0]
+)
 
 
 # Scenes of one linear regime: no absorber, a stuck one, a tuned one. The exact method is a closed form, without events.
@@ -177,7 +179,7 @@ def _linear(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) ->
     return Linear(regime, losses_of(scene), gravity_in(scene, drive)), reach
 
 
-LINEAR = ExactFamily("linear", linear_lane, linear_lanes, lambda _: (), False, _linear, lambda linear: linear.regime)
+LINEAR = ExactFamily("linear", linear_lane, linear_lanes, lambda _: (), searched=False, take=_linear, regime=lambda linear: linear.regime)
 
 
 # Several absorbers with rigid contact at places of their own: one regime for each set of joined ones.
@@ -205,4 +207,4 @@ def _several(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -
     return Several(sets, _absorbers(scene), losses_of(scene)), reach
 
 
-SEVERAL = ExactFamily("several", several_lane, None, lambda _: (), True, _several, lambda several: several.sets)
+SEVERAL = ExactFamily("several", several_lane, None, lambda _: (), searched=True, take=_several, regime=lambda several: several.sets)

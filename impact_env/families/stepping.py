@@ -92,5 +92,5 @@ class SteppingFamily(Family):
         return partial(self.lanes, _modes(scene), laws, Step(method.step(scene), wide), batch)
 
 
-MOREAU = SteppingFamily("moreau", moreau_lane, moreau_lanes, _moreau_laws, False)
-RUNGE_KUTTA = SteppingFamily("runge_kutta", runge_kutta_lane, runge_kutta_lanes, _runge_kutta_laws, False)
+MOREAU = SteppingFamily("moreau", moreau_lane, moreau_lanes, _moreau_laws, searched=False)
+RUNGE_KUTTA = SteppingFamily("runge_kutta", runge_kutta_lane, runge_kutta_lanes, _runge_kutta_laws, searched=False)
