@@ -13,7 +13,7 @@ from impact_env.parameters import ParameterError, require
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return a JSON object as a dict; what is named twice raises ValueError, as in TOML, since one of the two would be lost in silence."""
+    """Return a JSON object as a dict; a key that is given twice raises ValueError, as in TOML."""
     found: dict[str, Any] = {}
     for key, value in pairs:
         if key in found:

@@ -1,4 +1,4 @@
-"""Loads as plain data: `[load]`, or `[[load]]` several times, of a TOML or JSON file, and the records that they name. docs/loads.md is the form.
+"""Loads as plain data: `[load]`, or `[[load]]` several times, of a TOML or JSON file, and the records that they name. docs/loads.md has the form.
 
 Names of other files are relative to the folder of the file. Everything that does not fit is a ParameterError with key, value and what is allowed.
 """

@@ -30,8 +30,8 @@ Job = Callable[[], object]
 def alongside(kernel: Any, job: Job) -> Iterator[None]:
     """While this is entered, another process compiles what ``job`` runs, if it is not kept yet; ``kernel`` waits for that once it is called.
 
-    ``job`` is short and can be pickled. What fails there is compiled here, and told here. Nothing is begun on a single core. A process is spawned:
-    only a program may use this whose own module can be imported, which a command's can.
+    ``job`` is short and can be pickled. What fails there is compiled here, where its error is raised. Nothing is begun on a single core. A process
+    is spawned: only a program may use this whose own module can be imported, which a command's can.
     """
     if available_cores() < 2 or is_kept(job):
         yield
@@ -83,7 +83,7 @@ def is_ready(scene: Scene, method: Method | None = None, record: Record | None =
 
 
 class Preparation:
-    """Kernels on their way: a process that does ``job``, which can be pickled, and ends."""
+    """A process that compiles kernels by doing ``job``, which can be pickled."""
 
     def __init__(self, job: Callable[[], object]) -> None:
         self._began = time.monotonic()

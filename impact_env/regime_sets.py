@@ -29,7 +29,7 @@ class SetModes:
 
 
 def _twice(values: Complex) -> Real:
-    """Return 2 for each pair of complex eigenvalues, of which one stands for both, and 1 for a real one, (J,)."""
+    """Return 2 for a complex eigenvalue, which stands for a conjugate pair, and 1 for a real one, (J,)."""
     return np.where(values.imag == 0, 1.0, 2.0)
 
 

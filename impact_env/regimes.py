@@ -228,7 +228,7 @@ def complete(modes_for: Callable[[float], M], error_of: Callable[[M], float], na
 
 
 def _needed_of_mass(model: ModalModel, mass: float) -> str:
-    """Return how heavy a mass on the tip may be for its modes to have digits, or what else is needed where it is not too heavy."""
+    """Return what is allowed where no basis was found: a mass that is light enough for accurate modes, else no double eigenvalue."""
     mobility = float(np.sum(model.tip_shape**2))
     if mass * mobility <= MOST_HEAVINESS:
         return DISTINCT
@@ -237,7 +237,7 @@ def _needed_of_mass(model: ModalModel, mass: float) -> str:
 
 
 def _needed_of_spring(model: ModalModel, stiffness: float, damper: float) -> str:
-    """Return how stiff a spring (N/m) and a damper (N s/m) may be for their stretch to have digits, or what else is needed where they are not."""
+    """Return what is allowed where no basis was found: a spring (N/m) and damper (N s/m) soft enough for an accurate stretch, else `DISTINCT`."""
     first, mobility = float(model.omega[0]), float(np.sum(model.tip_shape**2))
     if max(stiffness / first**2, damper / first) * mobility <= STIFF:
         return DISTINCT

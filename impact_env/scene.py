@@ -54,7 +54,7 @@ class Scene:
 
     @property
     def places(self) -> int:
-        """Number of absorbers that a state has room for: one, also where there is none, or several."""
+        """Number of absorbers in a state vector: one, also without an absorber, or several."""
         return len(self.absorber.absorbers) if isinstance(self.absorber, SeveralAbsorbers) else 1
 
     @property

@@ -12,9 +12,7 @@ from impact_env.extras import optional
 
 @dataclass(frozen=True)
 class Entry:
-    """Where an environment's classes are, without their endings Env and VectorEnv, the arguments that its name stands for, how many numbers an
-    action has, and whether it takes a ``split``.
-    """  # noqa: D205
+    """A registered name: the place of its classes, without Env and VectorEnv, their arguments, numbers of an action, whether there is a split."""
 
     place: str
     arguments: Mapping[str, Any] = field(default_factory=dict)

@@ -76,7 +76,7 @@ class ActiveTask(Task):
 
     @abstractmethod
     def act(self, action: Array) -> None:
-        """Order what the absorber is to be in the next interval, for actions (L,) from -1 to 1."""
+        """Order the absorber's friction or gap in the next interval, for actions (L,) from -1 to 1."""
 
     @abstractmethod
     def moved(self) -> Array:

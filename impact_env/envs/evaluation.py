@@ -1,6 +1,6 @@
-"""Judging a policy on seeds that are fixed for all: ``impact_env.evaluate``. Scores by seed, bootstrap intervals, paired differences, a table.
+"""Evaluation of a policy on fixed seeds, ``impact_env.evaluate``: scores by seed, bootstrap intervals, paired differences, a table.
 
-Splits are ranges of seeds, which do not meet. To tune on ``train`` and ``validation`` and to look at ``test`` once is left to the reader's honour.
+Splits are disjoint ranges of seeds. Nothing enforces that ``test`` is looked at once, after tuning on ``train`` and ``validation``.
 """
 
 from __future__ import annotations
