@@ -16,7 +16,8 @@ from optimisation.friction_rule import scaled_friction
 from optimisation.gap_advice import PAIRS, STEP, Advice, Table, advise, answers, search, worst
 from optimisation.gap_check import scaled_absorber
 from studies.cli import check_gaps
-from studies.gaps import CASES, frame, judged, plate, storeys
+from studies.cli.check_gaps import judged
+from studies.structures import CASES, frame, plate, storeys
 
 MODEL = modal_model(Beam(modes=3))
 

@@ -1,19 +1,111 @@
 """Put the answers of design_gap to the test on twenty structures and ten drawn ones, beside fine scans over the gap."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
+import numpy as np
 
+from impact_env import CoulombFriction, Scene, SlidingAbsorber
+from impact_env.curve import CurveCase, performance_curves
+from impact_env.drive import PAPER_RATE
+from impact_env.ensemble import Executor
+from optimisation.bounds import expected_gap
 from optimisation.cli.common import command, plain_errors
 from optimisation.executors import cluster_option, workers
-from optimisation.gap_advice import MEMBERS
+from optimisation.gap_advice import FASTER, MEMBERS, TOLERANCE, Advice, advise
+from optimisation.gap_check import scaled_absorber
 from optimisation.machine import sources
-from studies.drawn import CASES as DRAWN
-from studies.gaps import CASES, STEP, Settings, row
-from studies.study import Json, Measured, Study, lines, rows_part, run, table_options, table_place
+from studies.structures import CASES, DRAWN, Case
+from studies.study import Array, Json, Measured, Study, lines, rows_part, run, table_options, table_place, there
+
+FORCE = 1.0  # N; it does not matter, as gap and friction are in proportion to it
+STEP, FROM, TO = 0.05, -1.225, 1.1  # of ln (gap over the rule's); half a step off the gaps that a search tries
+WITHIN, BESIDE = 1.5, 2  # gaps are run in full where a look is within this of the lowest, and so many beside
+FRESH, UNSEEN = 12, 1  # members by which the scan's lowest gap is judged anew, and their seed
+
+
+class Settings(NamedTuple):
+    """The cases, runs for each gap, the scan's step of ln gap, the sweeps' rate (None: the default), and runs that judge (None: the search's)."""
+
+    cases: tuple[Case, ...]
+    members: int = MEMBERS
+    step: float = STEP
+    rate: float | None = None
+    judges: int | None = None
+    threads: int | None = None
+    executor: Executor | None = None
+
+
+def row(case: Case, given: Settings) -> list[Json]:
+    """Return a case's one row; raises KeyboardInterrupt if it is stopped."""
+    model = case.model()
+    absorber = scaled_absorber(model, FORCE, case.resonance, case.mass_ratio)
+    where: Json = {"threads": given.threads, "executor": given.executor}
+    found = advise(model, FORCE, case.resonance, absorber, members=given.members, percent_per_100_periods=given.rate, **where)
+    if not found.complete or found.sharp is None or found.recommended is None:
+        raise KeyboardInterrupt
+    check = found.check
+    fit = float(expected_gap(model, check.mass, FORCE, case.resonance))
+    best = found.recommended.gap  # and what it is under more and less force
+    told = np.log(np.array([found.sharp.gap, best / (1 + TOLERANCE), best, best / (1 - TOLERANCE), check.rule, fit]) / check.rule)
+    grid = np.arange(FROM, TO, given.step)
+    own = {told[0]: found.sharp.absorber, told[2]: found.recommended.absorber}  # the very devices: runs part from those of other last digits
+
+    def levels(at: Sequence[float] | Array, number: int, speed: float, first: int = 0, seed: int = 0) -> Array:
+        scenes = [Scene(model, own[x] if x in own else scaled(check.absorber, float(np.exp(x)))) for x in at]
+        cases = [CurveCase(scene, np.array([FORCE]), case.resonance, check.limits, speed) for scene in scenes]
+        curves = performance_curves(cases, number, seed, **where)
+        if not all(curve.complete for curve in curves):
+            raise KeyboardInterrupt
+        return np.array([np.median(curve.combined[0, first:]) for curve in curves])
+
+    looked = levels(grid, 1, min(PAPER_RATE, FASTER * check.rate))
+    near = grid[np.convolve(looked <= WITHIN * looked.min(), np.ones(2 * BESIDE + 1), "same") > 0]  # and those beside
+    at = np.union1d(near, told)
+    full = levels(at, given.judges or given.members, check.rate)
+    again = levels([told[0], at[np.argmin(full)]], FRESH + 1, check.rate, 1, UNSEEN)  # the first member of all ensembles is one and the same run
+    return [judged(case, found, at, full, fit / check.rule, float(again[0] / again[1]))]
+
+
+def scaled(absorber: SlidingAbsorber, factor: float) -> SlidingAbsorber:
+    """Return an absorber with a multiple of its gap and of its friction limit."""
+    walls, friction = absorber.walls, absorber.friction
+    assert walls is not None
+    return replace(
+        absorber, walls=replace(walls, gap=walls.gap * factor), friction=None if friction is None else CoulombFriction(friction.limit * factor)
+    )
+
+
+def judged(case: Case, found: Advice, at: Array, full: Array, expected: float, fresh: float) -> Json:
+    """Return the row of medians ``full`` (m) at ``at``, ln of gaps over the rule's, rising. Its levels are medians over the lowest of the scan.
+
+    ``recommended`` is the worst over the tolerance, over the lowest such. ``fresh``: the level of `sharp` over that at the scan's lowest gap, both
+    with members that neither was chosen by. ``best`` is the best gap over the rule's; ``rule``, ``expected``: the levels at the rule's gap and at
+    the fit of `expected_gap`. ``relative``: the lowest level over that without absorber.
+    """
+
+    def between(x: Array | float) -> Array:
+        beyond = np.maximum(np.asarray(x) - at[-1], 0.0)  # in proportion to the gap
+        return np.asarray(np.exp(np.interp(x, at, np.log(full)) + beyond))
+
+    shares = (1 - TOLERANCE, 1.0, 1 + TOLERANCE)
+    inside = at[at - np.log1p(TOLERANCE) >= at[0]]
+    worst = np.max([k * between(inside - np.log(k)) for k in shares], axis=0)
+    sharp, robust = (np.log(there(answer).gap / found.check.rule) for answer in (found.sharp, found.recommended))
+    lowest = full.min()
+    return {
+        "name": case.name, "resonance": case.resonance, "damping": float(case.model().damping_ratio[case.resonance - 1]),
+        "mass_ratio": case.mass_ratio, "reach": found.check.reach, "best": float(np.exp(at[np.argmin(full)])),
+        "relative": float(lowest / found.check.without.median[0]), "sharp": float(between(sharp) / lowest), "fresh": fresh,
+        "recommended": float(max(k * between(robust - np.log(k)) for k in shares) / worst.min()), "rule": float(between(0.0) / lowest),
+        "expected": float(between(np.log(expected)) / lowest), "sweeps": found.sweeps, "gaps": len(at),
+    }  # fmt: skip
+
 
 NAME, HELD_OUT = "check_gaps", "check_gaps_held_out"  # also the page's markers
 QUICK_CASES, QUICK_STEP = (12, 19), 0.2
