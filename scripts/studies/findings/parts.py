@@ -169,17 +169,13 @@ def place(study: Settings) -> Json:
     return {name: array.tolist() for name, array in arrays.items()} | {"shapes": shapes, "mass_kg": mass, "free": _found(found)}
 
 
-def found_concepts(path: Path) -> Json:
-    """Return the numbers of the part concepts; raises ParameterError if they are not there."""
-    try:
-        return dict(read_json(path)["result"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ParameterError(f"{path} is not allowed: a file that an earlier run of this command wrote ({error})") from error
-
-
 def robustness(study: Settings) -> Json:
     """Levels near the first resonance where the beam's frequencies are not what they were thought to be, for winners and paper's designs."""
-    known, rows = found_concepts(study.data / "concepts.json.gz"), list[Json]()
+    path, rows = study.data / "concepts.json.gz", list[Json]()
+    try:
+        known = dict(read_json(path)["result"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ParameterError(f"{path} is not allowed: a file that an earlier run of this command wrote ({error})") from error
     for concept in VARIABLES:
         problem = study.problem(concept, AT[:1], members=study.few)
         named = {"winner": Design(concept, known[concept]["winner"]["values"]), "paper": problem.space.paper}
