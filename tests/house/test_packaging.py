@@ -1,7 +1,6 @@
 """The checkout's own environment, what differs on Windows, and what strangers meet: the wheel, its page on an index, and a host's files."""
 
 import ast
-import importlib.util
 import os
 import re
 import shutil
@@ -15,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from places import ROOT, SCRIPTS, fresh
+from places import ROOT, SCRIPTS, fresh, loaded
 
 from impact_env.kernels.compiling import cache
 
@@ -24,10 +23,7 @@ CALL = 'Agg|-P -c from optimisation.cli.start import main; main("scripts/run")'
 
 
 def set_up() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("set_up", SCRIPTS / "lib" / "set_up.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded(SCRIPTS / "lib" / "set_up.py")
 
 
 def test_simulator_imports_no_heavy_library() -> None:

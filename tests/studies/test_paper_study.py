@@ -1,6 +1,5 @@
 """The paper's study: figures that are kept or made again, one alone, the claims, and bad input. And cheap claims of its figures."""
 
-import importlib.util
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -10,6 +9,7 @@ from types import ModuleType
 import pytest
 from commands import call
 from matplotlib.figure import Figure
+from places import loaded
 
 from impact_env.parameters import ParameterError
 from optimisation.files import read_json
@@ -23,10 +23,7 @@ from studies.study import Json, Steps
 
 def script() -> ModuleType:
     """Return a copy of the command as it is with the figures that there are now."""
-    spec = importlib.util.spec_from_file_location("reproduce_paper", reproduce_paper.__file__)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded(Path(reproduce_paper.__file__))
 
 
 def figure_of(label: str, points: int, begin: Callable[[str], None]) -> PaperFigure:

@@ -9,6 +9,8 @@ import numpy as np
 import scipy.linalg
 
 from impact_env.periodic.case import Case
+from reference.contact import Regime
+from reference.mechanics import Mechanics
 
 Array = np.ndarray
 
@@ -22,24 +24,16 @@ class Truth:
     """
 
     def __init__(self, case: Case) -> None:
-        model, n = case.model, case.model.modes
-        size, zeros = 2 * n + 2, np.zeros(n + 1)
-        self.case = case
-        self.matrix = np.zeros((size, size))
-        self.matrix[: n + 1, n + 1 :] = np.eye(n + 1)
-        self.matrix[n + 1 : -1, :n] = -np.diag(model.omega**2)
-        self.matrix[n + 1 : -1, n + 1 : -1] = -np.diag(2 * model.damping_ratio * model.omega)
-        self.force = np.concatenate([zeros, model.force_shape, [0.0]]) * case.force
-        self.push = np.concatenate([zeros, -model.tip_shape, [1 / (case.mass_ratio * model.beam_mass)]])
-        self.distance = np.concatenate([-model.tip_shape, [1.0], zeros])
-        self.rate = np.roll(self.distance, n + 1)
-        self.compliance = float(self.rate @ self.push)
-        self.bounce = np.eye(size) - (1 + case.restitution) / self.compliance * np.outer(self.push, self.rate)
-        whole = np.zeros((size + 1, size + 1))
-        whole[:-1, :-1], whole[:-1, -1] = self.matrix, self.push
-        after = scipy.linalg.expm(whole * np.pi / case.omega)
+        mechanics = Mechanics(case.scene, np.ones(case.model.modes + 1))
+        pushed = mechanics.linear([Regime("free", constant=1.0)])  # apart, under a unit force between absorber and tip
+        self.case, self.matrix, self.push = case, pushed.matrix[:-1, :-1], pushed.matrix[:-1, -1]
+        self.force = pushed.column[:-1, 0] * case.force
+        self.distance, self.rate = mechanics.gaps[0, :-1], mechanics.speeds[0, :-1]
+        self.compliance, unit = float(self.rate @ self.push), np.eye(len(self.push))
+        self.bounce = unit - (1 + case.restitution) / self.compliance * np.outer(self.push, self.rate)
+        after = scipy.linalg.expm(pushed.matrix * np.pi / case.omega)
         self.flow, self.constant = after[:-1, :-1], after[:-1, -1]
-        self.wave = np.linalg.solve(1j * case.omega * np.eye(size) - self.matrix, self.force.astype(complex))
+        self.wave = np.linalg.solve(1j * case.omega * unit - self.matrix, self.force.astype(complex))
 
     def half_turn(self) -> tuple[Array, Array, Array]:
         """Return y0 = constant + Re(wave exp(i phase)) and the same of the distance before the upper wall: (y0 constant, y0 wave, distance pair)."""

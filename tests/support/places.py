@@ -1,15 +1,25 @@
-"""Where tests find what they read and run: the checkout and its folders, and processes of its Python."""
+"""Where tests find what they read and run: the checkout and its folders, copies of its modules, and processes of its Python."""
 
+import importlib.util
 import os
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 SUPPORT = Path(__file__).resolve().parent
 TRUTHS = SUPPORT.parent / "truths"
 ROOT = SUPPORT.parents[1]
 SCRIPTS = ROOT / "scripts"
 EXAMPLES = ROOT / "docs" / "examples"
+
+
+def loaded(file: Path) -> ModuleType:
+    """Return a copy of a module, by its file."""
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def fresh(*words: object, **variables: object) -> subprocess.CompletedProcess[str]:
