@@ -59,6 +59,7 @@ def test_noise_and_delay_touch_measured_features_only() -> None:
     np.testing.assert_array_equal(late[:2, measured], clean[[0, 0]][:, measured])
 
 
+@pytest.mark.slow
 def test_names_are_registered_by_the_import_that_their_prefix_asks_for_and_only_once() -> None:
     """In a process that has imported nothing of the package."""
     code = f"import gymnasium; print(gymnasium.make('impact_env:{PASSIVE}', interval=1.0).spec.id)"

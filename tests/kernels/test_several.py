@@ -55,6 +55,7 @@ def small_steps(scene: Scene, drive: Drive, steps: int) -> Array:
     return np.concatenate([q, x, u, v])
 
 
+@pytest.mark.slow
 def test_small_steps_of_another_scheme_converge_to_it() -> None:
     scene, force, ratio, periods = SEVERAL["sticking beside impacts"]
     drive = drive_of(force, ratio, periods=periods)
