@@ -206,17 +206,16 @@ class Chunk:
 
 def measure(chunk: Chunk) -> Array:
     """Run a chunk and return its measures, (lanes, measures); NaN in the lanes that the integrator gives up."""
-    return np.array([_measure_lane(chunk, lane) for lane in chunk.lanes])
-
-
-def _measure_lane(chunk: Chunk, lane: Lane) -> list[float]:
-    try:
-        response = simulate(lane.scene, lane.drive, record=chunk.record)
-    except IntegrationError:
-        return [np.nan] * len(chunk.measures)
-    except ParameterError as error:
-        raise ParameterError(f"{lane}: {error}") from error
-    return [_value(name, chunk, response) for name in chunk.measures]
+    rows = np.full((len(chunk.lanes), len(chunk.measures)), np.nan)
+    for row, lane in zip(rows, chunk.lanes, strict=True):
+        try:
+            response = simulate(lane.scene, lane.drive, record=chunk.record)
+        except IntegrationError:
+            continue
+        except ParameterError as error:
+            raise ParameterError(f"{lane}: {error}") from error
+        row[:] = [_value(name, chunk, response) for name in chunk.measures]
+    return rows
 
 
 def _value(name: str, chunk: Chunk, response: Response) -> float:

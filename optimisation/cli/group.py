@@ -66,11 +66,6 @@ def refuse(name: str, missing: dict[str, list[str]], **_options: object) -> None
     raise click.ClickException(f"{name} needs packages that are not installed ({packages}); they come with: {how_to_install(*missing)}")
 
 
-def first_line(file: Path) -> str:
-    """Return the first line of a module's docstring."""
-    return (ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "").partition("\n")[0]
-
-
 class Commands(click.Group):
     """The commands of `files`."""
 
@@ -101,10 +96,11 @@ class Commands(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """Write the names under their headings without importing a command."""
+        """Write the names under their headings, with the first line of each module's docstring, without importing a command."""
         for heading, commands in files().items():
+            said = {name: ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "" for name, file in commands.items()}
             with formatter.section(heading):
-                formatter.write_dl([(name, first_line(file)) for name, file in commands.items()])
+                formatter.write_dl([(name, words.partition("\n")[0]) for name, words in said.items()])
 
 
 @click.command(

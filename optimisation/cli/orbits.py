@@ -217,10 +217,14 @@ def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, An
         return asked_curves(case, given)
     if given["thresholds"]:
         levels = thresholds(case, low, high)
-        return report.threshold_text(levels), [report.plain_threshold(t) for t in levels if isinstance(t.orbit, Orbit)], True
+        confirmed = [level for level in levels if isinstance(level.orbit, Orbit)]
+        plain = [{"kind": level.kind, "force_N": level.force, "omega_ratio": level.omega_ratio} for level in confirmed]
+        return report.threshold_text(levels), plain, True
     if given["folds"]:
         located = folds(case, low, high)
-        return report.fold_text(located), [report.plain_fold(fold) for fold in located if isinstance(fold.orbit, Orbit)], True
+        pairs = [(fold, fold.orbit) for fold in located if isinstance(fold.orbit, Orbit)]
+        plain = [{"omega_ratio": fold.omega_ratio, "force_N": fold.force, "tip_max_m": orbit.motion.tip_max} for fold, orbit in pairs]
+        return report.fold_text(located), plain, True
     if given["along"] is not None:
         with stages_bar("orbits", leave=False) as told:
             curves = list(along(case, given, told))

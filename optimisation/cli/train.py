@@ -51,16 +51,6 @@ def beside(task: str, job: Any) -> dict[str, float]:
     return {name: evaluate(policy, job, 0, 0).score for name, policy in Bar(chosen.items(), desc="without learning", leave=False)}
 
 
-def told(baselines: dict[str, float]) -> Any:
-    """Return what says how an agent does, beside the policies that need no training."""
-    beside = ", ".join(f"{name} {score:.4f}" for name, score in baselines.items())
-
-    def line(planned: Any, evaluation: Evaluation) -> str:
-        return f"{planned.label}: score {evaluation.score:.4f} after {evaluation.steps:,} steps   ({beside})"
-
-    return line
-
-
 def write(out: Path, task: str, baselines: dict[str, float], runs: list[Run]) -> None:
     """Write figure and tables of a task's runs, and print the table."""
     from optimisation.report.learning_report import COLUMNS, HEADER, learning_rows, save_learning_curve, table_rows  # matplotlib is slow to import
@@ -94,8 +84,13 @@ def train_task(task: str, given: dict[str, Any]) -> bool:
     baselines = beside(task, runs[0].job)
     for name, score in baselines.items():
         click.echo(f"{task}, {name}: score {score:.4f}")
+    known = ", ".join(f"{name} {score:.4f}" for name, score in baselines.items())  # beside how an agent does
+
+    def told(planned: Any, evaluation: Evaluation) -> str:
+        return f"{planned.label}: score {evaluation.score:.4f} after {evaluation.steps:,} steps   ({known})"
+
     try:
-        failures = train_all(runs, given["workers"], told(baselines) if given["quick"] else None)
+        failures = train_all(runs, given["workers"], told if given["quick"] else None)
     except KeyboardInterrupt:
         finished = False
     write(given["out"], task, baselines, find_runs(given["out"] / task))

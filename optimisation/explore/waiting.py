@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -113,26 +112,16 @@ def followed(scene: Scene, force: float, resonance: int, low: float, high: float
 MEMBERS = 1  # as `design_gap --quick`
 
 
-@dataclass(frozen=True)
-class _Same:
-    """A model that is the same as any other with the same numbers."""
-
-    key: bytes
-    model: ModalModel = field(compare=False)
-
-    @staticmethod
-    def of(model: ModalModel) -> _Same:
-        return _Same(b"".join(x.tobytes() for x in (model.omega, model.damping_ratio, model.force_shape, model.tip_shape, model.level_shape)), model)
-
-
-@lru_cache(maxsize=64)
-def _tuned(same: _Same, mass_ratio: float, resonance: int) -> TunedAbsorber:
-    return minimax(same.model, mass_ratio, resonance)  # takes seconds
+_TUNED: dict[tuple[object, ...], TunedAbsorber] = {}
 
 
 def tuned_to(model: ModalModel, mass_ratio: float, resonance: int) -> TunedAbsorber:
-    """Return the linear absorber with the smallest peak; known at once for the same numbers."""
-    return _tuned(_Same.of(model), mass_ratio, resonance)
+    """Return the linear absorber with the smallest peak; known at once for the same numbers, as it takes seconds."""
+    shapes = (model.omega, model.damping_ratio, model.force_shape, model.tip_shape, model.level_shape)
+    key = (*(x.tobytes() for x in shapes), mass_ratio, resonance)
+    if key not in _TUNED:
+        _TUNED[key] = minimax(model, mass_ratio, resonance)
+    return _TUNED[key]
 
 
 def recommended(values: Asked, model: ModalModel, stop: Stop, tell: Callable[[int, int], None]) -> dict[str, Any]:

@@ -293,17 +293,6 @@ def save_curves(path: Path, curves: list[dict[str, Any]], title: str, parameter:
 CURVE_COLUMNS = ("curve", "kind", "period", "symmetric", "omega_ratio", "value", "multiplier_real", "multiplier_imag", "orbit", "located")
 
 
-def plain_fold(fold: Threshold) -> dict[str, Any]:
-    """Return a fold with a confirmed orbit in the JSON file's form."""
-    assert isinstance(fold.orbit, Orbit)
-    return {"omega_ratio": fold.omega_ratio, "force_N": fold.force, "tip_max_m": fold.orbit.motion.tip_max}
-
-
-def plain_threshold(threshold: Threshold) -> dict[str, Any]:
-    """Return a birth or a merger as the JSON file holds it."""
-    return {"kind": threshold.kind, "force_N": threshold.force, "omega_ratio": threshold.omega_ratio}
-
-
 def orbit_table(orbits: list[Orbit]) -> str:
     """Return a line for each orbit."""
     rows = []
