@@ -133,6 +133,7 @@ EVERY: dict[str, Callable[[], Bits]] = {
     "elastic friction": swept(SlidingAbsorber(friction=ElasticCoulombFriction(0.1, 1e5))),
     "compliant walls and elastic friction": swept(SOFT),
     "several absorbers": swept(impact_absorbers((3e-4, 5e-4), (1.0, 0.6), 0.7, 0.04)),
+    "a friction damper beside an impact absorber": swept(SeveralAbsorbers((impact_absorber(3e-4, 0.7, 0.04), friction_damper(0.04)), (1.0, 0.6))),
     "Moreau": swept(impact_absorber(5e-4, 0.3, 0.1), Moreau(200)),
     "Runge-Kutta": swept(SOFT, RungeKutta(50, 50)),
     "Runge-Kutta, nonlinear sink": swept(NonlinearSink(1e6), RungeKutta(50)),

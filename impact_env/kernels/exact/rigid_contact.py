@@ -172,7 +172,7 @@ def tip_motion(contact, state):
 def stay_at_wall(walls, now, q_tip):
     """Note the wall that an absorber touches within rounding, as after a plastic impact, whose flight is one of no length."""
     if walls is not None:
-        if abs(now.q - q_tip) >= walls.gap - 4.0 * EPSILON * (walls.gap + abs(now.q) + abs(q_tip)):
+        if walls.gap < np.inf and abs(now.q - q_tip) >= walls.gap - 4.0 * EPSILON * (walls.gap + abs(now.q) + abs(q_tip)):
             now.side = 1.0 if now.q > q_tip else -1.0
 
 
