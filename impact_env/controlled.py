@@ -44,7 +44,7 @@ def friction_limit(scene: Scene) -> float:
 
 
 def _beside(scene: Scene, method: Method, record: Samples | None, moves_base: bool, interval: float) -> Beside | None:
-    """Return what acts beside the orders' force in an interval (s), None without; raises ParameterError where scene or method cannot have it."""
+    """Return the load beside the orders' force in an interval (s), None without; raises ParameterError where scene or method cannot have it."""
     base = check_general(scene, method, record, moves_base=moves_base)
     if record is None and not moves_base:
         return None

@@ -253,7 +253,7 @@ def _measured(k: int, lane: Lane, measure: Callable[[Lane], R]) -> R:
 
 
 def _measured_batch(measure: Callable[[Lane], R], batch: tuple[int, Sequence[Lane]]) -> list[R]:
-    """Return what is measured of lanes from a number on."""
+    """Return the measures of lanes from a number on."""
     return [_measured(k, lane, measure) for k, lane in enumerate(batch[1], batch[0])]
 
 

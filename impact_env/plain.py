@@ -257,5 +257,5 @@ def to_method(plain: Mapping[str, Any]) -> Method:
 
 def from_method(method: Method) -> Plain:
     """Return a method's plain form."""
-    kind = next(name for name, known in METHODS.items() if isinstance(method, known))
+    kind = next(name for name, known in METHODS.items() if isinstance(instance("method", method, Method), known))
     return {"kind": kind, **METHOD[kind].write(method)}

@@ -255,11 +255,11 @@ class _Runs:
         return self.curve(step, members, rate).combined[0, :members]
 
     def at_rate(self, rate: float) -> dict[float, PerformanceCurve]:
-        """Return what was run with an absorber at a rate, by steps in their order."""
+        """Return the runs with an absorber at a rate, by steps in their order."""
         return dict(sorted((step, curve) for (step, of), curve in self.kept.items() if of == rate and step is not None))
 
     def check(self, rule: float, reach: float, rate: float) -> GapCheck:
-        """Return what was run at a rate over the ``rule``'s gap in m; levels without an absorber that were not finished are NaN."""
+        """Return the runs at a rate over the ``rule``'s gap in m; levels without an absorber that were not finished are NaN."""
         gaps, none = rule * np.exp(STEP * np.array([*self.at_rate(rate)], dtype=float)), np.full((1, 1, 2), np.nan)
         nothing = PerformanceCurve(np.array([self.force]), draw_members(1, 0), LaneLevels(none, none, none, none, none, none, complete=False))
         curves, without = tuple(self.at_rate(rate).values()), self.kept.get((None, rate), nothing)

@@ -81,7 +81,7 @@ def bearing(found: Advice, answer: Answer, executor: Executor) -> Bearing:
 
 
 def rivals(model: ModalModel, mass_ratio: float, force: float, resonance: int) -> Rivals:
-    """Return what other absorbers of a mass leave under a force in N near a resonance."""
+    """Return the relative levels of other absorbers of a mass under a force in N near a resonance."""
     try:
         limit, damper = best_friction(model, mass_ratio * model.beam_mass, force, resonance)
     except ParameterError:  # no such damper where the resonance's own mode does not move the place, or the force

@@ -75,7 +75,7 @@ class Kept:
             self._file.close()
 
     def pieces(self, basis: Json) -> Keep:
-        """Return what keeps the pieces of the work that ``basis`` and the kernels' sources describe; other work may have its own in the same file."""
+        """Return the `Keep` for the work that ``basis`` and the kernels' sources describe; other work may have its pieces in the same file."""
         basis = basis | {"kernels": digest()}
 
         def keep(name: Json, make: Callable[[], Iterator[P]], read: Callable[[Json], P], /) -> Iterator[P]:

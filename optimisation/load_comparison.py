@@ -66,7 +66,7 @@ class LoadComparison:
     free_size: float
 
     def ratio(self, concept: str) -> Array:
-        """Return what a concept leaves of the measure without absorber, (F, M, B), member by member."""
+        """Return a concept's measure over that without absorber, (F, M, B), member by member."""
         return np.asarray(self.values[concept] / self.values["none"])
 
 
@@ -93,13 +93,13 @@ Left = Callable[[Sequence[Absorber]], Array]
 
 
 def _left(model: ModalModel, drives: Sequence[AnyDrive], threads: int | None) -> Left:
-    """Return what tells of absorbers the mean over the drives of the most that each leaves in any band, (absorbers,)."""
+    """Return a function of absorbers: the mean over the drives of each one's largest relative measure in any band, (absorbers,)."""
     free = runs_of(model, [None], drives, threads, _in_bands)[0]
     return lambda absorbers: np.asarray(np.mean(np.max(runs_of(model, absorbers, drives, threads, _in_bands) / free, axis=2), axis=1))
 
 
 def _best(left: Left, make: Callable[[float], Absorber], sizes: Array) -> Absorber:
-    """Return what is made of the size (gap or limit) that leaves least: of a grid in equal ratios, then between its neighbours."""
+    """Return the absorber of the size (gap or limit) with the least measure: of a grid in equal ratios, then between its neighbours."""
 
     def least(grid: Array) -> float:
         return float(grid[np.argmin(left([make(float(size)) for size in grid]))])

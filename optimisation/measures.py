@@ -89,7 +89,7 @@ OF_LOADS: dict[str, tuple[Callable[[Response], float], Record]] = {
 
 
 def record_of(loads: Loads) -> Record:
-    """Return what a run under loads must record for their measure."""
+    """Return the `Record` that the loads' measure needs."""
     return OF_LOADS[measure_of(loads)][1]
 
 
@@ -104,7 +104,7 @@ def measured(lane: Lane) -> float:
 
 
 def fingerprint_of(loads: Loads) -> str:
-    """Return what is the same for the same loads, and else differs."""
+    """Return a key, equal for equal loads only."""
     strikes = [part for part in loads.parts if isinstance(part, Strike)]
     known = hashlib.sha256(f"{loads.reference!r} {loads.start!r} {strikes}".encode())
     for part in loads.on_one_clock():
@@ -113,7 +113,7 @@ def fingerprint_of(loads: Loads) -> str:
 
 
 def free_size(lane: Lane) -> float:
-    """Return what gaps are measured by (m): the root mean square of the motion of the absorber's place over the whole run.
+    """Return the unit of gaps (m): the root mean square of the motion of the absorber's place over the whole run.
 
     Of a shock, whose mean square depends on how long it is looked at, it is the largest displacement over the root of two.
     """

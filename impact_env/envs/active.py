@@ -7,7 +7,7 @@ from impact_env.envs.active_task import ActiveFrictionTask, ActiveGapTask, Cycle
 from impact_env.envs.adaptive_task import Grip
 from impact_env.envs.choices import SEMI_ACTIVE
 from impact_env.envs.drawn_task import Drawn, LimitedPassageTask, Pool, StructuresTask
-from impact_env.envs.settings import Settings
+from impact_env.envs.settings import TaskSettings
 from impact_env.envs.shells import Kind, TaskEnv, choice
 from impact_env.envs.vector_shell import environment
 
@@ -52,7 +52,7 @@ class ActiveFrictionEnv(TaskEnv):
     - ``time_budget`` (default 40) in pseudo periods, ``interval`` (default 0.25); ``fatigue_exponent`` (default 5)
     - ``price`` (default 0.00005) of moving the action by 1; to switch over the whole range in every interval costs 0.016
     - ``friction_range`` (default 0.02 to 20): lowest and highest friction limit in units of m_a g0 omega^2 (0.72 N in the default scene), above 0
-    - ``vector_reward`` (default False); those of every environment: `impact_env.envs.settings.Settings` describes scene, force (default 0.5 to 6 N),
+    - ``vector_reward`` (default False); those of every environment: `impact_env.envs.settings.TaskSettings` has scene, force (default 0.5 to 6 N),
       method, interval and observation; here ``modes`` 2 and a friction limit of 0.1 N, which is only the one shown at the start
 
     The absorber must have rigid friction.
@@ -61,7 +61,7 @@ class ActiveFrictionEnv(TaskEnv):
     - v0: first version
     """
 
-    kind = Kind(ActiveFrictionTask, (Settings, Cycle, Grip), SCENE | {"price": 5e-5}, choice)
+    kind = Kind(ActiveFrictionTask, (TaskSettings, Cycle, Grip), SCENE | {"price": 5e-5}, choice)
 
 
 @environment
@@ -103,7 +103,7 @@ class ActiveGapEnv(TaskEnv):
     - v0: first version
     """
 
-    kind = Kind(ActiveGapTask, (Settings, Cycle, Drive), SCENE | {"price": 5e-4}, choice)
+    kind = Kind(ActiveGapTask, (TaskSettings, Cycle, Drive), SCENE | {"price": 5e-4}, choice)
 
 
 PASSAGE: dict[str, Any] = SEMI_ACTIVE | {"gap_speed": 0.01e-3, "gap_lag": 0.0}
@@ -153,7 +153,7 @@ class PassageEnv(TaskEnv):
     - ``price`` (default 0.01); ``fatigue_exponent`` (default 5) and ``vector_reward`` (default False)
     - ``damping`` (default 0.005 to 0.02) of all modes, ``restitution`` (default 0.6 to 1), ``scenes`` (default 12): so many pairs of them are spread
       evenly
-    - those of every environment: `impact_env.envs.settings.Settings` describes scene, force (default 0.5 to 6 N), method, interval (5) and
+    - those of every environment: `impact_env.envs.settings.TaskSettings` has scene, force (default 0.5 to 6 N), method, interval (5) and
       observation;
       here ``modes`` 2 and a friction limit of 0.1 N, which is only the one shown at the start
 
@@ -163,7 +163,7 @@ class PassageEnv(TaskEnv):
     - v0: first version
     """
 
-    kind = Kind(LimitedPassageTask, (Settings, Drawn, Drive, Grip), PASSAGE, partial(choice, 2))
+    kind = Kind(LimitedPassageTask, (TaskSettings, Drawn, Drive, Grip), PASSAGE, partial(choice, 2))
 
 
 @environment
@@ -206,4 +206,4 @@ class StructuresEnv(TaskEnv):
     - v0: first version
     """
 
-    kind = Kind(StructuresTask, (Settings, Cycle, Grip, Pool), SCENE | {"price": 5e-5}, choice)
+    kind = Kind(StructuresTask, (TaskSettings, Cycle, Grip, Pool), SCENE | {"price": 5e-5}, choice)

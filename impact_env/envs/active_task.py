@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from impact_env.envs.adaptive_task import Cavity, Grip, VariableFrictionTask, VariableGapTask, require_cavity
 from impact_env.envs.observation import DISTANCE, FREQUENCY, FRICTION_IN_USE, GAP_IN_USE, IMPACTS, LENGTH, TIME_LEFT, VELOCITY, Feature
 from impact_env.envs.reference import stationary_amplitude
-from impact_env.envs.settings import FORCES, Range, Settings, pair, span
+from impact_env.envs.settings import FORCES, Range, TaskSettings, pair, span
 from impact_env.envs.task import Array, Mask, Task
 from impact_env.kernels.control.interval import spread
 from impact_env.level import require_samples
@@ -56,7 +56,7 @@ class ActiveTask(Task):
     cost_names = ("level", "time", "fatigue", "actuator", "contact force")
     level_name = "RMS of a period over the scene's half-clearance"
 
-    def __init__(self, settings: Settings, cycle: Cycle, lanes: int) -> None:
+    def __init__(self, settings: TaskSettings, cycle: Cycle, lanes: int) -> None:
         low, high = span("frequency_ratio", cycle.frequency_ratio)
         require_samples(settings.samples_per_period, high)
         self.cycle, self._ratios, self.described = cycle, (low, high), (cycle,)
@@ -121,7 +121,7 @@ class ActiveTask(Task):
         return np.asarray(self.scene.model.level_shape)
 
     def info(self) -> dict[str, NDArray[Any]]:
-        """Return what info says of each lane."""
+        """Return the task's part of the info, arrays (L,) by key."""
         return super().info() | {"rms": self._rms.copy()}
 
 
@@ -130,7 +130,7 @@ class ActiveFrictionTask(VariableFrictionTask, ActiveTask):
 
     features: Sequence[Feature] = (*CYCLE, FRICTION_IN_USE)
 
-    def __init__(self, settings: Settings, cycle: Cycle, grip: Grip, lanes: int) -> None:
+    def __init__(self, settings: TaskSettings, cycle: Cycle, grip: Grip, lanes: int) -> None:
         self.set_limits(settings, grip, lanes)
         super().__init__(settings, cycle, lanes)
         self.described, self._before = (cycle, grip), self.place
@@ -184,7 +184,7 @@ class ActiveGapTask(MovingWallsTask, ActiveTask):
 
     features: Sequence[Feature] = (*CYCLE, GAP_IN_USE)
 
-    def __init__(self, settings: Settings, cycle: Cycle, drive: Drive, lanes: int) -> None:
+    def __init__(self, settings: TaskSettings, cycle: Cycle, drive: Drive, lanes: int) -> None:
         require_cavity(settings.scene.absorber)
         self.drive = drive
         super().__init__(settings, cycle, lanes)

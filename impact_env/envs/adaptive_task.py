@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from impact_env.controlled import friction_limit
 from impact_env.envs.observation import FRICTION_IN_USE, GAP_IN_USE, LENGTH, LEVEL, RMS, STATE, WAY_LEFT, Feature
 from impact_env.envs.reference import mean_power_of_cosine
-from impact_env.envs.settings import Range, Settings, pair, span
+from impact_env.envs.settings import Range, TaskSettings, pair, span
 from impact_env.envs.sweep_task import OneRate, Passage, PassiveTask, SweepTask
 from impact_env.envs.task import Array, Mask, Task
 from impact_env.frequency import receptance
@@ -51,7 +51,7 @@ class VariableGapTask(Task):
         return (*super().further(), self.runs.orders["gap"] / self.length)
 
     def info(self) -> dict[str, NDArray[Any]]:
-        """Return what info says of each lane."""
+        """Return the task's part of the info, arrays (L,) by key."""
         return super().info() | {"gap": self.runs.orders["gap"].copy()}
 
 
@@ -70,7 +70,7 @@ class ChosenGapTask(VariableGapTask):
         self.runs.orders["gap"] = self.wanted = wanted
 
     def info(self) -> dict[str, NDArray[Any]]:
-        """Return what info says of each lane."""
+        """Return the task's part of the info, arrays (L,) by key."""
         return super().info() | {"gap_limited": self.runs.orders["gap"] > self.wanted}
 
 
@@ -79,7 +79,7 @@ class SweepGapTask(ChosenGapTask, SweepTask):
 
     features: Sequence[Feature] = (*STATE, WAY_LEFT, GAP_IN_USE)
 
-    def __init__(self, settings: Settings, passage: Passage, cavity: Cavity, lanes: int) -> None:
+    def __init__(self, settings: TaskSettings, passage: Passage, cavity: Cavity, lanes: int) -> None:
         require_cavity(settings.scene.absorber)
         self.cavity, self.wanted = cavity, np.zeros(lanes)
         super().__init__(settings, passage, lanes)
@@ -110,7 +110,7 @@ class VariableFrictionTask(Task):
     ``friction`` (L,) in N and ``place`` (L,) in the range, from -1 to 1, are those in use.
     """
 
-    def set_limits(self, settings: Settings, grip: Grip, lanes: int) -> None:
+    def set_limits(self, settings: TaskSettings, grip: Grip, lanes: int) -> None:
         """Set the limits in N; raises ParameterError where there is no rigid friction."""
         scene, self._begin = settings.scene, friction_limit(settings.scene)
         require(math.isfinite(self._begin), "absorber", scene.absorber, "one with rigid friction: there must be a friction_limit that can be set")
@@ -135,7 +135,7 @@ class VariableFrictionTask(Task):
         return (*super().further(), self.place)
 
     def info(self) -> dict[str, NDArray[Any]]:
-        """Return what info says of each lane."""
+        """Return the task's part of the info, arrays (L,) by key."""
         return super().info() | {"friction_limit": self.friction.copy()}
 
 
@@ -144,7 +144,7 @@ class FrictionTask(VariableFrictionTask, PassiveTask):
 
     features: Sequence[Feature] = (*STATE, WAY_LEFT, FRICTION_IN_USE)
 
-    def __init__(self, settings: Settings, way: OneRate, grip: Grip, lanes: int) -> None:
+    def __init__(self, settings: TaskSettings, way: OneRate, grip: Grip, lanes: int) -> None:
         self.set_limits(settings, grip, lanes)
         super().__init__(settings, way, lanes)
         self.described = (self.passage, way, grip)
@@ -182,7 +182,7 @@ class GapTask(ChosenGapTask):
     features: Sequence[Feature] = (*STATE[:-1], Feature(LEVEL.name, True, RMS.what, LENGTH), GAP_IN_USE)
     level_name = "RMS over the scene's half-clearance"
 
-    def __init__(self, settings: Settings, control: GapControl, lanes: int) -> None:
+    def __init__(self, settings: TaskSettings, control: GapControl, lanes: int) -> None:
         require_cavity(settings.scene.absorber)
         self.described = (control,)
         self.control, self._ratios = control, span("frequency_ratio", control.frequency_ratio)
@@ -237,5 +237,5 @@ class GapTask(ChosenGapTask):
         return np.full(self.lanes, 2 * self.control.gap_limits[1])  # type: ignore[index]
 
     def info(self) -> dict[str, NDArray[Any]]:
-        """Return what info says of each lane."""
+        """Return the task's part of the info, arrays (L,) by key."""
         return super().info() | {"rms": np.sqrt(self.runs.reports["mean_square"])}

@@ -5,7 +5,7 @@ from typing import Any
 
 from impact_env.envs.adaptive_task import Cavity, FrictionTask, GapControl, GapTask, Grip, SweepGapTask
 from impact_env.envs.observation import FEW_IMPACTS
-from impact_env.envs.settings import Settings
+from impact_env.envs.settings import TaskSettings
 from impact_env.envs.shells import Kind, TaskEnv, choice
 from impact_env.envs.sweep_task import OneRate, Passage, PassiveTask, SweepTask
 from impact_env.envs.vector_shell import environment
@@ -54,13 +54,13 @@ class PassiveEnv(TaskEnv):
     - ``rate`` in % per 100 pseudo periods (default: what suits the damping of the resonance, `impact_env.drive.default_rate`; 1 for the paper's)
     - ``limits`` (default 0.9 to 1.06) and ``interval`` (default 5)
     - ``direction``, ``time_price``, ``objective``, ``fatigue_exponent``: as in `SweepRateEnv`
-    - those of every environment: `impact_env.envs.settings.Settings` describes scene, force, method, interval and observation
+    - those of every environment: `impact_env.envs.settings.TaskSettings` describes scene, force, method, interval and observation
 
     ## Version History
     - v0: first version
     """
 
-    kind = Kind(PassiveTask, (Settings, OneRate), {"time_price": 0.0}, partial(Discrete, 1))
+    kind = Kind(PassiveTask, (TaskSettings, OneRate), {"time_price": 0.0}, partial(Discrete, 1))
 
 
 @environment
@@ -107,7 +107,7 @@ class SweepRateEnv(TaskEnv):
     - ``frequency_origin`` (default "resonance"; or "middle" of ``limits``), ``frequency_unit`` (default 0.1): zero and unit of features 7 and 10
     - ``level_unit`` of feature 9 (default "reference"; or "gap": half-clearances, which tell nothing of a force that is drawn)
     - ``objective``: "level" or "fatigue"; ``fatigue_exponent``
-    - those of every environment: `impact_env.envs.settings.Settings` describes scene, force, method, interval and observation; here ``modes`` 2 and
+    - those of every environment: `impact_env.envs.settings.TaskSettings` has scene, force, method, interval and observation; here ``modes`` 2 and
       a friction limit of 0.025 N
     - ``render_mode``: None, "rgb_array" or "human"
 
@@ -115,7 +115,7 @@ class SweepRateEnv(TaskEnv):
     - v0: first version, also named ``ImpactAbsorber/SweepRateHard-v0``: the task of exploration, which v1 does not replace
     """
 
-    kind = Kind(SweepTask, (Settings, Passage), HARD, choice)
+    kind = Kind(SweepTask, (TaskSettings, Passage), HARD, choice)
 
 
 @environment
@@ -163,7 +163,7 @@ class SweepRateV1Env(TaskEnv):
     - v1: interval, features, end of the budget, and going back; v0 (`SweepRateEnv`) stays as it was
     """
 
-    kind = Kind(SweepTask, (Settings, Passage), RATE_V1, choice)
+    kind = Kind(SweepTask, (TaskSettings, Passage), RATE_V1, choice)
 
 
 @environment
@@ -213,7 +213,7 @@ class SweepAndGapEnv(TaskEnv):
       and 9 together tell the force after one interval
     """
 
-    kind = Kind(SweepGapTask, (Settings, Passage, Cavity), RATE_AND_GAP, partial(choice, 2))
+    kind = Kind(SweepGapTask, (TaskSettings, Passage, Cavity), RATE_AND_GAP, partial(choice, 2))
 
 
 @environment
@@ -263,7 +263,7 @@ class FrictionChoiceEnv(TaskEnv):
       and 9 together tell the force after one interval
     """
 
-    kind = Kind(FrictionTask, (Settings, OneRate, Grip), FRICTION, choice)
+    kind = Kind(FrictionTask, (TaskSettings, OneRate, Grip), FRICTION, choice)
 
 
 @environment
@@ -302,7 +302,7 @@ class GapChoiceEnv(TaskEnv):
     - ``time_budget`` (default 1000) in pseudo periods, rounded up to whole intervals
     - ``objective``: "rms" or "fatigue"; ``fatigue_exponent``
     - ``force`` (default 0.5 to 6): in N, or a pair (low, high) from which the schedule draws; ``absorber_options`` (default restitution 0.7)
-    - those of every environment: `impact_env.envs.settings.Settings` describes scene, method, interval and observation
+    - those of every environment: `impact_env.envs.settings.TaskSettings` describes scene, method, interval and observation
     - ``render_mode``: None, "rgb_array" or "human"
 
     The absorber must be an impact absorber with rigid walls.
@@ -312,4 +312,4 @@ class GapChoiceEnv(TaskEnv):
     - v0: first version
     """
 
-    kind = Kind(GapTask, (Settings, GapControl), GAP, choice)
+    kind = Kind(GapTask, (TaskSettings, GapControl), GAP, choice)

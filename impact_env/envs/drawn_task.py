@@ -13,7 +13,7 @@ from impact_env.envs.active_task import ActiveFrictionTask, Cycle, Drive, Moving
 from impact_env.envs.adaptive_task import Grip, VariableFrictionTask, require_cavity
 from impact_env.envs.observation import FREQUENCY, FRICTION_IN_USE, GAP_IN_USE, RMS, STATE, TIME_LEFT, WAY_LEFT, Feature
 from impact_env.envs.reference import passage, stationary_amplitude
-from impact_env.envs.settings import FORCES, Range, Settings, span
+from impact_env.envs.settings import FORCES, Range, TaskSettings, span
 from impact_env.envs.sweep_task import PER_PERIOD, Passage, SweepTask, speeds
 from impact_env.envs.task import Array, Mask, Task
 from impact_env.modes import ModalModel, modal_model
@@ -111,7 +111,7 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
         Feature("rate of the frequency", False, "rate of the frequency", "% per 100 pseudo periods / 4"),
     )
 
-    def __init__(self, settings: Settings, drawn: Drawn, drive: Drive, grip: Grip, lanes: int) -> None:
+    def __init__(self, settings: TaskSettings, drawn: Drawn, drive: Drive, grip: Grip, lanes: int) -> None:
         require_cavity(settings.scene.absorber)
         self.set_limits(settings, grip, lanes)
         self.own, self.drive = drawn, drive
@@ -180,7 +180,7 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
         return (*super().further(), self.rates / 4)
 
     def info(self) -> dict[str, NDArray[Any]]:
-        """Return what info says of each lane."""
+        """Return the task's part of the info, arrays (L,) by key."""
         return super().info() | {"scene": self.which.copy()}
 
 
@@ -265,7 +265,7 @@ class StructuresTask(PooledTask, ActiveFrictionTask):
 
     features: Sequence[Feature] = (*ActiveFrictionTask.features, *DATA)
 
-    def __init__(self, settings: Settings, cycle: Cycle, grip: Grip, pool: Pool, lanes: int) -> None:
+    def __init__(self, settings: TaskSettings, cycle: Cycle, grip: Grip, pool: Pool, lanes: int) -> None:
         standard = settings.scene.model
         require(standard.modes == 2, "modes", standard.modes, "2: structures that are drawn have as many")
         self.pool, self.models = pool, pool.models(standard)
@@ -304,5 +304,5 @@ class StructuresTask(PooledTask, ActiveFrictionTask):
         return (*super().further(), *(self._data[self.which].T if self.pool.observe_structure else ()))
 
     def info(self) -> dict[str, NDArray[Any]]:
-        """Return what info says of each lane."""
+        """Return the task's part of the info, arrays (L,) by key."""
         return super().info() | {"structure": self.which.copy()}

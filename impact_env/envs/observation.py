@@ -83,7 +83,7 @@ class Sensors:
         return np.minimum(np.maximum(seen, -LIMIT), LIMIT).astype(np.float32)  # np.clip takes three times as long
 
     def snapshot(self) -> tuple[Array, int]:
-        """Return what the delay holds."""
+        """Return the delayed observations."""
         return self._past.copy(), self._at
 
     def restore(self, snapshot: tuple[Array, int]) -> None:

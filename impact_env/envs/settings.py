@@ -135,7 +135,7 @@ def _record(text: str) -> Samples:
 
 
 @dataclass(frozen=True)
-class Settings:
+class TaskSettings:
     """Arguments that all environments share.
 
     - ``absorber``: one of `impact_env.laws.CONCEPTS`, "impact" by default; ``absorber_options``: its values in SI units, by their plain names
@@ -213,7 +213,7 @@ class Settings:
         plain = isinstance(self.whole_scene, Scene | Mapping)
         require(plain, "whole_scene", self.whole_scene, "an impact_env.Scene, or its plain form as docs/scenes.md describes it")
         for name in SCENE_PARTS:
-            default = {} if name in ("absorber_options", "beam") else getattr(Settings, name)
+            default = {} if name in ("absorber_options", "beam") else getattr(TaskSettings, name)
             require(getattr(self, name) == default, name, getattr(self, name), "left out beside whole_scene, which says it already")
 
     @property

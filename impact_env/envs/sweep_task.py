@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.envs.observation import STATE, WAY_LEFT, Feature
 from impact_env.envs.reference import passage
-from impact_env.envs.settings import OBJECTIVES, Range, Settings, span
+from impact_env.envs.settings import OBJECTIVES, Range, TaskSettings, span
 from impact_env.envs.task import FREQUENCY_SCALE, Array, Mask, Task
 from impact_env.kernels.control.episodes import Way, go_on, pay_for_damage, pay_for_level
 from impact_env.kernels.control.interval import spread
@@ -71,7 +71,7 @@ class SweepTask(Task):
 
     features: Sequence[Feature] = (*STATE, WAY_LEFT)
 
-    def __init__(self, settings: Settings, passage_settings: Passage, lanes: int) -> None:
+    def __init__(self, settings: TaskSettings, passage_settings: Passage, lanes: int) -> None:
         self.passage, self.described = passage_settings, (passage_settings,)
         self.absolute = passage_settings.level_unit == "gap"
         self.level_name = "level over the scene's half-clearance" if self.absolute else "level relative to no absorber"
@@ -137,7 +137,7 @@ class SweepTask(Task):
         return ((self.far - self.ratio) / self.frequency_unit,)
 
     def info(self) -> dict[str, NDArray[Any]]:
-        """Return what info says of each lane."""
+        """Return the task's part of the info, arrays (L,) by key."""
         info = super().info()
         info["level"] = self.runs.reports["level"].copy()
         info["relative_level"] = self.runs.reports["level"] / self.level_scale
@@ -158,7 +158,7 @@ class OneRate:
     level_unit: str = Passage.level_unit
     fatigue_exponent: float = Passage.fatigue_exponent
 
-    def passage(self, settings: Settings) -> Passage:
+    def passage(self, settings: TaskSettings) -> Passage:
         """Return the passage, at the rate that suits the resonance's damping if none is given; the time suffices to finish it."""
         low, high = span("limits", self.limits)
         rate = default_rate(settings.scene.model, (settings.resonance,)) if self.rate is None else positive("rate", self.rate)
@@ -171,7 +171,7 @@ class OneRate:
 class PassiveTask(SweepTask):
     """A passage at one rate."""
 
-    def __init__(self, settings: Settings, way: OneRate, lanes: int) -> None:
+    def __init__(self, settings: TaskSettings, way: OneRate, lanes: int) -> None:
         super().__init__(settings, way.passage(settings), lanes)
 
     def rate(self, actions: NDArray[Any]) -> Array:  # noqa: ARG002 - there is no choice

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from impact_env.controlled import ControlledRuns
 from impact_env.envs.observation import Feature, Sensors
-from impact_env.envs.settings import FORCES, Range, Settings
+from impact_env.envs.settings import FORCES, Range, TaskSettings
 from impact_env.kernels.control.episodes import Units, fill_features, order_intervals
 from impact_env.modes import ModalModel
 from impact_env.parameters import require
@@ -38,7 +38,7 @@ class Task(ABC):
     budget_terminates = False
     frequency_origin, frequency_unit = 1.0, FREQUENCY_SCALE
 
-    def __init__(self, settings: Settings, lanes: int, steps: int, exponent: float = 0.0) -> None:
+    def __init__(self, settings: TaskSettings, lanes: int, steps: int, exponent: float = 0.0) -> None:
         """``steps``: control intervals of the time budget; ``exponent`` of the damage, 0 for none.
 
         An episode that has spent its budget is cut off, or ended where ``budget_terminates``. What is set in ``limit`` cuts it off after that
@@ -173,7 +173,7 @@ class Task(ABC):
         return values
 
     def drawn(self, name: str, lane: int, drawn: float) -> float:
-        """Return what a reset chose for a lane under this name, else what was drawn."""
+        """Return the value that a reset chose for a lane under this name, else the drawn one."""
         return float(self._chosen[name][lane]) if name in self._chosen else drawn
 
     def draw_force(self, lane: int, generator: np.random.Generator) -> float:
@@ -196,7 +196,7 @@ class Task(ABC):
         return ()
 
     def info(self) -> dict[str, NDArray[Any]]:
-        """Return what info says of each lane, new arrays (L,)."""
+        """Return Gymnasium's info of the lanes by key, new arrays (L,)."""
         info: dict[str, NDArray[Any]] = {
             "time": self.time.copy(),
             "frequency_ratio": self.ratio.copy(),

@@ -73,7 +73,7 @@ def fill_page(page: Path | None, marker: str, table: str) -> list[Path]:
 
 
 def stacked(options: Sequence[Callable[[Command], Command]]) -> Callable[[Command], Command]:
-    """Return what adds several options to a command, in this order."""
+    """Return a decorator that adds several options to a command, in this order."""
     return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
 
 

@@ -85,7 +85,7 @@ def model_on(structure: Structure) -> ModalModel:
 
 
 def distributions(given: dict[str, Any], absorber: SlidingAbsorber) -> tuple[Spread, ...]:
-    """Return what is uncertain; raises ParameterError for what the absorber lacks, and for numbers in SI units of what is searched."""
+    """Return the uncertain quantities; raises ParameterError for those that the absorber lacks, and for SI values of searched ones."""
     every = spreads(common.uncertain_of(given["uncertain"]))
     require_parts(every, absorber)
     for one in every:

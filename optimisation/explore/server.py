@@ -286,7 +286,7 @@ def bound(host: str, port: int) -> socket.socket:
 
 
 def hosts_of(host: str, port: int) -> frozenset[str]:
-    """Return what a browser may call the server."""
+    """Return the host names under which a browser may call the server."""
     names = {host, "localhost", LOOPBACK} if host in (LOOPBACK, "localhost") else {host}
     return frozenset(f"[{name}]:{port}" if ":" in name else f"{name.lower()}:{port}" for name in names)
 

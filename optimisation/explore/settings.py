@@ -70,7 +70,7 @@ class Loading:
         return {"load": {"kind": "random", "spectrum": spectrum, "duration_s": float(schedule.times[-1]), "seed": 0}}
 
     def act(self, intensity: float, schedule: FrequencySchedule) -> AnyDrive:
-        """Return what acts in a run."""
+        """Return the drive of a run."""
         return Drive(intensity, schedule) if self.kind == "force" else to_loads(self.file(intensity, schedule), schedule.reference)
 
     @property
@@ -267,7 +267,7 @@ def loads_on(structure: Structure) -> dict[str, str]:
 
 
 def described(structure: Structure, name: str) -> Plain:
-    """Return what a page needs to draw its controls."""
+    """Return the controls' description for the page."""
     return {
         "structure": name,
         "beam_mass_kg": modal_model(structure).beam_mass,
@@ -279,7 +279,7 @@ def described(structure: Structure, name: str) -> Plain:
 
 
 def asked(plain: object, structure: Structure) -> Asked:
-    """Return what a page asks for; raises Refused with all that is wrong. What is left out has its default."""
+    """Return the settings that a page sent, with defaults for missing ones; raises Refused with all errors."""
     errors: dict[str, str] = {}
     table = {control.name: control for control in controls(structure)}
     given = dict(plain) if isinstance(plain, Mapping) else {}

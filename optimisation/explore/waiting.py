@@ -125,7 +125,7 @@ def tuned_to(model: ModalModel, mass_ratio: float, resonance: int) -> TunedAbsor
 
 
 def recommended(values: Asked, model: ModalModel, stop: Stop, tell: Callable[[int, int], None]) -> dict[str, Any]:
-    """Return what a search by quick sweeps recommends at the marked force: new values by the controls' names, and why.
+    """Return the advice of a search by quick sweeps at the marked force: new values by the controls' names, and why.
 
     ``model`` has the absorber's place, ``tell`` is told finished and all runs. Raises `Newer` after a ``stop``.
     """

@@ -115,12 +115,12 @@ class Work:
 
     @cached_property
     def loads(self) -> Loads | None:
-        """Return what kernels are compiled for, None for the one force."""
+        """Return the load that kernels are compiled for, None for the one force."""
         acts = self.loading.act(self.intensity, CurveCase(self.scene, np.ones(1), self.resonance).schedules()[0])
         return acts if isinstance(acts, Loads) else None
 
     def ready(self, scene: Scene, record: Record, what: str, stop: Stop) -> Iterator[Message]:
-        """Yield what is being compiled until a scene's kernels are ready."""
+        """Yield messages about compilation until a scene's kernels are ready."""
         record = self.loading.record if self.loading.measure else record
         key, seconds = (kernel_key(scene, Exact()), record, scene.model.response_shape is None, self.values.load), None
         given = (scene, None, record, self.loads)
@@ -153,7 +153,7 @@ class Work:
         yield {"type": "done"}
 
     def before_advice(self) -> Iterator[Message]:
-        """Yield what is being compiled until advice can be asked for."""
+        """Yield messages about compilation until advice can be asked for."""
         if self.values.concept == "impact":
             own = self.scene.absorber
             if self.loads is None:

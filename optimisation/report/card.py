@@ -160,13 +160,13 @@ def device_rows(absorber: SlidingAbsorber, model: ModalModel) -> Rows:
 
 
 def rival_rows(rivals: Rivals) -> Rows:
-    """Return what other absorbers of the same mass leave."""
+    """Return the lines about other absorbers of the same mass."""
     damper = f"best friction damper of this mass, {rivals.damper_limit:.4g} N (estimate)"
     return Row("best tuned absorber of this mass (stationary)", 1e3 * rivals.tuned, "mm"), Row(damper, 1e3 * rivals.damper, "mm")
 
 
 def borne_rows(gap: float, impacts: Impacts, level: float) -> Rows:
-    """Return what a device bears whose structure has the ``level`` in m."""
+    """Return the lines about a device's service: its structure has the ``level`` in m."""
     return (
         Row("stroke of the absorber, wall to wall", 2e3 * gap, "mm"),
         Row("largest impact speed", impacts.largest, "m/s"),
@@ -178,7 +178,7 @@ def borne_rows(gap: float, impacts: Impacts, level: float) -> Rows:
 
 
 def assumed_rows(model: ModalModel, resonances: Sequence[int], rate: float | None, more: str = "") -> Rows:
-    """Return what levels rest on; ``rate`` None: no sweeps."""
+    """Return the lines about the runs behind the levels; ``rate`` None: no sweeps."""
     rows = [
         Row(f"resonance {r}", f"{model.resonance_omega(r) / (2 * math.pi):.4g} Hz, damping ratio {100 * model.damping_ratio[r - 1]:.4g} %")
         for r in dict.fromkeys(resonances)

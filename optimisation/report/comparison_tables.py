@@ -191,7 +191,7 @@ def load_summary(comparison: LoadComparison) -> dict[str, Any]:
 
 
 def _heads(comparison: LoadComparison) -> list[str]:
-    """Return what each band is called; nothing where there is but one."""
+    """Return the bands' names; none where there is but one."""
     if len(comparison.edges) < 3:
         return [""]
     return [f"{low:.3g} Hz and above" if np.isinf(high) else f"{low:.3g} to {high:.3g} Hz" for low, high in pairwise(comparison.edges)]

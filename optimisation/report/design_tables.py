@@ -288,7 +288,7 @@ def service_summary(found: Service) -> Json:
 
 
 def borne_pairs(watched: dict[str, NDArray[np.float64]], c: int) -> Iterator[tuple[str, str]]:
-    """Yield what a design bears under a condition, by its index (`Service.watched`): name, and median with band in words."""
+    """Yield a design's loads in service under a condition, by its index (`Service.watched`): name, and median with band in words."""
     for name, values in watched.items():
         word, unit, scale = WORDS[name]
         low, middle, high = (f"{scale * x:.3g}" for x in values[:, c])
@@ -296,7 +296,7 @@ def borne_pairs(watched: dict[str, NDArray[np.float64]], c: int) -> Iterator[tup
 
 
 def service_pairs(found: Service, c: int) -> Iterator[tuple[str, str]]:
-    """Yield what is known under a condition, by its index: name, and value in words."""
+    """Yield the results under a condition, by its index: name, and value in words."""
     yield from borne_pairs(found.watched, c)
     low, high = found.forces[:, c]
     yield "halves the level at least from", "no force: not at this one" if math.isnan(low) else f"{low:.3g} to {high:.3g} N"

@@ -94,7 +94,7 @@ def warnings(found: Advice) -> list[str]:
 
 
 def rivals(bearing: Bearing) -> str:
-    """Return what other absorbers of the same mass leave."""
+    """Return the lines about other absorbers of the same mass."""
     other = bearing.rivals
     alone = ", for this resonance alone" if other.tuned < bearing.answer.level else ""
     tuned = f"the best tuned absorber leaves {1e3 * other.tuned:.4g} mm{alone} (stationary)"
@@ -159,7 +159,7 @@ def _contact(found: Advice, bearing: Bearing, given: tuple[str, str, float]) -> 
 
 
 def card(found: Advice, bearing: Bearing, unsure: Unsure | None = None, contact: tuple[str, str, float] | None = None, more: str = "") -> Card:
-    """Return what is told of the recommended device.
+    """Return the paragraph about the recommended device.
 
     ``contact``: two materials of `optimisation.gap_card` and the radius in m of the rounder one; ``more``: what more modes change, in words.
     """

@@ -330,7 +330,7 @@ def room(oracle: Array, rule: Array, constant: Array) -> float:
 
 
 def admit(task: str, arguments: Mapping[str, Any], effort: Effort, advance: Progress | None = None) -> dict[str, Any]:
-    """Return what an admission finds: rules with their numbers, scores (E,) of all, and room with its interval."""
+    """Return an admission's result: rules with their numbers, scores (E,) of all, and room with its interval."""
     chosen, name = rules(task, arguments, effort, advance), env_of(task)
     seeds = range(FIRST_JUDGED, FIRST_JUDGED + effort.judged)
     scores = {label: play(FamilyPolicy(label, rule.family, rule.numbers), name, seeds, arguments).scores[None] for label, rule in chosen.items()}

@@ -137,7 +137,7 @@ def read_demonstrations(folder: Path, env_id: str) -> Demonstrations:
 
 
 def fingerprint(shown: Demonstrations) -> str:
-    """Return what tells one data set from another: the SHA-256 of what was seen and done."""
+    """Return a data set's identity: the SHA-256 of its observations and actions."""
     digest = hashlib.sha256(repr((shown.env_id, shown.seeds)).encode())
     for values in (*shown.observations, *shown.actions):
         digest.update(np.ascontiguousarray(values).tobytes())

@@ -121,7 +121,7 @@ class FamilyPolicy:
         self._rows = np.broadcast_to(self.parameters, (lanes, self.parameters.shape[1]))
 
     def act(self, observations: Observations) -> NDArray[np.float32]:
-        """Return what the family does with the numbers."""
+        """Return the family's policy with these numbers."""
         actions = self.family.act(self._rows, observations)
         return np.clip(actions, -1, 1).astype(np.float32).reshape(len(actions), -1)
 

@@ -158,7 +158,7 @@ ALGORITHMS: dict[str, type[PPOSettings] | type[SACSettings]] = {"ppo": PPOSettin
 
 
 def read(file: Path = PACKAGED) -> dict[str, dict[str, dict[str, Any]]]:
-    """Return what a YAML file holds: values by environment, algorithm and name. Raises ParameterError for anything else."""
+    """Return a YAML file's values by environment, algorithm and name. Raises ParameterError for anything else."""
     with optional():
         import yaml
     name = "hyperparameters"

@@ -145,7 +145,7 @@ def save_model(folder: Path, model: Model, env: ScaledRewards) -> None:
 
 
 def load_model(folder: Path, algorithm: str, env: ScaledRewards) -> Model:
-    """Return what `save_model` wrote, with its lanes where they were. Raises ParameterError for files that are damaged or missing."""
+    """Return the model of `save_model`, with its lanes where they were. Raises ParameterError for files that are damaged or missing."""
     try:
         kind: Any = recurrent() if algorithm == "rppo" else PPO if algorithm == "ppo" else SAC
         with warnings.catch_warnings():  # the library warns of the memory that it chose itself

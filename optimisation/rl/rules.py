@@ -181,7 +181,7 @@ def env_of(task: str) -> str:
 
 
 def chosen(file: Path = CHOSEN) -> dict[str, dict[str, Any]]:
-    """Return what was chosen: by task and by what it is, the family's name and its numbers."""
+    """Return the chosen rules and schedules by task: each one's family and numbers."""
     return dict(json.loads(file.read_text(encoding="utf-8")))
 
 

@@ -81,7 +81,7 @@ class Job:
 
 
 def evaluate(policy: Any, job: Job, leg: int, steps: int) -> Evaluation:
-    """Return what a policy reaches on the job's evaluation seeds."""
+    """Return a policy's evaluation on the job's seeds for it."""
     played = play(policy, job.env_id, range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + job.episodes), job.arguments)
     low, high = np.percentile(played.scores, (10, 90)).tolist()
     return Evaluation(leg, steps, float(played.scores.mean()), interquartile_mean(played.scores), low, high, float(played.steps.mean()))

@@ -30,7 +30,7 @@ from optimisation.progress import Bar, runs_bar
 from optimisation.search.judge import AUDITED, Cost, Findings, Verdict, audit, more_modes, verdict
 from optimisation.search.ledger import Ledger, remembering
 from optimisation.search.noisy import NOISY, noisy_search
-from optimisation.search.settings import CMA, Evaluated, Settings, default_settings
+from optimisation.search.settings import CMA, Evaluated, SearchSettings, default_settings
 from optimisation.variables import WITH_IMPACTS
 
 # SciPy's search for problems that are smooth: without walls there is no chaos, a level has hardly any noise, and few minima.
@@ -141,7 +141,9 @@ def identity(problem: Problem, search: dict[str, object]) -> dict[str, object]:
     return {"problem": problem.describe(), "search": search, "sources": fingerprint(SEARCHING)}
 
 
-def searched(label: str, problem: Problem, settings: Settings, designs: int, ledger: Ledger, bars: Bars = QUIET) -> tuple[DesignStudy, bool, Cost]:
+def searched(
+    label: str, problem: Problem, settings: SearchSettings, designs: int, ledger: Ledger, bars: Bars = QUIET
+) -> tuple[DesignStudy, bool, Cost]:
     """Run a study under a bar; return it, whether it came to its end, and what it took. Beside a ledger's file it is written for Optuna."""
     from optimisation.search.study import DesignStudy  # the other searches need no Optuna
 

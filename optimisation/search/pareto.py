@@ -18,7 +18,7 @@ from optimisation.report.design_tables import limit, name_of
 from optimisation.search.find import BARS, identity, searched
 from optimisation.search.judge import Cost, Judged, judged
 from optimisation.search.ledger import Ledger, remembering
-from optimisation.search.settings import NSGA2, RANDOM, SAMPLERS, Evaluated, Settings, default_settings, hypervolume, nondominated
+from optimisation.search.settings import NSGA2, RANDOM, SAMPLERS, Evaluated, SearchSettings, default_settings, hypervolume, nondominated
 
 Array = NDArray[np.float64]
 Json = dict[str, object]
@@ -129,7 +129,9 @@ BY_RESONANCE = (Objective(resonance=1), Objective(resonance=2))
 CORNER = (1.1, 1.1)  # relative levels: what hypervolumes refer to
 
 
-def search_front(problem: Problem, settings: Settings, designs: int, corner: tuple[float, float], journal: Path | None, executor: Executor) -> Front:
+def search_front(
+    problem: Problem, settings: SearchSettings, designs: int, corner: tuple[float, float], journal: Path | None, executor: Executor
+) -> Front:
     """Search; the front is that of all designs that were run, by the members of the search."""
     with remembering(executor, identity(problem, settings.describe()), journal) as ledger:
         study, finished, cost = searched("search", problem, settings, designs, ledger, BARS)
@@ -160,7 +162,7 @@ def borne_along(front: Front, executor: Executor) -> Front:
     return replace(front, borne=tuple(borne))
 
 
-def compare_with_random(front: Front, settings: Settings, seeds: int, executor: Executor) -> Front:
+def compare_with_random(front: Front, settings: SearchSettings, seeds: int, executor: Executor) -> Front:
     """Search again with other seeds, by the method and at random, with the same budget; what counts is each one's front on fresh members."""
     problem, wanted = front.problem, len(front.told)
     batch = settings.batch if settings.sampler != RANDOM else default_settings(problem, NSGA2).batch

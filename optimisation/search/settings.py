@@ -83,7 +83,7 @@ class Rung:
 
 
 @dataclass(frozen=True)
-class Settings:
+class SearchSettings:
     """``sampler`` of `SAMPLERS`; designs a ``batch``, which is also the population of CMA-ES and NSGA-II; ``rungs`` from first to last.
 
     ``from_scratch``: the first design is a random one, and not the paper's.
@@ -142,7 +142,7 @@ class Settings:
 
 def default_settings(
     problem: Problem, sampler: str | None = None, batch: int | None = None, seed: int = 0, screening: bool = True, from_scratch: bool = False
-) -> Settings:
+) -> SearchSettings:
     """Return settings for a problem: CMA-ES for one objective, NSGA-II for several, and rungs unless ``screening`` is off.
 
     One free variable goes to the random search. A tuned absorber is linear: its runs are cheap and hardly differ, so it needs no rungs.
@@ -157,6 +157,6 @@ def default_settings(
             rungs = (Rung(few, 1.0, KEPT[1]), *rungs)
         if speed > 1 and not problem.under_loads:  # loads have no speed
             rungs = (Rung(few, speed, KEPT[0]), *rungs)
-    settings = Settings(name, batch or BATCHES.get(name, BATCHES[CMA]), rungs, seed, from_scratch)
+    settings = SearchSettings(name, batch or BATCHES.get(name, BATCHES[CMA]), rungs, seed, from_scratch)
     settings.check(problem)
     return settings

@@ -22,7 +22,7 @@ from optimisation.evaluation import evaluate
 from optimisation.files import replacing
 from optimisation.objectives import Score
 from optimisation.problem import Problem
-from optimisation.search.settings import CMA, GP, NSGA2, RANDOM, Evaluated, Settings, seed_of
+from optimisation.search.settings import CMA, GP, NSGA2, RANDOM, Evaluated, SearchSettings, seed_of
 
 with optional():
     import optuna
@@ -93,9 +93,9 @@ class TrialSampler(BaseSampler):
 
 
 class DesignStudy:
-    """A study of a problem: ``told`` has the finished designs by number, and ``runs`` counts those behind them. Raises as `Settings.check`."""
+    """A study of a problem: ``told`` has the finished designs by number, and ``runs`` counts those behind them. Raises as `SearchSettings.check`."""
 
-    def __init__(self, problem: Problem, settings: Settings) -> None:
+    def __init__(self, problem: Problem, settings: SearchSettings) -> None:
         settings.check(problem)
         self.problem, self.settings = problem, settings
         self.told: list[Evaluated] = []

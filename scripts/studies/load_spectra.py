@@ -34,7 +34,7 @@ TENTH = 10  # impacts after which energies are read
 SERIES = Record(level=False, series=True, samples_per_period=SAMPLES)
 
 
-class Settings(NamedTuple):
+class SpectrumSettings(NamedTuple):
     """Runs for each point, and whether it is only a look."""
 
     members: int
@@ -121,13 +121,13 @@ def _random(model: ModalModel, spectrum: str) -> Loads:
 
 
 def _ratios(model: ModalModel, absorbers: Sequence[Absorber], loads: Sequence[Loads]) -> Array:
-    """Return what absorbers leave of the measure under each load, (absorbers, loads)."""
+    """Return absorbers' measures over that without absorber under each load, (absorbers, loads)."""
     values = runs_of(model, [None, *absorbers], loads)
     return np.asarray(values[1:] / values[0])
 
 
-def random_rows(case: Case, number: int, settings: Settings) -> list[Json]:
-    """Return what is left under a random load over the gap, for one variant; for the first of them also on structures with shifted frequencies."""
+def random_rows(case: Case, number: int, settings: SpectrumSettings) -> list[Json]:
+    """Return the relative measure under a random load over the gap, for one variant; for the first also on structures with shifted frequencies."""
     variant = VARIANTS[number]
     damped = replace(case.model, damping_ratio=np.full(case.model.modes, variant.damping))
     mass, loads = variant.mass_ratio * damped.beam_mass, _random(damped, variant.spectrum)
@@ -171,7 +171,7 @@ def _high_share(lane: Lane) -> float:
     return float(1 - modal[0] / np.sum(modal))
 
 
-def shock_rows(case: Case, width: float, settings: Settings) -> list[Json]:
+def shock_rows(case: Case, width: float, settings: SpectrumSettings) -> list[Json]:
     """Return decay times over that without absorber, and the share of the higher modes, over the peak; members begin elsewhere in the cavity."""
     model, unit = case.model, _shock(case.model, width)
     history = there(simulate(Scene(model), unit, record=SERIES).history)

@@ -32,7 +32,7 @@ T = TypeVar("T")
 
 
 def there(value: T | None) -> T:
-    """Return what a run was asked to record, which is None only where it was not."""
+    """Return a recorded part of a run, which is None only where it was not asked for."""
     assert value is not None
     return value
 
@@ -326,7 +326,7 @@ def whole_part(
 
 
 def with_sources(said: Callable[[Measured], str]) -> Callable[[Measured], str]:
-    """Return what says the same and, below it, when, where and with what it was measured."""
+    """Return a function that adds below a text when, where and with what its numbers were measured."""
     return lambda measured: f"{said(measured)}\n\n{sources(measured.conditions)}"
 
 

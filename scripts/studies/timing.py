@@ -15,7 +15,7 @@ T = TypeVar("T")
 Advance = Callable[[], object]  # told of each repeat, as a bar is
 
 
-class Settings(NamedTuple):
+class TimingSettings(NamedTuple):
     """Pseudo periods of a run, or its samples, and how often each is timed."""
 
     periods: float
@@ -30,7 +30,7 @@ def seconds(work: Callable[[], object]) -> float:
 
 
 def in_turn(runs: Mapping[K, Callable[[], float]], repeats: int, advance: Advance = lambda: None) -> dict[K, list[float]]:
-    """Return what runs say of each repeat, as their time in s, by name; in each repeat they go one after the other."""
+    """Return the times in s of each repeat, by name; in each repeat the runs go one after the other."""
     found: dict[K, list[float]] = {name: [] for name in runs}
     for _ in range(repeats):
         for name, run in runs.items():
@@ -59,7 +59,7 @@ def sweep_up(scene: Scene, force: float, start: float, periods: float) -> Drive:
     return Drive(force, linear_sweep(scene.model.resonance_omega(1), start, start + periods * PAPER_RATE / 1e4))
 
 
-def all_cases(cases: Sequence[T], given: Settings, measure: Callable[[T, Settings, Advance], Json]) -> Json:
+def all_cases(cases: Sequence[T], given: TimingSettings, measure: Callable[[T, TimingSettings, Advance], Json]) -> Json:
     """Measure all cases, with a bar."""
     with Bar(total=given.repeats * len(cases), desc="timing", unit="repeat", leave=False) as bar:
         return {"repeats": given.repeats, "cases": [measure(case, given, bar.update) for case in cases]}

@@ -224,7 +224,7 @@ def together(start: str, line: str) -> str:
 
 
 def wrong(command: object, line: str, words: str) -> str:
-    """Return what a call in this folder does other than to refuse a line by one message with these words: an empty text if nothing."""
+    """Return the differences between a call in this folder and a refusal in one line with these words: an empty text if there are none."""
     for own, content in GIVEN_BYTES.items():
         Path(own).parent.mkdir(parents=True, exist_ok=True)
         Path(own).write_bytes(content)

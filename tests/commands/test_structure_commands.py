@@ -97,16 +97,16 @@ def test_a_search_takes_the_structure_and_its_forces(monkeypatch: pytest.MonkeyP
 
 def test_an_environment_takes_a_structure() -> None:
     pytest.importorskip("gymnasium")
-    from impact_env.envs.settings import Settings
+    from impact_env.envs.settings import TaskSettings
 
-    settings = Settings(structure=STEEL, absorber_options={"gap": 1e-3, "mass_ratio": 0.01})
+    settings = TaskSettings(structure=STEEL, absorber_options={"gap": 1e-3, "mass_ratio": 0.01})
     model = modal_model(load_structure(STEEL))
     np.testing.assert_array_equal(settings.scene.model.omega, model.omega)
     np.testing.assert_array_equal(settings.scene.model.level_shape, model.level_shape)
     assert settings.scene.model.response_shape is not None
-    assert settings.scene is Settings(structure=STEEL, absorber_options={"mass_ratio": 0.01, "gap": 1e-3}).scene
+    assert settings.scene is TaskSettings(structure=STEEL, absorber_options={"mass_ratio": 0.01, "gap": 1e-3}).scene
     with pytest.raises(ValueError, match="is not allowed"):
-        Settings(structure=STEEL, beam={"length": 1.0})
+        TaskSettings(structure=STEEL, beam={"length": 1.0})
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)

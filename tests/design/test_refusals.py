@@ -25,7 +25,7 @@ from optimisation.mounting import scene_on
 from optimisation.objectives import Condition, Constraint, Objective
 from optimisation.problem import Problem
 from optimisation.report.tuning_report import tuning_table
-from optimisation.search.settings import Rung, Settings, default_settings
+from optimisation.search.settings import Rung, SearchSettings, default_settings
 from optimisation.tuned import PAPER, minimax, peak, peaks
 from optimisation.uncertain import require_parts, spreads
 
@@ -120,9 +120,9 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     (lambda: default_settings(study_problem(space=design_space("impact", ["gap"])), "cma"), "two or more"),
     (lambda: default_settings(study_problem(), batch=1), "batch = 1"),
     (lambda: Rung(0), "members of a rung"),
-    (lambda: Settings("cma", 4, (Rung(4, 2.0),)).check(study_problem()), "own sweep rate"),
-    (lambda: Settings("cma", 4, (Rung(3),)).check(study_problem()), "members of the last rung = 3"),
-    (lambda: Settings("random", 4, (Rung(1), Rung(4))).check(study_problem(2)), "several objectives"),
+    (lambda: SearchSettings("cma", 4, (Rung(4, 2.0),)).check(study_problem()), "own sweep rate"),
+    (lambda: SearchSettings("cma", 4, (Rung(3),)).check(study_problem()), "members of the last rung = 3"),
+    (lambda: SearchSettings("random", 4, (Rung(1), Rung(4))).check(study_problem(2)), "several objectives"),
     (lambda: settings().whole_batches(0), "designs = 0"),
     (lambda: Threads(0), "threads = 0"),
     # what is uncertain, and materials

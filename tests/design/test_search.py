@@ -22,7 +22,7 @@ from optimisation.problem import Problem
 from optimisation.search.find import Plan, find, smooth_search
 from optimisation.search.judge import AUDIT, CHOICE, VERDICT, Findings, audit, more_modes, verdict
 from optimisation.search.noisy import NOISY, best_width, fitted, kernel_quantile, noisy_search
-from optimisation.search.settings import Rung, Settings, default_settings, hypervolume, nondominated
+from optimisation.search.settings import Rung, SearchSettings, default_settings, hypervolume, nondominated
 from optimisation.search.study import DesignStudy
 from optimisation.tuned import HIGH, LOW, minimax
 from studies.cli import search_methods
@@ -52,7 +52,7 @@ def test_only_the_best_share_climbs_and_the_others_are_told_as_worse() -> None:
 def test_searches_find_the_bottom_of_a_bowl() -> None:
     one = problem(conditions=(Condition(1, 3.5),))
     for sampler in ("cma", "random"):
-        study = DesignStudy(one, Settings(sampler, 8, (Rung(4),)))
+        study = DesignStudy(one, SearchSettings(sampler, 8, (Rung(4),)))
         study.run(240, Model())
         best = min(study.complete, key=lambda e: e.score.values[0])
         off = np.hypot(np.log(best.design.values["gap"] / 6e-4), best.design.values["restitution"] - 0.5)
@@ -61,7 +61,7 @@ def test_searches_find_the_bottom_of_a_bowl() -> None:
 
 @pytest.mark.skipif(importlib.util.find_spec("torch") is None, reason="the Gaussian process needs torch")
 def test_gaussian_process_needs_few_designs() -> None:
-    study = DesignStudy(problem(conditions=(Condition(1, 3.5),), members=1), Settings("gp", 4, (Rung(1),), 1))
+    study = DesignStudy(problem(conditions=(Condition(1, 3.5),), members=1), SearchSettings("gp", 4, (Rung(1),), 1))
     study.run(17, Model())
     best = min(study.complete, key=lambda e: e.score.values[0]).design.values
     assert np.hypot(np.log(best["gap"] / 6e-4), best["restitution"] - 0.5) < 0.15
@@ -118,7 +118,7 @@ def test_front_of_a_search_beats_random_search_with_the_same_budget() -> None:
     for seed in range(2):
         volumes = []
         for sampler in ("nsga2", "random"):
-            study = DesignStudy(problem(2, members=1), Settings(sampler, 10, (Rung(1),), seed))
+            study = DesignStudy(problem(2, members=1), SearchSettings(sampler, 10, (Rung(1),), seed))
             assert study.run(80, Model())
             volumes.append(hypervolume(1e3 * np.array([e.score.values for e in study.told]), (200.0, 200.0)))
         assert volumes[0] > volumes[1] > 0, f"seed {seed}: {volumes}"

@@ -22,7 +22,7 @@ from optimisation.problem import Problem
 from optimisation.search.find import Plan, find, identity, searched
 from optimisation.search.judge import Findings
 from optimisation.search.ledger import key_of, remembering
-from optimisation.search.settings import Rung, Settings
+from optimisation.search.settings import Rung, SearchSettings
 from optimisation.search.study import DesignStudy
 
 optuna = pytest.importorskip("optuna")
@@ -33,8 +33,8 @@ DESIGNS = 3 * BATCH + 1
 Result = tuple[object, ...]
 
 
-def search(file: Path | None, given: Problem, chosen: Settings, designs: int = DESIGNS) -> tuple[list[Result], int]:
-    """Return what a search finds with the runs that a file holds, and how many runs it made."""
+def search(file: Path | None, given: Problem, chosen: SearchSettings, designs: int = DESIGNS) -> tuple[list[Result], int]:
+    """Return a search's result with the runs that a file holds, and how many runs it made."""
     with remembering(Model(), identity(given, chosen.describe()), file) as ledger:
         study, _, cost = searched("search", given, chosen, designs, ledger)
     return [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told], cost.runs
@@ -122,7 +122,7 @@ def test_a_file_that_cannot_be_used_is_refused_in_one_line_and_stays(tmp_path: P
         (problem(), settings("random"), ["search.sampler is 'cma' there and 'random' here"]),
     ],
 )
-def test_study_of_something_else_is_refused(tmp_path: Path, other: Problem, chosen: Settings, names: list[str]) -> None:
+def test_study_of_something_else_is_refused(tmp_path: Path, other: Problem, chosen: SearchSettings, names: list[str]) -> None:
     search(tmp_path / "a.journal", problem(), settings(), 2)
     before = (tmp_path / "a.journal").read_bytes()
     with pytest.raises(ParameterError) as error:

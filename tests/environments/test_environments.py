@@ -19,7 +19,7 @@ from places import fresh
 
 from impact_env import ParameterError
 from impact_env.envs import ENVIRONMENTS, register_environments
-from impact_env.envs.settings import Settings
+from impact_env.envs.settings import TaskSettings
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")  # gymnasium says so of everything with a later version
 
@@ -78,11 +78,11 @@ def test_docstring_has_gymnasiums_sections_and_all_arguments(name: str) -> None:
     if name != PASSIVE:  # and of the suite's names: those with noise and delay are arguments of v1
         assert len(env.task.features) == sum(line.strip().startswith("| ") for line in text.splitlines()) - 2
     described = {type(own).__name__: type(own).__doc__ or "" for own in (make(other).unwrapped for other in ENVIRONMENTS)}
-    described["Settings"] = Settings.__doc__ or ""
+    described["TaskSettings"] = TaskSettings.__doc__ or ""
     referred, read = [text], set[str]()
     while referred:  # an argument stands here, or in a docstring that this one refers to
         read.add(referred.pop())
-        found = {name for one in read for name in re.findall(r"`(?:[\w.]+\.)?(\w+Env|Settings)`", one)}
+        found = {name for one in read for name in re.findall(r"`(?:[\w.]+\.)?(\w+Env|TaskSettings)`", one)}
         referred = [own for own in (described[name] for name in found) if own not in read]
     arguments = {field.name for group in type(env).kind.groups for field in fields(group)}
     assert not {argument for argument in arguments if not any(f"``{argument}``" in one for one in read)}

@@ -32,7 +32,7 @@ def linear(shown: np.ndarray, wanted: np.ndarray, rest: np.ndarray) -> np.ndarra
 
 
 def tree(shown: np.ndarray, wanted: np.ndarray, rest: np.ndarray, generator: np.random.Generator) -> np.ndarray:
-    """Return what an extremely randomised tree says (P. Geurts, D. Ernst, L. Wehenkel 2006): the best of a few cuts at random, again and again."""
+    """Return the prediction of an extremely randomised tree (P. Geurts, D. Ernst, L. Wehenkel 2006): the best of a few random cuts at each node."""
     columns = generator.integers(shown.shape[1], size=TRIED)
     cuts = generator.uniform(shown[:, columns].min(axis=0), shown[:, columns].max(axis=0))
     below = shown[:, columns] < cuts

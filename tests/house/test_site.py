@@ -72,7 +72,7 @@ def cells(notebook: Any) -> list[Any]:
 
 
 def words(notebook: Any) -> list[str]:
-    """Return what each cell says, with one sign for each number and one space for several, and which kinds of pictures it shows."""
+    """Return each cell's text, with one sign for each number and one space for several, and which kinds of pictures it shows."""
     said = []
     for cell in cells(notebook):
         text = "".join("".join(output.get("text", "")) for output in cell["outputs"])

@@ -36,7 +36,7 @@ from impact_env import (
 )
 from impact_env.drive import default_rate
 from impact_env.ensemble import Lane, Members, draw_members, run_lanes
-from impact_env.envs.settings import Settings
+from impact_env.envs.settings import TaskSettings
 from impact_env.frequency import joint_matrices, tip_response
 from impact_env.level import response_level
 from impact_env.parameters import friction_law
@@ -199,7 +199,8 @@ ELSEWHERE = ("Stop", "curve_passes", "is_ready", "prepare", "evaluate", "__versi
 MORE = {
     make.__name__: make
     for make in (
-        CompliantContact, CurveCase, Lane, Members, RigidContact, Settings, default_rate, draw_members, performance_curve, response_level, run_lanes,
+        CompliantContact, CurveCase, Lane, Members, RigidContact, TaskSettings, default_rate, draw_members, performance_curve, response_level,
+        run_lanes,
     )
 }  # fmt: skip
 PUBLIC = {name: getattr(impact_env, name) for name in impact_env.__all__ if name not in MADE_BY_RUNS + ELSEWHERE} | MORE

@@ -24,7 +24,7 @@ from impact_env import (
     linear_sweep,
     simulate,
 )
-from impact_env.envs.settings import Settings
+from impact_env.envs.settings import TaskSettings
 from impact_env.laws import argument, make, values
 from impact_env.periodic.case import case_of
 from impact_env.periodic.harmonic_balance import harmonic_balance
@@ -50,7 +50,7 @@ def test_one_vocabulary(name: str) -> None:
     concept, given = name.partition(",")[0], GIVEN[name]
     absorber = make(concept, given)
     assert values(absorber) == given
-    assert Settings(absorber=concept, absorber_options=given, method="runge-kutta" if concept == "sink" else "exact").scene.absorber == absorber
+    assert TaskSettings(absorber=concept, absorber_options=given, method="runge-kutta" if concept == "sink" else "exact").scene.absorber == absorber
     options = dict.fromkeys(SCENE_OPTIONS) | {OPTIONS.get(key, key): value for key, value in given.items()} | {"absorber": concept}
     assert make_absorber(options) == absorber
     if absorber is not None:

@@ -98,9 +98,9 @@ def test_one_absorber_is_at_the_first_place_and_not_where_the_level_is_read(stru
 
 def test_an_environment_has_its_absorber_at_the_first_place(structure: ModalModel, tmp_path: Path) -> None:
     pytest.importorskip("gymnasium")
-    from impact_env.envs.settings import Settings
+    from impact_env.envs.settings import TaskSettings
 
-    model = Settings(structure=str(write(tmp_path)), absorber_options={"mass_ratio": 0.01}).scene.model
+    model = TaskSettings(structure=str(write(tmp_path)), absorber_options={"mass_ratio": 0.01}).scene.model
     np.testing.assert_array_equal(model.level_shape, structure.level_shape)
     np.testing.assert_array_equal(model.tip_shape, structure.places[0])
     assert model.absorber_shapes is None

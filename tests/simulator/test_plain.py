@@ -33,7 +33,7 @@ from impact_env import (
     impact_absorbers,
     linear_sweep,
 )
-from impact_env.envs.settings import Settings
+from impact_env.envs.settings import TaskSettings
 from impact_env.laws import CONCEPTS
 from impact_env.parameters import Absorber, friction_law
 from impact_env.plain import from_drive, from_method, from_scene, to_beam, to_drive, to_method, to_scene
@@ -159,7 +159,7 @@ def test_no_friction_is_a_limit_of_zero_everywhere(zero: float) -> None:
         two, other = (impact_absorbers((1e-3, 1e-3), (1, 0.5), friction_limit=given) for given in (limit, same))
         assert two == other
     for law in ({}, {"contact_stiffness": 1e5}):
-        assert Settings(absorber_options={**law, "friction_limit": zero}).scene.absorber == Settings(absorber_options=law).scene.absorber
+        assert TaskSettings(absorber_options={**law, "friction_limit": zero}).scene.absorber == TaskSettings(absorber_options=law).scene.absorber
     for elastic in ({}, {"friction_stiffness": 1e5}):
         assert to_scene({"absorber": {"kind": "impact", "friction_limit": zero, **elastic}}).absorber == walls
     assert design_space("impact", ["gap"], fixed={"friction_limit": zero}).default.absorber() == impact_absorber(restitution=0.7)

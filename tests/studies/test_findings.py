@@ -30,7 +30,7 @@ def test_parts_write_numbers_figures_and_page(monkeypatch: pytest.MonkeyPatch, t
         space, conditions = parts.design_space(concept, free, bounds), parts.make_conditions(concept, list(at))
         return Problem(space, conditions, beam=Beam(modes=2), members=members or self.members, rate=40.0)
 
-    monkeypatch.setattr(parts.Settings, "problem", small)
+    monkeypatch.setattr(parts.FindingsSettings, "problem", small)
     for name, value in (("QUICK_DESIGNS", 4), ("QUICK_POINTS", 3), ("JOURNALS", tmp_path / "journals")):
         monkeypatch.setattr(findings, name, value)
     monkeypatch.setattr(pattern, "DOCS", tmp_path / "docs")

@@ -17,7 +17,7 @@ from studies import load_spectra
 from studies.cli import load_answers
 from studies.cli.load_answers import both_rows, both_text, main, orders
 from studies.load_figures import FIGURES
-from studies.load_spectra import CASES, Settings, random_rows, random_text, shock_rows, shock_text
+from studies.load_spectra import CASES, SpectrumSettings, random_rows, random_text, shock_rows, shock_text
 
 CASE = CASES["cantilever"]
 
@@ -47,7 +47,7 @@ def test_rows_of_both_resonances_are_told_and_drawn(tmp_path: Path, monkeypatch:
     groups = {name: load_answers.GROUPS[name] for name in ("share", "gap")}
     own = {"SHARES": (0.0, 1.0), "GAP_FACTORS": (2.0, 100.0), "REMEDIED": (1.0,), "LIMITS": (0.97, 1.0)}
     smaller(load_answers, monkeypatch, GROUPS=groups, CASES={"cantilever": CASE}, **own)
-    rows = [row for group in groups for row in both_rows(CASE, group, Settings(2, False))]
+    rows = [row for group in groups for row in both_rows(CASE, group, SpectrumSettings(2, False))]
     assert rows[0]["higher"] is None
     assert rows[3]["lower"] == pytest.approx([1.0, 1.0, 1.0], abs=0.01)  # no wall is touched in so wide a cavity, and phases matter little
     assert rows[4]["judged"] == 2
@@ -61,7 +61,7 @@ def test_rows_of_both_resonances_are_told_and_drawn(tmp_path: Path, monkeypatch:
 def test_random_loads_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A tuned absorber leaves what the sum over lines says; far walls leave all, and near ones less."""
     smaller(load_spectra, monkeypatch, PERIODS=400.0, GAPS=np.array([1.5, 100.0]), SHIFTS=(0.0,))
-    (row,) = random_rows(CASE, 0, Settings(3, False))
+    (row,) = random_rows(CASE, 0, SpectrumSettings(3, False))
     loads = load_spectra._random(CASE.model, "wide")
     (wide,) = loads.parts
     expected = expected_rms(CASE.model, tuned_for(CASE.model, 0.02, [loads]), wide) / expected_rms(CASE.model, None, wide)
@@ -75,7 +75,7 @@ def test_random_loads_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.Mon
 @pytest.mark.nightly
 def test_shocks_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(load_spectra, "PEAKS", (0.5, 2.0))
-    rows = shock_rows(CASE, 0.5, Settings(3, False))
+    rows = shock_rows(CASE, 0.5, SpectrumSettings(3, False))
     assert rows[1]["peak_n"] == pytest.approx(4 * rows[0]["peak_n"])
     assert rows[0]["tuned"] == pytest.approx(rows[1]["tuned"], rel=1e-6)  # linear
     assert np.median(rows[1]["decay"]) < 0.9

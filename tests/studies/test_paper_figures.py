@@ -37,12 +37,12 @@ from studies.paper.curve import (
     slopes,
     watched_curve,
 )
-from studies.paper.frame import PaperFigure, Settings, Size, saved
+from studies.paper.frame import PaperFigure, PaperSettings, Size, saved
 from studies.paper.study import FIGURES, STUDY, place
 from studies.study import Json, load
 
 FORCES = np.array([0.5, 1.0, 2.0, 4.0, 8.0])
-QUICK = Settings(Path("nowhere"), quick=True, threads=1)
+QUICK = PaperSettings(Path("nowhere"), quick=True, threads=1)
 
 
 def made(level: np.ndarray, impacts: float = 100.0, pause: np.ndarray | float = 0.5, at: float = 0.95) -> Curve:

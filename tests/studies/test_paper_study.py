@@ -16,7 +16,7 @@ from optimisation.files import read_json
 from studies.cli import reproduce_paper
 from studies.paper import study
 from studies.paper.claim import Claim, Verdict, from_plain, judged
-from studies.paper.frame import PaperFigure, Settings, Size, in_turn, marker
+from studies.paper.frame import PaperFigure, PaperSettings, Size, in_turn, marker
 from studies.paper.study import CLAIMED, REFUTED, SUMMARY, claims_part, reasons, summary, table
 from studies.study import Json, Steps
 
@@ -29,11 +29,11 @@ def script() -> ModuleType:
 def figure_of(label: str, points: int, begin: Callable[[str], None]) -> PaperFigure:
     """Return a figure of two groups; ``begin`` is told the name of each before it is measured."""
 
-    def group(name: str, settings: Settings) -> dict[str, int]:
+    def group(name: str, settings: PaperSettings) -> dict[str, int]:
         begin(name)
         return {"sum": sum(range(points)) + settings.seed}
 
-    def measure(settings: Settings, _size: Size, known: Json) -> Steps:
+    def measure(settings: PaperSettings, _size: Size, known: Json) -> Steps:
         return in_turn({name: partial(group, f"{label} {name}", settings) for name in ("first", "second")}, known)
 
     def words(values: Json) -> str:

@@ -17,7 +17,7 @@ from optimisation.evaluation import evaluate
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.search.cluster import Workers
-from optimisation.search.settings import Rung, Settings
+from optimisation.search.settings import Rung, SearchSettings
 from optimisation.search.study import DesignStudy
 
 
@@ -71,7 +71,7 @@ def compare(cluster: distributed.LocalCluster) -> None:
         print("lanes", same_comparison(workers))
         found = []
         for executor in (Threads(), workers):
-            study = DesignStudy(given, Settings("cma", 4, (Rung(1, 2.0, 0.5), Rung(4))))
+            study = DesignStudy(given, SearchSettings("cma", 4, (Rung(1, 2.0, 0.5), Rung(4))))
             study.run(5, executor)
             found.append([(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told])
         print("studies", found[0] == found[1])

@@ -14,7 +14,7 @@ from optimisation.evaluation import evaluate
 from optimisation.measures import Chunk
 from optimisation.objectives import Condition, Objective
 from optimisation.problem import Problem
-from optimisation.search.settings import Rung, Settings
+from optimisation.search.settings import Rung, SearchSettings
 
 Array = NDArray[np.float64]
 BATCH = 4
@@ -34,12 +34,12 @@ def problem(objectives: int = 1, **changes: object) -> Problem:
     return Problem(**(given | changes))
 
 
-def settings(sampler: str = "cma", seed: int = 0, rungs: tuple[Rung, ...] = (Rung(1, 1.0, 0.5), Rung(4))) -> Settings:
-    return Settings(sampler, BATCH, rungs if sampler != "nsga2" else rungs[-1:], seed)
+def settings(sampler: str = "cma", seed: int = 0, rungs: tuple[Rung, ...] = (Rung(1, 1.0, 0.5), Rung(4))) -> SearchSettings:
+    return SearchSettings(sampler, BATCH, rungs if sampler != "nsga2" else rungs[-1:], seed)
 
 
 def values_of(problem: Problem, design: Design | None = None) -> Array:
-    """Return what one design (None: the default) has for all members, simulated in this thread."""
+    """Return the measures of one design (None: the default) for all members, simulated in this thread."""
     ((_, found),) = evaluate(problem, [design or problem.space.default], problem.ensemble, problem.rate, Threads(1))
     return found
 

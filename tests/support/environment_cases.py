@@ -41,7 +41,7 @@ def actions(name: str, steps: int, lanes: int) -> np.ndarray:
 
 
 def played(env: Any, act: Any = 0, **reset: Any) -> list[Any]:
-    """Return what each step of an episode gave; ``act`` is the action, or a function of the observation that gives it."""
+    """Return the results of each step of an episode; ``act`` is the action, or a function of the observation that gives it."""
     observation, steps = env.reset(**reset)[0], []
     while not steps or not (steps[-1][2] or steps[-1][3]):
         steps.append(env.step(act(observation) if callable(act) else act))

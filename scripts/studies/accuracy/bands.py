@@ -14,7 +14,7 @@ from impact_env import Beam, beam_scene
 from impact_env.drive import PAPER_LIMITS, linear_sweep
 from impact_env.ensemble import Lane, MemberKind, Members, draw_members, run_lanes
 from optimisation.page import markdown
-from studies.accuracy.cases import Cases, Row, Settings, kind_named, unique
+from studies.accuracy.cases import AccuracySettings, Cases, Row, kind_named, unique
 from studies.study import Array
 
 NAME = "bands"
@@ -24,7 +24,7 @@ KINDS: tuple[MemberKind, ...] = get_args(MemberKind)
 DIRECTIONS = ("up", "down")
 
 
-def _plans(settings: Settings) -> Iterator[tuple[str, Members, int]]:
+def _plans(settings: AccuracySettings) -> Iterator[tuple[str, Members, int]]:
     """Yield kind, members and the number of members that share a phase. No member is in two of the samples, as the test between them wants."""
     for k, kind in enumerate(KINDS):
         yield kind, draw_members(settings.band_members + 1, settings.seed + k, kind)[1:], 1
@@ -36,7 +36,7 @@ def _plans(settings: Settings) -> Iterator[tuple[str, Members, int]]:
 key = itemgetter("direction", "kind")  # of a row: its case
 
 
-def cases(settings: Settings) -> Cases:
+def cases(settings: AccuracySettings) -> Cases:
     """Return a case for each direction and kind of members."""
     plans = itertools.product(DIRECTIONS, _plans(settings))
     return {(direction, name): partial(_measured, direction, name, members, shared) for direction, (name, members, shared) in plans}

@@ -137,7 +137,7 @@ Cases = Mapping[Any, Callable[[], list[Row]]]  # functions that measure rows, by
 
 
 @dataclass(frozen=True)
-class Settings:
+class AccuracySettings:
     """How much to compute. Steps are per period of the highest mode; rates in pseudo periods per 1 % of the resonance frequency."""
 
     modes: tuple[int, ...] = (1, 3, 10, 30)
@@ -174,8 +174,8 @@ class Settings:
         return [(name, modes) for name in names if not self.kinds or name in self.kinds for modes in self.modes]
 
 
-FULL = Settings()
-QUICK = Settings(
+FULL = AccuracySettings()
+QUICK = AccuracySettings(
     quick=True, modes=(3, 10), kinds=("no absorber", "impact, e = 1", "impact, e = 0.7, with friction", "compliant walls, stiff"),
     steps=(20, 200, 2000), scipy_tolerances=(1e-9,), heyoka_tolerances=(1e-15,), starts=3, repeats=3, timed_seconds=0.02, patience=0.5,
     sweep_steps=(20, 80), truth_members=16, members=12, budget=1.5, band_members=20, band_phases=5, band_repeats=4, stretches=40, twins=4,

@@ -13,7 +13,7 @@ from impact_env.ensemble import Lane, available_cores, draw_members, run_lanes
 from impact_env.methods import Exact, Method, Moreau
 from optimisation.page import markdown
 from optimisation.report.figures import figure_of, force_axis
-from studies.accuracy.cases import COLOURS, MARKERS, Cases, Row, Settings, case, kind_named, method_name, number, plain, unique
+from studies.accuracy.cases import COLOURS, MARKERS, AccuracySettings, Cases, Row, case, kind_named, method_name, number, plain, unique
 from studies.accuracy.trajectory import own_time
 from studies.timing import median_time, seconds
 
@@ -34,7 +34,7 @@ LENGTH_KIND, LENGTH_MODES, LENGTH_LIMITS = "impact, e = 1", 3, (0.94, 0.98)
 key = itemgetter("over", "value", "scene", "method")  # of a row: its case
 
 
-def cases(settings: Settings) -> Cases:
+def cases(settings: AccuracySettings) -> Cases:
     """Return a case for each row."""
     found: dict[tuple[str, float, str, str], Callable[[], list[Row]]] = {}
 
@@ -58,7 +58,7 @@ def cases(settings: Settings) -> Cases:
     return found
 
 
-def _lanes_time(lanes: int, threads: int, settings: Settings) -> float:
+def _lanes_time(lanes: int, threads: int, settings: AccuracySettings) -> float:
     """Return the time of a pseudo period of one lane in us, all lanes run together through the ensemble."""
     kind = kind_named(LANE_KIND)
     scene = beam_scene(Beam(modes=LANE_MODES), kind.absorber())
@@ -69,7 +69,7 @@ def _lanes_time(lanes: int, threads: int, settings: Settings) -> float:
     return 1e6 * taken / (lanes * LANE_PERIODS)
 
 
-def _length_time(periods: float, settings: Settings) -> float:
+def _length_time(periods: float, settings: AccuracySettings) -> float:
     """Return the time of a pseudo period in us of a sweep that takes ``periods`` of them through the same range, with its level observed."""
     kind = kind_named(LENGTH_KIND)
     scene = beam_scene(Beam(modes=LENGTH_MODES), kind.absorber())

@@ -20,7 +20,7 @@ from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from optimisation.page import markdown
 from optimisation.report.figures import force_axis
 from studies.accuracy import cases as shared
-from studies.accuracy.cases import Cases, Kind, Row, Settings
+from studies.accuracy.cases import AccuracySettings, Cases, Kind, Row
 from studies.study import Array, there
 
 NAME = "distribution"
@@ -30,7 +30,7 @@ FEWEST = 3  # runs of a method, however slow it is
 
 
 def _levels(
-    scene: Scene, kind: Kind, method: Method, members: Members, settings: Settings, budget: float | None
+    scene: Scene, kind: Kind, method: Method, members: Members, settings: AccuracySettings, budget: float | None
 ) -> Iterator[tuple[int, float, float]]:
     """Yield member, level in m and run time in s, until the budget (s) is used up."""
     schedule = linear_sweep(scene.model.resonance_omega(1), *settings.sweep)
@@ -45,12 +45,12 @@ def _levels(
 key = itemgetter("scene", "modes")  # of a row: its case
 
 
-def cases(settings: Settings) -> Cases:
+def cases(settings: AccuracySettings) -> Cases:
     """Return a case for each scene and number of modes."""
     return {(name, modes): partial(_measured, shared.kind_named(name), modes, settings) for name, modes in settings.scenes_and_modes(KINDS)}
 
 
-def _measured(kind: Kind, modes: int, settings: Settings) -> list[Row]:
+def _measured(kind: Kind, modes: int, settings: AccuracySettings) -> list[Row]:
     """Return a row for each run."""
     truth, members = draw_members(settings.truth_members, settings.seed + 1), draw_members(settings.members, settings.seed)
     scene = beam_scene(Beam(modes=modes), kind.absorber())

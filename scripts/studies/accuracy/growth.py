@@ -12,7 +12,22 @@ from matplotlib.figure import Figure
 
 from impact_env import Drive, Exact, InitialState, constant_frequency, simulate
 from optimisation.report.figures import figure_of
-from studies.accuracy.cases import BARE, COLOURS, MARKERS, WATCHED, Case, Cases, Row, Settings, case, kind_named, number, plain, shown_rows, unique
+from studies.accuracy.cases import (
+    BARE,
+    COLOURS,
+    MARKERS,
+    WATCHED,
+    AccuracySettings,
+    Case,
+    Cases,
+    Row,
+    case,
+    kind_named,
+    number,
+    plain,
+    shown_rows,
+    unique,
+)
 from studies.study import Array, lines, there
 
 NAME = "growth"
@@ -72,7 +87,7 @@ def _direction(run: _Continued, generator: np.random.Generator) -> Array:
     return raw / run.norm(raw)
 
 
-def _grow(run: _Continued, settings: Settings, generator: np.random.Generator) -> tuple[list[float], int, list[tuple[Array, int]]]:
+def _grow(run: _Continued, settings: AccuracySettings, generator: np.random.Generator) -> tuple[list[float], int, list[tuple[Array, int]]]:
     """Return the logarithms of the growth in each stretch, the number of impacts, and states along the way with their stretch."""
     n = run.it.modes
     start = run.it.initial.vector(run.scene)
@@ -111,12 +126,12 @@ def _twins(run: _Continued, states: list[tuple[Array, int]], per_period: float, 
 key = itemgetter("scene", "modes")  # of a row: its case
 
 
-def cases(settings: Settings) -> Cases:
+def cases(settings: AccuracySettings) -> Cases:
     """Return a case for each scene and number of modes."""
     return {(name, modes): partial(_measured, name, modes, settings) for name, modes in settings.scenes_and_modes(KINDS)}
 
 
-def _measured(name: str, modes: int, settings: Settings) -> list[Row]:
+def _measured(name: str, modes: int, settings: AccuracySettings) -> list[Row]:
     """Return a row for the exponent, and one for each impact followed."""
     run = _Continued(case(kind_named(name), modes))
     generator = np.random.default_rng(settings.seed)

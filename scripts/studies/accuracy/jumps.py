@@ -14,7 +14,7 @@ from impact_env.ensemble import draw_members
 from impact_env.methods import Exact, Method, Moreau
 from optimisation.page import markdown
 from optimisation.report.figures import figure_of
-from studies.accuracy.cases import MARKERS, Cases, Row, Settings, named, plain, unique
+from studies.accuracy.cases import MARKERS, AccuracySettings, Cases, Row, named, plain, unique
 from studies.study import there
 
 NAME = "jumps"
@@ -25,7 +25,7 @@ HIGH = 0.75e-3  # m: between the two branches, which lie at about 0.5e-3 and 1.0
 key = itemgetter("periods_per_percent", "method", "setting")  # of a row: its case
 
 
-def cases(settings: Settings) -> Cases:
+def cases(settings: AccuracySettings) -> Cases:
     """Return a case for each slowness and method."""
     methods: list[Method] = [Exact(), *map(Moreau, settings.jump_steps)]
     return {
@@ -37,7 +37,7 @@ def _names(method: Method) -> Row:
     return {"method": "Exact", "setting": None} if isinstance(method, Exact) else {"method": "Moreau", "setting": method.steps_per_period}
 
 
-def _measured(slowness: float, method: Method, settings: Settings) -> list[Row]:
+def _measured(slowness: float, method: Method, settings: AccuracySettings) -> list[Row]:
     """Return a row for each run."""
     scene = beam_scene(Beam(modes=2), impact_absorber(friction_limit=FRICTION))
     low, high = PAPER_LIMITS

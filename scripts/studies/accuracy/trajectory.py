@@ -20,7 +20,7 @@ from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method
 from optimisation.page import markdown
 from studies.accuracy import cases as shared
-from studies.accuracy.cases import Case, Cases, Kind, Row, Settings
+from studies.accuracy.cases import AccuracySettings, Case, Cases, Kind, Row
 from studies.accuracy.event_driven import PeerFailedError, PeerRun, follow, scipy_integrator
 from studies.study import Array, there
 from studies.timing import median_time
@@ -93,7 +93,7 @@ def _errors(it: Case, truth: Truth, state: Array, times: Array, balance: float |
     return state_error(it, state, truth.end_state), *impacts, balance
 
 
-def own_row(starts: list[Start], method: Method, settings: Settings) -> Row:
+def own_row(starts: list[Start], method: Method, settings: AccuracySettings) -> Row:
     """Measure one of the package's methods. Slow runs are made from fewer starts."""
     it, truth = starts[0]
     found, us, note = [], None, ""
@@ -111,7 +111,7 @@ def own_row(starts: list[Start], method: Method, settings: Settings) -> Row:
     return _row(starts[0], shared.method_name(method, it.scene), None if isinstance(method, Exact) else method.steps_per_period, found, us, note)
 
 
-def own_time(it: Case, method: Method, shortest: float, settings: Settings) -> float:
+def own_time(it: Case, method: Method, shortest: float, settings: AccuracySettings) -> float:
     """Return the time of a pseudo period in us: the median of runs that are long enough to be timed."""
 
     def run(periods: float) -> float:
@@ -123,7 +123,7 @@ def own_time(it: Case, method: Method, shortest: float, settings: Settings) -> f
     return 1e6 * median_time(lambda: run(periods), settings.repeats, settings.patience)
 
 
-def peer_row(starts: list[Start], name: str, tolerance: float, make: Maker, settings: Settings) -> Row:
+def peer_row(starts: list[Start], name: str, tolerance: float, make: Maker, settings: AccuracySettings) -> Row:
     """Measure a peer. Slow ones are run from fewer starts."""
     found, us, note = [], None, ""
     began = time.perf_counter()
@@ -143,13 +143,13 @@ def peer_row(starts: list[Start], name: str, tolerance: float, make: Maker, sett
     return _row(starts[0], name, tolerance, found, us, note)
 
 
-def _peer_time(it: Case, drive: Drive, maker: Any, first: float, settings: Settings) -> float:
+def _peer_time(it: Case, drive: Drive, maker: Any, first: float, settings: AccuracySettings) -> float:
     if first > settings.patience:
         return first
     return median_time(lambda: follow(it.scene, drive, it.initial, maker).wall_time, settings.repeats, settings.patience)
 
 
-def peers(settings: Settings) -> list[tuple[str, float, Maker]]:
+def peers(settings: AccuracySettings) -> list[tuple[str, float, Maker]]:
     """Return name, tolerance and maker of each peer; heyoka where it is installed."""
     if not settings.peers:
         return []
@@ -164,19 +164,19 @@ def peers(settings: Settings) -> list[tuple[str, float, Maker]]:
 key = itemgetter("scene", "modes")  # of a row: its case
 
 
-def cases(settings: Settings) -> Cases:
+def cases(settings: AccuracySettings) -> Cases:
     """Return a case for each scene and number of modes."""
     every = settings.scenes_and_modes(kind.name for kind in shared.KINDS)
     return {(name, modes): partial(_measured, shared.kind_named(name), modes, settings) for name, modes in every}
 
 
-def _measured(kind: Kind, modes: int, settings: Settings) -> list[Row]:
+def _measured(kind: Kind, modes: int, settings: AccuracySettings) -> list[Row]:
     starts = _starts(kind, modes, settings)
     found = [own_row(starts, method, settings) for method in starts[0][0].methods(settings.steps)]
     return found + [peer_row(starts, name, tolerance, make, settings) for name, tolerance, make in peers(settings)]
 
 
-def _starts(kind: Kind, modes: int, settings: Settings) -> list[Start]:
+def _starts(kind: Kind, modes: int, settings: AccuracySettings) -> list[Start]:
     """Return a scene's starts with their references; one suffices where there are no events to be met by chance."""
     found = [shared.case(kind, modes)]
     if found[0].scene.kind is not SceneKind.LINEAR:

@@ -17,7 +17,7 @@ from impact_env.methods import PAPER_STEPS, Exact, Moreau
 from optimisation.cli.common import command
 from optimisation.machine import BARE, Timed
 from studies.study import Array, Json, Measured, Study, lines, run, table_options, table_place, table_study, there
-from studies.timing import Advance, Settings, all_cases, each_and_median, in_turn, seconds, sweep_up
+from studies.timing import Advance, TimingSettings, all_cases, each_and_median, in_turn, seconds, sweep_up
 
 NAME = "benchmark"
 START = 0.98  # of the first resonance; with the whole length the sweep ends at 1.06
@@ -58,7 +58,7 @@ CASES = (
 )
 
 
-def measure(case: Case, given: Settings, advance: Advance) -> Json:
+def measure(case: Case, given: TimingSettings, advance: Advance) -> Json:
     """Time both methods: times per pseudo period in us, medians and all repeats."""
     scene, periods, short = case.scene(), given.periods, min(given.periods, case.moreau_periods)
     exact, moreau = (Timed(scene, sweep_up(scene, case.force, START, length), method) for length, method in ((periods, Exact()), (short, Moreau())))
@@ -102,7 +102,7 @@ def _said(measured: Measured) -> str:
     )
 
 
-STUDY: Study[Settings] = table_study(
+STUDY: Study[TimingSettings] = table_study(
     NAME,
     "speed of the exact method",
     lambda given: all_cases(CASES, given, measure),
@@ -130,7 +130,7 @@ def state_space(model: ModalModel) -> tuple[Array, ...]:
     return a, b, np.concatenate([model.level_shape, np.zeros(n)])[None], np.zeros((1, 1))
 
 
-def measure_record(case: tuple[str, SlidingAbsorber | None], given: Settings, advance: Advance) -> Json:
+def measure_record(case: tuple[str, SlidingAbsorber | None], given: TimingSettings, advance: Advance) -> Json:
     """Return times of a sample in us, and how far lsim's displacement is from the exact one's, relative to its largest."""
     (name, absorber), samples = case, int(given.periods)
     model, times = modal_model(Beam(modes=MODES)), np.arange(samples + 1) / RATE
@@ -170,7 +170,7 @@ def _record_said(measured: Measured) -> str:
     )
 
 
-RECORD_STUDY: Study[Settings] = table_study(
+RECORD_STUDY: Study[TimingSettings] = table_study(
     RECORD, "a sample of a record", lambda given: all_cases(list(RECORDED.items()), given, measure_record), _record_said
 )
 
@@ -187,6 +187,6 @@ def main(quick: bool, repeats: int | None, record: bool, target: Path | None, pa
     """
     times = repeats or (QUICK_REPEATS if quick else REPEATS)
     if record:
-        run(RECORD_STUDY, Settings(QUICK_SAMPLES if quick else SAMPLES, times), table_place(target, page))
+        run(RECORD_STUDY, TimingSettings(QUICK_SAMPLES if quick else SAMPLES, times), table_place(target, page))
     else:
-        run(STUDY, Settings(QUICK if quick else WHOLE, times), table_place(target, page))
+        run(STUDY, TimingSettings(QUICK if quick else WHOLE, times), table_place(target, page))

@@ -22,7 +22,7 @@ from impact_env.parameters import (
 from optimisation.cli.common import command
 from optimisation.machine import Timed
 from studies.study import Json, Measured, Study, lines, run, table_options, table_place, table_study, there
-from studies.timing import Advance, Settings, all_cases, each_and_median, in_turn, sweep_up
+from studies.timing import Advance, TimingSettings, all_cases, each_and_median, in_turn, sweep_up
 
 NAME = "benchmark_energies"
 START = 0.9  # of the first resonance; with the whole length the sweep ends at 1.06
@@ -55,7 +55,7 @@ CASES = (
 )
 
 
-def measure(case: Case, given: Settings, advance: Advance) -> Json:
+def measure(case: Case, given: TimingSettings, advance: Advance) -> Json:
     """Time both: times per pseudo period in us, medians and all repeats."""
     scene, periods = beam_scene(Beam(modes=case.modes), case.absorber), given.periods
     drive = sweep_up(scene, case.force, START, periods)
@@ -94,7 +94,7 @@ def _said(measured: Measured) -> str:
     )
 
 
-STUDY: Study[Settings] = table_study(
+STUDY: Study[TimingSettings] = table_study(
     NAME,
     "price of an energy account",
     lambda given: all_cases(CASES, given, measure),
@@ -111,5 +111,5 @@ def main(quick: bool, repeats: int | None, target: Path | None, page: Path | Non
 
     Run it on an otherwise idle machine. The first call compiles the kernels, up to a quarter of a minute a scene, which is not part of the times.
     """
-    settings = Settings(QUICK if quick else WHOLE, repeats or (QUICK_REPEATS if quick else REPEATS))
+    settings = TimingSettings(QUICK if quick else WHOLE, repeats or (QUICK_REPEATS if quick else REPEATS))
     run(STUDY, settings, table_place(target, page))

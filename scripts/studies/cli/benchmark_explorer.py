@@ -39,7 +39,7 @@ GAP = "Gap to either wall, mm"
 FILE = click.Path(dir_okay=False, path_type=Path)
 
 
-class Settings(NamedTuple):
+class ExplorerSettings(NamedTuple):
     """Moves of the slider for each case, and where a picture of the page goes (None: nowhere)."""
 
     repeats: int
@@ -164,7 +164,7 @@ def stopped(modes: int, friction: float, repeats: int) -> list[float]:
     return times
 
 
-def measure(settings: Settings) -> Json:
+def measure(settings: ExplorerSettings) -> Json:
     """Return all times of all cases, and the machine's load averages of a minute at the beginning and at the end."""
     rows, load = [], os.getloadavg()[0]
     with serving() as address, browsing() as page:
@@ -217,4 +217,4 @@ def main(quick: bool, picture: Path | None, filmed: Path | None, target: Path | 
     if filmed is not None:
         film(filmed)
         return
-    run(STUDY, Settings(QUICK_REPEATS if quick else REPEATS, None if picture is None else picture.resolve()), table_place(target, page))
+    run(STUDY, ExplorerSettings(QUICK_REPEATS if quick else REPEATS, None if picture is None else picture.resolve()), table_place(target, page))

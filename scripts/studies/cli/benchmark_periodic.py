@@ -64,7 +64,7 @@ def first_orbit(case: Case) -> Orbit:
 
 
 def found(result: T | NoOrbit) -> T:
-    """Return what was found; raises ClickException with the reason if that is nothing."""
+    """Return the orbit; raises ClickException with the reason if there is none."""
     if isinstance(result, NoOrbit):
         raise click.ClickException(result.reason)
     return result

@@ -29,7 +29,7 @@ WITHIN, BESIDE = 1.5, 2  # gaps are run in full where a look is within this of t
 FRESH, UNSEEN = 12, 1  # members by which the scan's lowest gap is judged anew, and their seed
 
 
-class Settings(NamedTuple):
+class GapSettings(NamedTuple):
     """The cases, runs for each gap, the scan's step of ln gap, the sweeps' rate (None: the default), and runs that judge (None: the search's)."""
 
     cases: tuple[Case, ...]
@@ -41,7 +41,7 @@ class Settings(NamedTuple):
     executor: Executor | None = None
 
 
-def row(case: Case, given: Settings) -> list[Json]:
+def row(case: Case, given: GapSettings) -> list[Json]:
     """Return a case's one row; raises KeyboardInterrupt if it is stopped."""
     model = case.model()
     absorber = scaled_absorber(model, FORCE, case.resonance, case.mass_ratio)
@@ -149,7 +149,7 @@ def _said(measured: Measured) -> str:
     return "\n\n".join(tables(measured).values())
 
 
-STUDY: Study[Settings] = Study(
+STUDY: Study[GapSettings] = Study(
     (
         rows_part(
             NAME,
@@ -182,7 +182,7 @@ def main(quick: bool, cluster: str | None, target: Path | None, page: Path | Non
     """
     with plain_errors(), workers(given["threads"], cluster) as found:
         given |= {"members": given["members"] or MEMBERS, "threads": given["threads"] if found is None else None}
-        settings = Settings(
+        settings = GapSettings(
             tuple(CASES[k] for k in QUICK_CASES) if quick else CASES + DRAWN, step=QUICK_STEP if quick else STEP, executor=found, **given
         )
         run(STUDY, settings, table_place(target, page))

@@ -14,7 +14,7 @@ from optimisation.cli.common import command
 from optimisation.page import published
 from optimisation.report.figures import write_figure
 from studies.accuracy import bands, cost, distribution, growth, jumps, trajectory
-from studies.accuracy.cases import FULL, QUICK, Row, Settings, made_with
+from studies.accuracy.cases import FULL, QUICK, AccuracySettings, Row, made_with
 from studies.study import Json, Measured, Part, Saver, Study, rows_part, run, with_page
 
 QUICK_OUT = Path("results/error_vs_runtime")
@@ -24,7 +24,7 @@ DPI = 110
 
 def _part(
     module: ModuleType, title: str, table: Callable[[list[Row]], str], draw: Callable[[list[Row]], dict[str, Figure]] = lambda _: {}
-) -> Part[Settings]:
+) -> Part[AccuracySettings]:
     """Return a part of the study: a module with its ``cases`` and the ``key`` of a row's case, a table and figures by file name, of its rows."""
 
     def text(measured: Measured) -> str:
@@ -59,7 +59,7 @@ def unpack(name: str, content: Json) -> Measured:
     return Measured({"rows": rows}, made | {"versions": {"python": content.pop("python"), **content.pop("versions")}} | content, bool(complete))
 
 
-STUDY: Study[Settings] = Study(
+STUDY: Study[AccuracySettings] = Study(
     (
         _part(trajectory, "errors over the first impacts", trajectory.trajectory_table, trajectory.trajectory_figures),
         _part(distribution, "errors of the level's distribution", distribution.distribution_table, distribution.distribution_figures),

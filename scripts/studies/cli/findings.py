@@ -20,7 +20,7 @@ from optimisation.page import markdown, published
 from optimisation.statistics import ratio_of_quantiles
 from studies.findings import parts
 from studies.findings.figures import FIGURES
-from studies.findings.parts import Settings
+from studies.findings.parts import FindingsSettings
 from studies.study import Json, Measured, Part, Saver, Study, beside, lines, run, whole_part, with_sources
 
 UNITS = {"gap": ("mm", 1e3), "friction_limit": ("N", 1.0), "restitution": ("", 1.0), "stiffness": ("N/m", 1.0), "damping": ("N s/m", 1.0)}
@@ -198,15 +198,15 @@ DESIGNS, FEW, POINTS = 160, 4, 13  # odd: the study's own force is one of the po
 QUICK_DESIGNS, QUICK_POINTS = 20, 6
 
 
-def settings(quick: bool, executor: Executor, seed: int, out: Path) -> Settings:
+def settings(quick: bool, executor: Executor, seed: int, out: Path) -> FindingsSettings:
     """Return how much to search, with journals by which the same command goes on where it was stopped."""
     journals, data = JOURNALS / ("quick" if quick else "full") / str(seed), out / NAME
     sizes = (QUICK_DESIGNS, QUICK_MEMBERS, QUICK_MEMBERS, QUICK_POINTS) if quick else (DESIGNS, DEFAULT_MEMBERS, FEW, POINTS)
-    return Settings(executor, journals, *sizes, data, (QUICK_SPEED if quick else 1.0) * PAPER_RATE, seed, quick=quick)
+    return FindingsSettings(executor, journals, *sizes, data, (QUICK_SPEED if quick else 1.0) * PAPER_RATE, seed, quick=quick)
 
 
 # a title, what measures it, what tells it
-PARTS: dict[str, tuple[str, Callable[[Settings], Json], Callable[[Json], str]]] = {
+PARTS: dict[str, tuple[str, Callable[[FindingsSettings], Json], Callable[[Json], str]]] = {
     "concepts": ("the best design of each concept for two resonances", parts.concepts, _concepts),
     "optima": ("the best friction limit, gap and force at each resonance alone", parts.optima, _optima),
     "place": ("where along the beam", parts.place, _place),
@@ -217,7 +217,7 @@ PARTS: dict[str, tuple[str, Callable[[Settings], Json], Callable[[Json], str]]] 
 }
 
 
-def _part(name: str) -> Part[Settings]:
+def _part(name: str) -> Part[FindingsSettings]:
     marker, (title, compute, words) = f"{NAME}:{name}", PARTS[name]
 
     def drawn(measured: Measured) -> dict[str, Saver]:
@@ -227,7 +227,7 @@ def _part(name: str) -> Part[Settings]:
     return whole_part(name, f"{name}: {title}", compute, text, marker, figures=drawn)
 
 
-STUDY: Study[Settings] = Study(
+STUDY: Study[FindingsSettings] = Study(
     tuple(map(_part, PARTS)),
     notes=lambda given: {"memory_bytes": peak_memory(), "quick": given.quick, "seed": given.seed},
     pack=lambda _name, measured: {"conditions": measured.conditions, "result": measured.values},

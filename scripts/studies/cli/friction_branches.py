@@ -35,7 +35,7 @@ NAME = "friction_branches"
 MEMBERS = 32  # at the paper's damping
 
 
-class Settings(NamedTuple):
+class BranchSettings(NamedTuple):
     """Runs for each point at the paper's damping, cases of `CASES`, and what makes the runs."""
 
     members: int
@@ -43,7 +43,7 @@ class Settings(NamedTuple):
     executor: Executor
 
 
-def _rows(damping: float, factor: float, given: Settings) -> list[Json]:
+def _rows(damping: float, factor: float, given: BranchSettings) -> list[Json]:
     """Return levels over no absorber for each of `LIMITS`: median and 5 to 95 % of the members, and their branches.
 
     On the paper's beam with another damping, and a gap ``factor`` times the rule's. There are fewer members at less damping, whose sweeps take longer
@@ -83,7 +83,7 @@ def table(measured: Measured) -> str:
     return lines(columns, ({**row, "damping": 100 * row["damping_ratio"], "level": level} for row, level in zip(found, levels, strict=True)))
 
 
-STUDY: Study[Settings] = Study(
+STUDY: Study[BranchSettings] = Study(
     (
         rows_part(
             NAME,
@@ -114,5 +114,5 @@ def main(quick: bool, members: int, threads: int | None, cluster: str | None, ta
     Ctrl-C prints, and writes, what is finished; with --json the same command goes on from there.
     """
     with plain_errors(), executor(threads, cluster) as where:
-        given = Settings(members, CASES[:1] if quick else CASES, where)
+        given = BranchSettings(members, CASES[:1] if quick else CASES, where)
         run(STUDY, given, table_place(target, page))

@@ -21,7 +21,7 @@ from optimisation.friction_rule import scaled_friction
 from optimisation.page import DOCS, markdown, published
 from optimisation.signals import band_levels
 from studies import load_spectra as spectra
-from studies.load_spectra import CASES, GAP, MASS_RATIO, RESTITUTION, Case, Settings, band_text
+from studies.load_spectra import CASES, GAP, MASS_RATIO, RESTITUTION, Case, SpectrumSettings, band_text
 from studies.study import Array, Json, Measured, Part, Place, Saver, Study, rows_part, run, with_sources
 
 LIMITS = (0.92, 1.04)  # of the sweeps, times a resonance
@@ -57,7 +57,7 @@ def _found(scene: Scene, drives: Sequence[AnyDrive]) -> Array:
 
 
 def _row(case: Case, group: str, variant: Variant, share: float, drives: Sequence[AnyDrive]) -> Json:
-    """Return what is left of the level in either band; without absorber the motion is linear, and the same for all members but for phases."""
+    """Return the relative level in either band; without absorber the motion is linear, and the same for all members but for phases."""
     free = _found(Scene(case.model), drives[:1])[0]
     ratio = np.round(_found(variant[1], drives) / free, 4)
     own = {"structure": case.name, "group": group, "variant": variant[0], "share": share}
@@ -65,8 +65,8 @@ def _row(case: Case, group: str, variant: Variant, share: float, drives: Sequenc
     return own | {"free_over_gap": (free / GAP).tolist(), "lower": ratio[:, 0].tolist(), "higher": higher}
 
 
-def both_rows(case: Case, group: str, settings: Settings) -> list[Json]:
-    """Return what is left for each variant of a group: of a remedy at few members, and of the best one, ``judged`` out of so many, at others."""
+def both_rows(case: Case, group: str, settings: SpectrumSettings) -> list[Json]:
+    """Return the relative level of each variant of a group: of a remedy at few members, and of the best one, ``judged`` out of so many, at others."""
     variants, rows = GROUPS[group](case)[:: 4 if settings.quick else 1], []
     members = draw_members(SEARCHED + settings.members, 0)
     for share in SHARES if group == "share" else REMEDIED:
@@ -129,7 +129,7 @@ GROUPS: dict[str, Callable[[Case], list[Variant]]] = {
 }
 
 
-def _ratios(case: Case, absorber: SlidingAbsorber, start: str | InitialState, settings: Settings, row: Json) -> list[Json]:
+def _ratios(case: Case, absorber: SlidingAbsorber, start: str | InitialState, settings: SpectrumSettings, row: Json) -> list[Json]:
     """Return rows of the members' levels over that without absorber, of sweeps up (``ratio``) and down, for each factor of the design force."""
     rows = []
     for factor in FACTORS[:: 4 if settings.quick else 1]:
@@ -151,7 +151,7 @@ def _sliding(case: Case, restitution: float, friction: float, gravity: float = 0
     return SlidingAbsorber(MASS_RATIO, RigidWalls(GAP, restitution), friction_law(limit), gravity)
 
 
-def gravity_rows(case: Case, weight: float, settings: Settings) -> list[Json]:
+def gravity_rows(case: Case, weight: float, settings: SpectrumSettings) -> list[Json]:
     """Return levels over the force, without friction and with it, for an absorber that begins on its lower wall.
 
     ``weight``: gravity as a share of gap times the first frequency squared.
@@ -167,7 +167,7 @@ STARTS = ("middle", "lower-wall", "bouncing")
 WALLS = ((1.0, 0.0), (RESTITUTION, 0.0), (RESTITUTION, 1.0))  # restitution, and friction over the paper's by the scaling law
 
 
-def start_rows(case: Case, start: str, settings: Settings) -> list[Json]:
+def start_rows(case: Case, start: str, settings: SpectrumSettings) -> list[Json]:
     """Return levels over the force from a start; bouncing, the absorber crosses its cavity in half a period."""
     state = InitialState(absorber_velocity=2 * GAP * float(case.model.omega[0]) / np.pi) if start == "bouncing" else start
     rows = []
@@ -220,7 +220,7 @@ def _over_force(rows: Sequence[Json], names: tuple[str, ...]) -> str:
 
 
 # part: title, what measures its rows, the name and the values that tell them apart, and what puts them into words
-PARTS: dict[str, tuple[str, Callable[[Case, Any, Settings], list[Json]], str, Sequence[Any], Callable[[Sequence[Json]], str]]] = {
+PARTS: dict[str, tuple[str, Callable[[Case, Any, SpectrumSettings], list[Json]], str, Sequence[Any], Callable[[Sequence[Json]], str]]] = {
     "loads_both": ("both resonances at once", both_rows, "group", tuple(GROUPS), both_text),
     "loads_random": ("random loads", spectra.random_rows, "number", range(len(spectra.VARIANTS)), spectra.random_text),
     "loads_gravity": ("gravity along the absorber's motion", gravity_rows, "weight", WEIGHTS, partial(_over_force, names=("weight", "friction"))),
@@ -229,10 +229,10 @@ PARTS: dict[str, tuple[str, Callable[[Case, Any, Settings], list[Json]], str, Se
 }
 
 
-def _part(name: str) -> Part[Settings]:
+def _part(name: str) -> Part[SpectrumSettings]:
     title, rows_of, told_apart, values, words = PARTS[name]
 
-    def cases(settings: Settings) -> dict[tuple[str, Any], Callable[[], list[Json]]]:
+    def cases(settings: SpectrumSettings) -> dict[tuple[str, Any], Callable[[], list[Json]]]:
         return {(case.name, value): partial(rows_of, case, value, settings) for case in CASES.values() for value in values}
 
     def figures(found: Measured) -> dict[str, Saver]:
@@ -262,5 +262,5 @@ MEMBERS, QUICK_MEMBERS = 5, 2
 def main(only: tuple[str, ...], members: int | None, quick: bool, redraw: bool, resume: bool, out: Path | None) -> None:
     """Measure what is left of level, RMS or decay time with impact absorbers on two beams, and write tables and figures into docs/loads.md."""
     folder = out or (QUICK_OUT if quick else published(DOCS, QUICK_OUT))
-    settings = Settings(members or (QUICK_MEMBERS if quick else MEMBERS), quick)
+    settings = SpectrumSettings(members or (QUICK_MEMBERS if quick else MEMBERS), quick)
     run(STUDY, settings, Place(folder, folder / "loads.md", DOCS / "loads.md"), only=only, redraw=redraw, resume=resume)

@@ -19,7 +19,7 @@ NAME = "levels"
 MM = 1e3
 
 
-class Settings(NamedTuple):
+class ReferenceSettings(NamedTuple):
     """Runs for each point, and the seed of their phases and forces."""
 
     members: int
@@ -129,7 +129,7 @@ def notes(levels: Sequence[Json], members: int) -> str:
     )
 
 
-def _measure(settings: Settings) -> Json:
+def _measure(settings: ReferenceSettings) -> Json:
     with sweeps_bar("sweeping", leave=False) as show:
         curves = performance_curves([column.case() for column in (*COLUMNS, PAST)], settings.members, settings.seed, progress=show)
     if not all(curve.complete for curve in curves):
@@ -154,4 +154,4 @@ STUDY = table_study(NAME, "levels beside earlier numbers", _measure, _said)
 @table_options(NAME, "docs/methods.md")
 def main(members: int, seed: int, target: Path | None, page: Path | None) -> None:
     """Compute response levels of the paper's scenes and print them beside numbers computed earlier with the Moreau scheme."""
-    run(STUDY, Settings(members, seed), table_place(target, page))
+    run(STUDY, ReferenceSettings(members, seed), table_place(target, page))

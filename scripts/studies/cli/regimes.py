@@ -21,7 +21,7 @@ from optimisation.executors import cluster_option, workers
 from optimisation.machine import sources
 from optimisation.page import markdown, published
 from optimisation.report.figures import figure_of, write_figure
-from studies.regimes.measured import RESPONSE, STAY, SWEEP, WAYS, Case, Key, Row, Settings, cases, grid, jump_cases, key, kind_cases
+from studies.regimes.measured import RESPONSE, STAY, SWEEP, WAYS, Case, Key, RegimeSettings, Row, cases, grid, jump_cases, key, kind_cases
 from studies.study import Json, Measured, Part, Place, Saver, Study, Table, beside, rows_part, run
 
 NAMES = {Kind.LINEAR: "no impacts", Kind.PERIODIC: "periodic", Kind.SUSTAINED: "sustained", Kind.MODULATED: "strongly modulated"}
@@ -75,7 +75,7 @@ def sweep_table(sweeps: list[Row], found: Hazard | None) -> str:
 
 
 def about(found: Hazard | None) -> str:
-    """Say what the rates amount to."""
+    """Return the text below the table: the exit rates in words."""
     if found is None:
         return "Fewer than two frequencies have a rate: no prediction."
     reach = f"Integral of the rate from {found.first:g} to {found.last:g}: "
@@ -184,10 +184,10 @@ def _tables(measured: Measured, name: str) -> list[Table]:
 def _part(
     name: str,
     title: str,
-    cases: Callable[[Settings], Mapping[Key, Callable[[], list[Row]]]],
+    cases: Callable[[RegimeSettings], Mapping[Key, Callable[[], list[Row]]]],
     words: Callable[[list[Row]], list[str]],
     save: Callable[[Path, list[Row]], None],
-) -> Part[Settings]:
+) -> Part[RegimeSettings]:
     def text(measured: Measured) -> str:
         made = f"{sources(measured.conditions)} {measured.conditions['wall_s']:g} s." + ("" if measured.complete else " Stopped early.")
         return "\n\n".join([*words(measured.values["rows"]), made])
@@ -198,7 +198,7 @@ def _part(
     return rows_part(name, title, cases, key, text, f"{NAME}:{name}", tables=partial(_tables, name=name), figures=figures)
 
 
-def _notes(settings: Settings) -> Json:
+def _notes(settings: RegimeSettings) -> Json:
     words = [f"{case.name}: {case.scene}, {case.force:g} N, by {case.approach_ratio:g}" for case in settings.cases]
     return {"cases": words, **{name: getattr(settings, name) for name in (*NUMBERS, "quick", *TIMES)}}
 
@@ -268,7 +268,7 @@ def save_kinds(path: Path, rows: list[Row]) -> None:
     write_figure(figure, path, DPI)
 
 
-STUDY: Study[Settings] = Study(
+STUDY: Study[RegimeSettings] = Study(
     (
         _part(JUMP, "how long impacts last, and the jump", jump_cases, _jump_words, save_jump),
         _part(KINDS, "kinds of response over the frequency", kind_cases, _kind_words, save_kinds),
@@ -303,7 +303,7 @@ def own_case(given: dict[str, Any]) -> Case:
     return Case("own", str(scene), scene, given["force"], given["approach"] or first, ratios, given["slowness"], sweep, tuple(sorted(ratios)))
 
 
-def chosen_settings(given: dict[str, Any], executor: Executor | None = None) -> Settings:
+def chosen_settings(given: dict[str, Any], executor: Executor | None = None) -> RegimeSettings:
     """Return the settings of a run, by an executor as in `run_lanes`. Raises BadInput or ParameterError."""
     own = is_own(given)
     picked = (own_case(given),) if own else cases()
@@ -312,7 +312,7 @@ def chosen_settings(given: dict[str, Any], executor: Executor | None = None) -> 
     if given["quick"] and not own:
         picked = tuple(_thinned(case) for case in picked)
     chosen = {**(QUICK if given["quick"] else {}), **counts, **times}
-    return Settings(picked, **chosen, seed=given["seed"], threads=given["threads"], executor=executor)
+    return RegimeSettings(picked, **chosen, seed=given["seed"], threads=given["threads"], executor=executor)
 
 
 def _thinned(case: Case) -> Case:

@@ -7,7 +7,7 @@ import click
 
 from optimisation.cli.common import command, plain_errors
 from optimisation.executors import cluster_option, workers
-from studies.paper.frame import Settings
+from studies.paper.frame import PaperSettings
 from studies.paper.study import CLAIMS, LABELS, OUT, QUICK_OUT, STUDY, place
 from studies.study import run
 
@@ -33,7 +33,7 @@ def main(
     assert where.folder is not None
     ended = 0
     with plain_errors(), workers(threads, None if redraw else cluster) as executor:
-        given = Settings(where.folder, quick, seed, threads, executor)
+        given = PaperSettings(where.folder, quick, seed, threads, executor)
         try:
             run(STUDY, given, where, only=figures, redraw=redraw, resume=not anew)
         except SystemExit as stopped:  # Ctrl-C: what is finished is judged all the same

@@ -86,7 +86,7 @@ OUT = published(DOCS, QUICK_OUT)
 SECTION, MACHINE = "searches:levels", "searches:machine"
 
 
-class Settings(NamedTuple):
+class ComparisonSettings(NamedTuple):
     """What is searched, and how large: designs a search, members, seeds, ``speed`` times the usual rate of the sweeps; and where it runs."""
 
     executor: Executor
@@ -102,7 +102,7 @@ class Settings(NamedTuple):
         return {name: x for name, x in self._asdict().items() if name != "executor"} | {"questions": list(self.questions)}
 
 
-def trial(question: str, method: str, seed: int, given: Settings) -> list[Json]:
+def trial(question: str, method: str, seed: int, given: ComparisonSettings) -> list[Json]:
     """Return the one row of a search: the runs it made, what it ``thought`` of its winner, and the winner's ``level`` of fresh ``members``.
 
     Raises KeyboardInterrupt if one ended it, or no design came to its end.
@@ -119,7 +119,7 @@ def trial(question: str, method: str, seed: int, given: Settings) -> list[Json]:
     return [row | {"level": level, "members": members, "values": values}]
 
 
-def _searches(given: Settings) -> dict[tuple[str, str, int], Callable[[], list[Json]]]:
+def _searches(given: ComparisonSettings) -> dict[tuple[str, str, int], Callable[[], list[Json]]]:
     """Return all searches, seed by seed, so that a run that is stopped has all methods."""
     every = product(range(given.seeds), given.questions, METHODS)
     return {(question, method, seed): partial(trial, question, method, seed, given) for seed, question, method in every}
@@ -144,7 +144,7 @@ def table(measured: Measured) -> str:
     return f"{lines(columns, rows)}\n\nLeast mean rank: {LABELS[winner(found)]}."
 
 
-STUDY: Study[Settings] = Study(
+STUDY: Study[ComparisonSettings] = Study(
     (
         rows_part(
             NAME,
@@ -178,5 +178,5 @@ def main(quick: bool, question: tuple[str, ...], threads: int | None, cluster: s
     Writes search_methods.json.gz and the page search_methods.md. Ctrl-C keeps what is finished: the same command goes on from there.
     """
     with plain_errors(), executor(threads, None if redraw else cluster) as where:
-        given = Settings(where, question or tuple(QUESTIONS), **(QUICK if quick else FULL))
+        given = ComparisonSettings(where, question or tuple(QUESTIONS), **(QUICK if quick else FULL))
         run(STUDY, given, beside(out or (QUICK_OUT if quick else OUT), NAME), redraw=redraw)

@@ -30,14 +30,14 @@ OUT = published(Path("docs/methods"), QUICK_OUT)
 
 
 @dataclass(frozen=True)
-class Settings:
+class StabilitySettings:
     """Some of the cases and shorter runs, or all; number of processes."""
 
     quick: bool
     workers: int
 
 
-def _measure(settings: Settings, known: Json) -> Steps:
+def _measure(settings: StabilitySettings, known: Json) -> Steps:
     order = tasks(settings.quick)
     outcomes = finished(order, known)
     done = {(outcome.task.function, outcome.task.arguments) for outcome in outcomes}
@@ -47,7 +47,7 @@ def _measure(settings: Settings, known: Json) -> Steps:
             yield gather(outcomes, order)
 
 
-def _steps(settings: Settings, known: Json) -> int:
+def _steps(settings: StabilitySettings, known: Json) -> int:
     order = tasks(settings.quick)
     return len(order) - len(finished(order, known))
 
@@ -310,7 +310,7 @@ def _draw_soaks(ax: Axes, results: Json) -> None:
     ax.grid(color="0.92")
 
 
-PART: Part[Settings] = Part(
+PART: Part[StabilitySettings] = Part(
     NAME,
     "stiff and extreme cases",
     measure=_measure,
@@ -322,7 +322,7 @@ PART: Part[Settings] = Part(
     said=said,
     failures=lambda measured: list(failures(measured.values)),
 )
-STUDY: Study[Settings] = Study((PART,), notes=lambda settings: {"workers": settings.workers, "quick": settings.quick})
+STUDY: Study[StabilitySettings] = Study((PART,), notes=lambda settings: {"workers": settings.workers, "quick": settings.quick})
 
 
 @command()
@@ -339,4 +339,4 @@ def main(quick: bool, workers: int | None, out: Path | None, redraw: bool, resum
     compiled. Ctrl-C ends the run early and leaves what is finished.
     """
     place = with_page(out or (QUICK_OUT if quick else OUT), PART.markers)
-    run(STUDY, Settings(quick, workers or available_cores()), place, redraw=redraw, resume=resume)
+    run(STUDY, StabilitySettings(quick, workers or available_cores()), place, redraw=redraw, resume=resume)

@@ -45,7 +45,7 @@ SPAN = 5.0  # curves reach from a force over this to the force times this
 
 
 @dataclass(frozen=True)
-class Settings:
+class FindingsSettings:
     """Where and how large: ``folder`` of the journals, ``designs`` a search, ``members``, ``few`` of them for figures with many ``points``.
 
     ``data`` is the folder of the numbers: the robustness is that of the designs that are found there.
@@ -95,7 +95,7 @@ def _listed(part: Levels) -> Json:
     return {"resonance": part.conditions[0].resonance} | axes | values
 
 
-def concepts(study: Settings) -> Json:
+def concepts(study: FindingsSettings) -> Json:
     """The best design of each concept for both resonances at the paper's mass, from scratch, and its levels over the force."""
     result: Json = {}
     for concept in VARIABLES:
@@ -114,13 +114,13 @@ def concepts(study: Settings) -> Json:
     return result
 
 
-def optima(study: Settings) -> Json:
+def optima(study: FindingsSettings) -> Json:
     """Friction limit, gap and force that are best at each resonance alone, from scratch, beside paper and rules."""
     rows = [_friction_optimum(study, resonance, force) for resonance, force in AT]
     return {"friction": rows, "impact": [_impact_optimum(study, resonance, force) for resonance, force in AT]}
 
 
-def _friction_optimum(study: Settings, resonance: int, force: float) -> Json:
+def _friction_optimum(study: FindingsSettings, resonance: int, force: float) -> Json:
     problem = study.problem(FRICTION, [(resonance, force)], bounds={FRICTION_LIMIT: WIDE})
     found = study.find(f"optima-{FRICTION}-{resonance}", problem)
     (variable,) = problem.space.free
@@ -132,7 +132,7 @@ def _friction_optimum(study: Settings, resonance: int, force: float) -> Json:
     return _found(found) | {"resonance": resonance, "force_n": force, "argued_n": argued, "argued_level_m": level, "curve": curve}
 
 
-def _impact_optimum(study: Settings, resonance: int, force: float) -> Json:
+def _impact_optimum(study: FindingsSettings, resonance: int, force: float) -> Json:
     """The best force for the paper's absorber, member by member, and the best absorber for the force."""
     problem = study.problem(IMPACT, [(resonance, force)])
     mass = problem.space.paper.values[MASS_RATIO] * problem.model.beam_mass
@@ -150,7 +150,7 @@ def _impact_optimum(study: Settings, resonance: int, force: float) -> Json:
     return _found(found) | {"resonance": resonance, "force_n": force} | rules | bests | {"curve": curve}
 
 
-def place(study: Settings) -> Json:
+def place(study: FindingsSettings) -> Json:
     """The best gap at each position along the beam, and a search with the position free."""
     least = min(LEAST, study.few)
     problem = study.problem(IMPACT, AT, (GAP, POSITION), members=least)
@@ -169,7 +169,7 @@ def place(study: Settings) -> Json:
     return {name: array.tolist() for name, array in arrays.items()} | {"shapes": shapes, "mass_kg": mass, "free": _found(found)}
 
 
-def robustness(study: Settings) -> Json:
+def robustness(study: FindingsSettings) -> Json:
     """Levels near the first resonance where the beam's frequencies are not what they were thought to be, for winners and paper's designs."""
     path, rows = study.data / "concepts.json.gz", list[Json]()
     try:
@@ -209,7 +209,7 @@ def _cluster(workers: int) -> Iterator[Executor]:
         yield executor
 
 
-def scaling(study: Settings) -> Json:
+def scaling(study: FindingsSettings) -> Json:
     """Time of one batch of random designs with one and two threads, and with one and two worker processes of a cluster, in turn."""
     problem = study.problem(IMPACT, AT, members=study.few)
     generator = np.random.default_rng(study.seed)
@@ -232,7 +232,7 @@ def scaling(study: Settings) -> Json:
     return {"designs": len(designs), "runs": runs, "rows": rows, "speedup": speedup}
 
 
-def full(study: Settings) -> Json:
+def full(study: FindingsSettings) -> Json:
     """A robust two-resonance study of full size with the defaults of scripts/optimise_design.py: time, share of it outside the runs, memory."""
     problem, began = study.problem(IMPACT, AT), time.perf_counter()
     plan = Plan(FULL if study.designs >= 100 else study.designs, seed=study.seed)
@@ -248,7 +248,7 @@ def full(study: Settings) -> Json:
     return size | cost | left | best
 
 
-def front(study: Settings) -> Json:
+def front(study: FindingsSettings) -> Json:
     """The front of first against second resonance, and its hypervolume beside that of random searches with the same budget."""
     members = min(FRONT_MEMBERS, study.members)
     problem = replace(study.problem(IMPACT, FORCES, members=members), objectives=BY_RESONANCE)

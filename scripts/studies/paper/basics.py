@@ -25,7 +25,7 @@ from optimisation.tuned import PAPER, den_hartog, highest_amplitude, minimax, pa
 from studies.paper import high_low, jump
 from studies.paper.claim import SAME, Claim, Verdict, about, claim, interval, judged, within
 from studies.paper.curve import WATCHED, both_ways, level_in
-from studies.paper.frame import LOOKS, MM, REFERENCE, PaperFigure, Settings, Size, in_turn, legends, line, panels, signal
+from studies.paper.frame import LOOKS, MM, REFERENCE, PaperFigure, PaperSettings, Size, in_turn, legends, line, panels, signal
 from studies.study import Array, Json, Steps, there
 
 GAP = RigidWalls.gap
@@ -36,7 +36,7 @@ DAMPERS = {"without": 0.0, "with": PAPER_DAMPER}  # N s/m
 METHODS: dict[str, Method] = {"exact": Exact(), "paper's step": Moreau()}
 
 
-def _measure(settings: Settings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     groups: dict[str, Callable[[], object]] = {
         "beam": beam_numbers,
         "tuned": tuned_numbers,
@@ -88,7 +88,7 @@ def tuned_numbers() -> Json:
 
 
 def linear_numbers() -> Json:
-    """Return what sweeps show of the stationary response, what a stuck absorber changes, and at which forces the linear response fills the gap."""
+    """Return the verdicts on sweeps and stationary response, on a stuck absorber, and on the forces at which the linear response fills the gap."""
     model = modal_model(Beam())
     low, high = PAPER_LIMITS
     found: Json = {"sweep_ratio": {}, "stuck_over_none": {}, "gap_force_n": {}, "gap_force_at_limits_n": {}, "design_force_n": {}}
@@ -124,7 +124,7 @@ def both_windows(lane: Lane) -> tuple[float, float]:
     return one, two
 
 
-def _window(settings: Settings, size: Size) -> list[Json]:
+def _window(settings: PaperSettings, size: Size) -> list[Json]:
     """Return levels over no absorber with both windows, for one, three and ten modes without losses in contact."""
     forces, members, numbers = size.forces, draw_members(size.members, settings.seed), (1, 3, 10)
     scenes = [beam_scene(Beam(modes=n), absorber) for n in numbers for absorber in (impact_absorber(), None)]
@@ -138,7 +138,7 @@ def _window(settings: Settings, size: Size) -> list[Json]:
     return rows
 
 
-def _step(settings: Settings, size: Size) -> list[Json]:
+def _step(settings: PaperSettings, size: Size) -> list[Json]:
     """Return levels by the Moreau scheme at the paper's step beside the exact ones."""
     cases = {
         "3 modes, e = 1, 0.01 N": beam_scene(Beam(modes=3), impact_absorber(friction_limit=0.01)),
@@ -196,7 +196,7 @@ def levels(scene: Scene, drives: Sequence[Drive], damper: float, method: Method,
     return np.asarray(np.sqrt(np.max(total[window:] - total[:-window], axis=0) / window))
 
 
-def _damped_jumps(settings: Settings, runs: int) -> list[Json]:
+def _damped_jumps(settings: PaperSettings, runs: int) -> list[Json]:
     """Return how many sweeps down come to the high branch (the figure jump) without and with the damper."""
     own, rows = jump.scene(), []
     phases = draw_members(runs, settings.seed, "phase").phases.tolist()
@@ -209,7 +209,7 @@ def _damped_jumps(settings: Settings, runs: int) -> list[Json]:
     return rows
 
 
-def _damped_levels(settings: Settings, runs: int) -> list[Json]:
+def _damped_levels(settings: PaperSettings, runs: int) -> list[Json]:
     """Return the median level of sweeps over three modes (the figure high_low) without and with the damper, and the 95 % interval of their ratio."""
     own, members, rows = high_low.scene(), draw_members(runs, settings.seed), []
     for force in high_low.FORCES.values():

@@ -43,12 +43,12 @@ RULE = (
 
 
 def about(number: float, to: float | None = None) -> tuple[float, float]:
-    """Return what counts as about a number, or as a range up to another one."""
+    """Return the range that counts as about a number, or as a range up to another one."""
     return (1 - ABOUT) * number, (1 + ABOUT) * (number if to is None else to)
 
 
 def within(share: float) -> tuple[float, float]:
-    """Return what is allowed of a ratio that a statement says to be 1."""
+    """Return the allowed range of a ratio that a statement says to be 1."""
     return 1 - share, 1 + share
 
 
@@ -160,7 +160,7 @@ def middle(values: ArrayLike) -> tuple[float, float]:
 
 
 def verdict(low: float, high: float, least: float, most: float, at_step: float | None = None) -> Verdict:
-    """Return what an interval says of a statement that allows least..most; ``at_step``: the value of the paper's own run, with its step."""
+    """Return the verdict of an interval on a statement that allows least..most; ``at_step``: the value of the paper's own run, with its step."""
     if not (np.isfinite(low) and np.isfinite(high)):
         return Verdict.NOT
     found = judged(low, high, least, most)

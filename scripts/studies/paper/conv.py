@@ -13,7 +13,7 @@ from impact_env.methods import Exact, Method, RungeKutta
 from impact_env.parameters import Absorber, Beam, CompliantWalls, SlidingAbsorber, friction_damper, impact_absorber
 from impact_env.scene import beam_scene
 from studies.paper.claim import LITTLE, SAME, Claim, Verdict, claim, middle, spread
-from studies.paper.frame import FAINT, LOOKS, MM, REFERENCE, PaperFigure, Settings, Size, banded, in_turn, legends, panels, shortened, signal
+from studies.paper.frame import FAINT, LOOKS, MM, REFERENCE, PaperFigure, PaperSettings, Size, banded, in_turn, legends, panels, shortened, signal
 from studies.study import Json, Steps, Table
 
 LABEL = "conv"
@@ -46,7 +46,7 @@ def _kept(curve: PerformanceCurve) -> Json:
     return {"force_n": curve.forces.tolist(), "level_m": [[float(f"{x:.6g}") for x in row] for row in curve.combined]}
 
 
-def _over_stiffness(settings: Settings, size: Size, kind: str, method: Method) -> Json:
+def _over_stiffness(settings: PaperSettings, size: Size, kind: str, method: Method) -> Json:
     """Return the levels at the paper's force for each stiffness, and those of the rigid law."""
     stepped = not isinstance(method, Exact)
     chosen = [k for k in size.stiffnesses if not stepped or k <= STEPPED]
@@ -56,7 +56,7 @@ def _over_stiffness(settings: Settings, size: Size, kind: str, method: Method) -
     return {"stiffness": chosen, "level_m": levels[: len(chosen)], "rigid_m": None if stepped else levels[-1]}
 
 
-def _curves(settings: Settings, size: Size, kind: str) -> Json:
+def _curves(settings: PaperSettings, size: Size, kind: str) -> Json:
     """Return performance curves with rigid, stiff and soft contact, and without absorber."""
     force = np.array(size.walls if kind == WALLS else size.friction)
     absorbers = {name: absorber(kind, stiffness) for name, stiffness in {"rigid": None, "low": LOW, "high": HIGH}.items()} | {"none": None}
@@ -65,7 +65,7 @@ def _curves(settings: Settings, size: Size, kind: str) -> Json:
     return dict(zip(absorbers, map(_kept, found), strict=True))
 
 
-def _measure(settings: Settings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     groups: dict[str, Callable[[], Any]] = {}
     for kind in (WALLS, FRICTION):
         groups[kind] = partial(_over_stiffness, settings, size, kind, Exact())

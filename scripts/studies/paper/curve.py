@@ -28,7 +28,7 @@ from impact_env.periodic.stationary import Criteria, longest_pause
 from impact_env.response import DEFAULT_SAMPLES, Record, Response
 from optimisation.report.figures import force_axis
 from studies.paper.claim import bands, spread
-from studies.paper.frame import MM, Look, Settings, banded, level_of_nothing
+from studies.paper.frame import MM, Look, PaperSettings, banded, level_of_nothing
 from studies.study import Array, Json, there
 
 WATCHED = Record(level=False, events=True, series=True, energy=True)
@@ -116,7 +116,7 @@ def envelope_ratios(schedule: FrequencySchedule, periods: int = 4) -> Array:
     return np.asarray(schedule.omega_at(middles * schedule.pseudo_period)) / schedule.reference
 
 
-def envelopes(settings: Settings, label: str, scene: Scene, drives: Sequence[Drive], periods: int = 4) -> tuple[Json, Array]:
+def envelopes(settings: PaperSettings, label: str, scene: Scene, drives: Sequence[Drive], periods: int = 4) -> tuple[Json, Array]:
     """Return the envelopes of members with one schedule over frequency ratios, as 5 %, median, 95 % and nominal member; and each member's."""
     rows = np.array(settings.each(label, [Lane(scene, drive) for drive in drives], partial(envelope, periods=periods)))
     own = dict(zip(("low", "median", "high"), bands(rows.T).tolist(), strict=True))
@@ -200,13 +200,15 @@ def _critical(forces: Array, values: Mapping[str, Array]) -> Curve:
     return Curve(forces, down=which[..., 0] == DOWN, **own)
 
 
-def curves(settings: Settings, label: str, scenes: Mapping[str, Scene], forces: Sequence[float], members: int, method: Method | None = None) -> Json:
+def curves(
+    settings: PaperSettings, label: str, scenes: Mapping[str, Scene], forces: Sequence[float], members: int, method: Method | None = None
+) -> Json:
     """Return the plain performance curve of each scene near its first resonance."""
     cases = [CurveCase(scene, np.array(forces)) for scene in scenes.values()]
     return {name: plain_curve(found) for name, found in zip(scenes, settings.curves(label, cases, members, method), strict=True)}
 
 
-def watched_curve(settings: Settings, label: str, scene: Scene, forces: Sequence[float], members: int) -> Json:
+def watched_curve(settings: PaperSettings, label: str, scene: Scene, forces: Sequence[float], members: int) -> Json:
     """Return the plain performance curve of a scene near its first resonance, with a look at its contacts."""
     drawn = draw_members(members, settings.seed)
     lanes = [Lane(scene, drive) for force in forces for schedule in both_ways(scene) for drive in drawn.drives(float(force), schedule)]

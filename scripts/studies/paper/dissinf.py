@@ -16,7 +16,7 @@ from optimisation.page import markdown
 from studies.paper import curve as performance
 from studies.paper.claim import LITTLE, Claim, claim, judged, spread, within
 from studies.paper.curve import Curve
-from studies.paper.frame import LOOKS, MM, REFERENCE, Look, PaperFigure, Settings, Size, in_turn, line, panels, signal
+from studies.paper.frame import LOOKS, MM, REFERENCE, Look, PaperFigure, PaperSettings, Size, in_turn, line, panels, signal
 from studies.study import Array, Json, Steps
 
 LABEL = "dissinf"
@@ -61,7 +61,7 @@ def swept_scenes() -> dict[str, Scene]:
     return {name: beam_scene(Beam(), absorber) for name, absorber in absorbers.items()}
 
 
-def _measure(settings: Settings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     scenes = _scenes()
     groups: dict[str, Callable[[], object]] = {name: partial(_curve, settings, name, size.forces, size.members) for name in scenes}
     groups |= {f"step, {name}": partial(_curve, settings, name, size.forces, 1, Moreau()) for name in STEPPED}
@@ -69,11 +69,11 @@ def _measure(settings: Settings, size: Size, known: Json) -> Steps:
     return in_turn(groups, known)
 
 
-def _curve(settings: Settings, name: str, forces: tuple[float, ...], members: int, method: Moreau | None = None) -> Json:
+def _curve(settings: PaperSettings, name: str, forces: tuple[float, ...], members: int, method: Moreau | None = None) -> Json:
     return performance.curves(settings, f"{LABEL}, {name}", {name: _scenes()[name]}, forces, members, method)[name]
 
 
-def _sweep(settings: Settings, scene: Scene, members: int) -> Json:
+def _sweep(settings: PaperSettings, scene: Scene, members: int) -> Json:
     """Return the envelope of |q_tip| in m of the sweeps down over frequency ratios, and each member's largest."""
     drives = draw_members(members, settings.seed).drives(SWEPT, performance.both_ways(scene)[1])
     own, rows = performance.envelopes(settings, f"{LABEL}, sweeps", scene, drives, STRETCH)

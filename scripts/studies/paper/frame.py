@@ -34,7 +34,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Settings:
+class PaperSettings:
     """``folder`` of the numbers; ``quick``: a look with few points and members; runs in ``threads`` (None: all cores), or by an ``executor``.
 
     The numbers depend on ``quick`` and ``seed`` only.
@@ -59,7 +59,7 @@ class Settings:
         return found
 
     def each(self, label: str, lanes: Sequence[Lane], measure: Callable[[Lane], R], method: Method | None = None) -> list[R]:
-        """Return what ``measure`` finds of each lane, with a bar; raises KeyboardInterrupt if that is broken off, errors as `each_lane`.
+        """Return the results of ``measure`` for each lane, with a bar; raises KeyboardInterrupt if that is broken off, errors as `each_lane`.
 
         ``measure`` is a function of a module, or a partial of one, so that it can be sent to another process.
         """
@@ -85,14 +85,14 @@ class PaperFigure:
     title: str
     _: KW_ONLY
     sizes: tuple[Size, Size]
-    measure: Callable[[Settings, Any, Json], Steps]
+    measure: Callable[[PaperSettings, Any, Json], Steps]
     words: Callable[[Json], str]
     draw: Callable[[Json], Figure]
     claims: Callable[[Json], list[Claim]]
     tables: Callable[[Json], Sequence[Table]] = lambda _: ()
     answer: Callable[[Json], str] | None = None
 
-    def part(self) -> Part[Settings]:
+    def part(self) -> Part[PaperSettings]:
         """Return the part of the study."""
         return Part(
             self.label, self.title, markers=(marker(self.label),), sections=self._sections,
@@ -191,7 +191,7 @@ FAINT = "0.55"  # what stands behind: sweeps, guides
 
 
 def saved(draw: Callable[[], Figure]) -> Saver:
-    """Return what draws a figure in this look and saves it, and leaves the look of others as it is; the ending of its path chooses the format."""
+    """Return a function that draws a figure in this look and saves it, without a change to others' look; its path's ending chooses the format."""
 
     def save(path: Path) -> None:
         with rc_context(RC):

@@ -22,7 +22,7 @@ from optimisation.page import markdown
 from studies.paper.branches import HARMONICS, balance, draw, responses
 from studies.paper.claim import INFINITY, OFTEN, Claim, between, chance, claim, interval, judged
 from studies.paper.curve import Started, chaos
-from studies.paper.frame import FAINT, MM, PaperFigure, Settings, Size, in_turn, legend_below, panels
+from studies.paper.frame import FAINT, MM, PaperFigure, PaperSettings, Size, in_turn, legend_below, panels
 from studies.study import Json, Steps, there
 
 LABEL = "high_low"
@@ -67,7 +67,7 @@ def _window(lane: Lane) -> Stationary:
     return stationary(lane.scene, lane.drive, WINDOW)
 
 
-def _stationary(settings: Settings, size: Size) -> Json:
+def _stationary(settings: PaperSettings, size: Size) -> Json:
     """Return kinds, impacts a period, depths and peaks of all members at each of the places."""
     own, result = scene(), {}
     approach = Approach(own.model.resonance_omega(1), 1.0)
@@ -94,7 +94,7 @@ def _kind_from(lane: Lane) -> str:
     return stationary(lane.scene, lane.drive, WINDOW, initial=lane.initial).found.kind.value
 
 
-def _basin(settings: Settings, size: Size) -> Json:
+def _basin(settings: PaperSettings, size: Size) -> Json:
     """Return how many of runs from random states settle to each kind at the resonance under the medium force.
 
     The first mode begins anywhere within the ellipse of its own resonance without absorber, the absorber anywhere in its cavity at the tip's speed.
@@ -112,7 +112,7 @@ def _basin(settings: Settings, size: Size) -> Json:
     return {kind: kinds.count(kind) for kind in sorted(set(kinds))}
 
 
-def _exponents(settings: Settings, size: Size) -> Json:
+def _exponents(settings: PaperSettings, size: Size) -> Json:
     """Return the largest Lyapunov exponent at each of the places, from the paper's own phase."""
     own = scene()
     approach = Approach(own.model.resonance_omega(1), 1.0)
@@ -120,14 +120,14 @@ def _exponents(settings: Settings, size: Size) -> Json:
     return dict(zip(PLACES, settings.each(f"{LABEL}: exponents", lanes, partial(chaos, periods=size.periods)), strict=True))
 
 
-def _levels(settings: Settings, size: Size) -> Json:
+def _levels(settings: PaperSettings, size: Size) -> Json:
     """Return levels over the force, relative to no absorber."""
     cases = [CurveCase(each, np.array(size.forces)) for each in (scene(), Scene(scene().model, None))]
     curve, reference = settings.curves(f"{LABEL}: levels", cases, size.members)
     return {"force_n": list(size.forces), "relative": curve.relative_to(reference).tolist()}
 
 
-def _measure(settings: Settings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     groups: dict[str, Any] = {name: partial(responses, scene(), force, LOW, FAR) for name, force in FORCES.items()}
     groups |= {
         "isolas": _levels_of_isolas,

@@ -18,7 +18,7 @@ from optimisation.progress import sweeps_bar
 from studies.paper.branches import draw, responses
 from studies.paper.claim import INFINITY, MUCH, Claim, bands, chance, claim, interval, judged, middle, spread
 from studies.paper.curve import level_in
-from studies.paper.frame import LOOKS, MM, Look, PaperFigure, Settings, Size, in_turn, legend_below, legends, panels
+from studies.paper.frame import LOOKS, MM, Look, PaperFigure, PaperSettings, Size, in_turn, legend_below, legends, panels
 from studies.study import Json, Steps, there
 
 LABEL = "jump"
@@ -63,7 +63,7 @@ def followed(lane: Lane, method: Method) -> tuple[list[float], float, float]:
     return binned, float(np.median(branch)), float(np.max(resonance))
 
 
-def _sweeps(settings: Settings, size: Size) -> Json:
+def _sweeps(settings: PaperSettings, size: Size) -> Json:
     """Return for each of `SWEEPS` the paper's own run, the band of all members, and where they are on the branch and at resonance."""
     own, result = scene(), {}
     members = draw_members(size.sweeps, settings.seed)
@@ -79,7 +79,7 @@ def _sweeps(settings: Settings, size: Size) -> Json:
     return result
 
 
-def _rates(settings: Settings, size: Size) -> list[Json]:
+def _rates(settings: PaperSettings, size: Size) -> list[Json]:
     """Return exits and time at risk at constant frequencies."""
     own, rows, to = scene(), [], Json(threads=settings.threads, executor=settings.executor)
     phases, approach = draw_members(size.stays, settings.seed, "phase").phases.tolist(), Approach(own.model.resonance_omega(1), 1.0)
@@ -92,7 +92,7 @@ def _rates(settings: Settings, size: Size) -> list[Json]:
     return rows
 
 
-def _jumps(settings: Settings, size: Size, name: str) -> list[Json]:
+def _jumps(settings: PaperSettings, size: Size, name: str) -> list[Json]:
     """Return at each slowness how many sweeps reach the high branch, by one of the `METHODS`, and how many stayed in impact all the way."""
     own, rows, to = scene(), [], Json(threads=settings.threads, executor=settings.executor)
     phases = draw_members(size.finer if name == FINER else size.jumps, settings.seed + 1, "phase").phases.tolist()
@@ -119,7 +119,7 @@ def drifted(lane: Lane, method: Method) -> tuple[float, int]:
     return float(np.ptp(means)), response.impact_count
 
 
-def _drift(settings: Settings, size: Size) -> Json:
+def _drift(settings: PaperSettings, size: Size) -> Json:
     """Return drift (m) and impacts of all members, by each of the `METHODS`."""
     own, (start, stop, rate), result = scene(), DRIFT, {}
     phases = draw_members(size.sweeps, settings.seed, "phase")
@@ -130,7 +130,7 @@ def _drift(settings: Settings, size: Size) -> Json:
     return result
 
 
-def _levels(settings: Settings, size: Size) -> list[Json]:
+def _levels(settings: PaperSettings, size: Size) -> list[Json]:
     """Return response levels of sweeps down over their slowness."""
     own, rows, members = scene(), [], draw_members(size.sweeps, settings.seed)
     for slowness in size.fast:
@@ -140,7 +140,7 @@ def _levels(settings: Settings, size: Size) -> list[Json]:
     return rows
 
 
-def _measure(settings: Settings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     groups: dict[str, Callable[[], Any]] = {name: partial(responses, scene(), force, LOW, HIGH) for name, force in FORCES.items()}
     groups |= {"sweeps": partial(_sweeps, settings, size), "rates": partial(_rates, settings, size)}
     groups |= {f"jumps, {name}": partial(_jumps, settings, size, name) for name in METHODS}

@@ -18,7 +18,7 @@ from optimisation.progress import sweeps_bar
 from optimisation.report.design_figures import ORDINALS
 from studies.paper.claim import MUCH, Claim, claim, spread
 from studies.paper.curve import Curve, best_forces, curve_of, curves, draw_curve, force_grid, inset_of, level_axes, plain_curve
-from studies.paper.frame import LOOKS, MM, REFERENCE, Look, PaperFigure, Settings, Size, in_turn, line, panels, shortened
+from studies.paper.frame import LOOKS, MM, REFERENCE, Look, PaperFigure, PaperSettings, Size, in_turn, line, panels, shortened
 from studies.study import Array, Json, Steps, Table
 
 LABEL = "m12"
@@ -26,7 +26,7 @@ PAPERS_BEST = {1: 3.5, 2: 35.0}  # N, by resonance
 PAPER_LIMIT = 0.5  # N, the paper's friction damper
 
 
-def _measure(settings: Settings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     groups: dict[str, Callable[[], object]] = {f"resonance {r}": partial(_resonance, settings, r, size) for r in RESONANCES}
     groups["low"] = partial(_near, settings, 2, size.low, (NONE, IMPACT, FRICTION, LTVA_PAPER), size.members)
     groups["friction"] = partial(_limits, settings, size)
@@ -34,7 +34,7 @@ def _measure(settings: Settings, size: Size, known: Json) -> Steps:
     return in_turn(groups, known)
 
 
-def _resonance(settings: Settings, resonance: int, size: Size) -> Json:
+def _resonance(settings: PaperSettings, resonance: int, size: Size) -> Json:
     """Return the main study's curves near a resonance, the limit, and single runs at the paper's step."""
     with sweeps_bar(f"{LABEL}, resonance {resonance}", leave=False) as show:
         found = compare(
@@ -55,7 +55,9 @@ def _resonance(settings: Settings, resonance: int, size: Size) -> Json:
     }
 
 
-def _near(settings: Settings, resonance: int, forces: tuple[float, ...], keys: tuple[str, ...], members: int, method: Moreau | None = None) -> Json:
+def _near(
+    settings: PaperSettings, resonance: int, forces: tuple[float, ...], keys: tuple[str, ...], members: int, method: Moreau | None = None
+) -> Json:
     """Return plain curves of the paper's concepts near a resonance."""
     model = modal_model(Beam())
     cases = {own.key: CurveCase(Scene(model, own.absorber), np.array(forces), resonance, own.limits) for own in concepts(model) if own.key in keys}
@@ -63,14 +65,14 @@ def _near(settings: Settings, resonance: int, forces: tuple[float, ...], keys: t
     return {key: plain_curve(curve) for key, curve in zip(cases, found, strict=True)}
 
 
-def _around(settings: Settings, resonance: int, size: Size) -> Json:
+def _around(settings: PaperSettings, resonance: int, size: Size) -> Json:
     """Return the absorber's curve and that of no absorber around the paper's best force; ``step``: a single run at the paper's step."""
     forces = tuple(PAPERS_BEST[resonance] * ratio for ratio in size.around)
     step = _near(settings, resonance, forces, (IMPACT,), 1, Moreau())
     return {"curves": _near(settings, resonance, forces, (NONE, IMPACT), size.members), "step": step}
 
 
-def _limits(settings: Settings, size: Size) -> Json:
+def _limits(settings: PaperSettings, size: Size) -> Json:
     """Return friction limits in N, and the members' levels in m of the damper with each of them at the paper's best force."""
     scenes = {f"{limit:g}": beam_scene(Beam(), friction_damper(limit)) for limit in size.limits}
     found = curves(settings, f"{LABEL}, friction limits", scenes, (PAPERS_BEST[1],), size.members)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from impact_env import Beam, CurveCase, beam_scene, impact_absorber
 from optimisation.page import markdown
 from studies.paper.claim import SAME, Claim, Verdict, bands, claim, interval
-from studies.paper.frame import LOOKS, NAME, PaperFigure, Settings, Size, in_turn, legends, line, panels
+from studies.paper.frame import LOOKS, NAME, PaperFigure, PaperSettings, Size, in_turn, legends, line, panels
 from studies.study import Json
 
 LABEL = "modes_needed"
@@ -18,7 +18,7 @@ NAMES = {1: "first", 2: "second"}
 PAPER_MODES = 10
 
 
-def _of_modes(modes: int, settings: Settings, size: Size) -> Json:
+def _of_modes(modes: int, settings: PaperSettings, size: Size) -> Json:
     beam, absorber = Beam(modes=modes), impact_absorber(restitution=RESTITUTION, friction_limit=FRICTION)
     scenes = beam_scene(beam), beam_scene(beam, absorber)
     cases = [CurveCase(scene, np.array(forces), r) for r, forces in ((1, size.first), (2, size.second)) for scene in scenes]

@@ -24,7 +24,7 @@ from impact_env.periodic.case import start_from
 from impact_env.periodic.stationary import window_of
 from studies.paper.claim import Claim, claim, interval
 from studies.paper.curve import WATCHED, chaos
-from studies.paper.frame import LOOKS, PaperFigure, Settings, Size, in_turn, legends, line, panels, shortened
+from studies.paper.frame import LOOKS, PaperFigure, PaperSettings, Size, in_turn, legends, line, panels, shortened
 from studies.study import Array, Json, Steps, Table, there
 
 LABEL = "modulation"
@@ -76,7 +76,7 @@ def depth(peaks: Array) -> float:
     return float((high - low) / (high + low))
 
 
-def _measure(settings: Settings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     many = [beam_scene(Beam(modes=n), impact_absorber()) for n in size.modes]
     equivalents = [max(equivalent_restitution(scene), 0.0) for scene in many]
     same, one = ([beam_scene(Beam(modes=1), impact_absorber(restitution=e)) for e in each] for each in (equivalents, size.restitutions))
@@ -97,7 +97,7 @@ def _filling(scene: Scene) -> float:
     return RigidWalls.gap / float(np.abs(tip_response(scene.model, None, np.array([scene.model.resonance_omega(1)])))[0])
 
 
-def _exponents(settings: Settings, name: str, periods: int, cases: list[Case]) -> list[Json]:
+def _exponents(settings: PaperSettings, name: str, periods: int, cases: list[Case]) -> list[Json]:
     """Return the largest Lyapunov exponent of scenes under forces in N, which may be given as "over" that at which the free tip fills the gap."""
     lanes = [Lane(scene, Drive(force, constant_frequency(scene.model.resonance_omega(1), 1.0, SETTLE))) for scene, _, force in cases]
     found = settings.each(f"{LABEL}: {name}", lanes, partial(chaos, periods=periods))
@@ -107,7 +107,7 @@ def _exponents(settings: Settings, name: str, periods: int, cases: list[Case]) -
     ]
 
 
-def _rows(settings: Settings, size: Size, scenes: list[Scene], restitutions: Sequence[float]) -> list[Json]:
+def _rows(settings: PaperSettings, size: Size, scenes: list[Scene], restitutions: Sequence[float]) -> list[Json]:
     """Return a row for each scene: medians and 5 and 95 % of its members, and the nominal member."""
     members = draw_members(size.members, settings.seed)
     lanes = []

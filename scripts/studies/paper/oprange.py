@@ -14,7 +14,7 @@ from impact_env import Beam, Moreau, StuckAbsorber, beam_scene, impact_absorber
 from optimisation.page import markdown
 from studies.paper.claim import SAME, Claim, bands, claim, spread
 from studies.paper.curve import Curve, Ranges, curve_of, curves, force_grid, inset_of, level_axes, ranges_of, slopes, watched_curve
-from studies.paper.frame import LOOKS, MM, REFERENCE, STUCK, PaperFigure, Settings, Size, banded, in_turn, legends, line, panels
+from studies.paper.frame import LOOKS, MM, REFERENCE, STUCK, PaperFigure, PaperSettings, Size, banded, in_turn, legends, line, panels
 from studies.study import Json, Steps, there
 
 LABEL = "oprange"
@@ -22,7 +22,7 @@ RESTITUTION = 0.75
 QUASI_LINEAR = 10.0  # N: up to here the secondary range is asked whether it is a straight line
 
 
-def _measure(settings: Settings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     own = beam_scene(Beam(modes=1), impact_absorber(restitution=RESTITUTION))
     linear = {"none": beam_scene(Beam(modes=1)), "stuck": beam_scene(Beam(modes=1), StuckAbsorber())}
     groups: dict[str, Callable[[], object]] = {
@@ -63,7 +63,7 @@ def _words(values: Json) -> str:
 
 
 def _claims(values: Json) -> list[Claim]:
-    """Return what the curve says of the operating ranges."""
+    """Return the verdicts on the operating ranges."""
     own, none, stuck, (begin, end) = _read(values)
     step, first, last = curve_of(values["step"]), there(begin), there(end)
     linear, secondary = own.forces <= first.low, own.forces >= last.high

@@ -21,7 +21,22 @@ from studies.paper import curve as performance
 from studies.paper.branches import draw_linear
 from studies.paper.claim import Claim, claim, spread
 from studies.paper.curve import Curve
-from studies.paper.frame import FAINT, LOOKS, MM, REFERENCE, Look, PaperFigure, Settings, Size, in_turn, legend_below, legends, line, panels, signal
+from studies.paper.frame import (
+    FAINT,
+    LOOKS,
+    MM,
+    REFERENCE,
+    Look,
+    PaperFigure,
+    PaperSettings,
+    Size,
+    in_turn,
+    legend_below,
+    legends,
+    line,
+    panels,
+    signal,
+)
 from studies.study import Array, Json, Steps
 
 LABEL = "oprangeTWO"
@@ -36,7 +51,7 @@ def scenes() -> dict[str, Scene]:
     return {name: beam_scene(Beam(modes=modes), impact_absorber(restitution=e)) for name, (modes, e) in cases.items()}
 
 
-def _measure(settings: Settings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     every = scenes()
     found: Json = dict(known)
     groups: dict[str, Callable[[], object]] = {
@@ -60,7 +75,7 @@ def chosen_force(read: dict[str, Curve]) -> float:
     return float(read[ONE].forces[np.argmax(np.median(relative[ONE], axis=1) - others)])
 
 
-def _sweeps(settings: Settings, scene: Scene, force: float, members: int) -> Json:
+def _sweeps(settings: PaperSettings, scene: Scene, force: float, members: int) -> Json:
     """Return envelopes of |q_tip| in m of the sweeps up and down, each member's, over frequency ratios."""
     drawn, result = draw_members(members, settings.seed), {}
     for name, schedule in zip(("up", "down"), performance.both_ways(scene), strict=True):
@@ -117,7 +132,7 @@ def _near(values: Json, name: str) -> Array:
 
 
 def _claims(values: Json) -> list[Claim]:
-    """Return what curves and sweeps say of losses, modes and where the maximum lies."""
+    """Return the verdicts on losses, modes and the maximum's place."""
     read = {name: performance.curve_of(values[name]) for name in (NONE, *scenes())}
     relative = {name: read[name].relative(read[NONE]) for name in scenes()}
     step = {name: performance.curve_of(values["step"][name]) for name in scenes()}

@@ -10,13 +10,13 @@ from impact_env import Beam, CurveCase, RigidWalls, Scene, impact_absorber, moda
 from optimisation.bounds import design_force, reach
 from optimisation.gap_check import sweep_limits
 from studies.paper.claim import MUCH, Claim, between, claim, interval, judged
-from studies.paper.frame import LOOKS, REFERENCE, PaperFigure, Settings, Size, in_turn, legends, line, panels, shortened
+from studies.paper.frame import LOOKS, REFERENCE, PaperFigure, PaperSettings, Size, in_turn, legends, line, panels, shortened
 from studies.study import Json, Table, there
 
 LABEL = "optimum"
 
 
-def _of_mass(mass: float, settings: Settings, size: Size) -> Json:
+def _of_mass(mass: float, settings: PaperSettings, size: Size) -> Json:
     model = modal_model(Beam())
     kilograms, gap = mass * model.beam_mass, RigidWalls.gap
     rule, limits = design_force(model, kilograms, gap), sweep_limits(model, kilograms)
@@ -89,7 +89,7 @@ def _power(rows: list[Json], name: str) -> float:
 
 
 def _claims(values: Json) -> list[Claim]:
-    """Return what the paper takes as known of the mass, and what it says of restitution at the optimum."""
+    """Return the verdicts on the mass and on restitution at the optimum."""
     rows = rows_of(values)
     e = max(row["restitution"] for row in rows)
     own = [row for row in rows if row["restitution"] == e]

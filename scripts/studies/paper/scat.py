@@ -16,7 +16,7 @@ from impact_env.response import DEFAULT_SAMPLES
 from studies.paper.account import accounted, critical, lanes_of, scene
 from studies.paper.claim import LEFT, MUCH, Claim, claim, spread
 from studies.paper.curve import WATCHED, curve_of, curves
-from studies.paper.frame import LOOKS, MM, PaperFigure, Settings, Size, banded, in_turn, legends, level_of_nothing, panels, shortened, signal
+from studies.paper.frame import LOOKS, MM, PaperFigure, PaperSettings, Size, banded, in_turn, legends, level_of_nothing, panels, shortened, signal
 from studies.study import Array, Json, Steps, Table, there
 
 LABEL = "scat"
@@ -26,7 +26,7 @@ SIXTH = 5  # from this mode on, counted from 0, the paper sees complete dissipat
 MOST_AT_STEP = 10  # modes up to which the passage is also run at the paper's step
 
 
-def _measure(settings: Settings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     groups: dict[str, Callable[[], object]] = {f"level, {n}": partial(_level, settings, n, size.members) for n in size.modes}
     groups |= {f"account, {n}": partial(_account, settings, n, size.members) for n in size.accounted}
     groups |= {f"signal, {n}": partial(_signal, n, settings.seed) for n in size.shown}
@@ -53,7 +53,7 @@ def near_level(lane: Lane, method: Method | None = None) -> tuple[float, float]:
     return response_level(tip, DEFAULT_SAMPLES)[0], float(np.sqrt(np.mean(tip**2)))
 
 
-def _level(settings: Settings, modes: int, members: int) -> Json:
+def _level(settings: PaperSettings, modes: int, members: int) -> Json:
     """Return the members' levels over no absorber: of the sweeps at 5 N, and of the passage of omega_1 at 1.5 N."""
     own, label = scene(Beam(modes=modes)), f"{LABEL}, {modes} modes"
     found = curves(settings, label, {"own": own, "none": beam_scene(Beam(modes=modes))}, (HIGH,), members)
@@ -75,7 +75,7 @@ def _level(settings: Settings, modes: int, members: int) -> Json:
     }
 
 
-def _account(settings: Settings, modes: int, members: int) -> Json:
+def _account(settings: PaperSettings, modes: int, members: int) -> Json:
     """Return the members' accounts at 5 N, of the critical direction."""
     own = scene(Beam(modes=modes))
     found = critical(settings.each(f"{LABEL}, energies", lanes_of(own, HIGH, members, settings.seed), accounted))
@@ -135,7 +135,7 @@ def decayed(ratio: float) -> float:
 
 
 def _claims(values: Json) -> list[Claim]:
-    """Return what the number of modes does to levels and losses."""
+    """Return the verdicts on levels and losses over the number of modes."""
     modes, accounts = known_modes(values, "level"), known_modes(values, "account")
     relative, near = ({n: np.array(values[f"level, {n}"][key]) for n in modes} for key in ("relative", "near_rms"))
     step = {n: values[f"level, {n}"]["step"] for n in modes}

@@ -19,7 +19,7 @@ from optimisation.report.figures import force_axis
 from studies.paper.account import SAMPLES, accounted, critical, lanes_of, scene, window_around
 from studies.paper.claim import Claim, claim, spread
 from studies.paper.curve import curve_of, curves, level_at
-from studies.paper.frame import LOOKS, PaperFigure, Settings, Size, banded, in_turn, legends, level_of_nothing, panels, shortened, signal
+from studies.paper.frame import LOOKS, PaperFigure, PaperSettings, Size, banded, in_turn, legends, level_of_nothing, panels, shortened, signal
 from studies.study import Array, Json, Steps, Table, there
 
 FORCE = 3.0
@@ -32,7 +32,7 @@ RATIO = 6.3  # omega_2/omega_1, as the paper has it where the damping is changed
 FIRST = 0.01  # damping ratio of the first mode
 
 
-def _point(settings: Settings, label: str, beam: Beam, members: int) -> Json:
+def _point(settings: PaperSettings, label: str, beam: Beam, members: int) -> Json:
     """Return each member's level over no absorber and account, of the critical direction; ``step``: one run at the paper's step."""
     own = scene(beam)
     found = critical(settings.each(label, lanes_of(own, FORCE, members, settings.seed), accounted))
@@ -91,8 +91,8 @@ class Changed:
     about: str
     scale: float = 1.0
 
-    def measure(self, settings: Settings, size: Size, known: Json) -> Steps:
-        """Yield what is known of all points, and the energies in time of those that are shown."""
+    def measure(self, settings: PaperSettings, size: Size, known: Json) -> Steps:
+        """Yield the results of all points, and the energies in time of those that are shown."""
         numbers = vars(size)[self.numbers]
         groups: dict[str, Callable[[], object]] = {f"{x:g}": partial(_point, settings, self.label, self.beam(x), size.members) for x in numbers}
         groups |= {f"signal, {x:g}": partial(_signal, scene(self.beam(x)), settings.seed) for x in self.shown}
@@ -169,7 +169,7 @@ def _energies(axes: Axes, own: Json, title: str) -> None:
 
 
 def _frequency_claims(values: Json) -> list[Claim]:
-    """Return what the second mode's frequency does."""
+    """Return the verdicts on the second mode's frequency."""
     ratios = points(values)
     relative = {ratio: row(values, ratio, "relative") for ratio in ratios}
     high, falling = ([ratio for ratio in ratios if ratio >= least] for least in (SATURATED, 3.0))
@@ -195,7 +195,7 @@ def _frequency_claims(values: Json) -> list[Claim]:
 
 
 def _damping_claims(values: Json) -> list[Claim]:
-    """Return what the second mode's damping does."""
+    """Return the verdicts on the second mode's damping."""
     dampings = points(values)
     relative = {damping: row(values, damping, "relative") for damping in dampings}
     high = [damping for damping in dampings if damping >= 0.3]

@@ -19,7 +19,7 @@ from impact_env.response import DEFAULT_SAMPLES
 from optimisation.page import markdown
 from studies.paper.claim import LEFT, Claim, about, claim, judged, middle, spread
 from studies.paper.curve import SERIES
-from studies.paper.frame import FAINT, LOOKS, MM, REFERENCE, Look, PaperFigure, Settings, Size, in_turn, legends, panels, signal
+from studies.paper.frame import FAINT, LOOKS, MM, REFERENCE, Look, PaperFigure, PaperSettings, Size, in_turn, legends, panels, signal
 from studies.study import Array, Json, Steps, there
 
 LABEL = "SMR"
@@ -46,7 +46,7 @@ def scene() -> Scene:
 
 
 def modulated(lane: Lane, method: Method, periods: int) -> Json:
-    """Return what a lane does after it has settled: numbers of all its ``periods``, by the method, and its first ones as a record.
+    """Return a settled lane's motion: numbers of all its ``periods``, by the method, and its first ones as a record.
 
     The thirds "high" and "low" are the periods with the largest and the smallest tip displacements.
     """
@@ -102,7 +102,7 @@ def _record(**rows: Array) -> Json:
     return {name: [float(f"{x:.5g}") for x in values[: SHOWN * DEFAULT_SAMPLES]] for name, values in rows.items()}
 
 
-def _members(settings: Settings, size: Size, name: str) -> Json:
+def _members(settings: PaperSettings, size: Size, name: str) -> Json:
     """Return the numbers of all members by one of the `METHODS`, and the record of the first, the paper's own run."""
     own = scene()
     schedule = constant_frequency(own.model.resonance_omega(1), 1.0, SETTLE + size.periods)
@@ -120,7 +120,7 @@ def shares(lane: Lane, periods: int) -> list[float]:
     return _largest(mechanical_energy(lane.scene, history).absorber_share[SETTLE * DEFAULT_SAMPLES :], periods)
 
 
-def _elsewhere(settings: Settings, size: Size) -> list[Json]:
+def _elsewhere(settings: PaperSettings, size: Size) -> list[Json]:
     """Return the largest shares in the absorber with the resonant mode alone, at each of several resonances of the beam."""
     members, periods = size.elsewhere
     whole, drawn, rows = modal_model(Beam(modes=MODES)), draw_members(members, settings.seed), []
@@ -145,7 +145,7 @@ def _free_tip(model: ModalModel) -> float:
     return float(np.abs(tip_response(model, None, np.array([model.resonance_omega(1)])))[0])
 
 
-def _measure(settings: Settings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     groups: dict[str, Callable[[], object]] = {"linear": lambda: {"amplitude_m": FORCE * _free_tip(scene().model), "gap_m": RigidWalls.gap}}
     groups |= {name: partial(_members, settings, size, name) for name in METHODS} | {ANYWHERE: partial(_elsewhere, settings, size)}
     return in_turn(groups, known)

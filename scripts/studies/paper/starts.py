@@ -13,7 +13,7 @@ from impact_env.drive import PAPER_LIMITS, Drive, linear_sweep
 from impact_env.ensemble import Lane, draw_members
 from studies.paper.claim import SAME, Claim, Verdict, bands, between, claim, interval
 from studies.paper.curve import Started
-from studies.paper.frame import LOOKS, PaperFigure, Settings, Size, banded, in_turn, legends, panels, shortened
+from studies.paper.frame import LOOKS, PaperFigure, PaperSettings, Size, banded, in_turn, legends, panels, shortened
 from studies.study import Array, Json, Table, there
 
 LABEL = "starts"
@@ -35,7 +35,7 @@ def level_from(lane: Lane) -> float:
     return there(simulate(lane.scene, lane.drive, initial=lane.initial).level).value
 
 
-def _of_scene(scene: Scene, settings: Settings, size: Size) -> Json:
+def _of_scene(scene: Scene, settings: PaperSettings, size: Size) -> Json:
     """Return all levels: places are uniform in the cavity, first frequencies of sweeps uniform from the paper's limits to the resonance."""
     forces, number = size.forces, size.members
     members, generator, (low, high) = draw_members(number, settings.seed), np.random.default_rng([settings.seed, 15]), PAPER_LIMITS

@@ -31,7 +31,7 @@ from studies.paper import (
     starts,
 )
 from studies.paper.claim import RULE, Claim, Verdict, from_plain
-from studies.paper.frame import NAME, PaperFigure, Settings, folded, marker
+from studies.paper.frame import NAME, PaperFigure, PaperSettings, folded, marker
 from studies.study import Json, Measured, Part, Place, Steps, Study, beside, load
 
 FIGURES: tuple[PaperFigure, ...] = (  # in the order of the page: the paper's own, then what goes beyond it
@@ -61,8 +61,8 @@ def sources(module: ModuleType, known: frozenset[str] = frozenset()) -> frozense
     return known
 
 
-def key(name: str, settings: Settings) -> Json:
-    """Return what the numbers of a part depend on: a finished figure is kept as long as it is the same, the sources of its numbers included.
+def key(name: str, settings: PaperSettings) -> Json:
+    """Return the key of a part's numbers: a finished figure is kept as long as it is the same, the sources of its numbers included.
 
     After a change of words only, --redraw takes the numbers as they are.
     """
@@ -75,7 +75,7 @@ def key(name: str, settings: Settings) -> Json:
     return plain
 
 
-def claims_part(figures: Sequence[PaperFigure]) -> Part[Settings]:
+def claims_part(figures: Sequence[PaperFigure]) -> Part[PaperSettings]:
     """Return the part whose JSON file holds the claims of each figure that has been finished."""
     return Part(
         CLAIMED,
@@ -86,7 +86,7 @@ def claims_part(figures: Sequence[PaperFigure]) -> Part[Settings]:
     )
 
 
-def _collected(settings: Settings, _known: Json, figures: Sequence[PaperFigure]) -> Steps:
+def _collected(settings: PaperSettings, _known: Json, figures: Sequence[PaperFigure]) -> Steps:
     where, found, missing, answers = Place(settings.folder), list[Claim](), list[str](), dict[str, str]()
     for figure in figures:
         path, part = where.numbers(figure.label), figure.part()
@@ -146,7 +146,7 @@ def reasons(claims: Sequence[Claim]) -> str:
     return "".join(f"\n\n**{claim.statement[0].upper()}{claim.statement[1:]}: {claim.verdict.value}.** {claim.why}" for claim in left)
 
 
-STUDY: Study[Settings] = Study(
+STUDY: Study[PaperSettings] = Study(
     tuple(figure.part() for figure in FIGURES), key=key, same=(), kept="finished figures are kept; the same command goes on from here."
 )
-CLAIMS: Study[Settings] = Study((claims_part(FIGURES),))  # once all figures that are to be made are there
+CLAIMS: Study[PaperSettings] = Study((claims_part(FIGURES),))  # once all figures that are to be made are there

@@ -56,7 +56,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Settings:
+class RegimeSettings:
     """How much to compute, the same for all cases: members of each kind, and times in pseudo periods (the window's in periods of the force).
 
     ``executor``: as in `run_lanes`.
@@ -129,7 +129,7 @@ BOTH_WAYS = 100.0, 300.0  # pseudo periods per percent
 key = itemgetter("what", "case", "at")  # of a row: its case
 
 
-def jump_cases(settings: Settings) -> Mapping[Key, Callable[[], list[Row]]]:
+def jump_cases(settings: RegimeSettings) -> Mapping[Key, Callable[[], list[Row]]]:
     """Return the measurements: stays at each frequency and sweeps at each slowness."""
     stay = {(STAY, case.name, ratio): partial(_stay, case, ratio, settings) for case in settings.cases for ratio in case.stay_ratios}
     sweep = {(SWEEP, case.name, slow): partial(_sweep, case, slow, settings) for case in settings.cases if case.sweep for slow in case.slownesses}
@@ -137,7 +137,7 @@ def jump_cases(settings: Settings) -> Mapping[Key, Callable[[], list[Row]]]:
     return {**stay, **sweep, **{(way, case.name, slow): partial(_one_way, case, way, slow, settings) for case, slow, way in both}}
 
 
-def kind_cases(settings: Settings) -> Mapping[Key, Callable[[], list[Row]]]:
+def kind_cases(settings: RegimeSettings) -> Mapping[Key, Callable[[], list[Row]]]:
     """Return the measurements of the stationary responses at each frequency."""
     return {(RESPONSE, case.name, ratio): partial(_responses, case, ratio, settings) for case in settings.cases for ratio in case.kind_ratios}
 
@@ -146,7 +146,7 @@ def _phases(members: int, seed: int) -> list[float]:
     return draw_members(members, seed, "phase").phases.tolist()
 
 
-def _stay(case: Case, ratio: float, settings: Settings) -> list[Row]:
+def _stay(case: Case, ratio: float, settings: RegimeSettings) -> list[Row]:
     drawn, length = _phases(settings.stay_members, settings.seed), settings.stay_periods
     at = (case.scene, case.force, case.approach, ratio)
     found = stays(*at, length, drawn, settings.silence, threads=settings.threads, executor=settings.executor)
@@ -162,7 +162,7 @@ def _stay(case: Case, ratio: float, settings: Settings) -> list[Row]:
     ]  # fmt: skip
 
 
-def _sweep(case: Case, slowness: float, settings: Settings) -> list[Row]:
+def _sweep(case: Case, slowness: float, settings: RegimeSettings) -> list[Row]:
     drawn = _phases(settings.sweep_members, settings.seed + 1)
     at, limits = (case.scene, case.force, case.approach, there(case.sweep), slowness, drawn), (settings.silence, case.high_level)
     found = jumps(*at, *limits, threads=settings.threads, executor=settings.executor)
@@ -171,7 +171,7 @@ def _sweep(case: Case, slowness: float, settings: Settings) -> list[Row]:
     return [{"what": SWEEP, "case": case.name, "at": slowness, **counts, "share": _plain(found.share), "low": low, "high": high}]
 
 
-def _one_way(case: Case, way: str, slowness: float, settings: Settings) -> list[Row]:
+def _one_way(case: Case, way: str, slowness: float, settings: RegimeSettings) -> list[Row]:
     """Return how many of twice the members leave between the two ratios in a sweep down or up; before one up they come down to its start."""
     high, low = there(case.both_ways)
     over = Range(high + BEFORE, high, low, low - AFTER) if way == WAYS[0] else Range(low - BEFORE, low, high, high + AFTER)
@@ -185,7 +185,7 @@ def _one_way(case: Case, way: str, slowness: float, settings: Settings) -> list[
 MEANS = ("impacts_per_period", "depth", "absorber_share", "impact_loss", "friction_loss")
 
 
-def _responses(case: Case, ratio: float, settings: Settings) -> list[Row]:
+def _responses(case: Case, ratio: float, settings: RegimeSettings) -> list[Row]:
     drawn = _phases(settings.kind_members, settings.seed)
     at, lengths = (case.scene, case.force, case.approach, ratio), (settings.settle, settings.window)
     members = stationary_members(*at, *lengths, drawn, threads=settings.threads, executor=settings.executor)

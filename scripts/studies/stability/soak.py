@@ -58,7 +58,7 @@ def soak(case: SoakCase, lengths: tuple[int, ...]) -> Json:
 
 
 def wrong_with(found: Json, exact: bool) -> str:
-    """Return what is wrong with a very long run, empty if nothing is."""
+    """Return the faults of a very long run, empty if there are none."""
     memory, balance = found["memory_mb"], found["balance"]
     growth, shorter = memory[-1] - memory[0], max([*balance[:-1], 1e-12])
     if growth > MOST_GROWTH_MB:
