@@ -14,10 +14,10 @@ from environment_cases import ACTIVE_FRICTION, ACTIVE_GAP, LIMITED, RUBBING, STR
 
 from impact_env.envs.evaluation import play
 from optimisation.files import read_json, write_json
-from optimisation.rl.admission import FIRST_JUDGED, QUICK, Held, Planner, admit, copy_lanes, disturb, plan
 from optimisation.rl.agents import FINAL, load_agent, save_agent
 from optimisation.rl.families import FamilyPolicy
 from optimisation.rl.rules import TASKS, Switch, chosen
+from studies.admission import FIRST_JUDGED, QUICK, Held, Planner, admit, copy_lanes, disturb, plan
 from studies.cli import admit_tasks
 
 RULE = (-0.22, -0.14, -0.6, 0.4, -0.29, 0.09, 2.3, 0.09)

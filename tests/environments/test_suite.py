@@ -15,11 +15,11 @@ from impact_env.envs import ENVIRONMENTS
 from impact_env.envs.evaluation import play
 from impact_env.parameters import ParameterError
 from optimisation.cli import judge
-from optimisation.rl.admission import Search, best_of, evolve, mean_scores
 from optimisation.rl.agents import TRAINED, Agent, Memory, load_agent, save_agent, shipped
 from optimisation.rl.demonstrations import fingerprint, read_demonstrations, record, write_demonstrations
 from optimisation.rl.families import ConstantAction, FamilyPolicy, FrequencyWindow, GapByEstimatedForce, SmallRule, task_of
 from optimisation.rl.rules import BLIND, CONSTANT, EIGHT, TASKS, env_of, policies
+from studies.admission import Search, best_of, evolve, mean_scores
 
 FRESH = range(7_000_000, 7_000_096)  # neither trained, tuned nor judged on
 # Bounds on means over seeds lie six of their standard deviations off, as found with six eigenbases that differ by rounding.

@@ -84,7 +84,7 @@ def test_what_only_one_function_needs_is_named_by_it() -> None:
     }
     code = "from pathlib import Path\nfrom optimisation.rl.models import recurrent\nfrom optimisation.rl.demonstrations import _minari\n"
     code += "from optimisation.rl.families import task_of\nfrom optimisation.rl.hyperparameters import read\n"
-    code += "from optimisation.rl.admission import evolve\nfrom impact_env.structures.universal import read_modes\n"
+    code += "from studies.admission import evolve\nfrom impact_env.structures.universal import read_modes\n"
     packages = list(calls.values())
     code += TRY.format(packages=packages, modules=[]) + f"for package in {packages}: sys.modules.pop(package, None)\n"
     code += "".join(f"try:\n    {call}\nexcept ImportError as error:\n    print(error)\n" for call in calls)

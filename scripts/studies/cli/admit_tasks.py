@@ -20,10 +20,10 @@ from optimisation.files import read_json, write_json
 from optimisation.page import DOCS, fill, markdown, require_markers
 from optimisation.progress import Bar
 from optimisation.report.figures import BLACK, BLUE, ORANGE, figure_of, write_figure
-from optimisation.rl.admission import EFFORTS, QUICK, ROOM, add_agents, admit, tried
 from optimisation.rl.agents import FINAL, find_agents
 from optimisation.rl.families import Random
 from optimisation.rl.rules import CHOSEN, CONSTANT, EIGHT, TASKS, env_of, policies
+from studies.admission import EFFORTS, QUICK, ROOM, add_agents, admit, tried
 from studies.study import Array, Json
 
 NAMES = (*(name for name in TASKS if not name.startswith(("SweepRateNoisy", "SweepRateDelayed"))), "SweepRateHard-v0")
