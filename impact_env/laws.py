@@ -169,7 +169,8 @@ _ENTRIES = {law.of: law for law in (*WALLS, *FRICTION, *WHOLE.values())}
 
 def entry(law: object) -> Law:
     """Return the entry of a law; raises ParameterError for one that is not in the table."""
-    require(type(law) in _ENTRIES, "law", law, f"one of {', '.join(known.__name__ for known in _ENTRIES)}")
+    if type(law) not in _ENTRIES:
+        require(False, "law", law, f"one of {', '.join(known.__name__ for known in _ENTRIES)}")
     return _ENTRIES[type(law)]
 
 

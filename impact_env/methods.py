@@ -139,8 +139,8 @@ def check_supported(scene: Scene, method: Method) -> None:
     """Raise ParameterError if a method cannot do a scene."""
     instance("scene", scene, Scene), instance("method", method, Method)
     pair = scene.kind, method_class(method)
-    heavy = gravity_of(scene.absorber)
-    require(heavy == 0 or pair in GENERAL, "gravity", heavy, f"0 with {method} and {scene.kind.value}; {WHERE}")
+    if (heavy := gravity_of(scene.absorber)) != 0:
+        require(pair in GENERAL, "gravity", heavy, f"0 with {method} and {scene.kind.value}; {WHERE}")
     require(pair not in _REFUSED, "method", method, _REFUSED.get(pair, ""))
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ class Scene:
     def __str__(self) -> str:
         return f"{modes_in_words(self.model.modes)}, {words(self.absorber)}"
 
-    @property
+    @cached_property
     def kind(self) -> SceneKind:
         """Kind of scene, by the laws of its absorber."""
         return kind(self.absorber)
