@@ -80,8 +80,8 @@ def watched(work: Callable[[], T], counters: Counters, end: float, progress: Wat
     A KeyboardInterrupt, or an error in ``progress``, ends the kernel at its next event and is passed on.
     """
     with ThreadPoolExecutor(1) as pool:
-        running = pool.submit(work)
         try:
+            running = pool.submit(work)
             while wait([running], POLL_S).not_done:
                 progress(float(counters.counts["reached"]), end)
         except BaseException:

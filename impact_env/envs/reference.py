@@ -18,7 +18,7 @@ CHUNK = 20.0  # pseudo periods at the paper's rate; slower ones have as many chu
 
 
 def drive_shape(model: ModalModel, moves_base: bool) -> Array:
-    """Return the modes' response to a unit of the drive: a force of 1 N, or a base that is accelerated by 1 m/s^2."""
+    """Return the modal forces of a unit of the drive: a force of 1 N, or a base that is accelerated by 1 m/s^2."""
     if not moves_base:
         return model.force_shape
     require(model.base_participation is not None, "base_participation", None, "given for a base that moves")

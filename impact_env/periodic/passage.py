@@ -135,7 +135,7 @@ class Piece:
 
     @property
     def force_on(self) -> float:
-        """Force (N) on the absorber at the piece's start: of a joined one that without which it would have a relative acceleration."""
+        """Force (N) on the absorber at the piece's start; on a joined one it keeps the relative acceleration zero."""
         return -self.bend(0.0, self.begin) / self.flow.case.structure.compliance if self.flow.joined else self.force
 
 
@@ -272,9 +272,12 @@ class _Walk:
         """Return a state without what rounding left of the relative velocity."""
         return np.asarray(state - self.push * float(self.speed @ state) / self.case.structure.compliance)
 
-    def _go_on(self, flow: Flow, time: float, state: Array, sign: int, wall: int = 0) -> Piece:
+    def _piece(self, flow: Flow, time: float, state: Array, sign: int, wall: int = 0) -> Piece:
         force = 0.0 if flow.joined else -sign * self.case.friction_limit
-        self.found.pieces.append(Piece(flow, time, self.found.phase + self.case.omega * time, force, state, sign, wall))
+        return Piece(flow, time, self.found.phase + self.case.omega * time, force, state, sign, wall)
+
+    def _go_on(self, flow: Flow, time: float, state: Array, sign: int, wall: int = 0) -> Piece:
+        self.found.pieces.append(self._piece(flow, time, state, sign, wall))
         return self.found.pieces[-1]
 
     def _note(self, time: float, event: Event, impulse: float = 0.0) -> None:
@@ -296,9 +299,7 @@ class _Walk:
 
     def _release(self, piece: Piece, time: float, state: Array) -> None:
         """The joint force leaves its bounds without a jump: neither the state nor its rate has one."""
-        here = self._go_on(self.joined, time, state, 0)
-        self.found.pieces.pop()
-        sign = -piece.wall if piece.wall != 0 else -int(np.sign(here.force_on))
+        sign = -piece.wall if piece.wall != 0 else -int(np.sign(self._piece(self.joined, time, state, 0).force_on))
         self._note(time, Event(self.sliding, 0, sign))
         self._go_on(self.free, time, state, sign)
 

@@ -116,7 +116,7 @@ class DesignStudy:
         return [e for e in self.told if e.score.feasible and e.rungs == len(self.settings.rungs)]
 
     def run(self, designs: int, executor: Executor, progress: Callable[[int, int], object] = lambda _designs, _runs: None) -> bool:
-        """Search until at least ``designs`` (whole batches) are told; return False if a KeyboardInterrupt ended it early, of which a call goes on."""
+        """Search until at least ``designs`` (whole batches) are told; return False if a KeyboardInterrupt ended it early; call it again to go on."""
         wanted = self.settings.whole_batches(designs)
         try:
             with _quiet():
