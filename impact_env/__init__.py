@@ -37,13 +37,52 @@ from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.shared_mass import impact_absorbers
 from impact_env.sweep import IntegrationError, Stopped, simulate
 
-__all__ = ["Beam", "ModalModel", "Section", "StructureWarning", "load_structure", "modal_model", "mode_shapes"]
-__all__ += ["CompliantWalls", "CoulombFriction", "ElasticCoulombFriction", "NonlinearSink", "RigidWalls", "SeveralAbsorbers", "YieldingWalls"]
-__all__ += ["ParameterError", "SlidingAbsorber", "StuckAbsorber", "TunedAbsorber", "friction_damper", "impact_absorber", "impact_absorbers"]
-__all__ += ["Drive", "FrequencySchedule", "InitialState", "Scene", "beam_scene", "constant_frequency", "linear_sweep"]
+__all__ = [
+    "Beam",
+    "ModalModel",
+    "Section",
+    "StructureWarning",
+    "load_structure",
+    "modal_model",
+    "mode_shapes",
+]
+__all__ += [
+    "CompliantWalls",
+    "CoulombFriction",
+    "ElasticCoulombFriction",
+    "NonlinearSink",
+    "RigidWalls",
+    "SeveralAbsorbers",
+    "YieldingWalls",
+]
+__all__ += [
+    "ParameterError",
+    "SlidingAbsorber",
+    "StuckAbsorber",
+    "TunedAbsorber",
+    "friction_damper",
+    "impact_absorber",
+    "impact_absorbers",
+]
+__all__ += [
+    "Drive",
+    "FrequencySchedule",
+    "InitialState",
+    "Scene",
+    "beam_scene",
+    "constant_frequency",
+    "linear_sweep",
+]
 __all__ += ["Exact", "Moreau", "RungeKutta"]
 __all__ += ["IntegrationError", "Record", "Response", "Stop", "Stopped", "Window", "simulate"]
-__all__ += ["CurveCase", "Pass", "PerformanceCurve", "curve_passes", "evaluate", "performance_curve"]
+__all__ += [
+    "CurveCase",
+    "Pass",
+    "PerformanceCurve",
+    "curve_passes",
+    "evaluate",
+    "performance_curve",
+]
 __all__ += ["Compilation", "Preparation", "__version__", "is_ready", "on_compile", "prepare"]
 
 

@@ -22,7 +22,8 @@ class Stop:
     """
 
     def __init__(self) -> None:
-        self._lock, self._given = threading.Lock(), False
+        self._lock = threading.Lock()
+        self._given = False
         self._running: list[Counters] = []
 
     def give(self) -> None:
@@ -55,11 +56,21 @@ def counters_for(drive: AnyDrive, most_events: int | None, check: Check | None =
 
     Evaluations are EVALUATIONS_PER_EVENT for each event; where events are given, as many for each pseudo period that has passed, too.
     """
-    events, per_period, evaluations_per_period = FIRST_EVENTS, EVENTS_PER_PERIOD, EVALUATIONS_PER_EVENT * EVENTS_PER_PERIOD
+    events = FIRST_EVENTS
+    per_period = EVENTS_PER_PERIOD
+    evaluations_per_period = EVALUATIONS_PER_EVENT * EVENTS_PER_PERIOD
     if most_events is not None:
-        events, per_period, evaluations_per_period = most_events, 0, EVALUATIONS_PER_EVENT
+        events = most_events
+        per_period = 0
+        evaluations_per_period = EVALUATIONS_PER_EVENT
     period = drive.schedule.pseudo_period
-    return new_counters(events, per_period / period, EVALUATIONS_PER_EVENT * events, evaluations_per_period / period, check)
+    return new_counters(
+        events,
+        per_period / period,
+        EVALUATIONS_PER_EVENT * events,
+        evaluations_per_period / period,
+        check,
+    )
 
 
 def onwards(progress: Watcher) -> Watcher:

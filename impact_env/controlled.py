@@ -24,7 +24,14 @@ from impact_env.kernels.motion.observers import DONE
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.loads import BASE, Samples
 from impact_env.methods import Exact, Method, check_general
-from impact_env.parameters import CoulombFriction, SlidingAbsorber, count, positive, require, weightless
+from impact_env.parameters import (
+    CoulombFriction,
+    SlidingAbsorber,
+    count,
+    positive,
+    require,
+    weightless,
+)
 from impact_env.scene import Scene
 from impact_env.sweep import REASONS, IntegrationError
 
@@ -43,7 +50,9 @@ def friction_limit(scene: Scene) -> float:
     return friction.limit if isinstance(friction, CoulombFriction) else math.inf
 
 
-def _beside(scene: Scene, method: Method, record: Samples | None, moves_base: bool, interval: float) -> Beside | None:
+def _beside(
+    scene: Scene, method: Method, record: Samples | None, moves_base: bool, interval: float
+) -> Beside | None:
     """Return the load beside the orders' force in an interval (s), None without; raises ParameterError where scene or method cannot have it."""
     base = check_general(scene, method, record, moves_base=moves_base)
     if record is None and not moves_base:
@@ -85,12 +94,24 @@ class ControlledRuns:
     ) -> None:
         method = Exact() if method is None else method
         kernels = family(scene, method)
-        beside = _beside(scene, method, record, moves_base, interval * 2 * np.pi / positive("reference", reference))
+        beside = _beside(
+            scene,
+            method,
+            record,
+            moves_base,
+            interval * 2 * np.pi / positive("reference", reference),
+        )
         weightless(scene.absorber, "a run that is controlled in intervals")
-        require(kernels.lanes is not None, "absorber", scene.absorber, "one absorber in a run that is controlled in intervals")
+        require(
+            kernels.lanes is not None,
+            "absorber",
+            scene.absorber,
+            "one absorber in a run that is controlled in intervals",
+        )
         self.scene, self.method, self.lanes = scene, method, count("lanes", lanes, 1)
         self.threads = available_cores() if threads is None else count("threads", threads, 1)
-        period, modes = 2 * np.pi / positive("reference", reference), scene.model.modes
+        period = 2 * np.pi / positive("reference", reference)
+        modes = scene.model.modes
         samples = round(interval * samples_per_period)
         self.duration = samples * period / samples_per_period
         self.orders, self.reports = np.zeros(lanes, ORDER), np.zeros(lanes, REPORT)
@@ -98,12 +119,29 @@ class ControlledRuns:
         self.idle = np.zeros(lanes, dtype=np.bool_)
         self._rows = np.arange(lanes)  # where in the memory a lane's is
         slots = kernels.slots(scene, period)
-        self._memory = new_lanes(lanes, slots, 2 * modes + 2, HALF_WINDOW_PERIODS * samples_per_period)
+        self._memory = new_lanes(
+            lanes, slots, 2 * modes + 2, HALF_WINDOW_PERIODS * samples_per_period
+        )
         mass = 0.0 if scene.absorber_mass is None else scene.absorber_mass
-        omega, tip, read = (np.array(row) for row in (scene.model.omega, scene.model.tip_shape, scene.model.level_shape))
+        omega, tip, read = (
+            np.array(row)
+            for row in (scene.model.omega, scene.model.tip_shape, scene.model.level_shape)
+        )
         place = None if scene.model.response_shape is None else read
-        watch = Watch(period / samples_per_period, samples, float(exponent), unit, omega, tip, mass, read, place, beside)
-        self._watch, self._period = watch, period
+        watch = Watch(
+            period / samples_per_period,
+            samples,
+            float(exponent),
+            unit,
+            omega,
+            tip,
+            mass,
+            read,
+            place,
+            beside,
+        )
+        self._watch = watch
+        self._period = period
         self._crew = self._new_crew()
         self._compiled = False
         self._shares: dict[int, NDArray[np.int64]] = {}
@@ -116,8 +154,17 @@ class ControlledRuns:
 
     def _new_crew(self) -> Crew:
         """Return the threads that advance the lanes."""
-        batch, board = Batch(self._watch, self._memory, self.orders, self.reports, self.status), new_board(self.lanes)
-        return Crew(partial(family(self.scene, self.method).control(self.scene, self.method, self._period, batch), board), board)
+        batch = Batch(self._watch, self._memory, self.orders, self.reports, self.status)
+        board = new_board(self.lanes)
+        return Crew(
+            partial(
+                family(self.scene, self.method).control(
+                    self.scene, self.method, self._period, batch
+                ),
+                board,
+            ),
+            board,
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out threads and compiled code, which cannot be copied."""
@@ -125,7 +172,8 @@ class ControlledRuns:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self._crew, self._compiled = self._new_crew(), False
+        self._crew = self._new_crew()
+        self._compiled = False
 
     @property
     def state(self) -> Array:
@@ -142,7 +190,9 @@ class ControlledRuns:
 
     def advance(self) -> None:
         """Advance all lanes but idle ones by the intervals in ``orders``; raise IntegrationError, naming the first lane, if one breaks down."""
-        workers = max(1, min(self.threads, self.lanes // FEWEST)) if COMPILED and self._compiled else 1  # in plain Python threads only take turns
+        workers = (
+            max(1, min(self.threads, self.lanes // FEWEST)) if COMPILED and self._compiled else 1
+        )  # in plain Python threads only take turns
         self._do(self._parts(workers), workers)
         self._check()
 
@@ -153,19 +203,24 @@ class ControlledRuns:
         else:
             with compiling_for(self.scene, self.method, "environments"):
                 self._crew.work(parts, 0)
-            self._crew.take, self._compiled = _looked_up(self._crew.take), True
+            self._crew.take = _looked_up(self._crew.take)
+            self._compiled = True
 
     def _check(self) -> None:
         """Raise IntegrationError, naming the first lane, if one broke down."""
         if self.status.any():
             lane = int(np.flatnonzero(self.status != DONE)[0])
-            raise IntegrationError(f"lane {lane}, {self.method} on {self.scene.absorber}: {REASONS[int(self.status[lane])]}")
+            raise IntegrationError(
+                f"lane {lane}, {self.method} on {self.scene.absorber}: {REASONS[int(self.status[lane])]}"
+            )
 
     def _parts(self, workers: int) -> NDArray[np.int64]:
         """Return stretches of lanes that do not rest, rows [low, high)."""
         if workers not in self._shares:
             number = 1 if workers == 1 else PARTS * workers
-            self._shares[workers] = _stretches(np.unique(np.linspace(0, self.lanes, 1 + number).astype(np.int64)))
+            self._shares[workers] = _stretches(
+                np.unique(np.linspace(0, self.lanes, 1 + number).astype(np.int64))
+            )
         parts = self._shares[workers]
         if not self.idle.any():
             return parts
@@ -192,7 +247,14 @@ class ControlledRuns:
 
 def _looked_up(kernel: Any) -> Callable[[int, int], bool]:
     """Return a compiled kernel with its arguments as the machine code itself: numba looks at their types at every call, 8 of 12 us."""
-    return partial(kernel.func.overloads[tuple(map(typeof, (*kernel.args, 0, 0)))].entry_point, *kernel.args) if COMPILED else kernel
+    return (
+        partial(
+            kernel.func.overloads[tuple(map(typeof, (*kernel.args, 0, 0)))].entry_point,
+            *kernel.args,
+        )
+        if COMPILED
+        else kernel
+    )
 
 
 def _stretches(cuts: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -207,21 +269,45 @@ class PooledRuns(ControlledRuns):
     What lanes keep lies scene by scene, so that a call of compiled code has all lanes of a scene in a row; orders and reports are those of lanes.
     """
 
-    def __init__(self, scenes: Sequence[Scene], lanes: int, reference: float, interval: float, method: Method | None = None, **options: Any) -> None:
-        self._make: Callable[..., ControlledRuns] = partial(ControlledRuns, reference=reference, interval=interval, method=method, **options)
+    def __init__(
+        self,
+        scenes: Sequence[Scene],
+        lanes: int,
+        reference: float,
+        interval: float,
+        method: Method | None = None,
+        **options: Any,
+    ) -> None:
+        self._make: Callable[..., ControlledRuns] = partial(
+            ControlledRuns, reference=reference, interval=interval, method=method, **options
+        )
         self.scenes, self.which = tuple(scenes), np.zeros(lanes, dtype=np.int64)
         self._members: dict[int, ControlledRuns] = {}
         super().__init__(scenes[0], lanes, reference, interval, method, **options)
-        self._ordered, self._reported, self._ended = self.orders.copy(), self.reports.copy(), self.status.copy()
+        self._ordered, self._reported, self._ended = (
+            self.orders.copy(),
+            self.reports.copy(),
+            self.status.copy(),
+        )
         self._laid = self.which.copy()
-        self._still: NDArray[np.bool_] | None = None  # the lanes that rested when the turns were made; None: make them anew
+        self._still: NDArray[np.bool_] | None = (
+            None  # the lanes that rested when the turns were made; None: make them anew
+        )
         self._turns: list[tuple[int, NDArray[np.int64]]] = []  # of scenes: which rows are advanced
 
     def _member(self, number: int) -> ControlledRuns:
         if number not in self._members:
             made = self._make(self.scenes[number], self.lanes)
-            require(made._memory.z.shape == self._memory.z.shape, "scenes", made.scene, "scenes with as many modes and the same kind of absorber")
-            made.orders, made.reports, made.status, made._memory = self._ordered, self._reported, self._ended, self._memory
+            require(
+                made._memory.z.shape == self._memory.z.shape,
+                "scenes",
+                made.scene,
+                "scenes with as many modes and the same kind of absorber",
+            )
+            made.orders = self._ordered
+            made.reports = self._reported
+            made.status = self._ended
+            made._memory = self._memory
             made._crew = made._new_crew()
             self._members[number] = made
         return self._members[number]
@@ -250,19 +336,36 @@ class PooledRuns(ControlledRuns):
         if self._still is None or not np.array_equal(self._still, self.idle):
             self._take_turns()
         rows = self._rows
-        self._ordered[rows], self._reported[rows], self._ended[rows] = self.orders, self.reports, self.status
-        for number, parts in self._turns:  # one thread: to hand a scene's few lanes to a helper takes longer than to do them
+        self._ordered[rows], self._reported[rows], self._ended[rows] = (
+            self.orders,
+            self.reports,
+            self.status,
+        )
+        for (
+            number,
+            parts,
+        ) in (
+            self._turns
+        ):  # one thread: to hand a scene's few lanes to a helper takes longer than to do them
             self._member(number)._do(parts)
-        self.orders[...], self.reports[...], self.status[...] = self._ordered[rows], self._reported[rows], self._ended[rows]
+        self.orders[...], self.reports[...], self.status[...] = (
+            self._ordered[rows],
+            self._reported[rows],
+            self._ended[rows],
+        )
         self._check()
 
     def _take_turns(self) -> None:
-        scenes, idle = np.empty_like(self.which), np.empty_like(self.idle)
+        scenes = np.empty_like(self.which)
+        idle = np.empty_like(self.idle)
         scenes[self._rows], idle[self._rows] = self.which, self.idle
         cuts = np.union1d(np.flatnonzero(np.diff(scenes) | np.diff(idle)) + 1, (0, self.lanes))
         parts = _stretches(cuts)
-        at, wanted = scenes[parts[:, 0]], ~idle[parts[:, 0]]
-        self._turns = [(number, parts[wanted & (at == number)]) for number in np.unique(at[wanted]).tolist()]
+        at = scenes[parts[:, 0]]
+        wanted = ~idle[parts[:, 0]]
+        self._turns = [
+            (number, parts[wanted & (at == number)]) for number in np.unique(at[wanted]).tolist()
+        ]
         self._still = self.idle.copy()
 
     def _variables(self) -> list[NDArray[Any]]:

@@ -10,14 +10,17 @@ from numpy.typing import NDArray
 from impact_env.kernels.control.crew import DONE, LEFT, Board
 
 QUICK_S = 2e-4  # helpers stay for the next call where calls follow one another as quickly as this
-STAY, LOOK_ROUND = 1 << 16, 1 << 9  # looks at the board before a helper leaves: some 0.3 ms, and just long enough to meet the call that woke it
+# looks at the board before a helper leaves: some 0.3 ms, and just long enough to meet the call that woke it
+STAY = 1 << 16
+LOOK_ROUND = 1 << 9
 
 
 class Crew:
     """A calling thread and its helpers. ``take`` (a kernel of `impact_env.kernels.control.lanes`) takes parts from the board and does them."""
 
     def __init__(self, take: Callable[[int, int], bool], board: Board) -> None:
-        self.take, self._board = take, board
+        self.take = take
+        self._board = board
         self._pool: ThreadPoolExecutor | None = None
         self._helpers: list[Future[bool]] = []
         self._ended = 0.0
@@ -51,11 +54,14 @@ class Crew:
         if self._pool is None and helpers:
             self._pool = ThreadPoolExecutor(helpers)
         self._helpers = standing_by + [
-            self._pool.submit(self.take, 0, STAY if quick else LOOK_ROUND) for _ in range(helpers - len(standing_by)) if self._pool is not None
+            self._pool.submit(self.take, 0, STAY if quick else LOOK_ROUND)
+            for _ in range(helpers - len(standing_by))
+            if self._pool is not None
         ]
 
     def close(self) -> None:
         """End the threads; they start again when they are needed."""
         if self._pool is not None:
             self._pool.shutdown()
-            self._pool, self._helpers = None, []
+            self._pool = None
+            self._helpers = []

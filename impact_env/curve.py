@@ -18,7 +18,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_env.budget import Stop
 from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule, default_rate, linear_sweep
-from impact_env.ensemble import MOST_MEMBERS, Executor, Lane, LaneLevels, LevelOf, Members, Progress, available_cores, draw_members, run_lanes
+from impact_env.ensemble import (
+    MOST_MEMBERS,
+    Executor,
+    Lane,
+    LaneLevels,
+    LevelOf,
+    Members,
+    Progress,
+    available_cores,
+    draw_members,
+    run_lanes,
+)
 from impact_env.laws import SceneKind
 from impact_env.loads import AnyDrive, Member, member_of
 from impact_env.methods import Exact, Method
@@ -34,7 +45,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 DEFAULT_MEMBERS = 16
 BAND = (0.05, 0.95)
-UP, DOWN = 0, 1  # directions of the sweep, the last axis of a curve's arrays
+# directions of the sweep, the last axis of a curve's arrays
+UP = 0
+DOWN = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,22 +68,36 @@ class CurveCase:
     def __post_init__(self) -> None:
         instance("scene", self.scene, Scene)
         forces = row("forces", self.forces, "a row of finite forces in N, 0 or above")
-        require(forces.size > 0 and bool(np.all(forces >= 0)), "forces", self.forces, "a row of finite forces in N, 0 or above")
+        require(
+            forces.size > 0 and bool(np.all(forces >= 0)),
+            "forces",
+            self.forces,
+            "a row of finite forces in N, 0 or above",
+        )
         object.__setattr__(self, "forces", forces)
         keep_checked(self, limits=two)
         require(callable(self.load), "load", self.load, "a function of a force in N and a schedule")
         if self.percent_per_100_periods is None:
-            object.__setattr__(self, "percent_per_100_periods", default_rate(self.scene.model, (self.resonance,)))
+            object.__setattr__(
+                self, "percent_per_100_periods", default_rate(self.scene.model, (self.resonance,))
+            )
         self.schedules()
 
     def schedules(self) -> tuple[FrequencySchedule, FrequencySchedule]:
         """Return the sweep up and the sweep down."""
         omega, (low, high) = self.scene.model.resonance_omega(self.resonance), self.limits
-        return linear_sweep(omega, low, high, self.percent_per_100_periods), linear_sweep(omega, high, low, self.percent_per_100_periods)
+        return linear_sweep(omega, low, high, self.percent_per_100_periods), linear_sweep(
+            omega, high, low, self.percent_per_100_periods
+        )
 
-    def drive(self, drawn: Members, member: int, amplitude: float, schedule: FrequencySchedule) -> AnyDrive:
+    def drive(
+        self, drawn: Members, member: int, amplitude: float, schedule: FrequencySchedule
+    ) -> AnyDrive:
         """Return the drive or the loads of one run."""
-        return member_of(self.load(amplitude, schedule), Member(member, float(drawn.phases[member]), float(drawn.factors[member])))
+        return member_of(
+            self.load(amplitude, schedule),
+            Member(member, float(drawn.phases[member]), float(drawn.factors[member])),
+        )
 
     def amplitudes(self) -> Array:
         """Return the forces to run in N: one newton for a linear scene, whose level is proportional to the force."""
@@ -133,11 +160,20 @@ class PerformanceCurve:
         return f"PerformanceCurve({', '.join(text for _, text in self._told())})"
 
     def _told(self) -> list[tuple[str, str]]:
-        count, median = len(self.forces), 1e3 * self.median[np.isfinite(self.median)]
+        count = len(self.forces)
+        median = 1e3 * self.median[np.isfinite(self.median)]
         forces = f"{count} force{'s' * (count != 1)} from {self.forces.min():.4g} to {self.forces.max():.4g} N"
-        levels = f"median level {median.min():.4g} to {median.max():.4g} mm" if median.size else "no level yet"
+        levels = (
+            f"median level {median.min():.4g} to {median.max():.4g} mm"
+            if median.size
+            else "no level yet"
+        )
         runs = f"{self.level.shape[1]} members, each up and down"
-        return [("forces", forces), ("runs", runs + ("" if self.complete else ", not all of them made")), ("level", levels)]
+        return [
+            ("forces", forces),
+            ("runs", runs + ("" if self.complete else ", not all of them made")),
+            ("level", levels),
+        ]
 
     def _repr_html_(self) -> str:
         """Return the HTML table of a notebook."""
@@ -149,8 +185,16 @@ class PerformanceCurve:
 
     def relative_to(self, reference: PerformanceCurve) -> Array:
         """Return `combined` over that of the same member of a reference, (F, M); raises ParameterError unless forces and members agree."""
-        same = np.array_equal(self.forces, reference.forces) and self.members.key == reference.members.key
-        require(same, "reference", (reference.forces, reference.members), "a curve over the same forces and members")
+        same = (
+            np.array_equal(self.forces, reference.forces)
+            and self.members.key == reference.members.key
+        )
+        require(
+            same,
+            "reference",
+            (reference.forces, reference.members),
+            "a curve over the same forces and members",
+        )
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(self.combined / reference.combined)
 
@@ -162,7 +206,14 @@ class PerformanceCurve:
         rows = [quantiles(values[k], (0.5, *BAND)) for values in (self.combined, relative)]
         (level, *level_band), (ratio, *ratio_band) = ([float(x) for x in row] for row in rows)
         low, high = (float(x) for x in quantiles(best, BAND))
-        return Optimum(float(self.forces[k]), (low, high), level, (level_band[0], level_band[1]), ratio, (ratio_band[0], ratio_band[1]))
+        return Optimum(
+            float(self.forces[k]),
+            (low, high),
+            level,
+            (level_band[0], level_band[1]),
+            ratio,
+            (ratio_band[0], ratio_band[1]),
+        )
 
     def optimum(self, reference: PerformanceCurve) -> Optimum | None:
         """Return the best force relative to a reference (no absorber, say), or None if nothing is finished yet."""
@@ -222,13 +273,24 @@ def performance_curves(
     ]
 
 
-def _of_case(case: CurveCase, levels: LaneLevels, members: int, start: int, stop: int) -> LaneLevels:
+def _of_case(
+    case: CurveCase, levels: LaneLevels, members: int, start: int, stop: int
+) -> LaneLevels:
     """Return a case's share of all lanes as (F, M, 2), a linear scene's scaled by the force."""
     shape = (len(case.forces), members, 2)
     arrays = {}
     for name in (field.name for field in fields(LaneLevels) if field.name != "complete"):
-        share = getattr(levels, name).reshape(members, -1)[:, start:stop].reshape(members, 2, -1).transpose(2, 0, 1)
-        scale = case.forces[:, None, None] if case.scene.kind is SceneKind.LINEAR and name in ("level", "max_tip") else 1.0
+        share = (
+            getattr(levels, name)
+            .reshape(members, -1)[:, start:stop]
+            .reshape(members, 2, -1)
+            .transpose(2, 0, 1)
+        )
+        scale = (
+            case.forces[:, None, None]
+            if case.scene.kind is SceneKind.LINEAR and name in ("level", "max_tip")
+            else 1.0
+        )
         arrays[name] = np.array(np.broadcast_to(share * scale, shape))
     return LaneLevels(**arrays, complete=not np.isnan(arrays["level"]).any())
 
@@ -252,7 +314,14 @@ def performance_curve(
     rate: Any = percent_per_100_periods
     case = CurveCase(scene, forces, resonance, limits, rate)  # type: ignore[arg-type]  # made an array there
     (curve,) = performance_curves(
-        [case], members, seed, method, threads=threads, samples_per_period=samples_per_period, progress=progress, most_events=most_events
+        [case],
+        members,
+        seed,
+        method,
+        threads=threads,
+        samples_per_period=samples_per_period,
+        progress=progress,
+        most_events=most_events,
     )
     return curve
 
@@ -303,17 +372,27 @@ def curve_passes(
     the load is the same up and down, as a random one is, and each run stands for both. Raises ParameterError and IntegrationError as `simulate` does.
     """
     instance("case", case, CurveCase), instance("stop", stop, Stop | None)
-    passes, method = [instance("passes", one, Pass) for one in listed("passes", passes)], Exact() if method is None else method
+    passes = [instance("passes", one, Pass) for one in listed("passes", passes)]
+    method = Exact() if method is None else method
     workers = available_cores() if threads is None else count("threads", threads, 1)
     drawn = draw_members(max((one.members for one in passes), default=1), seed)
     order = Stop() if stop is None else stop
-    of = LevelOf(method, Record(samples_per_period=samples_per_period), None, order) if measure is None else partial(measure, stop=order)
+    of = (
+        LevelOf(method, Record(samples_per_period=samples_per_period), None, order)
+        if measure is None
+        else partial(measure, stop=order)
+    )
     known: dict[float, dict[_Run, tuple[float, ...]]] = {}
     with ThreadPoolExecutor(workers) as pool:
         try:
             for one in passes:
                 found = known.setdefault(one.faster, {})
-                yield from ((one, curve) for curve in _one_pass(case, one, drawn, of, pool, found, (UP, DOWN if both_ways else UP)))
+                yield from (
+                    (one, curve)
+                    for curve in _one_pass(
+                        case, one, drawn, of, pool, found, (UP, DOWN if both_ways else UP)
+                    )
+                )
                 if order.given:
                     return
         finally:
@@ -335,14 +414,27 @@ def _one_pass(
 
     ``ways``: whose run up and down are.
     """
-    total, linear = len(case.forces), case.scene.kind is SceneKind.LINEAR
+    total = len(case.forces)
+    linear = case.scene.kind is SceneKind.LINEAR
     here = np.unique(np.linspace(0, total - 1, min(one.forces or total, total)).round().astype(int))
-    schedules = replace(case, percent_per_100_periods=one.faster * case.percent_per_100_periods).schedules()
-    wanted = [(int(k), m, d) for m in range(one.members) for k in ([0] if linear else here[_spread(len(here))]) for d in dict.fromkeys(ways)]
+    schedules = replace(
+        case, percent_per_100_periods=one.faster * case.percent_per_100_periods
+    ).schedules()
+    wanted = [
+        (int(k), m, d)
+        for m in range(one.members)
+        for k in ([0] if linear else here[_spread(len(here))])
+        for d in dict.fromkeys(ways)
+    ]
 
     def run(which: _Run) -> None:
         k, m, d = which
-        found[which] = measure(Lane(case.scene, case.drive(drawn, m, 1.0 if linear else float(case.forces[k]), schedules[d])))
+        found[which] = measure(
+            Lane(
+                case.scene,
+                case.drive(drawn, m, 1.0 if linear else float(case.forces[k]), schedules[d]),
+            )
+        )
 
     def curve() -> PerformanceCurve:
         values = np.full((6, len(here), one.members, 2), np.nan)
@@ -352,7 +444,9 @@ def _one_pass(
         if linear:
             values[[0, 3]] *= case.forces[here][:, None, None]
         level, at, ratio, tip, impacts, stuck = values
-        levels = LaneLevels(level, at, ratio, tip, impacts, stuck, complete=not np.isnan(level).any())
+        levels = LaneLevels(
+            level, at, ratio, tip, impacts, stuck, complete=not np.isnan(level).any()
+        )
         return PerformanceCurve(case.forces[here], drawn[: one.members], levels)
 
     missing = [which for which in wanted if which not in found]
@@ -369,7 +463,9 @@ def _one_pass(
                 future.result()
             if left and done and time.monotonic() - told > TOLD_EACH:
                 part = curve()
-                if not part.complete:  # runs may end meanwhile: a whole curve is the last of its pass
+                if (
+                    not part.complete
+                ):  # runs may end meanwhile: a whole curve is the last of its pass
                     yield part
                 told = time.monotonic()
     except Stopped:

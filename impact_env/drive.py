@@ -7,14 +7,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.modes import ModalModel
-from impact_env.parameters import Beam, finite, instance, listed, non_negative, positive, require, row
+from impact_env.parameters import (
+    Beam,
+    finite,
+    instance,
+    listed,
+    non_negative,
+    positive,
+    require,
+    row,
+)
 
 PAPER_RATE = 1.0  # percent of the resonance frequency per 100 pseudo periods
 PAPER_LIMITS = (0.9, 1.06)  # of the resonance frequency
 assert isinstance(Beam.damping_ratio, float)
 PAPER_DAMPING = Beam.damping_ratio
 MOST_PERIODS = 1e9  # ten times the longest default sweep, that of a tuned absorber on a resonance without damping: hours for one run
-SLOWEST, FASTEST, MOST_RATIO = 1e-20, 1e20, 1e9  # of a reference frequency in rad/s, and how much faster a force may be
+# of a reference frequency in rad/s, and how much faster a force may be
+SLOWEST = 1e-20
+FASTEST = 1e20
+MOST_RATIO = 1e9
 LEAST_DAMPING = 1e-4  # the sweep of an undamped resonance would never end
 
 
@@ -32,11 +44,23 @@ class FrequencySchedule:
     def __post_init__(self) -> None:
         allowed = "two or more finite times in s, strictly rising from 0"
         times = row("times", self.times, allowed)
-        require(len(times) >= 2 and times[0] == 0 and bool(np.all(np.diff(times) > 0)), "times", self.times, allowed)
+        require(
+            len(times) >= 2 and times[0] == 0 and bool(np.all(np.diff(times) > 0)),
+            "times",
+            self.times,
+            allowed,
+        )
         allowed = f"a finite frequency in rad/s, 0 or above, for each of the {len(times)} times"
         omegas = row("omegas", self.omegas, allowed)
-        require(omegas.shape == times.shape and bool(np.all(omegas >= 0)), "omegas", self.omegas, allowed)
-        object.__setattr__(self, "reference", positive("reference frequency", self.reference, SLOWEST, FASTEST))
+        require(
+            omegas.shape == times.shape and bool(np.all(omegas >= 0)),
+            "omegas",
+            self.omegas,
+            allowed,
+        )
+        object.__setattr__(
+            self, "reference", positive("reference frequency", self.reference, SLOWEST, FASTEST)
+        )
         for name, values in (("times", times), ("omegas", omegas)):
             object.__setattr__(self, name, values)
         allowed = f"at most {MOST_PERIODS:g} pseudo periods of the reference frequency, not {self.periods:g}"
@@ -59,7 +83,9 @@ class FrequencySchedule:
     def phase_at(self, time: NDArray[np.float64] | float) -> NDArray[np.float64]:
         """Return the integral of the circular frequency in rad at times in s."""
         steps = np.diff(self.times)
-        starts = np.concatenate([[0.0], np.cumsum(steps * (self.omegas[1:] + self.omegas[:-1]) / 2)])
+        starts = np.concatenate(
+            [[0.0], np.cumsum(steps * (self.omegas[1:] + self.omegas[:-1]) / 2)]
+        )
         k = np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(steps) - 1)
         tau = np.asarray(time) - self.times[k]
         slope = np.diff(self.omegas)[k] / steps[k]
@@ -74,14 +100,24 @@ def linear_sweep(
 ) -> FrequencySchedule:
     """Return a linear sweep between two ratios of ``reference`` (rad/s); up or down follows from the ratios (paper, section 3.3)."""
     reference = positive("reference frequency", reference, SLOWEST, FASTEST)
-    start, stop = non_negative("start ratio", start_ratio, MOST_RATIO), non_negative("stop ratio", stop_ratio, MOST_RATIO)
-    require(start != stop, "stop ratio", stop_ratio, "different from the start ratio (use constant_frequency for a fixed one)")
+    start = non_negative("start ratio", start_ratio, MOST_RATIO)
+    stop = non_negative("stop ratio", stop_ratio, MOST_RATIO)
+    require(
+        start != stop,
+        "stop ratio",
+        stop_ratio,
+        "different from the start ratio (use constant_frequency for a fixed one)",
+    )
     rate = positive("percent_per_100_periods", percent_per_100_periods)
     periods = abs(stop - start) * 100 * 100 / rate
     least = rate * periods / MOST_PERIODS
     allowed = f"{least:.3g} or more from start ratio {start:g} to stop ratio {stop:g}, which else takes more than {MOST_PERIODS:g} pseudo periods"
     require(periods <= MOST_PERIODS, "percent_per_100_periods", rate, allowed)
-    return FrequencySchedule(np.array([0.0, periods * 2 * np.pi / reference]), np.array([start, stop]) * reference, reference)
+    return FrequencySchedule(
+        np.array([0.0, periods * 2 * np.pi / reference]),
+        np.array([start, stop]) * reference,
+        reference,
+    )
 
 
 def default_rate(model: ModalModel, resonances: Iterable[int] = (1,)) -> float:
@@ -93,7 +129,11 @@ def default_rate(model: ModalModel, resonances: Iterable[int] = (1,)) -> float:
     damped one counts, and a damping ratio below 1e-4 counts as 1e-4. Raises ParameterError for a resonance that the model lacks.
     """
     instance("model", model, ModalModel)
-    ratios = [float(model.damping_ratio[k - 1]) for k in listed("resonances", resonances) if model.resonance_omega(k)]
+    ratios = [
+        float(model.damping_ratio[k - 1])
+        for k in listed("resonances", resonances)
+        if model.resonance_omega(k)
+    ]
     require(len(ratios) > 0, "resonances", ratios, "one or more")
     return PAPER_RATE * min(1.0, max(min(ratios), LEAST_DAMPING) / PAPER_DAMPING) ** 2
 
@@ -102,7 +142,11 @@ def constant_frequency(reference: float, ratio: float, periods: float) -> Freque
     """Return a constant frequency ``ratio * reference`` over a number of pseudo periods."""
     reference = positive("reference frequency", reference, SLOWEST, FASTEST)
     duration = positive("periods", periods, most=MOST_PERIODS) * 2 * np.pi / reference
-    return FrequencySchedule(np.array([0.0, duration]), np.full(2, non_negative("ratio", ratio, MOST_RATIO) * reference), reference)
+    return FrequencySchedule(
+        np.array([0.0, duration]),
+        np.full(2, non_negative("ratio", ratio, MOST_RATIO) * reference),
+        reference,
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,7 +41,8 @@ def _by_middles(c: Coupling, weak: float) -> tuple[list[Starts], Index]:
     near = np.flatnonzero(np.abs(c.spread()) < NEAR_CRITICAL * c.omega**2)
     leads = at_points(c, near, (-c.rate[near] / 2).astype(complex))
     begin = eliminated(c, leads, np.zeros(len(near), complex))
-    rest, slope = (begin.f - leads.constant).real, begin.slope.real
+    rest = (begin.f - leads.constant).real
+    slope = begin.slope.real
     ok = (np.abs(rest) < weak * c.omega[near] ** 2) & (np.abs(slope) < 10 * weak * c.omega[near])
     square = begin.f.real + slope**2 / 4
     half = np.sqrt(np.abs(square))
@@ -58,9 +59,13 @@ def _by_poles(c: Coupling, weak: float) -> tuple[list[Starts], Index]:
     ok = np.ones(len(far), dtype=bool)
     starts = []
     for p, q, used in ((one[far], other[far], np.ones_like(swift)), (other[far], one[far], swift)):
-        leads, nothing = at_poles(c, far, p, q), np.zeros(len(far), complex)
-        begin, size = eliminated(c, leads, nothing), np.abs(leads.slope)
-        small = (np.abs(begin.f) < weak * np.abs(p) * size) & (np.abs(begin.slope - leads.slope) < 10 * weak * size)
+        leads = at_poles(c, far, p, q)
+        nothing = np.zeros(len(far), complex)
+        begin = eliminated(c, leads, nothing)
+        size = np.abs(leads.slope)
+        small = (np.abs(begin.f) < weak * np.abs(p) * size) & (
+            np.abs(begin.slope - leads.slope) < 10 * weak * size
+        )
         ok &= small | ~used
         starts.append((leads, nothing, used))
     return [_chosen((leads, offset), ok & used) for leads, offset, used in starts], far[ok]
@@ -72,21 +77,33 @@ def _chosen(starts: Starts, which: NDArray[np.bool_]) -> Starts:
 
 def _by_dense_solver(c: Coupling, which: Index) -> Starts:
     """Return leads and offsets of oscillators ``which`` that move together, from a dense eigensolver."""
-    modes, sprung = which[which < c.modes], c.sprung and len(which) > 0
-    psi, omega, rate = c.psi[:, modes], c.omega[modes], c.rate[modes]
+    modes = which[which < c.modes]
+    sprung = c.sprung and len(which) > 0
+    psi = c.psi[:, modes]
+    omega = c.omega[modes]
+    rate = c.rate[modes]
     if sprung:
         line = np.append(-psi[0], 1.0)
-        m, own = np.eye(len(line)), np.append(modes, c.modes)
-        damping, stiffness = with_link(rate, c.rate[-1], line), with_link(omega**2, c.omega[-1] ** 2, line)
+        m = np.eye(len(line))
+        own = np.append(modes, c.modes)
+        damping = with_link(rate, c.rate[-1], line)
+        stiffness = with_link(omega**2, c.omega[-1] ** 2, line)
     else:
-        m, own, damping, stiffness = np.eye(len(modes)) + psi.T @ psi, modes, np.diag(rate), np.diag(omega**2)
+        m = np.eye(len(modes)) + psi.T @ psi
+        own = modes
+        damping = np.diag(rate)
+        stiffness = np.diag(omega**2)
     values, shapes = quadratic_modes(m, damping, stiffness)
     lead = own[np.argmax(np.abs(shapes), axis=0)]
     one, other = (pole[lead] for pole in c.own_poles())
     nearer = np.abs(values - one) <= np.abs(values - other)
-    pole, second = np.where(nearer, one, other), np.where(nearer, other, one)
+    pole = np.where(nearer, one, other)
+    second = np.where(nearer, other, one)
     near = np.abs(values - pole) < np.abs(values)
-    parts = at_poles(c, lead[near], pole[near], second[near]), at_points(c, lead[~near], np.zeros(int(np.sum(~near)), complex))
+    parts = (
+        at_poles(c, lead[near], pole[near], second[near]),
+        at_points(c, lead[~near], np.zeros(int(np.sum(~near)), complex)),
+    )
     leads = together(list(parts))
     return leads, np.concatenate([values[near], values[~near]]) - leads.point
 
@@ -96,7 +113,9 @@ def quadratic_modes(m: Real, c: Real, k: Real) -> tuple[Complex, Complex]:
     squares, vectors = scipy.linalg.eigh(k, m)
     frequencies = np.sqrt(np.maximum(squares, 1e-16 * np.max(squares)))
     zero = np.zeros_like(k)
-    block = np.block([[zero, np.diag(frequencies)], [-np.diag(frequencies), -vectors.T @ c @ vectors]])
+    block = np.block(
+        [[zero, np.diag(frequencies)], [-np.diag(frequencies), -vectors.T @ c @ vectors]]
+    )
     values, states = scipy.linalg.eig(block)
     values = np.where(np.abs(values.imag) < 1e-9 * np.abs(values), values.real, values)
     upper = values.imag >= 0
@@ -106,7 +125,8 @@ def quadratic_modes(m: Real, c: Real, k: Real) -> tuple[Complex, Complex]:
 def _close(lead: Index, s: Complex) -> tuple[NDArray[np.bool_], Index, Complex]:
     """Return which eigenvalues (J,) are alone, and lead and place of each close pair: the upper of a complex one, the middle of two real ones."""
     alone = np.ones(len(s), dtype=bool)
-    leads, places = [], []
+    leads = []
+    places = []
     for k in np.flatnonzero((s.imag != 0) & (np.abs(s.imag) < CLOSE * np.abs(s))):
         alone[k] = False
         leads.append(lead[k])
@@ -121,7 +141,9 @@ def _close(lead: Index, s: Complex) -> tuple[NDArray[np.bool_], Index, Complex]:
     return alone, np.array(leads, dtype=int), np.array(places, dtype=complex)
 
 
-@np.errstate(divide="ignore", invalid="ignore")  # where two poles are one: what is not a number is no start, or found by the check of the basis
+@np.errstate(
+    divide="ignore", invalid="ignore"
+)  # where two poles are one: what is not a number is no start, or found by the check of the basis
 def all_eigen(c: Coupling, weak: float) -> Eigen:
     """Return all eigenvalues and vectors; ``weak``: share of |s|^2 up to which R leaves a mode near its own pole, from where it is then sought."""
     middles, near = _by_middles(c, weak)
@@ -132,7 +154,8 @@ def all_eigen(c: Coupling, weak: float) -> Eigen:
         if c.sprung:  # the dense solver always has the mass
             starts = [_chosen(part, part[0].lead < c.modes) for part in starts]
         starts.append(_by_dense_solver(c, left))
-    leads, offset = together([part[0] for part in starts]), np.concatenate([part[1] for part in starts])
+    leads = together([part[0] for part in starts])
+    offset = np.concatenate([part[1] for part in starts])
     alone, lead, place = _close(leads.lead, leads.point + offset)
     single = chosen(leads, alone)
     found = [eigenvectors(c, single, solved(c, single, offset[alone], FARTHEST))]

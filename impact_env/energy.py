@@ -33,19 +33,31 @@ class EnergyAccount:
     @property
     def balance_error(self) -> float:
         """Work less losses less gain of stored energy, in J."""
-        losses = float(np.sum(self.modal_loss)) + self.friction_loss + self.impact_loss + self.absorber_damping
+        losses = (
+            float(np.sum(self.modal_loss))
+            + self.friction_loss
+            + self.impact_loss
+            + self.absorber_damping
+        )
         return self.work - losses - (self.stored_at_end - self.stored_at_start)
 
     @property
     def relative_error(self) -> float:
         """Balance error relative to the largest term of the balance."""
-        scale = max(abs(self.work), float(np.sum(self.modal_loss)), abs(self.stored_at_start), abs(self.stored_at_end))
+        scale = max(
+            abs(self.work),
+            float(np.sum(self.modal_loss)),
+            abs(self.stored_at_start),
+            abs(self.stored_at_end),
+        )
         return abs(self.balance_error) / scale if scale > 0 else abs(self.balance_error)
 
 
 def stored_energy(scene: Scene, state: Array) -> float:
     """Return the energy of modes, absorbers, springs and weights of a state (2 N_m + 2 n,) in J (paper, Eq. Einst)."""
-    n, model, half = scene.model.modes, scene.model, len(state) // 2
+    n = scene.model.modes
+    model = scene.model
+    half = len(state) // 2
     energy = 0.5 * float(np.sum((model.omega * state[:n]) ** 2 + state[half : half + n] ** 2))
     if scene.absorber_mass is not None:
         energy += 0.5 * float(scene.absorber_masses @ state[half + n :] ** 2)
@@ -78,6 +90,10 @@ def mechanical_energy(scene: Scene, history: History) -> MechanicalEnergy:
 
     As in the paper the absorber has kinetic energy only: the springs of a tuned absorber or of compliant walls are not counted (`laws.stored`).
     """
-    modal = 0.5 * ((scene.model.omega * history.modal_displacement) ** 2 + history.modal_velocity**2)
+    modal = 0.5 * (
+        (scene.model.omega * history.modal_displacement) ** 2 + history.modal_velocity**2
+    )
     velocity = history.absorber_velocity.reshape(len(history.time), -1)
-    return MechanicalEnergy(np.asarray(modal), np.asarray(0.5 * velocity**2 @ scene.absorber_masses))
+    return MechanicalEnergy(
+        np.asarray(modal), np.asarray(0.5 * velocity**2 @ scene.absorber_masses)
+    )

@@ -32,7 +32,9 @@ MemberKind = Literal["both", "phase", "force"]
 Progress = Callable[[int, int], None]  # takes the number of finished lanes and of all lanes
 MOST_MEMBERS = 1_000_000
 LANES_A_BATCH = 4  # that an executor gets at once: few enough to spread, and more work than it takes to send them
-_seen: set[Hashable] = set()  # kinds of scene, with the kind of measure, that lanes of this process have run
+_seen: set[Hashable] = (
+    set()
+)  # kinds of scene, with the kind of measure, that lanes of this process have run
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -41,7 +43,9 @@ R = TypeVar("R")
 class Executor(Protocol):
     """Runs work outside the threads of this process, such as on the workers of a cluster."""
 
-    def each(self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]) -> Generator[tuple[int, R], None, None]:
+    def each(
+        self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]
+    ) -> Generator[tuple[int, R], None, None]:
         """Yield (number of the item, ``function(item)``) in the order in which they are finished; closing it drops what has not begun.
 
         Function and items can be pickled. Items of one of the ``kinds`` need the same kernels.
@@ -58,11 +62,15 @@ class Threads:
         if self.threads is not None:
             count("threads", self.threads, 1)
 
-    def each(self, function: Callable[[T], R], items: Sequence[T], _kinds: Sequence[Hashable]) -> Generator[tuple[int, R], None, None]:
+    def each(
+        self, function: Callable[[T], R], items: Sequence[T], _kinds: Sequence[Hashable]
+    ) -> Generator[tuple[int, R], None, None]:
         """See `Executor`. Items under way are finished before a closed call returns."""
         pool = ThreadPoolExecutor(self.threads or available_cores())
         try:
-            futures: dict[Future[R], int] = {pool.submit(function, item): k for k, item in enumerate(items)}
+            futures: dict[Future[R], int] = {
+                pool.submit(function, item): k for k, item in enumerate(items)
+            }
             for future in as_completed(futures):
                 yield futures[future], future.result()
         finally:
@@ -109,8 +117,15 @@ class Members:
 
     def __post_init__(self) -> None:
         for name in ("phases", "factors"):
-            object.__setattr__(self, name, row(name, getattr(self, name), "a row of finite numbers"))
-        require(len(self.phases) == len(self.factors), "members", (len(self.phases), len(self.factors)), "as many phases as factors")
+            object.__setattr__(
+                self, name, row(name, getattr(self, name), "a row of finite numbers")
+            )
+        require(
+            len(self.phases) == len(self.factors),
+            "members",
+            (len(self.phases), len(self.factors)),
+            "as many phases as factors",
+        )
 
     def __len__(self) -> int:
         return len(self.phases)
@@ -125,7 +140,10 @@ class Members:
 
     def drives(self, force: float, schedule: FrequencySchedule, phase: float = 0.0) -> list[Drive]:
         """Return each member's drive at a force in N whose own initial phase is ``phase`` in rad."""
-        return [Drive(force * float(factor), schedule, phase + float(own)) for own, factor in zip(self.phases, self.factors, strict=True)]
+        return [
+            Drive(force * float(factor), schedule, phase + float(own))
+            for own, factor in zip(self.phases, self.factors, strict=True)
+        ]
 
 
 def drives_of(members: Members, drive: AnyDrive) -> list[AnyDrive]:
@@ -144,11 +162,14 @@ def draw_members(members: int, seed: int, kind: MemberKind = "both") -> Members:
     count("members", members, 1, MOST_MEMBERS)
     one_of("kind", kind, get_args(MemberKind))
     own = np.random.SeedSequence(count("seed", seed, 0))
-    phases, factors = np.zeros(members), np.ones(members)
+    phases = np.zeros(members)
+    factors = np.ones(members)
     if kind != "force":
         phases[1:] = np.random.default_rng(own).uniform(0, 2 * np.pi, members - 1)
     if kind != "phase":
-        factors[1:] += np.random.default_rng(own.spawn(1)[0]).uniform(-PERTURBATION, PERTURBATION, members - 1)
+        factors[1:] += np.random.default_rng(own.spawn(1)[0]).uniform(
+            -PERTURBATION, PERTURBATION, members - 1
+        )
     return Members(phases, factors)
 
 
@@ -179,14 +200,26 @@ def run_lanes(
     IntegrationError, with the lane named, as `simulate` does. ``most_events`` is the budget of each lane. Lanes that a ``stop`` ends stay NaN.
     """
     method = Exact() if method is None else method
-    require(threads is None or executor is None, "threads", threads, "None with an executor, which has its own")
-    require(instance("stop", stop, Stop | None) is None or executor is None, "stop", stop, "None with an executor, which it does not reach")
+    require(
+        threads is None or executor is None,
+        "threads",
+        threads,
+        "None with an executor, which has its own",
+    )
+    require(
+        instance("stop", stop, Stop | None) is None or executor is None,
+        "stop",
+        stop,
+        "None with an executor, which it does not reach",
+    )
     lanes = [instance("lanes", lane, Lane) for lane in listed("lanes", lanes)]
     instance("progress", progress, Callable | None), instance("executor", executor, Executor | None)
     budget = None if most_events is None else count("most_events", most_events, 1)
     measure = LevelOf(method, Record(samples_per_period=samples_per_period), budget, stop)
     values = np.full((6, len(lanes)), np.nan)
-    for k, found in enumerate(each_lane(lanes, measure, method, threads=threads, progress=progress, executor=executor)):
+    for k, found in enumerate(
+        each_lane(lanes, measure, method, threads=threads, progress=progress, executor=executor)
+    ):
         if found is not None:
             values[:, k] = found
     level, time, ratio, tip, impacts, stuck = values
@@ -204,10 +237,24 @@ class LevelOf:
 
     def __call__(self, lane: Lane) -> tuple[float, ...]:
         """Run a lane; return its numbers in the order of `LaneLevels`."""
-        response = simulate(lane.scene, lane.drive, self.method, record=self.record, most_events=self.most_events, stop=self.stop)
+        response = simulate(
+            lane.scene,
+            lane.drive,
+            self.method,
+            record=self.record,
+            most_events=self.most_events,
+            stop=self.stop,
+        )
         level = response.level
         assert level is not None
-        return level.value, level.time, level.frequency_ratio, level.max_tip, float(response.impact_count), response.stuck_time
+        return (
+            level.value,
+            level.time,
+            level.frequency_ratio,
+            level.max_tip,
+            float(response.impact_count),
+            response.stuck_time,
+        )
 
 
 def each_lane(
@@ -224,7 +271,8 @@ def each_lane(
     ``measure`` may run its lane with any record and from any start, but with ``method``, whose kernels are compiled in one thread. An ``executor``
     needs one that can be pickled.
     """
-    method, kind = Exact() if method is None else method, getattr(measure, "func", type(measure))
+    method = Exact() if method is None else method
+    kind = getattr(measure, "func", type(measure))
     workers = available_cores() if threads is None else count("threads", threads, 1)
     keys = [kernel_key(lane.scene, method) for lane in lanes]
     found: list[R | None] = [None] * len(lanes)
@@ -237,7 +285,13 @@ def each_lane(
             found[k] = _measured(k, lanes[k], measure)
             _seen.add((kind, keys[k]))
 
-    _run_all(run, [k for k in first_of_each(keys) if (kind, keys[k]) not in _seen], len(lanes), workers, progress)
+    _run_all(
+        run,
+        [k for k in first_of_each(keys) if (kind, keys[k]) not in _seen],
+        len(lanes),
+        workers,
+        progress,
+    )
     return found
 
 
@@ -268,7 +322,13 @@ def _run_elsewhere(
     """Fill ``found`` batch by batch."""
     starts, done = range(0, len(lanes), LANES_A_BATCH), 0
     batches = [(k, lanes[k : k + LANES_A_BATCH]) for k in starts]
-    with closing(executor.each(partial(_measured_batch, measure), batches, [frozenset(keys[k : k + LANES_A_BATCH]) for k in starts])) as results:
+    with closing(
+        executor.each(
+            partial(_measured_batch, measure),
+            batches,
+            [frozenset(keys[k : k + LANES_A_BATCH]) for k in starts],
+        )
+    ) as results:
         try:
             for number, values in results:
                 found[starts[number] : starts[number] + len(values)] = values
@@ -287,7 +347,13 @@ def first_of_each(keys: Iterable[Hashable]) -> list[int]:
     return list(first.values())
 
 
-def _run_all(run: Callable[[int], None], first: list[int], total: int, workers: int, progress: Progress | None) -> None:
+def _run_all(
+    run: Callable[[int], None],
+    first: list[int],
+    total: int,
+    workers: int,
+    progress: Progress | None,
+) -> None:
     """Call ``run`` for 0..total - 1, ``first`` one after the other: threads that need the same kernel would only wait for its compilation.
 
     Where a kind of scene has run with another record before, threads may wait for it all the same, which costs time only.
@@ -305,7 +371,9 @@ def _run_all(run: Callable[[int], None], first: list[int], total: int, workers: 
     try:
         for k in first:
             finished(pool.submit(run, k))
-        for future in as_completed([pool.submit(run, k) for k in range(total) if k not in set(first)]):
+        for future in as_completed(
+            [pool.submit(run, k) for k in range(total) if k not in set(first)]
+        ):
             finished(future)
     except KeyboardInterrupt:
         pass  # what is finished is in its slots; a second interrupt reaches the caller from the wait below

@@ -41,4 +41,7 @@ def optional() -> Iterator[None]:
         package = (error.name or "").partition(".")[0]
         if package not in EXTRAS or isinstance(error, MissingExtraError):
             raise
-        raise MissingExtraError(f"{package} is not installed; it comes with: {how_to_install(EXTRAS[package])}", name=error.name) from error
+        raise MissingExtraError(
+            f"{package} is not installed; it comes with: {how_to_install(EXTRAS[package])}",
+            name=error.name,
+        ) from error

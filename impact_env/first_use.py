@@ -19,7 +19,9 @@ LOG = logging.getLogger("impact_env")
 PATIENCE = 1.0  # s of compiling before anything is said
 HINT = "python -m impact_env.warm_up"
 
-_thread = threading.local()  # ``purpose``: what this thread compiles for, if it has to compile at all
+_thread = (
+    threading.local()
+)  # ``purpose``: what this thread compiles for, if it has to compile at all
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,8 @@ def compiling_for(scene: object, method: object, words: str = "") -> Iterator[No
 
     Scene and method are turned into text only if there is something to say, since every run passes here.
     """
-    before, _thread.purpose = getattr(_thread, "purpose", None), (scene, method, words)
+    before = getattr(_thread, "purpose", None)
+    _thread.purpose = (scene, method, words)
     try:
         yield
     finally:
@@ -109,12 +112,19 @@ def _call(about: Compilation) -> None:
 
 
 def _say(what: str, words: str) -> None:
-    line = f"impact_env: compiling {what}. Once for a kind of scene, up to a minute; `{HINT} {words}".rstrip() + "` does the usual ones beforehand."
-    if LOG.isEnabledFor(logging.INFO) and LOG.hasHandlers():  # then the log is where the user wants it
+    line = (
+        f"impact_env: compiling {what}. Once for a kind of scene, up to a minute; `{HINT} {words}".rstrip()
+        + "` does the usual ones beforehand."
+    )
+    if (
+        LOG.isEnabledFor(logging.INFO) and LOG.hasHandlers()
+    ):  # then the log is where the user wants it
         LOG.info(line)
     elif sys.stderr is not None:
         with suppress(OSError, ValueError):  # it is closed
-            sys.stderr.write(f"\r{line}\n" if sys.stderr.isatty() else f"{line}\n")  # over a progress bar, which is drawn anew below
+            sys.stderr.write(
+                f"\r{line}\n" if sys.stderr.isatty() else f"{line}\n"
+            )  # over a progress bar, which is drawn anew below
             sys.stderr.flush()
 
 
@@ -126,7 +136,8 @@ event.register(COMPILING, _SeldomCollected())
 @contextmanager
 def quiet() -> Iterator[None]:
     """Announce nothing within it: the caller says what is compiled."""
-    before, _ANNOUNCER.silent = _ANNOUNCER.silent, True
+    before = _ANNOUNCER.silent
+    _ANNOUNCER.silent = True
     try:
         yield
     finally:

@@ -20,16 +20,25 @@ class Sort:
     write: Callable[[Any], Any]
 
 
-Keys = Mapping[str, tuple[str, Sort]]  # key of the plain form -> argument and attribute of the class, and its sort
+Keys = Mapping[
+    str, tuple[str, Sort]
+]  # key of the plain form -> argument and attribute of the class, and its sort
 
 
 def _numbers(path: str, plain: Any) -> list[float]:
-    require(isinstance(plain, list | tuple) and len(plain) > 0, path, plain, "a list of finite numbers")
+    require(
+        isinstance(plain, list | tuple) and len(plain) > 0, path, plain, "a list of finite numbers"
+    )
     return [finite(f"{path}[{i}]", x) for i, x in enumerate(plain)]
 
 
 def _lists(path: str, plain: Any) -> list[list[float]]:
-    require(isinstance(plain, list | tuple) and len(plain) > 0, path, plain, "a list of lists of finite numbers")
+    require(
+        isinstance(plain, list | tuple) and len(plain) > 0,
+        path,
+        plain,
+        "a list of lists of finite numbers",
+    )
     rows = [_numbers(f"{path}[{i}]", row) for i, row in enumerate(plain)]
     require(len({len(row) for row in rows}) == 1, path, plain, "lists of one length")
     return rows
@@ -45,11 +54,18 @@ ROW = Sort(_numbers, _row)
 ROWS = Sort(_lists, lambda values: [_row(row) for row in values])
 
 
-def require_keys(path: str, plain: Any, keys: Mapping[str, Any], needed: tuple[str, ...] = ()) -> None:
+def require_keys(
+    path: str, plain: Any, keys: Mapping[str, Any], needed: tuple[str, ...] = ()
+) -> None:
     """Raise ParameterError unless ``plain`` is a dict that has the ``needed`` keys, and none but ``keys``."""
     require(isinstance(plain, Mapping), path, plain, f"a table with keys among {', '.join(keys)}")
     for key in plain:
-        require(key in keys, f"{path}.{key}", plain[key], f"only the keys {', '.join(keys)} are known here")
+        require(
+            key in keys,
+            f"{path}.{key}",
+            plain[key],
+            f"only the keys {', '.join(keys)} are known here",
+        )
     for key in needed:
         require(key in plain, path, dict(plain), f"the key {key} must be given: it has no default")
 
@@ -60,11 +76,19 @@ def form(make: Callable[..., Any], keys: Keys) -> Sort:
     A key that is left out has the default of ``make``; one whose argument has none must be given. Attributes that are None are not written.
     """
     arguments = inspect.signature(make).parameters
-    needed = tuple(key for key, (name, _) in keys.items() if name in arguments and arguments[name].default is inspect.Parameter.empty)
+    needed = tuple(
+        key
+        for key, (name, _) in keys.items()
+        if name in arguments and arguments[name].default is inspect.Parameter.empty
+    )
 
     def read(path: str, plain: Any) -> Any:
         require_keys(path, plain, keys, needed)
-        given = {name: sort.read(f"{path}.{key}", plain[key]) for key, (name, sort) in keys.items() if key in plain}
+        given = {
+            name: sort.read(f"{path}.{key}", plain[key])
+            for key, (name, sort) in keys.items()
+            if key in plain
+        }
         try:
             return make(**given)
         except ParameterError as error:
@@ -82,7 +106,12 @@ def tables(make: Callable[..., Any], keys: Keys) -> Sort:
     one = form(make, keys)
 
     def read(path: str, plain: Any) -> tuple[Any, ...]:
-        require(isinstance(plain, list | tuple), path, plain, f"a list of tables with the keys {', '.join(keys)}")
+        require(
+            isinstance(plain, list | tuple),
+            path,
+            plain,
+            f"a list of tables with the keys {', '.join(keys)}",
+        )
         return tuple(one.read(f"{path}[{i}]", part) for i, part in enumerate(plain))
 
     return Sort(read, lambda values: [one.write(value) for value in values])

@@ -23,27 +23,43 @@ Real = NDArray[np.float64]
 
 def frequency_range(low: float, high: float) -> tuple[float, float]:
     """Return a range as floats; raises ParameterError unless 0 < low < high, both finite."""
-    low, high = positive("low", low), finite("high", high)
+    low = positive("low", low)
+    high = finite("high", high)
     require(high > low, "high", high, f"above low = {low}")
     return low, high
 
 
 def _frequencies(omega: ArrayLike) -> Real:
     values = np.asarray(omega, dtype=np.float64)
-    require(bool(np.all(np.isfinite(values) & (values >= 0))), "omega", omega, "finite frequencies in rad/s, 0 or above")
+    require(
+        bool(np.all(np.isfinite(values) & (values >= 0))),
+        "omega",
+        omega,
+        "finite frequencies in rad/s, 0 or above",
+    )
     return values
 
 
 def _shape(model: ModalModel, name: str, row: ArrayLike) -> Real:
     values = np.asarray(row, dtype=np.float64)
     ok = values.shape == (model.modes,) and bool(np.all(np.isfinite(values)))
-    require(ok, name, row, f"{model.modes} finite modal amplitudes in 1/sqrt(kg), one per mode (e.g. model.tip_shape)")
+    require(
+        ok,
+        name,
+        row,
+        f"{model.modes} finite modal amplitudes in 1/sqrt(kg), one per mode (e.g. model.tip_shape)",
+    )
     return values
 
 
 def _bounded(omega: Real, response: Complex) -> Complex:
     infinite = omega[~np.isfinite(response)]
-    require(infinite.size == 0, "omega", infinite, "frequencies off the undamped resonances (the response is infinite)")
+    require(
+        infinite.size == 0,
+        "omega",
+        infinite,
+        "frequencies off the undamped resonances (the response is infinite)",
+    )
     return response
 
 
@@ -52,14 +68,18 @@ def _denominators(model: ModalModel, omega: Real) -> Complex:
     return np.asarray(model.omega**2 - w**2 + 2j * model.damping_ratio * model.omega * w)
 
 
-def scaled_receptances(model: ModalModel, omega: ArrayLike, *shapes: ArrayLike) -> tuple[Complex, ...]:
+def scaled_receptances(
+    model: ModalModel, omega: ArrayLike, *shapes: ArrayLike
+) -> tuple[Complex, ...]:
     """Return (d, d G_tb for each b in ``shapes``), arrays of omega's shape, with the tip as the place of the answer.
 
     d is the smallest modal denominator (rad^2/s^2) among the modes that move the tip. Products d G stay finite where G does not, and
     every response at the tip is a quotient of such products.
     """
     moves = model.tip_shape != 0
-    require(bool(np.any(moves)), "tip_shape", model.tip_shape, "at least one mode that moves the tip")
+    require(
+        bool(np.any(moves)), "tip_shape", model.tip_shape, "at least one mode that moves the tip"
+    )
     w = _frequencies(omega)
     terms = _denominators(model, w)[..., moves]
     nearest = np.argmin(np.abs(terms), axis=-1)[..., None]
@@ -68,7 +88,9 @@ def scaled_receptances(model: ModalModel, omega: ArrayLike, *shapes: ArrayLike) 
         weights = np.asarray(d / terms, dtype=np.complex128)
     np.put_along_axis(weights, nearest, 1.0, axis=-1)
     products: list[Complex] = [d[..., 0]]
-    products += [weights @ (_shape(model, "shape", b)[moves] * model.tip_shape[moves]) for b in shapes]
+    products += [
+        weights @ (_shape(model, "shape", b)[moves] * model.tip_shape[moves]) for b in shapes
+    ]
     return tuple(products)
 
 
@@ -79,7 +101,9 @@ def receptance(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: ArrayLike) 
     the stationary solution of the paper's modal equations (Eq. eqmmod). Raises ParameterError for bad frequencies or rows, and
     where the response is infinite (an undamped mode at its own frequency).
     """
-    w, row_a, row_b = _frequencies(omega), _shape(model, "a", a), _shape(model, "b", b)
+    w = _frequencies(omega)
+    row_a = _shape(model, "a", a)
+    row_b = _shape(model, "b", b)
     with np.errstate(divide="ignore", invalid="ignore"):
         response = np.asarray((row_a * row_b / _denominators(model, w)).sum(axis=-1))
     return _bounded(w, response)
@@ -87,15 +111,29 @@ def receptance(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: ArrayLike) 
 
 def receptance_slope(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: ArrayLike) -> Complex:
     """Return the derivative of `receptance` by omega in m s/(N rad), complex, of omega's shape; arguments and errors as there."""
-    w, row_a, row_b = _frequencies(omega), _shape(model, "a", a), _shape(model, "b", b)
+    w = _frequencies(omega)
+    row_a = _shape(model, "a", a)
+    row_b = _shape(model, "b", b)
     with np.errstate(divide="ignore", invalid="ignore"):
-        terms = row_a * row_b * (2 * w[..., None] - 2j * model.damping_ratio * model.omega) / _denominators(model, w) ** 2
+        terms = (
+            row_a
+            * row_b
+            * (2 * w[..., None] - 2j * model.damping_ratio * model.omega)
+            / _denominators(model, w) ** 2
+        )
     return _bounded(w, np.asarray(terms.sum(axis=-1)))
 
 
-def _attachment(model: ModalModel, absorber: LinearAbsorber, omega: Real) -> tuple[Complex, Complex]:
+def _attachment(
+    model: ModalModel, absorber: LinearAbsorber, omega: Real
+) -> tuple[Complex, Complex]:
     """Return n and D of the attachment's T = n/D (N/m): n = m_a omega^2 K and D = K - m_a omega^2 with K = k + i omega c; K is infinite if stuck."""
-    require(isinstance(absorber, LinearAbsorber), "absorber", absorber, "a TunedAbsorber or a StuckAbsorber (others are not linear)")
+    require(
+        isinstance(absorber, LinearAbsorber),
+        "absorber",
+        absorber,
+        "a TunedAbsorber or a StuckAbsorber (others are not linear)",
+    )
     inertia = np.asarray(absorber.mass_ratio * model.beam_mass * omega**2, dtype=np.complex128)
     if isinstance(absorber, StuckAbsorber):
         return inertia, np.ones_like(inertia)
@@ -112,7 +150,11 @@ def tip_response(model: ModalModel, absorber: LinearAbsorber | None, omega: Arra
     w = _frequencies(omega)
     if model.response_shape is not None:
         rows = model.response_shape, model.force_shape
-        return receptance(model, w, *rows) if absorber is None else coupled_receptance(model, absorber, w, *rows)
+        return (
+            receptance(model, w, *rows)
+            if absorber is None
+            else coupled_receptance(model, absorber, w, *rows)
+        )
     d, by_force, by_tip = scaled_receptances(model, w, model.force_shape, model.tip_shape)
     with np.errstate(divide="ignore", invalid="ignore"):
         if absorber is None:
@@ -121,7 +163,9 @@ def tip_response(model: ModalModel, absorber: LinearAbsorber | None, omega: Arra
         return _bounded(w, np.asarray(by_force * denominator / (d * denominator - by_tip * n)))
 
 
-def coupled_receptance(model: ModalModel, absorber: LinearAbsorber, omega: ArrayLike, a: ArrayLike, b: ArrayLike) -> Complex:
+def coupled_receptance(
+    model: ModalModel, absorber: LinearAbsorber, omega: ArrayLike, a: ArrayLike, b: ArrayLike
+) -> Complex:
     """Return the displacement at ``a`` per force at ``b`` in m/N with a linear absorber at the tip, complex, of omega's shape.
 
     Arguments as in `receptance` and `tip_response`. The general Sherman-Morrison form: it loses digits next to a free resonance
@@ -129,7 +173,9 @@ def coupled_receptance(model: ModalModel, absorber: LinearAbsorber, omega: Array
     """
     w = _frequencies(omega)
     n, denominator = _attachment(model, absorber, w)
-    free, to_tip, from_tip = receptance(model, w, a, b), receptance(model, w, a, model.tip_shape), receptance(model, w, model.tip_shape, b)
+    free = receptance(model, w, a, b)
+    to_tip = receptance(model, w, a, model.tip_shape)
+    from_tip = receptance(model, w, model.tip_shape, b)
     own = receptance(model, w, model.tip_shape, model.tip_shape)
     with np.errstate(divide="ignore", invalid="ignore"):
         return _bounded(w, np.asarray(free + to_tip * n * from_tip / (denominator - own * n)))
@@ -140,15 +186,30 @@ def joint_matrices(model: ModalModel, absorber: LinearAbsorber | None) -> tuple[
 
     Size N_m, or N_m + 1 with a tuned absorber, whose displacement (m) is then the last coordinate.
     """
-    rate, square = 2 * model.damping_ratio * model.omega, model.omega**2
+    rate = 2 * model.damping_ratio * model.omega
+    square = model.omega**2
     if absorber is None:
         return np.eye(model.modes), np.diag(rate), np.diag(square)
-    require(isinstance(absorber, LinearAbsorber), "absorber", absorber, "a TunedAbsorber or a StuckAbsorber (others are not linear)")
+    require(
+        isinstance(absorber, LinearAbsorber),
+        "absorber",
+        absorber,
+        "a TunedAbsorber or a StuckAbsorber (others are not linear)",
+    )
     absorber_mass = absorber.mass_ratio * model.beam_mass
     if isinstance(absorber, StuckAbsorber):
-        return with_masses(model.tip_shape[None, :], np.array([absorber_mass])), np.diag(rate), np.diag(square)
-    stretch, mass = np.append(-model.tip_shape, 1.0), np.diag(np.append(np.ones(model.modes), absorber_mass))
-    return mass, with_link(rate, absorber.damping, stretch), with_link(square, absorber.stiffness, stretch)
+        return (
+            with_masses(model.tip_shape[None, :], np.array([absorber_mass])),
+            np.diag(rate),
+            np.diag(square),
+        )
+    stretch = np.append(-model.tip_shape, 1.0)
+    mass = np.diag(np.append(np.ones(model.modes), absorber_mass))
+    return (
+        mass,
+        with_link(rate, absorber.damping, stretch),
+        with_link(square, absorber.stiffness, stretch),
+    )
 
 
 def natural_frequencies(model: ModalModel, absorber: LinearAbsorber | None) -> Real:
@@ -161,17 +222,31 @@ def natural_frequencies(model: ModalModel, absorber: LinearAbsorber | None) -> R
     return np.asarray(np.sqrt(np.maximum(scipy.linalg.eigvalsh(stiffness, mass), 0.0)))
 
 
-def state_space(model: ModalModel, absorber: LinearAbsorber | None, reference: float) -> tuple[Real, Real, Real]:
+def state_space(
+    model: ModalModel, absorber: LinearAbsorber | None, reference: float
+) -> tuple[Real, Real, Real]:
     """Return A (S, S), b (S,), c (S,) with `tip_response` = c (i omega/reference - A)^-1 b in m/N; time is in units of 1/reference (s).
 
     The state holds the coordinates of `joint_matrices`, then their rates; ``reference`` is a frequency in rad/s.
     """
     mass, damping, stiffness = joint_matrices(model, absorber)
-    size, inverse = len(mass), np.linalg.inv(mass)
+    size = len(mass)
+    inverse = np.linalg.inv(mass)
     positive("reference", reference)
-    force, tip = (np.pad(row, (0, size - model.modes)) for row in (model.force_shape, model.level_shape))
-    matrix = np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ stiffness / reference**2, -inverse @ damping / reference]])
-    return matrix, np.concatenate([np.zeros(size), inverse @ force / reference**2]), np.concatenate([tip, np.zeros(size)])
+    force, tip = (
+        np.pad(row, (0, size - model.modes)) for row in (model.force_shape, model.level_shape)
+    )
+    matrix = np.block(
+        [
+            [np.zeros((size, size)), np.eye(size)],
+            [-inverse @ stiffness / reference**2, -inverse @ damping / reference],
+        ]
+    )
+    return (
+        matrix,
+        np.concatenate([np.zeros(size), inverse @ force / reference**2]),
+        np.concatenate([tip, np.zeros(size)]),
+    )
 
 
 def poles(model: ModalModel, absorber: LinearAbsorber | None) -> Complex:

@@ -76,8 +76,15 @@ class Law:
         """Return the law of some values; those left out have the class's defaults. Raises ParameterError for one that has none."""
         needed = {field.name for field in fields(self.of) if field.default is MISSING}
         for name, key in self.keys.items():
-            require(name in values or key.attribute not in needed, name, None, "given: it has no default")
-        return self.of(**{key.attribute: values[name] for name, key in self.keys.items() if name in values})
+            require(
+                name in values or key.attribute not in needed,
+                name,
+                None,
+                "given: it has no default",
+            )
+        return self.of(
+            **{key.attribute: values[name] for name, key in self.keys.items() if name in values}
+        )
 
 
 GAP = Key("gap", "Clearance to either wall", "m")
@@ -98,18 +105,27 @@ WALLS = (
         YieldingWalls,
         SceneKind.RIGID,
         {
-            "yield_velocity": Key("yield_velocity", "Impact velocity from which restitution falls, where contact yields", "m/s"),
+            "yield_velocity": Key(
+                "yield_velocity",
+                "Impact velocity from which restitution falls, where contact yields",
+                "m/s",
+            ),
             "gap": GAP,
             "restitution": RESTITUTION,
         },
-        lambda w: f"gap {1e3 * w.gap:g} mm, restitution {w.restitution:g} that falls above {w.yield_velocity:g} m/s",
+        lambda w: (
+            f"gap {1e3 * w.gap:g} mm, restitution {w.restitution:g} that falls above {w.yield_velocity:g} m/s"
+        ),
         "exact.rigid_contact.Walls",
         mark="yield_velocity",
     ),
     Law(
         CompliantWalls,
         SceneKind.COMPLIANT,
-        {"contact_stiffness": Key("stiffness", "Stiffness of walls that are springs", "N/m"), "gap": GAP},
+        {
+            "contact_stiffness": Key("stiffness", "Stiffness of walls that are springs", "N/m"),
+            "gap": GAP,
+        },
         lambda w: f"gap {1e3 * w.gap:g} mm, contact stiffness {w.stiffness:g} N/m",
         "stepping.feedback.Stops",
         mark="contact_stiffness",
@@ -118,11 +134,22 @@ WALLS = (
 )
 LIMIT = Key("limit", "Friction limit, 0 for none", "N")
 FRICTION = (
-    Law(CoulombFriction, SceneKind.RIGID, {"friction_limit": LIMIT}, lambda f: f"friction limit {f.limit:g} N", "limit"),
+    Law(
+        CoulombFriction,
+        SceneKind.RIGID,
+        {"friction_limit": LIMIT},
+        lambda f: f"friction limit {f.limit:g} N",
+        "limit",
+    ),
     Law(
         ElasticCoulombFriction,
         SceneKind.COMPLIANT,
-        {"friction_limit": LIMIT, "friction_stiffness": Key("stiffness", "Stiffness of a spring in series with friction", "N/m")},
+        {
+            "friction_limit": LIMIT,
+            "friction_stiffness": Key(
+                "stiffness", "Stiffness of a spring in series with friction", "N/m"
+            ),
+        },
         lambda f: f"friction limit {f.limit:g} N, friction stiffness {f.stiffness:g} N/m",
         "stepping.feedback.Slider",
         mark="friction_stiffness",
@@ -132,7 +159,11 @@ STUCK = Law(StuckAbsorber, SceneKind.LINEAR, MASS, lambda _: "", None)
 TUNED = Law(
     TunedAbsorber,
     SceneKind.LINEAR,
-    {**MASS, "stiffness": Key("stiffness", "Spring of the absorber", "N/m"), "damping": Key("damping", "Damper of the absorber", "N s/m")},
+    {
+        **MASS,
+        "stiffness": Key("stiffness", "Spring of the absorber", "N/m"),
+        "damping": Key("damping", "Damper of the absorber", "N s/m"),
+    },
     lambda a: f"stiffness {a.stiffness:g} N/m, damping {a.damping:g} N s/m",
     "stepping.moreau_law.Spring",
     stored=lambda a, y: 0.5 * a.stiffness * y**2,
@@ -142,7 +173,9 @@ SINK = Law(
     SceneKind.SMOOTH,
     {
         **MASS,
-        "cubic_stiffness": Key("cubic_stiffness", "Spring of the absorber, whose force grows with the cube", "N/m^3"),
+        "cubic_stiffness": Key(
+            "cubic_stiffness", "Spring of the absorber, whose force grows with the cube", "N/m^3"
+        ),
         "damping": Key("damping", "Damper of the absorber", "N s/m"),
     },
     lambda a: f"cubic stiffness {a.cubic_stiffness:g} N/m^3, damping {a.damping:g} N s/m",
@@ -150,7 +183,13 @@ SINK = Law(
     stored=lambda a, y: 0.25 * a.cubic_stiffness * y**4,
 )
 WHOLE = {"tuned": TUNED, "stuck": STUCK, "sink": SINK}  # absorbers that are one law
-CALLED = {"impact": "impact absorber", "friction": "friction damper", "tuned": "tuned absorber", "stuck": "stuck absorber", "sink": "nonlinear sink"}
+CALLED = {
+    "impact": "impact absorber",
+    "friction": "friction damper",
+    "tuned": "tuned absorber",
+    "stuck": "stuck absorber",
+    "sink": "nonlinear sink",
+}
 
 
 def _keys(*laws: Law) -> dict[str, Key]:
@@ -176,9 +215,15 @@ def entry(law: object) -> Law:
 
 def parts(absorber: Absorber | None) -> tuple[object, ...]:
     """Return the laws that are present: walls and friction of a sliding absorber, or the absorber itself; none of several."""
-    if instance("absorber", absorber, Absorber | None) is None or isinstance(absorber, SeveralAbsorbers):
+    if instance("absorber", absorber, Absorber | None) is None or isinstance(
+        absorber, SeveralAbsorbers
+    ):
         return ()
-    return tuple(law for law in (absorber.walls, absorber.friction) if law is not None) if isinstance(absorber, SlidingAbsorber) else (absorber,)
+    return (
+        tuple(law for law in (absorber.walls, absorber.friction) if law is not None)
+        if isinstance(absorber, SlidingAbsorber)
+        else (absorber,)
+    )
 
 
 def kind(absorber: Absorber | None) -> SceneKind:
@@ -197,14 +242,20 @@ def concept(absorber: Absorber | None) -> str:
     """Return which of `CONCEPTS` one absorber is."""
     if isinstance(absorber, SlidingAbsorber):
         return "friction" if absorber.walls is None else "impact"
-    return "none" if absorber is None else next(name for name, law in WHOLE.items() if law is entry(absorber))
+    return (
+        "none"
+        if absorber is None
+        else next(name for name, law in WHOLE.items() if law is entry(absorber))
+    )
 
 
 def values(absorber: Absorber | None) -> dict[str, Any]:
     """Return one absorber's values by their plain names; `make` gives the same absorber back."""
     mass = {} if absorber is None else {"mass_ratio": absorber.mass_ratio}
     mass |= {GRAVITY: gravity_of(absorber)} if gravity_of(absorber) != 0 else {}
-    return mass | {name: value for law in parts(absorber) for name, value in entry(law).values(law).items()}
+    return mass | {
+        name: value for law in parts(absorber) for name, value in entry(law).values(law).items()
+    }
 
 
 def modes_in_words(modes: int) -> str:
@@ -219,7 +270,11 @@ def words(absorber: Absorber | None) -> str:
         return "; ".join(f"at {position:g} of the length {words(one)}" for one, position in each)
     if absorber is None:
         return "no absorber"
-    told = [CALLED[concept(absorber)], f"mass ratio {absorber.mass_ratio:g}", *(entry(law).words(law) for law in parts(absorber))]
+    told = [
+        CALLED[concept(absorber)],
+        f"mass ratio {absorber.mass_ratio:g}",
+        *(entry(law).words(law) for law in parts(absorber)),
+    ]
     if isinstance(absorber, SlidingAbsorber) and absorber.friction is None:
         told.append("no friction")
     if gravity_of(absorber) != 0:
@@ -232,17 +287,25 @@ def _chosen(laws: tuple[Law, ...], given: Values) -> Law:
     law = next((law for law in laws if law.mark in given), laws[0])
     for name in given:
         other = name in _keys(*laws) and name not in law.keys
-        require(not other, name, given[name], f"left out with {law.mark}: {law.of.__name__} have {', '.join(law.keys)}")
+        require(
+            not other,
+            name,
+            given[name],
+            f"left out with {law.mark}: {law.of.__name__} have {', '.join(law.keys)}",
+        )
     return law
 
 
 def _friction(given: Values, walls: object) -> CoulombFriction | ElasticCoulombFriction | None:
     """Return friction beside walls: elastic where they are springs, as stiff as they are unless it is said otherwise."""
-    limit, stiffness = given.get("friction_limit"), given.get("friction_stiffness")
+    limit = given.get("friction_limit")
+    stiffness = given.get("friction_stiffness")
     if stiffness is None and isinstance(walls, CompliantWalls):
         stiffness = walls.stiffness
     if "friction_stiffness" in given:
-        require(limit is not None, "friction_stiffness", stiffness, "left out without a friction_limit")
+        require(
+            limit is not None, "friction_stiffness", stiffness, "left out without a friction_limit"
+        )
     return friction_law(limit, stiffness)
 
 
@@ -251,9 +314,16 @@ def make(concept: str, given: Values, name: str = "absorber") -> Absorber | None
 
     Raises ParameterError for an unknown concept or name, which it calls ``name``.
     """
-    known = set(CONCEPTS[one_of(name, concept, CONCEPTS)]) | ({GRAVITY} if concept in HEAVY else set())
+    known = set(CONCEPTS[one_of(name, concept, CONCEPTS)]) | (
+        {GRAVITY} if concept in HEAVY else set()
+    )
     strange = sorted(set(instance(f"{name}'s values", given, Mapping)) - known)
-    require(not strange, f"{name}'s values", dict(given), f"only the keys {', '.join(sorted(known))}" if known else "no keys")
+    require(
+        not strange,
+        f"{name}'s values",
+        dict(given),
+        f"only the keys {', '.join(sorted(known))}" if known else "no keys",
+    )
     present = {key: value for key, value in given.items() if value is not None}
     if GRAVITY in present:
         gravity = present.pop(GRAVITY)

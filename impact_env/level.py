@@ -35,7 +35,9 @@ def require_samples(samples_per_period: int, ratio: float) -> None:
 
 
 def response_level(
-    tip_displacement: NDArray[np.float64], samples_per_period: int, half_window_periods: int = HALF_WINDOW_PERIODS
+    tip_displacement: NDArray[np.float64],
+    samples_per_period: int,
+    half_window_periods: int = HALF_WINDOW_PERIODS,
 ) -> tuple[float, float]:
     """Return (response level, largest |q_tip|) in m of equidistant samples (S,) in m, S >= 2; the window is cut at the ends of the series."""
     values = row("tip_displacement", tip_displacement, "two or more finite samples")
@@ -46,9 +48,15 @@ def response_level(
     return float(rms), float(largest)
 
 
-def level_of(values: NDArray[np.float64], samples_per_period: int, half_window_periods: int = HALF_WINDOW_PERIODS) -> Level:
+def level_of(
+    values: NDArray[np.float64],
+    samples_per_period: int,
+    half_window_periods: int = HALF_WINDOW_PERIODS,
+) -> Level:
     """Return the level observer of a run that has pushed ``values`` (S,) in m, one a sample from time 0."""
-    level = new_level(samples_per_period, half_window_periods)._replace(block=np.ascontiguousarray(values, dtype=np.float64))
+    level = new_level(samples_per_period, half_window_periods)._replace(
+        block=np.ascontiguousarray(values, dtype=np.float64)
+    )
     push_block(level, 0, len(level.block))
     return level
 

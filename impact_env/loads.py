@@ -15,7 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import FASTEST, SLOWEST, Drive, FrequencySchedule
-from impact_env.parameters import count, instance, keep_checked, listed, one_of, positive, require, row
+from impact_env.parameters import (
+    count,
+    instance,
+    keep_checked,
+    listed,
+    one_of,
+    positive,
+    require,
+    row,
+)
 from impact_env.scene import InitialState, Scene
 from impact_env.turning_loads import BASE as BASE
 from impact_env.turning_loads import FORCE as FORCE
@@ -39,7 +48,9 @@ RANDOM_SAMPLES = 20  # of a random record, in a period of its highest frequency
 SAME_TIME = 1e-12  # of the duration: breakpoints closer than this are one
 EVEN = 1e-6  # of the sampling interval
 STARTS = ("middle", "lower-wall", "base-mean-rest")
-GAUSS = np.polynomial.legendre.leggauss(4)  # nodes and weights: right to 1e-7 of what a base moves by, on a radian of its carrier
+GAUSS = np.polynomial.legendre.leggauss(
+    4
+)  # nodes and weights: right to 1e-7 of what a base moves by, on a radian of its carrier
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,14 +67,30 @@ class Samples(Load):
         size = np.size(self.times)
         allowed = f"at most {MOST_SAMPLES} samples, {80 * MOST_SAMPLES / 2**20:.0f} MiB, not {size}: cut the record, or take every second one"
         require(size <= MOST_SAMPLES, "samples", size, allowed)
-        times, values = row("times", self.times, "two or more finite times in s"), row("values", self.values, "finite numbers, one for each time")
-        require(len(times) >= 2 and len(times) == len(values), "times", f"{len(times)} times and {len(values)} values", "as many, two or more")
+        times = row("times", self.times, "two or more finite times in s")
+        values = row("values", self.values, "finite numbers, one for each time")
+        require(
+            len(times) >= 2 and len(times) == len(values),
+            "times",
+            f"{len(times)} times and {len(values)} values",
+            "as many, two or more",
+        )
         steps = np.diff(times)
-        require(times[0] == 0 and bool(np.all(steps > 0)), "times", times[: min(4, len(times))].tolist(), "strictly rising from 0")
+        require(
+            times[0] == 0 and bool(np.all(steps > 0)),
+            "times",
+            times[: min(4, len(times))].tolist(),
+            "strictly rising from 0",
+        )
         step = float(times[-1]) / len(steps)
         odd = np.flatnonzero(np.abs(times - step * np.arange(len(times))) > EVEN * step)
         where = int(odd[0]) if len(odd) else 0
-        require(len(odd) == 0, f"times[{where}]", float(times[where]), f"even steps of {step:g} s, here {where * step:g}: resample the record")
+        require(
+            len(odd) == 0,
+            f"times[{where}]",
+            float(times[where]),
+            f"even steps of {step:g} s, here {where * step:g}: resample the record",
+        )
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "values", values)
 
@@ -86,9 +113,12 @@ class Samples(Load):
         """Return the base's velocity in m/s at time 0 with which its mean velocity is zero."""
         if self.quantity == FORCE:
             return 0.0
-        steps, a = np.diff(self.times), self.values
+        steps = np.diff(self.times)
+        a = self.values
         change = np.concatenate([[0.0], np.cumsum(steps * (a[1:] + a[:-1]) / 2)])
-        area = np.sum(steps * (change[:-1] + steps * (2 * a[:-1] + a[1:]) / 6))  # of a parabola in each step
+        area = np.sum(
+            steps * (change[:-1] + steps * (2 * a[:-1] + a[1:]) / 6)
+        )  # of a parabola in each step
         return float(-area / self.duration)
 
 
@@ -114,10 +144,20 @@ class Random(Load):
         count("seed", self.seed, 0)
         allowed = "two or more pairs [Hz, value], frequencies strictly rising from above 0, values above 0"
         spectrum = row("spectrum", self.spectrum, allowed, axes=2)
-        require(spectrum.shape[1] == 2 and len(spectrum) >= 2 and bool(np.all(spectrum > 0)), "spectrum", self.spectrum, allowed)
+        require(
+            spectrum.shape[1] == 2 and len(spectrum) >= 2 and bool(np.all(spectrum > 0)),
+            "spectrum",
+            self.spectrum,
+            allowed,
+        )
         require(bool(np.all(np.diff(spectrum[:, 0]) > 0)), "spectrum", self.spectrum, allowed)
         object.__setattr__(self, "spectrum", spectrum)
-        require(len(self.lines) > 0, "spectrum", self.spectrum.tolist(), f"a band with a multiple of {1 / self.length:g} Hz, one over the duration")
+        require(
+            len(self.lines) > 0,
+            "spectrum",
+            self.spectrum.tolist(),
+            f"a band with a multiple of {1 / self.length:g} Hz, one over the duration",
+        )
         samples = self._samples
         allowed = f"at most {MOST_SAMPLES} samples, {80 * MOST_SAMPLES / 2**20:.0f} MiB, not {samples}: a shorter one, or a lower band"
         require(samples <= MOST_SAMPLES, "length", self.length, allowed)
@@ -136,7 +176,9 @@ class Random(Load):
     def density(self) -> Array:
         """Return the spectrum at each line, in N^2/Hz or (m/s^2)^2/Hz."""
         frequency = np.clip(self.lines / self.length, self.spectrum[0, 0], self.spectrum[-1, 0])
-        return np.asarray(self.factor**2 * np.exp(np.interp(np.log(frequency), *np.log(self.spectrum.T))))
+        return np.asarray(
+            self.factor**2 * np.exp(np.interp(np.log(frequency), *np.log(self.spectrum.T)))
+        )
 
     def amplitudes(self) -> NDArray[np.complex128]:
         """Return the complex amplitude of each line."""
@@ -146,11 +188,16 @@ class Random(Load):
 
     def record(self) -> Samples:
         """Return the sampled record."""
-        n, lines = self._samples, self.lines
+        n = self._samples
+        lines = self.lines
         whole = np.zeros(n // 2 + 1, complex)
         whole[lines] = self.amplitudes() / np.sinc(lines / n) ** 2
         values = np.fft.irfft(whole * n / 2, n)
-        return Samples(np.asarray(self.length / n * np.arange(n + 1)), np.append(values, values[0]), self.quantity)
+        return Samples(
+            np.asarray(self.length / n * np.arange(n + 1)),
+            np.append(values, values[0]),
+            self.quantity,
+        )
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces."""
@@ -184,16 +231,24 @@ class Loads:
     start: str | InitialState = STARTS[0]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "parts", tuple(instance("loads", part, Load) for part in listed("loads", self.parts)))
+        object.__setattr__(
+            self,
+            "parts",
+            tuple(instance("loads", part, Load) for part in listed("loads", self.parts)),
+        )
         require(len(self.parts) > 0, "loads", self.parts, "one or more")
         durations = [part.duration for part in self.parts]
         ok = max(durations) - min(durations) <= SAME_TIME * max(durations)
         require(ok, "duration", durations, "the same for all loads that act together")
         known = [found for found in map(schedule_in, self.parts) if found is not None]
         if self.reference is None:
-            require(len(known) > 0, "reference", None, "given, in rad/s, for loads without a schedule")
+            require(
+                len(known) > 0, "reference", None, "given, in rad/s, for loads without a schedule"
+            )
             object.__setattr__(self, "reference", known[0].reference)
-        object.__setattr__(self, "reference", positive("reference frequency", self.reference, SLOWEST, FASTEST))
+        object.__setattr__(
+            self, "reference", positive("reference frequency", self.reference, SLOWEST, FASTEST)
+        )
         if not isinstance(self.start, InitialState):
             one_of("start", self.start, STARTS)
 
@@ -204,7 +259,9 @@ class Loads:
         for found in map(schedule_in, self.parts):
             if found is not None:
                 return FrequencySchedule(found.times, found.omegas, self.reference)
-        return FrequencySchedule(np.array([0.0, self.parts[0].duration]), np.full(2, self.reference), self.reference)
+        return FrequencySchedule(
+            np.array([0.0, self.parts[0].duration]), np.full(2, self.reference), self.reference
+        )
 
     @property
     def moves_base(self) -> bool:
@@ -232,12 +289,17 @@ class Loads:
         even = np.arange(0.0, times[-1], 1 / largest(self)) if largest(self) > 0 else times
         grid = np.unique(np.concatenate([times, even, breaks[breaks < times[-1]]]))
         steps = np.diff(grid)
-        which = which[np.clip(np.searchsorted(breaks, grid[:-1], side="right") - 1, 0, len(which) - 1)][:, moves]
-        speed, place = np.zeros(len(steps)), np.zeros(len(steps))
+        which = which[
+            np.clip(np.searchsorted(breaks, grid[:-1], side="right") - 1, 0, len(which) - 1)
+        ][:, moves]
+        speed = np.zeros(len(steps))
+        place = np.zeros(len(steps))
         for node, weight in zip((GAUSS[0] + 1) / 2, GAUSS[1] / 2, strict=True):
             u = (grid[:-1] + node * steps)[:, None] - rows[which, 0]
             turn = np.exp(1j * (rows[which, 3] + (rows[which, 1] + rows[which, 2] * u / 2) * u))
-            size = sum((rows[which, 4 + 2 * k] + 1j * rows[which, 5 + 2 * k]) * u**k for k in range(3))
+            size = sum(
+                (rows[which, 4 + 2 * k] + 1j * rows[which, 5 + 2 * k]) * u**k for k in range(3)
+            )
             acceleration = np.sum(np.real(size * turn), axis=1)
             speed += weight * steps * acceleration
             place += weight * steps**2 * (1 - node) * acceleration
@@ -249,21 +311,37 @@ class Loads:
     def initial(self, scene: Scene) -> InitialState:
         """Return the state at time 0 that ``start`` and strikes say. Raises ParameterError where a scene has no such start."""
         found = self._start(scene)
-        struck = [part.modal_velocity(scene.model) for part in self.parts if isinstance(part, Strike)]
+        struck = [
+            part.modal_velocity(scene.model) for part in self.parts if isinstance(part, Strike)
+        ]
         own = found.modal_velocity
-        return replace(found, modal_velocity=np.sum(struck if own is None else [own, *struck], axis=0)) if struck else found
+        return (
+            replace(found, modal_velocity=np.sum(struck if own is None else [own, *struck], axis=0))
+            if struck
+            else found
+        )
 
     def _start(self, scene: Scene) -> InitialState:
         if isinstance(self.start, InitialState) or self.start == "middle":
             return self.start if isinstance(self.start, InitialState) else InitialState()
         if self.start == "lower-wall":
             walls = [scene.cavity(k) for k in range(scene.places)]
-            return InitialState(absorber_displacement=[0.0 if one is None else -one.gap for one in walls])
+            return InitialState(
+                absorber_displacement=[0.0 if one is None else -one.gap for one in walls]
+            )
         participation = scene.model.base_participation
-        require(self.moves_base and participation is not None, "start", self.start, "one of the others where the base does not move")
+        require(
+            self.moves_base and participation is not None,
+            "start",
+            self.start,
+            "one of the others where the base does not move",
+        )
         assert participation is not None
         speed = self.base_velocity()
-        return InitialState(modal_velocity=-speed * participation, absorber_velocity=-scene.model.base_at_absorber * speed)
+        return InitialState(
+            modal_velocity=-speed * participation,
+            absorber_velocity=-scene.model.base_at_absorber * speed,
+        )
 
     def on_one_clock(self) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.bool_]]:
         """Return breakpoints (K,) in s, all pieces (P, 10), a time and a row of `Pieces`, which act (K - 1, n), and which loads move the base."""
@@ -271,18 +349,37 @@ class Loads:
         if len(sources) == 1:
             (one,) = sources
             pieces = np.column_stack([one.times[:-1], one.rows])
-            return np.array(one.times), pieces, np.arange(len(pieces))[:, None], np.array([one.moves_base])
+            return (
+                np.array(one.times),
+                pieces,
+                np.arange(len(pieces))[:, None],
+                np.array([one.moves_base]),
+            )
         times = np.unique(np.concatenate([source.times for source in sources]))
         near = np.append(np.diff(times) > SAME_TIME * times[-1], True)
         times = times[near]
         times[0] = 0.0
         middles = (times[1:] + times[:-1]) / 2
-        first, rows, which = 0, [], []
+        first = 0
+        rows = []
+        which = []
         for source in sources:
             rows.append(np.column_stack([source.times[:-1], source.rows]))
-            which.append(first + np.clip(np.searchsorted(source.times, middles, side="right") - 1, 0, len(source.rows) - 1))
+            which.append(
+                first
+                + np.clip(
+                    np.searchsorted(source.times, middles, side="right") - 1,
+                    0,
+                    len(source.rows) - 1,
+                )
+            )
             first += len(source.rows)
-        return times, np.vstack(rows), np.column_stack(which).astype(np.int64), np.array([source.moves_base for source in sources])
+        return (
+            times,
+            np.vstack(rows),
+            np.column_stack(which).astype(np.int64),
+            np.array([source.moves_base for source in sources]),
+        )
 
 
 AnyDrive = Drive | Loads
@@ -294,7 +391,8 @@ def largest(drive: AnyDrive) -> float:
         return float(np.max(drive.schedule.omegas)) if drive.amplitude != 0 else 0.0
     highest = 0.0
     for piece in drive._pieces:
-        steps, rows = np.diff(piece.times), piece.rows
+        steps = np.diff(piece.times)
+        rows = piece.rows
         if not rows[:, :2].any():  # a record
             continue
         acts = np.any(rows[:, 3:] != 0, axis=1)
@@ -314,4 +412,6 @@ def amplitude_in_words(drive: AnyDrive, *, phase: bool = True) -> str:
     """Return a drive's size for people."""
     if isinstance(drive, Drive):
         return f"{drive.amplitude:g} N{f', phase {drive.phase:g} rad' if phase else ''}"
-    return " and ".join(re.sub(r"\B([A-Z])", r" \1", type(part).__name__).lower() for part in drive.parts)
+    return " and ".join(
+        re.sub(r"\B([A-Z])", r" \1", type(part).__name__).lower() for part in drive.parts
+    )

@@ -25,7 +25,9 @@ LEAST_STEPS = 4  # per period of the highest mode, and of the force
 MOST_STEPS = 1_000_000  # far beyond where rounding outweighs what a shorter step gains
 ROUNDING = 1e-9  # a step this close to its limit counts as at it
 SURE_REACH = 2.5  # |s| h up to which the classical Runge-Kutta method is stable for every damping
-PAPER_STEPS = 20  # per period of the highest mode (paper, section 2.4), and per contact (paper, appendix A)
+PAPER_STEPS = (
+    20  # per period of the highest mode (paper, section 2.4), and per contact (paper, appendix A)
+)
 
 
 def _compliance(scene: Scene) -> float:
@@ -38,8 +40,14 @@ def _highest_frequency(scene: Scene) -> float:
     """Return the highest circular frequency (rad/s) that a step must resolve: a mode's, or the tuned absorber's against the tip."""
     highest = float(np.max(scene.model.omega))
     if isinstance(scene.absorber, TunedAbsorber):
-        highest = max(highest, np.sqrt(scene.absorber.stiffness * _compliance(scene)), scene.absorber.damping * _compliance(scene))
-    if isinstance(scene.absorber, NonlinearSink):  # its spring's frequency is known only once it moves
+        highest = max(
+            highest,
+            np.sqrt(scene.absorber.stiffness * _compliance(scene)),
+            scene.absorber.damping * _compliance(scene),
+        )
+    if isinstance(
+        scene.absorber, NonlinearSink
+    ):  # its spring's frequency is known only once it moves
         highest = max(highest, scene.absorber.damping * _compliance(scene))
     return highest
 
@@ -83,15 +91,28 @@ class RungeKutta:
         shorter, and a third condition, 1/sqrt(k (1/m_a + sum tip_shape^2)), keeps the method stable.
         """
         dt = 2 * np.pi / (self.steps_per_period * _highest_frequency(scene))
-        springs = [part.stiffness for part in parts(scene.absorber) if isinstance(part, CompliantWalls | ElasticCoulombFriction)]
+        springs = [
+            part.stiffness
+            for part in parts(scene.absorber)
+            if isinstance(part, CompliantWalls | ElasticCoulombFriction)
+        ]
         if springs and scene.absorber_mass is not None:
-            stiffness, mass = max(springs), scene.absorber_mass
-            dt = min(dt, np.pi * np.sqrt(mass / stiffness) / self.steps_per_contact, 1 / np.sqrt(stiffness * _compliance(scene)))
+            stiffness = max(springs)
+            mass = scene.absorber_mass
+            dt = min(
+                dt,
+                np.pi * np.sqrt(mass / stiffness) / self.steps_per_contact,
+                1 / np.sqrt(stiffness * _compliance(scene)),
+            )
         return float(dt)
 
 
 Method = Exact | Moreau | RungeKutta
-METHODS: dict[str, type[Method]] = {"exact": Exact, "moreau": Moreau, "runge-kutta": RungeKutta}  # by their plain names
+METHODS: dict[str, type[Method]] = {
+    "exact": Exact,
+    "moreau": Moreau,
+    "runge-kutta": RungeKutta,
+}  # by their plain names
 
 
 _REFUSED: dict[tuple[SceneKind, type[Method]], str] = {
@@ -99,8 +120,14 @@ _REFUSED: dict[tuple[SceneKind, type[Method]], str] = {
     (SceneKind.SEVERAL, RungeKutta): "Exact for several absorbers",
     (SceneKind.SMOOTH, Exact): "RungeKutta for a nonlinear spring, which has no linear regimes",
     (SceneKind.SMOOTH, Moreau): "RungeKutta for a nonlinear spring",
-    (SceneKind.COMPLIANT, Moreau): "for compliant contact Exact or RungeKutta, since the Moreau scheme is for rigid laws",
-    (SceneKind.RIGID, RungeKutta): "for rigid walls or rigid friction Exact or Moreau, since RungeKutta needs a force that is a function of the "
+    (
+        SceneKind.COMPLIANT,
+        Moreau,
+    ): "for compliant contact Exact or RungeKutta, since the Moreau scheme is for rigid laws",
+    (
+        SceneKind.RIGID,
+        RungeKutta,
+    ): "for rigid walls or rigid friction Exact or Moreau, since RungeKutta needs a force that is a function of the "
     "state",
 }
 
@@ -110,7 +137,10 @@ def method_class(method: Method) -> type[Method]:
     return next(known for known in METHODS.values() if isinstance(method, known))
 
 
-GENERAL = {(SceneKind.LINEAR, Exact), (SceneKind.RIGID, Exact)}  # what a base that moves is for, and gravity
+GENERAL = {
+    (SceneKind.LINEAR, Exact),
+    (SceneKind.RIGID, Exact),
+}  # what a base that moves is for, and gravity
 WHERE = "for that Exact, and a scene without absorber, or with one that is stuck, tuned, or has rigid contact"
 
 
@@ -120,19 +150,33 @@ def check_load(scene: Scene, drive: AnyDrive, method: Method) -> None:
         _check_general(scene, method, [type(part).__name__ for part in drive.parts], True)
 
 
-def check_general(scene: Scene, method: Method, record: Samples | None, *, moves_base: bool) -> bool:
+def check_general(
+    scene: Scene, method: Method, record: Samples | None, *, moves_base: bool
+) -> bool:
     """Return whether the base moves in runs in intervals; raise ParameterError if a scene or a method cannot do it, or a record beside the force."""
     shaken = bool(moves_base) or (record is not None and record.quantity == BASE)
     if shaken or record is not None:
-        _check_general(scene, method, ["a record"] * (record is not None) + ["a base that moves"] * shaken, shaken)
+        _check_general(
+            scene,
+            method,
+            ["a record"] * (record is not None) + ["a base that moves"] * shaken,
+            shaken,
+        )
     return shaken
 
 
 def _check_general(scene: Scene, method: Method, loads: list[str], moves_base: bool) -> None:
     pair = scene.kind, method_class(method)
-    require(pair in GENERAL, "loads", loads, f"forces with {method} and {scene.kind.value}; {WHERE}")
+    require(
+        pair in GENERAL, "loads", loads, f"forces with {method} and {scene.kind.value}; {WHERE}"
+    )
     allowed = "given for a base that moves: the participation of the modes (base_vector, or base_participation_sqrt_kg)"
-    require(not moves_base or scene.model.base_participation is not None, "base_participation", None, allowed)
+    require(
+        not moves_base or scene.model.base_participation is not None,
+        "base_participation",
+        None,
+        allowed,
+    )
 
 
 def check_supported(scene: Scene, method: Method) -> None:
@@ -140,7 +184,9 @@ def check_supported(scene: Scene, method: Method) -> None:
     instance("scene", scene, Scene), instance("method", method, Method)
     pair = scene.kind, method_class(method)
     if (heavy := gravity_of(scene.absorber)) != 0:
-        require(pair in GENERAL, "gravity", heavy, f"0 with {method} and {scene.kind.value}; {WHERE}")
+        require(
+            pair in GENERAL, "gravity", heavy, f"0 with {method} and {scene.kind.value}; {WHERE}"
+        )
     require(pair not in _REFUSED, "method", method, _REFUSED.get(pair, ""))
 
 
@@ -162,10 +208,18 @@ def check_step(scene: Scene, drive: AnyDrive, method: Method) -> None:
     """
     if isinstance(method, Exact):
         return
-    dt, steps = method.step(scene), method.steps_per_period
-    growth = _moreau_growth(scene, dt) if isinstance(method, Moreau) else _runge_kutta_growth(scene, dt)
+    dt = method.step(scene)
+    steps = method.steps_per_period
+    growth = (
+        _moreau_growth(scene, dt) if isinstance(method, Moreau) else _runge_kutta_growth(scene, dt)
+    )
     why = "for this scene's damping, as an explicit step is unstable above its limit"
-    require(growth <= 1, "steps_per_period", steps, f"about {2 ** max(0, int(np.ceil(np.log2(max(growth, 1))))) * steps} or more {why}")
+    require(
+        growth <= 1,
+        "steps_per_period",
+        steps,
+        f"about {2 ** max(0, int(np.ceil(np.log2(max(growth, 1))))) * steps} or more {why}",
+    )
     coarseness = largest(drive) * dt * LEAST_STEPS / (2 * np.pi)
     allowed = f"{int(np.ceil(steps * coarseness))} or more for this force, so that each of its periods has {LEAST_STEPS} steps"
     require(coarseness <= 1, "steps_per_period", steps, allowed)
@@ -174,15 +228,19 @@ def check_step(scene: Scene, drive: AnyDrive, method: Method) -> None:
 def _moreau_growth(scene: Scene, dt: float) -> float:
     """Return the step relative to its limit, or an upper bound of that: the scheme is stable where 4 M - 2 dt C - dt^2 K is not negative."""
     model = scene.model
-    rate, square = 2 * model.damping_ratio * model.omega, model.omega**2
+    rate = 2 * model.damping_ratio * model.omega
+    square = model.omega**2
     if not isinstance(scene.absorber, TunedAbsorber):
         limit = 4 / (rate + np.sqrt(rate**2 + 4 * square))
         return float(dt / np.min(limit) * (1 - ROUNDING))
     mass = scene.absorber_mass
     assert mass is not None
     line = np.append(-model.tip_shape, 1 / np.sqrt(mass))
-    damping, stiffness = with_link(rate, scene.absorber.damping, line), with_link(square, scene.absorber.stiffness, line)
-    return float(np.max(np.linalg.eigvalsh(2 * dt * damping + dt**2 * stiffness)) / 4 * (1 - ROUNDING))
+    damping = with_link(rate, scene.absorber.damping, line)
+    stiffness = with_link(square, scene.absorber.stiffness, line)
+    return float(
+        np.max(np.linalg.eigvalsh(2 * dt * damping + dt**2 * stiffness)) / 4 * (1 - ROUNDING)
+    )
 
 
 def _runge_kutta_growth(scene: Scene, h: float) -> float:

@@ -9,7 +9,19 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.parameters import MOST_DAMPING, SMALL, Beam, finite, instance, keep_checked, listed, positive, require, row, suspended
+from impact_env.parameters import (
+    MOST_DAMPING,
+    SMALL,
+    Beam,
+    finite,
+    instance,
+    keep_checked,
+    listed,
+    positive,
+    require,
+    row,
+    suspended,
+)
 
 # Mass, damping and stiffness of modes that carry masses, or that a spring and a damper link to one more coordinate.
 #
@@ -35,8 +47,25 @@ def with_link(own: Real, factor: float, line: Real) -> Real:
 # Hermite Euler-Bernoulli beam: parameters to mass and stiffness matrices (paper, section 2.1).
 
 
-_STIFFNESS = np.array([[12.0, 6.0, -12.0, 6.0], [6.0, 4.0, -6.0, 2.0], [-12.0, -6.0, 12.0, -6.0], [6.0, 2.0, -6.0, 4.0]])
-_MASS = np.array([[156.0, 22.0, 54.0, -13.0], [22.0, 4.0, 13.0, -3.0], [54.0, 13.0, 156.0, -22.0], [-13.0, -3.0, -22.0, 4.0]]) / 420
+_STIFFNESS = np.array(
+    [
+        [12.0, 6.0, -12.0, 6.0],
+        [6.0, 4.0, -6.0, 2.0],
+        [-12.0, -6.0, 12.0, -6.0],
+        [6.0, 2.0, -6.0, 4.0],
+    ]
+)
+_MASS = (
+    np.array(
+        [
+            [156.0, 22.0, 54.0, -13.0],
+            [22.0, 4.0, 13.0, -3.0],
+            [54.0, 13.0, 156.0, -22.0],
+            [-13.0, -3.0, -22.0, 4.0],
+        ]
+    )
+    / 420
+)
 
 
 def _by_element(beam: Beam, name: str) -> Real:
@@ -53,7 +82,11 @@ def free(beam: Beam) -> NDArray[np.int64]:
     """Return which of the 2 N_e + 2 deflections and rotations, node by node from the left, the ends leave free."""
     size = 2 * beam.elements + 2
     left, right = beam.ends.split("-")
-    held = {"clamped": {0, 1}, "pinned": {0}, "free": set()}[left] | {"clamped": {size - 2, size - 1}, "pinned": {size - 2}, "free": set()}[right]
+    held = {"clamped": {0, 1}, "pinned": {0}, "free": set()}[left] | {
+        "clamped": {size - 2, size - 1},
+        "pinned": {size - 2},
+        "free": set(),
+    }[right]
     return np.array([k for k in range(size) if k not in held])
 
 
@@ -79,8 +112,15 @@ def _whole(beam: Beam) -> tuple[Real, Real]:
     """Return mass and stiffness matrices of the beam that nothing holds."""
     element = beam.length / beam.elements
     size = 2 * beam.elements + 2
-    mass, stiffness = np.zeros((size, size)), np.zeros((size, size))
-    for e, (line, bending) in enumerate(zip(_by_element(beam, "mass_per_length"), _by_element(beam, "bending_stiffness"), strict=True)):
+    mass = np.zeros((size, size))
+    stiffness = np.zeros((size, size))
+    for e, (line, bending) in enumerate(
+        zip(
+            _by_element(beam, "mass_per_length"),
+            _by_element(beam, "bending_stiffness"),
+            strict=True,
+        )
+    ):
         span = slice(2 * e, 2 * e + 4)
         mass[span, span] += _MASS * line * element
         stiffness[span, span] += _STIFFNESS * bending / element**3
@@ -90,8 +130,10 @@ def _whole(beam: Beam) -> tuple[Real, Real]:
 
 def rigid_shapes(beam: Beam) -> Real:
     """Return the rigid-body motions, as columns over the freedoms of `free`: of a free beam a shift and a turn, of a pinned one the turn."""
-    element, nodes = 1 / beam.elements, np.arange(beam.elements + 1)
-    shift, turn = np.zeros(2 * beam.elements + 2), np.zeros(2 * beam.elements + 2)
+    element = 1 / beam.elements
+    nodes = np.arange(beam.elements + 1)
+    shift = np.zeros(2 * beam.elements + 2)
+    turn = np.zeros(2 * beam.elements + 2)
     shift[0::2], turn[0::2], turn[1::2] = 1, nodes * element, element
     return np.column_stack([shift, turn][2 - beam.rigid_motions :])[free(beam)]
 
@@ -104,11 +146,18 @@ def strain_energy(beam: Beam, shapes: Real) -> Real:
     """
     nodes = np.zeros((2 * beam.elements + 2, shapes.shape[1]))
     nodes[free(beam)] = shapes
-    deflection, rotation = nodes[0::2], nodes[1::2]
+    deflection = nodes[0::2]
+    rotation = nodes[1::2]
     shear = deflection[:-1] - deflection[1:] + (rotation[:-1] + rotation[1:]) / 2
     bend = rotation[:-1] - rotation[1:]
-    element, share = beam.length / beam.elements, _by_element(beam, "bending_stiffness") / beam.bending_stiffness
-    return np.asarray(0.5 * beam.bending_stiffness / element**3 * np.sum(share[:, None] * (12 * shear**2 + bend**2), axis=0))
+    element = beam.length / beam.elements
+    share = _by_element(beam, "bending_stiffness") / beam.bending_stiffness
+    return np.asarray(
+        0.5
+        * beam.bending_stiffness
+        / element**3
+        * np.sum(share[:, None] * (12 * shear**2 + bend**2), axis=0)
+    )
 
 
 def deflection_row(beam: Beam, position: float) -> Real:
@@ -151,19 +200,37 @@ class ModalModel:
     beam: Beam | None = None
 
     def __post_init__(self) -> None:
-        optional = tuple(name for name in ("response_shape", "stress_shape", "base_participation") if getattr(self, name) is not None)
+        optional = tuple(
+            name
+            for name in ("response_shape", "stress_shape", "base_participation")
+            if getattr(self, name) is not None
+        )
         rows = ("omega", "damping_ratio", "force_shape", "tip_shape", *optional)
         for name in rows:
-            object.__setattr__(self, name, row(name, getattr(self, name), "a row of finite numbers"))
+            object.__setattr__(
+                self, name, row(name, getattr(self, name), "a row of finite numbers")
+            )
         keep_checked(self, beam_mass=positive, base_at_absorber=finite)
         lengths = {len(getattr(self, name)) for name in rows}
-        require(len(lengths) == 1 and min(lengths) > 0, "modal model", lengths, f"arrays of one length, 1 or more: {', '.join(rows)}")
+        require(
+            len(lengths) == 1 and min(lengths) > 0,
+            "modal model",
+            lengths,
+            f"arrays of one length, 1 or more: {', '.join(rows)}",
+        )
         if self.absorber_shapes is not None:
             allowed = f"a row of {len(self.omega)} finite numbers for each absorber"
             shapes = row("absorber_shapes", self.absorber_shapes, allowed, axes=2)
-            require(shapes.shape[1] == len(self.omega), "absorber_shapes", self.absorber_shapes, allowed)
+            require(
+                shapes.shape[1] == len(self.omega), "absorber_shapes", self.absorber_shapes, allowed
+            )
             object.__setattr__(self, "absorber_shapes", shapes)
-        require(bool(np.all(self.omega >= SMALL)), "omega", self.omega, f"frequencies above 0, from {SMALL:g} rad/s")
+        require(
+            bool(np.all(self.omega >= SMALL)),
+            "omega",
+            self.omega,
+            f"frequencies above 0, from {SMALL:g} rad/s",
+        )
         ok = bool(np.all((self.damping_ratio >= 0) & (self.damping_ratio <= MOST_DAMPING)))
         require(ok, "damping_ratio", self.damping_ratio, f"0 or above and at most {MOST_DAMPING}")
         instance("beam", self.beam, Beam | None)
@@ -185,13 +252,24 @@ class ModalModel:
 
     def _place(self, number: float) -> int:
         n = len(self.places)
-        require(number in range(1, n + 1), "position", number, f"the number of one of the structure's places for absorbers, 1 to {n}")
+        require(
+            number in range(1, n + 1),
+            "position",
+            number,
+            f"the number of one of the structure's places for absorbers, 1 to {n}",
+        )
         return int(number) - 1
 
     def with_absorber_at(self, place: float) -> ModalModel:
         """Return the model for one absorber at a place (counted from 1) of `places`; the level is read where it was."""
-        own, level = self.places[self._place(place)], self.level_shape
-        return replace(self, tip_shape=own, absorber_shapes=None, response_shape=None if np.array_equal(own, level) else level)
+        own = self.places[self._place(place)]
+        level = self.level_shape
+        return replace(
+            self,
+            tip_shape=own,
+            absorber_shapes=None,
+            response_shape=None if np.array_equal(own, level) else level,
+        )
 
     def with_absorbers_at(self, places: Iterable[float]) -> ModalModel:
         """Return the model for several absorbers at places (counted from 1) of `places`; the level is read where it was."""
@@ -207,7 +285,11 @@ class ModalModel:
 
     def resonance_omega(self, resonance: int) -> float:
         """Return a resonance's circular frequency in rad/s; raises ParameterError if the model lacks that mode."""
-        ok = isinstance(resonance, int | np.integer) and not isinstance(resonance, bool) and 1 <= resonance <= self.modes
+        ok = (
+            isinstance(resonance, int | np.integer)
+            and not isinstance(resonance, bool)
+            and 1 <= resonance <= self.modes
+        )
         require(ok, "resonance", resonance, f"a mode of the model, 1 to {self.modes}")
         return float(self.omega[resonance - 1])
 
@@ -223,7 +305,12 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
     follow from the shapes. Modes of a beam on a soft suspension begin with the rigid-body motions.
     """
     if isinstance(beam, ModalModel):
-        require(positions is None, "positions", positions, "for beams only: a modal model has shapes at the places of its absorbers, and no others")
+        require(
+            positions is None,
+            "positions",
+            positions,
+            "for beams only: a modal model has shapes at the places of its absorbers, and no others",
+        )
         return beam
     instance("beam", beam, Beam | ModalModel)
     if positions is not None:
@@ -237,15 +324,21 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
     def shape(position: float) -> NDArray[np.float64]:
         return (deflection_row(beam, position) @ vectors)[: beam.modes]
 
-    elsewhere = beam.response_position is not None and beam.response_position != beam.absorber_position
+    elsewhere = (
+        beam.response_position is not None and beam.response_position != beam.absorber_position
+    )
     return ModalModel(
         omega=omega,
         damping_ratio=np.broadcast_to(np.asarray(beam.damping_ratio, dtype=float), omega.shape),
         force_shape=shape(beam.force_position),
         tip_shape=shape(beam.absorber_position),
         beam_mass=beam.mass,
-        absorber_shapes=None if positions is None else np.array([shape(beam.place("position", x)) for x in positions]),
-        response_shape=shape(beam.response_position) if elsewhere and beam.response_position is not None else None,
+        absorber_shapes=None
+        if positions is None
+        else np.array([shape(beam.place("position", x)) for x in positions]),
+        response_shape=shape(beam.response_position)
+        if elsewhere and beam.response_position is not None
+        else None,
         base_participation=(base_load(beam) @ vectors)[: beam.modes],
         beam=beam,
     )
@@ -259,7 +352,12 @@ def mode_shapes(beam: Beam, positions: ArrayLike) -> NDArray[np.float64]:
     instance("beam", beam, Beam)
     allowed = "one or more shares of the length, 0 to 1"
     places = row("positions", positions, allowed)
-    require(places.size > 0 and bool(np.all((places >= 0) & (places <= 1))), "positions", positions, allowed)
+    require(
+        places.size > 0 and bool(np.all((places >= 0) & (places <= 1))),
+        "positions",
+        positions,
+        allowed,
+    )
     vectors, _ = _upwards(beam)
     return np.array([deflection_row(beam, x) @ vectors for x in places])[:, : beam.modes]
 
@@ -267,7 +365,11 @@ def mode_shapes(beam: Beam, positions: ArrayLike) -> NDArray[np.float64]:
 def _upwards(beam: Beam) -> tuple[Real, Real]:
     """Return all shapes as columns, in each of which the tip moves up, and the squares of their frequencies, rising."""
     mass, stiffness = matrices(beam)
-    vectors, squares = _elastic(beam, mass, stiffness) if beam.rigid_motions == 0 else _suspended(beam, mass, stiffness)
+    vectors, squares = (
+        _elastic(beam, mass, stiffness)
+        if beam.rigid_motions == 0
+        else _suspended(beam, mass, stiffness)
+    )
     end = 1.0 if beam.ends.endswith("free") else beam.absorber_position
     return vectors * np.where(deflection_row(beam, end) @ vectors < 0, -1.0, 1.0), squares
 
@@ -290,13 +392,24 @@ def _suspended(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]:
     rigid = rigid_shapes(beam)
     rigid = np.linalg.solve(np.linalg.cholesky(rigid.T @ mass @ rigid), rigid.T).T
     held = mass @ rigid
-    softest = min([beam.bending_stiffness, *(section.bending_stiffness for section in beam.sections)])
+    softest = min(
+        [beam.bending_stiffness, *(section.bending_stiffness for section in beam.sections)]
+    )
     soft = softest / (beam.mass * beam.length**3)
     vectors, _ = _elastic(beam, mass, stiffness + soft * held @ held.T)
-    bending = vectors[:, np.sort(np.argsort(np.linalg.norm(held.T @ vectors, axis=0))[: -rigid.shape[1]])]
+    bending = vectors[
+        :, np.sort(np.argsort(np.linalg.norm(held.T @ vectors, axis=0))[: -rigid.shape[1]])
+    ]
     bending = bending - rigid @ (held.T @ bending)
     squares = 2 * strain_energy(beam, bending)
     own = 2 * np.pi * np.array(suspended(beam.suspension_frequency, rigid.shape[1]))
-    allowed = f"below half of the first bending frequency, {np.sqrt(squares[0]) / (2 * np.pi):.6g} Hz"
-    require(bool(4 * own[-1] ** 2 < squares[0]), "suspension_frequency", beam.suspension_frequency, allowed)
+    allowed = (
+        f"below half of the first bending frequency, {np.sqrt(squares[0]) / (2 * np.pi):.6g} Hz"
+    )
+    require(
+        bool(4 * own[-1] ** 2 < squares[0]),
+        "suspension_frequency",
+        beam.suspension_frequency,
+        allowed,
+    )
     return np.column_stack([rigid, bending]), np.concatenate([own**2, squares])

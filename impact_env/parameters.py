@@ -27,7 +27,20 @@ from impact_env.checks import (
     two,
 )
 
-__all__ = ["LARGE", "SMALL", "ParameterError", "check_each", "count", "finite", "flag", "fraction", "instance", "listed", "non_negative", "number"]
+__all__ = [
+    "LARGE",
+    "SMALL",
+    "ParameterError",
+    "check_each",
+    "count",
+    "finite",
+    "flag",
+    "fraction",
+    "instance",
+    "listed",
+    "non_negative",
+    "number",
+]
 __all__ += ["keep_checked", "one_of", "positive", "require", "row", "two"]
 
 SUSPENSION_STEP = 0.1  # by this share the next rigid-body motion's frequency is higher: shapes of equal frequencies would be undetermined
@@ -39,12 +52,21 @@ def suspended(frequency: float, motions: int) -> tuple[float, ...]:
 
 
 # supports at the left and the right end -> number of rigid-body motions
-ENDS = {"clamped-free": 0, "clamped-pinned": 0, "clamped-clamped": 0, "pinned-pinned": 0, "pinned-free": 1, "free-free": 2}
+ENDS = {
+    "clamped-free": 0,
+    "clamped-pinned": 0,
+    "clamped-clamped": 0,
+    "pinned-pinned": 0,
+    "pinned-free": 1,
+    "free-free": 2,
+}
 SUSPENDED = "given: these ends leave the beam rigid-body motions, whose frequency a soft suspension makes, in Hz, far below the first bending mode"
 
 
 MOST_ELEMENTS = 1000  # matrices are dense
-MOST_DAMPING = 1000  # one of a mode's two rates is fast then and the other slow, a million times apart
+MOST_DAMPING = (
+    1000  # one of a mode's two rates is fast then and the other slow, a million times apart
+)
 
 
 @dataclass(frozen=True)
@@ -88,7 +110,11 @@ class Beam:
     suspension_frequency: float | None = None  # Hz
 
     def __post_init__(self) -> None:
-        for name, scale in (("length", 1e9), ("bending_stiffness", 1e20), ("mass_per_length", 1e20)):  # so that omega is a number whatever they are
+        for name, scale in (
+            ("length", 1e9),
+            ("bending_stiffness", 1e20),
+            ("mass_per_length", 1e20),
+        ):  # so that omega is a number whatever they are
             object.__setattr__(self, name, positive(name, getattr(self, name), 1 / scale, scale))
         count("elements", self.elements, 1, MOST_ELEMENTS)
         one_of("ends", self.ends, ENDS)
@@ -100,31 +126,54 @@ class Beam:
         allowed = f"one number, or one for each of the {self.modes} modes, from 0 to {MOST_DAMPING}"
         ratios = row("damping_ratio", self.damping_ratio, allowed)
         single = np.ndim(self.damping_ratio) == 0
-        ok = (single or len(ratios) == self.modes) and bool(np.all((ratios >= 0) & (ratios <= MOST_DAMPING)))
+        ok = (single or len(ratios) == self.modes) and bool(
+            np.all((ratios >= 0) & (ratios <= MOST_DAMPING))
+        )
         require(ok, "damping_ratio", self.damping_ratio, allowed)
-        object.__setattr__(self, "damping_ratio", float(ratios[0]) if single else tuple(ratios.tolist()))
-        for mode, ratio in instance("modal_frequency_ratio", self.modal_frequency_ratio, Mapping).items():
+        object.__setattr__(
+            self, "damping_ratio", float(ratios[0]) if single else tuple(ratios.tolist())
+        )
+        for mode, ratio in instance(
+            "modal_frequency_ratio", self.modal_frequency_ratio, Mapping
+        ).items():
             count("modal_frequency_ratio's mode", mode, 2, self.modes)
             positive(f"modal_frequency_ratio[{mode}]", ratio)
 
     def _check_parts(self) -> None:
         keep_checked(self, tip_mass=non_negative, sections=listed)
-        require(self.tip_mass == 0 or self.ends.endswith("-free"), "tip_mass", self.tip_mass, f"0 with {self.ends} ends, where the tip does not move")
+        require(
+            self.tip_mass == 0 or self.ends.endswith("-free"),
+            "tip_mass",
+            self.tip_mass,
+            f"0 with {self.ends} ends, where the tip does not move",
+        )
         for section in self.sections:
             instance("sections", section, Section)
         taken = sum(section.elements for section in self.sections)
-        require(taken <= self.elements, "sections", self.sections, f"with {self.elements} elements or fewer in all, not {taken}")
+        require(
+            taken <= self.elements,
+            "sections",
+            self.sections,
+            f"with {self.elements} elements or fewer in all, not {taken}",
+        )
         if self.suspension_frequency is not None or self.rigid_motions:
             require(self.suspension_frequency is not None, "suspension_frequency", None, SUSPENDED)
             keep_checked(self, suspension_frequency=positive)
-            require(self.rigid_motions > 0, "suspension_frequency", self.suspension_frequency, f"left out with {self.ends} ends, which hold the beam")
+            require(
+                self.rigid_motions > 0,
+                "suspension_frequency",
+                self.suspension_frequency,
+                f"left out with {self.ends} ends, which hold the beam",
+            )
 
     def place(self, name: str, value: object) -> float:
         """Return a position as a float if it is a share of the length at which the beam can move."""
-        low, high = self.ends.startswith("free"), self.ends.endswith("free")
+        low = self.ends.startswith("free")
+        high = self.ends.endswith("free")
         if not low and high:
             return fraction(name, value)
-        x, allowed = number(value), f"a number in {'[' if low else '('}0, 1{']' if high else ')'}, where a {self.ends} beam moves"
+        x = number(value)
+        allowed = f"a number in {'[' if low else '('}0, 1{']' if high else ')'}, where a {self.ends} beam moves"
         require(0 < x < 1 or (low and x == 0) or (high and x == 1), name, value, allowed)
         return x
 
@@ -142,9 +191,18 @@ class Beam:
     @property
     def mass(self) -> float:
         """Mass of the beam in kg, with that on its tip."""
-        element, bare = self.length / self.elements, self.elements - sum(section.elements for section in self.sections)
-        own = self.mass_per_length * self.length if not self.sections else bare * element * self.mass_per_length
-        return own + sum(section.elements * element * section.mass_per_length for section in self.sections) + self.tip_mass
+        element = self.length / self.elements
+        bare = self.elements - sum(section.elements for section in self.sections)
+        own = (
+            self.mass_per_length * self.length
+            if not self.sections
+            else bare * element * self.mass_per_length
+        )
+        return (
+            own
+            + sum(section.elements * element * section.mass_per_length for section in self.sections)
+            + self.tip_mass
+        )
 
     @property
     def static_tip_stiffness(self) -> float:
@@ -160,8 +218,15 @@ class RigidWalls:
     restitution: float = 1.0
 
     def __post_init__(self) -> None:
-        require(number(self.gap) >= 0, "gap", self.gap, "a number in m, 0 or above (infinity: no wall)")
-        require(0 <= number(self.restitution) <= 1, "restitution", self.restitution, "a number from 0 to 1")
+        require(
+            number(self.gap) >= 0, "gap", self.gap, "a number in m, 0 or above (infinity: no wall)"
+        )
+        require(
+            0 <= number(self.restitution) <= 1,
+            "restitution",
+            self.restitution,
+            "a number from 0 to 1",
+        )
         object.__setattr__(self, "gap", number(self.gap))
         object.__setattr__(self, "restitution", number(self.restitution))
 
@@ -181,7 +246,12 @@ class YieldingWalls:
     def __post_init__(self) -> None:
         keep_checked(self, yield_velocity=positive)
         rigid = RigidWalls(self.gap, self.restitution)
-        require(0 < rigid.gap < math.inf, "gap", self.gap, "a number in m above 0, and finite, with a yield_velocity")
+        require(
+            0 < rigid.gap < math.inf,
+            "gap",
+            self.gap,
+            "a number in m above 0, and finite, with a yield_velocity",
+        )
         object.__setattr__(self, "gap", rigid.gap)
         object.__setattr__(self, "restitution", rigid.restitution)
 
@@ -288,9 +358,19 @@ class SlidingAbsorber:
         instance("walls", self.walls, RigidWalls | YieldingWalls | CompliantWalls | None)
         instance("friction", self.friction, CoulombFriction | ElasticCoulombFriction | None)
         present = [part for part in (self.walls, self.friction) if part is not None]
-        require(present != [], "absorber", self, "walls, friction or both (a mass with neither does not touch the beam: leave it out)")
+        require(
+            present != [],
+            "absorber",
+            self,
+            "walls, friction or both (a mass with neither does not touch the beam: leave it out)",
+        )
         soft = {isinstance(part, CompliantWalls | ElasticCoulombFriction) for part in present}
-        require(len(soft) == 1, "absorber", self, "walls and friction either both rigid or both compliant")
+        require(
+            len(soft) == 1,
+            "absorber",
+            self,
+            "walls and friction either both rigid or both compliant",
+        )
 
 
 MOST_ABSORBERS = 4  # there is a regime for each set of them
@@ -305,18 +385,51 @@ class SeveralAbsorbers:
 
     def __post_init__(self) -> None:
         keep_checked(self, absorbers=listed)
-        object.__setattr__(self, "positions", tuple(fraction("positions", x) for x in listed("positions", self.positions)))
+        object.__setattr__(
+            self,
+            "positions",
+            tuple(fraction("positions", x) for x in listed("positions", self.positions)),
+        )
         n = len(self.absorbers)
-        require(2 <= n <= MOST_ABSORBERS, "number of absorbers", n, f"2 to {MOST_ABSORBERS}; one is an absorber by itself")
-        require(len(self.positions) == n, "positions", self.positions, f"one for each of the {n} absorbers")
+        require(
+            2 <= n <= MOST_ABSORBERS,
+            "number of absorbers",
+            n,
+            f"2 to {MOST_ABSORBERS}; one is an absorber by itself",
+        )
+        require(
+            len(self.positions) == n,
+            "positions",
+            self.positions,
+            f"one for each of the {n} absorbers",
+        )
         for absorber in self.absorbers:
-            rigid = isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls | None)
+            rigid = isinstance(absorber, SlidingAbsorber) and isinstance(
+                absorber.walls, RigidWalls | None
+            )
             rigid = rigid and not isinstance(absorber.friction, ElasticCoulombFriction)
-            require(rigid, "absorber", absorber, "among several only impact absorbers and friction dampers with rigid contact")
+            require(
+                rigid,
+                "absorber",
+                absorber,
+                "among several only impact absorbers and friction dampers with rigid contact",
+            )
             walls = absorber.walls
-            touches = absorber.friction is not None or (walls is not None and math.isfinite(walls.gap))
-            require(walls is None or walls.gap > 0, "gap", getattr(walls, "gap", None), "above 0 among several absorbers")
-            require(touches, "gap", getattr(walls, "gap", None), "finite where there is no friction: this absorber would not touch the beam")
+            touches = absorber.friction is not None or (
+                walls is not None and math.isfinite(walls.gap)
+            )
+            require(
+                walls is None or walls.gap > 0,
+                "gap",
+                getattr(walls, "gap", None),
+                "above 0 among several absorbers",
+            )
+            require(
+                touches,
+                "gap",
+                getattr(walls, "gap", None),
+                "finite where there is no friction: this absorber would not touch the beam",
+            )
 
     @property
     def mass_ratio(self) -> float:
@@ -340,7 +453,9 @@ def weightless(absorber: Absorber | None, what: str) -> None:
     require(heavy == 0, "gravity", heavy, f"0 for {what}")
 
 
-def friction_law(limit: float | None, stiffness: float | None = None) -> CoulombFriction | ElasticCoulombFriction | None:
+def friction_law(
+    limit: float | None, stiffness: float | None = None
+) -> CoulombFriction | ElasticCoulombFriction | None:
     """Return friction of a ``limit`` in N, elastic if it has a ``stiffness`` (N/m); a limit of 0 or None is no friction."""
     stiffness = None if stiffness is None else positive("friction stiffness", stiffness)
     if limit is None or non_negative("friction limit", limit) == 0:
@@ -358,7 +473,11 @@ def impact_absorber(
     return SlidingAbsorber(mass_ratio, RigidWalls(gap, restitution), friction_law(friction_limit))
 
 
-def friction_damper(friction_limit: float = 0.5, mass_ratio: float = DEFAULT_MASS_RATIO, friction_stiffness: float | None = None) -> SlidingAbsorber:
+def friction_damper(
+    friction_limit: float = 0.5,
+    mass_ratio: float = DEFAULT_MASS_RATIO,
+    friction_stiffness: float | None = None,
+) -> SlidingAbsorber:
     """Return the pure friction damper, elastic if there is a ``friction_stiffness`` (N/m); the default limit is the paper's optimum for 3.5 N."""
     friction = friction_law(friction_limit, friction_stiffness)
     allowed = "above 0 for a friction damper: without friction it would not touch the beam, so leave the absorber out"

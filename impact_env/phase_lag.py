@@ -31,5 +31,7 @@ def phase_lag(history: History, wrapped: bool = True) -> Array:
 def analytic_signal(name: str, values: Array) -> NDArray[np.complex128]:
     """Return the analytic signal (S,) of equidistant samples (S,) less their mean; raises ParameterError, naming the signal, if they are constant."""
     moves = len(values) >= 2 and bool(np.all(np.isfinite(values))) and float(np.ptp(values)) > 0
-    require(moves, name, f"{len(values)} samples", "two or more finite samples of something that moves")
+    require(
+        moves, name, f"{len(values)} samples", "two or more finite samples of something that moves"
+    )
     return np.asarray(scipy.signal.hilbert(values - np.mean(values)))

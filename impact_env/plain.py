@@ -52,7 +52,8 @@ OLDER_KEYS = {"stiffness_n_m": "stiffness", "damping_n_s_m": "damping"}
 
 def _from_older(path: str, plain: Mapping[str, Any]) -> dict[str, Any]:
     """Return an absorber's values in the form of now; one in the older form is read with a notice."""
-    found, old = dict(plain), {name for name in (*OLDER, *OLDER_KEYS) if name in plain}
+    found = dict(plain)
+    old = {name for name in (*OLDER, *OLDER_KEYS) if name in plain}
     for name, keys in OLDER.items():
         table = found.pop(name, None)
         if table is not None:
@@ -60,16 +61,26 @@ def _from_older(path: str, plain: Mapping[str, Any]) -> dict[str, Any]:
             found |= {keys[key]: value for key, value in table.items() if key != "kind"}
     found = {OLDER_KEYS.get(key, key): value for key, value in found.items()}
     if old:
-        warnings.warn(f"{path}: {', '.join(sorted(old))} is an older form; from the next version on it is an error: docs/scenes.md", FutureWarning, 2)
+        warnings.warn(
+            f"{path}: {', '.join(sorted(old))} is an older form; from the next version on it is an error: docs/scenes.md",
+            FutureWarning,
+            2,
+        )
     return found
 
 
-def _read_one(path: str, plain: Any, more: tuple[str, ...] = ()) -> tuple[Absorber | None, dict[str, Any]]:
+def _read_one(
+    path: str, plain: Any, more: tuple[str, ...] = ()
+) -> tuple[Absorber | None, dict[str, Any]]:
     """Return the single absorber of a plain form, and the values of the keys of ``more`` that are there."""
     require(isinstance(plain, Mapping), path, plain, "a table of an absorber's values")
     concept = one_of(f"{path}.kind", plain.get("kind", "impact"), KINDS)
     found = _from_older(path, {key: value for key, value in plain.items() if key != "kind"})
-    require_keys(path, found, dict.fromkeys((*CONCEPTS[concept], *((GRAVITY,) if concept in HEAVY else ()), *more)))
+    require_keys(
+        path,
+        found,
+        dict.fromkeys((*CONCEPTS[concept], *((GRAVITY,) if concept in HEAVY else ()), *more)),
+    )
     beside = {key: found.pop(key) for key in more if key in found}
     if found.get("gap") == INFINITY:
         found["gap"] = math.inf
@@ -77,7 +88,9 @@ def _read_one(path: str, plain: Any, more: tuple[str, ...] = ()) -> tuple[Absorb
         return make(concept, found), beside
     except ParameterError as error:
         said = argument(error, concept)
-        raise ParameterError(f"{path}.{said} = {str(error).partition(' = ')[2]}" if said else f"{path}: {error}") from error
+        raise ParameterError(
+            f"{path}.{said} = {str(error).partition(' = ')[2]}" if said else f"{path}: {error}"
+        ) from error
 
 
 def _write_one(absorber: Absorber | None) -> Plain:
@@ -89,27 +102,59 @@ def _read_several(path: str, plain: Mapping[str, Any]) -> SeveralAbsorbers:
     """Return several absorbers that either have a mass each, or share one as those of `impact_absorbers` do."""
     require_keys(path, plain, dict.fromkeys(("absorbers", "mass_ratio")), ("absorbers",))
     members = plain["absorbers"]
-    require(isinstance(members, list | tuple), f"{path}.absorbers", members, "a list of tables, one for each absorber")
+    require(
+        isinstance(members, list | tuple),
+        f"{path}.absorbers",
+        members,
+        "a list of tables, one for each absorber",
+    )
     every: list[SlidingAbsorber] = []
     beside: list[dict[str, Any]] = []
     for i, member in enumerate(members):
         where = f"{path}.absorbers[{i}]"
         one, more = _read_one(where, member, ("position", "share"))
         if not isinstance(one, SlidingAbsorber):
-            raise ParameterError(f"{where}.kind = {member['kind']!r} is not allowed: impact or friction among several")
-        require("position" in more, where, dict(member), "the key position must be given: it has no default")
+            raise ParameterError(
+                f"{where}.kind = {member['kind']!r} is not allowed: impact or friction among several"
+            )
+        require(
+            "position" in more,
+            where,
+            dict(member),
+            "the key position must be given: it has no default",
+        )
         every.append(one)
-        beside.append({"position": fraction(f"{where}.position", more["position"])} | ({"share": more["share"]} if "share" in more else {}))
-    own, shares = [member.get("mass_ratio") for member in members], [more.get("share") for more in beside]
+        beside.append(
+            {"position": fraction(f"{where}.position", more["position"])}
+            | ({"share": more["share"]} if "share" in more else {})
+        )
+    own = [member.get("mass_ratio") for member in members]
+    shares = [more.get("share") for more in beside]
     alone = any(mass is not None for mass in own)
     allowed = "either a mass_ratio for each, or for none: then they share one, in equal parts or with a share for each"
     for name, given in (("mass_ratio", own), ("share", shares)):
-        require(len({value is None for value in given}) <= 1, f"{path}: absorbers' {name}", given, allowed)
-    require(not alone or ("mass_ratio" not in plain and shares[0] is None), f"{path}: absorbers' mass_ratio", own, allowed)
+        require(
+            len({value is None for value in given}) <= 1,
+            f"{path}: absorbers' {name}",
+            given,
+            allowed,
+        )
+    require(
+        not alone or ("mass_ratio" not in plain and shares[0] is None),
+        f"{path}: absorbers' mass_ratio",
+        own,
+        allowed,
+    )
     try:
         if every and not alone:
-            parts = None if shares[0] is None else [float(share) for share in shares if share is not None]
-            masses = shared_masses(len(every), plain.get("mass_ratio", DEFAULT_MASS_RATIO), shares=parts)
+            parts = (
+                None
+                if shares[0] is None
+                else [float(share) for share in shares if share is not None]
+            )
+            masses = shared_masses(
+                len(every), plain.get("mass_ratio", DEFAULT_MASS_RATIO), shares=parts
+            )
             every = [replace(one, mass_ratio=mass) for one, mass in zip(every, masses, strict=True)]
         return SeveralAbsorbers(tuple(every), tuple(more["position"] for more in beside))
     except ParameterError as error:
@@ -129,7 +174,10 @@ def _write_absorber(absorber: Absorber) -> Plain:
     if not isinstance(absorber, SeveralAbsorbers):
         return _write_one(absorber)
     pairs = zip(absorber.absorbers, absorber.positions, strict=True)
-    return {"kind": SEVERAL, "absorbers": [{"position": place, **_write_one(one)} for one, place in pairs]}
+    return {
+        "kind": SEVERAL,
+        "absorbers": [{"position": place, **_write_one(one)} for one, place in pairs],
+    }
 
 
 KINDS = tuple(name for name in CONCEPTS if name != "none")
@@ -138,11 +186,27 @@ ABSORBER = Sort(_read_absorber, _write_absorber)
 
 
 SCENE_KEYS = (*STRUCTURES, "absorber")
-SCHEDULE = form(FrequencySchedule, {"times_s": ("times", ROW), "omegas_rad_s": ("omegas", ROW), "reference_rad_s": ("reference", NUMBER)})
-DRIVE = form(Drive, {"amplitude_n": ("amplitude", NUMBER), "phase_rad": ("phase", NUMBER), "schedule": ("schedule", SCHEDULE)})
+SCHEDULE = form(
+    FrequencySchedule,
+    {
+        "times_s": ("times", ROW),
+        "omegas_rad_s": ("omegas", ROW),
+        "reference_rad_s": ("reference", NUMBER),
+    },
+)
+DRIVE = form(
+    Drive,
+    {
+        "amplitude_n": ("amplitude", NUMBER),
+        "phase_rad": ("phase", NUMBER),
+        "schedule": ("schedule", SCHEDULE),
+    },
+)
 STEPS: Keys = {"steps_per_period": ("steps_per_period", WHOLE)}
 METHOD = {"exact": form(Exact, {}), "moreau": form(Moreau, STEPS)}
-METHOD["runge-kutta"] = form(RungeKutta, {**STEPS, "steps_per_contact": ("steps_per_contact", WHOLE)})
+METHOD["runge-kutta"] = form(
+    RungeKutta, {**STEPS, "steps_per_contact": ("steps_per_contact", WHOLE)}
+)
 
 
 def to_scene(plain: Mapping[str, Any], folder: Path | None = None) -> Scene:
@@ -162,7 +226,9 @@ def to_scene(plain: Mapping[str, Any], folder: Path | None = None) -> Scene:
         raise ParameterError(f"scene: {error}") from error
 
 
-def to_structure(plain: Mapping[str, Any], folder: Path | None = None, path: str = "scene.") -> Structure:
+def to_structure(
+    plain: Mapping[str, Any], folder: Path | None = None, path: str = "scene."
+) -> Structure:
     """Return the structure in a scene's plain form: a beam, the paper's by default, or a modal model; arguments as in `to_scene`.
 
     ``path``: what an error names before the key.
@@ -170,7 +236,12 @@ def to_structure(plain: Mapping[str, Any], folder: Path | None = None, path: str
     require_keys(path.rstrip(".") or "structure", plain, dict.fromkeys(SCENE_KEYS))
     given = [kind for kind in STRUCTURES if kind in plain]
     allowed = "left out beside another structure: a scene has one of them"
-    require(len(given) <= 1, f"{path}{given[0] if given else ''}", plain.get(given[0]) if given else None, allowed)
+    require(
+        len(given) <= 1,
+        f"{path}{given[0] if given else ''}",
+        plain.get(given[0]) if given else None,
+        allowed,
+    )
     kind = given[0] if given else "beam"
     return STRUCTURES[kind](folder or Path()).read(f"{path}{kind}", plain.get(kind, {}))
 
@@ -196,7 +267,10 @@ def load_structure(path: Path | str) -> Structure:
     own = plain.get("matrices", {}).get("suspension_frequency_hz")
     rigid = beam.rigid_motions if beam is not None else 0
     if own is not None:
-        rigid = sum(math.isclose(a, 2 * math.pi * b, rel_tol=1e-12) for a, b in zip(model.omega, suspended(own, model.modes), strict=True))
+        rigid = sum(
+            math.isclose(a, 2 * math.pi * b, rel_tol=1e-12)
+            for a, b in zip(model.omega, suspended(own, model.modes), strict=True)
+        )
     for text in warnings_of(model, beam, rigid):
         warnings.warn(f"{path}: {text}", StructureWarning, stacklevel=2)
     return structure
@@ -204,13 +278,31 @@ def load_structure(path: Path | str) -> Structure:
 
 def _read(plain: dict[str, Any], path: Path) -> Structure:
     kinds = [kind for kind in ("beam", "model", "universal", "matrices") if kind in plain]
-    require("absorber" not in plain, "absorber", plain.get("absorber"), "left out: a structure is what an absorber is put on (a scene has both)")
+    require(
+        "absorber" not in plain,
+        "absorber",
+        plain.get("absorber"),
+        "left out: a structure is what an absorber is put on (a scene has both)",
+    )
     structure = to_structure(plain, path.parent, "")
-    require(len(kinds) == 1, "structure", list(plain), "a file with one of the tables beam, model, universal, matrices")
+    require(
+        len(kinds) == 1,
+        "structure",
+        list(plain),
+        "a file with one of the tables beam, model, universal, matrices",
+    )
     if isinstance(structure, Beam):
-        missing = [key for key in (NEEDED[:1] if "section" in plain["beam"] else NEEDED) if key not in plain["beam"]]
-        require(not missing, "beam", list(plain["beam"]), f"the keys {', '.join(missing)} must be given")
-        if structure.response_position is None:  # in every command: where the absorber was, also if a search moves it
+        missing = [
+            key
+            for key in (NEEDED[:1] if "section" in plain["beam"] else NEEDED)
+            if key not in plain["beam"]
+        ]
+        require(
+            not missing, "beam", list(plain["beam"]), f"the keys {', '.join(missing)} must be given"
+        )
+        if (
+            structure.response_position is None
+        ):  # in every command: where the absorber was, also if a search moves it
             return replace(structure, response_position=structure.absorber_position)
     return structure
 
@@ -218,7 +310,11 @@ def _read(plain: dict[str, Any], path: Path) -> Structure:
 def to_beam(plain: Mapping[str, Any]) -> Beam | None:
     """Return the beam that a scene's plain form names, the default one if it names none, or None if it has another structure."""
     require_keys("scene", plain, dict.fromkeys(SCENE_KEYS))
-    return None if any(kind in plain for kind in STRUCTURES if kind != "beam") else BEAM.read("scene.beam", plain.get("beam", {}))
+    return (
+        None
+        if any(kind in plain for kind in STRUCTURES if kind != "beam")
+        else BEAM.read("scene.beam", plain.get("beam", {}))
+    )
 
 
 def from_scene(scene: Scene, beam: Beam | None = None) -> Plain:
@@ -231,7 +327,12 @@ def from_scene(scene: Scene, beam: Beam | None = None) -> Plain:
     model = MODEL.write(scene.model)
     if beam is None:
         return {"model": model, **absorber}
-    require(model == MODEL.write(beam_scene(beam, scene.absorber).model), "beam", beam, "the beam whose modes the scene has")
+    require(
+        model == MODEL.write(beam_scene(beam, scene.absorber).model),
+        "beam",
+        beam,
+        "the beam whose modes the scene has",
+    )
     return {"beam": BEAM.write(beam), **absorber}
 
 
@@ -250,12 +351,21 @@ def from_drive(drive: Drive) -> Plain:
 
 def to_method(plain: Mapping[str, Any]) -> Method:
     """Return the method of a plain form: ``kind``, one of exact (default), moreau and runge-kutta, and its steps."""
-    require(isinstance(plain, Mapping), "method", plain, f"a table whose kind is one of {', '.join(METHOD)}")
+    require(
+        isinstance(plain, Mapping),
+        "method",
+        plain,
+        f"a table whose kind is one of {', '.join(METHOD)}",
+    )
     kind = one_of("method.kind", plain.get("kind", "exact"), METHOD)
     return METHOD[kind].read("method", {key: part for key, part in plain.items() if key != "kind"})
 
 
 def from_method(method: Method) -> Plain:
     """Return a method's plain form."""
-    kind = next(name for name, known in METHODS.items() if isinstance(instance("method", method, Method), known))
+    kind = next(
+        name
+        for name, known in METHODS.items()
+        if isinstance(instance("method", method, Method), known)
+    )
     return {"kind": kind, **METHOD[kind].write(method)}

@@ -22,7 +22,10 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
-READERS: dict[str, Callable[[str], Any]] = {".toml": tomllib.loads, ".json": partial(json.loads, object_pairs_hook=_once)}
+READERS: dict[str, Callable[[str], Any]] = {
+    ".toml": tomllib.loads,
+    ".json": partial(json.loads, object_pairs_hook=_once),
+}
 
 
 def read_plain(path: Path | str) -> dict[str, Any]:
@@ -30,11 +33,15 @@ def read_plain(path: Path | str) -> dict[str, Any]:
     path = Path(path)
     reader = READERS.get(path.suffix.lower())
     if reader is None:
-        raise ParameterError(f"file = {str(path)!r} is not allowed: a name that ends in {' or '.join(READERS)}")
+        raise ParameterError(
+            f"file = {str(path)!r} is not allowed: a name that ends in {' or '.join(READERS)}"
+        )
     try:
         plain = reader(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
-        raise ParameterError(f"file = {str(path)!r} is not allowed: {path.suffix.lower()[1:].upper()} that can be read ({error})") from error
+        raise ParameterError(
+            f"file = {str(path)!r} is not allowed: {path.suffix.lower()[1:].upper()} that can be read ({error})"
+        ) from error
     require(isinstance(plain, dict), "file", str(path), "a table of keys and values")
     return plain
 

@@ -51,7 +51,10 @@ UNEVEN = 1e-3  # of the sampling interval: what written times are rounded to
 def _tones(quantity: str, name: str, key: str) -> Sort:
     """Return the sort of a list of tones, whose frequency or order (``name``) is called ``key``."""
     amplitude = "amplitude_n" if quantity == FORCE else "amplitude_m_s2"
-    return tables(Tone, {amplitude: ("amplitude", NUMBER), key: (name, NUMBER), "phase_rad": ("phase", NUMBER)})
+    return tables(
+        Tone,
+        {amplitude: ("amplitude", NUMBER), key: (name, NUMBER), "phase_rad": ("phase", NUMBER)},
+    )
 
 
 def _force(amplitude: float, schedule: FrequencySchedule, phase: float = 0.0) -> Force:
@@ -60,7 +63,11 @@ def _force(amplitude: float, schedule: FrequencySchedule, phase: float = 0.0) ->
 
 WITH_SCHEDULE: Keys = {"phase_rad": ("phase", NUMBER), "schedule": ("schedule", SCHEDULE)}
 LENGTH: Keys = {"duration_s": ("length", NUMBER)}
-SHAKEN: Keys = {"acceleration_m_s2": ("acceleration", NUMBER), "displacement_m": ("displacement", NUMBER), **WITH_SCHEDULE}
+SHAKEN: Keys = {
+    "acceleration_m_s2": ("acceleration", NUMBER),
+    "displacement_m": ("displacement", NUMBER),
+    **WITH_SCHEDULE,
+}
 
 
 def _form_of(kind: str, path: str, plain: Mapping[str, Any], quantity: str) -> Sort:
@@ -72,18 +79,37 @@ def _form_of(kind: str, path: str, plain: Mapping[str, Any], quantity: str) -> S
     if kind == "base":
         return form(ShakenBase, SHAKEN)
     if kind == "random":
-        return form(partial(Random, quantity=quantity), {"spectrum": ("spectrum", ROWS), **LENGTH, "seed": ("seed", WHOLE)})
+        return form(
+            partial(Random, quantity=quantity),
+            {"spectrum": ("spectrum", ROWS), **LENGTH, "seed": ("seed", WHOLE)},
+        )
     if kind == "tones":
         keys: Keys = {"tones": ("tones", _tones(quantity, "frequency", "frequency_hz")), **LENGTH}
         if "orders" in plain or "schedule" in plain:
-            keys = {"orders": ("tones", _tones(quantity, "order", "order")), "schedule": ("schedule", SCHEDULE)}
+            keys = {
+                "orders": ("tones", _tones(quantity, "order", "order")),
+                "schedule": ("schedule", SCHEDULE),
+            }
             require_keys(path, plain, keys, ("orders", "schedule"))
         return form(partial(Tones, quantity=quantity), keys)
     if "velocity_m_s" in plain:
-        require(quantity == FORCE, f"{path}.quantity", quantity, "left out beside velocity_m_s, which is relative to the base")
-        return form(Strike, {"velocity_m_s": ("velocity", NUMBER), "place": ("place", TEXT), **LENGTH})
-    peak: Keys = {"pulse": ("pulse", TEXT), "peak_n" if quantity == FORCE else "peak_m_s2": ("peak", NUMBER)}
-    return form(partial(Shock, quantity=quantity), {**peak, "pulse_s": ("width", NUMBER), "rise_s": ("rise", NUMBER), **LENGTH})
+        require(
+            quantity == FORCE,
+            f"{path}.quantity",
+            quantity,
+            "left out beside velocity_m_s, which is relative to the base",
+        )
+        return form(
+            Strike, {"velocity_m_s": ("velocity", NUMBER), "place": ("place", TEXT), **LENGTH}
+        )
+    peak: Keys = {
+        "pulse": ("pulse", TEXT),
+        "peak_n" if quantity == FORCE else "peak_m_s2": ("peak", NUMBER),
+    }
+    return form(
+        partial(Shock, quantity=quantity),
+        {**peak, "pulse_s": ("width", NUMBER), "rise_s": ("rise", NUMBER), **LENGTH},
+    )
 
 
 SAMPLE_KEYS = ("file", "scale", "sample_rate_hz", "resample")
@@ -94,20 +120,33 @@ def _read_samples(path: str, plain: Mapping[str, Any], quantity: str, folder: Pa
     file = folder / TEXT.read(f"{path}.file", plain["file"])
     reader = RECORDS.get(file.suffix.lower())
     if reader is None:
-        raise ParameterError(f"{path}.file = {plain['file']!r} is not allowed: a name that ends in {', '.join(RECORDS)}")
+        raise ParameterError(
+            f"{path}.file = {plain['file']!r} is not allowed: a name that ends in {', '.join(RECORDS)}"
+        )
     resample = instance(f"{path}.resample", plain.get("resample", False), bool)
-    rate = None if "sample_rate_hz" not in plain else positive(f"{path}.sample_rate_hz", plain["sample_rate_hz"])
+    rate = (
+        None
+        if "sample_rate_hz" not in plain
+        else positive(f"{path}.sample_rate_hz", plain["sample_rate_hz"])
+    )
     allowed = f"given for {file.name}, in N or m/s^2 for full scale: a sound has no unit"
     require("scale" in plain or file.suffix.lower() != ".wav", f"{path}.scale", None, allowed)
     try:
         size = file.stat().st_size
-        require(size <= MOST_BYTES, f"{file.name}: bytes", size, f"at most {MOST_BYTES / 2**20:.0f} MiB: cut the record, or take every second sample")
+        require(
+            size <= MOST_BYTES,
+            f"{file.name}: bytes",
+            size,
+            f"at most {MOST_BYTES / 2**20:.0f} MiB: cut the record, or take every second sample",
+        )
         times, values = reader(file, rate)
         times, values = _evened(file, times, values, resample)
         _refuse_clipped(file, values)
         return Samples(times, finite("scale", plain.get("scale", 1.0)) * values, quantity)
     except OSError as error:
-        raise ParameterError(f"{path}.file = {plain['file']!r} is not allowed: a file that can be read ({error.strerror or error})") from error
+        raise ParameterError(
+            f"{path}.file = {plain['file']!r} is not allowed: a file that can be read ({error.strerror or error})"
+        ) from error
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}") from error
 
@@ -166,7 +205,12 @@ def _checked(file: Path, values: Any) -> Array:
     array = np.asarray(values, dtype=np.float64)
     bad = np.argwhere(~np.isfinite(array))
     where = f"{file.name}: row {int(bad[0][0]) + 1}" if len(bad) else file.name
-    require(len(bad) == 0, where, float(array[tuple(bad[0])]) if len(bad) else 0.0, "a finite number, no gap")
+    require(
+        len(bad) == 0,
+        where,
+        float(array[tuple(bad[0])]) if len(bad) else 0.0,
+        "a finite number, no gap",
+    )
     return array
 
 
@@ -181,16 +225,23 @@ def _read_csv(file: Path, rate: float | None) -> tuple[Array, Array]:
         except ValueError:
             pass
         else:
-            raise ParameterError(f"{file.name}: row 1 = {header!r} is not allowed: a header, as time_s,value")
+            raise ParameterError(
+                f"{file.name}: row 1 = {header!r} is not allowed: a header, as time_s,value"
+            )
         for number, cells in enumerate(lines, 2):
             if not cells:
                 continue
             try:
                 found = [float(cell) for cell in cells]
             except ValueError:
-                raise ParameterError(f"{file.name}: row {number} = {cells!r} is not allowed: numbers, no gap") from None
+                raise ParameterError(
+                    f"{file.name}: row {number} = {cells!r} is not allowed: numbers, no gap"
+                ) from None
             require(
-                len(found) == len(header) <= 2 and all(map(math.isfinite, found)), f"{file.name}: row {number}", cells, "time in s and a finite value"
+                len(found) == len(header) <= 2 and all(map(math.isfinite, found)),
+                f"{file.name}: row {number}",
+                cells,
+                "time in s and a finite value",
             )
             rows.append(found)
     table = np.array(rows).reshape(len(rows), len(header))
@@ -206,11 +257,21 @@ def _read_wav(file: Path, rate: float | None) -> tuple[Array, Array]:
     try:
         own, values = scipy.io.wavfile.read(file)
     except ValueError as error:
-        raise ParameterError(f"file = {file.name!r} is not allowed: a WAV file that can be read ({error})") from error
-    require(values.ndim == 1, f"{file.name}: channels", values.shape[-1] if values.ndim > 1 else 1, "one")
-    full, middle = (1.0, 0.0) if values.dtype.kind == "f" else (float(np.iinfo(values.dtype).max) + 1, 0.0)
+        raise ParameterError(
+            f"file = {file.name!r} is not allowed: a WAV file that can be read ({error})"
+        ) from error
+    require(
+        values.ndim == 1,
+        f"{file.name}: channels",
+        values.shape[-1] if values.ndim > 1 else 1,
+        "one",
+    )
+    full, middle = (
+        (1.0, 0.0) if values.dtype.kind == "f" else (float(np.iinfo(values.dtype).max) + 1, 0.0)
+    )
     if values.dtype == np.uint8:
-        full, middle = 128.0, 128.0
+        full = 128.0
+        middle = 128.0
     return np.arange(len(values)) / own, (_checked(file, values) - middle) / full
 
 
@@ -221,10 +282,17 @@ def _read_npy(file: Path, rate: float | None) -> tuple[Array, Array]:
     except ValueError as error:
         if isinstance(error, ParameterError):
             raise
-        raise ParameterError(f"file = {file.name!r} is not allowed: an array of numbers ({error})") from error
+        raise ParameterError(
+            f"file = {file.name!r} is not allowed: an array of numbers ({error})"
+        ) from error
     if values.ndim == 1:
         return _on_clock(file, rate, values)
-    require(values.ndim == 2 and values.shape[1] == 2, f"{file.name}: shape", values.shape, "(K,) values, or (K, 2) times and values")
+    require(
+        values.ndim == 2 and values.shape[1] == 2,
+        f"{file.name}: shape",
+        values.shape,
+        "(K,) values, or (K, 2) times and values",
+    )
     _no_rate(file, rate, "times")
     return values[:, 0], values[:, 1]
 
@@ -237,17 +305,37 @@ def _read_uff(file: Path, rate: float | None) -> tuple[Array, Array]:
 
 
 Reader = Callable[[Path, float | None], tuple[Array, Array]]
-RECORDS: dict[str, Reader] = {".csv": _read_csv, ".wav": _read_wav, ".npy": _read_npy, ".uff": _read_uff, ".unv": _read_uff}
+RECORDS: dict[str, Reader] = {
+    ".csv": _read_csv,
+    ".wav": _read_wav,
+    ".npy": _read_npy,
+    ".uff": _read_uff,
+    ".unv": _read_uff,
+}
 
 
 def _read_one(path: str, plain: Any, folder: Path) -> Load:
-    require(isinstance(plain, Mapping), path, plain, f"a table whose kind is one of {', '.join(KINDS)}")
+    require(
+        isinstance(plain, Mapping), path, plain, f"a table whose kind is one of {', '.join(KINDS)}"
+    )
     kind = one_of(f"{path}.kind", plain.get("kind"), KINDS)
     rest = {key: value for key, value in plain.items() if key not in ("kind", "quantity")}
     if "quantity" in plain:
-        require(kind not in ("force", "unbalance"), f"{path}.quantity", plain["quantity"], f"left out of a load of the kind {kind}")
-    quantity = one_of(f"{path}.quantity", plain.get("quantity", BASE if kind == "base" else FORCE), QUANTITIES)
-    require(kind != "base" or quantity == BASE, f"{path}.quantity", quantity, f"{BASE}, or left out, of a base")
+        require(
+            kind not in ("force", "unbalance"),
+            f"{path}.quantity",
+            plain["quantity"],
+            f"left out of a load of the kind {kind}",
+        )
+    quantity = one_of(
+        f"{path}.quantity", plain.get("quantity", BASE if kind == "base" else FORCE), QUANTITIES
+    )
+    require(
+        kind != "base" or quantity == BASE,
+        f"{path}.quantity",
+        quantity,
+        f"{BASE}, or left out, of a base",
+    )
     if kind == "base":  # harmonic, or tones, samples, a spectrum or a pulse of its acceleration
         kind = next((other for key, other in OF_BASE.items() if key in rest), kind)
     if kind == "samples":
@@ -256,7 +344,13 @@ def _read_one(path: str, plain: Any, folder: Path) -> Load:
 
 
 KINDS = ("force", "unbalance", "base", "tones", "samples", "random", "shock")
-OF_BASE = {"tones": "tones", "orders": "tones", "spectrum": "random", "pulse": "shock", "file": "samples"}  # by its keys, of which other kind it is
+OF_BASE = {
+    "tones": "tones",
+    "orders": "tones",
+    "spectrum": "random",
+    "pulse": "shock",
+    "file": "samples",
+}  # by its keys, of which other kind it is
 START_KEYS: Keys = {
     "modal_displacement": ("modal_displacement", ROW),
     "modal_velocity": ("modal_velocity", ROW),
@@ -275,7 +369,10 @@ def to_loads(plain: Mapping[str, Any], reference: float, folder: Path | None = N
     require_keys("load file", plain, dict.fromkeys(("load", "start")), ("load",))
     several = isinstance(plain["load"], list | tuple)
     every = plain["load"] if several else [plain["load"]]
-    parts = tuple(_read_one(f"load[{i}]" if several else "load", one, folder or Path()) for i, one in enumerate(every))
+    parts = tuple(
+        _read_one(f"load[{i}]" if several else "load", one, folder or Path())
+        for i, one in enumerate(every)
+    )
     start = plain.get("start", STARTS[0])
     if isinstance(start, Mapping):
         start = form(InitialState, START_KEYS).read("start", start)

@@ -22,7 +22,11 @@ from impact_env.structures.modal import DAMPING_RATIO, TEXT, model_beside, ratio
 from impact_env.structures.modal import MODEL as MODEL
 from impact_env.structures.universal import DIRECTIONS, at, read_modes
 
-PROFILES = {"rectangle": ("width", "height"), "tube": ("diameter", "wall"), "I": ("width", "height", "flange", "web")}
+PROFILES = {
+    "rectangle": ("width", "height"),
+    "tube": ("diameter", "wall"),
+    "I": ("width", "height", "flange", "web"),
+}
 
 
 @dataclass(frozen=True)
@@ -41,12 +45,24 @@ class Profile:
         require(self.kind in PROFILES, "kind", self.kind, f"one of {', '.join(PROFILES)}")
         for name in PROFILES:
             for key in PROFILES[name]:
-                value, own = getattr(self, key), key in PROFILES[self.kind]
-                require(value > 0 if own else value == 0, f"{key}_m", value, f"above 0, for {name}" if own else f"for {name} only")
+                value = getattr(self, key)
+                own = key in PROFILES[self.kind]
+                require(
+                    value > 0 if own else value == 0,
+                    f"{key}_m",
+                    value,
+                    f"above 0, for {name}" if own else f"for {name} only",
+                )
         if self.kind == "tube":
-            require(2 * self.wall <= self.diameter, "wall_m", self.wall, f"at most half the diameter, {self.diameter / 2:g} m")
+            require(
+                2 * self.wall <= self.diameter,
+                "wall_m",
+                self.wall,
+                f"at most half the diameter, {self.diameter / 2:g} m",
+            )
         if self.kind == "I":
-            ok, allowed = 2 * self.flange < self.height and self.web < self.width, "less than half the height, the width"
+            ok = 2 * self.flange < self.height and self.web < self.width
+            allowed = "less than half the height, the width"
             require(ok, "flange_m, web_m", (self.flange, self.web), allowed)
 
     @property
@@ -62,18 +78,35 @@ class Profile:
         """Second moment of area in m^4."""
         if self.kind == "tube":
             return math.pi / 64 * (self.diameter**4 - (self.diameter - 2 * self.wall) ** 4)
-        cut = (self.width - self.web) * (self.height - 2 * self.flange) ** 3 if self.kind == "I" else 0.0
+        cut = (
+            (self.width - self.web) * (self.height - 2 * self.flange) ** 3
+            if self.kind == "I"
+            else 0.0
+        )
         return (self.width * self.height**3 - cut) / 12
 
 
 MODES = 10  # kept of matrices, unless told otherwise
-UNITS = {"kg, m, s": 1.0, "t, mm, s": 1e3}  # of matrices -> kg of the unit of mass; lengths cancel in mass-normalised shapes
+UNITS = {
+    "kg, m, s": 1.0,
+    "t, mm, s": 1e3,
+}  # of matrices -> kg of the unit of mass; lengths cancel in mass-normalised shapes
 
 
 def _ratios(path: str, plain: Any) -> dict[int, float]:
-    require(isinstance(plain, Mapping), path, plain, 'a table from mode numbers, 2 or more, to frequency ratios, as {"2" = 6.3}')
+    require(
+        isinstance(plain, Mapping),
+        path,
+        plain,
+        'a table from mode numbers, 2 or more, to frequency ratios, as {"2" = 6.3}',
+    )
     for mode in plain:
-        require(isinstance(mode, str) and mode.isascii() and mode.isdigit() and mode[0] != "0", f"{path}'s mode", mode, "a mode number, 2 or more")
+        require(
+            isinstance(mode, str) and mode.isascii() and mode.isdigit() and mode[0] != "0",
+            f"{path}'s mode",
+            mode,
+            "a mode number, 2 or more",
+        )
     return {int(mode): NUMBER.read(f"{path}[{mode}]", ratio) for mode, ratio in plain.items()}
 
 
@@ -83,7 +116,9 @@ SECTION_KEYS: Keys = {
     "bending_stiffness_n_m2": ("bending_stiffness", NUMBER),
     "mass_per_length_kg_m": ("mass_per_length", NUMBER),
 }
-VECTOR = Sort(lambda path, plain: text(path, plain) if isinstance(plain, str) else ROW.read(path, plain), list)  # or the name of a file
+VECTOR = Sort(
+    lambda path, plain: text(path, plain) if isinstance(plain, str) else ROW.read(path, plain), list
+)  # or the name of a file
 SECTIONS = tables(Section, SECTION_KEYS)
 BEAM_KEYS = form(
     Beam,
@@ -104,7 +139,13 @@ BEAM_KEYS = form(
         "suspension_frequency_hz": ("suspension_frequency", NUMBER),
     },
 )
-PROFILE = form(Profile, {"kind": ("kind", TEXT), **{f"{key}_m": (key, NUMBER) for keys in PROFILES.values() for key in keys}})
+PROFILE = form(
+    Profile,
+    {
+        "kind": ("kind", TEXT),
+        **{f"{key}_m": (key, NUMBER) for keys in PROFILES.values() for key in keys},
+    },
+)
 OF_MATERIAL = ("young_modulus_pa", "density_kg_m3", "section")
 
 
@@ -114,12 +155,25 @@ def _read_beam(path: str, plain: Any) -> Beam:
         return BEAM_KEYS.read(path, plain)
     found = dict(plain)
     for key in OF_MATERIAL:
-        require(key in found, f"{path}.{key}", None, f"given: {', '.join(OF_MATERIAL)} belong together")
+        require(
+            key in found, f"{path}.{key}", None, f"given: {', '.join(OF_MATERIAL)} belong together"
+        )
     for key in ("bending_stiffness_n_m2", "mass_per_length_kg_m"):
-        require(key not in found, f"{path}.{key}", found.get(key), "left out beside a section, from which it follows")
-    young, density = (positive(f"{path}.{key}", NUMBER.read(f"{path}.{key}", found.pop(key))) for key in OF_MATERIAL[:2])
+        require(
+            key not in found,
+            f"{path}.{key}",
+            found.get(key),
+            "left out beside a section, from which it follows",
+        )
+    young, density = (
+        positive(f"{path}.{key}", NUMBER.read(f"{path}.{key}", found.pop(key)))
+        for key in OF_MATERIAL[:2]
+    )
     profile = PROFILE.read(f"{path}.section", found.pop("section"))
-    found |= {"bending_stiffness_n_m2": young * profile.second_moment, "mass_per_length_kg_m": density * profile.area}
+    found |= {
+        "bending_stiffness_n_m2": young * profile.second_moment,
+        "mass_per_length_kg_m": density * profile.area,
+    }
     return BEAM_KEYS.read(path, found)
 
 
@@ -136,7 +190,12 @@ class _Place:
     def __post_init__(self) -> None:
         count("node", self.node, 0)
         allowed = f"one of {', '.join(DIRECTIONS)}, with - before it for the other sense"
-        require(self.direction.lstrip("+-") in DIRECTIONS and len(self.direction) <= 2, "direction", self.direction, allowed)
+        require(
+            self.direction.lstrip("+-") in DIRECTIONS and len(self.direction) <= 2,
+            "direction",
+            self.direction,
+            allowed,
+        )
 
 
 PLACE = form(_Place, {"node": ("node", WHOLE), "direction": ("direction", TEXT)})
@@ -147,7 +206,9 @@ STRAINED = form(
     lambda node, direction, weight: (weight, _Place(node, direction)),
     {"node": ("node", WHOLE), "direction": ("direction", TEXT), "weight": ("weight", NUMBER)},
 )
-STRAINED_ROW = form(lambda row, weight: (weight, row), {"row": ("row", WHOLE), "weight": ("weight", NUMBER)})
+STRAINED_ROW = form(
+    lambda row, weight: (weight, row), {"row": ("row", WHOLE), "weight": ("weight", NUMBER)}
+)
 
 
 def _one_or_list(sort: Sort) -> Sort:
@@ -163,24 +224,48 @@ def _one_or_list(sort: Sort) -> Sort:
 
 
 Parts = list[tuple[float, Any]]
-TURNED = ("force_shape", "tip_shape", "absorber_shapes", "response_shape", "stress_shape", "base_participation")  # with the modes' signs
+TURNED = (
+    "force_shape",
+    "tip_shape",
+    "absorber_shapes",
+    "response_shape",
+    "stress_shape",
+    "base_participation",
+)  # with the modes' signs
 
 
 def _signed(model: ModalModel) -> ModalModel:
     """Return a model whose absorber moves up in every mode, as a beam's tip does."""
     sign = np.where(model.tip_shape < 0, -1.0, 1.0)
-    return replace(model, **{name: getattr(model, name) * sign for name in TURNED if getattr(model, name) is not None})
+    return replace(
+        model,
+        **{
+            name: getattr(model, name) * sign for name in TURNED if getattr(model, name) is not None
+        },
+    )
 
 
 def _placed(
-    omega: Any, damping: Any, force: Any, absorbers: list[Any], response: Any, mass: float, stress: Any, base: Any = None, at_absorber: float = 1.0
+    omega: Any,
+    damping: Any,
+    force: Any,
+    absorbers: list[Any],
+    response: Any,
+    mass: float,
+    stress: Any,
+    base: Any = None,
+    at_absorber: float = 1.0,
 ) -> ModalModel:
     """Return the model of shapes (N_m,) at the places; of several places for absorbers one has the first, and several have those they are put on.
 
     ``base`` (N_m,) and ``at_absorber`` as in `ModalModel`.
     """
     several = None if len(absorbers) == 1 else np.array(absorbers)
-    return _signed(ModalModel(omega, damping, force, absorbers[0], mass, several, response, stress, base, at_absorber))
+    return _signed(
+        ModalModel(
+            omega, damping, force, absorbers[0], mass, several, response, stress, base, at_absorber
+        )
+    )
 
 
 def _strain(parts: Parts | None, shape: Callable[[Any], Any]) -> Any:
@@ -215,9 +300,16 @@ def _of_universal(
     read = None if response is None else shape("response", response)
     strain = _strain(stress, lambda place: shape("stress", place))
     base = None if base_participation is None else np.array(base_participation)
-    require(base is None or len(base) == len(kept), "base_participation", base_participation, f"a number for each of the {len(kept)} modes")
+    require(
+        base is None or len(base) == len(kept),
+        "base_participation",
+        base_participation,
+        f"a number for each of the {len(kept)} modes",
+    )
     omega = [m.omega for m in kept]
-    return _placed(omega, ratios, shape("force", force), places, read, mass, strain, base, base_at_absorber)
+    return _placed(
+        omega, ratios, shape("force", force), places, read, mass, strain, base, base_at_absorber
+    )
 
 
 UNIVERSAL_KEYS: Keys = {
@@ -270,24 +362,39 @@ def _of_matrices(
     base_vector: Any = None,
     coordinates: str | None = None,  # noqa: ARG001 - of the rows, for who looks for one
 ) -> ModalModel:
-    require(units in UNITS, "units", units, f"one of {', '.join(repr(known) for known in UNITS)}, those of the matrices")
+    require(
+        units in UNITS,
+        "units",
+        units,
+        f"one of {', '.join(repr(known) for known in UNITS)}, those of the matrices",
+    )
     inertia = checked("mass", read_matrix(folder / mass, "mass", "M"))
     size = inertia.shape[0]
     elastic = checked("stiffness", read_matrix(folder / stiffness, "stiffness", "K"), size)
     force = count("force", force, 0, size - 1)
     absorber = [count("absorber", k, 0, size - 1) for k in absorber]
     response = None if response is None else count("response", response, 0, size - 1)
-    rows = {"force": force, "absorber": absorber[0]} | ({} if response is None else {"response": response})
+    rows = {"force": force, "absorber": absorber[0]} | (
+        {} if response is None else {"response": response}
+    )
     for line in warnings_of_matrix(inertia.diagonal() * UNITS[units], structure_mass, rows):
         warnings.warn(line, StructureWarning, stacklevel=2)
     kept = lowest_modes(inertia, elastic, min(count("modes", modes, 1), size), suspension_frequency)
     found = None
     if damping is not None:
-        require(damping_ratio is None, "damping_ratio", damping_ratio, "left out beside a damping matrix")
-        found = proportional_damping(checked("damping", read_matrix(folder / damping, "damping", "C"), size), kept)
+        require(
+            damping_ratio is None,
+            "damping_ratio",
+            damping_ratio,
+            "left out beside a damping matrix",
+        )
+        found = proportional_damping(
+            checked("damping", read_matrix(folder / damping, "damping", "C"), size), kept
+        )
     ratios = ratios_of(damping_ratio, found, len(kept.omega))
     shapes = kept.shapes / np.sqrt(UNITS[units])
-    places, read = [shapes[k] for k in absorber], None if response is None else shapes[response]
+    places = [shapes[k] for k in absorber]
+    read = None if response is None else shapes[response]
     strain = _strain(stress, lambda row: shapes[count("stress's row", row, 0, size - 1)])
     if base_vector is None:
         return _placed(kept.omega, ratios, shapes[force], places, read, structure_mass, strain)
@@ -296,7 +403,17 @@ def _of_matrices(
     allowed = "the same displacement at all places for absorbers"
     require(len(set(moved.tolist())) == 1, "base_vector", moved.tolist(), allowed)
     base = np.sqrt(UNITS[units]) * (kept.shapes.T @ (inertia @ rigid))
-    return _placed(kept.omega, ratios, shapes[force], places, read, structure_mass, strain, base, float(moved[0]))
+    return _placed(
+        kept.omega,
+        ratios,
+        shapes[force],
+        places,
+        read,
+        structure_mass,
+        strain,
+        base,
+        float(moved[0]),
+    )
 
 
 def _base_vector(folder: Path, given: Any, size: int) -> Any:
@@ -306,7 +423,9 @@ def _base_vector(folder: Path, given: Any, size: int) -> Any:
         try:
             given = np.loadtxt(folder / given, ndmin=1).tolist()
         except (OSError, ValueError) as error:
-            raise ParameterError(f"base_vector = {given!r} is not allowed: {allowed} ({error})") from error
+            raise ParameterError(
+                f"base_vector = {given!r} is not allowed: {allowed} ({error})"
+            ) from error
     found = row("base_vector", given, allowed)
     require(len(found) == size, "base_vector", f"{len(found)} numbers", allowed)
     return found

@@ -22,7 +22,10 @@ MM = 1e3
 
 def table(title: str, rows: Iterable[tuple[str, str]]) -> str:
     """Return a heading and two columns of text as HTML."""
-    cells = "".join(f'<tr><td style="text-align:left">{escape(name)}</td><td style="text-align:left">{escape(text)}</td></tr>' for name, text in rows)
+    cells = "".join(
+        f'<tr><td style="text-align:left">{escape(name)}</td><td style="text-align:left">{escape(text)}</td></tr>'
+        for name, text in rows
+    )
     return f"<b>{escape(title)}</b><table>{cells}</table>"
 
 
@@ -35,7 +38,9 @@ def ours(axes: Axes | None) -> Axes:
     return plt.subplots(figsize=(6.4, 3.6), layout="constrained")[1]
 
 
-def plot_curve(curve: PerformanceCurve, axes: Axes | None, label: str | None, options: dict[str, Any]) -> Axes:
+def plot_curve(
+    curve: PerformanceCurve, axes: Axes | None, label: str | None, options: dict[str, Any]
+) -> Axes:
     """Draw the median level in mm over the force in N, with the band; forces and levels of 0 have no place on these scales."""
     axes = ours(axes)
     (line,) = axes.loglog(curve.forces, MM * curve.median, label=label, **options)
@@ -53,27 +58,43 @@ def columns(response: Response) -> tuple[Any, Any, Any]:
 
     Raises ParameterError if it has recorded neither its series nor an envelope.
     """
-    history, envelope = response.history, response.envelope
+    history = response.history
+    envelope = response.envelope
     if envelope is not None:
         return (envelope.edges[1:] + envelope.edges[:-1]) / 2, envelope.low, envelope.high
-    require(history is not None, "response", response, "one that has its motion: simulate(..., record=Record(series=True)), or Record(envelope=600)")
+    require(
+        history is not None,
+        "response",
+        response,
+        "one that has its motion: simulate(..., record=Record(series=True)), or Record(envelope=600)",
+    )
     assert history is not None
     shape = response.scene.model.level_shape
     values = history.modal_displacement @ shape
     pieces = np.array_split(np.arange(len(values)), min(BINS, len(values)))
-    return tuple(np.array([reduce(of[piece]) for piece in pieces]) for reduce, of in ((np.mean, history.time), (np.min, values), (np.max, values)))  # type: ignore[return-value]
+    return tuple(
+        np.array([reduce(of[piece]) for piece in pieces])
+        for reduce, of in ((np.mean, history.time), (np.min, values), (np.max, values))
+    )  # type: ignore[return-value]
 
 
 def plot_response(response: Response, axes: Axes | None, options: dict[str, Any]) -> Axes:
     """Draw the displacement's envelope in mm over the frequency ratio or, at a constant frequency, over time, with the level where it is read."""
     time, low, high = columns(response)
-    axes, schedule, level = ours(axes), response.drive.schedule, response.level
+    axes = ours(axes)
+    schedule = response.drive.schedule
+    level = response.level
     swept = np.ptp(schedule.omegas) > 0
     x = schedule.omega_at(time) / schedule.reference if swept else time
     axes.fill_between(x, MM * low, MM * high, lw=0.3, **options)
     if level is not None:
         axes.plot(
-            level.frequency_ratio if swept else level.time, MM * level.value, "o", mfc="none", color="k", label=f"level {MM * level.value:.3g} mm"
+            level.frequency_ratio if swept else level.time,
+            MM * level.value,
+            "o",
+            mfc="none",
+            color="k",
+            label=f"level {MM * level.value:.3g} mm",
         )
         axes.legend(frameon=False)
     axes.set_xlabel("frequency over the resonance's" if swept else "time in s")

@@ -63,17 +63,29 @@ def _quietly(job: Job) -> None:
         job()
 
 
-FORCE, PERIODS = 1e-3, 1.0  # N, pseudo periods: nothing needs to happen, only to be compiled
+# N, pseudo periods: nothing needs to happen, only to be compiled
+FORCE = 1e-3
+PERIODS = 1.0
 CHILD = "import pickle, sys; sys.path[:] = {path!r}; from impact_env.first_use import quiet\nwith quiet(): pickle.load(sys.stdin.buffer)()"
 
 
-def short_run(scene: Scene, method: Method | None = None, record: Record | None = None, loads: Loads | None = None) -> None:
+def short_run(
+    scene: Scene,
+    method: Method | None = None,
+    record: Record | None = None,
+    loads: Loads | None = None,
+) -> None:
     """Make the shortest run that needs the kernels of a scene, a method and a record; under loads, which take others, all of theirs."""
     force = Drive(FORCE, constant_frequency(scene.model.resonance_omega(1), 1.0, PERIODS))
     simulate(scene, force if loads is None else loads, method, record=record)
 
 
-def is_ready(scene: Scene, method: Method | None = None, record: Record | None = None, loads: Loads | None = None) -> bool:
+def is_ready(
+    scene: Scene,
+    method: Method | None = None,
+    record: Record | None = None,
+    loads: Loads | None = None,
+) -> bool:
     """Return whether `simulate` with these compiles nothing (and load what is kept, in up to half a second); with ``loads``, run them.
 
     Raises ParameterError if the method (default: Exact) cannot do the scene.
@@ -89,7 +101,12 @@ class Preparation:
         self._began = time.monotonic()
         self._took: float | None = None
         code = CHILD.format(path=[str(folder) for folder in sys.path])
-        self._process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
         assert self._process.stdin is not None
         with self._process.stdin as pipe:
             pipe.write(pickle.dumps(job))
@@ -109,7 +126,10 @@ class Preparation:
     def wait(self, timeout: float | None = None) -> bool:
         """Wait for its end, ``timeout`` s at most (None: as long as it takes); return whether the kernels are there."""
         try:
-            return self._process.wait(None if timeout is None else non_negative("timeout", timeout)) == 0
+            return (
+                self._process.wait(None if timeout is None else non_negative("timeout", timeout))
+                == 0
+            )
         except subprocess.TimeoutExpired:
             return False
 
@@ -119,7 +139,12 @@ class Preparation:
         self._process.wait()
 
 
-def prepare(scene: Scene, method: Method | None = None, record: Record | None = None, loads: Loads | None = None) -> Preparation:
+def prepare(
+    scene: Scene,
+    method: Method | None = None,
+    record: Record | None = None,
+    loads: Loads | None = None,
+) -> Preparation:
     """Begin to compile what `simulate` needs for a scene, a method (default: Exact) and a record (default: the level), and return at once.
 
     ``loads``: what it is to be run under, if that is not one force.
@@ -137,4 +162,7 @@ def prepare(scene: Scene, method: Method | None = None, record: Record | None = 
 
 def _checked(scene: Scene, method: Method | None, record: Record | None) -> None:
     instance("record", record, Record | None)
-    kernel_key(instance("scene", scene, Scene), Exact() if method is None else instance("method", method, Method))
+    kernel_key(
+        instance("scene", scene, Scene),
+        Exact() if method is None else instance("method", method, Method),
+    )

@@ -11,7 +11,18 @@ from impact_env.eigenvalues import all_eigen
 from impact_env.kernels.exact.sets import Sets
 from impact_env.kernels.motion.slots import REST, TIP
 from impact_env.modes import ModalModel, with_masses
-from impact_env.regimes import basis_error, complete, in_order, own_modes, padded_size, parted, parted_modes, slot_rows, slot_tables, table_reach
+from impact_env.regimes import (
+    basis_error,
+    complete,
+    in_order,
+    own_modes,
+    padded_size,
+    parted,
+    parted_modes,
+    slot_rows,
+    slot_tables,
+    table_reach,
+)
 from impact_env.secular import Complex, Coupling, Index, Real, together
 
 
@@ -34,19 +45,35 @@ def _twice(values: Complex) -> Real:
 
 
 def _own(model: ModalModel, which: Index, masses: int) -> SetModes:
-    modes, n = own_modes(model, which), model.modes
+    modes = own_modes(model, which)
+    n = model.modes
     shapes = modes.out[:n].T / _twice(modes.values)[:, None]
     into = np.delete(modes.into, [n, 2 * n + 1], axis=1)
-    return SetModes(modes.values, shapes, into, into[:, n:], np.zeros((len(shapes), masses), complex))
+    return SetModes(
+        modes.values, shapes, into, into[:, n:], np.zeros((len(shapes), masses), complex)
+    )
 
 
 def _together(model: ModalModel, masses: Real, shapes: Real, weak: float) -> SetModes:
     """Return the modes of beam and masses; ``weak``: see `eigenvalues.all_eigen`."""
     which, own = parted_modes(shapes)
-    c = Coupling(model.omega[which], model.damping_ratio[which], (np.sqrt(masses)[:, None] * shapes)[:, which], sprung=False)
-    e, n = all_eigen(c, weak), model.modes
-    v, to, weights = np.zeros((len(e.s), n), complex), np.zeros((len(e.s), 2 * n), complex), np.zeros((len(e.s), n), complex)
-    v[:, which], weights[:, which], to[:, which], to[:, n + which] = e.v, e.by_force, e.by_displacement, e.by_velocity
+    c = Coupling(
+        model.omega[which],
+        model.damping_ratio[which],
+        (np.sqrt(masses)[:, None] * shapes)[:, which],
+        sprung=False,
+    )
+    e = all_eigen(c, weak)
+    n = model.modes
+    v = np.zeros((len(e.s), n), complex)
+    to = np.zeros((len(e.s), 2 * n), complex)
+    weights = np.zeros((len(e.s), n), complex)
+    v[:, which], weights[:, which], to[:, which], to[:, n + which] = (
+        e.v,
+        e.by_force,
+        e.by_displacement,
+        e.by_velocity,
+    )
     coupled = SetModes(e.s, v, to, weights, e.z / np.sqrt(masses))
     return together([coupled, _own(model, own, len(masses))])
 
@@ -62,36 +89,64 @@ def set_modes(model: ModalModel, masses: Real, shapes: Real) -> SetModes:
 
     def spanned(modes: SetModes) -> float:
         shapes = modes.shapes * _twice(modes.values)[:, None]
-        return basis_error(np.concatenate([shapes, shapes * modes.values[:, None]], axis=1).T, modes.into, scale)
+        return basis_error(
+            np.concatenate([shapes, shapes * modes.values[:, None]], axis=1).T, modes.into, scale
+        )
 
-    kilograms, allowed = f"{[float(m) for m in masses]} kg", "damping, masses and positions away from a double eigenvalue"
-    return complete(lambda weak: _together(model, masses, shapes, weak), spanned, "mass_ratio of several absorbers", kilograms, allowed)
+    kilograms = f"{[float(m) for m in masses]} kg"
+    allowed = "damping, masses and positions away from a double eigenvalue"
+    return complete(
+        lambda weak: _together(model, masses, shapes, weak),
+        spanned,
+        "mass_ratio of several absorbers",
+        kilograms,
+        allowed,
+    )
 
 
 def _maps(modes: SetModes, joined: list[int], shapes: Real, size: int) -> tuple[Real, Real]:
     """Return the maps of `segments.Regime`: a joined absorber has the beam's displacement at its place."""
-    n, absorbers = modes.shapes.shape[1], len(shapes)
+    n = modes.shapes.shape[1]
+    absorbers = len(shapes)
     half = n + absorbers
     displacement = np.zeros((len(modes.values), half), complex)
     displacement[:, :n] = modes.shapes
     displacement[:, n + np.array(joined, dtype=int)] = modes.places
-    out = np.concatenate([displacement, displacement * modes.values[:, None]], axis=1).T * _twice(modes.values).astype(complex)
+    out = np.concatenate([displacement, displacement * modes.values[:, None]], axis=1).T * _twice(
+        modes.values
+    ).astype(complex)
     into = np.zeros((len(modes.values), 2 * half), complex)
     into[:, :n], into[:, half : half + n] = modes.into[:, :n], modes.into[:, n:]
-    return parted(in_order(out, modes.values, size, 1)), parted(in_order(into, modes.values, size).T)
+    return parted(in_order(out, modes.values, size, 1)), parted(
+        in_order(into, modes.values, size).T
+    )
 
 
-def _rows(model: ModalModel, modes: SetModes, joined: list[int], masses: Real, shapes: Real, size: int) -> Real:
+def _rows(
+    model: ModalModel, modes: SetModes, joined: list[int], masses: Real, shapes: Real, size: int
+) -> Real:
     """Return the rows of weights (n + 1, 29, J) of a set."""
-    s, every = modes.values, []
+    s = modes.values
+    every = []
     there = modes.shapes @ np.vstack([shapes, model.tip_shape]).T
     there[:, joined] = modes.places
     there *= _twice(s)[:, None]
     for a, (mass, shape) in enumerate(zip(masses, shapes, strict=True)):
         guard = mass * s**2 * there[:, a] if a in joined else -there[:, a]
-        every.append(slot_rows(s, modes.weights @ model.force_shape, -modes.weights @ shape, guard, there[:, a], size))
+        every.append(
+            slot_rows(
+                s,
+                modes.weights @ model.force_shape,
+                -modes.weights @ shape,
+                guard,
+                there[:, a],
+                size,
+            )
+        )
     nothing = np.zeros_like(s)
-    every.append(slot_rows(s, modes.weights @ model.force_shape, nothing, nothing, there[:, -1], size))
+    every.append(
+        slot_rows(s, modes.weights @ model.force_shape, nothing, nothing, there[:, -1], size)
+    )
     return np.array(every)
 
 
@@ -100,15 +155,35 @@ def regime_sets(model: ModalModel, shapes: Real, masses: Real, wanted: float) ->
 
     Raises ParameterError where a set has no modal basis.
     """
-    shapes, n = np.array(shapes), len(masses)
+    shapes = np.array(shapes)
+    n = len(masses)
     sets = [[a for a in range(n) if s >> a & 1] for s in range(2**n)]
     every = [set_modes(model, masses[joined], shapes[joined]) for joined in sets]
     size = padded_size(max(len(modes.values) for modes in every))
     speed = max(float(np.max(np.abs(modes.values))) for modes in every)
     reach = table_reach(speed, wanted)
-    rows = np.array([_rows(model, modes, joined, masses, shapes, size) for modes, joined in zip(every, sets, strict=True)])
-    tables = [np.ascontiguousarray(part) for part in map(np.array, zip(*(slot_tables(m.values, size, reach, speed) for m in every), strict=True))]
-    maps = [np.array(part) for part in zip(*(_maps(modes, joined, shapes, size) for modes, joined in zip(every, sets, strict=True)), strict=True)]
+    rows = np.array(
+        [
+            _rows(model, modes, joined, masses, shapes, size)
+            for modes, joined in zip(every, sets, strict=True)
+        ]
+    )
+    tables = [
+        np.ascontiguousarray(part)
+        for part in map(
+            np.array, zip(*(slot_tables(m.values, size, reach, speed) for m in every), strict=True)
+        )
+    ]
+    maps = [
+        np.array(part)
+        for part in zip(
+            *(
+                _maps(modes, joined, shapes, size)
+                for modes, joined in zip(every, sets, strict=True)
+            ),
+            strict=True,
+        )
+    ]
     bent = np.array([_bent(row) for row in rows])
     mobility = np.array([_compliance(masses, shapes, joined) for joined in sets])
     return Sets._make([rows, *tables, *maps, bent, mobility]), reach

@@ -22,7 +22,9 @@ from impact_env.modes import MOST_HEAVINESS, ModalModel
 from impact_env.parameters import ParameterError
 from impact_env.secular import SPLIT, Complex, Coupling, Index, Real, raised
 
-COMPLETE, SOUND = 1e-8, 1e-11  # the modes of a regime span the state up to this, in terms of energy; below the second nothing better is tried
+# the modes of a regime span the state up to this, in terms of energy; below the second nothing better is tried
+COMPLETE = 1e-8
+SOUND = 1e-11
 WEAK = (1e-4, 1e-8, 0.0)  # what is tried in turn: see eigenvalues.all_eigen
 UNCOUPLED = 1e-30  # of the largest tip shape: a mode with a node at the absorber
 STIFF = 1e8  # a spring or damper against the beam's first mode at the tip: far beyond, the stretch is a difference of equal numbers
@@ -50,17 +52,37 @@ class Modes:
 
 def _own_values(model: ModalModel, which: Index) -> tuple[Index, Complex, Complex, Real]:
     """Return mode, eigenvalue, the other root, and weight of each slot of the free beam."""
-    omega, ratio = model.omega[which], model.damping_ratio[which]
-    rate, square = ratio * omega, omega**2 * (1 - ratio) * (1 + ratio)
+    omega = model.omega[which]
+    ratio = model.damping_ratio[which]
+    rate = ratio * omega
+    square = omega**2 * (1 - ratio) * (1 + ratio)
     close = np.abs(square) < (SPLIT * omega) ** 2
-    under, over = (square > 0) & ~close, (square < 0) & ~close
+    under = (square > 0) & ~close
+    over = (square < 0) & ~close
     root = np.sqrt(np.abs(square))
-    parts: list[tuple[NDArray[Any], ...]] = [(which[under], (-rate + 1j * root)[under], (-rate - 1j * root)[under], np.ones(int(np.sum(under))))]
+    parts: list[tuple[NDArray[Any], ...]] = [
+        (
+            which[under],
+            (-rate + 1j * root)[under],
+            (-rate - 1j * root)[under],
+            np.ones(int(np.sum(under))),
+        )
+    ]
     fast = -(rate + root)
     slow = omega**2 / fast  # the product of both is omega^2: no cancellation
-    parts += [(which[over], s[over] + 0j, other[over] + 0j, np.ones(int(np.sum(over)))) for s, other in ((slow, fast), (fast, slow))]
+    parts += [
+        (which[over], s[over] + 0j, other[over] + 0j, np.ones(int(np.sum(over))))
+        for s, other in ((slow, fast), (fast, slow))
+    ]
     for height, weight in raised(omega, square):
-        parts.append((which[close], (-rate + 1j * height)[close], (-rate - 1j * height)[close], weight[close]))
+        parts.append(
+            (
+                which[close],
+                (-rate + 1j * height)[close],
+                (-rate - 1j * height)[close],
+                weight[close],
+            )
+        )
     mode, values, others, weight = (np.concatenate(part) for part in zip(*parts, strict=True))
     return mode, values, others, weight
 
@@ -74,53 +96,92 @@ def own_modes(model: ModalModel, which: Index) -> Modes:
     """
     n = model.modes
     index, s, other, weight = _own_values(model, which)
-    kappa = np.where(s.imag == 0, 1.0, 2.0) / (s - other)  # real parts are taken: twice the one of a pair
+    kappa = np.where(s.imag == 0, 1.0, 2.0) / (
+        s - other
+    )  # real parts are taken: twice the one of a pair
     alpha = -other * kappa
-    size, row = len(s), np.arange(len(s))
-    out, into = np.zeros((2 * n + 2, size), complex), np.zeros((size, 2 * n + 2), complex)
+    size = len(s)
+    row = np.arange(len(s))
+    out = np.zeros((2 * n + 2, size), complex)
+    into = np.zeros((size, 2 * n + 2), complex)
     out[index, row], out[n + 1 + index, row] = weight, weight * s
     into[row, index], into[row, n + 1 + index] = alpha, kappa
     tip = (weight * model.tip_shape[index]).astype(np.complex128)
     push = into[:, n + 1 : 2 * n + 1]
-    return Modes(s, out, into, kappa * model.force_shape[index], -kappa * model.tip_shape[index], tip, -tip, push)
+    return Modes(
+        s,
+        out,
+        into,
+        kappa * model.force_shape[index],
+        -kappa * model.tip_shape[index],
+        tip,
+        -tip,
+        push,
+    )
 
 
-def coupled_modes(model: ModalModel, mass: float, stiffness: float | None, damper: float, weak: float) -> Modes:
+def coupled_modes(
+    model: ModalModel, mass: float, stiffness: float | None, damper: float, weak: float
+) -> Modes:
     """Return the modes of beam and absorber: joined for ``stiffness`` None, else with a spring (N/m) and a damper (N s/m) between them."""
-    n, root = model.modes, np.sqrt(mass)
+    n = model.modes
+    root = np.sqrt(mass)
     which, own = parted_modes(model.tip_shape[None])
-    omega, ratio, psi = model.omega[which], model.damping_ratio[which], root * model.tip_shape[None, which]
+    omega = model.omega[which]
+    ratio = model.damping_ratio[which]
+    psi = root * model.tip_shape[None, which]
     if stiffness is not None:
         spring = np.sqrt(stiffness / mass)
-        omega, ratio = np.append(omega, spring), np.append(ratio, damper / (2 * mass * spring))
+        omega = np.append(omega, spring)
+        ratio = np.append(ratio, damper / (2 * mass * spring))
     c = Coupling(omega, ratio, psi, stiffness is not None)
     e = all_eigen(c, weak)
     count = len(e.s)
     counted = np.where(e.s.imag == 0, 1, 2)
-    shape, into = np.zeros((count, n + 1), complex), np.zeros((count, 2 * n + 2), complex)
+    shape = np.zeros((count, n + 1), complex)
+    into = np.zeros((count, 2 * n + 2), complex)
     shape[:, which], shape[:, n] = e.v, e.z[:, 0] / root
-    place, scale = np.append(which, n)[: len(c.omega)], np.append(np.ones(len(which)), root)[: len(c.omega)]
+    place = np.append(which, n)[: len(c.omega)]
+    scale = np.append(np.ones(len(which)), root)[: len(c.omega)]
     into[:, place], into[:, n + 1 + place] = e.by_displacement * scale, e.by_velocity * scale
     summed = e.v * c.psi[0]
-    direct = (stiffness is not None) & (np.sum(np.abs(summed), axis=1) < np.abs(e.z[:, 0]) + np.abs(e.stretch))
-    tip = np.where(direct, np.sum(summed, axis=1), e.z[:, 0] - e.stretch)  # the same twice: whichever cancels less
+    direct = (stiffness is not None) & (
+        np.sum(np.abs(summed), axis=1) < np.abs(e.z[:, 0]) + np.abs(e.stretch)
+    )
+    tip = np.where(
+        direct, np.sum(summed, axis=1), e.z[:, 0] - e.stretch
+    )  # the same twice: whichever cancels less
     rates = np.concatenate([shape, shape * e.s[:, None]], axis=1)
     forces = e.by_force @ model.force_shape[which], e.by_pull / root
     push = np.zeros((count, n), complex)
     push[:, which] = e.by_force
-    found = Modes(e.s, (rates.T * counted), into, *forces, counted * tip / root, counted * e.stretch / root, push)
+    found = Modes(
+        e.s,
+        (rates.T * counted),
+        into,
+        *forces,
+        counted * tip / root,
+        counted * e.stretch / root,
+        push,
+    )
     alone = own_modes(model, own)
     return Modes(
         *(
             np.concatenate(parts, axis=axis)
-            for parts, axis in zip(zip(vars(found).values(), vars(alone).values(), strict=True), (0, 1, 0, 0, 0, 0, 0, 0), strict=True)
+            for parts, axis in zip(
+                zip(vars(found).values(), vars(alone).values(), strict=True),
+                (0, 1, 0, 0, 0, 0, 0, 0),
+                strict=True,
+            )
         )
     )
 
 
 def parted_modes(shapes: Real) -> tuple[Index, Index]:
     """Return the modes that move absorbers with ``shapes`` (p, N_m), and those with a node at all of them."""
-    coupled = np.any(np.abs(shapes) > UNCOUPLED * np.max(np.abs(shapes), axis=1, keepdims=True), axis=0)
+    coupled = np.any(
+        np.abs(shapes) > UNCOUPLED * np.max(np.abs(shapes), axis=1, keepdims=True), axis=0
+    )
     return np.flatnonzero(coupled), np.flatnonzero(~coupled)
 
 
@@ -151,20 +212,30 @@ def base_rows(modes: Modes, model: ModalModel, size: int, carried: Complex | Non
     return parted(in_order(response, modes.values, size))
 
 
-def _regime(modes: Modes, guard: Complex, size: int, reach: float, base: Real | None = None) -> Regime:
+def _regime(
+    modes: Modes, guard: Complex, size: int, reach: float, base: Real | None = None
+) -> Regime:
     """Sort, pad and tabulate a regime's modes; ``base`` (2, J) are its rows BASE, if it has any."""
     rows = slot_rows(modes.values, modes.drive, modes.relative, guard, modes.tip, size)
     rows = rows if base is None else np.concatenate([rows, base])
     slots = Slots(rows, *slot_tables(modes.values, size, reach))
-    out, into = in_order(modes.out, modes.values, size, 1), in_order(modes.into, modes.values, size).T
+    out = in_order(modes.out, modes.values, size, 1)
+    into = in_order(modes.into, modes.values, size).T
     rest = rows[REST] + 1j * rows[REST + 1]
-    return Regime(slots, parted(out), parted(into), float(np.real(in_order(modes.tip, modes.values, size) @ rest)))
+    return Regime(
+        slots,
+        parted(out),
+        parted(into),
+        float(np.real(in_order(modes.tip, modes.values, size) @ rest)),
+    )
 
 
 def in_order(values: Complex, eigenvalues: Complex, size: int, axis: int = 0) -> Complex:
     """Return values (one a slot along ``axis``) in the order of growing |s|, padded with zeros to ``size``."""
     values = np.take(values, np.argsort(np.abs(eigenvalues), kind="stable"), axis=axis)
-    return np.pad(values, [(0, size - len(eigenvalues)) if a == axis else (0, 0) for a in range(values.ndim)])
+    return np.pad(
+        values, [(0, size - len(eigenvalues)) if a == axis else (0, 0) for a in range(values.ndim)]
+    )
 
 
 def parted(values: Complex) -> Real:
@@ -180,21 +251,34 @@ def _decaying(eigenvalues: Complex, size: int) -> Complex:
     return s
 
 
-def slot_rows(eigenvalues: Complex, drive: Complex, relative: Complex, guard: Complex, tip: Complex, size: int) -> Real:
+def slot_rows(
+    eigenvalues: Complex, drive: Complex, relative: Complex, guard: Complex, tip: Complex, size: int
+) -> Real:
     """Return Slots.rows from what belongs to each eigenvalue, all (J,) and unsorted."""
-    used, s = len(eigenvalues), _decaying(eigenvalues, size)
+    used = len(eigenvalues)
+    s = _decaying(eigenvalues, size)
     real = np.arange(size) < used
-    taylor = s ** np.arange(TAYLOR_TERMS)[:, None] / np.array([float(math.factorial(p)) for p in range(TAYLOR_TERMS)])[:, None]
+    taylor = (
+        s ** np.arange(TAYLOR_TERMS)[:, None]
+        / np.array([float(math.factorial(p)) for p in range(TAYLOR_TERMS)])[:, None]
+    )
     taylor[1:, used:] = 0
-    drive, relative, guard, tip = (in_order(values, eigenvalues, size) for values in (drive, relative, guard, tip))
+    drive, relative, guard, tip = (
+        in_order(values, eigenvalues, size) for values in (drive, relative, guard, tip)
+    )
     pairs = [s, s**2, drive, relative, np.where(real, -relative / s, 0), guard, tip, *taylor[1:]]
     speed = np.where(real, np.abs(s), 0)
-    return np.array([part for pair in pairs for part in (pair.real, pair.imag)] + [speed, speed**2, speed**3])
+    return np.array(
+        [part for pair in pairs for part in (pair.real, pair.imag)] + [speed, speed**2, speed**3]
+    )
 
 
-def slot_tables(eigenvalues: Complex, size: int, reach: float, speed: float | None = None) -> tuple[Real, Real, Real, Real, Real, Real]:
+def slot_tables(
+    eigenvalues: Complex, size: int, reach: float, speed: float | None = None
+) -> tuple[Real, Real, Real, Real, Real, Real]:
     """Return table, scale, steps, waves, turns and errors of Slots; ``speed`` (1/s) lays them out as for that largest |s|, None for the own one."""
-    used, s = len(eigenvalues), _decaying(eigenvalues, size)
+    used = len(eigenvalues)
+    s = _decaying(eigenvalues, size)
     base, finest, table = propagators(s, used, reach, speed)
     scale = np.array([np.log2(base), finest, 1 / finest, np.max(np.abs(s[:used]))])
     return parted(table), scale, *ladder(s, used, reach, speed)
@@ -206,12 +290,19 @@ def basis_error(out: Complex, into: Complex, scale: Real) -> float:
     return float(np.max(np.abs(error))) if np.all(np.isfinite(error)) else float("inf")
 
 
-def complete(modes_for: Callable[[float], M], error_of: Callable[[M], float], name: str, value: object, allowed: str) -> M:
+def complete(
+    modes_for: Callable[[float], M],
+    error_of: Callable[[M], float],
+    name: str,
+    value: object,
+    allowed: str,
+) -> M:
     """Return the modes from the kind of start values (`WEAK`) whose basis is most nearly complete; raises ParameterError if none is complete.
 
     The error says that a parameter of this ``name`` and ``value`` is not what is ``allowed``.
     """
-    best, least = None, np.inf
+    best = None
+    least = np.inf
     for weak in WEAK:
         try:
             modes = modes_for(weak)
@@ -219,11 +310,14 @@ def complete(modes_for: Callable[[float], M], error_of: Callable[[M], float], na
             continue
         error = error_of(modes)
         if error < least:
-            best, least = modes, error
+            best = modes
+            least = error
         if error < SOUND:
             break
     if best is None or least > COMPLETE:
-        raise ParameterError(f"{name} = {value} is not allowed: {allowed} (modal basis off by {least:.1e})")
+        raise ParameterError(
+            f"{name} = {value} is not allowed: {allowed} (modal basis off by {least:.1e})"
+        )
     return best
 
 
@@ -238,10 +332,12 @@ def _needed_of_mass(model: ModalModel, mass: float) -> str:
 
 def _needed_of_spring(model: ModalModel, stiffness: float, damper: float) -> str:
     """Return what is allowed where no basis was found: a spring (N/m) and damper (N s/m) soft enough for an accurate stretch, else `DISTINCT`."""
-    first, mobility = float(model.omega[0]), float(np.sum(model.tip_shape**2))
+    first = float(model.omega[0])
+    mobility = float(np.sum(model.tip_shape**2))
     if max(stiffness / first**2, damper / first) * mobility <= STIFF:
         return DISTINCT
-    most, damped = STIFF * first**2 / mobility, STIFF * first / mobility
+    most = STIFF * first**2 / mobility
+    damped = STIFF * first / mobility
     limits = f"{most:.1e} N/m and {damped:.1e} N s/m on this beam: a stretch that hardly changes has no digits"
     return f"a contact stiffness, friction stiffness or absorber of at most about {limits}"
 
@@ -251,7 +347,11 @@ def _energy_scale(model: ModalModel, mass: float, stiffness: float | None) -> Re
 
     An absorber is scaled with its own frequency on its spring, or that of the beam which is nearest to it: that is how fast it moves.
     """
-    own = 0.0 if stiffness is None else float(np.clip(np.sqrt(stiffness / mass), np.min(model.omega), np.max(model.omega)))
+    own = (
+        0.0
+        if stiffness is None
+        else float(np.clip(np.sqrt(stiffness / mass), np.min(model.omega), np.max(model.omega)))
+    )
     root = 0.0 if stiffness is None else float(np.sqrt(mass))
     return np.concatenate([model.omega, [own * root], np.ones(model.modes), [root]])
 
@@ -261,15 +361,24 @@ def checked_modes(model: ModalModel, mass: float, stiffness: float | None, dampe
     """Return the modes of beam and absorber that span the state; raises ParameterError where none do."""
     scale = _energy_scale(model, mass, stiffness)
     states = np.flatnonzero(scale)
-    name, value, allowed = "mass_ratio", f"{mass / model.beam_mass:g}", _needed_of_mass(model, mass)
+    name = "mass_ratio"
+    value = f"{mass / model.beam_mass:g}"
+    allowed = _needed_of_mass(model, mass)
     if stiffness is not None:
-        value, allowed = f"{value}, {stiffness:g} N/m, {damper:g} N s/m", _needed_of_spring(model, stiffness, damper)
+        value = f"{value}, {stiffness:g} N/m, {damper:g} N s/m"
+        allowed = _needed_of_spring(model, stiffness, damper)
         name = "mass_ratio, stiffness, damping"
 
     def spanned(modes: Modes) -> float:
         return basis_error(modes.out[states], modes.into[:, states], scale[states])
 
-    return complete(lambda weak: coupled_modes(model, mass, stiffness, damper, weak), spanned, name, value, allowed)
+    return complete(
+        lambda weak: coupled_modes(model, mass, stiffness, damper, weak),
+        spanned,
+        name,
+        value,
+        allowed,
+    )
 
 
 def free_regime(model: ModalModel, size: int, reach: float, *, moves: bool = False) -> Regime:
@@ -278,10 +387,20 @@ def free_regime(model: ModalModel, size: int, reach: float, *, moves: bool = Fal
     ``moves``: whether the base does, here and below.
     """
     modes = own_modes(model, np.arange(model.modes))
-    return _regime(modes, modes.stretch, size, reach, base_rows(modes, model, size, None) if moves else None)
+    return _regime(
+        modes, modes.stretch, size, reach, base_rows(modes, model, size, None) if moves else None
+    )
 
 
-def joined_regime(model: ModalModel, mass: float, size: int, reach: float, *, moves: bool = False, heavy: bool = False) -> Regime:
+def joined_regime(
+    model: ModalModel,
+    mass: float,
+    size: int,
+    reach: float,
+    *,
+    moves: bool = False,
+    heavy: bool = False,
+) -> Regime:
     """Return the regime of an absorber (kg) that moves with the tip. Guard signal: the force on the absorber, mass times tip acceleration.
 
     ``heavy``: the constant force is the absorber's weight, here and below.
@@ -289,22 +408,47 @@ def joined_regime(model: ModalModel, mass: float, size: int, reach: float, *, mo
     modes = checked_modes(model, mass, None, 0.0)
     carried = carried_response(modes, model, mass, spring=False)
     base = base_rows(modes, model, size, carried) if moves else None
-    return _regime(with_weight(modes, carried) if heavy else modes, mass * modes.values**2 * modes.tip, size, reach, base)
+    return _regime(
+        with_weight(modes, carried) if heavy else modes,
+        mass * modes.values**2 * modes.tip,
+        size,
+        reach,
+        base,
+    )
 
 
 def sprung_regime(
-    model: ModalModel, mass: float, stiffness: float, damper: float, size: int, reach: float, *, moves: bool = False, heavy: bool = False
+    model: ModalModel,
+    mass: float,
+    stiffness: float,
+    damper: float,
+    size: int,
+    reach: float,
+    *,
+    moves: bool = False,
+    heavy: bool = False,
 ) -> Regime:
     """Return the regime of an absorber (kg) on a spring (N/m) and a damper (N s/m). Guard signal: relative displacement absorber - tip."""
     modes = checked_modes(model, mass, stiffness, damper)
     carried = carried_response(modes, model, mass, spring=True)
     base = base_rows(modes, model, size, carried) if moves else None
-    return _regime(with_weight(modes, carried) if heavy else modes, modes.stretch, size, reach, base)
+    return _regime(
+        with_weight(modes, carried) if heavy else modes, modes.stretch, size, reach, base
+    )
 
 
-def fastest(model: ModalModel, mass: float | None = None, stiffness: float | None = None, damper: float = 0.0) -> tuple[float, int]:
+def fastest(
+    model: ModalModel,
+    mass: float | None = None,
+    stiffness: float | None = None,
+    damper: float = 0.0,
+) -> tuple[float, int]:
     """Return the largest |s| in 1/s and the number of slots of a regime: free for ``mass`` None, else joined or sprung."""
-    modes = own_modes(model, np.arange(model.modes)) if mass is None else checked_modes(model, mass, stiffness, damper)
+    modes = (
+        own_modes(model, np.arange(model.modes))
+        if mass is None
+        else checked_modes(model, mass, stiffness, damper)
+    )
     return float(np.max(np.abs(modes.values))), len(modes.values)
 
 
@@ -318,7 +462,9 @@ def table_reach(fastest: float, wanted: float) -> float:
     return min(wanted, TAYLOR_REACH * MAX_BASE**3 / fastest)
 
 
-def propagators(values: Complex, used: int, reach: float, speed: float | None = None) -> tuple[int, float, Complex]:
+def propagators(
+    values: Complex, used: int, reach: float, speed: float | None = None
+) -> tuple[int, float, Complex]:
     """Return base, finest step (s) and exp(s h) (3, base, J) of the three-digit tables; slots from ``used`` on are empty.
 
     ``speed`` (1/s): the |s| that the steps are made for, None: the largest one.
@@ -334,14 +480,18 @@ def propagators(values: Complex, used: int, reach: float, speed: float | None = 
     return base, finest, table
 
 
-def ladder(values: Complex, used: int, reach: float, speed: float | None = None) -> tuple[Real, Real, Real, Real]:
+def ladder(
+    values: Complex, used: int, reach: float, speed: float | None = None
+) -> tuple[Real, Real, Real, Real]:
     """Return steps (L, 2), waves (L, J, 2, POINTS), turns (L, POINTS, 2, J) and errors (L, J) of the event search, the finest level first.
 
     ``errors``: a slot's largest share of y - H, relative to its amplitude (see kernels/events/search.py). ``speed`` as in `propagators`.
     """
     speeds = np.abs(values)
     fastest = np.max(speeds[:used]) if speed is None else speed
-    count = 1 + max(0, int(np.ceil(np.log(fastest * reach / COARSEST / FINEST_PHASE) / np.log(LEVEL_RATIO))))
+    count = 1 + max(
+        0, int(np.ceil(np.log(fastest * reach / COARSEST / FINEST_PHASE) / np.log(LEVEL_RATIO)))
+    )
     h = reach / COARSEST / LEVEL_RATIO ** np.arange(count - 1, -1, -1.0)
     share = (speeds * h[:, None]) ** 4 / 384
     share[:, used:] = 0
@@ -349,4 +499,9 @@ def ladder(values: Complex, used: int, reach: float, speed: float | None = None)
     wave = np.exp(values[:, None] * (h[:, None, None] * np.arange(1, POINTS + 1)))
     waves = np.stack([wave.real, wave.imag], axis=2)
     turns = np.stack([part.transpose(0, 2, 1) for part in (wave.real, wave.imag)], axis=2)
-    return np.column_stack([h, summed]), np.ascontiguousarray(waves), np.ascontiguousarray(turns), np.minimum(share, 1) + SCAN_NOISE
+    return (
+        np.column_stack([h, summed]),
+        np.ascontiguousarray(waves),
+        np.ascontiguousarray(turns),
+        np.minimum(share, 1) + SCAN_NOISE,
+    )

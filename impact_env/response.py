@@ -34,7 +34,12 @@ class Window:
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", finite("start of the window", self.start))
         object.__setattr__(self, "end", finite("end of the window", self.end))
-        require(self.start < self.end, "end of the window", self.end, f"above its start, {self.start:g} s")
+        require(
+            self.start < self.end,
+            "end of the window",
+            self.end,
+            f"above its start, {self.start:g} s",
+        )
 
 
 @dataclass(frozen=True)
@@ -59,7 +64,12 @@ class Record:
         count("samples_per_period", self.samples_per_period, 4, MOST_SAMPLES)
         if self.envelope is not None:
             object.__setattr__(self, "envelope", count("envelope", self.envelope, 1, MOST_BINS))
-        keep_checked(self, level=flag, events=flag, series=lambda name, given: given if isinstance(given, Window) else flag(name, given))
+        keep_checked(
+            self,
+            level=flag,
+            events=flag,
+            series=lambda name, given: given if isinstance(given, Window) else flag(name, given),
+        )
         keep_checked(self, energy=flag, check=flag, reversals=flag)
 
 
@@ -180,18 +190,32 @@ class Response:
 
     def __repr__(self) -> str:
         level = self.level
-        words = [f"{amplitude_in_words(self.drive, phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s"]
+        words = [
+            f"{amplitude_in_words(self.drive, phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s"
+        ]
         if level is not None:
-            words.append(f"level {1e3 * level.value:.4g} mm at {level.frequency_ratio:.4f} of the resonance")
+            words.append(
+                f"level {1e3 * level.value:.4g} mm at {level.frequency_ratio:.4f} of the resonance"
+            )
         words.append(f"{self.impact_count} impact{'s' * (self.impact_count != 1)}")
         return f"Response({self.scene}\n         {', '.join(words)})"
 
     def _repr_html_(self) -> str:
         """Return the HTML table of a notebook."""
         run = f"{amplitude_in_words(self.drive, phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s, {self.method}"
-        rows = [("scene", str(self.scene)), ("run", run), ("impacts", str(self.impact_count)), ("time stuck or held", f"{self.stuck_time:.4g} s")]
+        rows = [
+            ("scene", str(self.scene)),
+            ("run", run),
+            ("impacts", str(self.impact_count)),
+            ("time stuck or held", f"{self.stuck_time:.4g} s"),
+        ]
         if self.level is not None:
-            rows.append(("response level", f"{1e3 * self.level.value:.4g} mm at {self.level.frequency_ratio:.4f} of the resonance"))
+            rows.append(
+                (
+                    "response level",
+                    f"{1e3 * self.level.value:.4g} mm at {self.level.frequency_ratio:.4f} of the resonance",
+                )
+            )
             rows.append(("largest displacement", f"{1e3 * self.level.max_tip:.4g} mm"))
         if self.energy is not None:
             rows.append(("error of the energies' balance", f"{self.energy.relative_error:.1e}"))

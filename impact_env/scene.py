@@ -9,7 +9,18 @@ from numpy.typing import NDArray
 
 from impact_env.laws import SceneKind, kind, modes_in_words, words
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import Absorber, Beam, RigidWalls, SeveralAbsorbers, SlidingAbsorber, StuckAbsorber, YieldingWalls, instance, require, row
+from impact_env.parameters import (
+    Absorber,
+    Beam,
+    RigidWalls,
+    SeveralAbsorbers,
+    SlidingAbsorber,
+    StuckAbsorber,
+    YieldingWalls,
+    instance,
+    require,
+    row,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,19 +33,36 @@ class Scene:
     def __post_init__(self) -> None:
         instance("model", self.model, ModalModel)
         instance("absorber", self.absorber, Absorber | None)
-        shapes, several = self.model.absorber_shapes, self.absorber if isinstance(self.absorber, SeveralAbsorbers) else None
-        if several is not None and self.model.response_shape is not None:  # several absorbers have shapes of their own, and the level is the tip's
-            object.__setattr__(self, "model", replace(self.model, tip_shape=self.model.level_shape, response_shape=None))
+        shapes = self.model.absorber_shapes
+        several = self.absorber if isinstance(self.absorber, SeveralAbsorbers) else None
+        if (
+            several is not None and self.model.response_shape is not None
+        ):  # several absorbers have shapes of their own, and the level is the tip's
+            object.__setattr__(
+                self,
+                "model",
+                replace(self.model, tip_shape=self.model.level_shape, response_shape=None),
+            )
         found = 0 if shapes is None else len(shapes)
         wanted = 0 if several is None else len(several.absorbers)
         allowed = f"{wanted} rows, one for each of the several absorbers"
-        require(found == wanted or several is None, "absorber_shapes of the modal model", found, allowed)
+        require(
+            found == wanted or several is None, "absorber_shapes of the modal model", found, allowed
+        )
         sliding = self.absorber if isinstance(self.absorber, SlidingAbsorber) else None
         # a cavity without clearance holds the mass: the same mechanics as a stuck absorber
         if sliding is not None and isinstance(sliding.walls, RigidWalls) and sliding.walls.gap == 0:
             object.__setattr__(self, "absorber", StuckAbsorber(sliding.mass_ratio, sliding.gravity))
-        elif sliding is not None and isinstance(sliding.walls, RigidWalls) and np.isinf(sliding.walls.gap):
-            without = None if sliding.friction is None else SlidingAbsorber(sliding.mass_ratio, None, sliding.friction, sliding.gravity)
+        elif (
+            sliding is not None
+            and isinstance(sliding.walls, RigidWalls)
+            and np.isinf(sliding.walls.gap)
+        ):
+            without = (
+                None
+                if sliding.friction is None
+                else SlidingAbsorber(sliding.mass_ratio, None, sliding.friction, sliding.gravity)
+            )
             object.__setattr__(self, "absorber", without)
 
     def __repr__(self) -> str:
@@ -63,7 +91,11 @@ class Scene:
         """Mass of each absorber in kg, (n,); 0 without absorber."""
         if self.absorber is None:
             return np.zeros(1)
-        every = self.absorber.absorbers if isinstance(self.absorber, SeveralAbsorbers) else (self.absorber,)
+        every = (
+            self.absorber.absorbers
+            if isinstance(self.absorber, SeveralAbsorbers)
+            else (self.absorber,)
+        )
         return np.array([absorber.mass_ratio * self.model.beam_mass for absorber in every])
 
     @property
@@ -74,8 +106,17 @@ class Scene:
 
     def cavity(self, which: int) -> RigidWalls | YieldingWalls | None:
         """Return the rigid walls of an absorber (counted from 0), or None."""
-        one = self.absorber.absorbers[which] if isinstance(self.absorber, SeveralAbsorbers) else self.absorber
-        return one.walls if isinstance(one, SlidingAbsorber) and isinstance(one.walls, RigidWalls | YieldingWalls) else None
+        one = (
+            self.absorber.absorbers[which]
+            if isinstance(self.absorber, SeveralAbsorbers)
+            else self.absorber
+        )
+        return (
+            one.walls
+            if isinstance(one, SlidingAbsorber)
+            and isinstance(one.walls, RigidWalls | YieldingWalls)
+            else None
+        )
 
 
 def beam_scene(beam: Structure | None = None, absorber: Absorber | None = None) -> Scene:
@@ -109,18 +150,32 @@ class InitialState:
     absorber_velocity: float | Sequence[float] | NDArray[np.float64] = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("modal_displacement", "modal_velocity", "absorber_displacement", "absorber_velocity"):
+        for name in (
+            "modal_displacement",
+            "modal_velocity",
+            "absorber_displacement",
+            "absorber_velocity",
+        ):
             given = getattr(self, name)
             if given is not None or name == "absorber_velocity":
-                values = row(name, given, "finite numbers: one for each mode, or of an absorber one, or one for each")
-                object.__setattr__(self, name, values if np.ndim(given) > 0 or name.startswith("modal") else float(values[0]))
+                values = row(
+                    name,
+                    given,
+                    "finite numbers: one for each mode, or of an absorber one, or one for each",
+                )
+                object.__setattr__(
+                    self,
+                    name,
+                    values if np.ndim(given) > 0 or name.startswith("modal") else float(values[0]),
+                )
 
     def vector(self, scene: Scene) -> NDArray[np.float64]:
         """Return (2 N_m + 2 n,): modal displacements, displacements of the n absorbers, modal velocities, velocities of the absorbers.
 
         Without an absorber n is 1 as well. Raises ParameterError on a wrong length, or a start outside the cavity.
         """
-        n, places = scene.model.modes, scene.places
+        n = scene.model.modes
+        places = scene.places
         half = n + places
         state = np.zeros(2 * half)
         for name, at in (("modal_displacement", 0), ("modal_velocity", half)):
@@ -131,13 +186,23 @@ class InitialState:
         beam = np.array([shape @ state[:n] for shape in scene.absorber_shapes])
         for name, at in (("absorber_displacement", n), ("absorber_velocity", half + n)):
             values = beam if getattr(self, name) is None else getattr(self, name)
-            require(np.ndim(values) == 0 or len(values) == places, name, values, "a finite number, or one for each absorber")
+            require(
+                np.ndim(values) == 0 or len(values) == places,
+                name,
+                values,
+                "a finite number, or one for each absorber",
+            )
             state[at : at + places] = values
         for a in range(places):
             walls = scene.cavity(a)
             if walls is not None:
                 allowed = f"a start inside the cavity, within {walls.gap} m of the tip's displacement {beam[a]} m"
-                require(abs(state[n + a] - beam[a]) <= walls.gap * (1 + 1e-12), "absorber_displacement", self.absorber_displacement, allowed)
+                require(
+                    abs(state[n + a] - beam[a]) <= walls.gap * (1 + 1e-12),
+                    "absorber_displacement",
+                    self.absorber_displacement,
+                    allowed,
+                )
         if isinstance(scene.absorber, StuckAbsorber):
             state[2 * n + 1] = scene.model.tip_shape @ state[n + 1 : 2 * n + 1]
         return state

@@ -31,8 +31,13 @@ from numpy.typing import NDArray
 
 SPLIT = 5e-3  # imaginary part over size below which a pair of eigenvalues is replaced by several
 RAISED = (1, 2, 3)  # with imaginary parts of so many times SPLIT
-LOWEST, LOW, APART = 1e-9, 1e-4, 1e-5  # imaginary part over size: as good as none, small, and what Newton's method keeps apart from none
-ITERATIONS, ROUNDING = 30, 1e-15  # of Newton's method, and the share of |s| in a step after which another one changes nothing
+# imaginary part over size: as good as none, small, and what Newton's method keeps apart from none
+LOWEST = 1e-9
+LOW = 1e-4
+APART = 1e-5
+# of Newton's method, and the share of |s| in a step after which another one changes nothing
+ITERATIONS = 30
+ROUNDING = 1e-15
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
@@ -52,7 +57,12 @@ def raised(size: Real, square: Real) -> list[tuple[Real, Real]]:
 
 def together(parts: list[Parts]) -> Parts:
     """Return the arrays of several parts, objects of one dataclass, one after the other."""
-    return type(parts[0])(*(np.concatenate(values) for values in zip(*(vars(part).values() for part in parts), strict=True)))
+    return type(parts[0])(
+        *(
+            np.concatenate(values)
+            for values in zip(*(vars(part).values() for part in parts), strict=True)
+        )
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +79,8 @@ class Coupling:
 
     def __post_init__(self) -> None:
         """Separate equal frequencies by their last digit: a motion that leaves the masses at rest would be a root at two poles at once."""
-        omega, order = np.array(self.omega), np.argsort(self.omega, kind="stable")
+        omega = np.array(self.omega)
+        order = np.argsort(self.omega, kind="stable")
         for a, b in pairwise(order):
             omega[b] = max(omega[b], np.nextafter(omega[a], np.inf))
         object.__setattr__(self, "omega", omega)
@@ -94,7 +105,9 @@ class Coupling:
         swift = self.ratio >= 1
         half = self.rate / 2
         fast = -(half + root)
-        slow = np.divide(self.omega**2, fast, out=np.zeros_like(fast), where=swift)  # the product of both is omega^2: nothing cancels
+        slow = np.divide(
+            self.omega**2, fast, out=np.zeros_like(fast), where=swift
+        )  # the product of both is omega^2: nothing cancels
         upper = np.where(swift, slow, -half + 1j * root)
         return upper, np.where(swift, fast, np.conj(upper))
 
@@ -116,7 +129,8 @@ class Leads:
 
 def at_points(c: Coupling, lead: Index, point: Complex) -> Leads:
     """Return leads with offsets from any ``point``."""
-    p, j = point[:, None], lead
+    p = point[:, None]
+    j = lead
     away = point + c.rate[j] / 2
     turn = p + c.rate
     d = p * turn[:, : c.modes] + c.omega[: c.modes] ** 2
@@ -125,10 +139,13 @@ def at_points(c: Coupling, lead: Index, point: Complex) -> Leads:
 
 def at_poles(c: Coupling, lead: Index, pole: Complex, other: Complex) -> Leads:
     """Return leads with offsets from one of their own poles; ``other`` is the second one."""
-    n, rows = c.modes, np.arange(len(lead))
+    n = c.modes
+    rows = np.arange(len(lead))
     at = at_points(c, lead, pole)
     j = np.minimum(lead, n - 1) if n else lead
-    difference = pole[:, None] * (c.rate[:n] - c.rate[j][:, None]) + (c.omega[:n] - c.omega[j][:, None]) * (c.omega[:n] + c.omega[j][:, None])
+    difference = pole[:, None] * (c.rate[:n] - c.rate[j][:, None]) + (
+        c.omega[:n] - c.omega[j][:, None]
+    ) * (c.omega[:n] + c.omega[j][:, None])
     d = np.where((lead < n)[:, None], difference, at.d)
     turn = at.turn.copy()
     turn[rows, lead] = -other
@@ -153,8 +170,11 @@ class Elimination:
 
 def eliminated(c: Coupling, leads: Leads, offset: Complex) -> Elimination:
     """Return f and what belongs to it where offsets (J,) from the leads' points are given."""
-    count, n, p = len(offset), c.modes, len(c.psi)
-    s, at = leads.point + offset, offset[:, None]
+    count = len(offset)
+    n = c.modes
+    p = len(c.psi)
+    s = leads.point + offset
+    at = offset[:, None]
     rate = leads.turn[:, :n] + leads.point[:, None]  # 2 p + rate
     rows = np.arange(count)
     mode = leads.lead < n
@@ -163,26 +183,44 @@ def eliminated(c: Coupling, leads: Leads, offset: Complex) -> Elimination:
     change = 2 * at + rate
     own = leads.constant + offset * (offset + leads.slope)
     own_slope = 2 * offset + leads.slope
-    v, y, stretch = np.zeros((count, n), complex), np.zeros((count, p), complex), np.zeros(count, complex)
-    rest, rest_slope = np.zeros(count, complex), np.zeros(count, complex)
-    kappa, damper = (c.omega[-1] ** 2 + c.rate[-1] * s, float(c.rate[-1])) if c.sprung else (np.full(count, np.inf, complex), 0.0)
+    v = np.zeros((count, n), complex)
+    y = np.zeros((count, p), complex)
+    stretch = np.zeros(count, complex)
+    rest = np.zeros(count, complex)
+    rest_slope = np.zeros(count, complex)
+    kappa, damper = (
+        (c.omega[-1] ** 2 + c.rate[-1] * s, float(c.rate[-1]))
+        if c.sprung
+        else (np.full(count, np.inf, complex), 0.0)
+    )
     if np.any(mode):
-        k, e, x = leads.lead[mode], 1 / kappa[mode], s[mode]
+        k = leads.lead[mode]
+        e = 1 / kappa[mode]
+        x = s[mode]
         w = c.psi / d[mode][:, None, :] @ c.psi.T + (1 / x**2 + e)[:, None, None] * np.eye(p)
         force = -np.linalg.solve(w, c.psi.T[k][:, :, None])[:, :, 0]
         moved = force @ c.psi / d[mode]
         y[mode], stretch[mode] = force, force[:, 0] * e
         rest[mode] = -np.einsum("ja,ja->j", c.psi.T[k], force)
-        rest_slope[mode] = (2 / x**3 + damper * e**2) * np.sum(force**2, axis=1) + np.sum(change[mode] * moved**2, axis=1)
+        rest_slope[mode] = (2 / x**3 + damper * e**2) * np.sum(force**2, axis=1) + np.sum(
+            change[mode] * moved**2, axis=1
+        )
         moved[np.arange(len(k)), k] = 1
         v[mode] = moved
     if not np.all(mode):
-        mass, g = ~mode, kappa[~mode]
+        mass = ~mode
+        g = kappa[~mode]
         mobility = np.sum(c.psi[0] ** 2 / d[mass], axis=1)
         part = 1 / (1 + g * mobility)
-        v[mass], y[mass, 0], stretch[mass] = c.psi[0] * (g * part)[:, None] / d[mass], g * part, part
+        v[mass], y[mass, 0], stretch[mass] = (
+            c.psi[0] * (g * part)[:, None] / d[mass],
+            g * part,
+            part,
+        )
         rest[mass] = -g * part * g * mobility
-        rest_slope[mass] = -damper * g * mobility * part * (part + 1) + np.sum(change[mass] * v[mass] ** 2, axis=1)
+        rest_slope[mass] = -damper * g * mobility * part * (part + 1) + np.sum(
+            change[mass] * v[mass] ** 2, axis=1
+        )
     return Elimination(own + rest, own_slope + rest_slope, v, y, stretch)
 
 
@@ -233,7 +271,8 @@ class Eigen:
 
 def eigenvectors(c: Coupling, leads: Leads, offset: Complex) -> Eigen:
     """Return eigenvalues and vectors for solved offsets."""
-    now, s = eliminated(c, leads, offset), leads.point + offset
+    now = eliminated(c, leads, offset)
+    s = leads.point + offset
     return _vectors(c, leads, offset, now, _masses(c, leads, s, now), now.slope)
 
 
@@ -243,19 +282,44 @@ def _masses(c: Coupling, leads: Leads, s: Complex, now: Elimination) -> Complex:
     return z
 
 
-def _vectors(c: Coupling, leads: Leads, offset: Complex, now: Elimination, z: Complex, norm: Complex) -> Eigen:
-    s, n, divisor = leads.point + offset, c.modes, norm[:, None]
-    turn, v, stretch = leads.turn + offset[:, None], now.v, now.stretch
+def _vectors(
+    c: Coupling, leads: Leads, offset: Complex, now: Elimination, z: Complex, norm: Complex
+) -> Eigen:
+    s = leads.point + offset
+    n = c.modes
+    divisor = norm[:, None]
+    turn = leads.turn + offset[:, None]
+    v = now.v
+    stretch = now.stretch
     if not c.sprung:  # a mass moves with its place
-        displacement, velocity = v * turn - now.y @ c.psi / s[:, None], v - now.y @ c.psi / s[:, None] ** 2
-        return Eigen(s, v, z, np.zeros_like(s), displacement / divisor, velocity / divisor, v / divisor, np.zeros_like(s))
-    rate, square, damped = float(c.rate[-1]), float(c.omega[-1] ** 2), c.rate[-1] * stretch[:, None]
+        displacement = v * turn - now.y @ c.psi / s[:, None]
+        velocity = v - now.y @ c.psi / s[:, None] ** 2
+        return Eigen(
+            s,
+            v,
+            z,
+            np.zeros_like(s),
+            displacement / divisor,
+            velocity / divisor,
+            v / divisor,
+            np.zeros_like(s),
+        )
+    rate = float(c.rate[-1])
+    square = float(c.omega[-1] ** 2)
+    damped = c.rate[-1] * stretch[:, None]
     # v (s + rate) less the damper's share: where both are large, and that is for all but the lead, what cancels is left out
     rest = v * (square * turn[:, :n] - rate * c.omega[:n] ** 2) / (square + rate * s)[:, None]
     modes = np.where(leads.lead[:, None] == np.arange(n), v * turn[:, :n] - damped * c.psi[0], rest)
-    mass = np.where(leads.lead[:, None] == n, turn[:, n:] + rate * (stretch[:, None] - 1), s[:, None] * z + damped)
-    displacement, velocity = np.concatenate([modes, mass], axis=1), np.concatenate([v, z], axis=1)
-    return Eigen(s, v, z, stretch, displacement / divisor, velocity / divisor, v / divisor, stretch / norm)
+    mass = np.where(
+        leads.lead[:, None] == n,
+        turn[:, n:] + rate * (stretch[:, None] - 1),
+        s[:, None] * z + damped,
+    )
+    displacement = np.concatenate([modes, mass], axis=1)
+    velocity = np.concatenate([v, z], axis=1)
+    return Eigen(
+        s, v, z, stretch, displacement / divisor, velocity / divisor, v / divisor, stretch / norm
+    )
 
 
 def _at_height(c: Coupling, leads: Leads, offset: Complex) -> list[tuple[Real, Real]]:
@@ -265,7 +329,8 @@ def _at_height(c: Coupling, leads: Leads, offset: Complex) -> list[tuple[Real, R
     v_y^T (2 s M + C) v + v*^T M v, from v^T (2 s M + C) v and the orthogonality of v and its conjugate.
     """
     height = offset.imag
-    now, s = eliminated(c, leads, offset), leads.point + offset
+    now = eliminated(c, leads, offset)
+    s = leads.point + offset
     z = _masses(c, leads, s, now)
     rate = leads.turn[:, : c.modes] + leads.point[:, None] + 2 * offset[:, None]
     whole = np.sum(now.v.imag / height[:, None] * rate * now.v + np.abs(now.v) ** 2, axis=1)
@@ -278,14 +343,21 @@ def _at_height(c: Coupling, leads: Leads, offset: Complex) -> list[tuple[Real, R
 
 def _summed(shares: tuple[Real, ...], parts: list[tuple[Real, Real]]) -> tuple[Real, Real]:
     """Return x and y summed with shares (J,) of the first axis."""
-    x, y = (sum(np.where(share != 0, share * part[k].T, 0).T for share, part in zip(shares, parts, strict=True)) for k in (0, 1))
+    x, y = (
+        sum(
+            np.where(share != 0, share * part[k].T, 0).T
+            for share, part in zip(shares, parts, strict=True)
+        )
+        for k in (0, 1)
+    )
     return np.asarray(x), np.asarray(y)
 
 
 def _square(c: Coupling, leads: Leads) -> Real:
     """Return the squared imaginary part (J,) of pairs by their leads' real points: where the perturbation that brings them there vanishes."""
     size = np.abs(leads.point)
-    lowest, low = LOWEST * size, LOW * size
+    lowest = LOWEST * size
+    low = LOW * size
     none, some = (risen(c, leads, height)[1] for height in (lowest, low))
     rise = low**2 / (some - none)
     square = -none * rise
@@ -297,12 +369,20 @@ def _square(c: Coupling, leads: Leads) -> Real:
 
 def close_pairs(c: Coupling, lead: Index, place: Complex) -> Eigen:
     """Return the slots of pairs of close eigenvalues; ``place`` (J,) is near the upper one or, where they are real, near the middle."""
-    leads, size = at_points(c, lead, place.real.astype(np.complex128)), np.abs(place)
+    leads = at_points(c, lead, place.real.astype(np.complex128))
+    size = np.abs(place)
     apart = place.imag > APART * size  # far enough from each other to be found as they are
-    upper = solved(c, leads, np.where(apart, 1j * place.imag, 1j * APART * size).astype(np.complex128), 0.1)
+    upper = solved(
+        c, leads, np.where(apart, 1j * place.imag, 1j * APART * size).astype(np.complex128), 0.1
+    )
     square = np.where(apart, upper.imag**2, _square(c, leads))
-    above, height = square > 0, np.sqrt(np.maximum(np.abs(square), (LOWEST * size) ** 2))
-    shares = np.where(above, 0.0, 3.0), np.where(above, 1.0, -3.0), np.where(above, 0.0, 1.0)  # at it, or extrapolated from three heights
+    above = square > 0
+    height = np.sqrt(np.maximum(np.abs(square), (LOWEST * size) ** 2))
+    shares = (
+        np.where(above, 0.0, 3.0),
+        np.where(above, 1.0, -3.0),
+        np.where(above, 0.0, 1.0),
+    )  # at it, or extrapolated from three heights
     offsets = [risen(c, leads, h)[0] for h in (LOWEST * size, height, np.sqrt(2) * height)]
     offsets[1] = np.where(apart, upper, offsets[1])
     nodes = [_at_height(c, leads, offset) for offset in offsets]
@@ -311,5 +391,7 @@ def close_pairs(c: Coupling, lead: Index, place: Complex) -> Eigen:
     for h, weight in raised(size, square):
         parts = [(x.T + 1j * h * y.T) for x, y in basis]
         factors = [1, weight, weight, weight] + 4 * [1 / (2j * h)]
-        slots.append(Eigen(*((part * factor).T for part, factor in zip(parts, factors, strict=True))))
+        slots.append(
+            Eigen(*((part * factor).T for part, factor in zip(parts, factors, strict=True)))
+        )
     return together(slots)

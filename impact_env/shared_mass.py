@@ -3,13 +3,28 @@
 import math
 from collections.abc import Iterable
 
-from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls, SeveralAbsorbers, count, impact_absorber, listed, positive, require
+from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
+    RigidWalls,
+    SeveralAbsorbers,
+    count,
+    impact_absorber,
+    listed,
+    positive,
+    require,
+)
 
 
-def shared_masses(number: int, mass_ratio: float = DEFAULT_MASS_RATIO, shares: Iterable[float] | None = None) -> tuple[float, ...]:
+def shared_masses(
+    number: int, mass_ratio: float = DEFAULT_MASS_RATIO, shares: Iterable[float] | None = None
+) -> tuple[float, ...]:
     """Return the mass ratio of each of several absorbers that share one: ``mass_ratio`` is that of all together, ``shares`` are equal by default."""
     count("number", number, 1)
-    shares = (1 / number,) * number if shares is None else tuple(positive("shares", x) for x in listed("shares", shares))
+    shares = (
+        (1 / number,) * number
+        if shares is None
+        else tuple(positive("shares", x) for x in listed("shares", shares))
+    )
     require(len(shares) == number, "shares", shares, f"one for each of the {number} absorbers")
     require(abs(math.fsum(shares) - 1) < 1e-9, "shares", shares, "numbers above 0 whose sum is 1")
     return tuple(positive("mass_ratio", mass_ratio) * share for share in shares)
@@ -28,11 +43,24 @@ def impact_absorbers(
     ``gaps`` in m and ``positions`` (shares of the beam's length): one each. ``restitution`` and ``friction_limit`` (N; 0 or None: none): one for
     all, or one each.
     """
-    gaps, positions = listed("gaps", gaps), listed("positions", positions)
+    gaps = listed("gaps", gaps)
+    positions = listed("positions", positions)
     n = len(gaps)
-    restitutions = listed("restitution", restitution) if isinstance(restitution, Iterable) else (restitution,) * n
-    limits = listed("friction_limit", friction_limit) if isinstance(friction_limit, Iterable) else (friction_limit,) * n
-    for name, values in (("positions", positions), ("restitution", restitutions), ("friction_limit", limits)):
+    restitutions = (
+        listed("restitution", restitution)
+        if isinstance(restitution, Iterable)
+        else (restitution,) * n
+    )
+    limits = (
+        listed("friction_limit", friction_limit)
+        if isinstance(friction_limit, Iterable)
+        else (friction_limit,) * n
+    )
+    for name, values in (
+        ("positions", positions),
+        ("restitution", restitutions),
+        ("friction_limit", limits),
+    ):
         require(len(values) == n, name, values, f"one for each of the {n} gaps")
     every = zip(gaps, restitutions, limits, shared_masses(n, mass_ratio, shares), strict=True)
     return SeveralAbsorbers(tuple(impact_absorber(*one) for one in every), positions)

@@ -11,10 +11,20 @@ from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.modes import ModalModel
-from impact_env.parameters import finite, instance, keep_checked, listed, non_negative, one_of, positive, require
+from impact_env.parameters import (
+    finite,
+    instance,
+    keep_checked,
+    listed,
+    non_negative,
+    one_of,
+    positive,
+    require,
+)
 
 Array = NDArray[np.float64]
-FORCE, BASE = "force", "base_acceleration"
+FORCE = "force"
+BASE = "base_acceleration"
 QUANTITIES = (FORCE, BASE)  # N at the structure's force place, m/s^2 of its base
 PLACES = ("force", "absorber")
 PULSES = ("half-sine", "triangle", "trapezoid")
@@ -71,7 +81,11 @@ class Load(ABC):
 
     def member(self, other: Member) -> Self:
         """Return the load of a member of an ensemble."""
-        changed = {name: other.factor * getattr(self, name) for name in self.sizes if getattr(self, name) is not None}
+        changed = {
+            name: other.factor * getattr(self, name)
+            for name in self.sizes
+            if getattr(self, name) is not None
+        }
         if self.phase is not None:
             changed["phase"] = self.phase + other.phase
         return replace(self, **changed)  # type: ignore[type-var]
@@ -109,14 +123,27 @@ class Shock(Load):
     def __post_init__(self) -> None:
         one_of("pulse", self.pulse, PULSES), one_of("quantity", self.quantity, QUANTITIES)
         keep_checked(self, peak=finite, width=positive, length=positive)
-        require(self.width <= self.length, "length", self.length, f"{self.width:g} s or more, as long as the pulse")
-        require((self.rise is not None) == (self.pulse == "trapezoid"), "rise", self.rise, "given for a trapezoid, else left out")
+        require(
+            self.width <= self.length,
+            "length",
+            self.length,
+            f"{self.width:g} s or more, as long as the pulse",
+        )
+        require(
+            (self.rise is not None) == (self.pulse == "trapezoid"),
+            "rise",
+            self.rise,
+            "given for a trapezoid, else left out",
+        )
         if self.rise is not None:
             object.__setattr__(self, "rise", non_negative("rise", self.rise, self.width / 2))
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces."""
-        base, end, peak, width = self.quantity == BASE, self.length, self.peak, self.width
+        base = self.quantity == BASE
+        end = self.length
+        peak = self.peak
+        width = self.width
         if self.pulse == "half-sine":
             times = np.array([0.0, width] + [end] * (end > width))
             rows = np.zeros((len(times) - 1, 9))
@@ -166,11 +193,18 @@ def schedule_in(load: Load) -> FrequencySchedule | None:
     return getattr(load, "schedule", None)
 
 
-def _schedule_pieces(schedule: FrequencySchedule, order: float, phase: float, coefficients: Array, moves_base: bool) -> Pieces:
+def _schedule_pieces(
+    schedule: FrequencySchedule, order: float, phase: float, coefficients: Array, moves_base: bool
+) -> Pieces:
     """Return a load that turns ``order`` times as fast as a schedule; ``coefficients`` (K - 1, 6) as in `Pieces`."""
-    omegas, steps = order * schedule.omegas, np.diff(schedule.times)
+    omegas = order * schedule.omegas
+    steps = np.diff(schedule.times)
     phases = phase + order * schedule.phase_at(schedule.times)
-    return Pieces(schedule.times, np.column_stack([omegas[:-1], np.diff(omegas) / steps, phases[:-1], coefficients]), moves_base)
+    return Pieces(
+        schedule.times,
+        np.column_stack([omegas[:-1], np.diff(omegas) / steps, phases[:-1], coefficients]),
+        moves_base,
+    )
 
 
 def _constant(schedule: FrequencySchedule, amplitude: float) -> Array:
@@ -181,9 +215,14 @@ def _constant(schedule: FrequencySchedule, amplitude: float) -> Array:
 
 def _squared(schedule: FrequencySchedule, factor: float) -> Array:
     """Return the coefficients of ``factor`` omega(t)^2."""
-    coefficients, omega = np.zeros((len(schedule.times) - 1, 6)), schedule.omegas[:-1]
+    coefficients = np.zeros((len(schedule.times) - 1, 6))
+    omega = schedule.omegas[:-1]
     rate = np.diff(schedule.omegas) / np.diff(schedule.times)
-    coefficients[:, 0], coefficients[:, 2], coefficients[:, 4] = factor * omega**2, 2 * factor * omega * rate, factor * rate**2
+    coefficients[:, 0], coefficients[:, 2], coefficients[:, 4] = (
+        factor * omega**2,
+        2 * factor * omega * rate,
+        factor * rate**2,
+    )
     return coefficients
 
 
@@ -203,11 +242,25 @@ class Force(Load):
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces."""
-        return [_schedule_pieces(self.schedule, 1.0, self.drive.phase, _constant(self.schedule, self.drive.amplitude), False)]
+        return [
+            _schedule_pieces(
+                self.schedule,
+                1.0,
+                self.drive.phase,
+                _constant(self.schedule, self.drive.amplitude),
+                False,
+            )
+        ]
 
     def member(self, other: Member) -> Force:
         """Return the load of a member of an ensemble."""
-        return Force(replace(self.drive, amplitude=other.factor * self.drive.amplitude, phase=self.drive.phase + other.phase))
+        return Force(
+            replace(
+                self.drive,
+                amplitude=other.factor * self.drive.amplitude,
+                phase=self.drive.phase + other.phase,
+            )
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +281,11 @@ class Unbalance(Load):
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces."""
-        return [_schedule_pieces(self.schedule, 1.0, self.phase, _squared(self.schedule, self.unbalance), False)]
+        return [
+            _schedule_pieces(
+                self.schedule, 1.0, self.phase, _squared(self.schedule, self.unbalance), False
+            )
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,17 +300,34 @@ class ShakenBase(Load):
 
     def __post_init__(self) -> None:
         instance("schedule", self.schedule, FrequencySchedule)
-        given = [name for name in ("acceleration", "displacement") if getattr(self, name) is not None]
-        require(len(given) == 1, "acceleration", self.acceleration, "given, or a displacement in its place: one of the two")
+        given = [
+            name for name in ("acceleration", "displacement") if getattr(self, name) is not None
+        ]
+        require(
+            len(given) == 1,
+            "acceleration",
+            self.acceleration,
+            "given, or a displacement in its place: one of the two",
+        )
         keep_checked(self, **dict.fromkeys((*given, "phase"), finite))
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces; of a displacement U cos(phase) the acceleration is -U (omega^2 cos(phase) + rate sin(phase))."""
         if self.acceleration is not None:
-            return [_schedule_pieces(self.schedule, 1.0, self.phase, _constant(self.schedule, self.acceleration), True)]
+            return [
+                _schedule_pieces(
+                    self.schedule,
+                    1.0,
+                    self.phase,
+                    _constant(self.schedule, self.acceleration),
+                    True,
+                )
+            ]
         assert self.displacement is not None
         coefficients = _squared(self.schedule, -self.displacement)
-        coefficients[:, 1] = self.displacement * np.diff(self.schedule.omegas) / np.diff(self.schedule.times)
+        coefficients[:, 1] = (
+            self.displacement * np.diff(self.schedule.omegas) / np.diff(self.schedule.times)
+        )
         return [_schedule_pieces(self.schedule, 1.0, self.phase, coefficients, True)]
 
     def base_velocity(self) -> float:
@@ -262,7 +336,9 @@ class ShakenBase(Load):
         if self.displacement is not None:
             return float(-self.displacement * omega * np.sin(self.phase))
         assert self.acceleration is not None
-        require(omega > 0, "omegas", omega, "above 0 at the start, for a base whose mean is at rest")
+        require(
+            omega > 0, "omegas", omega, "above 0 at the start, for a base whose mean is at rest"
+        )
         return float(self.acceleration / omega * np.sin(self.phase))
 
 
@@ -277,7 +353,12 @@ class Tone:
 
     def __post_init__(self) -> None:
         keep_checked(self, amplitude=finite, phase=finite)
-        require((self.frequency is None) != (self.order is None), "frequency", self.frequency, "given, or an order in its place: one of the two")
+        require(
+            (self.frequency is None) != (self.order is None),
+            "frequency",
+            self.frequency,
+            "given, or an order in its place: one of the two",
+        )
         given = "order" if self.frequency is None else "frequency"
         keep_checked(self, **{given: positive})
 
@@ -292,14 +373,28 @@ class Tones(Load):
     quantity: str = FORCE
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "tones", tuple(instance("tones", tone, Tone) for tone in listed("tones", self.tones)))
+        object.__setattr__(
+            self,
+            "tones",
+            tuple(instance("tones", tone, Tone) for tone in listed("tones", self.tones)),
+        )
         require(len(self.tones) > 0, "tones", self.tones, "one or more")
         one_of("quantity", self.quantity, QUANTITIES)
         instance("schedule", self.schedule, FrequencySchedule | None)
         for tone in self.tones:
-            require((tone.order is None) == (self.schedule is None), "tones", tone, "an order for each with a schedule, else a frequency for each")
+            require(
+                (tone.order is None) == (self.schedule is None),
+                "tones",
+                tone,
+                "an order for each with a schedule, else a frequency for each",
+            )
         if self.schedule is None:
-            require(self.length is not None, "length", self.length, "given, in s, for tones of fixed frequencies")
+            require(
+                self.length is not None,
+                "length",
+                self.length,
+                "given, in s, for tones of fixed frequencies",
+            )
             keep_checked(self, length=positive)
         else:
             require(self.length is None, "length", self.length, "left out beside a schedule")
@@ -307,7 +402,12 @@ class Tones(Load):
     def pieces(self) -> list[Pieces]:
         """Return the pieces of each tone."""
         return [
-            _schedule_pieces(*self._turning(tone), tone.phase, _constant(self._turning(tone)[0], tone.amplitude), self.quantity == BASE)
+            _schedule_pieces(
+                *self._turning(tone),
+                tone.phase,
+                _constant(self._turning(tone)[0], tone.amplitude),
+                self.quantity == BASE,
+            )
             for tone in self.tones
         ]
 
@@ -317,14 +417,19 @@ class Tones(Load):
             return self.schedule, tone.order
         assert tone.frequency is not None
         omega = 2 * np.pi * tone.frequency
-        return FrequencySchedule(np.array([0.0, self.duration]), np.full(2, omega), 2 * np.pi / self.duration), 1.0
+        return FrequencySchedule(
+            np.array([0.0, self.duration]), np.full(2, omega), 2 * np.pi / self.duration
+        ), 1.0
 
     def member(self, other: Member) -> Tones:
         """Return the load of a member of an ensemble: every tone has a phase of its own."""
-        drawn = np.random.default_rng([other.number, len(self.tones)]).uniform(0, 2 * np.pi, len(self.tones))
+        drawn = np.random.default_rng([other.number, len(self.tones)]).uniform(
+            0, 2 * np.pi, len(self.tones)
+        )
         phases = drawn if other.number > 0 else np.zeros(len(self.tones))
         tones = (
-            replace(tone, amplitude=other.factor * tone.amplitude, phase=tone.phase + float(p)) for tone, p in zip(self.tones, phases, strict=True)
+            replace(tone, amplitude=other.factor * tone.amplitude, phase=tone.phase + float(p))
+            for tone, p in zip(self.tones, phases, strict=True)
         )
         return replace(self, tones=tuple(tones))
 
@@ -332,6 +437,18 @@ class Tones(Load):
         """Return the base's velocity in m/s at time 0 with which its mean velocity is zero."""
         if self.quantity == FORCE:
             return 0.0
-        speeds = [float(schedule.omegas[0]) * order for schedule, order in map(self._turning, self.tones)]
-        require(min(speeds) > 0, "schedule", min(speeds), "frequencies above 0 at the start, for a base whose mean is at rest")
-        return float(sum(tone.amplitude / speed * np.sin(tone.phase) for tone, speed in zip(self.tones, speeds, strict=True)))
+        speeds = [
+            float(schedule.omegas[0]) * order for schedule, order in map(self._turning, self.tones)
+        ]
+        require(
+            min(speeds) > 0,
+            "schedule",
+            min(speeds),
+            "frequencies above 0 at the start, for a base whose mean is at rest",
+        )
+        return float(
+            sum(
+                tone.amplitude / speed * np.sin(tone.phase)
+                for tone, speed in zip(self.tones, speeds, strict=True)
+            )
+        )

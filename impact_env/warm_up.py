@@ -43,7 +43,10 @@ MORE = {
 def main_job(records: dict[str, Record] = RECORDS) -> Jobs:
     """Return the main job's variants, each a tiny run on a small beam."""
     return [
-        (f"{name}: {what}", partial(short_run, beam_scene(Beam(modes=2), absorber()), record=record))
+        (
+            f"{name}: {what}",
+            partial(short_run, beam_scene(Beam(modes=2), absorber()), record=record),
+        )
         for what, record in records.items()
         for name, absorber in ABSORBERS.items()
     ]
@@ -68,11 +71,19 @@ def follow_orbits(absorber: Absorber) -> None:
 
 def everything() -> Jobs:
     """Return all of these, those that record more, and periodic orbits."""
-    orbits = [(f"{name}: orbits", partial(follow_orbits, absorber)) for name, make in ABSORBERS.items() if (absorber := make()) is not None]
+    orbits = [
+        (f"{name}: orbits", partial(follow_orbits, absorber))
+        for name, make in ABSORBERS.items()
+        if (absorber := make()) is not None
+    ]
     return main_job(MORE) + orbits + environments() + main_job()
 
 
-JOBS: dict[str, Callable[[], Jobs]] = {"": main_job, "environments": environments, "all": everything}  # by the command line's word
+JOBS: dict[str, Callable[[], Jobs]] = {
+    "": main_job,
+    "environments": environments,
+    "all": everything,
+}  # by the command line's word
 
 
 def timed(job: Callable[[], None]) -> float:
@@ -112,7 +123,11 @@ def main(words: list[str], say: Callable[[str], None]) -> int:
     jobs = JOBS[word]()
     warm_up(jobs, say, min(available_cores(), len(jobs)))
     folder = cache_folder()
-    say("  kernels are kept nowhere: no folder can be written to" if folder is None else f"  kernels are in {folder}")
+    say(
+        "  kernels are kept nowhere: no folder can be written to"
+        if folder is None
+        else f"  kernels are in {folder}"
+    )
     return 0
 
 

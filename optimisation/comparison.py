@@ -45,7 +45,8 @@ Array = NDArray[np.float64]
 WIDE_LIMITS = (LOW, HIGH)
 WIDE = f"swept {LOW:g} to {HIGH:g}"
 RESTITUTION = 0.7  # of the paper's absorber
-DEFAULT_FORCES, MOST_FORCES = 24, 10_000
+DEFAULT_FORCES = 24
+MOST_FORCES = 10_000
 RESONANCES = (1, 2)
 # range of forces over the design force of the resonance: from where no wall is reached to where the absorber is almost an added mass
 FORCE_SPAN = (0.06, 5.0)
@@ -63,17 +64,24 @@ class Concept:
     limits: tuple[float, float] = PAPER_LIMITS
 
 
-NONE, IMPACT, FRICTION = "none", "impact", "friction"
-LTVA_PAPER, LTVA_TUNED = "ltva_paper", "ltva_tuned"
-LTVA_PAPER_WIDE, LTVA_TUNED_WIDE = "ltva_paper_wide", "ltva_tuned_wide"
+NONE = "none"
+IMPACT = "impact"
+FRICTION = "friction"
+LTVA_PAPER = "ltva_paper"
+LTVA_TUNED = "ltva_tuned"
+LTVA_PAPER_WIDE = "ltva_paper_wide"
+LTVA_TUNED_WIDE = "ltva_tuned_wide"
 
 
 def concepts(model: ModalModel) -> tuple[Concept, ...]:
     """Return the concepts with the paper's parameters; the well-tuned LTVA is tuned to the first resonance of ``model``."""
-    paper, tuned = TunedAbsorber(), minimax(model)
+    paper = TunedAbsorber()
+    tuned = minimax(model)
     return (
         Concept(NONE, "no absorber", None),
-        Concept(IMPACT, "impact absorber", impact_absorber(restitution=RESTITUTION, friction_limit=0.1)),
+        Concept(
+            IMPACT, "impact absorber", impact_absorber(restitution=RESTITUTION, friction_limit=0.1)
+        ),
         Concept(FRICTION, "friction damper", friction_damper()),
         Concept(LTVA_PAPER, "LTVA, paper's values", paper),
         Concept(LTVA_TUNED, "LTVA, well tuned", tuned),
@@ -82,7 +90,9 @@ def concepts(model: ModalModel) -> tuple[Concept, ...]:
     )
 
 
-def scaled_concepts(model: ModalModel, mass_ratio: float, gap: float, resonance: int, force: float) -> tuple[Concept, ...]:
+def scaled_concepts(
+    model: ModalModel, mass_ratio: float, gap: float, resonance: int, force: float
+) -> tuple[Concept, ...]:
     """Return the concepts for any structure: what the paper chose for its beam, by the rules behind it, for a ``force`` (N) near a ``resonance``.
 
     The friction of the impact absorber follows the scaling law, that of the damper the energy of a cycle; the LTVA is tuned to the resonance. All
@@ -90,13 +100,16 @@ def scaled_concepts(model: ModalModel, mass_ratio: float, gap: float, resonance:
     """
     mass = mass_ratio * model.beam_mass
     absorber = impact_absorber(gap, RESTITUTION, scaled_friction(model, mass, gap), mass_ratio)
-    damper, tuned = friction_damper(best_friction(model, mass, force, resonance)[0], mass_ratio), minimax(model, mass_ratio, resonance)
+    damper = friction_damper(best_friction(model, mass, force, resonance)[0], mass_ratio)
+    tuned = minimax(model, mass_ratio, resonance)
     return (
         Concept(NONE, "no absorber", None),
         Concept(IMPACT, "impact absorber", absorber),
         Concept(FRICTION, "friction damper", damper),
         Concept(LTVA_TUNED, f"LTVA, tuned to resonance {resonance}", tuned),
-        Concept(LTVA_TUNED_WIDE, f"LTVA, tuned to resonance {resonance}, {WIDE}", tuned, WIDE_LIMITS),
+        Concept(
+            LTVA_TUNED_WIDE, f"LTVA, tuned to resonance {resonance}, {WIDE}", tuned, WIDE_LIMITS
+        ),
     )
 
 
@@ -150,7 +163,11 @@ class ResonanceComparison:
     @property
     def told(self) -> int | None:
         """Index of the force at which the concepts are compared; None if nothing is finished."""
-        return self.best if self.best is None or self.own_force is None else int(np.flatnonzero(self.forces == self.own_force)[0])
+        return (
+            self.best
+            if self.best is None or self.own_force is None
+            else int(np.flatnonzero(self.forces == self.own_force)[0])
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +187,9 @@ class Comparison:
     @property
     def complete(self) -> bool:
         """Whether all runs were made."""
-        return all(curve.complete for resonance in self.resonances for curve in resonance.curves.values())
+        return all(
+            curve.complete for resonance in self.resonances for curve in resonance.curves.values()
+        )
 
 
 def force_grid(design: float, forces: int = DEFAULT_FORCES) -> Array:
@@ -178,7 +197,9 @@ def force_grid(design: float, forces: int = DEFAULT_FORCES) -> Array:
     count("forces", forces, 2, MOST_FORCES)
     design = positive("design force", design)
     marks = np.log([FORCE_SPAN[0], OPTIMUM_SPAN[0], OPTIMUM_SPAN[1], FORCE_SPAN[1]])
-    return np.asarray(design * np.exp(np.interp(np.linspace(0, 1, forces), [0, 0.4, 0.8, 1], marks)))
+    return np.asarray(
+        design * np.exp(np.interp(np.linspace(0, 1, forces), [0, 0.4, 0.8, 1], marks))
+    )
 
 
 def compare(
@@ -208,36 +229,88 @@ def compare(
     """
     if device is not None:
         require(gap is None, "gap", gap, "left out beside a device")
-        gap, mass_ratio = rigid_walls(device).gap, device.mass_ratio
+        gap = rigid_walls(device).gap
+        mass_ratio = device.mass_ratio
     model = mounted(Beam() if beam is None else instance("beam", beam, Beam | ModalModel))
-    every = tuple(dict.fromkeys(count("resonances", resonance, 1) for resonance in listed("resonances", resonances)))
+    every = tuple(
+        dict.fromkeys(
+            count("resonances", resonance, 1) for resonance in listed("resonances", resonances)
+        )
+    )
     require(len(every) > 0, "resonances", resonances, "one or more, counted from 1")
-    rate = default_rate(model, every) if percent_per_100_periods is None else percent_per_100_periods
+    rate = (
+        default_rate(model, every) if percent_per_100_periods is None else percent_per_100_periods
+    )
     mass = usable_mass_ratio("mass_ratio", mass_ratio) * model.beam_mass
-    require(device is not None or force is None or gap is None, "gap", gap, "left out beside a force, for which the design rule gives it")
+    require(
+        device is not None or force is None or gap is None,
+        "gap",
+        gap,
+        "left out beside a force, for which the design rule gives it",
+    )
     at = None if force is None else usable_force("force", force)
-    clearance = design_gap(model, mass, at, every[0]) if gap is None and at is not None else positive("gap", RigidWalls.gap if gap is None else gap)
+    clearance = (
+        design_gap(model, mass, at, every[0])
+        if gap is None and at is not None
+        else positive("gap", RigidWalls.gap if gap is None else gap)
+    )
     own = at if device is not None else None
     design = [design_force(model, mass, clearance, resonance) for resonance in every]
-    paper = isinstance(beam, Beam | None) and replace(beam or Beam(), modes=Beam.modes, response_position=None) == Beam()
-    usual = paper and device is None and force is None and gap is None and mass_ratio == DEFAULT_MASS_RATIO
-    compared = concepts(model) if usual else scaled_concepts(model, mass_ratio, clearance, every[0], design[0] if own is None else own)
+    paper = (
+        isinstance(beam, Beam | None)
+        and replace(beam or Beam(), modes=Beam.modes, response_position=None) == Beam()
+    )
+    usual = (
+        paper
+        and device is None
+        and force is None
+        and gap is None
+        and mass_ratio == DEFAULT_MASS_RATIO
+    )
+    compared = (
+        concepts(model)
+        if usual
+        else scaled_concepts(
+            model, mass_ratio, clearance, every[0], design[0] if own is None else own
+        )
+    )
     if device is not None:
-        compared = tuple(replace(concept, absorber=device) if concept.key == IMPACT else concept for concept in compared)
+        compared = tuple(
+            replace(concept, absorber=device) if concept.key == IMPACT else concept
+            for concept in compared
+        )
     grids = [force_grid(f, forces) for f in design]
     if own is not None:
         grids[0] = np.union1d(grids[0], own)
     # a sweep that is wide enough for the peaks of a tuned absorber tells nothing of a resonance that it is not tuned to
-    kept = [(r, c) for r in every for c in compared if usual or c.limits != WIDE_LIMITS or r == every[0]]
+    kept = [
+        (r, c) for r in every for c in compared if usual or c.limits != WIDE_LIMITS or r == every[0]
+    ]
     grid_of = dict(zip(every, grids, strict=True))
     rate = usable_rate("rate", rate, [concept.limits for _, concept in kept])
-    cases = [CurveCase(Scene(model, concept.absorber), grid_of[resonance], resonance, concept.limits, rate) for resonance, concept in kept]
-    found = performance_curves(cases, members, seed, method, threads=threads, progress=progress, executor=executor)
+    cases = [
+        CurveCase(
+            Scene(model, concept.absorber), grid_of[resonance], resonance, concept.limits, rate
+        )
+        for resonance, concept in kept
+    ]
+    found = performance_curves(
+        cases, members, seed, method, threads=threads, progress=progress, executor=executor
+    )
     curves: dict[int, dict[str, PerformanceCurve]] = {resonance: {} for resonance in every}
     for (resonance, concept), curve in zip(kept, found, strict=True):
         curves[resonance][concept.key] = curve
     parts = tuple(
-        ResonanceComparison(model, resonance, grid, curves[resonance], f, mass, clearance, own if resonance == every[0] else None)
+        ResonanceComparison(
+            model,
+            resonance,
+            grid,
+            curves[resonance],
+            f,
+            mass,
+            clearance,
+            own if resonance == every[0] else None,
+        )
         for resonance, grid, f in zip(every, grids, design, strict=True)
     )
     return Comparison(model, compared, parts, members, seed, rate, mass_ratio, clearance, not paper)

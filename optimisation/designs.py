@@ -56,7 +56,9 @@ from optimisation.variables import (
 
 Array = NDArray[np.float64]
 Values = Mapping[str, float]
-AT_BOUND = 0.02  # share of a variable's range: a winner that lies closer to a bound is said to lie at it
+AT_BOUND = (
+    0.02  # share of a variable's range: a winner that lies closer to a bound is said to lie at it
+)
 
 
 @dataclass(frozen=True)
@@ -68,16 +70,31 @@ class Design:
 
     def __post_init__(self) -> None:
         names = _known(self.concept)
-        require(set(instance("values", self.values, Mapping)) == set(names), "values", dict(self.values), f"one for each of {', '.join(names)}")
-        object.__setattr__(self, "values", {name: finite(f"values[{name}]", value) for name, value in self.values.items()})
+        require(
+            set(instance("values", self.values, Mapping)) == set(names),
+            "values",
+            dict(self.values),
+            f"one for each of {', '.join(names)}",
+        )
+        object.__setattr__(
+            self,
+            "values",
+            {name: finite(f"values[{name}]", value) for name, value in self.values.items()},
+        )
 
     def absorber(self) -> Absorber:
         """Return the absorber; a friction limit of 0 leaves friction out."""
         v = self.values
         if self.concept == SEVERAL:
-            gaps, restitutions, limits = ([v[of_absorber(n, k)] for k in MEMBERS] for n in (GAP, RESTITUTION, FRICTION_LIMIT))
-            positions = [min(x, 1.0) for x in self.positions]  # a place of a modal model, counted from 1, is no share of a length: see `scene`
-            return impact_absorbers(gaps, positions, restitutions, limits, v[MASS_RATIO], (v[SHARE], 1 - v[SHARE]))
+            gaps, restitutions, limits = (
+                [v[of_absorber(n, k)] for k in MEMBERS] for n in (GAP, RESTITUTION, FRICTION_LIMIT)
+            )
+            positions = [
+                min(x, 1.0) for x in self.positions
+            ]  # a place of a modal model, counted from 1, is no share of a length: see `scene`
+            return impact_absorbers(
+                gaps, positions, restitutions, limits, v[MASS_RATIO], (v[SHARE], 1 - v[SHARE])
+            )
         if self.concept == IMPACT:
             return impact_absorber(v[GAP], v[RESTITUTION], v[FRICTION_LIMIT], v[MASS_RATIO])
         if self.concept == FRICTION:
@@ -91,10 +108,19 @@ class Design:
     @property
     def positions(self) -> list[float]:
         """The position of each absorber: a share of a beam's length, or the number of one of a modal model's places."""
-        return [self.values[name] for name in ((of_absorber(POSITION, k) for k in MEMBERS) if self.concept == SEVERAL else (POSITION,))]
+        return [
+            self.values[name]
+            for name in (
+                (of_absorber(POSITION, k) for k in MEMBERS)
+                if self.concept == SEVERAL
+                else (POSITION,)
+            )
+        ]
 
     def __str__(self) -> str:
-        return f"{self.concept} absorber, " + ", ".join(f"{name} {value:.4g}" for name, value in self.values.items())
+        return f"{self.concept} absorber, " + ", ".join(
+            f"{name} {value:.4g}" for name, value in self.values.items()
+        )
 
 
 @dataclass(frozen=True)
@@ -113,15 +139,34 @@ class DesignSpace:
     def __post_init__(self) -> None:
         known = _known(self.concept)
         instance("fixed", self.fixed, Mapping), instance("units", self.units, Units | None)
-        names = [instance("free variables", variable, Variable).name for variable in listed("free variables", self.free)]
+        names = [
+            instance("free variables", variable, Variable).name
+            for variable in listed("free variables", self.free)
+        ]
         require(len(names) > 0, "free variables", names, f"one or more of {', '.join(known)}")
         require(len(set(names)) == len(names), "free variables", names, "each of them once")
         for name in [*names, *self.fixed]:
-            require(name in known, f"variable of the concept {self.concept!r}", name, f"one of {', '.join(known)}")
+            require(
+                name in known,
+                f"variable of the concept {self.concept!r}",
+                name,
+                f"one of {', '.join(known)}",
+            )
         both = sorted(set(names) & set(self.fixed))
         require(not both, "variables", both, "free or fixed, not both")
-        object.__setattr__(self, "fixed", {name: finite(f"fixed[{name}]", self.fixed[name]) for name in known if name in self.fixed})
-        for share in (0.0, 1.0):  # bounds and fixed values that the simulator refuses are named now, not in the middle of a search
+        object.__setattr__(
+            self,
+            "fixed",
+            {
+                name: finite(f"fixed[{name}]", self.fixed[name])
+                for name in known
+                if name in self.fixed
+            },
+        )
+        for share in (
+            0.0,
+            1.0,
+        ):  # bounds and fixed values that the simulator refuses are named now, not in the middle of a search
             design = self.at([share] * len(self.free))
             design.absorber()
             usable_mass_ratio(MASS_RATIO, design.values[MASS_RATIO])
@@ -150,7 +195,12 @@ class DesignSpace:
         require(not at or number > 1, at[0] if at else POSITION, "free", allowed)
         for name, value in self.fixed.items():
             if parts_of(name)[0] == POSITION:
-                require(value in range(1, number + 1), name, value, f"the number of one of the structure's places for absorbers, 1 to {number}")
+                require(
+                    value in range(1, number + 1),
+                    name,
+                    value,
+                    f"the number of one of the structure's places for absorbers, 1 to {number}",
+                )
         return replace(self, free=tuple(v.choice(number) if v.name in at else v for v in self.free))
 
     @property
@@ -160,7 +210,13 @@ class DesignSpace:
     @property
     def paper(self) -> Design:
         """The paper's design, whatever this space's bounds and fixed values are, at the place of this space's."""
-        return Design(self.concept, {v.name: self.fixed.get(v.name, v.default) if v.name == POSITION else v.default for v in VARIABLES[self.concept]})
+        return Design(
+            self.concept,
+            {
+                v.name: self.fixed.get(v.name, v.default) if v.name == POSITION else v.default
+                for v in VARIABLES[self.concept]
+            },
+        )
 
     @property
     def default(self) -> Design:
@@ -172,8 +228,14 @@ class DesignSpace:
         free = {v.name: v for v in self.free}
         found: dict[str, float] = {}
         # a unit is known after mass and place, and that of a friction limit after the gap
-        for v in sorted(VARIABLES[self.concept], key=lambda v: v.scaled + v.name.startswith(FRICTION_LIMIT)):
-            start = v.default if not v.scaled or self.units is None else self._units.start(self.concept, v.name, found)
+        for v in sorted(
+            VARIABLES[self.concept], key=lambda v: v.scaled + v.name.startswith(FRICTION_LIMIT)
+        ):
+            start = (
+                v.default
+                if not v.scaled or self.units is None
+                else self._units.start(self.concept, v.name, found)
+            )
             if v.name in free:
                 unit = self._units.of(self.concept, v.name, found) if free[v.name].scaled else 1.0
                 found[v.name] = float(choose(free[v.name], unit, start))
@@ -187,12 +249,20 @@ class DesignSpace:
 
     def _checked(self, what: str, values: Values, counted: bool) -> Design:
         names = [variable.name for variable in self.free]
-        require(set(values) == set(names), what, dict(values), f"one for each of {', '.join(names)}")
+        require(
+            set(values) == set(names), what, dict(values), f"one for each of {', '.join(names)}"
+        )
 
         def checked(v: Variable, unit: float, _start: float) -> float:
             x, (scale, words) = values[v.name], (1.0, v.unit) if counted else (unit, v.si)
-            low, high = v.low * scale, v.high * scale
-            require(low * (1 - 1e-12) <= x <= high * (1 + 1e-12), v.name, x, f"from {low:g} to {high:g} {words}".rstrip())
+            low = v.low * scale
+            high = v.high * scale
+            require(
+                low * (1 - 1e-12) <= x <= high * (1 + 1e-12),
+                v.name,
+                x,
+                f"from {low:g} to {high:g} {words}".rstrip(),
+            )
             return x if not counted else round(x) if v.whole else x * unit
 
         return self._resolved(checked)
@@ -203,16 +273,26 @@ class DesignSpace:
 
     def coordinates(self, design: Design) -> dict[str, float]:
         """Return the coordinates of a design's free variables, cut to their bounds."""
-        units = {v.name: self._units.of(self.concept, v.name, design.values) if v.scaled else 1.0 for v in self.free}
-        return {v.name: min(max(design.values[v.name] / units[v.name], v.low), v.high) for v in self.free}
+        units = {
+            v.name: self._units.of(self.concept, v.name, design.values) if v.scaled else 1.0
+            for v in self.free
+        }
+        return {
+            v.name: min(max(design.values[v.name] / units[v.name], v.low), v.high)
+            for v in self.free
+        }
 
     def shares(self, design: Design) -> list[float]:
         """Return the shares (0 to 1) of the free variables' ranges at which a design lies, cut to them."""
-        return [v.share_of(x) for v, x in zip(self.free, self.coordinates(design).values(), strict=True)]
+        return [
+            v.share_of(x) for v, x in zip(self.free, self.coordinates(design).values(), strict=True)
+        ]
 
     def at(self, shares: Iterable[float]) -> Design:
         """Return the design at shares (0 to 1) of the free variables' ranges."""
-        return self.decoded({v.name: v.value_at(share) for v, share in zip(self.free, shares, strict=True)})
+        return self.decoded(
+            {v.name: v.value_at(share) for v, share in zip(self.free, shares, strict=True)}
+        )
 
     def at_bounds(self, design: Design) -> list[str]:
         """Return in words which free variables of a design lie at a bound of their range, with the bound; empty if none does."""
@@ -220,7 +300,9 @@ class DesignSpace:
         for v, share in zip(self.free, self.shares(design), strict=True):
             if v.whole:  # a choice has no other side
                 continue
-            at_end = parts_of(v.name)[0] == POSITION and share > 0.5 and v.high == 1.0  # the structure ends there, not the search
+            at_end = (
+                parts_of(v.name)[0] == POSITION and share > 0.5 and v.high == 1.0
+            )  # the structure ends there, not the search
             if not AT_BOUND < share < 1 - AT_BOUND and not at_end:
                 which, bound = ("lower", v.low) if share < 0.5 else ("upper", v.high)
                 found.append(f"{v.name} at its {which} bound of {bound:g} {v.unit}".rstrip())
@@ -229,18 +311,38 @@ class DesignSpace:
     def describe(self) -> dict[str, object]:
         """Return the space's identity as JSON values."""
         start = self.coordinates(self.default)
-        free = {v.name: {"low": v.low, "high": v.high, "log": v.log, "unit": v.unit, "start": start[v.name]} for v in self.free}
+        free = {
+            v.name: {
+                "low": v.low,
+                "high": v.high,
+                "log": v.log,
+                "unit": v.unit,
+                "start": start[v.name],
+            }
+            for v in self.free
+        }
         free |= {v.name: free[v.name] | {"whole": True} for v in self.free if v.whole}
-        default, names = self.default.values, {v.name for v in self.free}
-        return {"concept": self.concept, "version": self.version, "free": free, "fixed": {n: x for n, x in default.items() if n not in names}}
+        default = self.default.values
+        names = {v.name for v in self.free}
+        return {
+            "concept": self.concept,
+            "version": self.version,
+            "free": free,
+            "fixed": {n: x for n, x in default.items() if n not in names},
+        }
 
 
 def _known(concept: str) -> dict[str, Variable]:
-    return {variable.name: variable for variable in VARIABLES[one_of("concept", concept, VARIABLES)]}
+    return {
+        variable.name: variable for variable in VARIABLES[one_of("concept", concept, VARIABLES)]
+    }
 
 
 def design_space(
-    concept: str, free: Iterable[str] | None = None, bounds: Mapping[str, tuple[float, float]] | None = None, fixed: Values | None = None
+    concept: str,
+    free: Iterable[str] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    fixed: Values | None = None,
 ) -> DesignSpace:
     """Return a concept's space with the named variables free (default: those of `FREE`), in ``bounds`` (SI) where given, else in the concept's own.
 
@@ -248,13 +350,27 @@ def design_space(
     lacks, and for bounds that are empty or inverted.
     """
     known = _known(concept)
-    names = FREE[concept] if free is None else tuple(one_of("free variables", name, known) for name in listed("free variables", free))
+    names = (
+        FREE[concept]
+        if free is None
+        else tuple(one_of("free variables", name, known) for name in listed("free variables", free))
+    )
     bounds = {} if bounds is None else instance("bounds", bounds, Mapping)
     for name in (*names, *bounds):
-        require(name in known, f"variable of the concept {concept!r}", name, f"one of {', '.join(known)}")
+        require(
+            name in known,
+            f"variable of the concept {concept!r}",
+            name,
+            f"one of {', '.join(known)}",
+        )
     unused = sorted(set(bounds) - set(names))
     if unused:
-        raise ParameterError(f"bounds of {', '.join(unused)} are not allowed: bounds are for free variables, which are {', '.join(names)}")
+        raise ParameterError(
+            f"bounds of {', '.join(unused)} are not allowed: bounds are for free variables, which are {', '.join(names)}"
+        )
     variables = [known[name] for name in names]
-    chosen = tuple(v.within(*two(f"bounds of {v.name}", bounds[v.name])) if v.name in bounds else v for v in variables)
+    chosen = tuple(
+        v.within(*two(f"bounds of {v.name}", bounds[v.name])) if v.name in bounds else v
+        for v in variables
+    )
     return DesignSpace(concept, chosen, {} if fixed is None else fixed)

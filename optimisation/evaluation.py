@@ -37,7 +37,9 @@ class Clocked:
     executor: Executor
     seconds: float = 0.0
 
-    def each(self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]) -> Generator[tuple[int, R], None, None]:
+    def each(
+        self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]
+    ) -> Generator[tuple[int, R], None, None]:
         """See `Executor`."""
         results = self.executor.each(function, items, kinds)
         while True:
@@ -49,24 +51,38 @@ class Clocked:
             yield result
 
 
-def run_chunks(chunks: Sequence[Chunk], executor: Executor, progress: Progress | None = None) -> Iterator[tuple[int, Array]]:
+def run_chunks(
+    chunks: Sequence[Chunk], executor: Executor, progress: Progress | None = None
+) -> Iterator[tuple[int, Array]]:
     """Yield (number of the chunk, its measures (lanes, measures)) in the order in which they are finished; closing it drops what has not begun."""
-    total, done = sum(len(chunk.lanes) for chunk in chunks), 0
-    for k, values in executor.each(measure, chunks, [(kernel_key(chunk.lanes[0].scene, Exact()), chunk.record) for chunk in chunks]):
+    total = sum(len(chunk.lanes) for chunk in chunks)
+    done = 0
+    for k, values in executor.each(
+        measure,
+        chunks,
+        [(kernel_key(chunk.lanes[0].scene, Exact()), chunk.record) for chunk in chunks],
+    ):
         done += len(values)
         if progress is not None:
             progress(done, total)
         yield k, values
 
 
-def measured_chunks(chunks: Sequence[Chunk], executor: Executor, progress: Progress | None = None) -> list[Array]:
+def measured_chunks(
+    chunks: Sequence[Chunk], executor: Executor, progress: Progress | None = None
+) -> list[Array]:
     """Return the measures of chunks, (lanes, measures) each, in their order."""
     found = dict(run_chunks(chunks, executor, progress))
     return [found[k] for k in range(len(chunks))]
 
 
 def evaluate(
-    problem: Problem, designs: Sequence[Design], ensemble: Members, rate: float, executor: Executor, progress: Progress | None = None
+    problem: Problem,
+    designs: Sequence[Design],
+    ensemble: Members,
+    rate: float,
+    executor: Executor,
+    progress: Progress | None = None,
 ) -> Iterator[tuple[int, Array]]:
     """Yield (number of the design, measures (members, conditions, up or down, measures)) as designs are finished; `rate` as in `Problem`.
 
@@ -84,7 +100,12 @@ def evaluate(
         k = owners[i]
         waiting[k] -= 1
         if not waiting[k]:
-            yield k, problem.join([parts.pop(j) for j in range(starts[k], starts[k + 1])], len(ensemble))
+            yield (
+                k,
+                problem.join(
+                    [parts.pop(j) for j in range(starts[k], starts[k + 1])], len(ensemble)
+                ),
+            )
 
 
 class Evaluation(NamedTuple):
@@ -114,8 +135,14 @@ def evaluate_arrays(
     takes `Problem.fresh_ensemble`), ``executor`` None all cores. A row out of bounds, one that the simulator refuses, and one of which the integrator
     gives up a run are NaN, and ``failures`` takes the reason by the row's number. Raises ParameterError unless X has one column a variable.
     """
-    rows, free = np.atleast_2d(np.asarray(X, dtype=np.float64)), problem.space.free
-    require(rows.ndim == 2 and rows.shape[1] == len(free), "X", rows.shape, f"(designs, {len(free)}): {', '.join(v.name for v in free)}")
+    rows = np.atleast_2d(np.asarray(X, dtype=np.float64))
+    free = problem.space.free
+    require(
+        rows.ndim == 2 and rows.shape[1] == len(free),
+        "X",
+        rows.shape,
+        f"(designs, {len(free)}): {', '.join(v.name for v in free)}",
+    )
     ensemble = problem.ensemble if ensemble is None else ensemble
     reasons: dict[int, str] = {} if failures is None else failures
     F, spread = (np.full((len(rows), len(problem.objectives)), np.nan) for _ in range(2))
@@ -123,28 +150,43 @@ def evaluate_arrays(
     designs: dict[int, Design] = {}
     for i, row in enumerate(rows):
         try:
-            designs[i] = problem.space.decoded(dict(zip((v.name for v in free), map(float, row), strict=True)))
+            designs[i] = problem.space.decoded(
+                dict(zip((v.name for v in free), map(float, row), strict=True))
+            )
             designs[i].absorber()
         except ParameterError as error:
             designs.pop(i, None)
             reasons[i] = str(error)
     asked = list(designs)
-    for k, measured in evaluate(problem, [designs[i] for i in asked], ensemble, problem.rate, executor or Threads(), progress):
+    for k, measured in evaluate(
+        problem,
+        [designs[i] for i in asked],
+        ensemble,
+        problem.rate,
+        executor or Threads(),
+        progress,
+    ):
         i = asked[k]
         lost = np.isnan(measured).any(axis=(2, 3))
         if lost.any():
             member, condition = (int(x) for x in np.argwhere(lost)[0])
             where = f"member {member} at {problem.conditions[condition].words}"
-            reasons[i] = f"the integrator gave up {int(lost.sum())} of {lost.size} runs, the first of them {where}"
+            reasons[i] = (
+                f"the integrator gave up {int(lost.sum())} of {lost.size} runs, the first of them {where}"
+            )
             continue
         F[i], G[i], spread[i] = _row(problem, designs[i], measured, ensemble)
     return Evaluation(F, G, spread)
 
 
-def _row(problem: Problem, design: Design, measured: Array, ensemble: Members) -> tuple[Array, Array, Array]:
+def _row(
+    problem: Problem, design: Design, measured: Array, ensemble: Members
+) -> tuple[Array, Array, Array]:
     """Return a design's row of F, G and spread from its measures."""
     score = problem.score(design, measured, ensemble, problem.rate)
     signs = np.array([-1.0 if objective.maximise else 1.0 for objective in problem.objectives])
     members = problem.member_values(measured, ensemble, problem.rate)
-    spread = np.array([standard_error(row, o.share) for row, o in zip(members, problem.objectives, strict=True)])
+    spread = np.array(
+        [standard_error(row, o.share) for row, o in zip(members, problem.objectives, strict=True)]
+    )
     return signs * np.array(score.values), np.array(score.violations), spread

@@ -21,7 +21,11 @@ from impact_env.parameters import ParameterError
 if TYPE_CHECKING:
     from optimisation.search.cluster import Workers
 
-cluster_option = click.option("--cluster", metavar="ADDRESS", help="Send the runs to the workers of the Dask scheduler at this address instead.")
+cluster_option = click.option(
+    "--cluster",
+    metavar="ADDRESS",
+    help="Send the runs to the workers of the Dask scheduler at this address instead.",
+)
 
 
 @contextmanager
@@ -34,7 +38,9 @@ def workers(threads: int | None, cluster: str | None) -> Iterator[Workers | None
         yield None
         return
     if threads is not None:
-        raise ParameterError(f"--threads = {threads} is not allowed: with --cluster, whose workers have their own")
+        raise ParameterError(
+            f"--threads = {threads} is not allowed: with --cluster, whose workers have their own"
+        )
     try:
         from optimisation.search.cluster import Workers
     except ImportError as error:
@@ -51,7 +57,9 @@ def executor(threads: int | None, cluster: str | None) -> Iterator[Executor]:
         yield Threads(threads) if found is None else found
 
 
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")  # of libraries: the processes share the cores
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
+)  # of libraries: the processes share the cores
 POLL_S = 0.5
 
 
@@ -109,7 +117,8 @@ class Pool:
 
     def _start(self) -> _Worker:
         here, there = self.context.Pipe()
-        process, before = self.context.Process(target=_serve, args=(there,), daemon=True), dict(os.environ)
+        process = self.context.Process(target=_serve, args=(there,), daemon=True)
+        before = dict(os.environ)
         os.environ.update(ONE_THREAD)  # of the child, which inherits it
         try:
             process.start()
@@ -154,7 +163,9 @@ class Pool:
                 value, error = worker.connection.recv()
             except (EOFError, OSError):
                 worker.process.join(1.0)
-                yield self._replace(worker, f"the process died (exit code {worker.process.exitcode})")
+                yield self._replace(
+                    worker, f"the process died (exit code {worker.process.exitcode})"
+                )
                 continue
             yield self._outcome(worker, value, error)
         for worker in self.workers:
@@ -164,7 +175,8 @@ class Pool:
                     yield self._replace(worker, f"not finished after {limit:.0f} s")
 
     def _outcome(self, worker: _Worker, value: Any, error: str) -> Outcome:
-        task, worker.task = worker.task, None
+        task = worker.task
+        worker.task = None
         assert task is not None
         return Outcome(task, value, error, time.perf_counter() - worker.since)
 

@@ -26,15 +26,23 @@ def usable_force(name: str, value: float) -> float:
 def usable_mass_ratio(name: str, value: float) -> float:
     """Return an absorber's mass over the structure's; raises ParameterError unless it is above 0 and at most `MOST_MASS`."""
     ratio = positive(name, value)
-    require(ratio <= MOST_MASS, name, value, f"above 0 and at most {MOST_MASS:g}: an absorber no heavier than the structure")
+    require(
+        ratio <= MOST_MASS,
+        name,
+        value,
+        f"above 0 and at most {MOST_MASS:g}: an absorber no heavier than the structure",
+    )
     return ratio
 
 
 def usable_rate(name: str, value: float, sweeps: Iterable[tuple[float, float]]) -> float:
     """Return a sweep rate in % per 100 pseudo periods; raises ParameterError if a sweep (low, high over omega_r) is over at once or never ends."""
     rate = positive(name, value)
-    widths = [1e4 * abs(high - low) for low, high in sweeps]  # rate times the number of pseudo periods
-    least, most = max(widths) / MOST_PERIODS, min(widths) / LEAST_PERIODS
+    widths = [
+        1e4 * abs(high - low) for low, high in sweeps
+    ]  # rate times the number of pseudo periods
+    least = max(widths) / MOST_PERIODS
+    most = min(widths) / LEAST_PERIODS
     allowed = f"from {least:.3g} to {most:.4g} % per 100 pseudo periods, so that a sweep takes {LEAST_PERIODS:g} to {MOST_PERIODS:g} of them"
     require(least <= rate <= most, name, value, allowed)
     return rate
@@ -43,7 +51,9 @@ def usable_rate(name: str, value: float, sweeps: Iterable[tuple[float, float]]) 
 LEAST_RATIO = 0.95  # of the stationary level that a sweep must reach for a share of the possible reduction to be told
 
 
-def stationary_level(model: ModalModel, resonance: int = 1, limits: tuple[float, float] = PAPER_LIMITS) -> float:
+def stationary_level(
+    model: ModalModel, resonance: int = 1, limits: tuple[float, float] = PAPER_LIMITS
+) -> float:
     """Return the largest stationary RMS where the level is read, in m per newton, over ``limits`` times omega_r, without absorber.
 
     Infinite if undamped.
@@ -51,7 +61,9 @@ def stationary_level(model: ModalModel, resonance: int = 1, limits: tuple[float,
     return highest_amplitude(model, None, resonance, *limits)[0] / float(np.sqrt(2))
 
 
-def sweep_ratio(model: ModalModel, rate: float, resonance: int = 1, limits: tuple[float, float] = PAPER_LIMITS) -> float:
+def sweep_ratio(
+    model: ModalModel, rate: float, resonance: int = 1, limits: tuple[float, float] = PAPER_LIMITS
+) -> float:
     """Return the level of the sweeps without absorber (the larger of up and down) over `stationary_level`; 0 for an undamped resonance.
 
     ``rate`` in % of the resonance per 100 pseudo periods, ``limits`` over omega_r. Raises ParameterError for numbers out of range.
@@ -59,10 +71,14 @@ def sweep_ratio(model: ModalModel, rate: float, resonance: int = 1, limits: tupl
     stationary = stationary_level(model, resonance, limits)
     if np.isinf(stationary):
         return 0.0
-    scene = Scene(replace(model, tip_shape=model.level_shape, response_shape=None))  # without absorber its place is free, and a level there streams
+    scene = Scene(
+        replace(model, tip_shape=model.level_shape, response_shape=None)
+    )  # without absorber its place is free, and a level there streams
     levels = []
     for start, stop in (limits, limits[::-1]):
-        level = simulate(scene, Drive(1.0, linear_sweep(model.resonance_omega(resonance), start, stop, rate))).level
+        level = simulate(
+            scene, Drive(1.0, linear_sweep(model.resonance_omega(resonance), start, stop, rate))
+        ).level
         assert level is not None
         levels.append(level.value)
     return max(levels) / stationary

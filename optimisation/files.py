@@ -21,7 +21,12 @@ def require_writable(name: str, folder: Path) -> None:
         writable = os.access(folder, os.W_OK | os.X_OK)
     except OSError:
         writable = False
-    require(writable, name, str(folder), "a folder that exists or can be made, and that can be written to")
+    require(
+        writable,
+        name,
+        str(folder),
+        "a folder that exists or can be made, and that can be written to",
+    )
 
 
 def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
@@ -37,9 +42,13 @@ def write_json(path: Path, content: object) -> None:
     with replacing(path) as temporary:
         if path.suffix == ".gz":
             text = json.dumps(content, separators=(",", ":"), allow_nan=False)
-            temporary.write_bytes(gzip.compress(text.encode(), mtime=0))  # without the time the same content is the same file
+            temporary.write_bytes(
+                gzip.compress(text.encode(), mtime=0)
+            )  # without the time the same content is the same file
         else:
-            temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+            temporary.write_text(
+                json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8"
+            )
 
 
 Table = tuple[Sequence[str], Iterable[Sequence[object]]]  # names of columns, and rows

@@ -25,7 +25,9 @@ PAPER_FRICTION = 0.1  # mu f_N in N of the paper's best impact absorber (section
 def paper_share() -> float:
     """Return the paper's friction over m_a g0 omega_1^2."""
     model = modal_model(Beam())
-    return PAPER_FRICTION / (DEFAULT_MASS_RATIO * model.beam_mass * RigidWalls.gap * model.resonance_omega(1) ** 2)
+    return PAPER_FRICTION / (
+        DEFAULT_MASS_RATIO * model.beam_mass * RigidWalls.gap * model.resonance_omega(1) ** 2
+    )
 
 
 def scaled_friction(model: ModalModel, mass: float, gap: float) -> float:
@@ -33,21 +35,43 @@ def scaled_friction(model: ModalModel, mass: float, gap: float) -> float:
 
     It is the first frequency, near whichever resonance the absorber works, as in the paper, whose 0.1 N serve two resonances.
     """
-    return paper_share() * positive("mass", mass) * positive("gap", gap) * model.resonance_omega(1) ** 2
+    return (
+        paper_share()
+        * positive("mass", mass)
+        * positive("gap", gap)
+        * model.resonance_omega(1) ** 2
+    )
 
 
-def best_friction(model: ModalModel, mass: float, force: float, resonance: int = 1) -> tuple[float, float]:
+def best_friction(
+    model: ModalModel, mass: float, force: float, resonance: int = 1
+) -> tuple[float, float]:
     """Return (friction limit mu f_N in N, RMS in m where the level is read) by the energy argument for a ``force`` in N at a resonance.
 
     ``mass`` m_a in kg. Only the resonance's own mode counts. Raises ParameterError for numbers out of range, and where the mode does not move the
     tip or the force does not reach it.
     """
-    omega, k = model.resonance_omega(resonance), resonance - 1
-    tip, at_force, damping = float(model.tip_shape[k]), float(model.force_shape[k]), float(model.damping_ratio[k])
-    require(tip != 0, f"tip_shape of mode {resonance}", tip, "not 0: a damper at a node of a mode cannot act on it")
-    require(at_force != 0, f"force_shape of mode {resonance}", at_force, "not 0: a force at a node of a mode does not move it")
+    omega = model.resonance_omega(resonance)
+    k = resonance - 1
+    tip = float(model.tip_shape[k])
+    at_force = float(model.force_shape[k])
+    damping = float(model.damping_ratio[k])
+    require(
+        tip != 0,
+        f"tip_shape of mode {resonance}",
+        tip,
+        "not 0: a damper at a node of a mode cannot act on it",
+    )
+    require(
+        at_force != 0,
+        f"force_shape of mode {resonance}",
+        at_force,
+        "not 0: a force at a node of a mode does not move it",
+    )
     own = positive("mass", mass)
     square = omega**2 / (1 + own * tip**2 / 2)
-    amplitude = positive("force", force) * abs(at_force / tip) / (square * (own / 2 + 2 * damping / tip**2))
+    amplitude = (
+        positive("force", force) * abs(at_force / tip) / (square * (own / 2 + 2 * damping / tip**2))
+    )
     level = amplitude * abs(float(model.level_shape[k]) / tip) / np.sqrt(2)
     return float(np.pi / 4 * own * square * amplitude / np.sqrt(2)), float(level)

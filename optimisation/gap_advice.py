@@ -12,7 +12,15 @@ from impact_env.curve import CurveCase, PerformanceCurve
 from impact_env.drive import PAPER_RATE, default_rate
 from impact_env.ensemble import Executor, Lane, LaneLevels, Progress, draw_members, run_lanes
 from impact_env.modes import ModalModel
-from impact_env.parameters import CoulombFriction, SlidingAbsorber, count, friction_law, listed, one_of, require
+from impact_env.parameters import (
+    CoulombFriction,
+    SlidingAbsorber,
+    count,
+    friction_law,
+    listed,
+    one_of,
+    require,
+)
 from impact_env.scene import Scene
 from optimisation.bounds import design_gap, require_reach
 from optimisation.extremes import usable_force, usable_rate
@@ -31,7 +39,11 @@ from optimisation.gap_check import GapCheck, rigid_walls, scaled_absorber, sweep
 
 Array = NDArray[np.float64]
 STEP = 0.05  # of ln gap
-WIDE, NEAR, LEAST, MOST = 8, 2, -32, 32  # steps of a bracket at first and at last, and how far it goes from the rule's gap
+# steps of a bracket at first and at last, and how far it goes from the rule's gap
+WIDE = 8
+NEAR = 2
+LEAST = -32
+MOST = 32
 PAIRS = 18  # of sweeps, up and down, that a search takes at most: with those of the rule's gap and of no absorber 40 sweeps
 MEMBERS = 3
 # (step, number of members) -> the members' levels, the first ones of the ensemble
@@ -58,10 +70,15 @@ def level_between(ln_gaps: Array, ln_levels: Array, at: ArrayLike, power: float 
     return np.asarray(np.exp(np.interp(x, ln_gaps, ln_levels) + beyond))
 
 
-def worst(ln_gaps: Array, ln_levels: Array, at: ArrayLike, tolerance: float, power: float = 1.0) -> Array:
+def worst(
+    ln_gaps: Array, ln_levels: Array, at: ArrayLike, tolerance: float, power: float = 1.0
+) -> Array:
     """Return the largest level over force times (1 - tolerance), 1 and (1 + tolerance) of gaps at ln gaps; NaN where a neighbour is not known."""
     x = np.asarray(at, dtype=np.float64)
-    every = [k**power * level_between(ln_gaps, ln_levels, x - np.log(k), power) for k in (1 - tolerance, 1.0, 1 + tolerance)]
+    every = [
+        k**power * level_between(ln_gaps, ln_levels, x - np.log(k), power)
+        for k in (1 - tolerance, 1.0, 1 + tolerance)
+    ]
     return np.asarray(np.max(every, axis=0))
 
 
@@ -74,14 +91,17 @@ def bracket(look: Callable[[int], float], start: int) -> dict[int, float]:
             seen[n] = look(n)
         return seen[n]
 
-    low, high = start, start + WIDE
+    low = start
+    high = start + WIDE
     while at(low) <= at(high) and low - WIDE >= LEAST and at(low - WIDE) < at(low):
         low, high = low - WIDE, low
     while at(high) < at(low) and high + WIDE <= MOST and at(high + WIDE) < at(high):
-        low, high = high, high + WIDE
+        low = high
+        high = high + WIDE
     while True:
         best = min(seen, key=lambda n: seen[n])
-        below, above = max((n for n in seen if n < best), default=best), min((n for n in seen if n > best), default=best)
+        below = max((n for n in seen if n < best), default=best)
+        above = min((n for n in seen if n > best), default=best)
         if max(best - below, above - best) <= NEAR:
             return seen
         at((best + below) // 2 if best - below >= above - best else (best + above) // 2)
@@ -94,20 +114,32 @@ def answers(table: Table, tolerance: float, members: int = 0) -> tuple[float, fl
     """
     steps, levels = table.known()
     whole = np.arange(np.ceil(steps[0]), np.floor(steps[-1]) + 1)
-    every = np.array([n for n, x in table.levels.items() if len(x) >= members]) if members else np.union1d(whole, steps)
+    every = (
+        np.array([n for n, x in table.levels.items() if len(x) >= members])
+        if members
+        else np.union1d(whole, steps)
+    )
     lowest = level_between(STEP * steps, levels, STEP * every)
     robust = worst(STEP * steps, levels, STEP * every, tolerance, table.power)
-    return float(every[np.argmin(lowest)]), float(every[np.argmin(np.where(np.isnan(robust), np.inf, robust))])
+    return float(every[np.argmin(lowest)]), float(
+        every[np.argmin(np.where(np.isnan(robust), np.inf, robust))]
+    )
 
 
 def asked(table: Table, tolerance: float, beside: bool) -> list[float]:
     """Return the steps that the answers rest on: their own, and the narrower neighbour of a larger force; ``beside``: those beside them too."""
     sharp, robust = answers(table, tolerance)
     near = [robust - round(np.log1p(tolerance) / STEP)] if tolerance > 0 else []
-    return list(dict.fromkeys((sharp, robust, *near, *((sharp - 1, sharp + 1, robust - 1) if beside else ()))))
+    return list(
+        dict.fromkeys(
+            (sharp, robust, *near, *((sharp - 1, sharp + 1, robust - 1) if beside else ()))
+        )
+    )
 
 
-def search(look: Look, start: int, tolerance: float, members: int, pairs: int, table: Table) -> None:
+def search(
+    look: Look, start: int, tolerance: float, members: int, pairs: int, table: Table
+) -> None:
     """Fill a table, from a step on, see above; ``pairs``: of sweeps, up and down, after which no runs are added.
 
     Answers and the gaps beside them run with one member, then two, so that a lucky one does not take all runs; then the answers with all members, and
@@ -123,7 +155,9 @@ def search(look: Look, start: int, tolerance: float, members: int, pairs: int, t
     spent = len(table.levels)
     for number, beside in ((1, True), (min(2, members), True), (members, False), (members, True)):
         while True:
-            open_ = [n for n in asked(table, tolerance, beside) if len(table.levels.get(n, ())) < number]
+            open_ = [
+                n for n in asked(table, tolerance, beside) if len(table.levels.get(n, ())) < number
+            ]
             cost = number - len(table.levels.get(open_[0], ())) if open_ else 0
             if not open_ or spent + cost > pairs:
                 break
@@ -134,7 +168,10 @@ def search(look: Look, start: int, tolerance: float, members: int, pairs: int, t
 TOLERANCE = 0.1  # of the force
 MOST_TOLERANCE = 0.3
 FASTER = 4.0  # times the rate of the answers: that of looks at free variables
-FREE = {"restitution": (0.5, 0.35, 0.2), "friction_limit": (0.0, 0.5, 2.0)}  # what is tried of a free variable; friction as shares of the usual
+FREE = {
+    "restitution": (0.5, 0.35, 0.2),
+    "friction_limit": (0.0, 0.5, 2.0),
+}  # what is tried of a free variable; friction as shares of the usual
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +218,11 @@ class Advice:
     def looks(self) -> tuple[tuple[float, float], ...]:
         """Gaps that only one of several members ran, and its levels, in m."""
         every = zip(self.check.gaps, self.check.curves, strict=True)
-        return tuple((float(gap), float(curve.median[0])) for gap, curve in every if len(curve.members) < min(2, self.members))
+        return tuple(
+            (float(gap), float(curve.median[0]))
+            for gap, curve in every
+            if len(curve.members) < min(2, self.members)
+        )
 
     @cached_property
     def curve(self) -> tuple[Array, Array]:
@@ -192,12 +233,18 @@ class Advice:
         """Return the median level in m of a device under ``factor`` times the force, by the scaling law; NaN where no such gap was simulated."""
         steps, levels = self.curve
         at = math.log(answer.gap / self.check.rule) - math.log(factor)
-        return math.nan if at > STEP * (steps[-1] + 1) else factor * float(level_between(STEP * steps, levels, at))
+        return (
+            math.nan
+            if at > STEP * (steps[-1] + 1)
+            else factor * float(level_between(STEP * steps, levels, at))
+        )
 
     @property
     def at_end(self) -> bool:
         """Whether the best gap is the narrowest or the widest that may be tried."""
-        return self.sharp is not None and round(math.log(self.sharp.gap / self.check.rule) / STEP) in (LEAST, MOST)
+        return self.sharp is not None and round(
+            math.log(self.sharp.gap / self.check.rule) / STEP
+        ) in (LEAST, MOST)
 
 
 class _Stopped(Exception):  # noqa: N818 - no error: what is finished is kept
@@ -223,21 +270,30 @@ class _Runs:
 
     def device(self, step: float) -> SlidingAbsorber:
         """Return the absorber of a gap; friction goes with it unless it was given."""
-        factor, friction = math.exp(STEP * step), self.absorber.friction
+        factor = math.exp(STEP * step)
+        friction = self.absorber.friction
         if friction is not None and self.friction_goes:
             friction = CoulombFriction(friction.limit * factor)
         walls = rigid_walls(self.absorber)
-        return replace(self.absorber, walls=replace(walls, gap=walls.gap * factor), friction=friction)
+        return replace(
+            self.absorber, walls=replace(walls, gap=walls.gap * factor), friction=friction
+        )
 
     def curve(self, step: float | None, members: int, rate: float) -> PerformanceCurve:
         """Return the levels of the first members at a gap, None for no absorber; those that were run before are not run again."""
         known = self.kept.get((step, rate))
         have = 0 if known is None else len(known.members)
         if known is None or have < members:
-            scene, every = Scene(self.model, None if step is None else self.device(step)), draw_members(members, self.seed)
+            scene = Scene(self.model, None if step is None else self.device(step))
+            every = draw_members(members, self.seed)
             case = CurveCase(scene, np.array([self.force]), self.resonance, self.limits, rate)
             single = [every[m : m + 1] for m in range(have, members)]
-            lanes = [Lane(scene, drive) for one in single for schedule in case.schedules() for drive in one.drives(self.force, schedule)]
+            lanes = [
+                Lane(scene, drive)
+                for one in single
+                for schedule in case.schedules()
+                for drive in one.drives(self.force, schedule)
+            ]
             found = self.run(lanes, self.sweeps)
             if not found.complete:
                 raise _Stopped
@@ -245,7 +301,10 @@ class _Runs:
             names = [f.name for f in fields(LaneLevels) if f.name != "complete"]
             arrays = {name: getattr(found, name).reshape(1, members - have, 2) for name in names}
             if known is not None:
-                arrays = {name: np.concatenate([getattr(known.lanes, name), arrays[name]], axis=1) for name in names}
+                arrays = {
+                    name: np.concatenate([getattr(known.lanes, name), arrays[name]], axis=1)
+                    for name in names
+                }
             known = PerformanceCurve(case.forces, every, LaneLevels(**arrays, complete=True))
             self.kept[step, rate] = known
         return known
@@ -256,14 +315,38 @@ class _Runs:
 
     def at_rate(self, rate: float) -> dict[float, PerformanceCurve]:
         """Return the runs with an absorber at a rate, by steps in their order."""
-        return dict(sorted((step, curve) for (step, of), curve in self.kept.items() if of == rate and step is not None))
+        return dict(
+            sorted(
+                (step, curve)
+                for (step, of), curve in self.kept.items()
+                if of == rate and step is not None
+            )
+        )
 
     def check(self, rule: float, reach: float, rate: float) -> GapCheck:
         """Return the runs at a rate over the ``rule``'s gap in m; levels without an absorber that were not finished are NaN."""
-        gaps, none = rule * np.exp(STEP * np.array([*self.at_rate(rate)], dtype=float)), np.full((1, 1, 2), np.nan)
-        nothing = PerformanceCurve(np.array([self.force]), draw_members(1, 0), LaneLevels(none, none, none, none, none, none, complete=False))
-        curves, without = tuple(self.at_rate(rate).values()), self.kept.get((None, rate), nothing)
-        return GapCheck(self.model, self.resonance, self.force, self.absorber, rule, gaps, self.limits, curves, without, reach, rate)
+        gaps = rule * np.exp(STEP * np.array([*self.at_rate(rate)], dtype=float))
+        none = np.full((1, 1, 2), np.nan)
+        nothing = PerformanceCurve(
+            np.array([self.force]),
+            draw_members(1, 0),
+            LaneLevels(none, none, none, none, none, none, complete=False),
+        )
+        curves = tuple(self.at_rate(rate).values())
+        without = self.kept.get((None, rate), nothing)
+        return GapCheck(
+            self.model,
+            self.resonance,
+            self.force,
+            self.absorber,
+            rule,
+            gaps,
+            self.limits,
+            curves,
+            without,
+            reach,
+            rate,
+        )
 
 
 def advise(
@@ -291,23 +374,51 @@ def advise(
     `optimisation.gap_check.check_gap` does.
     """
     force = usable_force("force", force)
-    require(0 <= tolerance <= MOST_TOLERANCE, "force_tolerance", tolerance, f"from 0 to {MOST_TOLERANCE:g}, a share of the force")
+    require(
+        0 <= tolerance <= MOST_TOLERANCE,
+        "force_tolerance",
+        tolerance,
+        f"from 0 to {MOST_TOLERANCE:g}, a share of the force",
+    )
     wanted = [one_of("free", name, tuple(FREE)) for name in listed("free", free)]
     count("members", members, 1)
     own = scaled_absorber(model, force, resonance) if absorber is None else absorber
-    walls, mass = rigid_walls(own), own.mass_ratio * model.beam_mass
-    found, limits = require_reach(model, mass, force, resonance), sweep_limits(model, mass, resonance)
+    walls = rigid_walls(own)
+    mass = own.mass_ratio * model.beam_mass
+    found = require_reach(model, mass, force, resonance)
+    limits = sweep_limits(model, mass, resonance)
     rule = design_gap(model, mass, force, resonance)
-    rate = usable_rate("rate", default_rate(model, (resonance,)) if percent_per_100_periods is None else percent_per_100_periods, [limits])
+    rate = usable_rate(
+        "rate",
+        default_rate(model, (resonance,))
+        if percent_per_100_periods is None
+        else percent_per_100_periods,
+        [limits],
+    )
     pairs = PAIRS if members <= MEMBERS else 10 + 5 * members
 
     def run(lanes: Sequence[Lane], before: int) -> LaneLevels:
-        show = None if progress is None else lambda done, _all: progress(before + done, max(2 * pairs + 4, before + len(lanes)))
+        show = (
+            None
+            if progress is None
+            else lambda done, _all: progress(before + done, max(2 * pairs + 4, before + len(lanes)))
+        )
         return run_lanes(lanes, threads=threads, progress=show, executor=executor)
 
-    runs = _Runs(model, force, resonance, replace(own, walls=replace(walls, gap=rule)), limits, seed, not friction_given, run)
+    runs = _Runs(
+        model,
+        force,
+        resonance,
+        replace(own, walls=replace(walls, gap=rule)),
+        limits,
+        seed,
+        not friction_given,
+        run,
+    )
     # a search begins where a fit to simulations of other structures has the best gap over the rule's, by the free amplitude over that
-    start, table, complete = round(math.log(1.57 / (1 + 1.14 / found)) / STEP), Table(), True
+    start = round(math.log(1.57 / (1 + 1.14 / found)) / STEP)
+    table = Table()
+    complete = True
     tried: list[tuple[str, float, float, float]] = []
     try:
         runs.curve(None, 1, rate)
@@ -322,34 +433,64 @@ def advise(
     table.levels |= {step: curve.combined[0] for step, curve in runs.at_rate(rate).items()}
     ran = max((len(levels) for levels in table.levels.values()), default=0)
     both = answers(table, tolerance, min(2, ran)) if ran else ()
-    sharp, recommended = (answer_at(runs.device(step), table, step, tolerance) for step in both) if both else (None, None)
-    return Advice(runs.check(rule, found, rate), table, tolerance, members, runs.sweeps, sharp, recommended, complete, tuple(tried))
+    sharp, recommended = (
+        (answer_at(runs.device(step), table, step, tolerance) for step in both)
+        if both
+        else (None, None)
+    )
+    return Advice(
+        runs.check(rule, found, rate),
+        table,
+        tolerance,
+        members,
+        runs.sweeps,
+        sharp,
+        recommended,
+        complete,
+        tuple(tried),
+    )
 
 
 def answer_at(absorber: SlidingAbsorber, table: Table, step: float, tolerance: float) -> Answer:
     """Return a device of the table with its level, or what else is measured."""
     low, level, high = np.quantile(table.levels[step], (0.05, 0.5, 0.95)).tolist()
     steps, levels = table.known()
-    largest = float(np.maximum(level, worst(STEP * steps, levels, STEP * step, tolerance, table.power))) if tolerance > 0 else level
+    largest = (
+        float(np.maximum(level, worst(STEP * steps, levels, STEP * step, tolerance, table.power)))
+        if tolerance > 0
+        else level
+    )
     return Answer(absorber, level, low, high, largest)
 
 
-def _freed(runs: _Runs, name: str, start: int, rate: float, tried: list[tuple[str, float, float, float]]) -> int:
+def _freed(
+    runs: _Runs, name: str, start: int, rate: float, tried: list[tuple[str, float, float, float]]
+) -> int:
     """Put the value of a free variable with the lowest look into the runs' absorber, the gap found anew for each; return the step of its gap."""
     usual = runs.absorber
-    walls, friction = rigid_walls(usual), usual.friction
+    walls = rigid_walls(usual)
+    friction = usual.friction
     values = (walls.restitution, *FREE[name]) if name == "restitution" else (1.0, *FREE[name])
     best: tuple[float, int, SlidingAbsorber] | None = None
     for value in values:
         if name == "restitution":
             runs.absorber = replace(usual, walls=replace(walls, restitution=value))
         else:
-            runs.absorber = replace(usual, friction=None if friction is None else friction_law(value * friction.limit))
+            runs.absorber = replace(
+                usual, friction=None if friction is None else friction_law(value * friction.limit)
+            )
         runs.kept = {key: curve for key, curve in runs.kept.items() if key[0] is None}
         seen = bracket(lambda n: float(runs.levels(n, 1, rate)[0]), start)
         step = min(seen, key=lambda n: seen[n])
         told = value if name == "restitution" else runs.device(step).friction
-        tried.append((name, told if isinstance(told, float) else 0.0 if told is None else told.limit, seen[step], rigid_walls(runs.device(step)).gap))
+        tried.append(
+            (
+                name,
+                told if isinstance(told, float) else 0.0 if told is None else told.limit,
+                seen[step],
+                rigid_walls(runs.device(step)).gap,
+            )
+        )
         if best is None or seen[step] < best[0]:
             best = (seen[step], step, runs.absorber)
         start = step

@@ -21,7 +21,9 @@ from optimisation.tuned import HIGH, LOW, highest_amplitude, minimax
 from optimisation.uncertain import Spread, drawn, shares
 
 Array = NDArray[np.float64]
-DRAWS, UNSEEN = 64, 1  # of what is uncertain; the seed of members that no search has seen
+# of what is uncertain; the seed of members that no search has seen
+DRAWS = 64
+UNSEEN = 1
 FACTORS = np.geomspace(0.25, 4.0, 97)  # of the force
 HALVED = 0.5  # of the level without absorber, which a device that works is below
 
@@ -72,51 +74,95 @@ class Bearing:
 def bearing(found: Advice, answer: Answer, executor: Executor) -> Bearing:
     """Run a device once up and once down with its impacts recorded, and its rivals; raises KeyboardInterrupt if that is stopped."""
     check = found.check
-    case = CurveCase(Scene(check.model, answer.absorber), np.array([check.force]), check.resonance, check.limits, check.rate)
+    case = CurveCase(
+        Scene(check.model, answer.absorber),
+        np.array([check.force]),
+        check.resonance,
+        check.limits,
+        check.rate,
+    )
     impacts = impacts_of(case, executor)
-    forces, without = check.force * FACTORS, float(check.without.median[0]) / check.force
+    forces = check.force * FACTORS
+    without = float(check.without.median[0]) / check.force
     levels = np.array([found.at_force(answer, float(factor)) for factor in FACTORS])
-    works, helps = (stretch(forces, levels < share * without * forces, len(forces) // 2) for share in (HALVED, 1.0))
-    return Bearing(answer, forces, levels, impacts, works, helps, rivals(check.model, check.absorber.mass_ratio, check.force, check.resonance))
+    works, helps = (
+        stretch(forces, levels < share * without * forces, len(forces) // 2)
+        for share in (HALVED, 1.0)
+    )
+    return Bearing(
+        answer,
+        forces,
+        levels,
+        impacts,
+        works,
+        helps,
+        rivals(check.model, check.absorber.mass_ratio, check.force, check.resonance),
+    )
 
 
 def rivals(model: ModalModel, mass_ratio: float, force: float, resonance: int) -> Rivals:
     """Return the relative levels of other absorbers of a mass under a force in N near a resonance."""
     try:
         limit, damper = best_friction(model, mass_ratio * model.beam_mass, force, resonance)
-    except ParameterError:  # no such damper where the resonance's own mode does not move the place, or the force
-        limit, damper = float("nan"), float("nan")
+    except (
+        ParameterError
+    ):  # no such damper where the resonance's own mode does not move the place, or the force
+        limit = float("nan")
+        damper = float("nan")
     peak = highest_amplitude(model, minimax(model, mass_ratio, resonance), resonance, LOW, HIGH)[0]
     return Rivals(force * peak / float(np.sqrt(2)), damper, limit)
 
 
 def impacts_of(case: CurveCase, executor: Executor) -> Impacts:
     """Run a case's first force once up and once down with its impacts recorded; raises KeyboardInterrupt if that is stopped."""
-    lanes = [Lane(case.scene, Drive(float(case.forces[0]), schedule)) for schedule in case.schedules()]
+    lanes = [
+        Lane(case.scene, Drive(float(case.forces[0]), schedule)) for schedule in case.schedules()
+    ]
     pairs = each_lane(lanes, _impacts, executor=executor)
     seen = [one for one in pairs if one is not None]
     if len(seen) < len(lanes):
         raise KeyboardInterrupt
     largest, rms, rate, power, ratio = (float(x) for x in np.max(seen, axis=0))
-    return Impacts(largest, rms, rate, power, ratio * case.scene.model.resonance_omega(case.resonance))
+    return Impacts(
+        largest, rms, rate, power, ratio * case.scene.model.resonance_omega(case.resonance)
+    )
 
 
-def change_with_modes(found: Advice, answer: Answer, structure: Structure, seed: int, executor: Executor) -> str:
+def change_with_modes(
+    found: Advice, answer: Answer, structure: Structure, seed: int, executor: Executor
+) -> str:
     """Return in words what twice the modes change of a device's level; nothing where the structure has no more."""
-    beam, check = with_more_modes(structure), found.check
+    beam = with_more_modes(structure)
+    check = found.check
     if beam is None:
         return ""
-    case = CurveCase(Scene(modal_model(beam), answer.absorber), np.array([check.force]), check.resonance, check.limits, check.rate)
+    case = CurveCase(
+        Scene(modal_model(beam), answer.absorber),
+        np.array([check.force]),
+        check.resonance,
+        check.limits,
+        check.rate,
+    )
     (curve,) = performance_curves([case], found.members, seed, executor=executor)
     return f"; with {beam.modes} the level is {1e3 * curve.median[0]:.4g} mm, {curve.median[0] / answer.level:.2f} times as high"
 
 
-def uncertain_levels(found: Advice, answer: Answer, every: Sequence[Spread], executor: Executor) -> tuple[float, float, float]:
+def uncertain_levels(
+    found: Advice, answer: Answer, every: Sequence[Spread], executor: Executor
+) -> tuple[float, float, float]:
     """Return the 5, 50 and 95 % quantiles of a device's level in m with all that is uncertain drawn; raises KeyboardInterrupt if it is stopped."""
     check = found.check
-    case = CurveCase(Scene(check.model, answer.absorber), np.array([check.force]), check.resonance, check.limits, check.rate)
+    case = CurveCase(
+        Scene(check.model, answer.absorber),
+        np.array([check.force]),
+        check.resonance,
+        check.limits,
+        check.rate,
+    )
     ensemble = draw_members(DRAWS + 1, UNSEEN)[1:]
-    pairs = zip(*(ensemble.drives(check.force, schedule) for schedule in case.schedules()), strict=True)
+    pairs = zip(
+        *(ensemble.drives(check.force, schedule) for schedule in case.schedules()), strict=True
+    )
     lanes = [
         drawn(Lane(case.scene, drive), every, share, check.resonance, check.force)
         for pair, share in zip(pairs, shares(every, ensemble), strict=True)
@@ -138,11 +184,17 @@ def _impacts(lane: Lane) -> tuple[float, ...]:
 
 def impact_numbers(response: Response) -> tuple[float, float, float, float]:
     """Return largest and RMS speed of a run's impacts (m/s), their number a second, and the power lost in them (W)."""
-    impacts, time = response.impacts, float(response.drive.schedule.times[-1])
+    impacts = response.impacts
+    time = float(response.drive.schedule.times[-1])
     assert impacts is not None
     speed = np.abs(impacts.relative_velocity)
     rms = float(np.sqrt(np.mean(speed**2))) if len(speed) else 0.0
-    return float(np.max(speed, initial=0.0)), rms, len(speed) / time, float(np.sum(impacts.energy_lost)) / time
+    return (
+        float(np.max(speed, initial=0.0)),
+        rms,
+        len(speed) / time,
+        float(np.sum(impacts.energy_lost)) / time,
+    )
 
 
 def stretch(forces: Array, good: NDArray[np.bool_], middle: int) -> tuple[float, float]:
@@ -150,7 +202,8 @@ def stretch(forces: Array, good: NDArray[np.bool_], middle: int) -> tuple[float,
     if not good[middle]:
         return float("nan"), float("nan")
     bad = np.flatnonzero(~good)
-    first, last = int(np.max(bad[bad < middle], initial=-1)) + 1, int(np.min(bad[bad > middle], initial=len(good))) - 1
+    first = int(np.max(bad[bad < middle], initial=-1)) + 1
+    last = int(np.min(bad[bad > middle], initial=len(good))) - 1
     return float(forces[first]), float(forces[last])
 
 
@@ -198,7 +251,10 @@ def material(name: str) -> tuple[float, float]:
 def estimate(first: str, second: str, radius: float, mass: float, speed: float) -> Contact:
     """Return the contact of two materials: ``radius`` in m of the rounder one, effective ``mass`` in kg and relative ``speed`` in m/s above 0."""
     softness = sum((1 - poisson**2) / young for young, poisson in map(material, (first, second)))
-    radius, mass, speed, stiff = positive("radius", radius), positive("mass", mass), positive("speed", speed), 1 / softness
+    radius = positive("radius", radius)
+    mass = positive("mass", mass)
+    speed = positive("speed", speed)
+    stiff = 1 / softness
     depth = (15 * mass * speed**2 / (16 * np.sqrt(radius) * stiff)) ** 0.4
     force = 4 / 3 * stiff * np.sqrt(radius) * depth**1.5
     time = 2.87 * (mass**2 / (radius * stiff**2 * speed)) ** 0.2
@@ -207,7 +263,10 @@ def estimate(first: str, second: str, radius: float, mass: float, speed: float) 
 
 def meeting_mass(model: ModalModel, absorber_mass: float) -> float:
     """Return the mass in kg with which an absorber and the place of the structure meet, by the modes kept."""
-    return 1 / (1 / positive("absorber mass", absorber_mass) + non_negative("mobility", float(np.sum(model.tip_shape**2))))
+    return 1 / (
+        1 / positive("absorber mass", absorber_mass)
+        + non_negative("mobility", float(np.sum(model.tip_shape**2)))
+    )
 
 
 def reaches_beyond(model: ModalModel, contact: Contact) -> bool:

@@ -11,10 +11,30 @@ from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, perfo
 from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.ensemble import Executor, Progress
 from impact_env.modes import ModalModel
-from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls, SlidingAbsorber, impact_absorber, require
+from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
+    RigidWalls,
+    SlidingAbsorber,
+    impact_absorber,
+    require,
+)
 from impact_env.scene import Scene
-from optimisation.bounds import design_gap, gap_unit, near_range, reach, require_reach, resonance_limit, share_reached
-from optimisation.extremes import LEAST_RATIO, stationary_level, usable_force, usable_mass_ratio, usable_rate
+from optimisation.bounds import (
+    design_gap,
+    gap_unit,
+    near_range,
+    reach,
+    require_reach,
+    resonance_limit,
+    share_reached,
+)
+from optimisation.extremes import (
+    LEAST_RATIO,
+    stationary_level,
+    usable_force,
+    usable_mass_ratio,
+    usable_rate,
+)
 from optimisation.friction_rule import scaled_friction
 
 Array = NDArray[np.float64]
@@ -47,7 +67,9 @@ class GapCheck:
     @property
     def sweep_ratio(self) -> float:
         """Level of the sweeps without absorber over the stationary one; NaN where nothing is finished. Below `LEAST_RATIO` shares are left out."""
-        return float(self.without.median[0]) / (self.force * stationary_level(self.model, self.resonance, self.limits))
+        return float(self.without.median[0]) / (
+            self.force * stationary_level(self.model, self.resonance, self.limits)
+        )
 
     @property
     def mass(self) -> float:
@@ -81,7 +103,9 @@ class GapCheck:
 
     def limit_at(self, gap: float) -> float:
         """Return the limit in m for a gap in m."""
-        return float(resonance_limit(self.model, self.mass, gap, self.force, self.resonance, *self.limits))
+        return float(
+            resonance_limit(self.model, self.mass, gap, self.force, self.resonance, *self.limits)
+        )
 
     @cached_property
     def share(self) -> Array:
@@ -90,7 +114,15 @@ class GapCheck:
         if not self.sweep_ratio >= LEAST_RATIO:
             return shares
         for k in np.flatnonzero(~np.isnan(self.level)):
-            shares[k] = share_reached(self.model, self.mass, float(self.gaps[k]), self.force, self.level[k], self.resonance, *self.limits)
+            shares[k] = share_reached(
+                self.model,
+                self.mass,
+                float(self.gaps[k]),
+                self.force,
+                self.level[k],
+                self.resonance,
+                *self.limits,
+            )
         return shares
 
     @property
@@ -111,24 +143,37 @@ def sweep_limits(model: ModalModel, mass: float, resonance: int = 1) -> tuple[fl
 
 def gap_factors(number: int) -> Array:
     """Return an odd number of factors of the rule's gap, geometric, 1 in the middle."""
-    require(number >= 3 and number % 2 == 1, "gaps", number, "an odd number, 3 or more (the rule's gap is the middle one)")
+    require(
+        number >= 3 and number % 2 == 1,
+        "gaps",
+        number,
+        "an odd number, 3 or more (the rule's gap is the middle one)",
+    )
     half = np.geomspace(1, SPAN, number // 2 + 1)
     return np.concatenate([1 / half[:0:-1], half])
 
 
 def scaled_absorber(
-    model: ModalModel, force: float, resonance: int = 1, mass_ratio: float = DEFAULT_MASS_RATIO, restitution: float = RESTITUTION
+    model: ModalModel,
+    force: float,
+    resonance: int = 1,
+    mass_ratio: float = DEFAULT_MASS_RATIO,
+    restitution: float = RESTITUTION,
 ) -> SlidingAbsorber:
     """Return an impact absorber with the rule's gap for a force in N, and the paper's friction by the scaling law (`scaled_friction`)."""
     mass = usable_mass_ratio("mass_ratio", mass_ratio) * model.beam_mass
     friction = scaled_friction(model, mass, gap_unit(model, mass, force, resonance))
-    return impact_absorber(design_gap(model, mass, force, resonance), restitution, friction, mass_ratio)
+    return impact_absorber(
+        design_gap(model, mass, force, resonance), restitution, friction, mass_ratio
+    )
 
 
 def rigid_walls(absorber: SlidingAbsorber) -> RigidWalls:
     """Return an absorber's rigid walls; raises ParameterError for one that has none."""
     if not isinstance(absorber.walls, RigidWalls):
-        require(False, "absorber", absorber, "one with rigid walls, since the rule is about their gap")
+        require(
+            False, "absorber", absorber, "one with rigid walls, since the rule is about their gap"
+        )
         raise AssertionError
     return absorber.walls
 
@@ -156,16 +201,52 @@ def check_gap(
     is ``everywhere`` that is asked for.
     """
     force = usable_force("force", force)
-    rate = default_rate(model, (resonance,)) if percent_per_100_periods is None else percent_per_100_periods
+    rate = (
+        default_rate(model, (resonance,))
+        if percent_per_100_periods is None
+        else percent_per_100_periods
+    )
     absorber = scaled_absorber(model, force, resonance) if absorber is None else absorber
     walls = rigid_walls(absorber)
     mass = absorber.mass_ratio * model.beam_mass
-    found = reach(model, mass, resonance) if everywhere else require_reach(model, mass, force, resonance)
-    rule, limits = design_gap(model, mass, force, resonance), sweep_limits(model, mass, resonance)
-    multiples = np.sort(np.asarray(gap_factors(11) if factors is None else factors, dtype=np.float64))
-    require(bool(np.all(multiples > 0)) and 1.0 in multiples, "factors", factors, "numbers above 0, one of them 1")
-    scenes = [Scene(model, replace(absorber, walls=replace(walls, gap=float(rule * factor)))) for factor in multiples]
+    found = (
+        reach(model, mass, resonance)
+        if everywhere
+        else require_reach(model, mass, force, resonance)
+    )
+    rule = design_gap(model, mass, force, resonance)
+    limits = sweep_limits(model, mass, resonance)
+    multiples = np.sort(
+        np.asarray(gap_factors(11) if factors is None else factors, dtype=np.float64)
+    )
+    require(
+        bool(np.all(multiples > 0)) and 1.0 in multiples,
+        "factors",
+        factors,
+        "numbers above 0, one of them 1",
+    )
+    scenes = [
+        Scene(model, replace(absorber, walls=replace(walls, gap=float(rule * factor))))
+        for factor in multiples
+    ]
     rate = usable_rate("rate", rate, [limits])
-    cases = [CurveCase(scene, np.array([force]), resonance, limits, rate) for scene in [Scene(model), *scenes]]
-    without, *curves = performance_curves(cases, members, seed, threads=threads, progress=progress, executor=executor)
-    return GapCheck(model, resonance, force, absorber, rule, rule * multiples, limits, tuple(curves), without, found, rate)
+    cases = [
+        CurveCase(scene, np.array([force]), resonance, limits, rate)
+        for scene in [Scene(model), *scenes]
+    ]
+    without, *curves = performance_curves(
+        cases, members, seed, threads=threads, progress=progress, executor=executor
+    )
+    return GapCheck(
+        model,
+        resonance,
+        force,
+        absorber,
+        rule,
+        rule * multiples,
+        limits,
+        tuple(curves),
+        without,
+        found,
+        rate,
+    )

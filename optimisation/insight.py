@@ -15,11 +15,31 @@ from impact_env.parameters import count, fraction, require
 from optimisation.designs import Design, DesignSpace
 from optimisation.evaluation import Progress, evaluate, measured_chunks
 from optimisation.gap_card import stretch
-from optimisation.measures import ACCELERATION, FRICTION_HEAT, IMPACT_POWER, IMPACT_RATE, IMPACT_RMS, IMPACT_SPEED, LEVEL, RMS, STROKE, Chunk
+from optimisation.measures import (
+    ACCELERATION,
+    FRICTION_HEAT,
+    IMPACT_POWER,
+    IMPACT_RATE,
+    IMPACT_RMS,
+    IMPACT_SPEED,
+    LEVEL,
+    RMS,
+    STROKE,
+    Chunk,
+)
 from optimisation.objectives import Condition, Objective
 from optimisation.problem import Problem
 from optimisation.uncertain import on_another_structure
-from optimisation.variables import DAMPING, FRICTION_LIMIT, GAP, RESTITUTION, STIFFNESS, WITH_IMPACTS, Variable, parts_of
+from optimisation.variables import (
+    DAMPING,
+    FRICTION_LIMIT,
+    GAP,
+    RESTITUTION,
+    STIFFNESS,
+    WITH_IMPACTS,
+    Variable,
+    parts_of,
+)
 
 Array = NDArray[np.float64]
 SHOWN = 2  # set of fresh members on which all is run that is shown of a design; others choose and judge a winner
@@ -68,7 +88,13 @@ def member_levels(
 ) -> tuple[Array, Array]:
     """Return single members' levels in m, (designs, members, conditions), and that without absorber, (members, conditions)."""
     count("members", members, 1)
-    wider = replace(problem, conditions=tuple(conditions), objectives=(Objective(),), constraints=(), members=members)
+    wider = replace(
+        problem,
+        conditions=tuple(conditions),
+        objectives=(Objective(),),
+        constraints=(),
+        members=members,
+    )
     at = wider.measures.index(LEVEL)
     chosen = problem.rate if rate is None else rate
     worse = np.empty((len(designs), members, len(conditions)))
@@ -118,16 +144,27 @@ def varied(space: DesignSpace) -> list[Variable]:
     return [v for v in space.free if not v.whole]
 
 
-def neighbourhood(space: DesignSpace, design: Design, spread: float = SPREAD) -> tuple[Array, Array]:
+def neighbourhood(
+    space: DesignSpace, design: Design, spread: float = SPREAD
+) -> tuple[Array, Array]:
     """Return the ends (variables,) of a box around a design: its `varied` values (SI) times 1 -+ spread, cut to the space's bounds at the design."""
-    share, free, at = fraction("spread", spread), varied(space), space.coordinates(design)
+    share = fraction("spread", spread)
+    free = varied(space)
+    at = space.coordinates(design)
     values = np.array([design.values[v.name] for v in free])
     units = values / np.array([at[v.name] for v in free])
     low, high = (np.array([getattr(v, end) for v in free]) * units for end in ("low", "high"))
     return np.maximum(values * (1 - share), low), np.minimum(values * (1 + share), high)
 
 
-def sensitivity(problem: Problem, design: Design, samples: int, members: int, executor: Executor, progress: Progress | None = None) -> Sensitivity:
+def sensitivity(
+    problem: Problem,
+    design: Design,
+    samples: int,
+    members: int,
+    executor: Executor,
+    progress: Progress | None = None,
+) -> Sensitivity:
     """Return the Sobol indices (SciPy, Saltelli's estimator) of the first objective in a design's neighbourhood.
 
     ``samples``, a power of 2, stands for samples * (variables + 2) designs, each run for fresh
@@ -135,29 +172,59 @@ def sensitivity(problem: Problem, design: Design, samples: int, members: int, ex
     noise counts as an interaction: it shows in the total indices only.
     """
     names = tuple(v.name for v in varied(problem.space))
-    require(len(names) > 1, "free variables", list(names), "two or more: one alone causes everything")
+    require(
+        len(names) > 1, "free variables", list(names), "two or more: one alone causes everything"
+    )
     require(samples >= 2 and samples & (samples - 1) == 0, "samples", samples, "a power of 2")
     near = replace(problem, objectives=problem.objectives[:1], constraints=(), members=members)
     low, high = neighbourhood(problem.space, design)
-    fresh, values = problem.fresh_ensemble(members, SHOWN), list[Array]()
+    fresh = problem.fresh_ensemble(members, SHOWN)
+    values = list[Array]()
 
     def costs(x: Array) -> Array:
-        designs = [Design(design.concept, {**design.values, **dict(zip(names, map(float, row), strict=True))}) for row in x.T]
+        designs = [
+            Design(
+                design.concept, {**design.values, **dict(zip(names, map(float, row), strict=True))}
+            )
+            for row in x.T
+        ]
         result = np.empty(len(designs))
         for k, measured in evaluate(near, designs, fresh, near.rate, executor, progress):
             result[k] = near.cost(near.score(designs[k], measured, fresh, near.rate))
         values.append(result)
-        require(bool(np.all(np.isfinite(result))), "neighbourhood", SPREAD, "a smaller one: runs in it could not be finished")
+        require(
+            bool(np.all(np.isfinite(result))),
+            "neighbourhood",
+            SPREAD,
+            "a smaller one: runs in it could not be finished",
+        )
         return result[None]
 
     ranges = [scipy.stats.uniform(a, b - a) for a, b in zip(low, high, strict=True)]
-    result = scipy.stats.sobol_indices(func=costs, n=samples, dists=ranges, rng=np.random.default_rng(problem.seed))
+    result = scipy.stats.sobol_indices(
+        func=costs, n=samples, dists=ranges, rng=np.random.default_rng(problem.seed)
+    )
     bands = result.bootstrap(0.95, n_resamples=500)
-    first_band = np.array([bands.first_order.confidence_interval.low, bands.first_order.confidence_interval.high]).reshape(2, -1).T
-    total_band = np.array([bands.total_order.confidence_interval.low, bands.total_order.confidence_interval.high]).reshape(2, -1).T
-    first, total = np.ravel(result.first_order), np.ravel(result.total_order)
+    first_band = (
+        np.array(
+            [bands.first_order.confidence_interval.low, bands.first_order.confidence_interval.high]
+        )
+        .reshape(2, -1)
+        .T
+    )
+    total_band = (
+        np.array(
+            [bands.total_order.confidence_interval.low, bands.total_order.confidence_interval.high]
+        )
+        .reshape(2, -1)
+        .T
+    )
+    first = np.ravel(result.first_order)
+    total = np.ravel(result.total_order)
     every = np.concatenate(values)
-    return Sensitivity(names, low, high, first, first_band, total, total_band, float(np.std(every)), len(every))
+    return Sensitivity(
+        names, low, high, first, first_band, total, total_band, float(np.std(every)), len(every)
+    )
 
 
 # A design in service, as its builder needs it: impacts, wear, heat, forces it serves, tolerances, and what a lasting vibration does.
@@ -179,9 +246,15 @@ TOLERANCES = {
 }
 BEAM_TOLERANCES = {OF_BEAM[0]: ("factor", 1.3), OF_BEAM[1]: ("share", 0.05)}
 QUANTILES = (0.5, 0.9, 0.95)
-DRAWS, FEW = 32, 4
-FORCES, HALVED = np.geomspace(1 / 4, 4, 17), 0.5  # of the condition's force; the relative level that is asked of the range
-FREQUENCIES, SETTLED, WATCH = 21, 8.0, 200.0  # of a lasting vibration: how many, time constants before it is watched, pseudo periods it is watched
+DRAWS = 32
+FEW = 4
+# of the condition's force; the relative level that is asked of the range
+FORCES = np.geomspace(1 / 4, 4, 17)
+HALVED = 0.5
+# of a lasting vibration: how many, time constants before it is watched, pseudo periods it is watched
+FREQUENCIES = 21
+SETTLED = 8.0
+WATCH = 200.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,40 +285,80 @@ def _shifted(value: float, kind: str, size: float, at: float) -> float:
 
 def tolerances(design: Design) -> list[str]:
     """Return the names of what can be off: the design's own numbers, then the beam's."""
-    own = [name for name in design.values if parts_of(name)[0] in TOLERANCES and design.values[name] > 0]
+    own = [
+        name
+        for name in design.values
+        if parts_of(name)[0] in TOLERANCES and design.values[name] > 0
+    ]
     return [*own, *OF_BEAM]
 
 
-def _chunks(problem: Problem, design: Design, off: dict[str, float], ensemble: Members, measures: tuple[str, ...]) -> list[Chunk]:
+def _chunks(
+    problem: Problem,
+    design: Design,
+    off: dict[str, float],
+    ensemble: Members,
+    measures: tuple[str, ...],
+) -> list[Chunk]:
     """Return a design's runs with numbers off by shares (-1 to 1) of their tolerances; the sweeps follow the beam's own frequency."""
-    values = {name: _shifted(x, *TOLERANCES[parts_of(name)[0]], off[name]) if name in off else x for name, x in design.values.items()}
+    values = {
+        name: _shifted(x, *TOLERANCES[parts_of(name)[0]], off[name]) if name in off else x
+        for name, x in design.values.items()
+    }
     damping = _shifted(1.0, *BEAM_TOLERANCES[OF_BEAM[0]], off.get(OF_BEAM[0], 0.0))
     frequency = _shifted(1.0, *BEAM_TOLERANCES[OF_BEAM[1]], off.get(OF_BEAM[1], 0.0))
     chunks = problem.chunks(Design(design.concept, values), ensemble, problem.rate)
     if damping == 1 and frequency == 1:
         return [replace(chunk, measures=measures) for chunk in chunks]
-    lanes = (tuple(on_another_structure(lane, damping, frequency) for lane in chunk.lanes) for chunk in chunks)
-    return [replace(chunk, lanes=own, measures=measures) for chunk, own in zip(chunks, lanes, strict=True)]
+    lanes = (
+        tuple(on_another_structure(lane, damping, frequency) for lane in chunk.lanes)
+        for chunk in chunks
+    )
+    return [
+        replace(chunk, lanes=own, measures=measures)
+        for chunk, own in zip(chunks, lanes, strict=True)
+    ]
 
 
-def _run(problem: Problem, every: list[list[Chunk]], members: int, executor: Executor, progress: Progress | None) -> list[Array]:
+def _run(
+    problem: Problem,
+    every: list[list[Chunk]],
+    members: int,
+    executor: Executor,
+    progress: Progress | None,
+) -> list[Array]:
     """Return the measures of several sets of runs, each (members, conditions, measures), the larger of up and down."""
     found = measured_chunks([chunk for chunks in every for chunk in chunks], executor, progress)
     ends = np.cumsum([0, *(len(chunks) for chunks in every)])
     rows = [np.concatenate(found[start:stop]) for start, stop in pairwise(ends)]
-    return [np.asarray(row.reshape(len(problem.conditions), members, -1, row.shape[1]).max(axis=2).transpose(1, 0, 2)) for row in rows]
+    return [
+        np.asarray(
+            row.reshape(len(problem.conditions), members, -1, row.shape[1])
+            .max(axis=2)
+            .transpose(1, 0, 2)
+        )
+        for row in rows
+    ]
 
 
-def watched(problem: Problem, design: Design, executor: Executor, progress: Progress | None = None) -> tuple[dict[str, Array], Array]:
+def watched(
+    problem: Problem, design: Design, executor: Executor, progress: Progress | None = None
+) -> tuple[dict[str, Array], Array]:
     """Return `Service.watched` of a design on fresh members, and the median level in m, (C,)."""
     ensemble = problem.fresh_ensemble(problem.members, SHOWN)
     names = (LEVEL, *(WATCHED if design.concept in WITH_IMPACTS else WATCHED_ANYWHERE))
-    (found,) = _run(problem, [_chunks(problem, design, {}, ensemble, names)], len(ensemble), executor, progress)
+    (found,) = _run(
+        problem, [_chunks(problem, design, {}, ensemble, names)], len(ensemble), executor, progress
+    )
     bands = np.quantile(found, (BAND[0], 0.5, BAND[1]), axis=0)
-    return {name: bands[:, :, k] for k, name in enumerate(names) if name != LEVEL}, np.asarray(bands[1, :, 0])
+    return {name: bands[:, :, k] for k, name in enumerate(names) if name != LEVEL}, np.asarray(
+        bands[1, :, 0]
+    )
 
 
-def lasting_levels(problem: Problem, design: Design, executor: Executor, progress: Progress | None = None) -> Array:
+def lasting_levels(
+    problem: Problem, design: Design, executor: Executor, progress: Progress | None = None
+) -> Array:
     """Return the largest RMS in m of the free end under a force of constant frequency, over frequencies of each condition's sweep, (C,).
 
     Each run begins at rest, settles for `SETTLED` time constants of the resonance, and then is watched for at least 200 pseudo periods.
@@ -254,35 +367,78 @@ def lasting_levels(problem: Problem, design: Design, executor: Executor, progres
     begun = problem.chunks(design, ensemble, problem.rate)
     chunks = []
     for condition, chunk in zip(problem.conditions, begun, strict=True):
-        scene, reference = chunk.lanes[0].scene, chunk.lanes[0].drive.schedule.reference
+        scene = chunk.lanes[0].scene
+        reference = chunk.lanes[0].drive.schedule.reference
         damping = max(float(scene.model.damping_ratio[condition.resonance - 1]), 1e-4)
-        periods = 2 * max(SETTLED / (2 * np.pi * damping), WATCH)  # the second half is what the measure reads
+        periods = 2 * max(
+            SETTLED / (2 * np.pi * damping), WATCH
+        )  # the second half is what the measure reads
         for ratio in np.linspace(*condition.limits, FREQUENCIES):
-            drives = ensemble.drives(condition.force, constant_frequency(reference, float(ratio), periods))
-            chunks.append(replace(chunk, lanes=tuple(Lane(scene, drive) for drive in drives), measures=(RMS,)))
+            drives = ensemble.drives(
+                condition.force, constant_frequency(reference, float(ratio), periods)
+            )
+            chunks.append(
+                replace(chunk, lanes=tuple(Lane(scene, drive) for drive in drives), measures=(RMS,))
+            )
     found = np.concatenate(measured_chunks(chunks, executor, progress))
     return np.asarray(found.reshape(len(problem.conditions), FREQUENCIES).max(axis=1))
 
 
 def service(
-    problem: Problem, design: Design, executor: Executor, members: int = FEW, draws: int = DRAWS, progress: Progress | None = None
+    problem: Problem,
+    design: Design,
+    executor: Executor,
+    members: int = FEW,
+    draws: int = DRAWS,
+    progress: Progress | None = None,
 ) -> Service:
     """Run a design as it will be used; ``members`` for each point of ranges and tolerances, ``draws`` with all numbers off.
 
     What a run has a part in that the integrator gives up is NaN. Raises ParameterError for numbers out of range.
     """
-    members, draws, problem = count("members", members, 1), count("draws", draws, 1), replace(problem, uncertain={})
+    members = count("members", members, 1)
+    draws = count("draws", draws, 1)
+    problem = replace(problem, uncertain={})
     seen, level = watched(problem, design, executor, progress)
     forces = np.full((2, len(problem.conditions)), np.nan)
     for c, condition in enumerate(problem.conditions):
-        part = levels(problem, [design], over_force(condition, condition.force * FORCES), members, executor, progress)
-        forces[:, c] = stretch(condition.force * FORCES, part.relative[0] <= HALVED, len(FORCES) // 2)
-    names, few, many = tolerances(design), problem.fresh_ensemble(members, SHOWN), problem.fresh_ensemble(draws, SHOWN)
-    ends = [_chunks(problem, design, {name: at}, few, (LEVEL,)) for name in names for at in (-1.0, 1.0)]
-    alone = np.median(np.array(_run(problem, ends, members, executor, progress))[..., 0], axis=1).reshape(len(names), 2, -1)
-    points = 2 * scipy.stats.qmc.Halton(len(names), rng=np.random.default_rng(problem.seed)).random(draws) - 1
+        part = levels(
+            problem,
+            [design],
+            over_force(condition, condition.force * FORCES),
+            members,
+            executor,
+            progress,
+        )
+        forces[:, c] = stretch(
+            condition.force * FORCES, part.relative[0] <= HALVED, len(FORCES) // 2
+        )
+    names = tolerances(design)
+    few = problem.fresh_ensemble(members, SHOWN)
+    many = problem.fresh_ensemble(draws, SHOWN)
+    ends = [
+        _chunks(problem, design, {name: at}, few, (LEVEL,)) for name in names for at in (-1.0, 1.0)
+    ]
+    alone = np.median(
+        np.array(_run(problem, ends, members, executor, progress))[..., 0], axis=1
+    ).reshape(len(names), 2, -1)
+    points = (
+        2
+        * scipy.stats.qmc.Halton(len(names), rng=np.random.default_rng(problem.seed)).random(draws)
+        - 1
+    )
     offs = [dict(zip(names, map(float, row), strict=True)) for row in points]
     sets = [_chunks(problem, design, off, many[k : k + 1], (LEVEL,)) for k, off in enumerate(offs)]
-    joint = np.quantile(np.array(_run(problem, sets, 1, executor, progress))[:, 0, :, 0], QUANTILES, axis=0)
+    joint = np.quantile(
+        np.array(_run(problem, sets, 1, executor, progress))[:, 0, :, 0], QUANTILES, axis=0
+    )
     lasting = lasting_levels(problem, design, executor, progress)
-    return Service(problem.conditions, seen, forces, dict(zip(names, alone, strict=True)), np.asarray(joint), level, lasting)
+    return Service(
+        problem.conditions,
+        seen,
+        forces,
+        dict(zip(names, alone, strict=True)),
+        np.asarray(joint),
+        level,
+        lasting,
+    )

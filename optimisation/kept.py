@@ -46,26 +46,39 @@ class Kept:
             (tables,) = self._file.execute("SELECT count(*) FROM sqlite_master").fetchone()
             (form,) = self._file.execute("PRAGMA application_id").fetchone()
             if tables and form != FORM:
-                raise ParameterError(f"{self.something_else} (of another program, or of another version of this one)")
+                raise ParameterError(
+                    f"{self.something_else} (of another program, or of another version of this one)"
+                )
             if not tables:
-                self._file.execute("CREATE TABLE pieces (name TEXT PRIMARY KEY, value TEXT NOT NULL)")
+                self._file.execute(
+                    "CREATE TABLE pieces (name TEXT PRIMARY KEY, value TEXT NOT NULL)"
+                )
                 self._file.execute(f"PRAGMA application_id = {FORM}")
             self._file.execute("COMMIT")
-            self._file.execute("PRAGMA journal_mode = WAL")  # a piece then costs no wait for the disk
+            self._file.execute(
+                "PRAGMA journal_mode = WAL"
+            )  # a piece then costs no wait for the disk
             self._file.execute("PRAGMA synchronous = NORMAL")
-            self.known |= {name: json.loads(value) for name, value in self._file.execute("SELECT name, value FROM pieces")}
+            self.known |= {
+                name: json.loads(value)
+                for name, value in self._file.execute("SELECT name, value FROM pieces")
+            }
         except (sqlite3.Error, ValueError) as error:
             if isinstance(error, ParameterError):
                 raise
             refusal = REFUSALS.get(getattr(error, "sqlite_errorname", ""))
-            raise ParameterError(f"{option} = {path} {refusal}" if refusal else f"{self.something_else} ({error})") from error
+            raise ParameterError(
+                f"{option} = {path} {refusal}" if refusal else f"{self.something_else} ({error})"
+            ) from error
 
     def keep(self, name: str, value: object) -> None:
         """Keep a value that JSON has, or NaN, for good; raises OSError if the file cannot take it: then it holds what it held."""
         self.known[name] = value
         if self.path is not None:
             try:
-                self._file.execute("INSERT OR REPLACE INTO pieces VALUES (?, ?)", (name, json.dumps(value)))
+                self._file.execute(
+                    "INSERT OR REPLACE INTO pieces VALUES (?, ?)", (name, json.dumps(value))
+                )
             except sqlite3.Error as error:
                 raise OSError(errno.EIO, str(error), str(self.path)) from error
 
@@ -78,7 +91,9 @@ class Kept:
         """Return the `Keep` for the work that ``basis`` and the kernels' sources describe; other work may have its pieces in the same file."""
         basis = basis | {"kernels": digest()}
 
-        def keep(name: Json, make: Callable[[], Iterator[P]], read: Callable[[Json], P], /) -> Iterator[P]:
+        def keep(
+            name: Json, make: Callable[[], Iterator[P]], read: Callable[[Json], P], /
+        ) -> Iterator[P]:
             key = json.dumps(basis | name, sort_keys=True)
             if key not in self.known:
                 done = []

@@ -35,7 +35,18 @@ from impact_env.scene import Scene
 from impact_env.turning_loads import Force
 from optimisation.bounds import design_gap
 from optimisation.friction_rule import scaled_friction
-from optimisation.gap_advice import MEMBERS, MOST_TOLERANCE, PAIRS, STEP, TOLERANCE, Answer, Table, answer_at, answers, search
+from optimisation.gap_advice import (
+    MEMBERS,
+    MOST_TOLERANCE,
+    PAIRS,
+    STEP,
+    TOLERANCE,
+    Answer,
+    Table,
+    answer_at,
+    answers,
+    search,
+)
 from optimisation.gap_check import RESTITUTION
 from optimisation.measures import DECAY, START, check_size, free_size, measure_of, measured
 from optimisation.signals import band_levels, edges_of
@@ -43,11 +54,15 @@ from optimisation.tuned import minimax
 
 Array = NDArray[np.float64]
 GAPS = np.geomspace(0.35, 5.6, 13)  # of the free motion's size at the absorber, `free_size`
-LIMITS = np.geomspace(0.05, 51.2, 16)  # of absorber mass times first frequency squared times that size; higher modes want larger ones
+LIMITS = np.geomspace(
+    0.05, 51.2, 16
+)  # of absorber mass times first frequency squared times that size; higher modes want larger ones
 BETWEEN = np.linspace(-0.75, 0.75, 7)  # of the step of a grid, around its best
 SPAN = (0.2, 5.0)  # of the loads' intensity
 RECORDS = 4  # of a tuning alone
-CLOSE, MOST_TRIALS = 1e-3, 120  # of the simplex search, in logarithms of stiffness and damping
+# of the simplex search, in logarithms of stiffness and damping
+CLOSE = 1e-3
+MOST_TRIALS = 120
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +86,9 @@ class LoadComparison:
 
 
 def _in_bands(lane: Lane) -> tuple[float, ...]:
-    return band_levels(lane) if len(edges_of(lane.scene.model, lane.drive)) > 2 else (measured(lane),)
+    return (
+        band_levels(lane) if len(edges_of(lane.scene.model, lane.drive)) > 2 else (measured(lane),)
+    )
 
 
 def runs_of(
@@ -82,7 +99,11 @@ def runs_of(
     measure: Callable[[Lane], Any] = measured,
 ) -> Array:
     """Return the measure of each absorber under each drive, (absorbers, drives, ...); raises KeyboardInterrupt where it was interrupted."""
-    found = each_lane([Lane(Scene(model, absorber), drive) for absorber in absorbers for drive in drives], measure, threads=threads)
+    found = each_lane(
+        [Lane(Scene(model, absorber), drive) for absorber in absorbers for drive in drives],
+        measure,
+        threads=threads,
+    )
     if any(one is None for one in found):
         raise KeyboardInterrupt
     values = np.array(found, dtype=np.float64)
@@ -95,7 +116,11 @@ Left = Callable[[Sequence[Absorber]], Array]
 def _left(model: ModalModel, drives: Sequence[AnyDrive], threads: int | None) -> Left:
     """Return a function of absorbers: the mean over the drives of each one's largest relative measure in any band, (absorbers,)."""
     free = runs_of(model, [None], drives, threads, _in_bands)[0]
-    return lambda absorbers: np.asarray(np.mean(np.max(runs_of(model, absorbers, drives, threads, _in_bands) / free, axis=2), axis=1))
+    return lambda absorbers: np.asarray(
+        np.mean(
+            np.max(runs_of(model, absorbers, drives, threads, _in_bands) / free, axis=2), axis=1
+        )
+    )
 
 
 def _best(left: Left, make: Callable[[float], Absorber], sizes: Array) -> Absorber:
@@ -121,16 +146,25 @@ def expected_rms(model: ModalModel, tuned: TunedAbsorber | None, load: Random) -
     motion = receptance(model, omega, model.level_shape, driven)
     if tuned is not None:
         mass = tuned.mass_ratio * model.beam_mass
-        spring, inertia = tuned.stiffness + 1j * omega * tuned.damping, mass * omega**2
-        at_absorber, own, across = (receptance(model, omega, model.tip_shape, row) for row in (driven, model.tip_shape, model.level_shape))
+        spring = tuned.stiffness + 1j * omega * tuned.damping
+        inertia = mass * omega**2
+        at_absorber, own, across = (
+            receptance(model, omega, model.tip_shape, row)
+            for row in (driven, model.tip_shape, model.level_shape)
+        )
         pushed = mass * model.base_at_absorber * (load.quantity == BASE)
-        motion = motion + across * spring * (inertia * at_absorber - pushed) / (spring - inertia - own * inertia * spring)
+        motion = motion + across * spring * (inertia * at_absorber - pushed) / (
+            spring - inertia - own * inertia * spring
+        )
     return float(np.sqrt(np.sum(load.density * np.abs(motion) ** 2) / load.length))
 
 
-def tuned_for(model: ModalModel, mass_ratio: float, drives: Sequence[AnyDrive], threads: int | None = None) -> TunedAbsorber:
+def tuned_for(
+    model: ModalModel, mass_ratio: float, drives: Sequence[AnyDrive], threads: int | None = None
+) -> TunedAbsorber:
     """Return the spring and damper that leave least of the measure; the search begins at the tuning for the first resonance's peak."""
-    first, parts = minimax(model, mass_ratio), drives[0].parts if isinstance(drives[0], Loads) else ()
+    first = minimax(model, mass_ratio)
+    parts = drives[0].parts if isinstance(drives[0], Loads) else ()
     randoms = [part for part in parts if isinstance(part, Random)]
     left = _left(model, drives, threads) if len(randoms) < max(len(parts), 1) else None
 
@@ -140,10 +174,17 @@ def tuned_for(model: ModalModel, mass_ratio: float, drives: Sequence[AnyDrive], 
 
     def cost(shifts: Array) -> float:
         if left is None:
-            return float(np.linalg.norm([expected_rms(model, of(shifts), part) for part in randoms]))
+            return float(
+                np.linalg.norm([expected_rms(model, of(shifts), part) for part in randoms])
+            )
         return float(left([of(shifts)])[0])
 
-    options = {"xatol": CLOSE, "fatol": 0.0, "maxfev": MOST_TRIALS, "initial_simplex": [[0, 0], [0.1, 0], [0, 0.3]]}
+    options = {
+        "xatol": CLOSE,
+        "fatol": 0.0,
+        "maxfev": MOST_TRIALS,
+        "initial_simplex": [[0, 0], [0.1, 0], [0, 0.3]],
+    }
     return of(scipy.optimize.minimize(cost, np.zeros(2), method="Nelder-Mead", options=options).x)
 
 
@@ -165,13 +206,22 @@ def tuned_under(model: ModalModel, loads: Loads, mass_ratio: float) -> TunedUnde
     """Return the tuned absorber with the least measure under loads, over `RECORDS` members: for a random load that of the least mean square."""
     check_load(Scene(model, None), loads, Exact())
     drives = drives_of(draw_members(RECORDS, 0), loads)
-    best, peak = tuned_for(model, positive("mass_ratio", mass_ratio), drives), minimax(model, mass_ratio)
+    best = tuned_for(model, positive("mass_ratio", mass_ratio), drives)
+    peak = minimax(model, mass_ratio)
     found = runs_of(model, [best, peak, None], drives, measure=_in_bands)
     return TunedUnder(loads, measure_of(loads), best, peak, np.max(found[:2] / found[2], axis=2))
 
 
 def compare_loads(
-    model: ModalModel, loads: Loads, *, mass_ratio: float, gap: float | None, factors: int, members: int, seed: int, threads: int | None = None
+    model: ModalModel,
+    loads: Loads,
+    *,
+    mass_ratio: float,
+    gap: float | None,
+    factors: int,
+    members: int,
+    seed: int,
+    threads: int | None = None,
 ) -> LoadComparison:
     """Return the comparison over a number of ``factors`` of the loads' intensity; a ``gap`` in m is taken instead of the best one."""
     none = Scene(model, None)
@@ -186,11 +236,26 @@ def compare_loads(
     impact = _best(left, lambda gap: impact_absorber(gap, RESTITUTION, None, mass_ratio), gaps)
     scale = mass * float(model.omega[0]) ** 2 * size
     friction = _best(left, lambda limit: friction_damper(limit, mass_ratio), scale * LIMITS)
-    absorbers = {"none": None, "impact": impact, "friction": friction, "tuned": tuned_for(model, mass_ratio, drives, threads)}
+    absorbers = {
+        "none": None,
+        "impact": impact,
+        "friction": friction,
+        "tuned": tuned_for(model, mass_ratio, drives, threads),
+    }
     found = np.geomspace(*SPAN, factors)
-    grid = [drive.member(Member(factor=float(factor))) for factor in found for drive in drives if isinstance(drive, Loads)]
-    values = {name: runs_of(model, [one], grid, threads, _in_bands).reshape(factors, members, -1) for name, one in absorbers.items()}
-    return LoadComparison(loads, measure_of(loads), edges_of(model, loads), found, absorbers, values, size)
+    grid = [
+        drive.member(Member(factor=float(factor)))
+        for factor in found
+        for drive in drives
+        if isinstance(drive, Loads)
+    ]
+    values = {
+        name: runs_of(model, [one], grid, threads, _in_bands).reshape(factors, members, -1)
+        for name, one in absorbers.items()
+    }
+    return LoadComparison(
+        loads, measure_of(loads), edges_of(model, loads), found, absorbers, values, size
+    )
 
 
 # What `design_gap --load` answers: the gap with the least measure under loads, and the one that is best over a tolerance of their intensity.
@@ -239,7 +304,11 @@ class LoadAdvice:
 def rule_gap(model: ModalModel, mass: float, loads: Loads, resonance: int) -> float | None:
     """Return the design rule's gap in m for loads that are one swept force, None for others; ``mass`` in kg."""
     part = loads.parts[0]
-    return design_gap(model, mass, part.drive.amplitude, resonance) if len(loads.parts) == 1 and isinstance(part, Force) else None
+    return (
+        design_gap(model, mass, part.drive.amplitude, resonance)
+        if len(loads.parts) == 1 and isinstance(part, Force)
+        else None
+    )
 
 
 def advise_for_loads(
@@ -263,18 +332,30 @@ def advise_for_loads(
     ``progress`` is told finished runs and about how many there will be.
     Raises ParameterError for what is out of range and for loads that a structure cannot have, and where nothing moves at the absorber.
     """
-    require(0 <= tolerance <= MOST_TOLERANCE, "force_tolerance", tolerance, f"from 0 to {MOST_TOLERANCE:g}, a share of the force")
-    loads, none = loads.member(Member(factor=positive("force, a factor on the loads", factor))), Scene(model, None)
+    require(
+        0 <= tolerance <= MOST_TOLERANCE,
+        "force_tolerance",
+        tolerance,
+        f"from 0 to {MOST_TOLERANCE:g}, a share of the force",
+    )
+    loads = loads.member(Member(factor=positive("force, a factor on the loads", factor)))
+    none = Scene(model, None)
     check_load(none, loads, Exact())
     drives = drives_of(draw_members(count("members", members, 1), seed), loads)
-    mass, rms = positive("mass_ratio", mass_ratio) * model.beam_mass, free_size(Lane(none, drives[0]))
+    mass = positive("mass_ratio", mass_ratio) * model.beam_mass
+    rms = free_size(Lane(none, drives[0]))
     require(rms > 0, "load", 0.0, "one that moves the absorber's place")
     rule = rule_gap(model, mass, loads, resonance)
     start = START * rms if rule is None else rule
 
     def device(step: float) -> SlidingAbsorber:
         gap = start * float(np.exp(STEP * step))
-        return impact_absorber(gap, restitution, scaled_friction(model, mass, gap) if friction_limit is None else friction_limit, mass_ratio)
+        return impact_absorber(
+            gap,
+            restitution,
+            scaled_friction(model, mass, gap) if friction_limit is None else friction_limit,
+            mass_ratio,
+        )
 
     table = Table(power=0.0 if measure_of(loads) == DECAY else 1.0)
     pairs = PAIRS if members <= MEMBERS else 10 + 5 * members
@@ -286,6 +367,21 @@ def advise_for_loads(
         return np.append(kept, runs_of(model, [device(step)], drives[len(kept) : number], threads))
 
     search(look, 0, tolerance, members, pairs, table)
-    sharp, recommended = (answer_at(device(step), table, step, tolerance) for step in answers(table, tolerance, min(2, members)))
+    sharp, recommended = (
+        answer_at(device(step), table, step, tolerance)
+        for step in answers(table, tolerance, min(2, members))
+    )
     without = runs_of(model, [None], drives, threads)[0]
-    return LoadAdvice(loads, measure_of(loads), mass, table, start, rule, rms, tolerance, without, sharp, recommended)
+    return LoadAdvice(
+        loads,
+        measure_of(loads),
+        mass,
+        table,
+        start,
+        rule,
+        rms,
+        tolerance,
+        without,
+        sharp,
+        recommended,
+    )

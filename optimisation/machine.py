@@ -35,7 +35,9 @@ def processor() -> str:
     """Return the processor's name as the system gives it, with its `family`."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        name = next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+        name = next(
+            line.partition(":")[2].strip() for line in lines if line.startswith("model name")
+        )
     except (OSError, StopIteration):
         name = platform.processor() or platform.machine()
     return f"{name} ({family()})"
@@ -68,12 +70,19 @@ def conditions(packages: Iterable[str] = PACKAGES) -> dict[str, Any]:
 
 def machine(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return `conditions` for a benchmark's file, with the versions of numba and Python by their names."""
-    return {"processor": values["processor"], **{name: values["versions"][name] for name in ("numba", "python")}, **values}
+    return {
+        "processor": values["processor"],
+        **{name: values["versions"][name] for name in ("numba", "python")},
+        **values,
+    }
 
 
 def sources(values: Mapping[str, Any]) -> str:
     """Say in a sentence when, where and from which sources something was measured: what `conditions` returned then."""
-    named = ", ".join(f"{'Python' if name == 'python' else name} {number}" for name, number in values["versions"].items())
+    named = ", ".join(
+        f"{'Python' if name == 'python' else name} {number}"
+        for name, number in values["versions"].items()
+    )
     where = (values["date"], values["processor"], f"{values['cores']} cores", values.get("system"))
     return f"Measured on {', '.join(part for part in where if part)}; {named}."
 
@@ -88,7 +97,9 @@ def peak_memory() -> int:
     """Return the largest resident memory that this process had, in bytes; that of its children is not in it."""
     if sys.platform == "win32":
         return int(psutil.Process().memory_info().peak_wset)
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (
+        1 if sys.platform == "darwin" else 1024
+    )
 
 
 BARE = Record(level=False)
@@ -109,15 +120,28 @@ class Timed:
             self.run()
             return
         schedule = constant_frequency(self.drive.schedule.reference, 1.0, 1.0)
-        simulate(self.scene, Drive(self.drive.amplitude, schedule, self.drive.phase), self.method, record=self.record)
+        simulate(
+            self.scene,
+            Drive(self.drive.amplitude, schedule, self.drive.phase),
+            self.method,
+            record=self.record,
+        )
 
     def run(self) -> Response:
         """Return a response; its ``wall_time`` is the time in s."""
-        return simulate(self.scene, self.drive, self.method, record=self.record, most_events=self.most_events)
+        return simulate(
+            self.scene, self.drive, self.method, record=self.record, most_events=self.most_events
+        )
 
 
 ROOT = Path(__file__).resolve().parents[1]
-LEFT_OUT = ("cli", "envs", "explore", "report", "rl")  # commands, pages, figures and environments: no number of a search or a run is theirs
+LEFT_OUT = (
+    "cli",
+    "envs",
+    "explore",
+    "report",
+    "rl",
+)  # commands, pages, figures and environments: no number of a search or a run is theirs
 SEARCHING = (*PACKAGES, "optuna", "cmaes")  # a search is proposed by these as well
 
 
@@ -129,10 +153,19 @@ def fingerprint(packages: tuple[str, ...] = PACKAGES, root: Path = ROOT) -> dict
     it does not go on with a study of the first, and does no work for it as a cluster's worker.
     """
     known = hashlib.sha256()
-    for file in sorted(file for name in ("impact_env", "optimisation") for file in root.joinpath(name).rglob("*.py")):
+    for file in sorted(
+        file
+        for name in ("impact_env", "optimisation")
+        for file in root.joinpath(name).rglob("*.py")
+    ):
         place = file.relative_to(root)
         if place.parts[1] not in LEFT_OUT:
-            known.update(place.as_posix().encode() + b"\0" + file.read_bytes().replace(b"\r\n", b"\n") + b"\0")
+            known.update(
+                place.as_posix().encode()
+                + b"\0"
+                + file.read_bytes().replace(b"\r\n", b"\n")
+                + b"\0"
+            )
     return {"code": known.hexdigest()[:16], **installed(packages)}
 
 

@@ -29,7 +29,9 @@ from impact_env.sweep import IntegrationError, simulate
 #   decays as exp(-2 D omega t).
 
 
-LEVEL, RMS, DECAY = "level", "rms", "decay"
+LEVEL = "level"
+RMS = "rms"
+DECAY = "decay"
 UNITS = {LEVEL: "m", RMS: "m", DECAY: "s"}
 TOLD = {LEVEL: "response level", RMS: "RMS", DECAY: "decay time of the energy"}
 SHOWN = {"m": (1e3, "mm"), "s": (1.0, "s")}  # factor and unit for people
@@ -53,17 +55,21 @@ def _level(response: Response) -> float:
 
 def settled_after(response: Response) -> float:
     """Return how long the start is that is left out, in s: none of sweeps and shocks."""
-    drive, model = response.drive, response.scene.model
+    drive = response.drive
+    model = response.scene.model
     if measure_of(drive) != RMS if isinstance(drive, Loads) else np.ptp(drive.schedule.omegas) > 0:
         return 0.0
-    decay, half = float(model.damping_ratio[0] * model.omega[0]), float(drive.schedule.times[-1]) / 2
+    decay = float(model.damping_ratio[0] * model.omega[0])
+    half = float(drive.schedule.times[-1]) / 2
     return min(SETTLING / decay, half) if decay > 0 else half
 
 
 def _rms(response: Response) -> float:
     history = response.history
     assert history is not None
-    late = (history.modal_displacement @ response.scene.model.level_shape)[history.time >= settled_after(response)]
+    late = (history.modal_displacement @ response.scene.model.level_shape)[
+        history.time >= settled_after(response)
+    ]
     return float(np.sqrt(np.mean(late**2)))
 
 
@@ -71,7 +77,9 @@ def after_pulse(response: Response) -> tuple[NDArray[np.float64], NDArray[np.flo
     """Return the times (S,) in s from the end of the last pulse on, and the energy in J of each mode then, (S, N_m)."""
     history = response.history
     assert history is not None
-    late = history.time >= max(part.width for part in response.drive.parts if isinstance(part, Shock | Strike))
+    late = history.time >= max(
+        part.width for part in response.drive.parts if isinstance(part, Shock | Strike)
+    )
     return history.time[late], mechanical_energy(response.scene, history).modal[late]
 
 
@@ -95,7 +103,9 @@ def record_of(loads: Loads) -> Record:
 
 def read(response: Response) -> float:
     """Return the measure of a run's loads, of a harmonic force the response level."""
-    return OF_LOADS[measure_of(response.drive) if isinstance(response.drive, Loads) else LEVEL][0](response)
+    return OF_LOADS[measure_of(response.drive) if isinstance(response.drive, Loads) else LEVEL][0](
+        response
+    )
 
 
 def measured(lane: Lane) -> float:
@@ -120,7 +130,11 @@ def free_size(lane: Lane) -> float:
     found = simulate(lane.scene, lane.drive, record=OF_LOADS[RMS][1]).history
     assert found is not None
     motion = found.tip_displacement
-    return float(np.max(np.abs(motion)) / np.sqrt(2) if measure_of(lane.drive) == DECAY else np.sqrt(np.mean(motion**2)))
+    return float(
+        np.max(np.abs(motion)) / np.sqrt(2)
+        if measure_of(lane.drive) == DECAY
+        else np.sqrt(np.mean(motion**2))
+    )
 
 
 def design_gap_for(model: ModalModel, loads: Loads) -> float:
@@ -141,8 +155,15 @@ def check_size(scene: Scene, drive: AnyDrive) -> None:
 Array = NDArray[np.float64]
 
 # what a lane can be measured by; the order is that of the columns
-STROKE, IMPACT_POWER, IMPACT_SPEED, FRICTION_HEAT, DAMAGE = "stroke", "impact_power", "impact_speed", "friction_heat", "damage"
-IMPACT_RATE, IMPACT_RMS, ACCELERATION, STRESS = "impact_rate", "impact_rms_speed", "acceleration", "stress"
+STROKE = "stroke"
+IMPACT_POWER = "impact_power"
+IMPACT_SPEED = "impact_speed"
+FRICTION_HEAT = "friction_heat"
+DAMAGE = "damage"
+IMPACT_RATE = "impact_rate"
+IMPACT_RMS = "impact_rms_speed"
+ACCELERATION = "acceleration"
+STRESS = "stress"
 MEASURES = {
     LEVEL: "response level in m (paper, Eq. barqtip) where it is read, on a cantilever the free end; of loads the measure that belongs to them",
     STROKE: "largest distance of the absorber from the middle of its cavity in m",
@@ -172,11 +193,18 @@ def stress_shape(structure: Structure) -> Array | None:
         return structure.stress_shape
     if not structure.ends.startswith("clamped"):
         return None
-    near, far = 0.5 / structure.elements, 1.0 / structure.elements
-    first, second = (modal_model(replace(structure, force_position=x)).force_shape for x in (near, far))
+    near = 0.5 / structure.elements
+    far = 1.0 / structure.elements
+    first, second = (
+        modal_model(replace(structure, force_position=x)).force_shape for x in (near, far)
+    )
     slopes = [shape / (x * structure.length) ** 2 for shape, x in ((first, near), (second, far))]
     a = (slopes[0] * far - slopes[1] * near) / (far - near)
-    stiffness = structure.sections[0].bending_stiffness if structure.sections else structure.bending_stiffness
+    stiffness = (
+        structure.sections[0].bending_stiffness
+        if structure.sections
+        else structure.bending_stiffness
+    )
     return np.asarray(2 * a * stiffness)
 
 
@@ -199,9 +227,12 @@ class Chunk:
 
         The energy account would give losses too, but it takes many times the time of the run itself.
         """
-        wanted, loads = set(self.measures), [lane.drive for lane in self.lanes if isinstance(lane.drive, Loads)]
+        wanted = set(self.measures)
+        loads = [lane.drive for lane in self.lanes if isinstance(lane.drive, Loads)]
         own = record_of(loads[0]) if loads else Record()
-        return replace(own, events=bool(wanted & _OF_IMPACTS), series=own.series or bool(wanted & _OF_SAMPLES))
+        return replace(
+            own, events=bool(wanted & _OF_IMPACTS), series=own.series or bool(wanted & _OF_SAMPLES)
+        )
 
 
 def measure(chunk: Chunk) -> Array:
@@ -221,22 +252,41 @@ def measure(chunk: Chunk) -> Array:
 def _value(name: str, chunk: Chunk, response: Response) -> float:
     if name == LEVEL:
         return read(response)
-    impacts, history = response.impacts, response.history
+    impacts = response.impacts
+    history = response.history
     if name in _OF_IMPACTS:
         assert impacts is not None
         if name == IMPACT_SPEED:
             return float(np.max(np.abs(impacts.relative_velocity), initial=0.0))
         if name == IMPACT_RMS:
-            return float(np.sqrt(np.mean(impacts.relative_velocity**2))) if len(impacts.time) else 0.0
-        total = float(np.sum(impacts.energy_lost)) if name == IMPACT_POWER else float(len(impacts.time))
+            return (
+                float(np.sqrt(np.mean(impacts.relative_velocity**2))) if len(impacts.time) else 0.0
+            )
+        total = (
+            float(np.sum(impacts.energy_lost)) if name == IMPACT_POWER else float(len(impacts.time))
+        )
         return total / float(response.drive.schedule.times[-1])
     assert history is not None
     if name == RMS:
-        return float(np.sqrt(np.mean((history.modal_displacement[len(history.time) // 2 :] @ response.scene.model.level_shape) ** 2)))
+        return float(
+            np.sqrt(
+                np.mean(
+                    (
+                        history.modal_displacement[len(history.time) // 2 :]
+                        @ response.scene.model.level_shape
+                    )
+                    ** 2
+                )
+            )
+        )
     if name in (DAMAGE, STRESS):
         require(chunk.stress_shape is not None, "measure", name, FATIGUES)
         stress = np.asarray(history.modal_displacement @ np.asarray(chunk.stress_shape))
-        return fatigue_damage(stress, chunk.fatigue_exponent) if name == DAMAGE else float(np.max(np.abs(stress)))
+        return (
+            fatigue_damage(stress, chunk.fatigue_exponent)
+            if name == DAMAGE
+            else float(np.max(np.abs(stress)))
+        )
     if name == ACCELERATION:
         change = np.diff(history.modal_velocity @ response.scene.model.level_shape)
         return float(np.max(np.abs(change) / np.diff(history.time)))
@@ -246,17 +296,33 @@ def _value(name: str, chunk: Chunk, response: Response) -> float:
 def of_motion(name: str, response: Response) -> float:
     """Return the stroke, the largest of all absorbers, or the friction heat of them all (`MEASURES`) of a run with samples of the state."""
     history = response.history
-    require(history is not None, "history", history, "recorded: this measure is read from samples of the state")
+    require(
+        history is not None,
+        "history",
+        history,
+        "recorded: this measure is read from samples of the state",
+    )
     assert history is not None
     absorber = response.scene.absorber
     if absorber is None:
         return 0.0
-    shapes, samples = response.scene.absorber_shapes.T, len(history.time)
+    shapes = response.scene.absorber_shapes.T
+    samples = len(history.time)
     if name == STROKE:
-        return float(np.max(np.abs(history.absorber_displacement.reshape(samples, -1) - history.modal_displacement @ shapes)))
+        return float(
+            np.max(
+                np.abs(
+                    history.absorber_displacement.reshape(samples, -1)
+                    - history.modal_displacement @ shapes
+                )
+            )
+        )
     speed = np.abs(history.absorber_velocity.reshape(samples, -1) - history.modal_velocity @ shapes)
     every = absorber.absorbers if isinstance(absorber, SeveralAbsorbers) else (absorber,)
-    limits = [a.friction.limit if isinstance(a, SlidingAbsorber) and a.friction is not None else 0.0 for a in every]
+    limits = [
+        a.friction.limit if isinstance(a, SlidingAbsorber) and a.friction is not None else 0.0
+        for a in every
+    ]
     return float(np.mean(speed, axis=0) @ np.array(limits))  # sticking loses nothing
 
 
@@ -265,7 +331,9 @@ def turning_points(values: Array) -> Array:
     moved = values[np.concatenate([[True], np.diff(values) != 0])]
     if len(moved) < 3:
         return moved
-    turns = np.sign(np.diff(moved[:-1])) * np.sign(np.diff(moved[1:])) < 0  # of signs: products of tiny steps are zero
+    turns = (
+        np.sign(np.diff(moved[:-1])) * np.sign(np.diff(moved[1:])) < 0
+    )  # of signs: products of tiny steps are zero
     return moved[np.concatenate([[True], turns, [True]])]
 
 
@@ -285,7 +353,9 @@ def rainflow_amplitudes(values: Array) -> tuple[Array, Array]:
             amplitudes.append(inner / 2)
             del stack[-3:-1]
     rest = np.abs(np.diff(stack)) / 2 if len(stack) > 1 else np.empty(0)
-    return np.concatenate([np.array(amplitudes), rest]), np.concatenate([np.ones(len(amplitudes)), np.full(len(rest), 0.5)])
+    return np.concatenate([np.array(amplitudes), rest]), np.concatenate(
+        [np.ones(len(amplitudes)), np.full(len(rest), 0.5)]
+    )
 
 
 def fatigue_damage(values: Array, exponent: float) -> float:

@@ -18,7 +18,10 @@ def watched(structure: Structure) -> Structure:
     """Return the structure with the place where the level is read."""
     if isinstance(structure, ModalModel) or structure.response_position is not None:
         return structure
-    return replace(structure, response_position=1.0 if structure.ends.endswith("free") else structure.absorber_position)
+    return replace(
+        structure,
+        response_position=1.0 if structure.ends.endswith("free") else structure.absorber_position,
+    )
 
 
 def mounted(structure: Structure, position: float | None = None) -> ModalModel:
@@ -29,7 +32,9 @@ def mounted(structure: Structure, position: float | None = None) -> ModalModel:
     found = watched(structure)
     if isinstance(found, ModalModel):
         own = position is None and found.absorber_shapes is None
-        return found if own else found.with_absorber_at(FIRST_PLACE if position is None else position)
+        return (
+            found if own else found.with_absorber_at(FIRST_PLACE if position is None else position)
+        )
     if position is not None:
         found = replace(found, absorber_position=position)
     return modal_model(found)
@@ -60,16 +65,41 @@ def detuned(structure: Structure, share: float) -> Structure:
     if isinstance(structure, ModalModel):
         return structure.detuned(share) if share else structure
     stiffer = (1 + share) ** 2
-    sections = tuple(replace(section, bending_stiffness=section.bending_stiffness * stiffer) for section in structure.sections)
-    soft = None if structure.suspension_frequency is None else structure.suspension_frequency * (1 + share)
-    return replace(structure, bending_stiffness=structure.bending_stiffness * stiffer, sections=sections, suspension_frequency=soft)
+    sections = tuple(
+        replace(section, bending_stiffness=section.bending_stiffness * stiffer)
+        for section in structure.sections
+    )
+    soft = (
+        None
+        if structure.suspension_frequency is None
+        else structure.suspension_frequency * (1 + share)
+    )
+    return replace(
+        structure,
+        bending_stiffness=structure.bending_stiffness * stiffer,
+        sections=sections,
+        suspension_frequency=soft,
+    )
 
 
 def described(structure: Structure) -> dict[str, object]:
     """Return a structure's identity as JSON values, without the defaults of a beam that the paper's lacks."""
     if isinstance(structure, ModalModel):
-        return {name: x.tolist() if hasattr(x, "tolist") else x for name, x in vars(structure).items() if x is not None}
-    plain = {name: list(x) if isinstance(x, tuple) else dict(x) if isinstance(x, Mapping) else x for name, x in vars(structure).items()}
+        return {
+            name: x.tolist() if hasattr(x, "tolist") else x
+            for name, x in vars(structure).items()
+            if x is not None
+        }
+    plain = {
+        name: list(x) if isinstance(x, tuple) else dict(x) if isinstance(x, Mapping) else x
+        for name, x in vars(structure).items()
+    }
     plain["sections"] = [vars(section) for section in structure.sections]
-    usual = {"ends": Beam.ends, "tip_mass": 0.0, "sections": [], "response_position": None, "suspension_frequency": None}
+    usual = {
+        "ends": Beam.ends,
+        "tip_mass": 0.0,
+        "sections": [],
+        "response_position": None,
+        "suspension_frequency": None,
+    }
     return {name: x for name, x in plain.items() if name not in usual or x != usual[name]}

@@ -22,7 +22,16 @@ from numpy.typing import NDArray
 
 from impact_env.drive import PAPER_LIMITS
 from impact_env.loads import Loads, amplitude_in_words
-from impact_env.parameters import ParameterError, count, finite, fraction, one_of, positive, require, two
+from impact_env.parameters import (
+    ParameterError,
+    count,
+    finite,
+    fraction,
+    one_of,
+    positive,
+    require,
+    two,
+)
 from optimisation.designs import Design
 from optimisation.extremes import usable_force
 from optimisation.measures import (
@@ -42,7 +51,8 @@ from optimisation.measures import (
 from optimisation.variables import MASS_RATIO
 
 Array = NDArray[np.float64]
-WORST, MEAN = "worst", "mean"
+WORST = "worst"
+MEAN = "mean"
 LIMITABLE = {
     STROKE: "m",
     IMPACT_SPEED: "m/s",
@@ -77,7 +87,12 @@ def own_values(name: str, measured: dict[str, Array]) -> Array:
     """Return the values (M,) of a user's function of the measures, one for each member; raises ParameterError for any other result."""
     members = len(measured[LEVEL])
     values = np.asarray(function_of(name)({key: measured[key] for key in HANDED}), dtype=np.float64)
-    require(values.shape == (members,) and bool(np.isfinite(values).all()), f"what {name} returns", values, f"{members} finite numbers")
+    require(
+        values.shape == (members,) and bool(np.isfinite(values).all()),
+        f"what {name} returns",
+        values,
+        f"{members} finite numbers",
+    )
     return values
 
 
@@ -105,18 +120,40 @@ class Condition:
         object.__setattr__(self, "force", usable_force("force", self.force))
         low, high = two("limits of the sweep", self.limits)
         object.__setattr__(self, "limits", (positive("lower end of the sweep", low), high))
-        require(abs(finite("detuning", self.detuning)) < 0.5, "detuning", self.detuning, "above -0.5 and below 0.5")
-        require(self.loads is None or isinstance(self.loads, Loads), "loads", self.loads, "Loads, or None")
+        require(
+            abs(finite("detuning", self.detuning)) < 0.5,
+            "detuning",
+            self.detuning,
+            "above -0.5 and below 0.5",
+        )
+        require(
+            self.loads is None or isinstance(self.loads, Loads),
+            "loads",
+            self.loads,
+            "Loads, or None",
+        )
 
     def describe(self) -> dict[str, object]:
         """Return the condition as JSON values."""
-        own = {"resonance": self.resonance, "force": self.force, "limits": list(self.limits), "detuning": self.detuning}
-        return own if self.loads is None else own | {"loads": amplitude_in_words(self.loads), "sha256": fingerprint_of(self.loads)}
+        own = {
+            "resonance": self.resonance,
+            "force": self.force,
+            "limits": list(self.limits),
+            "detuning": self.detuning,
+        }
+        return (
+            own
+            if self.loads is None
+            else own
+            | {"loads": amplitude_in_words(self.loads), "sha256": fingerprint_of(self.loads)}
+        )
 
     @property
     def place(self) -> str:
         """What acts, in words, without how much."""
-        return f"resonance {self.resonance}" if self.loads is None else amplitude_in_words(self.loads)
+        return (
+            f"resonance {self.resonance}" if self.loads is None else amplitude_in_words(self.loads)
+        )
 
     @property
     def told(self) -> tuple[str, str]:
@@ -143,11 +180,31 @@ class Kind:
 
 KINDS = {
     "level": Kind("response level relative to no absorber", LEVEL, False, "", True),
-    "range": Kind("width of the range of forces in which the relative level stays under a limit", LEVEL, True, "decades", True),
-    "damage": Kind("fatigue damage at the clamp, or where the file says, relative to no absorber", DAMAGE, False, "", True),
+    "range": Kind(
+        "width of the range of forces in which the relative level stays under a limit",
+        LEVEL,
+        True,
+        "decades",
+        True,
+    ),
+    "damage": Kind(
+        "fatigue damage at the clamp, or where the file says, relative to no absorber",
+        DAMAGE,
+        False,
+        "",
+        True,
+    ),
     "absolute": Kind("response level", LEVEL, False, "m", False),
-    "acceleration": Kind("largest acceleration where the level is read", ACCELERATION, False, "m/s^2", False),
-    "stress": Kind("largest bending moment at the clamp, or what stress the file gives", STRESS, False, "N m, or the file's unit", False),
+    "acceleration": Kind(
+        "largest acceleration where the level is read", ACCELERATION, False, "m/s^2", False
+    ),
+    "stress": Kind(
+        "largest bending moment at the clamp, or what stress the file gives",
+        STRESS,
+        False,
+        "N m, or the file's unit",
+        False,
+    ),
     "severity": Kind("power lost in impacts", IMPACT_POWER, False, "W", False),
 }
 
@@ -211,16 +268,36 @@ class Objective:
 
     def describe(self) -> dict[str, object]:
         """Return the objective as JSON values."""
-        return {"kind": self.kind, "over": self.over, "quantile": self.quantile, "resonance": self.resonance, "limit": self.limit}
+        return {
+            "kind": self.kind,
+            "over": self.over,
+            "quantile": self.quantile,
+            "resonance": self.resonance,
+            "limit": self.limit,
+        }
 
     def chosen(self, conditions: Sequence[Condition]) -> list[int]:
         """Return the indices of the conditions that count; raises ParameterError if there are too few."""
-        index = [k for k, condition in enumerate(conditions) if self.resonance in (None, condition.resonance)]
-        require(len(index) > 0, "resonance of an objective", self.resonance, "a resonance that one of the conditions has")
+        index = [
+            k
+            for k, condition in enumerate(conditions)
+            if self.resonance in (None, condition.resonance)
+        ]
+        require(
+            len(index) > 0,
+            "resonance of an objective",
+            self.resonance,
+            "a resonance that one of the conditions has",
+        )
         if self.kind == "range":
             for part in _parts(conditions, index):
                 forces = {conditions[k].force for k in part}
-                require(len(forces) >= 2, "forces of the objective range", sorted(forces), "two or more at each resonance")
+                require(
+                    len(forces) >= 2,
+                    "forces of the objective range",
+                    sorted(forces),
+                    "two or more at each resonance",
+                )
         return index
 
     def per_member(self, values: Array, conditions: Sequence[Condition]) -> Array:
@@ -229,8 +306,16 @@ class Objective:
         worse = np.max(values, axis=2)
         if self.kind == "range":
             assert self.limit is not None
-            parts = [(np.array([conditions[k].force for k in part]), part) for part in _parts(conditions, index)]
-            rows = np.array([[range_width(forces, member[part], self.limit) for forces, part in parts] for member in worse])
+            parts = [
+                (np.array([conditions[k].force for k in part]), part)
+                for part in _parts(conditions, index)
+            ]
+            rows = np.array(
+                [
+                    [range_width(forces, member[part], self.limit) for forces, part in parts]
+                    for member in worse
+                ]
+            )
             return np.asarray(rows.min(axis=1) if self.over == WORST else rows.mean(axis=1))
         rows = worse[:, index]
         return np.asarray(rows.max(axis=1) if self.over == WORST else rows.mean(axis=1))
@@ -249,21 +334,27 @@ def _parts(conditions: Sequence[Condition], index: Sequence[int]) -> list[list[i
     """Return the indices by resonance, limits and detuning, each by rising force."""
     groups: dict[tuple[object, ...], list[int]] = {}
     for k in sorted(index, key=lambda k: conditions[k].force):
-        groups.setdefault((conditions[k].resonance, conditions[k].limits, conditions[k].detuning), []).append(k)
+        groups.setdefault(
+            (conditions[k].resonance, conditions[k].limits, conditions[k].detuning), []
+        ).append(k)
     return list(groups.values())
 
 
 def range_width(forces: Array, levels: Array, limit: float) -> float:
     """Return the longest stretch of forces (F,), in decades, over which levels (F,) do not exceed ``limit``; straight lines over log force."""
     at = np.log10(forces)
-    best, begun = 0.0, None if levels[0] > limit else at[0]
+    best = 0.0
+    begun = None if levels[0] > limit else at[0]
     for k in range(1, len(at)):
         if (levels[k - 1] <= limit) != (levels[k] <= limit):
-            crossing = at[k - 1] + (limit - levels[k - 1]) / (levels[k] - levels[k - 1]) * (at[k] - at[k - 1])
+            crossing = at[k - 1] + (limit - levels[k - 1]) / (levels[k] - levels[k - 1]) * (
+                at[k] - at[k - 1]
+            )
             if begun is None:
                 begun = crossing
             else:
-                best, begun = max(best, crossing - begun), None
+                best = max(best, crossing - begun)
+                begun = None
     return float(best if begun is None else max(best, at[-1] - begun))
 
 
@@ -285,7 +376,11 @@ class Constraint:
         """Return the name of the limited quantity."""
         if _is_own(self.name):
             return float(np.max(own_values(self.name, measured)))
-        return design.values[MASS_RATIO] if self.name == MASS_RATIO else float(np.max(measured[self.name]))
+        return (
+            design.values[MASS_RATIO]
+            if self.name == MASS_RATIO
+            else float(np.max(measured[self.name]))
+        )
 
     @property
     def measures(self) -> tuple[str, ...]:

@@ -10,7 +10,9 @@ from impact_env.parameters import ParameterError
 from optimisation.files import replacing
 
 ROOT = Path(__file__).resolve().parents[1]  # the checkout, if there is one
-DOCS = ROOT / "docs"  # the pages with their text: where a page is written anew, it starts from the one here
+DOCS = (
+    ROOT / "docs"
+)  # the pages with their text: where a page is written anew, it starts from the one here
 
 
 def published(docs: Path, results: Path) -> Path:
@@ -34,11 +36,15 @@ def require_markers(path: Path, template: Path, names: Iterable[str]) -> str:
     try:
         text = source.read_text(encoding="utf-8")
     except OSError as error:
-        raise ParameterError(f"{source} is not allowed: a page that can be read ({error})") from error
+        raise ParameterError(
+            f"{source} is not allowed: a page that can be read ({error})"
+        ) from error
     for name in names:
         if not has_markers(text, name):
             start, end = _markers(name)
-            raise ParameterError(f"{source} is not allowed: a page with one pair of markers {start} and {end}")
+            raise ParameterError(
+                f"{source} is not allowed: a page with one pair of markers {start} and {end}"
+            )
     return text
 
 
@@ -61,8 +67,17 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     widths = [max(len(row[i]) for row in (header, *rows)) for i in range(len(header))]
 
     def line(cells: Sequence[str]) -> str:
-        first, *others = (cell.ljust(width) if i == 0 else cell.rjust(width) for i, (cell, width) in enumerate(zip(cells, widths, strict=True)))
+        first, *others = (
+            cell.ljust(width) if i == 0 else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
+        )
         return "| " + " | ".join([first, *others]) + " |"
 
-    rule = "| " + " | ".join("-" * width if i == 0 else "-" * (width - 1) + ":" for i, width in enumerate(widths)) + " |"
+    rule = (
+        "| "
+        + " | ".join(
+            "-" * width if i == 0 else "-" * (width - 1) + ":" for i, width in enumerate(widths)
+        )
+        + " |"
+    )
     return "\n".join([line(header), rule, *map(line, rows)])

@@ -20,11 +20,33 @@ from optimisation.bounds import design_force
 from optimisation.designs import Design, DesignSpace
 from optimisation.evaluation import evaluate_arrays
 from optimisation.extremes import sweep_ratio, usable_rate
-from optimisation.measures import DAMAGE, DECAY, FATIGUES, LEVEL, MEASURES, STRESS, Chunk, design_gap_for, measure, measure_of, stress_shape
+from optimisation.measures import (
+    DAMAGE,
+    DECAY,
+    FATIGUES,
+    LEVEL,
+    MEASURES,
+    STRESS,
+    Chunk,
+    design_gap_for,
+    measure,
+    measure_of,
+    stress_shape,
+)
 from optimisation.mounting import described, detuned, mounted
 from optimisation.objectives import Condition, Constraint, Objective, Score, own_values
 from optimisation.tuned import require_wide_range
-from optimisation.uncertain import FORCE, FREQUENCY, Given, Spread, drawn, plain, require_parts, shares, spreads
+from optimisation.uncertain import (
+    FORCE,
+    FREQUENCY,
+    Given,
+    Spread,
+    drawn,
+    plain,
+    require_parts,
+    shares,
+    spreads,
+)
 from optimisation.variables import MASS_RATIO, POSITION, SEVERAL, TUNED, Units
 
 Array = NDArray[np.float64]
@@ -58,34 +80,56 @@ class Problem:
         require(len(self.objectives) > 0, "objectives", self.objectives, "one or more")
         count("members", self.members, 1)
         count("seed", self.seed, 0)
-        object.__setattr__(self, "fatigue_exponent", positive("fatigue exponent", self.fatigue_exponent))
+        object.__setattr__(
+            self, "fatigue_exponent", positive("fatigue exponent", self.fatigue_exponent)
+        )
         self._place()
         for condition in self.conditions:
             self.model.resonance_omega(condition.resonance)
         object.__setattr__(self, "space", replace(self.space, units=self.units))
         limits = [condition.limits for condition in self.conditions]
-        object.__setattr__(self, "rate", self.usual_rate if self.rate is None else usable_rate("rate", self.rate, limits))
+        object.__setattr__(
+            self,
+            "rate",
+            self.usual_rate if self.rate is None else usable_rate("rate", self.rate, limits),
+        )
         for objective in self.objectives:
             objective.chosen(self.conditions)
         names = [constraint.name for constraint in self.constraints]
         require(len(set(names)) == len(names), "constraints", names, "each of them once")
         if self.space.concept == TUNED:
             # a sweep so narrow that an optimiser could push a tuned absorber's second peak out of it is refused
-            mass = max([v.high for v in self.space.free if v.name == MASS_RATIO] + [self.space.default.values[MASS_RATIO]])
+            mass = max(
+                [v.high for v in self.space.free if v.name == MASS_RATIO]
+                + [self.space.default.values[MASS_RATIO]]
+            )
             for condition in self.conditions if not self.under_loads else ():
                 require_wide_range(self.model, mass, condition.resonance, *condition.limits)
         self._require_loads()
         self._require_uncertain()
         for name in {DAMAGE, STRESS} & set(self.measures):
-            require(self._beams[self.conditions[0].detuning][1] is not None, "objective or constraint", name, FATIGUES)
+            require(
+                self._beams[self.conditions[0].detuning][1] is not None,
+                "objective or constraint",
+                name,
+                FATIGUES,
+            )
 
     def _require_uncertain(self) -> None:
         """Raise ParameterError if what is uncertain is not there, or is given as two numbers where there is no one number that they stand for."""
         require_parts(self.spreads, self.space.default.absorber())
-        several = {FORCE: len({c.force for c in self.conditions}) > 1, FREQUENCY: len({c.resonance for c in self.conditions}) > 1}
+        several = {
+            FORCE: len({c.force for c in self.conditions}) > 1,
+            FREQUENCY: len({c.resonance for c in self.conditions}) > 1,
+        }
         several |= {variable.name.removesuffix("_limit"): True for variable in self.space.free}
         for one in self.spreads:
-            require(one.relative or not several.get(one.name, False), f"uncertain {one.name}", one.words, "in %, as there is no one number")
+            require(
+                one.relative or not several.get(one.name, False),
+                f"uncertain {one.name}",
+                one.words,
+                "in %, as there is no one number",
+            )
 
     @cached_property
     def spreads(self) -> tuple[Spread, ...]:
@@ -97,12 +141,25 @@ class Problem:
         given = [condition.loads for condition in self.conditions if condition.loads is not None]
         if not given:
             return
-        require(len(given) == len(self.conditions), "conditions", self.conditions, "loads in all of them, or in none")
+        require(
+            len(given) == len(self.conditions),
+            "conditions",
+            self.conditions,
+            "loads in all of them, or in none",
+        )
         require(not self.spreads, "uncertain", plain(self.spreads), "left out under loads")
         for loads in given:
             check_load(self.space.default.scene(self.beam), loads, Exact())
-        in_m = [*(o.kind for o in self.objectives if o.kind == "absolute"), *(c.name for c in self.constraints if c.name == LEVEL)]
-        require(not in_m or DECAY not in map(measure_of, given), "objective or constraint", in_m, "another under shocks, which are told by a time")
+        in_m = [
+            *(o.kind for o in self.objectives if o.kind == "absolute"),
+            *(c.name for c in self.constraints if c.name == LEVEL),
+        ]
+        require(
+            not in_m or DECAY not in map(measure_of, given),
+            "objective or constraint",
+            in_m,
+            "another under shocks, which are told by a time",
+        )
 
     @property
     def under_loads(self) -> bool:
@@ -114,15 +171,22 @@ class Problem:
         if isinstance(self.beam, ModalModel):
             object.__setattr__(self, "space", self.space.on_places(len(self.beam.places)))
             return
-        own, free = self.beam.absorber_position, [variable for variable in self.space.free if variable.name.startswith(POSITION)]
+        own = self.beam.absorber_position
+        free = [variable for variable in self.space.free if variable.name.startswith(POSITION)]
         for variable in free:
             self.beam.place(f"bounds of {variable.name}", variable.low)
             self.beam.place(f"bounds of {variable.name}", variable.high)
         for name, value in self.space.fixed.items():
             if name.startswith(POSITION) and value > 1:
                 self.beam.place(name, value)
-        if not free and self.space.concept != SEVERAL and self.space.fixed.get(POSITION, Beam.absorber_position) == Beam.absorber_position:
-            object.__setattr__(self, "space", replace(self.space, fixed={**self.space.fixed, POSITION: own}))
+        if (
+            not free
+            and self.space.concept != SEVERAL
+            and self.space.fixed.get(POSITION, Beam.absorber_position) == Beam.absorber_position
+        ):
+            object.__setattr__(
+                self, "space", replace(self.space, fixed={**self.space.fixed, POSITION: own})
+            )
 
     @cached_property
     def model(self) -> ModalModel:
@@ -136,14 +200,31 @@ class Problem:
         Of loads the force counts for which the design rule gives the gap that a search begins with.
         """
         forces: dict[int, list[float]] = {}
-        gaps = {loads: design_gap_for(self.model, loads) for loads in {c.loads for c in self.conditions} if loads is not None}
+        gaps = {
+            loads: design_gap_for(self.model, loads)
+            for loads in {c.loads for c in self.conditions}
+            if loads is not None
+        }
         for condition in self.conditions:
             force = condition.force
             if condition.loads is not None:
-                require(gaps[condition.loads] > 0, "load", 0.0, "one that moves the absorber's place")
-                force *= design_force(self.model, DEFAULT_MASS_RATIO * self.model.beam_mass, gaps[condition.loads], condition.resonance)
+                require(
+                    gaps[condition.loads] > 0, "load", 0.0, "one that moves the absorber's place"
+                )
+                force *= design_force(
+                    self.model,
+                    DEFAULT_MASS_RATIO * self.model.beam_mass,
+                    gaps[condition.loads],
+                    condition.resonance,
+                )
             forces.setdefault(condition.resonance, []).append(force)
-        return Units(self.beam, {resonance: float(np.exp(np.mean(np.log(values)))) for resonance, values in forces.items()})
+        return Units(
+            self.beam,
+            {
+                resonance: float(np.exp(np.mean(np.log(values))))
+                for resonance, values in forces.items()
+            },
+        )
 
     @cached_property
     def usual_rate(self) -> float:
@@ -159,7 +240,12 @@ class Problem:
     @property
     def measures(self) -> tuple[str, ...]:
         """What the runs are measured by, the columns of all arrays of measures, in the order of `MEASURES`."""
-        needed = {name for parts in (self.objectives, self.constraints) for part in parts for name in part.measures} | {LEVEL}
+        needed = {
+            name
+            for parts in (self.objectives, self.constraints)
+            for part in parts
+            for name in part.measures
+        } | {LEVEL}
         return tuple(name for name in MEASURES if name in needed)
 
     @cached_property
@@ -170,7 +256,9 @@ class Problem:
     def fresh_ensemble(self, members: int, which: int) -> Members:
         """Return members that no search has seen; another ``which``, other members."""
         (seed,) = np.random.SeedSequence([self.seed, 1 + which]).generate_state(1)
-        return draw_members(members + 1, int(seed))[1:]  # member 0 is the paper's run in every ensemble
+        return draw_members(members + 1, int(seed))[
+            1:
+        ]  # member 0 is the paper's run in every ensemble
 
     def describe(self) -> dict[str, object]:
         """Return the problem's identity as JSON values: a study of one problem is not continued with another."""
@@ -193,25 +281,53 @@ class Problem:
 
         None is the beam without absorber, under one newton.
         """
-        scenes = {detuning: self._scene(design, detuning) for detuning in {condition.detuning for condition in self.conditions}}
+        scenes = {
+            detuning: self._scene(design, detuning)
+            for detuning in {condition.detuning for condition in self.conditions}
+        }
         return [
-            self._chunk(design, scenes[condition.detuning], condition, ensemble[start : start + MEMBERS_A_CHUNK], rate)
+            self._chunk(
+                design,
+                scenes[condition.detuning],
+                condition,
+                ensemble[start : start + MEMBERS_A_CHUNK],
+                rate,
+            )
             for condition in self.conditions
             for start in range(0, len(ensemble), MEMBERS_A_CHUNK)
         ]
 
-    def _chunk(self, design: Design | None, scene: Scene, condition: Condition, ensemble: Members, rate: float) -> Chunk:
+    def _chunk(
+        self,
+        design: Design | None,
+        scene: Scene,
+        condition: Condition,
+        ensemble: Members,
+        rate: float,
+    ) -> Chunk:
         if condition.loads is not None:
-            lanes = tuple(Lane(scene, drive) for drive in _met(condition.loads, condition.force, ensemble))
-            return Chunk(lanes, self.measures, self._beams[condition.detuning][1], self.fatigue_exponent)
+            lanes = tuple(
+                Lane(scene, drive) for drive in _met(condition.loads, condition.force, ensemble)
+            )
+            return Chunk(
+                lanes, self.measures, self._beams[condition.detuning][1], self.fatigue_exponent
+            )
         force = 1.0 if design is None else condition.force
         omega, (low, high) = scene.model.resonance_omega(condition.resonance), condition.limits
-        up, down = (ensemble.drives(force, linear_sweep(omega, *ends, rate)) for ends in ((low, high), (high, low)))
+        up, down = (
+            ensemble.drives(force, linear_sweep(omega, *ends, rate))
+            for ends in ((low, high), (high, low))
+        )
         lanes = tuple(Lane(scene, drive) for pair in zip(up, down, strict=True) for drive in pair)
         if self.spreads:
             own = [share for share in shares(self.spreads, ensemble) for _ in range(2)]
-            lanes = tuple(drawn(lane, self.spreads, share, condition.resonance, condition.force) for lane, share in zip(lanes, own, strict=True))
-        return Chunk(lanes, self.measures, self._beams[condition.detuning][1], self.fatigue_exponent)
+            lanes = tuple(
+                drawn(lane, self.spreads, share, condition.resonance, condition.force)
+                for lane, share in zip(lanes, own, strict=True)
+            )
+        return Chunk(
+            lanes, self.measures, self._beams[condition.detuning][1], self.fatigue_exponent
+        )
 
     def _scene(self, design: Design | None, detuning: float) -> Scene:
         structure, _, model = self._beams[detuning]
@@ -251,8 +367,14 @@ class Problem:
                 own = () if condition.loads is None else (id(condition.loads), condition.force)
                 kind = (condition.resonance, condition.limits, condition.detuning, *own)
                 if kind not in seen:
-                    seen[kind] = measure(self._chunk(None, self._scene(None, condition.detuning), condition, ensemble, rate))
-                powers = [self.fatigue_exponent if name == DAMAGE else 1.0 for name in self.measures]
+                    seen[kind] = measure(
+                        self._chunk(
+                            None, self._scene(None, condition.detuning), condition, ensemble, rate
+                        )
+                    )
+                powers = [
+                    self.fatigue_exponent if name == DAMAGE else 1.0 for name in self.measures
+                ]
                 rows.append(seen[kind] * (1.0 if own else condition.force) ** np.array(powers))
             self._references[key] = self.join(rows, len(ensemble))
         return self._references[key]
@@ -260,18 +382,32 @@ class Problem:
     def score(self, design: Design, measured: Array, ensemble: Members, rate: float) -> Score:
         """Return a design's score from its measures, (members, conditions, up or down, measures), of these members at this rate."""
         if np.isnan(measured).any():
-            return Score(tuple(-FAILED if o.maximise else FAILED for o in self.objectives), (1.0,) * len(self.constraints), failed=True)
+            return Score(
+                tuple(-FAILED if o.maximise else FAILED for o in self.objectives),
+                (1.0,) * len(self.constraints),
+                failed=True,
+            )
         columns = {name: measured[..., k] for k, name in enumerate(self.measures)}
         members = self.member_values(measured, ensemble, rate)
-        values = tuple(objective.value_of(row) for objective, row in zip(self.objectives, members, strict=True))
-        return Score(values, tuple(constraint.violation(design, columns) for constraint in self.constraints))
+        values = tuple(
+            objective.value_of(row) for objective, row in zip(self.objectives, members, strict=True)
+        )
+        return Score(
+            values, tuple(constraint.violation(design, columns) for constraint in self.constraints)
+        )
 
     def member_values(self, measured: Array, ensemble: Members, rate: float) -> Array:
         """Return one value for each objective and member, (objectives, members), from a design's measures."""
-        reference, rows = self.reference(ensemble, rate), []
+        reference = self.reference(ensemble, rate)
+        rows = []
         for objective in self.objectives:
             if objective.own:
-                rows.append(own_values(objective.kind, {name: measured[..., k] for k, name in enumerate(self.measures)}))
+                rows.append(
+                    own_values(
+                        objective.kind,
+                        {name: measured[..., k] for k, name in enumerate(self.measures)},
+                    )
+                )
                 continue
             kind = objective.of_kind
             column = self.measures.index(kind.measure)

@@ -18,7 +18,11 @@ class Bar(tqdm):  # type: ignore[misc]
 
     def __init__(self, *given: Any, bar_format: str = UNIT_BAR, **options: Any) -> None:
         self.plain, self.said = not sys.stderr.isatty(), time.monotonic()
-        super().__init__(*given, bar_format=bar_format.replace("|{bar}|", "") if self.plain else bar_format, **options)
+        super().__init__(
+            *given,
+            bar_format=bar_format.replace("|{bar}|", "") if self.plain else bar_format,
+            **options,
+        )
 
     def display(self, msg: str | None = None, pos: int | None = None) -> bool:
         """Draw the bar, or write the line if it is due."""
@@ -62,7 +66,9 @@ def stages_bar(label: str, leave: bool = True) -> Iterator[Callable[[str, int, i
         yield show
 
 
-def sweeps_bar(label: str, leave: bool = True) -> AbstractContextManager[Callable[[int, int], None]]:
+def sweeps_bar(
+    label: str, leave: bool = True
+) -> AbstractContextManager[Callable[[int, int], None]]:
     """Give a `counting_bar` of sweeps."""
     return counting_bar(label, "sweeps", leave)
 

@@ -35,7 +35,15 @@ from impact_env.modes import ModalModel
 from impact_env.parameters import require
 from impact_env.response import Record, Response
 from impact_env.sweep import simulate
-from optimisation.measures import DECAY, SAMPLES, after_pulse, measure_of, rainflow_amplitudes, read, settled_after
+from optimisation.measures import (
+    DECAY,
+    SAMPLES,
+    after_pulse,
+    measure_of,
+    rainflow_amplitudes,
+    read,
+    settled_after,
+)
 
 Array = NDArray[np.float64]
 PERCENTILES = (50, 90, 95, 99, 99.9, 100)
@@ -59,21 +67,33 @@ class Told:
 
     def __call__(self, lane: Lane) -> dict[str, Any]:
         """Run a lane and return its measures."""
-        response = simulate(lane.scene, lane.drive, record=Record(events=True, series=True, samples_per_period=self.samples))
+        response = simulate(
+            lane.scene,
+            lane.drive,
+            record=Record(events=True, series=True, samples_per_period=self.samples),
+        )
         return told_of(response, self)
 
 
 def told_of(response: Response, told: Told) -> dict[str, Any]:
     """Return the measures of a run with its samples and impacts, as JSON values in SI units."""
-    history, impacts, model = response.history, response.impacts, response.scene.model
+    history = response.history
+    impacts = response.impacts
+    model = response.scene.model
     assert history is not None
     assert impacts is not None
-    start, interval = settled_after(response), float(history.time[1])
+    start = settled_after(response)
+    interval = float(history.time[1])
     late = history.time >= start
     seconds = float(history.time[-1]) - start
     signals = signals_of(response, told)
-    measures = {name: of_signal(values[late[: len(values)]], 1 / interval) for name, values in signals.items()}
-    measures["displacement_m"]["level"] = float(close_level(level_of(signals["displacement_m"], told.samples))[0])
+    measures = {
+        name: of_signal(values[late[: len(values)]], 1 / interval)
+        for name, values in signals.items()
+    }
+    measures["displacement_m"]["level"] = float(
+        close_level(level_of(signals["displacement_m"], told.samples))[0]
+    )
     largest = float(np.max(np.abs(impacts.relative_velocity), initial=0.0))
     speeds = np.abs(impacts.relative_velocity[impacts.time >= start])
     thresholds = [0.0, *(largest * 0.5 ** np.arange(HALVINGS, 0, -1)).tolist()]
@@ -90,24 +110,45 @@ def told_of(response: Response, told: Told) -> dict[str, Any]:
             "per_s": len(speeds) / seconds,
             "power_w": float(np.sum(impacts.energy_lost[impacts.time >= start])) / seconds,
             "above_m_s": thresholds,
-            "per_s_above": [float(np.sum(speeds > threshold)) / seconds for threshold in thresholds],
+            "per_s_above": [
+                float(np.sum(speeds > threshold)) / seconds for threshold in thresholds
+            ],
         },
     }
 
 
 def signals_of(response: Response, told: Told) -> dict[str, Array]:
     """Return displacement (m), acceleration (m/s^2) and, if it is known, stress at the samples of a run."""
-    history, model = response.history, response.scene.model
+    history = response.history
+    model = response.scene.model
     assert history is not None
-    displacement, velocity = history.modal_displacement @ model.level_shape, history.modal_velocity @ model.level_shape
+    displacement = history.modal_displacement @ model.level_shape
+    velocity = history.modal_velocity @ model.level_shape
     if told.absolute:
-        require(isinstance(response.drive, Loads) and response.drive.moves_base, "absolute", True, "left out where the base does not move")
-        require(model.response_shape is None, "absolute", True, "with the response read at the absorber's place, where the base's share is known")
+        require(
+            isinstance(response.drive, Loads) and response.drive.moves_base,
+            "absolute",
+            True,
+            "left out where the base does not move",
+        )
+        require(
+            model.response_shape is None,
+            "absolute",
+            True,
+            "with the response read at the absorber's place, where the base's share is known",
+        )
         base_velocity, base = response.drive.base_motion(history.time)
         displacement = displacement + model.base_at_absorber * (base - np.mean(base))
         velocity = velocity + model.base_at_absorber * base_velocity
-    found = {"displacement_m": displacement, "acceleration_m_s2": np.diff(velocity) / np.diff(history.time)}
-    return found if told.stress_shape is None else found | {"stress": history.modal_displacement @ told.stress_shape}
+    found = {
+        "displacement_m": displacement,
+        "acceleration_m_s2": np.diff(velocity) / np.diff(history.time),
+    }
+    return (
+        found
+        if told.stress_shape is None
+        else found | {"stress": history.modal_displacement @ told.stress_shape}
+    )
 
 
 def decay_of(response: Response) -> dict[str, Any]:
@@ -117,8 +158,17 @@ def decay_of(response: Response) -> dict[str, Any]:
     times, modal = after_pulse(response)
     at = np.linspace(0, len(times) - 1, ENERGIES).astype(int)
     energy = np.sum(modal[at], axis=1)
-    higher = np.divide(np.sum(modal[at, 1:], axis=1), energy, out=np.zeros(len(at)), where=energy > 0)
-    return {"decay": {"decay_s": read(response), "at_s": times[at].tolist(), "energy_j": energy.tolist(), "higher_modes": higher.tolist()}}
+    higher = np.divide(
+        np.sum(modal[at, 1:], axis=1), energy, out=np.zeros(len(at)), where=energy > 0
+    )
+    return {
+        "decay": {
+            "decay_s": read(response),
+            "at_s": times[at].tolist(),
+            "energy_j": energy.tolist(),
+            "higher_modes": higher.tolist(),
+        }
+    }
 
 
 def spectrum(values: Array, rate: float) -> tuple[Array, Array]:
@@ -130,15 +180,24 @@ def spectrum(values: Array, rate: float) -> tuple[Array, Array]:
 
 def of_signal(values: Array, rate: float) -> dict[str, Any]:
     """Return the measures of a signal (S,) that is sampled at a ``rate`` in Hz, as JSON values in its unit."""
-    size, rms = np.abs(values), float(np.sqrt(np.mean(values**2)))
+    size = np.abs(values)
+    rms = float(np.sqrt(np.mean(values**2)))
     rises = [int(np.sum((size[:-1] <= k * rms) & (size[1:] > k * rms))) for k in MULTIPLES]
     amplitudes, counts = rainflow_amplitudes(values)
-    cycles, edges = np.histogram(amplitudes, bins=BINS, range=(0.0, float(np.max(amplitudes, initial=0.0)) or 1.0), weights=counts)
+    cycles, edges = np.histogram(
+        amplitudes,
+        bins=BINS,
+        range=(0.0, float(np.max(amplitudes, initial=0.0)) or 1.0),
+        weights=counts,
+    )
     frequencies, density = spectrum(values, rate)
     return {
         "rms": rms,
         "percentiles": {f"{share:g}": float(np.percentile(size, share)) for share in PERCENTILES},
-        "exceedances": {"over_rms": list(MULTIPLES), "per_s": [n * rate / max(len(values) - 1, 1) for n in rises]},
+        "exceedances": {
+            "over_rms": list(MULTIPLES),
+            "per_s": [n * rate / max(len(values) - 1, 1) for n in rises],
+        },
         "rainflow": {"amplitude_edges": edges.tolist(), "cycles": cycles.tolist()},
         "spectrum": {"frequency_hz": frequencies.tolist(), "density": density.tolist()},
     }
@@ -149,8 +208,13 @@ def band_edges(loads: Loads) -> Array:
     found = []
     for part in loads.parts:
         if isinstance(part, Tones):
-            middle = 1.0 if part.schedule is None else float(np.mean(part.schedule.omegas)) / (2 * np.pi)
-            found += [float(tone.frequency or 0.0) if tone.order is None else tone.order * middle for tone in part.tones]
+            middle = (
+                1.0 if part.schedule is None else float(np.mean(part.schedule.omegas)) / (2 * np.pi)
+            )
+            found += [
+                float(tone.frequency or 0.0) if tone.order is None else tone.order * middle
+                for tone in part.tones
+            ]
     found = sorted(set(found))
     return np.array([0.0, *np.sqrt(np.array(found[:-1]) * found[1:]), np.inf])
 
@@ -160,7 +224,8 @@ def edges_of(model: ModalModel, loads: Loads) -> Array:
 
     Of a sweep one way through several resonances, it is one for each of them; the bands meet at the geometric mean of neighbouring resonances.
     """
-    edges, omegas = band_edges(loads), loads.schedule.omegas
+    edges = band_edges(loads)
+    omegas = loads.schedule.omegas
     if len(edges) > 2 or not (np.all(np.diff(omegas) > 0) or np.all(np.diff(omegas) < 0)):
         return edges
     crossed = model.omega[(model.omega > np.min(omegas)) & (model.omega < np.max(omegas))]
@@ -169,31 +234,52 @@ def edges_of(model: ModalModel, loads: Loads) -> Array:
 
 def band_levels(lane: Lane) -> tuple[float, ...]:
     """Run a lane, and return response level (with a schedule) or RMS of the displacement in each of the bands of `edges_of`, in m."""
-    response = simulate(lane.scene, lane.drive, record=Record(level=False, series=True, samples_per_period=SAMPLES))
-    history, model = response.history, response.scene.model
+    response = simulate(
+        lane.scene, lane.drive, record=Record(level=False, series=True, samples_per_period=SAMPLES)
+    )
+    history = response.history
+    model = response.scene.model
     assert history is not None
     displacement = history.modal_displacement @ model.level_shape
     if bands := bands_of(response, displacement):
         return tuple(band.get("level_m", band.get("rms_m", 0.0)) for band in bands)
     hertz = lane.drive.schedule.omega_at(history.time) / (2 * np.pi)
-    parts = (displacement[(hertz >= low) & (hertz < high)] for low, high in pairwise(edges_of(model, lane.drive)))
+    parts = (
+        displacement[(hertz >= low) & (hertz < high)]
+        for low, high in pairwise(edges_of(model, lane.drive))
+    )
     return tuple(float(close_level(level_of(part, SAMPLES))[0]) for part in parts)
 
 
 def bands_of(response: Response, displacement: Array) -> list[dict[str, float]]:
     """Return response level (loads with a schedule) or RMS in the band of each of several tones, none for other loads."""
-    drive, history = response.drive, response.history
+    drive = response.drive
+    history = response.history
     if not isinstance(drive, Loads) or len(edges := band_edges(drive)) < 3:
         return []
     assert history is not None
-    spectrum, interval = np.fft.rfft(displacement), float(history.time[1])
+    spectrum = np.fft.rfft(displacement)
+    interval = float(history.time[1])
     frequencies = np.fft.rfftfreq(len(displacement), interval)
     samples = round(drive.schedule.pseudo_period / interval)
-    swept, cut = settled_after(response) == 0, min(HALF_WINDOW_PERIODS * samples, len(displacement) // 4)
+    swept = settled_after(response) == 0
+    cut = min(HALF_WINDOW_PERIODS * samples, len(displacement) // 4)
     kept = slice(max(cut, int(settled_after(response) / interval)), -cut)
     found = []
     for low, high in pairwise(edges):
-        part = np.fft.irfft(np.where((frequencies >= low) & (frequencies < high), spectrum, 0), len(displacement))[kept]
-        value = float(close_level(level_of(part, samples))[0]) if swept else float(np.sqrt(np.mean(part**2)))
-        found.append({"from_hz": float(low), **({} if np.isinf(high) else {"to_hz": float(high)}), "level_m" if swept else "rms_m": value})
+        part = np.fft.irfft(
+            np.where((frequencies >= low) & (frequencies < high), spectrum, 0), len(displacement)
+        )[kept]
+        value = (
+            float(close_level(level_of(part, samples))[0])
+            if swept
+            else float(np.sqrt(np.mean(part**2)))
+        )
+        found.append(
+            {
+                "from_hz": float(low),
+                **({} if np.isinf(high) else {"to_hz": float(high)}),
+                "level_m" if swept else "rms_m": value,
+            }
+        )
     return found

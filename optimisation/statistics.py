@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from impact_env.parameters import require
 
 Array = NDArray[np.float64]
-COVERED, RESAMPLES = 0.95, 2000
+COVERED = 0.95
+RESAMPLES = 2000
 
 
 @dataclass(frozen=True)
@@ -39,19 +40,29 @@ def ratio_of_quantiles(first: ArrayLike, second: ArrayLike, quantile: float = 0.
 
     The interval is a percentile bootstrap, of no width where either has one member only. Raises ParameterError for empty rows.
     """
-    a, b = _members("first", first), _members("second", second)
+    a = _members("first", first)
+    b = _members("second", second)
 
     def ratio(x: Array, y: Array, axis: int = -1) -> Array:
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.quantile(x, quantile, axis=axis) / np.quantile(y, quantile, axis=axis))
+            return np.asarray(
+                np.quantile(x, quantile, axis=axis) / np.quantile(y, quantile, axis=axis)
+            )
 
     middle = float(ratio(a, b))
     if not np.isfinite(middle):
         return Gain(*(float("nan"),) * 3)
     if min(a.size, b.size) < 2:
         return Gain(middle, middle, middle)
-    options = {"n_resamples": RESAMPLES, "confidence_level": COVERED, "method": "percentile", "rng": np.random.default_rng(0)}
-    found = scipy.stats.bootstrap((a, b), ratio, paired=False, vectorized=True, **options).confidence_interval
+    options = {
+        "n_resamples": RESAMPLES,
+        "confidence_level": COVERED,
+        "method": "percentile",
+        "rng": np.random.default_rng(0),
+    }
+    found = scipy.stats.bootstrap(
+        (a, b), ratio, paired=False, vectorized=True, **options
+    ).confidence_interval
     return Gain(middle, float(found.low), float(found.high))
 
 
@@ -64,7 +75,14 @@ def standard_error(values: ArrayLike, quantile: float = 0.5) -> float:
     def value(x: Array, axis: int = -1) -> Array:
         return np.asarray(np.quantile(x, quantile, axis=axis))
 
-    found = scipy.stats.bootstrap((row,), value, n_resamples=RESAMPLES, method="percentile", vectorized=True, rng=np.random.default_rng(0))
+    found = scipy.stats.bootstrap(
+        (row,),
+        value,
+        n_resamples=RESAMPLES,
+        method="percentile",
+        vectorized=True,
+        rng=np.random.default_rng(0),
+    )
     return float(found.standard_error)
 
 
@@ -91,14 +109,21 @@ class Branches:
 
     def text(self, scale: float = 1.0, unit: str = "") -> str:
         """Return the branches in words, levels times ``scale``."""
-        low, high = (f"{scale * level:.3g}{unit} ({100 * share:.0f} % of the members)" for level, share in zip(self.levels, self.shares, strict=True))
+        low, high = (
+            f"{scale * level:.3g}{unit} ({100 * share:.0f} % of the members)"
+            for level, share in zip(self.levels, self.shares, strict=True)
+        )
         return f"two branches, {low} and {high}"
 
 
 def _log_likelihood(x: Array, centres: Array, weights: Array, width: float) -> tuple[float, Array]:
     """Return the log-likelihood of rows (M,) under a mixture, and each member's chances of being of either branch, (M, 2)."""
     with np.errstate(divide="ignore"):
-        terms = np.log(weights) - 0.5 * ((x[:, None] - centres) / width) ** 2 - np.log(width * np.sqrt(2 * np.pi))
+        terms = (
+            np.log(weights)
+            - 0.5 * ((x[:, None] - centres) / width) ** 2
+            - np.log(width * np.sqrt(2 * np.pi))
+        )
     total = np.logaddexp(terms[:, 0], terms[:, 1])
     return float(total.sum()), np.exp(terms - total[:, None])
 
@@ -124,9 +149,15 @@ def _fit(x: Array, cut: int) -> tuple[float, Array]:
 def branches(members: ArrayLike) -> Branches | None:
     """Return the two branches of members' levels (M,), above 0; None if one branch does as well, the two lie within a tenth, or fewer than 8."""
     levels = np.sort(np.asarray(members, dtype=np.float64))
-    if levels.ndim != 1 or len(levels) < MEMBERS or not np.all(np.isfinite(levels)) or levels[0] <= 0:
+    if (
+        levels.ndim != 1
+        or len(levels) < MEMBERS
+        or not np.all(np.isfinite(levels))
+        or levels[0] <= 0
+    ):
         return None
-    x, n = np.log(levels), len(levels)
+    x = np.log(levels)
+    n = len(levels)
     gaps = np.diff(x)
     starts = {int(k) + 1 for k in np.argsort(-gaps)[:4]} | {n // 4, n // 2, 3 * n // 4}
     value, chances = max((_fit(x, cut) for cut in sorted(starts)), key=lambda found: found[0])

@@ -13,10 +13,24 @@ import scipy
 
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.ensemble import Lane, Members
-from impact_env.parameters import Absorber, ParameterError, RigidWalls, SeveralAbsorbers, SlidingAbsorber, finite, one_of, require
+from impact_env.parameters import (
+    Absorber,
+    ParameterError,
+    RigidWalls,
+    SeveralAbsorbers,
+    SlidingAbsorber,
+    finite,
+    one_of,
+    require,
+)
 from impact_env.scene import Scene
 
-DAMPING, FREQUENCY, FORCE, GAP, RESTITUTION, FRICTION = "damping", "frequency", "force", "gap", "restitution", "friction"
+DAMPING = "damping"
+FREQUENCY = "frequency"
+FORCE = "force"
+GAP = "gap"
+RESTITUTION = "restitution"
+FRICTION = "friction"
 OF_ABSORBER = (GAP, RESTITUTION, FRICTION)
 NAMES = (DAMPING, FREQUENCY, FORCE, *OF_ABSORBER)
 CUT = 3.0  # standard deviations
@@ -40,7 +54,11 @@ class Spread:
         """The distribution as it is given."""
         if self.normal:
             return f"{self.name} {100 * self.high:g}%"
-        return f"{self.name} {100 * self.low:g}% {100 * self.high:g}%" if self.relative else f"{self.name} {self.low:g} {self.high:g}"
+        return (
+            f"{self.name} {100 * self.low:g}% {100 * self.high:g}%"
+            if self.relative
+            else f"{self.name} {self.low:g} {self.high:g}"
+        )
 
     def drawn(self, share: float, nominal: float) -> float:
         """Return the value at a ``share`` (0 to 1) of the distribution of a number that is ``nominal``."""
@@ -65,16 +83,25 @@ def spreads(uncertain: Given) -> tuple[Spread, ...]:
     found = {}
     for name, given in uncertain.items():
         one_of("uncertain", name, NAMES)
-        path, words = f"uncertain {name}", [given] if isinstance(given, str) else list(given)
+        path = f"uncertain {name}"
+        words = [given] if isinstance(given, str) else list(given)
         require(len(words) in (1, 2), path, given, FORM)
         ends = [_number(path, word) for word in words]
         relative = ends[0][1]
         require(relative == ends[-1][1] and (relative or len(ends) == 2), path, given, FORM)
-        low, high = ends[0][0], ends[-1][0]
+        low = ends[0][0]
+        high = ends[-1][0]
         if len(ends) == 1:
-            require(0 < high <= MOST_SHARE, path, given, f"above 0 and at most {100 * MOST_SHARE:.3g}%")
+            require(
+                0 < high <= MOST_SHARE, path, given, f"above 0 and at most {100 * MOST_SHARE:.3g}%"
+            )
         else:
-            require(low < high and low >= (-1 if relative else 0), path, given, "from 0 on, or from -100%, the lower one first")
+            require(
+                low < high and low >= (-1 if relative else 0),
+                path,
+                given,
+                "from 0 on, or from -100%, the lower one first",
+            )
         require(name != RESTITUTION or relative or high <= 1, path, given, "at most 1")
         found[name] = Spread(name, low, high, relative, len(ends) == 1)
     return tuple(found[name] for name in NAMES if name in found)
@@ -89,33 +116,67 @@ def require_parts(every: Sequence[Spread], absorber: Absorber) -> None:
     """Raise ParameterError if an absorber lacks what is uncertain."""
     parts = absorber.absorbers if isinstance(absorber, SeveralAbsorbers) else (absorber,)
     for one in every:
-        walls = all(isinstance(part, SlidingAbsorber) and isinstance(part.walls, RigidWalls) for part in parts)
-        has = all(isinstance(part, SlidingAbsorber) and part.friction is not None for part in parts) if one.name == FRICTION else walls
-        require(one.name not in OF_ABSORBER or has, f"uncertain {one.name}", one.words, "left out: this absorber has none")
+        walls = all(
+            isinstance(part, SlidingAbsorber) and isinstance(part.walls, RigidWalls)
+            for part in parts
+        )
+        has = (
+            all(isinstance(part, SlidingAbsorber) and part.friction is not None for part in parts)
+            if one.name == FRICTION
+            else walls
+        )
+        require(
+            one.name not in OF_ABSORBER or has,
+            f"uncertain {one.name}",
+            one.words,
+            "left out: this absorber has none",
+        )
 
 
 def shares(every: Sequence[Spread], members: Members) -> list[dict[str, float]]:
     """Return for each member its share (0 to 1) of each distribution: drawn by its own phase and factor, so the same in every run of that member."""
     found = []
     for phase, factor in zip(members.phases, members.factors, strict=True):
-        own = np.random.default_rng(np.frombuffer(np.array([phase, factor]).tobytes(), dtype=np.uint32).tolist())
+        own = np.random.default_rng(
+            np.frombuffer(np.array([phase, factor]).tobytes(), dtype=np.uint32).tolist()
+        )
         found.append({name: float(own.uniform()) for name in NAMES})
     return [{one.name: row[one.name] for one in every} for row in found]
 
 
-def drawn(lane: Lane, every: Sequence[Spread], share: Mapping[str, float], resonance: int, force: float) -> Lane:
+def drawn(
+    lane: Lane, every: Sequence[Spread], share: Mapping[str, float], resonance: int, force: float
+) -> Lane:
     """Return a lane with each uncertain number at its share; the sweep follows the structure's own frequency. ``force``: that of the drive in N.
 
     Raises ParameterError where the damping is uncertain and the resonance has none.
     """
     model = lane.scene.model
-    nominal = {DAMPING: float(model.damping_ratio[resonance - 1]), FREQUENCY: model.resonance_omega(resonance) / (2 * np.pi), FORCE: force}
+    nominal = {
+        DAMPING: float(model.damping_ratio[resonance - 1]),
+        FREQUENCY: model.resonance_omega(resonance) / (2 * np.pi),
+        FORCE: force,
+    }
     for one in every:
-        require(nominal.get(one.name, 1.0) > 0, f"uncertain {one.name}", one.words, "left out: the number itself is 0")
-    factor = {one.name: one.drawn(share[one.name], nominal[one.name]) / nominal[one.name] for one in every if one.name in nominal}
-    moved, absorber = on_another_structure(lane, *(factor.get(name, 1.0) for name in (DAMPING, FREQUENCY, FORCE))), lane.scene.absorber
+        require(
+            nominal.get(one.name, 1.0) > 0,
+            f"uncertain {one.name}",
+            one.words,
+            "left out: the number itself is 0",
+        )
+    factor = {
+        one.name: one.drawn(share[one.name], nominal[one.name]) / nominal[one.name]
+        for one in every
+        if one.name in nominal
+    }
+    moved = on_another_structure(
+        lane, *(factor.get(name, 1.0) for name in (DAMPING, FREQUENCY, FORCE))
+    )
+    absorber = lane.scene.absorber
     if isinstance(absorber, SeveralAbsorbers):
-        absorber = replace(absorber, absorbers=tuple(_absorber(part, every, share) for part in absorber.absorbers))
+        absorber = replace(
+            absorber, absorbers=tuple(_absorber(part, every, share) for part in absorber.absorbers)
+        )
     elif isinstance(absorber, SlidingAbsorber):
         absorber = _absorber(absorber, every, share)
     return Lane(Scene(moved.scene.model, absorber), moved.drive)
@@ -123,20 +184,36 @@ def drawn(lane: Lane, every: Sequence[Spread], share: Mapping[str, float], reson
 
 def on_another_structure(lane: Lane, damping: float, frequency: float, force: float = 1.0) -> Lane:
     """Return a lane with damping, frequencies and force times factors; the sweep follows the structure's own frequency."""
-    model, drive, schedule = lane.scene.model, lane.drive, lane.drive.schedule
+    model = lane.scene.model
+    drive = lane.drive
+    schedule = lane.drive.schedule
     assert isinstance(drive, Drive)
-    other = replace(model, omega=model.omega * frequency, damping_ratio=model.damping_ratio * damping)
-    moved = FrequencySchedule(schedule.times / frequency, schedule.omegas * frequency, schedule.reference * frequency)
-    return Lane(Scene(other, lane.scene.absorber), Drive(drive.amplitude * force, moved, drive.phase))
+    other = replace(
+        model, omega=model.omega * frequency, damping_ratio=model.damping_ratio * damping
+    )
+    moved = FrequencySchedule(
+        schedule.times / frequency, schedule.omegas * frequency, schedule.reference * frequency
+    )
+    return Lane(
+        Scene(other, lane.scene.absorber), Drive(drive.amplitude * force, moved, drive.phase)
+    )
 
 
-def _absorber(absorber: SlidingAbsorber, every: Sequence[Spread], share: Mapping[str, float]) -> SlidingAbsorber:
-    walls, friction = absorber.walls, absorber.friction
+def _absorber(
+    absorber: SlidingAbsorber, every: Sequence[Spread], share: Mapping[str, float]
+) -> SlidingAbsorber:
+    walls = absorber.walls
+    friction = absorber.friction
     for one in every:
         if one.name == GAP and walls is not None:
             walls = replace(walls, gap=one.drawn(share[GAP], walls.gap))
         elif one.name == RESTITUTION and isinstance(walls, RigidWalls):
-            walls = replace(walls, restitution=float(np.clip(one.drawn(share[RESTITUTION], walls.restitution), 0.0, 1.0)))
+            walls = replace(
+                walls,
+                restitution=float(
+                    np.clip(one.drawn(share[RESTITUTION], walls.restitution), 0.0, 1.0)
+                ),
+            )
         elif one.name == FRICTION and friction is not None:
             limit = one.drawn(share[FRICTION], friction.limit)
             friction = replace(friction, limit=limit) if limit > 0 else None

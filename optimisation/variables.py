@@ -13,15 +13,34 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 from impact_env.modes import ModalModel, Structure
-from impact_env.parameters import DEFAULT_MASS_RATIO, LARGE, Beam, CoulombFriction, RigidWalls, TunedAbsorber, friction_damper, number, require
+from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
+    LARGE,
+    Beam,
+    CoulombFriction,
+    RigidWalls,
+    TunedAbsorber,
+    friction_damper,
+    number,
+    require,
+)
 from optimisation.bounds import free_amplitude, gap_unit
 from optimisation.friction_rule import PAPER_FRICTION, scaled_friction
 from optimisation.mounting import mounted
 
-IMPACT, FRICTION, TUNED, SEVERAL = "impact", "friction", "tuned", "several"
+IMPACT = "impact"
+FRICTION = "friction"
+TUNED = "tuned"
+SEVERAL = "several"
 WITH_IMPACTS = (IMPACT, SEVERAL)  # chaotic, and so with noisy levels
-GAP, RESTITUTION, FRICTION_LIMIT, STIFFNESS, DAMPING = "gap", "restitution", "friction_limit", "stiffness", "damping"
-MASS_RATIO, POSITION, SHARE = "mass_ratio", "position", "share"
+GAP = "gap"
+RESTITUTION = "restitution"
+FRICTION_LIMIT = "friction_limit"
+STIFFNESS = "stiffness"
+DAMPING = "damping"
+MASS_RATIO = "mass_ratio"
+POSITION = "position"
+SHARE = "share"
 MEMBERS = (1, 2)  # numbers of the absorbers of SEVERAL
 
 
@@ -45,10 +64,25 @@ class Variable:
 
     def __post_init__(self) -> None:
         ok = -LARGE <= number(self.low) < number(self.high) <= LARGE
-        require(ok, f"bounds of {self.name}", (self.low, self.high), "two finite numbers, the first below the second")
-        require(not self.log or self.low > 0, f"bounds of {self.name}", (self.low, self.high), "above 0, as it is searched in logarithms")
+        require(
+            ok,
+            f"bounds of {self.name}",
+            (self.low, self.high),
+            "two finite numbers, the first below the second",
+        )
+        require(
+            not self.log or self.low > 0,
+            f"bounds of {self.name}",
+            (self.low, self.high),
+            "above 0, as it is searched in logarithms",
+        )
         ends = self.low, self.high
-        require(not self.whole or all(x == round(x) for x in ends), f"bounds of {self.name}", ends, "whole numbers: it is a choice among them")
+        require(
+            not self.whole or all(x == round(x) for x in ends),
+            f"bounds of {self.name}",
+            ends,
+            "whole numbers: it is a choice among them",
+        )
         for name in ("low", "high"):
             object.__setattr__(self, name, float(getattr(self, name)))
         if not self.scaled:
@@ -60,8 +94,17 @@ class Variable:
 
     def choice(self, number: int) -> Variable:
         """Return the variable as a choice among the places 1 to ``number``; bounds that are its own by default give way, others stay."""
-        ends = (1.0, float(number)) if (self.low, self.high) == (_POSITION.low, _POSITION.high) else (self.low, self.high)
-        require(ends[0] >= 1 and ends[1] <= number, f"bounds of {self.name}", ends, f"numbers of the structure's places, 1 to {number}")
+        ends = (
+            (1.0, float(number))
+            if (self.low, self.high) == (_POSITION.low, _POSITION.high)
+            else (self.low, self.high)
+        )
+        require(
+            ends[0] >= 1 and ends[1] <= number,
+            f"bounds of {self.name}",
+            ends,
+            f"numbers of the structure's places, 1 to {number}",
+        )
         return replace(self, low=ends[0], high=ends[1], unit="", si="", whole=True)
 
     def value_at(self, share: float) -> float:
@@ -69,14 +112,20 @@ class Variable:
         if self.whole:
             return min(self.low + math.floor(share * (self.high - self.low + 1)), self.high)
         if self.log:
-            return float(math.exp(math.log(self.low) + share * (math.log(self.high) - math.log(self.low))))
+            return float(
+                math.exp(math.log(self.low) + share * (math.log(self.high) - math.log(self.low)))
+            )
         return self.low + share * (self.high - self.low)
 
     def share_of(self, value: float) -> float:
         """Return the share of the range at which a value lies, cut to 0..1."""
         if self.whole:
             return min(max((value - self.low + 0.5) / (self.high - self.low + 1), 0.0), 1.0)
-        low, high, x = (math.log(self.low), math.log(self.high), math.log(max(value, 1e-300))) if self.log else (self.low, self.high, value)
+        low, high, x = (
+            (math.log(self.low), math.log(self.high), math.log(max(value, 1e-300)))
+            if self.log
+            else (self.low, self.high, value)
+        )
         return min(max((x - low) / (high - low), 0.0), 1.0)
 
 
@@ -96,31 +145,74 @@ def _one_of_several(which: int) -> tuple[Variable, ...]:
     """Return the variables of one of the two absorbers of SEVERAL. Each has half the paper's friction, as it has half the mass."""
     own = {variable.name: variable for variable in VARIABLES[IMPACT]}
     friction = replace(own[FRICTION_LIMIT], default=PAPER_FRICTION / len(MEMBERS))
-    return tuple(replace(v, name=of_absorber(v.name, which)) for v in (own[GAP], own[RESTITUTION], friction, own[POSITION]))
+    return tuple(
+        replace(v, name=of_absorber(v.name, which))
+        for v in (own[GAP], own[RESTITUTION], friction, own[POSITION])
+    )
 
 
 VARIABLES: dict[str, tuple[Variable, ...]] = {
     IMPACT: (
         Variable(GAP, "of the rule's gap", 0.1, 4.0, RigidWalls.gap, log=True, si="m", scaled=True),
         Variable(RESTITUTION, "", 0.3, 0.95, PAPER_RESTITUTION),
-        Variable(FRICTION_LIMIT, "of m_a gap omega^2", 0.001, 1.0, PAPER_FRICTION, log=True, si="N", scaled=True),
+        Variable(
+            FRICTION_LIMIT,
+            "of m_a gap omega^2",
+            0.001,
+            1.0,
+            PAPER_FRICTION,
+            log=True,
+            si="N",
+            scaled=True,
+        ),
         _MASS,
         _POSITION,
     ),
     FRICTION: (
-        Variable(FRICTION_LIMIT, "of m_a omega^2 times the free amplitude", 0.005, 10.0, _DAMPER.limit, log=True, si="N", scaled=True),
+        Variable(
+            FRICTION_LIMIT,
+            "of m_a omega^2 times the free amplitude",
+            0.005,
+            10.0,
+            _DAMPER.limit,
+            log=True,
+            si="N",
+            scaled=True,
+        ),
         _MASS,
         _POSITION,
     ),
     TUNED: (
-        Variable(STIFFNESS, "of m_a omega^2", 0.14, 7.0, TunedAbsorber.stiffness, log=True, si="N/m", scaled=True),
-        Variable(DAMPING, "of 2 m_a omega", 0.009, 1.8, TunedAbsorber.damping, log=True, si="N s/m", scaled=True),
+        Variable(
+            STIFFNESS,
+            "of m_a omega^2",
+            0.14,
+            7.0,
+            TunedAbsorber.stiffness,
+            log=True,
+            si="N/m",
+            scaled=True,
+        ),
+        Variable(
+            DAMPING,
+            "of 2 m_a omega",
+            0.009,
+            1.8,
+            TunedAbsorber.damping,
+            log=True,
+            si="N s/m",
+            scaled=True,
+        ),
         _MASS,
         _POSITION,
     ),
 }
 # two impact absorbers on one mass budget: ``mass_ratio`` is that of both, of which the first has ``share``
-VARIABLES[SEVERAL] = (*(v for which in MEMBERS for v in _one_of_several(which)), Variable(SHARE, "of the mass", 0.1, 0.9, 0.5), _MASS)
+VARIABLES[SEVERAL] = (
+    *(v for which in MEMBERS for v in _one_of_several(which)),
+    Variable(SHARE, "of the mass", 0.1, 0.9, 0.5),
+    _MASS,
+)
 # raised when variables, their meaning or their defaults change: a study of another version is not continued
 VERSIONS = {IMPACT: 2, FRICTION: 2, TUNED: 2, SEVERAL: 2}
 FREE = {
@@ -156,7 +248,12 @@ class Units:
     forces: Mapping[int, float]
 
     def __post_init__(self) -> None:
-        require(len(self.forces) > 0, "forces", dict(self.forces), "at least one resonance with its force in N")
+        require(
+            len(self.forces) > 0,
+            "forces",
+            dict(self.forces),
+            "at least one resonance with its force in N",
+        )
 
     @cached_property
     def _kept(self) -> dict[tuple[str, float, float], float]:
@@ -169,7 +266,9 @@ class Units:
     def model(self, position: float | None = None) -> ModalModel:
         """Return the modal model with the absorber at a share of the length, or at a modal model's place; None: at the structure's own place."""
         if position is not None and isinstance(self.beam, Beam):
-            position = min(position, 1.0)  # a space that is not bound to its modal model yet counts in the paper's units, which know no places
+            position = min(
+                position, 1.0
+            )  # a space that is not bound to its modal model yet counts in the paper's units, which know no places
         if position not in self._models:
             self._models[position] = mounted(self.beam, position)
         return self._models[position]
@@ -185,11 +284,16 @@ class Units:
             model = self.model(position)
             mass = mass_ratio * model.beam_mass
             if kind == GAP:
-                self._kept[key] = max(gap_unit(model, mass, force, resonance) for resonance, force in self.forces.items())
+                self._kept[key] = max(
+                    gap_unit(model, mass, force, resonance)
+                    for resonance, force in self.forces.items()
+                )
             else:
                 lowest = min(self.forces)
                 widest = MOST_GAPS * gap_unit(model, mass, self.forces[lowest], lowest)
-                self._kept[key] = min(free_amplitude(model, mass, self.forces[lowest], lowest), widest)
+                self._kept[key] = min(
+                    free_amplitude(model, mass, self.forces[lowest], lowest), widest
+                )
         return self._kept[key]
 
     def gap(self, mass_ratio: float, position: float = 1.0) -> float:
@@ -215,7 +319,12 @@ class Units:
             return inertia * self.amplitude(total, place)
         if kind == STIFFNESS:
             return inertia
-        require(kind == DAMPING, "scaled variable", name, f"one of {GAP}, {FRICTION_LIMIT}, {STIFFNESS}, {DAMPING}")
+        require(
+            kind == DAMPING,
+            "scaled variable",
+            name,
+            f"one of {GAP}, {FRICTION_LIMIT}, {STIFFNESS}, {DAMPING}",
+        )
         return 2 * inertia / self.omega
 
     def start(self, concept: str, name: str, values: Values) -> float:
@@ -224,10 +333,18 @@ class Units:
         if kind == GAP:
             return self.of(concept, name, values)
         if kind == FRICTION_LIMIT and concept in (IMPACT, SEVERAL):
-            mass = self.of(concept, name, values) / (self.omega**2 * values[GAP if which is None else of_absorber(GAP, which)])
-            return scaled_friction(self.model(), mass, values[GAP if which is None else of_absorber(GAP, which)])
+            mass = self.of(concept, name, values) / (
+                self.omega**2 * values[GAP if which is None else of_absorber(GAP, which)]
+            )
+            return scaled_friction(
+                self.model(), mass, values[GAP if which is None else of_absorber(GAP, which)]
+            )
         default = {v.name: v.default for v in VARIABLES[concept]}
-        return default[name] / paper_units().of(concept, name, default) * self.of(concept, name, values)
+        return (
+            default[name]
+            / paper_units().of(concept, name, default)
+            * self.of(concept, name, values)
+        )
 
 
 @cache

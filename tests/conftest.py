@@ -15,16 +15,43 @@ HERE = Path(__file__).parent
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("workbench")
-    group.addoption("--quick", action="store_true", help="the tests to run at every save: some of every kind, none that is marked slow")
-    group.addoption("--cpu", metavar="FILE", type=Path, help="add each test's processor time to a file of JSON lines; with -n 0")
-    group.addoption("--kernels", choices=["compiled", "plain"], help="leave out the tests marked plain, or all others")
-    group.addoption("--rounding", metavar="N", type=int, help="other last bits in every modal model: 0 to 7, as another machine has them")
+    group.addoption(
+        "--quick",
+        action="store_true",
+        help="the tests to run at every save: some of every kind, none that is marked slow",
+    )
+    group.addoption(
+        "--cpu",
+        metavar="FILE",
+        type=Path,
+        help="add each test's processor time to a file of JSON lines; with -n 0",
+    )
+    group.addoption(
+        "--kernels",
+        choices=["compiled", "plain"],
+        help="leave out the tests marked plain, or all others",
+    )
+    group.addoption(
+        "--rounding",
+        metavar="N",
+        type=int,
+        help="other last bits in every modal model: 0 to 7, as another machine has them",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    config.addinivalue_line("markers", "plain: a few events of a kind of scene that no other test compiles; scripts/test runs it in plain Python")
-    config.addinivalue_line("markers", "same_bits: compares digit for digit, often with another process; left out by --rounding")
-    config.addinivalue_line("markers", "slow: takes long for its file; left out by --quick, and by .ci/run with the arithmetic of older processors")
+    config.addinivalue_line(
+        "markers",
+        "plain: a few events of a kind of scene that no other test compiles; scripts/test runs it in plain Python",
+    )
+    config.addinivalue_line(
+        "markers",
+        "same_bits: compares digit for digit, often with another process; left out by --rounding",
+    )
+    config.addinivalue_line(
+        "markers",
+        "slow: takes long for its file; left out by --quick, and by .ci/run with the arithmetic of older processors",
+    )
     if config.getoption("--rounding") is not None:
         round_models(config.getoption("--rounding"))
     if config.getoption("--cpu"):
@@ -44,6 +71,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if config.getoption("--rounding") is not None:
         items[:] = [item for item in items if not item.get_closest_marker("same_bits")]
     if chosen := config.getoption("--kernels"):
-        items[:] = [item for item in items if (item.get_closest_marker("plain") is not None) == (chosen == "plain")]
+        items[:] = [
+            item
+            for item in items
+            if (item.get_closest_marker("plain") is not None) == (chosen == "plain")
+        ]
     place = {name: k for k, name in enumerate(LONGEST_FIRST)}
     items.sort(key=lambda item: place.get(item.path.relative_to(HERE).as_posix(), len(place)))

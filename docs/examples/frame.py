@@ -11,9 +11,20 @@ import scipy.sparse
 import skfem
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
-WIDTH, HEIGHT, SIZE, LENGTH = 0.6, 0.4, 0.02, 0.04  # m: outer frame, side of the square section, length of an element
-YOUNG, POISSON, DENSITY = 210e9, 0.3, 7850.0  # Pa, kg/m^3
-PLACES = {"force": (0.0, 0.19, 0), "absorber": (WIDTH, HEIGHT, 0), "response": (0.0, HEIGHT, 0)}  # m, m, direction: 0 horizontal
+# m: outer frame, side of the square section, length of an element
+WIDTH = 0.6
+HEIGHT = 0.4
+SIZE = 0.02
+LENGTH = 0.04
+# Pa, kg/m^3
+YOUNG = 210e9
+POISSON = 0.3
+DENSITY = 7850.0
+PLACES = {
+    "force": (0.0, 0.19, 0),
+    "absorber": (WIDTH, HEIGHT, 0),
+    "response": (0.0, HEIGHT, 0),
+}  # m, m, direction: 0 horizontal
 
 
 def mesh() -> skfem.MeshQuad:
@@ -32,16 +43,24 @@ def main() -> None:
     basis = skfem.Basis(mesh(), skfem.ElementVector(skfem.ElementQuad2()))
     plane_poisson = POISSON / (1 + POISSON)  # plane stress by the formulas of plane strain
     plane_young = YOUNG * (1 + 2 * POISSON) / (1 + POISSON) ** 2
-    stiffness = SIZE * linear_elasticity(*lame_parameters(plane_young, plane_poisson)).assemble(basis)
-    mass = SIZE * skfem.BilinearForm(lambda u, v, _: DENSITY * skfem.helpers.dot(u, v)).assemble(basis)
+    stiffness = SIZE * linear_elasticity(*lame_parameters(plane_young, plane_poisson)).assemble(
+        basis
+    )
+    mass = SIZE * skfem.BilinearForm(lambda u, v, _: DENSITY * skfem.helpers.dot(u, v)).assemble(
+        basis
+    )
     at = basis.doflocs
     free = np.flatnonzero(at[1] > 1e-9)
     for name, matrix in (("mass", mass), ("stiffness", stiffness)):
-        scipy.sparse.save_npz(Path(__file__).parent / f"frame_{name}.npz", matrix.tocsr()[free][:, free])
+        scipy.sparse.save_npz(
+            Path(__file__).parent / f"frame_{name}.npz", matrix.tocsr()[free][:, free]
+        )
     for name, (x, y, direction) in PLACES.items():
         node = np.flatnonzero((abs(at[0, free] - x) < 1e-9) & (abs(at[1, free] - y) < 1e-9))
         print(f"{name} = {int(node[direction])}")
-    print(f"mass_kg = {DENSITY * SIZE * SIZE * (WIDTH + 2 * (HEIGHT - SIZE)):.4f}, {len(free)} freedoms")
+    print(
+        f"mass_kg = {DENSITY * SIZE * SIZE * (WIDTH + 2 * (HEIGHT - SIZE)):.4f}, {len(free)} freedoms"
+    )
 
 
 if __name__ == "__main__":

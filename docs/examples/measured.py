@@ -9,8 +9,13 @@ from pathlib import Path
 import numpy as np
 import pyuff
 
-LENGTH, MASS, FIRST = 1.0, 2.0, 40.0  # m, kg, Hz
-MODES, NODES = 5, np.arange(1, 8)  # nodes at eighths of the length
+# m, kg, Hz
+LENGTH = 1.0
+MASS = 2.0
+FIRST = 40.0
+# nodes at eighths of the length
+MODES = 5
+NODES = np.arange(1, 8)
 DAMPING = 0.004
 
 

@@ -17,7 +17,13 @@ from optimisation.objectives import Condition, Constraint, Objective
 from optimisation.problem import Problem
 
 # a steel strip of 40 x 8 mm and 1.2 m, shaken at a quarter of its length: not the paper's beam
-STEEL = Beam(length=1.2, bending_stiffness=358.4, mass_per_length=2.512, force_position=0.25, damping_ratio=0.005)
+STEEL = Beam(
+    length=1.2,
+    bending_stiffness=358.4,
+    mass_per_length=2.512,
+    force_position=0.25,
+    damping_ratio=0.005,
+)
 FAILED = 1e3  # pymoo knows no NaN: what a design costs that failed
 
 
@@ -25,8 +31,16 @@ class Absorber(PymooProblem):
     """The workbench's problem in pymoo's words."""
 
     def __init__(self, problem: Problem) -> None:
-        low, high = np.log(problem.space.low), np.log(problem.space.high)  # ratios matter, not differences
-        super().__init__(n_var=len(low), n_obj=len(problem.objectives), n_ieq_constr=len(problem.constraints), xl=low, xu=high)
+        # ratios matter, not differences
+        low = np.log(problem.space.low)
+        high = np.log(problem.space.high)
+        super().__init__(
+            n_var=len(low),
+            n_obj=len(problem.objectives),
+            n_ieq_constr=len(problem.constraints),
+            xl=low,
+            xu=high,
+        )
         self.problem = problem
 
     def _evaluate(self, x, out, *_args, **_kwargs):
@@ -34,7 +48,9 @@ class Absorber(PymooProblem):
         out["F"], out["G"] = np.nan_to_num(F, nan=FAILED), np.nan_to_num(G, nan=FAILED)
 
 
-def main(population: int = 16, generations: int = 10, members: int = 4, rate: float | None = None) -> np.ndarray:
+def main(
+    population: int = 16, generations: int = 10, members: int = 4, rate: float | None = None
+) -> np.ndarray:
     """Search, judge the front on fresh members, and return its (level, W) rows."""
     problem = Problem(
         design_space("impact", ["gap", "friction_limit"]),
@@ -48,10 +64,18 @@ def main(population: int = 16, generations: int = 10, members: int = 4, rate: fl
     result = minimize(Absorber(problem), NSGA2(pop_size=population), ("n_gen", generations), seed=1)
     X = np.exp(np.atleast_2d(result.X))
     fresh, _, spread = problem.evaluate(X, problem.fresh_ensemble(4 * members, 0))
-    for x, (level, power), (error, _) in sorted(zip(X, fresh, spread, strict=True), key=lambda row: row[1][0]):
-        values = problem.space.decoded(dict(zip(("gap", "friction_limit"), map(float, x), strict=True))).values
-        design = f"gap {1e3 * values['gap']:.3g} mm, friction {1e3 * values['friction_limit']:.3g} mN"
-        print(f"{design}: level {100 * level:.1f} % (+- {100 * error:.1f}) of no absorber, {1e3 * power:.3g} mW lost in impacts")
+    for x, (level, power), (error, _) in sorted(
+        zip(X, fresh, spread, strict=True), key=lambda row: row[1][0]
+    ):
+        values = problem.space.decoded(
+            dict(zip(("gap", "friction_limit"), map(float, x), strict=True))
+        ).values
+        design = (
+            f"gap {1e3 * values['gap']:.3g} mm, friction {1e3 * values['friction_limit']:.3g} mN"
+        )
+        print(
+            f"{design}: level {100 * level:.1f} % (+- {100 * error:.1f}) of no absorber, {1e3 * power:.3g} mW lost in impacts"
+        )
     return fresh
 
 

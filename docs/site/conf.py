@@ -16,7 +16,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRA = {"Using it": ["docs/site/api", "docs/site/notebooks"]}
 LAST = ("The project", ["CONTRIBUTING", "CHANGELOG", "SECURITY", "CODE_OF_CONDUCT"])
-NUMPY, GYMNASIUM = "https://numpy.org/doc/stable/reference/", "https://gymnasium.farama.org/api/"
+NUMPY = "https://numpy.org/doc/stable/reference/"
+GYMNASIUM = "https://gymnasium.farama.org/api/"
 ELSEWHERE = {  # what the reference names and others describe: an inventory would have to be fetched
     "numpy.float64": f"{NUMPY}arrays.scalars.html#numpy.float64",
     "numpy.int64": f"{NUMPY}arrays.scalars.html#numpy.int64",
@@ -35,8 +36,26 @@ author = PROJECT["authors"][0]["name"]
 copyright = author  # noqa: A001 - Sphinx's own name
 version = release = PROJECT["version"]
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.mathjax"]
-include_patterns = ["*.md", "docs/*.md", "docs/internals/*.md", "docs/site/*", "docs/notebooks/*.ipynb", "impact_env/kernels/README.md"]
-exclude_patterns = [".*", "results", "build", "dist", "tests", "scripts", "requirements", "optimisation", "**/__pycache__", "docs/site/conf.py"]
+include_patterns = [
+    "*.md",
+    "docs/*.md",
+    "docs/internals/*.md",
+    "docs/site/*",
+    "docs/notebooks/*.ipynb",
+    "impact_env/kernels/README.md",
+]
+exclude_patterns = [
+    ".*",
+    "results",
+    "build",
+    "dist",
+    "tests",
+    "scripts",
+    "requirements",
+    "optimisation",
+    "**/__pycache__",
+    "docs/site/conf.py",
+]
 root_doc = "README"
 default_role = "py:obj"
 nb_execution_mode = "off"  # they are committed as executed: scripts/check_all executes them
@@ -62,8 +81,15 @@ def toctrees() -> str:
             groups[heading[1]] = []
         elif page := re.match(r"\| \[.*?\]\((.*?)\.md\)", line):
             groups[list(groups)[-1]].append(f"docs/{page[1]}".replace("docs/../", ""))
-    trees = [("Overview", ["docs/README"]), *((heading, pages + EXTRA.get(heading, [])) for heading, pages in groups.items()), LAST]
-    return "".join(f"\n```{{toctree}}\n:hidden:\n:caption: {caption}\n\n" + "\n".join(pages) + "\n```\n" for caption, pages in trees)
+    trees = [
+        ("Overview", ["docs/README"]),
+        *((heading, pages + EXTRA.get(heading, [])) for heading, pages in groups.items()),
+        LAST,
+    ]
+    return "".join(
+        f"\n```{{toctree}}\n:hidden:\n:caption: {caption}\n\n" + "\n".join(pages) + "\n```\n"
+        for caption, pages in trees
+    )
 
 
 def add_toctrees(app: Any, name: str, source: list[str]) -> None:  # noqa: ARG001 - Sphinx's own signature
@@ -75,7 +101,11 @@ def add_toctrees(app: Any, name: str, source: list[str]) -> None:  # noqa: ARG00
 def refer(app: Any, env: Any, node: Any, content: Any) -> nodes.reference | None:  # noqa: ARG001
     """Refer to others' pages by their addresses."""
     address = ELSEWHERE.get(node.get("reftarget", ""))
-    return None if address is None else nodes.reference("", "", content, internal=False, refuri=address)
+    return (
+        None
+        if address is None
+        else nodes.reference("", "", content, internal=False, refuri=address)
+    )
 
 
 def finish(app: Any, error: Exception | None) -> None:
@@ -83,8 +113,14 @@ def finish(app: Any, error: Exception | None) -> None:
     if error is not None:
         return
     found = importlib.util.find_spec("sphinx-mathjax-offline")
-    source, target = Path(found.origin).parent / "static" / "mathjax", Path(app.outdir, "_static", "mathjax")  # type: ignore[union-attr, arg-type]
-    shutil.copytree(source / "output" / "chtml" / "fonts" / "woff-v2", target / "output" / "chtml" / "fonts" / "woff-v2", dirs_exist_ok=True)
+    # type: ignore[union-attr, arg-type]
+    source = Path(found.origin).parent / "static" / "mathjax"
+    target = Path(app.outdir, "_static", "mathjax")
+    shutil.copytree(
+        source / "output" / "chtml" / "fonts" / "woff-v2",
+        target / "output" / "chtml" / "fonts" / "woff-v2",
+        dirs_exist_ok=True,
+    )
     shutil.copy2(source / "tex-chtml.js", target)
     shutil.copy2(Path(app.outdir, f"{root_doc}.html"), Path(app.outdir, "index.html"))
 

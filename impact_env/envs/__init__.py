@@ -21,7 +21,8 @@ class Entry:
 
 
 HARD, V1, GAP, ADAPTIVE, FRICTION = (
-    f"impact_env.envs.choices:{name}" for name in ("SweepRate", "SweepRateV1", "GapChoice", "SweepAndGap", "FrictionChoice")
+    f"impact_env.envs.choices:{name}"
+    for name in ("SweepRate", "SweepRateV1", "GapChoice", "SweepAndGap", "FrictionChoice")
 )
 OPEN = {"impacts_limit": 100.0}  # what first versions were
 TOLD = {"level_unit": "reference", **OPEN}
@@ -56,7 +57,12 @@ def register_environments() -> None:
         return
     for name, entry in ENVIRONMENTS.items():
         if name not in registry:
-            register(id=name, entry_point=f"{entry.place}Env", vector_entry_point=f"{entry.place}VectorEnv", kwargs=dict(entry.arguments))
+            register(
+                id=name,
+                entry_point=f"{entry.place}Env",
+                vector_entry_point=f"{entry.place}VectorEnv",
+                kwargs=dict(entry.arguments),
+            )
 
 
 def first_step(name: str) -> None:

@@ -9,8 +9,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.envs.adaptive_task import Cavity, Grip, VariableFrictionTask, VariableGapTask, require_cavity
-from impact_env.envs.observation import DISTANCE, FREQUENCY, FRICTION_IN_USE, GAP_IN_USE, IMPACTS, LENGTH, TIME_LEFT, VELOCITY, Feature
+from impact_env.envs.adaptive_task import (
+    Cavity,
+    Grip,
+    VariableFrictionTask,
+    VariableGapTask,
+    require_cavity,
+)
+from impact_env.envs.observation import (
+    DISTANCE,
+    FREQUENCY,
+    FRICTION_IN_USE,
+    GAP_IN_USE,
+    IMPACTS,
+    LENGTH,
+    TIME_LEFT,
+    VELOCITY,
+    Feature,
+)
 from impact_env.envs.reference import stationary_amplitude
 from impact_env.envs.settings import FORCES, Range, TaskSettings, pair, span
 from impact_env.envs.task import Array, Mask, Task
@@ -59,18 +75,36 @@ class ActiveTask(Task):
     def __init__(self, settings: TaskSettings, cycle: Cycle, lanes: int) -> None:
         low, high = span("frequency_ratio", cycle.frequency_ratio)
         require_samples(settings.samples_per_period, high)
-        self.cycle, self._ratios, self.described = cycle, (low, high), (cycle,)
-        super().__init__(settings, lanes, max(1, math.ceil(cycle.time_budget / settings.interval - 1e-9)), cycle.fatigue_exponent)
+        self.cycle = cycle
+        self._ratios = (low, high)
+        self.described = (cycle,)
+        super().__init__(
+            settings,
+            lanes,
+            max(1, math.ceil(cycle.time_budget / settings.interval - 1e-9)),
+            cycle.fatigue_exponent,
+        )
         self.options = {"force": FORCES, "frequency_ratio": (low, high)}
-        self.squares, self._scale = np.zeros((lanes, max(1, round(1 / settings.interval)))), np.ones(lanes)
-        self._speed, self._rms, self._whole = np.zeros(lanes), np.zeros(lanes), np.full(lanes, self.interval)
+        self.squares, self._scale = (
+            np.zeros((lanes, max(1, round(1 / settings.interval)))),
+            np.ones(lanes),
+        )
+        self._speed, self._rms, self._whole = (
+            np.zeros(lanes),
+            np.zeros(lanes),
+            np.full(lanes, self.interval),
+        )
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
         """Draw frequency and force."""
         low, high = self._ratios
-        self.ratio[lane] = self.drawn("frequency_ratio", lane, low if low == high else generator.uniform(low, high))
+        self.ratio[lane] = self.drawn(
+            "frequency_ratio", lane, low if low == high else generator.uniform(low, high)
+        )
         self.force[lane] = self.draw_force(lane, generator)
-        unit = stationary_amplitude(self.model(lane), self.ratio[lane] * self.omega, self.settings.moves_base)
+        unit = stationary_amplitude(
+            self.model(lane), self.ratio[lane] * self.omega, self.settings.moves_base
+        )
         self._scale[lane] = unit * self.force[lane] / math.sqrt(2)
         self.squares[lane] = self._speed[lane] = self._rms[lane] = 0.0
 
@@ -89,9 +123,13 @@ class ActiveTask(Task):
 
     def reward(self) -> Array:
         """Return minus the interval's share of the mean relative RMS, less the price of what was moved."""
-        self.squares[:, :-1], self.squares[:, -1] = self.squares[:, 1:], self.runs.reports["mean_square"]
+        self.squares[:, :-1], self.squares[:, -1] = (
+            self.squares[:, 1:],
+            self.runs.reports["mean_square"],
+        )
         self._rms = np.sqrt(self.squares[:, -1])
-        speed, mass = self.runs.state[:, -1].copy(), self.scene.absorber_mass
+        speed = self.runs.state[:, -1].copy()
+        mass = self.scene.absorber_mass
         assert mass is not None  # what is set is an absorber's
         contact = np.abs(speed - self._speed) * (mass / (self.interval * self._period)) / self.force
         self._speed, level, moved = speed, self._rms / self._scale / self.steps, self.moved()
@@ -108,9 +146,16 @@ class ActiveTask(Task):
 
     def values(self) -> Array:
         """Return the scaled features (L, features): the state at the interval's end."""
-        values, state, phase, modes = super().values(), self.runs.state, self.runs.orders["phase"], self.scene.model.modes
-        both, shapes = state.reshape(self.lanes, 2, modes + 1), self.tip_shapes()[..., None]
-        tip = sum((shapes[..., mode, :] * both[:, :, mode] for mode in range(modes)), np.zeros((self.lanes, 2)))  # displacement and velocity
+        values = super().values()
+        state = self.runs.state
+        phase = self.runs.orders["phase"]
+        modes = self.scene.model.modes
+        both = state.reshape(self.lanes, 2, modes + 1)
+        shapes = self.tip_shapes()[..., None]
+        tip = sum(
+            (shapes[..., mode, :] * both[:, :, mode] for mode in range(modes)),
+            np.zeros((self.lanes, 2)),
+        )  # displacement and velocity
         values[:, 7:10] = values[:, 6:9]  # frequency, time left, level
         values[:, 0], values[:, 1] = tip[:, 0] / self.length, tip[:, 1] * self._units.per_velocity
         values[:, 5], values[:, 6] = np.cos(phase), np.sin(phase)
@@ -133,7 +178,8 @@ class ActiveFrictionTask(VariableFrictionTask, ActiveTask):
     def __init__(self, settings: TaskSettings, cycle: Cycle, grip: Grip, lanes: int) -> None:
         self.set_limits(settings, grip, lanes)
         super().__init__(settings, cycle, lanes)
-        self.described, self._before = (cycle, grip), self.place
+        self.described = (cycle, grip)
+        self._before = self.place
 
     def act(self, action: Array) -> None:
         """Order the friction limits."""

@@ -9,7 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.controlled import friction_limit
-from impact_env.envs.observation import FRICTION_IN_USE, GAP_IN_USE, LENGTH, LEVEL, RMS, STATE, WAY_LEFT, Feature
+from impact_env.envs.observation import (
+    FRICTION_IN_USE,
+    GAP_IN_USE,
+    LENGTH,
+    LEVEL,
+    RMS,
+    STATE,
+    WAY_LEFT,
+    Feature,
+)
 from impact_env.envs.reference import mean_power_of_cosine
 from impact_env.envs.settings import Range, TaskSettings, pair, span
 from impact_env.envs.sweep_task import OneRate, Passage, PassiveTask, SweepTask
@@ -17,7 +26,15 @@ from impact_env.envs.task import Array, Mask, Task
 from impact_env.frequency import receptance
 from impact_env.kernels.control.interval import spread
 from impact_env.level import require_samples
-from impact_env.parameters import Absorber, RigidWalls, SlidingAbsorber, check_each, one_of, positive, require
+from impact_env.parameters import (
+    Absorber,
+    RigidWalls,
+    SlidingAbsorber,
+    check_each,
+    one_of,
+    positive,
+    require,
+)
 
 WIDEST = (1e-9, 1e9)  # of the range, in its unit
 
@@ -35,7 +52,12 @@ class Cavity:
 def require_cavity(absorber: Absorber | None) -> None:
     """Raise ParameterError unless an absorber is in a cavity with rigid walls."""
     rigid = isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls)
-    require(rigid, "absorber", absorber, "an impact absorber with rigid walls: there must be a cavity whose walls can be set")
+    require(
+        rigid,
+        "absorber",
+        absorber,
+        "an impact absorber with rigid walls: there must be a cavity whose walls can be set",
+    )
 
 
 class VariableGapTask(Task):
@@ -79,7 +101,9 @@ class SweepGapTask(ChosenGapTask, SweepTask):
 
     features: Sequence[Feature] = (*STATE, WAY_LEFT, GAP_IN_USE)
 
-    def __init__(self, settings: TaskSettings, passage: Passage, cavity: Cavity, lanes: int) -> None:
+    def __init__(
+        self, settings: TaskSettings, passage: Passage, cavity: Cavity, lanes: int
+    ) -> None:
         require_cavity(settings.scene.absorber)
         self.cavity, self.wanted = cavity, np.zeros(lanes)
         super().__init__(settings, passage, lanes)
@@ -87,7 +111,9 @@ class SweepGapTask(ChosenGapTask, SweepTask):
 
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Order the wanted half-clearances, and go on at the chosen rates."""
-        self.order_gaps(spread(0.5 * (actions[:, 1].astype(np.float64) + 1), *self.cavity.gap_limits))
+        self.order_gaps(
+            spread(0.5 * (actions[:, 1].astype(np.float64) + 1), *self.cavity.gap_limits)
+        )
         return super().decide(actions)
 
 
@@ -100,7 +126,12 @@ class Grip:
     def __post_init__(self) -> None:
         low, high = span("friction_range", self.friction_range)
         ok = WIDEST[0] <= low < high <= WIDEST[1]
-        require(ok, "friction_range", self.friction_range, f"(low, high) with {WIDEST[0]} <= low < high <= {WIDEST[1]}")
+        require(
+            ok,
+            "friction_range",
+            self.friction_range,
+            f"(low, high) with {WIDEST[0]} <= low < high <= {WIDEST[1]}",
+        )
         object.__setattr__(self, "friction_range", (low, high))
 
 
@@ -113,7 +144,12 @@ class VariableFrictionTask(Task):
     def set_limits(self, settings: TaskSettings, grip: Grip, lanes: int) -> None:
         """Set the limits in N; raises ParameterError where there is no rigid friction."""
         scene, self._begin = settings.scene, friction_limit(settings.scene)
-        require(math.isfinite(self._begin), "absorber", scene.absorber, "one with rigid friction: there must be a friction_limit that can be set")
+        require(
+            math.isfinite(self._begin),
+            "absorber",
+            scene.absorber,
+            "one with rigid friction: there must be a friction_limit that can be set",
+        )
         assert scene.absorber_mass is not None
         unit = scene.absorber_mass * settings.length * settings.omega**2
         self.limits = low, high = grip.friction_range[0] * unit, grip.friction_range[1] * unit
@@ -171,7 +207,11 @@ class GapControl:
 
     def __post_init__(self) -> None:
         one_of("objective", self.objective, OBJECTIVES)
-        for name, unit in (("gap_limits", "half-clearances in m"), ("hold", "pseudo periods"), ("frequency_ratio", "ratios to the resonance")):
+        for name, unit in (
+            ("gap_limits", "half-clearances in m"),
+            ("hold", "pseudo periods"),
+            ("frequency_ratio", "ratios to the resonance"),
+        ):
             pair(self, name, unit)
         check_each(self, time_budget=positive, fatigue_exponent=positive)
 
@@ -179,7 +219,11 @@ class GapControl:
 class GapTask(ChosenGapTask):
     """Lanes with a cavity that is set under a force that changes."""
 
-    features: Sequence[Feature] = (*STATE[:-1], Feature(LEVEL.name, True, RMS.what, LENGTH), GAP_IN_USE)
+    features: Sequence[Feature] = (
+        *STATE[:-1],
+        Feature(LEVEL.name, True, RMS.what, LENGTH),
+        GAP_IN_USE,
+    )
     level_name = "RMS over the scene's half-clearance"
 
     def __init__(self, settings: TaskSettings, control: GapControl, lanes: int) -> None:
@@ -200,17 +244,29 @@ class GapTask(ChosenGapTask):
         """Draw the frequency and the schedule of the force."""
         low, high = self._ratios
         self.ratio[lane] = low if low == high else generator.uniform(low, high)
-        done, interval = 0, self.interval
+        done = 0
+        interval = self.interval
         shortest, longest = self.control.hold
         while done < self.steps:
             held = max(1, round(generator.uniform(shortest, longest) / interval))
             self._forces[lane, done : done + held] = self.draw_force(lane, generator)
             done += held
         model = self.settings.scene.model
-        amplitude = float(abs(receptance(model, self.ratio[lane] * self.omega, model.level_shape, model.force_shape)))
+        amplitude = float(
+            abs(
+                receptance(
+                    model, self.ratio[lane] * self.omega, model.level_shape, model.force_shape
+                )
+            )
+        )
         exponent = self.control.fatigue_exponent
-        largest, mean = amplitude * self._forces[lane], mean_power_of_cosine(exponent)
-        self._scale[lane] = [(one / self.length) ** exponent * mean for one in largest.tolist()] if self.fatigue else largest / math.sqrt(2)
+        largest = amplitude * self._forces[lane]
+        mean = mean_power_of_cosine(exponent)
+        self._scale[lane] = (
+            [(one / self.length) ** exponent * mean for one in largest.tolist()]
+            if self.fatigue
+            else largest / math.sqrt(2)
+        )
         self.force[lane] = self._forces[lane, 0]
 
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
@@ -218,7 +274,11 @@ class GapTask(ChosenGapTask):
         low, high = self._gaps
         self.order_gaps(low + 0.5 * (actions[:, 0].astype(np.float64) + 1) * (high - low))
         self.force = self._forces[self._rows, np.minimum(self.elapsed, self.steps - 1)]
-        return np.full(self.lanes, self.interval), self.ratio.copy(), np.zeros(self.lanes, dtype=np.bool_)
+        return (
+            np.full(self.lanes, self.interval),
+            self.ratio.copy(),
+            np.zeros(self.lanes, dtype=np.bool_),
+        )
 
     def reward(self) -> Array:
         """Return minus the interval's share of the mean relative response."""

@@ -3,7 +3,14 @@
 from functools import partial
 from typing import Any
 
-from impact_env.envs.adaptive_task import Cavity, FrictionTask, GapControl, GapTask, Grip, SweepGapTask
+from impact_env.envs.adaptive_task import (
+    Cavity,
+    FrictionTask,
+    GapControl,
+    GapTask,
+    Grip,
+    SweepGapTask,
+)
 from impact_env.envs.observation import FEW_IMPACTS
 from impact_env.envs.settings import TaskSettings
 from impact_env.envs.shells import Kind, TaskEnv, choice
@@ -18,7 +25,12 @@ with optional():
 # slow passage pays in a part of the range only.
 RANGE: dict[str, Any] = {"limits": (0.93, 1.03)}
 HARD: dict[str, Any] = {"modes": 2, "absorber_options": {"friction_limit": 0.025}, **RANGE}
-FROM_MIDDLE: dict[str, Any] = {**RANGE, "budget_end": "terminated", "frequency_origin": "middle", "frequency_unit": 0.0125}
+FROM_MIDDLE: dict[str, Any] = {
+    **RANGE,
+    "budget_end": "terminated",
+    "frequency_origin": "middle",
+    "frequency_unit": 0.0125,
+}
 RATE_V1 = HARD | FROM_MIDDLE | {"interval": 25.0, "backward_rate": 4.0, "time_budget": 8000.0}
 # forces that are drawn, and walls or friction that are set
 DRAWN: dict[str, Any] = {"force": (0.5, 6.0), "impacts_limit": FEW_IMPACTS}

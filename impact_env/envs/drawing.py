@@ -22,14 +22,26 @@ with optional():
 
 Array = NDArray[np.float64]
 Point = tuple[float, float]
-WIDTH, HEIGHT, FINE = 640, 420, 2  # an image is drawn FINE times larger, and reduced: smooth edges
+# an image is drawn FINE times larger, and reduced: smooth edges
+WIDTH = 640
+HEIGHT = 420
+FINE = 2
 POSITIONS = 24  # places at which the beam's deflection is computed
-LEFT, RIGHT, MIDDLE = 50.0, 520.0, 140.0  # of the beam, in pixels
+# of the beam, in pixels
+LEFT = 50.0
+RIGHT = 520.0
+MIDDLE = 140.0
 REACH = 95.0  # pixels that the largest expected displacement gets
 STRIPS = ((285.0, 335.0), (360.0, 410.0))  # top and bottom of the strips
-STRIP_LEFT, STRIP_RIGHT = 60.0, 620.0
+STRIP_LEFT = 60.0
+STRIP_RIGHT = 620.0
 UNKNOWN_PLACE = 0.5  # of the force, as a share of the length, where it is not known
-PAPER, INK, PALE, BLUE, RED, GREEN = "white", "#303030", "#d8e4f0", "#1f5fa8", "#c03028", "#2f7d4f"
+PAPER = "white"
+INK = "#303030"
+PALE = "#d8e4f0"
+BLUE = "#1f5fa8"
+RED = "#c03028"
+GREEN = "#2f7d4f"
 MASS = 9.0  # half the side of the absorber in pixels
 
 
@@ -42,14 +54,18 @@ class Strip:
     """A quantity over the time of the episode."""
 
     def __init__(self, label: str, low: float, high: float, colour: str) -> None:
-        self.label, self.low, self.high, self.colour = label, low, high, colour
+        self.label = label
+        self.low = low
+        self.high = high
+        self.colour = colour
         self.times: list[float] = []
         self.values: list[float] = []
 
     def push(self, time: float, value: float) -> None:
         """Take the next value; a time that does not rise starts afresh."""
         if self.times and time <= self.times[-1]:
-            self.times, self.values = [], []
+            self.times = []
+            self.values = []
         self.times.append(time)
         self.values.append(value)
         self.low, self.high = min(self.low, value), max(self.high, value)
@@ -64,34 +80,69 @@ class Picture:
 
     def line(self, points: Iterable[Point], colour: str, width: float) -> None:
         """Draw a line through points."""
-        self.pen.line([(FINE * x, FINE * y) for x, y in points], fill=colour, width=round(FINE * width), joint="curve")
+        self.pen.line(
+            [(FINE * x, FINE * y) for x, y in points],
+            fill=colour,
+            width=round(FINE * width),
+            joint="curve",
+        )
 
     def polygon(self, points: Iterable[Point], colour: str) -> None:
         """Fill a polygon."""
         self.pen.polygon([(FINE * x, FINE * y) for x, y in points], fill=colour)
 
-    def box(self, left: float, top: float, right: float, bottom: float, fill: str | None, outline: str | None = None) -> None:
+    def box(
+        self,
+        left: float,
+        top: float,
+        right: float,
+        bottom: float,
+        fill: str | None,
+        outline: str | None = None,
+    ) -> None:
         """Draw a rectangle."""
-        self.pen.rectangle((FINE * left, FINE * top, FINE * right, FINE * bottom), fill=fill, outline=outline, width=FINE)
+        self.pen.rectangle(
+            (FINE * left, FINE * top, FINE * right, FINE * bottom),
+            fill=fill,
+            outline=outline,
+            width=FINE,
+        )
 
     def text(self, x: float, y: float, words: str, size: float = 12, anchor: str = "la") -> None:
         """Write a line of text."""
-        self.pen.text((FINE * x, FINE * y), words, fill=INK, font=ImageFont.load_default(FINE * size), anchor=anchor)
+        self.pen.text(
+            (FINE * x, FINE * y),
+            words,
+            fill=INK,
+            font=ImageFont.load_default(FINE * size),
+            anchor=anchor,
+        )
 
     def pixels(self) -> NDArray[np.uint8]:
         """Return the image, (HEIGHT, WIDTH, 3)."""
-        return np.asarray(self.image.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS), dtype=np.uint8).copy()
+        return np.asarray(
+            self.image.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS), dtype=np.uint8
+        ).copy()
 
 
 class Screen:
     """Images of a task's lanes, and a window for the first one."""
 
     def __init__(self, task: Task, window: bool, fps: int) -> None:
-        self.task, self.fps = task, fps
+        self.task = task
+        self.fps = fps
         settings = task.settings
         self.beam = settings.beam_parameters
-        self.shapes = straight_shapes(settings.scene.model) if self.beam is None else mode_shapes(self.beam, np.linspace(0, 1, POSITIONS + 1))
-        self.sliding = settings.scene.absorber if isinstance(settings.scene.absorber, SlidingAbsorber) else None
+        self.shapes = (
+            straight_shapes(settings.scene.model)
+            if self.beam is None
+            else mode_shapes(self.beam, np.linspace(0, 1, POSITIONS + 1))
+        )
+        self.sliding = (
+            settings.scene.absorber
+            if isinstance(settings.scene.absorber, SlidingAbsorber)
+            else None
+        )
         self.strips: dict[int, tuple[Strip, Strip]] = {}
         self._wanted = window
         self._window: _Window | None = None
@@ -102,7 +153,11 @@ class Screen:
 
     def show(self, lane: int) -> NDArray[np.uint8] | None:
         """Return a lane's image (height, width, 3), or show it in the window."""
-        info, new = self.task.info(), (Strip(f"{self.task.level_name} (1)", 0.0, 1.0, RED), Strip("frequency ratio (1)", 0.98, 1.02, GREEN))
+        info = self.task.info()
+        new = (
+            Strip(f"{self.task.level_name} (1)", 0.0, 1.0, RED),
+            Strip("frequency ratio (1)", 0.98, 1.02, GREEN),
+        )
         level, frequency = self.strips.setdefault(lane, new)
         level.push(float(info["time"][lane]), float(self.task.level()[lane]))
         frequency.push(float(info["time"][lane]), float(info["frequency_ratio"][lane]))
@@ -114,35 +169,52 @@ class Screen:
         self._window.show(pixels, self.fps)
         return None
 
-    def _draw(self, lane: int, info: dict[str, Any], level: Strip, frequency: Strip) -> NDArray[np.uint8]:
+    def _draw(
+        self, lane: int, info: dict[str, Any], level: Strip, frequency: Strip
+    ) -> NDArray[np.uint8]:
         picture = Picture()
         self._draw_beam(picture, lane)
         picture.text(10, 8, f"time {info['time'][lane]:.0f} pseudo periods", 13)
-        friction = f"friction {info['friction_limit'][lane]:.3g} N,  " if "friction_limit" in info else ""
-        picture.text(WIDTH - 10, 8, f"force {info['force'][lane]:.2f} N,  {friction}score {info['score'][lane]:.3f}", 13, "ra")
+        friction = (
+            f"friction {info['friction_limit'][lane]:.3g} N,  " if "friction_limit" in info else ""
+        )
+        picture.text(
+            WIDTH - 10,
+            8,
+            f"force {info['force'][lane]:.2f} N,  {friction}score {info['score'][lane]:.3f}",
+            13,
+            "ra",
+        )
         for strip, (top, bottom) in zip((level, frequency), STRIPS, strict=True):
             _draw_strip(picture, strip, top, bottom)
         return picture.pixels()
 
     def _draw_beam(self, picture: Picture, lane: int) -> None:
-        task, modes = self.task, self.shapes.shape[1]
+        task = self.task
+        modes = self.shapes.shape[1]
         scale = REACH / max(1.5 * task.length, float(task.expected_amplitude()[lane]))
-        state, report = task.runs.state[lane], task.runs.reports[lane]
+        state = task.runs.state[lane]
+        report = task.runs.reports[lane]
         x = np.linspace(LEFT, RIGHT, POSITIONS + 1)
         model = task.model(lane)
         shapes = self.shapes if model is task.scene.model else straight_shapes(model)
         y = MIDDLE - scale * (shapes @ state[:modes])
         first = shapes[:, 0] / model.tip_shape[0]
         band = scale * np.hypot(report["in_phase"], report["quadrature"]) * np.abs(first)
-        upper, lower = list(zip(x, MIDDLE - band, strict=True)), list(zip(x, MIDDLE + band, strict=True))
+        upper = list(zip(x, MIDDLE - band, strict=True))
+        lower = list(zip(x, MIDDLE + band, strict=True))
         picture.polygon([*upper, *reversed(lower)], PALE)
         picture.line([(LEFT, MIDDLE), (RIGHT, MIDDLE)], "#b0b0b0", 1)
         picture.box(LEFT - 14, MIDDLE - 60, LEFT, MIDDLE + 60, "#909090")
-        place = LEFT + (UNKNOWN_PLACE if self.beam is None else self.beam.force_position) * (RIGHT - LEFT)
+        place = LEFT + (UNKNOWN_PLACE if self.beam is None else self.beam.force_position) * (
+            RIGHT - LEFT
+        )
         self._draw_force(picture, place, float(np.interp(place, x, y)), lane)
         picture.line(zip(x, y, strict=True), BLUE, 5)
         if task.settings.scene.absorber is not None:
-            place = LEFT + (1.0 if self.beam is None else self.beam.absorber_position) * (RIGHT - LEFT)
+            place = LEFT + (1.0 if self.beam is None else self.beam.absorber_position) * (
+                RIGHT - LEFT
+            )
             self._draw_absorber(picture, place, float(np.interp(place, x, y)), scale, lane)
 
     def _draw_force(self, picture: Picture, x: float, y: float, lane: int) -> None:
@@ -151,16 +223,32 @@ class Screen:
         picture.line([(x, y), (x, tip)], INK, 2)
         if abs(size) > 8:
             head = 6 * np.sign(size)
-            picture.polygon([(x - 4, tip + head), (x + 4, tip + head), (x, tip - 2 * np.sign(size))], INK)
+            picture.polygon(
+                [(x - 4, tip + head), (x + 4, tip + head), (x, tip - 2 * np.sign(size))], INK
+            )
 
     def _draw_absorber(self, picture: Picture, x: float, y: float, scale: float, lane: int) -> None:
         """Draw the absorber beside the tip and, where it has walls, the cavity around it: what is between both is the clearance to scale."""
-        half = 0.0 if self.sliding is None or self.sliding.walls is None else scale * self.task.runs.orders["gap"][lane]
+        half = (
+            0.0
+            if self.sliding is None or self.sliding.walls is None
+            else scale * self.task.runs.orders["gap"][lane]
+        )
         x += MASS + 16
         picture.line([(x - MASS - 16, y), (x - MASS - 6, y)], BLUE, 5)
         if half > 0:
-            top, bottom = y - half - MASS - 3, y + half + MASS + 3
-            picture.line([(x + MASS + 6, top), (x - MASS - 6, top), (x - MASS - 6, bottom), (x + MASS + 6, bottom)], BLUE, 4)
+            top = y - half - MASS - 3
+            bottom = y + half + MASS + 3
+            picture.line(
+                [
+                    (x + MASS + 6, top),
+                    (x - MASS - 6, top),
+                    (x - MASS - 6, bottom),
+                    (x + MASS + 6, bottom),
+                ],
+                BLUE,
+                4,
+            )
         else:
             picture.line([(x - MASS - 6, y - 20), (x - MASS - 6, y + 20)], BLUE, 4)
         centre = y - scale * self.task.runs.reports["distance"][lane]
@@ -180,7 +268,10 @@ def _draw_strip(picture: Picture, strip: Strip, top: float, bottom: float) -> No
         picture.text(STRIP_LEFT - 6, y, f"{value:.2f}", 11, "rm")
     last = max(strip.times[-1], 1e-9)
     points = [
-        (STRIP_LEFT + (STRIP_RIGHT - STRIP_LEFT) * time / last, bottom - (bottom - top) * (value - strip.low) / span)
+        (
+            STRIP_LEFT + (STRIP_RIGHT - STRIP_LEFT) * time / last,
+            bottom - (bottom - top) * (value - strip.low) / span,
+        )
         for time, value in zip(strip.times, strip.values, strict=True)
     ]
     if len(points) > 1:
@@ -194,7 +285,9 @@ class _Window:
         try:
             import pygame
         except ImportError as error:
-            raise ParameterError(f'render_mode = "human" is not allowed: it needs pygame-ce; {how_to_install("env")}') from error
+            raise ParameterError(
+                f'render_mode = "human" is not allowed: it needs pygame-ce; {how_to_install("env")}'
+            ) from error
         self._pygame = pygame
         pygame.display.init()
         self._surface = pygame.display.set_mode((WIDTH, HEIGHT))

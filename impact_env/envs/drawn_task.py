@@ -11,13 +11,32 @@ from numpy.typing import NDArray
 from impact_env.controlled import ControlledRuns, PooledRuns
 from impact_env.envs.active_task import ActiveFrictionTask, Cycle, Drive, MovingWallsTask
 from impact_env.envs.adaptive_task import Grip, VariableFrictionTask, require_cavity
-from impact_env.envs.observation import FREQUENCY, FRICTION_IN_USE, GAP_IN_USE, RMS, STATE, TIME_LEFT, WAY_LEFT, Feature
+from impact_env.envs.observation import (
+    FREQUENCY,
+    FRICTION_IN_USE,
+    GAP_IN_USE,
+    RMS,
+    STATE,
+    TIME_LEFT,
+    WAY_LEFT,
+    Feature,
+)
 from impact_env.envs.reference import passage, stationary_amplitude
 from impact_env.envs.settings import FORCES, Range, TaskSettings, span
 from impact_env.envs.sweep_task import PER_PERIOD, Passage, SweepTask, speeds
 from impact_env.envs.task import Array, Mask, Task
 from impact_env.modes import ModalModel, modal_model
-from impact_env.parameters import Beam, RigidWalls, SlidingAbsorber, check_each, count, non_negative, one_of, positive, require
+from impact_env.parameters import (
+    Beam,
+    RigidWalls,
+    SlidingAbsorber,
+    check_each,
+    count,
+    non_negative,
+    one_of,
+    positive,
+    require,
+)
 from impact_env.scene import Scene
 
 DIGITS = 1e-12
@@ -45,12 +64,24 @@ class Drawn:
             ("restitution", 0.0, 1.0),
         ):
             low, high = span(name, getattr(self, name))
-            require(lowest <= low and high <= highest, name, getattr(self, name), f"(low, high), from {lowest:g} to {highest:g}")
+            require(
+                lowest <= low and high <= highest,
+                name,
+                getattr(self, name),
+                f"(low, high), from {lowest:g} to {highest:g}",
+            )
             object.__setattr__(self, name, (low, high))
         non_negative("start_spread", self.start_spread)
         room = 0.5 * (self.limits[1] - self.limits[0])
-        require(self.start_spread < room, "start_spread", self.start_spread, f"less than half the width of limits, {room:g}")
-        object.__setattr__(self, "sweep_rates", speeds("sweep_rates", self.sweep_rates, self.limits))
+        require(
+            self.start_spread < room,
+            "start_spread",
+            self.start_spread,
+            f"less than half the width of limits, {room:g}",
+        )
+        object.__setattr__(
+            self, "sweep_rates", speeds("sweep_rates", self.sweep_rates, self.limits)
+        )
         count("scenes", self.scenes, 1, 1000)
         check_each(self, price=non_negative, fatigue_exponent=positive)
 
@@ -62,9 +93,15 @@ class Drawn:
         shares = np.random.default_rng(0).permutation((np.arange(self.scenes) + 0.5) / self.scenes)
         made = []
         for k, share in enumerate(shares.tolist()):
-            damping = self.damping[0] * (self.damping[1] / self.damping[0]) ** ((k + 0.5) / self.scenes)
+            damping = self.damping[0] * (self.damping[1] / self.damping[0]) ** (
+                (k + 0.5) / self.scenes
+            )
             model = replace(scene.model, damping_ratio=np.full(scene.model.modes, damping))
-            walls = replace(absorber.walls, restitution=self.restitution[0] + share * (self.restitution[1] - self.restitution[0]))
+            walls = replace(
+                absorber.walls,
+                restitution=self.restitution[0]
+                + share * (self.restitution[1] - self.restitution[0]),
+            )
             made.append(replace(scene, model=model, absorber=replace(absorber, walls=walls)))
         return made
 
@@ -86,7 +123,9 @@ class PooledTask(Task):
 
     def draw_scene(self, name: str, lane: int, generator: np.random.Generator) -> int:
         """Draw a lane's scene, and return its number; a reset may choose it by ``name``, under which info has it."""
-        self.which[lane] = number = int(self.drawn(name, lane, float(generator.integers(len(self.scenes)))))
+        self.which[lane] = number = int(
+            self.drawn(name, lane, float(generator.integers(len(self.scenes))))
+        )
         return number
 
 
@@ -108,13 +147,18 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
         WAY_LEFT,
         GAP_IN_USE,
         FRICTION_IN_USE,
-        Feature("rate of the frequency", False, "rate of the frequency", "% per 100 pseudo periods / 4"),
+        Feature(
+            "rate of the frequency", False, "rate of the frequency", "% per 100 pseudo periods / 4"
+        ),
     )
 
-    def __init__(self, settings: TaskSettings, drawn: Drawn, drive: Drive, grip: Grip, lanes: int) -> None:
+    def __init__(
+        self, settings: TaskSettings, drawn: Drawn, drive: Drive, grip: Grip, lanes: int
+    ) -> None:
         require_cavity(settings.scene.absorber)
         self.set_limits(settings, grip, lanes)
-        self.own, self.drive = drawn, drive
+        self.own = drawn
+        self.drive = drive
         self.scenes = drawn.pool(settings.scene)
         low, high = drawn.limits
         budget = (high - low) / (drawn.sweep_rates[0] * PER_PERIOD)
@@ -136,11 +180,14 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
 
     def make_runs(self, **arguments: Any) -> ControlledRuns:
         """Return lanes in a pool of scenes."""
-        return super().make_runs(**arguments | {"exponent": self.own.fatigue_exponent})  # for the costs: the reward has none
+        return super().make_runs(
+            **arguments | {"exponent": self.own.fatigue_exponent}
+        )  # for the costs: the reward has none
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
         """Draw scene, direction, start, rate, gap and force."""
-        own, number = self.own, self.draw_scene("scene", lane, generator)
+        own = self.own
+        number = self.draw_scene("scene", lane, generator)
         down = bool(generator.integers(2))
         start, self.far[lane] = self._ends[int(down)]
         self.sign[lane] = -1.0 if down else 1.0
@@ -149,9 +196,22 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
         low, high = own.gap_starts
         self.runs.orders["gap"][lane] = low * (high / low) ** generator.uniform()
         self.force[lane] = force = self.draw_force(lane, generator)
-        if (number, down) not in self._levels:  # of the beam without absorber over the whole range, under 1 N
-            yardstick = (self.settings.samples_per_period, 0.0, self.length, self.settings.moves_base)
-            self._levels[number, down] = passage(self.scenes[number], self.settings.resonance, *self._ends[int(down)].tolist(), *yardstick)[0]
+        if (
+            number,
+            down,
+        ) not in self._levels:  # of the beam without absorber over the whole range, under 1 N
+            yardstick = (
+                self.settings.samples_per_period,
+                0.0,
+                self.length,
+                self.settings.moves_base,
+            )
+            self._levels[number, down] = passage(
+                self.scenes[number],
+                self.settings.resonance,
+                *self._ends[int(down)].tolist(),
+                *yardstick,
+            )[0]
         self.level_scale[lane] = self._levels[number, down] * force
         self._potential[lane] = 0.0
 
@@ -167,9 +227,12 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
 
     def reward(self) -> Array:
         """Return the reward of the passage, less the price of moving the walls."""
-        rewards, moved = super().reward(), self.moved()
+        rewards = super().reward()
+        moved = self.moved()
         self.charge(-rewards, moved, self.runs.reports["impact_count"] / self.interval)
-        return rewards - self.own.price * np.abs(self.runs.orders["gap"] - self._before) / self.length
+        return (
+            rewards - self.own.price * np.abs(self.runs.orders["gap"] - self._before) / self.length
+        )
 
     def level(self) -> Array:
         """Return the RMS of the last interval in half-clearances."""
@@ -187,9 +250,16 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
 Generator = np.random.Generator
 DAMPING = (0.005, 0.02)
 DATA = (
-    Feature("damping ratio of the first mode", False, "damping ratio of the first mode", "1 / 0.01"),
+    Feature(
+        "damping ratio of the first mode", False, "damping ratio of the first mode", "1 / 0.01"
+    ),
     Feature("second frequency over the first", False, "second frequency over the first", "1 / 5"),
-    Feature("absorber's mass over the first mode's", False, "absorber's mass times the square of the first mode's shape at it", "1 / 0.08"),
+    Feature(
+        "absorber's mass over the first mode's",
+        False,
+        "absorber's mass times the square of the first mode's shape at it",
+        "1 / 0.08",
+    ),
 )
 
 
@@ -197,9 +267,16 @@ def _beam(ends: str) -> Any:
     def drawn(generator: Generator) -> ModalModel:
         """Return a beam with force and absorber anywhere in the part that moves."""
         free = ends.endswith("free")
-        force, absorber = generator.uniform(0.3, 0.7), generator.uniform(0.8, 1.0) if free else generator.uniform(0.4, 0.65)
+        force = generator.uniform(0.3, 0.7)
+        absorber = generator.uniform(0.8, 1.0) if free else generator.uniform(0.4, 0.65)
         return modal_model(
-            Beam(modes=2, ends=ends, force_position=float(force), absorber_position=float(absorber), damping_ratio=_damping(generator))
+            Beam(
+                modes=2,
+                ends=ends,
+                force_position=float(force),
+                absorber_position=float(absorber),
+                damping_ratio=_damping(generator),
+            )
         )
 
     return drawn
@@ -208,7 +285,8 @@ def _beam(ends: str) -> Any:
 def _plate(generator: Generator) -> ModalModel:
     """Return two modes of a rectangular plate on hinges: frequencies as m^2/a^2 + n^2/b^2, shapes 2 sin sin/sqrt(mass) (A. W. Leissa 1969)."""
     aspect = generator.uniform(1.1, 1.8)
-    force, absorber = (generator.uniform(0.25, 0.45, 2), generator.uniform(0.35, 0.65, 2))
+    force = generator.uniform(0.25, 0.45, 2)
+    absorber = generator.uniform(0.35, 0.65, 2)
 
     def shape(m: int, place: NDArray[Any]) -> float:
         return float(2 * math.sin(m * math.pi * place[0]) * math.sin(math.pi * place[1]))
@@ -221,24 +299,43 @@ def _plate(generator: Generator) -> ModalModel:
 def _modes(generator: Generator) -> ModalModel:
     """Return two modes as a measurement might give them: any frequency between twice and eight times the first, shapes of either sign."""
     signs = np.array([1.0, generator.choice([-1.0, 1.0])])
-    force, absorber = generator.uniform(0.4, 1.5, 2) * signs, generator.uniform(1.2, 2.2, 2)
-    return ModalModel(np.array([1.0, generator.uniform(2.0, 8.0)]), generator.uniform(*DAMPING, 2), force, absorber, 1.0)
+    force = generator.uniform(0.4, 1.5, 2) * signs
+    absorber = generator.uniform(1.2, 2.2, 2)
+    return ModalModel(
+        np.array([1.0, generator.uniform(2.0, 8.0)]),
+        generator.uniform(*DAMPING, 2),
+        force,
+        absorber,
+        1.0,
+    )
 
 
 def _damping(generator: Generator) -> float:
     return float(DAMPING[0] * (DAMPING[1] / DAMPING[0]) ** generator.uniform())
 
 
-KNOWN, NEW = (_beam("clamped-free"), _beam("pinned-pinned"), _plate), (_beam("clamped-clamped"), _modes)
+KNOWN = (_beam("clamped-free"), _beam("pinned-pinned"), _plate)
+NEW = (_beam("clamped-clamped"), _modes)
 SPLITS = {"train": (0, KNOWN), "validation": (1, KNOWN), "test": (2, NEW)}
 
 
 def in_units_of(model: ModalModel, standard: ModalModel) -> ModalModel:
     """Return a model with the first frequency and the mass of a standard: other units of time and mass, the same structure."""
-    time, mass = standard.omega[0] / model.omega[0], math.sqrt(model.beam_mass / standard.beam_mass)
-    force, tip = model.force_shape * mass, model.tip_shape * mass
-    omega, base = model.omega * time, None if model.base_participation is None else model.base_participation / mass
-    return replace(model, omega=omega, force_shape=force, tip_shape=tip, beam_mass=standard.beam_mass, response_shape=None, base_participation=base)
+    time = standard.omega[0] / model.omega[0]
+    mass = math.sqrt(model.beam_mass / standard.beam_mass)
+    force = model.force_shape * mass
+    tip = model.tip_shape * mass
+    omega = model.omega * time
+    base = None if model.base_participation is None else model.base_participation / mass
+    return replace(
+        model,
+        omega=omega,
+        force_shape=force,
+        tip_shape=tip,
+        beam_mass=standard.beam_mass,
+        response_shape=None,
+        base_participation=base,
+    )
 
 
 @dataclass(frozen=True)
@@ -252,12 +349,20 @@ class Pool:
     def __post_init__(self) -> None:
         one_of("split", self.split, SPLITS)
         count("structures", self.structures, 1, 1000)
-        require(isinstance(self.observe_structure, bool), "observe_structure", self.observe_structure, "True or False")
+        require(
+            isinstance(self.observe_structure, bool),
+            "observe_structure",
+            self.observe_structure,
+            "True or False",
+        )
 
     def models(self, standard: ModalModel) -> list[ModalModel]:
         """Return the structures, each family in its turn, the same ones always."""
         seed, kinds = SPLITS[self.split]
-        return [in_units_of(kinds[k % len(kinds)](np.random.default_rng([seed, k])), standard) for k in range(self.structures)]
+        return [
+            in_units_of(kinds[k % len(kinds)](np.random.default_rng([seed, k])), standard)
+            for k in range(self.structures)
+        ]
 
 
 class StructuresTask(PooledTask, ActiveFrictionTask):
@@ -265,21 +370,40 @@ class StructuresTask(PooledTask, ActiveFrictionTask):
 
     features: Sequence[Feature] = (*ActiveFrictionTask.features, *DATA)
 
-    def __init__(self, settings: TaskSettings, cycle: Cycle, grip: Grip, pool: Pool, lanes: int) -> None:
+    def __init__(
+        self, settings: TaskSettings, cycle: Cycle, grip: Grip, pool: Pool, lanes: int
+    ) -> None:
         standard = settings.scene.model
-        require(standard.modes == 2, "modes", standard.modes, "2: structures that are drawn have as many")
+        require(
+            standard.modes == 2,
+            "modes",
+            standard.modes,
+            "2: structures that are drawn have as many",
+        )
         self.pool, self.models = pool, pool.models(standard)
         if not pool.observe_structure:
             self.features = ActiveFrictionTask.features
         usual = stationary_amplitude(standard, standard.omega[0], settings.moves_base)
-        self._force_unit = [usual / stationary_amplitude(model, model.omega[0], settings.moves_base) for model in self.models]
+        self._force_unit = [
+            usual / stationary_amplitude(model, model.omega[0], settings.moves_base)
+            for model in self.models
+        ]
         self._shapes = np.array([model.tip_shape for model in self.models])
         self.scenes = [replace(settings.scene, model=model) for model in self.models]
         super().__init__(settings, cycle, grip, lanes)
         self.described += (pool,)
         mass = settings.scene.absorber_mass
         assert mass is not None
-        self._data = np.array([(m.damping_ratio[0] / 0.01, m.omega[1] / m.omega[0] / 5, mass * m.tip_shape[0] ** 2 / 0.08) for m in self.models])
+        self._data = np.array(
+            [
+                (
+                    m.damping_ratio[0] / 0.01,
+                    m.omega[1] / m.omega[0] / 5,
+                    mass * m.tip_shape[0] ** 2 / 0.08,
+                )
+                for m in self.models
+            ]
+        )
         self.options = {**self.options, "structure": (0, pool.structures - 1)}
 
     def model(self, lane: int) -> ModalModel:
@@ -301,7 +425,10 @@ class StructuresTask(PooledTask, ActiveFrictionTask):
 
     def further(self) -> tuple[Array, ...]:
         """Return the structure's numbers, too, if they are shown."""
-        return (*super().further(), *(self._data[self.which].T if self.pool.observe_structure else ()))
+        return (
+            *super().further(),
+            *(self._data[self.which].T if self.pool.observe_structure else ()),
+        )
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Return the task's part of the info, arrays (L,) by key."""

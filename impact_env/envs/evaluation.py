@@ -19,8 +19,14 @@ from impact_env.parameters import count, one_of, require
 
 Array = NDArray[np.float64]
 Statistic = Callable[..., Any]
-SPLITS = {"train": range(1_000_000), "validation": range(1_000_000, 2_000_000), "test": range(2_000_000, 2_500_000)}
-EPISODES, RESAMPLES, COVERED = 256, 1000, 0.95
+SPLITS = {
+    "train": range(1_000_000),
+    "validation": range(1_000_000, 2_000_000),
+    "test": range(2_000_000, 2_500_000),
+}
+EPISODES = 256
+RESAMPLES = 1000
+COVERED = 0.95
 
 
 def interquartile_mean(scores: Array) -> float:
@@ -33,7 +39,13 @@ def difference(scores: Array, others: Array) -> float:
     return float(scores.mean() - others.mean())
 
 
-def interval(statistic: Statistic, *scores: Array, resamples: int = RESAMPLES, covered: float = COVERED, seed: int = 0) -> Array:
+def interval(
+    statistic: Statistic,
+    *scores: Array,
+    resamples: int = RESAMPLES,
+    covered: float = COVERED,
+    seed: int = 0,
+) -> Array:
     """Return (low, high) of a statistic of one or several score arrays by the bootstrap, (2, *shape of the statistic).
 
     Scores are arrays (R, E): R training runs (1 for a policy that is not trained), E evaluation seeds, the same for all. Both are resampled,
@@ -41,12 +53,19 @@ def interval(statistic: Statistic, *scores: Array, resamples: int = RESAMPLES, c
     one run nor many runs on one seed pass for independent evidence. Raises ParameterError unless all have the same number of seeds.
     """
     columns = scores[0].shape[1]
-    require(all(s.ndim == 2 and s.shape[1] == columns for s in scores), "scores", [s.shape for s in scores], "arrays (runs, evaluation seeds)")
+    require(
+        all(s.ndim == 2 and s.shape[1] == columns for s in scores),
+        "scores",
+        [s.shape for s in scores],
+        "arrays (runs, evaluation seeds)",
+    )
     generator = np.random.default_rng(seed)
     values = []
     for _ in range(resamples):
         chosen = generator.integers(columns, size=columns)
-        values.append(statistic(*(s[generator.integers(len(s), size=len(s))][:, chosen] for s in scores)))
+        values.append(
+            statistic(*(s[generator.integers(len(s), size=len(s))][:, chosen] for s in scores))
+        )
     tail = (1 - covered) / 2
     return np.quantile(np.asarray(values), [tail, 1 - tail], axis=0)
 
@@ -65,7 +84,13 @@ class Scored:
     def of(cls, name: str, scores: Array) -> Scored:
         """Return the summary of a policy's scores (E,)."""
         low, high = interval(np.mean, scores[None])
-        return cls(name, scores, float(scores.mean()), (float(low), float(high)), interquartile_mean(scores))
+        return cls(
+            name,
+            scores,
+            float(scores.mean()),
+            (float(low), float(high)),
+            interquartile_mean(scores),
+        )
 
 
 @dataclass(frozen=True)
@@ -89,13 +114,19 @@ class Evaluation:
         return self.policy.scores
 
     def __str__(self) -> str:
-        lines = [f"{self.env_id}, {self.split}: {len(self.seeds)} episodes, seeds {self.seeds[0]} to {self.seeds[-1]}"]
+        lines = [
+            f"{self.env_id}, {self.split}: {len(self.seeds)} episodes, seeds {self.seeds[0]} to {self.seeds[-1]}"
+        ]
         width = 2 + max(22, *(len(row.name) for row in (self.policy, *self.others.values())))
-        lines.append(f"{'policy':<{width}}{'mean score':>11}{'95 % interval':>20}{'middle half':>13}{'policy is better by':>28}")
+        lines.append(
+            f"{'policy':<{width}}{'mean score':>11}{'95 % interval':>20}{'middle half':>13}{'policy is better by':>28}"
+        )
         for row in (self.policy, *self.others.values()):
             better = self.differences.get(row.name)
             told = "" if better is None else f"{better[0]:.4f} [{better[1]:.4f}, {better[2]:.4f}]"
-            lines.append(f"{row.name:<{width}}{row.mean:>11.4f}{f'[{row.interval[0]:.4f}, {row.interval[1]:.4f}]':>20}{row.middle:>13.4f}{told:>28}")
+            lines.append(
+                f"{row.name:<{width}}{row.mean:>11.4f}{f'[{row.interval[0]:.4f}, {row.interval[1]:.4f}]':>20}{row.middle:>13.4f}{told:>28}"
+            )
         return "\n".join(lines)
 
 
@@ -103,10 +134,21 @@ class _Player:
     """Any kind of policy as one call: a function, a model of stable-baselines3, something with ``start`` and ``act``, or a constant action."""
 
     def __init__(self, policy: Any, shape: tuple[int, ...]) -> None:
-        constant = isinstance(policy, int | float | Sequence | np.ndarray) and not isinstance(policy, str | bool)
-        known = constant or any(callable(getattr(policy, name, None)) for name in ("predict", "act", "__call__"))
-        require(known, "policy", policy, "a function of observations (L, features), a stable-baselines3 model, an agent, or a constant action")
-        self.policy, self.shape, self.constant = policy, shape, constant
+        constant = isinstance(policy, int | float | Sequence | np.ndarray) and not isinstance(
+            policy, str | bool
+        )
+        known = constant or any(
+            callable(getattr(policy, name, None)) for name in ("predict", "act", "__call__")
+        )
+        require(
+            known,
+            "policy",
+            policy,
+            "a function of observations (L, features), a stable-baselines3 model, an agent, or a constant action",
+        )
+        self.policy = policy
+        self.shape = shape
+        self.constant = constant
         self.memory: Any = None
         self.fresh = np.ones(shape[0], dtype=np.bool_)
         if hasattr(policy, "start"):
@@ -115,13 +157,24 @@ class _Player:
     def act(self, observations: NDArray[np.float32]) -> NDArray[Any]:
         """Return the actions of all lanes."""
         if self.constant:
-            actions = np.tile(np.atleast_1d(np.asarray(self.policy, dtype=np.float32)), (self.shape[0], 1))
+            actions = np.tile(
+                np.atleast_1d(np.asarray(self.policy, dtype=np.float32)), (self.shape[0], 1)
+            )
         elif hasattr(self.policy, "predict"):
-            actions, self.memory = self.policy.predict(observations, state=self.memory, episode_start=self.fresh, deterministic=True)
+            actions, self.memory = self.policy.predict(
+                observations, state=self.memory, episode_start=self.fresh, deterministic=True
+            )
             self.fresh = np.zeros_like(self.fresh)
         else:
-            actions = (self.policy.act if hasattr(self.policy, "act") else self.policy)(observations)
-        require(np.shape(actions) == self.shape, "actions", np.shape(actions), f"an array of shape {self.shape} from the policy")
+            actions = (self.policy.act if hasattr(self.policy, "act") else self.policy)(
+                observations
+            )
+        require(
+            np.shape(actions) == self.shape,
+            "actions",
+            np.shape(actions),
+            f"an array of shape {self.shape} from the policy",
+        )
         return np.asarray(actions)
 
 
@@ -133,7 +186,9 @@ class Played:
     steps: NDArray[np.int64]
 
 
-def play(policy: Any, env_id: str, seeds: Sequence[int], arguments: Mapping[str, Any] | None = None) -> Played:
+def play(
+    policy: Any, env_id: str, seeds: Sequence[int], arguments: Mapping[str, Any] | None = None
+) -> Played:
     """Play one episode a seed, each in a lane that rests when it is over; ``policy`` is one of those that `evaluate` takes.
 
     Raises ParameterError for an unknown environment, no seeds, bad ``arguments`` of the environment, or actions of a wrong shape.
@@ -142,12 +197,18 @@ def play(policy: Any, env_id: str, seeds: Sequence[int], arguments: Mapping[str,
     require(len(seeds) > 0, "seeds", seeds, "at least one seed")
     with optional():
         import gymnasium
-    given = {"vectorization_mode": "vector_entry_point", "autoreset_mode": "DISABLED", **(arguments or {})}
+    given = {
+        "vectorization_mode": "vector_entry_point",
+        "autoreset_mode": "DISABLED",
+        **(arguments or {}),
+    }
     env: Any = gymnasium.make_vec(env_id, num_envs=len(seeds), **given)
     try:
         observations, _ = env.reset(seed=list(seeds))
-        player, over = _Player(policy, env.action_space.shape), np.zeros(len(seeds), dtype=np.bool_)
-        scores, steps = np.zeros(len(seeds)), np.zeros(len(seeds), dtype=np.int64)
+        player = _Player(policy, env.action_space.shape)
+        over = np.zeros(len(seeds), dtype=np.bool_)
+        scores = np.zeros(len(seeds))
+        steps = np.zeros(len(seeds), dtype=np.int64)
         while not over.all():
             observations, rewards, terminated, truncated, _ = env.step(player.act(observations))
             scores += rewards
@@ -179,9 +240,20 @@ def evaluate(
     one_of("split", split, SPLITS)
     seeds = SPLITS[split][: count("episodes", episodes, 2, len(SPLITS[split]))]
     given = ({"split": split} if ENVIRONMENTS[env_id].has_split else {}) | dict(arguments or {})
-    own = Scored.of(str(getattr(policy, "name", "policy")), play(policy, env_id, seeds, given).scores)
-    rivals = dict(against) if isinstance(against, Mapping) else {} if against is None else {str(getattr(against, "name", "rival")): against}
-    others = {name: Scored.of(name, play(rival, env_id, seeds, given).scores) for name, rival in rivals.items()}
+    own = Scored.of(
+        str(getattr(policy, "name", "policy")), play(policy, env_id, seeds, given).scores
+    )
+    rivals = (
+        dict(against)
+        if isinstance(against, Mapping)
+        else {}
+        if against is None
+        else {str(getattr(against, "name", "rival")): against}
+    )
+    others = {
+        name: Scored.of(name, play(rival, env_id, seeds, given).scores)
+        for name, rival in rivals.items()
+    }
     differences = {}
     for name, other in others.items():
         low, high = interval(difference, own.scores[None], other.scores[None])

@@ -24,22 +24,58 @@ class Feature:
     unit: str = "1"
 
 
-LENGTH, OF_SCENE = "m / half-clearance", "m / half-clearance of the scene"
+LENGTH = "m / half-clearance"
+OF_SCENE = "m / half-clearance of the scene"
 PER_VELOCITY = "m/s / (half-clearance times the resonance's circular frequency)"
-TIP_IN_PHASE = Feature("tip amplitude in phase with the force", True, "amplitude of the tip in phase with the force, over the last interval", LENGTH)
-TIP_QUADRATURE = Feature("tip amplitude a quarter behind the force", True, "amplitude of the tip a quarter of a period behind the force", LENGTH)
-DISTANCE = Feature("absorber's place in the cavity", True, "absorber less tip at the interval's end", LENGTH)
+TIP_IN_PHASE = Feature(
+    "tip amplitude in phase with the force",
+    True,
+    "amplitude of the tip in phase with the force, over the last interval",
+    LENGTH,
+)
+TIP_QUADRATURE = Feature(
+    "tip amplitude a quarter behind the force",
+    True,
+    "amplitude of the tip a quarter of a period behind the force",
+    LENGTH,
+)
+DISTANCE = Feature(
+    "absorber's place in the cavity", True, "absorber less tip at the interval's end", LENGTH
+)
 VELOCITY = Feature("absorber's velocity in the cavity", True, "its rate", PER_VELOCITY)
-IMPACTS = Feature("impacts per pseudo period", True, "impacts in the last interval", "per pseudo period / 2{few}")
-SHARE = Feature("absorber's share of the energy", True, "absorber's kinetic energy over that of beam and absorber")
-FREQUENCY = Feature("frequency", False, "frequency ratio to the resonance, less {origin}", "1 / {scale}")
+IMPACTS = Feature(
+    "impacts per pseudo period", True, "impacts in the last interval", "per pseudo period / 2{few}"
+)
+SHARE = Feature(
+    "absorber's share of the energy",
+    True,
+    "absorber's kinetic energy over that of beam and absorber",
+)
+FREQUENCY = Feature(
+    "frequency", False, "frequency ratio to the resonance, less {origin}", "1 / {scale}"
+)
 TIME_LEFT = Feature("time left", False, "share of the time budget that is left")
 LEVEL = Feature("level", True, "response level so far", "m / {level}")
 RMS = Feature("RMS of the last interval", True, "RMS of the tip over the last interval", LENGTH)
 WAY_LEFT = Feature("way left", False, "far frequency less present one", "ratio / {scale}")
 GAP_IN_USE = Feature("half-clearance in use", False, "half-clearance in use", OF_SCENE)
-FRICTION_IN_USE = Feature("friction limit in use", False, "friction limit in use", "its place in the range, as the action has it")
-STATE = (TIP_IN_PHASE, TIP_QUADRATURE, DISTANCE, VELOCITY, IMPACTS, SHARE, FREQUENCY, TIME_LEFT, LEVEL)
+FRICTION_IN_USE = Feature(
+    "friction limit in use",
+    False,
+    "friction limit in use",
+    "its place in the range, as the action has it",
+)
+STATE = (
+    TIP_IN_PHASE,
+    TIP_QUADRATURE,
+    DISTANCE,
+    VELOCITY,
+    IMPACTS,
+    SHARE,
+    FREQUENCY,
+    TIME_LEFT,
+    LEVEL,
+)
 
 
 class Sensors:
@@ -51,7 +87,8 @@ class Sensors:
 
     def __init__(self, features: Sequence[Feature], lanes: int, noise: float, delay: int) -> None:
         self.measured = np.array([feature.measured for feature in features])
-        self.noise, self.delay = noise, delay
+        self.noise = noise
+        self.delay = delay
         self._past = np.zeros((delay + 1, lanes, len(features)))
         self._at = 0
 
@@ -68,7 +105,8 @@ class Sensors:
         """
         seen = values
         if self.noise > 0:
-            seen, number = values.copy(), int(self.measured.sum())
+            seen = values.copy()
+            number = int(self.measured.sum())
             wanted = np.ones(len(values), dtype=np.bool_) if fresh is None else fresh
             for lane in np.flatnonzero(wanted if resting is None else wanted & ~resting).tolist():
                 seen[lane, self.measured] += self.noise * generators[lane].standard_normal(number)
@@ -80,7 +118,9 @@ class Sensors:
             else:
                 self._past[:, fresh] = seen[fresh]
             seen = np.where(self.measured, self._past[(self._at + 1) % size], seen)
-        return np.minimum(np.maximum(seen, -LIMIT), LIMIT).astype(np.float32)  # np.clip takes three times as long
+        return np.minimum(np.maximum(seen, -LIMIT), LIMIT).astype(
+            np.float32
+        )  # np.clip takes three times as long
 
     def snapshot(self) -> tuple[Array, int]:
         """Return the delayed observations."""

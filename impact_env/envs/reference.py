@@ -21,14 +21,26 @@ def drive_shape(model: ModalModel, moves_base: bool) -> Array:
     """Return the modal forces of a unit of the drive: a force of 1 N, or a base that is accelerated by 1 m/s^2."""
     if not moves_base:
         return model.force_shape
-    require(model.base_participation is not None, "base_participation", None, "given for a base that moves")
+    require(
+        model.base_participation is not None,
+        "base_participation",
+        None,
+        "given for a base that moves",
+    )
     assert model.base_participation is not None
     return -model.base_participation
 
 
 @lru_cache(maxsize=64)
 def passage(
-    scene: Scene, resonance: int, start: float, stop: float, samples_per_period: int, exponent: float, unit: float, moves_base: bool = False
+    scene: Scene,
+    resonance: int,
+    start: float,
+    stop: float,
+    samples_per_period: int,
+    exponent: float,
+    unit: float,
+    moves_base: bool = False,
 ) -> tuple[float, float]:
     """Return (response level in m, damage) of a beam without absorber in a sweep at the rate that suits its damping, under a unit of `drive_shape`.
 
@@ -38,14 +50,29 @@ def passage(
     omega = scene.model.resonance_omega(resonance)
     percent = default_rate(scene.model, (resonance,))
     chunk = CHUNK * PAPER_RATE / percent
-    driven = replace(scene.model, force_shape=drive_shape(scene.model, True)) if moves_base else scene.model
-    runs = ControlledRuns(Scene(driven), 1, omega, chunk, samples_per_period=samples_per_period, exponent=exponent, unit=unit, threads=1)
+    driven = (
+        replace(scene.model, force_shape=drive_shape(scene.model, True))
+        if moves_base
+        else scene.model
+    )
+    runs = ControlledRuns(
+        Scene(driven),
+        1,
+        omega,
+        chunk,
+        samples_per_period=samples_per_period,
+        exponent=exponent,
+        unit=unit,
+        threads=1,
+    )
     rate = math.copysign(percent / 1e4, stop - start)
-    periods, damage = (stop - start) / rate, 0.0
+    periods = (stop - start) / rate
+    damage = 0.0
     runs.orders["force"] = 1.0
     chunks = math.ceil(periods / chunk - 1e-9)
     for k in range(chunks):
-        time, after = k * chunk, min((k + 1) * chunk, periods)
+        time = k * chunk
+        after = min((k + 1) * chunk, periods)
         runs.orders["duration"] = (after - time) * 2 * np.pi / omega
         runs.orders["omega_start"] = (start + rate * time) * omega
         runs.orders["omega_stop"] = (start + rate * after) * omega
@@ -61,8 +88,19 @@ def stationary_amplitude(model: ModalModel, omega: float, moves_base: bool = Fal
     One number at a time and without NumPy, whose calls would cost a reset more than its draws; `impact_env.frequency` has the formula.
     """
     drive = drive_shape(model, moves_base)
-    rows = zip(model.omega.tolist(), model.damping_ratio.tolist(), model.level_shape.tolist(), drive.tolist(), strict=True)
-    return abs(sum(level * force / complex(own * own - omega * omega, 2 * damping * own * omega) for own, damping, level, force in rows))
+    rows = zip(
+        model.omega.tolist(),
+        model.damping_ratio.tolist(),
+        model.level_shape.tolist(),
+        drive.tolist(),
+        strict=True,
+    )
+    return abs(
+        sum(
+            level * force / complex(own * own - omega * omega, 2 * damping * own * omega)
+            for own, damping, level, force in rows
+        )
+    )
 
 
 def mean_power_of_cosine(exponent: float) -> float:

@@ -36,21 +36,38 @@ from impact_env.scene import Scene, beam_scene
 
 Range = tuple[float, float]
 OBJECTIVES = ("level", "fatigue")
-FORCES = (1e-30, 1e30)  # N: squares of what follows from them, and powers of order five, are still numbers
-SCENE_PARTS = ("absorber", "absorber_options", "modes", "beam")  # what a whole scene stands in place of
+FORCES = (
+    1e-30,
+    1e30,
+)  # N: squares of what follows from them, and powers of order five, are still numbers
+SCENE_PARTS = (
+    "absorber",
+    "absorber_options",
+    "modes",
+    "beam",
+)  # what a whole scene stands in place of
 
 
 def known(name: str, value: Mapping[str, Any], allowed: set[str]) -> dict[str, Any]:
     """Return a mapping as a dict if all its keys are among ``allowed``."""
     require(isinstance(value, Mapping), name, value, "a mapping of names to values")
     strange = sorted(set(value) - allowed)
-    require(not strange, name, value, f"only the keys {', '.join(sorted(allowed))}" if allowed else "no keys")
+    require(
+        not strange,
+        name,
+        value,
+        f"only the keys {', '.join(sorted(allowed))}" if allowed else "no keys",
+    )
     return dict(value)
 
 
 def span(name: str, value: Any) -> Range:
     """Return (low, high) for a finite number, or for a pair of them with low not above high."""
-    if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) and getattr(value, "ndim", 1) > 0:
+    if (
+        isinstance(value, Sequence | np.ndarray)
+        and not isinstance(value, str)
+        and getattr(value, "ndim", 1) > 0
+    ):
         require(len(value) == 2, name, value, "a number, or a pair (low, high)")
         low, high = (finite(name, float(x) if isinstance(x, np.floating) else x) for x in value)
         require(low <= high, name, value, "a pair (low, high) with low not above high")
@@ -70,7 +87,12 @@ def make_method(name: str, steps_per_period: int | None) -> Method:
     kind: Callable[..., Method] = METHODS[one_of("method", name, METHODS)]
     if steps_per_period is None:
         return kind()
-    require(kind is not Exact, "steps_per_period", steps_per_period, "left out with method exact: it has no steps")
+    require(
+        kind is not Exact,
+        "steps_per_period",
+        steps_per_period,
+        "left out with method exact: it has no steps",
+    )
     return kind(steps_per_period)
 
 
@@ -80,7 +102,9 @@ def _scene(absorber: str, options: str, beam: str) -> tuple[Scene, Beam]:
     if isinstance(values.get("damping_ratio"), list):
         values["damping_ratio"] = tuple(values["damping_ratio"])
     if "modal_frequency_ratio" in values:
-        values["modal_frequency_ratio"] = {int(mode): ratio for mode, ratio in values["modal_frequency_ratio"].items()}
+        values["modal_frequency_ratio"] = {
+            int(mode): ratio for mode, ratio in values["modal_frequency_ratio"].items()
+        }
     found = Beam(**values)
     return beam_scene(found, make(absorber, json.loads(options))), found
 
@@ -102,7 +126,12 @@ def _plain(value: Any) -> Any:
 
 def _file_of(structure: Any) -> tuple[str, int]:
     """Return a structure's file and when it was last changed, so that a changed file is read anew."""
-    require(isinstance(structure, str | Path), "structure", structure, "the name of a file as docs/scenes.md describes it")
+    require(
+        isinstance(structure, str | Path),
+        "structure",
+        structure,
+        "the name of a file as docs/scenes.md describes it",
+    )
     path = Path(structure).resolve()
     return str(path), path.stat().st_mtime_ns if path.is_file() else 0
 
@@ -113,7 +142,9 @@ def _structure(path: str, _changed: int) -> Structure:
 
 
 @lru_cache(maxsize=64)
-def _on_structure(path: str, changed: int, absorber: str, options: str) -> tuple[Scene, Beam | None]:
+def _on_structure(
+    path: str, changed: int, absorber: str, options: str
+) -> tuple[Scene, Beam | None]:
     structure = _structure(path, changed)
     scene = Scene(modal_model(structure).with_absorber_at(1), make(absorber, json.loads(options)))
     return scene, structure if isinstance(structure, Beam) else None
@@ -128,7 +159,12 @@ def _whole_scene(text: str) -> tuple[Scene, Beam | None]:
 @lru_cache(maxsize=64)
 def _record(text: str) -> Samples:
     load = to_loads({"load": json.loads(text)}, 1.0).parts[0]
-    require(isinstance(load, Random | Samples), "load", json.loads(text), "one load of the kind random or samples")
+    require(
+        isinstance(load, Random | Samples),
+        "load",
+        json.loads(text),
+        "one load of the kind random or samples",
+    )
     record = load.record() if isinstance(load, Random) else load
     assert isinstance(record, Samples)
     return record
@@ -181,17 +217,33 @@ class TaskSettings:
     moves_base: bool = False
 
     def __post_init__(self) -> None:
-        known("absorber_options", self.absorber_options, set(CONCEPTS[one_of("absorber", self.absorber, CONCEPTS)]))
+        known(
+            "absorber_options",
+            self.absorber_options,
+            set(CONCEPTS[one_of("absorber", self.absorber, CONCEPTS)]),
+        )
         count("modes", self.modes, 1, 2 * MOST_ELEMENTS)
         if self.threads is not None:
             count("threads", self.threads, 1)
         beam = known("beam", self.beam, {f.name for f in fields(Beam)})
-        require("modes" not in beam, "beam", self.beam, "no key modes: that is an argument of its own")
+        require(
+            "modes" not in beam, "beam", self.beam, "no key modes: that is an argument of its own"
+        )
         if self.whole_scene is not None:
             self._check_whole_scene()
         if self.structure is not None:
-            require(self.whole_scene is None, "whole_scene", self.whole_scene, "left out beside a structure")
-            require(not beam, "beam", self.beam, "left out beside a structure, whose file says what it is")
+            require(
+                self.whole_scene is None,
+                "whole_scene",
+                self.whole_scene,
+                "left out beside a structure",
+            )
+            require(
+                not beam,
+                "beam",
+                self.beam,
+                "left out beside a structure, whose file says what it is",
+            )
         check_supported(self.scene, self.integrator)
         self.scene.model.resonance_omega(self.resonance)
         low, high = self.forces
@@ -201,7 +253,12 @@ class TaskSettings:
         positive("interval", self.interval)
         samples = self.interval * self.samples_per_period
         whole = abs(samples - round(samples)) < 1e-9 and round(samples) >= 4
-        require(whole, "interval", self.interval, f"a multiple of 1/{self.samples_per_period} pseudo periods (one sample), four samples or more")
+        require(
+            whole,
+            "interval",
+            self.interval,
+            f"a multiple of 1/{self.samples_per_period} pseudo periods (one sample), four samples or more",
+        )
         non_negative("observation_noise", self.observation_noise)
         count("observation_delay", self.observation_delay, 0)
         positive("impacts_limit", self.impacts_limit)
@@ -211,10 +268,20 @@ class TaskSettings:
 
     def _check_whole_scene(self) -> None:
         plain = isinstance(self.whole_scene, Scene | Mapping)
-        require(plain, "whole_scene", self.whole_scene, "an impact_env.Scene, or its plain form as docs/scenes.md describes it")
+        require(
+            plain,
+            "whole_scene",
+            self.whole_scene,
+            "an impact_env.Scene, or its plain form as docs/scenes.md describes it",
+        )
         for name in SCENE_PARTS:
             default = {} if name in ("absorber_options", "beam") else getattr(TaskSettings, name)
-            require(getattr(self, name) == default, name, getattr(self, name), "left out beside whole_scene, which says it already")
+            require(
+                getattr(self, name) == default,
+                name,
+                getattr(self, name),
+                "left out beside whole_scene, which says it already",
+            )
 
     @property
     def _scene_and_beam(self) -> tuple[Scene, Beam | None]:
@@ -245,7 +312,11 @@ class TaskSettings:
     @property
     def record(self) -> Samples | None:
         """The disturbance beside the force, None without; the same object for the same values."""
-        return None if instance("load", self.load, Mapping | None) is None else _record(as_json("load", self.load))
+        return (
+            None
+            if instance("load", self.load, Mapping | None) is None
+            else _record(as_json("load", self.load))
+        )
 
     @property
     def forces(self) -> Range:
@@ -266,9 +337,22 @@ class TaskSettings:
 
     def describe(self) -> dict[str, Any]:
         """Return the arguments as plain values; without ``threads``, which change no number, and a scene that was not given."""
-        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("threads", "whole_scene")}
-        values = {name: dict(value) if isinstance(value, Mapping) else value for name, value in values.items()}
+        values = {
+            f.name: getattr(self, f.name)
+            for f in fields(self)
+            if f.name not in ("threads", "whole_scene")
+        }
+        values = {
+            name: dict(value) if isinstance(value, Mapping) else value
+            for name, value in values.items()
+        }
         if self.whole_scene is None:
             return values
-        plain = from_scene(self.whole_scene) if isinstance(self.whole_scene, Scene) else json.loads(as_json("whole_scene", self.whole_scene))
-        return {name: value for name, value in values.items() if name not in SCENE_PARTS} | {"whole_scene": plain}
+        plain = (
+            from_scene(self.whole_scene)
+            if isinstance(self.whole_scene, Scene)
+            else json.loads(as_json("whole_scene", self.whole_scene))
+        )
+        return {name: value for name, value in values.items() if name not in SCENE_PARTS} | {
+            "whole_scene": plain
+        }

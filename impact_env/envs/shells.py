@@ -39,14 +39,21 @@ class Kind:
 
     def make(self, lanes: int, arguments: Mapping[str, Any]) -> Task:
         """Return the task with these keyword arguments; raises ParameterError for a bad one."""
-        left_out = SCENE_PARTS if arguments.get("whole_scene") is not None else ()  # what describes a scene does not apply beside a whole one
+        left_out = (
+            SCENE_PARTS if arguments.get("whole_scene") is not None else ()
+        )  # what describes a scene does not apply beside a whole one
         defaults = {name: value for name, value in self.defaults.items() if name not in left_out}
-        given, names = defaults | dict(arguments), [{field.name for field in fields(group)} for group in self.groups]
+        given = defaults | dict(arguments)
+        names = [{field.name for field in fields(group)} for group in self.groups]
         strange = sorted(set(given).difference(*names))
         if strange:
-            raise ParameterError(f"{strange[0]} is not an argument of this environment: it has {', '.join(sorted(set().union(*names)))}")
+            raise ParameterError(
+                f"{strange[0]} is not an argument of this environment: it has {', '.join(sorted(set().union(*names)))}"
+            )
         parts = [{name: value for name, value in given.items() if name in own} for own in names]
-        return self.task(*(group(**part) for group, part in zip(self.groups, parts, strict=True)), lanes)
+        return self.task(
+            *(group(**part) for group, part in zip(self.groups, parts, strict=True)), lanes
+        )
 
 
 def observation_space(task: Task) -> spaces.Box:
@@ -57,8 +64,17 @@ def observation_space(task: Task) -> spaces.Box:
 def reward_space(task: Task, wanted: bool) -> spaces.Box | None:
     """Return the space of rewards that are vectors, as MO-Gymnasium has it; None where they are scores."""
     require(isinstance(wanted, bool), "vector_reward", wanted, "True or False")
-    require(not wanted or bool(task.cost_names), "vector_reward", wanted, "False in a task without a vector of costs")
-    return spaces.Box(-np.inf, 0.0 - task.least_cost, task.costs.shape[1:], np.float64) if wanted else None
+    require(
+        not wanted or bool(task.cost_names),
+        "vector_reward",
+        wanted,
+        "False in a task without a vector of costs",
+    )
+    return (
+        spaces.Box(-np.inf, 0.0 - task.least_cost, task.costs.shape[1:], np.float64)
+        if wanted
+        else None
+    )
 
 
 def costs_as_rewards(task: Task, resting: NDArray[np.bool_] | None) -> NDArray[np.float64]:
@@ -80,7 +96,12 @@ def checked_actions(space: spaces.Space[Any], actions: Any) -> NDArray[Any]:
         values = np.asarray(actions)
     except ValueError:
         values = np.empty(0, dtype=object)
-    require(values.dtype.kind in "iuf" and values.shape == space.shape, "action", actions, f"real numbers of shape {space.shape}")
+    require(
+        values.dtype.kind in "iuf" and values.shape == space.shape,
+        "action",
+        actions,
+        f"real numbers of shape {space.shape}",
+    )
     if isinstance(space, spaces.Box):
         if ((values >= space.low) & (values <= space.high)).all():
             return values
@@ -88,20 +109,32 @@ def checked_actions(space: spaces.Space[Any], actions: Any) -> NDArray[Any]:
         return np.clip(values, space.low, space.high)
     assert isinstance(space, spaces.Discrete | spaces.MultiDiscrete)
     number = space.n if isinstance(space, spaces.Discrete) else space.nvec
-    if not (values.dtype.kind in "iu" and ((values >= space.start) & (values < space.start + number)).all()):
-        require(False, "action", actions, f"in {space}")  # to write down a large space takes longer than to check it
+    if not (
+        values.dtype.kind in "iu"
+        and ((values >= space.start) & (values < space.start + number)).all()
+    ):
+        require(
+            False, "action", actions, f"in {space}"
+        )  # to write down a large space takes longer than to check it
     return values
 
 
 def check_render_mode(mode: str | None) -> None:
     """Raise ParameterError unless a render mode is known."""
-    require(mode is None or mode in RENDER_MODES, "render_mode", mode, f"None or one of {', '.join(RENDER_MODES)}")
+    require(
+        mode is None or mode in RENDER_MODES,
+        "render_mode",
+        mode,
+        f"None or one of {', '.join(RENDER_MODES)}",
+    )
 
 
 def check_options(options: dict[str, Any] | None, allowed: Sequence[str] = ()) -> dict[str, Any]:
     """Return the options of a reset; raise ParameterError for unknown ones."""
     strange = sorted(set(options or {}) - set(allowed))
-    require(not strange, "options", options, f"only {', '.join(allowed)}" if allowed else "no options")
+    require(
+        not strange, "options", options, f"only {', '.join(allowed)}" if allowed else "no options"
+    )
     return dict(options or {})
 
 
@@ -113,7 +146,9 @@ def checked_seed(seed: Any) -> int | None:
 def screen_of(env: Any, is_reset: bool, maker: str) -> Any:
     """Return an environment's screen, made for its first picture; None, with a warning, without a render mode; ``maker``: what takes one."""
     if env.render_mode is None:
-        gymnasium.logger.warn(f"render() does nothing without a render_mode: give one to gymnasium.{maker}")
+        gymnasium.logger.warn(
+            f"render() does nothing without a render_mode: give one to gymnasium.{maker}"
+        )
         return None
     if not is_reset:
         raise ResetNeeded("call reset() before render()")
@@ -127,15 +162,22 @@ def screen_of(env: Any, is_reset: bool, maker: str) -> Any:
 def with_table(env: Any) -> None:
     """Put the features of its task in the place of (features) into the docstring of an environment, as a table."""
     kind: Kind = env.kind
-    given = {field.name: field.default for group in kind.groups for field in fields(group)} | dict(kind.defaults)
+    given = {field.name: field.default for group in kind.groups for field in fields(group)} | dict(
+        kind.defaults
+    )
     from_middle = given.get("frequency_origin") == "middle"
     words = {
         "few": f", cut off at {FEW_IMPACTS:g}" if given["impacts_limit"] == FEW_IMPACTS else "",
         "origin": "the middle of ``limits``" if from_middle else "1",
         "scale": "``frequency_unit``" if from_middle else kind.task.frequency_unit,
-        "level": "half-clearance of the scene" if given.get("level_unit") == "gap" else "reference level",
+        "level": "half-clearance of the scene"
+        if given.get("level_unit") == "gap"
+        else "reference level",
     }
-    rows = [f"| {k} | {feature.what} | {feature.unit} |".format(**words) for k, feature in enumerate(kind.task.features, 1)]
+    rows = [
+        f"| {k} | {feature.what} | {feature.unit} |".format(**words)
+        for k, feature in enumerate(kind.task.features, 1)
+    ]
     table = "\n".join(("| # | what | unit and scale |", "| --- | --- | --- |", *rows))
     env.__doc__ = cleandoc(env.__doc__ or "").replace("(features)", table)
 
@@ -146,16 +188,21 @@ class TaskEnv(gymnasium.Env[Observation, Any]):
     metadata: dict[str, Any] = METADATA
     kind: Kind
 
-    def __init__(self, render_mode: str | None = None, *, vector_reward: bool = False, **arguments: Any) -> None:
+    def __init__(
+        self, render_mode: str | None = None, *, vector_reward: bool = False, **arguments: Any
+    ) -> None:
         check_render_mode(render_mode)
-        self.task, self.render_mode = self.kind.make(1, arguments), render_mode
+        self.task = self.kind.make(1, arguments)
+        self.render_mode = render_mode
         self.reward_space = reward_space(self.task, vector_reward)
         self.action_space = self.kind.actions()
         self.observation_space = observation_space(self.task)  # type: ignore[assignment]
         self._over: bool | None = None
         self._screen: Any = None
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, Info]:
         """Start an episode at rest; ``options`` may choose what would be drawn, by the names in the task's ``options``."""
         chosen = check_options(options, tuple(self.task.options))
         super().reset(seed=checked_seed(seed))
@@ -168,17 +215,28 @@ class TaskEnv(gymnasium.Env[Observation, Any]):
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
         """Advance by one control interval."""
         if self._over is not False:
-            raise ResetNeeded("the episode is over: call reset() before step()" if self._over else "call reset() before step()")
-        rewards, terminated, truncated = self.task.step(checked_actions(self.action_space, action)[None])
+            raise ResetNeeded(
+                "the episode is over: call reset() before step()"
+                if self._over
+                else "call reset() before step()"
+            )
+        rewards, terminated, truncated = self.task.step(
+            checked_actions(self.action_space, action)[None]
+        )
         observation = self.task.observe([self.np_random])[0]
         self._over = bool(terminated[0] or truncated[0])
         if self.render_mode == "human":
             self.render()
-        reward: Any = float(rewards[0]) if self.reward_space is None else costs_as_rewards(self.task, None)[0]
+        reward: Any = (
+            float(rewards[0]) if self.reward_space is None else costs_as_rewards(self.task, None)[0]
+        )
         return observation, reward, bool(terminated[0]), bool(truncated[0]), self._info()
 
     def _info(self) -> Info:
-        return {name: values[0].item() if values.ndim == 1 else values[0].copy() for name, values in self.task.info().items()}
+        return {
+            name: values[0].item() if values.ndim == 1 else values[0].copy()
+            for name, values in self.task.info().items()
+        }
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return an image (height, width, 3), or show it in a window."""

@@ -55,10 +55,21 @@ class Passage:
         one_of("direction", self.direction, DIRECTIONS)
         one_of("objective", self.objective, OBJECTIVES)
         low, high = span("limits", self.limits)
-        require(0 < low < high, "limits", self.limits, "(low, high) frequency ratios with 0 < low < high")
+        require(
+            0 < low < high,
+            "limits",
+            self.limits,
+            "(low, high) frequency ratios with 0 < low < high",
+        )
         object.__setattr__(self, "limits", (low, high))
         object.__setattr__(self, "rates", speeds("rates", self.rates, (low, high)))
-        check_each(self, backward_rate=non_negative, time_budget=positive, time_price=non_negative, unfinished_price=non_negative)
+        check_each(
+            self,
+            backward_rate=non_negative,
+            time_budget=positive,
+            time_price=non_negative,
+            unfinished_price=non_negative,
+        )
         check_each(self, fatigue_exponent=positive)
         one_of("budget_end", self.budget_end, BUDGET_ENDS)
         one_of("frequency_origin", self.frequency_origin, ORIGINS)
@@ -72,22 +83,37 @@ class SweepTask(Task):
     features: Sequence[Feature] = (*STATE, WAY_LEFT)
 
     def __init__(self, settings: TaskSettings, passage_settings: Passage, lanes: int) -> None:
-        self.passage, self.described = passage_settings, (passage_settings,)
+        self.passage = passage_settings
+        self.described = (passage_settings,)
         self.absolute = passage_settings.level_unit == "gap"
-        self.level_name = "level over the scene's half-clearance" if self.absolute else "level relative to no absorber"
+        self.level_name = (
+            "level over the scene's half-clearance"
+            if self.absolute
+            else "level relative to no absorber"
+        )
         self.budget_terminates = passage_settings.budget_end == "terminated"
         self.frequency_unit = passage_settings.frequency_unit
         if passage_settings.frequency_origin == "middle":
             self.frequency_origin = 0.5 * sum(passage_settings.limits)
         self.fatigue = passage_settings.objective == "fatigue"
         exponent = passage_settings.fatigue_exponent if self.fatigue else 0.0
-        super().__init__(settings, lanes, max(1, math.ceil(passage_settings.time_budget / settings.interval - 1e-9)), exponent)
+        super().__init__(
+            settings,
+            lanes,
+            max(1, math.ceil(passage_settings.time_budget / settings.interval - 1e-9)),
+            exponent,
+        )
         low, high = passage_settings.limits
         require_samples(settings.samples_per_period, high)
         self._ends = np.array([(low, high), (high, low)])
         yardstick = (settings.samples_per_period, exponent, settings.length, settings.moves_base)
-        self._references = [passage(settings.scene, settings.resonance, *ends, *yardstick) for ends in self._ends.tolist()]
-        self.sign, self.far, self.level_scale, self.damage_scale, self._potential = (np.ones(lanes) for _ in range(5))
+        self._references = [
+            passage(settings.scene, settings.resonance, *ends, *yardstick)
+            for ends in self._ends.tolist()
+        ]
+        self.sign, self.far, self.level_scale, self.damage_scale, self._potential = (
+            np.ones(lanes) for _ in range(5)
+        )
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
         """Draw direction and force."""
@@ -98,12 +124,18 @@ class SweepTask(Task):
         self.force[lane] = force = self.draw_force(lane, generator)
         level, damage = self._references[int(down)]
         self.level_scale[lane] = level * force
-        self.damage_scale[lane] = damage * force**self.passage.fatigue_exponent if self.fatigue else 1.0
+        self.damage_scale[lane] = (
+            damage * force**self.passage.fatigue_exponent if self.fatigue else 1.0
+        )
         self._potential[lane] = 0.0
 
     def rate(self, actions: NDArray[Any]) -> Array:
         """Return the rates (L,) in % per 100 pseudo periods for actions in [-1, 1], (L, 1)."""
-        share, (slow, fast), back = actions[:, 0].astype(np.float64), self.passage.rates, self.passage.backward_rate
+        share, (slow, fast), back = (
+            actions[:, 0].astype(np.float64),
+            self.passage.rates,
+            self.passage.backward_rate,
+        )
         if back == 0:
             return spread(0.5 * (share + 1), slow, fast)
         return np.where(share < 0, share * back, spread(np.maximum(share, 0), slow, fast))
@@ -111,7 +143,9 @@ class SweepTask(Task):
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Go on at the chosen rate, but no further than the far end, and not back beyond the start."""
         low, high = self.passage.limits
-        duration, ratio, ended = np.empty(self.lanes), np.empty(self.lanes), np.empty(self.lanes, dtype=np.bool_)
+        duration = np.empty(self.lanes)
+        ratio = np.empty(self.lanes)
+        ended = np.empty(self.lanes, dtype=np.bool_)
         way = Way(float(self.interval), high - low, self.far, self.sign)
         go_on(way, self.rate(actions) * PER_PERIOD, self.ratio, duration, ratio, ended)
         return duration, ratio, ended
@@ -119,8 +153,14 @@ class SweepTask(Task):
     def reward(self) -> Array:
         """Return the fall of the relative level (or damage) in the interval, less the price of its time and of a passage cut off here."""
         late = (self.elapsed >= self.steps) & (self.ratio != self.far)
-        price, fine, rewards = self.passage.time_price / 100, float(self.passage.unfinished_price), np.empty(self.lanes)
-        pay, scale = (pay_for_damage, self.damage_scale) if self.fatigue else (pay_for_level, self.level_scale)
+        price = self.passage.time_price / 100
+        fine = float(self.passage.unfinished_price)
+        rewards = np.empty(self.lanes)
+        pay, scale = (
+            (pay_for_damage, self.damage_scale)
+            if self.fatigue
+            else (pay_for_level, self.level_scale)
+        )
         pay(self.runs.reports, scale, price, self.duration, fine, late, self._potential, rewards)  # type: ignore[no-untyped-call]
         return rewards
 
@@ -161,7 +201,11 @@ class OneRate:
     def passage(self, settings: TaskSettings) -> Passage:
         """Return the passage, at the rate that suits the resonance's damping if none is given; the time suffices to finish it."""
         low, high = span("limits", self.limits)
-        rate = default_rate(settings.scene.model, (settings.resonance,)) if self.rate is None else positive("rate", self.rate)
+        rate = (
+            default_rate(settings.scene.model, (settings.resonance,))
+            if self.rate is None
+            else positive("rate", self.rate)
+        )
         speeds("rate", rate, (low, high))
         budget = abs(high - low) / (rate * PER_PERIOD)
         own = {name: value for name, value in vars(self).items() if name != "rate"}

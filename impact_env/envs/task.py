@@ -36,17 +36,25 @@ class Task(ABC):
     least_cost: float | Array = 0.0  # (costs,), or of all
     described: tuple[Any, ...] = ()  # further groups of arguments, dataclasses
     budget_terminates = False
-    frequency_origin, frequency_unit = 1.0, FREQUENCY_SCALE
+    frequency_origin = 1.0
+    frequency_unit = FREQUENCY_SCALE
 
-    def __init__(self, settings: TaskSettings, lanes: int, steps: int, exponent: float = 0.0) -> None:
+    def __init__(
+        self, settings: TaskSettings, lanes: int, steps: int, exponent: float = 0.0
+    ) -> None:
         """``steps``: control intervals of the time budget; ``exponent`` of the damage, 0 for none.
 
         An episode that has spent its budget is cut off, or ended where ``budget_terminates``. What is set in ``limit`` cuts it off after that
         number of intervals, as gymnasium's TimeLimit does from outside: the task knows nothing of it.
         """
-        self.settings, self.lanes, self.steps, self.scene = settings, lanes, steps, settings.scene
+        self.settings = settings
+        self.lanes = lanes
+        self.steps = steps
+        self.scene = settings.scene
         self.limit: int | None = None
-        self.omega, self.length, self.interval = settings.omega, settings.length, settings.interval
+        self.omega = settings.omega
+        self.length = settings.length
+        self.interval = settings.interval
         self._record = settings.record
         self.runs = self.make_runs(
             lanes=lanes,
@@ -65,9 +73,19 @@ class Task(ABC):
         self.force, self.ratio, self.time, self.score = (np.zeros(lanes) for _ in range(4))
         self.elapsed = np.zeros(lanes, dtype=np.int64)
         self.costs = np.zeros((lanes, len(self.cost_names)))
-        self.sensors = Sensors(self.features, lanes, settings.observation_noise, settings.observation_delay)
-        impacts, unit = self.interval * IMPACTS_SCALE, float(self.frequency_unit)
-        self._units = Units(self.length, 1 / (self.omega * self.length), impacts, float(self.frequency_origin), unit, steps)
+        self.sensors = Sensors(
+            self.features, lanes, settings.observation_noise, settings.observation_delay
+        )
+        impacts = self.interval * IMPACTS_SCALE
+        unit = float(self.frequency_unit)
+        self._units = Units(
+            self.length,
+            1 / (self.omega * self.length),
+            impacts,
+            float(self.frequency_origin),
+            unit,
+            steps,
+        )
         self._period = 2 * np.pi / self.omega
 
     def model(self, lane: int) -> ModalModel:  # noqa: ARG002 - all lanes have one, unless a task says otherwise
@@ -78,7 +96,12 @@ class Task(ABC):
         """Return the lanes' runs."""
         return ControlledRuns(self.scene, **arguments)
 
-    def reset(self, which: Mask, generators: Sequence[np.random.Generator], chosen: Mapping[str, Any] | None = None) -> NDArray[np.float32]:
+    def reset(
+        self,
+        which: Mask,
+        generators: Sequence[np.random.Generator],
+        chosen: Mapping[str, Any] | None = None,
+    ) -> NDArray[np.float32]:
         """Start episodes in the lanes of a mask; return observations (L, features), of which theirs are new.
 
         ``chosen`` takes the place of what is drawn: of each name in `options` one number, or one for each lane.
@@ -89,7 +112,9 @@ class Task(ABC):
             self.draw(lane, generators[lane])
             self.runs.orders["phase"][lane] = generators[lane].uniform(0, 2 * np.pi)
             if self._record is not None:
-                self.runs.orders["place"][lane] = generators[lane].integers(len(self._record.values) - 1)
+                self.runs.orders["place"][lane] = generators[lane].integers(
+                    len(self._record.values) - 1
+                )
         self.runs.restart(which)
         return self.sensors.see(self.values(), generators, which)
 
@@ -105,7 +130,16 @@ class Task(ABC):
             self.elapsed += ~resting
             self.runs.idle = resting
         late = (self.elapsed >= self.steps) & ~terminated
-        order_intervals(self.runs.orders, self.omega, self._period, duration, self.ratio, ratio, self.force, terminated | late)
+        order_intervals(
+            self.runs.orders,
+            self.omega,
+            self._period,
+            duration,
+            self.ratio,
+            ratio,
+            self.force,
+            terminated | late,
+        )
         self.runs.advance()
         self.ratio = ratio
         self.time = self.time + duration
@@ -119,10 +153,14 @@ class Task(ABC):
             truncated = truncated | (self.elapsed >= self.limit)
         if resting is not None:
             self.runs.idle = np.zeros_like(resting)
-            rewards, terminated, truncated = np.where(resting, 0.0, rewards), terminated & ~resting, truncated & ~resting
+            rewards = np.where(resting, 0.0, rewards)
+            terminated = terminated & ~resting
+            truncated = truncated & ~resting
         return rewards, terminated, truncated
 
-    def observe(self, generators: Sequence[np.random.Generator], resting: Mask | None = None) -> NDArray[np.float32]:
+    def observe(
+        self, generators: Sequence[np.random.Generator], resting: Mask | None = None
+    ) -> NDArray[np.float32]:
         """Return the observations (L, features) after a step."""
         return self.sensors.see(self.values(), generators, None, resting)
 
@@ -148,9 +186,13 @@ class Task(ABC):
 
         The other two are time, over the time budget, and fatigue: (|q|/g0)^m summed over the samples, over the number of them in a whole interval.
         """
-        costs, samples = self.costs, self.interval * self.settings.samples_per_period
+        costs = self.costs
+        samples = self.interval * self.settings.samples_per_period
         costs[:, 0], costs[:, 3], costs[:, 4] = level, moved, contact
-        costs[:, 1], costs[:, 2] = self.duration / self.interval / self.steps, self.runs.reports["damage"] / samples
+        costs[:, 1], costs[:, 2] = (
+            self.duration / self.interval / self.steps,
+            self.runs.reports["damage"] / samples,
+        )
 
     @abstractmethod
     def level(self) -> Array:
@@ -169,7 +211,12 @@ class Task(ABC):
         whole = isinstance(low, int)  # of a structure or a scene
         ok = bool(((values >= low) & (values <= high)).all()) and not (whole and np.any(values % 1))
         kind = "whole number" if whole else "number"
-        require(ok, f"options[{name!r}]", value, f"a {kind} from {low:g} to {high:g}, or one for each of {self.lanes} lanes")
+        require(
+            ok,
+            f"options[{name!r}]",
+            value,
+            f"a {kind} from {low:g} to {high:g}, or one for each of {self.lanes} lanes",
+        )
         return values
 
     def drawn(self, name: str, lane: int, drawn: float) -> float:
@@ -179,12 +226,16 @@ class Task(ABC):
     def draw_force(self, lane: int, generator: np.random.Generator) -> float:
         """Return an episode's force in N."""
         low, high = self._force_range
-        return self.drawn("force", lane, low if low == high else float(generator.uniform(low, high)))
+        return self.drawn(
+            "force", lane, low if low == high else float(generator.uniform(low, high))
+        )
 
     def values(self) -> Array:
         """Return the scaled features (L, features)."""
         values = np.empty((self.lanes, len(self.features)))
-        fill_features(self.runs.reports, self._units, self.ratio, self.elapsed, self.level(), values)
+        fill_features(
+            self.runs.reports, self._units, self.ratio, self.elapsed, self.level(), values
+        )
         np.minimum(values[:, 4], self.settings.impacts_limit, out=values[:, 4])
         further = self.further()
         for k, column in enumerate(further, values.shape[1] - len(further)):
@@ -212,7 +263,11 @@ class Task(ABC):
 
     def snapshot(self) -> dict[str, Any]:
         """Return copies of all that the next steps depend on, but for the random generators."""
-        own = {name: values.copy() for name, values in vars(self).items() if isinstance(values, np.ndarray)}
+        own = {
+            name: values.copy()
+            for name, values in vars(self).items()
+            if isinstance(values, np.ndarray)
+        }
         return {"lanes": own, "runs": self.runs.snapshot(), "sensors": self.sensors.snapshot()}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -224,7 +279,9 @@ class Task(ABC):
 
     def describe(self) -> dict[str, Any]:
         """Return the environment's arguments as plain values, also those left at their defaults; without ``threads``, which change no number."""
-        return self.settings.describe() | {name: value for group in self.described for name, value in asdict(group).items()}
+        return self.settings.describe() | {
+            name: value for group in self.described for name, value in asdict(group).items()
+        }
 
     def close(self) -> None:
         """End the threads."""

@@ -39,7 +39,9 @@ def autoreset(mode: Any) -> AutoresetMode:
         if mode in (known, known.name, known.value):
             return known
     allowed = ", ".join(known.name for known in AutoresetMode)
-    raise ParameterError(f"autoreset_mode = {mode!r} is not allowed: one of {allowed}, as text or as gymnasium's enum")
+    raise ParameterError(
+        f"autoreset_mode = {mode!r} is not allowed: one of {allowed}, as text or as gymnasium's enum"
+    )
 
 
 class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
@@ -66,17 +68,30 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         check_render_mode(render_mode)
         self.autoreset_mode = autoreset(autoreset_mode)
         self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
-        task, action_space = self.kind.make(count("num_envs", num_envs, 1), arguments), self.kind.actions()
-        task.limit = None if max_episode_steps in (None, -1) else count("max_episode_steps", max_episode_steps, 1)
-        self.task, self.render_mode, self.num_envs = task, render_mode, task.lanes
+        task = self.kind.make(count("num_envs", num_envs, 1), arguments)
+        action_space = self.kind.actions()
+        task.limit = (
+            None
+            if max_episode_steps in (None, -1)
+            else count("max_episode_steps", max_episode_steps, 1)
+        )
+        self.task = task
+        self.render_mode = render_mode
+        self.num_envs = task.lanes
         self.reward_space = reward_space(task, vector_reward)
-        self.single_action_space, self.single_observation_space = action_space, observation_space(task)
+        self.single_action_space, self.single_observation_space = (
+            action_space,
+            observation_space(task),
+        )
         self.action_space = batch_space(action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._generators: list[np.random.Generator] = []
         self._seeds: list[int] = []
         self._observations: Observation | None = None
-        self._over, self._rest = np.zeros(self.num_envs, dtype=np.bool_), np.zeros(self.num_envs, dtype=np.bool_)
+        self._over, self._rest = (
+            np.zeros(self.num_envs, dtype=np.bool_),
+            np.zeros(self.num_envs, dtype=np.bool_),
+        )
         self._screen: Any = None
 
     @property  # type: ignore[misc]
@@ -94,14 +109,23 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
     def _seed(self, seeds: Sequence[int | None], which: NDArray[np.bool_]) -> None:
         """Give lanes of a mask new generators where a seed is given, and all lanes one if they have none yet."""
         if not self._generators:
-            made = [seeding.np_random(seed if wanted else None) for seed, wanted in zip(seeds, which, strict=True)]
-            self._generators, self._seeds = [m[0] for m in made], [m[1] for m in made]
+            made = [
+                seeding.np_random(seed if wanted else None)
+                for seed, wanted in zip(seeds, which, strict=True)
+            ]
+            self._generators = [m[0] for m in made]
+            self._seeds = [m[1] for m in made]
             return
         for lane in np.flatnonzero(which).tolist():
             if seeds[lane] is not None:
                 self._generators[lane], self._seeds[lane] = seeding.np_random(seeds[lane])
 
-    def reset(self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, Info]:
         """Start episodes at rest, in all lanes or in those of ``options["reset_mask"]`` (num_envs,), bool.
 
         Other ``options`` choose what would be drawn, by the names in the task's ``options``: a number for all lanes, or one for each.
@@ -123,14 +147,29 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         if seed is None:
             return [None] * self.num_envs
         if isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str):
-            require(len(seed) == self.num_envs, "seed", seed, f"a whole number, or a list of {self.num_envs}")
+            require(
+                len(seed) == self.num_envs,
+                "seed",
+                seed,
+                f"a whole number, or a list of {self.num_envs}",
+            )
             return [checked_seed(value) for value in seed]
         first = count("seed", seed, 0)
         return [first + i for i in range(self.num_envs)]
 
     def _checked_mask(self, mask: Any) -> NDArray[np.bool_]:
-        ok = isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,) and bool(mask.any())
-        require(ok, "reset_mask", mask, f"a bool array of shape ({self.num_envs},) with at least one True")
+        ok = (
+            isinstance(mask, np.ndarray)
+            and mask.dtype == np.bool_
+            and mask.shape == (self.num_envs,)
+            and bool(mask.any())
+        )
+        require(
+            ok,
+            "reset_mask",
+            mask,
+            f"a bool array of shape ({self.num_envs},) with at least one True",
+        )
         if self._observations is None and not mask.all():
             raise ResetNeeded("the first reset() must be one of all lanes: leave reset_mask out")
         return np.asarray(mask)
@@ -140,11 +179,17 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
 
         A lane that rests costs next to nothing, ignores its action, has a reward of 0, does not end, and shows its last observation again.
         """
-        ok = isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,)
+        ok = (
+            isinstance(mask, np.ndarray)
+            and mask.dtype == np.bool_
+            and mask.shape == (self.num_envs,)
+        )
         require(ok, "mask", mask, f"a bool array of shape ({self.num_envs},)")
         self._rest = mask.copy()
 
-    def step(self, actions: Any) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], Info]:
+    def step(
+        self, actions: Any
+    ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], Info]:
         """Advance all lanes by one control interval.
 
         With autoreset in the same step, lanes that ended start again at once; their last observation and info are in ``final_obs``, ``final_info``
@@ -154,11 +199,17 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         if self._observations is None:
             raise ResetNeeded("call reset() before step()")
         actions = checked_actions(self.action_space, actions)
-        resting = self._over & ~self._rest if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._over.any() else None
+        resting = (
+            self._over & ~self._rest
+            if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._over.any()
+            else None
+        )
         still = self._rest if self._rest.any() else None
         if self.autoreset_mode is AutoresetMode.DISABLED and (self._over & ~self._rest).any():
             lanes = np.flatnonzero(self._over & ~self._rest).tolist()
-            raise ResetNeeded(f'lanes {lanes[:8]} are over: call reset(options={{"reset_mask": mask}}) with these lanes before step()')
+            raise ResetNeeded(
+                f'lanes {lanes[:8]} are over: call reset(options={{"reset_mask": mask}}) with these lanes before step()'
+            )
         stays = still if resting is None else resting if still is None else still | resting
         rewards, terminated, truncated = self.task.step(actions, stays)
         if self.reward_space is not None:
@@ -171,21 +222,31 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         final: Info = {}
         again = resting
         if self.autoreset_mode is AutoresetMode.SAME_STEP and over.any():
-            last, again = np.full(self.num_envs, None, dtype=object), over
+            last = np.full(self.num_envs, None, dtype=object)
+            again = over
             for lane in np.flatnonzero(over).tolist():
                 last[lane] = observations[lane].copy()
-            final = {"final_obs": last, "_final_obs": over.copy(), "final_info": self._masked(info, over), "_final_info": over.copy()}
+            final = {
+                "final_obs": last,
+                "_final_obs": over.copy(),
+                "final_info": self._masked(info, over),
+                "_final_info": over.copy(),
+            }
         if again is not None:
-            observations = np.where(again[:, None], self.task.reset(again, self._generators), observations)
+            observations = np.where(
+                again[:, None], self.task.reset(again, self._generators), observations
+            )
             info = self.task.info()
         if self.autoreset_mode is not AutoresetMode.SAME_STEP:
             over = over if still is None else over | (self._over & still)
-        self._observations, self._over = observations, over if self.autoreset_mode is not AutoresetMode.SAME_STEP else self._over
+        self._observations = observations
+        self._over = over if self.autoreset_mode is not AutoresetMode.SAME_STEP else self._over
         return observations.copy(), rewards, terminated, truncated, {**final, **self._masked(info)}
 
     def _masked(self, info: Info, which: NDArray[np.bool_] | None = None) -> Info:
         """Return info with its masks, zeros where it does not apply, as gymnasium's own vectors have it; without a mask it applies to all lanes."""
-        masked, mask = Info(), np.ones(self.num_envs, dtype=np.bool_) if which is None else which.copy()
+        masked = Info()
+        mask = np.ones(self.num_envs, dtype=np.bool_) if which is None else which.copy()
         for name, values in info.items():
             if which is not None:
                 values[~which] = 0
@@ -198,11 +259,21 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             raise ResetNeeded("call reset() before snapshot()")
         generators = [generator.bit_generator.state for generator in self._generators]
         parts = {"task": self.task.snapshot(), "generators": generators}
-        return parts | {"seeds": list(self._seeds), "observations": self._observations.copy(), "over": self._over.copy(), "rest": self._rest.copy()}
+        return parts | {
+            "seeds": list(self._seeds),
+            "observations": self._observations.copy(),
+            "over": self._over.copy(),
+            "rest": self._rest.copy(),
+        }
 
     def restore(self, snapshot: dict[str, Any]) -> Observation:
         """Go on from the snapshot of an environment with the same arguments, bit for bit; return the observations (num_envs, features)."""
-        require(len(snapshot["seeds"]) == self.num_envs, "lanes of the snapshot", len(snapshot["seeds"]), f"num_envs = {self.num_envs}")
+        require(
+            len(snapshot["seeds"]) == self.num_envs,
+            "lanes of the snapshot",
+            len(snapshot["seeds"]),
+            f"num_envs = {self.num_envs}",
+        )
         self._seed(snapshot["seeds"], np.ones(self.num_envs, dtype=np.bool_))
         for generator, state in zip(self._generators, snapshot["generators"], strict=True):
             generator.bit_generator.state = state
@@ -234,6 +305,10 @@ def environment(single: type[TaskEnv]) -> type[TaskEnv]:
     with_table(single)
     name = single.__name__.replace("Env", "VectorEnv")
     told = f"Native vector of `{single.__name__}`, see `TaskVectorEnv`; lane i is the single one with seed + i."
-    vector = type(name, (TaskVectorEnv,), {"__doc__": told, "__module__": single.__module__, "kind": single.kind})
+    vector = type(
+        name,
+        (TaskVectorEnv,),
+        {"__doc__": told, "__module__": single.__module__, "kind": single.kind},
+    )
     setattr(sys.modules[single.__module__], name, vector)
     return single

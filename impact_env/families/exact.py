@@ -35,10 +35,19 @@ from impact_env.loads import AnyDrive, Loads
 from impact_env.methods import Exact
 from impact_env.parameters import RigidWalls, SeveralAbsorbers, SlidingAbsorber
 from impact_env.regime_sets import regime_sets
-from impact_env.regimes import fastest, free_regime, joined_regime, padded_size, sprung_regime, table_reach
+from impact_env.regimes import (
+    fastest,
+    free_regime,
+    joined_regime,
+    padded_size,
+    sprung_regime,
+    table_reach,
+)
 from impact_env.scene import Scene
 
-Taken = tuple[Any, float]  # a scene as its kernels take it, and the reach of its regimes' tables in s
+Taken = tuple[
+    Any, float
+]  # a scene as its kernels take it, and the reach of its regimes' tables in s
 
 
 @dataclass(frozen=True)
@@ -51,22 +60,34 @@ class ExactFamily(Family):
     take: Callable[[Scene, float, bool, AnyDrive | None], Taken]
     regime: Callable[[Any], Regime]
 
-    def run(self, scene: Scene, drive: AnyDrive, method: Exact, state: Array, observe: Observe) -> int:
+    def run(
+        self, scene: Scene, drive: AnyDrive, method: Exact, state: Array, observe: Observe
+    ) -> int:
         """Integrate over the whole schedule, see `Family.run`."""
-        taken, reach = self.take(scene, window_of(drive), isinstance(drive, Loads) and drive.moves_base, drive)
+        taken, reach = self.take(
+            scene, window_of(drive), isinstance(drive, Loads) and drive.moves_base, drive
+        )
         if not self.searched:
-            observe = observe._replace(events=None)  # there are none, and a list would be one more variant to compile
+            observe = observe._replace(
+                events=None
+            )  # there are none, and a list would be one more variant to compile
         return int(self.lane(taken, schedule_of(scene, drive, reach), state, observe))
 
-    def control(self, scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
+    def control(
+        self, scene: Scene, method: Exact, pseudo_period: float, batch: Batch
+    ) -> Callable[[Board, int, int], bool]:
         """Return the kernel that advances lanes, see `Family.control`."""
         assert self.lanes is not None
         moves = batch.watch.beside is not None and batch.watch.beside.base is not None
-        return partial(self.lanes, *self.take(scene, WINDOW_PERIODS * pseudo_period, moves, None), batch)
+        return partial(
+            self.lanes, *self.take(scene, WINDOW_PERIODS * pseudo_period, moves, None), batch
+        )
 
     def slots(self, scene: Scene, pseudo_period: float) -> int:
         """Return the slots of the regime."""
-        return self.regime(self.take(scene, WINDOW_PERIODS * pseudo_period, False, None)[0]).slots.rows.shape[1]
+        return self.regime(
+            self.take(scene, WINDOW_PERIODS * pseudo_period, False, None)[0]
+        ).slots.rows.shape[1]
 
 
 # One absorber with rigid walls, rigid friction or both: free or sliding, and joined.
@@ -82,7 +103,14 @@ def rigid_regimes(scene: Scene, wanted: float, moves: bool = False) -> tuple[Reg
     bounds = (fastest(scene.model), fastest(scene.model, scene.absorber_mass))
     size = padded_size(max(slots for _, slots in bounds))
     reach = table_reach(max(speed for speed, _ in bounds), wanted)
-    joined = joined_regime(scene.model, scene.absorber_mass, size, reach, moves=moves, heavy=gravity_in(scene) is not None)
+    joined = joined_regime(
+        scene.model,
+        scene.absorber_mass,
+        size,
+        reach,
+        moves=moves,
+        heavy=gravity_in(scene) is not None,
+    )
     return free_regime(scene.model, size, reach, moves=moves), joined, reach
 
 
@@ -108,7 +136,15 @@ def _rigid(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> 
     return Rigid(free, joined, contact_of(scene, *laws, drive), losses_of(scene)), reach
 
 
-RIGID = ExactFamily("rigid", exact_lane, rigid_lanes, _laws_rigid, searched=True, take=_rigid, regime=lambda rigid: rigid.free)
+RIGID = ExactFamily(
+    "rigid",
+    exact_lane,
+    rigid_lanes,
+    _laws_rigid,
+    searched=True,
+    take=_rigid,
+    regime=lambda rigid: rigid.free,
+)
 
 
 # One absorber whose contacts are springs (paper, appendix A): a spring to the wall, and elastic Coulomb friction.
@@ -118,17 +154,23 @@ def _springs(scene: Scene) -> Springs:
     """Return wall and friction stiffness in N/m, 0 where absent."""
     absorber = scene.absorber
     assert isinstance(absorber, SlidingAbsorber)
-    walls, friction = compiled(absorber.walls), compiled(absorber.friction)
-    return Springs(0.0 if walls is None else walls.stiffness, 0.0 if friction is None else friction.stiffness)
+    walls = compiled(absorber.walls)
+    friction = compiled(absorber.friction)
+    return Springs(
+        0.0 if walls is None else walls.stiffness, 0.0 if friction is None else friction.stiffness
+    )
 
 
 @lru_cache(maxsize=256)
-def compliant_regimes(scene: Scene, wanted: float) -> tuple[tuple[Regime, Regime, Regime, Regime], float]:
+def compliant_regimes(
+    scene: Scene, wanted: float
+) -> tuple[tuple[Regime, Regime, Regime, Regime], float]:
     """Return the free regime and those with the wall's spring, with the friction's, and with both, and the reach of their tables in s.
 
     An absent spring's regime repeats another.
     """
-    model, mass = scene.model, scene.absorber_mass
+    model = scene.model
+    mass = scene.absorber_mass
     assert mass is not None
     wall, friction = _springs(scene)
     springs = [wall or friction, friction or wall, wall + friction]
@@ -143,16 +185,27 @@ def _laws_compliant(scene: Scene) -> tuple[float | None, float | None]:
     """Return gap (m) and friction limit (N), None where absent."""
     absorber = scene.absorber
     assert isinstance(absorber, SlidingAbsorber)
-    return None if absorber.walls is None else absorber.walls.gap, None if absorber.friction is None else absorber.friction.limit
+    return (
+        None if absorber.walls is None else absorber.walls.gap,
+        None if absorber.friction is None else absorber.friction.limit,
+    )
 
 
 def _sprung(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> Taken:
     regimes, reach = compliant_regimes(scene, wanted)
-    return Sprung(regimes, contact_of(scene), _springs(scene), *_laws_compliant(scene), losses_of(scene)), reach
+    return Sprung(
+        regimes, contact_of(scene), _springs(scene), *_laws_compliant(scene), losses_of(scene)
+    ), reach
 
 
 COMPLIANT = ExactFamily(
-    "compliant", compliant_lane, compliant_lanes, _laws_compliant, searched=True, take=_sprung, regime=lambda sprung: sprung.regimes[0]
+    "compliant",
+    compliant_lane,
+    compliant_lanes,
+    _laws_compliant,
+    searched=True,
+    take=_sprung,
+    regime=lambda sprung: sprung.regimes[0],
 )
 
 
@@ -162,16 +215,21 @@ COMPLIANT = ExactFamily(
 @lru_cache(maxsize=256)
 def linear_regime(scene: Scene, wanted: float, moves: bool = False) -> tuple[Regime, float]:
     """Return the regime and the reach of its tables in s: ``wanted`` or less. ``moves``: whether the base does."""
-    model, absorber, mass = scene.model, scene.absorber, scene.absorber_mass
+    model = scene.model
+    absorber = scene.absorber
+    mass = scene.absorber_mass
     spring = compiled(absorber)
     speed, slots = fastest(model, mass, *(spring or (None, 0.0)))
-    size, reach = padded_size(slots), table_reach(speed, wanted)
+    size = padded_size(slots)
+    reach = table_reach(speed, wanted)
     if mass is None:
         return free_regime(model, size, reach, moves=moves), reach
     heavy = gravity_in(scene) is not None
     if spring is None:
         return joined_regime(model, mass, size, reach, moves=moves, heavy=heavy), reach
-    return sprung_regime(model, mass, spring.stiffness, spring.damping, size, reach, moves=moves, heavy=heavy), reach
+    return sprung_regime(
+        model, mass, spring.stiffness, spring.damping, size, reach, moves=moves, heavy=heavy
+    ), reach
 
 
 def _linear(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> Taken:
@@ -179,7 +237,15 @@ def _linear(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) ->
     return Linear(regime, losses_of(scene), gravity_in(scene, drive)), reach
 
 
-LINEAR = ExactFamily("linear", linear_lane, linear_lanes, lambda _: (), searched=False, take=_linear, regime=lambda linear: linear.regime)
+LINEAR = ExactFamily(
+    "linear",
+    linear_lane,
+    linear_lanes,
+    lambda _: (),
+    searched=False,
+    take=_linear,
+    regime=lambda linear: linear.regime,
+)
 
 
 # Several absorbers with rigid contact at places of their own: one regime for each set of joined ones.
@@ -194,12 +260,27 @@ def _sets(scene: Scene, wanted: float) -> tuple[Sets, float]:
 
 def _absorbers(scene: Scene) -> Absorbers:
     """Return the kernels' arguments for the absorbers; one without walls has them infinitely far away."""
-    every = scene.absorber.absorbers if isinstance(scene.absorber, SeveralAbsorbers) else (scene.absorber,)
+    every = (
+        scene.absorber.absorbers
+        if isinstance(scene.absorber, SeveralAbsorbers)
+        else (scene.absorber,)
+    )
     walls = [scene.cavity(a) or RigidWalls(np.inf) for a in range(len(every))]
-    gap, restitution = np.array([w.gap for w in walls]), np.array([w.restitution for w in walls])
-    limit = np.array([one.friction.limit if isinstance(one, SlidingAbsorber) and one.friction is not None else 0.0 for one in every])
-    shapes, tip = np.array(scene.absorber_shapes), np.array(scene.model.tip_shape)
-    return Absorbers(scene.absorber_masses, gap, restitution, limit, shapes, tip, scene.model.omega**2)
+    gap = np.array([w.gap for w in walls])
+    restitution = np.array([w.restitution for w in walls])
+    limit = np.array(
+        [
+            one.friction.limit
+            if isinstance(one, SlidingAbsorber) and one.friction is not None
+            else 0.0
+            for one in every
+        ]
+    )
+    shapes = np.array(scene.absorber_shapes)
+    tip = np.array(scene.model.tip_shape)
+    return Absorbers(
+        scene.absorber_masses, gap, restitution, limit, shapes, tip, scene.model.omega**2
+    )
 
 
 def _several(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> Taken:
@@ -207,4 +288,12 @@ def _several(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -
     return Several(sets, _absorbers(scene), losses_of(scene)), reach
 
 
-SEVERAL = ExactFamily("several", several_lane, None, lambda _: (), searched=True, take=_several, regime=lambda several: several.sets)
+SEVERAL = ExactFamily(
+    "several",
+    several_lane,
+    None,
+    lambda _: (),
+    searched=True,
+    take=_several,
+    regime=lambda several: several.sets,
+)

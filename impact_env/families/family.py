@@ -47,7 +47,9 @@ class Family(ABC):
         return self.name, absent(self.laws(scene))
 
     @abstractmethod
-    def run(self, scene: Scene, drive: AnyDrive, method: Any, state: Array, observe: Observe) -> int:
+    def run(
+        self, scene: Scene, drive: AnyDrive, method: Any, state: Array, observe: Observe
+    ) -> int:
         """Integrate over the whole schedule and return a status code of `impact_env.kernels.motion.observers`.
 
         ``state`` (2 N_m + 2 n,) is the start and becomes the end. ``observe``, with a new clock, is filled. A slider of elastic friction starts
@@ -55,7 +57,9 @@ class Family(ABC):
         """
 
     @abstractmethod
-    def control(self, scene: Scene, method: Any, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
+    def control(
+        self, scene: Scene, method: Any, pseudo_period: float, batch: Batch
+    ) -> Callable[[Board, int, int], bool]:
         """Return the kernel of `kernels.control.lanes` that advances lanes by their orders' intervals; ``pseudo_period`` in s."""
 
     def slots(self, scene: Scene, pseudo_period: float) -> int:
@@ -88,34 +92,77 @@ def schedule_of(scene: Scene, drive: AnyDrive, reach: float) -> Schedule:
     """Return a drive as the exact kernels take it, in windows of at most ``reach`` (s)."""
     if isinstance(drive, Loads):
         times, pieces, which, moves_base = drive.on_one_clock()
-        load = loads.Load(pieces, which, moves_base, np.zeros((2, TERMS)), base_of(scene) if moves_base.any() else None, np.zeros(1, np.bool_))
+        load = loads.Load(
+            pieces,
+            which,
+            moves_base,
+            np.zeros((2, TERMS)),
+            base_of(scene) if moves_base.any() else None,
+            np.zeros(1, np.bool_),
+        )
         return Schedule(times, np.zeros(len(times)), np.zeros(len(times)), 0.0, reach, load)
     breaks = drive.schedule
     phases = breaks.phase_at(breaks.times) + drive.phase
-    return Schedule(np.array(breaks.times), np.array(breaks.omegas), np.asarray(phases), drive.amplitude, reach, None)
+    return Schedule(
+        np.array(breaks.times),
+        np.array(breaks.omegas),
+        np.asarray(phases),
+        drive.amplitude,
+        reach,
+        None,
+    )
 
 
 def base_of(scene: Scene) -> loads.Base:
     """Return the participations of a scene's modes and absorber in a base that moves."""
-    model, mass = scene.model, scene.absorber_mass or 0.0
+    model = scene.model
+    mass = scene.absorber_mass or 0.0
     assert model.base_participation is not None
-    return loads.Base(np.zeros((2, TERMS)), np.array(model.base_participation), model.base_at_absorber, mass * model.base_at_absorber)
+    return loads.Base(
+        np.zeros((2, TERMS)),
+        np.array(model.base_participation),
+        model.base_at_absorber,
+        mass * model.base_at_absorber,
+    )
 
 
 def gravity_in(scene: Scene, drive: AnyDrive | None = None) -> float | None:
     """Return the gravity (m/s^2) along a single absorber's motion, None without; under loads 0 in place of None, so that one kernel does for both."""
-    return gravity_of(scene.absorber) if isinstance(drive, Loads) else gravity_of(scene.absorber) or None
+    return (
+        gravity_of(scene.absorber)
+        if isinstance(drive, Loads)
+        else gravity_of(scene.absorber) or None
+    )
 
 
 def losses_of(scene: Scene) -> Losses:
     """Return the losses of a scene: shapes at force and tip, the modes' damping, and a tuned absorber's damper."""
-    model, absorber = scene.model, scene.absorber
+    model = scene.model
+    absorber = scene.absorber
     damper = absorber.damping if isinstance(absorber, TunedAbsorber) else 0.0
-    return Losses(np.array(model.force_shape), np.array(model.tip_shape), 2 * model.damping_ratio * model.omega, damper)
+    return Losses(
+        np.array(model.force_shape),
+        np.array(model.tip_shape),
+        2 * model.damping_ratio * model.omega,
+        damper,
+    )
 
 
-def contact_of(scene: Scene, walls: Walls | None = None, limit: float | None = None, drive: AnyDrive | None = None) -> Contact:
+def contact_of(
+    scene: Scene,
+    walls: Walls | None = None,
+    limit: float | None = None,
+    drive: AnyDrive | None = None,
+) -> Contact:
     """Return the contact of one absorber with its place; rigid walls, and friction limit (N), None where absent. ``drive``: as in `gravity_in`."""
-    mass, tip_shape = scene.absorber_mass, np.array(scene.model.tip_shape)
+    mass = scene.absorber_mass
+    tip_shape = np.array(scene.model.tip_shape)
     assert mass is not None
-    return Contact(mass, 1 / mass + float(np.sum(tip_shape**2)), tip_shape, walls, limit, gravity_in(scene, drive))
+    return Contact(
+        mass,
+        1 / mass + float(np.sum(tip_shape**2)),
+        tip_shape,
+        walls,
+        limit,
+        gravity_in(scene, drive),
+    )

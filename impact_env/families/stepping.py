@@ -21,7 +21,13 @@ from impact_env.kernels.stepping.moreau_law import RigidLaws, Spring
 from impact_env.kernels.stepping.runge_kutta import runge_kutta_lane
 from impact_env.loads import AnyDrive, Loads
 from impact_env.methods import Moreau, RungeKutta
-from impact_env.parameters import NonlinearSink, SlidingAbsorber, StuckAbsorber, TunedAbsorber, require
+from impact_env.parameters import (
+    NonlinearSink,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+    require,
+)
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
@@ -34,7 +40,12 @@ def _writable(row: Array) -> Array:
 
 def _modes(scene: Scene) -> Modes:
     model = scene.model
-    return Modes(_writable(model.omega), _writable(model.damping_ratio), _writable(model.force_shape), _writable(model.tip_shape))
+    return Modes(
+        _writable(model.omega),
+        _writable(model.damping_ratio),
+        _writable(model.force_shape),
+        _writable(model.tip_shape),
+    )
 
 
 def _force(scene: Scene, drive: AnyDrive) -> Force:
@@ -43,7 +54,14 @@ def _force(scene: Scene, drive: AnyDrive) -> Force:
         return Force(taken.times, taken.omegas, taken.phases, 1.0, 0.0, taken.load)
     schedule = drive.schedule
     phases = schedule.phase_at(schedule.times)
-    return Force(_writable(schedule.times), _writable(schedule.omegas), _writable(phases), drive.amplitude, drive.phase, None)
+    return Force(
+        _writable(schedule.times),
+        _writable(schedule.omegas),
+        _writable(phases),
+        drive.amplitude,
+        drive.phase,
+        None,
+    )
 
 
 def _spring(scene: Scene) -> Spring | None:
@@ -57,40 +75,72 @@ def _wide(lanes: int, stride: int) -> int | None:
 
 def _moreau_laws(scene: Scene) -> tuple[RigidLaws, int | None]:
     """Return the absorber's laws and the padded width of the table; a stuck absorber is one whose friction has no limit."""
-    walls, limit = None, np.inf if isinstance(scene.absorber, StuckAbsorber) else None
+    walls = None
+    limit = np.inf if isinstance(scene.absorber, StuckAbsorber) else None
     if isinstance(scene.absorber, SlidingAbsorber):
         walls, limit = rigid_laws(scene)
-    return RigidLaws(scene.absorber_mass, walls, limit, _spring(scene)), _wide(scene.model.modes, moreau.STRIDE)
+    return RigidLaws(scene.absorber_mass, walls, limit, _spring(scene)), _wide(
+        scene.model.modes, moreau.STRIDE
+    )
 
 
 def _runge_kutta_laws(scene: Scene) -> tuple[CompliantLaws, int | None]:
     """Return the absorber's laws, one that is stuck as a mass added to the tip, and the padded width of the table."""
-    absorber, mass = scene.absorber, scene.absorber_mass
+    absorber = scene.absorber
+    mass = scene.absorber_mass
     stops = slider = None
     if isinstance(absorber, SlidingAbsorber):
-        stops, slider = compiled(absorber.walls), compiled(absorber.friction)
+        stops = compiled(absorber.walls)
+        slider = compiled(absorber.friction)
     free_mass, added_mass = (None, mass) if isinstance(absorber, StuckAbsorber) else (mass, None)
     cubic = compiled(absorber) if isinstance(absorber, NonlinearSink) else None
-    return CompliantLaws(free_mass, added_mass, stops, slider, _spring(scene), cubic), _wide(scene.model.modes + 1, feedback.STRIDE)
+    return CompliantLaws(free_mass, added_mass, stops, slider, _spring(scene), cubic), _wide(
+        scene.model.modes + 1, feedback.STRIDE
+    )
 
 
 @dataclass(frozen=True)
 class SteppingFamily(Family):
     """A method with a fixed step; ``laws`` are those of the absorber as its kernels take them, and the padded width of the table."""
 
-    def run(self, scene: Scene, drive: AnyDrive, method: Moreau | RungeKutta, state: Array, observe: Observe) -> int:
+    def run(
+        self,
+        scene: Scene,
+        drive: AnyDrive,
+        method: Moreau | RungeKutta,
+        state: Array,
+        observe: Observe,
+    ) -> int:
         """Integrate over the whole schedule, see `Family.run`."""
         laws, wide = self.laws(scene)
-        return int(self.lane(_modes(scene), laws, _force(scene, drive), state, Step(method.step(scene), wide), observe))
+        return int(
+            self.lane(
+                _modes(scene),
+                laws,
+                _force(scene, drive),
+                state,
+                Step(method.step(scene), wide),
+                observe,
+            )
+        )
 
-    def control(self, scene: Scene, method: Moreau | RungeKutta, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
+    def control(
+        self, scene: Scene, method: Moreau | RungeKutta, pseudo_period: float, batch: Batch
+    ) -> Callable[[Board, int, int], bool]:
         """Return the kernel that advances lanes, see `Family.control`."""
         assert self.lanes is not None
         laws, wide = self.laws(scene)
         # a state of steps does not hold the slider
-        require(getattr(laws, "slider", None) is None, "method", method, "Exact for elastic friction that is controlled in intervals")
+        require(
+            getattr(laws, "slider", None) is None,
+            "method",
+            method,
+            "Exact for elastic friction that is controlled in intervals",
+        )
         return partial(self.lanes, _modes(scene), laws, Step(method.step(scene), wide), batch)
 
 
 MOREAU = SteppingFamily("moreau", moreau_lane, moreau_lanes, _moreau_laws, searched=False)
-RUNGE_KUTTA = SteppingFamily("runge_kutta", runge_kutta_lane, runge_kutta_lanes, _runge_kutta_laws, searched=False)
+RUNGE_KUTTA = SteppingFamily(
+    "runge_kutta", runge_kutta_lane, runge_kutta_lanes, _runge_kutta_laws, searched=False
+)

@@ -9,20 +9,67 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from impact_env.periodic.bifurcation_curves import BifurcationCurve, bifurcation_curve, bifurcation_curves
+    from impact_env.periodic.bifurcation_curves import (
+        BifurcationCurve,
+        bifurcation_curve,
+        bifurcation_curves,
+    )
     from impact_env.periodic.case import Case, case_of
     from impact_env.periodic.green import NoOrbit
     from impact_env.periodic.harmonic_balance import hill_multipliers
     from impact_env.periodic.offspring import descendants
-    from impact_env.periodic.orbit import Orbit, confirmed, orbit_of, plain_orbit, shot_orbit, unpacked
+    from impact_env.periodic.orbit import (
+        Orbit,
+        confirmed,
+        orbit_of,
+        plain_orbit,
+        shot_orbit,
+        unpacked,
+    )
     from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch, orbit_branches
-    from impact_env.periodic.residence import Approach, Hazard, Range, exit_rate, hazard, jumps, stays
+    from impact_env.periodic.residence import (
+        Approach,
+        Hazard,
+        Range,
+        exit_rate,
+        hazard,
+        jumps,
+        stays,
+    )
     from impact_env.periodic.shooting import Exponent, largest_exponent
     from impact_env.periodic.survey import closed_form_orbits, orbit_of_simulation
 
-__all__ = ["Approach", "BifurcationCurve", "Case", "Exponent", "Hazard", "NoOrbit", "Orbit", "OrbitBranch", "Range"]
-__all__ += ["bifurcation_curve", "bifurcation_curves", "case_of", "closed_form_orbits", "confirmed", "descendants", "exit_rate", "hazard"]
-__all__ += ["hill_multipliers", "jumps", "largest_exponent", "orbit_branch", "orbit_branches", "orbit_of", "orbit_of_simulation", "plain_orbit"]
+__all__ = [
+    "Approach",
+    "BifurcationCurve",
+    "Case",
+    "Exponent",
+    "Hazard",
+    "NoOrbit",
+    "Orbit",
+    "OrbitBranch",
+    "Range",
+]
+__all__ += [
+    "bifurcation_curve",
+    "bifurcation_curves",
+    "case_of",
+    "closed_form_orbits",
+    "confirmed",
+    "descendants",
+    "exit_rate",
+    "hazard",
+]
+__all__ += [
+    "hill_multipliers",
+    "jumps",
+    "largest_exponent",
+    "orbit_branch",
+    "orbit_branches",
+    "orbit_of",
+    "orbit_of_simulation",
+    "plain_orbit",
+]
 __all__ += ["shot_orbit", "stays", "unpacked"]
 _MODULES = {
     "bifurcation_curves": ("BifurcationCurve", "bifurcation_curve", "bifurcation_curves"),

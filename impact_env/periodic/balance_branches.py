@@ -26,11 +26,15 @@ from impact_env.periodic.response_curve import ResponseCurve, balance_curve, orb
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
 from impact_env.periodic.trigonometric import Real
 
-Progress = Callable[[str, int, float], None]  # what is followed, number of points, frequency in rad/s
+Progress = Callable[
+    [str, int, float], None
+]  # what is followed, number of points, frequency in rad/s
 SEEDS = 24  # frequencies at which exact orbits are tried as starts
 STEPS = Steps(first=0.02, most=0.15, least=1e-6, points=1500)
 WIDTH = 0.05  # of the first frequency: the change of frequency that counts as much as a displacement of the size of the gap
-NEAR, SAME = 0.2, 1e-5  # relative: a known point may be near; it is the same if Newton's method goes there
+# relative: a known point may be near; it is the same if Newton's method goes there
+NEAR = 0.2
+SAME = 1e-5
 BALANCE_STEPS = Steps(first=0.02, most=0.1, least=1e-6, points=1500)
 ELSEWHERE = 0.5  # of the start: a solution farther off is another one
 
@@ -38,7 +42,9 @@ ELSEWHERE = 0.5  # of the start: a solution farther off is another one
 def frequency_problem(balance: Balance, low: float, high: float) -> Problem:
     """Return the continuation in frequency between two limits in rad/s."""
     gap = getattr(balance.law, "gap", None)
-    scale = gap if gap is not None else max(float(np.max(np.abs(balance.free()))), np.finfo(float).tiny)
+    scale = (
+        gap if gap is not None else max(float(np.max(np.abs(balance.free()))), np.finfo(float).tiny)
+    )
     return Problem(balance.residual(OMEGA), OMEGA, scale, WIDTH * high, (low, high))
 
 
@@ -50,35 +56,55 @@ def start_of_orbit(balance: Balance, impulse: float, phase: float) -> Real:
     limit = getattr(balance.law, "friction_limit", None) or 0.0
 
     def rubbed(order: Real) -> NDArray[np.complex128]:
-        return np.where(order % 2 == 1, 4j * limit / (np.pi * order), 0) * np.exp(-1j * order * phase)
+        return np.where(order % 2 == 1, 4j * limit / (np.pi * order), 0) * np.exp(
+            -1j * order * phase
+        )
 
-    return balance.at_impacts(np.array([phase, phase + np.pi]), np.array([impulse, -impulse]), rubbed)
+    return balance.at_impacts(
+        np.array([phase, phase + np.pi]), np.array([impulse, -impulse]), rubbed
+    )
 
 
 def _starts(balance: Balance, low: float, high: float, seeds: int) -> Iterator[tuple[float, Real]]:
     """Yield frequency and unknowns: the free absorber at both ends, then exact orbits of either branch at frequencies between."""
     for omega in (low, high):
         yield omega, balance.at(OMEGA, omega).free()
-    gap, linear = getattr(balance.law, "gap", None), balance.linear
+    gap = getattr(balance.law, "gap", None)
+    linear = balance.linear
     if gap is None or linear.multiple != 1:
         return
     limit = getattr(balance.law, "friction_limit", None) or 0.0
-    case = Case(linear.model, low, balance.force, gap, 1.0, limit, linear.mass / linear.model.beam_mass)
+    case = Case(
+        linear.model, low, balance.force, gap, 1.0, limit, linear.mass / linear.model.beam_mass
+    )
     for omega in np.linspace(low, high, seeds + 2)[1:-1]:
         for orbit in closed_form(case.changed(omega=float(omega))):
             if orbit.pushes:
-                yield float(omega), start_of_orbit(balance.at(OMEGA, float(omega)), orbit.impulse, orbit.phase)
+                yield (
+                    float(omega),
+                    start_of_orbit(balance.at(OMEGA, float(omega)), orbit.impulse, orbit.phase),
+                )
 
 
 def balance_branches(
-    balance: Balance, low: float, high: float, steps: Steps = STEPS, seeds: int = SEEDS, progress: Progress | None = None
+    balance: Balance,
+    low: float,
+    high: float,
+    steps: Steps = STEPS,
+    seeds: int = SEEDS,
+    progress: Progress | None = None,
 ) -> tuple[Branch, ...]:
     """Return the branches between two frequencies in rad/s, those from the ends first; Ctrl-C ends with what is known so far.
 
     Isolas are reached where one of ``seeds`` frequencies has an exact symmetric orbit in closed form from which the method converges; what lies on a
     known branch is not followed again. Raises ParameterError for a bad range, NoConvergenceError if no start leads anywhere.
     """
-    require(0 < low < high, "frequency range", (low, high), "two frequencies in rad/s above 0, the lower one first")
+    require(
+        0 < low < high,
+        "frequency range",
+        (low, high),
+        "two frequencies in rad/s above 0, the lower one first",
+    )
     problem = frequency_problem(balance, low, high)
     found: list[Branch] = []
     for omega, z in _starts(balance, low, high, seeds):
@@ -90,20 +116,25 @@ def balance_branches(
             continue
         show = None if progress is None else partial(progress, f"branch {len(found) + 1}")
         if omega in problem.limits:  # from a limit of the frequency it has one side only
-            branch = continuation(problem, solution, omega, 1.0 if omega == low else -1.0, steps, show)
+            branch = continuation(
+                problem, solution, omega, 1.0 if omega == low else -1.0, steps, show
+            )
         else:
             branch = both_ways(problem, solution, omega, steps, show)
         found.append(branch)
         if branch.ended == STOPPED:
             break
     if not found:
-        raise NoConvergenceError("harmonic balance: no start at either end of the range or from an exact orbit converged")
+        raise NoConvergenceError(
+            "harmonic balance: no start at either end of the range or from an exact orbit converged"
+        )
     return tuple(found)
 
 
 def lies_on(balance: Balance, branch: Branch, z: Real, omega: float) -> bool:
     """Return whether a solution at a frequency in rad/s is a point of a branch."""
-    p, size = branch.parameters, float(np.linalg.norm(z))
+    p = branch.parameters
+    size = float(np.linalg.norm(z))
     for k in np.flatnonzero((p[:-1] - omega) * (p[1:] - omega) <= 0):
         share = 0.5 if p[k] == p[k + 1] else (omega - p[k]) / (p[k + 1] - p[k])
         between = (1 - share) * branch.points[k] + share * branch.points[k + 1]
@@ -159,20 +190,38 @@ class Exact:
 def exact_orbit(case: Case, low: float, high: float) -> Exact:
     """Return the orbit with the larger impulse and its branch between two ratios; raises ParameterError where there is none."""
     pushed = [orbit for orbit in closed_form(case) if orbit.pushes]
-    require(len(pushed) > 0, "frequency", case.omega_ratio, f"one with a symmetric orbit of two impacts at {case.force:g} N")
+    require(
+        len(pushed) > 0,
+        "frequency",
+        case.omega_ratio,
+        f"one with a symmetric orbit of two impacts at {case.force:g} N",
+    )
     best = max(pushed, key=lambda orbit: orbit.impulse)
     motion = reordered(case, symmetric_schedule(case.friction_limit > 0), [best.phase])
-    require(not isinstance(motion, NoOrbit), "frequency", case.omega_ratio, f"one with such an orbit ({getattr(motion, 'reason', '')})")
+    require(
+        not isinstance(motion, NoOrbit),
+        "frequency",
+        case.omega_ratio,
+        f"one with such an orbit ({getattr(motion, 'reason', '')})",
+    )
     assert isinstance(motion, Motion)
     first = float(case.model.omega[0])
     branch = orbit_branch(motion.solution, OMEGA, (low * first, high * first), ORBIT_STEPS)
     return Exact(case, best.impulse, best.phase, motion, orbit_curve(branch, first))
 
 
-def balance_rows(exact: Exact, low: float, high: float, settings: Iterable[tuple[int, float]], traced: bool = True) -> Iterator[BalanceRow]:
+def balance_rows(
+    exact: Exact,
+    low: float,
+    high: float,
+    settings: Iterable[tuple[int, float]],
+    traced: bool = True,
+) -> Iterator[BalanceRow]:
     """Yield a row for each pair of harmonics and weight; ``traced``: the branch is followed and timed too."""
     for harmonics, weight in settings:
-        balance = harmonic_balance(exact.case.scene, exact.case.omega, exact.case.force, harmonics, weight)
+        balance = harmonic_balance(
+            exact.case.scene, exact.case.omega, exact.case.force, harmonics, weight
+        )
         begin = start_of_orbit(balance, exact.impulse, exact.phase)
         try:
             z = balance.solved(begin)
@@ -183,10 +232,16 @@ def balance_rows(exact: Exact, low: float, high: float, settings: Iterable[tuple
             yield BalanceRow(harmonics, weight, reason="the exact orbit leads to another solution")
             continue
         error_here = balance.response(z).tip_max / exact.motion.tip_max - 1
-        yield _traced(exact, balance, z, low, high, weight, error_here) if traced else BalanceRow(harmonics, weight, error_here)
+        yield (
+            _traced(exact, balance, z, low, high, weight, error_here)
+            if traced
+            else BalanceRow(harmonics, weight, error_here)
+        )
 
 
-def _traced(exact: Exact, balance: Balance, z: Any, low: float, high: float, weight: float, error: float) -> BalanceRow:
+def _traced(
+    exact: Exact, balance: Balance, z: Any, low: float, high: float, weight: float, error: float
+) -> BalanceRow:
     first = float(exact.case.model.omega[0])
     problem: Problem = frequency_problem(balance, low * first, high * first)
     begin = time.process_time()
@@ -194,7 +249,8 @@ def _traced(exact: Exact, balance: Balance, z: Any, low: float, high: float, wei
     spent = time.process_time() - begin
     curve = balance_curve(balance, branch, first)
     folds = sorted(fold.omega_ratio for fold in curve.folds)
-    peak, reference = curve.peak, exact.curve.peak
+    peak = curve.peak
+    reference = exact.curve.peak
     peak_error = None if peak is None or reference is None else peak.tip_max / reference.tip_max - 1
     return BalanceRow(
         balance.linear.harmonics,
@@ -210,7 +266,9 @@ def _traced(exact: Exact, balance: Balance, z: Any, low: float, high: float, wei
     )
 
 
-def settings_of(harmonics: Iterable[int], weights: Iterable[float], growing: bool) -> list[tuple[int, float]]:
+def settings_of(
+    harmonics: Iterable[int], weights: Iterable[float], growing: bool
+) -> list[tuple[int, float]]:
     """Return all pairs; ``growing``: the weights are those at 20 harmonics and grow with the square of their number."""
     rows = [(h, w * (h / 20) ** 2 if growing else w) for h in harmonics for w in weights]
     return [(h, float(np.round(w, 6))) for h, w in rows]

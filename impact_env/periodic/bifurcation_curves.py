@@ -15,13 +15,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import require
-from impact_env.periodic.branch import FOLD, KINK, MINIMUM_STEP, STOPPED, Branch, Located, Monitor, NoConvergenceError, Residual
+from impact_env.periodic.branch import (
+    FOLD,
+    KINK,
+    MINIMUM_STEP,
+    STOPPED,
+    Branch,
+    Located,
+    Monitor,
+    NoConvergenceError,
+    Residual,
+)
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Chart, Problem, Progress, Steps, continuation
-from impact_env.periodic.green import PARAMETERS, Conditions, NoOrbit, Solution, linear_states, solution_of, unknowns_of
+from impact_env.periodic.green import (
+    PARAMETERS,
+    Conditions,
+    NoOrbit,
+    Solution,
+    linear_states,
+    solution_of,
+    unknowns_of,
+)
 from impact_env.periodic.motion import derivative_of, motion_of
 from impact_env.periodic.offspring import halves_apart, unlike
-from impact_env.periodic.orbit import Orbit, confirmed, consistent, packed, shown_order, without_held
+from impact_env.periodic.orbit import (
+    Orbit,
+    confirmed,
+    consistent,
+    packed,
+    shown_order,
+    without_held,
+)
 from impact_env.periodic.orbit_branches import (
     GRAZING,
     PARAMETER_SHARE,
@@ -45,7 +70,8 @@ from impact_env.periodic.shooting import units_of
 Array = NDArray[np.float64]
 KINDS = (FOLD, SYMMETRY_BREAKING, PERIOD_DOUBLING, TORUS)
 SECOND = tuple(name for name in PARAMETERS if name != "omega")
-RESONANCE, RANGE = "strong resonance", "end of the frequencies"
+RESONANCE = "strong resonance"
+RANGE = "end of the frequencies"
 STEPS = Steps(first=0.02, least=1e-7, most=0.2, points=600)
 SAME = 0.9  # of a curve's points: with so many on another one it is that, begun from another order of reversals
 ALIKE = 0.02  # in rad, and of the largest impulse: halves of an orbit that differ less get equal where a step cannot be made any more
@@ -55,7 +81,9 @@ DIFFERENCE = 1e-6  # of the unknowns' scales, for the derivatives of A
 def compound(matrix: Array) -> Array:
     """Return the second compound (n (n - 1)/2,)^2 of a matrix (n, n): its minors of two rows and two columns."""
     i, j = np.triu_indices(len(matrix), 1)
-    return np.asarray(matrix[np.ix_(i, i)] * matrix[np.ix_(j, j)] - matrix[np.ix_(i, j)] * matrix[np.ix_(j, i)])
+    return np.asarray(
+        matrix[np.ix_(i, i)] * matrix[np.ix_(j, j)] - matrix[np.ix_(i, j)] * matrix[np.ix_(j, i)]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +104,12 @@ class Defining:
         """
         if not x[-2] > 0:
             return np.full((1, 1), np.nan)
-        solution = solution_in(self.case, self.schedule, x[:-2], {"omega": float(x[-2]), self.parameter: float(np.clip(x[-1], *self.limits))})
+        solution = solution_in(
+            self.case,
+            self.schedule,
+            x[:-2],
+            {"omega": float(x[-2]), self.parameter: float(np.clip(x[-1], *self.limits))},
+        )
         units = units_of(self.case)
         derivative = derivative_of(solution) * units / units[:, None]
         matrix = compound(derivative) if self.kind == TORUS else derivative
@@ -84,16 +117,25 @@ class Defining:
 
     def __call__(self, y: Array, value: float) -> tuple[Array, Array]:
         """Return the residual (m + 1,) and its derivatives (m + 1, m + 2)."""
-        residual, jacobian = Conditions(self.case, self.schedule).over(y[:-1], {"omega": float(y[-1]), self.parameter: value})
+        residual, jacobian = Conditions(self.case, self.schedule).over(
+            y[:-1], {"omega": float(y[-1]), self.parameter: value}
+        )
         x = np.append(y, value)
         last = np.full(len(x), np.nan)
         if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(matrix := self.matrix(x)))):
             return np.append(residual, np.nan), np.vstack([jacobian, last])
         left, sizes, right = np.linalg.svd(matrix)
-        sign = float(np.linalg.slogdet(left)[0] * np.linalg.slogdet(right)[0])  # that of A's own determinant is lost to rounding on the curve
+        sign = float(
+            np.linalg.slogdet(left)[0] * np.linalg.slogdet(right)[0]
+        )  # that of A's own determinant is lost to rounding on the curve
         for k, step in enumerate(DIFFERENCE * self.scale):
             shift = step * np.eye(len(x))[k]
-            last[k] = left[:, -1] @ (self.matrix(x + shift) - self.matrix(x - shift)) @ right[-1] / (2 * step)
+            last[k] = (
+                left[:, -1]
+                @ (self.matrix(x + shift) - self.matrix(x - shift))
+                @ right[-1]
+                / (2 * step)
+            )
         return np.append(residual, sign * sizes[-1]), np.vstack([jacobian, sign * last])
 
 
@@ -114,11 +156,20 @@ class CurveWalk(Walk):
 
     def solution(self, z: Array, value: float) -> Solution:
         """See `Walk`."""
-        return solution_in(self.case, self.schedule, z[:-1], {"omega": float(z[-1]), self.parameter: value})
+        return solution_in(
+            self.case, self.schedule, z[:-1], {"omega": float(z[-1]), self.parameter: value}
+        )
 
     def residual(self) -> Residual:
         """See `Walk`."""
-        return Defining(self.case, self.schedule, self.kind, self.parameter, np.append(self.scale, self.size), self.limits)
+        return Defining(
+            self.case,
+            self.schedule,
+            self.kind,
+            self.parameter,
+            np.append(self.scale, self.size),
+            self.limits,
+        )
 
     def monitors(self) -> tuple[Monitor, ...]:
         """See `Walk`. Behind grazing the orbit is none, but the curve may come back, and is followed."""
@@ -126,21 +177,40 @@ class CurveWalk(Walk):
         watched = (
             Monitor(GRAZING, self.clearance),
             Monitor(PULLING, lambda z, value: self.weakest(z[:-1], value), ends=True),
-            Monitor(RANGE, lambda z, _value: float((z[-1] - low) * (high - z[-1]) / self.case.omega**2), ends=True),
+            Monitor(
+                RANGE,
+                lambda z, _value: float((z[-1] - low) * (high - z[-1]) / self.case.omega**2),
+                ends=True,
+            ),
         )
-        alike = tuple(Monitor(kind, partial(self._along_start, side)) for side, kind in _sides(self.schedule))
-        return (*watched, *alike, Monitor(RESONANCE, self._apart, ends=True)) if self.kind == TORUS else (*watched, *alike)
+        alike = tuple(
+            Monitor(kind, partial(self._along_start, side)) for side, kind in _sides(self.schedule)
+        )
+        return (
+            (*watched, *alike, Monitor(RESONANCE, self._apart, ends=True))
+            if self.kind == TORUS
+            else (*watched, *alike)
+        )
 
     def _along_start(self, side: float, z: Array, value: float) -> float:
         """Return by how much the halves differ in the way in which they do at the start: zero where they get alike, and maybe elsewhere."""
         assert self.start is not None
-        here, there = halves_apart(self.solution(z, value), side), halves_apart(self.start, side)
-        return float(here @ there) if len(here) == len(there) and np.all(np.isfinite(there)) else np.nan
+        here = halves_apart(self.solution(z, value), side)
+        there = halves_apart(self.start, side)
+        return (
+            float(here @ there)
+            if len(here) == len(there) and np.all(np.isfinite(there))
+            else np.nan
+        )
 
     def _apart(self, z: Array, value: float) -> float:
         """Return a function of the torus's pair that is zero where it meets at 1 or -1; behind that it is real, and no torus."""
         matrix = self.motion(z, value).derivative
-        return float(4 - np.sum(_pair(np.linalg.eigvals(matrix).astype(complex))).real ** 2) if np.all(np.isfinite(matrix)) else np.nan
+        return (
+            float(4 - np.sum(_pair(np.linalg.eigvals(matrix).astype(complex))).real ** 2)
+            if np.all(np.isfinite(matrix))
+            else np.nan
+        )
 
     def recentre(self, z: Array, value: float, along: Array) -> Chart | None:
         """See `Walk`: Newton's method for orbits fails at a fold, so that of the curve itself goes on from the order that the motion shows."""
@@ -168,7 +238,9 @@ class BifurcationCurve(Scheduled):
 
     def at(self, schedule: EventSchedule, z: Array, value: float) -> Solution:
         """See `Scheduled`; the frequency is the last unknown."""
-        return solution_in(self.case, schedule, z[:-1], {"omega": float(z[-1]), self.branch.parameter: value})
+        return solution_in(
+            self.case, schedule, z[:-1], {"omega": float(z[-1]), self.branch.parameter: value}
+        )
 
     @property
     def omega(self) -> Array:
@@ -183,7 +255,11 @@ class BifurcationCurve(Scheduled):
     @cached_property
     def located(self) -> tuple[tuple[str, Orbit | NoOrbit], ...]:
         """Kind and orbit, or why it is none, of each place located on the curve."""
-        return tuple((kind, confirmed(motion_of(solution))) for kind, solution in self.places() if kind != KINK)
+        return tuple(
+            (kind, confirmed(motion_of(solution)))
+            for kind, solution in self.places()
+            if kind != KINK
+        )
 
     def critical(self, k: int) -> complex:
         """Return the multiplier on the unit circle at point ``k``, over the schedule's span: 1, -1, or of a torus's pair the one above."""
@@ -191,11 +267,21 @@ class BifurcationCurve(Scheduled):
         if self.kind == TORUS:
             first, second = _pair(multipliers)
             return complex(first if first.imag > 0 else second)
-        return complex(multipliers[np.argmin(np.abs(multipliers - (1 if self.kind == FOLD else -1)))])
+        return complex(
+            multipliers[np.argmin(np.abs(multipliers - (1 if self.kind == FOLD else -1)))]
+        )
 
     def to_plain(self) -> dict[str, Any]:
         """Return lists, numbers and strings; values of the parameter in SI units, orbits as `packed` has them."""
-        places = [{"kind": kind, "omega_ratio": at.case.omega_ratio, "value": self._value(at), "orbit": _told(at)} for kind, at in self.located]
+        places = [
+            {
+                "kind": kind,
+                "omega_ratio": at.case.omega_ratio,
+                "value": self._value(at),
+                "orbit": _told(at),
+            }
+            for kind, at in self.located
+        ]
         first = self.schedules[0]
         return {
             "kind": self.kind,
@@ -206,7 +292,9 @@ class BifurcationCurve(Scheduled):
             "ended": self.branch.message,
             "omega_ratio": (self.omega / float(self.case.model.omega[0])).tolist(),
             "value": self.branch.parameters.tolist(),
-            "multiplier": [[m.real, m.imag] for m in map(self.critical, range(len(self.schedules)))],
+            "multiplier": [
+                [m.real, m.imag] for m in map(self.critical, range(len(self.schedules)))
+            ],
             "orbit": [_told(orbit) for orbit in self.orbits],
             "located": places,
             "orbits": packed(self.orbits),
@@ -251,9 +339,27 @@ def bifurcation_curve(
     def one_way(direction: float) -> tuple[Branch, list[EventSchedule]]:
         value = float(getattr(solution.case, parameter))
         size = PARAMETER_SHARE * size_of(parameter, value, limits)
-        walk = CurveWalk(solution.case, parameter, solution.schedule, kind=kind, size=size, limits=limits, frequencies=frequencies, start=solution)
-        problem = Problem(walk.residual(), parameter, walk.scale, size, limits, walk.monitors(), walk.recentre)
-        way = continuation(problem, np.append(unknowns_of(solution), solution.case.omega), value, direction, steps, progress)
+        walk = CurveWalk(
+            solution.case,
+            parameter,
+            solution.schedule,
+            kind=kind,
+            size=size,
+            limits=limits,
+            frequencies=frequencies,
+            start=solution,
+        )
+        problem = Problem(
+            walk.residual(), parameter, walk.scale, size, limits, walk.monitors(), walk.recentre
+        )
+        way = continuation(
+            problem,
+            np.append(unknowns_of(solution), solution.case.omega),
+            value,
+            direction,
+            steps,
+            progress,
+        )
         schedules = walk.schedules(solution.schedule, len(way))
         way = _explained(way, solution.case, schedules)
         return way, schedules[: len(way)]
@@ -265,7 +371,9 @@ def _sides(schedule: EventSchedule) -> tuple[tuple[float, str], ...]:
     """Return the bifurcations on whose curve one of these orbits may begin, each with the sign between halves that are alike there."""
     if schedule.symmetric:
         return ()
-    return ((-1.0, SYMMETRY_BREAKING), (1.0, PERIOD_DOUBLING))[: 1 if schedule.period_multiple % 2 else 2]
+    return ((-1.0, SYMMETRY_BREAKING), (1.0, PERIOD_DOUBLING))[
+        : 1 if schedule.period_multiple % 2 else 2
+    ]
 
 
 def _explained(way: Branch, case: Case, schedules: Sequence[EventSchedule]) -> Branch:
@@ -275,16 +383,34 @@ def _explained(way: Branch, case: Case, schedules: Sequence[EventSchedule]) -> B
     """
     for side, kind in _sides(schedules[0]):
         at = {"omega": float(way.points[-1][-1]), way.parameter: float(way.parameters[-1])}
-        if way.ended == MINIMUM_STEP and unlike(solution_in(case, schedules[-1], way.points[-1][:-1], at), side) < ALIKE:
+        if (
+            way.ended == MINIMUM_STEP
+            and unlike(solution_in(case, schedules[-1], way.points[-1][:-1], at), side) < ALIKE
+        ):
             way = replace(way, ended=kind)
-        for event, schedule in zip(way.located, located_schedules(way.located, list(schedules)), strict=True):
+        for event, schedule in zip(
+            way.located, located_schedules(way.located, list(schedules)), strict=True
+        ):
             at = {"omega": float(event.point[-1]), way.parameter: event.parameter}
-            if event.kind == kind and unlike(solution_in(case, schedule, event.point[:-1], at), side) < ALIKE:
-                points, values = (*way.points[: event.after + 1], event.point), np.append(way.parameters[: event.after + 1], event.parameter)
-                way = Branch(way.parameter, points, values, tuple(each for each in way.located if each.after < event.after), kind, "")
+            if (
+                event.kind == kind
+                and unlike(solution_in(case, schedule, event.point[:-1], at), side) < ALIKE
+            ):
+                points = (*way.points[: event.after + 1], event.point)
+                values = np.append(way.parameters[: event.after + 1], event.parameter)
+                way = Branch(
+                    way.parameter,
+                    points,
+                    values,
+                    tuple(each for each in way.located if each.after < event.after),
+                    kind,
+                    "",
+                )
                 break
         if way.ended == kind:
-            message = f"{kind} at {way.parameter} = {way.parameters[-1]:.10g}, on whose curve it begins"
+            message = (
+                f"{kind} at {way.parameter} = {way.parameters[-1]:.10g}, on whose curve it begins"
+            )
             return replace(way, message=message, located=_without(way.located, kind))
         way = replace(way, located=_without(way.located, kind))
     return way
@@ -310,19 +436,36 @@ def bifurcation_curves(
     for branch in branches:
         for kind in kinds:
             for solution in (motion.solution for motion in branch.of(kind)):
-                size = PARAMETER_SHARE * size_of(parameter, getattr(solution.case, parameter), limits)
+                size = PARAMETER_SHARE * size_of(
+                    parameter, getattr(solution.case, parameter), limits
+                )
                 here = getattr(solution.case, parameter) / size
-                if any(curve.kind == kind and like(curve, solution) and mirrors(places, solution, here) for curve, places in known):
+                if any(
+                    curve.kind == kind and like(curve, solution) and mirrors(places, solution, here)
+                    for curve, places in known
+                ):
                     continue
                 show = None if progress is None else partial(progress, f"{kind} {len(known) + 1}")
                 try:
-                    curve = bifurcation_curve(solution, kind, parameter, limits, frequencies, progress=show)
+                    curve = bifurcation_curve(
+                        solution, kind, parameter, limits, frequencies, progress=show
+                    )
                 except NoConvergenceError:
                     continue
-                at = [(curve.solution(k), float(value) / size) for k, value in enumerate(curve.branch.parameters)]
-                others = [places for other, places in known if other.kind == kind and like(other, solution)]
+                at = [
+                    (curve.solution(k), float(value) / size)
+                    for k, value in enumerate(curve.branch.parameters)
+                ]
+                others = [
+                    places
+                    for other, places in known
+                    if other.kind == kind and like(other, solution)
+                ]
                 known.append((curve, np.array([[*place(found), value] for found, value in at])))
-                if any(np.mean([mirrors(places, found, value) for found, value in at]) > SAME for places in others):
+                if any(
+                    np.mean([mirrors(places, found, value) for found, value in at]) > SAME
+                    for places in others
+                ):
                     continue
                 yield curve
                 if curve.branch.ended == STOPPED:
@@ -331,5 +474,6 @@ def bifurcation_curves(
 
 def like(curve: BifurcationCurve, solution: Solution) -> bool:
     """Return whether orbits of a curve have the period and the symmetry of a solution."""
-    first, other = curve.schedules[0], solution.schedule
+    first = curve.schedules[0]
+    other = solution.schedule
     return first.symmetric == other.symmetric and first.period_multiple == other.period_multiple

@@ -17,14 +17,18 @@ from numpy.typing import NDArray
 from impact_env.parameters import require
 
 Real = NDArray[np.float64]
-Residual = Callable[[Real, float], tuple[Real, Real]]  # (z (n,), parameter) -> residual (n,), Jacobian (n, n + 1) by z and parameter
+Residual = Callable[
+    [Real, float], tuple[Real, Real]
+]  # (z (n,), parameter) -> residual (n,), Jacobian (n, n + 1) by z and parameter
 # why a branch ended
 CLOSED = "closed"  # it came back to its first point, or to a later one where the unknowns changed: an isola
 LIMIT = "limit"  # the parameter's limit
 COUNT = "number of points"
 MINIMUM_STEP = "minimum step"  # no convergence, or a lost branch, whatever the step
 STOPPED = "stopped"  # by Ctrl-C or the caller
-FOLD, BRANCH_POINT, KINK = "fold", "branch point", "kink"
+FOLD = "fold"
+BRANCH_POINT = "branch point"
+KINK = "kink"
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,13 +76,20 @@ class Branch:
     def joined(self, backward: Branch) -> Branch:
         """Return one branch from a second one that left the same first point the other way: that one turned round, then this one."""
         m = len(backward)
-        before = [Located(e.kind, m - 2 - e.after, e.point, e.parameter, -e.tangent) for e in reversed(backward.located)]
+        before = [
+            Located(e.kind, m - 2 - e.after, e.point, e.parameter, -e.tangent)
+            for e in reversed(backward.located)
+        ]
         return Branch(
             self.parameter,
             backward.points[:0:-1] + self.points,
             np.concatenate([backward.parameters[:0:-1], self.parameters]),
             (*before, *(replace(e, after=e.after + m - 1) for e in self.located)),
-            self.ended if self.ended == backward.ended else STOPPED if backward.ended == STOPPED else f"{backward.ended}; {self.ended}",
+            self.ended
+            if self.ended == backward.ended
+            else STOPPED
+            if backward.ended == STOPPED
+            else f"{backward.ended}; {self.ended}",
             f"at its begin: {backward.message}; at its end: {self.message}",
         )
 
@@ -109,7 +120,12 @@ class System:
         """Return residual (n,) and its Jacobian (n, n + 1) by X; raises NoConvergenceError where they are not finite."""
         n = len(x) - 1
         values, jacobian = self.residual(*self.plain(x))
-        require(np.shape(values) == (n,) and np.shape(jacobian) == (n, n + 1), "residual", np.shape(jacobian), f"({n},) and ({n}, {n + 1})")
+        require(
+            np.shape(values) == (n,) and np.shape(jacobian) == (n, n + 1),
+            "residual",
+            np.shape(jacobian),
+            f"({n},) and ({n}, {n + 1})",
+        )
         if not (np.all(np.isfinite(values)) and np.all(np.isfinite(jacobian))):
             raise NoConvergenceError("the residual is not finite")
         return values, jacobian * self.scale
@@ -118,11 +134,15 @@ class System:
 def _solved(matrix: Real, right: Real) -> Real:
     try:
         return np.asarray(np.linalg.solve(matrix, right))
-    except np.linalg.LinAlgError:  # exactly at a branch point, where the branch itself still is well defined
+    except (
+        np.linalg.LinAlgError
+    ):  # exactly at a branch point, where the branch itself still is well defined
         return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0])
 
 
-def corrected(system: System, guess: Real, normal: Real, offset: float | None = None) -> tuple[Real, Real, int]:
+def corrected(
+    system: System, guess: Real, normal: Real, offset: float | None = None
+) -> tuple[Real, Real, int]:
     """Return the branch's point X in the plane normal . X = ``offset`` (None: through the guess), its Jacobian by X, and how many steps that took.
 
     The step's size decides, and the residual need not have a scale: once a step is below the root of the tolerance the next one, quadratically
@@ -130,7 +150,8 @@ def corrected(system: System, guess: Real, normal: Real, offset: float | None = 
     """
     x = guess.copy()
     offset = float(normal @ guess) if offset is None else offset
-    last, close = np.inf, False
+    last = np.inf
+    close = False
     for iteration in range(1, system.iterations + 1):
         values, jacobian = system(x)
         step = -_solved(np.vstack([jacobian, normal]), np.append(values, normal @ x - offset))
@@ -142,9 +163,16 @@ def corrected(system: System, guess: Real, normal: Real, offset: float | None = 
         x = x + step
         unit = 1 + float(np.linalg.norm(x))
         if size <= system.tolerance * unit or (close and size <= 10 * system.tolerance * unit):
-            return x, jacobian, iteration  # of the last but one point, which is this one to all digits that a tangent needs
-        last, close = size, size <= np.sqrt(system.tolerance) * unit
-    raise NoConvergenceError(f"no convergence in {system.iterations} Newton steps, the last of {last:.1e}")
+            return (
+                x,
+                jacobian,
+                iteration,
+            )  # of the last but one point, which is this one to all digits that a tangent needs
+        last = size
+        close = size <= np.sqrt(system.tolerance) * unit
+    raise NoConvergenceError(
+        f"no convergence in {system.iterations} Newton steps, the last of {last:.1e}"
+    )
 
 
 def tangent(jacobian: Real, along: Real) -> Real:
@@ -196,7 +224,8 @@ class Gate:
 
     def returned(self, here: Place, there: Place) -> bool:
         """Return whether the step goes over the place: next to the chord, and Newton's method from there ends in it."""
-        chord, first = there.x - here.x, self.place
+        chord = there.x - here.x
+        first = self.place
         if len(chord) != len(first.x) or first.tangent @ chord <= 0:
             return False
         length = float(np.linalg.norm(chord))
@@ -223,14 +252,19 @@ class _Between:
         """Return the place in the plane across the chord at a share of it; raises NoConvergenceError."""
         chord = self.there.x - self.here.x
         length = float(np.linalg.norm(chord))
-        a, b = length * self.here.tangent - chord, chord - length * self.there.tangent
+        a = length * self.here.tangent - chord
+        b = chord - length * self.there.tangent
         guess = self.here.x + s * chord + s * (1 - s) * ((1 - s) * a + s * b)
         normal = chord / length
-        x, jacobian, _ = corrected(self.system, guess, normal, float(normal @ self.here.x) + s * length)
+        x, jacobian, _ = corrected(
+            self.system, guess, normal, float(normal @ self.here.x) + s * length
+        )
         return placed(x, jacobian, normal)
 
 
-def _zero(between: _Between, value: Callable[[Place], float], kind: str, after: int) -> tuple[float, Located]:
+def _zero(
+    between: _Between, value: Callable[[Place], float], kind: str, after: int
+) -> tuple[float, Located]:
     """Return the share of the way at which ``value`` changes sign, and what is there."""
     known: dict[float, Place] = {0.0: between.here, 1.0: between.there}
 
@@ -240,12 +274,21 @@ def _zero(between: _Between, value: Callable[[Place], float], kind: str, after: 
         return value(known[s])
 
     try:
-        s = float(scipy.optimize.brentq(at, 0.0, 1.0, xtol=1e-13, rtol=4 * np.finfo(float).eps, maxiter=100))
+        s = float(
+            scipy.optimize.brentq(
+                at, 0.0, 1.0, xtol=1e-13, rtol=4 * np.finfo(float).eps, maxiter=100
+            )
+        )
         if s not in known:
             known[s] = between(s)
         place = known[s]
-    except (NoConvergenceError, RuntimeError, ValueError):  # no point, no end of the search, or a value that is not a number on the way
-        s, place = 0.0, between.here
+    except (
+        NoConvergenceError,
+        RuntimeError,
+        ValueError,
+    ):  # no point, no end of the search, or a value that is not a number on the way
+        s = 0.0
+        place = between.here
     return s, Located(kind, after, *between.system.plain(place.x), place.tangent)
 
 
@@ -267,12 +310,15 @@ def _crossing(between: _Between, after: int) -> tuple[float, Located]:
     return s, event
 
 
-def located(monitors: tuple[Monitor, ...], system: System, here: Place, there: Place, after: int) -> tuple[Located, ...]:
+def located(
+    monitors: tuple[Monitor, ...], system: System, here: Place, there: Place, after: int
+) -> tuple[Located, ...]:
     """Return the zeros of monitors between two places, point number ``after`` and the next, in the order of the branch.
 
     Two zeros of one function in one step cancel and are missed: the continuation's limit on the tangent's turn is there to keep steps short of that.
     """
-    between, found = _Between(system, here, there), []
+    between = _Between(system, here, there)
+    found = []
     if here.tangent[-1] * there.tangent[-1] < 0:
         found.append(_zero(between, lambda place: float(place.tangent[-1]), FOLD, after))
     if here.determinant[0] * there.determinant[0] < 0:
@@ -282,7 +328,8 @@ def located(monitors: tuple[Monitor, ...], system: System, here: Place, there: P
         def value(place: Place, monitor: Monitor = monitor) -> float:
             return monitor.value(*system.plain(place.x))
 
-        before, behind = value(here), value(there)
+        before = value(here)
+        behind = value(there)
         if before * behind < 0 or (behind == 0 and before != 0):
             found.append(_zero(between, value, monitor.kind, after))
     return tuple(event for _, event in sorted(found, key=lambda pair: pair[0]))

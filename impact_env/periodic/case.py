@@ -28,7 +28,9 @@ from impact_env.parameters import (
 from impact_env.scene import InitialState, Scene
 
 Array = NDArray[np.float64]
-CRITICAL = 1e-11  # a damping ratio this close to 1 is moved so far away: the two exponentials must differ
+CRITICAL = (
+    1e-11  # a damping ratio this close to 1 is moved so far away: the two exponentials must differ
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +53,17 @@ class Case:
         object.__setattr__(self, "force", finite("force amplitude", self.force))
         object.__setattr__(self, "gap", positive("gap", self.gap))
         object.__setattr__(self, "restitution", RigidWalls(self.gap, self.restitution).restitution)
-        object.__setattr__(self, "friction_limit", non_negative("friction limit", self.friction_limit))
+        object.__setattr__(
+            self, "friction_limit", non_negative("friction limit", self.friction_limit)
+        )
         object.__setattr__(self, "mass_ratio", positive("mass_ratio", self.mass_ratio))
 
     @property
     def scene(self) -> Scene:
         """The scene that the exact method runs."""
-        return scene_of(self.model, self.gap, self.restitution, self.friction_limit, self.mass_ratio)
+        return scene_of(
+            self.model, self.gap, self.restitution, self.friction_limit, self.mass_ratio
+        )
 
     @property
     def structure(self) -> Structure:
@@ -91,15 +97,28 @@ class Case:
 
     def drive(self, duration: float, phase: float) -> Drive:
         """Return the force from a ``phase`` (rad) on for ``duration`` s."""
-        return Drive(self.force, FrequencySchedule(np.array([0.0, duration]), np.full(2, self.omega), float(self.model.omega[0])), phase)
+        return Drive(
+            self.force,
+            FrequencySchedule(
+                np.array([0.0, duration]), np.full(2, self.omega), float(self.model.omega[0])
+            ),
+            phase,
+        )
 
 
 def case_of(scene: Scene, force: float, omega: float) -> Case:
     """Return the case of a scene with one impact absorber, rigid walls and rigid friction or none; ParameterError for any other scene."""
     absorber = scene.absorber
-    allowed = "one impact absorber with rigid walls at a finite distance, and rigid friction or none"
+    allowed = (
+        "one impact absorber with rigid walls at a finite distance, and rigid friction or none"
+    )
     ok = isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls)
-    require(ok and not isinstance(absorber.friction, ElasticCoulombFriction), "absorber", absorber, allowed)  # type: ignore[union-attr]
+    require(
+        ok and not isinstance(absorber.friction, ElasticCoulombFriction),  # type: ignore[union-attr]
+        "absorber",
+        absorber,
+        allowed,
+    )
     assert isinstance(absorber, SlidingAbsorber)
     weightless(absorber, "periodic orbits")
     walls = absorber.walls
@@ -110,7 +129,9 @@ def case_of(scene: Scene, force: float, omega: float) -> Case:
 
 
 @lru_cache(maxsize=64)
-def scene_of(model: ModalModel, gap: float, restitution: float, limit: float, mass_ratio: float) -> Scene:
+def scene_of(
+    model: ModalModel, gap: float, restitution: float, limit: float, mass_ratio: float
+) -> Scene:
     """Return a scene; the same one for the same arguments, since the exact method keeps its tables by scene."""
     return Scene(model, impact_absorber(gap, restitution, limit, mass_ratio))
 
@@ -118,7 +139,9 @@ def scene_of(model: ModalModel, gap: float, restitution: float, limit: float, ma
 @lru_cache(maxsize=64)
 def structure_of(model: ModalModel, mass_ratio: float) -> Structure:
     """Return the exponentials of a model's modes, and the absorber's share: one complex exponential a mode, two real ones above critical damping."""
-    omega, damping, tip = np.array(model.omega), np.array(model.damping_ratio), np.array(model.tip_shape)
+    omega = np.array(model.omega)
+    damping = np.array(model.damping_ratio)
+    tip = np.array(model.tip_shape)
     moved = np.where(np.abs(damping - 1) < CRITICAL, 1 + CRITICAL, damping)
     s: list[complex] = []
     weight: list[complex] = []
@@ -126,23 +149,48 @@ def structure_of(model: ModalModel, mass_ratio: float) -> Structure:
     for i, (w, d) in enumerate(zip(omega, moved, strict=True)):
         root = np.sqrt(complex(1 - d * d))
         if d < 1:
-            s, weight, mode = [*s, w * (-d + 1j * root.real)], [*weight, 1 / (1j * w * root.real)], [*mode, i]
+            s = [*s, w * (-d + 1j * root.real)]
+            weight = [*weight, 1 / (1j * w * root.real)]
+            mode = [*mode, i]
         else:
             fast = -w * (d + root.imag)
             slow = w * w / fast
-            s, weight, mode = [*s, slow, fast], [*weight, 1 / (slow - fast), -1 / (slow - fast)], [*mode, i, i]
-    values, weights, modes = np.array(s, complex), np.array(weight, complex), np.array(mode, np.int64)
+            s = [*s, slow, fast]
+            weight = [*weight, 1 / (slow - fast), -1 / (slow - fast)]
+            mode = [*mode, i, i]
+    values = np.array(s, complex)
+    weights = np.array(weight, complex)
+    modes = np.array(mode, np.int64)
     share = weights * tip[modes] ** 2
     powers = np.array([share / values, share, share * values, share * values**2])
     mass = positive("mass_ratio", mass_ratio) * model.beam_mass
     static = float(np.sum((tip / omega) ** 2))
-    rates, push = 2 * damping * omega, np.array(model.force_shape)
-    return Structure(values, weights, powers, modes, omega, rates, push, tip, mass, 1 / mass + float(np.sum(tip**2)), static)
+    rates = 2 * damping * omega
+    push = np.array(model.force_shape)
+    return Structure(
+        values,
+        weights,
+        powers,
+        modes,
+        omega,
+        rates,
+        push,
+        tip,
+        mass,
+        1 / mass + float(np.sum(tip**2)),
+        static,
+    )
 
 
 def start_from(scene: Scene, state: Array) -> InitialState:
     """Return a state (2 N_m + 2,) as a start; one that rounding put beyond a wall is put on it."""
-    n, cavity = scene.model.modes, scene.cavity(0)
+    n = scene.model.modes
+    cavity = scene.cavity(0)
     tip = float(scene.model.tip_shape @ state[:n])
     gap = np.inf if cavity is None else cavity.gap
-    return InitialState(state[:n], state[n + 1 : -1], tip + float(np.clip(state[n] - tip, -gap, gap)), float(state[-1]))
+    return InitialState(
+        state[:n],
+        state[n + 1 : -1],
+        tip + float(np.clip(state[n] - tip, -gap, gap)),
+        float(state[-1]),
+    )

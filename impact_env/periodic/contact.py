@@ -12,8 +12,26 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import scipy.optimize
 
-from impact_env.parameters import CompliantWalls, CoulombFriction, ElasticCoulombFriction, check_each, non_negative, positive, require
-from impact_env.periodic.trigonometric import TURN, Real, basis, derivative, harmonics_of, negative, roots, share, window
+from impact_env.parameters import (
+    CompliantWalls,
+    CoulombFriction,
+    ElasticCoulombFriction,
+    check_each,
+    non_negative,
+    positive,
+    require,
+)
+from impact_env.periodic.trigonometric import (
+    TURN,
+    Real,
+    basis,
+    derivative,
+    harmonics_of,
+    negative,
+    roots,
+    share,
+    window,
+)
 
 
 class Hysteresis(NamedTuple):
@@ -60,21 +78,33 @@ def elastic_coulomb(motion: Real, limit: float, stiffness: float) -> Hysteresis:
     turns = roots(derivative(motion)[None])[0]
     if len(turns):
         rows = np.array([basis(angle, h) for angle in turns])
-        state, slipped = _cycle(motion, turns, rows, limit, stiffness, _State(0.0, np.zeros(len(motion)), 0.0, 0.0))[:2]
+        state, slipped = _cycle(
+            motion, turns, rows, limit, stiffness, _State(0.0, np.zeros(len(motion)), 0.0, 0.0)
+        )[:2]
         if slipped:
             stretches = _cycle(motion, turns, rows, limit, stiffness, state)[2]
             return _summed(motion, stretches, limit, stiffness)
     moving = np.ones(len(motion))
     moving[0] = 0.0
-    return Hysteresis(-stiffness * moving * motion, -stiffness * np.diag(moving), np.zeros(len(motion)), -moving * motion)
+    return Hysteresis(
+        -stiffness * moving * motion,
+        -stiffness * np.diag(moving),
+        np.zeros(len(motion)),
+        -moving * motion,
+    )
 
 
-def _cycle(motion: Real, turns: Real, rows: Real, limit: float, stiffness: float, state: _State) -> tuple[_State, bool, list[_Stick | _Slip]]:
+def _cycle(
+    motion: Real, turns: Real, rows: Real, limit: float, stiffness: float, state: _State
+) -> tuple[_State, bool, list[_Stick | _Slip]]:
     """Go once round from the first turning point; return the state in the end, whether anything slipped, and the stretches."""
-    reached, count, slipped = rows @ motion, len(turns), False
+    reached = rows @ motion
+    count = len(turns)
+    slipped = False
     stretches: list[_Stick | _Slip] = []
     for i in range(count):
-        begin, end = turns[i], turns[i + 1] if i + 1 < count else turns[0] + TURN
+        begin = turns[i]
+        end = turns[i + 1] if i + 1 < count else turns[0] + TURN
         after = (i + 1) % count
         move = reached[after] - reached[i]
         held = _State(
@@ -92,7 +122,8 @@ def _cycle(motion: Real, turns: Real, rows: Real, limit: float, stiffness: float
         sign = -float(np.sign(move))
         at = _reaches(motion, begin, end, (held.force - sign * limit) / stiffness)
         stretches += [_Stick(begin, at, held), _Slip(at, end, sign)]
-        state, slipped = _State(sign * limit, np.zeros(len(motion)), sign, 0.0), True
+        state = _State(sign * limit, np.zeros(len(motion)), sign, 0.0)
+        slipped = True
     return state, slipped, stretches
 
 
@@ -102,23 +133,34 @@ def _reaches(motion: Real, begin: float, end: float, value: float) -> float:
     def rest(angle: float) -> float:
         return float(basis(angle, harmonics_of(motion)) @ motion - value)
 
-    if rest(begin) * rest(end) >= 0:  # slips from the turning point on, or at its very end: rounding
+    if (
+        rest(begin) * rest(end) >= 0
+    ):  # slips from the turning point on, or at its very end: rounding
         return begin if abs(rest(begin)) < abs(rest(end)) else end
     return float(scipy.optimize.brentq(rest, begin, end, xtol=1e-15, rtol=1e-15))
 
 
-def _summed(motion: Real, stretches: list[_Stick | _Slip], limit: float, stiffness: float) -> Hysteresis:
-    h, n = harmonics_of(motion), len(motion)
+def _summed(
+    motion: Real, stretches: list[_Stick | _Slip], limit: float, stiffness: float
+) -> Hysteresis:
+    h = harmonics_of(motion)
+    n = len(motion)
     matrix = window(np.array([s[:2] for s in stretches if isinstance(s, _Stick)]), h)
-    force, by_motion, by_limit, by_stiffness = -stiffness * (matrix @ motion), -stiffness * matrix, np.zeros(n), -(matrix @ motion)
+    force = -stiffness * (matrix @ motion)
+    by_motion = -stiffness * matrix
+    by_limit = np.zeros(n)
+    by_stiffness = -(matrix @ motion)
     for stretch in stretches:
         part = share(np.array([stretch[:2]]), h)
         if isinstance(stretch, _Slip):
-            force, by_limit = force + stretch.sign * limit * part, by_limit + stretch.sign * part
+            force = force + stretch.sign * limit * part
+            by_limit = by_limit + stretch.sign * part
             continue
         constant = stretch.constant
-        force, by_motion = force + constant.force * part, by_motion + np.outer(part, constant.by_motion)
-        by_limit, by_stiffness = by_limit + constant.by_limit * part, by_stiffness + constant.by_stiffness * part
+        force = force + constant.force * part
+        by_motion = by_motion + np.outer(part, constant.by_motion)
+        by_limit = by_limit + constant.by_limit * part
+        by_stiffness = by_stiffness + constant.by_stiffness * part
     return Hysteresis(force, by_motion, by_limit, by_stiffness)
 
 
@@ -169,23 +211,39 @@ class RigidContact:
     def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> Contact:
         """See `Law`."""
         walls = _walls(dynamic - self.weight * motion, self.weight, self.gap, parameter)
-        held, slope = walls.matrix, walls.by_gap if parameter == "gap" else np.zeros_like(motion)
+        held = walls.matrix
+        slope = walls.by_gap if parameter == "gap" else np.zeros_like(motion)
         if parameter == "weight":
-            slope = walls.by_gap * (0.0 if self.gap is None else self.gap / self.weight) - held @ motion
-        wall = Contact(walls.force, -self.weight * held, held, np.zeros_like(motion), slope, np.zeros_like(held))
+            slope = (
+                walls.by_gap * (0.0 if self.gap is None else self.gap / self.weight) - held @ motion
+            )
+        wall = Contact(
+            walls.force,
+            -self.weight * held,
+            held,
+            np.zeros_like(motion),
+            slope,
+            np.zeros_like(held),
+        )
         if self.friction_limit is None:
             return wall
         return self._with_friction(motion, dynamic, omega, parameter, wall)
 
-    def _with_friction(self, motion: Real, dynamic: Real, omega: float, parameter: str, wall: Contact) -> Contact:
+    def _with_friction(
+        self, motion: Real, dynamic: Real, omega: float, parameter: str, wall: Contact
+    ) -> Contact:
         """Add friction: what the walls leave of the dynamic force, less the weighted velocity, clipped to the limit."""
-        h, limit, weight = harmonics_of(motion), float(self.friction_limit or 0.0), self.friction_weight
+        h = harmonics_of(motion)
+        limit = float(self.friction_limit or 0.0)
+        weight = self.friction_weight
         rate = derivative(motion)
         wanted = dynamic - wall.force - weight * omega * rate
-        above, below = -wanted, wanted.copy()
+        above = -wanted
+        below = wanted.copy()
         above[0], below[0] = above[0] + limit, below[0] + limit
         at = roots(np.array([above, below]))
-        up, down = negative(above, at[0]), negative(below, at[1])
+        up = negative(above, at[0])
+        down = negative(below, at[1])
         stick = np.eye(len(motion)) - window(np.concatenate([up, down]), h)
         slid = share(up, h) - share(down, h)
         turning = weight * omega * derivative(np.eye(len(motion))).T
@@ -231,11 +289,19 @@ class CompliantContact:
         slope = walls.by_gap if parameter == "gap" else zero
         if parameter == "stiffness" and self.gap is not None:
             slope = walls.force / stiffness
-        force, by_motion = walls.force, -stiffness * walls.matrix
+        force = walls.force
+        by_motion = -stiffness * walls.matrix
         if self.friction_limit is not None and self.friction_stiffness is not None:
             friction = elastic_coulomb(motion, self.friction_limit, self.friction_stiffness)
-            force, by_motion = force + friction.force, by_motion + friction.by_motion
-            slope = friction.by_limit if parameter == "friction_limit" else friction.by_stiffness if parameter == "friction_stiffness" else slope
+            force = force + friction.force
+            by_motion = by_motion + friction.by_motion
+            slope = (
+                friction.by_limit
+                if parameter == "friction_limit"
+                else friction.by_stiffness
+                if parameter == "friction_stiffness"
+                else slope
+            )
         none = np.zeros((len(motion), len(motion)))
         return Contact(force, by_motion, none, zero, slope, none)
 
@@ -248,14 +314,22 @@ class _Walls(NamedTuple):
 
 def _walls(free: Real, weight: float, gap: float | None, parameter: str) -> _Walls:
     """Return min(0, free + weight gap) + max(0, free - weight gap), the window of both contacts, and the derivative by the gap."""
-    n, h = len(free), harmonics_of(free)
+    n = len(free)
+    h = harmonics_of(free)
     if gap is None:
-        require(parameter != "gap", "parameter", parameter, "a part that is there: this absorber has no walls")
+        require(
+            parameter != "gap",
+            "parameter",
+            parameter,
+            "a part that is there: this absorber has no walls",
+        )
         return _Walls(np.zeros(n), np.zeros((n, n)), np.zeros(n))
-    lower, upper = free.copy(), -free
+    lower = free.copy()
+    upper = -free
     lower[0], upper[0] = lower[0] + weight * gap, upper[0] + weight * gap
     at = roots(np.array([lower, upper]))
-    first, second = negative(lower, at[0]), negative(upper, at[1])
+    first = negative(lower, at[0])
+    second = negative(upper, at[1])
     matrix = window(np.concatenate([first, second]), h)
     pushed = weight * (share(first, h) - share(second, h))
     return _Walls(matrix @ free + gap * pushed, matrix, pushed)

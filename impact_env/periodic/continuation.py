@@ -51,7 +51,12 @@ class Steps:
     def __post_init__(self) -> None:
         for name in ("first", "least", "most", "turn", "tolerance"):
             positive(name, getattr(self, name))
-        require(self.least <= self.first <= self.most, "first", self.first, f"from least = {self.least} to most = {self.most}")
+        require(
+            self.least <= self.first <= self.most,
+            "first",
+            self.first,
+            f"from least = {self.least} to most = {self.most}",
+        )
         count("points", self.points, 2)
         count("iterations", self.iterations, 2)
 
@@ -70,7 +75,9 @@ class Chart:
     monitors: tuple[Monitor, ...] = ()
 
 
-Recentre = Callable[[Real, float, Real], Chart | None]  # (z, parameter, tangent in plain units) -> other unknowns, or None to keep these
+Recentre = Callable[
+    [Real, float, Real], Chart | None
+]  # (z, parameter, tangent in plain units) -> other unknowns, or None to keep these
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,21 +103,39 @@ class Problem:
 
     def system(self, n: int, steps: Steps) -> System:
         """Return the residual in scaled unknowns."""
-        scale = np.append(np.broadcast_to(np.asarray(self.scale, dtype=np.float64), (n,)), self.parameter_scale)
+        scale = np.append(
+            np.broadcast_to(np.asarray(self.scale, dtype=np.float64), (n,)), self.parameter_scale
+        )
         return System(self.residual, scale, steps.tolerance, steps.iterations)
 
 
-def start(problem: Problem, z: Real, parameter: float, direction: float | Real = 1.0, steps: Steps | None = None) -> tuple[System, Place]:
+def start(
+    problem: Problem,
+    z: Real,
+    parameter: float,
+    direction: float | Real = 1.0,
+    steps: Steps | None = None,
+) -> tuple[System, Place]:
     """Return the branch's point at a parameter, next to ``z``, and the tangent in a direction: the sign of the parameter's change, or (n + 1,).
 
     A direction (n + 1,) in plain units also is the normal of the plane in which the point is sought. Raises NoConvergenceError.
     """
     steps = Steps() if steps is None else steps
     z = np.asarray(z, dtype=np.float64)
-    require(z.ndim == 1 and z.size > 0 and bool(np.all(np.isfinite(z))), "start", z, "a row of finite unknowns")
+    require(
+        z.ndim == 1 and z.size > 0 and bool(np.all(np.isfinite(z))),
+        "start",
+        z,
+        "a row of finite unknowns",
+    )
     finite("parameter", parameter)
     low, high = problem.limits
-    require(low <= parameter <= high, problem.parameter, parameter, f"a start within the limits {low} to {high}")
+    require(
+        low <= parameter <= high,
+        problem.parameter,
+        parameter,
+        f"a start within the limits {low} to {high}",
+    )
     system = problem.system(len(z), steps)
     if np.ndim(direction) == 0:
         along = np.append(np.zeros(len(z)), np.sign(float(np.asarray(direction))))
@@ -137,10 +162,12 @@ def continuation(
     steps = Steps() if steps is None else steps
     way: list[tuple[Real, float]] = []
     events: list[Located] = []
-    ended, message = None, ""
+    ended = None
+    message = ""
     try:
         system, here = start(problem, z, parameter, direction, steps)
-        size, gates = steps.first, [Gate(0, system, here)]
+        size = steps.first
+        gates = [Gate(0, system, here)]
         while True:
             way.append(system.plain(here.x))
             at = f"{problem.parameter} = {way[-1][1]:.10g}"
@@ -150,36 +177,68 @@ def continuation(
                 break
             try:
                 doing = f"lost at {at}, where the unknowns change"
-                chart = problem.recentre(*way[-1], here.tangent * system.scale) if problem.recentre is not None and len(way) > 1 else None
+                chart = (
+                    problem.recentre(*way[-1], here.tangent * system.scale)
+                    if problem.recentre is not None and len(way) > 1
+                    else None
+                )
                 if chart is not None:
-                    problem = replace(problem, residual=chart.residual, scale=chart.scale, monitors=chart.monitors)
+                    problem = replace(
+                        problem, residual=chart.residual, scale=chart.scale, monitors=chart.monitors
+                    )
                     system, here = start(problem, chart.point, way[-1][1], chart.tangent, steps)
                     gates.append(Gate(len(way) - 1, system, here))
                 doing = f"no step from {at} down to {steps.least:.1e}"
                 there, size, kink = _next(system, here, size, steps)
             except NoConvergenceError as error:
-                ended, message = MINIMUM_STEP, f"{doing}: {error}"
+                ended = MINIMUM_STEP
+                message = f"{doing}: {error}"
                 break
-            here, happened, ended, message = _landed(problem, gates, system, here, there, kink, len(way) - 1)
+            here, happened, ended, message = _landed(
+                problem, gates, system, here, there, kink, len(way) - 1
+            )
             events += happened
             if ended is None and len(way) + 1 >= steps.points:
-                ended, message = COUNT, f"{steps.points} points"
+                ended = COUNT
+                message = f"{steps.points} points"
     except KeyboardInterrupt:
-        ended, message = STOPPED, f"stopped after {len(way)} points"
-    return Branch(problem.parameter, tuple(z for z, _ in way), np.array([p for _, p in way]), tuple(events), ended, message)
+        ended = STOPPED
+        message = f"stopped after {len(way)} points"
+    return Branch(
+        problem.parameter,
+        tuple(z for z, _ in way),
+        np.array([p for _, p in way]),
+        tuple(events),
+        ended,
+        message,
+    )
 
 
 def _landed(
-    problem: Problem, gates: list[Gate], system: System, here: Place, there: Place, kink: bool, index: int
+    problem: Problem,
+    gates: list[Gate],
+    system: System,
+    here: Place,
+    there: Place,
+    kink: bool,
+    index: int,
 ) -> tuple[Place, tuple[Located, ...], str | None, str]:
     """Return where a step from point number ``index`` ends, what is located on it, and why the branch ends there (None: it does not), with words."""
-    ended, message = None, ""
-    gate = next((gate for gate in gates if index - gate.index >= 2 and gate.returned(here, there)), None)
+    ended = None
+    message = ""
+    gate = next(
+        (gate for gate in gates if index - gate.index >= 2 and gate.returned(here, there)), None
+    )
     if gate is not None:
-        there, ended, message = gate.place, CLOSED, "back at its first point" if gate.index == 0 else f"back at its point {gate.index + 1}"
+        there = gate.place
+        ended = CLOSED
+        message = (
+            "back at its first point" if gate.index == 0 else f"back at its point {gate.index + 1}"
+        )
     bounded = _bounded(problem, system, here, there)
     if bounded is not None:
-        there, ended = bounded, LIMIT
+        there = bounded
+        ended = LIMIT
         message = f"{problem.parameter} = {system.plain(there.x)[1]:.10g} is its limit"
     events = located(problem.monitors, system, here, there, index)
     if kink:
@@ -188,7 +247,9 @@ def _landed(
     last = next((k for k, event in enumerate(events) if event.kind in enders), None)
     if last is not None:
         event = events[last]
-        there, events, ended = replace(there, x=system.scaled(event.point, event.parameter)), events[: last + 1], event.kind
+        there = replace(there, x=system.scaled(event.point, event.parameter))
+        events = events[: last + 1]
+        ended = event.kind
         message = f"{event.kind} at {problem.parameter} = {event.parameter:.10g}"
     return there, events, ended, message
 
@@ -217,8 +278,15 @@ def _next(system: System, here: Place, size: float, steps: Steps) -> tuple[Place
 
 def _bounded(problem: Problem, system: System, here: Place, there: Place) -> Place | None:
     """Return the place at the parameter's limit if the step goes over it."""
-    before, after = system.plain(here.x)[1], system.plain(there.x)[1]
-    limit = problem.limits[1] if after > problem.limits[1] else problem.limits[0] if after < problem.limits[0] else None
+    before = system.plain(here.x)[1]
+    after = system.plain(there.x)[1]
+    limit = (
+        problem.limits[1]
+        if after > problem.limits[1]
+        else problem.limits[0]
+        if after < problem.limits[0]
+        else None
+    )
     if limit is None or before == after:
         return None
     normal = np.append(np.zeros(len(here.x) - 1), 1.0)
@@ -230,7 +298,13 @@ def _bounded(problem: Problem, system: System, here: Place, there: Place) -> Pla
         return there  # a fold at the limit itself: the last point lies just outside
 
 
-def both_ways(problem: Problem, z: Real, parameter: float, steps: Steps | None = None, progress: Progress | None = None) -> Branch:
+def both_ways(
+    problem: Problem,
+    z: Real,
+    parameter: float,
+    steps: Steps | None = None,
+    progress: Progress | None = None,
+) -> Branch:
     """Return the branch through a point to both sides, first towards larger parameters; a closed one once round."""
     forward = continuation(problem, z, parameter, 1.0, steps, progress)
     if forward.closed or forward.ended == STOPPED:
@@ -238,7 +312,9 @@ def both_ways(problem: Problem, z: Real, parameter: float, steps: Steps | None =
     return forward.joined(continuation(problem, z, parameter, -1.0, steps, progress))
 
 
-def switched(problem: Problem, event: Located, size: float = 0.01, steps: Steps | None = None) -> tuple[tuple[Real, float, Real], ...]:
+def switched(
+    problem: Problem, event: Located, size: float = 0.01, steps: Steps | None = None
+) -> tuple[tuple[Real, float, Real], ...]:
     """Return starts (z, parameter, direction) of the other branch through a branch point, to both sides where it has two.
 
     The kernel of the Jacobian is a plane there; the start is sought ``size`` of arclength away, across the known tangent. ``direction`` is what
@@ -251,7 +327,8 @@ def switched(problem: Problem, event: Located, size: float = 0.01, steps: Steps 
     across = plane - np.outer(plane @ event.tangent, event.tangent)
     other = across[int(np.argmax(np.linalg.norm(across, axis=1)))]
     other /= np.linalg.norm(other)
-    found, why = [], ""
+    found = []
+    why = ""
     for sign in (1.0, -1.0):
         try:
             at, jacobian, _ = corrected(system, x + sign * size * other, other)
@@ -259,5 +336,7 @@ def switched(problem: Problem, event: Located, size: float = 0.01, steps: Steps 
         except NoConvergenceError as error:
             why = str(error)
     if not found:
-        raise NoConvergenceError(f"no other branch within {size:g} of the branch point at {problem.parameter} = {event.parameter:.10g}: {why}")
+        raise NoConvergenceError(
+            f"no other branch within {size:g} of the branch point at {problem.parameter} = {event.parameter:.10g}: {why}"
+        )
     return tuple(found)

@@ -11,14 +11,29 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from impact_env.periodic.case import Case
-from impact_env.periodic.green import PARAMETERS, Conditions, NoOrbit, Solution, linear_states, residual_and_jacobian, solution_of, unknowns_of
+from impact_env.periodic.green import (
+    PARAMETERS,
+    Conditions,
+    NoOrbit,
+    Solution,
+    linear_states,
+    residual_and_jacobian,
+    solution_of,
+    unknowns_of,
+)
 from impact_env.periodic.motion import Motion, motion_of
 from impact_env.periodic.orbit import consistent, reordered, shown_order
 from impact_env.periodic.schedule import EventSchedule
 
 Array = NDArray[np.float64]
-MOST_STEPS, DIFFERENCE, CLOSE = 25, 1e-5, 1e-12
-APART = (1.001, 1.004, 1.02)  # of the fold's force: where two orbits are far enough apart for Newton's method to find one
+MOST_STEPS = 25
+DIFFERENCE = 1e-5
+CLOSE = 1e-12
+APART = (
+    1.001,
+    1.004,
+    1.02,
+)  # of the fold's force: where two orbits are far enough apart for Newton's method to find one
 MOST_REORDERINGS = 6
 LEVEL = 1e-11  # rad/s of the frequency, relative
 
@@ -44,37 +59,65 @@ def _null_vectors(jacobian: Array) -> tuple[Array, Array]:
 
 def fold_near(solution: Solution, parameter: str = "omega") -> Fold | NoOrbit:
     """Return the fold next to a solution with the same events, in a parameter of `PARAMETERS`, or why none was found."""
-    case, schedule = solution.case, solution.schedule
-    conditions, z, value = Conditions(case, schedule, parameter), unknowns_of(solution), getattr(case, parameter)
+    case = solution.case
+    schedule = solution.schedule
+    conditions = Conditions(case, schedule, parameter)
+    z = unknowns_of(solution)
+    value = getattr(case, parameter)
     unit = abs(value) if value != 0 else 1.0
     m = len(z)
     v = _null_vectors(conditions(z, value)[1][:, :m])[1]
-    normal, error = v, np.inf
+    normal = v
+    error = np.inf
     for _ in range(MOST_STEPS):
         residual, jacobian = conditions(z, value)
-        bend = (conditions(z + DIFFERENCE * v, value)[1] - conditions(z - DIFFERENCE * v, value)[1]) / (2 * DIFFERENCE)
+        bend = (
+            conditions(z + DIFFERENCE * v, value)[1] - conditions(z - DIFFERENCE * v, value)[1]
+        ) / (2 * DIFFERENCE)
         rest = np.concatenate([residual, jacobian[:, :m] @ v, [normal @ v - 1]])
         whole = np.zeros((2 * m + 1, 2 * m + 1))
         whole[:m, :m], whole[:m, -1] = jacobian[:, :m], jacobian[:, m] * unit
-        whole[m:-1, :m], whole[m:-1, m:-1], whole[m:-1, -1] = bend[:, :m], jacobian[:, :m], bend[:, m] * unit
+        whole[m:-1, :m], whole[m:-1, m:-1], whole[m:-1, -1] = (
+            bend[:, :m],
+            jacobian[:, :m],
+            bend[:, m] * unit,
+        )
         whole[-1, m:-1] = normal
         try:
             step = np.linalg.solve(whole, -rest)
         except np.linalg.LinAlgError:
-            return NoOrbit(case, schedule, "the conditions of a fold are singular", z[: len(schedule.events)])
-        z, v, value = z + step[:m], v + step[m:-1], value + unit * step[-1]
+            return NoOrbit(
+                case, schedule, "the conditions of a fold are singular", z[: len(schedule.events)]
+            )
+        z = z + step[:m]
+        v = v + step[m:-1]
+        value = value + unit * step[-1]
         error = float(np.max(np.abs(step)))
         if not np.isfinite(error) or error > 1e3 or value <= 0 or error < CLOSE:
             break
     if not error < 1e-8:
-        return NoOrbit(case, schedule, f"no fold in {parameter} near here (last step {error:.1e})", z[: len(schedule.events)])
-    return _fold_of(solution_of(case.changed(**{parameter: value}), schedule, z, float(np.max(np.abs(residual)))))
+        return NoOrbit(
+            case,
+            schedule,
+            f"no fold in {parameter} near here (last step {error:.1e})",
+            z[: len(schedule.events)],
+        )
+    return _fold_of(
+        solution_of(
+            case.changed(**{parameter: value}), schedule, z, float(np.max(np.abs(residual)))
+        )
+    )
 
 
 def _fold_of(solution: Solution) -> Fold | NoOrbit:
     z = unknowns_of(solution)
-    if np.any(np.diff(solution.phases) <= 0) or solution.phases[-1] >= solution.phases[0] + solution.schedule.turn:
-        return NoOrbit(solution.case, solution.schedule, "two events change places", solution.phases)
+    if (
+        np.any(np.diff(solution.phases) <= 0)
+        or solution.phases[-1] >= solution.phases[0] + solution.schedule.turn
+    ):
+        return NoOrbit(
+            solution.case, solution.schedule, "two events change places", solution.phases
+        )
     jacobian = residual_and_jacobian(solution.case, solution.schedule, z)[1]
     left = _null_vectors(jacobian[:, : len(z)])[0]
     by = left @ jacobian[:, len(z) :]
@@ -86,15 +129,21 @@ def beside(case: Case, schedule: EventSchedule, z: Array, share: float) -> Array
 
     To second order z moves along the null vector v by s with (w D_v F_z v) s^2/2 + w F_f df = 0.
     """
-    conditions, m = Conditions(case, schedule, "force"), len(z)
+    conditions = Conditions(case, schedule, "force")
+    m = len(z)
     jacobian = conditions(z, case.force)[1]
     w, v = _null_vectors(jacobian[:, :m])
-    bend = (conditions(z + DIFFERENCE * v, case.force)[1] - conditions(z - DIFFERENCE * v, case.force)[1])[:, :m] / (2 * DIFFERENCE)
+    bend = (
+        conditions(z + DIFFERENCE * v, case.force)[1]
+        - conditions(z - DIFFERENCE * v, case.force)[1]
+    )[:, :m] / (2 * DIFFERENCE)
     square = -2 * (w @ jacobian[:, m]) * case.force * (share - 1) / (w @ bend @ v)
     return np.asarray(z + np.sqrt(abs(square)) * v)
 
 
-def reordered_fold(case: Case, schedule: EventSchedule, start: Array, parameter: str = "omega") -> Fold | NoOrbit:
+def reordered_fold(
+    case: Case, schedule: EventSchedule, start: Array, parameter: str = "omega"
+) -> Fold | NoOrbit:
     """Return the fold near ``case`` and ``start`` (unknowns) whose schedule has the reversals that its motion shows, or why there is none.
 
     Newton's method for orbits fails at a fold, so the order of events is first sought at a slightly larger force.
@@ -104,18 +153,26 @@ def reordered_fold(case: Case, schedule: EventSchedule, start: Array, parameter:
         if isinstance(motion, NoOrbit):
             return motion
         solution = motion.solution
-        fold = fold_near(solution_of(case, solution.schedule, unknowns_of(solution), solution.error), parameter)
+        fold = fold_near(
+            solution_of(case, solution.schedule, unknowns_of(solution), solution.error), parameter
+        )
         if isinstance(fold, NoOrbit) or case.friction_limit == 0 or consistent(fold.motion):
             return fold
         case, (order, phases) = fold.case, shown_order(fold.motion)
         motion = _reordered_beside(case, order, linear_states(case, order, phases))
-    return NoOrbit(case, schedule, "the order of its reversals does not settle", start[: len(schedule.events)])
+    return NoOrbit(
+        case, schedule, "the order of its reversals does not settle", start[: len(schedule.events)]
+    )
 
 
 def _reordered_beside(case: Case, schedule: EventSchedule, start: Array) -> Motion | NoOrbit:
-    found: Motion | NoOrbit = NoOrbit(case, schedule, "no orbit beside the fold", start[: len(schedule.events)])
+    found: Motion | NoOrbit = NoOrbit(
+        case, schedule, "no orbit beside the fold", start[: len(schedule.events)]
+    )
     for share in APART:
-        found = reordered(case.changed(force=case.force * share), schedule, beside(case, schedule, start, share))
+        found = reordered(
+            case.changed(force=case.force * share), schedule, beside(case, schedule, start, share)
+        )
         if not isinstance(found, NoOrbit):
             break
     return found
@@ -123,11 +180,14 @@ def _reordered_beside(case: Case, schedule: EventSchedule, start: Array) -> Moti
 
 def level_fold(fold: Fold, reach: float) -> Fold | NoOrbit:
     """Return the fold within ``reach`` (rad/s) of ``fold`` whose force is level over the frequency: a birth or a merger."""
-    last, lost = [fold], list[NoOrbit]()
+    last = [fold]
+    lost = list[NoOrbit]()
 
     def slope(omega: float) -> float:
         solution = last[-1].motion.solution
-        beside = reordered_fold(solution.case.changed(omega=omega), solution.schedule, unknowns_of(solution), "force")
+        beside = reordered_fold(
+            solution.case.changed(omega=omega), solution.schedule, unknowns_of(solution), "force"
+        )
         if isinstance(beside, NoOrbit):
             lost.append(beside)
             raise RuntimeError(beside.reason)
@@ -139,9 +199,21 @@ def level_fold(fold: Fold, reach: float) -> Fold | NoOrbit:
         scipy.optimize.newton(slope, omega, x1=omega + 0.01 * reach, tol=LEVEL * omega, maxiter=30)
     except RuntimeError as error:
         return (
-            lost[0] if lost else NoOrbit(fold.case, fold.motion.solution.schedule, f"no level fold near here: {error}", fold.motion.solution.phases)
+            lost[0]
+            if lost
+            else NoOrbit(
+                fold.case,
+                fold.motion.solution.schedule,
+                f"no level fold near here: {error}",
+                fold.motion.solution.phases,
+            )
         )
     found = last[-1]
     if abs(found.case.omega - omega) > reach:
-        return NoOrbit(found.case, found.motion.solution.schedule, "its level fold lies elsewhere", found.motion.solution.phases)
+        return NoOrbit(
+            found.case,
+            found.motion.solution.schedule,
+            "its level fold lies elsewhere",
+            found.motion.solution.phases,
+        )
     return found

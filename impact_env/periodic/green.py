@@ -5,8 +5,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.kernels.periodic.green import FORCE, GAP, LIMIT, OMEGA, RESTITUTION, System, conditions, new_room
-from impact_env.kernels.periodic.newton import CONVERGED, NOT_CONVERGED, ORDER_LOST, SINGULAR, newton
+from impact_env.kernels.periodic.green import (
+    FORCE,
+    GAP,
+    LIMIT,
+    OMEGA,
+    RESTITUTION,
+    System,
+    conditions,
+    new_room,
+)
+from impact_env.kernels.periodic.newton import (
+    CONVERGED,
+    NOT_CONVERGED,
+    ORDER_LOST,
+    SINGULAR,
+    newton,
+)
 from impact_env.kernels.periodic.structure import Point
 from impact_env.parameters import require
 from impact_env.periodic.case import Case
@@ -18,7 +33,13 @@ REASONS = {
     ORDER_LOST: "two events change places",
     SINGULAR: "the conditions are singular: a fold, or two events at once",
 }
-PARAMETERS = {"omega": OMEGA, "force": FORCE, "gap": GAP, "restitution": RESTITUTION, "friction_limit": LIMIT}
+PARAMETERS = {
+    "omega": OMEGA,
+    "force": FORCE,
+    "gap": GAP,
+    "restitution": RESTITUTION,
+    "friction_limit": LIMIT,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,14 +70,20 @@ class NoOrbit:
 
 def unknowns_of(solution: Solution) -> Array:
     """Return a solution's unknowns (m,): phases in rad, scaled impulses and, of a whole period, the scaled mean distance."""
-    case, schedule = solution.case, solution.schedule
+    case = solution.case
+    schedule = solution.schedule
     parts = [solution.phases, solution.impulses[schedule.order.wall != 0] / case.scale.impulse]
-    return np.concatenate(parts if schedule.symmetric else [*parts, [solution.offset / case.scale.length]])
+    return np.concatenate(
+        parts if schedule.symmetric else [*parts, [solution.offset / case.scale.length]]
+    )
 
 
-def solution_of(case: Case, schedule: EventSchedule, unknowns: Array, error: float, steps: int = 0) -> Solution:
+def solution_of(
+    case: Case, schedule: EventSchedule, unknowns: Array, error: float, steps: int = 0
+) -> Solution:
     """Return the solution with these unknowns (m,), its first phase within the first turn of the force."""
-    n, wall = len(schedule.events), schedule.order.wall
+    n = len(schedule.events)
+    wall = schedule.order.wall
     impulses = np.zeros(n)
     impulses[wall != 0] = unknowns[n : n + schedule.impacts] * case.scale.impulse
     offset = 0.0 if schedule.symmetric else float(unknowns[-1]) * case.scale.length
@@ -70,13 +97,26 @@ def new_system(m: int) -> System:
     return System(np.zeros(m), np.zeros((m, m + len(PARAMETERS))))
 
 
-def residual_and_jacobian(case: Case, schedule: EventSchedule, unknowns: Array) -> tuple[Array, Array]:
+def residual_and_jacobian(
+    case: Case, schedule: EventSchedule, unknowns: Array
+) -> tuple[Array, Array]:
     """Return the scaled conditions (m,) and their derivatives (m, m + 5): by the unknowns, then by `PARAMETERS` in SI units."""
-    order, structure = schedule.order, case.structure
+    order = schedule.order
+    structure = case.structure
     m = len(unknowns)
     require(m == schedule.unknowns, "unknowns", m, f"{schedule.unknowns} numbers for this schedule")
-    system, room = new_system(m), new_room(structure, order)
-    conditions(structure, case.point, order, np.asarray(unknowns, dtype=float), case.scale, room, system, True)
+    system = new_system(m)
+    room = new_room(structure, order)
+    conditions(
+        structure,
+        case.point,
+        order,
+        np.asarray(unknowns, dtype=float),
+        case.scale,
+        room,
+        system,
+        True,
+    )
     return system.residual, system.jacobian
 
 
@@ -98,10 +138,22 @@ def solve(case: Case, schedule: EventSchedule, start: ArrayLike) -> Solution | N
     """
     given = np.array(start, dtype=float)
     z = linear_states(case, schedule, given) if len(given) == len(schedule.events) else given
-    require(len(z) == schedule.unknowns, "start", len(z), f"{len(schedule.events)} phases or {schedule.unknowns} unknowns")
-    status, steps, error = newton(case.structure, case.point, schedule.order, z, case.scale, new_system(len(z)))
+    require(
+        len(z) == schedule.unknowns,
+        "start",
+        len(z),
+        f"{len(schedule.events)} phases or {schedule.unknowns} unknowns",
+    )
+    status, steps, error = newton(
+        case.structure, case.point, schedule.order, z, case.scale, new_system(len(z))
+    )
     if status != CONVERGED:
-        return NoOrbit(case, schedule, f"{REASONS[status]} (residual {error:.1e} after {steps} steps)", z[: len(schedule.events)])
+        return NoOrbit(
+            case,
+            schedule,
+            f"{REASONS[status]} (residual {error:.1e} after {steps} steps)",
+            z[: len(schedule.events)],
+        )
     return solution_of(case, schedule, z, error, steps)
 
 
@@ -114,7 +166,12 @@ class Conditions:
     parameter: str = "omega"
 
     def __post_init__(self) -> None:
-        require(self.parameter in PARAMETERS, "parameter", self.parameter, f"one of {', '.join(PARAMETERS)}")
+        require(
+            self.parameter in PARAMETERS,
+            "parameter",
+            self.parameter,
+            f"one of {', '.join(PARAMETERS)}",
+        )
 
     def __call__(self, z: Array, value: float) -> tuple[Array, Array]:
         """Return the conditions (m,) at unknowns (m,), and their derivatives (m, m + 1) by the unknowns and by the parameter."""
@@ -122,10 +179,16 @@ class Conditions:
 
     def over(self, z: Array, values: dict[str, float]) -> tuple[Array, Array]:
         """Return the same with several parameters: one more column (m,) for each."""
-        order, structure = self.schedule.order, self.case.structure
+        order = self.schedule.order
+        structure = self.case.structure
         # the units stay those of the case's own gap
-        point = self.case.point._replace(**{Point._fields[PARAMETERS[name]]: value for name, value in values.items()})
-        system, z = new_system(len(z)), np.ascontiguousarray(z, dtype=float)
-        conditions(structure, point, order, z, self.case.scale, new_room(structure, order), system, True)
+        point = self.case.point._replace(
+            **{Point._fields[PARAMETERS[name]]: value for name, value in values.items()}
+        )
+        system = new_system(len(z))
+        z = np.ascontiguousarray(z, dtype=float)
+        conditions(
+            structure, point, order, z, self.case.scale, new_room(structure, order), system, True
+        )
         columns = [*range(len(z)), *(len(z) + PARAMETERS[name] for name in values)]
         return system.residual, np.asarray(system.jacobian[:, columns])

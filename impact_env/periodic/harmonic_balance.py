@@ -44,10 +44,15 @@ from impact_env.periodic.trigonometric import Real, derivative, largest
 from impact_env.scene import Scene
 
 Complex = NDArray[np.complex128]
-OMEGA, FORCE = "omega", "force"
+OMEGA = "omega"
+FORCE = "force"
 PAPER_DAMPER = 0.001  # N s/m between absorber and ground (paper, section 2.5)
-WEIGHT, FRICTION_WEIGHT = 100.0, 10.0  # in absorber mass times omega_1^2, and times omega_1
-STRIP, COPY = 0.6, 0.1  # of the frequency, in which exponents are looked for; relative: as far apart are copies of one in both kinds at its edge
+# in absorber mass times omega_1^2, and times omega_1
+WEIGHT = 100.0
+FRICTION_WEIGHT = 10.0
+# of the frequency, in which exponents are looked for; relative: as far apart are copies of one in both kinds at its edge
+STRIP = 0.6
+COPY = 0.1
 CENTRING = 1e-9  # of the weight: a spring that chooses the mean of r where no wall does
 
 
@@ -82,25 +87,36 @@ class JointOfMass:
 
     def dynamics(self, omega: float) -> Dynamics:
         """Return the dynamics at the drive's frequency in rad/s; raises ParameterError where an undamped mode is met exactly."""
-        share, tip = np.arange(1, self.harmonics + 1) / self.multiple, self.model.tip_shape
+        share = np.arange(1, self.harmonics + 1) / self.multiple
+        tip = self.model.tip_shape
         w = share * omega
         own = -self.mass * w**2 + 1j * self.grounded_damper * w
         own_slope = (-2 * self.mass * w + 1j * self.grounded_damper) * share
         joint = 1 / own + receptance(self.model, w, tip, tip)
         joint_slope = -own_slope / own**2 + share * receptance_slope(self.model, w, tip, tip)
-        stiffness, stiffness_slope = 1 / joint, -joint_slope / joint**2
-        drive, drive_slope = np.zeros_like(stiffness), np.zeros_like(stiffness)
+        stiffness = 1 / joint
+        stiffness_slope = -joint_slope / joint**2
+        drive = np.zeros_like(stiffness)
+        drive_slope = np.zeros_like(stiffness)
         k = self.multiple - 1
         moved = complex(receptance(self.model, omega, tip, self.model.force_shape))
         moved_slope = complex(receptance_slope(self.model, omega, tip, self.model.force_shape))
-        drive[k], drive_slope[k] = stiffness[k] * moved, stiffness_slope[k] * moved + stiffness[k] * moved_slope
-        return Dynamics(*(np.append(0.0, part) for part in (stiffness, drive, stiffness_slope, drive_slope)))
+        drive[k], drive_slope[k] = (
+            stiffness[k] * moved,
+            stiffness_slope[k] * moved + stiffness[k] * moved_slope,
+        )
+        return Dynamics(
+            *(np.append(0.0, part) for part in (stiffness, drive, stiffness_slope, drive_slope))
+        )
 
     def tip(self, dynamic: Complex, force: float, omega: float) -> Complex:
         """Return the displacement (H + 1,) in m where the response is read, from the force on the absorber (H + 1,) and the drive's force in N."""
-        w, level = np.arange(self.harmonics + 1) * omega / self.multiple, self.model.level_shape
+        w = np.arange(self.harmonics + 1) * omega / self.multiple
+        level = self.model.level_shape
         moved = -receptance(self.model, w, level, self.model.tip_shape) * dynamic
-        moved[self.multiple] += force * complex(receptance(self.model, omega, level, self.model.force_shape))
+        moved[self.multiple] += force * complex(
+            receptance(self.model, omega, level, self.model.force_shape)
+        )
         return np.asarray(moved)
 
 
@@ -177,12 +193,18 @@ class Balance:
             return replace(self, **{parameter: value})  # type: ignore[arg-type]
         law: Any = self.law
         known = [field.name for field in fields(law) if getattr(law, field.name) is not None]
-        require(parameter in known, "parameter", parameter, f"one of {', '.join([OMEGA, FORCE, *known])}")
+        require(
+            parameter in known,
+            "parameter",
+            parameter,
+            f"one of {', '.join([OMEGA, FORCE, *known])}",
+        )
         return replace(self, law=replace(law, **{parameter: value}))
 
     def evaluated(self, z: Real, parameter: str) -> tuple[Real, Real]:
         """Return the residual (n,) in N and its Jacobian (n, n + 1) by z and the parameter."""
-        motion, d = self.polynomial(z), self.linear.dynamics(self.omega)
+        motion = self.polynomial(z)
+        d = self.linear.dynamics(self.omega)
         dynamic = _applied(d.stiffness, motion) + self.force * real_row(d.drive)
         stiffness = _matrix(d.stiffness)
         contact = self.law.contact(motion, dynamic, self.omega / self.linear.multiple, parameter)
@@ -210,9 +232,14 @@ class Balance:
 
     def response(self, z: Real) -> HarmonicResponse:
         """Return the solution that the unknowns z stand for."""
-        motion, d = self.polynomial(z), self.linear.dynamics(self.omega)
+        motion = self.polynomial(z)
+        d = self.linear.dynamics(self.omega)
         dynamic = _applied(d.stiffness, motion) + self.force * real_row(d.drive)
-        return HarmonicResponse(complexes(motion), self.linear.tip(complexes(dynamic), self.force, self.omega), complexes(dynamic))
+        return HarmonicResponse(
+            complexes(motion),
+            self.linear.tip(complexes(dynamic), self.force, self.omega),
+            complexes(dynamic),
+        )
 
     def free(self) -> Real:
         """Return z of the absorber that does not feel the beam: where the force on it is zero, and a start where nothing is touched."""
@@ -233,19 +260,32 @@ class Balance:
             return residual, scale * jacobian[:, :-1]
 
         with np.errstate(over="ignore"):  # in the covariance that nobody asks for
-            found = scipy.optimize.root(values, z / scale, jac=True, method="lm", options={"maxiter": 400})
-        problem = Problem(self.residual(FORCE), FORCE, scale=scale, parameter_scale=max(abs(self.force), 1.0))
+            found = scipy.optimize.root(
+                values, z / scale, jac=True, method="lm", options={"maxiter": 400}
+            )
+        problem = Problem(
+            self.residual(FORCE), FORCE, scale=scale, parameter_scale=max(abs(self.force), 1.0)
+        )
         return np.asarray(start(problem, scale * found.x, self.force)[1].x[:-1] * scale)
 
-    def at_impacts(self, angles: Real, impulses: Real, friction: Callable[[Real], NDArray[np.complex128]] | None = None) -> Real:
+    def at_impacts(
+        self,
+        angles: Real,
+        impulses: Real,
+        friction: Callable[[Real], NDArray[np.complex128]] | None = None,
+    ) -> Real:
         """Return z of an orbit with impulses on the absorber (N s) at angles of the fundamental (rad): a start from an exact orbit.
 
         ``friction`` maps the orders k (H,) to the harmonics of the friction force in N, complex (H,); None: there is none.
         """
         d = self.linear.dynamics(self.omega)
         order = np.arange(1.0, len(d.stiffness))
-        rate = self.omega / self.linear.multiple / np.pi  # harmonics of an impulse once a period: 2/T
-        pushed = np.asarray(rate * np.exp(-1j * np.outer(order, angles)) @ impulses, dtype=np.complex128)
+        rate = (
+            self.omega / self.linear.multiple / np.pi
+        )  # harmonics of an impulse once a period: 2/T
+        pushed = np.asarray(
+            rate * np.exp(-1j * np.outer(order, angles)) @ impulses, dtype=np.complex128
+        )
         if friction is not None:
             pushed += friction(order)
         relative = (pushed - self.force * d.drive[1:]) / d.stiffness[1:]
@@ -268,15 +308,28 @@ def _matrix(values: NDArray[np.complex128]) -> Real:
     return matrix
 
 
-def _law(model: ModalModel, absorber: SlidingAbsorber, mass: float, weight: float, friction_weight: float) -> Law:
-    walls, friction = absorber.walls, absorber.friction
+def _law(
+    model: ModalModel, absorber: SlidingAbsorber, mass: float, weight: float, friction_weight: float
+) -> Law:
+    walls = absorber.walls
+    friction = absorber.friction
     gap = None if walls is None else walls.gap
     limit = None if friction is None else friction.limit
     if isinstance(walls, CompliantWalls) or isinstance(friction, ElasticCoulombFriction):
         stiffness = walls.stiffness if isinstance(walls, CompliantWalls) else None
-        return CompliantContact(gap, stiffness, limit, friction.stiffness if isinstance(friction, ElasticCoulombFriction) else None)
+        return CompliantContact(
+            gap,
+            stiffness,
+            limit,
+            friction.stiffness if isinstance(friction, ElasticCoulombFriction) else None,
+        )
     if walls is not None:
-        require(isinstance(walls, RigidWalls), "walls", walls, "RigidWalls or CompliantWalls: the dynamic Lagrangian method knows no impact law")
+        require(
+            isinstance(walls, RigidWalls),
+            "walls",
+            walls,
+            "RigidWalls or CompliantWalls: the dynamic Lagrangian method knows no impact law",
+        )
         allowed = "1, for the dynamic Lagrangian method knows no impact law, only conservative contact (exact orbits take any restitution)"
         require(walls.restitution == 1, "restitution", walls.restitution, allowed)
     assert friction is None or isinstance(friction, CoulombFriction)
@@ -305,16 +358,33 @@ def harmonic_balance(
     Raises ParameterError for another absorber, restitution below 1, an even multiple of a symmetric orbit.
     """
     absorber = scene.absorber
-    require(isinstance(absorber, SlidingAbsorber), "absorber", absorber, "one absorber with walls, friction or both")
+    require(
+        isinstance(absorber, SlidingAbsorber),
+        "absorber",
+        absorber,
+        "one absorber with walls, friction or both",
+    )
     assert isinstance(absorber, SlidingAbsorber)
     weightless(absorber, "harmonic balance")
     positive("weight", weight)
     positive("friction_weight", friction_weight)
-    require(not symmetric or multiple % 2 == 1, "multiple", multiple, "odd for orbits that repeat with the other sign after half a period")
+    require(
+        not symmetric or multiple % 2 == 1,
+        "multiple",
+        multiple,
+        "odd for orbits that repeat with the other sign after half a period",
+    )
     mass = absorber.mass_ratio * scene.model.beam_mass
     linear = JointOfMass(scene.model, mass, harmonics, grounded_damper, multiple)
     law = _law(scene.model, absorber, mass, weight, friction_weight)
-    return Balance(linear, law, omega, force, symmetric, CENTRING * weight * mass * float(np.min(scene.model.omega)) ** 2)
+    return Balance(
+        linear,
+        law,
+        omega,
+        force,
+        symmetric,
+        CENTRING * weight * mass * float(np.min(scene.model.omega)) ** 2,
+    )
 
 
 def hill_multipliers(balance: Balance, z: Real) -> Complex:
@@ -323,28 +393,40 @@ def hill_multipliers(balance: Balance, z: Real) -> Complex:
     At compliant walls they converge; at rigid ones a fast pair's size does not (docs/harmonic_balance.md): `Orbit.stability` has those. Raises
     ParameterError for elastic friction, whose force depends on the motion's past.
     """
-    linear, law = balance.linear, balance.law
+    linear = balance.linear
+    law = balance.law
     elastic = isinstance(law, CompliantContact) and law.friction_limit is not None
     require(not elastic, "friction", law, "rigid, or none, for Hill's method")
     found: list[tuple[float, complex, int]] = []
     for kind in (0, 1):
         exponents, order, omega = _exponents(balance, z, kind)
         sign = 1 if balance.symmetric == (kind == 1) else -1
-        found += [(at, complex(sign * np.exp(np.pi / omega * exponent)), kind) for at, exponent in zip(order, exponents, strict=True)]
+        found += [
+            (at, complex(sign * np.exp(np.pi / omega * exponent)), kind)
+            for at, exponent in zip(order, exponents, strict=True)
+        ]
     taken: list[tuple[float, complex, int]] = []
     for one in sorted(found, key=lambda each: each[0]):
-        if all(one[2] == other[2] or abs(one[1] - other[1]) > COPY * abs(one[1]) for other in taken):
+        if all(
+            one[2] == other[2] or abs(one[1] - other[1]) > COPY * abs(one[1]) for other in taken
+        ):
             taken.append(one)
-    return np.array(sorted((value for _, value, _ in taken[: 2 * linear.model.modes + 2]), key=abs, reverse=True))
+    return np.array(
+        sorted(
+            (value for _, value, _ in taken[: 2 * linear.model.modes + 2]), key=abs, reverse=True
+        )
+    )
 
 
 def _exponents(balance: Balance, z: Real, kind: int) -> tuple[Complex, Real, float]:
     """Return exponents (1/s) of disturbances of even (0) or odd (1) order, the mean order of each, and the frequency (rad/s) that orders count."""
-    linear, law = balance.linear, balance.law
+    linear = balance.linear
+    law = balance.law
     rows = [balance.polynomial(z), real_row(balance.response(z).contact)]
     omega = balance.omega / linear.multiple
     if not balance.symmetric:  # over two periods
-        once, omega = np.array([complexes(row) for row in rows]), omega / 2
+        once = np.array([complexes(row) for row in rows])
+        omega = omega / 2
         twice = np.zeros((2, 2 * once.shape[1] - 1), complex)
         twice[:, ::2] = once
         rows = [real_row(row) for row in twice]
@@ -353,18 +435,30 @@ def _exponents(balance: Balance, z: Real, kind: int) -> tuple[Complex, Real, flo
     kept = np.flatnonzero(orders % 2 == kind)
     contact = law.contact(rows[0], rows[1], omega, OMEGA)
     turn, held, slope, rate = (
-        each[np.ix_(kept, kept)] for each in (omega * derivative(np.eye(2 * h + 1)).T, contact.by_dynamic, contact.by_motion, contact.by_rate)
+        each[np.ix_(kept, kept)]
+        for each in (
+            omega * derivative(np.eye(2 * h + 1)).T,
+            contact.by_dynamic,
+            contact.by_motion,
+            contact.by_rate,
+        )
     )
-    model, tip = linear.model, linear.model.tip_shape
-    across, push = np.append(-tip, 1.0), np.append(-tip, 1 / linear.mass)
+    model = linear.model
+    tip = linear.model.tip_shape
+    across = np.append(-tip, 1.0)
+    push = np.append(-tip, 1 / linear.mass)
     losses = np.append(2 * model.damping_ratio * model.omega, linear.grounded_damper / linear.mass)
-    one, bodies, size = np.eye(len(kept)), np.eye(len(across)), len(across) * len(kept)
+    one = np.eye(len(kept))
+    bodies = np.eye(len(across))
+    size = len(across) * len(kept)
     flow = np.block([
         [-np.kron(bodies, turn), np.eye(size), np.zeros((size, len(kept)))],
         [-np.kron(np.diag(np.append(model.omega**2, 0.0)), one), -np.kron(bodies, turn) - np.kron(np.diag(losses), one), np.kron(push[:, None], one)],
         [np.kron(across[None], slope - rate @ turn), np.kron(across[None], rate), held - one],
     ])  # fmt: skip
-    exponents, vectors = scipy.linalg.eig(flow, scipy.linalg.block_diag(np.eye(2 * size), np.zeros_like(one)))
+    exponents, vectors = scipy.linalg.eig(
+        flow, scipy.linalg.block_diag(np.eye(2 * size), np.zeros_like(one))
+    )
     inside = np.isfinite(exponents) & (np.abs(exponents.imag) < STRIP * omega)
     shares = np.sum(np.abs(vectors[:size, inside].reshape(len(across), len(kept), -1)) ** 2, axis=0)
     inside[inside] = ok = np.sum(shares, axis=0) > 0

@@ -45,10 +45,14 @@ COLUMNS = ("modes", "restitution", "friction_limit_N", "kind", "force_N", "omega
 ABOVE = (1.05, 1.02, 1.1)  # of the closed form's fold force: where an orbit of the branch is sought
 REACH = (0.85, 1.15)  # of it: forces between which the branch is followed
 STEPS = Steps(first=0.01, least=1e-7, most=0.1, points=250)
-COARSE = 1e-5  # of the frequency: how sharply a level place is found before Newton's method finishes it
+COARSE = (
+    1e-5  # of the frequency: how sharply a level place is found before Newton's method finishes it
+)
 EDGE = 0.02  # of the range: a level place this close to its end lies elsewhere
 CLOSE = 1e-3  # of the force
-BESIDE, JUMP = 1e-4, 5e-4  # of frequency and force: where the smallest force changes faster than so it has gone over to another fold
+# of frequency and force: where the smallest force changes faster than so it has gone over to another fold
+BESIDE = 1e-4
+JUMP = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +65,9 @@ class Threshold:
     orbit: Orbit | NoOrbit
 
 
-def folds(case: Case, low: float, high: float, branches: Iterable[OrbitBranch] | None = None) -> tuple[Threshold, ...]:
+def folds(
+    case: Case, low: float, high: float, branches: Iterable[OrbitBranch] | None = None
+) -> tuple[Threshold, ...]:
     """Return the folds of symmetric two-impact orbits at the case's force between two frequency ratios, those that are no orbits too.
 
     They are those of the closed form, where friction is taken as one-signed. With friction each of them is found again with its reversals, and the
@@ -69,16 +75,25 @@ def folds(case: Case, low: float, high: float, branches: Iterable[OrbitBranch] |
     the branch, how finely it is followed decides which of these are met. So it is done with steps of two sizes. ``branches``: those of
     `orbit_branches` where they are known; None: they are followed here. Ctrl-C breaks it off.
     """
-    found, reach = [], (low * float(case.model.omega[0]), high * float(case.model.omega[0]))
+    found = []
+    reach = (low * float(case.model.omega[0]), high * float(case.model.omega[0]))
     for omega in closed_folds(case, low, high):
         at = case.changed(omega=omega)
         found += [_located(at, fold) for fold in _both_folds(at, "omega")]
-    for branch in () if case.friction_limit == 0 else orbit_branches(case, *reach) if branches is None else branches:
+    for branch in (
+        ()
+        if case.friction_limit == 0
+        else orbit_branches(case, *reach)
+        if branches is None
+        else branches
+    ):
         coarse = orbit_branch(branch.solution(len(branch.schedules) // 2), "omega", reach)
         for again in (branch, coarse):
             if again.branch.ended == STOPPED:
                 raise KeyboardInterrupt
-            found += [_located(case, fold) for fold in again.folds() if not isinstance(fold, NoOrbit)]
+            found += [
+                _located(case, fold) for fold in again.folds() if not isinstance(fold, NoOrbit)
+            ]
     kept: list[Threshold] = []  # without repetitions, and those that are no orbits where none is
     for fold in sorted(found, key=lambda fold: isinstance(fold.orbit, NoOrbit)):
         if not any(_same(fold, other) for other in kept):
@@ -88,10 +103,14 @@ def folds(case: Case, low: float, high: float, branches: Iterable[OrbitBranch] |
 
 def _both_folds(case: Case, parameter: str) -> list[Fold | NoOrbit]:
     """Return the closed form's fold if nothing turns there, and the one with the reversals that its neighbours show; at least one of them."""
-    schedule, line, impulse = symmetric_schedule(case.friction_limit > 0), line_of(case.structure, case.point), fold_impulse(case)
+    schedule = symmetric_schedule(case.friction_limit > 0)
+    line = line_of(case.structure, case.point)
+    impulse = fold_impulse(case)
     start = np.array([phase_of(line, case.force, impulse), impulse / case.scale.impulse])
     plain = fold_near(solution_of(case, schedule, start, 0.0), parameter)
-    alone = not isinstance(plain, NoOrbit) and (case.friction_limit == 0 or consistent(plain.motion))
+    alone = not isinstance(plain, NoOrbit) and (
+        case.friction_limit == 0 or consistent(plain.motion)
+    )
     if case.friction_limit == 0:
         return [plain]
     reordered = reordered_fold(case, schedule, start, parameter)
@@ -99,7 +118,12 @@ def _both_folds(case: Case, parameter: str) -> list[Fold | NoOrbit]:
 
 
 def _located(case: Case, fold: Fold | NoOrbit) -> Threshold:
-    return Threshold(FOLD, case.force, case.omega_ratio if isinstance(fold, NoOrbit) else fold.case.omega_ratio, _orbit_of(fold))
+    return Threshold(
+        FOLD,
+        case.force,
+        case.omega_ratio if isinstance(fold, NoOrbit) else fold.case.omega_ratio,
+        _orbit_of(fold),
+    )
 
 
 def _same(one: Threshold, other: Threshold) -> bool:
@@ -123,7 +147,11 @@ def thresholds(case: Case, low: float, high: float) -> tuple[Threshold, ...]:
             fold = level_fold(fold, NEAR * omega)
         if isinstance(fold, NoOrbit) and case.friction_limit > 0:
             again = lowest_level(at, kind, NEAR * omega)
-            fold = again if not isinstance(again, NoOrbit) else NoOrbit(at, fold.schedule, f"{fold.reason}; {again.reason}", fold.phases)
+            fold = (
+                again
+                if not isinstance(again, NoOrbit)
+                else NoOrbit(at, fold.schedule, f"{fold.reason}; {again.reason}", fold.phases)
+            )
         here = at if isinstance(fold, NoOrbit) else fold.case
         found.append(Threshold(kind, here.force, here.omega_ratio, _orbit_of(fold)))
     return tuple(found)
@@ -162,13 +190,18 @@ class IsolaCell:
         mergers = [t for t in mergers if t.omega_ratio < 1] or mergers
         if not mergers:
             return None, None
-        births = [t for t in self.found if t.kind == BIRTH and t.omega_ratio < mergers[-1].omega_ratio]
+        births = [
+            t for t in self.found if t.kind == BIRTH and t.omega_ratio < mergers[-1].omega_ratio
+        ]
         return (births[-1] if births else None), mergers[-1]
 
     def rows(self) -> list[tuple[object, ...]]:
         """Return a row of `COLUMNS` for each: "orbit" is "yes", or why the exact method refuses it."""
         own = (self.modes, self.restitution, self.friction_limit)
-        return [(*own, level.kind, level.force, level.omega_ratio, level.refused or "yes") for level in self.found]
+        return [
+            (*own, level.kind, level.force, level.omega_ratio, level.refused or "yes")
+            for level in self.found
+        ]
 
     def to_plain(self) -> dict[str, Any]:
         """Return names and plain values."""
@@ -178,12 +211,19 @@ class IsolaCell:
     def from_plain(plain: dict[str, Any]) -> IsolaCell:
         """Return the cell of `to_plain`."""
         levels = tuple(Level(**level) for level in plain["found"])
-        return IsolaCell(int(plain["modes"]), float(plain["restitution"]), float(plain["friction_limit"]), levels)
+        return IsolaCell(
+            int(plain["modes"]), float(plain["restitution"]), float(plain["friction_limit"]), levels
+        )
 
 
 def cell_of(case: Case, low: float, high: float) -> IsolaCell:
     """Return the births and mergers of a case between two ratios of its first resonance."""
-    levels = [Level(t.kind, t.force, t.omega_ratio, t.orbit.reason if isinstance(t.orbit, NoOrbit) else "") for t in thresholds(case, low, high)]
+    levels = [
+        Level(
+            t.kind, t.force, t.omega_ratio, t.orbit.reason if isinstance(t.orbit, NoOrbit) else ""
+        )
+        for t in thresholds(case, low, high)
+    ]
     return IsolaCell(case.model.modes, case.restitution, case.friction_limit, tuple(levels))
 
 
@@ -204,8 +244,13 @@ class IsolaMap:
             "scene": str(self.case.scene),
             "complete": self.complete,
             "thresholds": [dict(zip(COLUMNS, row, strict=True)) for row in self.own.rows()],
-            "fold_force": {"omega_ratio": self.omega_ratio.tolist(), "force_N": [float(f) if np.isfinite(f) else None for f in self.fold_force]},
-            "map": [dict(zip(COLUMNS, row, strict=True)) for cell in self.cells for row in cell.rows()],
+            "fold_force": {
+                "omega_ratio": self.omega_ratio.tolist(),
+                "force_N": [float(f) if np.isfinite(f) else None for f in self.fold_force],
+            },
+            "map": [
+                dict(zip(COLUMNS, row, strict=True)) for cell in self.cells for row in cell.rows()
+            ],
         }
 
 
@@ -213,7 +258,12 @@ def truncated(model: ModalModel, modes: int) -> ModalModel:
     """Return the model with its first ``modes`` modes; raises ParameterError if it has fewer."""
     count("modes", modes, 1, model.modes)
     level = None if model.response_shape is None else model.response_shape[:modes]
-    rows = (model.omega[:modes], model.damping_ratio[:modes], model.force_shape[:modes], model.tip_shape[:modes])
+    rows = (
+        model.omega[:modes],
+        model.damping_ratio[:modes],
+        model.force_shape[:modes],
+        model.tip_shape[:modes],
+    )
     return ModalModel(*rows, model.beam_mass, response_shape=level)
 
 
@@ -232,7 +282,12 @@ def isola_map(
     The map is over numbers of modes, restitutions and friction ``limits`` in N (none: the case's own). The case's own model has the largest number of
     modes that is asked for. ``keep`` takes finished cells and gives them back. Ctrl-C ends it with what is known so far. Raises ParameterError.
     """
-    require(0 < low < high, "frequency range", (low, high), "two ratios of the resonance frequency above 0, the lower one first")
+    require(
+        0 < low < high,
+        "frequency range",
+        (low, high),
+        "two ratios of the resonance frequency above 0, the lower one first",
+    )
     omegas = map_frequencies(case, low, high)
     models = [truncated(case.model, n) for n in modes]
     mass = case.mass_ratio * case.model.beam_mass
@@ -245,7 +300,12 @@ def isola_map(
     ]
 
     def cell(at: Case) -> Iterator[IsolaCell]:
-        name = {"modes": at.model.modes, "restitution": at.restitution, "friction_limit": at.friction_limit, "range": [low, high]}
+        name = {
+            "modes": at.model.modes,
+            "restitution": at.restitution,
+            "friction_limit": at.friction_limit,
+            "range": [low, high],
+        }
         return keep(name, lambda: iter([cell_of(at, low, high)]), IsolaCell.from_plain)
 
     (own,) = cell(case)
@@ -258,15 +318,24 @@ def isola_map(
                 progress(len(cells), len(points))
     except KeyboardInterrupt:
         complete = False
-    return IsolaMap(case, omegas / float(case.model.omega[0]), fold_force(case, omegas), own, tuple(cells), complete)
+    return IsolaMap(
+        case,
+        omegas / float(case.model.omega[0]),
+        fold_force(case, omegas),
+        own,
+        tuple(cells),
+        complete,
+    )
 
 
 def lowest_fold(case: Case) -> Fold | NoOrbit:
     """Return the orbit with the smallest force at the case's frequency, whose force is not asked for, or why none is found. Ctrl-C breaks it off."""
-    schedule, reason = symmetric_schedule(case.friction_limit > 0), "no orbit above the fold"
+    schedule = symmetric_schedule(case.friction_limit > 0)
+    reason = "no orbit above the fold"
     lowest = float(fold_force(case, [case.omega])[0])
     for share in ABOVE:
-        at, found = case.changed(force=share * lowest), list[Fold]()
+        at = case.changed(force=share * lowest)
+        found = list[Fold]()
         for start in closed_form(at):
             motion = reordered(at, schedule, [start.phase])
             if isinstance(motion, NoOrbit):
@@ -287,7 +356,11 @@ def _folds_over_force(solution: Solution, low: float, high: float) -> list[Fold]
     branch = orbit_branch(solution, "force", (low, high), STEPS)
     if branch.branch.ended == STOPPED:
         raise KeyboardInterrupt
-    return [fold for fold in branch.folds() if isinstance(fold, Fold) and not isinstance(confirmed(fold.motion), NoOrbit)]
+    return [
+        fold
+        for fold in branch.folds()
+        if isinstance(fold, Fold) and not isinstance(confirmed(fold.motion), NoOrbit)
+    ]
 
 
 def lowest_level(case: Case, kind: str, reach: float) -> Fold | NoOrbit:
@@ -295,27 +368,47 @@ def lowest_level(case: Case, kind: str, reach: float) -> Fold | NoOrbit:
 
     The level place itself, or the corner where two orders of events meet. Ctrl-C breaks it off.
     """
-    sign, known, lost = (1.0 if kind == BIRTH else -1.0), dict[float, Fold](), list[NoOrbit]()
+    sign = 1.0 if kind == BIRTH else -1.0
+    known = dict[float, Fold]()
+    lost = list[NoOrbit]()
 
     def height(omega: float) -> float:
         fold = lowest_fold(case.changed(omega=omega))
         if isinstance(fold, NoOrbit):
             lost.append(fold)
-            return 2 * abs(case.force)  # higher than any force near a birth, lower than any near a merger
+            return 2 * abs(
+                case.force
+            )  # higher than any force near a birth, lower than any near a merger
         known[omega] = fold
         return sign * fold.case.force
 
-    low, high = case.omega - reach, case.omega + reach
-    scipy.optimize.minimize_scalar(height, bounds=(low, high), method="bounded", options={"xatol": COARSE * case.omega, "maxiter": 40})
+    low = case.omega - reach
+    high = case.omega + reach
+    scipy.optimize.minimize_scalar(
+        height,
+        bounds=(low, high),
+        method="bounded",
+        options={"xatol": COARSE * case.omega, "maxiter": 40},
+    )
     if not known:
         return lost[0]
     best = min(known.values(), key=lambda fold: sign * fold.case.force)
     if min(best.case.omega - low, high - best.case.omega) < EDGE * (high - low):
-        return NoOrbit(best.case, best.motion.solution.schedule, "its level fold lies elsewhere", best.motion.solution.phases)
+        return NoOrbit(
+            best.case,
+            best.motion.solution.schedule,
+            "its level fold lies elsewhere",
+            best.motion.solution.phases,
+        )
     for omega in (best.case.omega * (1 - BESIDE), best.case.omega * (1 + BESIDE)):
         next_to = lowest_fold(best.case.changed(omega=omega))
         if isinstance(next_to, NoOrbit) or abs(next_to.case.force / best.case.force - 1) > JUMP:
-            return NoOrbit(best.case, best.motion.solution.schedule, "the smallest force jumps there", best.motion.solution.phases)
+            return NoOrbit(
+                best.case,
+                best.motion.solution.schedule,
+                "the smallest force jumps there",
+                best.motion.solution.phases,
+            )
     finished = level_fold(best, reach)
     if isinstance(finished, Fold) and abs(finished.case.force / best.case.force - 1) < CLOSE:
         return finished

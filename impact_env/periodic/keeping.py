@@ -17,10 +17,18 @@ P = TypeVar("P", bound=Plain)
 class Keep(Protocol):
     """Finished pieces by name."""
 
-    def __call__(self, name: dict[str, Any], make: Callable[[], Iterator[P]], read: Callable[[dict[str, Any]], P], /) -> Iterator[P]:
+    def __call__(
+        self,
+        name: dict[str, Any],
+        make: Callable[[], Iterator[P]],
+        read: Callable[[dict[str, Any]], P],
+        /,
+    ) -> Iterator[P]:
         """Yield what ``make`` yields, or what it has yielded before to its end for the same ``name``, ``read`` from its `to_plain`."""
 
 
-def anew(_name: dict[str, Any], make: Callable[[], Iterator[P]], _read: Callable[[dict[str, Any]], P], /) -> Iterator[P]:
+def anew(
+    _name: dict[str, Any], make: Callable[[], Iterator[P]], _read: Callable[[dict[str, Any]], P], /
+) -> Iterator[P]:
     """Keep nothing: make each piece."""
     return make()

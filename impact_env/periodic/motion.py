@@ -24,8 +24,13 @@ from impact_env.periodic.passage import Passage
 Array = NDArray[np.float64]
 PENETRATION = 1e-9  # of the gap: above the rounding of a distance
 MOST_TURNS = 4096
-PANEL, NODES = 1.0, 6  # rad of the fastest exponential in a panel, and nodes of Gauss and Legendre in it
-POINTS, WEIGHTS = (0.5 * (part + shift) for part, shift in zip(np.polynomial.legendre.leggauss(NODES), (1.0, 0.0), strict=True))
+# rad of the fastest exponential in a panel, and nodes of Gauss and Legendre in it
+PANEL = 1.0
+NODES = 6
+POINTS, WEIGHTS = (
+    0.5 * (part + shift)
+    for part, shift in zip(np.polynomial.legendre.leggauss(NODES), (1.0, 0.0), strict=True)
+)
 Complex = NDArray[np.complex128]
 States = Callable[[Array], Array]  # times (S,) in s -> states (S, 2 N_m + 2)
 TINY = np.finfo(float).tiny
@@ -72,11 +77,21 @@ class Periodic:
 
     def states(self, phases: ArrayLike) -> Array:
         """Return states (S, 2 N_m + 2), as `InitialState.vector`, at phases (S,) of the force in rad, any number of periods ahead or back."""
-        given, schedule = np.asarray(phases, dtype=float), self.solution.schedule
-        require(given.ndim == 1 and bool(np.all(np.isfinite(given))), "phases", phases, "a row of finite numbers in rad")
+        given = np.asarray(phases, dtype=float)
+        schedule = self.solution.schedule
+        require(
+            given.ndim == 1 and bool(np.all(np.isfinite(given))),
+            "phases",
+            phases,
+            "a row of finite numbers in rad",
+        )
         rounds = np.floor((given - self.begin) / schedule.turn)
-        states = self.within((given - self.begin - rounds * schedule.turn) / self.solution.case.omega)
-        return np.where(rounds % 2 == 1, -1.0, 1.0)[:, None] * states if schedule.symmetric else states
+        states = self.within(
+            (given - self.begin - rounds * schedule.turn) / self.solution.case.omega
+        )
+        return (
+            np.where(rounds % 2 == 1, -1.0, 1.0)[:, None] * states if schedule.symmetric else states
+        )
 
     def state_at(self, phase: float) -> Array:
         """Return the state (2 N_m + 2,) at one phase of the force in rad."""
@@ -111,11 +126,14 @@ class Motion(Periodic):
     @cached_property
     def clearance(self) -> float:
         """Least distance from a wall, in m, where the relative velocity turns between impacts: 0 is grazing, below it a wall is passed."""
-        gap, n = self.solution.case.gap, self.solution.case.model.modes
+        gap = self.solution.case.gap
+        n = self.solution.case.model.modes
         if len(self.turns) == 0:
             return gap
         states = self.states(self.turns)
-        return gap - float(np.max(np.abs(states[:, n] - states[:, :n] @ self.solution.case.model.tip_shape)))
+        return gap - float(
+            np.max(np.abs(states[:, n] - states[:, :n] @ self.solution.case.model.tip_shape))
+        )
 
     @property
     def begin(self) -> float:
@@ -124,25 +142,33 @@ class Motion(Periodic):
 
     def within(self, times: Array) -> Array:
         """See `Periodic`."""
-        case, order = self.solution.case, np.argsort(times, kind="stable")
+        case = self.solution.case
+        order = np.argsort(times, kind="stable")
         out = np.empty((len(times), 2 * case.model.modes + 2))
-        states_at(case.structure, case.point, self.flights, times[order] + self.flights.time[0], out)
+        states_at(
+            case.structure, case.point, self.flights, times[order] + self.flights.time[0], out
+        )
         states = np.empty_like(out)
         states[order] = out
         return states
 
     def middle(self) -> float:
         """See `Periodic`."""
-        k, time = int(np.argmax(np.diff(self.flights.time))), self.flights.time
+        k = int(np.argmax(np.diff(self.flights.time)))
+        time = self.flights.time
         return 0.5 * float(time[k] + time[k + 1]) - float(time[0])
 
     @cached_property
     def level(self) -> tuple[float, float]:
         """See `Periodic`."""
-        model, times = self.solution.case.model, self.flights.time - self.flights.time[0]
+        model = self.solution.case.model
+        times = self.flights.time - self.flights.time[0]
         if model.response_shape is None:
             return self.at_absorber
-        flights = [(lambda dts, at=at: self.within(at + dts), float(length)) for at, length in zip(times[:-1], np.diff(times), strict=True)]
+        flights = [
+            (lambda dts, at=at: self.within(at + dts), float(length))
+            for at, length in zip(times[:-1], np.diff(times), strict=True)
+        ]
         return level_of(self.solution.case, flights)
 
     @property
@@ -165,30 +191,46 @@ class Motion(Periodic):
 
 def _monodromy_of(solution: Solution, flights: Flights) -> tuple[Array, Array]:
     """Return `Motion.derivative` and `Motion.turning`."""
-    case, order = solution.case, solution.schedule.order
+    case = solution.case
+    order = solution.schedule.order
     size = 2 * case.model.modes + 2
-    jumps = case.friction_limit * (np.append(order.mirror * order.sign[-1], order.sign[:-1]) - order.sign)
-    matrix, turning = np.empty((size, size)), np.empty(len(jumps))
+    jumps = case.friction_limit * (
+        np.append(order.mirror * order.sign[-1], order.sign[:-1]) - order.sign
+    )
+    matrix = np.empty((size, size))
+    turning = np.empty(len(jumps))
     monodromy(case.structure, case.point, order, flights, solution.impulses, jumps, matrix, turning)
     return matrix, turning
 
 
 def derivative_of(solution: Solution) -> Array:
     """Return `Motion.derivative` without a look at what the motion does between its events; next to a solution too."""
-    case, order = solution.case, solution.schedule.order
-    return _monodromy_of(solution, flights_of(case.structure, case.point, order, solution.phases, solution.impulses))[0]
+    case = solution.case
+    order = solution.schedule.order
+    return _monodromy_of(
+        solution, flights_of(case.structure, case.point, order, solution.phases, solution.impulses)
+    )[0]
 
 
 def motion_of(solution: Solution) -> Motion:
     """Return the motion of a solution, by its exponentials from event to event; it is sampled several times in a radian of the fastest mode."""
-    case, order = solution.case, solution.schedule.order
-    structure, point = case.structure, case.point
+    case = solution.case
+    order = solution.schedule.order
+    structure = case.structure
+    point = case.point
     flights = flights_of(structure, point, order, solution.phases, solution.impulses)
     turns = np.empty(MOST_TURNS)
     h = receptance(structure, case.omega)[0]
     extremes, found, fits = scan(structure, point, h, flights, order, turns)
     phases = turns[: min(found, MOST_TURNS)] * case.omega
-    return Motion(solution, flights, (extremes.tip, float(np.sqrt(extremes.square))), extremes.distance, phases, bool(fits))
+    return Motion(
+        solution,
+        flights,
+        (extremes.tip, float(np.sqrt(extremes.square))),
+        extremes.distance,
+        phases,
+        bool(fits),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +253,9 @@ class ShotMotion(Periodic):
         times, lengths = self.passage.flights
         k = int(np.argmax(lengths))
         around = lengths[k] <= lengths[0] + lengths[-1]
-        return float(0.5 * (lengths[0] - lengths[-1]) if around else 0.5 * (times[k] + times[k + 1]))
+        return float(
+            0.5 * (lengths[0] - lengths[-1]) if around else 0.5 * (times[k] + times[k + 1])
+        )
 
     @property
     def derivative(self) -> Array:
@@ -222,7 +266,10 @@ class ShotMotion(Periodic):
     def level(self) -> tuple[float, float]:
         """See `Periodic`."""
         lengths = np.diff(self.passage.flights[0])
-        pieces = [(piece.states, float(length)) for piece, length in zip(self.passage.pieces, lengths, strict=True)]
+        pieces = [
+            (piece.states, float(length))
+            for piece, length in zip(self.passage.pieces, lengths, strict=True)
+        ]
         return level_of(self.solution.case, pieces)
 
 
@@ -232,18 +279,22 @@ AnyMotion = Motion | ShotMotion
 def level_of(case: Case, pieces: Sequence[tuple[States, float]]) -> tuple[float, float]:
     """Return the largest |displacement| and the RMS (m) where the response is read, over pieces: their states by the time, and lengths in s."""
     each = [_extremes(case, states, length) for states, length in pieces if length > 0]
-    return max(peak for peak, _ in each), float(np.sqrt(sum(area for _, area in each) / sum(length for _, length in pieces)))
+    return max(peak for peak, _ in each), float(
+        np.sqrt(sum(area for _, area in each) / sum(length for _, length in pieces))
+    )
 
 
 def _extremes(case: Case, states_of: States, length: float) -> tuple[float, float]:
     """Return the largest |displacement| (m) in a piece of a ``length`` in s, and the integral of its square (m^2 s)."""
-    shape, n = case.model.level_shape, case.model.modes
+    shape = case.model.level_shape
+    n = case.model.modes
     fastest = max(float(np.max(np.abs(case.structure.s))), case.omega)
     panels = max(1, int(np.ceil(length * fastest / PANEL)))
     step = length / panels
     dts = np.concatenate([[0.0], (step * (np.arange(panels)[:, None] + POINTS)).ravel(), [length]])
     states = states_of(dts)
-    place, rate = states[:, :n] @ shape, states[:, n + 1 : -1] @ shape
+    place = states[:, :n] @ shape
+    rate = states[:, n + 1 : -1] @ shape
     area = step * float(np.sum(np.tile(WEIGHTS, panels) * place[1:-1] ** 2))
     k = int(np.argmax(np.abs(place)))
     peak = float(abs(place[k]))
@@ -255,13 +306,15 @@ def _extremes(case: Case, states_of: States, length: float) -> tuple[float, floa
 
 def _peak(states_of: States, low: float, high: float, shape: Array) -> float:
     """Return |displacement| (m) where the velocity turns between two times (s), by the secant method."""
-    n, ends = len(shape), [low, high]
+    n = len(shape)
+    ends = [low, high]
     rates = [float(states_of(np.array([dt]))[0, n + 1 : -1] @ shape) for dt in ends]
     for _ in range(8):
         if rates[0] == rates[1]:
             break
         dt = min(max(ends[1] - rates[1] * (ends[1] - ends[0]) / (rates[1] - rates[0]), low), high)
-        ends, rates = [ends[1], dt], [rates[1], float(states_of(np.array([dt]))[0, n + 1 : -1] @ shape)]
+        ends = [ends[1], dt]
+        rates = [rates[1], float(states_of(np.array([dt]))[0, n + 1 : -1] @ shape)]
     return abs(float(states_of(np.array([ends[1]]))[0, :n] @ shape))
 
 
@@ -307,8 +360,11 @@ def stability_of(motion: AnyMotion) -> Stability:
     """Return the stability of a motion, from its map's derivative."""
     values, vectors = np.linalg.eig(motion.derivative)
     rank = np.argsort(-np.abs(values), kind="stable")
-    values, vectors = values[rank].astype(complex), vectors[:, rank]
-    return Stability(values, motion.solution.schedule.symmetric, _slow_pair(motion, values, vectors))
+    values = values[rank].astype(complex)
+    vectors = vectors[:, rank]
+    return Stability(
+        values, motion.solution.schedule.symmetric, _slow_pair(motion, values, vectors)
+    )
 
 
 def _slow_pair(motion: AnyMotion, values: Complex, vectors: Complex) -> NDArray[np.int64]:
@@ -318,13 +374,28 @@ def _slow_pair(motion: AnyMotion, values: Complex, vectors: Complex) -> NDArray[
     conjugate, or two real ones.
     """
     case = motion.solution.case
-    model, n = case.model, case.model.modes
+    model = case.model
+    n = case.model.modes
     nearest = int(np.argmin(np.abs(model.omega - case.omega)))
-    energy = np.abs(vectors) ** 2 * np.concatenate([model.omega**2, [0.0], np.ones(n), [case.structure.mass]])[:, None]
+    energy = (
+        np.abs(vectors) ** 2
+        * np.concatenate([model.omega**2, [0.0], np.ones(n), [case.structure.mass]])[:, None]
+    )
     share = (energy[nearest] + energy[n + 1 + nearest]) / np.maximum(np.sum(energy, axis=0), TINY)
-    alone = -min(float(model.damping_ratio[nearest]), 1.0) * float(model.omega[nearest]) * motion.solution.schedule.turn / case.omega
-    unlike = np.abs(np.log(np.maximum(np.abs(values), TINY)) - alone) - np.log(np.maximum(share, TINY))
-    upper, real = np.flatnonzero(values.imag > 0), np.flatnonzero(values.imag == 0)
-    pairs = [(2 * float(unlike[k]), int(k), int(np.argmin(np.abs(values - np.conj(values[k]))))) for k in upper]
+    alone = (
+        -min(float(model.damping_ratio[nearest]), 1.0)
+        * float(model.omega[nearest])
+        * motion.solution.schedule.turn
+        / case.omega
+    )
+    unlike = np.abs(np.log(np.maximum(np.abs(values), TINY)) - alone) - np.log(
+        np.maximum(share, TINY)
+    )
+    upper = np.flatnonzero(values.imag > 0)
+    real = np.flatnonzero(values.imag == 0)
+    pairs = [
+        (2 * float(unlike[k]), int(k), int(np.argmin(np.abs(values - np.conj(values[k])))))
+        for k in upper
+    ]
     pairs += [(float(unlike[j] + unlike[k]), int(j), int(k)) for j, k in combinations(real, 2)]
     return np.array(sorted(min(pairs)[1:]), dtype=np.int64)

@@ -31,13 +31,27 @@ from impact_env.periodic.orbit_branches import (
     places_of,
 )
 from impact_env.periodic.schedule import EventSchedule
-from impact_env.periodic.survey import MOST_MULTIPLE, Found, attractors, closed_form_over, different, joined_by
+from impact_env.periodic.survey import (
+    MOST_MULTIPLE,
+    Found,
+    attractors,
+    closed_form_over,
+    different,
+    joined_by,
+)
 
 LEAST = 1e-4  # of what tells the two halves apart: below it is the orbit that was left
 BACK = "it is back on the branch that it left"
-SIZES = (0.02, 0.05, 0.01, 0.1)  # of arclength: how far from the branch point the other branch is sought, in turn
+SIZES = (
+    0.02,
+    0.05,
+    0.01,
+    0.1,
+)  # of arclength: how far from the branch point the other branch is sought, in turn
 Array = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]  # what is done, how many frequencies or branches of how many (0: not known)
+Progress = Callable[
+    [str, int, int], None
+]  # what is done, how many frequencies or branches of how many (0: not known)
 MOST_EVENTS = 100  # on a branch: Newton's method takes the third power of them
 MOST_BRANCHES = 30  # in a range: without losses they leave one another without end
 STEPS = Steps(first=0.01, least=1e-8, most=0.1, points=400)
@@ -49,13 +63,23 @@ def leaving(orbits: OrbitBranch, kind: str) -> Iterator[Solution]:
 
     A place from which no such solution is found is left out.
     """
-    require(kind in (SYMMETRY_BREAKING, PERIOD_DOUBLING), "kind", kind, f"{SYMMETRY_BREAKING} or {PERIOD_DOUBLING}")
+    require(
+        kind in (SYMMETRY_BREAKING, PERIOD_DOUBLING),
+        "kind",
+        kind,
+        f"{SYMMETRY_BREAKING} or {PERIOD_DOUBLING}",
+    )
     side = -1.0 if kind == SYMMETRY_BREAKING else 1.0
     for motion in orbits.of(kind):
-        one, old = motion.solution, motion.solution.schedule  # listed twice: its events and, behind them, what they are a span later
+        # listed twice: its events and, behind them, what they are a span later
+        one = motion.solution
+        old = motion.solution.schedule
         later = (event.mirrored if side < 0 else event for event in old.events)
-        schedule = EventSchedule((*old.events, *later), False, old.period_multiple * (1 if side < 0 else 2))
-        phases, impulses = np.concatenate([one.phases, one.phases + old.turn]), np.concatenate([one.impulses, side * one.impulses])
+        schedule = EventSchedule(
+            (*old.events, *later), False, old.period_multiple * (1 if side < 0 else 2)
+        )
+        phases = np.concatenate([one.phases, one.phases + old.turn])
+        impulses = np.concatenate([one.impulses, side * one.impulses])
         twice = Solution(one.case, schedule, phases, impulses, one.offset, one.error, one.steps)
         found = _beside(twice, side, orbits.branch.parameter)
         if found is not None:
@@ -66,7 +90,9 @@ def _beside(solution: Solution, side: float, parameter: str) -> Solution | None:
     """Return an orbit of the branch that leaves at a solution whose second half is its first one, times ``side``; None if no point of it is found."""
     conditions = Conditions(solution.case, solution.schedule, parameter)
     value = getattr(solution.case, parameter)
-    problem = Problem(conditions, parameter, 1.0, PARAMETER_SHARE * (abs(value) if value != 0 else 1.0))
+    problem = Problem(
+        conditions, parameter, 1.0, PARAMETER_SHARE * (abs(value) if value != 0 else 1.0)
+    )
     z = unknowns_of(solution)
     system = problem.system(len(z), Steps())
     along = _tangent_alike(system(system.scaled(z, value))[1], solution, side)
@@ -88,7 +114,11 @@ def halves_apart(solution: Solution, side: float) -> Array:
     if len(solution.phases) % 2:
         return np.array([np.inf])
     late = solution.phases[half:] - solution.phases[:half] - solution.schedule.turn / 2
-    return np.append(late, (solution.impulses[half:] - side * solution.impulses[:half]) / np.max(np.abs(solution.impulses)))
+    return np.append(
+        late,
+        (solution.impulses[half:] - side * solution.impulses[:half])
+        / np.max(np.abs(solution.impulses)),
+    )
 
 
 def unlike(solution: Solution, side: float) -> float:
@@ -98,7 +128,8 @@ def unlike(solution: Solution, side: float) -> float:
 
 def _tangent_alike(jacobian: Array, solution: Solution, side: float) -> Array:
     """Return the unit tangent of the branch that is left (m + 1,): the direction of the Jacobian's kernel in which both halves move alike."""
-    n, m = len(solution.schedule.events), solution.schedule.impacts
+    n = len(solution.schedule.events)
+    m = solution.schedule.impacts
     shift = np.zeros((jacobian.shape[1], jacobian.shape[1]))
     for begin, size, sign in ((0, n, 1.0), (n, m, side)):
         index = np.arange(begin, begin + size)
@@ -112,7 +143,10 @@ def _tangent_alike(jacobian: Array, solution: Solution, side: float) -> Array:
 
 
 def descendants(
-    branches: Iterable[OrbitBranch], limits: tuple[float, float], longest: int = MOST_MULTIPLE, most: int = MOST_BRANCHES
+    branches: Iterable[OrbitBranch],
+    limits: tuple[float, float],
+    longest: int = MOST_MULTIPLE,
+    most: int = MOST_BRANCHES,
 ) -> Iterator[OrbitBranch | NoOrbit]:
     """Yield the branches in frequency, within limits in rad/s, that leave ``branches`` by broken symmetry or doubled periods, and so on.
 
@@ -127,7 +161,11 @@ def descendants(
         for kind in (SYMMETRY_BREAKING, *((PERIOD_DOUBLING,) if 2 * multiple <= longest else ())):
             for solution in leaving(branch, kind):
                 new = solution.schedule.period_multiple
-                if any(mirrors(places, solution) for other, places in known if other.schedules[0].period_multiple == new):
+                if any(
+                    mirrors(places, solution)
+                    for other, places in known
+                    if other.schedules[0].period_multiple == new
+                ):
                     continue
                 if len(known) >= most:
                     reason = f"there are more branches that leave others than the {MOST_BRANCHES} that are followed in a range"
@@ -144,16 +182,28 @@ def descendants(
                     return
 
 
-def followed(solution: Solution, limits: tuple[float, float], side: float | None = None) -> OrbitBranch | NoOrbit:
+def followed(
+    solution: Solution, limits: tuple[float, float], side: float | None = None
+) -> OrbitBranch | NoOrbit:
     """Return the branch in frequency through a solution, or why it is not followed.
 
     ``side``: it leaves a branch whose orbits' second half is the first one times that, and ends where it comes back to it.
     """
     events = len(solution.schedule.events)
     if events > MOST_EVENTS:
-        return NoOrbit(solution.case, solution.schedule, f"a branch of more than {MOST_EVENTS} events is not followed", solution.phases)
+        return NoOrbit(
+            solution.case,
+            solution.schedule,
+            f"a branch of more than {MOST_EVENTS} events is not followed",
+            solution.phases,
+        )
     if not limits[0] <= solution.case.omega <= limits[1]:
-        return NoOrbit(solution.case, solution.schedule, "a branch that begins beyond the range is not followed", solution.phases)
+        return NoOrbit(
+            solution.case,
+            solution.schedule,
+            "a branch that begins beyond the range is not followed",
+            solution.phases,
+        )
     try:
         found = orbit_branch(solution, "omega", limits, STEPS)
     except NoConvergenceError as error:
@@ -163,19 +213,38 @@ def followed(solution: Solution, limits: tuple[float, float], side: float | None
 
 def _until_back(orbits: OrbitBranch, side: float) -> OrbitBranch:
     """Return a branch without its ends on the one that it left, whose orbits stand there twice: where both meet, a step may turn onto that."""
-    apart = np.flatnonzero([unlike(orbits.solution(k), side) > LEAST for k in range(len(orbits.schedules))])
+    apart = np.flatnonzero(
+        [unlike(orbits.solution(k), side) > LEAST for k in range(len(orbits.schedules))]
+    )
     if len(apart) == 0 or apart[-1] - apart[0] == len(orbits.schedules) - 1:
         return orbits
     branch, (first, last) = orbits.branch, apart[[0, -1]]
     kept = slice(first, last + 1)
-    pairs = [pair for pair in zip(branch.located, orbits.located_schedules, strict=True) if first <= pair[0].after + 1 <= last + 1]
+    pairs = [
+        pair
+        for pair in zip(branch.located, orbits.located_schedules, strict=True)
+        if first <= pair[0].after + 1 <= last + 1
+    ]
     located = tuple(replace(event, after=max(0, event.after - first)) for event, _ in pairs)
-    whole = replace(branch, points=branch.points[kept], parameters=branch.parameters[kept], located=located, ended=BACK, message=BACK)
-    return OrbitBranch(orbits.case, whole, orbits.schedules[kept], tuple(schedule for _, schedule in pairs))
+    whole = replace(
+        branch,
+        points=branch.points[kept],
+        parameters=branch.parameters[kept],
+        located=located,
+        ended=BACK,
+        message=BACK,
+    )
+    return OrbitBranch(
+        orbits.case, whole, orbits.schedules[kept], tuple(schedule for _, schedule in pairs)
+    )
 
 
 def all_orbits_over(
-    case: Case, ratios: Array, progress: Progress | None = None, longest: int = MOST_MULTIPLE, settle: bool = True
+    case: Case,
+    ratios: Array,
+    progress: Progress | None = None,
+    longest: int = MOST_MULTIPLE,
+    settle: bool = True,
 ) -> Iterator[Found]:
     """Yield the orbits of a case at each of rising frequency ratios (M,): symmetric, without symmetry, and of up to ``longest`` periods of the force.
 
@@ -209,7 +278,9 @@ class _Search:
     def limits(self) -> tuple[float, float]:
         """Frequencies in rad/s between which branches are followed."""
         first = float(self.case.model.omega[0])
-        return max(float(self.ratios[0]) - MARGIN, 0.5 * float(self.ratios[0])) * first, (float(self.ratios[-1]) + MARGIN) * first
+        return max(float(self.ratios[0]) - MARGIN, 0.5 * float(self.ratios[0])) * first, (
+            float(self.ratios[-1]) + MARGIN
+        ) * first
 
     def _tell(self, what: str, done: int, total: int) -> None:
         if self.progress is not None:
@@ -217,12 +288,22 @@ class _Search:
 
     def symmetric(self) -> None:
         """Find the symmetric orbits and their branches."""
-        self.groups += closed_form_over(self.case, self.ratios, lambda done, total: self._tell("closed form", done, total))
-        self._join(orbit_branches(self.case, *self.limits, self.ratios * float(self.case.model.omega[0]), COARSE))
+        self.groups += closed_form_over(
+            self.case, self.ratios, lambda done, total: self._tell("closed form", done, total)
+        )
+        self._join(
+            orbit_branches(
+                self.case, *self.limits, self.ratios * float(self.case.model.omega[0]), COARSE
+            )
+        )
 
     def leave(self, branches: Iterable[OrbitBranch]) -> None:
         """Follow what leaves some branches, and what leaves that."""
-        self._join(descendants(branches, self.limits, self.longest, max(0, MOST_BRANCHES - len(self.branches))))
+        self._join(
+            descendants(
+                branches, self.limits, self.longest, max(0, MOST_BRANCHES - len(self.branches))
+            )
+        )
 
     def _join(self, branches: Iterable[OrbitBranch | NoOrbit]) -> None:
         """Follow branches, and add their orbits at each frequency."""
@@ -257,7 +338,9 @@ class _Search:
         if isinstance(found, NoOrbit):
             self.groups[k] = replace(group, refused=(*group.refused, found))
             return
-        if len(found.impacts) == 0 or len(orbits := different([*group.orbits, found])) == len(group.orbits):
+        if len(found.impacts) == 0 or len(orbits := different([*group.orbits, found])) == len(
+            group.orbits
+        ):
             return
         self.groups[k] = replace(group, orbits=tuple(orbits))
         if found.schedule.flies:

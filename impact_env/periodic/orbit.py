@@ -9,7 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
-from impact_env.periodic.motion import AnyMotion, Motion, ShotMotion, Stability, motion_of, stability_of
+from impact_env.periodic.motion import (
+    AnyMotion,
+    Motion,
+    ShotMotion,
+    Stability,
+    motion_of,
+    stability_of,
+)
 from impact_env.periodic.schedule import EventSchedule, Regime, flying_schedule
 from impact_env.periodic.shooting import shoot, units_of
 from impact_env.periodic.validation import JOINS, Validation, chatters, held, validate
@@ -66,26 +73,37 @@ class Orbit:
         A complete chatter has those of the exact method's run: it ends with the bounce behind which the heights of all others add up to less than the
         rounding of the distance, and which takes the rest of the relative velocity with it.
         """
-        schedule, solution, whole = self.schedule, self.solution, 2 * np.pi * self.schedule.period_multiple
+        schedule = self.schedule
+        solution = self.solution
+        whole = 2 * np.pi * self.schedule.period_multiple
         found = [
             Impact(float(p % whole), float(i), event.wall)
             for p, i, event in zip(solution.phases, solution.impulses, schedule.events, strict=True)
             if event.is_impact
         ]
         if self.recorded is not None:
-            found = [Impact(impact.phase % whole, impact.impulse, impact.wall) for impact in self.recorded]
+            found = [
+                Impact(impact.phase % whole, impact.impulse, impact.wall)
+                for impact in self.recorded
+            ]
         if schedule.symmetric:
-            found += [Impact((impact.phase + schedule.turn) % whole, -impact.impulse, -impact.wall) for impact in found]
+            found += [
+                Impact((impact.phase + schedule.turn) % whole, -impact.impulse, -impact.wall)
+                for impact in found
+            ]
         return tuple(sorted(found, key=lambda impact: impact.phase))
 
 
 def confirmed(motion: AnyMotion) -> Orbit | NoOrbit:
     """Return the orbit of a motion if the exact method confirms it, or why it is none."""
-    solution, reason = motion.solution, objection(motion) if isinstance(motion, Motion) else None
+    solution = motion.solution
+    reason = objection(motion) if isinstance(motion, Motion) else None
     if reason is None:
         validation = validate(motion)
         if validation.reason is None:
-            return Orbit(motion, stability_of(motion), validation.residual, _chatter(motion, validation))
+            return Orbit(
+                motion, stability_of(motion), validation.residual, _chatter(motion, validation)
+            )
         reason = validation.reason
     return NoOrbit(solution.case, solution.schedule, reason, solution.phases)
 
@@ -93,13 +111,22 @@ def confirmed(motion: AnyMotion) -> Orbit | NoOrbit:
 def _chatter(motion: AnyMotion, validation: Validation) -> tuple[Impact, ...] | None:
     """Return the impacts of a validation's run if a wall holds the absorber on it, else None."""
     impacts = None if validation.response is None else validation.response.impacts
-    if impacts is None or validation.response is None or not chatters(motion.solution.case, validation.response):
+    if (
+        impacts is None
+        or validation.response is None
+        or not chatters(motion.solution.case, validation.response)
+    ):
         return None
     phases = validation.start + motion.solution.case.omega * impacts.time
-    return tuple(Impact(float(p), float(i), int(-np.sign(i))) for p, i in zip(phases, impacts.impulse, strict=True))
+    return tuple(
+        Impact(float(p), float(i), int(-np.sign(i)))
+        for p, i in zip(phases, impacts.impulse, strict=True)
+    )
 
 
-def shot_orbit(case: Case, phase: float, state: ArrayLike, symmetric: bool = False, period_multiple: int = 1) -> Orbit | NoOrbit:
+def shot_orbit(
+    case: Case, phase: float, state: ArrayLike, symmetric: bool = False, period_multiple: int = 1
+) -> Orbit | NoOrbit:
     """Return the confirmed orbit by shooting from a ``state`` (2 N_m + 2,) at a ``phase`` (rad) where the absorber flies, or why there is none."""
     found = shoot(case, phase, np.asarray(state, dtype=float), symmetric, period_multiple)
     return found if isinstance(found, NoOrbit) else confirmed(found)
@@ -110,13 +137,21 @@ def held_orbit(motion: Motion) -> Orbit | NoOrbit:
 
     Between two numbers of reversals lie orbits with a short joined phase: shooting finds them from the motion that leaves it out.
     """
-    found, case = confirmed(motion), motion.solution.case
-    if isinstance(found, Orbit) or case.friction_limit == 0 or not any(reason in found.reason for reason in HELD):
+    found = confirmed(motion)
+    case = motion.solution.case
+    if (
+        isinstance(found, Orbit)
+        or case.friction_limit == 0
+        or not any(reason in found.reason for reason in HELD)
+    ):
         return found
     schedule, (phase, state) = motion.solution.schedule, motion.mid_flight()
     held = shot_orbit(case, phase, state, schedule.symmetric, schedule.period_multiple)
     reason = held.reason if isinstance(held, NoOrbit) else "shooting leads elsewhere"
-    if isinstance(held, Orbit) and np.max(np.abs(held.motion.state_at(phase) - state) / units_of(case)) < NEIGHBOUR:
+    if (
+        isinstance(held, Orbit)
+        and np.max(np.abs(held.motion.state_at(phase) - state) / units_of(case)) < NEIGHBOUR
+    ):
         return held
     return NoOrbit(case, found.schedule, f"{found.reason}; {reason}", found.phases)
 
@@ -125,9 +160,18 @@ def mirrored(orbit: Orbit) -> Orbit | NoOrbit:
     """Return the mirror image of an orbit: every sign turned, half a period of the force later. A symmetric orbit is its own."""
     if isinstance(orbit.motion, ShotMotion):
         phase, state = orbit.motion.mid_flight()
-        return shot_orbit(orbit.case, phase + np.pi, -state, orbit.schedule.symmetric, orbit.schedule.period_multiple)
-    solution, old = orbit.solution, orbit.schedule
-    schedule = EventSchedule(tuple(event.mirrored for event in old.events), old.symmetric, old.period_multiple)
+        return shot_orbit(
+            orbit.case,
+            phase + np.pi,
+            -state,
+            orbit.schedule.symmetric,
+            orbit.schedule.period_multiple,
+        )
+    solution = orbit.solution
+    old = orbit.schedule
+    schedule = EventSchedule(
+        tuple(event.mirrored for event in old.events), old.symmetric, old.period_multiple
+    )
     z = unknowns_of(solution)
     z[: len(old.events)] += np.pi
     z[len(old.events) :] *= -1
@@ -136,7 +180,8 @@ def mirrored(orbit: Orbit) -> Orbit | NoOrbit:
 
 def objection(motion: Motion) -> str | None:
     """Return why a motion is no orbit, without propagating it, or None: an impulse that pulls, a wall passed, friction in the wrong sense."""
-    solution, schedule = motion.solution, motion.solution.schedule
+    solution = motion.solution
+    schedule = motion.solution.schedule
     if np.any(solution.impulses * schedule.order.wall > 0):
         return "a wall would have to pull"
     if motion.penetration > 0:
@@ -146,7 +191,9 @@ def objection(motion: Motion) -> str | None:
     return WOULD_HOLD if is_held(motion) else None
 
 
-def orbit_at(case: Case, schedule: EventSchedule, start: ArrayLike, reorder: bool = True) -> Orbit | NoOrbit:
+def orbit_at(
+    case: Case, schedule: EventSchedule, start: ArrayLike, reorder: bool = True
+) -> Orbit | NoOrbit:
     """Return the confirmed orbit near ``start`` (unknowns, or phases in rad), or why there is none.
 
     ``reorder``: with friction the reversals of the schedule may be wrong at the start; they are replaced by those that the motion shows, until both
@@ -181,7 +228,8 @@ def reordered(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion |
             continue
         if case.friction_limit == 0 or not motion.fits:
             return motion
-        last, held = motion, is_held(motion)
+        last = motion
+        held = is_held(motion)
         if consistent(motion):
             if not held:
                 return motion
@@ -206,12 +254,18 @@ def consistent(motion: Motion) -> bool:
         return False
     hits = solution.schedule.order.wall != 0
     impacts = solution.phases[hits]
-    return bool(np.all(np.searchsorted(impacts, motion.turns) == np.searchsorted(impacts, solution.phases[~hits])))
+    return bool(
+        np.all(
+            np.searchsorted(impacts, motion.turns)
+            == np.searchsorted(impacts, solution.phases[~hits])
+        )
+    )
 
 
 def shown_order(motion: Motion) -> tuple[EventSchedule, Array]:
     """Return the schedule with the turns that a motion shows as its reversals, and the phases (n,) of its events in rad."""
-    solution, old = motion.solution, motion.solution.schedule
+    solution = motion.solution
+    old = motion.solution.schedule
     hits = old.order.wall != 0
     phases = np.concatenate([solution.phases[hits], motion.turns])
     walls = np.concatenate([old.order.wall[hits], np.zeros(len(motion.turns), np.int64)])
@@ -221,7 +275,11 @@ def shown_order(motion: Motion) -> tuple[EventSchedule, Array]:
 def without_closest(schedule: EventSchedule, phases: Array) -> tuple[EventSchedule, Array]:
     """Return the schedule and phases (n,) without the two neighbouring reversals that are closest to each other, or unchanged if there are none."""
     wall = schedule.order.wall
-    pairs = [(phases[k + 1] - phases[k], k) for k in range(len(phases) - 1) if wall[k] == 0 and wall[k + 1] == 0]
+    pairs = [
+        (phases[k + 1] - phases[k], k)
+        for k in range(len(phases) - 1)
+        if wall[k] == 0 and wall[k + 1] == 0
+    ]
     if not pairs:
         return schedule, phases
     k = min(pairs)[1]
@@ -230,45 +288,72 @@ def without_closest(schedule: EventSchedule, phases: Array) -> tuple[EventSchedu
 
 def without_held(motion: Motion) -> tuple[EventSchedule, Array]:
     """Return the schedule and phases (n,) of a motion without the reversals at which friction would hold, and their partners."""
-    solution, old = motion.solution, motion.solution.schedule
-    turning, wall = motion.turning, old.order.wall
+    solution = motion.solution
+    old = motion.solution.schedule
+    turning = motion.turning
+    wall = old.order.wall
     leave: set[int] = set()
     for k in np.flatnonzero(turning > -1):
-        partners = [j for j in (k - 1, k + 1) if 0 <= j < len(wall) and wall[j] == 0 and j not in leave]
+        partners = [
+            j for j in (k - 1, k + 1) if 0 <= j < len(wall) and wall[j] == 0 and j not in leave
+        ]
         if k not in leave and partners:
-            leave |= {int(k), int(min(partners, key=lambda j: abs(float(solution.phases[j] - solution.phases[k]))))}
+            leave |= {
+                int(k),
+                int(
+                    min(partners, key=lambda j: abs(float(solution.phases[j] - solution.phases[k])))
+                ),
+            }
     keep = np.array([k not in leave for k in range(len(wall))])
     return _sorted(old, wall[keep], solution.phases[keep])
 
 
-def _sorted(old: EventSchedule, walls: NDArray[np.int64], phases: Array) -> tuple[EventSchedule, Array]:
+def _sorted(
+    old: EventSchedule, walls: NDArray[np.int64], phases: Array
+) -> tuple[EventSchedule, Array]:
     rank = np.argsort(phases, kind="stable")
     friction = any(event.regime is Regime.SLIDING for event in old.events)
-    return flying_schedule(walls[rank].tolist(), friction, old.symmetric, old.period_multiple), phases[rank]
+    return flying_schedule(
+        walls[rank].tolist(), friction, old.symmetric, old.period_multiple
+    ), phases[rank]
 
 
 def plain_orbit(orbit: Orbit) -> dict[str, Any]:
     """The contract of the JSON file: these names do not change."""
-    schedule, motion, case = orbit.schedule, orbit.motion, orbit.case
+    schedule = orbit.schedule
+    motion = orbit.motion
+    case = orbit.case
     phase, state = motion.mid_flight()
-    n, events = case.model.modes, zip(schedule.events, orbit.solution.phases, strict=True)
+    n = case.model.modes
+    events = zip(schedule.events, orbit.solution.phases, strict=True)
     begins, ends = held(motion, phase)
     return {
         "omega_ratio": orbit.case.omega_ratio,
         "period_multiple": schedule.period_multiple,
         "symmetric": schedule.symmetric,
-        "impacts": [{"phase_rad": impact.phase, "impulse_Ns": impact.impulse, "wall": impact.wall} for impact in orbit.impacts],
+        "impacts": [
+            {"phase_rad": impact.phase, "impulse_Ns": impact.impulse, "wall": impact.wall}
+            for impact in orbit.impacts
+        ],
         "tip_max_m": motion.tip_max,
         "tip_rms_m": motion.tip_rms,
-        "half_multipliers" if schedule.symmetric else "multipliers": [[float(m.real), float(m.imag)] for m in orbit.stability.multipliers],
+        "half_multipliers" if schedule.symmetric else "multipliers": [
+            [float(m.real), float(m.imag)] for m in orbit.stability.multipliers
+        ],
         "stable": orbit.stability.stable,
         "residual": orbit.residual,
         "scene": from_scene(case.scene),
         "force_N": case.force,
         "omega_rad_s": case.omega,
         "period_s": schedule.period_multiple * case.period,
-        "events": [{"phase_rad": float(at), "regime": event.regime.value, "wall": event.wall} for event, at in events],
-        "held_rad": [[float(begin + phase), float(end + phase)] for begin, end in zip(begins, ends, strict=True)],
+        "events": [
+            {"phase_rad": float(at), "regime": event.regime.value, "wall": event.wall}
+            for event, at in events
+        ],
+        "held_rad": [
+            [float(begin + phase), float(end + phase)]
+            for begin, end in zip(begins, ends, strict=True)
+        ],
         "start": {
             "phase_rad": phase,
             "modal_displacement": state[:n].tolist(),
@@ -284,14 +369,23 @@ def orbit_of(plain: dict[str, Any]) -> Orbit | NoOrbit:
 
     It is found from its ``events``, or where the absorber is held by shooting from its ``start``, which over many periods would lose an unstable one.
     """
-    case, start = case_of(to_scene(plain["scene"]), plain["force_N"], plain["omega_rad_s"]), plain["start"]
-    events, kind = plain["events"], (plain["symmetric"], plain["period_multiple"])
+    case = case_of(to_scene(plain["scene"]), plain["force_N"], plain["omega_rad_s"])
+    start = plain["start"]
+    events = plain["events"]
+    kind = (plain["symmetric"], plain["period_multiple"])
     if not plain["held_rad"] and plain["impacts"] and events[0]["wall"]:
-        schedule = flying_schedule([event["wall"] for event in events], case.friction_limit > 0, *kind)
+        schedule = flying_schedule(
+            [event["wall"] for event in events], case.friction_limit > 0, *kind
+        )
         found = orbit_at(case, schedule, [event["phase_rad"] for event in events], reorder=False)
         if isinstance(found, Orbit):
             return found
-    state = [*start["modal_displacement"], start["absorber_displacement_m"], *start["modal_velocity"], start["absorber_velocity_m_s"]]
+    state = [
+        *start["modal_displacement"],
+        start["absorber_displacement_m"],
+        *start["modal_velocity"],
+        start["absorber_velocity_m_s"],
+    ]
     return shot_orbit(case, start["phase_rad"], state, *kind)
 
 
@@ -299,8 +393,18 @@ def packed(orbits: Sequence[Orbit | NoOrbit]) -> dict[str, Any]:
     """Return the orbits of a branch or curve: ``common`` what all of them share, ``points`` the rest of each, None where there is no orbit."""
     plain = [plain_orbit(orbit) if isinstance(orbit, Orbit) else None for orbit in orbits]
     known = [one for one in plain if one is not None]
-    common = {name: value for name, value in (known[0] if known else {}).items() if all(one.get(name) == value for one in known)}
-    return {"common": common, "points": [one and {name: value for name, value in one.items() if name not in common} for one in plain]}
+    common = {
+        name: value
+        for name, value in (known[0] if known else {}).items()
+        if all(one.get(name) == value for one in known)
+    }
+    return {
+        "common": common,
+        "points": [
+            one and {name: value for name, value in one.items() if name not in common}
+            for one in plain
+        ],
+    }
 
 
 def unpacked(orbits: dict[str, Any]) -> Iterator[dict[str, Any]]:

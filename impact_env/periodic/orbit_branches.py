@@ -23,11 +23,16 @@ from impact_env.periodic.schedule import EventSchedule
 from impact_env.periodic.symmetric import closed_folds, closed_form, symmetric_schedule
 
 Array = NDArray[np.float64]
-GRAZING, PULLING = "grazing", "pulling"
-SYMMETRY_BREAKING, PERIOD_DOUBLING = "symmetry breaking", "period doubling"  # a multiplier of -1, of half a period and of a whole one
+GRAZING = "grazing"
+PULLING = "pulling"
+# a multiplier of -1, of half a period and of a whole one
+SYMMETRY_BREAKING = "symmetry breaking"
+PERIOD_DOUBLING = "period doubling"
 TORUS = "torus"  # a pair of complex multipliers on the unit circle (Neimark and Sacker)
 ON_CIRCLE = 1e-6  # how close to it the modulus of such a pair must be: real pairs whose product is 1 are as well zeros of what is monitored
-PARAMETER_SHARE = 0.02  # of the parameter: a change that counts as much as a radian of an event's phase
+PARAMETER_SHARE = (
+    0.02  # of the parameter: a change that counts as much as a radian of an event's phase
+)
 STEPS = Steps(first=0.005, least=1e-8, most=0.03)  # fine enough to be drawn
 COARSE = Steps(first=0.01, least=1e-8, most=0.1, points=1000)
 SEEDS = 24  # frequencies at which branches are begun
@@ -73,12 +78,22 @@ class OrbitBranch(Scheduled):
 
     def folds(self) -> tuple[Fold | NoOrbit, ...]:
         """Return the folds located on the branch, finished by Newton's method."""
-        return tuple(fold_near(solution, self.branch.parameter) for kind, solution in self.places() if kind == FOLD)
+        return tuple(
+            fold_near(solution, self.branch.parameter)
+            for kind, solution in self.places()
+            if kind == FOLD
+        )
 
     def of(self, kind: str) -> tuple[Motion, ...]:
         """Return the motions at the places located of a kind, such as `GRAZING`."""
         found = tuple(motion_of(solution) for each, solution in self.places() if each == kind)
-        return tuple(motion for motion in found if np.any(np.abs(np.abs(_upper(motion)) - 1) < ON_CIRCLE)) if kind == TORUS else found
+        return (
+            tuple(
+                motion for motion in found if np.any(np.abs(np.abs(_upper(motion)) - 1) < ON_CIRCLE)
+            )
+            if kind == TORUS
+            else found
+        )
 
 
 def _upper(motion: Motion) -> NDArray[np.complex128]:
@@ -86,7 +101,9 @@ def _upper(motion: Motion) -> NDArray[np.complex128]:
     return np.asarray(multipliers[multipliers.imag > 0])
 
 
-def solution_in(units: Case, schedule: EventSchedule, z: Array, values: dict[str, float]) -> Solution:
+def solution_in(
+    units: Case, schedule: EventSchedule, z: Array, values: dict[str, float]
+) -> Solution:
     """Return the solution with unknowns (m,) in the units of a branch's own case, at values of its parameters."""
     case = units.changed(**values)
     return solution_of(case, schedule, in_units(case, schedule, z, units), 0.0)
@@ -94,7 +111,8 @@ def solution_in(units: Case, schedule: EventSchedule, z: Array, values: dict[str
 
 def in_units(new: Case, schedule: EventSchedule, z: Array, old: Case) -> Array:
     """Return unknowns (m,) in the units of a ``new`` case, from those in the units of an ``old`` one."""
-    n, units = len(schedule.events), np.ones(len(z))
+    n = len(schedule.events)
+    units = np.ones(len(z))
     units[n : n + schedule.impacts] = old.scale.impulse / new.scale.impulse
     units[n + schedule.impacts :] = old.scale.length / new.scale.length
     return np.asarray(units * z)
@@ -109,7 +127,9 @@ class Walk:
     schedule: EventSchedule
     passed: list[EventSchedule] = field(default_factory=list)
     last: tuple[tuple[EventSchedule, float, bytes], Motion] | None = None
-    heading: Array | None = None  # of phases and impulses at impacts, and of the rest but the reversals, at the last orbit passed
+    heading: Array | None = (
+        None  # of phases and impulses at impacts, and of the rest but the reversals, at the last orbit passed
+    )
 
     def motion(self, z: Array, value: float) -> Motion:
         """Return the motion at a point; monitors and `recentre` ask for the same one."""
@@ -135,7 +155,10 @@ class Walk:
         return (
             Monitor(GRAZING, self.clearance, ends=True),
             Monitor(PULLING, self.weakest, ends=True),
-            Monitor(SYMMETRY_BREAKING if self.schedule.symmetric else PERIOD_DOUBLING, self._turning_back),
+            Monitor(
+                SYMMETRY_BREAKING if self.schedule.symmetric else PERIOD_DOUBLING,
+                self._turning_back,
+            ),
             Monitor(TORUS, self._on_circle),
         )
 
@@ -161,7 +184,8 @@ class Walk:
 
     def weakest(self, z: Array, _value: float) -> float:
         """Return the least of the impulses, above 0 where all walls push."""
-        order, n = self.schedule.order, len(self.schedule.events)
+        order = self.schedule.order
+        n = len(self.schedule.events)
         return float(np.min(-order.wall[order.wall != 0] * z[n : n + self.schedule.impacts]))
 
     def schedules(self, first: EventSchedule, number: int) -> list[EventSchedule]:
@@ -178,35 +202,55 @@ class Walk:
         if self.right(motion, along):
             return None
         found = reordered(motion.solution.case, self.schedule, unknowns_of(motion.solution))
-        if isinstance(found, NoOrbit) or found.solution.schedule == self.schedule or found.solution.schedule.impacts != self.schedule.impacts:
+        if (
+            isinstance(found, NoOrbit)
+            or found.solution.schedule == self.schedule
+            or found.solution.schedule.impacts != self.schedule.impacts
+        ):
             return None
         return self.chart(found.solution, float(z[0]))
 
     def right(self, motion: Motion, along: Array) -> bool:
         """Return whether the schedule is the motion's; the way ``along`` the branch is remembered then."""
-        right, hits = consistent(motion) and not is_held(motion), self.schedule.order.wall != 0
+        right = consistent(motion) and not is_held(motion)
+        hits = self.schedule.order.wall != 0
         if self.heading is None or right:
             self.heading = np.concatenate([along[: len(hits)][hits], along[len(hits) :]])
         return right
 
-    def chart(self, solution: Solution, first: float, more: tuple[float, ...] = (), scale: Array | float = 1.0) -> Chart:
+    def chart(
+        self,
+        solution: Solution,
+        first: float,
+        more: tuple[float, ...] = (),
+        scale: Array | float = 1.0,
+    ) -> Chart:
         """Return the unknowns of a solution, the first event's phase counted on from ``first`` (rad); the way on is that at the last orbit passed.
 
         Where two reversals meet the unknowns have a fold of their own, behind which the old tangent leads back. ``more`` unknowns come behind those
         of the solution.
         """
-        new, direction = solution.schedule.order.wall != 0, np.zeros(solution.schedule.unknowns + len(more) + 1)
+        new = solution.schedule.order.wall != 0
+        direction = np.zeros(solution.schedule.unknowns + len(more) + 1)
         assert self.heading is not None
         direction[: len(new)][new] = self.heading[: int(np.sum(new))]
         direction[len(new) :] = self.heading[int(np.sum(new)) :]
         self.schedule = solution.schedule
-        z, whole = in_units(self.case, self.schedule, unknowns_of(solution), solution.case), 2 * np.pi * self.schedule.period_multiple
-        z[: len(new)] += whole * round((first - float(z[0])) / whole)  # so that a closed branch is known again
+        z = in_units(self.case, self.schedule, unknowns_of(solution), solution.case)
+        whole = 2 * np.pi * self.schedule.period_multiple
+        z[: len(new)] += whole * round(
+            (first - float(z[0])) / whole
+        )  # so that a closed branch is known again
         return Chart(self.residual(), np.append(z, more), direction, scale, self.monitors())
 
 
 def _one_way(
-    solution: Solution, parameter: str, limits: tuple[float, float], steps: Steps, progress: Progress | None, direction: float
+    solution: Solution,
+    parameter: str,
+    limits: tuple[float, float],
+    steps: Steps,
+    progress: Progress | None,
+    direction: float,
 ) -> tuple[Branch, list[EventSchedule]]:
     walk = Walk(solution.case, parameter, solution.schedule)
     value = getattr(solution.case, parameter)
@@ -231,14 +275,21 @@ def size_of(parameter: str, value: float, limits: tuple[float, float]) -> float:
 
 
 def orbit_branch(
-    solution: Solution, parameter: str, limits: tuple[float, float], steps: Steps = COARSE, progress: Progress | None = None
+    solution: Solution,
+    parameter: str,
+    limits: tuple[float, float],
+    steps: Steps = COARSE,
+    progress: Progress | None = None,
 ) -> OrbitBranch:
     """Return the branch through a solution, to both sides, in a parameter of `PARAMETERS` (SI units) within ``limits``.
 
     It ends at its limits, where the absorber grazes a wall or a wall would have to pull, or where it is back at its start; Ctrl-C ends it with what
     is known so far. Folds are located on the way.
     """
-    return OrbitBranch(solution.case, *to_both_sides(partial(_one_way, solution, parameter, limits, steps, progress)))
+    return OrbitBranch(
+        solution.case,
+        *to_both_sides(partial(_one_way, solution, parameter, limits, steps, progress)),
+    )
 
 
 def to_both_sides(
@@ -252,11 +303,16 @@ def to_both_sides(
     if forward.ended in (CLOSED, STOPPED):
         return forward, tuple(schedules), located_schedules(forward.located, schedules)
     backward, others = one_way(-1.0)
-    located = (*reversed(located_schedules(backward.located, others)), *located_schedules(forward.located, schedules))
+    located = (
+        *reversed(located_schedules(backward.located, others)),
+        *located_schedules(forward.located, schedules),
+    )
     return forward.joined(backward), (*others[:0:-1], *schedules), located
 
 
-def located_schedules(located: tuple[Located, ...], schedules: list[EventSchedule]) -> tuple[EventSchedule, ...]:
+def located_schedules(
+    located: tuple[Located, ...], schedules: list[EventSchedule]
+) -> tuple[EventSchedule, ...]:
     """Return the schedule of each place located, from those of the points."""
     return tuple(schedules[min(event.after + 1, len(schedules) - 1)] for event in located)
 
@@ -275,15 +331,32 @@ def orbit_branches(
     followed again. ``steps``: `COARSE` where only the orbits at some frequencies are wanted. ``progress`` is told what is followed, points, and
     frequency. The last one has ended as `STOPPED` after Ctrl-C. Raises ParameterError for a bad range.
     """
-    require(0 < low < high, "frequency range", (low, high), "two frequencies in rad/s above 0, the lower one first")
+    require(
+        0 < low < high,
+        "frequency range",
+        (low, high),
+        "two frequencies in rad/s above 0, the lower one first",
+    )
     known: list[Array] = []
-    schedule, first = symmetric_schedule(case.friction_limit > 0), float(case.model.omega[0])
-    beside = [fold * (1 + side) for fold in closed_folds(case, low / first, high / first) for side in (-BESIDE, BESIDE)]
-    for omega in (*np.linspace(low, high, SEEDS + 2)[1:-1], *(omega for omega in (*beside, *also) if low < omega < high)):
+    schedule = symmetric_schedule(case.friction_limit > 0)
+    first = float(case.model.omega[0])
+    beside = [
+        fold * (1 + side)
+        for fold in closed_folds(case, low / first, high / first)
+        for side in (-BESIDE, BESIDE)
+    ]
+    for omega in (
+        *np.linspace(low, high, SEEDS + 2)[1:-1],
+        *(omega for omega in (*beside, *also) if low < omega < high),
+    ):
         at = case.changed(omega=float(omega))
         for start in closed_form(at):
             motion = reordered(at, schedule, [start.phase]) if start.pushes else None
-            if motion is None or isinstance(motion, NoOrbit) or any(lies_on(places, motion.solution) for places in known):
+            if (
+                motion is None
+                or isinstance(motion, NoOrbit)
+                or any(lies_on(places, motion.solution) for places in known)
+            ):
                 continue
             show = None if progress is None else partial(progress, f"orbits {len(known) + 1}")
             branch = orbit_branch(motion.solution, "omega", (low, high), steps, show)
@@ -296,7 +369,9 @@ def orbit_branches(
 def place(solution: Solution) -> Array:
     """Return phase, impulse and frequency of the first impact, (3,), in the units of the continuation."""
     z = unknowns_of(solution)
-    return np.array([z[0], z[len(solution.schedule.events)], math.log(solution.case.omega) / PARAMETER_SHARE])
+    return np.array(
+        [z[0], z[len(solution.schedule.events)], math.log(solution.case.omega) / PARAMETER_SHARE]
+    )
 
 
 def places_of(branch: OrbitBranch) -> Array:
@@ -316,8 +391,14 @@ def mirrors(places: Array, solution: Solution, *more: float) -> bool:
     """
     ratio = math.log(solution.case.omega) / PARAMETER_SHARE
     hits = solution.schedule.order.wall != 0
-    pairs = zip(solution.phases[hits], solution.impulses[hits] / solution.case.scale.impulse, strict=True)
-    return any(near(places, np.array([p + k * np.pi, (-1.0) ** k * i, ratio, *more])) for p, i in pairs for k in (0, 1))
+    pairs = zip(
+        solution.phases[hits], solution.impulses[hits] / solution.case.scale.impulse, strict=True
+    )
+    return any(
+        near(places, np.array([p + k * np.pi, (-1.0) ** k * i, ratio, *more]))
+        for p, i in pairs
+        for k in (0, 1)
+    )
 
 
 def near(places: Array, point: Array) -> bool:
@@ -329,7 +410,8 @@ def distance(places: Array, point: Array) -> float:
     """Return how far a place (3,) lies from the polyline through others (m, 3); phases count to within whole turns. Infinite without a line."""
     points = places - point
     points[:, 0] = (points[:, 0] + np.pi) % (2 * np.pi) - np.pi
-    begin, chord = points[:-1], np.diff(points, axis=0)
+    begin = points[:-1]
+    chord = np.diff(points, axis=0)
     square = np.sum(chord**2, axis=1)
     share = np.clip(-np.sum(begin * chord, axis=1) / np.where(square > 0, square, 1), 0, 1)
     return float(np.min(np.linalg.norm(begin + share[:, None] * chord, axis=1), initial=np.inf))

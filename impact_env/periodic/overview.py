@@ -23,7 +23,13 @@ from impact_env.periodic.keeping import Keep, anew
 from impact_env.periodic.motion import Motion
 from impact_env.periodic.offspring import descendants
 from impact_env.periodic.orbit import Orbit
-from impact_env.periodic.orbit_branches import OrbitBranch, distance, orbit_branches, place, places_of
+from impact_env.periodic.orbit_branches import (
+    OrbitBranch,
+    distance,
+    orbit_branches,
+    place,
+    places_of,
+)
 from impact_env.periodic.response_curve import ResponseCurve, balance_curve, orbit_curve
 from impact_env.periodic.stationary import StationaryPoint, StationaryRuns
 from impact_env.response import Record
@@ -31,7 +37,9 @@ from impact_env.scene import Scene
 from impact_env.sweep import simulate
 
 Real = NDArray[np.float64]
-Progress = Callable[[str, int, float], None]  # what is followed, number of points, frequency in rad/s
+Progress = Callable[
+    [str, int, float], None
+]  # what is followed, number of points, frequency in rad/s
 LINEAR_POINTS = 801
 
 
@@ -58,7 +66,10 @@ class SweepEnvelope:
     @staticmethod
     def from_plain(plain: dict[str, Any]) -> SweepEnvelope:
         """Return the sweep of `to_plain`."""
-        return SweepEnvelope(np.array(plain["omega_ratio"], dtype=np.float64), np.array(plain["tip_max_m"], dtype=np.float64))
+        return SweepEnvelope(
+            np.array(plain["omega_ratio"], dtype=np.float64),
+            np.array(plain["tip_max_m"], dtype=np.float64),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +88,11 @@ class Overview:
     @property
     def where(self) -> str:
         """Where all responses are read."""
-        return "of the tip" if self.scene.model.response_shape is None else "where the response is read"
+        return (
+            "of the tip"
+            if self.scene.model.response_shape is None
+            else "where the response is read"
+        )
 
     def to_plain(self) -> dict[str, Any]:
         """Return lists, numbers and strings."""
@@ -89,7 +104,11 @@ class Overview:
             "response": self.where,
             "complete": self.complete,
             "curves": [curve.to_plain() for curve in self.curves],
-            "linear": {"omega_ratio": linear.omega_ratio.tolist(), "alone_m": linear.alone.tolist(), "stuck_m": linear.stuck.tolist()},
+            "linear": {
+                "omega_ratio": linear.omega_ratio.tolist(),
+                "alone_m": linear.alone.tolist(),
+                "stuck_m": linear.stuck.tolist(),
+            },
             "sweeps": [sweep.to_plain() for sweep in self.sweeps],
             "stationary": [at.to_plain() for at in self.stationary],
         }
@@ -98,16 +117,26 @@ class Overview:
 def sliding(scene: Scene) -> SlidingAbsorber:
     """Return the scene's absorber; raises ParameterError if it is not one with walls, friction or both."""
     absorber = scene.absorber
-    require(isinstance(absorber, SlidingAbsorber), "absorber", absorber, "one absorber with walls, friction or both")
+    require(
+        isinstance(absorber, SlidingAbsorber),
+        "absorber",
+        absorber,
+        "one absorber with walls, friction or both",
+    )
     assert isinstance(absorber, SlidingAbsorber)
     return absorber
 
 
-def linear_curves(scene: Scene, force: float, reference: float, low: float, high: float) -> LinearCurves:
+def linear_curves(
+    scene: Scene, force: float, reference: float, low: float, high: float
+) -> LinearCurves:
     """Return the linear responses between two ratios of ``reference`` (rad/s)."""
     ratio = np.linspace(low, high, LINEAR_POINTS)
     stuck = StuckAbsorber(sliding(scene).mass_ratio)
-    alone, held = (abs(force) * np.abs(tip_response(scene.model, absorber, ratio * reference)) for absorber in (None, stuck))
+    alone, held = (
+        abs(force) * np.abs(tip_response(scene.model, absorber, ratio * reference))
+        for absorber in (None, stuck)
+    )
     return LinearCurves(ratio, alone, held)
 
 
@@ -132,17 +161,27 @@ def sweep_envelope(
     if percent_per_100_periods is None:
         percent_per_100_periods = _rate(scene, reference)
     schedule = linear_sweep(reference, start, stop, percent_per_100_periods)
-    response = simulate(scene, Drive(force, schedule, phase), method, record=Record(level=False, series=True))
+    response = simulate(
+        scene, Drive(force, schedule, phase), method, record=Record(level=False, series=True)
+    )
     history = response.history
     assert history is not None
     period = np.floor(history.time / schedule.pseudo_period).astype(np.int64)
     first = np.flatnonzero(np.diff(period, prepend=-1))
-    largest = np.maximum.reduceat(np.abs(history.modal_displacement @ scene.model.level_shape), first)
+    largest = np.maximum.reduceat(
+        np.abs(history.modal_displacement @ scene.model.level_shape), first
+    )
     return SweepEnvelope(np.asarray(schedule.omega_at(history.time[first])) / reference, largest)
 
 
 def exact_curves(
-    scene: Scene, force: float, reference: float, low: float, high: float, pairs: bool = False, progress: Progress | None = None
+    scene: Scene,
+    force: float,
+    reference: float,
+    low: float,
+    high: float,
+    pairs: bool = False,
+    progress: Progress | None = None,
 ) -> Iterator[ResponseCurve]:
     """Yield the curves of symmetric orbits with one impact a wall between two ratios; none for an absorber without rigid walls.
 
@@ -150,11 +189,16 @@ def exact_curves(
     """
     if not isinstance(sliding(scene).walls, RigidWalls):
         return
-    case, limits = case_of(scene, force, low * reference), (low * reference, high * reference)
+    case = case_of(scene, force, low * reference)
+    limits = (low * reference, high * reference)
     branches = tuple(orbit_branches(case, *limits, progress=progress))
     first = float(case.model.omega[0])
     stopped = any(branch.branch.ended == STOPPED for branch in branches)
-    located = [] if stopped else _by_branch(branches, folds(case, limits[0] / first, limits[1] / first, branches))
+    located = (
+        []
+        if stopped
+        else _by_branch(branches, folds(case, limits[0] / first, limits[1] / first, branches))
+    )
     for k, branch in enumerate(branches):
         yield orbit_curve(branch, reference, located[k] if located else None)
     if stopped:
@@ -166,18 +210,28 @@ def exact_curves(
                 raise KeyboardInterrupt
 
 
-def _by_branch(branches: tuple[OrbitBranch, ...], found: tuple[Threshold, ...]) -> list[list[Motion]]:
+def _by_branch(
+    branches: tuple[OrbitBranch, ...], found: tuple[Threshold, ...]
+) -> list[list[Motion]]:
     """Return the folds that are orbits, each with the branch that it lies next to."""
-    places, groups = [places_of(branch) for branch in branches], list[list[Motion]]([] for _ in branches)
+    places = [places_of(branch) for branch in branches]
+    groups = list[list[Motion]]([] for _ in branches)
     for fold in found:
         if isinstance(fold.orbit, Orbit) and isinstance(fold.orbit.motion, Motion) and branches:
             point = place(fold.orbit.solution)
-            groups[int(np.argmin([distance(rows, point) for rows in places]))].append(fold.orbit.motion)
+            groups[int(np.argmin([distance(rows, point) for rows in places]))].append(
+                fold.orbit.motion
+            )
     return groups
 
 
 def balance_curves(
-    balance: Balance, reference: float, low: float, high: float, progress: Progress | None = None, hill: bool = False
+    balance: Balance,
+    reference: float,
+    low: float,
+    high: float,
+    progress: Progress | None = None,
+    hill: bool = False,
 ) -> Iterator[ResponseCurve]:
     """Yield the curves of harmonic balance between two ratios, with ``hill`` their stability."""
     for branch in balance_branches(balance, low * reference, high * reference, progress=progress):
@@ -218,11 +272,18 @@ def overview(
     ``keep`` takes finished pieces and gives them back. Ctrl-C ends it with what is known so far. Raises ParameterError for bad values.
     """
     finite("force", force)
-    require(0 < low < high, "frequency range", (low, high), "two ratios of the resonance frequency above 0, the lower one first")
+    require(
+        0 < low < high,
+        "frequency range",
+        (low, high),
+        "two ratios of the resonance frequency above 0, the lower one first",
+    )
     curves: list[ResponseCurve] = []
     sweeps: list[SweepEnvelope] = []
     stationary: list[StationaryPoint] = []
-    linear, complete, ends = linear_curves(scene, force, reference, low, high), True, {"range": [low, high]}
+    linear = linear_curves(scene, force, reference, low, high)
+    complete = True
+    ends = {"range": [low, high]}
 
     def swept(start: float, stop: float, rate: float) -> Iterator[SweepEnvelope]:
         if progress is not None:
@@ -237,9 +298,16 @@ def overview(
     try:
         if asked.exact:
             exact = partial(exact_curves, scene, force, reference, low, high, asked.pairs, progress)
-            curves.extend(keep({"piece": "exact", **ends, "pairs": asked.pairs}, exact, ResponseCurve.from_plain))
+            curves.extend(
+                keep(
+                    {"piece": "exact", **ends, "pairs": asked.pairs},
+                    exact,
+                    ResponseCurve.from_plain,
+                )
+            )
         if asked.balance is not None:
-            linear_part, law = asked.balance.linear, repr(asked.balance.law)
+            linear_part = asked.balance.linear
+            law = repr(asked.balance.law)
             name = {
                 "piece": "balance",
                 **ends,
@@ -248,15 +316,31 @@ def overview(
                 "damper": linear_part.grounded_damper,
                 "hill": asked.hill,
             }
-            curves.extend(keep(name, partial(balance_curves, asked.balance, reference, low, high, progress, asked.hill), ResponseCurve.from_plain))
-        rate = _rate(scene, reference) if asked.percent_per_100_periods is None else asked.percent_per_100_periods
+            curves.extend(
+                keep(
+                    name,
+                    partial(
+                        balance_curves, asked.balance, reference, low, high, progress, asked.hill
+                    ),
+                    ResponseCurve.from_plain,
+                )
+            )
+        rate = (
+            _rate(scene, reference)
+            if asked.percent_per_100_periods is None
+            else asked.percent_per_100_periods
+        )
         for start, stop in asked.sweeps:
             name = {"piece": "sweep", "from": start, "to": stop, "rate": rate}
             sweeps.extend(keep(name, partial(swept, start, stop, rate), SweepEnvelope.from_plain))
         if asked.runs is not None:
             for ratio in asked.runs.ratios(low, high):
                 name = {"piece": "stationary", "at": ratio, **asked.runs.settings}
-                stationary.extend(keep(name, partial(settled, asked.runs, ratio), StationaryPoint.from_plain))
+                stationary.extend(
+                    keep(name, partial(settled, asked.runs, ratio), StationaryPoint.from_plain)
+                )
     except KeyboardInterrupt:
         complete = False
-    return Overview(scene, force, reference, tuple(curves), linear, tuple(sweeps), tuple(stationary), complete)
+    return Overview(
+        scene, force, reference, tuple(curves), linear, tuple(sweeps), tuple(stationary), complete
+    )

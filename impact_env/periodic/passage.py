@@ -23,7 +23,9 @@ from impact_env.sweep import IntegrationError, simulate
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-RECORD = Record(level=False, events=True, reversals=True)  # of all runs here, so that few kernels are compiled
+RECORD = Record(
+    level=False, events=True, reversals=True
+)  # of all runs here, so that few kernels are compiled
 SLIVER = 1e-10  # rad: a joined phase that begins so shortly after an impact begins at it
 WALLS = (0, -1, 1)  # that holds the absorber in each kind of `ContactPhases`
 
@@ -59,7 +61,8 @@ class Flow:
 
     def derivative(self, dt: float) -> Array:
         """Return the derivative (2 N_m + 2,)^2 of the state after ``dt`` (s) by the state before."""
-        n, modes = self.case.model.modes, self.modes
+        n = self.case.model.modes
+        modes = self.modes
         matrix = np.real((modes.out * np.exp(modes.values * dt)) @ modes.into)
         if self.joined:  # the absorber keeps its place against the tip
             tip = self.case.model.tip_shape
@@ -73,14 +76,21 @@ class Flow:
 
 @lru_cache(maxsize=32)
 def _modes(model: ModalModel, mass: float, joined: bool) -> Modes:
-    return checked_modes(model, mass, None, 0.0) if joined else own_modes(model, np.arange(model.modes))
+    return (
+        checked_modes(model, mass, None, 0.0)
+        if joined
+        else own_modes(model, np.arange(model.modes))
+    )
 
 
 def _flow(case: Case, joined: bool) -> Flow:
     """Return a regime of a case. A mode without damping at resonance has no steady answer: it is infinite."""
     modes = _modes(case.model, case.structure.mass, joined)
     with np.errstate(divide="ignore", invalid="ignore"):
-        up, down = (0.5 * case.force * modes.drive / (side * 1j * case.omega - modes.values) for side in (1, -1))
+        up, down = (
+            0.5 * case.force * modes.drive / (side * 1j * case.omega - modes.values)
+            for side in (1, -1)
+        )
     return Flow(case, joined, modes, up, down)
 
 
@@ -108,13 +118,22 @@ class Piece:
     @cached_property
     def free(self) -> Complex:
         """Slots (J,) without forced and constant part."""
-        return np.asarray(self.flow.modes.into @ self.begin - self.flow.forced(self.phase) - self.rest)
+        return np.asarray(
+            self.flow.modes.into @ self.begin - self.flow.forced(self.phase) - self.rest
+        )
 
     def states(self, dts: Array) -> Array:
         """Return the states (S, 2 N_m + 2) at times ``dts`` (S,) in s after the piece's start."""
-        flow, modes, n = self.flow, self.flow.modes, self.flow.case.model.modes
+        flow = self.flow
+        modes = self.flow.modes
+        n = self.flow.case.model.modes
         turned = np.exp(1j * (self.phase + flow.case.omega * dts))
-        slots = np.exp(np.outer(dts, modes.values)) * self.free + np.outer(turned, flow.up) + np.outer(np.conj(turned), flow.down) + self.rest
+        slots = (
+            np.exp(np.outer(dts, modes.values)) * self.free
+            + np.outer(turned, flow.up)
+            + np.outer(np.conj(turned), flow.down)
+            + self.rest
+        )
         states = np.real(slots @ modes.out.T)
         if flow.joined:
             tip = flow.case.model.tip_shape
@@ -128,15 +147,24 @@ class Piece:
 
     def bend(self, dt: float, state: Array) -> float:
         """Return the relative acceleration (m/s^2) at ``dt`` (s), where the ``state`` is, under the constant force alone."""
-        structure, n = self.flow.case.structure, self.flow.case.model.modes
+        structure = self.flow.case.structure
+        n = self.flow.case.model.modes
         pull = self.flow.case.force * np.cos(self.phase + self.flow.case.omega * dt)
-        modal = structure.push * pull - structure.rate * state[n + 1 : -1] - structure.omega**2 * state[:n]
+        modal = (
+            structure.push * pull
+            - structure.rate * state[n + 1 : -1]
+            - structure.omega**2 * state[:n]
+        )
         return float(self.force * structure.compliance - structure.tip @ modal)
 
     @property
     def force_on(self) -> float:
         """Force (N) on the absorber at the piece's start; on a joined one it keeps the relative acceleration zero."""
-        return -self.bend(0.0, self.begin) / self.flow.case.structure.compliance if self.flow.joined else self.force
+        return (
+            -self.bend(0.0, self.begin) / self.flow.case.structure.compliance
+            if self.flow.joined
+            else self.force
+        )
 
 
 @dataclass(eq=False)
@@ -214,9 +242,16 @@ def _marks(case: Case, run: Response) -> list[_Mark]:
     assert run.impacts is not None
     assert run.phases is not None
     assert run.reversals is not None
-    begins, ends, at, impulse = run.phases.start, run.phases.end, run.impacts.time, run.impacts.impulse
-    same = np.append(False, begins[1:] <= ends[:-1])[: len(begins)]  # as the phase before, but for what holds
-    rest, marks, holds = impulse + run.impacts.relative_velocity / case.structure.compliance, [], set()
+    begins = run.phases.start
+    ends = run.phases.end
+    at = run.impacts.time
+    impulse = run.impacts.impulse
+    same = np.append(False, begins[1:] <= ends[:-1])[
+        : len(begins)
+    ]  # as the phase before, but for what holds
+    rest = impulse + run.impacts.relative_velocity / case.structure.compliance
+    marks = []
+    holds = set()
     for begin, kind in zip(begins[~same], run.phases.kind[~same], strict=True):
         before = int(np.searchsorted(at, begin, side="right")) - 1
         if before >= 0 and begin - at[before] <= SLIVER / case.omega:
@@ -224,10 +259,27 @@ def _marks(case: Case, run: Response) -> list[_Mark]:
         else:
             marks.append(_Mark(float(begin), _What.JOINING, WALLS[int(kind)]))
     for k, time in enumerate(at):
-        whole = abs(rest[k]) > abs(rest[k] + case.restitution * run.impacts.relative_velocity[k] / case.structure.compliance)
-        marks.append(_Mark(float(time), _What.IMPACT, int(-np.sign(impulse[k])), case.restitution if whole else 0.0, k in holds))
-    marks += [_Mark(float(end), _What.PARTING) for end in ends[~np.append(same[1:], False)[: len(ends)]] if end < run.drive.schedule.times[-1]]
-    marks += [_Mark(float(time), _What.REVERSAL) for time in run.reversals.time if time not in begins]
+        whole = abs(rest[k]) > abs(
+            rest[k]
+            + case.restitution * run.impacts.relative_velocity[k] / case.structure.compliance
+        )
+        marks.append(
+            _Mark(
+                float(time),
+                _What.IMPACT,
+                int(-np.sign(impulse[k])),
+                case.restitution if whole else 0.0,
+                k in holds,
+            )
+        )
+    marks += [
+        _Mark(float(end), _What.PARTING)
+        for end in ends[~np.append(same[1:], False)[: len(ends)]]
+        if end < run.drive.schedule.times[-1]
+    ]
+    marks += [
+        _Mark(float(time), _What.REVERSAL) for time in run.reversals.time if time not in begins
+    ]
     return sorted(marks)
 
 
@@ -239,8 +291,12 @@ class _Walk:
         self.case, self.found = case, Passage(case, phase, span, np.eye(2 * n + 2))
         self.free, self.joined = _flow(case, joined=False), _flow(case, joined=True)
         self.sliding = Regime.SLIDING if case.friction_limit > 0 else Regime.FREE
-        self.speed = np.concatenate([np.zeros(n + 1), -case.model.tip_shape, [1.0]])  # row of the relative velocity
-        self.push = np.concatenate([np.zeros(n + 1), -case.model.tip_shape, [1 / case.structure.mass]])  # of a unit impulse on the absorber
+        self.speed = np.concatenate(
+            [np.zeros(n + 1), -case.model.tip_shape, [1.0]]
+        )  # row of the relative velocity
+        self.push = np.concatenate(
+            [np.zeros(n + 1), -case.model.tip_shape, [1 / case.structure.mass]]
+        )  # of a unit impulse on the absorber
 
     def follow(self, state: Array, run: Response) -> None:
         """Go through the events of the exact method's run from a ``state`` at its start."""
@@ -270,11 +326,15 @@ class _Walk:
 
     def _at_rest(self, state: Array) -> Array:
         """Return a state without what rounding left of the relative velocity."""
-        return np.asarray(state - self.push * float(self.speed @ state) / self.case.structure.compliance)
+        return np.asarray(
+            state - self.push * float(self.speed @ state) / self.case.structure.compliance
+        )
 
     def _piece(self, flow: Flow, time: float, state: Array, sign: int, wall: int = 0) -> Piece:
         force = 0.0 if flow.joined else -sign * self.case.friction_limit
-        return Piece(flow, time, self.found.phase + self.case.omega * time, force, state, sign, wall)
+        return Piece(
+            flow, time, self.found.phase + self.case.omega * time, force, state, sign, wall
+        )
 
     def _go_on(self, flow: Flow, time: float, state: Array, sign: int, wall: int = 0) -> Piece:
         self.found.pieces.append(self._piece(flow, time, state, sign, wall))
@@ -283,11 +343,15 @@ class _Walk:
     def _note(self, time: float, event: Event, impulse: float = 0.0) -> None:
         self.found.happenings.append(Happening(time, event, impulse))
 
-    def _leap(self, wall: int, restitution: float, impulse: float, jump: float, rate: float, bend: float) -> None:
+    def _leap(
+        self, wall: int, restitution: float, impulse: float, jump: float, rate: float, bend: float
+    ) -> None:
         """Take an event's saltation matrix to the derivative; ``jump`` (N) of the force on the absorber."""
         if (bend if wall == 0 else rate) == 0.0:
             raise PassageError("an event is only touched: no derivative")
-        leap_over(self.case.structure, wall, restitution, impulse, jump, rate, bend, self.found.derivative)
+        leap_over(
+            self.case.structure, wall, restitution, impulse, jump, rate, bend, self.found.derivative
+        )
 
     def _turn(self, piece: Piece, time: float, state: Array, bend: float) -> None:
         """The relative velocity is zero, and the absorber slides on the other way."""
@@ -299,7 +363,11 @@ class _Walk:
 
     def _release(self, piece: Piece, time: float, state: Array) -> None:
         """The joint force leaves its bounds without a jump: neither the state nor its rate has one."""
-        sign = -piece.wall if piece.wall != 0 else -int(np.sign(self._piece(self.joined, time, state, 0).force_on))
+        sign = (
+            -piece.wall
+            if piece.wall != 0
+            else -int(np.sign(self._piece(self.joined, time, state, 0).force_on))
+        )
         self._note(time, Event(self.sliding, 0, sign))
         self._go_on(self.free, time, state, sign)
 
@@ -312,12 +380,18 @@ class _Walk:
 
     def _hit(self, piece: Piece, mark: _Mark, state: Array, bend: float) -> None:
         """An impact, after which the wall may hold the absorber: where all bounces to come are below the rounding of the distance."""
-        n, rate, wall = self.case.model.modes, float(self.speed @ state), mark.wall
+        n = self.case.model.modes
+        rate = float(self.speed @ state)
+        wall = mark.wall
         state[n] = float(self.case.model.tip_shape @ state[:n]) + wall * self.case.gap
         impulse = -(1 + mark.restitution) * rate / self.case.structure.compliance
         after = np.asarray(state + impulse * self.push)
         self._note(mark.time, Event(self.sliding, wall, -wall), impulse)
         if mark.holds:
             self._note(mark.time, Event(Regime.JOINED, wall, 0))
-        now = self._go_on(self.joined, mark.time, after, 0, wall) if mark.holds else self._go_on(self.free, mark.time, after, -wall)
+        now = (
+            self._go_on(self.joined, mark.time, after, 0, wall)
+            if mark.holds
+            else self._go_on(self.free, mark.time, after, -wall)
+        )
         self._leap(wall, mark.restitution, impulse, now.force_on - piece.force, rate, bend)

@@ -67,12 +67,21 @@ class Approach:
         return FrequencySchedule(times, np.array([start, *ratios]) * self.reference, self.reference)
 
 
-def hold(approach: Approach, force: float, ratio: float, periods: float, phase: float = 0.0) -> Drive:
+def hold(
+    approach: Approach, force: float, ratio: float, periods: float, phase: float = 0.0
+) -> Drive:
     """Return the drive that stays at ``ratio`` for a number of pseudo ``periods`` once it is there; force in N, initial phase in rad."""
     return Drive(force, approach.to((positive("periods", periods), ratio)), phase)
 
 
-def passage(approach: Approach, force: float, start: float, stop: float, periods_per_percent: float, phase: float = 0.0) -> Drive:
+def passage(
+    approach: Approach,
+    force: float,
+    start: float,
+    stop: float,
+    periods_per_percent: float,
+    phase: float = 0.0,
+) -> Drive:
     """Return the drive that sweeps from one ratio to another at a constant rate, in pseudo periods for each percent of the reference frequency."""
     span = abs(stop - start) * 100 * positive("periods_per_percent", periods_per_percent)
     settle = approach.ramp  # at the start, so that the sweep begins as stays do
@@ -121,13 +130,16 @@ class Stays:
         return Stays(self.durations[left] - time, self.ended[left])
 
 
-def stay_of(impacts: Array, begin: float, end: float, silence: float) -> tuple[float, bool, bool, float] | None:
+def stay_of(
+    impacts: Array, begin: float, end: float, silence: float
+) -> tuple[float, bool, bool, float] | None:
     """Return a run's stay from ``begin``: duration, whether it ended, whether impacts returned, longest pause before; None if it had left before.
 
     It had left if the silence began before ``begin``, whose last ``silence`` is looked at too. A run is observed until
     ``end`` less the ``silence``: what happens later could not be told from a pause, and is left out.
     """
-    last, found = end - silence, first_silence(impacts, begin - silence, end, silence)
+    last = end - silence
+    found = first_silence(impacts, begin - silence, end, silence)
     if found.began is not None and found.began <= begin:
         return None
     stop = last if found.began is None else min(found.began, last)
@@ -136,7 +148,9 @@ def stay_of(impacts: Array, begin: float, end: float, silence: float) -> tuple[f
     return stop - begin, found.began is not None and found.began < last, found.returned, pause
 
 
-def _stay(period: float, begin: float, end: float, silence: float, lane: Lane) -> tuple[float, bool, bool, float] | tuple[()]:
+def _stay(
+    period: float, begin: float, end: float, silence: float, lane: Lane
+) -> tuple[float, bool, bool, float] | tuple[()]:
     """Return a lane's `stays`, empty if it had left before; another process gets the same numbers."""
     response = simulate(lane.scene, lane.drive, record=Record(events=True))
     assert response.impacts is not None
@@ -163,11 +177,18 @@ def stays(
     Raises ParameterError for a bad value, IntegrationError if a lane breaks down.
     """
     positive("periods", periods)
-    require(0 < silence < periods, "silence", silence, f"above 0 and below the {periods} pseudo periods of a stay")
+    require(
+        0 < silence < periods,
+        "silence",
+        silence,
+        f"above 0 and below the {periods} pseudo periods of a stay",
+    )
     begin = approach.lead
     measure = partial(_stay, 2 * np.pi / approach.reference, begin, begin + periods, silence)
     lanes = [Lane(scene, hold(approach, force, ratio, periods, phase)) for phase in phases]
-    found = finished(each_lane(lanes, measure, threads=threads, progress=progress, executor=executor))
+    found = finished(
+        each_lane(lanes, measure, threads=threads, progress=progress, executor=executor)
+    )
     there = [stay for stay in found if stay]
     columns = list(zip(*there, strict=True)) or [(), (), (), ()]
     return Stays(
@@ -207,12 +228,19 @@ def exit_rate(observed: Stays, burn_in: float = 0.0, level: float = LEVEL) -> Ex
     non_negative("burn_in", burn_in)
     require(0 < level < 1, "level", level, "a number between 0 and 1")
     rest = observed.after(burn_in)
-    exits, exposure = int(np.sum(rest.ended)), float(np.sum(rest.durations))
+    exits = int(np.sum(rest.ended))
+    exposure = float(np.sum(rest.durations))
     if exposure == 0:
         return ExitRate(0, 0.0, np.nan, np.nan, np.nan)
     tail = (1 - level) / 2
     low = 0.0 if exits == 0 else float(scipy.stats.gamma.ppf(tail, exits)) / exposure
-    return ExitRate(exits, exposure, exits / exposure, low, float(scipy.stats.gamma.ppf(1 - tail, exits + 1)) / exposure)
+    return ExitRate(
+        exits,
+        exposure,
+        exits / exposure,
+        low,
+        float(scipy.stats.gamma.ppf(1 - tail, exits + 1)) / exposure,
+    )
 
 
 DRAWS = 4000
@@ -251,18 +279,27 @@ class Hazard:
         and left.
         """
         own = {n: found for n, found in measured.items() if 0 < found.jumped < found.present}
-        require(bool(own), "sweeps", list(measured), "at least one slowness at which some runs jump and some do not")
-        n, share = np.array(list(own)), np.array([found.share for found in own.values()])
+        require(
+            bool(own),
+            "sweeps",
+            list(measured),
+            "at least one slowness at which some runs jump and some do not",
+        )
+        n = np.array(list(own))
+        share = np.array([found.share for found in own.values()])
         counted = (1 - share) / np.array([found.jumped for found in own.values()])
         bound = float(scipy.stats.norm.ppf((1 + level) / 2))
         common = (self.high - self.low) / (2 * bound) * n
         weights = np.linalg.solve(np.diag(counted) + np.outer(common, common), np.ones(len(n)))
-        middle, width = float(weights @ (np.log(share) + n * self.value) / weights.sum()), bound / float(np.sqrt(weights.sum()))
+        middle = float(weights @ (np.log(share) + n * self.value) / weights.sum())
+        width = bound / float(np.sqrt(weights.sum()))
         low, at, high = (float(np.exp(x)) for x in (middle - width, middle, middle + width))
         return replace(self, factor=at, factor_low=low, factor_high=high)
 
 
-def hazard(ratios: Sequence[float], rates: Sequence[ExitRate], *, level: float = LEVEL, seed: int = 0) -> Hazard:
+def hazard(
+    ratios: Sequence[float], rates: Sequence[ExitRate], *, level: float = LEVEL, seed: int = 0
+) -> Hazard:
     """Return the trapezoidal integral of rates (per pseudo period) measured at frequency ``ratios``, rising or falling.
 
     The interval is that of the sum of the counts, each drawn from the gamma distribution with its exits plus a half and its exposure. Raises
@@ -274,13 +311,19 @@ def hazard(ratios: Sequence[float], rates: Sequence[ExitRate], *, level: float =
     require(ordered, "ratios", ratios, "two frequency ratios or more, rising or falling")
     require(len(rates) == len(x), "rates", len(rates), f"one for each of the {len(x)} ratios")
     empty = [float(ratio) for ratio, rate in zip(x, rates, strict=True) if rate.exposure == 0]
-    require(not empty, "rates", empty, "at each ratio at least one run that is in the regime when its stay begins")
+    require(
+        not empty,
+        "rates",
+        empty,
+        "at each ratio at least one run that is in the regime when its stay begins",
+    )
     weights = np.zeros(len(x))
     weights[:-1] += np.abs(turns) / 2
     weights[1:] += np.abs(turns) / 2
     weights *= 100  # percent
     drawn = np.random.default_rng(count("seed", seed, 0))
-    shapes, exposures = np.array([rate.exits + 0.5 for rate in rates]), np.array([rate.exposure for rate in rates])
+    shapes = np.array([rate.exits + 0.5 for rate in rates])
+    exposures = np.array([rate.exposure for rate in rates])
     sums = (drawn.gamma(shapes, size=(DRAWS, len(x))) / exposures) @ weights
     tail = (1 - level) / 2
     low, high = np.quantile(sums, [tail, 1 - tail])
@@ -311,7 +354,9 @@ class Jumps:
         """Return Wilson's interval of the share."""
         if not self.present:
             return 0.0, 1.0
-        found = scipy.stats.binomtest(self.jumped, self.present).proportion_ci(level, method="wilson")
+        found = scipy.stats.binomtest(self.jumped, self.present).proportion_ci(
+            level, method="wilson"
+        )
         return float(found.low), float(found.high)
 
 
@@ -327,10 +372,17 @@ class Range:
     def __post_init__(self) -> None:
         row = np.array([self.start, self.first, self.last, self.stop])
         ok = bool(np.all(np.diff(row) < 0) or np.all(np.diff(row) > 0))
-        require(ok, "range", tuple(row.tolist()), "four ratios, start, first, last and stop, rising or falling")
+        require(
+            ok,
+            "range",
+            tuple(row.tolist()),
+            "four ratios, start, first, last and stop, rising or falling",
+        )
 
 
-def _passed(period: float, begin: float, end: float, silence: float, method: Method, lane: Lane) -> tuple[float, float]:
+def _passed(
+    period: float, begin: float, end: float, silence: float, method: Method, lane: Lane
+) -> tuple[float, float]:
     """Return when a lane's first silence began (NaN: there was none), in pseudo periods of ``period`` s, and its level in m."""
     response = simulate(lane.scene, lane.drive, method, record=Record(events=True))
     assert response.impacts is not None
@@ -361,14 +413,39 @@ def jumps(
     Raises ParameterError if the sweep is too fast for a silence to show after the last ratio.
     """
     tail = abs(over.stop - over.last) * 100 * positive("periods_per_percent", periods_per_percent)
-    require(tail >= silence, "periods_per_percent", periods_per_percent, f"{silence * periods_per_percent / tail:.4g} or more: a silence must show")
+    require(
+        tail >= silence,
+        "periods_per_percent",
+        periods_per_percent,
+        f"{silence * periods_per_percent / tail:.4g} or more: a silence must show",
+    )
     method = Exact() if method is None else method
     begin = approach.lead + approach.ramp
-    first, last = (begin + abs(ratio - over.start) * 100 * periods_per_percent for ratio in (over.first, over.last))
-    measure = partial(_passed, 2 * np.pi / approach.reference, first - silence, last + silence, silence, method)
-    lanes = [Lane(scene, passage(approach, force, over.start, over.stop, periods_per_percent, phase)) for phase in phases]
-    found = np.array(finished(each_lane(lanes, measure, method, threads=threads, progress=progress, executor=executor)))
+    first, last = (
+        begin + abs(ratio - over.start) * 100 * periods_per_percent
+        for ratio in (over.first, over.last)
+    )
+    measure = partial(
+        _passed, 2 * np.pi / approach.reference, first - silence, last + silence, silence, method
+    )
+    lanes = [
+        Lane(scene, passage(approach, force, over.start, over.stop, periods_per_percent, phase))
+        for phase in phases
+    ]
+    found = np.array(
+        finished(
+            each_lane(lanes, measure, method, threads=threads, progress=progress, executor=executor)
+        )
+    )
     began = np.where(np.isnan(found[:, 0]), np.inf, found[:, 0])
-    left = over.start + np.sign(over.stop - over.start) * (began[(began > first) & (began <= last)] - begin) / (100 * periods_per_percent)
+    left = over.start + np.sign(over.stop - over.start) * (
+        began[(began > first) & (began <= last)] - begin
+    ) / (100 * periods_per_percent)
     high = None if high_level is None else int(np.sum(found[:, 1] > high_level))
-    return Jumps(int(np.sum(began > last)), int(np.sum(began > first)), len(found), high, tuple(left.tolist()))
+    return Jumps(
+        int(np.sum(began > last)),
+        int(np.sum(began > first)),
+        len(found),
+        high,
+        tuple(left.tolist()),
+    )

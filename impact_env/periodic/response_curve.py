@@ -18,9 +18,23 @@ from impact_env.periodic.orbit import confirmed, packed
 from impact_env.periodic.orbit_branches import ON_CIRCLE, OrbitBranch
 
 Real = NDArray[np.float64]
-EXACT, HARMONIC_BALANCE = "exact orbits", "harmonic balance"
-COLUMNS = ("curve", "method", "omega_ratio", "tip_max_m", "tip_rms_m", "stable", "slowly_stable", "located", "period", "symmetric")
-SAME = 1e-9  # of the frequency: two places of one kind are one, met on both mirror images of a branch
+EXACT = "exact orbits"
+HARMONIC_BALANCE = "harmonic balance"
+COLUMNS = (
+    "curve",
+    "method",
+    "omega_ratio",
+    "tip_max_m",
+    "tip_rms_m",
+    "stable",
+    "slowly_stable",
+    "located",
+    "period",
+    "symmetric",
+)
+SAME = (
+    1e-9  # of the frequency: two places of one kind are one, met on both mirror images of a branch
+)
 
 
 @dataclass(frozen=True)
@@ -34,8 +48,16 @@ class CurvePoint:
 
     def to_plain(self) -> dict[str, Any]:
         """Return a dict; keys with their units, multipliers as pairs of a real and an imaginary part."""
-        plain: dict[str, Any] = {"kind": self.kind, "omega_ratio": self.omega_ratio, "tip_max_m": self.tip_max}
-        return plain | ({"multipliers": [[m.real, m.imag] for m in self.multipliers]} if self.multipliers else {})
+        plain: dict[str, Any] = {
+            "kind": self.kind,
+            "omega_ratio": self.omega_ratio,
+            "tip_max_m": self.tip_max,
+        }
+        return plain | (
+            {"multipliers": [[m.real, m.imag] for m in self.multipliers]}
+            if self.multipliers
+            else {}
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +84,23 @@ class ResponseCurve:
     orbits: dict[str, Any] | None = None
 
     def __post_init__(self) -> None:
-        rows = [row for row in (self.omega_ratio, self.tip_max, self.tip_rms, self.stable, self.slowly_stable) if row is not None]
-        require(len({len(row) for row in rows}) == 1, "curve", [len(row) for row in rows], "rows of one length")
+        rows = [
+            row
+            for row in (
+                self.omega_ratio,
+                self.tip_max,
+                self.tip_rms,
+                self.stable,
+                self.slowly_stable,
+            )
+            if row is not None
+        ]
+        require(
+            len({len(row) for row in rows}) == 1,
+            "curve",
+            [len(row) for row in rows],
+            "rows of one length",
+        )
 
     @property
     def folds(self) -> tuple[CurvePoint, ...]:
@@ -80,7 +117,11 @@ class ResponseCurve:
 
     def to_plain(self) -> dict[str, Any]:
         """Return lists, numbers and strings, None for NaN; keys with their units."""
-        rows = {"omega_ratio": self.omega_ratio, "tip_max_m": self.tip_max, "tip_rms_m": self.tip_rms}
+        rows = {
+            "omega_ratio": self.omega_ratio,
+            "tip_max_m": self.tip_max,
+            "tip_rms_m": self.tip_rms,
+        }
         plain: dict[str, Any] = {
             "method": self.method,
             "closed": self.closed,
@@ -91,7 +132,9 @@ class ResponseCurve:
         plain["peak"] = None if self.peak is None else self.peak.to_plain()
         plain["located"] = [point.to_plain() for point in self.located]
         plain["refused"] = [{"reason": reason, "points": number} for reason, number in self.refused]
-        plain |= {name: [float(x) if np.isfinite(x) else None for x in row] for name, row in rows.items()}
+        plain |= {
+            name: [float(x) if np.isfinite(x) else None for x in row] for name, row in rows.items()
+        }
         for name, truths in (("stable", self.stable), ("slowly_stable", self.slowly_stable)):
             plain[name] = None if truths is None else truths.tolist()
         return plain | {"orbits": self.orbits}
@@ -100,34 +143,93 @@ class ResponseCurve:
     def from_plain(plain: dict[str, Any]) -> ResponseCurve:
         """Return the curve of `to_plain`; raises KeyError, TypeError or ValueError where it is something else."""
         names = ("omega_ratio", "tip_max_m", "tip_rms_m")
-        ratio, largest, rms = (np.array([np.nan if x is None else x for x in plain[name]], dtype=np.float64) for name in names)
+        ratio, largest, rms = (
+            np.array([np.nan if x is None else x for x in plain[name]], dtype=np.float64)
+            for name in names
+        )
         marks = tuple(
-            CurvePoint(mark["kind"], mark["omega_ratio"], mark["tip_max_m"], tuple(complex(*pair) for pair in mark.get("multipliers", ())))
+            CurvePoint(
+                mark["kind"],
+                mark["omega_ratio"],
+                mark["tip_max_m"],
+                tuple(complex(*pair) for pair in mark.get("multipliers", ())),
+            )
             for mark in plain["located"]
         )
-        stable, slowly = (None if plain[name] is None else np.array(plain[name], dtype=np.bool_) for name in ("stable", "slowly_stable"))
+        stable, slowly = (
+            None if plain[name] is None else np.array(plain[name], dtype=np.bool_)
+            for name in ("stable", "slowly_stable")
+        )
         refused = tuple((each["reason"], each["points"]) for each in plain["refused"])
         more = plain.get("period", 1), plain.get("symmetric", True), plain.get("orbits")
-        return ResponseCurve(plain["method"], ratio, largest, rms, marks, plain["closed"], plain["ended"], stable, slowly, refused, *more)
+        return ResponseCurve(
+            plain["method"],
+            ratio,
+            largest,
+            rms,
+            marks,
+            plain["closed"],
+            plain["ended"],
+            stable,
+            slowly,
+            refused,
+            *more,
+        )
 
     def rows(self, number: int) -> Iterator[tuple[object, ...]]:
         """Yield a row of `COLUMNS` for each point that is a solution, then one for each that was located."""
         for k in np.flatnonzero(np.isfinite(self.tip_max)):
-            truths = ["" if row is None else int(row[k]) for row in (self.stable, self.slowly_stable)]
-            yield (number, self.method, self.omega_ratio[k], self.tip_max[k], self.tip_rms[k], *truths, "", self.period, int(self.symmetric))
+            truths = [
+                "" if row is None else int(row[k]) for row in (self.stable, self.slowly_stable)
+            ]
+            yield (
+                number,
+                self.method,
+                self.omega_ratio[k],
+                self.tip_max[k],
+                self.tip_rms[k],
+                *truths,
+                "",
+                self.period,
+                int(self.symmetric),
+            )
         for mark in self.located:
-            yield (number, self.method, mark.omega_ratio, mark.tip_max, "", "", "", mark.kind, self.period, int(self.symmetric))
+            yield (
+                number,
+                self.method,
+                mark.omega_ratio,
+                mark.tip_max,
+                "",
+                "",
+                "",
+                mark.kind,
+                self.period,
+                int(self.symmetric),
+            )
 
 
-def balance_curve(balance: Balance, branch: Branch, reference: float, hill: bool = False) -> ResponseCurve:
+def balance_curve(
+    balance: Balance, branch: Branch, reference: float, hill: bool = False
+) -> ResponseCurve:
     """Return the frequency response of a branch of harmonic balance; frequencies over ``reference`` in rad/s.
 
     ``hill``: with its stability by `hill_multipliers`, which raises ParameterError where it has none; at rigid walls they do not converge.
     """
-    solutions = [(balance.at(OMEGA, p), z) for z, p in zip(branch.points, branch.parameters, strict=True)]
+    solutions = [
+        (balance.at(OMEGA, p), z) for z, p in zip(branch.points, branch.parameters, strict=True)
+    ]
     responses = [at.response(z) for at, z in solutions]
-    marks = tuple(CurvePoint(e.kind, e.parameter / reference, balance.at(OMEGA, e.parameter).response(e.point).tip_max) for e in branch.located)
-    largest, rms = (np.array([getattr(r, name) for r in responses]) for name in ("tip_max", "tip_rms"))
+    marks = tuple(
+        CurvePoint(
+            e.kind,
+            e.parameter / reference,
+            balance.at(OMEGA, e.parameter).response(e.point).tip_max,
+        )
+        for e in branch.located
+    )
+    largest, rms = (
+        np.array([getattr(r, name) for r in responses]) for name in ("tip_max", "tip_rms")
+    )
     period = getattr(balance.linear, "multiple", 1)
     return ResponseCurve(
         HARMONIC_BALANCE,
@@ -137,30 +239,48 @@ def balance_curve(balance: Balance, branch: Branch, reference: float, hill: bool
         marks,
         branch.closed,
         branch.message,
-        np.array([abs(hill_multipliers(at, z)[0]) < 1 + ON_CIRCLE for at, z in solutions]) if hill else None,
+        np.array([abs(hill_multipliers(at, z)[0]) < 1 + ON_CIRCLE for at, z in solutions])
+        if hill
+        else None,
         period=period,
         symmetric=balance.symmetric,
     )
 
 
-def orbit_curve(orbits: OrbitBranch, reference: float, folds: Iterable[Motion] | None = None) -> ResponseCurve:
+def orbit_curve(
+    orbits: OrbitBranch, reference: float, folds: Iterable[Motion] | None = None
+) -> ResponseCurve:
     """Return the frequency response of a branch of exact orbits; each point is propagated by the exact method, and left out if that refuses it.
 
     A branch in another parameter has that one, over ``reference``, in place of the frequency.
 
     ``folds``: motions at the branch's folds where they are known; None: those that were met on the branch.
     """
-    found, refused = list(orbits.orbits()), dict[str, int]()
+    found = list(orbits.orbits())
+    refused = dict[str, int]()
     values = np.array([(np.nan, np.nan, 0.0, 0.0)] * len(found))
     for k, orbit in enumerate(found):
         if isinstance(orbit, NoOrbit):
             refused[orbit.reason] = refused.get(orbit.reason, 0) + 1
         else:
-            values[k] = orbit.motion.tip_max, orbit.motion.tip_rms, orbit.stability.stable, orbit.stability.slowly_stable
+            values[k] = (
+                orbit.motion.tip_max,
+                orbit.motion.tip_rms,
+                orbit.stability.stable,
+                orbit.stability.slowly_stable,
+            )
     marks = list[CurvePoint]()
     for kind, motion in _marks(orbits, folds):
-        mark = CurvePoint(kind, getattr(motion.solution.case, orbits.branch.parameter) / reference, motion.tip_max, _critical(motion))
-        if not any(mark.kind == known.kind and abs(mark.omega_ratio - known.omega_ratio) < SAME for known in marks):
+        mark = CurvePoint(
+            kind,
+            getattr(motion.solution.case, orbits.branch.parameter) / reference,
+            motion.tip_max,
+            _critical(motion),
+        )
+        if not any(
+            mark.kind == known.kind and abs(mark.omega_ratio - known.omega_ratio) < SAME
+            for known in marks
+        ):
             marks.append(mark)
     truths = values[:, 2:].astype(np.bool_)
     branch = orbits.branch

@@ -38,8 +38,18 @@ class Event:
         require(isinstance(self.regime, Regime), "regime", self.regime, "one of the class Regime")
         require(self.wall in (-1, 0, 1), "wall", self.wall, "-1, 0 or 1")
         joined = self.regime is Regime.JOINED
-        require(self.sign in ((0,) if joined else (-1, 1)), "sign", self.sign, "0 in a joined segment, else -1 or 1")
-        require(joined or self.wall == 0 or self.sign == -self.wall, "sign", self.sign, f"{-self.wall} after an impact on wall {self.wall}")
+        require(
+            self.sign in ((0,) if joined else (-1, 1)),
+            "sign",
+            self.sign,
+            "0 in a joined segment, else -1 or 1",
+        )
+        require(
+            joined or self.wall == 0 or self.sign == -self.wall,
+            "sign",
+            self.sign,
+            f"{-self.wall} after an impact on wall {self.wall}",
+        )
 
     @property
     def mirrored(self) -> Event:
@@ -56,7 +66,12 @@ def turn_of(symmetric: bool, period_multiple: int) -> float:
     """Return the phase of the force in rad after which an orbit's state comes back, mirrored where it is ``symmetric``."""
     count("period_multiple", period_multiple, 1)
     odd = period_multiple % 2 == 1
-    require(odd or not symmetric, "period_multiple", period_multiple, "odd for a symmetric orbit: the force must turn its sign in half of it")
+    require(
+        odd or not symmetric,
+        "period_multiple",
+        period_multiple,
+        "odd for a symmetric orbit: the force must turn its sign in half of it",
+    )
     return period_multiple * math.pi * (1 if symmetric else 2)
 
 
@@ -75,11 +90,25 @@ class EventSchedule:
         object.__setattr__(self, "events", tuple(self.events))
         require(len(self.events) > 0, "events", self.events, "one or more")
         turn_of(self.symmetric, self.period_multiple)  # raises where there is no such orbit
-        require(self.symmetric or len(self.events) > 1, "events", self.events, "two or more where no half mirrors the other")
+        require(
+            self.symmetric or len(self.events) > 1,
+            "events",
+            self.events,
+            "two or more where no half mirrors the other",
+        )
         last = self.events[-1].mirrored if self.symmetric else self.events[-1]
         for before, after in zip((last, *self.events[:-1]), self.events, strict=True):
-            turns = after.regime is Regime.SLIDING and after.wall == 0 and before.regime is not Regime.JOINED
-            require(not turns or after.sign == -before.sign, "events", self.events, "a reversal between two senses of sliding")
+            turns = (
+                after.regime is Regime.SLIDING
+                and after.wall == 0
+                and before.regime is not Regime.JOINED
+            )
+            require(
+                not turns or after.sign == -before.sign,
+                "events",
+                self.events,
+                "a reversal between two senses of sliding",
+            )
 
     @property
     def turn(self) -> float:
@@ -95,7 +124,12 @@ class EventSchedule:
     def reversals(self) -> int:
         """Number of friction reversals among the events listed; the end of a joined segment is none."""
         pairs = zip((self.events[-1], *self.events[:-1]), self.events, strict=True)
-        return sum(event.regime is Regime.SLIDING and event.wall == 0 and before.regime is not Regime.JOINED for before, event in pairs)
+        return sum(
+            event.regime is Regime.SLIDING
+            and event.wall == 0
+            and before.regime is not Regime.JOINED
+            for before, event in pairs
+        )
 
     @cached_property
     def flies(self) -> bool:
@@ -111,21 +145,39 @@ class EventSchedule:
     def order(self) -> Order:
         """The events as arrays, for the kernels; ParameterError if there is a joined segment or no impact."""
         if not self.flies:
-            raise ParameterError("schedule with joined segments is not allowed here: Green's function is that of a free or sliding absorber")
+            raise ParameterError(
+                "schedule with joined segments is not allowed here: Green's function is that of a free or sliding absorber"
+            )
         require(self.events[0].is_impact, "schedule", str(self), "one that begins with an impact")
-        wall, sign = (np.array([getattr(event, name) for event in self.events], dtype=np.int64) for name in ("wall", "sign"))
+        wall, sign = (
+            np.array([getattr(event, name) for event in self.events], dtype=np.int64)
+            for name in ("wall", "sign")
+        )
         return Order(wall, sign, self.turn, -1.0 if self.symmetric else 1.0)
 
     def __str__(self) -> str:
         words = f"{self.impacts} impact{'s' * (self.impacts != 1)} and {self.reversals} reversal{'s' * (self.reversals != 1)} in "
         whole = "period" if self.period_multiple == 1 else f"{self.period_multiple} periods"
-        return words + (f"half of {'a' if self.period_multiple == 1 else ''} {whole}".replace("  ", " ") if self.symmetric else whole)
+        return words + (
+            f"half of {'a' if self.period_multiple == 1 else ''} {whole}".replace("  ", " ")
+            if self.symmetric
+            else whole
+        )
 
 
-def flying_schedule(walls: Sequence[int], friction: bool, symmetric: bool = False, period_multiple: int = 1) -> EventSchedule:
+def flying_schedule(
+    walls: Sequence[int], friction: bool, symmetric: bool = False, period_multiple: int = 1
+) -> EventSchedule:
     """Return the schedule of impacts on ``walls`` in this order, 0 standing for a reversal; the first is an impact."""
-    require(len(walls) > 0 and walls[0] != 0, "walls", list(walls), "a row of -1, 0 and 1 that begins with an impact")
-    regime, sign, events = Regime.SLIDING if friction else Regime.FREE, 0, []
+    require(
+        len(walls) > 0 and walls[0] != 0,
+        "walls",
+        list(walls),
+        "a row of -1, 0 and 1 that begins with an impact",
+    )
+    regime = Regime.SLIDING if friction else Regime.FREE
+    sign = 0
+    events = []
     for wall in walls:
         sign = -wall if wall != 0 else -sign
         events.append(Event(regime, int(wall), int(sign)))

@@ -28,7 +28,9 @@ from impact_env.sweep import simulate
 Array = NDArray[np.float64]
 STEPS = 30
 HALVINGS = 5
-CLOSE, ENOUGH = 1e-13, 1e-10  # of the scaled miss: where Newton's method ends, and what it may leave where rounding stops it
+# of the scaled miss: where Newton's method ends, and what it may leave where rounding stops it
+CLOSE = 1e-13
+ENOUGH = 1e-10
 NEUTRAL = 1e-10  # of the largest singular value: a direction in which every place is as good, such as the absorber's place of rest
 
 
@@ -38,25 +40,38 @@ def units_of(case: Case) -> Array:
     return np.concatenate([np.full(n, case.gap), np.full(n, case.gap * case.omega)])
 
 
-def shoot(case: Case, phase: float, state: Array, symmetric: bool = False, period_multiple: int = 1) -> ShotMotion | NoOrbit:
+def shoot(
+    case: Case, phase: float, state: Array, symmetric: bool = False, period_multiple: int = 1
+) -> ShotMotion | NoOrbit:
     """Return the motion whose state (2 N_m + 2,) at a ``phase`` (rad) is near ``state`` and comes back, or why there is none.
 
     The absorber flies at the section. Raises ParameterError for a state of another size, or one that is not finite.
     """
-    size, finite_phase = 2 * case.model.modes + 2, finite("phase", phase)
+    size = 2 * case.model.modes + 2
+    finite_phase = finite("phase", phase)
     y = np.array(state, dtype=float)
-    require(y.shape == (size,) and bool(np.all(np.isfinite(y))), "state", state, f"{size} finite numbers: modes, absorber, and their velocities")
-    turn, unit, sign = turn_of(symmetric, period_multiple), units_of(case), -1.0 if symmetric else 1.0
+    require(
+        y.shape == (size,) and bool(np.all(np.isfinite(y))),
+        "state",
+        state,
+        f"{size} finite numbers: modes, absorber, and their velocities",
+    )
+    turn = turn_of(symmetric, period_multiple)
+    unit = units_of(case)
+    sign = -1.0 if symmetric else 1.0
     blank = flying_schedule([-1], case.friction_limit > 0, symmetric=True)
     try:
         found = passage(case, finite_phase, y, turn / case.omega)
-        miss, steps = _miss(found, y, sign, unit), 0
+        miss = _miss(found, y, sign, unit)
+        steps = 0
         for _ in range(STEPS):
             size_of_miss = float(np.max(np.abs(miss)))
             if size_of_miss <= CLOSE:
                 break
             matrix = np.eye(size) - sign * found.derivative * unit / unit[:, None]
-            step: Array = np.asarray(np.linalg.lstsq(matrix, miss, rcond=NEUTRAL)[0], dtype=np.float64)
+            step: Array = np.asarray(
+                np.linalg.lstsq(matrix, miss, rcond=NEUTRAL)[0], dtype=np.float64
+            )
             better = _damped(case, found, y, step, unit, sign, size_of_miss)
             if better is None:
                 break
@@ -66,7 +81,12 @@ def shoot(case: Case, phase: float, state: Array, symmetric: bool = False, perio
     except (PassageError, np.linalg.LinAlgError) as error:
         return NoOrbit(case, blank, str(error), np.array([finite_phase]))
     if not miss_left <= ENOUGH:
-        return NoOrbit(case, blank, f"shooting did not converge (residual {miss_left:.1e} after {steps} steps)", np.array([finite_phase]))
+        return NoOrbit(
+            case,
+            blank,
+            f"shooting did not converge (residual {miss_left:.1e} after {steps} steps)",
+            np.array([finite_phase]),
+        )
     return shot(case, found, symmetric, period_multiple, miss_left, steps)
 
 
@@ -74,7 +94,9 @@ def _miss(found: Passage, y: Array, sign: float, unit: Array) -> Array:
     return np.asarray((sign * found.end - y) / unit)
 
 
-def _damped(case: Case, last: Passage, y: Array, step: Array, unit: Array, sign: float, size: float) -> tuple[Passage, Array, Array] | None:
+def _damped(
+    case: Case, last: Passage, y: Array, step: Array, unit: Array, sign: float, size: float
+) -> tuple[Passage, Array, Array] | None:
     """Return the passage, state and miss after as much of Newton's step as makes the miss smaller than ``size``, or None."""
     share = 1.0
     for _ in range(HALVINGS):
@@ -91,33 +113,48 @@ def _damped(case: Case, last: Passage, y: Array, step: Array, unit: Array, sign:
     return None
 
 
-def shot(case: Case, found: Passage, symmetric: bool, period_multiple: int, error: float, steps: int) -> ShotMotion | NoOrbit:
+def shot(
+    case: Case, found: Passage, symmetric: bool, period_multiple: int, error: float, steps: int
+) -> ShotMotion | NoOrbit:
     """Return the motion of a passage that comes back, or why its events are no orbit's."""
-    turn, whole = turn_of(symmetric, period_multiple), 2 * np.pi * period_multiple
+    turn = turn_of(symmetric, period_multiple)
+    whole = 2 * np.pi * period_multiple
     blank = flying_schedule([-1], case.friction_limit > 0, symmetric=True)
     if not found.happenings:
         return NoOrbit(case, blank, "absorber and beam do not touch", np.array([found.phase]))
     phases = found.phase + case.omega * np.array([happening.time for happening in found.happenings])
     impulses = np.array([happening.impulse for happening in found.happenings])
-    events, phases, impulses = rotated([happening.event for happening in found.happenings], phases, impulses, turn, symmetric)
+    events, phases, impulses = rotated(
+        [happening.event for happening in found.happenings], phases, impulses, turn, symmetric
+    )
     try:
         schedule = EventSchedule(events, symmetric, period_multiple)
     except ParameterError as reason:
         return NoOrbit(case, blank, f"the events do not come again: {reason}", phases)
-    solution = Solution(case, schedule, phases - whole * np.floor(phases[0] / whole), impulses, 0.0, error, steps)
+    solution = Solution(
+        case, schedule, phases - whole * np.floor(phases[0] / whole), impulses, 0.0, error, steps
+    )
     return ShotMotion(solution, found)
 
 
-def rotated(events: list[Event], phases: Array, impulses: Array, turn: float, symmetric: bool) -> tuple[tuple[Event, ...], Array, Array]:
+def rotated(
+    events: list[Event], phases: Array, impulses: Array, turn: float, symmetric: bool
+) -> tuple[tuple[Event, ...], Array, Array]:
     """Return events, phases (n,) in rad and impulses (n,) in N s counted from the first impact on, as they are where there is none."""
     first = next((k for k, event in enumerate(events) if event.is_impact), 0)
     side = -1.0 if symmetric else 1.0
     turned = [event.mirrored if symmetric else event for event in events[:first]]
     impulses = np.concatenate([impulses[first:], side * impulses[:first]])
-    return (*events[first:], *turned), np.concatenate([phases[first:], phases[:first] + turn]), impulses
+    return (
+        (*events[first:], *turned),
+        np.concatenate([phases[first:], phases[:first] + turn]),
+        impulses,
+    )
 
 
-STRETCH = 4  # periods of the force in which a tangent vector is followed without being made a unit vector
+STRETCH = (
+    4  # periods of the force in which a tangent vector is followed without being made a unit vector
+)
 SETTLING = 20  # stretches in which it turns into the fastest direction, which are left out
 BLOCKS = 20  # whose means are taken as independent
 LEVEL = 0.95
@@ -146,21 +183,28 @@ def largest_exponent(scene: Scene, settled: Drive, periods: int) -> Exponent:
     schedule = settled.schedule
     case = case_of(scene, settled.amplitude, float(schedule.omegas[-1]))
     state = simulate(scene, settled, record=RECORD).end_state
-    phase, unit = settled.phase + float(schedule.phase_at(float(schedule.times[-1]))), units_of(case)
+    phase = settled.phase + float(schedule.phase_at(float(schedule.times[-1])))
+    unit = units_of(case)
     vector = np.random.default_rng(0).normal(size=len(unit))
     growth = []
     for _ in range(SETTLING + periods // STRETCH):
         found = passage(case, phase, state, STRETCH * case.period)
         vector = (found.derivative @ (unit * vector)) / unit
         size = float(np.linalg.norm(vector))
-        require(size > 0, "tangent vector", vector, "one that friction does not take away altogether")
+        require(
+            size > 0, "tangent vector", vector, "one that friction does not take away altogether"
+        )
         growth.append(np.log(size))
-        vector, state = vector / size, found.end
+        vector = vector / size
+        state = found.end
     return exponent_of(np.array(growth[SETTLING:]) / STRETCH)
 
 
 def exponent_of(growth: Array) -> Exponent:
     """Return the exponent of growths (S,) per period, one for each stretch."""
     means = np.array([np.mean(block) for block in np.array_split(growth, BLOCKS)])
-    value, width = float(np.mean(growth)), float(np.std(means, ddof=1) / np.sqrt(BLOCKS) * scipy.stats.t.ppf((1 + LEVEL) / 2, BLOCKS - 1))
+    value = float(np.mean(growth))
+    width = float(
+        np.std(means, ddof=1) / np.sqrt(BLOCKS) * scipy.stats.t.ppf((1 + LEVEL) / 2, BLOCKS - 1)
+    )
     return Exponent(value, value - width, value + width)

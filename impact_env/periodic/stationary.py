@@ -101,7 +101,8 @@ class Classified:
 
 def modulation_depth(peaks: Array) -> float:
     """Return (largest - least) / (largest + least) of the peaks (M,) of a response's periods; 0 where nothing moves."""
-    high, low = float(np.max(peaks)), float(np.min(peaks))
+    high = float(np.max(peaks))
+    low = float(np.min(peaks))
     return (high - low) / (high + low) if high > 0 else 0.0
 
 
@@ -115,9 +116,15 @@ def misses(window: Window, most_multiple: int) -> Array:
 
     At most half of the window's periods are compared so.
     """
-    most, unit = min(most_multiple, window.periods // 2), window.unit
+    most = min(most_multiple, window.periods // 2)
+    unit = window.unit
     states = window.states
-    return np.array([float(np.max(np.abs(states[k:] - states[:-k]))) / unit if unit > 0 else 0.0 for k in range(1, most + 1)])
+    return np.array(
+        [
+            float(np.max(np.abs(states[k:] - states[:-k]))) / unit if unit > 0 else 0.0
+            for k in range(1, most + 1)
+        ]
+    )
 
 
 def classify(window: Window, criteria: Criteria | None = None) -> Classified:
@@ -129,14 +136,21 @@ def classify(window: Window, criteria: Criteria | None = None) -> Classified:
     distances = misses(window, criteria.most_multiple)
     close = np.flatnonzero(distances <= criteria.tolerance)
     multiple = int(close[0]) + 1 if len(close) else None
-    depth, pause = modulation_depth(window.peaks), longest_pause(window.impacts, window.periods)
+    depth = modulation_depth(window.peaks)
+    pause = longest_pause(window.impacts, window.periods)
     if len(window.impacts) == 0:
         kind = Kind.LINEAR
     elif multiple is not None:
         kind = Kind.PERIODIC
     else:
-        kind = Kind.MODULATED if pause >= criteria.pause and depth >= criteria.depth else Kind.SUSTAINED
-    return Classified(kind, multiple, float(np.min(distances)), len(window.impacts) / window.periods, depth, pause)
+        kind = (
+            Kind.MODULATED
+            if pause >= criteria.pause and depth >= criteria.depth
+            else Kind.SUSTAINED
+        )
+    return Classified(
+        kind, multiple, float(np.min(distances)), len(window.impacts) / window.periods, depth, pause
+    )
 
 
 @dataclass(frozen=True)
@@ -169,7 +183,8 @@ def window_of(scene: Scene, response: Response, omega: float) -> Window:
 
     Its samples lie a whole fraction of the force's period apart.
     """
-    history, impacts = response.history, response.impacts
+    history = response.history
+    impacts = response.impacts
     assert history is not None
     assert impacts is not None
     period = 2 * np.pi / omega
@@ -177,26 +192,47 @@ def window_of(scene: Scene, response: Response, omega: float) -> Window:
     each = (len(history.time) - 1) // periods
     level = history.modal_displacement @ scene.model.level_shape
     peaks = np.max(np.abs(level[: periods * each]).reshape(periods, each), axis=1)
-    return Window(_states(scene, history, omega)[::each][: periods + 1], impacts.time / period, peaks)
+    return Window(
+        _states(scene, history, omega)[::each][: periods + 1], impacts.time / period, peaks
+    )
 
 
 def _states(scene: Scene, history: History, omega: float) -> Array:
     """Return the samples as displacements in m, (S, 2 N_m + 2): each mode's share of the tip's, and the absorber's against the tip."""
     shape = np.where(scene.model.tip_shape == 0, 1.0, scene.model.tip_shape)
-    places = history.modal_displacement * shape, history.absorber_displacement - history.tip_displacement
-    speeds = history.modal_velocity * shape / omega, (history.absorber_velocity - history.tip_velocity) / omega
+    places = (
+        history.modal_displacement * shape,
+        history.absorber_displacement - history.tip_displacement,
+    )
+    speeds = (
+        history.modal_velocity * shape / omega,
+        (history.absorber_velocity - history.tip_velocity) / omega,
+    )
     return np.column_stack([*places, *speeds])
 
 
 def _energies(scene: Scene, history: History, account: EnergyAccount) -> Energies:
     share = mechanical_energy(scene, history).absorber_share
-    losses = np.array([float(np.sum(account.modal_loss)), account.impact_loss, account.friction_loss, account.absorber_damping])
+    losses = np.array(
+        [
+            float(np.sum(account.modal_loss)),
+            account.impact_loss,
+            account.friction_loss,
+            account.absorber_damping,
+        ]
+    )
     total = float(np.sum(losses))
     modal, impact, friction, damper = (losses / total if total > 0 else np.zeros(4)).tolist()
     return Energies(float(np.mean(share)), float(np.max(share)), modal, impact, friction, damper)
 
 
-def stationary(scene: Scene, settled: Drive, periods: int, criteria: Criteria | None = None, initial: InitialState | None = None) -> Stationary:
+def stationary(
+    scene: Scene,
+    settled: Drive,
+    periods: int,
+    criteria: Criteria | None = None,
+    initial: InitialState | None = None,
+) -> Stationary:
     """Return the response over ``periods`` of the force after the run ``settled`` from a state (default: rest), at the frequency that it ended with.
 
     An elastic slider begins the window without force. Raises as `simulate` does, and ParameterError for fewer than two periods.
@@ -211,7 +247,11 @@ def stationary(scene: Scene, settled: Drive, periods: int, criteria: Criteria | 
     assert response.history is not None
     assert response.energy is not None
     window = window_of(scene, response, omega)
-    return Stationary(classify(window, criteria), _energies(scene, response.history, response.energy), window.peaks)
+    return Stationary(
+        classify(window, criteria),
+        _energies(scene, response.history, response.energy),
+        window.peaks,
+    )
 
 
 def _settled(periods: int, criteria: Criteria | None, lane: Lane) -> Stationary:
@@ -237,7 +277,15 @@ def stationary_members(
     ``settle`` pseudo periods at the ratio come before the window of ``periods`` of the force. Interruption and errors as in `residence.stays`.
     """
     lanes = [Lane(scene, hold(approach, force, ratio, settle, phase)) for phase in phases]
-    return finished(each_lane(lanes, partial(_settled, periods, criteria), threads=threads, progress=progress, executor=executor))
+    return finished(
+        each_lane(
+            lanes,
+            partial(_settled, periods, criteria),
+            threads=threads,
+            progress=progress,
+            executor=executor,
+        )
+    )
 
 
 def envelope(members: Sequence[Stationary], quantiles: Sequence[float] = QUANTILES) -> Array:
@@ -258,12 +306,21 @@ class StationaryPoint:
 
     def to_plain(self) -> dict[str, Any]:
         """Return numbers and lists; keys with their units."""
-        return {"omega_ratio": self.omega_ratio, "quantiles": list(QUANTILES), "tip_max_m": self.tip_max.tolist(), "impacts_per_period": self.impacts}
+        return {
+            "omega_ratio": self.omega_ratio,
+            "quantiles": list(QUANTILES),
+            "tip_max_m": self.tip_max.tolist(),
+            "impacts_per_period": self.impacts,
+        }
 
     @staticmethod
     def from_plain(plain: dict[str, Any]) -> StationaryPoint:
         """Return the response of `to_plain`."""
-        return StationaryPoint(float(plain["omega_ratio"]), np.array(plain["tip_max_m"], dtype=np.float64), float(plain["impacts_per_period"]))
+        return StationaryPoint(
+            float(plain["omega_ratio"]),
+            np.array(plain["tip_max_m"], dtype=np.float64),
+            float(plain["impacts_per_period"]),
+        )
 
 
 @dataclass(frozen=True)
@@ -296,7 +353,13 @@ class StationaryRuns:
     @property
     def settings(self) -> dict[str, Any]:
         """What the numbers depend on, but for scene, force and frequency."""
-        return {"members": self.members, "settle": self.settle, "window": self.window, "approach": self.approach, "seed": self.seed}
+        return {
+            "members": self.members,
+            "settle": self.settle,
+            "window": self.window,
+            "approach": self.approach,
+            "seed": self.seed,
+        }
 
     def ratios(self, low: float, high: float) -> list[float]:
         """Return the frequency ratios between two."""
@@ -306,6 +369,16 @@ class StationaryRuns:
         """Return the response at a ratio of ``reference`` (rad/s) under a force in N; Ctrl-C and errors as `stationary_members`."""
         phases = draw_members(self.members, self.seed, "phase").phases.tolist()
         way = Approach(reference, self.approach)
-        found = stationary_members(scene, force, way, ratio, self.settle, self.window, phases, threads=self.threads, executor=self.executor)
+        found = stationary_members(
+            scene,
+            force,
+            way,
+            ratio,
+            self.settle,
+            self.window,
+            phases,
+            threads=self.threads,
+            executor=self.executor,
+        )
         impacts = float(np.mean([member.found.impacts_per_period for member in found]))
         return StationaryPoint(ratio, envelope(found), impacts)

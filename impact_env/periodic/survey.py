@@ -30,7 +30,9 @@ NUDGE = 1e-3  # of gap times omega: a disturbance that a run starts with beside 
 Progress = Callable[[int, int], None]
 
 
-def state_after(case: Case, periods: float, initial: InitialState | None = None, phase: float = 0.0) -> tuple[Array, float]:
+def state_after(
+    case: Case, periods: float, initial: InitialState | None = None, phase: float = 0.0
+) -> tuple[Array, float]:
     """Return the state (2 N_m + 2,) after some of the force's periods from ``initial`` (default: rest), and the phase there (rad, below 2 pi)."""
     duration = positive("periods", periods) * case.period
     response = simulate(case.scene, case.drive(duration, phase), initial=initial, record=RECORD)
@@ -38,7 +40,11 @@ def state_after(case: Case, periods: float, initial: InitialState | None = None,
 
 
 def orbit_of_simulation(
-    case: Case, settle: float = SETTLE, most_multiple: int = MOST_MULTIPLE, initial: InitialState | None = None, phase: float = 0.0
+    case: Case,
+    settle: float = SETTLE,
+    most_multiple: int = MOST_MULTIPLE,
+    initial: InitialState | None = None,
+    phase: float = 0.0,
 ) -> Orbit | NoOrbit:
     """Return the orbit that a run from ``initial`` (default: rest) comes to within ``settle`` periods of the force, or why there is none.
 
@@ -49,41 +55,58 @@ def orbit_of_simulation(
     state, here = state_after(case, settle, initial, phase)
     symmetric, multiple, miss = _return_of(case, state, here, most_multiple)
     if multiple == 0:
-        return _none(case, f"the run does not come again within {most_multiple} periods (miss {miss:.1e})")
+        return _none(
+            case, f"the run does not come again within {most_multiple} periods (miss {miss:.1e})"
+        )
     found = _orbit_from(case, here, state, symmetric, multiple)
     shorter = multiple if isinstance(found, NoOrbit) else least_multiple(found)
     return found if shorter == multiple else _orbit_from(case, here, state, symmetric, shorter)
 
 
-def _orbit_from(case: Case, phase: float, state: Array, symmetric: bool, multiple: int) -> Orbit | NoOrbit:
+def _orbit_from(
+    case: Case, phase: float, state: Array, symmetric: bool, multiple: int
+) -> Orbit | NoOrbit:
     """Return the orbit next to a ``state`` (2 N_m + 2,) at a ``phase`` (rad), by its events or else by shooting from its longest flight."""
     try:
         run = passage(case, phase, state, turn_of(symmetric, multiple) / case.omega)
     except PassageError as error:
         return _none(case, str(error))
     times, lengths = run.flights
-    if not any(happening.event.is_impact for happening in run.happenings) and case.friction_limit == 0:
+    if (
+        not any(happening.event.is_impact for happening in run.happenings)
+        and case.friction_limit == 0
+    ):
         return _none(case, "the run has no impacts")
     if np.max(lengths) <= SHORTEST / case.omega:
         return _none(case, "friction holds the absorber all the time")
-    motion, found = shot(case, run, symmetric, multiple, 0.0, 0), None
-    if not isinstance(motion, NoOrbit) and motion.solution.schedule.flies and motion.solution.schedule.impacts > 0:
+    motion = shot(case, run, symmetric, multiple, 0.0, 0)
+    found = None
+    if (
+        not isinstance(motion, NoOrbit)
+        and motion.solution.schedule.flies
+        and motion.solution.schedule.impacts > 0
+    ):
         found = orbit_at(case, motion.solution.schedule, motion.solution.phases)
         if isinstance(found, Orbit):
             return found
     k = int(np.argmax(lengths))
     middle = float(times[k] + 0.5 * lengths[k])
-    held = shot_orbit(case, phase + case.omega * middle, run.states(np.array([middle]))[0], symmetric, multiple)
+    held = shot_orbit(
+        case, phase + case.omega * middle, run.states(np.array([middle]))[0], symmetric, multiple
+    )
     return held if isinstance(held, Orbit) or found is None else found
 
 
 def _none(case: Case, reason: str) -> NoOrbit:
-    return NoOrbit(case, flying_schedule([-1], case.friction_limit > 0, symmetric=True), reason, np.zeros(1))
+    return NoOrbit(
+        case, flying_schedule([-1], case.friction_limit > 0, symmetric=True), reason, np.zeros(1)
+    )
 
 
 def least_multiple(orbit: Orbit) -> int:
     """Return the multiple of the force's period after which an orbit really comes again: a slow approach may look like a long period."""
-    whole, start = orbit.schedule.period_multiple, orbit.motion.mid_flight()[0]
+    whole = orbit.schedule.period_multiple
+    start = orbit.motion.mid_flight()[0]
     first = orbit.motion.state_at(start)
     for multiple in range(1, whole):
         miss = np.abs(orbit.motion.state_at(start + 2 * np.pi * multiple) - first)
@@ -97,7 +120,9 @@ def _return_of(case: Case, first: Array, phase: float, most: int) -> tuple[bool,
 
     The state ``first`` (2 N_m + 2,) at a ``phase`` (rad) is compared with those after each half period of the force.
     """
-    n, state, least = case.model.modes + 1, first, np.inf
+    n = case.model.modes + 1
+    state = first
+    least = np.inf
     for half in range(1, 2 * most + 1):
         state, phase = state_after(case, 0.5, start_from(case.scene, state), phase)
         symmetric = half % 2 == 1
@@ -124,7 +149,9 @@ def closed_form_orbits(case: Case) -> Found:
     refused: list[NoOrbit] = []
     for branch in closed_form(case):
         if branch.pushes:
-            found = orbit_at(case, schedule, np.array([branch.phase, branch.impulse / case.scale.impulse]))
+            found = orbit_at(
+                case, schedule, np.array([branch.phase, branch.impulse / case.scale.impulse])
+            )
             if isinstance(found, NoOrbit):
                 refused.append(found)
             else:
@@ -147,16 +174,25 @@ def same(one: Orbit, other: Orbit) -> bool:
     The faintest bounces of a chatter do not count. Orbits without impacts are told by their states.
     """
     unit = one.case.scale.impulse
-    a, b = ([impact for impact in orbit.impacts if abs(impact.impulse) > FAINTEST * unit] for orbit in (one, other))
+    a, b = (
+        [impact for impact in orbit.impacts if abs(impact.impulse) > FAINTEST * unit]
+        for orbit in (one, other)
+    )
     if len(a) != len(b) or one.schedule.period_multiple != other.schedule.period_multiple:
         return False
     if len(a) == 0:
-        return abs(one.motion.tip_max / other.motion.tip_max - 1) < SAME and abs(one.motion.tip_rms / other.motion.tip_rms - 1) < SAME
+        return (
+            abs(one.motion.tip_max / other.motion.tip_max - 1) < SAME
+            and abs(one.motion.tip_rms / other.motion.tip_rms - 1) < SAME
+        )
     whole = 2 * np.pi * one.schedule.period_multiple
     shifts = {2 * np.pi * k for k in range(one.schedule.period_multiple)}
     for shift in shifts:
         moved = sorted(((impact.phase + shift) % whole, impact.impulse) for impact in a)
-        if all(abs(p - y.phase) < SAME and abs(i - y.impulse) < SAME * unit for (p, i), y in zip(moved, b, strict=True)):
+        if all(
+            abs(p - y.phase) < SAME and abs(i - y.impulse) < SAME * unit
+            for (p, i), y in zip(moved, b, strict=True)
+        ):
             return True
     return False
 
@@ -171,14 +207,22 @@ def crossings(branch: OrbitBranch, omega: float) -> Iterator[Orbit | NoOrbit]:
         z = np.array(branch.branch.points[near])
         if branch.schedules[k] == branch.schedules[k + 1]:
             share = (omega - values[k]) / (values[k + 1] - values[k])
-            z = branch.branch.points[k] + share * (branch.branch.points[k + 1] - branch.branch.points[k])
+            z = branch.branch.points[k] + share * (
+                branch.branch.points[k + 1] - branch.branch.points[k]
+            )
         yield orbit_at(branch.case.changed(omega=omega), branch.schedules[near], z)
 
 
 def closed_form_over(case: Case, ratios: Array, progress: Progress | None = None) -> list[Found]:
     """Return `closed_form_orbits` at each of rising frequency ``ratios`` (M,); ``progress`` is told how many are done."""
-    require(len(ratios) > 0 and bool(np.all(np.diff(ratios) > 0)), "ratios", ratios, "one or more frequency ratios, rising")
-    first, found = float(case.model.omega[0]), []
+    require(
+        len(ratios) > 0 and bool(np.all(np.diff(ratios) > 0)),
+        "ratios",
+        ratios,
+        "one or more frequency ratios, rising",
+    )
+    first = float(case.model.omega[0])
+    found = []
     for k, ratio in enumerate(ratios, 1):
         found.append(closed_form_orbits(case.changed(omega=float(ratio) * first)))
         if progress is not None:
@@ -189,9 +233,19 @@ def closed_form_over(case: Case, ratios: Array, progress: Progress | None = None
 def joined_by(group: Found, branches: Iterable[OrbitBranch]) -> Found:
     """Return the group of a frequency with the orbits of branches there added, and the mirror images of those without symmetry."""
     more = [orbit for branch in branches for orbit in crossings(branch, group.case.omega)]
-    good = [orbit for orbit in more if isinstance(orbit, Orbit) and least_multiple(orbit) == orbit.schedule.period_multiple]
-    images = [orbit for one in good if not one.schedule.symmetric and isinstance(orbit := mirrored(one), Orbit)]
-    refused = tuple(orbit for orbit in more if isinstance(orbit, NoOrbit)) if more else group.refused
+    good = [
+        orbit
+        for orbit in more
+        if isinstance(orbit, Orbit) and least_multiple(orbit) == orbit.schedule.period_multiple
+    ]
+    images = [
+        orbit
+        for one in good
+        if not one.schedule.symmetric and isinstance(orbit := mirrored(one), Orbit)
+    ]
+    refused = (
+        tuple(orbit for orbit in more if isinstance(orbit, NoOrbit)) if more else group.refused
+    )
     return Found(group.case, tuple(different([*group.orbits, *good, *images])), refused)
 
 
@@ -210,7 +264,9 @@ def orbits_over(case: Case, ratios: Array, progress: Progress | None = None) -> 
     yield from (joined_by(group, branches) for group in found)
 
 
-def attractors(case: Case, near: Iterable[Orbit], settle: float = SETTLE, most_multiple: int = MOST_MULTIPLE) -> Iterator[Orbit | NoOrbit]:
+def attractors(
+    case: Case, near: Iterable[Orbit], settle: float = SETTLE, most_multiple: int = MOST_MULTIPLE
+) -> Iterator[Orbit | NoOrbit]:
     """Yield the motions that runs settle to: from rest, and from beside each unstable orbit in ``near``; with the mirror image where it differs.
 
     A symmetric orbit that loses its symmetry so leads to the pair of orbits that took over from it. See `orbit_of_simulation`.

@@ -9,14 +9,24 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.kernels.periodic.closed_form import closed_forms, fold_forces, fold_of, impulses_of, line_of, phase_of
+from impact_env.kernels.periodic.closed_form import (
+    closed_forms,
+    fold_forces,
+    fold_of,
+    impulses_of,
+    line_of,
+    phase_of,
+)
 from impact_env.parameters import require
 from impact_env.periodic.case import Case
 from impact_env.periodic.schedule import EventSchedule, flying_schedule
 
 Array = NDArray[np.float64]
-BIRTH, MERGER = "birth", "merger"
-FEWEST, MOST = 1001, 100001  # points of a map
+BIRTH = "birth"
+MERGER = "merger"
+# points of a map
+FEWEST = 1001
+MOST = 100001
 FINE = 20  # points in the narrowest resonance
 STEP = 1e-4  # relative step of the differences by which a level place of the map is found
 
@@ -47,7 +57,9 @@ def closed_form(case: Case) -> tuple[ClosedForm, ...]:
     """
     line = line_of(case.structure, case.point)
     roots = impulses_of(line, case.force)
-    return tuple(ClosedForm(case, p, phase_of(line, case.force, p)) for p in roots if np.isfinite(p))
+    return tuple(
+        ClosedForm(case, p, phase_of(line, case.force, p)) for p in roots if np.isfinite(p)
+    )
 
 
 def closed_form_branches(case: Case, omegas: ArrayLike) -> Array:
@@ -73,7 +85,12 @@ def fold_impulse(case: Case) -> float:
 
 def map_frequencies(case: Case, low: float, high: float) -> Array:
     """Return frequencies (M,) in rad/s between two ratios of the first resonance's, fine enough for the narrowest resonance."""
-    require(0 < low < high, "frequency range", (low, high), "two ratios of the first resonance above 0, the lower one first")
+    require(
+        0 < low < high,
+        "frequency range",
+        (low, high),
+        "two ratios of the first resonance above 0, the lower one first",
+    )
     width = max(float(np.min(case.model.damping_ratio)), 1e-6) * low
     points = int(np.clip(FINE * (high - low) / width, FEWEST, MOST))
     return np.asarray(np.linspace(low, high, points) * float(case.model.omega[0]))
@@ -89,13 +106,16 @@ def level_places(case: Case, low: float, high: float) -> tuple[tuple[str, float,
         omega = _level(case, omegas[k - 1], omegas[k + 1])
         at = case.changed(omega=omega)
         if fold_impulse(at) > 0:
-            found.append((BIRTH if rise[k] >= 0 else MERGER, float(fold_force(at, [omega])[0]), omega))
+            found.append(
+                (BIRTH if rise[k] >= 0 else MERGER, float(fold_force(at, [omega])[0]), omega)
+            )
     return tuple(found)
 
 
 def _changes_of_sign(values: Array) -> NDArray[np.intp]:
     """Return k (K,) where the sign of values (M,) at k + 1 is another one than at k; 0 counts as above 0, and what is not finite has none."""
-    below, known = values < 0, np.isfinite(values)
+    below = values < 0
+    known = np.isfinite(values)
     return np.flatnonzero((below[:-1] != below[1:]) & known[:-1] & known[1:])
 
 
@@ -108,7 +128,8 @@ def _level(case: Case, low: float, high: float) -> float:
         return float(f[0] - 8 * f[1] + 8 * f[2] - f[3])
 
     wide = 0.5 * (high - low)
-    low, high = low - 0.1 * wide, high + 0.1 * wide
+    low = low - 0.1 * wide
+    high = high + 0.1 * wide
     if slope(low) * slope(high) > 0:
         return 0.5 * (low + high)
     return float(scipy.optimize.brentq(slope, low, high, xtol=1e-14 * high))
@@ -124,7 +145,11 @@ def closed_folds(case: Case, low: float, high: float) -> tuple[float, ...]:
 
     found = []
     for k in _changes_of_sign(above):
-        omega = float(scipy.optimize.brentq(excess, omegas[k], omegas[k + 1], xtol=1e-15 * omegas[k], rtol=1e-15))
+        omega = float(
+            scipy.optimize.brentq(
+                excess, omegas[k], omegas[k + 1], xtol=1e-15 * omegas[k], rtol=1e-15
+            )
+        )
         if fold_impulse(case.changed(omega=omega)) > 0:
             found.append(omega)
     return tuple(found)

@@ -27,7 +27,9 @@ def values(rows: Real, which: Index, angle: Real) -> tuple[Real, Real]:
     """Return values and derivatives of polynomials ``rows`` (p, 2H + 1), number ``which`` (q,) at each ``angle`` (q,)."""
     h = harmonics_of(rows)
     order = np.arange(1, h + 1)
-    terms = (rows[:, 1 : h + 1] - 1j * rows[:, h + 1 :])[which] * np.exp(1j * (angle[:, None] * order))
+    terms = (rows[:, 1 : h + 1] - 1j * rows[:, h + 1 :])[which] * np.exp(
+        1j * (angle[:, None] * order)
+    )
     return rows[which, 0] + np.sum(terms.real, axis=1), -(terms.imag @ order)
 
 
@@ -35,7 +37,10 @@ def derivative(row: Real) -> Real:
     """Return the polynomial's derivative by the angle, (..., 2H + 1)."""
     h = harmonics_of(row)
     order = np.arange(1, h + 1)
-    return np.concatenate([np.zeros_like(row[..., :1]), order * row[..., h + 1 :], -order * row[..., 1 : h + 1]], axis=-1)
+    return np.concatenate(
+        [np.zeros_like(row[..., :1]), order * row[..., h + 1 :], -order * row[..., 1 : h + 1]],
+        axis=-1,
+    )
 
 
 def _sampled(rows: Real, points: int) -> Real:
@@ -58,20 +63,38 @@ def roots(rows: Real) -> list[Real]:
     sampled = _sampled(rows, points)
     which = np.repeat(np.arange(len(rows)), points)
     left = np.tile(np.arange(points) * (TURN / points), len(rows))
-    low, high = sampled.ravel(), np.roll(sampled, -1, axis=1).ravel()
-    width, brackets = TURN / points, []
+    low = sampled.ravel()
+    high = np.roll(sampled, -1, axis=1).ravel()
+    width = TURN / points
+    brackets = []
     while True:
         change = (low < 0) != (high < 0)
-        brackets.append((which[change], left[change], np.full(int(np.sum(change)), width), low[change], high[change]))
-        unsure = ~change & (np.minimum(np.abs(low), np.abs(high)) <= bend[which] * width**2 / 8) & (bend[which] > 0)
+        brackets.append(
+            (
+                which[change],
+                left[change],
+                np.full(int(np.sum(change)), width),
+                low[change],
+                high[change],
+            )
+        )
+        unsure = (
+            ~change
+            & (np.minimum(np.abs(low), np.abs(high)) <= bend[which] * width**2 / 8)
+            & (bend[which] > 0)
+        )
         if width < FINEST or not np.any(unsure):
             break
-        which, left, width = which[unsure], left[unsure], width / PARTS
+        which = which[unsure]
+        left = left[unsure]
+        width = width / PARTS
         inner = left[:, None] + width * np.arange(1, PARTS)
         between = values(rows, np.repeat(which, PARTS - 1), inner.ravel())[0].reshape(inner.shape)
         ends = np.column_stack([low[unsure], between, high[unsure]])
-        which, left = np.repeat(which, PARTS), (left[:, None] + width * np.arange(PARTS)).ravel()
-        low, high = ends[:, :-1].ravel(), ends[:, 1:].ravel()
+        which = np.repeat(which, PARTS)
+        left = (left[:, None] + width * np.arange(PARTS)).ravel()
+        low = ends[:, :-1].ravel()
+        high = ends[:, 1:].ravel()
     which, left, size, low, high = (np.concatenate(parts) for parts in zip(*brackets, strict=True))
     found = _polished(rows, which, left, left + size, low, high) % TURN
     return [np.sort(found[which == p]) for p in range(len(rows))]
@@ -82,16 +105,22 @@ def _polished(rows: Real, which: Index, left: Real, right: Real, low: Real, high
     if len(which) == 0:
         return left
     span = high - low
-    x = np.where(span != 0, left - low * (right - left) / np.where(span == 0, 1, span), 0.5 * (left + right))
+    x = np.where(
+        span != 0, left - low * (right - left) / np.where(span == 0, 1, span), 0.5 * (left + right)
+    )
     for _ in range(60):
         value, slope = values(rows, which, x)
         rises = (value < 0) == (low < 0)
-        left, right = np.where(rises, x, left), np.where(rises, right, x)
+        left = np.where(rises, x, left)
+        right = np.where(rises, right, x)
         with np.errstate(divide="ignore", invalid="ignore"):
             after = x - value / slope
         rounding = 2e-15 * (1 + np.abs(x))
-        after = np.where((after >= left - rounding) & (after <= right + rounding), after, 0.5 * (left + right))
-        moved, x = np.abs(after - x), after
+        after = np.where(
+            (after >= left - rounding) & (after <= right + rounding), after, 0.5 * (left + right)
+        )
+        moved = np.abs(after - x)
+        x = after
         if np.all(moved <= rounding):
             break
     return x
@@ -105,13 +134,17 @@ def largest(row: Real) -> tuple[float, float]:
     return float(np.min(found)), float(np.max(found))
 
 
-Intervals = Real  # (i, 2): begin and end of each in rad, the end behind the begin, perhaps beyond 2 pi
+Intervals = (
+    Real  # (i, 2): begin and end of each in rad, the end behind the begin, perhaps beyond 2 pi
+)
 
 
 def negative(row: Real, at: Real) -> Intervals:
     """Return the intervals in which a polynomial is negative, from its sign changes ``at``."""
     if len(at) == 0:
-        return np.array([[0.0, TURN]]) if row[0] < 0 else np.empty((0, 2))  # without a sign change the mean has the sign of all
+        return (
+            np.array([[0.0, TURN]]) if row[0] < 0 else np.empty((0, 2))
+        )  # without a sign change the mean has the sign of all
     ends = np.append(at[1:], at[0] + TURN)
     middle = 0.5 * (at + ends)
     inside = values(row[None], np.zeros(len(at), dtype=np.intp), middle)[0] < 0
@@ -121,7 +154,8 @@ def negative(row: Real, at: Real) -> Intervals:
 def moments(intervals: Intervals, harmonics: int) -> tuple[Real, Real]:
     """Return the means over a period of cos(n angle) and sin(n angle) taken on the intervals only, n = 0 to ``harmonics``."""
     order = np.arange(1, harmonics + 1)
-    begin, end = np.exp(1j * np.outer(intervals[:, 0], order)), np.exp(1j * np.outer(intervals[:, 1], order))
+    begin = np.exp(1j * np.outer(intervals[:, 0], order))
+    end = np.exp(1j * np.outer(intervals[:, 1], order))
     both = np.sum(end - begin, axis=0) / (1j * order * TURN)
     length = float(np.sum(intervals[:, 1] - intervals[:, 0])) / TURN
     return np.append(length, both.real), np.append(0.0, both.imag)
@@ -130,7 +164,8 @@ def moments(intervals: Intervals, harmonics: int) -> tuple[Real, Real]:
 @lru_cache(maxsize=16)
 def _orders(harmonics: int) -> tuple[Index, Index, Real]:
     k = np.arange(1, harmonics + 1)
-    difference, total = k[:, None] - k, k[:, None] + k
+    difference = k[:, None] - k
+    total = k[:, None] + k
     return np.abs(difference), total, np.sign(difference).astype(np.float64)
 
 
@@ -143,7 +178,10 @@ def window(intervals: Intervals, harmonics: int) -> Real:
     matrix[0] = np.concatenate([c[:1], c[1 : h + 1], s[1 : h + 1]])
     matrix[1 : h + 1, 0], matrix[h + 1 :, 0] = 2 * c[1 : h + 1], 2 * s[1 : h + 1]
     odd = sign * s[difference]  # sin((k - m) angle)
-    matrix[1 : h + 1, 1 : h + 1], matrix[h + 1 :, h + 1 :] = c[difference] + c[total], c[difference] - c[total]
+    matrix[1 : h + 1, 1 : h + 1], matrix[h + 1 :, h + 1 :] = (
+        c[difference] + c[total],
+        c[difference] - c[total],
+    )
     matrix[1 : h + 1, h + 1 :], matrix[h + 1 :, 1 : h + 1] = s[total] - odd, s[total] + odd
     return matrix
 

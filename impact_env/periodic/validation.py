@@ -22,8 +22,12 @@ from impact_env.sweep import IntegrationError, simulate
 Array = NDArray[np.float64]
 BAR = 1e-10  # residual of an orbit that counts
 CHATTER_BAR = 3e-10  # the same, of an orbit on which a chatter comes to its end
-EVENT_BAR = 1e-6  # rad: how far an event may lie from where the orbit has it; the residual says the rest
-PHASE_BAR = 1e-5  # rad: the same for a joined phase, whose ends lie as sharply as the root of a distance
+EVENT_BAR = (
+    1e-6  # rad: how far an event may lie from where the orbit has it; the residual says the rest
+)
+PHASE_BAR = (
+    1e-5  # rad: the same for a joined phase, whose ends lie as sharply as the root of a distance
+)
 FAINT = 1e-5  # of the largest impulse: bounces below it are not compared one by one, a chatter has as many as rounding lets it have
 JOINS = "friction or a wall holds the absorber for a while"
 
@@ -65,37 +69,56 @@ def map_over(motion: AnyMotion, start: float, state: Array) -> Array:
     return np.asarray(-end if motion.solution.schedule.symmetric else end)
 
 
-def _run(motion: AnyMotion, start: float, state: Array, record: Record, turn: float | None = None) -> Response:
-    case, n = motion.solution.case, motion.solution.case.model.modes
+def _run(
+    motion: AnyMotion, start: float, state: Array, record: Record, turn: float | None = None
+) -> Response:
+    case = motion.solution.case
+    n = motion.solution.case.model.modes
     initial = InitialState(state[:n], state[n + 1 : -1], float(state[n]), float(state[-1]))
     turn = motion.solution.schedule.turn if turn is None else turn
-    return simulate(case.scene, case.drive(turn / case.omega, start), initial=initial, record=record)
+    return simulate(
+        case.scene, case.drive(turn / case.omega, start), initial=initial, record=record
+    )
 
 
 def residual_of(motion: AnyMotion, response: Response, stop: float) -> float:
     """Return the residual of a run that came to a phase ``stop`` in rad."""
-    case, n = motion.solution.case, motion.solution.case.model.modes
+    case = motion.solution.case
+    n = motion.solution.case.model.modes
     miss = np.abs(response.end_state - motion.state_at(stop))
     return float(max(np.max(miss[: n + 1]), np.max(miss[n + 1 :]) / case.omega) / case.gap)
 
 
 def _unlike(motion: AnyMotion, runs: Sequence[Response], starts: Array) -> str | None:
     """Return how the events of runs from ``starts`` (rad) on differ from the motion's, or None; a chatter's faintest bounces are not compared."""
-    case, schedule, start = motion.solution.case, motion.solution.schedule, float(starts[0])
-    impacted, joining = [run.impacts for run in runs if run.impacts is not None], [run.phases for run in runs if run.phases is not None]
+    case = motion.solution.case
+    schedule = motion.solution.schedule
+    start = float(starts[0])
+    impacted = [run.impacts for run in runs if run.impacts is not None]
+    joining = [run.phases for run in runs if run.phases is not None]
     hits = np.array([event.is_impact for event in schedule.events])
     impacts = _mirrored(motion, start, motion.solution.phases[hits], motion.solution.impulses[hits])
     after = starts - start
-    found = np.hstack([[case.omega * each.time + at, each.impulse] for each, at in zip(impacted, after, strict=True)])
+    found = np.hstack(
+        [
+            [case.omega * each.time + at, each.impulse]
+            for each, at in zip(impacted, after, strict=True)
+        ]
+    )
     begins, ends = (
-        np.concatenate([case.omega * getattr(each, name) + at for each, at in zip(joining, after, strict=True)]) for name in ("start", "end")
+        np.concatenate(
+            [case.omega * getattr(each, name) + at for each, at in zip(joining, after, strict=True)]
+        )
+        for name in ("start", "end")
     )
     if schedule.flies:
         if len(begins) > 0:
             return JOINS
         if found.shape != impacts.shape:
             return f"{found.shape[1]} impacts instead of {impacts.shape[1]}"
-    faint = FAINT * max((float(np.max(np.abs(rows[1]))) for rows in (impacts, found) if rows.size), default=0.0)
+    faint = FAINT * max(
+        (float(np.max(np.abs(rows[1]))) for rows in (impacts, found) if rows.size), default=0.0
+    )
     for rows, others in ((impacts, found), (found, impacts)):
         for phase, impulse in rows[:, np.abs(rows[1]) > faint].T:
             near = np.abs(others[0] - phase) <= EVENT_BAR
@@ -103,17 +126,24 @@ def _unlike(motion: AnyMotion, runs: Sequence[Response], starts: Array) -> str |
                 return "impacts at other times"
             if np.all(np.sign(others[1][near]) != np.sign(impulse)):
                 return "impacts on other walls"
-    known, seen = held(motion, start), merged(begins, ends)
+    known = held(motion, start)
+    seen = merged(begins, ends)
     if known.shape != seen.shape:
         return f"{seen.shape[1]} joined phases instead of {known.shape[1]}"
-    return "joined phases at other times" if seen.size and np.max(np.abs(known - seen)) > PHASE_BAR else None
+    return (
+        "joined phases at other times"
+        if seen.size and np.max(np.abs(known - seen)) > PHASE_BAR
+        else None
+    )
 
 
 def held(motion: AnyMotion, start: float) -> Array:
     """Return when the joined phases of a motion begin and end in the span from a phase ``start`` (rad) on, (2, K) in rad after it."""
-    schedule, phases = motion.solution.schedule, motion.solution.phases
+    schedule = motion.solution.schedule
+    phases = motion.solution.phases
     joined = np.array([event.regime is Regime.JOINED for event in schedule.events])
-    begins, ends = phases[joined], np.append(phases[1:], phases[0] + schedule.turn)[joined]
+    begins = phases[joined]
+    ends = np.append(phases[1:], phases[0] + schedule.turn)[joined]
     rounds = np.floor((begins - start) / schedule.turn) * schedule.turn + start
     return merged(begins - rounds, ends - rounds)
 
@@ -142,7 +172,11 @@ def _mirrored(motion: AnyMotion, start: float, phases: Array, signed: Array) -> 
 
 def chatters(case: Case, response: Response) -> bool:
     """Return whether a wall holds the absorber in a run: a chatter came to its end there."""
-    return response.phases is not None and case.restitution > 0 and bool(np.any(response.phases.kind != 0))
+    return (
+        response.phases is not None
+        and case.restitution > 0
+        and bool(np.any(response.phases.kind != 0))
+    )
 
 
 def validate(motion: AnyMotion) -> Validation:
@@ -153,10 +187,15 @@ def validate(motion: AnyMotion) -> Validation:
     """
     sections = _sections(motion)
     try:
-        runs = [_run(motion, a, motion.state_at(a), RECORD, b - a) for a, b in pairwise(sections.tolist())]
+        runs = [
+            _run(motion, a, motion.state_at(a), RECORD, b - a)
+            for a, b in pairwise(sections.tolist())
+        ]
     except IntegrationError as error:
         return Validation(float("inf"), str(error))
-    residual = max(residual_of(motion, run, float(stop)) for run, stop in zip(runs, sections[1:], strict=True))
+    residual = max(
+        residual_of(motion, run, float(stop)) for run, stop in zip(runs, sections[1:], strict=True)
+    )
     reason = _unlike(motion, runs, sections[:-1])
     bar = CHATTER_BAR if chatters(motion.solution.case, runs[0]) else BAR
     if reason is None and not residual <= bar:
@@ -166,12 +205,14 @@ def validate(motion: AnyMotion) -> Validation:
 
 def _sections(motion: AnyMotion) -> Array:
     """Return the phases (rad) between which a motion is run: the middle of the longest flight, of one in each period after it, and a span later."""
-    start, schedule = motion.mid_flight()[0], motion.solution.schedule
+    start = motion.mid_flight()[0]
+    schedule = motion.solution.schedule
     span = np.array([start, start + schedule.turn])
     if not schedule.flies or schedule.turn <= 2 * np.pi:
         return span
     events = np.sort((motion.solution.phases - start) % schedule.turn) + start
-    middles, lengths = 0.5 * (events[1:] + events[:-1]), np.diff(events)
+    middles = 0.5 * (events[1:] + events[:-1])
+    lengths = np.diff(events)
     inner = []
     for k in range(1, round(schedule.turn / (2 * np.pi))):
         near = np.flatnonzero(np.abs(middles - start - 2 * np.pi * k) < np.pi)

@@ -10,15 +10,24 @@ from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
 
 Real = NDArray[np.float64]
-LOW_HZ, HIGH_HZ = 0.05, 2e4  # of the first mode
+# of the first mode
+LOW_HZ = 0.05
+HIGH_HZ = 2e4
 MUCH_DAMPING = 0.2
-LIGHTEST, HEAVIEST = 0.05, 60.0  # |shape| sqrt(mass) of the liveliest place of a mode, mass-normalised
+# |shape| sqrt(mass) of the liveliest place of a mode, mass-normalised
+LIGHTEST = 0.05
+HEAVIEST = 60.0
 SPEED = 5000.0  # m/s: of sound along a bar of steel or aluminium
-THICK, THIN = 0.3, 1e-4  # of a beam, over its length
+# of a beam, over its length
+THICK = 0.3
+THIN = 1e-4
 CLOSE = 1.0  # distance of two modes, over the sum of their half-widths
 
 
-DIAGONAL = (0.1, 100.0)  # of a mass matrix's diagonal, over the mass: two or three directions, and rotations
+DIAGONAL = (
+    0.1,
+    100.0,
+)  # of a mass matrix's diagonal, over the mass: two or three directions, and rotations
 ROTATES = 1e-3  # of the upper quartile of the diagonal: a freedom with less is no displacement, or has no mass of its own
 
 
@@ -28,26 +37,40 @@ class StructureWarning(UserWarning):
 
 def warnings_of_matrix(diagonal: Real, mass: float, places: Mapping[str, int]) -> list[str]:
     """Return a sentence for what looks wrong beside a mass matrix, its ``diagonal`` and the structure's ``mass`` in kg; ``places``: rows by name."""
-    found, total = [], float(np.sum(diagonal))
+    found = []
+    total = float(np.sum(diagonal))
     if not DIAGONAL[0] * mass <= total <= DIAGONAL[1] * mass:
-        found.append(f"mass_kg = {mass:g}, while the mass matrix has {total:.4g} kg on its diagonal over all directions: is it in kg?")
+        found.append(
+            f"mass_kg = {mass:g}, while the mass matrix has {total:.4g} kg on its diagonal over all directions: is it in kg?"
+        )
     usual = float(np.quantile(diagonal, 0.75))
     for name, row in places.items():
         if diagonal[row] < ROTATES * usual:
-            found.append(f"{name} = {row}: the mass matrix has {diagonal[row]:.3g} there, {usual:.3g} elsewhere: is this row a rotation?")
+            found.append(
+                f"{name} = {row}: the mass matrix has {diagonal[row]:.3g} there, {usual:.3g} elsewhere: is this row a rotation?"
+            )
     return found
 
 
 def warnings_of(model: ModalModel, beam: Beam | None = None, rigid: int = 0) -> list[str]:
     """Return a sentence for everything that looks wrong in a model; ``rigid`` of its modes are motions on a suspension."""
     found = []
-    first, damping = float(model.omega[rigid]) / (2 * np.pi), float(np.max(model.damping_ratio))
+    first = float(model.omega[rigid]) / (2 * np.pi)
+    damping = float(np.max(model.damping_ratio))
     if not LOW_HZ < first < HIGH_HZ:
-        found.append(f"the first frequency is {first:.3g} Hz: are the units right (SI: kg, m, N, rad/s)?")
+        found.append(
+            f"the first frequency is {first:.3g} Hz: are the units right (SI: kg, m, N, rad/s)?"
+        )
     if damping > MUCH_DAMPING:
-        found.append(f"a damping ratio of {damping:.3g} is {100 * damping:.3g} %: was it given in percent?")
+        found.append(
+            f"a damping ratio of {damping:.3g} is {100 * damping:.3g} %: was it given in percent?"
+        )
     found += [*_scaling(model, rigid), *_doubles(model, rigid)]
-    for name, row in (("force", model.force_shape), ("absorber", model.tip_shape), ("response", model.level_shape)):
+    for name, row in (
+        ("force", model.force_shape),
+        ("absorber", model.tip_shape),
+        ("response", model.level_shape),
+    ):
         if not np.any(row[rigid:]):
             found.append(f"no mode moves the place of the {name}: is it held there?")
     return found if beam is None else [*found, *_beam(beam)]
@@ -55,27 +78,45 @@ def warnings_of(model: ModalModel, beam: Beam | None = None, rigid: int = 0) -> 
 
 def _scaling(model: ModalModel, rigid: int) -> list[str]:
     """Mass-normalised shapes have a mean square of 1 over the mass, so at lively places shape times root of mass is about 1 to 3."""
-    rows = [model.force_shape, model.tip_shape, model.level_shape, *(() if model.absorber_shapes is None else model.absorber_shapes)]
+    rows = [
+        model.force_shape,
+        model.tip_shape,
+        model.level_shape,
+        *(() if model.absorber_shapes is None else model.absorber_shapes),
+    ]
     every = np.abs(np.array(rows))[:, rigid:] * np.sqrt(model.beam_mass)
-    found, most = [], np.max(every, axis=0)
+    found = []
+    most = np.max(every, axis=0)
     if np.median(most) > HEAVIEST or np.median(most) < LIGHTEST:
         share = 1 / float(np.median(most)) ** 2
         text = f"the modes move masses of {share:.2g} of the structure's at the places given, as a median of the modes"
-        found.append(f"{text}: are the shapes mass-normalised, in 1/sqrt(kg), and is the mass right?")
+        found.append(
+            f"{text}: are the shapes mass-normalised, in 1/sqrt(kg), and is the mass right?"
+        )
     plain = np.max(np.abs(np.array(rows)), axis=0)[rigid:]
-    if len(plain) > 1 and np.all(np.abs(plain - plain[0]) < 1e-6 * plain[0]) and abs(plain[0] - 1) < 1e-6:
-        found.append("the largest shape is 1 in every mode: that looks scaled to 1 and not mass-normalised; divide by the root of the modal mass")
+    if (
+        len(plain) > 1
+        and np.all(np.abs(plain - plain[0]) < 1e-6 * plain[0])
+        and abs(plain[0] - 1) < 1e-6
+    ):
+        found.append(
+            "the largest shape is 1 in every mode: that looks scaled to 1 and not mass-normalised; divide by the root of the modal mass"
+        )
     return found
 
 
 def _doubles(model: ModalModel, rigid: int) -> list[str]:
-    found, order = [], rigid + np.argsort(model.omega[rigid:])
+    found = []
+    order = rigid + np.argsort(model.omega[rigid:])
     for i, j in pairwise(order):
-        distance, width = model.omega[j] - model.omega[i], model.omega[i] * (model.damping_ratio[i] + model.damping_ratio[j])
+        distance = model.omega[j] - model.omega[i]
+        width = model.omega[i] * (model.damping_ratio[i] + model.damping_ratio[j])
         if distance < CLOSE * width or distance < 1e-6 * model.omega[i]:
             hertz = float(model.omega[i]) / (2 * np.pi)
             text = f"modes {i + 1} and {j + 1} are one peak at {hertz:.5g} Hz: simulation and limit have both"
-            found.append(f"{text}, while design rule, tunings and friction rule start from a single mode")
+            found.append(
+                f"{text}, while design rule, tunings and friction rule start from a single mode"
+            )
     return found
 
 

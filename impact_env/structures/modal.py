@@ -14,7 +14,11 @@ from impact_env.structures.matrices import read_columns
 
 # one number for all modes, or one each
 DAMPING_RATIO = Sort(
-    lambda path, plain: tuple(ROW.read(path, plain)) if isinstance(plain, list | tuple) else NUMBER.read(path, plain),
+    lambda path, plain: (
+        tuple(ROW.read(path, plain))
+        if isinstance(plain, list | tuple)
+        else NUMBER.read(path, plain)
+    ),
     lambda value: list(map(float, value)) if isinstance(value, tuple) else float(value),
 )
 
@@ -30,11 +34,25 @@ TEXT = Sort(text, str)
 
 def ratios_of(given: Any, found: Any, modes: int) -> Any:
     """Return the damping ratio of each mode: as given, one number or one a mode, else as measured."""
-    ratios = [non_negative("damping_ratio", given)] * modes if np.ndim(given) == 0 and given is not None else given
+    ratios = (
+        [non_negative("damping_ratio", given)] * modes
+        if np.ndim(given) == 0 and given is not None
+        else given
+    )
     if given is None:
-        require(found is not None, "damping_ratio", given, "given, as one number or a list with one for each mode: the file has no damping")
+        require(
+            found is not None,
+            "damping_ratio",
+            given,
+            "given, as one number or a list with one for each mode: the file has no damping",
+        )
         return found
-    require(len(ratios) == modes, "damping_ratio", given, f"one number, or one for each of the {modes} modes")
+    require(
+        len(ratios) == modes,
+        "damping_ratio",
+        given,
+        f"one number, or one for each of the {modes} modes",
+    )
     return np.array([non_negative("damping_ratio", float(x)) for x in ratios])
 
 
@@ -66,7 +84,12 @@ def _model(
 ) -> ModalModel:
     """Return the model; ``more``: further arguments of `ModalModel`."""
     if omega is None:
-        require(frequencies is not None, "omega", omega, "given, in rad/s, or frequencies_hz in its place")
+        require(
+            frequencies is not None,
+            "omega",
+            omega,
+            "given, in rad/s, or frequencies_hz in its place",
+        )
         assert frequencies is not None
         require(min(frequencies) > 0, "frequencies", frequencies, HELD)
         omega = [2 * math.pi * f for f in frequencies]
@@ -76,10 +99,17 @@ def _model(
     if "absorber_shapes" in more:
         more["absorber_shapes"] = np.array(more["absorber_shapes"])
     ratios = ratios_of(damping_ratio, None, len(omega))
-    return ModalModel(np.array(omega), ratios, np.array(force_shape), np.array(tip_shape), beam_mass, **more)
+    return ModalModel(
+        np.array(omega), ratios, np.array(force_shape), np.array(tip_shape), beam_mass, **more
+    )
 
 
-COLUMNS: Keys = {"omega_rad_s": ("omega", ROW), "frequencies_hz": ("frequencies", ROW), **SHAPES, "damping_ratio": ("damping_ratio", DAMPING_RATIO)}
+COLUMNS: Keys = {
+    "omega_rad_s": ("omega", ROW),
+    "frequencies_hz": ("frequencies", ROW),
+    **SHAPES,
+    "damping_ratio": ("damping_ratio", DAMPING_RATIO),
+}
 # a model is written with omega, which is exact, and read with either
 MODEL = Sort(
     form(_model, COLUMNS).read,
@@ -93,9 +123,15 @@ def model_beside(folder: Path) -> Sort:
     def read(path: str, plain: Any) -> Any:
         if isinstance(plain, Mapping) and "modes_csv" in plain:
             name = text(f"{path}.modes_csv", plain["modes_csv"])
-            rows, left = read_columns(folder / name, f"{path}.modes_csv"), {key: value for key, value in plain.items() if key != "modes_csv"}
+            rows = read_columns(folder / name, f"{path}.modes_csv")
+            left = {key: value for key, value in plain.items() if key != "modes_csv"}
             twice = sorted(set(rows) & set(left))
-            require(not twice, f"{path}.modes_csv", name, f"a file without the columns {', '.join(twice)}, which are given beside it")
+            require(
+                not twice,
+                f"{path}.modes_csv",
+                name,
+                f"a file without the columns {', '.join(twice)}, which are given beside it",
+            )
             plain = rows | left
         return MODEL.read(path, plain)
 

@@ -43,7 +43,11 @@ class Lines:
 
 def places(model: ModalModel) -> Real:
     """Return the mode shapes at the absorbers' places, (n, N_m): those of several absorbers, else the tip's."""
-    return model.tip_shape[None, :] if model.absorber_shapes is None else np.asarray(model.absorber_shapes)
+    return (
+        model.tip_shape[None, :]
+        if model.absorber_shapes is None
+        else np.asarray(model.absorber_shapes)
+    )
 
 
 def masses_of(model: ModalModel, mass: ArrayLike) -> Real:
@@ -59,7 +63,12 @@ def strokes_of(model: ModalModel, gap: ArrayLike) -> Real:
 def _each(model: ModalModel, name: str, values: ArrayLike) -> Real:
     given = np.asarray(values, dtype=np.float64)
     wanted = len(places(model))
-    require(given.shape == (wanted,) or (wanted == 1 and given.shape == ()), name, values, f"{wanted} of them, one for each absorber of the model")
+    require(
+        given.shape == (wanted,) or (wanted == 1 and given.shape == ()),
+        name,
+        values,
+        f"{wanted} of them, one for each absorber of the model",
+    )
     return np.array([positive(name, value) for value in given.ravel()])
 
 
@@ -67,20 +76,34 @@ def watched(model: ModalModel, at: ArrayLike | None) -> Real:
     """Return the mode shape (N_m,) of the place where the level is read: ``at``, or where the model says."""
     row = model.level_shape if at is None else np.asarray(at, dtype=np.float64)
     ok = row.shape == (model.modes,) and bool(np.all(np.isfinite(row)) and np.any(row != 0))
-    require(ok, "tip_shape", row, f"{model.modes} finite modal amplitudes in 1/sqrt(kg), at least one of them other than 0")
+    require(
+        ok,
+        "tip_shape",
+        row,
+        f"{model.modes} finite modal amplitudes in 1/sqrt(kg), at least one of them other than 0",
+    )
     return row
 
 
 def lines(model: ModalModel, masses: Real, omega: ArrayLike, at: Real) -> Lines:
     """Return the line at a place with mode shape ``at`` (N_m,), for ``masses`` (n,) in kg and frequencies in rad/s of any shape."""
     w = np.asarray(omega, dtype=np.float64)
-    require(bool(np.all(np.isfinite(w) & (w >= 0))), "omega", omega, "finite frequencies in rad/s, 0 or above")
+    require(
+        bool(np.all(np.isfinite(w) & (w >= 0))),
+        "omega",
+        omega,
+        "finite frequencies in rad/s, 0 or above",
+    )
     # in units in which each mode's stiffness is 1, so that high modes do not drown the others
-    shapes, force, row = places(model) / model.omega, model.force_shape / model.omega, at / model.omega
+    shapes = places(model) / model.omega
+    force = model.force_shape / model.omega
+    row = at / model.omega
     ratio = w[..., None] / model.omega
     inertia = (shapes.T * masses) @ shapes
     matrix = np.asarray(-(w[..., None, None] ** 2) * inertia, dtype=np.complex128)
-    matrix[..., np.arange(model.modes), np.arange(model.modes)] += 1 - ratio**2 + 2j * model.damping_ratio * ratio
+    matrix[..., np.arange(model.modes), np.arange(model.modes)] += (
+        1 - ratio**2 + 2j * model.damping_ratio * ratio
+    )
     answer, scale = _solve(matrix, row, 1 + np.max(ratio**2, axis=-1) + w**2 * np.trace(inertia))
     return Lines(answer @ force, (answer @ shapes.T) * masses * w[..., None] ** 2, scale)
 
@@ -91,19 +114,25 @@ def _solve(matrix: Complex, row: Real, size: Real) -> tuple[Complex, Real]:
     ``size`` (...): of the terms that a matrix is the sum of.
     """
     try:
-        answer = np.linalg.solve(matrix, np.broadcast_to(row.astype(complex)[:, None], (*matrix.shape[:-1], 1)))[..., 0]
+        answer = np.linalg.solve(
+            matrix, np.broadcast_to(row.astype(complex)[:, None], (*matrix.shape[:-1], 1))
+        )[..., 0]
     except np.linalg.LinAlgError:  # one of them is singular to the last bit: off by a rounding error it is not, and the same to all digits
         shift = np.finfo(float).eps * np.asarray(size)[..., None, None]
         return _solve(matrix + shift * np.eye(len(row)), row, size)
     growth = np.linalg.norm(answer, axis=-1) / np.linalg.norm(row)
     infinite = growth * size * SINGULAR > 1
-    return np.where(infinite[..., None], answer / growth[..., None], answer), np.where(infinite, np.inf, 1.0)
+    return np.where(infinite[..., None], answer / growth[..., None], answer), np.where(
+        infinite, np.inf, 1.0
+    )
 
 
 def stuck_frequencies(model: ModalModel, masses: Real) -> Real:
     """Return the undamped natural frequencies in rad/s, rising, of the beam with ``masses`` (n,) in kg stuck at the model's places."""
     shapes = places(model)
-    return np.asarray(np.sqrt(scipy.linalg.eigvalsh(np.diag(model.omega**2), with_masses(shapes, masses))))
+    return np.asarray(
+        np.sqrt(scipy.linalg.eigvalsh(np.diag(model.omega**2), with_masses(shapes, masses)))
+    )
 
 
 # A limit that no device in a cavity can beat, in closed form.
@@ -139,20 +168,37 @@ def _amplitudes(name: str, values: ArrayLike, allowed: str = "finite numbers, 0 
     return array
 
 
-def line_terms(model: ModalModel, mass: ArrayLike, gap: ArrayLike, omega: ArrayLike, at: ArrayLike | None = None) -> tuple[Real, Real, Real]:
+def line_terms(
+    model: ModalModel,
+    mass: ArrayLike,
+    gap: ArrayLike,
+    omega: ArrayLike,
+    at: ArrayLike | None = None,
+) -> tuple[Real, Real, Real]:
     """Return |A| in m/N and sum |B_k| R_k in m, of omega's shape, and the scale that both are to be multiplied by (`lines.Lines`)."""
     found = lines(model, masses_of(model, mass), omega, watched(model, at))
-    return np.abs(found.force), np.asarray(np.abs(found.strokes) @ strokes_of(model, gap)), found.scale
+    return (
+        np.abs(found.force),
+        np.asarray(np.abs(found.strokes) @ strokes_of(model, gap)),
+        found.scale,
+    )
 
 
 def _rms(force: ArrayLike, terms: tuple[Real, Real, Real]) -> Real:
     by_force, reach, scale = terms
     excess = np.asarray(force) * by_force - reach
-    return np.asarray(np.where(excess > 0, excess, 0.0) * np.where(excess > 0, scale, 1.0) / np.sqrt(2))
+    return np.asarray(
+        np.where(excess > 0, excess, 0.0) * np.where(excess > 0, scale, 1.0) / np.sqrt(2)
+    )
 
 
 def stroke_limit_rms(
-    model: ModalModel, mass: ArrayLike, gap: ArrayLike, force_amplitude: ArrayLike, omega: ArrayLike, at: ArrayLike | None = None
+    model: ModalModel,
+    mass: ArrayLike,
+    gap: ArrayLike,
+    force_amplitude: ArrayLike,
+    omega: ArrayLike,
+    at: ArrayLike | None = None,
 ) -> Real:
     """Return the lower bound of the stationary RMS displacement in m, of the broadcast shape of force and frequency.
 
@@ -161,7 +207,9 @@ def stroke_limit_rms(
     derivation and the assumptions. Multiplying gaps and force by one factor multiplies the bound by it. Raises ParameterError for numbers out of
     range.
     """
-    return _rms(_amplitudes("force_amplitude", force_amplitude), line_terms(model, mass, gap, omega, at))
+    return _rms(
+        _amplitudes("force_amplitude", force_amplitude), line_terms(model, mass, gap, omega, at)
+    )
 
 
 def resonance_limit(
@@ -190,7 +238,13 @@ def resonance_limit(
         limits = _rms(amplitude, terms)
         value = float(limits.max())
         if np.isfinite(value):
-            value = -smallest(lambda x, f=amplitude: -float(_rms(f, line_terms(model, mass, gap, x * omega_r, at))), grid, -limits)[0]  # type: ignore[misc]
+            value = -smallest(
+                lambda x, f=amplitude: (  # type: ignore[misc]
+                    -float(_rms(f, line_terms(model, mass, gap, x * omega_r, at)))
+                ),
+                grid,
+                -limits,
+            )[0]
         found.append(value)
     return np.array(found).reshape(forces.shape)
 
@@ -202,17 +256,26 @@ def smallest(function: Callable[[float], float], grid: Real, values: Real) -> tu
     if at in (0, len(grid) - 1):
         return on_grid
     bounds = (float(grid[at - 1]), float(grid[at + 1]))
-    found = scipy.optimize.minimize_scalar(function, bounds=bounds, method="bounded", options={"xatol": 1e-10})
+    found = scipy.optimize.minimize_scalar(
+        function, bounds=bounds, method="bounded", options={"xatol": 1e-10}
+    )
     return min(on_grid, (float(found.fun), float(found.x)))
 
 
 # The design rule: the limit leaves zero at the force f*, and the gap that puts f* at a wanted force follows without simulation.
 
 
-NEAR = (0.93, 1.06)  # of the resonance frequency, where `design_force` asks for the limit to be zero, for a mass like the paper's
+NEAR = (
+    0.93,
+    1.06,
+)  # of the resonance frequency, where `design_force` asks for the limit to be zero, for a mass like the paper's
 # free amplitude over the rule's gap: below the first no answer, below the second the best gap is narrower, above the third it is wider
-LEAST_REACH, SMALL_REACH, LARGE_REACH = 1.0, 1.5, 6.0
-LIGHT_DAMPING, LEAST_DAMPING = 0.005, 0.0015  # damping ratios between which `expected_factor` grows
+LEAST_REACH = 1.0
+SMALL_REACH = 1.5
+LARGE_REACH = 6.0
+# damping ratios between which `expected_factor` grows
+LIGHT_DAMPING = 0.005
+LEAST_DAMPING = 0.0015
 _LEAST = 0.5  # of the resonance with the mass stuck: where the range begins at the lowest
 
 
@@ -223,7 +286,9 @@ def near_range(model: ModalModel, mass: float, resonance: int = 1) -> tuple[floa
     below 1 as that shift is larger or smaller than with the paper's mass ratio. At higher resonances and masses from a tenth of the
     beam's an antiresonance comes into the range, and the rule then asks for too wide a gap.
     """
-    usual, shift = (1 - _stuck_ratio(model, m, resonance) for m in (DEFAULT_MASS_RATIO * model.beam_mass, mass))
+    usual, shift = (
+        1 - _stuck_ratio(model, m, resonance) for m in (DEFAULT_MASS_RATIO * model.beam_mass, mass)
+    )
     if usual <= 0:  # a node at the absorber
         return NEAR
     return max(_LEAST * (1 - shift), 1 - (1 - NEAR[0]) * shift / usual), NEAR[1]
@@ -235,7 +300,14 @@ def _stuck_ratio(model: ModalModel, mass: float, resonance: int) -> float:
     return float(stuck_frequencies(model, masses_of(model, mass))[resonance - 1]) / omega_r
 
 
-def design_force(model: ModalModel, mass: float, gap: float, resonance: int = 1, low: float | None = None, high: float | None = None) -> float:
+def design_force(
+    model: ModalModel,
+    mass: float,
+    gap: float,
+    resonance: int = 1,
+    low: float | None = None,
+    high: float | None = None,
+) -> float:
     """Return f* in N, the force at which the limit leaves zero somewhere in low..high times omega_r: min over Omega of |kappa| R/|G_f|.
 
     ``mass`` m_a in kg, ``gap`` g0 in m. The paper's best operating points of the first two modes, found by simulation, lie close to f*.
@@ -245,10 +317,18 @@ def design_force(model: ModalModel, mass: float, gap: float, resonance: int = 1,
     the level is read elsewhere: there the absorber gets its motion from. Raises ParameterError for numbers out of range, and for a
     range without the resonance of the beam with the mass stuck to it, around which the limit is largest.
     """
-    omega_r, default = model.resonance_omega(resonance), near_range(model, mass, resonance)
-    low, high = frequency_range(default[0] if low is None else low, default[1] if high is None else high)
+    omega_r = model.resonance_omega(resonance)
+    default = near_range(model, mass, resonance)
+    low, high = frequency_range(
+        default[0] if low is None else low, default[1] if high is None else high
+    )
     stuck = _stuck_ratio(model, mass, resonance)
-    require(low <= stuck <= high, "range (low, high)", (low, high), f"a range that holds the resonance with the mass stuck, at {stuck:.4f}")
+    require(
+        low <= stuck <= high,
+        "range (low, high)",
+        (low, high),
+        f"a range that holds the resonance with the mass stuck, at {stuck:.4f}",
+    )
 
     def needed(ratio: Real) -> Real:
         by_force, reach, _ = line_terms(model, mass, gap, ratio * omega_r, model.tip_shape)
@@ -257,7 +337,12 @@ def design_force(model: ModalModel, mass: float, gap: float, resonance: int = 1,
 
     grid = np.linspace(low, high, GRID)
     forces = needed(grid)
-    require(bool(np.isfinite(forces.min())), "force_shape", model.force_shape, "a force that moves the tip")
+    require(
+        bool(np.isfinite(forces.min())),
+        "force_shape",
+        model.force_shape,
+        "a force that moves the tip",
+    )
     return smallest(lambda ratio: float(needed(np.asarray(ratio))), grid, forces)[0]
 
 
@@ -272,7 +357,10 @@ def free_amplitude(model: ModalModel, mass: float, force: float, resonance: int 
     Infinite at an undamped resonance. Raises ParameterError for numbers out of range.
     """
     own = replace(model, response_shape=None)
-    return positive("force", force) * highest_amplitude(own, None, resonance, *near_range(model, mass, resonance))[0]
+    return (
+        positive("force", force)
+        * highest_amplitude(own, None, resonance, *near_range(model, mass, resonance))[0]
+    )
 
 
 def reach(model: ModalModel, mass: float, resonance: int = 1) -> float:
@@ -288,7 +376,13 @@ def require_reach(model: ModalModel, mass: float, force: float, resonance: int =
     """Return `reach`; raises ParameterError, with gap and free amplitude, where it is below `LEAST_REACH`."""
     found = reach(model, mass, resonance)
     if found < LEAST_REACH:
-        gap, free = (1e3 * x for x in (design_gap(model, mass, force, resonance), free_amplitude(model, mass, force, resonance)))
+        gap, free = (
+            1e3 * x
+            for x in (
+                design_gap(model, mass, force, resonance),
+                free_amplitude(model, mass, force, resonance),
+            )
+        )
         require(
             False,
             f"gap by the rule for {force:g} N at resonance {resonance}, in mm",
@@ -304,7 +398,9 @@ def expected_gap(model: ModalModel, mass: float, force: float, resonance: int = 
 
     Raises ParameterError as `design_gap` does.
     """
-    gap, found = design_gap(model, mass, force, resonance), reach(model, mass, resonance)  # first: they know which resonances there are
+    # first: they know which resonances there are
+    gap = design_gap(model, mass, force, resonance)
+    found = reach(model, mass, resonance)
     return expected_factor(found, float(model.damping_ratio[resonance - 1])) * gap
 
 
@@ -321,7 +417,9 @@ def expected_factor(reach: float, damping: float) -> float:
 
 def gap_unit(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
     """Return the rule's gap in m, or the free amplitude where that is smaller: a length by which gaps can be counted on any structure."""
-    return min(design_gap(model, mass, force, resonance), free_amplitude(model, mass, force, resonance))
+    return min(
+        design_gap(model, mass, force, resonance), free_amplitude(model, mass, force, resonance)
+    )
 
 
 def common_gap(model: ModalModel, mass: float, forces: Mapping[int, float]) -> float:
@@ -345,13 +443,28 @@ def reduction_share(level: ArrayLike, without: ArrayLike, limit: ArrayLike) -> R
     sweep's). Raises ParameterError where limit >= without: nothing can be gained there.
     """
     every = {"level": level, "without": without, "limit": limit}
-    reached, start, end = (_amplitudes(name, values, "finite levels in m, 0 or above") for name, values in every.items())
-    require(bool(np.all(end < start)), "limit", limit, f"below the level without an absorber, {without!r} m")
+    reached, start, end = (
+        _amplitudes(name, values, "finite levels in m, 0 or above")
+        for name, values in every.items()
+    )
+    require(
+        bool(np.all(end < start)),
+        "limit",
+        limit,
+        f"below the level without an absorber, {without!r} m",
+    )
     return np.asarray((start - reached) / (start - end))
 
 
 def share_reached(
-    model: ModalModel, mass: float, gap: float, force: float, level: ArrayLike, resonance: int = 1, low: float = SWEPT[0], high: float = SWEPT[1]
+    model: ModalModel,
+    mass: float,
+    gap: float,
+    force: float,
+    level: ArrayLike,
+    resonance: int = 1,
+    low: float = SWEPT[0],
+    high: float = SWEPT[1],
 ) -> Real:
     """Return the share of the possible reduction that a ``level`` (m, RMS, any shape) reached near a resonance, of level's shape.
 
@@ -360,7 +473,19 @@ def share_reached(
     Raises ParameterError for numbers out of range, a force of 0, and an undamped resonance in the range.
     """
     low, high = frequency_range(low, high)
-    require(non_negative("force", force) > 0, "force", force, "above 0 N, since nothing is to be reduced")
+    require(
+        non_negative("force", force) > 0,
+        "force",
+        force,
+        "above 0 N, since nothing is to be reduced",
+    )
     without = float(force) * highest_amplitude(model, None, resonance, low, high)[0] / np.sqrt(2)
-    require(bool(np.isfinite(without)), "damping_ratio", model.damping_ratio, "above 0 at every resonance of the range")
-    return reduction_share(level, without, resonance_limit(model, mass, gap, force, resonance, low, high))
+    require(
+        bool(np.isfinite(without)),
+        "damping_ratio",
+        model.damping_ratio,
+        "above 0 at every resonance of the range",
+    )
+    return reduction_share(
+        level, without, resonance_limit(model, mass, gap, force, resonance, low, high)
+    )

@@ -52,15 +52,28 @@ class PassiveLimit:
 @lru_cache(maxsize=1)
 def _programme() -> tuple[Any, Any, Any, list[Any]]:
     """Return problem, matrix over (1, Re u, Im u), its parameters and constraints; so cvxpy compiles it only once."""
-    matrix, data = cvxpy.Variable((3, 3), PSD=True), cvxpy.Parameter(7)
-    real, imag, square = matrix[0, 1], matrix[0, 2], matrix[1, 1] + matrix[2, 2]
+    matrix = cvxpy.Variable((3, 3), PSD=True)
+    data = cvxpy.Parameter(7)
+    real = matrix[0, 1]
+    imag = matrix[0, 2]
+    square = matrix[1, 1] + matrix[2, 2]
     # stroke at most R; no power into the beam: Im(u conj(a + c u)) = Im(u) Re(a) - Re(u) Im(a) - Im(c) |u|^2
-    constraints = [data[3] * square <= 1, data[4] * imag - data[5] * real - data[6] * square <= 0, matrix[0, 0] == 1]
+    constraints = [
+        data[3] * square <= 1,
+        data[4] * imag - data[5] * real - data[6] * square <= 0,
+        matrix[0, 0] == 1,
+    ]
     objective = 1 + 2 * (data[0] * real - data[1] * imag) + data[2] * square
     return cvxpy.Problem(cvxpy.Minimize(objective), constraints), matrix, data, constraints
 
 
-def dual_bound(b: complex, largest: float, stroke: float, power: float, own: tuple[complex, complex] | None = None) -> float:
+def dual_bound(
+    b: complex,
+    largest: float,
+    stroke: float,
+    power: float,
+    own: tuple[complex, complex] | None = None,
+) -> float:
     """Return min over u of |1 + b u|^2 + stroke (|u/largest|^2 - 1) + power Im(u conj(a + c u)), a lower bound for multipliers 0 or above.
 
     ``own``: (a, c), by default (1, b).
@@ -73,25 +86,46 @@ def dual_bound(b: complex, largest: float, stroke: float, power: float, own: tup
     return 1.0 - stroke - slope**2 / (4 * square) if square > 0 else -np.inf
 
 
-def passive_limit(model: ModalModel, mass: float, gap: float, force: float, omega: float, at: ArrayLike | None = None) -> PassiveLimit:
+def passive_limit(
+    model: ModalModel,
+    mass: float,
+    gap: float,
+    force: float,
+    omega: float,
+    at: ArrayLike | None = None,
+) -> PassiveLimit:
     """Return the limit of passive devices at one frequency.
 
     ``mass`` m_a in kg, ``gap`` g0 in m, ``force`` in N, ``omega`` in rad/s, ``at``: mode shape (N_m,) of the place where the level is read;
     assumptions as in `optimisation.bounds`, for one absorber. Raises ParameterError for numbers out of range, NotOptimalError if the solver's
     status is not ``optimal`` or its solution does not stand the checks.
     """
-    amplitude, omega = non_negative("force", force), positive("omega", omega)
+    amplitude = non_negative("force", force)
+    omega = positive("omega", omega)
     own_place = places(model)
-    require(len(own_place) == 1, "model", f"with the places of {len(own_place)} absorbers", "one absorber: the passive limit is for a single device")
-    masses, size = masses_of(model, mass), float(strokes_of(model, gap)[0])
-    level, own = (lines(model, masses, omega, place) for place in (watched(model, at), own_place[0]))
+    require(
+        len(own_place) == 1,
+        "model",
+        f"with the places of {len(own_place)} absorbers",
+        "one absorber: the passive limit is for a single device",
+    )
+    masses = masses_of(model, mass)
+    size = float(strokes_of(model, gap)[0])
+    level, own = (
+        lines(model, masses, omega, place) for place in (watched(model, at), own_place[0])
+    )
     by_force = amplitude * complex(level.force)
     if by_force == 0:
         return PassiveLimit(0.0, omega, 0j, 0.0)
-    turn, place = by_force / abs(by_force), amplitude * complex(own.force)
+    turn = by_force / abs(by_force)
+    place = amplitude * complex(own.force)
     unit = abs(place) or 1.0
     # at an undamped resonance both lines grow along the same eigenvector, and only ratios of what is left are used
-    stroke, bound, slack = _solve(complex(level.strokes[0]) * size / abs(by_force), place / turn / unit, complex(own.strokes[0]) * size / unit)
+    stroke, bound, slack = _solve(
+        complex(level.strokes[0]) * size / abs(by_force),
+        place / turn / unit,
+        complex(own.strokes[0]) * size / unit,
+    )
     rms = float(level.scale) * abs(by_force) * bound / np.sqrt(2) if bound > 0 else 0.0
     return PassiveLimit(float(rms), omega, size * stroke * turn, slack)
 
@@ -102,17 +136,27 @@ def _solve(b: complex, a: complex, c: complex) -> tuple[complex, float, float]:
     The level's line is 1 + b u for strokes |u| <= 1, the line of the device's own place, but for a factor, a + c u.
     """
     programme, matrix, data, constraints = _programme()
-    largest = max(1.0, abs(b))  # where rest is in reach the stroke that gives it, 1/|b|, is the unit instead of R
-    b, c = b / largest, c / largest
+    largest = max(
+        1.0, abs(b)
+    )  # where rest is in reach the stroke that gives it, 1/|b|, is the unit instead of R
+    b = b / largest
+    c = c / largest
     data.value = np.array([b.real, b.imag, abs(b) ** 2, 1 / largest**2, a.real, a.imag, c.imag])
     solve(programme, f"passive limit (ratio of strokes {largest:.6g})", _TOLERANCE)
     stroke, power = (max(0.0, float(constraint.dual_value)) for constraint in constraints[:2])
     bound = float(np.sqrt(max(0.0, dual_bound(b, largest, stroke, power, (a, c)))))
     u = complex(matrix.value[0, 1], matrix.value[0, 2])
-    reached, flow = abs(1 + b * u), float((u * np.conj(a + c * u)).imag)
+    reached = abs(1 + b * u)
+    flow = float((u * np.conj(a + c * u)).imag)
     if abs(u) > largest + _ADMISSIBLE or flow > _ADMISSIBLE or reached - bound > _AGREEMENT:
-        raise NotOptimalError(f"passive limit: the multipliers prove {bound:.9g}, and the stroke found reaches {reached:.9g} (power {flow:.3g})")
-    return u / largest, bound, float(matrix.value[1, 1] + matrix.value[2, 2] - abs(u) ** 2) / largest**2
+        raise NotOptimalError(
+            f"passive limit: the multipliers prove {bound:.9g}, and the stroke found reaches {reached:.9g} (power {flow:.3g})"
+        )
+    return (
+        u / largest,
+        bound,
+        float(matrix.value[1, 1] + matrix.value[2, 2] - abs(u) ** 2) / largest**2,
+    )
 
 
 with optional():
@@ -127,9 +171,20 @@ def solve(problem: Any, what: str, tolerance: float) -> None:
     """Solve a cvxpy problem with CLARABEL, gap and feasibility to ``tolerance``; raise NotOptimalError unless the status is ``optimal``."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # an inaccurate solution is an error here, not a warning
-            problem.solve(solver=cvxpy.CLARABEL, tol_gap_abs=tolerance, tol_gap_rel=tolerance, tol_feas=tolerance)
+            warnings.simplefilter(
+                "ignore", UserWarning
+            )  # an inaccurate solution is an error here, not a warning
+            problem.solve(
+                solver=cvxpy.CLARABEL,
+                tol_gap_abs=tolerance,
+                tol_gap_rel=tolerance,
+                tol_feas=tolerance,
+            )
     except cvxpy.error.SolverError as error:
-        raise NotOptimalError(f"{what}: the solver failed ({error}); without an optimum there is no certificate") from error
+        raise NotOptimalError(
+            f"{what}: the solver failed ({error}); without an optimum there is no certificate"
+        ) from error
     if problem.status != cvxpy.OPTIMAL:
-        raise NotOptimalError(f"{what}: the solver ended with status {problem.status!r}, and only 'optimal' is a certificate")
+        raise NotOptimalError(
+            f"{what}: the solver ended with status {problem.status!r}, and only 'optimal' is a certificate"
+        )

@@ -6,9 +6,25 @@ import click
 
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, RigidWalls, count, positive, require
-from impact_env.periodic.balance_branches import COLUMNS, BalanceRow, Exact, balance_rows, exact_orbit, settings_of
+from impact_env.periodic.balance_branches import (
+    COLUMNS,
+    BalanceRow,
+    Exact,
+    balance_rows,
+    exact_orbit,
+    settings_of,
+)
 from impact_env.periodic.case import Case
-from optimisation.cli.common import check_targets, command, end_early, file_option, json_option, name_files, numbers, plain_errors
+from optimisation.cli.common import (
+    check_targets,
+    command,
+    end_early,
+    file_option,
+    json_option,
+    name_files,
+    numbers,
+    plain_errors,
+)
 from optimisation.files import write_files
 from optimisation.page import markdown
 from optimisation.progress import BAR, Bar
@@ -22,29 +38,70 @@ def shown(value: Any, scale: float, digits: int) -> str:
 
 def text(exact: Exact, rows: list[BalanceRow]) -> str:
     """Return the exact orbit in words, and a table with a line for each setting of harmonic balance."""
-    header = ("harmonics", "weight", "error, %", "first fold", "last fold", "peak error, %", "CPU s, 250 points", "ended")
+    header = (
+        "harmonics",
+        "weight",
+        "error, %",
+        "first fold",
+        "last fold",
+        "peak error, %",
+        "CPU s, 250 points",
+        "ended",
+    )
     lines = []
     for row in rows:
         located = [shown(row.first_fold_ratio, 1, 6), shown(row.last_fold_ratio, 1, 6)]
-        last = [shown(row.peak_error, 100, 2), shown(row.cpu_seconds_per_250_points, 1, 2), "closed" if row.closed else row.reason]
-        lines.append([str(row.harmonics), f"{row.weight:g}", shown(row.tip_max_error, 100, 2), *located, *last])
-    case, peak = exact.case, exact.curve.peak
+        last = [
+            shown(row.peak_error, 100, 2),
+            shown(row.cpu_seconds_per_250_points, 1, 2),
+            "closed" if row.closed else row.reason,
+        ]
+        lines.append(
+            [
+                str(row.harmonics),
+                f"{row.weight:g}",
+                shown(row.tip_max_error, 100, 2),
+                *located,
+                *last,
+            ]
+        )
+    case = exact.case
+    peak = exact.curve.peak
     folds = sorted(fold.omega_ratio for fold in exact.curve.folds)
-    notes = [f"{case.scene}, {case.force:g} N. The exact orbit at {case.omega_ratio:g}: {1e3 * exact.motion.tip_max:.4f} mm."]
+    notes = [
+        f"{case.scene}, {case.force:g} N. The exact orbit at {case.omega_ratio:g}: {1e3 * exact.motion.tip_max:.4f} mm."
+    ]
     if peak is not None and folds:
-        notes.append(f"Its branch: folds at {folds[0]:.6f} and {folds[-1]:.6f}, peak {1e3 * peak.tip_max:.4f} mm at {peak.omega_ratio:.4f}.")
+        notes.append(
+            f"Its branch: folds at {folds[0]:.6f} and {folds[-1]:.6f}, peak {1e3 * peak.tip_max:.4f} mm at {peak.omega_ratio:.4f}."
+        )
     return "\n".join([*notes, "", markdown(header, lines)])
 
 
 def computed(given: dict[str, Any]) -> tuple[Exact, list[BalanceRow], bool]:
     """Do what the options ask for; False: ended by Ctrl-C."""
-    orders, weights = ([positive(f"--{name}", x) for x in numbers(f"--{name}", given[name], float)] for name in ("harmonics", "weights"))
+    orders, weights = (
+        [positive(f"--{name}", x) for x in numbers(f"--{name}", given[name], float)]
+        for name in ("harmonics", "weights")
+    )
     harmonics = [count("--harmonics", round(h), 1, 1000) for h in orders]
-    low, high = positive("--from", given["start"]), positive("--to", given["stop"])
-    require(low < given["at"] < high, "--at", given["at"], f"between --from = {low} and --to = {high}")
+    low = positive("--from", given["start"])
+    high = positive("--to", given["stop"])
+    require(
+        low < given["at"] < high, "--at", given["at"], f"between --from = {low} and --to = {high}"
+    )
     model = modal_model(Beam(modes=given["modes"]))
-    case = Case(model, given["at"] * float(model.omega[0]), given["force"], given["gap"], 1.0, given["friction_limit"])
-    exact, rows, complete = exact_orbit(case, low, high), [], True
+    case = Case(
+        model,
+        given["at"] * float(model.omega[0]),
+        given["force"],
+        given["gap"],
+        1.0,
+        given["friction_limit"],
+    )
+    exact = exact_orbit(case, low, high)
+    rows = []
+    complete = True
     settings = settings_of(harmonics, weights, given["growing"])
     try:
         with Bar(total=len(settings), desc="harmonic balance", bar_format=BAR, leave=False) as bar:
@@ -57,17 +114,76 @@ def computed(given: dict[str, Any]) -> tuple[Exact, list[BalanceRow], bool]:
 
 
 @command()
-@click.option("--modes", type=int, default=3, show_default=True, help="Number of modes of the paper's beam.")
-@click.option("--friction-limit", type=float, default=0.01, show_default=True, help="Friction limit in N; 0: no friction.")
-@click.option("--gap", type=float, default=RigidWalls.gap, show_default=True, help="Clearance to either wall in m.")
-@click.option("--force", type=float, default=1.5, show_default=True, help="Amplitude of the harmonic force in N.")
-@click.option("--at", type=float, default=0.95, show_default=True, help="Frequency over the first resonance's at which displacements are compared.")
-@click.option("--from", "start", type=float, default=0.85, show_default=True, help="Lowest frequency of the branch over the first resonance's.")
-@click.option("--to", "stop", type=float, default=1.1, show_default=True, help="Highest frequency of the branch over the first resonance's.")
-@click.option("--harmonics", default="10,20,40", show_default=True, help="Highest harmonics, with commas between.")
-@click.option("--weights", default="50,100,200", show_default=True, help="Weights of the contact in m_a omega_1^2, with commas between.")
-@click.option("--growing", is_flag=True, help="Weights are those at 20 harmonics and grow with the square of their number.")
-@click.option("--branches/--no-branches", default=True, show_default=True, help="Follow and time the branch at each setting too.")
+@click.option(
+    "--modes", type=int, default=3, show_default=True, help="Number of modes of the paper's beam."
+)
+@click.option(
+    "--friction-limit",
+    type=float,
+    default=0.01,
+    show_default=True,
+    help="Friction limit in N; 0: no friction.",
+)
+@click.option(
+    "--gap",
+    type=float,
+    default=RigidWalls.gap,
+    show_default=True,
+    help="Clearance to either wall in m.",
+)
+@click.option(
+    "--force",
+    type=float,
+    default=1.5,
+    show_default=True,
+    help="Amplitude of the harmonic force in N.",
+)
+@click.option(
+    "--at",
+    type=float,
+    default=0.95,
+    show_default=True,
+    help="Frequency over the first resonance's at which displacements are compared.",
+)
+@click.option(
+    "--from",
+    "start",
+    type=float,
+    default=0.85,
+    show_default=True,
+    help="Lowest frequency of the branch over the first resonance's.",
+)
+@click.option(
+    "--to",
+    "stop",
+    type=float,
+    default=1.1,
+    show_default=True,
+    help="Highest frequency of the branch over the first resonance's.",
+)
+@click.option(
+    "--harmonics",
+    default="10,20,40",
+    show_default=True,
+    help="Highest harmonics, with commas between.",
+)
+@click.option(
+    "--weights",
+    default="50,100,200",
+    show_default=True,
+    help="Weights of the contact in m_a omega_1^2, with commas between.",
+)
+@click.option(
+    "--growing",
+    is_flag=True,
+    help="Weights are those at 20 harmonics and grow with the square of their number.",
+)
+@click.option(
+    "--branches/--no-branches",
+    default=True,
+    show_default=True,
+    help="Follow and time the branch at each setting too.",
+)
 @json_option("Write the rows.")
 @file_option("--csv", "Write the rows.")
 @file_option("--plot", "Draw errors and times over harmonics: .png, .pdf or .svg.")
@@ -82,7 +198,10 @@ def main(**given: Any) -> None:
         plain = [row.to_plain() for row in rows]
         contents = {
             given["json"]: {"complete": complete, "rows": plain},
-            given["csv"]: (COLUMNS, [["" if v is None else v for v in row.values()] for row in plain]),
+            given["csv"]: (
+                COLUMNS,
+                [["" if v is None else v for v in row.values()] for row in plain],
+            ),
             given["plot"]: lambda path: save_balance(path, exact, rows, given["growing"]),
         }
         files = write_files(contents)

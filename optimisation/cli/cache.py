@@ -40,9 +40,18 @@ def kept(parent: Path) -> list[Kept]:
         if OURS.fullmatch(folder.name) and folder.is_dir() and not folder.is_symlink():
             sizes = {}
             for file in folder.rglob("*.nb[ci]"):
-                with suppress(FileNotFoundError):  # another process has just put a new one in its place
+                with suppress(
+                    FileNotFoundError
+                ):  # another process has just put a new one in its place
                     sizes[file] = file.stat().st_size
-            found.append(Kept(folder, sum(file.suffix == ".nbc" for file in sizes), sum(sizes.values()), folder.name == digest()))
+            found.append(
+                Kept(
+                    folder,
+                    sum(file.suffix == ".nbc" for file in sizes),
+                    sum(sizes.values()),
+                    folder.name == digest(),
+                )
+            )
     return sorted(found, key=lambda one: (not one.current, one.folder.name))
 
 
@@ -71,14 +80,24 @@ def main(action: str, older: bool) -> None:
             raise click.UsageError("--older goes with clear alone")
         places = parents()
         if not places:
-            click.echo("No kernels are kept: NUMBA_DISABLE_JIT is set, or no folder can be written to.")
+            click.echo(
+                "No kernels are kept: NUMBA_DISABLE_JIT is set, or no folder can be written to."
+            )
         if action == "clear":
-            these = [one for place in places[:1] for one in kept(place) if not (older and one.current)]
+            these = [
+                one for place in places[:1] for one in kept(place) if not (older and one.current)
+            ]
             clear(these)
-            click.echo(f"removed: {len(these)} folders, {sum(one.size for one in these) / 1e6:.1f} MB")
+            click.echo(
+                f"removed: {len(these)} folders, {sum(one.size for one in these) / 1e6:.1f} MB"
+            )
             return
         for k, place in enumerate(places):
             click.echo(f"{place}{' (only read)' if k else ''}")
             for one in kept(place):
-                made = "of today's sources" if one.current else "of other sources or another compiler"
-                click.echo(f"  {one.folder}: {one.kernels} kernels, {one.size / 1e6:.1f} MB, {made}")
+                made = (
+                    "of today's sources" if one.current else "of other sources or another compiler"
+                )
+                click.echo(
+                    f"  {one.folder}: {one.kernels} kernels, {one.size / 1e6:.1f} MB, {made}"
+                )

@@ -36,11 +36,17 @@ def check_target(option: str, target: Path | None, suffixes: tuple[str, ...] = (
         return
     folder = target.resolve().parent
     if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
-        raise BadInput(f"{option} = {target} is not allowed: a file in a folder that exists and can be written to")
+        raise BadInput(
+            f"{option} = {target} is not allowed: a file in a folder that exists and can be written to"
+        )
     if target.exists() and not target.is_file():
-        raise BadInput(f"{option} = {target} is not allowed: a plain file, since it is replaced as a whole")
+        raise BadInput(
+            f"{option} = {target} is not allowed: a plain file, since it is replaced as a whole"
+        )
     if suffixes and target.suffix.lower() not in suffixes:
-        raise BadInput(f"{option} = {target} is not allowed: a name that ends in {', '.join(suffixes)}")
+        raise BadInput(
+            f"{option} = {target} is not allowed: a name that ends in {', '.join(suffixes)}"
+        )
 
 
 def numbers(option: str, text: str, kind: type) -> tuple[Any, ...]:
@@ -48,7 +54,9 @@ def numbers(option: str, text: str, kind: type) -> tuple[Any, ...]:
     try:
         return tuple(kind(part) for part in text.split(","))
     except ValueError as error:
-        raise ParameterError(f"{option} = {text!r} is not allowed: numbers with commas between") from error
+        raise ParameterError(
+            f"{option} = {text!r} is not allowed: numbers with commas between"
+        ) from error
 
 
 def page_option(marker: str, page: str) -> Callable[[Command], Command]:
@@ -82,9 +90,17 @@ def file_option(name: str, words: str) -> Callable[[Command], Command]:
     return click.option(name, type=FILE, metavar="FILE", help=words)
 
 
-def out_option(folder: str, words: str = "Folder for figure and tables.") -> Callable[[Command], Command]:
+def out_option(
+    folder: str, words: str = "Folder for figure and tables."
+) -> Callable[[Command], Command]:
     """Add --out, a folder for what is written."""
-    return click.option("--out", type=click.Path(path_type=Path), default=Path(folder), show_default=True, help=words)
+    return click.option(
+        "--out",
+        type=click.Path(path_type=Path),
+        default=Path(folder),
+        show_default=True,
+        help=words,
+    )
 
 
 def check_targets(given: dict[str, Any], *suffixes: str) -> None:
@@ -95,10 +111,20 @@ def check_targets(given: dict[str, Any], *suffixes: str) -> None:
 
 
 threads_option = click.option(
-    "--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]"
+    "--threads",
+    type=click.IntRange(min=1),
+    help="Number of threads; the result does not depend on it.  [default: all cores]",
 )
-seed_option = click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and forces.")
-RATE_HELP = "Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]"
+seed_option = click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of the phases and forces.",
+)
+RATE_HELP = (
+    "Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]"
+)
 rate_option = click.option("--rate", type=float, help=RATE_HELP)
 plot_option = file_option("--plot", "Draw it: .png, .pdf or .svg.")
 RESUME = "Keep each finished piece in this file, and take from it what is there: goes on where a run was stopped."
@@ -127,7 +153,10 @@ def json_option(words: str, name: str = "json") -> Callable[[Command], Command]:
     return add
 
 
-OLDER = {"--percent-per-100-periods": "--rate", "--figure": "--plot"}  # names of options of the version before, and theirs of now
+OLDER = {
+    "--percent-per-100-periods": "--rate",
+    "--figure": "--plot",
+}  # names of options of the version before, and theirs of now
 
 
 class Uncertain(click.ParamType):  # type: ignore[type-arg, unused-ignore]
@@ -135,7 +164,12 @@ class Uncertain(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
     name = "name 5%|low high"
 
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, tuple[str, ...]]:  # noqa: ARG002
+    def convert(
+        self,
+        value: object,
+        param: click.Parameter | None,  # noqa: ARG002
+        ctx: click.Context | None,  # noqa: ARG002
+    ) -> tuple[str, tuple[str, ...]]:
         """Return the name and its words."""
         name, *words = str(value).split(" ")
         return name, tuple(words)
@@ -143,7 +177,8 @@ class Uncertain(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
 def joined(args: list[str], known: Iterable[str]) -> list[str]:
     """Return arguments with the words of each option of ``known`` as one: a name, and either one that ends in % or two."""
-    found, k = list[str](), 0
+    found = list[str]()
+    k = 0
     while k < len(args):
         found.append(args[k])
         if args[k] in known:
@@ -164,16 +199,33 @@ class OneCommand(click.Command):
         for k, word in enumerate(args):
             name, equals, value = word.partition("=")
             if name in OLDER and name not in known:
-                click.echo(f"warning: {name} is called {OLDER[name]} now; the next version does not know the older name", err=True)
+                click.echo(
+                    f"warning: {name} is called {OLDER[name]} now; the next version does not know the older name",
+                    err=True,
+                )
                 args[k] = OLDER[name] + equals + value
-        args = joined(args, {name for parameter in self.params if isinstance(parameter.type, Uncertain) for name in parameter.opts})
-        single = [parameter for parameter in self.params if isinstance(parameter, click.Option) and not parameter.multiple]
+        args = joined(
+            args,
+            {
+                name
+                for parameter in self.params
+                if isinstance(parameter.type, Uncertain)
+                for name in parameter.opts
+            },
+        )
+        single = [
+            parameter
+            for parameter in self.params
+            if isinstance(parameter, click.Option) and not parameter.multiple
+        ]
         once = {name: parameter for parameter in single for name in parameter.opts}
         given = [once[name] for name in (word.partition("=")[0] for word in args) if name in once]
         for parameter in given:
             if given.count(parameter) > 1 and not parameter.is_flag:
                 times = f"{parameter.opts[0]} is given {given.count(parameter)} times"
-                raise click.UsageError(f"{times}: once is allowed, as only one of them could count", ctx)
+                raise click.UsageError(
+                    f"{times}: once is allowed, as only one of them could count", ctx
+                )
         return super().parse_args(ctx, args)
 
 
@@ -192,12 +244,18 @@ def uncertain_of(given: Iterable[tuple[str, tuple[str, ...]]]) -> dict[str, tupl
     found: dict[str, tuple[str, ...]] = {}
     for name, words in given:
         if name in found:
-            raise BadInput(f"--uncertain {name} is given twice: once is allowed, as only one of them could count")
+            raise BadInput(
+                f"--uncertain {name} is given twice: once is allowed, as only one of them could count"
+            )
         found[name] = words
     return found
 
 
-command = partial(click.command, cls=OneCommand, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 150})
+command = partial(
+    click.command,
+    cls=OneCommand,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 150},
+)
 
 
 @contextmanager
@@ -212,7 +270,9 @@ def plain_errors(broken_off: str = "Broken off.") -> Iterator[None]:
     except BrokenPipeError:  # who reads the output has gone, which click knows how to end
         raise
     except OSError as error:
-        raise click.ClickException(f"{error.filename or 'a file'}: {error.strerror or error}") from error
+        raise click.ClickException(
+            f"{error.filename or 'a file'}: {error.strerror or error}"
+        ) from error
     except KeyboardInterrupt:  # where a script does not keep what is finished, or keeps it already
         click.echo(broken_off, err=True)
         sys.exit(INTERRUPTED)
@@ -222,13 +282,20 @@ def name_files(files: Sequence[Path]) -> None:
     """Print the names of the files written, if there are any."""
     if not files:
         return
-    click.echo("\nwritten: " + ", ".join("standard output" if file.name == STANDARD_OUTPUT else str(file) for file in files))
+    click.echo(
+        "\nwritten: "
+        + ", ".join(
+            "standard output" if file.name == STANDARD_OUTPUT else str(file) for file in files
+        )
+    )
 
 
 def end_without(winner: bool) -> None:
     """Exit with 1 if a search came to its end and found nothing that keeps all constraints."""
     if not winner:
-        click.echo("No winner: no design kept all constraints; loosen them, or search longer.", err=True)
+        click.echo(
+            "No winner: no design kept all constraints; loosen them, or search longer.", err=True
+        )
         sys.exit(1)
 
 

@@ -13,7 +13,17 @@ from impact_env.modes import Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
 from impact_env.scene import Scene
 from optimisation.cli import scene_options as scenes
-from optimisation.cli.common import BadInput, command, end_early, name_files, out_option, plain_errors, rate_option, seed_option, threads_option
+from optimisation.cli.common import (
+    BadInput,
+    command,
+    end_early,
+    name_files,
+    out_option,
+    plain_errors,
+    rate_option,
+    seed_option,
+    threads_option,
+)
 from optimisation.comparison import DEFAULT_FORCES, IMPACT, RESONANCES, Comparison, compare
 from optimisation.executors import cluster_option
 from optimisation.executors import executor as executor_on
@@ -28,7 +38,8 @@ from optimisation.report.card import write_card
 from optimisation.report.cards import comparison_card
 from optimisation.report.design_figures import save_figure
 
-QUICK_FORCES, QUICK_MEMBERS = 10, 2
+QUICK_FORCES = 10
+QUICK_MEMBERS = 2
 FORCE_HELP = "Force in N near the first of the resonances: the design rule gives the gap for it; with --scene all are compared at it."
 
 
@@ -48,11 +59,17 @@ def borne(comparison: Comparison, executor: Executor) -> Impacts | None:
     if part.told is None or not comparison.complete:
         return None
     case = {concept.key: concept for concept in comparison.concepts}[IMPACT]
-    scene, rate = Scene(comparison.model, case.absorber), comparison.percent_per_100_periods
-    return impacts_of(CurveCase(scene, part.forces[part.told : part.told + 1], part.resonance, case.limits, rate), executor)
+    scene = Scene(comparison.model, case.absorber)
+    rate = comparison.percent_per_100_periods
+    return impacts_of(
+        CurveCase(scene, part.forces[part.told : part.told + 1], part.resonance, case.limits, rate),
+        executor,
+    )
 
 
-def write(out: Path, comparison: Comparison, made: dict[str, object], impacts: Impacts | None = None) -> list[Path]:
+def write(
+    out: Path, comparison: Comparison, made: dict[str, object], impacts: Impacts | None = None
+) -> list[Path]:
     """Write runs, curves, summary (with the conditions ``made``) and figure into a folder, each whole or not at all; return the files."""
     contents = {
         out / "runs.csv": (tables.RUN_COLUMNS, tables.run_rows(comparison)),
@@ -63,7 +80,9 @@ def write(out: Path, comparison: Comparison, made: dict[str, object], impacts: I
     return write_files(contents) + write_card(out, comparison_card(comparison, impacts))
 
 
-def compared_under_loads(load: Path, structure: Structure | None, out: Path, given: dict[str, Any]) -> tuple[str, list[Path]]:
+def compared_under_loads(
+    load: Path, structure: Structure | None, out: Path, given: dict[str, Any]
+) -> tuple[str, list[Path]]:
     """Compare absorbers under the loads of a file, write figure, runs and summary, and return the table and the files."""
     scenes.refuse_beside_load(load, "force", "rate", "resonances")
     model = mounted(Beam() if structure is None else structure)
@@ -81,20 +100,56 @@ def compared_under_loads(load: Path, structure: Structure | None, out: Path, giv
 @scenes.structure_option
 @scenes.scene_option
 @scenes.load_option
-@click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=scenes.RESONANCES_HELP)
-@click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Mass of each absorber over the structure's.")
+@click.option(
+    "--resonances",
+    type=(int, int),
+    default=RESONANCES,
+    show_default=True,
+    help=scenes.RESONANCES_HELP,
+)
+@click.option(
+    "--mass-ratio",
+    type=float,
+    default=DEFAULT_MASS_RATIO,
+    show_default=True,
+    help="Mass of each absorber over the structure's.",
+)
 @scenes.mass_option
 @click.option("--force", type=float, help=FORCE_HELP)
-@click.option("--gap", type=float, help=f"Clearance to either wall in m.  [default: by --force, or {RigidWalls.gap}]")
+@click.option(
+    "--gap",
+    type=float,
+    help=f"Clearance to either wall in m.  [default: by --force, or {RigidWalls.gap}]",
+)
 @rate_option
-@click.option("--quick", is_flag=True, help=f"A look in a few seconds: {QUICK_FORCES} forces, {QUICK_MEMBERS} members, unless given.")
-@click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point, other in phase and 1e-6 of force.  [default: {DEFAULT_MEMBERS}]")
+@click.option(
+    "--quick",
+    is_flag=True,
+    help=f"A look in a few seconds: {QUICK_FORCES} forces, {QUICK_MEMBERS} members, unless given.",
+)
+@click.option(
+    "--members",
+    type=click.IntRange(min=1),
+    help=f"Runs for each point, other in phase and 1e-6 of force.  [default: {DEFAULT_MEMBERS}]",
+)
 @seed_option
-@click.option("--forces", type=click.IntRange(min=2), help=f"Number of forces for each resonance.  [default: {DEFAULT_FORCES}]")
+@click.option(
+    "--forces",
+    type=click.IntRange(min=2),
+    help=f"Number of forces for each resonance.  [default: {DEFAULT_FORCES}]",
+)
 @threads_option
 @cluster_option
 @out_option("results/compare_absorbers")
-def main(structure: Path | None, scene: Path | None, load: Path | None, quick: bool, out: Path, cluster: str | None, **given: Any) -> None:
+def main(
+    structure: Path | None,
+    scene: Path | None,
+    load: Path | None,
+    quick: bool,
+    out: Path,
+    cluster: str | None,
+    **given: Any,
+) -> None:
     """Compare absorbers of one mass on the paper's beam, or another structure: response level over the force near two resonances.
 
     On another structure, and for another mass, gap or force, the absorbers follow from rules: gap and forces from the design rule, friction from the
@@ -112,16 +167,22 @@ def main(structure: Path | None, scene: Path | None, load: Path | None, quick: b
         require_writable("--out", out)
         own = None if structure is None else scenes.read_structure(structure)
         own_mass = mounted(Beam() if own is None else own).beam_mass
-        given["mass_ratio"] = scenes.mass_ratio_of(given["mass_ratio"], given.pop("mass_kg"), own_mass)
+        given["mass_ratio"] = scenes.mass_ratio_of(
+            given["mass_ratio"], given.pop("mass_kg"), own_mass
+        )
         if load is not None:
             if scene is not None:
-                raise BadInput("--scene does not go with --load: there each absorber is at its own best; --structure takes the file of a structure")
+                raise BadInput(
+                    "--scene does not go with --load: there each absorber is at its own best; --structure takes the file of a structure"
+                )
             table, written = compared_under_loads(load, own, out, given)
             click.echo(table)
             name_files(written)
             return
         if scene is not None:
-            own, given["device"] = scenes.read_device(scene, "structure", "mass_ratio", "mass_kg", "gap")
+            own, given["device"] = scenes.read_device(
+                scene, "structure", "mass_ratio", "mass_kg", "gap"
+            )
             given |= {"mass_ratio": DEFAULT_MASS_RATIO}
         threads = given.pop("threads")
         with executor_on(threads, cluster) as executor:

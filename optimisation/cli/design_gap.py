@@ -10,7 +10,14 @@ import click
 from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative, require
+from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
+    Beam,
+    SlidingAbsorber,
+    friction_law,
+    non_negative,
+    require,
+)
 from optimisation.cli import common
 from optimisation.cli import scene_options as scenes
 from optimisation.executors import cluster_option
@@ -27,14 +34,36 @@ from optimisation.progress import sweeps_bar
 from optimisation.report import load_gap_report as report
 from optimisation.report.card import text as as_text
 from optimisation.report.card import write_card
-from optimisation.report.gap_report import COLUMNS, Unsure, answer, card, rivals, rows, save_figure, summary, text, warnings
+from optimisation.report.gap_report import (
+    COLUMNS,
+    Unsure,
+    answer,
+    card,
+    rivals,
+    rows,
+    save_figure,
+    summary,
+    text,
+    warnings,
+)
 from optimisation.uncertain import FRICTION, GAP, Spread, require_parts, spreads
 
 QUICK_MEMBERS = 1
-MEMBERS_HELP = f"Runs for each gap of an answer, other in phase and 1e-6 of force.  [default: {MEMBERS}]"
+MEMBERS_HELP = (
+    f"Runs for each gap of an answer, other in phase and 1e-6 of force.  [default: {MEMBERS}]"
+)
 FRICTION_HELP = f"Friction limit in N at any gap; 0: none.  [default: the paper's {PAPER_FRICTION} N by the scaling law, in proportion to the gap]"
 CONTACT_HELP = f"Estimate contact time and force: of absorber and wall {ALLOWED}; radius in m of the rounder one."
-OF_SCENE = ("structure", "modes", "damping", "mass_ratio", "mass_kg", "position", "restitution", "friction_limit")
+OF_SCENE = (
+    "structure",
+    "modes",
+    "damping",
+    "mass_ratio",
+    "mass_kg",
+    "position",
+    "restitution",
+    "friction_limit",
+)
 
 
 def runs_of(given: dict[str, Any]) -> dict[str, Any]:
@@ -43,7 +72,13 @@ def runs_of(given: dict[str, Any]) -> dict[str, Any]:
     return {"tolerance": given["force_tolerance"], "members": members, "seed": given["seed"]}
 
 
-def simulated(model: ModalModel, absorber: SlidingAbsorber, given: dict[str, Any], rate: float, executor: Executor) -> Advice:
+def simulated(
+    model: ModalModel,
+    absorber: SlidingAbsorber,
+    given: dict[str, Any],
+    rate: float,
+    executor: Executor,
+) -> Advice:
     """Search the gap as the options say, under a bar."""
     with sweeps_bar("simulating") as show:
         return advise(
@@ -64,19 +99,35 @@ def simulated(model: ModalModel, absorber: SlidingAbsorber, given: dict[str, Any
 def structure_in(given: dict[str, Any]) -> Structure:
     """Return the structure that the options describe; with --scene the values of the file's absorber take the place of the options'."""
     if given["scene"] is None:
-        return scenes.structure_of(given["structure"], given["position"], modes=given["modes"], damping_ratio=given["damping"])
+        return scenes.structure_of(
+            given["structure"],
+            given["position"],
+            modes=given["modes"],
+            damping_ratio=given["damping"],
+        )
     structure, absorber = scenes.read_device(given["scene"], *OF_SCENE)
-    given["friction_limit"] = 0.0 if absorber.friction is None else absorber.friction.limit  # that of the file stays as it is, whatever the gap
-    given["mass_ratio"], given["restitution"] = absorber.mass_ratio, rigid_walls(absorber).restitution
+    given["friction_limit"] = (
+        0.0 if absorber.friction is None else absorber.friction.limit
+    )  # that of the file stays as it is, whatever the gap
+    given["mass_ratio"], given["restitution"] = (
+        absorber.mass_ratio,
+        rigid_walls(absorber).restitution,
+    )
     return structure
 
 
 def absorber_on(model: ModalModel, given: dict[str, Any]) -> SlidingAbsorber:
     """Return the absorber at the rule's gap that the options describe."""
     ratio = scenes.mass_ratio_of(given["mass_ratio"], given["mass_kg"], model.beam_mass)
-    absorber = scaled_absorber(model, given["force"], given["resonance"], ratio, given["restitution"])
+    absorber = scaled_absorber(
+        model, given["force"], given["resonance"], ratio, given["restitution"]
+    )
     limit = given["friction_limit"]
-    return absorber if limit is None else replace(absorber, friction=friction_law(non_negative("friction_limit", limit)))
+    return (
+        absorber
+        if limit is None
+        else replace(absorber, friction=friction_law(non_negative("friction_limit", limit)))
+    )
 
 
 def model_on(structure: Structure) -> ModalModel:
@@ -90,22 +141,36 @@ def distributions(given: dict[str, Any], absorber: SlidingAbsorber) -> tuple[Spr
     require_parts(every, absorber)
     for one in every:
         searched = one.name == GAP or (one.name == FRICTION and given["friction_limit"] is None)
-        require(one.relative or not searched, f"uncertain {one.name}", one.words, "in %, as the number itself is searched")
+        require(
+            one.relative or not searched,
+            f"uncertain {one.name}",
+            one.words,
+            "in %, as the number itself is searched",
+        )
     return every
 
 
 def write(out: Path, found: Advice, unsure: Unsure | None) -> list[Path]:
     """Write the figure and the tables into a folder, and return the files."""
     content = summary(found) | ({} if unsure is None else {"uncertain": unsure.plain()})
-    table, figure = (COLUMNS, rows(found)), partial(save_figure, found=found)
-    return write_files({out / "levels.csv": table, out / "summary.json": content, out / "levels.png": figure})
+    table = (COLUMNS, rows(found))
+    figure = partial(save_figure, found=found)
+    return write_files(
+        {out / "levels.csv": table, out / "summary.json": content, out / "levels.png": figure}
+    )
 
 
 def under_load(given: dict[str, Any]) -> None:
     """Search the gap under the loads of a file, write figure, runs and summary, and tell of them."""
     scenes.refuse_beside_load(given["load"], "rate")
     scenes.refuse_beside_load(
-        given["load"], "free", "gaps", "cluster", "uncertain", "contact", why="there the gap alone is searched, in this process"
+        given["load"],
+        "free",
+        "gaps",
+        "cluster",
+        "uncertain",
+        "contact",
+        why="there the gap alone is searched, in this process",
     )
     structure = structure_in(given)
     require_writable("--out", given["out"])
@@ -123,8 +188,15 @@ def under_load(given: dict[str, Any]) -> None:
         friction_limit=given["friction_limit"],
     )
     out = given["out"]
-    table, figure = (report.COLUMNS, report.rows(found)), partial(report.save_figure, found=found)
-    files = write_files({out / "runs.csv": table, out / "summary.json": report.summary(found), out / "levels.png": figure})
+    table = (report.COLUMNS, report.rows(found))
+    figure = partial(report.save_figure, found=found)
+    files = write_files(
+        {
+            out / "runs.csv": table,
+            out / "summary.json": report.summary(found),
+            out / "levels.png": figure,
+        }
+    )
     if given["device"] is not None:
         scenes.write_device(given["device"], structure, found.recommended.absorber)
         files.append(given["device"])
@@ -135,29 +207,80 @@ def under_load(given: dict[str, Any]) -> None:
 @common.command()
 @scenes.structure_option
 @scenes.scene_option
-@click.option("--force", type=float, help="Amplitude of the harmonic force in N; with --load a factor on it.  [default: with --load 1]")
+@click.option(
+    "--force",
+    type=float,
+    help="Amplitude of the harmonic force in N; with --load a factor on it.  [default: with --load 1]",
+)
 @scenes.load_option
-@click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance near which it acts, counted from 1.")
-@click.option("--force-tolerance", type=float, default=TOLERANCE, show_default=True, help="Share by which the force may be larger or smaller.")
-@click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
+@click.option(
+    "--resonance",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Resonance near which it acts, counted from 1.",
+)
+@click.option(
+    "--force-tolerance",
+    type=float,
+    default=TOLERANCE,
+    show_default=True,
+    help="Share by which the force may be larger or smaller.",
+)
+@click.option(
+    "--mass-ratio",
+    type=float,
+    default=DEFAULT_MASS_RATIO,
+    show_default=True,
+    help="Absorber mass over beam mass.",
+)
 @scenes.mass_option
 @scenes.position_option
-@click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
-@click.option("--restitution", type=float, default=RESTITUTION, show_default=True, help="Coefficient of restitution in the simulation, 0 to 1.")
+@click.option(
+    "--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept."
+)
+@click.option(
+    "--restitution",
+    type=float,
+    default=RESTITUTION,
+    show_default=True,
+    help="Coefficient of restitution in the simulation, 0 to 1.",
+)
 @click.option("--friction-limit", type=float, help=FRICTION_HELP)
-@click.option("--free", multiple=True, type=click.Choice([*FREE]), help="Search this one too, the gap anew for each value; may be repeated.")
+@click.option(
+    "--free",
+    multiple=True,
+    type=click.Choice([*FREE]),
+    help="Search this one too, the gap anew for each value; may be repeated.",
+)
 @common.uncertain_option
-@click.option("--contact", type=(str, str, float), metavar="MATERIAL MATERIAL RADIUS", help=CONTACT_HELP)
+@click.option(
+    "--contact", type=(str, str, float), metavar="MATERIAL MATERIAL RADIUS", help=CONTACT_HELP
+)
 @common.rate_option
-@click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Damping ratio of all modes.")
+@click.option(
+    "--damping",
+    type=float,
+    default=Beam.damping_ratio,
+    show_default=True,
+    help="Damping ratio of all modes.",
+)
 @click.option("--quick", is_flag=True, help=f"A look: {QUICK_MEMBERS} member, unless given.")
-@click.option("--gaps", type=click.IntRange(min=3), help="Simulate so many gaps around the rule's besides, odd, the rule's in the middle.")
+@click.option(
+    "--gaps",
+    type=click.IntRange(min=3),
+    help="Simulate so many gaps around the rule's besides, odd, the rule's in the middle.",
+)
 @click.option("--members", type=click.IntRange(min=1), help=MEMBERS_HELP)
 @common.seed_option
 @common.threads_option
 @cluster_option
 @common.file_option("--device", "Write structure and recommended absorber as a scene, .json.")
-@click.option("--no-card", is_flag=True, help="Leave the card out: what the device bears, and what a tuned absorber or a damper would do.")
+@click.option(
+    "--no-card",
+    is_flag=True,
+    help="Leave the card out: what the device bears, and what a tuned absorber or a damper would do.",
+)
 @common.out_option("results/design_gap")
 def main(**given: Any) -> None:
     """Choose the gap of an impact absorber on the paper's beam, or another structure, for a force near a resonance.
@@ -175,7 +298,9 @@ def main(**given: Any) -> None:
             under_load(given)
             return
         if given["force"] is None:
-            raise common.BadInput("--force is missing: the amplitude of the harmonic force in N, or --load FILE")
+            raise common.BadInput(
+                "--force is missing: the amplitude of the harmonic force in N, or --load FILE"
+            )
         usable_force("--force", given["force"])
         structure = structure_in(given)
         model = model_on(structure)
@@ -184,25 +309,46 @@ def main(**given: Any) -> None:
             gap_factors(given["gaps"])
         require_writable("--out", given["out"])
         common.check_target("--device", given["device"], (".json",))
-        rate = default_rate(model, (given["resonance"],)) if given["rate"] is None else usable_rate("--rate", given["rate"], [PAPER_LIMITS])
+        rate = (
+            default_rate(model, (given["resonance"],))
+            if given["rate"] is None
+            else usable_rate("--rate", given["rate"], [PAPER_LIMITS])
+        )
         every = distributions(given, absorber)
         for name in given["contact"][:2] if given["contact"] else ():
             material(name)
         with executor_on(given["threads"], given["cluster"]) as executor:
             found = simulated(model, absorber, given, rate, executor)
             best = found.recommended if found.complete else None
-            unsure = None if best is None or not every else Unsure(every, *uncertain_levels(found, best, every, executor))
+            unsure = (
+                None
+                if best is None or not every
+                else Unsure(every, *uncertain_levels(found, best, every, executor))
+            )
             files = write(given["out"], found, unsure)
             if given["device"] is not None and found.recommended is not None:
                 scenes.write_device(given["device"], structure, found.recommended.absorber)
                 files.append(given["device"])
-            told, beside = warnings(found), list[str]()
+            told = warnings(found)
+            beside = list[str]()
             if best is not None and not given["no_card"]:
                 borne = bearing(found, best, executor)
                 more = change_with_modes(found, best, structure, given["seed"], executor)
-                own, beside = card(found, borne, unsure, given["contact"], more), [rivals(borne)]
+                own = card(found, borne, unsure, given["contact"], more)
+                beside = [rivals(borne)]
                 files += write_card(given["out"], own)
                 told += ["", as_text(own)]
-    click.echo("\n".join([*answer(found), *beside, *([] if unsure is None else [unsure.words]), "", text(found), *(["", *told] if told else [])]))
+    click.echo(
+        "\n".join(
+            [
+                *answer(found),
+                *beside,
+                *([] if unsure is None else [unsure.words]),
+                "",
+                text(found),
+                *(["", *told] if told else []),
+            ]
+        )
+    )
     common.name_files(files)
     common.end_early(found.complete, "the files hold the runs that were finished.")

@@ -15,7 +15,14 @@ from impact_env.modes import Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, positive
 from optimisation.bounds import LEAST_REACH, design_force, reach
 from optimisation.cli import scene_options as scenes
-from optimisation.cli.common import BadInput, rate_option, stacked, threads_option, uncertain_of, uncertain_option
+from optimisation.cli.common import (
+    BadInput,
+    rate_option,
+    stacked,
+    threads_option,
+    uncertain_of,
+    uncertain_option,
+)
 from optimisation.comparison import RESONANCES, WIDE_LIMITS
 from optimisation.designs import DesignSpace, design_space
 from optimisation.executors import cluster_option
@@ -23,10 +30,20 @@ from optimisation.machine import conditions, peak_memory
 from optimisation.mounting import mounted
 from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
 from optimisation.problem import Problem
-from optimisation.variables import FREE, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, RESTITUTION, TUNED, VARIABLES
+from optimisation.variables import (
+    FREE,
+    FRICTION_LIMIT,
+    GAP,
+    IMPACT,
+    MASS_RATIO,
+    RESTITUTION,
+    TUNED,
+    VARIABLES,
+)
 
 RANGE_FORCES = 8  # forces between a third and three times the given one, for the objective range
-QUICK_SPEED, QUICK_MEMBERS = 10.0, 2
+QUICK_SPEED = 10.0
+QUICK_MEMBERS = 2
 
 
 def load_conditions(loads: Loads, spread: bool = False) -> tuple[Condition, ...]:
@@ -35,11 +52,17 @@ def load_conditions(loads: Loads, spread: bool = False) -> tuple[Condition, ...]
     return tuple(Condition(1, float(factor), loads=loads) for factor in factors)
 
 
-def make_conditions(concept: str, at: list[tuple[int, float]], spread: bool = False) -> tuple[Condition, ...]:
+def make_conditions(
+    concept: str, at: list[tuple[int, float]], spread: bool = False
+) -> tuple[Condition, ...]:
     """Return conditions; a tuned absorber is swept so wide that both of its peaks are seen."""
     limits = WIDE_LIMITS if concept == TUNED else PAPER_LIMITS
     factors = np.geomspace(1 / 3, 3, RANGE_FORCES) if spread else np.ones(1)
-    return tuple(Condition(resonance, force * float(factor), limits) for resonance, force in at for factor in factors)
+    return tuple(
+        Condition(resonance, force * float(factor), limits)
+        for resonance, force in at
+        for factor in factors
+    )
 
 
 KEPT = "Broken off; the study keeps what is finished."
@@ -51,7 +74,9 @@ class At(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
     name = "resonance:force"
 
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, float]:
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, float]:
         """Return the resonance and the force in ``value``, or fail with the form that is allowed."""
         if isinstance(value, tuple):
             return value
@@ -69,27 +94,77 @@ shared_options = stacked(  # of every design study
         scenes.structure_option,
         scenes.scene_option,
         scenes.load_option,
-        click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP),
-        click.option("--free", multiple=True, metavar="NAME", help="Variable to search; may be repeated."),
-        click.option("--bounds", multiple=True, type=(str, float, float), metavar="NAME LOW HIGH", help="Bounds of a free variable, in SI units."),
         click.option(
-            "--fix", multiple=True, type=(str, float), metavar="NAME VALUE", help="Value of a variable not searched.  [default: the paper's]"
+            "--resonances",
+            type=(int, int),
+            default=RESONANCES,
+            show_default=True,
+            help=RESONANCES_HELP,
+        ),
+        click.option(
+            "--free", multiple=True, metavar="NAME", help="Variable to search; may be repeated."
+        ),
+        click.option(
+            "--bounds",
+            multiple=True,
+            type=(str, float, float),
+            metavar="NAME LOW HIGH",
+            help="Bounds of a free variable, in SI units.",
+        ),
+        click.option(
+            "--fix",
+            multiple=True,
+            type=(str, float),
+            metavar="NAME VALUE",
+            help="Value of a variable not searched.  [default: the paper's]",
         ),
         scenes.mass_option,
         uncertain_option,
-        click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point.  [default: {DEFAULT_MEMBERS}, for fronts 4]"),
-        click.option("--batch", type=click.IntRange(min=2), help="Designs run in one call; the population of CMA-ES and NSGA-II."),
-        click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of search and members."),
-        click.option("--modes", type=click.IntRange(min=1), default=Beam.modes, show_default=True, help="Modes of the beam."),
+        click.option(
+            "--members",
+            type=click.IntRange(min=1),
+            help=f"Runs for each point.  [default: {DEFAULT_MEMBERS}, for fronts 4]",
+        ),
+        click.option(
+            "--batch",
+            type=click.IntRange(min=2),
+            help="Designs run in one call; the population of CMA-ES and NSGA-II.",
+        ),
+        click.option(
+            "--seed",
+            type=click.IntRange(min=0),
+            default=0,
+            show_default=True,
+            help="Seed of search and members.",
+        ),
+        click.option(
+            "--modes",
+            type=click.IntRange(min=1),
+            default=Beam.modes,
+            show_default=True,
+            help="Modes of the beam.",
+        ),
         rate_option,
-        click.option("--constraint", multiple=True, type=(str, float), metavar="NAME LIMIT", help=CONSTRAINT_HELP),
-        click.option("--quick", is_flag=True, help=f"A look: {QUICK_MEMBERS} members and sweeps {QUICK_SPEED:g} times as fast, unless given."),
+        click.option(
+            "--constraint",
+            multiple=True,
+            type=(str, float),
+            metavar="NAME LIMIT",
+            help=CONSTRAINT_HELP,
+        ),
+        click.option(
+            "--quick",
+            is_flag=True,
+            help=f"A look: {QUICK_MEMBERS} members and sweeps {QUICK_SPEED:g} times as fast, unless given.",
+        ),
         threads_option,
         cluster_option,
     )
 )
 study_option = click.option(
-    "--study", type=click.Path(path_type=Path, dir_okay=False), help="Study file.  [default: study.journal in the folder, quick.journal with --quick]"
+    "--study",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Study file.  [default: study.journal in the folder, quick.journal with --quick]",
 )
 
 
@@ -97,7 +172,10 @@ def variables_help() -> str:
     """Return the concepts' variables for a help text."""
     lines = ["\b", "Variables and bounds:"]
     for concept, variables in VARIABLES.items():
-        lines += [f"  {concept}: " + ", ".join(f"{v.name} {v.low:g} to {v.high:g} {v.unit}".rstrip() for v in variables)]
+        lines += [
+            f"  {concept}: "
+            + ", ".join(f"{v.name} {v.low:g} to {v.high:g} {v.unit}".rstrip() for v in variables)
+        ]
     return "\n".join(lines)
 
 
@@ -106,8 +184,12 @@ def make_space(concept: str, given: dict[str, Any]) -> DesignSpace:
     known = {v.name for v in VARIABLES[concept]}
     every = given.get("every", False)
     free = [name for name in given["free"] if name in known or not every]
-    bounds = {name: (low, high) for name, low, high in given["bounds"] if name in known or not every}
-    fixed = _of_device(concept, given) | {name: value for name, value in fixed_of(given).items() if name in known or not every}
+    bounds = {
+        name: (low, high) for name, low, high in given["bounds"] if name in known or not every
+    }
+    fixed = _of_device(concept, given) | {
+        name: value for name, value in fixed_of(given).items() if name in known or not every
+    }
     return design_space(concept, free or None, bounds, fixed)
 
 
@@ -117,10 +199,16 @@ def fixed_of(given: dict[str, Any]) -> dict[str, float]:
     if given["mass_kg"] is not None:
         for option, names in (("--fix", fixed), ("--free", given["free"])):
             if MASS_RATIO in names:
-                raise BadInput(f"--mass-kg does not go with {option} {MASS_RATIO}: each says what the mass is")
+                raise BadInput(
+                    f"--mass-kg does not go with {option} {MASS_RATIO}: each says what the mass is"
+                )
         if given["scene"] is not None:
-            raise BadInput("--mass-kg does not go with --scene: the file says what structure and absorber are")
-        fixed[MASS_RATIO] = positive("mass_kg", given["mass_kg"]) / mounted(structure_of(given)).beam_mass
+            raise BadInput(
+                "--mass-kg does not go with --scene: the file says what structure and absorber are"
+            )
+        fixed[MASS_RATIO] = (
+            positive("mass_kg", given["mass_kg"]) / mounted(structure_of(given)).beam_mass
+        )
     return fixed
 
 
@@ -129,11 +217,16 @@ def _of_device(concept: str, given: dict[str, Any]) -> dict[str, float]:
     structure_of(given)
     if given["scene"] is None:
         return {}
-    device, free = given["device"], set(given["free"] or FREE[concept])
+    device = given["device"]
+    free = set(given["free"] or FREE[concept])
     own = {MASS_RATIO: device.mass_ratio}
     if concept == IMPACT:
         friction = 0.0 if device.friction is None else device.friction.limit
-        own |= {GAP: device.walls.gap, RESTITUTION: device.walls.restitution, FRICTION_LIMIT: friction}
+        own |= {
+            GAP: device.walls.gap,
+            RESTITUTION: device.walls.restitution,
+            FRICTION_LIMIT: friction,
+        }
     return {name: value for name, value in own.items() if name not in free}
 
 
@@ -141,7 +234,9 @@ def structure_of(given: dict[str, Any]) -> Structure:
     """Return the structure of the file, read once, or the paper's beam with the options' modes."""
     if given["scene"] is not None:
         if "read" not in given:
-            given["read"], given["device"] = scenes.read_device(given["scene"], "structure", "modes")
+            given["read"], given["device"] = scenes.read_device(
+                given["scene"], "structure", "modes"
+            )
         return given["read"]
     if given["structure"] is None:
         return replace(Beam(), modes=given["modes"])
@@ -152,7 +247,9 @@ def structure_of(given: dict[str, Any]) -> Structure:
     return found
 
 
-def forces_at(given: dict[str, Any], usual: tuple[tuple[int, float], ...]) -> list[tuple[int, float]]:
+def forces_at(
+    given: dict[str, Any], usual: tuple[tuple[int, float], ...]
+) -> list[tuple[int, float]]:
     """Return the resonances and their forces: those of --at, the ``usual`` ones, or for a structure from a file those of --resonances by the rule.
 
     The rule's forces are those for a gap of 1 mm; by the scaling law another gap has the same answers at other forces. They stand to each other as
@@ -160,42 +257,80 @@ def forces_at(given: dict[str, Any], usual: tuple[tuple[int, float], ...]) -> li
     """
     if given["at"]:
         if scenes.is_given("resonances"):
-            raise ParameterError(f"--resonances = {given['resonances']} is not allowed: beside --at, which names resonances with their forces")
+            raise ParameterError(
+                f"--resonances = {given['resonances']} is not allowed: beside --at, which names resonances with their forces"
+            )
         return list(given["at"])
     if given["structure"] is None and given["scene"] is None and not scenes.is_given("resonances"):
         return list(usual)
-    model, paper = mounted(structure_of(given)), modal_model(Beam())
+    model = mounted(structure_of(given))
+    paper = modal_model(Beam())
     structure_of(given)
     usual_ratio = given["device"].mass_ratio if given["scene"] is not None else DEFAULT_MASS_RATIO
     ratio = fixed_of(given).get(MASS_RATIO, usual_ratio)
     mass = positive(MASS_RATIO, ratio) * model.beam_mass
-    shares = [force / design_force(paper, DEFAULT_MASS_RATIO * paper.beam_mass, RigidWalls.gap, resonance) for resonance, force in usual]
+    shares = [
+        force / design_force(paper, DEFAULT_MASS_RATIO * paper.beam_mass, RigidWalls.gap, resonance)
+        for resonance, force in usual
+    ]
     for k in dict.fromkeys(given["resonances"]):
         if (found := reach(model, mass, k)) < LEAST_REACH:
-            click.echo(f"warning: at resonance {k} the free amplitude is {found:.2g} of the rule's gap: no wall would be touched there", err=True)
+            click.echo(
+                f"warning: at resonance {k} the free amplitude is {found:.2g} of the rule's gap: no wall would be touched there",
+                err=True,
+            )
     wanted = tuple(dict.fromkeys(given["resonances"]))[: len(usual)]
-    return [(k, float(f"{share * design_force(model, mass, RigidWalls.gap, k):.3g}")) for k, share in zip(wanted, shares, strict=False)]
+    return [
+        (k, float(f"{share * design_force(model, mass, RigidWalls.gap, k):.3g}"))
+        for k, share in zip(wanted, shares, strict=False)
+    ]
 
 
 def loads_in(given: dict[str, Any]) -> Loads | None:
     """Return the loads of --load, None without it; raises BadInput for options that do not go with it."""
     scenes.refuse_beside_load(given["load"], "at", "resonances", "rate")
-    scenes.refuse_beside_load(given["load"], "uncertain", why="there a member's loads are what differs")
-    return None if given["load"] is None else scenes.loads_of(given["load"], mounted(structure_of(given)))
+    scenes.refuse_beside_load(
+        given["load"], "uncertain", why="there a member's loads are what differs"
+    )
+    return (
+        None
+        if given["load"] is None
+        else scenes.loads_of(given["load"], mounted(structure_of(given)))
+    )
 
 
-def make_problem(concept: str, conditions: tuple[Condition, ...], objectives: tuple[Objective, ...], given: dict[str, Any]) -> Problem:
+def make_problem(
+    concept: str,
+    conditions: tuple[Condition, ...],
+    objectives: tuple[Objective, ...],
+    given: dict[str, Any],
+) -> Problem:
     """Return the problem that the options describe."""
     members = given["members"] or (QUICK_MEMBERS if given["quick"] else DEFAULT_MEMBERS)
     constraints = tuple(Constraint(name, limit) for name, limit in given["constraint"])
-    space, uncertain = make_space(concept, given), uncertain_of(given["uncertain"])
-    problem = Problem(space, conditions, objectives, constraints, structure_of(given), members, given["seed"], given["rate"], uncertain=uncertain)
+    space = make_space(concept, given)
+    uncertain = uncertain_of(given["uncertain"])
+    problem = Problem(
+        space,
+        conditions,
+        objectives,
+        constraints,
+        structure_of(given),
+        members,
+        given["seed"],
+        given["rate"],
+        uncertain=uncertain,
+    )
     return replace(problem, rate=QUICK_SPEED * problem.rate) if given["quick"] else problem
 
 
 def conditions_of(given: dict[str, Any]) -> dict[str, object]:
     """Return versions, machine, threads and memory of a computation; worker processes of a cluster are not in it."""
-    where = {"cluster": given["cluster"]} if given["cluster"] else {"threads": given["threads"] or available_cores()}
+    where = (
+        {"cluster": given["cluster"]}
+        if given["cluster"]
+        else {"threads": given["threads"] or available_cores()}
+    )
     versions = conditions(("numpy", "scipy", "numba", "optuna"))["versions"]
     return {"versions": versions, **where, "memory_bytes": peak_memory()}
 

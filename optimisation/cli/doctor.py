@@ -24,14 +24,25 @@ SHOWN = ("numpy", "scipy", "numba", "llvmlite", "matplotlib", "gymnasium", "torc
 def extras() -> dict[str, list[str]]:
     """Return the packages that each extra lacks here."""
     names = sorted(set(EXTRAS.values()))
-    return {extra: [name for name, brings in EXTRAS.items() if brings == extra and importlib.util.find_spec(name) is None] for extra in names}
+    return {
+        extra: [
+            name
+            for name, brings in EXTRAS.items()
+            if brings == extra and importlib.util.find_spec(name) is None
+        ]
+        for extra in names
+    }
 
 
 def found() -> dict[str, Any]:
     """Return the description as plain data; sizes in bytes."""
     places = parents()
     return {
-        "package": {"name": DISTRIBUTION, "version": impact_env.__version__, "folder": str(Path(impact_env.__file__).parent)},
+        "package": {
+            "name": DISTRIBUTION,
+            "version": impact_env.__version__,
+            "folder": str(Path(impact_env.__file__).parent),
+        },
         "python": {"version": platform.python_version(), "program": sys.executable},
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
         "processor": processor(),
@@ -44,11 +55,22 @@ def found() -> dict[str, Any]:
             {
                 "folder": str(place),
                 "written": k == 0,
-                "kept": [{"name": one.folder.name, "kernels": one.kernels, "size": one.size, "current": one.current} for one in kept(place)],
+                "kept": [
+                    {
+                        "name": one.folder.name,
+                        "kernels": one.kernels,
+                        "size": one.size,
+                        "current": one.current,
+                    }
+                    for one in kept(place)
+                ],
             }
             for k, place in enumerate(places)
         ],
-        "shipped": {"kernels": sum(1 for _ in SHIPPED.rglob("*.nbc")), "unused_because": why_not_shipped()},
+        "shipped": {
+            "kernels": sum(1 for _ in SHIPPED.rglob("*.nbc")),
+            "unused_because": why_not_shipped(),
+        },
     }
 
 
@@ -56,28 +78,49 @@ def lines(about: dict[str, Any]) -> list[tuple[str, str]]:
     """Return the same as a name and a text for each line."""
     missing = {extra: packages for extra, packages in about["extras"].items() if packages}
     told = [
-        (about["package"]["name"], f"{about['package']['version']} in {about['package']['folder']}"),
+        (
+            about["package"]["name"],
+            f"{about['package']['version']} in {about['package']['folder']}",
+        ),
         ("Python", f"{about['python']['version']}, {about['python']['program']}"),
         ("system", about["system"]),
         ("processor", about["processor"]),
-        ("threads", f"{about['cores']} cores may be used, numba takes up to {about['numba_threads']}"),
+        (
+            "threads",
+            f"{about['cores']} cores may be used, numba takes up to {about['numba_threads']}",
+        ),
         *about["versions"].items(),
         ("extras", ", ".join(extra for extra in about["extras"] if extra not in missing) or "none"),
-        *((f"no {extra}", f"lacks {', '.join(packages)}; it comes with: {how_to_install(extra)}") for extra, packages in missing.items()),
+        *(
+            (f"no {extra}", f"lacks {', '.join(packages)}; it comes with: {how_to_install(extra)}")
+            for extra, packages in missing.items()
+        ),
     ]
     if not about["compiles"]:
-        told.append(("compiled", "nothing: NUMBA_DISABLE_JIT is set, and kernels run in plain Python"))
+        told.append(
+            ("compiled", "nothing: NUMBA_DISABLE_JIT is set, and kernels run in plain Python")
+        )
     elif not about["cache"]:
-        told.append(("compiled", "kept nowhere: no folder can be written to, and each process compiles anew; IMPACT_ENV_CACHE names one"))
+        told.append(
+            (
+                "compiled",
+                "kept nowhere: no folder can be written to, and each process compiles anew; IMPACT_ENV_CACHE names one",
+            )
+        )
     for place in about["cache"]:
         current = [one for one in place["kept"] if one["current"]]
         others = sum(one["size"] for one in place["kept"] if not one["current"])
-        count, size = sum(one["kernels"] for one in current), sum(one["size"] for one in current)
+        count = sum(one["kernels"] for one in current)
+        size = sum(one["size"] for one in current)
         text = f"{place['folder']}{'' if place['written'] else ' (only read)'}: {count} kernels of today's sources, {size / 1e6:.1f} MB"
-        told.append(("compiled", text + (f", and {others / 1e6:.1f} MB of others" if others else "")))
+        told.append(
+            ("compiled", text + (f", and {others / 1e6:.1f} MB of others" if others else ""))
+        )
     shipped = about["shipped"]
     used = f"{shipped['kernels']} kernels came with the package; `impact-absorber prepare --host` compiles the usual ones for this processor"
-    told.append(("shipped", f"not used: {shipped['unused_because']}" if shipped["unused_because"] else used))
+    told.append(
+        ("shipped", f"not used: {shipped['unused_because']}" if shipped["unused_because"] else used)
+    )
     return told
 
 

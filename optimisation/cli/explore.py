@@ -16,9 +16,22 @@ PORT = 8651
 
 @command()
 @structure_option
-@click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="Port of the page; 0: any that is free.")
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address of the page. Any but this one lets others on the network use it.")
-@click.option("--browser/--no-browser", default=True, show_default=True, help="Open the page in the browser.")
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=PORT,
+    show_default=True,
+    help="Port of the page; 0: any that is free.",
+)
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address of the page. Any but this one lets others on the network use it.",
+)
+@click.option(
+    "--browser/--no-browser", default=True, show_default=True, help="Open the page in the browser."
+)
 def main(structure: Path | None, port: int, host: str, browser: bool) -> None:
     """Explore absorbers on the paper's beam, or another structure, on a page of this machine, until Ctrl-C.
 
@@ -31,7 +44,9 @@ def main(structure: Path | None, port: int, host: str, browser: bool) -> None:
         try:
             listening = bound(host, port)
         except OSError as error:
-            raise BadInput(f"--port = {port} is not allowed: one that is free at {host} ({error.strerror})") from error
+            raise BadInput(
+                f"--port = {port} is not allowed: one that is free at {host} ({error.strerror})"
+            ) from error
         place = f"http://{f'[{host}]' if ':' in host else host}:{listening.getsockname()[1]}/"
 
         def started() -> None:
@@ -39,4 +54,10 @@ def main(structure: Path | None, port: int, host: str, browser: bool) -> None:
             if browser:
                 webbrowser.open(place)
 
-        serve(own, "the paper's beam" if structure is None else structure.name, host, listening, started)
+        serve(
+            own,
+            "the paper's beam" if structure is None else structure.name,
+            host,
+            listening,
+            started,
+        )

@@ -25,7 +25,9 @@ from optimisation.progress import Bar
 from optimisation.report.periodic_figures import save_figure
 
 FORCE = 1.5  # N, the paper's moderate level of excitation
-EXACT, BALANCE, BOTH = "exact", "balance", "both"
+EXACT = "exact"
+BALANCE = "balance"
+BOTH = "both"
 
 
 @contextmanager
@@ -46,46 +48,96 @@ def computed(given: dict[str, Any], executor: Executor | None = None) -> Overvie
     Raises BadInput or ParameterError before anything long is done.
     """
     scene, _ = make_scene(given)
-    reference, walls = scene.model.resonance_omega(given["resonance"]), sliding(scene).walls
-    low, high = positive("--from", given["start"]), positive("--to", given["stop"])
+    reference = scene.model.resonance_omega(given["resonance"])
+    walls = sliding(scene).walls
+    low = positive("--from", given["start"])
+    high = positive("--to", given["stop"])
     require(high > low, "--to", high, f"above --from = {low}")
     inelastic = isinstance(walls, RigidWalls) and walls.restitution < 1
-    require(not (inelastic and given["method"] == BALANCE), "--method", BALANCE, "exact below a restitution of 1: harmonic balance has no impact law")
+    require(
+        not (inelastic and given["method"] == BALANCE),
+        "--method",
+        BALANCE,
+        "exact below a restitution of 1: harmonic balance has no impact law",
+    )
     hill = given["hill"]
     springs = given["method"] != EXACT and isinstance(walls, CompliantWalls)
     require(not hill or springs, "--hill", hill, "with harmonic balance and --contact-stiffness")
     balance = None
     if given["method"] != EXACT and not inelastic:
         damper = PAPER_DAMPER if given["grounded_damper"] else 0.0
-        balance = harmonic_balance(scene, low * reference, given["force"], given["harmonics"], given["weight"], grounded_damper=damper)
+        balance = harmonic_balance(
+            scene,
+            low * reference,
+            given["force"],
+            given["harmonics"],
+            given["weight"],
+            grounded_damper=damper,
+        )
     sweeps = ((low, high), (high, low)) if given["sweeps"] else ()
-    rate = default_rate(scene.model, (given["resonance"],)) if given["rate"] is None else positive("--rate", given["rate"])
-    asked = Asked(given["method"] != BALANCE, given["pairs"], balance, sweeps, rate, stationary_runs(given, executor), hill)
+    rate = (
+        default_rate(scene.model, (given["resonance"],))
+        if given["rate"] is None
+        else positive("--rate", given["rate"])
+    )
+    asked = Asked(
+        given["method"] != BALANCE,
+        given["pairs"],
+        balance,
+        sweeps,
+        rate,
+        stationary_runs(given, executor),
+        hill,
+    )
     basis = {"scene": from_scene(scene), "force": float(given["force"]), "reference": reference}
     with closing(Kept(given["resume"])) as kept, following(reference) as show:
-        return overview(scene, given["force"], reference, low, high, asked, show, kept.pieces(basis))
+        return overview(
+            scene, given["force"], reference, low, high, asked, show, kept.pieces(basis)
+        )
 
 
-def stationary_runs(given: dict[str, Any], executor: Executor | None = None) -> StationaryRuns | None:
+def stationary_runs(
+    given: dict[str, Any], executor: Executor | None = None
+) -> StationaryRuns | None:
     """Return the settings of the stationary runs, None without --envelope; raises BadInput for an option of theirs without it."""
     if given["envelope"] is None:
         for name in ("members", "settle", "window", "approach", "threads", "cluster"):
             if is_given(name):
-                raise common.BadInput(f"--{name} does not go without --envelope: it is about the runs of the envelope")
+                raise common.BadInput(
+                    f"--{name} does not go without --envelope: it is about the runs of the envelope"
+                )
         return None
     lengths = given["members"], given["settle"], given["window"]
-    return StationaryRuns(given["envelope"], *lengths, given["approach"], threads=given["threads"], executor=executor)
+    return StationaryRuns(
+        given["envelope"], *lengths, given["approach"], threads=given["threads"], executor=executor
+    )
 
 
 def text(result: Overview) -> str:
     """Return a table of the curves, and what was refused."""
-    rows, notes = [], []
+    rows = []
+    notes = []
     for number, curve in enumerate(result.curves, 1):
         peak = curve.peak
-        folds = ", ".join(f"{fold.omega_ratio:.9g}" for fold in sorted(curve.folds, key=lambda point: point.omega_ratio))
+        folds = ", ".join(
+            f"{fold.omega_ratio:.9g}"
+            for fold in sorted(curve.folds, key=lambda point: point.omega_ratio)
+        )
         stable = "" if curve.stable is None else f"{100 * curve.stable.mean():.0f}"
-        where = ["", ""] if peak is None else [f"{1e3 * peak.tip_max:.4f}", f"{peak.omega_ratio:.4f}"]
-        rows.append([str(number), curve.method, "closed" if curve.closed else "open", str(len(curve.tip_max)), *where, folds, stable])
+        where = (
+            ["", ""] if peak is None else [f"{1e3 * peak.tip_max:.4f}", f"{peak.omega_ratio:.4f}"]
+        )
+        rows.append(
+            [
+                str(number),
+                curve.method,
+                "closed" if curve.closed else "open",
+                str(len(curve.tip_max)),
+                *where,
+                folds,
+                stable,
+            ]
+        )
         notes += [f"Curve {number}: {curve.message}." if not curve.closed else ""]
         if curve.refused:
             reason, most = max(curve.refused, key=lambda pair: pair[1])
@@ -93,39 +145,177 @@ def text(result: Overview) -> str:
             more = "" if total == most else f", and {len(curve.refused) - 1} more reasons"
             notes.append(f"Curve {number}: {total} points are no orbit: {reason}{more}.")
         rows[-1] += [str(curve.period), "symmetric" if curve.symmetric else "a pair"]
-        marks = sorted((mark.omega_ratio, mark.kind) for mark in curve.located if mark.kind in (TORUS, PERIOD_DOUBLING, SYMMETRY_BREAKING))
+        marks = sorted(
+            (mark.omega_ratio, mark.kind)
+            for mark in curve.located
+            if mark.kind in (TORUS, PERIOD_DOUBLING, SYMMETRY_BREAKING)
+        )
         rows[-1].append(", ".join(f"{kind} {ratio:.6g}" for ratio, kind in marks))
-    header = ("curve", "method", "", "points", "peak, mm", "at", "folds", "stable, %", "period", "", "bifurcates at")
-    blocks = [str(result.scene) + f", {result.force:g} N", "", markdown(header, rows), "", *[note for note in notes if note]]
+    header = (
+        "curve",
+        "method",
+        "",
+        "points",
+        "peak, mm",
+        "at",
+        "folds",
+        "stable, %",
+        "period",
+        "",
+        "bifurcates at",
+    )
+    blocks = [
+        str(result.scene) + f", {result.force:g} N",
+        "",
+        markdown(header, rows),
+        "",
+        *[note for note in notes if note],
+    ]
     if result.stationary:
-        rows = [[f"{at.omega_ratio:.5f}", *(f"{1e3 * tip:.4f}" for tip in at.tip_max), f"{at.impacts:.2f}"] for at in result.stationary]
-        blocks += ["", markdown(("runs at", *(f"{100 * q:g} %, mm" for q in QUANTILES), "impacts a period"), rows)]
+        rows = [
+            [
+                f"{at.omega_ratio:.5f}",
+                *(f"{1e3 * tip:.4f}" for tip in at.tip_max),
+                f"{at.impacts:.2f}",
+            ]
+            for at in result.stationary
+        ]
+        blocks += [
+            "",
+            markdown(
+                ("runs at", *(f"{100 * q:g} %, mm" for q in QUANTILES), "impacts a period"), rows
+            ),
+        ]
     return "\n".join(blocks)
 
 
 @common.command()
-@click.option("--absorber", type=click.Choice(["impact", "friction"]), help="Impact absorber or friction damper.  [default: impact]")
+@click.option(
+    "--absorber",
+    type=click.Choice(["impact", "friction"]),
+    help="Impact absorber or friction damper.  [default: impact]",
+)
 @scene_options("; below 1 exact orbits only")
-@click.option("--contact-stiffness", type=float, help="Makes the walls springs of this stiffness in N/m: harmonic balance only.")
-@click.option("--friction-stiffness", type=float, help="Makes friction elastic with this stiffness in N/m.")
-@click.option("--force", type=float, help=f"Amplitude of the harmonic force in N.  [default: {FORCE}, with --structure by the design rule]")
-@click.option("--resonance", type=int, default=1, show_default=True, help="Resonance, counted from 1, that frequencies refer to.")
-@click.option("--from", "start", type=float, default=0.88, show_default=True, help="Lowest frequency over the resonance frequency.")
-@click.option("--to", "stop", type=float, default=1.06, show_default=True, help="Highest frequency over the resonance frequency.")
-@click.option("--method", type=click.Choice([EXACT, BALANCE, BOTH]), default=BOTH, show_default=True, help="Exact orbits, harmonic balance, both.")
-@click.option("--pairs", is_flag=True, help="With the exact orbits without symmetry, and of longer periods, that leave these branches.")
-@click.option("--harmonics", type=int, default=20, show_default=True, help="Highest harmonic of harmonic balance.")
-@click.option("--weight", type=float, default=WEIGHT, show_default=True, help="Weight of the rigid contact in harmonic balance, in m_a omega_1^2.")
-@click.option("--grounded-damper", is_flag=True, help=f"With the paper's damper of {PAPER_DAMPER} N s/m between absorber and ground (balance only).")
-@click.option("--hill", is_flag=True, help="With the stability of harmonic balance at walls that are springs, by Hill's method.")
-@click.option("--sweeps/--no-sweeps", default=True, show_default=True, help="With a sweep up and one down by the exact method.")
-@click.option("--rate", type=float, help="Rate of the sweeps.  [default: 1, less by the square of damping below 1 %]")
-@click.option("--envelope", type=int, metavar="POINTS", help="With the stationary responses at so many frequencies: median, 5 and 95 %.")
-@click.option("--members", type=int, default=StationaryRuns.members, show_default=True, help="Runs at each of them, each with a phase of its own.")
-@click.option("--settle", type=float, default=StationaryRuns.settle, show_default=True, help="Pseudo periods before their window.")
-@click.option("--window", type=int, default=StationaryRuns.window, show_default=True, help="Periods of the force in their window.")
-@click.option("--approach", type=float, help="Ratio at which they begin, to come into impact.  [default: at rest, at the frequency itself]")
-@click.option("--threads", type=click.IntRange(min=1), help="Number of threads of these runs; no number depends on it.  [default: all cores]")
+@click.option(
+    "--contact-stiffness",
+    type=float,
+    help="Makes the walls springs of this stiffness in N/m: harmonic balance only.",
+)
+@click.option(
+    "--friction-stiffness", type=float, help="Makes friction elastic with this stiffness in N/m."
+)
+@click.option(
+    "--force",
+    type=float,
+    help=f"Amplitude of the harmonic force in N.  [default: {FORCE}, with --structure by the design rule]",
+)
+@click.option(
+    "--resonance",
+    type=int,
+    default=1,
+    show_default=True,
+    help="Resonance, counted from 1, that frequencies refer to.",
+)
+@click.option(
+    "--from",
+    "start",
+    type=float,
+    default=0.88,
+    show_default=True,
+    help="Lowest frequency over the resonance frequency.",
+)
+@click.option(
+    "--to",
+    "stop",
+    type=float,
+    default=1.06,
+    show_default=True,
+    help="Highest frequency over the resonance frequency.",
+)
+@click.option(
+    "--method",
+    type=click.Choice([EXACT, BALANCE, BOTH]),
+    default=BOTH,
+    show_default=True,
+    help="Exact orbits, harmonic balance, both.",
+)
+@click.option(
+    "--pairs",
+    is_flag=True,
+    help="With the exact orbits without symmetry, and of longer periods, that leave these branches.",
+)
+@click.option(
+    "--harmonics",
+    type=int,
+    default=20,
+    show_default=True,
+    help="Highest harmonic of harmonic balance.",
+)
+@click.option(
+    "--weight",
+    type=float,
+    default=WEIGHT,
+    show_default=True,
+    help="Weight of the rigid contact in harmonic balance, in m_a omega_1^2.",
+)
+@click.option(
+    "--grounded-damper",
+    is_flag=True,
+    help=f"With the paper's damper of {PAPER_DAMPER} N s/m between absorber and ground (balance only).",
+)
+@click.option(
+    "--hill",
+    is_flag=True,
+    help="With the stability of harmonic balance at walls that are springs, by Hill's method.",
+)
+@click.option(
+    "--sweeps/--no-sweeps",
+    default=True,
+    show_default=True,
+    help="With a sweep up and one down by the exact method.",
+)
+@click.option(
+    "--rate",
+    type=float,
+    help="Rate of the sweeps.  [default: 1, less by the square of damping below 1 %]",
+)
+@click.option(
+    "--envelope",
+    type=int,
+    metavar="POINTS",
+    help="With the stationary responses at so many frequencies: median, 5 and 95 %.",
+)
+@click.option(
+    "--members",
+    type=int,
+    default=StationaryRuns.members,
+    show_default=True,
+    help="Runs at each of them, each with a phase of its own.",
+)
+@click.option(
+    "--settle",
+    type=float,
+    default=StationaryRuns.settle,
+    show_default=True,
+    help="Pseudo periods before their window.",
+)
+@click.option(
+    "--window",
+    type=int,
+    default=StationaryRuns.window,
+    show_default=True,
+    help="Periods of the force in their window.",
+)
+@click.option(
+    "--approach",
+    type=float,
+    help="Ratio at which they begin, to come into impact.  [default: at rest, at the frequency itself]",
+)
+@click.option(
+    "--threads",
+    type=click.IntRange(min=1),
+    help="Number of threads of these runs; no number depends on it.  [default: all cores]",
+)
 @cluster_option
 @common.resume_option
 @common.json_option("Write all curves and their orbits, in SI units; compressed if it ends in .gz.")
@@ -142,10 +332,21 @@ def main(**given: Any) -> None:
         common.check_targets(given, ".json", ".gz")
         given |= {"stiffness": None, "absorber_damping": None}
         refuse_parts(given)
-        given["force"] = FORCE if given["force"] is None and given["structure"] is None else given["force"]
+        given["force"] = (
+            FORCE if given["force"] is None and given["structure"] is None else given["force"]
+        )
         result = computed(given, executor)
-        rows = (COLUMNS, [row for number, curve in enumerate(result.curves, 1) for row in curve.rows(number)])
-        files = write_files({given["json"]: result.to_plain(), given["csv"]: rows, given["plot"]: lambda path: save_figure(path, result)})
+        rows = (
+            COLUMNS,
+            [row for number, curve in enumerate(result.curves, 1) for row in curve.rows(number)],
+        )
+        files = write_files(
+            {
+                given["json"]: result.to_plain(),
+                given["csv"]: rows,
+                given["plot"]: lambda path: save_figure(path, result),
+            }
+        )
     click.echo(text(result))
     common.name_files(files)
     common.end_early(result.complete)

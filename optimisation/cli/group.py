@@ -36,9 +36,14 @@ HEAD_LINES = 40  # a command says near its top what it needs
 
 def files() -> dict[str, dict[str, Path]]:
     """Return the module of each command, by heading and name; in a checkout also of those that make pages."""
-    found = {heading: {name: HERE / f"{name}.py" for name in names} for heading, names in HEADINGS.items()}
+    found = {
+        heading: {name: HERE / f"{name}.py" for name in names}
+        for heading, names in HEADINGS.items()
+    }
     if PAGES.is_dir():
-        found["Pages and benchmarks of this checkout"] = {file.stem: file for file in sorted(PAGES.glob("[!_]*.py"))}
+        found["Pages and benchmarks of this checkout"] = {
+            file.stem: file for file in sorted(PAGES.glob("[!_]*.py"))
+        }
     return found
 
 
@@ -49,21 +54,32 @@ def file_of(name: str) -> Path | None:
 
 def imported(name: str) -> ModuleType:
     """Return the module of a command that there is."""
-    return importlib.import_module(f"optimisation.cli.{name}" if (HERE / f"{name}.py").exists() else f"studies.cli.{name}")
+    return importlib.import_module(
+        f"optimisation.cli.{name}" if (HERE / f"{name}.py").exists() else f"studies.cli.{name}"
+    )
 
 
 def missing_extras(file: Path) -> dict[str, list[str]]:
     """Return the extras that a command needs and that are not complete here, each with the packages that are missing."""
     head = "\n".join(file.read_text(encoding="utf-8").splitlines()[:HEAD_LINES])
     needed = [extra for line in NEEDS.findall(head) for extra in line.replace(",", " ").split()]
-    missing = {extra: [name for name, brings in EXTRAS.items() if brings == extra and importlib.util.find_spec(name) is None] for extra in needed}
+    missing = {
+        extra: [
+            name
+            for name, brings in EXTRAS.items()
+            if brings == extra and importlib.util.find_spec(name) is None
+        ]
+        for extra in needed
+    }
     return {extra: packages for extra, packages in missing.items() if packages}
 
 
 def refuse(name: str, missing: dict[str, list[str]], **_options: object) -> None:
     """Raise ClickException with the command that installs the extras that a command lacks."""
     packages = ", ".join(package for names in missing.values() for package in names)
-    raise click.ClickException(f"{name} needs packages that are not installed ({packages}); they come with: {how_to_install(*missing)}")
+    raise click.ClickException(
+        f"{name} needs packages that are not installed ({packages}); they come with: {how_to_install(*missing)}"
+    )
 
 
 class Commands(click.Group):
@@ -88,19 +104,29 @@ class Commands(click.Group):
             command.callback = partial(refuse, cmd_name, missing)
         return command
 
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command that is called; raises UsageError, with the names that are most alike, if there is none."""
         if not args[0].startswith("-") and file_of(args[0]) is None:
             alike = difflib.get_close_matches(args[0], self.list_commands(ctx))
-            ctx.fail(f"there is no command {args[0]}" + (f"; did you mean {' or '.join(alike)}?" if alike else ""))
+            ctx.fail(
+                f"there is no command {args[0]}"
+                + (f"; did you mean {' or '.join(alike)}?" if alike else "")
+            )
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """Write the names under their headings, with the first line of each module's docstring, without importing a command."""
         for heading, commands in files().items():
-            said = {name: ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "" for name, file in commands.items()}
+            said = {
+                name: ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+                for name, file in commands.items()
+            }
             with formatter.section(heading):
-                formatter.write_dl([(name, words.partition("\n")[0]) for name, words in said.items()])
+                formatter.write_dl(
+                    [(name, words.partition("\n")[0]) for name, words in said.items()]
+                )
 
 
 @click.command(

@@ -25,28 +25,85 @@ def table(cells: tuple[IsolaCell, ...]) -> str:
         for cell in cells
         for n, e, limit, kind, force, ratio, orbit in cell.rows()
     ]
-    return markdown(("modes", "restitution", "friction limit, N", "kind", "force, N", "omega/omega_1", "confirmed orbit"), rows)
+    return markdown(
+        (
+            "modes",
+            "restitution",
+            "friction limit, N",
+            "kind",
+            "force, N",
+            "omega/omega_1",
+            "confirmed orbit",
+        ),
+        rows,
+    )
 
 
 def computed(given: dict[str, Any]) -> IsolaMap:
     """Do what the options ask for. Raises BadInput or ParameterError before anything long is done."""
     kinds = {"map_modes": int, "map_restitutions": float, "map_friction_limits": float}
-    modes, restitutions, limits = (common.numbers(option_name(name), given[name], kind) if given[name] else () for name, kind in kinds.items())
+    modes, restitutions, limits = (
+        common.numbers(option_name(name), given[name], kind) if given[name] else ()
+        for name, kind in kinds.items()
+    )
     scene, _ = make_scene(given)
     case = case_of(scene, 1.0, float(scene.model.omega[0]))
     if modes or restitutions or limits:  # the case's own where only the others are given
-        modes, restitutions = modes or (case.model.modes,), restitutions or (case.restitution,)
-    with closing(Kept(given["resume"])) as kept, validation_alongside(case), counting_bar("isolas", "cells", leave=False) as show:
-        return isola_map(case, given["start"], given["stop"], modes, restitutions, show, limits, kept.pieces({"scene": from_scene(scene)}))
+        modes = modes or (case.model.modes,)
+        restitutions = restitutions or (case.restitution,)
+    with (
+        closing(Kept(given["resume"])) as kept,
+        validation_alongside(case),
+        counting_bar("isolas", "cells", leave=False) as show,
+    ):
+        return isola_map(
+            case,
+            given["start"],
+            given["stop"],
+            modes,
+            restitutions,
+            show,
+            limits,
+            kept.pieces({"scene": from_scene(scene)}),
+        )
 
 
 @common.command()
 @scene_options(", 0 to 1", friction="none")
-@click.option("--from", "start", type=float, default=0.9, show_default=True, help="Lowest frequency over the first resonance's.")
-@click.option("--to", "stop", type=float, default=1.0, show_default=True, help="Highest frequency over the first resonance's.")
-@click.option("--map-modes", default="", metavar="N,N,...", help="Numbers of modes of a map, at most --modes.  [default: that]")
-@click.option("--map-restitutions", default="", metavar="E,E,...", help="Restitutions of a map.  [default: --restitution]")
-@click.option("--map-friction-limits", default="", metavar="N,N,...", help="Friction limits of a map in N.  [default: --friction-limit]")
+@click.option(
+    "--from",
+    "start",
+    type=float,
+    default=0.9,
+    show_default=True,
+    help="Lowest frequency over the first resonance's.",
+)
+@click.option(
+    "--to",
+    "stop",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="Highest frequency over the first resonance's.",
+)
+@click.option(
+    "--map-modes",
+    default="",
+    metavar="N,N,...",
+    help="Numbers of modes of a map, at most --modes.  [default: that]",
+)
+@click.option(
+    "--map-restitutions",
+    default="",
+    metavar="E,E,...",
+    help="Restitutions of a map.  [default: --restitution]",
+)
+@click.option(
+    "--map-friction-limits",
+    default="",
+    metavar="N,N,...",
+    help="Friction limits of a map in N.  [default: --friction-limit]",
+)
 @common.resume_option
 @common.json_option("Write fold force, thresholds and map, in SI units.")
 @common.file_option("--csv", "Write a row for each birth and merger.")
@@ -59,13 +116,28 @@ def main(**given: Any) -> None:
     """
     with common.plain_errors():
         common.check_targets(given)
-        given |= dict.fromkeys(("absorber", "contact_stiffness", "friction_stiffness", "stiffness", "absorber_damping", "force"))
+        given |= dict.fromkeys(
+            (
+                "absorber",
+                "contact_stiffness",
+                "friction_stiffness",
+                "stiffness",
+                "absorber_damping",
+                "force",
+            )
+        )
         given["resonance"] = 1  # the one that is looked at
         refuse_parts(given)
         found = computed(given)
         cells = (found.own, *found.cells)
         rows = (COLUMNS, [row for cell in cells for row in cell.rows()])
-        files = write_files({given["json"]: found.to_plain(), given["csv"]: rows, given["plot"]: lambda path: save_isolas(path, found)})
+        files = write_files(
+            {
+                given["json"]: found.to_plain(),
+                given["csv"]: rows,
+                given["plot"]: lambda path: save_isolas(path, found),
+            }
+        )
     click.echo(table(cells))
     common.name_files(files)
     common.end_early(found.complete)

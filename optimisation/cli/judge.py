@@ -18,7 +18,9 @@ from optimisation.rl.agents import Agent, load_agent, shipped
 from optimisation.rl.families import Random
 from optimisation.rl.rules import EIGHT, FOUR, TASKS, env_of, policies
 
-BOARD, PAGE, MARKER = DOCS / "leaderboard.csv", DOCS / "tasks.md", "leaderboard"
+BOARD = DOCS / "leaderboard.csv"
+PAGE = DOCS / "tasks.md"
+MARKER = "leaderboard"
 COLUMNS = ("task", "policy", "who", "commit", "split", "episodes", "score", "low", "high")
 OURS = "this project"
 
@@ -46,12 +48,32 @@ def write_board(path: Path, found: dict[str, Evaluation]) -> list[list[str]]:
     rows: list[list[str]] = []
     if path.exists():
         with path.open(newline="", encoding="utf-8") as lines:
-            rows = [[row[name] for name in COLUMNS] for row in csv.DictReader(lines) if row["who"] != OURS or row["task"] not in found]
-    done = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=False)
+            rows = [
+                [row[name] for name in COLUMNS]
+                for row in csv.DictReader(lines)
+                if row["who"] != OURS or row["task"] not in found
+            ]
+    done = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     for task, one in found.items():
         for scored in (one.policy, *one.others.values()):
             numbers = (f"{value:.4f}" for value in (scored.mean, *scored.interval))
-            rows.append([task, scored.name, OURS, done.stdout.strip(), one.split, str(len(one.seeds)), *numbers])
+            rows.append(
+                [
+                    task,
+                    scored.name,
+                    OURS,
+                    done.stdout.strip(),
+                    one.split,
+                    str(len(one.seeds)),
+                    *numbers,
+                ]
+            )
     order = list(TASKS)
     rows.sort(key=lambda row: (order.index(row[0]), -float(row[6])))
     write_csv(path, COLUMNS, rows)
@@ -59,13 +81,41 @@ def write_board(path: Path, found: dict[str, Evaluation]) -> list[list[str]]:
 
 
 @command()
-@click.option("--task", "tasks", multiple=True, type=click.Choice(list(TASKS)), help="May be repeated.  [default: all, with --agent the agents']")
-@click.option("--agent", "files", multiple=True, type=click.Path(path_type=Path), metavar="FILE", help="An agent's file; may be repeated.")
+@click.option(
+    "--task",
+    "tasks",
+    multiple=True,
+    type=click.Choice(list(TASKS)),
+    help="May be repeated.  [default: all, with --agent the agents']",
+)
+@click.option(
+    "--agent",
+    "files",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="An agent's file; may be repeated.",
+)
 @click.option("--split", type=click.Choice(list(SPLITS)), default="test", show_default=True)
 @click.option("--episodes", type=click.IntRange(min=2), default=EPISODES, show_default=True)
-@click.option("--board", type=click.Path(path_type=Path), help=f"Write the scores into a leaderboard, as in docs/{BOARD.name}.")
-@click.option("--page", type=click.Path(path_type=Path), help=f"Write the leaderboard's table into a page, as in docs/{PAGE.name}; with --board.")
-def main(tasks: tuple[str, ...], files: tuple[Path, ...], split: str, episodes: int, board: Path | None, page: Path | None) -> None:
+@click.option(
+    "--board",
+    type=click.Path(path_type=Path),
+    help=f"Write the scores into a leaderboard, as in docs/{BOARD.name}.",
+)
+@click.option(
+    "--page",
+    type=click.Path(path_type=Path),
+    help=f"Write the leaderboard's table into a page, as in docs/{PAGE.name}; with --board.",
+)
+def main(
+    tasks: tuple[str, ...],
+    files: tuple[Path, ...],
+    split: str,
+    episodes: int,
+    board: Path | None,
+    page: Path | None,
+) -> None:
     """Play chosen rules, shipped agents and given ones on the first seeds of a split, and say which is better and how sure that is."""
     with plain_errors():
         check_target("--board", board, (".csv",))
@@ -75,13 +125,20 @@ def main(tasks: tuple[str, ...], files: tuple[Path, ...], split: str, episodes: 
             require_markers(page, PAGE, (MARKER,))
         agents = [load_agent(file) for file in files]
         own = {agent.env_id.split("/")[1] for agent in agents}
-        require(own <= set(TASKS), "--agent", sorted(own - set(TASKS)), f"agents for {', '.join(TASKS)}")
+        require(
+            own <= set(TASKS), "--agent", sorted(own - set(TASKS)), f"agents for {', '.join(TASKS)}"
+        )
         found = {}
         for task in tasks or [name for name in TASKS if not own or name in own]:
-            found[task] = judged(task, [agent for agent in agents if agent.env_id == env_of(task)], split, episodes)
+            found[task] = judged(
+                task, [agent for agent in agents if agent.env_id == env_of(task)], split, episodes
+            )
             click.echo(f"{found[task]}\n")
         if board is not None:
             rows = write_board(board, found)
             if page is not None:
-                told = [(f"`{task}`", name, who, f"{float(s):.3f} [{float(a):.3f}, {float(b):.3f}]") for task, name, who, _, _, _, s, a, b in rows]
+                told = [
+                    (f"`{task}`", name, who, f"{float(s):.3f} [{float(a):.3f}, {float(b):.3f}]")
+                    for task, name, who, _, _, _, s, a, b in rows
+                ]
                 fill(page, PAGE, {MARKER: markdown(("task", "policy", "who", "mean score"), told)})

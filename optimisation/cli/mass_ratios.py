@@ -10,8 +10,23 @@ import numpy as np
 from impact_env.drive import PAPER_LIMITS
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
-from optimisation.cli.common import check_page, command, fill_page, name_files, page_option, plain_errors, rate_option, threads_option
-from optimisation.cli.scene_options import RESONANCES_HELP, model_of, read_device, scene_option, structure_option
+from optimisation.cli.common import (
+    check_page,
+    command,
+    fill_page,
+    name_files,
+    page_option,
+    plain_errors,
+    rate_option,
+    threads_option,
+)
+from optimisation.cli.scene_options import (
+    RESONANCES_HELP,
+    model_of,
+    read_device,
+    scene_option,
+    structure_option,
+)
 from optimisation.comparison import RESONANCES
 from optimisation.executors import cluster_option, workers
 from optimisation.extremes import usable_rate
@@ -26,7 +41,9 @@ FACTORS = 1.12 ** np.arange(-8, 5.0)  # of the rule's gap, 12 % apart, from 0.40
 FORCE = 1.0  # N: any would do, as gap and friction are in proportion to it
 
 
-def checks(model: ModalModel, ratios: Sequence[float], resonances: Sequence[int], given: dict[str, Any]) -> list[GapCheck]:
+def checks(
+    model: ModalModel, ratios: Sequence[float], resonances: Sequence[int], given: dict[str, Any]
+) -> list[GapCheck]:
     """Simulate the rule's gap and its neighbours for each mass ratio near each resonance, by mass; ``given`` are arguments of `check_gap`.
 
     Raises KeyboardInterrupt if it is stopped.
@@ -36,7 +53,16 @@ def checks(model: ModalModel, ratios: Sequence[float], resonances: Sequence[int]
         for resonance in resonances:
             absorber = scaled_absorber(model, FORCE, resonance, ratio)
             with runs_bar(f"mass ratio {ratio:g}, resonance {resonance}") as show:
-                check = check_gap(model, FORCE, resonance, absorber, factors=FACTORS, everywhere=True, progress=show, **given)
+                check = check_gap(
+                    model,
+                    FORCE,
+                    resonance,
+                    absorber,
+                    factors=FACTORS,
+                    everywhere=True,
+                    progress=show,
+                    **given,
+                )
             if not check.complete:
                 raise KeyboardInterrupt
             found.append(check)
@@ -62,32 +88,62 @@ def _cells(check: GapCheck) -> tuple[str, ...]:
 def text(found: Sequence[GapCheck]) -> str:
     """Return a line for each mass and resonance."""
     header = ("mass ratio", "resonance", "free amplitude over gap", "best gap over the rule's")
-    return markdown((*header, "level there, %", "level at the rule's, %", "rule's over best"), [_cells(check) for check in found])
+    return markdown(
+        (*header, "level there, %", "level at the rule's, %", "rule's over best"),
+        [_cells(check) for check in found],
+    )
 
 
 @command()
 @structure_option
 @scene_option
-@click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP)
-@click.option("--mass-ratio", "ratios", type=float, multiple=True, help=f"Absorber mass over the structure's; may be repeated.  [default: {RATIOS}]")
-@click.option("--members", type=click.IntRange(min=1), default=4, show_default=True, help="Runs for each gap, other in phase and 1e-6 of force.")
+@click.option(
+    "--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP
+)
+@click.option(
+    "--mass-ratio",
+    "ratios",
+    type=float,
+    multiple=True,
+    help=f"Absorber mass over the structure's; may be repeated.  [default: {RATIOS}]",
+)
+@click.option(
+    "--members",
+    type=click.IntRange(min=1),
+    default=4,
+    show_default=True,
+    help="Runs for each gap, other in phase and 1e-6 of force.",
+)
 @rate_option
 @threads_option
 @cluster_option
 @page_option(MARKER, "docs/which_gap.md")
-def main(structure: Path | None, scene: Path | None, ratios: tuple[float, ...], cluster: str | None, page: Path | None, **given: Any) -> None:
+def main(
+    structure: Path | None,
+    scene: Path | None,
+    ratios: tuple[float, ...],
+    cluster: str | None,
+    page: Path | None,
+    **given: Any,
+) -> None:
     """Simulate gaps from 0.4 to 1.6 times the design rule's for several masses, near two resonances, and print the best of each.
 
     By the scaling law the force does not matter: gap and friction are in proportion to it. Levels are relative to no absorber, at its own place.
     """
     with plain_errors():
         check_page(page, MARKER)
-        model = model_of(structure, Beam.absorber_position) if scene is None else mounted(read_device(scene, "structure")[0])
+        model = (
+            model_of(structure, Beam.absorber_position)
+            if scene is None
+            else mounted(read_device(scene, "structure")[0])
+        )
         given["percent_per_100_periods"] = given.pop("rate")
         if given["percent_per_100_periods"] is not None:
             usable_rate("--rate", given["percent_per_100_periods"], [PAPER_LIMITS])
         with workers(given["threads"], cluster) as given["executor"]:
-            found = checks(model, ratios or RATIOS, tuple(dict.fromkeys(given.pop("resonances"))), given)
+            found = checks(
+                model, ratios or RATIOS, tuple(dict.fromkeys(given.pop("resonances"))), given
+            )
         table = text(found)
         files = fill_page(page, MARKER, table)
     click.echo(table)

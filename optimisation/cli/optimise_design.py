@@ -16,17 +16,40 @@ import numpy as np
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
 from optimisation.cli import design_options as design
-from optimisation.cli.common import command, end_early, end_without, name_files, out_option, plain_errors
+from optimisation.cli.common import (
+    command,
+    end_early,
+    end_without,
+    name_files,
+    out_option,
+    plain_errors,
+)
 from optimisation.designs import Design
 from optimisation.executors import executor as executor_on
 from optimisation.files import require_writable, write_files
-from optimisation.insight import DRAWS, FEW, Levels, detuned, levels, over_force, sensitivity, service, varied, with_gaps
+from optimisation.insight import (
+    DRAWS,
+    FEW,
+    Levels,
+    detuned,
+    levels,
+    over_force,
+    sensitivity,
+    service,
+    varied,
+    with_gaps,
+)
 from optimisation.objectives import KINDS, MEAN, OWN, WORST, Condition, Objective
 from optimisation.progress import runs_bar
 from optimisation.report import design_tables as tables
 from optimisation.report.card import write_card
 from optimisation.report.cards import findings_card
-from optimisation.report.design_figures import save_curves, save_map, save_robustness, save_sensitivity
+from optimisation.report.design_figures import (
+    save_curves,
+    save_map,
+    save_robustness,
+    save_sensitivity,
+)
 from optimisation.search.find import BARS, SCIPY, Plan, find
 from optimisation.search.judge import AUDITED, Findings
 from optimisation.search.noisy import NOISY
@@ -34,55 +57,101 @@ from optimisation.search.settings import FAST, SAMPLERS
 from optimisation.variables import GAP, IMPACT, VARIABLES
 
 ALL = "all"
-DESIGNS, QUICK_DESIGNS = 400, 80
+DESIGNS = 400
+QUICK_DESIGNS = 80
 AT_HELP = "Resonance and force in N; may be repeated.  [default: 1:3.5 and 2:35, with --structure by the design rule]"
 USUAL = ((1, 3.5), (2, 35.0))
-FORCES, DETUNINGS, MAP = 10, 9, 16
-SOBOL, QUICK_SOBOL = 64, 16
+FORCES = 10
+DETUNINGS = 9
+MAP = 16
+SOBOL = 64
+QUICK_SOBOL = 16
 QUICK_DRAWS = 8
 
 
 def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Findings:
     """Run the winner in service, and what the figures show around it."""
-    problem, found = findings.problem, findings.verdict
+    problem = findings.problem
+    found = findings.verdict
     if found is None or not found.feasible or given["no_figures"] or not findings.finished:
         return findings
-    name, few = problem.space.concept, min(FEW, problem.members)
+    name = problem.space.concept
+    few = min(FEW, problem.members)
     if not problem.under_loads:  # its ranges and tolerances are those of a force
         with runs_bar(f"{name}: winner in service") as show:
             draws = QUICK_DRAWS if given["quick"] else DRAWS
-            findings = replace(findings, service=service(problem, found.winner.design, executor, few, draws, show))
+            findings = replace(
+                findings, service=service(problem, found.winner.design, executor, few, draws, show)
+            )
     both = [found.winner.design, found.paper.design]
-    parts_of = [[c for c in problem.conditions if c.resonance == k] for k in dict.fromkeys(c.resonance for c in problem.conditions)]
+    parts_of = [
+        [c for c in problem.conditions if c.resonance == k]
+        for k in dict.fromkeys(c.resonance for c in problem.conditions)
+    ]
     main = [part[len(part) // 2] for part in parts_of]  # the middle condition of each resonance
 
-    def seen(what: str, designs: list[Design], around: list[list[Condition]], members: int = few, rate: float | None = None) -> tuple[Levels, ...]:
+    def seen(
+        what: str,
+        designs: list[Design],
+        around: list[list[Condition]],
+        members: int = few,
+        rate: float | None = None,
+    ) -> tuple[Levels, ...]:
         with runs_bar(f"{name}: {what}") as show:
-            return tuple(levels(problem, designs, conditions, members, executor, show, rate) for conditions in around)
+            return tuple(
+                levels(problem, designs, conditions, members, executor, show, rate)
+                for conditions in around
+            )
 
-    grids = [[over_force(c, np.geomspace(c.force / 5, 5 * c.force, number)) for c in main] for number in (FORCES, MAP)]
+    grids = [
+        [over_force(c, np.geomspace(c.force / 5, 5 * c.force, number)) for c in main]
+        for number in (FORCES, MAP)
+    ]
     findings = replace(findings, curves=seen("curves over the force", both, grids[0]))
-    findings = replace(findings, detuned=seen("detuned beams", both, [detuned(c, np.linspace(-0.1, 0.1, DETUNINGS)) for c in main]))
+    findings = replace(
+        findings,
+        detuned=seen(
+            "detuned beams", both, [detuned(c, np.linspace(-0.1, 0.1, DETUNINGS)) for c in main]
+        ),
+    )
     if name == IMPACT:
-        gap, fast = found.winner.design.values[GAP], problem.rate if given["quick"] else FAST * problem.rate
+        gap = found.winner.design.values[GAP]
+        fast = problem.rate if given["quick"] else FAST * problem.rate
         gaps = np.geomspace(gap / 5, 5 * gap, MAP)
-        gap_map = seen("map over gap and force", with_gaps(found.winner.design, gaps), grids[1], 1, fast)
+        gap_map = seen(
+            "map over gap and force", with_gaps(found.winner.design, gaps), grids[1], 1, fast
+        )
         findings = replace(findings, gap_map=gap_map, gaps=tuple(gaps.tolist()))
     if len(varied(problem.space)) > 1:
         samples = QUICK_SOBOL if given["quick"] else SOBOL
         with runs_bar(f"{name}: sensitivity") as show:
-            findings = replace(findings, sensitivity=sensitivity(problem, found.winner.design, samples, few, executor, progress=show))
+            findings = replace(
+                findings,
+                sensitivity=sensitivity(
+                    problem, found.winner.design, samples, few, executor, progress=show
+                ),
+            )
     return findings
 
 
 def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
     """Write tables and figures of the findings, and return the files."""
-    designs, summary = tables.design_table(findings.problem, findings.told), design.conditions_of(given) | tables.summary(findings)
-    contents: dict[Path | None, object] = {out / "designs.csv": designs, out / "summary.json": summary}
-    drawn = (("curves", findings.curves, save_curves), ("detuned", findings.detuned, save_robustness), ("map", findings.gap_map, save_map))
+    designs = tables.design_table(findings.problem, findings.told)
+    summary = design.conditions_of(given) | tables.summary(findings)
+    contents: dict[Path | None, object] = {
+        out / "designs.csv": designs,
+        out / "summary.json": summary,
+    }
+    drawn = (
+        ("curves", findings.curves, save_curves),
+        ("detuned", findings.detuned, save_robustness),
+        ("map", findings.gap_map, save_map),
+    )
     for name, part, save in drawn:
         if part is not None:
-            names, gaps = ([], findings.gaps) if name == "map" else ((tables.WINNER, tables.PAPER), ())
+            names, gaps = (
+                ([], findings.gaps) if name == "map" else ((tables.WINNER, tables.PAPER), ())
+            )
             contents[out / f"{name}.csv"] = tables.level_table(part, names, gaps)
             contents[out / f"{name}.png"] = partial(save, findings=findings)
     if findings.sensitivity is not None:
@@ -92,12 +161,27 @@ def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
 
 def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Path) -> Findings:
     """Search a concept, write its files, and return the findings."""
-    loads, spread = design.loads_in(given), given["objective"] == "range"
-    conditions = design.make_conditions(concept, design.forces_at(given, USUAL), spread) if loads is None else design.load_conditions(loads, spread)
-    objective = Objective(given["objective"], given["over"], given["quantile"], None, given["limit"])
+    loads = design.loads_in(given)
+    spread = given["objective"] == "range"
+    conditions = (
+        design.make_conditions(concept, design.forces_at(given, USUAL), spread)
+        if loads is None
+        else design.load_conditions(loads, spread)
+    )
+    objective = Objective(
+        given["objective"], given["over"], given["quantile"], None, given["limit"]
+    )
     problem = design.make_problem(concept, conditions, (objective,), given)
     designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
-    plan = Plan(designs, given["sampler"], given["batch"], given["seed"], not given["no_screening"], given["from_scratch"], given["audit"])
+    plan = Plan(
+        designs,
+        given["sampler"],
+        given["batch"],
+        given["seed"],
+        not given["no_screening"],
+        given["from_scratch"],
+        given["audit"],
+    )
     findings = find(problem, plan, design.journal_of(given, out), executor, BARS)
     try:
         findings = explain(findings, given, executor)
@@ -111,19 +195,60 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
 
 
 @command(epilog=design.variables_help())
-@click.option("--concept", type=click.Choice([*VARIABLES, ALL]), default=IMPACT, show_default=True, help="Kind of absorber.")
-@click.option("--at", multiple=True, type=design.At(), help=AT_HELP)
-@click.option("--objective", default="level", show_default=True, help=f"What makes a design good: {', '.join(KINDS)}, or {OWN}.")
-@click.option("--over", type=click.Choice([WORST, MEAN]), default=WORST, show_default=True, help="How resonances and forces join.")
-@click.option("--quantile", type=float, default=0.5, show_default=True, help="Share of the members that meet or better the value.")
-@click.option("--limit", type=float, help="Relative level that the objective range must stay under.")
-@click.option("--designs", type=click.IntRange(min=2), help=f"Designs to search, rounded up to whole batches.  [default: {DESIGNS}]")
 @click.option(
-    "--sampler", type=click.Choice([*SAMPLERS, SCIPY, *NOISY]), help="Method.  [default: scipy without walls; cma; random for one variable]"
+    "--concept",
+    type=click.Choice([*VARIABLES, ALL]),
+    default=IMPACT,
+    show_default=True,
+    help="Kind of absorber.",
+)
+@click.option("--at", multiple=True, type=design.At(), help=AT_HELP)
+@click.option(
+    "--objective",
+    default="level",
+    show_default=True,
+    help=f"What makes a design good: {', '.join(KINDS)}, or {OWN}.",
+)
+@click.option(
+    "--over",
+    type=click.Choice([WORST, MEAN]),
+    default=WORST,
+    show_default=True,
+    help="How resonances and forces join.",
+)
+@click.option(
+    "--quantile",
+    type=float,
+    default=0.5,
+    show_default=True,
+    help="Share of the members that meet or better the value.",
+)
+@click.option(
+    "--limit", type=float, help="Relative level that the objective range must stay under."
+)
+@click.option(
+    "--designs",
+    type=click.IntRange(min=2),
+    help=f"Designs to search, rounded up to whole batches.  [default: {DESIGNS}]",
+)
+@click.option(
+    "--sampler",
+    type=click.Choice([*SAMPLERS, SCIPY, *NOISY]),
+    help="Method.  [default: scipy without walls; cma; random for one variable]",
 )
 @click.option("--from-scratch", is_flag=True, help="Do not begin with the paper's design.")
-@click.option("--no-screening", is_flag=True, help="Run every design in full instead of leaving hopeless ones behind.")
-@click.option("--audit", type=click.IntRange(min=0), default=AUDITED, show_default=True, help="Designs left behind to run in full all the same.")
+@click.option(
+    "--no-screening",
+    is_flag=True,
+    help="Run every design in full instead of leaving hopeless ones behind.",
+)
+@click.option(
+    "--audit",
+    type=click.IntRange(min=0),
+    default=AUDITED,
+    show_default=True,
+    help="Designs left behind to run in full all the same.",
+)
 @click.option("--no-figures", is_flag=True, help="Search and judge only.")
 @design.study_option
 @out_option("results/optimise_design", "Folder; a concept has one in it.")
@@ -140,7 +265,9 @@ def main(**given: Any) -> None:
     found: list[Findings] = []
     with plain_errors(design.KEPT):
         if given["every"] and given["study"] is not None:
-            raise ParameterError(f"--study = {given['study']} is not allowed: with one concept, as each has a file of its own")
+            raise ParameterError(
+                f"--study = {given['study']} is not allowed: with one concept, as each has a file of its own"
+            )
         with executor_on(given["threads"], given["cluster"]) as executor:
             for concept in concepts:
                 out = given["out"] / concept
@@ -149,4 +276,6 @@ def main(**given: Any) -> None:
                 if not found[-1].finished:
                     break
     end_early(all(findings.finished for findings in found), design.GOES_ON)
-    end_without(all(findings.verdict is not None and findings.verdict.feasible for findings in found))
+    end_without(
+        all(findings.verdict is not None and findings.verdict.feasible for findings in found)
+    )

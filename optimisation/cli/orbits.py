@@ -17,13 +17,34 @@ from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.isolas import folds, thresholds
 from impact_env.periodic.offspring import all_orbits_over, descendants
 from impact_env.periodic.orbit import Orbit, plain_orbit
-from impact_env.periodic.orbit_branches import OrbitBranch, lies_on, orbit_branch, orbit_branches, places_of
+from impact_env.periodic.orbit_branches import (
+    OrbitBranch,
+    lies_on,
+    orbit_branch,
+    orbit_branches,
+    places_of,
+)
 from impact_env.periodic.response_curve import ResponseCurve, orbit_curve
 from impact_env.periodic.survey import Found, attractors, closed_form_orbits, different, orbits_over
 from impact_env.periodic.validation import validation_alongside
 from optimisation.bounds import design_force, design_gap
-from optimisation.cli.common import BadInput, check_targets, command, end_early, file_option, json_option, name_files, plain_errors
-from optimisation.cli.scene_options import model_of, read_device, refuse_beside, scene_option, structure_option
+from optimisation.cli.common import (
+    BadInput,
+    check_targets,
+    command,
+    end_early,
+    file_option,
+    json_option,
+    name_files,
+    plain_errors,
+)
+from optimisation.cli.scene_options import (
+    model_of,
+    read_device,
+    refuse_beside,
+    scene_option,
+    structure_option,
+)
 from optimisation.files import write_files, write_json
 from optimisation.gap_check import rigid_walls
 from optimisation.mounting import mounted
@@ -34,8 +55,13 @@ from optimisation.report import periodic_figures as report
 FORCE = 1.5  # N, the paper's moderate level of excitation
 FORCE_HELP = f"Amplitude of the harmonic force in N; not used for thresholds.  [default: {FORCE}, with --structure or --scene by the design rule]"
 GAP_HELP = f"Clearance to either wall in m.  [default: {RigidWalls.gap}, with --structure and --force by the design rule]"
-FROM, TO = 0.9, 1.06  # of the first resonance, the paper's range
-POINTS, AROUND, RANGE = 81, 21, 0.02  # frequencies listed, and those from which branches lead to a single one, with its neighbourhood
+# of the first resonance, the paper's range
+FROM = 0.9
+TO = 1.06
+# frequencies listed, and those from which branches lead to a single one, with its neighbourhood
+POINTS = 81
+AROUND = 21
+RANGE = 0.02
 ALONG = ("force", "gap", "restitution", "friction-limit")
 CURVES = [kind.replace(" ", "-") for kind in KINDS]
 UNITS = {  # of each of these: its name in files, in figures, and the figure's unit
@@ -57,7 +83,9 @@ def kept(complete: list[bool]) -> Iterator[None]:
         complete[0] = False
 
 
-def searched(case: Case, ratios: Array, symmetric: bool, told: Told, settle: bool = True) -> Iterator[Found]:
+def searched(
+    case: Case, ratios: Array, symmetric: bool, told: Told, settle: bool = True
+) -> Iterator[Found]:
     """Yield the orbits at each ratio (M,): the symmetric ones only, or also what leaves their branches and, with ``settle``, what runs come to."""
     if symmetric:
         return orbits_over(case, ratios, lambda done, total: told("frequencies", done, total))
@@ -69,7 +97,12 @@ def listed(case: Case, given: dict[str, Any], told: Told, complete: list[bool]) 
     found: list[Found] = []
     with kept(complete):
         if given["at"] is None:
-            found += searched(case, np.linspace(given["start"], given["stop"], given["points"]), given["symmetric"], told)
+            found += searched(
+                case,
+                np.linspace(given["start"], given["stop"], given["points"]),
+                given["symmetric"],
+                told,
+            )
             return found
         around(case, given, told, found)
         here = found[0]
@@ -83,23 +116,37 @@ def listed(case: Case, given: dict[str, Any], told: Told, complete: list[bool]) 
 
 def around(case: Case, given: dict[str, Any], told: Told, found: list[Found]) -> None:
     """Add the orbits at the single frequency asked for to ``found``, even after Ctrl-C; its neighbours are where branches begin."""
-    at, groups = given["at"], list[Found]()
-    low, high = max(given["start"], at - RANGE), min(given["stop"], at + RANGE)
+    at = given["at"]
+    groups = list[Found]()
+    low = max(given["start"], at - RANGE)
+    high = min(given["stop"], at + RANGE)
     try:
-        groups += searched(case, np.union1d(np.linspace(low, high, AROUND), [at]), given["symmetric"], told, settle=False)
+        groups += searched(
+            case,
+            np.union1d(np.linspace(low, high, AROUND), [at]),
+            given["symmetric"],
+            told,
+            settle=False,
+        )
     finally:
         found += [group for group in groups if abs(group.case.omega_ratio - at) < 1e-12]
 
 
 def along(case: Case, given: dict[str, Any], told: Told) -> Iterator[ResponseCurve]:
     """Yield the branches of the symmetric orbits at one frequency over another parameter, each once."""
-    name, known = given["along"].replace("-", "_"), list[Array]()
+    name = given["along"].replace("-", "_")
+    known = list[Array]()
     at = case.changed(omega=given["at"] * case.omega)
     low, high = given["over"]
     for orbit in closed_form_orbits(at).orbits:
         if any(lies_on(places, orbit.solution) for places in known):
             continue
-        branch = orbit_branch(orbit.solution, name, (low, high), progress=lambda points, _value: told(f"branch {len(known) + 1}, points", points, 0))
+        branch = orbit_branch(
+            orbit.solution,
+            name,
+            (low, high),
+            progress=lambda points, _value: told(f"branch {len(known) + 1}, points", points, 0),
+        )
         known.append(places_of(branch))
         yield orbit_curve(branch, 1.0)
 
@@ -110,24 +157,37 @@ def _renamed(plain: Any, key: str) -> Any:
         return [_renamed(value, key) for value in plain]
     if not isinstance(plain, dict):
         return plain
-    return {key if name == "omega_ratio" else name: value if name == "orbits" else _renamed(value, key) for name, value in plain.items()}
+    return {
+        key if name == "omega_ratio" else name: value if name == "orbits" else _renamed(value, key)
+        for name, value in plain.items()
+    }
 
 
 def along_text(found: list[ResponseCurve], name: str) -> str:
     """Return a line for each branch over a parameter."""
     rows = []
     for number, curve in enumerate(found, 1):
-        places = ", ".join(f"{mark.kind} {mark.omega_ratio:.6g}" for mark in sorted(curve.located, key=lambda mark: mark.omega_ratio))
-        peak = "" if curve.peak is None else f"{1e3 * curve.peak.tip_max:.4f} at {curve.peak.omega_ratio:.5g}"
+        places = ", ".join(
+            f"{mark.kind} {mark.omega_ratio:.6g}"
+            for mark in sorted(curve.located, key=lambda mark: mark.omega_ratio)
+        )
+        peak = (
+            ""
+            if curve.peak is None
+            else f"{1e3 * curve.peak.tip_max:.4f} at {curve.peak.omega_ratio:.5g}"
+        )
         ends = f"{curve.omega_ratio.min():.5g} to {curve.omega_ratio.max():.5g}"
         stable = "" if curve.stable is None else f"{100 * curve.stable.mean():.0f}"
         rows.append((str(number), str(len(curve.tip_max)), ends, peak, stable, places))
     return markdown(("branch", "points", name, "peak, mm", "stable, %", "located"), rows)
 
 
-def two_parameters(case: Case, given: dict[str, Any], told: Told, complete: list[bool]) -> Iterator[dict[str, Any]]:
+def two_parameters(
+    case: Case, given: dict[str, Any], told: Told, complete: list[bool]
+) -> Iterator[dict[str, Any]]:
     """Yield the plain forms of the curves of bifurcations through the branches over the frequency, over that and a second parameter."""
-    first, name = case.omega, given["second"].replace("-", "_")
+    first = case.omega
+    name = given["second"].replace("-", "_")
     limits = (given["start"] * first, given["stop"] * first)
 
     def show(what: str, points: int, _value: float) -> None:
@@ -135,10 +195,23 @@ def two_parameters(case: Case, given: dict[str, Any], told: Told, complete: list
 
     with kept(complete):
         branches = list(orbit_branches(case, *limits, progress=show))
-        branches += () if given["symmetric"] else [found for found in descendants(branches, limits) if isinstance(found, OrbitBranch)]
+        branches += (
+            ()
+            if given["symmetric"]
+            else [
+                found for found in descendants(branches, limits) if isinstance(found, OrbitBranch)
+            ]
+        )
         if any(branch.branch.ended == STOPPED for branch in branches):
             raise KeyboardInterrupt
-        for curve in bifurcation_curves(branches, [kind.replace("-", " ") for kind in given["curve"]], name, given["over"], limits, show):
+        for curve in bifurcation_curves(
+            branches,
+            [kind.replace("-", " ") for kind in given["curve"]],
+            name,
+            given["over"],
+            limits,
+            show,
+        ):
             complete[0] &= curve.branch.ended != STOPPED
             yield curve.to_plain()
 
@@ -149,8 +222,18 @@ def asked_curves(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str,
     with stages_bar("orbits", leave=False) as told:
         curves = list(two_parameters(case, given, told, complete))
     force = "" if given["second"] == "force" else f", {case.force:g} N"
-    rows = ([key if name == "value" else name for name in report.CURVE_COLUMNS], report.curve_rows(curves))
-    write_files({given["csv"]: rows, given["plot"]: lambda path: report.save_curves(path, curves, f"{case.scene}{force}", words, scale)})
+    rows = (
+        [key if name == "value" else name for name in report.CURVE_COLUMNS],
+        report.curve_rows(curves),
+    )
+    write_files(
+        {
+            given["csv"]: rows,
+            given["plot"]: lambda path: report.save_curves(
+                path, curves, f"{case.scene}{force}", words, scale
+            ),
+        }
+    )
     return report.curve_text(curves, words, scale), curves, complete[0]
 
 
@@ -159,24 +242,44 @@ def check(given: dict[str, Any]) -> None:
     if given["folds"] and given["thresholds"]:
         raise BadInput("--folds does not go with --thresholds: the JSON file has one list")
     if given["curve"]:
-        if given["second"] is None or given["over"] is None or any(given[name] for name in ("along", "at", "folds", "thresholds")):
-            raise BadInput("--curve goes with --with, a second parameter, and --over, its range, and not with --along, --at, --folds or --thresholds")
+        if (
+            given["second"] is None
+            or given["over"] is None
+            or any(given[name] for name in ("along", "at", "folds", "thresholds"))
+        ):
+            raise BadInput(
+                "--curve goes with --with, a second parameter, and --over, its range, and not with --along, --at, --folds or --thresholds"
+            )
         if given["second"] == "friction-limit" and not given["over"][0] > 0:
-            allowed = "friction limits above 0, as without friction the order of events is another one"
+            allowed = (
+                "friction limits above 0, as without friction the order of events is another one"
+            )
             raise BadInput(f"--over = {given['over']} is not allowed: {allowed}")
     elif given["second"] is not None or given["csv"] is not None or given["plot"] is not None:
-        raise BadInput("--with, --csv and --plot go with --curve: they are about curves over two parameters")
-    elif (given["along"] is None) != (given["over"] is None) or (given["along"] is not None and given["at"] is None):
-        raise BadInput("--along, --over and --at go together: a parameter, the range it is followed over, and the frequency")
+        raise BadInput(
+            "--with, --csv and --plot go with --curve: they are about curves over two parameters"
+        )
+    elif (given["along"] is None) != (given["over"] is None) or (
+        given["along"] is not None and given["at"] is None
+    ):
+        raise BadInput(
+            "--along, --over and --at go together: a parameter, the range it is followed over, and the frequency"
+        )
     if given["over"] is not None:
         low, high = given["over"]
         require(low < high, "--over", given["over"], "two numbers, the lower one first")
     if given["at"] is not None and (given["folds"] or given["thresholds"]):
-        raise BadInput("--at does not go with --folds or --thresholds: they are sought from --from to --to")
+        raise BadInput(
+            "--at does not go with --folds or --thresholds: they are sought from --from to --to"
+        )
     if not 0 < given["start"] < given["stop"]:
-        raise BadInput(f"--from = {given['start']} is not allowed: a ratio above 0 and below --to = {given['stop']}")
+        raise BadInput(
+            f"--from = {given['start']} is not allowed: a ratio above 0 and below --to = {given['stop']}"
+        )
     if given["at"] is not None and not given["start"] <= given["at"] <= given["stop"]:
-        raise BadInput(f"--at = {given['at']} is not allowed: a ratio from --from = {given['start']} to --to = {given['stop']}")
+        raise BadInput(
+            f"--at = {given['at']} is not allowed: a ratio from --from = {given['start']} to --to = {given['stop']}"
+        )
     count("points", given["points"], 2)
     check_targets(given, ".json", ".gz")
 
@@ -187,16 +290,48 @@ def case_of(given: dict[str, Any]) -> Case:
     if given["scene"] is None:
         model = model_of(given["structure"], modes=given["modes"], damping_ratio=given["damping"])
     else:
-        structure, device = read_device(given["scene"], "structure", "modes", "damping", "mass_ratio", "gap", "restitution", "friction_limit")
-        model, walls = mounted(structure), rigid_walls(device)
-        given |= {"mass_ratio": device.mass_ratio, "gap": walls.gap, "restitution": walls.restitution}
+        structure, device = read_device(
+            given["scene"],
+            "structure",
+            "modes",
+            "damping",
+            "mass_ratio",
+            "gap",
+            "restitution",
+            "friction_limit",
+        )
+        model = mounted(structure)
+        walls = rigid_walls(device)
+        given |= {
+            "mass_ratio": device.mass_ratio,
+            "gap": walls.gap,
+            "restitution": walls.restitution,
+        }
         given["friction_limit"] = 0.0 if device.friction is None else device.friction.limit
-    force, gap, ratio = given["force"], given["gap"], positive("mass_ratio", given["mass_ratio"])
+    force = given["force"]
+    gap = given["gap"]
+    ratio = positive("mass_ratio", given["mass_ratio"])
     if gap is None:
-        gap = RigidWalls.gap if given["structure"] is None or force is None else design_gap(model, ratio * model.beam_mass, force)
+        gap = (
+            RigidWalls.gap
+            if given["structure"] is None or force is None
+            else design_gap(model, ratio * model.beam_mass, force)
+        )
     if force is None:
-        force = FORCE if given["structure"] is None and given["scene"] is None else design_force(model, ratio * model.beam_mass, positive("gap", gap))
-    return Case(model, float(model.omega[0]), force, gap, given["restitution"], given["friction_limit"], ratio)
+        force = (
+            FORCE
+            if given["structure"] is None and given["scene"] is None
+            else design_force(model, ratio * model.beam_mass, positive("gap", gap))
+        )
+    return Case(
+        model,
+        float(model.omega[0]),
+        force,
+        gap,
+        given["restitution"],
+        given["friction_limit"],
+        ratio,
+    )
 
 
 def run(given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
@@ -205,25 +340,41 @@ def run(given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
     case = case_of(given)
     if given["curve"]:
         (low, high), own = given["over"], getattr(case, given["second"].replace("-", "_"))
-        require(low <= own <= high, "--over", given["over"], f"a range around {own:g}, where the curves begin")
+        require(
+            low <= own <= high,
+            "--over",
+            given["over"],
+            f"a range around {own:g}, where the curves begin",
+        )
     with validation_alongside(case):
         return asked_for(case, given)
 
 
 def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
     """Return folds, thresholds or orbits, as `run`."""
-    low, high = given["start"], given["stop"]
+    low = given["start"]
+    high = given["stop"]
     if given["curve"]:
         return asked_curves(case, given)
     if given["thresholds"]:
         levels = thresholds(case, low, high)
         confirmed = [level for level in levels if isinstance(level.orbit, Orbit)]
-        plain = [{"kind": level.kind, "force_N": level.force, "omega_ratio": level.omega_ratio} for level in confirmed]
+        plain = [
+            {"kind": level.kind, "force_N": level.force, "omega_ratio": level.omega_ratio}
+            for level in confirmed
+        ]
         return report.threshold_text(levels), plain, True
     if given["folds"]:
         located = folds(case, low, high)
         pairs = [(fold, fold.orbit) for fold in located if isinstance(fold.orbit, Orbit)]
-        plain = [{"omega_ratio": fold.omega_ratio, "force_N": fold.force, "tip_max_m": orbit.motion.tip_max} for fold, orbit in pairs]
+        plain = [
+            {
+                "omega_ratio": fold.omega_ratio,
+                "force_N": fold.force,
+                "tip_max_m": orbit.motion.tip_max,
+            }
+            for fold, orbit in pairs
+        ]
         return report.fold_text(located), plain, True
     if given["along"] is not None:
         with stages_bar("orbits", leave=False) as told:
@@ -235,33 +386,113 @@ def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, An
     with stages_bar("orbits", leave=False) as told:
         found = listed(case, given, told, complete)
     orbits = [orbit for group in found for orbit in group.orbits]
-    notes = report.refusals([orbit for group in found for orbit in group.refused], "solutions or runs are")
+    notes = report.refusals(
+        [orbit for group in found for orbit in group.refused], "solutions or runs are"
+    )
     stable = sum(orbit.stability.stable for orbit in orbits)
-    text = "\n".join([report.orbit_table(orbits), "", f"{len(orbits)} orbits, {stable} of them stable.", *notes])
+    text = "\n".join(
+        [report.orbit_table(orbits), "", f"{len(orbits)} orbits, {stable} of them stable.", *notes]
+    )
     return text, [plain_orbit(orbit) for orbit in orbits], complete[0]
 
 
 @command()
 @structure_option
 @scene_option
-@click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
-@click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Modal damping ratio, the same for all modes.")
-@click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
+@click.option(
+    "--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept."
+)
+@click.option(
+    "--damping",
+    type=float,
+    default=Beam.damping_ratio,
+    show_default=True,
+    help="Modal damping ratio, the same for all modes.",
+)
+@click.option(
+    "--mass-ratio",
+    type=float,
+    default=DEFAULT_MASS_RATIO,
+    show_default=True,
+    help="Absorber mass over beam mass.",
+)
 @click.option("--gap", type=float, help=GAP_HELP)
-@click.option("--restitution", type=float, default=RigidWalls.restitution, show_default=True, help="Coefficient of restitution, 0 to 1.")
-@click.option("--friction-limit", type=float, default=0.0, show_default=True, help="Friction limit in N; 0: no friction.")
+@click.option(
+    "--restitution",
+    type=float,
+    default=RigidWalls.restitution,
+    show_default=True,
+    help="Coefficient of restitution, 0 to 1.",
+)
+@click.option(
+    "--friction-limit",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Friction limit in N; 0: no friction.",
+)
 @click.option("--force", type=float, help=FORCE_HELP)
-@click.option("--from", "start", type=float, default=FROM, show_default=True, help="First frequency over that of the first resonance.")
-@click.option("--to", "stop", type=float, default=TO, show_default=True, help="Last frequency over that of the first resonance.")
-@click.option("--at", type=float, help="One frequency only; also what runs settle to there, of any period up to eight of the force's.")
-@click.option("--along", type=click.Choice(ALONG), help="With --at: the symmetric orbits' branches over this parameter.")
-@click.option("--curve", type=click.Choice(CURVES), multiple=True, help="Its curve over two parameters; repeatable.")
-@click.option("--with", "second", type=click.Choice(ALONG), help="With --curve: the parameter beside the frequency.")
-@click.option("--over", type=float, nargs=2, metavar="LOW HIGH", help="Range of the parameter of --along or --with, SI units.")
-@click.option("--points", type=int, default=POINTS, show_default=True, help="Frequencies listed from the first to the last.")
+@click.option(
+    "--from",
+    "start",
+    type=float,
+    default=FROM,
+    show_default=True,
+    help="First frequency over that of the first resonance.",
+)
+@click.option(
+    "--to",
+    "stop",
+    type=float,
+    default=TO,
+    show_default=True,
+    help="Last frequency over that of the first resonance.",
+)
+@click.option(
+    "--at",
+    type=float,
+    help="One frequency only; also what runs settle to there, of any period up to eight of the force's.",
+)
+@click.option(
+    "--along",
+    type=click.Choice(ALONG),
+    help="With --at: the symmetric orbits' branches over this parameter.",
+)
+@click.option(
+    "--curve",
+    type=click.Choice(CURVES),
+    multiple=True,
+    help="Its curve over two parameters; repeatable.",
+)
+@click.option(
+    "--with",
+    "second",
+    type=click.Choice(ALONG),
+    help="With --curve: the parameter beside the frequency.",
+)
+@click.option(
+    "--over",
+    type=float,
+    nargs=2,
+    metavar="LOW HIGH",
+    help="Range of the parameter of --along or --with, SI units.",
+)
+@click.option(
+    "--points",
+    type=int,
+    default=POINTS,
+    show_default=True,
+    help="Frequencies listed from the first to the last.",
+)
 @click.option("--symmetric", is_flag=True, help="Symmetric orbits only, which is quicker.")
-@click.option("--folds", is_flag=True, help="The folds of the branches at this force instead of orbits.")
-@click.option("--thresholds", is_flag=True, help="The forces at which isolas are born and merge instead of orbits.")
+@click.option(
+    "--folds", is_flag=True, help="The folds of the branches at this force instead of orbits."
+)
+@click.option(
+    "--thresholds",
+    is_flag=True,
+    help="The forces at which isolas are born and merge instead of orbits.",
+)
 @file_option("--csv", "With --curve: write a row for each point.")
 @file_option("--plot", "With --curve: draw it: .png, .pdf or .svg.")
 @json_option("Write the list, in SI units.")

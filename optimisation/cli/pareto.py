@@ -14,7 +14,14 @@ import numpy as np
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
 from optimisation.cli import design_options as design
-from optimisation.cli.common import command, end_early, end_without, name_files, out_option, plain_errors
+from optimisation.cli.common import (
+    command,
+    end_early,
+    end_without,
+    name_files,
+    out_option,
+    plain_errors,
+)
 from optimisation.cli.scene_options import is_given, refuse_beside_load
 from optimisation.executors import executor as executor_on
 from optimisation.files import require_writable, write_files
@@ -27,10 +34,13 @@ from optimisation.search import pareto as fronts
 from optimisation.search.settings import CMA, SAMPLERS, default_settings
 from optimisation.variables import FRICTION_LIMIT, GAP, IMPACT
 
-RESONANCES, SEVERITY = "resonances", "severity"
-DESIGNS, QUICK_DESIGNS = 300, 100
+RESONANCES = "resonances"
+SEVERITY = "severity"
+DESIGNS = 300
+QUICK_DESIGNS = 100
 AT_HELP = "Resonance and force in N; may be repeated.  [default: 1:3.5 and, for resonances, 2:15; with --structure by the design rule]"
-MEMBERS, QUICK_MEMBERS = 4, 2
+MEMBERS = 4
+QUICK_MEMBERS = 2
 DEFAULT_AT = {RESONANCES: fronts.FORCES, SEVERITY: ((1, 3.5),)}
 SEVEREST = 0.1  # W: a corner for hypervolumes
 CORNERS = {RESONANCES: fronts.CORNER, SEVERITY: (fronts.CORNER[0], SEVEREST)}
@@ -42,45 +52,96 @@ def make(against: str, given: dict[str, Any]) -> Problem:
     pairs = design.forces_at(given, DEFAULT_AT[against]) if loads is None else []
     if against == RESONANCES:
         if len({resonance for resonance, _ in pairs}) != 2:
-            raise ParameterError(f"--at = {pairs} is not allowed: with --against {RESONANCES} two resonances")
-        objectives = tuple(Objective(resonance=resonance) for resonance in sorted({resonance for resonance, _ in pairs}))
+            raise ParameterError(
+                f"--at = {pairs} is not allowed: with --against {RESONANCES} two resonances"
+            )
+        objectives = tuple(
+            Objective(resonance=resonance)
+            for resonance in sorted({resonance for resonance, _ in pairs})
+        )
     else:
         objectives = (Objective(), Objective("severity"))
         given["free"] = given["free"] or (GAP, FRICTION_LIMIT)
     given["members"] = given["members"] or (QUICK_MEMBERS if given["quick"] else MEMBERS)
-    return design.make_problem(IMPACT, design.make_conditions(IMPACT, pairs) if loads is None else design.load_conditions(loads), objectives, given)
+    return design.make_problem(
+        IMPACT,
+        design.make_conditions(IMPACT, pairs) if loads is None else design.load_conditions(loads),
+        objectives,
+        given,
+    )
 
 
-def study(problem: Problem, given: dict[str, Any], journal: Path, executor: Executor) -> fronts.Front:
+def study(
+    problem: Problem, given: dict[str, Any], journal: Path, executor: Executor
+) -> fronts.Front:
     """Search, judge and compare; what a Ctrl-C breaks off is left out."""
     designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
     settings = default_settings(problem, given["sampler"], given["batch"], given["seed"])
-    front = fronts.search_front(problem, settings, designs, CORNERS[given["against"]], journal, executor)
+    front = fronts.search_front(
+        problem, settings, designs, CORNERS[given["against"]], journal, executor
+    )
     if front.finished and front.index:
         front = fronts.borne_along(fronts.judge_front(front, executor), executor)
-        front = fronts.compare_with_random(front, settings, given["random_seeds"], executor) if given["random_seeds"] else front
+        front = (
+            fronts.compare_with_random(front, settings, given["random_seeds"], executor)
+            if given["random_seeds"]
+            else front
+        )
     return front
 
 
 def write(out: Path, front: fronts.Front, given: dict[str, Any]) -> list[Path]:
     """Write the tables and figures of a front, and return the files."""
     summary = design.conditions_of(given) | fronts.front_summary(front)
-    files = write_files({out / "front.csv": fronts.front_table(front), out / "summary.json": summary})
+    files = write_files(
+        {out / "front.csv": fronts.front_table(front), out / "summary.json": summary}
+    )
     if front.fresh and front.paper is not None:
         labels = [o.label for o in front.problem.objectives]
-        searched, found = (np.array([e.score.values for e in part]) for part in (front.told, front.members))
-        fresh, paper = np.array([j.score.values for j in front.fresh]), np.array(front.paper.score.values)
+        searched, found = (
+            np.array([e.score.values for e in part]) for part in (front.told, front.members)
+        )
+        fresh = np.array([j.score.values for j in front.fresh])
+        paper = np.array(front.paper.score.values)
         files.append(out / "front.png")
-        save_front(files[-1], (labels[0], labels[1]), searched, found, fresh, paper, fronts.bounds_of(front))
+        save_front(
+            files[-1],
+            (labels[0], labels[1]),
+            searched,
+            found,
+            fresh,
+            paper,
+            fronts.bounds_of(front),
+        )
     return files + write_card(out, front_card(front))
 
 
 @command(epilog=design.variables_help())
-@click.option("--against", type=click.Choice([RESONANCES, SEVERITY]), default=RESONANCES, show_default=True, help="What is traded against what.")
+@click.option(
+    "--against",
+    type=click.Choice([RESONANCES, SEVERITY]),
+    default=RESONANCES,
+    show_default=True,
+    help="What is traded against what.",
+)
 @click.option("--at", multiple=True, type=design.At(), help=AT_HELP)
-@click.option("--designs", type=click.IntRange(min=2), help=f"Designs to search, rounded up to whole batches.  [default: {DESIGNS}]")
-@click.option("--sampler", type=click.Choice([name for name in SAMPLERS if name != CMA]), help="Method.  [default: nsga2]")
-@click.option("--random-seeds", type=click.IntRange(min=0), default=0, show_default=True, help="Compare with random search, with this many seeds.")
+@click.option(
+    "--designs",
+    type=click.IntRange(min=2),
+    help=f"Designs to search, rounded up to whole batches.  [default: {DESIGNS}]",
+)
+@click.option(
+    "--sampler",
+    type=click.Choice([name for name in SAMPLERS if name != CMA]),
+    help="Method.  [default: nsga2]",
+)
+@click.option(
+    "--random-seeds",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Compare with random search, with this many seeds.",
+)
 @design.study_option
 @out_option("results/pareto", "Folder; each choice of --against has one in it.")
 @design.shared_options
@@ -95,7 +156,9 @@ def main(**given: Any) -> None:
     out = given["out"] / given["against"]
     with plain_errors(design.KEPT):
         if given["against"] == RESONANCES:
-            refuse_beside_load(given["load"], "against", why=f"loads are met as they are; {SEVERITY} goes with it")
+            refuse_beside_load(
+                given["load"], "against", why=f"loads are met as they are; {SEVERITY} goes with it"
+            )
         require_writable("--out", out)
         problem = make(given["against"], given)
         with executor_on(given["threads"], given["cluster"]) as executor:

@@ -13,7 +13,11 @@ from optimisation.cli.common import command, plain_errors
 
 @command()
 @click.argument("what", type=click.Choice([word for word in JOBS if word]), required=False)
-@click.option("--host", is_flag=True, help="Compile them for this very processor, also where kernels for any came with the package.")
+@click.option(
+    "--host",
+    is_flag=True,
+    help="Compile them for this very processor, also where kernels for any came with the package.",
+)
 def main(what: str | None, host: bool) -> None:
     """Compile the kernels of the usual scenes, those of the environments, or both with all that is usually recorded (all), unless they are there.
 

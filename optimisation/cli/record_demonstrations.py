@@ -20,10 +20,35 @@ SHOWN = ("rule", "ppo", "sac", "random")
 
 
 @command()
-@click.option("--task", "tasks", multiple=True, type=click.Choice(list(TASKS)), help="May be repeated.  [default: all]")
-@click.option("--policy", "words", multiple=True, type=click.Choice(SHOWN), default=("rule",), show_default=True, help="May be repeated.")
-@click.option("--episodes", type=click.IntRange(min=1), default=EPISODES, show_default=True, help="Episodes a set, on training seeds.")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("results/demonstrations"), show_default=True)
+@click.option(
+    "--task",
+    "tasks",
+    multiple=True,
+    type=click.Choice(list(TASKS)),
+    help="May be repeated.  [default: all]",
+)
+@click.option(
+    "--policy",
+    "words",
+    multiple=True,
+    type=click.Choice(SHOWN),
+    default=("rule",),
+    show_default=True,
+    help="May be repeated.",
+)
+@click.option(
+    "--episodes",
+    type=click.IntRange(min=1),
+    default=EPISODES,
+    show_default=True,
+    help="Episodes a set, on training seeds.",
+)
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("results/demonstrations"),
+    show_default=True,
+)
 def main(tasks: tuple[str, ...], words: tuple[str, ...], episodes: int, out: Path) -> None:
     """Play episodes of each task and write OUT/TASK-POLICY-v0, a data set that Minari reads (MINARI_DATASETS_PATH=OUT)."""
     with plain_errors():
@@ -31,9 +56,14 @@ def main(tasks: tuple[str, ...], words: tuple[str, ...], episodes: int, out: Pat
         for task in tasks or TASKS:
             for word in words:
                 chance = Random(numbers=TASKS[task].numbers) if word == "random" else None
-                plays: Any = chance or (policies(task)[EIGHT] if word == "rule" else load_agent(task, word))
+                plays: Any = chance or (
+                    policies(task)[EIGHT] if word == "rule" else load_agent(task, word)
+                )
                 shown = record(plays, env_of(task), SPLITS["train"][:episodes])
                 folder = out / f"{task.rpartition('-')[0]}-{word}-v0"
                 write_demonstrations(folder, shown, word)
-                scores, steps = sum(float(rewards.sum()) for rewards in shown.rewards), sum(map(len, shown.rewards))
-                click.echo(f"{folder}: {episodes} episodes of {word}, {steps:,} steps, mean score {scores / episodes:.3f}")
+                scores = sum(float(rewards.sum()) for rewards in shown.rewards)
+                steps = sum(map(len, shown.rewards))
+                click.echo(
+                    f"{folder}: {episodes} episodes of {word}, {steps:,} steps, mean score {scores / episodes:.3f}"
+                )

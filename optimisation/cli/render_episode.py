@@ -16,15 +16,41 @@ OPTIONS = {"name": "env", "action": "action", "chance": "random", "interval": "i
 
 
 @command()
-@click.option("--env", "name", type=click.Choice(sorted(NAMES), case_sensitive=False), default="sweeprate", show_default=True)
-@click.option("--gif", "target", type=FILE, metavar="FILE", help="Write the film instead of showing it.")
-@click.option("--action", type=click.FloatRange(-1, 1), default=1.0, show_default=True, help="What is done in every interval.")
-@click.option("--random", "chance", is_flag=True, help="Do something random in every interval instead.")
+@click.option(
+    "--env",
+    "name",
+    type=click.Choice(sorted(NAMES), case_sensitive=False),
+    default="sweeprate",
+    show_default=True,
+)
+@click.option(
+    "--gif", "target", type=FILE, metavar="FILE", help="Write the film instead of showing it."
+)
+@click.option(
+    "--action",
+    type=click.FloatRange(-1, 1),
+    default=1.0,
+    show_default=True,
+    help="What is done in every interval.",
+)
+@click.option(
+    "--random", "chance", is_flag=True, help="Do something random in every interval instead."
+)
 @file_option("--agent", "A trained agent acts, in its own environment.")
-@click.option("--interval", type=float, help=f"Pseudo periods from frame to frame.  [default: {INTERVAL}, an agent's: as it was trained]")
+@click.option(
+    "--interval",
+    type=float,
+    help=f"Pseudo periods from frame to frame.  [default: {INTERVAL}, an agent's: as it was trained]",
+)
 @click.option("--force", type=float, help="Force in N.  [default: the environment's]")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
-@click.option("--frames", type=click.IntRange(min=2), default=400, show_default=True, help="Largest number of frames.")
+@click.option(
+    "--frames",
+    type=click.IntRange(min=2),
+    default=400,
+    show_default=True,
+    help="Largest number of frames.",
+)
 def main(name: str, target: Path | None, agent: Path | None, **given: Any) -> None:
     """Run one episode and show it in a window, or write it as an animated GIF.
 
@@ -34,15 +60,22 @@ def main(name: str, target: Path | None, agent: Path | None, **given: Any) -> No
     mode = "human" if target is None else "rgb_array"
     with plain_errors():
         interval = INTERVAL if given["interval"] is None else given["interval"]
-        which, options, action = NAMES[name.lower()], {"interval": interval}, None if given["chance"] else given["action"]
+        which = NAMES[name.lower()]
+        options = {"interval": interval}
+        action = None if given["chance"] else given["action"]
         if agent is not None:
             for option, told in OPTIONS.items():
                 if is_given(option):
-                    raise BadInput(f"--{told} does not go with --agent: the agent acts, in the environment that it was trained in")
+                    raise BadInput(
+                        f"--{told} does not go with --agent: the agent acts, in the environment that it was trained in"
+                    )
             action = load_agent(agent)
-            which, options = action.env_id, dict(action.arguments)
+            which = action.env_id
+            options = dict(action.arguments)
         options |= {} if given["force"] is None else {"force": given["force"]}
         pictures, fps = episode(which, mode, options, given["seed"], action, given["frames"])
     if target is not None:
         save(target, pictures, fps)
-        click.echo(f"written: {target}, {len(pictures)} frames, {target.stat().st_size / 1e6:.1f} MB")
+        click.echo(
+            f"written: {target}, {len(pictures)} frames, {target.stat().st_size / 1e6:.1f} MB"
+        )

@@ -37,11 +37,21 @@ from optimisation.mounting import mounted
 from optimisation.tuned import minimax
 
 PLACE = "Place of absorber and response, over the length; of a beam from a file the absorber's only; of modes the number of a place."
-position_option = click.option("--position", type=float, default=Beam.absorber_position, show_default=True, help=PLACE)
+position_option = click.option(
+    "--position", type=float, default=Beam.absorber_position, show_default=True, help=PLACE
+)
 RESONANCES_HELP = "Two resonances to look at, counted from 1; twice the same: one."
-structure_option = file_option("--structure", "Structure from a .toml or .json file in place of the paper's beam (docs/your_structure.md).")
-scene_option = file_option("--scene", "Structure and impact absorber from a .toml or .json file, as design_gap --device writes it.")
-mass_option = click.option("--mass-kg", type=float, help="Absorber mass in kg, in the place of its ratio.")
+structure_option = file_option(
+    "--structure",
+    "Structure from a .toml or .json file in place of the paper's beam (docs/your_structure.md).",
+)
+scene_option = file_option(
+    "--scene",
+    "Structure and impact absorber from a .toml or .json file, as design_gap --device writes it.",
+)
+mass_option = click.option(
+    "--mass-kg", type=float, help="Absorber mass in kg, in the place of its ratio."
+)
 
 
 def read_structure(path: Path) -> Structure:
@@ -53,21 +63,31 @@ def read_structure(path: Path) -> Structure:
         if issubclass(warning.category, StructureWarning):
             click.echo(f"warning: {warning.message}", err=True)
         else:
-            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+            warnings.warn_explicit(
+                warning.message, warning.category, warning.filename, warning.lineno
+            )
     return structure
 
 
-def structure_of(path: Path | None, position: float = Beam.absorber_position, **options: Any) -> Structure:
+def structure_of(
+    path: Path | None, position: float = Beam.absorber_position, **options: Any
+) -> Structure:
     """Return the structure of a file, or the beam that the ``options`` describe, with the absorber where --position says, if given."""
     if path is None:
         return Beam(absorber_position=position, **options)
     structure = read_structure(path)
     if not is_given("position"):
         return structure
-    return mounted(structure, position) if isinstance(structure, ModalModel) else replace(structure, absorber_position=position)
+    return (
+        mounted(structure, position)
+        if isinstance(structure, ModalModel)
+        else replace(structure, absorber_position=position)
+    )
 
 
-def model_of(path: Path | None, position: float = Beam.absorber_position, **options: Any) -> ModalModel:
+def model_of(
+    path: Path | None, position: float = Beam.absorber_position, **options: Any
+) -> ModalModel:
     """Return the modal model of `structure_of`. On modes a position is the number of one of the file's places for absorbers."""
     structure = structure_of(path, position, **options)
     return modal_model(structure) if path is None else mounted(structure)
@@ -77,21 +97,35 @@ def read_device(path: Path, *names: str) -> tuple[Structure, SlidingAbsorber]:
     """Return the structure and the impact absorber of a file; raises BadInput if one of the options that are named was given beside it."""
     for name in names:
         if is_given(name):
-            raise BadInput(f"--{name.replace('_', '-')} does not go with --scene: the file says what structure and absorber are")
+            raise BadInput(
+                f"--{name.replace('_', '-')} does not go with --scene: the file says what structure and absorber are"
+            )
     plain = read_plain(path)
-    scene, beam = to_scene(plain, path.parent), to_beam(plain)
+    scene = to_scene(plain, path.parent)
+    beam = to_beam(plain)
     absorber = scene.absorber
     if not isinstance(absorber, SlidingAbsorber) or not isinstance(absorber.walls, RigidWalls):
-        raise BadInput(f"--scene = {path} is not allowed: a scene with one impact absorber between rigid walls")
+        raise BadInput(
+            f"--scene = {path} is not allowed: a scene with one impact absorber between rigid walls"
+        )
     if beam is None:
         return scene.model, absorber
-    return (beam if beam.response_position is not None else replace(beam, response_position=beam.absorber_position)), absorber
+    return (
+        beam
+        if beam.response_position is not None
+        else replace(beam, response_position=beam.absorber_position)
+    ), absorber
 
 
 def write_device(path: Path, structure: Structure, absorber: SlidingAbsorber) -> None:
     """Write structure and absorber as a scene, which other commands read by --scene: a beam as a beam."""
     beam = structure if isinstance(structure, Beam) else None
-    write_json(path, from_scene(Scene(mounted(structure) if beam is None else modal_model(beam), absorber), beam))
+    write_json(
+        path,
+        from_scene(
+            Scene(mounted(structure) if beam is None else modal_model(beam), absorber), beam
+        ),
+    )
 
 
 def mass_ratio_of(mass_ratio: float, mass_kg: float | None, structure_mass: float) -> float:
@@ -100,20 +134,30 @@ def mass_ratio_of(mass_ratio: float, mass_kg: float | None, structure_mass: floa
         return mass_ratio
     if is_given("mass_ratio"):
         raise BadInput("--mass-kg does not go with --mass-ratio: each says what the mass is")
-    require(0 < mass_kg <= structure_mass, "mass_kg", mass_kg, f"above 0 and at most the structure's {structure_mass:.4g} kg")
+    require(
+        0 < mass_kg <= structure_mass,
+        "mass_kg",
+        mass_kg,
+        f"above 0 and at most the structure's {structure_mass:.4g} kg",
+    )
     return mass_kg / structure_mass
 
 
 def is_given(name: str) -> bool:
     """Return whether an option of the command that runs was given, and has not its default; a command without it was not given it."""
-    return click.get_current_context().get_parameter_source(name) not in (None, ParameterSource.DEFAULT)
+    return click.get_current_context().get_parameter_source(name) not in (
+        None,
+        ParameterSource.DEFAULT,
+    )
 
 
 def refuse_beside(structure: Path | None, *names: str) -> None:
     """Raise BadInput if one of the options is given beside a structure, whose file says what it is about."""
     for name in names:
         if structure is not None and is_given(name):
-            raise BadInput(f"--{name.replace('_', '-')} does not go with --structure: the file says what the structure is")
+            raise BadInput(
+                f"--{name.replace('_', '-')} does not go with --structure: the file says what the structure is"
+            )
 
 
 def scene_options(restitution: str, friction: str = "") -> Callable[[Command], Command]:
@@ -126,11 +170,27 @@ def scene_options(restitution: str, friction: str = "") -> Callable[[Command], C
         file_option("--scene", "Beam and absorber from a .toml or .json file."),
         structure_option,
         click.option("--modes", type=int, help=f"Number of modes kept.  [default: {Beam.modes}]"),
-        click.option("--damping", type=float, help=f"Modal damping ratio, the same for all modes.  [default: {Beam.damping_ratio}]"),
-        click.option("--mass-ratio", type=float, help=f"Absorber mass over beam mass.  [default: {DEFAULT_MASS_RATIO}]"),
-        click.option("--gap", type=float, help=f"Clearance to either wall in m.  [default: {RigidWalls.gap}]"),
-        click.option("--restitution", type=float, help=f"Coefficient of restitution{restitution}.  [default: {RigidWalls.restitution}]"),
-        click.option("--friction-limit", type=float, help=f"Friction limit in N; 0: no friction.{told}"),
+        click.option(
+            "--damping",
+            type=float,
+            help=f"Modal damping ratio, the same for all modes.  [default: {Beam.damping_ratio}]",
+        ),
+        click.option(
+            "--mass-ratio",
+            type=float,
+            help=f"Absorber mass over beam mass.  [default: {DEFAULT_MASS_RATIO}]",
+        ),
+        click.option(
+            "--gap", type=float, help=f"Clearance to either wall in m.  [default: {RigidWalls.gap}]"
+        ),
+        click.option(
+            "--restitution",
+            type=float,
+            help=f"Coefficient of restitution{restitution}.  [default: {RigidWalls.restitution}]",
+        ),
+        click.option(
+            "--friction-limit", type=float, help=f"Friction limit in N; 0: no friction.{told}"
+        ),
     )
 
     return stacked(options)
@@ -166,26 +226,41 @@ def _in_short(text: str, model: ModalModel, resonance: int) -> dict[str, Any] | 
         return {"kind": kind, "spectrum": spectrum, "duration_s": found["duration_s"]}
     if kind == "shock":
         return {"kind": kind, "pulse": "half-sine", **found}
-    sweep = linear_sweep(model.resonance_omega(resonance), percent_per_100_periods=default_rate(model, (resonance,)))
-    schedule = {"times_s": sweep.times.tolist(), "omegas_rad_s": sweep.omegas.tolist(), "reference_rad_s": sweep.reference}
+    sweep = linear_sweep(
+        model.resonance_omega(resonance), percent_per_100_periods=default_rate(model, (resonance,))
+    )
+    schedule = {
+        "times_s": sweep.times.tolist(),
+        "omegas_rad_s": sweep.omegas.tolist(),
+        "reference_rad_s": sweep.reference,
+    }
     return {"kind": kind, **found, "schedule": schedule}
 
 
 def loads_of(path: Path, model: ModalModel, resonance: int = 1) -> Loads:
     """Return the loads of a file, or of a short form; tell of what lies above the modes."""
-    reference, short = model.resonance_omega(resonance), _in_short(str(path), model, resonance)
+    reference = model.resonance_omega(resonance)
+    short = _in_short(str(path), model, resonance)
     loads = read_loads(path, reference) if short is None else to_loads({"load": short}, reference)
     highest = float(model.omega.max()) / (2 * math.pi)
     for part in loads.parts:
         if isinstance(part, Random | Samples) and (share := part.share_above(highest)) > TOLD:
             name = "random load" if isinstance(part, Random) else "record"
-            click.echo(f"warning: {100 * share:.3g} % of the {name}'s mean square lies above the highest mode, {highest:.4g} Hz", err=True)
+            click.echo(
+                f"warning: {100 * share:.3g} % of the {name}'s mean square lies above the highest mode, {highest:.4g} Hz",
+                err=True,
+            )
     return loads
 
 
-def refuse_beside_load(load: Path | None, *names: str, why: str = "the file says what acts, and for how long") -> None:
+def refuse_beside_load(
+    load: Path | None, *names: str, why: str = "the file says what acts, and for how long"
+) -> None:
     """Raise BadInput if one of the options that are named was given beside --load."""
-    options = {parameter.name: parameter.opts[0] for parameter in click.get_current_context().command.params}
+    options = {
+        parameter.name: parameter.opts[0]
+        for parameter in click.get_current_context().command.params
+    }
     for name in names:
         if load is not None and is_given(name):
             raise BadInput(f"{options[name]} does not go with --load: {why}")
@@ -193,19 +268,38 @@ def refuse_beside_load(load: Path | None, *names: str, why: str = "the file says
 
 Options = dict[str, Any]  # the options of the command line; None: not given
 FRICTION_DAMPER_LIMIT = friction_damper().friction.limit  # type: ignore[union-attr]
-OPTIONS = {"damping": "absorber_damping"}  # options that are called otherwise than the value that they give: --damping is the structure's
+OPTIONS = {
+    "damping": "absorber_damping"
+}  # options that are called otherwise than the value that they give: --damping is the structure's
 PARTS = {kind: {OPTIONS.get(name, name) for name in keys} for kind, keys in CONCEPTS.items()}
 DEFAULT_ABSORBER = "impact"
-SCENE_OPTIONS = ("absorber", "modes", "damping", *sorted(set().union(*PARTS.values())))  # what a file of a scene says
+SCENE_OPTIONS = (
+    "absorber",
+    "modes",
+    "damping",
+    *sorted(set().union(*PARTS.values())),
+)  # what a file of a scene says
 
 
-BESIDE_LOAD = ("force", "phase", "start", "stop", "rate", "periods", "down")  # what a file of loads says
+BESIDE_LOAD = (
+    "force",
+    "phase",
+    "start",
+    "stop",
+    "rate",
+    "periods",
+    "down",
+)  # what a file of loads says
 
 
 def absorber_options(defaults: Mapping[str, str]) -> Callable[[Command], Command]:
     """Add an option for each plain name of the table of laws; ``defaults``: the help's words in place of the library's default."""
     keys = {name: key for concept in CONCEPTS.values() for name, key in concept.items()}
-    usual, options = {"mass_ratio": str(DEFAULT_MASS_RATIO), "restitution": str(RigidWalls.restitution)} | dict(defaults), []
+    usual = {
+        "mass_ratio": str(DEFAULT_MASS_RATIO),
+        "restitution": str(RigidWalls.restitution),
+    } | dict(defaults)
+    options = []
     for name, key in keys.items():
         kinds = [kind for kind, known in CONCEPTS.items() if name in known]
         text = f"{key.what}{f', in {key.unit}' if key.unit else ''} ({', '.join(kinds)})."
@@ -226,7 +320,11 @@ def kind_of(given: Options) -> str:
 
 def chosen(given: Options, **options: str) -> Options:
     """Return the parameters, named after the library, whose options were given; the others keep the library's defaults."""
-    return {parameter: given[option] for parameter, option in options.items() if given.get(option) is not None}
+    return {
+        parameter: given[option]
+        for parameter, option in options.items()
+        if given.get(option) is not None
+    }
 
 
 def refuse_parts(given: Options) -> None:
@@ -234,17 +332,23 @@ def refuse_parts(given: Options) -> None:
     if given["structure"] is not None:
         for name in ("scene", "modes", "damping"):
             if given[name] is not None:
-                raise BadInput(f"{option_name(name)} does not go with --structure: the file says what the structure is")
+                raise BadInput(
+                    f"{option_name(name)} does not go with --structure: the file says what the structure is"
+                )
     if given["scene"] is not None:
         for name in SCENE_OPTIONS:
             if given.get(name) is not None:
-                raise BadInput(f"{option_name(name)} does not go with --scene: the file says what the scene is")
+                raise BadInput(
+                    f"{option_name(name)} does not go with --scene: the file says what the scene is"
+                )
         return
     kind = kind_of(given)
     for name in sorted(set().union(*PARTS.values()) - PARTS[kind]):
         if given.get(name) is not None:
             kinds = " or ".join(k for k, parts in PARTS.items() if name in parts)
-            raise BadInput(f"{option_name(name)} does not go with --absorber {kind}: it is for {kinds}")
+            raise BadInput(
+                f"{option_name(name)} does not go with --absorber {kind}: it is for {kinds}"
+            )
 
 
 def refuse_runs(given: Options) -> None:
@@ -252,9 +356,13 @@ def refuse_runs(given: Options) -> None:
     if given["steps_per_period"] is not None and given["method"] == "exact":
         raise BadInput("--steps-per-period does not go with --method exact: it has no steps")
     if given["most_events"] is not None and given["method"] != "exact":
-        raise BadInput(f"--most-events does not go with --method {given['method']}: it steps through time, whatever happens")
+        raise BadInput(
+            f"--most-events does not go with --method {given['method']}: it steps through time, whatever happens"
+        )
     if given["measures"] is not None and given["method"] != "exact":
-        raise BadInput(f"--measures does not go with --method {given['method']}: they are read from exact runs")
+        raise BadInput(
+            f"--measures does not go with --method {given['method']}: they are read from exact runs"
+        )
     if given["absolute"] and given["measures"] is None:
         raise BadInput("--absolute needs --measures: it says what these are of")
     refuse_beside_load(given["load"], *BESIDE_LOAD)
@@ -262,20 +370,28 @@ def refuse_runs(given: Options) -> None:
         return
     constant = given["start"] == given["stop"]
     if constant and given["periods"] is None:
-        raise BadInput(f"--to = {given['stop']} equal to --from is a constant frequency: it needs --periods")
+        raise BadInput(
+            f"--to = {given['stop']} equal to --from is a constant frequency: it needs --periods"
+        )
     if not constant and given["periods"] is not None:
-        raise BadInput("--periods is for a constant frequency, --to equal to --from: the length of a sweep follows from its rate")
+        raise BadInput(
+            "--periods is for a constant frequency, --to equal to --from: the length of a sweep follows from its rate"
+        )
     if constant and given["rate"] is not None:
         raise BadInput("--rate does not go with a constant frequency, --to equal to --from")
     if given["down"] and not given["start"] < given["stop"]:
-        raise BadInput(f"--down swaps --from and --to: it needs --from = {given['start']} below --to = {given['stop']}")
+        raise BadInput(
+            f"--down swaps --from and --to: it needs --from = {given['start']} below --to = {given['stop']}"
+        )
 
 
 def make_absorber(given: Options, model: ModalModel | None = None) -> Absorber | None:
     """Return the absorber that the options describe; what is not given keeps the library's default, or on a file's ``model`` follows from a rule."""
     kind = kind_of(given)
     usual = {} if model is None or kind == "none" else by_rule(kind, given, model)
-    return make(kind, usual | chosen(given, **{name: OPTIONS.get(name, name) for name in CONCEPTS[kind]}))
+    return make(
+        kind, usual | chosen(given, **{name: OPTIONS.get(name, name) for name in CONCEPTS[kind]})
+    )
 
 
 def force_by_rule(given: Options, model: ModalModel) -> float:
@@ -284,18 +400,27 @@ def force_by_rule(given: Options, model: ModalModel) -> float:
     if given["gap"] is None and kind_of(given) == "impact":
         given["gap"] = RigidWalls.gap
     gap = RigidWalls.gap if given["gap"] is None else given["gap"]
-    return design_force(model, positive("mass_ratio", ratio) * model.beam_mass, positive("gap", gap), given["resonance"])
+    return design_force(
+        model,
+        positive("mass_ratio", ratio) * model.beam_mass,
+        positive("gap", gap),
+        given["resonance"],
+    )
 
 
 def by_rule(kind: str, given: Options, model: ModalModel) -> Options:
     """Return the defaults for another structure than the paper's: the gap by the design rule, the LTVA tuned, the damper by the energy of a cycle."""
     ratio = DEFAULT_MASS_RATIO if given["mass_ratio"] is None else given["mass_ratio"]
-    mass, force, resonance = positive("mass_ratio", ratio) * model.beam_mass, given["force"], given["resonance"]
+    mass = positive("mass_ratio", ratio) * model.beam_mass
+    force = given["force"]
+    resonance = given["resonance"]
     if kind == "impact" and given["gap"] is None:
         return {"gap": design_gap(model, mass, force, resonance)}
     if kind == "friction" and given["friction_limit"] is None:
         return {"friction_limit": best_friction(model, mass, force, resonance)[0]}
-    if kind == "tuned" and (given.get("stiffness") is None or given.get("absorber_damping") is None):
+    if kind == "tuned" and (
+        given.get("stiffness") is None or given.get("absorber_damping") is None
+    ):
         tuned = minimax(model, ratio, resonance)
         return {"stiffness": tuned.stiffness, "damping": tuned.damping}
     return {}
@@ -304,14 +429,17 @@ def by_rule(kind: str, given: Options, model: ModalModel) -> Options:
 def make_scene(given: Options) -> tuple[Scene, Beam | None]:
     """Return the scene and its beam, which is None where a file has another structure."""
     if given["scene"] is not None:
-        plain, folder = read_plain(given["scene"]), given["scene"].parent
+        plain = read_plain(given["scene"])
+        folder = given["scene"].parent
         return to_scene(plain, folder), to_beam(plain)
     if given["structure"] is not None:
         structure = read_structure(given["structure"])
         model = mounted(structure)
         if given["force"] is None:
             given["force"] = force_by_rule(given, model)
-        return Scene(model, make_absorber(given, model)), structure if isinstance(structure, Beam) else None
+        return Scene(model, make_absorber(given, model)), structure if isinstance(
+            structure, Beam
+        ) else None
     beam = Beam(**chosen(given, modes="modes", damping_ratio="damping"))
     return beam_scene(beam, make_absorber(given)), beam
 
@@ -320,15 +448,24 @@ def make_method(given: Options) -> Method:
     """Return the method that the options ask for."""
     if given["method"] == "exact":
         return Exact()
-    return {"moreau": Moreau, "runge-kutta": RungeKutta}[given["method"]](**chosen(given, steps_per_period="steps_per_period"))
+    return {"moreau": Moreau, "runge-kutta": RungeKutta}[given["method"]](
+        **chosen(given, steps_per_period="steps_per_period")
+    )
 
 
 def make_schedule(given: Options, scene: Scene) -> FrequencySchedule:
     """Return the sweep, or the constant frequency, that the options ask for."""
-    omega, start, stop = scene.model.resonance_omega(given["resonance"]), given["start"], given["stop"]
+    omega = scene.model.resonance_omega(given["resonance"])
+    start = given["start"]
+    stop = given["stop"]
     if start == stop:
         return constant_frequency(omega, start, given["periods"])
     if given["down"]:
         start, stop = stop, start
     rate = given["rate"]
-    return linear_sweep(omega, start, stop, default_rate(scene.model, (given["resonance"],)) if rate is None else rate)
+    return linear_sweep(
+        omega,
+        start,
+        stop,
+        default_rate(scene.model, (given["resonance"],)) if rate is None else rate,
+    )

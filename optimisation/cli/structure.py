@@ -11,7 +11,16 @@ from impact_env.parameters import Beam
 from impact_env.plain_files import read_plain
 from impact_env.structures.matrices import read_columns
 from impact_env.structures.universal import read_nodes
-from optimisation.cli.common import FILE, BadInput, check_targets, command, file_option, json_option, name_files, plain_errors
+from optimisation.cli.common import (
+    FILE,
+    BadInput,
+    check_targets,
+    command,
+    file_option,
+    json_option,
+    name_files,
+    plain_errors,
+)
 from optimisation.cli.scene_options import read_structure
 from optimisation.files import write_files
 from optimisation.mounting import mounted
@@ -27,7 +36,8 @@ def rows(model: ModalModel) -> list[dict[str, float]]:
     """Return a row for each mode, SI units; ``free_amplitude_m_per_n``: of the level's place at its resonance, by this mode alone."""
     found = []
     for k in range(model.modes):
-        omega, damping = float(model.omega[k]), float(model.damping_ratio[k])
+        omega = float(model.omega[k])
+        damping = float(model.damping_ratio[k])
         shapes = [float(row[k]) for row in (model.force_shape, model.tip_shape, model.level_shape)]
         found.append(
             {
@@ -38,7 +48,9 @@ def rows(model: ModalModel) -> list[dict[str, float]]:
                 "tip_shape_per_sqrt_kg": shapes[1],
                 "response_shape_per_sqrt_kg": shapes[2],
                 "mass_at_absorber_kg": 1 / shapes[1] ** 2 if shapes[1] else np.inf,
-                "free_amplitude_m_per_n": abs(shapes[0] * shapes[2]) / (2 * damping * omega**2) if damping else np.inf,
+                "free_amplitude_m_per_n": abs(shapes[0] * shapes[2]) / (2 * damping * omega**2)
+                if damping
+                else np.inf,
             }
         )
     return found
@@ -46,7 +58,16 @@ def rows(model: ModalModel) -> list[dict[str, float]]:
 
 def text(model: ModalModel, structure: Beam | ModalModel) -> str:
     """Return mass, places and a line for each mode."""
-    header = ("mode", "Hz", "damping, %", "force", "absorber", "response", "mass at the absorber, kg", "free amplitude, mm/N")
+    header = (
+        "mode",
+        "Hz",
+        "damping, %",
+        "force",
+        "absorber",
+        "response",
+        "mass at the absorber, kg",
+        "free amplitude, mm/N",
+    )
     lines = [
         (
             str(int(row["mode"])),
@@ -58,12 +79,18 @@ def text(model: ModalModel, structure: Beam | ModalModel) -> str:
         )
         for row in rows(model)
     ]
-    said = [f"mass {model.beam_mass:.4g} kg: an absorber of 1 % has {0.01 * model.beam_mass:.4g} kg"]
+    said = [
+        f"mass {model.beam_mass:.4g} kg: an absorber of 1 % has {0.01 * model.beam_mass:.4g} kg"
+    ]
     if isinstance(structure, Beam):
         x = [structure.force_position, structure.absorber_position, structure.response_position]
         places = ", ".join(f"{p:g}" for p in x if p is not None)
-        said.append(f"force, absorber and response at {places} of the length, {structure.length:g} m")
-        said.append(f"bending stiffness {structure.bending_stiffness:.5g} N m^2, mass per length {structure.mass_per_length:.5g} kg/m")
+        said.append(
+            f"force, absorber and response at {places} of the length, {structure.length:g} m"
+        )
+        said.append(
+            f"bending stiffness {structure.bending_stiffness:.5g} N m^2, mass per length {structure.mass_per_length:.5g} kg/m"
+        )
     elif len(model.places) > 1:
         said.append(f"{len(model.places)} places for absorbers; the first is shown")
     note = "Shapes at the places in use, in 1/sqrt(kg); free amplitude: at the response, one mode alone."
@@ -77,10 +104,14 @@ def coordinates(path: Path) -> tuple[str, NDArray[np.int64], Array]:
         return ("node", *read_nodes(path.parent / plain["universal"]["file"]))
     name = plain.get("matrices", {}).get("coordinates")
     if name is None:
-        raise BadInput("--near is for a Universal File with nodes, or matrices with the key coordinates")
+        raise BadInput(
+            "--near is for a Universal File with nodes, or matrices with the key coordinates"
+        )
     columns = read_columns(path.parent / name, "coordinates")
     if missing := [axis for axis in AXES if axis not in columns]:
-        raise BadInput(f"coordinates = {name} is not allowed: the columns {', '.join(AXES)}, a line for each row of the matrices; missing {missing}")
+        raise BadInput(
+            f"coordinates = {name} is not allowed: the columns {', '.join(AXES)}, a line for each row of the matrices; missing {missing}"
+        )
     places = np.column_stack([columns[axis] for axis in AXES])
     return "row", np.arange(len(places)), places
 
@@ -98,17 +129,33 @@ def nearest(path: Path, point: tuple[float, float, float]) -> str:
 
 @command()
 @click.argument("file", type=FILE)
-@click.option("--near", type=float, nargs=3, metavar="X Y Z", help="Tell the nodes, or rows of matrices, nearest to this point in m.")
+@click.option(
+    "--near",
+    type=float,
+    nargs=3,
+    metavar="X Y Z",
+    help="Tell the nodes, or rows of matrices, nearest to this point in m.",
+)
 @file_option("--plot", "Draw the shapes and the places: .png, .pdf or .svg.")
 @json_option("Write mass and modes, in SI units.")
-def main(file: Path, near: tuple[float, float, float] | None, plot: Path | None, json: Path | None) -> None:
+def main(
+    file: Path, near: tuple[float, float, float] | None, plot: Path | None, json: Path | None
+) -> None:
     """Show the structure of FILE: modes, shapes at force, absorber and response, masses; and the node nearest to a point."""
     with plain_errors():
         check_targets({"json": json, "plot": plot})
         structure = read_structure(file)
         model = mounted(structure)
         said = [text(model, structure), *(["", nearest(file, near)] if near is not None else [])]
-        modes = [{name: value if np.isfinite(value) else None for name, value in row.items()} for row in rows(model)]
-        files = write_files({json: {"mass_kg": model.beam_mass, "modes": modes}, plot: lambda path: save_structure(path, structure)})
+        modes = [
+            {name: value if np.isfinite(value) else None for name, value in row.items()}
+            for row in rows(model)
+        ]
+        files = write_files(
+            {
+                json: {"mass_kg": model.beam_mass, "modes": modes},
+                plot: lambda path: save_structure(path, structure),
+            }
+        )
     click.echo("\n".join(said))
     name_files(files)

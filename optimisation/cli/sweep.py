@@ -21,7 +21,15 @@ from impact_env.response import Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.cli import scene_options as scenes
-from optimisation.cli.common import FIGURES, BadInput, check_target, command, file_option, json_option, plain_errors
+from optimisation.cli.common import (
+    FIGURES,
+    BadInput,
+    check_target,
+    command,
+    file_option,
+    json_option,
+    plain_errors,
+)
 from optimisation.executors import cluster_option, workers
 from optimisation.extremes import sweep_ratio
 from optimisation.files import replacing
@@ -38,7 +46,9 @@ MOST_SAMPLED = 2**30  # bytes of states that a figure or measures may need
 T = TypeVar("T")
 
 
-def integration_time(scene: Scene, drive: AnyDrive, method: Method, most_events: int | None = None) -> float:
+def integration_time(
+    scene: Scene, drive: AnyDrive, method: Method, most_events: int | None = None
+) -> float:
     """Return the time in s of an integration that observes nothing, without compilation: the median of three, or one if it is long."""
     timed = Timed(scene, drive, method, most_events)
     times = [timed.run().wall_time]
@@ -69,10 +79,14 @@ def heard(work: Callable[[], T], bar: Bar) -> T:
     return results[0]
 
 
-def recorded(scene: Scene, drive: AnyDrive, method: Method, record: Record, most_events: int | None) -> Response:
+def recorded(
+    scene: Scene, drive: AnyDrive, method: Method, record: Record, most_events: int | None
+) -> Response:
     """Run the first member, with a bar in pseudo periods."""
     schedule = drive.schedule
-    with Bar(total=round(schedule.periods), desc="integrating", bar_format=TIME_BAR, delay=1, leave=False) as bar:
+    with Bar(
+        total=round(schedule.periods), desc="integrating", bar_format=TIME_BAR, delay=1, leave=False
+    ) as bar:
 
         def show(time: float, _end: float) -> None:
             bar.update(round(time / schedule.pseudo_period) - bar.n)
@@ -81,14 +95,29 @@ def recorded(scene: Scene, drive: AnyDrive, method: Method, record: Record, most
         return simulate(scene, drive, method, record=record, most_events=most_events, progress=show)
 
 
-def compute(given: scenes.Options, scene: Scene, drives: list[AnyDrive], method: Method, executor: Executor | None) -> Result:
+def compute(
+    given: scenes.Options,
+    scene: Scene,
+    drives: list[AnyDrive],
+    method: Method,
+    executor: Executor | None,
+) -> Result:
     """Run all members, those after the first by an executor if there is one; the first is recorded, and timed by itself if that is asked for."""
-    record, most_events = Record(events=True, energy=given["energy"], series=given["plot"] is not None), given["most_events"]
-    response, others, wall_time = recorded(scene, drives[0], method, record, most_events), None, None
+    record = Record(events=True, energy=given["energy"], series=given["plot"] is not None)
+    most_events = given["most_events"]
+    response = recorded(scene, drives[0], method, record, most_events)
+    others = None
+    wall_time = None
     with Bar(total=len(drives), desc="integrating", unit="run", delay=1, leave=False) as bar:
         if len(drives) > 1:
             lanes = [Lane(scene, drive) for drive in drives[1:]]
-            others = run_lanes(lanes, method, progress=lambda _done, _total: bar.update(), most_events=most_events, executor=executor)
+            others = run_lanes(
+                lanes,
+                method,
+                progress=lambda _done, _total: bar.update(),
+                most_events=most_events,
+                executor=executor,
+            )
             if not others.complete:
                 raise KeyboardInterrupt
         if given["time"]:
@@ -101,19 +130,29 @@ def refuse_long(option: str, scene: Scene, schedule: FrequencySchedule, samples:
     """Raise BadInput if the samples for an option would not fit into the memory that is allowed for them."""
     size = 8 * (2 * scene.model.modes + 2) * schedule.periods * samples
     if size > MOST_SAMPLED:
-        raise BadInput(f"{option} of {schedule.periods:g} pseudo periods needs {size / 2**30:.1f} GiB: leave it out, or take fewer periods or modes")
+        raise BadInput(
+            f"{option} of {schedule.periods:g} pseudo periods needs {size / 2**30:.1f} GiB: leave it out, or take fewer periods or modes"
+        )
 
 
 def measured(
-    given: scenes.Options, scene: Scene, beam: Beam | None, drives: list[AnyDrive], executor: Executor | None
+    given: scenes.Options,
+    scene: Scene,
+    beam: Beam | None,
+    drives: list[AnyDrive],
+    executor: Executor | None,
 ) -> list[dict[str, Any]] | None:
     """Return the measures of each member; None without --measures."""
     if given["measures"] is None:
         return None
-    told = Told(given["measures"], given["absolute"], stress_shape(scene.model if beam is None else beam))
+    told = Told(
+        given["measures"], given["absolute"], stress_shape(scene.model if beam is None else beam)
+    )
     with Bar(total=len(drives), desc="measuring", unit="run", delay=1, leave=False) as bar:
         every = [Lane(scene, drive) for drive in drives]
-        found = each_lane(every, told, progress=lambda _done, _total: bar.update(), executor=executor)
+        found = each_lane(
+            every, told, progress=lambda _done, _total: bar.update(), executor=executor
+        )
     if None in found:
         raise KeyboardInterrupt
     return [one for one in found if one is not None]
@@ -126,16 +165,27 @@ def write(result: Result, given: scenes.Options, beam: Beam | None) -> None:
             text = json.dumps(contract(result, beam), indent=1, allow_nan=False)
             files.enter_context(replacing(given["json"].resolve())).write_text(text + "\n")
         if given["plot"] is not None:
-            absorbers = words(result.response.scene.absorber).split("; ")  # a line for each of several
+            absorbers = words(result.response.scene.absorber).split(
+                "; "
+            )  # a line for each of several
             title = "\n".join([*absorbers, describe_run(result.response, given["resonance"])])
-            save_figure(files.enter_context(replacing(given["plot"].resolve())), title, result.response, given["resonance"])
+            save_figure(
+                files.enter_context(replacing(given["plot"].resolve())),
+                title,
+                result.response,
+                given["resonance"],
+            )
 
 
 def run(given: scenes.Options) -> str:
     """Do what the options ask for and return the summary. Raises BadInput or ParameterError before anything is computed or written."""
     scenes.refuse_parts(given)
     scenes.refuse_runs(given)
-    given["force"] = FORCE if given["force"] is None and (given["structure"] is None or given["load"] is not None) else given["force"]
+    given["force"] = (
+        FORCE
+        if given["force"] is None and (given["structure"] is None or given["load"] is not None)
+        else given["force"]
+    )
     check_target("--json", given["json"])
     check_target("--plot", given["plot"], FIGURES)
     (scene, beam), method = scenes.make_scene(given), scenes.make_method(given)
@@ -148,14 +198,18 @@ def run(given: scenes.Options) -> str:
     if given["plot"] is not None:
         refuse_long("--plot", scene, schedule, Record().samples_per_period)
     if given["measures"] is not None:
-        refuse_long("--measures", scene, schedule, count("measures", given["measures"], 4, MOST_SAMPLES))
+        refuse_long(
+            "--measures", scene, schedule, count("measures", given["measures"], 4, MOST_SAMPLES)
+        )
     drives = drives_of(draw_members(given["members"], given["seed"]), first)
     with workers(None, given["cluster"]) as executor:
         result = compute(given, scene, drives, method, executor)
         result = replace(result, measures=measured(given, scene, beam, drives, executor))
     low, high = (float(end) for end in sorted((schedule.omegas / schedule.reference)[[0, -1]]))
     if given["load"] is None and low != high:  # at a constant frequency nothing is swept
-        ratio = sweep_ratio(scene.model, 1e4 * (high - low) / schedule.periods, given["resonance"], (low, high))
+        ratio = sweep_ratio(
+            scene.model, 1e4 * (high - low) / schedule.periods, given["resonance"], (low, high)
+        )
         result = replace(result, sweep_ratio=ratio)
     write(result, given, beam)
     return summary(result, given["resonance"])
@@ -175,11 +229,18 @@ def default(text: str, value: object) -> str:
     return f"{text}  [default: {value}]"
 
 
-KINDS_HELP = default("Impact absorber, friction damper, linear tuned absorber, added mass, nonlinear sink, nothing.", scenes.DEFAULT_ABSORBER)
+KINDS_HELP = default(
+    "Impact absorber, friction damper, linear tuned absorber, added mass, nonlinear sink, nothing.",
+    scenes.DEFAULT_ABSORBER,
+)
 TO_HELP = "Last frequency over the resonance frequency; equal to --from: constant."
-RATE_HELP = default("Rate of the sweep in percent of the resonance frequency.", "1, less by the square of damping below 1 %")
+RATE_HELP = default(
+    "Rate of the sweep in percent of the resonance frequency.",
+    "1, less by the square of damping below 1 %",
+)
 MEASURES_HELP = (
-    f"Spectrum, percentiles, rainflow and impacts of each member, from so many samples a pseudo period, {SAMPLES} unless given (docs/loads.md)."
+    "Spectrum, percentiles, rainflow and impacts of each member, from so many samples "
+    f"a pseudo period, {SAMPLES} unless given (docs/loads.md)."
 )
 
 
@@ -188,7 +249,11 @@ MEASURES_HELP = (
 @file_option("--scene", "Beam and absorber from a .toml or .json file (docs/scenes.md).")
 @scenes.structure_option
 @click.option("--modes", type=int, help=default("Number of modes kept.", Beam.modes))
-@click.option("--damping", type=float, help=default("Modal damping ratio, the same for all modes.", Beam.damping_ratio))
+@click.option(
+    "--damping",
+    type=float,
+    help=default("Modal damping ratio, the same for all modes.", Beam.damping_ratio),
+)
 @scenes.absorber_options(
     {
         "gap": f"{RigidWalls.gap}, with --structure by the design rule",
@@ -199,24 +264,92 @@ MEASURES_HELP = (
     }
 )
 @scenes.load_option
-@click.option("--force", type=float, help=default("Amplitude of the harmonic force in N.", f"{FORCE}, with --structure by the design rule"))
-@click.option("--phase", type=float, default=0.0, show_default=True, help="Initial phase of the force in rad.")
-@click.option("--resonance", type=int, default=1, show_default=True, help="Resonance, counted from 1, that frequencies and pseudo periods refer to.")
-@click.option("--from", "start", type=float, default=PAPER_LIMITS[0], show_default=True, help="First frequency over the resonance frequency.")
+@click.option(
+    "--force",
+    type=float,
+    help=default(
+        "Amplitude of the harmonic force in N.", f"{FORCE}, with --structure by the design rule"
+    ),
+)
+@click.option(
+    "--phase", type=float, default=0.0, show_default=True, help="Initial phase of the force in rad."
+)
+@click.option(
+    "--resonance",
+    type=int,
+    default=1,
+    show_default=True,
+    help="Resonance, counted from 1, that frequencies and pseudo periods refer to.",
+)
+@click.option(
+    "--from",
+    "start",
+    type=float,
+    default=PAPER_LIMITS[0],
+    show_default=True,
+    help="First frequency over the resonance frequency.",
+)
 @click.option("--to", "stop", type=float, default=PAPER_LIMITS[1], show_default=True, help=TO_HELP)
 @click.option("--periods", type=float, help="Length in pseudo periods at a constant frequency.")
 @click.option("--rate", type=float, help=RATE_HELP)
 @click.option("--down", is_flag=True, help="Sweep down: swaps --from and --to.")
-@click.option("--method", type=click.Choice(["exact", "moreau", "runge-kutta"]), default="exact", show_default=True, help="Method of integration.")
-@click.option("--steps-per-period", type=int, help=default("Steps per period of the highest mode (moreau, runge-kutta).", PAPER_STEPS))
-@click.option("--most-events", type=int, help=default("Events after which a run is given up (exact).", "a million, and 5000 each pseudo period"))
-@click.option("--members", type=int, default=1, show_default=True, help="Runs other in phase and 1e-6 of force; the first has --phase.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the other members' phases and forces.")
+@click.option(
+    "--method",
+    type=click.Choice(["exact", "moreau", "runge-kutta"]),
+    default="exact",
+    show_default=True,
+    help="Method of integration.",
+)
+@click.option(
+    "--steps-per-period",
+    type=int,
+    help=default("Steps per period of the highest mode (moreau, runge-kutta).", PAPER_STEPS),
+)
+@click.option(
+    "--most-events",
+    type=int,
+    help=default(
+        "Events after which a run is given up (exact).", "a million, and 5000 each pseudo period"
+    ),
+)
+@click.option(
+    "--members",
+    type=int,
+    default=1,
+    show_default=True,
+    help="Runs other in phase and 1e-6 of force; the first has --phase.",
+)
+@click.option(
+    "--seed",
+    type=int,
+    default=0,
+    show_default=True,
+    help="Seed of the other members' phases and forces.",
+)
 @cluster_option
-@click.option("--energy", is_flag=True, help="Account for the energies of the first member, which takes a kernel of its own.")
-@click.option("--time", is_flag=True, help="Time an integration alone, with nothing observed, which takes a kernel of its own.")
-@click.option("--measures", type=int, is_flag=False, flag_value=SAMPLES, metavar="[SAMPLES]", help=MEASURES_HELP)
-@click.option("--absolute", is_flag=True, help="With --measures and a base that moves: of the motion in space, not relative to the base.")
+@click.option(
+    "--energy",
+    is_flag=True,
+    help="Account for the energies of the first member, which takes a kernel of its own.",
+)
+@click.option(
+    "--time",
+    is_flag=True,
+    help="Time an integration alone, with nothing observed, which takes a kernel of its own.",
+)
+@click.option(
+    "--measures",
+    type=int,
+    is_flag=False,
+    flag_value=SAMPLES,
+    metavar="[SAMPLES]",
+    help=MEASURES_HELP,
+)
+@click.option(
+    "--absolute",
+    is_flag=True,
+    help="With --measures and a base that moves: of the motion in space, not relative to the base.",
+)
 @json_option("Write the results, in SI units.")
 @file_option("--plot", "Draw the run: .png, .pdf or .svg.")
 def main(**given: Any) -> None:

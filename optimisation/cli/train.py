@@ -18,8 +18,12 @@ from optimisation.rl.families import Random
 from optimisation.rl.hyperparameters import ALGORITHMS, recipes, settings_for, write_zoo
 from optimisation.rl.rules import TASKS, env_of, policies
 
-BOTH, DEFAULT = "both", "ActiveFriction-v0"  # a task that is learnt in minutes
-SEEDS, QUICK_SHARE, QUICK_LEGS = 10, 0.25, 10
+# a task that is learnt in minutes
+BOTH = "both"
+DEFAULT = "ActiveFriction-v0"
+SEEDS = 10
+QUICK_SHARE = 0.25
+QUICK_LEGS = 10
 OUT = Path("results/train")
 
 
@@ -33,10 +37,21 @@ def plan(task: str, given: dict[str, Any]) -> list[Any]:
     for seed in range(given["seeds"]):
         for algorithm in algorithms:
             chosen = settings_for(env_id, algorithm, given["hyperparameters"])
-            steps = given["steps"] or (round(QUICK_SHARE * chosen.steps) if given["quick"] else chosen.steps)
+            steps = given["steps"] or (
+                round(QUICK_SHARE * chosen.steps) if given["quick"] else chosen.steps
+            )
             legs = max(1, min(QUICK_LEGS if given["quick"] else chosen.legs, steps // chosen.round))
-            chosen = settings_for(env_id, algorithm, given["hyperparameters"], steps=steps, legs=legs)
-            job = Job(env_id, algorithm, seed, chosen, given["arguments"], demonstrations=given["demonstrations"])
+            chosen = settings_for(
+                env_id, algorithm, given["hyperparameters"], steps=steps, legs=legs
+            )
+            job = Job(
+                env_id,
+                algorithm,
+                seed,
+                chosen,
+                given["arguments"],
+                demonstrations=given["demonstrations"],
+            )
             folder = run_folder(given["out"], task, algorithm, seed)
             check_folder(job, folder)
             runs.append(Planned(job, folder))
@@ -48,20 +63,34 @@ def beside(task: str, job: Any) -> dict[str, float]:
     from optimisation.rl.training import evaluate
 
     chosen = {"random": Random(numbers=TASKS[task].numbers), **policies(task, job.arguments)}
-    return {name: evaluate(policy, job, 0, 0).score for name, policy in Bar(chosen.items(), desc="without learning", leave=False)}
+    return {
+        name: evaluate(policy, job, 0, 0).score
+        for name, policy in Bar(chosen.items(), desc="without learning", leave=False)
+    }
 
 
 def write(out: Path, task: str, baselines: dict[str, float], runs: list[Run]) -> None:
     """Write figure and tables of a task's runs, and print the table."""
-    from optimisation.report.learning_report import COLUMNS, HEADER, learning_rows, save_learning_curve, table_rows  # matplotlib is slow to import
+    from optimisation.report.learning_report import (
+        COLUMNS,
+        HEADER,
+        learning_rows,
+        save_learning_curve,
+        table_rows,
+    )  # matplotlib is slow to import
 
     write_csv(out / f"learning_{task}.csv", COLUMNS, learning_rows(runs))
-    write_json(out / f"learning_{task}.json", {"baselines": baselines, "agents": table_rows(runs, {})})
+    write_json(
+        out / f"learning_{task}.json", {"baselines": baselines, "agents": table_rows(runs, {})}
+    )
     with replacing(out / f"learning_{task}.png") as temporary:
         save_learning_curve(temporary, task, runs, baselines)
     unfinished = sum(not run.finished for run in runs)
     click.echo(markdown(HEADER, table_rows(runs, baselines)))
-    click.echo(f"\n{task}; mean scores on the evaluation seeds" + (f"; {unfinished} of {len(runs)} runs are not finished" if unfinished else ""))
+    click.echo(
+        f"\n{task}; mean scores on the evaluation seeds"
+        + (f"; {unfinished} of {len(runs)} runs are not finished" if unfinished else "")
+    )
     click.echo(f"written: {out / f'learning_{task}.png'}, .csv, .json\n")
 
 
@@ -80,11 +109,15 @@ def train_task(task: str, given: dict[str, Any]) -> bool:
     """Train all runs of a task and report; return False if Ctrl-C ended it early."""
     from optimisation.rl.training import train_all
 
-    runs, finished, failures = plan(task, given), True, []
+    runs = plan(task, given)
+    finished = True
+    failures = []
     baselines = beside(task, runs[0].job)
     for name, score in baselines.items():
         click.echo(f"{task}, {name}: score {score:.4f}")
-    known = ", ".join(f"{name} {score:.4f}" for name, score in baselines.items())  # beside how an agent does
+    known = ", ".join(
+        f"{name} {score:.4f}" for name, score in baselines.items()
+    )  # beside how an agent does
 
     def told(planned: Any, evaluation: Evaluation) -> str:
         return f"{planned.label}: score {evaluation.score:.4f} after {evaluation.steps:,} steps   ({known})"
@@ -100,18 +133,79 @@ def train_task(task: str, given: dict[str, Any]) -> bool:
 
 
 @command()
-@click.option("--task", "tasks", multiple=True, type=click.Choice(list(TASKS)), default=(DEFAULT,), show_default=True, help="May be repeated.")
-@click.option("--algorithm", type=click.Choice([*ALGORITHMS, BOTH]), default=BOTH, show_default=True, help="Both: all that the task has.")
-@click.option("--seeds", type=click.IntRange(min=1), help=f"Agents of each algorithm.  [default: {SEEDS}, with --quick 1]")
-@click.option("--steps", type=click.IntRange(min=1), help="Steps of the environment for each agent.  [default: as in the hyperparameters]")
-@click.option("--quick", is_flag=True, help=f"A look: one seed, {100 * QUICK_SHARE:g} % of the steps, and a line for every evaluation.")
-@click.option("--hyperparameters", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE", help="YAML; replaces those it names.")
-@click.option("--argument", "arguments", multiple=True, type=(str, str), metavar="NAME VALUE", help="Argument of the environment; may be repeated.")
-@click.option("--demonstrations", type=click.Path(path_type=Path), metavar="FOLDER", help="Data set of record_demonstrations to begin by imitating.")
-@click.option("--workers", type=click.IntRange(min=1), help="Processes to train in, each on one core.  [default: all cores]")
-@click.option("--out", type=click.Path(path_type=Path), help=f"Folder.  [default: {OUT}, with --quick {OUT}_quick]")
-@click.option("--zoo", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER", help="Only write all recipes there, as rl-zoo3 has them.")
-@click.option("--ship", type=click.Path(path_type=Path), metavar="FOLDER", help="Write typical agents there, each as the one file that ships.")
+@click.option(
+    "--task",
+    "tasks",
+    multiple=True,
+    type=click.Choice(list(TASKS)),
+    default=(DEFAULT,),
+    show_default=True,
+    help="May be repeated.",
+)
+@click.option(
+    "--algorithm",
+    type=click.Choice([*ALGORITHMS, BOTH]),
+    default=BOTH,
+    show_default=True,
+    help="Both: all that the task has.",
+)
+@click.option(
+    "--seeds",
+    type=click.IntRange(min=1),
+    help=f"Agents of each algorithm.  [default: {SEEDS}, with --quick 1]",
+)
+@click.option(
+    "--steps",
+    type=click.IntRange(min=1),
+    help="Steps of the environment for each agent.  [default: as in the hyperparameters]",
+)
+@click.option(
+    "--quick",
+    is_flag=True,
+    help=f"A look: one seed, {100 * QUICK_SHARE:g} % of the steps, and a line for every evaluation.",
+)
+@click.option(
+    "--hyperparameters",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="YAML; replaces those it names.",
+)
+@click.option(
+    "--argument",
+    "arguments",
+    multiple=True,
+    type=(str, str),
+    metavar="NAME VALUE",
+    help="Argument of the environment; may be repeated.",
+)
+@click.option(
+    "--demonstrations",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Data set of record_demonstrations to begin by imitating.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    help="Processes to train in, each on one core.  [default: all cores]",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help=f"Folder.  [default: {OUT}, with --quick {OUT}_quick]",
+)
+@click.option(
+    "--zoo",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="FOLDER",
+    help="Only write all recipes there, as rl-zoo3 has them.",
+)
+@click.option(
+    "--ship",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Write typical agents there, each as the one file that ships.",
+)
 def main(**given: Any) -> None:
     """Train agents, seed by seed, and draw their learning curves.
 
@@ -127,7 +221,8 @@ def main(**given: Any) -> None:
     given["workers"] = given["workers"] or available_cores()
     given["out"] = given["out"] or (OUT.with_name(f"{OUT.name}_quick") if quick else OUT)
     given["arguments"] = environment_arguments(given["arguments"])
-    finished, goes_on = True, "the same command goes on from the last checkpoints."
+    finished = True
+    goes_on = "the same command goes on from the last checkpoints."
     with plain_errors(f"Stopped early: {goes_on}"):
         require_writable("--out", given["out"])
         if given["ship"] is not None:
@@ -135,5 +230,7 @@ def main(**given: Any) -> None:
         for task in given["tasks"]:
             finished = finished and train_task(task, given)
         if finished and given["ship"] is not None:
-            click.echo(f"{len(ship(given['out'], given['ship']))} agents written to {given['ship']}")
+            click.echo(
+                f"{len(ship(given['out'], given['ship']))} agents written to {given['ship']}"
+            )
     end_early(finished, goes_on)

@@ -34,7 +34,9 @@ with optional():
 LOG = logging.getLogger("optimisation.explore")
 ASSETS = Path(__file__).parent / "assets"
 LOOPBACK = "127.0.0.1"
-MOST_TABS, MOST_BYTES = 8, 16384  # of a message
+# of a message
+MOST_TABS = 8
+MOST_BYTES = 16384
 FIRST_PASS = 0.4  # s that a first pass may take once a newer setting is there: a drag shows something, and does not lag behind
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
@@ -53,7 +55,8 @@ class Guard:
     """
 
     def __init__(self, app: ASGIApp, hosts: frozenset[str]) -> None:
-        self.app, self.hosts = app, hosts
+        self.app = app
+        self.hosts = hosts
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass on, or refuse with 403."""
@@ -63,18 +66,29 @@ class Guard:
         headers = [(name.lower(), value.decode("latin-1")) for name, value in scope["headers"]]
         hosts = [value for name, value in headers if name == b"host"]
         origins = [value for name, value in headers if name == b"origin"]
-        own = len(hosts) == 1 and hosts[0].lower() in self.hosts and origins in ([], [f"http://{hosts[0]}"])
+        own = (
+            len(hosts) == 1
+            and hosts[0].lower() in self.hosts
+            and origins in ([], [f"http://{hosts[0]}"])
+        )
         if scope["type"] == "websocket":
             if not own or not origins:
-                await send({"type": "websocket.close", "code": 1008})  # before it is accepted: an answer 403
+                await send(
+                    {"type": "websocket.close", "code": 1008}
+                )  # before it is accepted: an answer 403
                 return
         elif not own:
-            await PlainTextResponse("this page answers only to its own address", 403)(scope, receive, send)
+            await PlainTextResponse("this page answers only to its own address", 403)(
+                scope, receive, send
+            )
             return
 
         async def with_headers(message: Any) -> None:
             if message["type"] == "http.response.start":
-                message["headers"] = [*message["headers"], *((name.lower().encode(), value.encode()) for name, value in HEADERS.items())]
+                message["headers"] = [
+                    *message["headers"],
+                    *((name.lower().encode(), value.encode()) for name, value in HEADERS.items()),
+                ]
             await send(message)
 
         await self.app(scope, receive, with_headers)
@@ -84,7 +98,11 @@ class Outbox:
     """Messages on their way to a page. One of a sort that has not gone yet is replaced by a newer one, so that it never grows."""
 
     def __init__(self) -> None:
-        self._loop, self._lock, self._waiting = asyncio.get_running_loop(), threading.Lock(), asyncio.Event()
+        self._loop, self._lock, self._waiting = (
+            asyncio.get_running_loop(),
+            threading.Lock(),
+            asyncio.Event(),
+        )
         self._messages: dict[tuple[Any, ...], Message] = {}
 
     def put(self, message: Message) -> None:
@@ -99,7 +117,8 @@ class Outbox:
         await self._waiting.wait()
         self._waiting.clear()
         with self._lock:
-            messages, self._messages = list(self._messages.values()), {}
+            messages = list(self._messages.values())
+            self._messages = {}
         return messages
 
 
@@ -107,8 +126,11 @@ class Tab:
     """One open page: its newest setting, and the thread that works on it."""
 
     def __init__(self, structure: Structure, kernels: Kernels, outbox: Outbox) -> None:
-        self.structure, self.kernels, self.outbox = structure, kernels, outbox
-        self._changed, self._ended = threading.Condition(), False
+        self.structure = structure
+        self.kernels = kernels
+        self.outbox = outbox
+        self._changed = threading.Condition()
+        self._ended = False
         self._next: tuple[int, Asked, bool] | None = None
         self._work: Work | None = None
         self._known: dict[tuple[Any, ...], list[Message]] = {}
@@ -117,21 +139,40 @@ class Tab:
 
     def take(self, plain: Any) -> None:
         """Take what a page says: ``{"number": n, "values": {...}}``, with ``"recommend": true`` for advice in place of a picture."""
-        ok = isinstance(plain, dict) and isinstance(plain.get("number"), int) and abs(plain["number"]) < 2**53
+        ok = (
+            isinstance(plain, dict)
+            and isinstance(plain.get("number"), int)
+            and abs(plain["number"]) < 2**53
+        )
         if not ok:
-            self.outbox.put({"type": "refused", "number": -1, "errors": {"": "a message is a table with number and values"}})
+            self.outbox.put(
+                {
+                    "type": "refused",
+                    "number": -1,
+                    "errors": {"": "a message is a table with number and values"},
+                }
+            )
             return
         number = plain["number"]
         try:
             values = asked(plain.get("values"), self.structure)
-            file, load = scene_file(values, self.structure), load_file(values, self.structure)
+            file = scene_file(values, self.structure)
+            load = load_file(values, self.structure)
         except Refused as refused:
             self.outbox.put({"type": "refused", "number": number, "errors": refused.errors})
             return
         except ParameterError as error:
             self.outbox.put({"type": "refused", "number": number, "errors": {"": str(error)}})
             return
-        self.outbox.put({"type": "taken", "number": number, "scene": file, "load": load, "command": command_of(values)})
+        self.outbox.put(
+            {
+                "type": "taken",
+                "number": number,
+                "scene": file,
+                "load": load,
+                "command": command_of(values),
+            }
+        )
         with self._changed:
             self._next = number, values, plain.get("recommend") is True
             self._hurry()
@@ -173,7 +214,9 @@ class Tab:
                 try:
                     work = self._work = Work(values, self.structure, self.kernels)
                 except ParameterError as error:
-                    self.outbox.put({"type": "refused", "number": number, "errors": {"": str(error)}})
+                    self.outbox.put(
+                        {"type": "refused", "number": number, "errors": {"": str(error)}}
+                    )
                     continue
             try:
                 self._do(number, work, advice)
@@ -183,7 +226,13 @@ class Tab:
                 self.outbox.put({"type": "failed", "number": number, "error": str(error)})
             except Exception:  # the page goes on, and so does its thread
                 LOG.exception("the explorer could not compute %s", values)
-                self.outbox.put({"type": "failed", "number": number, "error": "an error of the explorer's own, told where it was started"})
+                self.outbox.put(
+                    {
+                        "type": "failed",
+                        "number": number,
+                        "error": "an error of the explorer's own, told where it was started",
+                    }
+                )
 
     def _do(self, number: int, work: Work, advice: bool) -> None:
         if advice:
@@ -193,11 +242,19 @@ class Tab:
                 nonlocal told
                 if time.monotonic() - told > 0.1:
                     told = time.monotonic()
-                    self.outbox.put({"type": "advice", "number": number, "done": done, "total": total})
+                    self.outbox.put(
+                        {"type": "advice", "number": number, "done": done, "total": total}
+                    )
 
             for message in work.before_advice():
                 self.outbox.put(message | {"number": number})
-            self.outbox.put({"type": "advice", "number": number, **recommended(work.values, work.alone, work.stop, tell)})
+            self.outbox.put(
+                {
+                    "type": "advice",
+                    "number": number,
+                    **recommended(work.values, work.alone, work.stop, tell),
+                }
+            )
             return
         for message in work.pieces(self._known):
             self.outbox.put(message | {"number": number})
@@ -207,13 +264,23 @@ def command_of(values: Asked) -> str:
     """Return the command that makes the same run and its numbers from the files of scene and load."""
     words = f"impact-absorber sweep --scene scene.json --resonance {values.resonance} --members {values.members}"
     if values.load != "force":
-        return f"{words} --load load.json --plot sweep.png" + (f" --measures {SAMPLES} --json sweep.json" if values.load == "random" else " --energy")
-    return f"{words} --force {values['force']:.17g} --energy --plot sweep.png" + (" --down" if values.direction == "down" else "")
+        return f"{words} --load load.json --plot sweep.png" + (
+            f" --measures {SAMPLES} --json sweep.json" if values.load == "random" else " --energy"
+        )
+    return f"{words} --force {values['force']:.17g} --energy --plot sweep.png" + (
+        " --down" if values.direction == "down" else ""
+    )
 
 
-def make_app(structure: Structure, name: str, hosts: frozenset[str], started: Callable[[], object] = lambda: None) -> Starlette:
+def make_app(
+    structure: Structure,
+    name: str,
+    hosts: frozenset[str],
+    started: Callable[[], object] = lambda: None,
+) -> Starlette:
     """Return the application for a structure of a ``name``; ``hosts``: what a Host header may say; ``started`` is called once it serves."""
-    kernels, tabs = Kernels(), set[Tab]()
+    kernels = Kernels()
+    tabs = set[Tab]()
 
     async def page(_request: Request) -> Response:
         return Response((ASSETS / "index.html").read_bytes(), media_type="text/html")
@@ -225,7 +292,9 @@ def make_app(structure: Structure, name: str, hosts: frozenset[str], started: Ca
     async def talk(page: WebSocket) -> None:
         await page.accept()
         if len(tabs) >= MOST_TABS:
-            await page.close(1013, f"at most {MOST_TABS} tabs: close another one, and load this one again")
+            await page.close(
+                1013, f"at most {MOST_TABS} tabs: close another one, and load this one again"
+            )
             return
         outbox = Outbox()
         tab = Tab(structure, kernels, outbox)
@@ -265,7 +334,12 @@ def make_app(structure: Structure, name: str, hosts: frozenset[str], started: Ca
             await asyncio.to_thread(tab.join)
         kernels.cancel()
 
-    routes = [Route("/", page), Route("/controls", table), WebSocketRoute("/socket", talk), Mount("/assets", StaticFiles(directory=ASSETS))]
+    routes = [
+        Route("/", page),
+        Route("/controls", table),
+        WebSocketRoute("/socket", talk),
+        Mount("/assets", StaticFiles(directory=ASSETS)),
+    ]
     app = Starlette(routes=routes, lifespan=life)
     app.add_middleware(Guard, hosts=hosts)
     return app
@@ -288,13 +362,25 @@ def bound(host: str, port: int) -> socket.socket:
 def hosts_of(host: str, port: int) -> frozenset[str]:
     """Return the host names under which a browser may call the server."""
     names = {host, "localhost", LOOPBACK} if host in (LOOPBACK, "localhost") else {host}
-    return frozenset(f"[{name}]:{port}" if ":" in name else f"{name.lower()}:{port}" for name in names)
+    return frozenset(
+        f"[{name}]:{port}" if ":" in name else f"{name.lower()}:{port}" for name in names
+    )
 
 
-def serve(structure: Structure, name: str, host: str, listening: socket.socket, started: Callable[[], object]) -> None:
+def serve(
+    structure: Structure,
+    name: str,
+    host: str,
+    listening: socket.socket,
+    started: Callable[[], object],
+) -> None:
     """Serve until Ctrl-C, on a socket that listens."""
     app = make_app(structure, name, hosts_of(host, listening.getsockname()[1]), started)
-    limits: dict[str, Any] = {"ws_max_size": MOST_BYTES, "timeout_graceful_shutdown": 1, "limit_concurrency": 64}
+    limits: dict[str, Any] = {
+        "ws_max_size": MOST_BYTES,
+        "timeout_graceful_shutdown": 1,
+        "limit_concurrency": 64,
+    }
     config = uvicorn.Config(app, log_level="warning", ws="websockets-sansio", **limits)
     with listening, suppress(KeyboardInterrupt):
         uvicorn.Server(config).run(sockets=[listening])

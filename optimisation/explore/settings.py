@@ -39,7 +39,12 @@ from optimisation.mounting import scene_on
 # What acts on the explorer's structure: a force, an unbalance or a base that is swept, or a random force. One table for page, runs and files.
 
 
-LOADS = {"force": "swept force", "unbalance": "swept unbalance", "base": "swept base", "random": "random force"}
+LOADS = {
+    "force": "swept force",
+    "unbalance": "swept unbalance",
+    "base": "swept base",
+    "random": "random force",
+}
 BAND = (0.5, 1.5)  # of the resonance's frequency: where a random force has its flat spectrum
 FULL = Record(events=True, series=True)
 FINE = replace(FULL, samples_per_period=SAMPLES)
@@ -62,16 +67,31 @@ class Loading:
         """Return it in the form of `docs/loads.md`; a random force lasts as long as a ``schedule``."""
         sizes = {"force": "amplitude_n", "unbalance": "unbalance_kg_m", "base": "acceleration_m_s2"}
         if self.swept:
-            own = {"times_s": schedule.times.tolist(), "omegas_rad_s": schedule.omegas.tolist(), "reference_rad_s": schedule.reference}
+            own = {
+                "times_s": schedule.times.tolist(),
+                "omegas_rad_s": schedule.omegas.tolist(),
+                "reference_rad_s": schedule.reference,
+            }
             return {"load": {"kind": self.kind, sizes[self.kind]: intensity, "schedule": own}}
         low, high = (share * schedule.reference / (2 * np.pi) for share in BAND)
         density = intensity**2 / (high - low)
         spectrum = [[low, density], [high, density]]
-        return {"load": {"kind": "random", "spectrum": spectrum, "duration_s": float(schedule.times[-1]), "seed": 0}}
+        return {
+            "load": {
+                "kind": "random",
+                "spectrum": spectrum,
+                "duration_s": float(schedule.times[-1]),
+                "seed": 0,
+            }
+        }
 
     def act(self, intensity: float, schedule: FrequencySchedule) -> AnyDrive:
         """Return the drive of a run."""
-        return Drive(intensity, schedule) if self.kind == "force" else to_loads(self.file(intensity, schedule), schedule.reference)
+        return (
+            Drive(intensity, schedule)
+            if self.kind == "force"
+            else to_loads(self.file(intensity, schedule), schedule.reference)
+        )
 
     @property
     def measure(self) -> Measure | None:
@@ -86,10 +106,15 @@ class Loading:
     @property
     def worth(self) -> float:
         """The harmonic force in N that moves the resonance's mode as one unit of a swept load does; infinite where a force cannot."""
-        k, omega = self.resonance - 1, self.model.resonance_omega(self.resonance)
+        k = self.resonance - 1
+        omega = self.model.resonance_omega(self.resonance)
         if self.kind == "base":
             assert self.model.base_participation is not None
-            return float(np.abs(self.model.base_participation[k] / self.model.force_shape[k])) if self.model.force_shape[k] else float("inf")
+            return (
+                float(np.abs(self.model.base_participation[k] / self.model.force_shape[k]))
+                if self.model.force_shape[k]
+                else float("inf")
+            )
         return omega**2 if self.kind == "unbalance" else 1.0
 
     def rule_gap(self, mass: float, intensity: float) -> float:
@@ -100,7 +125,8 @@ class Loading:
         """
         if self.swept:
             return design_gap(self.model, mass, intensity * self.worth, self.resonance)
-        k, omega = self.resonance - 1, self.model.resonance_omega(self.resonance)
+        k = self.resonance - 1
+        omega = self.model.resonance_omega(self.resonance)
         damping = max(float(self.model.damping_ratio[k]), LEAST_DAMPING)
         shapes = self.model.force_shape[k] * self.model.tip_shape[k]
         return float(START * intensity * np.abs(shapes) / omega**2 * np.sqrt(np.pi / (4 * damping)))
@@ -111,7 +137,9 @@ class Loading:
             assert self.model.base_participation is not None
             return replace(self.model, force_shape=-self.model.base_participation), 1.0
         width = (BAND[1] - BAND[0]) * self.model.resonance_omega(self.resonance) / (2 * np.pi)
-        return self.model, {"force": 1.0, "unbalance": omega**2, "random": 1 / np.sqrt(width)}[self.kind]
+        return self.model, {"force": 1.0, "unbalance": omega**2, "random": 1 / np.sqrt(width)}[
+            self.kind
+        ]
 
 
 def _rms(lane: Lane, stop: Stop) -> tuple[float, ...]:
@@ -127,7 +155,10 @@ CONCEPTS = {
     "none": "no absorber",
 }
 DIRECTIONS = {"both": "larger of up and down", "up": "up", "down": "down"}
-MOST_MEMBERS, MOST_MODES, MOST_RESONANCE = 64, 40, 6  # each costs time in proportion, and a page is no place for long runs
+# each costs time in proportion, and a page is no place for long runs
+MOST_MEMBERS = 64
+MOST_MODES = 40
+MOST_RESONANCE = 6
 PAPER_FORCE = 3.5  # N
 
 
@@ -196,15 +227,24 @@ def _own_values(structure: Structure) -> tuple[Beam | None, float]:
         return beam, PAPER_FORCE
     model = modal_model(structure)
     try:
-        return beam, float(f"{design_force(model, DEFAULT_MASS_RATIO * model.beam_mass, RigidWalls.gap):.3g}")
+        return beam, float(
+            f"{design_force(model, DEFAULT_MASS_RATIO * model.beam_mass, RigidWalls.gap):.3g}"
+        )
     except ParameterError:  # the absorber's own place is a node
         return beam, 1.0
 
 
 def _intensities(model: ModalModel, force: float) -> list[tuple[str, str, float, str, float]]:
     """Return name, label, usual value, unit and factor of each load's intensity, all worth about the ``force`` in N at the first resonance."""
-    told = [("force", "Force", force, "N", 1.0), ("unbalance", "Unbalance", _two(force / model.resonance_omega(1) ** 2), "g mm", 1e6)]
-    if model.base_participation is not None and np.isfinite(worth := Loading("base", model, 1).worth) and worth > 0:
+    told = [
+        ("force", "Force", force, "N", 1.0),
+        ("unbalance", "Unbalance", _two(force / model.resonance_omega(1) ** 2), "g mm", 1e6),
+    ]
+    if (
+        model.base_participation is not None
+        and np.isfinite(worth := Loading("base", model, 1).worth)
+        and worth > 0
+    ):
         told.append(("base", "Base acceleration", _two(force / worth), "m/s²", 1.0))
     return [*told, ("random", "Random force", force, "N RMS", 1.0)]
 
@@ -213,7 +253,9 @@ def _two(value: float) -> float:
     return float(f"{value:.2g}")
 
 
-_KNOWN: dict[int, tuple[Structure, tuple[Control, ...]]] = {}  # by identity, and with the structure, which keeps it: a beam has no hash
+_KNOWN: dict[
+    int, tuple[Structure, tuple[Control, ...]]
+] = {}  # by identity, and with the structure, which keeps it: a beam has no hash
 
 
 def controls(structure: Structure) -> tuple[Control, ...]:
@@ -225,7 +267,9 @@ def controls(structure: Structure) -> tuple[Control, ...]:
 
 def _controls(structure: Structure) -> tuple[Control, ...]:
     beam, force = _own_values(structure)
-    modes, tuned, walls = (beam or modal_model(structure)).modes, TunedAbsorber(), RigidWalls()
+    modes = (beam or modal_model(structure)).modes
+    tuned = TunedAbsorber()
+    walls = RigidWalls()
     cavity = ("impact", "two")
     table = [
         *(
@@ -233,29 +277,138 @@ def _controls(structure: Structure) -> tuple[Control, ...]:
             for name, label, size, unit, per in _intensities(modal_model(structure), force)
         ),
         Control("resonance", "Resonance", 1, min(MOST_RESONANCE, modes), 1, whole=True),
-        Control("gap", "Gap to either wall", walls.gap / 50, 50 * walls.gap, walls.gap, "mm", 1e3, log=True, concepts=cavity),
-        Control("second_gap", "Gap of the second", walls.gap / 50, 50 * walls.gap, walls.gap / 2, "mm", 1e3, log=True, concepts=("two",)),
+        Control(
+            "gap",
+            "Gap to either wall",
+            walls.gap / 50,
+            50 * walls.gap,
+            walls.gap,
+            "mm",
+            1e3,
+            log=True,
+            concepts=cavity,
+        ),
+        Control(
+            "second_gap",
+            "Gap of the second",
+            walls.gap / 50,
+            50 * walls.gap,
+            walls.gap / 2,
+            "mm",
+            1e3,
+            log=True,
+            concepts=("two",),
+        ),
         Control("restitution", "Restitution", 0.0, 1.0, 0.7, concepts=cavity),
-        Control("friction", "Friction limit", 1e-4, 20.0, 0.0, "N", log=True, zero=True, concepts=cavity),
-        Control("damper_friction", "Friction limit", 1e-4, 100.0, 0.5, "N", log=True, concepts=("friction",)),
-        Control("stiffness", "Spring", tuned.stiffness / 1e3, tuned.stiffness * 1e3, tuned.stiffness, "N/m", log=True, concepts=("tuned",)),
-        Control("damper", "Damper", tuned.damping / 1e3, tuned.damping * 1e3, tuned.damping, "N s/m", log=True, zero=True, concepts=("tuned",)),
-        Control("mass_ratio", "Mass", 1e-3, 0.2, DEFAULT_MASS_RATIO, "% of the structure's", 100, log=True, concepts=tuple(CONCEPTS)[:-1]),
+        Control(
+            "friction", "Friction limit", 1e-4, 20.0, 0.0, "N", log=True, zero=True, concepts=cavity
+        ),
+        Control(
+            "damper_friction",
+            "Friction limit",
+            1e-4,
+            100.0,
+            0.5,
+            "N",
+            log=True,
+            concepts=("friction",),
+        ),
+        Control(
+            "stiffness",
+            "Spring",
+            tuned.stiffness / 1e3,
+            tuned.stiffness * 1e3,
+            tuned.stiffness,
+            "N/m",
+            log=True,
+            concepts=("tuned",),
+        ),
+        Control(
+            "damper",
+            "Damper",
+            tuned.damping / 1e3,
+            tuned.damping * 1e3,
+            tuned.damping,
+            "N s/m",
+            log=True,
+            zero=True,
+            concepts=("tuned",),
+        ),
+        Control(
+            "mass_ratio",
+            "Mass",
+            1e-3,
+            0.2,
+            DEFAULT_MASS_RATIO,
+            "% of the structure's",
+            100,
+            log=True,
+            concepts=tuple(CONCEPTS)[:-1],
+        ),
     ]
     alone = tuple(name for name in CONCEPTS if name != "two")
     if beam is not None:
         place = beam.absorber_position
-        table.append(Control("place", "Place", 0.05, 1.0, place, "of the length", concepts=alone[:-1]))
-        table.append(Control("first_place", "Place of the first", 0.05, 1.0, 1.0, "of the length", concepts=("two",)))
-        table.append(Control("second_place", "Place of the second", 0.05, 1.0, 0.6, "of the length", concepts=("two",)))
+        table.append(
+            Control("place", "Place", 0.05, 1.0, place, "of the length", concepts=alone[:-1])
+        )
+        table.append(
+            Control(
+                "first_place",
+                "Place of the first",
+                0.05,
+                1.0,
+                1.0,
+                "of the length",
+                concepts=("two",),
+            )
+        )
+        table.append(
+            Control(
+                "second_place",
+                "Place of the second",
+                0.05,
+                1.0,
+                0.6,
+                "of the length",
+                concepts=("two",),
+            )
+        )
         if isinstance(beam.damping_ratio, int | float):
-            table.append(Control("damping", "Damping ratio", 1e-4, 0.1, float(beam.damping_ratio), "%", 100, log=True))
+            table.append(
+                Control(
+                    "damping",
+                    "Damping ratio",
+                    1e-4,
+                    0.1,
+                    float(beam.damping_ratio),
+                    "%",
+                    100,
+                    log=True,
+                )
+            )
         table.append(Control("modes", "Modes", 1, MOST_MODES, modes, whole=True))
     else:
         places = len(modal_model(structure).places)
-        table.append(Control("place", "Place, its number", 1, places, 1, whole=True, concepts=alone[:-1]))
-        table.append(Control("first_place", "Place of the first", 1, places, 1, whole=True, concepts=("two",)))
-        table.append(Control("second_place", "Place of the second", 1, places, min(2, places), whole=True, concepts=("two",)))
+        table.append(
+            Control("place", "Place, its number", 1, places, 1, whole=True, concepts=alone[:-1])
+        )
+        table.append(
+            Control(
+                "first_place", "Place of the first", 1, places, 1, whole=True, concepts=("two",)
+            )
+        )
+        table.append(
+            Control(
+                "second_place",
+                "Place of the second",
+                1,
+                places,
+                min(2, places),
+                whole=True,
+                concepts=("two",),
+            )
+        )
     table.append(Control("members", "Members", 1, MOST_MEMBERS, 4, whole=True))
     return tuple(control for control in table if control.low < control.high)
 
@@ -283,7 +436,11 @@ def asked(plain: object, structure: Structure) -> Asked:
     errors: dict[str, str] = {}
     table = {control.name: control for control in controls(structure)}
     given = dict(plain) if isinstance(plain, Mapping) else {}
-    strange = [str(name)[:40] for name in given if name not in table and name not in ("concept", "load", "direction", "instant")]
+    strange = [
+        str(name)[:40]
+        for name in given
+        if name not in table and name not in ("concept", "load", "direction", "instant")
+    ]
     if strange or given is plain or not isinstance(plain, Mapping):
         errors[""] = f"values = {', '.join(strange)} is not allowed: a table of the page's controls"
     found = {}
@@ -293,7 +450,11 @@ def asked(plain: object, structure: Structure) -> Asked:
         except ParameterError as error:
             errors[name] = str(error)
     words = {}
-    for name, known in (("concept", CONCEPTS), ("load", loads_on(structure)), ("direction", DIRECTIONS)):
+    for name, known in (
+        ("concept", CONCEPTS),
+        ("load", loads_on(structure)),
+        ("direction", DIRECTIONS),
+    ):
         try:
             words[name] = one_of(name, given.get(name, next(iter(known))), known)
         except ParameterError as error:
@@ -302,18 +463,34 @@ def asked(plain: object, structure: Structure) -> Asked:
     if instant is not None and not 0 <= number(instant) <= 1e12:
         errors["instant"] = "instant is not allowed: a time in s, 0 or above"
     if "modes" in found and "resonance" in found and found["resonance"] > found["modes"]:
-        errors["resonance"] = f"resonance = {found['resonance']:g} is not allowed: a mode of the model, 1 to {found['modes']:g}"
+        errors["resonance"] = (
+            f"resonance = {found['resonance']:g} is not allowed: a mode of the model, 1 to {found['modes']:g}"
+        )
     if words.get("load") == "base" and words.get("concept") == "two":
-        errors["load"] = f"load = base is not allowed: {', '.join(LOADS)} with one absorber, without base with two"
+        errors["load"] = (
+            f"load = base is not allowed: {', '.join(LOADS)} with one absorber, without base with two"
+        )
     if errors:
         raise Refused(errors)
-    return Asked(words["concept"], words["load"], words["direction"], found, None if instant is None else number(instant))
+    return Asked(
+        words["concept"],
+        words["load"],
+        words["direction"],
+        found,
+        None if instant is None else number(instant),
+    )
 
 
 def _number(control: Control, value: object) -> float:
     if control.whole:
-        return count(control.name, int(value) if isinstance(value, float) and value.is_integer() else value, int(control.low), int(control.high))
-    low, high = 0.0 if control.zero else control.low, control.high
+        return count(
+            control.name,
+            int(value) if isinstance(value, float) and value.is_integer() else value,
+            int(control.low),
+            int(control.high),
+        )
+    low = 0.0 if control.zero else control.low
+    high = control.high
     slack = 1e-9 * high
     shown = value if isinstance(value, int | float) else f"{value!r:.40}"
     allowed = f"{low * control.per:g} to {high * control.per:g} {control.unit}".rstrip()
@@ -325,7 +502,9 @@ def structure_of(values: Asked, structure: Structure) -> Structure:
     """Return the structure with the page's modes and damping, if it is a beam."""
     if not isinstance(structure, Beam):
         return structure
-    own = {"modes": int(values["modes"])} | ({"damping_ratio": values["damping"]} if "damping" in values.numbers else {})
+    own = {"modes": int(values["modes"])} | (
+        {"damping_ratio": values["damping"]} if "damping" in values.numbers else {}
+    )
     return replace(structure, **own)  # type: ignore[arg-type]
 
 
@@ -339,7 +518,8 @@ def absorber_of(values: Asked) -> Absorber | None:
     if values.concept == "tuned":
         return TunedAbsorber(mass, values["stiffness"], values["damper"])
     if values.concept == "two":
-        gaps, places = (values["gap"], values["second_gap"]), (values["first_place"], values["second_place"])
+        gaps = (values["gap"], values["second_gap"])
+        places = (values["first_place"], values["second_place"])
         return impact_absorbers(gaps, places, values["restitution"], values["friction"], mass)
     return None
 
@@ -366,4 +546,6 @@ def load_file(values: Asked, structure: Structure) -> Plain | None:
         return None
     scene = scene_of(values, structure)
     up, down = CurveCase(scene, np.ones(1), values.resonance).schedules()
-    return Loading(values.load, scene.model, values.resonance).file(values.intensity, down if values.direction == "down" else up)
+    return Loading(values.load, scene.model, values.resonance).file(
+        values.intensity, down if values.direction == "down" else up
+    )

@@ -41,7 +41,9 @@ class Kernels:
         self._preparing: dict[object, Preparation] = {}
         self._lock = threading.Lock()
 
-    def waited(self, key: object, ready: Callable[[], bool], begin: Callable[[], Preparation], stop: Stop) -> Iterator[float]:
+    def waited(
+        self, key: object, ready: Callable[[], bool], begin: Callable[[], Preparation], stop: Stop
+    ) -> Iterator[float]:
         """Yield the seconds of compiling until the kernels of a key are ready; raises Newer after a stop, and leaves the compiling be."""
         if key in self.ready:
             return
@@ -58,7 +60,9 @@ class Kernels:
             work.wait(0.2)
             yield work.elapsed
         self._preparing.pop(key, None)
-        self.ready.add(key)  # if the other process could not, this one compiles, or tells why it cannot
+        self.ready.add(
+            key
+        )  # if the other process could not, this one compiles, or tells why it cannot
 
     def cancel(self) -> None:
         """End what is on its way."""
@@ -66,7 +70,9 @@ class Kernels:
             work.cancel()
 
 
-def branches(scene: Scene, force: float, resonance: int, low: float, high: float, stop: Stop | None = None) -> Iterator[ResponseCurve]:
+def branches(
+    scene: Scene, force: float, resonance: int, low: float, high: float, stop: Stop | None = None
+) -> Iterator[ResponseCurve]:
     """Yield the branches of symmetric orbits between two ratios of a resonance, with their stability; none where there are no rigid walls."""
     absorber = scene.absorber
     if not (isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls)):
@@ -77,7 +83,9 @@ def branches(scene: Scene, force: float, resonance: int, low: float, high: float
             raise Newer
 
     reference = scene.model.resonance_omega(resonance)
-    for branch in orbit_branches(case_of(scene, force, low * reference), low * reference, high * reference, progress=look):
+    for branch in orbit_branches(
+        case_of(scene, force, low * reference), low * reference, high * reference, progress=look
+    ):
         look("", 0, 0.0)
         yield orbit_curve(branch, reference)
 
@@ -87,7 +95,15 @@ def _all_branches(*given: Any) -> None:
     list(branches(*given))
 
 
-def followed(scene: Scene, force: float, resonance: int, low: float, high: float, stop: Stop, kernels: Kernels) -> Iterator[ResponseCurve | float]:
+def followed(
+    scene: Scene,
+    force: float,
+    resonance: int,
+    low: float,
+    high: float,
+    stop: Stop,
+    kernels: Kernels,
+) -> Iterator[ResponseCurve | float]:
     """Yield the curves of `branches`, or for how many seconds another process has been compiling what they take.
 
     None where the level is read elsewhere than at the absorber, whose amplitude the branches tell.
@@ -95,7 +111,10 @@ def followed(scene: Scene, force: float, resonance: int, low: float, high: float
     if scene.model.response_shape is not None:
         return
     given = (scene, force, resonance, low, high)
-    key = ("branches", isinstance(scene.absorber, SlidingAbsorber) and scene.absorber.friction is not None)
+    key = (
+        "branches",
+        isinstance(scene.absorber, SlidingAbsorber) and scene.absorber.friction is not None,
+    )
     if key in kernels.ready:
         yield from branches(*given, stop)
         return
@@ -103,7 +122,9 @@ def followed(scene: Scene, force: float, resonance: int, low: float, high: float
         with only_kept():
             found = list(branches(*given, stop))
     except NotKept:
-        yield from kernels.waited(key, lambda: False, lambda: Preparation(partial(_all_branches, *given)), stop)
+        yield from kernels.waited(
+            key, lambda: False, lambda: Preparation(partial(_all_branches, *given)), stop
+        )
         found = list(branches(*given, stop))
     kernels.ready.add(key)
     yield from found
@@ -117,30 +138,53 @@ _TUNED: dict[tuple[object, ...], TunedAbsorber] = {}
 
 def tuned_to(model: ModalModel, mass_ratio: float, resonance: int) -> TunedAbsorber:
     """Return the linear absorber with the smallest peak; known at once for the same numbers, as it takes seconds."""
-    shapes = (model.omega, model.damping_ratio, model.force_shape, model.tip_shape, model.level_shape)
+    shapes = (
+        model.omega,
+        model.damping_ratio,
+        model.force_shape,
+        model.tip_shape,
+        model.level_shape,
+    )
     key = (*(x.tobytes() for x in shapes), mass_ratio, resonance)
     if key not in _TUNED:
         _TUNED[key] = minimax(model, mass_ratio, resonance)
     return _TUNED[key]
 
 
-def recommended(values: Asked, model: ModalModel, stop: Stop, tell: Callable[[int, int], None]) -> dict[str, Any]:
+def recommended(
+    values: Asked, model: ModalModel, stop: Stop, tell: Callable[[int, int], None]
+) -> dict[str, Any]:
     """Return the advice of a search by quick sweeps at the marked force: new values by the controls' names, and why.
 
     ``model`` has the absorber's place, ``tell`` is told finished and all runs. Raises `Newer` after a ``stop``.
     """
-    mass, resonance = values["mass_ratio"] * model.beam_mass, values.resonance
+    mass = values["mass_ratio"] * model.beam_mass
+    resonance = values.resonance
     loading = Loading(values.load, model, resonance)
     if values.concept == "tuned":
         tuned = tuned_to(model, values["mass_ratio"], resonance)
-        return {"values": {"stiffness": tuned.stiffness, "damper": tuned.damping}, "why": "smallest peak of the linear response"}
+        return {
+            "values": {"stiffness": tuned.stiffness, "damper": tuned.damping},
+            "why": "smallest peak of the linear response",
+        }
     if values.concept == "friction":
-        require(loading.swept, "Recommended", "friction damper", "for a swept load: there is no closed form for a random force")
+        require(
+            loading.swept,
+            "Recommended",
+            "friction damper",
+            "for a swept load: there is no closed form for a random force",
+        )
         limit, _ = best_friction(model, mass, values.intensity * loading.worth, resonance)
-        return {"values": {"damper_friction": limit}, "why": "most energy lost in a cycle at this force"}
+        return {
+            "values": {"damper_friction": limit},
+            "why": "most energy lost in a cycle at this force",
+        }
     if values.concept == "two":
         gap = loading.rule_gap(mass, values.intensity)
-        return {"values": {"gap": gap, "second_gap": gap}, "why": "the gap from which a search would begin, as if both masses were one"}
+        return {
+            "values": {"gap": gap, "second_gap": gap},
+            "why": "the gap from which a search would begin, as if both masses were one",
+        }
 
     def watch(done: int, total: int) -> None:
         if stop.given:
@@ -149,7 +193,9 @@ def recommended(values: Asked, model: ModalModel, stop: Stop, tell: Callable[[in
 
     if values.load != "force":
         return _for_loads(values, loading, watch)
-    own = scaled_absorber(model, values.intensity, resonance, values["mass_ratio"], values["restitution"])
+    own = scaled_absorber(
+        model, values.intensity, resonance, values["mass_ratio"], values["restitution"]
+    )
     found = advise(model, values.intensity, resonance, own, members=MEMBERS, progress=watch)
     best = found.recommended or found.sharp
     if stop.given or best is None:
@@ -159,15 +205,25 @@ def recommended(values: Asked, model: ModalModel, stop: Stop, tell: Callable[[in
     return {"values": {"gap": best.gap, "friction": best.friction_limit}, "why": why}
 
 
-def _for_loads(values: Asked, loading: Loading, watch: Callable[[int, int], None]) -> dict[str, Any]:
+def _for_loads(
+    values: Asked, loading: Loading, watch: Callable[[int, int], None]
+) -> dict[str, Any]:
     """Return the gap that a search under a load recommends, with the friction as it is."""
     schedule = CurveCase(Scene(loading.model), np.ones(1), loading.resonance).schedules()[0]
     loads = loading.act(values.intensity, schedule)
     assert isinstance(loads, Loads)
-    mass_ratio, restitution, friction = (values[name] for name in ("mass_ratio", "restitution", "friction"))
-    given: dict[str, Any] = {"mass_ratio": mass_ratio, "restitution": restitution, "friction_limit": friction}
+    mass_ratio, restitution, friction = (
+        values[name] for name in ("mass_ratio", "restitution", "friction")
+    )
+    given: dict[str, Any] = {
+        "mass_ratio": mass_ratio,
+        "restitution": restitution,
+        "friction_limit": friction,
+    }
     try:
-        found = advise_for_loads(loading.model, loads, loading.resonance, members=MEMBERS, progress=watch, **given)
+        found = advise_for_loads(
+            loading.model, loads, loading.resonance, members=MEMBERS, progress=watch, **given
+        )
     except KeyboardInterrupt:
         raise Newer from None
     why = f"lowest {TOLD[found.measure]} over {100 * found.tolerance:.0f} % of the load, at {len(found.runs)} gaps"

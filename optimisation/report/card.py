@@ -18,7 +18,9 @@ from optimisation.files import replacing, write_json
 from optimisation.gap_card import Impacts, Rivals
 
 Json = dict[str, object]
-COLOURS, MARKED = 7, 60  # colours in card.html; a curve of fewer points shows them
+# colours in card.html; a curve of fewer points shows them
+COLOURS = 7
+MARKED = 60
 FRAME = Path(__file__).with_name("card.html")
 ASSETS = Path(__file__).parents[1] / "explore/assets"
 SHARED = ("uplot-LICENSE.txt", "uplot.css", "uplot.js", "figure.js")
@@ -37,7 +39,9 @@ class Row:
         """Value and unit as one reads them."""
         if self.value is None or (isinstance(self.value, float) and not math.isfinite(self.value)):
             return "not known"
-        return self.value if isinstance(self.value, str) else f"{self.value:.4g} {self.unit}".rstrip()
+        return (
+            self.value if isinstance(self.value, str) else f"{self.value:.4g} {self.unit}".rstrip()
+        )
 
 
 @dataclass(frozen=True)
@@ -81,13 +85,21 @@ def text(card: Card) -> str:
     lines = [card.title]
     for heading, rows in card.groups:
         lines += ["", heading, *(f"  {row.label:<{width}}  {row.text}" for row in rows)]
-    return "\n".join([*lines, *(["", "Warnings", *(f"  {line}" for line in card.warnings)] if card.warnings else [])])
+    return "\n".join(
+        [
+            *lines,
+            *(["", "Warnings", *(f"  {line}" for line in card.warnings)] if card.warnings else []),
+        ]
+    )
 
 
 def content(card: Card) -> Json:
     """Return the card as JSON values."""
     groups = {
-        heading: [{"label": r.label, "value": None if r.text == "not known" else r.value, "unit": r.unit} for r in rows]
+        heading: [
+            {"label": r.label, "value": None if r.text == "not known" else r.value, "unit": r.unit}
+            for r in rows
+        ]
         for heading, rows in card.groups
     }
     return {"title": card.title, "groups": groups, "warnings": list(card.warnings)}
@@ -97,32 +109,71 @@ def page(card: Card) -> str:
     """Return the card as one HTML file."""
     parts = [f"<h1>{html.escape(card.title)}</h1>"]
     if card.warnings:
-        parts.append("<ul class='warnings'>" + "".join(f"<li>{html.escape(line)}</li>" for line in card.warnings) + "</ul>")
+        parts.append(
+            "<ul class='warnings'>"
+            + "".join(f"<li>{html.escape(line)}</li>" for line in card.warnings)
+            + "</ul>"
+        )
     parts.append("<div class='groups'>")
     for heading, rows in card.groups:
-        cells = "".join(f"<tr><th>{html.escape(row.label)}</th><td>{html.escape(row.text)}</td></tr>" for row in rows)
+        cells = "".join(
+            f"<tr><th>{html.escape(row.label)}</th><td>{html.escape(row.text)}</td></tr>"
+            for row in rows
+        )
         parts.append(f"<section><h2>{html.escape(heading)}</h2><table>{cells}</table></section>")
     parts.append("</div>")
-    data = json.dumps([_figure(chart) for chart in card.charts], allow_nan=False).replace("<", "\\u003c")
+    data = json.dumps([_figure(chart) for chart in card.charts], allow_nan=False).replace(
+        "<", "\\u003c"
+    )
     filled = {"title": html.escape(card.title), "body": "\n".join(parts), "charts": data}
     filled |= {name: (ASSETS / name).read_text(encoding="utf-8") for name in SHARED}
-    return re.sub(r"\{\{([\w.-]+)\}\}", lambda found: filled[found[1]], FRAME.read_text(encoding="utf-8"))
+    return re.sub(
+        r"\{\{([\w.-]+)\}\}", lambda found: filled[found[1]], FRAME.read_text(encoding="utf-8")
+    )
 
 
 def _figure(chart: Chart) -> Json:
     """Return a chart as figure.js draws it."""
-    lines, areas = list[Json](), list[Json]()
+    lines = list[Json]()
+    areas = list[Json]()
     for k, curve in enumerate(chart.curves):
-        order = sorted((i for i, x in enumerate(curve.x) if x is not None), key=lambda i: curve.x[i])  # type: ignore[arg-type, return-value]
+        order = sorted(
+            (i for i, x in enumerate(curve.x) if x is not None),
+            key=lambda i: curve.x[i],  # type: ignore[arg-type, return-value]
+        )
         x, y, low, high = (
-            [None if v is None or (log and v <= 0) else v for v in (values[i] for i in order if values)]
-            for values, log in ((curve.x, chart.log_x), (curve.y, chart.log_y), (curve.low, chart.log_y), (curve.high, chart.log_y))
+            [
+                None if v is None or (log and v <= 0) else v
+                for v in (values[i] for i in order if values)
+            ]
+            for values, log in (
+                (curve.x, chart.log_x),
+                (curve.y, chart.log_y),
+                (curve.low, chart.log_y),
+                (curve.high, chart.log_y),
+            )
         )
         own: Json = {"name": curve.name, "colour": f"c{k % COLOURS}", "x": x}
-        lines.append(own | {"y": y, "width": 0 if curve.points else 2, "points": curve.points or len(x) < MARKED, "hollow": curve.points})
+        lines.append(
+            own
+            | {
+                "y": y,
+                "width": 0 if curve.points else 2,
+                "points": curve.points or len(x) < MARKED,
+                "hollow": curve.points,
+            }
+        )
         areas += [own | {"low": low, "high": high, "strength": 0.2}] if low else []
-    axes: Json = {"x": {"label": chart.x, "short": chart.x, "log": chart.log_x}, "y": {"label": chart.y, "log": chart.log_y}}
-    return axes | {"title": chart.title, "lines": lines, "areas": areas, "marks": [{"name": name, "x": at} for name, at in chart.marks]}
+    axes: Json = {
+        "x": {"label": chart.x, "short": chart.x, "log": chart.log_x},
+        "y": {"label": chart.y, "log": chart.log_y},
+    }
+    return axes | {
+        "title": chart.title,
+        "lines": lines,
+        "areas": areas,
+        "marks": [{"name": name, "x": at} for name, at in chart.marks],
+    }
 
 
 def write_card(folder: Path, card: Card) -> list[Path]:
@@ -150,7 +201,8 @@ def mass_rows(mass_ratio: float, model: ModalModel) -> Rows:
 
 def device_rows(absorber: SlidingAbsorber, model: ModalModel) -> Rows:
     """Return an impact absorber between rigid walls as it is built."""
-    walls, friction = absorber.walls, absorber.friction
+    walls = absorber.walls
+    friction = absorber.friction
     return (
         *mass_rows(absorber.mass_ratio, model),
         Row("clearance to either wall", 1e3 * walls.gap, "mm"),  # type: ignore[union-attr]
@@ -162,7 +214,9 @@ def device_rows(absorber: SlidingAbsorber, model: ModalModel) -> Rows:
 def rival_rows(rivals: Rivals) -> Rows:
     """Return the lines about other absorbers of the same mass."""
     damper = f"best friction damper of this mass, {rivals.damper_limit:.4g} N (estimate)"
-    return Row("best tuned absorber of this mass (stationary)", 1e3 * rivals.tuned, "mm"), Row(damper, 1e3 * rivals.damper, "mm")
+    return Row("best tuned absorber of this mass (stationary)", 1e3 * rivals.tuned, "mm"), Row(
+        damper, 1e3 * rivals.damper, "mm"
+    )
 
 
 def borne_rows(gap: float, impacts: Impacts, level: float) -> Rows:
@@ -173,14 +227,23 @@ def borne_rows(gap: float, impacts: Impacts, level: float) -> Rows:
         Row("RMS impact speed", impacts.rms, "m/s"),
         Row("impacts", impacts.rate, "1/s"),
         Row("power lost in impacts", 1e3 * impacts.power, "mW"),
-        Row("largest acceleration of the structure, harmonic part", math.sqrt(2) * level * impacts.omega**2, "m/s^2"),
+        Row(
+            "largest acceleration of the structure, harmonic part",
+            math.sqrt(2) * level * impacts.omega**2,
+            "m/s^2",
+        ),
     )
 
 
-def assumed_rows(model: ModalModel, resonances: Sequence[int], rate: float | None, more: str = "") -> Rows:
+def assumed_rows(
+    model: ModalModel, resonances: Sequence[int], rate: float | None, more: str = ""
+) -> Rows:
     """Return the lines about the runs behind the levels; ``rate`` None: no sweeps."""
     rows = [
-        Row(f"resonance {r}", f"{model.resonance_omega(r) / (2 * math.pi):.4g} Hz, damping ratio {100 * model.damping_ratio[r - 1]:.4g} %")
+        Row(
+            f"resonance {r}",
+            f"{model.resonance_omega(r) / (2 * math.pi):.4g} Hz, damping ratio {100 * model.damping_ratio[r - 1]:.4g} %",
+        )
         for r in dict.fromkeys(resonances)
     ]
     swept = () if rate is None else (Row("sweeps up and down at", rate, RATE),)

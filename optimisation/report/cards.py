@@ -28,7 +28,16 @@ from optimisation.report.card import (
     mass_rows,
     rival_rows,
 )
-from optimisation.report.design_tables import PAPER, WINNER, borne_pairs, compared, condition_values, kept, limit, service_pairs
+from optimisation.report.design_tables import (
+    PAPER,
+    WINNER,
+    borne_pairs,
+    compared,
+    condition_values,
+    kept,
+    limit,
+    service_pairs,
+)
 from optimisation.report.tuning_report import MINIMAX, TuningTable
 from optimisation.search.judge import Findings
 from optimisation.search.pareto import Front
@@ -45,72 +54,173 @@ def comparison_card(found: Comparison, borne: Impacts | None = None) -> Card:
     own = next(concept.absorber for concept in found.concepts if concept.key == IMPACT)
     assert isinstance(own, SlidingAbsorber)
     groups: list[tuple[str, tuple[Row, ...]]] = [("Impact absorber", device_rows(own, found.model))]
-    groups.append(("Others of its mass", tuple(Row(one.label, _parameters(one.absorber)) for one in found.concepts if one.key not in (NONE, IMPACT))))
-    warnings, charts = [], []
+    groups.append(
+        (
+            "Others of its mass",
+            tuple(
+                Row(one.label, _parameters(one.absorber))
+                for one in found.concepts
+                if one.key not in (NONE, IMPACT)
+            ),
+        )
+    )
+    warnings = []
+    charts = []
     for part in found.resonances:
         name = f"Resonance {part.resonance}"
         if part.told is not None:
-            groups.append((f"{name}, at {part.forces[part.told]:.3g} N", _levels(part, labels, part.told)))
+            groups.append(
+                (f"{name}, at {part.forces[part.told]:.3g} N", _levels(part, labels, part.told))
+            )
         if part.told is not None and part is found.resonances[0] and borne is not None:
-            groups.append(("What it bears there", borne_rows(found.gap, borne, float(part.curves[IMPACT].median[part.told]))))
+            groups.append(
+                (
+                    "What it bears there",
+                    borne_rows(found.gap, borne, float(part.curves[IMPACT].median[part.told])),
+                )
+            )
         charts.append(_comparison_chart(part, labels, name))
         if part.sweep_ratio < LEAST_RATIO:
-            warnings.append(f"{name}: sweeps show {part.sweep_ratio:.3f} of the stationary level; sweep more slowly")
+            warnings.append(
+                f"{name}: sweeps show {part.sweep_ratio:.3f} of the stationary level; sweep more slowly"
+            )
         if part.reach < 1:
-            warnings.append(f"{name}: the structure does not move as far as the rule's gap, and no wall is touched there")
-    assumed = assumed_rows(found.model, [part.resonance for part in found.resonances], found.percent_per_100_periods)
-    return Card("Absorbers of one mass compared", (*groups, ("Assumptions", assumed)), tuple(charts), tuple(warnings))
+            warnings.append(
+                f"{name}: the structure does not move as far as the rule's gap, and no wall is touched there"
+            )
+    assumed = assumed_rows(
+        found.model, [part.resonance for part in found.resonances], found.percent_per_100_periods
+    )
+    return Card(
+        "Absorbers of one mass compared",
+        (*groups, ("Assumptions", assumed)),
+        tuple(charts),
+        tuple(warnings),
+    )
 
 
 def _parameters(absorber: Absorber | None) -> str:
     if isinstance(absorber, TunedAbsorber):
         return f"{absorber.stiffness:.6g} N/m, {absorber.damping:.4g} N s/m"
-    return "" if absorber is None or absorber.friction is None else f"friction limit {absorber.friction.limit:.4g} N"  # type: ignore[union-attr]
+    return (
+        ""
+        if absorber is None or absorber.friction is None  # type: ignore[union-attr]
+        else f"friction limit {absorber.friction.limit:.4g} N"  # type: ignore[union-attr]
+    )
 
 
 def _levels(part: ResonanceComparison, labels: dict[str, str], k: int) -> tuple[Row, ...]:
     rows = []
     for key, curve in part.curves.items():
-        level, (low, high), none = MM * curve.median[k], MM * curve.band[:, k], MM * part.curves[NONE].median[k]
-        rows.append(Row(labels[key], f"{level:.4g} mm ({low:.4g} to {high:.4g}), {100 * level / none:.3g} %"))
+        level, (low, high), none = (
+            MM * curve.median[k],
+            MM * curve.band[:, k],
+            MM * part.curves[NONE].median[k],
+        )
+        rows.append(
+            Row(
+                labels[key], f"{level:.4g} mm ({low:.4g} to {high:.4g}), {100 * level / none:.3g} %"
+            )
+        )
     halves = stretch(part.forces, part.curves[IMPACT].median < HALVED * part.curves[NONE].median, k)
-    return (*rows, Row(NO_DEVICE, MM * float(part.limit[k]), "mm"), Row(f"the {labels[IMPACT]} halves the level", between(*halves)))
+    return (
+        *rows,
+        Row(NO_DEVICE, MM * float(part.limit[k]), "mm"),
+        Row(f"the {labels[IMPACT]} halves the level", between(*halves)),
+    )
 
 
 def _comparison_chart(part: ResonanceComparison, labels: dict[str, str], name: str) -> Chart:
     curves = [
-        Curve(labels[key], numbers(part.forces), numbers(MM * curve.median), numbers(MM * curve.band[0]), numbers(MM * curve.band[1]))
+        Curve(
+            labels[key],
+            numbers(part.forces),
+            numbers(MM * curve.median),
+            numbers(MM * curve.band[0]),
+            numbers(MM * curve.band[1]),
+        )
         for key, curve in part.curves.items()
     ]
     what = "the force" if part.own_force is not None else f"best of the {labels[IMPACT]}"
     best = () if part.told is None else ((what, float(part.forces[part.told])),)
-    return Chart(name, "force in N", "level in mm (RMS)", tuple(curves), best, log_x=True, log_y=True)
+    return Chart(
+        name, "force in N", "level in mm (RMS)", tuple(curves), best, log_x=True, log_y=True
+    )
 
 
 def tuning_card(table: TuningTable, bounds: dict[str, float]) -> Card:
     """Return all tunings with their peaks, what the one with the smallest peak bears, and the amplitude over the frequency."""
-    rows, curves = [], []
-    ratios = np.unique(np.concatenate([np.linspace(table.low, table.high, POINTS), [t.peak_ratio for t in table.tunings]]))
+    rows = []
+    curves = []
+    ratios = np.unique(
+        np.concatenate(
+            [np.linspace(table.low, table.high, POINTS), [t.peak_ratio for t in table.tunings]]
+        )
+    )
     for tuning in table.tunings:
         own = tuning.absorber
         what = "" if own is None else f", {own.stiffness:.6g} N/m, {own.damping:.4g} N s/m"
-        proved = f", proved {100 * bounds[tuning.key] / table.tunings[0].peak:.4g} %" if tuning.key in bounds else ""
-        rows.append(Row(tuning.label, f"peak {100 * table.relative_peak(tuning):.4g} % at {tuning.peak_ratio:.4g}{proved}{what}"))
-        amplitude = 100 * np.abs(tip_response(table.model, own, ratios * table.omega)) / table.tunings[0].peak
+        proved = (
+            f", proved {100 * bounds[tuning.key] / table.tunings[0].peak:.4g} %"
+            if tuning.key in bounds
+            else ""
+        )
+        rows.append(
+            Row(
+                tuning.label,
+                f"peak {100 * table.relative_peak(tuning):.4g} % at {tuning.peak_ratio:.4g}{proved}{what}",
+            )
+        )
+        amplitude = (
+            100
+            * np.abs(tip_response(table.model, own, ratios * table.omega))
+            / table.tunings[0].peak
+        )
         curves.append(Curve(tuning.label, numbers(ratios), numbers(amplitude)))
-    assumed = (*mass_rows(table.mass_ratio, table.model), *assumed_rows(table.model, (table.resonance,), None))
-    chart = Chart("Amplitude", "frequency over the resonance's", "% of the peak without absorber", tuple(curves), log_y=True)
-    best = [tuning.absorber for tuning in table.tunings if tuning.key == MINIMAX and tuning.absorber]
-    borne = [("What the tuning of the smallest peak bears under 1 N", _borne_tuned(table, absorber, ratios)) for absorber in best]
-    return Card("Tuned absorbers of one mass", (("Tunings", tuple(rows)), *borne, ("Assumptions", assumed)), (chart,))
+    assumed = (
+        *mass_rows(table.mass_ratio, table.model),
+        *assumed_rows(table.model, (table.resonance,), None),
+    )
+    chart = Chart(
+        "Amplitude",
+        "frequency over the resonance's",
+        "% of the peak without absorber",
+        tuple(curves),
+        log_y=True,
+    )
+    best = [
+        tuning.absorber for tuning in table.tunings if tuning.key == MINIMAX and tuning.absorber
+    ]
+    borne = [
+        (
+            "What the tuning of the smallest peak bears under 1 N",
+            _borne_tuned(table, absorber, ratios),
+        )
+        for absorber in best
+    ]
+    return Card(
+        "Tuned absorbers of one mass",
+        (("Tunings", tuple(rows)), *borne, ("Assumptions", assumed)),
+        (chart,),
+    )
 
 
 def _borne_tuned(table: TuningTable, absorber: TunedAbsorber, ratios: Array) -> tuple[Row, ...]:
     """Return the largest stationary stroke, speed, accelerations and loss of a tuned absorber under 1 N at frequencies over the resonance's."""
-    model, omega, mass = table.model, ratios * table.omega, absorber.mass_ratio * table.model.beam_mass
+    model = table.model
+    omega = ratios * table.omega
+    mass = absorber.mass_ratio * table.model.beam_mass
     place = coupled_receptance(model, absorber, omega, model.tip_shape, model.force_shape)
-    stroke = place * mass * omega**2 / (absorber.stiffness + 1j * omega * absorber.damping - mass * omega**2)
-    speed, accelerations = omega * np.abs(stroke), (np.abs(omega**2 * q) for q in (place + stroke, tip_response(model, absorber, omega)))
+    stroke = (
+        place
+        * mass
+        * omega**2
+        / (absorber.stiffness + 1j * omega * absorber.damping - mass * omega**2)
+    )
+    speed = omega * np.abs(stroke)
+    accelerations = (
+        np.abs(omega**2 * q) for q in (place + stroke, tip_response(model, absorber, omega))
+    )
     absorbers, structures = (float(values.max()) for values in accelerations)
     return (
         Row("stroke of the absorber, to either side", MM * float(np.abs(stroke).max()), "mm"),
@@ -125,37 +235,72 @@ def _borne_tuned(table: TuningTable, absorber: TunedAbsorber, ratios: Array) -> 
 
 def findings_card(found: Findings) -> Card:
     """Return a search's winner, its level under each condition beside its rivals, what it bears, and what it rests on."""
-    problem, verdict = found.problem, found.verdict
+    problem = found.problem
+    verdict = found.verdict
     groups: list[tuple[str, tuple[Row, ...]]] = []
     warnings = [] if found.finished else ["stopped early"]
     if verdict is not None:
         values = verdict.winner.design.values
-        own = [Row(v.name.replace("_", " "), values[v.name], v.si) for v in VARIABLES[problem.space.concept] if v.name != MASS_RATIO]
+        own = [
+            Row(v.name.replace("_", " "), values[v.name], v.si)
+            for v in VARIABLES[problem.space.concept]
+            if v.name != MASS_RATIO
+        ]
         groups.append(("Winner", (*mass_rows(values[MASS_RATIO], problem.model), *own)))
         judged = [
-            Row(f"{name}'s design", "{:.4g} ({:.4g} to {:.4g})".format(one.score.values[0], *one.bands[0]) + kept(problem, one.score))
+            Row(
+                f"{name}'s design",
+                "{:.4g} ({:.4g} to {:.4g})".format(one.score.values[0], *one.bands[0])
+                + kept(problem, one.score),
+            )
             for name, one in compared(verdict).items()
         ]
         groups.append((f"{problem.objectives[0].label}, on fresh members", tuple(judged)))
-        groups += [(c.words[0].upper() + c.words[1:], _condition_rows(found, k)) for k, c in enumerate(problem.conditions)]
+        groups += [
+            (c.words[0].upper() + c.words[1:], _condition_rows(found, k))
+            for k, c in enumerate(problem.conditions)
+        ]
         if not verdict.feasible:
             warnings.append("no feasible design: the winner breaks the constraints least")
-        warnings += [f"the winner lies at a bound: {line}" for line in problem.space.at_bounds(verdict.winner.design)]
-    more = "" if found.wider is None else f"; with {found.wider.modes} {found.wider.change} of its value"
-    groups.append(("Assumptions", (*_assumed(problem, more), Row("searched", f"{found.cost.designs} designs, {found.cost.runs} runs"))))
+        warnings += [
+            f"the winner lies at a bound: {line}"
+            for line in problem.space.at_bounds(verdict.winner.design)
+        ]
+    more = (
+        ""
+        if found.wider is None
+        else f"; with {found.wider.modes} {found.wider.change} of its value"
+    )
+    groups.append(
+        (
+            "Assumptions",
+            (
+                *_assumed(problem, more),
+                Row("searched", f"{found.cost.designs} designs, {found.cost.runs} runs"),
+            ),
+        )
+    )
     charts = [_over_force(part) for part in found.curves or ()]
-    return Card(f"Search for the best design: {problem.space.concept}", tuple(groups), tuple(charts), tuple(warnings))
+    return Card(
+        f"Search for the best design: {problem.space.concept}",
+        tuple(groups),
+        tuple(charts),
+        tuple(warnings),
+    )
 
 
 def _assumed(problem: Problem, more: str = "") -> tuple[Row, ...]:
     resonances = () if problem.under_loads else tuple(c.resonance for c in problem.conditions)
-    return assumed_rows(problem.model, resonances, None if problem.under_loads else problem.rate, more)
+    return assumed_rows(
+        problem.model, resonances, None if problem.under_loads else problem.rate, more
+    )
 
 
 def _condition_rows(found: Findings, k: int) -> tuple[Row, ...]:
     """Return levels under a condition, and what the winner bears there."""
     assert found.own is not None
-    values, condition = condition_values(found, k), found.own.conditions[k]
+    values = condition_values(found, k)
+    condition = found.own.conditions[k]
     (name, unit), (scale, shown) = condition.told, SHOWN[condition.told[1]]
     rows = []
     for who in (WINNER, PAPER):
@@ -167,7 +312,11 @@ def _condition_rows(found: Findings, k: int) -> tuple[Row, ...]:
     if condition.loads is None:
         assert found.verdict is not None
         design = found.verdict.winner.design
-        rows += rival_rows(rivals(found.problem.model, design.values[MASS_RATIO], condition.force, condition.resonance))
+        rows += rival_rows(
+            rivals(
+                found.problem.model, design.values[MASS_RATIO], condition.force, condition.resonance
+            )
+        )
         bound = limit(found.problem, design, condition)
         rows += [] if math.isnan(bound) else [Row(NO_DEVICE, MM * bound, "mm")]
     if found.service is not None:
@@ -176,32 +325,65 @@ def _condition_rows(found: Findings, k: int) -> tuple[Row, ...]:
 
 
 def _over_force(part: Levels) -> Chart:
-    forces, own = [condition.force for condition in part.conditions], part.conditions[0]
+    forces = [condition.force for condition in part.conditions]
+    own = part.conditions[0]
     name, (scale, unit) = own.told[0], SHOWN[own.told[1]]
     curves = [
-        Curve(who, numbers(forces), numbers(scale * part.median[d]), numbers(scale * part.low[d]), numbers(scale * part.high[d]))
+        Curve(
+            who,
+            numbers(forces),
+            numbers(scale * part.median[d]),
+            numbers(scale * part.low[d]),
+            numbers(scale * part.high[d]),
+        )
         for d, who in enumerate(("winner", "paper"))
     ]
     curves.append(Curve("no absorber", numbers(forces), numbers(scale * part.without)))
-    x, y = ("force in N", "level in mm (RMS)") if own.loads is None else ("factor on the loads", f"{TOLD[name]} in {unit}")
+    x, y = (
+        ("force in N", "level in mm (RMS)")
+        if own.loads is None
+        else ("factor on the loads", f"{TOLD[name]} in {unit}")
+    )
     return Chart(own.place[0].upper() + own.place[1:], x, y, tuple(curves), log_x=True, log_y=True)
 
 
 def front_card(found: Front) -> Card:
     """Return the designs of a front, what some of them bear, and all that were tried."""
-    problem, names = found.problem, [o.label for o in found.problem.objectives]
+    problem = found.problem
+    names = [o.label for o in found.problem.objectives]
     rows = []
     for e in found.members:
         values = ", ".join(f"{v.name} {e.design.values[v.name]:.4g}" for v in problem.space.free)
-        rows.append(Row(f"design {e.number}", values + ": {:.4g} and {:.4g}".format(*e.score.values)))
+        rows.append(
+            Row(f"design {e.number}", values + ": {:.4g} and {:.4g}".format(*e.score.values))
+        )
     warnings = () if found.members else ("no design kept all constraints",)
     parts = [("tried", found.told), ("on the front", found.members)]
-    curves = [Curve(name, numbers(e.score.values[0] for e in part), numbers(e.score.values[1] for e in part), points=True) for name, part in parts]
-    assumed = (*_assumed(problem), Row("searched", f"{found.cost.designs} designs, {found.cost.runs} runs"))
+    curves = [
+        Curve(
+            name,
+            numbers(e.score.values[0] for e in part),
+            numbers(e.score.values[1] for e in part),
+            points=True,
+        )
+        for name, part in parts
+    ]
+    assumed = (
+        *_assumed(problem),
+        Row("searched", f"{found.cost.designs} designs, {found.cost.runs} runs"),
+    )
     borne = [
-        (f"What design {number} bears, {condition.words}", tuple(Row(*pair) for pair in borne_pairs(seen, c)))
+        (
+            f"What design {number} bears, {condition.words}",
+            tuple(Row(*pair) for pair in borne_pairs(seen, c)),
+        )
         for number, seen in found.borne
         for c, condition in enumerate(problem.conditions)
     ]
     groups = (("Front", tuple(rows)), *borne, ("Assumptions", assumed))
-    return Card(" against ".join(names), groups, (Chart("Front", names[0], names[1], tuple(curves)),), warnings)
+    return Card(
+        " against ".join(names),
+        groups,
+        (Chart("Front", names[0], names[1], tuple(curves)),),
+        warnings,
+    )

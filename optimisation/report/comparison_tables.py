@@ -24,9 +24,32 @@ Json = dict[str, object]
 LIMIT = "limit"
 DIRECTIONS = {UP: "up", DOWN: "down"}
 RUN = ("resonance", "concept", "force_n", "member", "phase_rad", "force_factor", "direction")
-RUN_COLUMNS = (*RUN, "response_level_m", "level_frequency_ratio", "level_time_s", "max_tip_m", "impacts", "stuck_time_s")
-LEVELS = ("level_median_m", "level_5_percent_m", "level_95_percent_m", "level_up_median_m", "level_down_median_m")
-CURVE_COLUMNS = ("resonance", "concept", "force_n", "members", *LEVELS, "relative_median", "relative_5_percent", "relative_95_percent")
+RUN_COLUMNS = (
+    *RUN,
+    "response_level_m",
+    "level_frequency_ratio",
+    "level_time_s",
+    "max_tip_m",
+    "impacts",
+    "stuck_time_s",
+)
+LEVELS = (
+    "level_median_m",
+    "level_5_percent_m",
+    "level_95_percent_m",
+    "level_up_median_m",
+    "level_down_median_m",
+)
+CURVE_COLUMNS = (
+    "resonance",
+    "concept",
+    "force_n",
+    "members",
+    *LEVELS,
+    "relative_median",
+    "relative_5_percent",
+    "relative_95_percent",
+)
 
 
 def run_rows(comparison: Comparison) -> Iterator[tuple[object, ...]]:
@@ -35,8 +58,17 @@ def run_rows(comparison: Comparison) -> Iterator[tuple[object, ...]]:
         for key, curve in part.curves.items():
             lanes = curve.lanes
             for k, m, d in zip(*np.nonzero(~np.isnan(lanes.level)), strict=True):
-                names = (lanes.level, lanes.frequency_ratio, lanes.time, lanes.max_tip, lanes.impacts, lanes.stuck_time)
-                level, ratio, time, tip, impacts, stuck = (float(values[k, m, d]) for values in names)
+                names = (
+                    lanes.level,
+                    lanes.frequency_ratio,
+                    lanes.time,
+                    lanes.max_tip,
+                    lanes.impacts,
+                    lanes.stuck_time,
+                )
+                level, ratio, time, tip, impacts, stuck = (
+                    float(values[k, m, d]) for values in names
+                )
                 member = (int(m), float(curve.members.phases[m]), float(curve.members.factors[m]))
                 start = (part.resonance, key, float(part.forces[k]), *member, DIRECTIONS[int(d)])
                 yield (*start, level, ratio, time, tip, int(impacts), stuck)
@@ -52,17 +84,29 @@ def curve_rows(comparison: Comparison) -> Iterator[tuple[object, ...]]:
             members = np.sum(~np.isnan(curve.combined), axis=1)
             for k, force in enumerate(part.forces):
                 cells = [*levels[:, k], *directions[:, k], *relative[:, k]]
-                yield (part.resonance, key, float(force), int(members[k]), *("" if math.isnan(x) else float(x) for x in cells))
+                yield (
+                    part.resonance,
+                    key,
+                    float(force),
+                    int(members[k]),
+                    *("" if math.isnan(x) else float(x) for x in cells),
+                )
         for force, limit in zip(part.forces, part.limit, strict=True):
             yield (part.resonance, LIMIT, float(force), "", float(limit), *[""] * 7)
 
 
 def _relative(point: Optimum) -> Json:
-    return {"relative_to_no_absorber": number(point.relative), "relative_5_to_95_percent": numbers(point.relative_band)}
+    return {
+        "relative_to_no_absorber": number(point.relative),
+        "relative_5_to_95_percent": numbers(point.relative_band),
+    }
 
 
 def _at(point: Optimum) -> Json:
-    level = {"response_level_m": number(point.level), "response_level_5_to_95_percent_m": numbers(point.level_band)}
+    level = {
+        "response_level_m": number(point.level),
+        "response_level_5_to_95_percent_m": numbers(point.level_band),
+    }
     return {"force_n": point.force, **level, **_relative(point)}
 
 
@@ -72,14 +116,27 @@ def _linear(comparison: Comparison, concept: Concept) -> bool:
 
 def _concept_summary(comparison: Comparison, part: ResonanceComparison, concept: Concept) -> Json:
     """Return a concept's results; the best force of a linear one is null, as all forces are alike to it."""
-    curve, none = part.curves[concept.key], part.curves[NONE]
+    curve = part.curves[concept.key]
+    none = part.curves[NONE]
     optimum = curve.optimum(none)
-    parameters = {} if concept.absorber is None else {name: value for name, value in asdict(concept.absorber).items() if value is not None}
-    summary: Json = {"label": concept.label, "sweep_limits": list(concept.limits), "absorber": parameters, "complete": curve.complete}
+    parameters = (
+        {}
+        if concept.absorber is None
+        else {name: value for name, value in asdict(concept.absorber).items() if value is not None}
+    )
+    summary: Json = {
+        "label": concept.label,
+        "sweep_limits": list(concept.limits),
+        "absorber": parameters,
+        "complete": curve.complete,
+    }
     if optimum is not None and _linear(comparison, concept):
         summary["optimum"] = {"force_n": None, **_relative(optimum)}
     elif optimum is not None:
-        summary["optimum"] = {**_at(optimum), "force_5_to_95_percent_n": numbers(optimum.force_band)}
+        summary["optimum"] = {
+            **_at(optimum),
+            "force_5_to_95_percent_n": numbers(optimum.force_band),
+        }
     if part.best is not None:
         summary["at_best_force_of_impact_absorber"] = _at(curve.at(part.best, none))
     if part.told is not None and part.own_force is not None:
@@ -110,7 +167,11 @@ def summary(comparison: Comparison) -> Json:
                 "limit_m": part.limit.tolist(),
                 "design_force_n": part.design_force,
                 "sweep_over_stationary_level": number(part.sweep_ratio),
-                "concepts": {one.key: _concept_summary(comparison, part, one) for one in comparison.concepts if one.key in part.curves},
+                "concepts": {
+                    one.key: _concept_summary(comparison, part, one)
+                    for one in comparison.concepts
+                    if one.key in part.curves
+                },
             }
             for part in comparison.resonances
         },
@@ -126,38 +187,85 @@ def _with_band(value: float, band: tuple[float, float], pattern: str) -> str:
 
 
 def _row(comparison: Comparison, part: ResonanceComparison, concept: Concept) -> list[str]:
-    curve, none = part.curves[concept.key], part.curves[NONE]
+    curve = part.curves[concept.key]
+    none = part.curves[NONE]
     optimum = curve.optimum(none)
     if optimum is None or part.told is None:
         return [concept.label, *["-"] * 4]
     here = curve.at(part.told, none)
-    best = "any" if _linear(comparison, concept) else _with_band(optimum.force, optimum.force_band, "{:.3g}")
-    own, level = (_with_band(100 * x.relative, (100 * x.relative_band[0], 100 * x.relative_band[1]), "{:.1f}") for x in (optimum, here))
-    return [concept.label, best, own, _with_band(1e3 * here.level, (1e3 * here.level_band[0], 1e3 * here.level_band[1]), "{:.3f}"), level]
+    best = (
+        "any"
+        if _linear(comparison, concept)
+        else _with_band(optimum.force, optimum.force_band, "{:.3g}")
+    )
+    own, level = (
+        _with_band(100 * x.relative, (100 * x.relative_band[0], 100 * x.relative_band[1]), "{:.1f}")
+        for x in (optimum, here)
+    )
+    return [
+        concept.label,
+        best,
+        own,
+        _with_band(
+            1e3 * here.level, (1e3 * here.level_band[0], 1e3 * here.level_band[1]), "{:.3f}"
+        ),
+        level,
+    ]
 
 
 def _block(comparison: Comparison, part: ResonanceComparison) -> list[str]:
     finished = int(np.max(np.sum(~np.isnan(part.curves[IMPACT].combined), axis=1)))
     at = "the best force" if part.told is None else f"{part.forces[part.told]:.3g} N"
-    rows = [["concept", "best force, N", "level there, %", f"level at {at}, mm", f"level at {at}, %"]]
-    rows += [_row(comparison, part, concept) for concept in comparison.concepts if concept.key in part.curves]
+    rows = [
+        ["concept", "best force, N", "level there, %", f"level at {at}, mm", f"level at {at}, %"]
+    ]
+    rows += [
+        _row(comparison, part, concept)
+        for concept in comparison.concepts
+        if concept.key in part.curves
+    ]
     if part.told is not None:
-        rows.append([f"limit within a cavity of ±{1e3 * part.gap:.4g} mm", "", "", f"{1e3 * part.limit[part.told]:.3f}", ""])
+        rows.append(
+            [
+                f"limit within a cavity of ±{1e3 * part.gap:.4g} mm",
+                "",
+                "",
+                f"{1e3 * part.limit[part.told]:.3f}",
+                "",
+            ]
+        )
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines = [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
     title = f"Resonance {part.resonance} ({part.omega / (2 * np.pi):.1f} Hz), {finished} of {comparison.members} members"
-    sweep = f"sweeps without absorber show {part.sweep_ratio:.3f} of the stationary level" if not math.isnan(part.sweep_ratio) else ""
+    sweep = (
+        f"sweeps without absorber show {part.sweep_ratio:.3f} of the stationary level"
+        if not math.isnan(part.sweep_ratio)
+        else ""
+    )
     where = " at the absorber's place" if comparison.model.response_shape is not None else ""
-    rule = f"design rule: {part.design_force:.3g} N is the force at which the limit{where} leaves zero"
-    touched = f"; the free amplitude is {part.reach:.3g} gaps there" if comparison.own_structure else ""
-    touched += ", so that no wall is touched" if comparison.own_structure and part.reach < LEAST_REACH else ""
+    rule = (
+        f"design rule: {part.design_force:.3g} N is the force at which the limit{where} leaves zero"
+    )
+    touched = (
+        f"; the free amplitude is {part.reach:.3g} gaps there" if comparison.own_structure else ""
+    )
+    touched += (
+        ", so that no wall is touched"
+        if comparison.own_structure and part.reach < LEAST_REACH
+        else ""
+    )
     return [title, *lines, *([sweep] if sweep else []), rule + touched]
 
 
 def text_table(comparison: Comparison) -> str:
     """Return the results as aligned text, one block a resonance; levels in % are relative to no absorber."""
     notes = "Median, in brackets 5 to 95 % of the members. Levels in % are relative to no absorber."
-    return "\n\n".join(["\n".join(_block(comparison, part)) for part in comparison.resonances] + [notes])
+    return "\n\n".join(
+        ["\n".join(_block(comparison, part)) for part in comparison.resonances] + [notes]
+    )
 
 
 LOAD_BAND = (0.05, 0.5, 0.95)
@@ -173,7 +281,10 @@ def load_rows(comparison: LoadComparison) -> Iterator[tuple[object, ...]]:
     """Yield every run."""
     for concept, found in comparison.values.items():
         for factor, runs in zip(comparison.factors, found, strict=True):
-            yield from ((concept, float(factor), *place, float(value)) for place, value in np.ndenumerate(runs))
+            yield from (
+                (concept, float(factor), *place, float(value))
+                for place, value in np.ndenumerate(runs)
+            )
 
 
 def load_summary(comparison: LoadComparison) -> dict[str, Any]:
@@ -184,9 +295,16 @@ def load_summary(comparison: LoadComparison) -> dict[str, Any]:
         "band_edges_hz": comparison.edges[:-1].tolist(),
         "factors": comparison.factors.tolist(),
         "free_size_m": comparison.free_size,
-        "absorbers": {name: values(absorber) for name, absorber in comparison.absorbers.items() if absorber is not None},
+        "absorbers": {
+            name: values(absorber)
+            for name, absorber in comparison.absorbers.items()
+            if absorber is not None
+        },
         "without_absorber": np.median(comparison.values["none"], axis=1).T.tolist(),
-        "ratio_5_50_95": {name: np.quantile(comparison.ratio(name), LOAD_BAND, axis=1).transpose(2, 1, 0).tolist() for name in LOAD_LOOKS},
+        "ratio_5_50_95": {
+            name: np.quantile(comparison.ratio(name), LOAD_BAND, axis=1).transpose(2, 1, 0).tolist()
+            for name in LOAD_LOOKS
+        },
     }
 
 
@@ -194,19 +312,29 @@ def _heads(comparison: LoadComparison) -> list[str]:
     """Return the bands' names; none where there is but one."""
     if len(comparison.edges) < 3:
         return [""]
-    return [f"{low:.3g} Hz and above" if np.isinf(high) else f"{low:.3g} to {high:.3g} Hz" for low, high in pairwise(comparison.edges)]
+    return [
+        f"{low:.3g} Hz and above" if np.isinf(high) else f"{low:.3g} to {high:.3g} Hz"
+        for low, high in pairwise(comparison.edges)
+    ]
 
 
 def load_table(comparison: LoadComparison) -> str:
     """Return the lines that are printed."""
-    lines = [f"{TOLD[comparison.measure]} under {amplitude_in_words(comparison.loads)}, over that without absorber: median (5 to 95 %)"]
-    lines += [f"  {words(absorber)}" for absorber in comparison.absorbers.values() if absorber is not None]
+    lines = [
+        f"{TOLD[comparison.measure]} under {amplitude_in_words(comparison.loads)}, over that without absorber: median (5 to 95 %)"
+    ]
+    lines += [
+        f"  {words(absorber)}" for absorber in comparison.absorbers.values() if absorber is not None
+    ]
     bands = {name: np.quantile(comparison.ratio(name), LOAD_BAND, axis=1) for name in LOAD_LOOKS}
     for band, head in enumerate(_heads(comparison)):
         lines += [f"  {head}"] if head else []
         lines.append("  intensity" + "".join(f"{LOAD_LOOKS[name][0]:>24}" for name in LOAD_LOOKS))
         for k, factor in enumerate(comparison.factors):
-            cells = (f"{middle:.3f} ({low:.2f} to {high:.2f})" for low, middle, high in (bands[name][:, k, band] for name in LOAD_LOOKS))
+            cells = (
+                f"{middle:.3f} ({low:.2f} to {high:.2f})"
+                for low, middle, high in (bands[name][:, k, band] for name in LOAD_LOOKS)
+            )
             lines.append(f"  {factor:9.3g}" + "".join(f"{cell:>24}" for cell in cells))
     return "\n".join(lines)
 
@@ -215,15 +343,23 @@ def tuned_summary(found: TunedUnder) -> dict[str, Any]:
     """Return the tunings and what they leave of the measure without absorber, the median over the members."""
     ratios = np.median(found.ratios, axis=1)
     tunings = zip(("best", "least_peak"), (found.best, found.peak), ratios, strict=True)
-    return {"measure": found.measure} | {name: values(absorber) | {"ratio": float(ratio)} for name, absorber, ratio in tunings}
+    return {"measure": found.measure} | {
+        name: values(absorber) | {"ratio": float(ratio)} for name, absorber, ratio in tunings
+    }
 
 
 def tuned_text(found: TunedUnder) -> str:
     """Return the lines that are printed of tunings."""
     ratios = 100 * found.ratios
-    lines = [f"{TOLD[found.measure]} under {amplitude_in_words(found.loads)}, in % of that without absorber: median of {ratios.shape[1]} runs"]
-    for name, absorber, row in zip(("best for it", "least peak"), (found.best, found.peak), ratios, strict=True):
-        lines.append(f"  {name}: {np.median(row):.4g} ({row.min():.4g} to {row.max():.4g}), {words(absorber)}")
+    lines = [
+        f"{TOLD[found.measure]} under {amplitude_in_words(found.loads)}, in % of that without absorber: median of {ratios.shape[1]} runs"
+    ]
+    for name, absorber, row in zip(
+        ("best for it", "least peak"), (found.best, found.peak), ratios, strict=True
+    ):
+        lines.append(
+            f"  {name}: {np.median(row):.4g} ({row.min():.4g} to {row.max():.4g}), {words(absorber)}"
+        )
     return "\n".join(lines)
 
 
@@ -243,7 +379,10 @@ def save_load_figure(path: Path, comparison: LoadComparison) -> None:
         axes.minorticks_off()
         axes.set_ylim(0, None)
         axes.set_xlabel("intensity of the load, 1: as given")
-        axes.set_title(", ".join(filter(None, (f"Under {amplitude_in_words(comparison.loads)}", head))), fontsize=11)
+        axes.set_title(
+            ", ".join(filter(None, (f"Under {amplitude_in_words(comparison.loads)}", head))),
+            fontsize=11,
+        )
     panels[0].set_ylabel(f"{TOLD[comparison.measure]} over that without absorber")
     panels[0].legend(frameon=False)
     write_figure(figure, path)

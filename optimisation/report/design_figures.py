@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 
 from impact_env.parameters import ParameterError
 from optimisation.bounds import design_gap
-from optimisation.comparison import FRICTION, IMPACT, LTVA_PAPER_WIDE, LTVA_TUNED, LTVA_TUNED_WIDE, NONE, Comparison, ResonanceComparison
+from optimisation.comparison import (
+    FRICTION,
+    IMPACT,
+    LTVA_PAPER_WIDE,
+    LTVA_TUNED,
+    LTVA_TUNED_WIDE,
+    NONE,
+    Comparison,
+    ResonanceComparison,
+)
 from optimisation.insight import Levels, over_force
 from optimisation.measures import SHOWN, TOLD
 from optimisation.mounting import mounted
@@ -51,20 +60,32 @@ LOOKS = {
 def save_figure(path: Path, comparison: Comparison) -> None:
     """Draw response levels over the force near both resonances, as in the paper's last figure; the ending of ``path`` chooses the format."""
     figure, panels = figures.figure_of(10, 6.4, 1, len(comparison.resonances), sharey=True)
-    panels, top = np.atleast_1d(panels), 0.0
+    panels = np.atleast_1d(panels)
+    top = 0.0
     for panel, part in zip(panels, comparison.resonances, strict=True):
         _draw(panel, part)
         top = max(top, float(np.nanmax(figures.MM * part.curves[NONE].median, initial=0)))
     panels[0].set_ylim(figures.MM * LEAST_SHOWN * comparison.gap, 1.3 * top if top > 0 else None)
     panels[0].set_ylabel(
-        "resonant response level in mm (RMS)" if comparison.own_structure else "resonant response level of the tip in mm (RMS)", fontsize=11
+        "resonant response level in mm (RMS)"
+        if comparison.own_structure
+        else "resonant response level of the tip in mm (RMS)",
+        fontsize=11,
     )
-    runs = "one run" if comparison.members == 1 else f"{comparison.members} runs that differ in when the force begins and by a millionth of it"
+    runs = (
+        "one run"
+        if comparison.members == 1
+        else f"{comparison.members} runs that differ in when the force begins and by a millionth of it"
+    )
     band = f"lines: median, bands: 5 to 95 % of {runs}{'' if comparison.complete else ' (stopped early)'}"
     caption = f"level: RMS around the largest displacement, the larger of a sweep up and a sweep down\n{band}"
-    legend = figures.draw_legend(figure, panels[0], 3, fontsize=10, title=caption, alignment="center")
+    legend = figures.draw_legend(
+        figure, panels[0], 3, fontsize=10, title=caption, alignment="center"
+    )
     legend.get_title().set(fontsize=9, color="0.35", ha="center")
-    what, whose = ("the structure", "its") if comparison.own_structure else ("the beam's tip", "the beam's")
+    what, whose = (
+        ("the structure", "its") if comparison.own_structure else ("the beam's tip", "the beam's")
+    )
     title = f"Response of {what} at resonance, with absorbers of {100 * comparison.mass_ratio:.3g} % of {whose} mass"
     figure.suptitle(title, fontsize=13)
     write_figure(figure, path)
@@ -73,18 +94,32 @@ def save_figure(path: Path, comparison: Comparison) -> None:
 def _draw(panel: Axes, part: ResonanceComparison) -> None:
     for key, look in LOOKS.items():
         # near another resonance than its own a tuned absorber is not swept widely
-        curve = part.curves.get(key, part.curves.get(LTVA_TUNED) if key == LTVA_TUNED_WIDE else None)
+        curve = part.curves.get(
+            key, part.curves.get(LTVA_TUNED) if key == LTVA_TUNED_WIDE else None
+        )
         if curve is None:
             continue
         low, high = figures.MM * curve.band
         panel.fill_between(part.forces, low, high, color=look.colour, alpha=0.25, lw=0)
-        panel.plot(part.forces, figures.MM * curve.median, color=look.colour, ls=look.style, lw=look.width, label=look.label)
+        panel.plot(
+            part.forces,
+            figures.MM * curve.median,
+            color=look.colour,
+            ls=look.style,
+            lw=look.width,
+            label=look.label,
+        )
     panel.set(xscale="log", yscale="log", xlim=(part.forces[0], part.forces[-1]))
     _draw_limit(panel, part)
     _mark_optimum(panel, part)
     if part.own_force is not None:
-        panel.axvline(part.own_force, color="0.4", lw=1.2, ls=":", label=f"the force, {part.own_force:g} N")
-    panel.set_title(f"{ORDINALS.get(part.resonance, part.resonance)} resonance, {part.omega / (2 * np.pi):.1f} Hz", fontsize=12)
+        panel.axvline(
+            part.own_force, color="0.4", lw=1.2, ls=":", label=f"the force, {part.own_force:g} N"
+        )
+    panel.set_title(
+        f"{ORDINALS.get(part.resonance, part.resonance)} resonance, {part.omega / (2 * np.pi):.1f} Hz",
+        fontsize=12,
+    )
     panel.set_xlabel("amplitude of the force in N", fontsize=11)
     figures.force_axis(panel.xaxis)
     figures.force_axis(panel.yaxis)
@@ -104,18 +139,36 @@ def _mark_optimum(panel: Axes, part: ResonanceComparison) -> None:
     if optimum is None:
         return
     colour = LOOKS[IMPACT].colour
-    panel.plot(optimum.force, figures.MM * optimum.level, "o", ms=9, mfc="white", mec=colour, mew=2.2, zorder=5)
+    panel.plot(
+        optimum.force,
+        figures.MM * optimum.level,
+        "o",
+        ms=9,
+        mfc="white",
+        mec=colour,
+        mew=2.2,
+        zorder=5,
+    )
     panel.plot(0.05, 0.925, "o", ms=9, mfc="white", mec=colour, mew=2.2, transform=panel.transAxes)
     text = f"best point: {optimum.force:.3g} N,\n{100 * optimum.relative:.0f} % of no absorber"
-    panel.text(0.085, 0.95, text, fontsize=11, color=colour, ha="left", va="top", transform=panel.transAxes)
+    panel.text(
+        0.085, 0.95, text, fontsize=11, color=colour, ha="left", va="top", transform=panel.transAxes
+    )
 
 
 Array = NDArray[np.float64]
-DESIGN_LOOKS = (("winner", figures.BLUE, "-", 2.2), ("paper's design", figures.ORANGE, (0, (5, 2)), 1.8))
+DESIGN_LOOKS = (
+    ("winner", figures.BLUE, "-", 2.2),
+    ("paper's design", figures.ORANGE, (0, (5, 2)), 1.8),
+)
 
 
 def _title(condition: Condition) -> str:
-    return f"{ORDINALS.get(condition.resonance, condition.resonance)} resonance" if condition.loads is None else f"under {condition.place}"
+    return (
+        f"{ORDINALS.get(condition.resonance, condition.resonance)} resonance"
+        if condition.loads is None
+        else f"under {condition.place}"
+    )
 
 
 def _axis(condition: Condition) -> str:
@@ -124,7 +177,9 @@ def _axis(condition: Condition) -> str:
 
 def _lines(panel: Axes, x: Array, levels: Levels, scale: Array) -> None:
     for d, (label, colour, style, width) in enumerate(DESIGN_LOOKS[: len(levels.median)]):
-        panel.fill_between(x, levels.low[d] * scale, levels.high[d] * scale, color=colour, alpha=0.2, lw=0)
+        panel.fill_between(
+            x, levels.low[d] * scale, levels.high[d] * scale, color=colour, alpha=0.2, lw=0
+        )
         panel.plot(x, levels.median[d] * scale, color=colour, ls=style, lw=width, label=label)
 
 
@@ -133,7 +188,9 @@ def save_curves(path: Path, findings: Findings) -> None:
     assert findings.curves is not None
     assert findings.verdict is not None
     figure, panels = figures.figure_with(len(findings.curves))
-    for panel, levels, own in zip(panels, findings.curves, findings.problem.conditions, strict=True):
+    for panel, levels, own in zip(
+        panels, findings.curves, findings.problem.conditions, strict=True
+    ):
         forces = np.array([condition.force for condition in levels.conditions])
         scale, shown = SHOWN[own.told[1]]
         panel.plot(forces, scale * levels.without, color=figures.BLACK, lw=1.2, label="no absorber")
@@ -141,18 +198,35 @@ def save_curves(path: Path, findings: Findings) -> None:
         panel.set(xscale="log", yscale="log", xlim=(forces[0], forces[-1]), xlabel=_axis(own))
         bottom = 0.5 * scale * float(np.min(levels.low))
         dense = over_force(own, np.geomspace(forces[0], forces[-1], 60))
-        bound = np.array([limit(findings.problem, findings.verdict.winner.design, condition) for condition in dense])
+        bound = np.array(
+            [
+                limit(findings.problem, findings.verdict.winner.design, condition)
+                for condition in dense
+            ]
+        )
         if np.isfinite(bound).all():
             top = np.maximum(scale * bound, bottom)
             label = "out of stationary reach"
-            panel.fill_between([c.force for c in dense], bottom, top, **figures.HATCHED, zorder=0.4, label=label)
-        panel.axvline(own.force, color=figures.GREY, lw=1, ls=":", label="force of the study" if own.loads is None else "the loads as they are")
+            panel.fill_between(
+                [c.force for c in dense], bottom, top, **figures.HATCHED, zorder=0.4, label=label
+            )
+        panel.axvline(
+            own.force,
+            color=figures.GREY,
+            lw=1,
+            ls=":",
+            label="force of the study" if own.loads is None else "the loads as they are",
+        )
         panel.set_ylim(bottom, 1.3 * scale * float(np.max(levels.without)))
         panel.set_title(_title(own))
         figures.force_axis(panel.xaxis)
         figures.force_axis(panel.yaxis)
         figures.draw_grid(panel)
-    panels[0].set_ylabel("response level of the free end in mm (RMS)" if own.loads is None else f"{TOLD[own.told[0]]} in {shown}")
+    panels[0].set_ylabel(
+        "response level of the free end in mm (RMS)"
+        if own.loads is None
+        else f"{TOLD[own.told[0]]} in {shown}"
+    )
     figures.draw_legend(figure, panels[0])
     write_figure(figure, path)
 
@@ -165,29 +239,69 @@ def save_map(path: Path, findings: Findings) -> None:
     assert findings.gap_map is not None
     assert findings.verdict is not None
     figure, panels = figures.figure_with(len(findings.gap_map), 5.0)
-    winner, problem = findings.verdict.winner.design, findings.problem
+    winner = findings.verdict.winner.design
+    problem = findings.problem
     gaps = figures.MM * np.array(findings.gaps)
     for panel, levels, own in zip(panels, findings.gap_map, problem.conditions, strict=True):
         forces = np.array([condition.force for condition in levels.conditions])
         mesh = panel.pcolormesh(
-            forces, gaps, 100 * levels.relative, norm=LogNorm(vmin=10, vmax=125), cmap="viridis_r", shading="nearest", rasterized=True
+            forces,
+            gaps,
+            100 * levels.relative,
+            norm=LogNorm(vmin=10, vmax=125),
+            cmap="viridis_r",
+            shading="nearest",
+            rasterized=True,
         )
-        rule = [_rule(findings, own.resonance, force) if own.loads is None else None for force in forces]
+        rule = [
+            _rule(findings, own.resonance, force) if own.loads is None else None for force in forces
+        ]
         if rule[0] is not None:
-            panel.plot(forces, figures.MM * np.array(rule, dtype=float), color="white", lw=1.8, ls="--", label="design rule: gap = force / f* · 1 mm")
-        low, high = np.log10(gaps[0] / forces[-1]), np.log10(gaps[-1] / forces[0])
+            panel.plot(
+                forces,
+                figures.MM * np.array(rule, dtype=float),
+                color="white",
+                lw=1.8,
+                ls="--",
+                label="design rule: gap = force / f* · 1 mm",
+            )
+        low = np.log10(gaps[0] / forces[-1])
+        high = np.log10(gaps[-1] / forces[0])
         for slope in 10 ** np.arange(np.ceil(low * 4) / 4, high, 0.25):
             panel.plot(forces, slope * forces, color="white", lw=0.5, alpha=0.6)
-        panel.plot(own.force, figures.MM * winner.values[GAP], "o", ms=9, mfc=figures.ORANGE, mec="white", mew=1.5, label="winner")
-        panel.set(xscale="log", yscale="log", xlim=(forces[0], forces[-1]), ylim=(gaps[0], gaps[-1]), xlabel=_axis(own))
+        panel.plot(
+            own.force,
+            figures.MM * winner.values[GAP],
+            "o",
+            ms=9,
+            mfc=figures.ORANGE,
+            mec="white",
+            mew=1.5,
+            label="winner",
+        )
+        panel.set(
+            xscale="log",
+            yscale="log",
+            xlim=(forces[0], forces[-1]),
+            ylim=(gaps[0], gaps[-1]),
+            xlabel=_axis(own),
+        )
         panel.set_title(_title(own))
         figures.force_axis(panel.xaxis)
         figures.force_axis(panel.yaxis)
-    bar = figure.colorbar(mesh, ax=panels, label="response level in % of no absorber", ticks=[10, 20, 50, 100], shrink=0.9)
+    bar = figure.colorbar(
+        mesh,
+        ax=panels,
+        label="response level in % of no absorber",
+        ticks=[10, 20, 50, 100],
+        shrink=0.9,
+    )
     bar.ax.set_yticklabels(["10", "20", "50", "100"])
     bar.ax.minorticks_off()
     panels[0].set_ylabel("gap in mm (clearance to either wall)")
-    legend = figures.draw_legend(figure, panels[0], 2, frameon=True, facecolor="0.75", edgecolor="none")
+    legend = figures.draw_legend(
+        figure, panels[0], 2, frameon=True, facecolor="0.75", edgecolor="none"
+    )
     legend.set_title("thin lines: force over gap constant", prop=FontProperties(size=8))
     write_figure(figure, path)
 
@@ -207,8 +321,15 @@ def save_robustness(path: Path, findings: Findings) -> None:
     """Draw the relative level over a detuning of the beam's frequencies that the design does not know of."""
     assert findings.detuned is not None
     figure, panels = figures.figure_with(len(findings.detuned))
-    for panel, levels, own in zip(panels, findings.detuned, findings.problem.conditions, strict=True):
-        _lines(panel, 100 * np.array([condition.detuning for condition in levels.conditions]), levels, 100 / levels.without)
+    for panel, levels, own in zip(
+        panels, findings.detuned, findings.problem.conditions, strict=True
+    ):
+        _lines(
+            panel,
+            100 * np.array([condition.detuning for condition in levels.conditions]),
+            levels,
+            100 / levels.without,
+        )
         panel.axvline(0, color=figures.GREY, lw=1, ls=":")
         panel.set_title(f"{_title(own)}, {own.force:g} N" if own.loads is None else _title(own))
         panel.set_xlabel("shift of the beam's frequencies in %")
@@ -230,17 +351,42 @@ def save_sensitivity(path: Path, findings: Findings) -> None:
         (0.19, figures.ORANGE, "with the others (total)", found.total, found.total_band),
     ):
         error = np.maximum(np.abs(band.T - values), 0)
-        panel.bar(at + shift, values, 0.36, color=colour, label=label, yerr=error, capsize=4, error_kw={"lw": 1})
-    panel.set_xticks(at, [f"{n.replace('_', ' ')}\n{a:.3g} to {b:.3g}" for n, a, b in zip(found.names, found.low, found.high, strict=True)])
+        panel.bar(
+            at + shift,
+            values,
+            0.36,
+            color=colour,
+            label=label,
+            yerr=error,
+            capsize=4,
+            error_kw={"lw": 1},
+        )
+    panel.set_xticks(
+        at,
+        [
+            f"{n.replace('_', ' ')}\n{a:.3g} to {b:.3g}"
+            for n, a, b in zip(found.names, found.low, found.high, strict=True)
+        ],
+    )
     panel.set_ylabel("share of the variance")
     panel.axhline(0, color=figures.BLACK, lw=0.8)
-    panel.set_title(f"Sobol indices around the winner, standard deviation {found.spread:.3g}", fontsize=10)
+    panel.set_title(
+        f"Sobol indices around the winner, standard deviation {found.spread:.3g}", fontsize=10
+    )
     figures.draw_grid(panel)
     figures.draw_legend(figure, panel)
     write_figure(figure, path)
 
 
-def save_front(path: Path, labels: tuple[str, str], searched: Array, front: Array, fresh: Array, paper: Array, bound: Array | None = None) -> None:
+def save_front(
+    path: Path,
+    labels: tuple[str, str],
+    searched: Array,
+    front: Array,
+    fresh: Array,
+    paper: Array,
+    bound: Array | None = None,
+) -> None:
     """Draw a Pareto front: ``searched`` (N, 2) all designs, ``front`` and ``fresh`` (K, 2) those not dominated, as searched and on fresh members.
 
     ``paper`` (2,) is the paper's design, ``bound`` (K, 2) the stationary limits of the cavities of the designs on the front; NaN where there is none.
@@ -251,9 +397,31 @@ def save_front(path: Path, labels: tuple[str, str], searched: Array, front: Arra
     if bound is not None and np.isfinite(bound).any():
         for reached, possible in zip(fresh, bound, strict=True):
             panel.plot(*np.array([reached, possible]).T, color="0.6", lw=0.7, zorder=1)
-        panel.plot(*bound.T, "x", color=figures.BLACK, ms=6, mew=1.4, label="stationary limit of each design's cavity", clip_on=False)
-    panel.plot(*front.T, color=figures.BLUE, lw=1.2, drawstyle="steps-post", label="front, as the search saw it")
-    panel.plot(*fresh.T, "o", ms=6, color=figures.BLUE, mfc="white", mew=1.6, label="the same designs on fresh members")
+        panel.plot(
+            *bound.T,
+            "x",
+            color=figures.BLACK,
+            ms=6,
+            mew=1.4,
+            label="stationary limit of each design's cavity",
+            clip_on=False,
+        )
+    panel.plot(
+        *front.T,
+        color=figures.BLUE,
+        lw=1.2,
+        drawstyle="steps-post",
+        label="front, as the search saw it",
+    )
+    panel.plot(
+        *fresh.T,
+        "o",
+        ms=6,
+        color=figures.BLUE,
+        mfc="white",
+        mew=1.6,
+        label="the same designs on fresh members",
+    )
     panel.plot(*paper, "s", ms=8, color=figures.ORANGE, label="paper's design")
     high = 1.05 * np.max([np.quantile(searched, 0.98, axis=0), paper, fresh.max(axis=0)], axis=0)
     panel.set(xlabel=labels[0], ylabel=labels[1], xlim=(0, high[0]), ylim=(0, high[1]))

@@ -11,7 +11,17 @@ from optimisation.designs import Design
 from optimisation.extremes import LEAST_RATIO
 from optimisation.files import Table, number, numbers
 from optimisation.insight import BEAM_TOLERANCES, QUANTILES, TOLERANCES, Levels, Service
-from optimisation.measures import ACCELERATION, FRICTION_HEAT, IMPACT_POWER, IMPACT_RATE, IMPACT_RMS, IMPACT_SPEED, SHOWN, STROKE, TOLD
+from optimisation.measures import (
+    ACCELERATION,
+    FRICTION_HEAT,
+    IMPACT_POWER,
+    IMPACT_RATE,
+    IMPACT_RMS,
+    IMPACT_SPEED,
+    SHOWN,
+    STROKE,
+    TOLD,
+)
 from optimisation.mounting import detuned
 from optimisation.objectives import Condition, Objective, Score
 from optimisation.problem import Problem
@@ -21,7 +31,9 @@ from optimisation.statistics import COVERED, Branches, Gain, branches
 from optimisation.variables import VARIABLES, parts_of
 
 Json = dict[str, object]
-WINNER, PAPER, RULE = "winner", "paper", "rule"
+WINNER = "winner"
+PAPER = "paper"
+RULE = "rule"
 
 
 def limit(problem: Problem, design: Design, condition: Condition) -> float:
@@ -36,31 +48,64 @@ def limit(problem: Problem, design: Design, condition: Condition) -> float:
     gaps = [cavity.gap for cavity in cavities if cavity is not None]
     if len(gaps) < len(cavities):
         return math.nan
-    return float(resonance_limit(scene.model, scene.absorber_masses, gaps, condition.force, condition.resonance, *condition.limits))
+    return float(
+        resonance_limit(
+            scene.model,
+            scene.absorber_masses,
+            gaps,
+            condition.force,
+            condition.resonance,
+            *condition.limits,
+        )
+    )
 
 
 def name_of(objective: Objective) -> str:
     """Return an objective's column."""
-    return objective.kind if objective.resonance is None else f"{objective.kind}_{objective.resonance}"
+    return (
+        objective.kind if objective.resonance is None else f"{objective.kind}_{objective.resonance}"
+    )
 
 
 def design_table(problem: Problem, told: Sequence[Evaluated]) -> Table:
     """Return a table with a row for each design of a study, by number."""
     free = [v.name for v in problem.space.free]
-    rows = [[e.number, *(e.design.values[name] for name in free), *e.score.values, e.rungs, int(e.score.feasible)] for e in told]
+    rows = [
+        [
+            e.number,
+            *(e.design.values[name] for name in free),
+            *e.score.values,
+            e.rungs,
+            int(e.score.feasible),
+        ]
+        for e in told
+    ]
     return ["number", *free, *map(name_of, problem.objectives), "rungs", "feasible"], rows
 
 
-LEVEL_COLUMNS = ("resonance", "force_n", "detuning", "design", "gap_m", "level_median_m", "level_5_percent_m", "level_95_percent_m", "without_m")
+LEVEL_COLUMNS = (
+    "resonance",
+    "force_n",
+    "detuning",
+    "design",
+    "gap_m",
+    "level_median_m",
+    "level_5_percent_m",
+    "level_95_percent_m",
+    "without_m",
+)
 
 
 def level_table(parts: Sequence[Levels], names: Sequence[str], gaps: Sequence[float] = ()) -> Table:
     """Return a table with a row for each condition and design: `LEVEL_COLUMNS`, under loads those of their measure and of a factor on them."""
     columns: tuple[str, ...] = LEVEL_COLUMNS
-    rows, first = list[list[object]](), parts[0].conditions[0]
+    rows = list[list[object]]()
+    first = parts[0].conditions[0]
     if first.loads is not None:
         name, unit = first.told
-        measured = (f"{name}_{part}_{unit}" for part in ("median", "5_percent", "95_percent", "without"))
+        measured = (
+            f"{name}_{part}_{unit}" for part in ("median", "5_percent", "95_percent", "without")
+        )
         columns = ("load", "factor", "detuning", "design", "gap_m", *measured)
     for part in parts:
         for k, condition in enumerate(part.conditions):
@@ -68,7 +113,16 @@ def level_table(parts: Sequence[Levels], names: Sequence[str], gaps: Sequence[fl
                 who = [names[d], ""] if names else [WINNER, gaps[d]]
                 values = [float(x[d, k]) for x in (part.median, part.low, part.high)]
                 place = condition.resonance if condition.loads is None else condition.place
-                rows.append([place, condition.force, condition.detuning, *who, *values, float(part.without[k])])
+                rows.append(
+                    [
+                        place,
+                        condition.force,
+                        condition.detuning,
+                        *who,
+                        *values,
+                        float(part.without[k]),
+                    ]
+                )
     return columns, rows
 
 
@@ -77,15 +131,27 @@ def kept(problem: Problem, score: Score) -> str:
     if score.failed:
         return ", a run failed"
     broken = [(c, v) for c, v in zip(problem.constraints, score.violations, strict=True) if v > 0]
-    words = [f"{c.name} of {c.limit * (1 + v):.4g} over {c.limit:g} {c.unit} by {100 * v:.3g} %" for c, v in broken]
+    words = [
+        f"{c.name} of {c.limit * (1 + v):.4g} over {c.limit:g} {c.unit} by {100 * v:.3g} %"
+        for c, v in broken
+    ]
     spare = min((-v for v in score.violations), default=0.0)
-    return ", breaks " + ", ".join(words) if words else f", keeps all constraints, {100 * spare:.3g} % to spare" if problem.constraints else ""
+    return (
+        ", breaks " + ", ".join(words)
+        if words
+        else f", keeps all constraints, {100 * spare:.3g} % to spare"
+        if problem.constraints
+        else ""
+    )
 
 
 def constraints(problem: Problem, score: Score) -> Json:
     """Return whether a design is feasible, and each constraint's limit, value and share by which it is exceeded, as JSON values."""
     pairs = zip(problem.constraints, score.violations, strict=True)
-    rows = {c.name: {"limit": c.limit, "value": number(c.limit * (1 + v)), "exceeded_by": number(v)} for c, v in pairs}
+    rows = {
+        c.name: {"limit": c.limit, "value": number(c.limit * (1 + v)), "exceeded_by": number(v)}
+        for c, v in pairs
+    }
     return {"feasible": score.feasible, "constraints": rows}
 
 
@@ -104,40 +170,75 @@ def compared(verdict: Verdict) -> dict[str, Judged]:
 
 
 def _gain(gain: Gain) -> Json:
-    return {"ratio": number(gain.ratio), f"{100 * COVERED:g}_percent": [number(gain.low), number(gain.high)]}
+    return {
+        "ratio": number(gain.ratio),
+        f"{100 * COVERED:g}_percent": [number(gain.low), number(gain.high)],
+    }
 
 
 def _branches(found: Branches | None, without: float) -> Json | None:
-    return None if found is None else {"relative": [level / without for level in found.levels], "shares_of_members": list(found.shares)}
+    return (
+        None
+        if found is None
+        else {
+            "relative": [level / without for level in found.levels],
+            "shares_of_members": list(found.shares),
+        }
+    )
 
 
 def summary(findings: Findings) -> Json:
     """Return a concept's result as JSON values."""
-    problem, verdict, audit = findings.problem, findings.verdict, findings.audit
+    problem = findings.problem
+    verdict = findings.verdict
+    audit = findings.audit
     content: Json = {
         "problem": problem.describe(),
         "finished": findings.finished,
         **findings.cost.describe(),
     }
     if verdict is not None:
-        content["found"] = {"number": verdict.found.number, "score": numbers(verdict.found.score.values)}
+        content["found"] = {
+            "number": verdict.found.number,
+            "score": numbers(verdict.found.score.values),
+        }
         content |= {name: _judged(judged, problem) for name, judged in compared(verdict).items()}
-        content["winner_over_paper"], content["winner_over_rule"] = _gain(verdict.gain), _gain(verdict.gain_over(verdict.rule))
+        content["winner_over_paper"], content["winner_over_rule"] = (
+            _gain(verdict.gain),
+            _gain(verdict.gain_over(verdict.rule)),
+        )
         content["winner_at_bounds"] = problem.space.at_bounds(verdict.winner.design)
     if findings.wider is not None:
         wider = findings.wider
-        content["with_more_modes"] = {"modes": wider.modes, **_judged(wider.judged, problem), "change": _gain(wider.change)}
+        content["with_more_modes"] = {
+            "modes": wider.modes,
+            **_judged(wider.judged, problem),
+            "change": _gain(wider.change),
+        }
     if findings.service is not None:
         content["in_service"] = service_summary(findings.service)
     if audit is not None and audit.designs:
-        missed, correlation = audit.missed, number(audit.rank_correlation)
-        content["left_behind"] = {"run_in_full": audit.designs, "better_than_best_found": missed, "rank_correlation": correlation}
+        missed = audit.missed
+        correlation = number(audit.rank_correlation)
+        content["left_behind"] = {
+            "run_in_full": audit.designs,
+            "better_than_best_found": missed,
+            "rank_correlation": correlation,
+        }
     if findings.own is not None and verdict is not None:
-        content["conditions"] = [condition_values(findings, k) for k in range(len(findings.own.conditions))]
+        content["conditions"] = [
+            condition_values(findings, k) for k in range(len(findings.own.conditions))
+        ]
     if findings.sensitivity is not None:
         s = findings.sensitivity
         content["sensitivity"] = {
-            name: {"low": s.low[k], "high": s.high[k], "first": s.first[k], "total": s.total[k], "total_95_percent": s.total_band[k].tolist()}
+            name: {
+                "low": s.low[k],
+                "high": s.high[k],
+                "first": s.first[k],
+                "total": s.total[k],
+                "total_95_percent": s.total_band[k].tolist(),
+            }
             for k, name in enumerate(s.names)
         }
     return content
@@ -145,17 +246,33 @@ def summary(findings: Findings) -> Json:
 
 def condition_values(findings: Findings, k: int) -> Json:
     """Return levels, limit and share of winner and paper under a condition, by its index, as JSON values."""
-    own, verdict, problem = findings.own, findings.verdict, findings.problem
+    own = findings.own
+    verdict = findings.verdict
+    problem = findings.problem
     assert own is not None
     assert verdict is not None
-    condition, without = own.conditions[k], float(own.without[k])
+    condition = own.conditions[k]
+    without = float(own.without[k])
     sweep = problem.sweep_ratio(condition)
     name, unit = condition.told
-    rows: Json = {"resonance": condition.resonance, "force_n": condition.force} if condition.loads is None else {"factor": condition.force}
-    rows |= {"detuning": condition.detuning, f"without_{unit}": without, "sweep_over_stationary_level": number(sweep)}
+    rows: Json = (
+        {"resonance": condition.resonance, "force_n": condition.force}
+        if condition.loads is None
+        else {"factor": condition.force}
+    )
+    rows |= {
+        "detuning": condition.detuning,
+        f"without_{unit}": without,
+        "sweep_over_stationary_level": number(sweep),
+    }
     for d, (who, judged) in enumerate(((WINNER, verdict.winner), (PAPER, verdict.paper))):
-        level, bound = float(own.median[d, k]), limit(problem, judged.design, condition)
-        share = float(reduction_share(level, without, bound)) if bound < without and sweep >= LEAST_RATIO else math.nan
+        level = float(own.median[d, k])
+        bound = limit(problem, judged.design, condition)
+        share = (
+            float(reduction_share(level, without, bound))
+            if bound < without and sweep >= LEAST_RATIO
+            else math.nan
+        )
         rows[who] = {
             f"{name}_{unit}": number(level),
             f"{name}_5_to_95_percent_{unit}": [number(own.low[d, k]), number(own.high[d, k])],
@@ -169,11 +286,21 @@ def condition_values(findings: Findings, k: int) -> Json:
 
 def text(findings: Findings) -> str:
     """Return a concept's result as a text to read."""
-    problem, verdict, cost = findings.problem, findings.verdict, findings.cost
+    problem = findings.problem
+    verdict = findings.verdict
+    cost = findings.cost
     title = f"{problem.space.concept}: {problem.objectives[0].label}, {'larger' if problem.objectives[0].maximise else 'smaller'} is better"
-    loads = [f"  under {one.words}; the level is the {TOLD[one.told[0]]}" for one in problem.conditions if one.loads is not None]
+    loads = [
+        f"  under {one.words}; the level is the {TOLD[one.told[0]]}"
+        for one in problem.conditions
+        if one.loads is not None
+    ]
     outside = f", {100 * cost.overhead:.1f} % of it outside the runs" if cost.overhead > 0 else ""
-    lines = [title, *loads, f"  {cost.designs} designs, {cost.runs} runs, {cost.seconds:.0f} s{outside}"]
+    lines = [
+        title,
+        *loads,
+        f"  {cost.designs} designs, {cost.runs} runs, {cost.seconds:.0f} s{outside}",
+    ]
     if verdict is None:
         return "\n".join([*lines, _so_far(findings)])
     if not findings.finished:
@@ -185,20 +312,33 @@ def text(findings: Findings) -> str:
         lines.append(f"  {what}; rank correlation {audit.rank_correlation:.2f}")
     lines += _condition_lines(findings)
     if findings.wider is not None:
-        had, wider = problem.model.modes, findings.wider
-        lines.append(f"  winner with {wider.modes} modes: {wider.judged.score.values[0]:.4g}, {wider.change} of its value with {had}")
+        had = problem.model.modes
+        wider = findings.wider
+        lines.append(
+            f"  winner with {wider.modes} modes: {wider.judged.score.values[0]:.4g}, {wider.change} of its value with {had}"
+        )
     if findings.service is not None:
         lines += service_lines(findings.service)
     if findings.sensitivity is not None:
-        parts = ", ".join(f"{name} {total:.2f}" for name, total in zip(findings.sensitivity.names, findings.sensitivity.total, strict=True))
+        parts = ", ".join(
+            f"{name} {total:.2f}"
+            for name, total in zip(
+                findings.sensitivity.names, findings.sensitivity.total, strict=True
+            )
+        )
         lines.append(f"  total Sobol indices within +-20 %: {parts}")
     return "\n".join(lines)
 
 
 def _design_lines(problem: Problem, verdict: Verdict) -> Iterator[str]:
     """Yield the winner's numbers beside those of the paper and the rule, what the members say of them, and the bounds that it lies at."""
-    free, every = {v.name for v in problem.space.free}, compared(verdict)
-    shown = [v for v in VARIABLES[problem.space.concept] if v.name in free or len({j.design.values[v.name] for j in every.values()}) > 1]
+    free = {v.name for v in problem.space.free}
+    every = compared(verdict)
+    shown = [
+        v
+        for v in VARIABLES[problem.space.concept]
+        if v.name in free or len({j.design.values[v.name] for j in every.values()}) > 1
+    ]
     width = max(len(v.name) for v in shown)
     for v in shown:
         mine, paper, rule = (judged.design.values[v.name] for judged in every.values())
@@ -219,10 +359,16 @@ def _design_lines(problem: Problem, verdict: Verdict) -> Iterator[str]:
 def _so_far(findings: Findings) -> str:
     """Return the numbers of a search whose winner has not been judged."""
     last = max((e.rungs for e in findings.told), default=0)
-    best = min((e for e in findings.told if e.score.feasible and e.rungs == last), key=lambda e: findings.problem.cost(e.score), default=None)
+    best = min(
+        (e for e in findings.told if e.score.feasible and e.rungs == last),
+        key=lambda e: findings.problem.cost(e.score),
+        default=None,
+    )
     if best is None:
         return "  no design yet that kept all constraints"
-    free = ", ".join(f"{v.name} {best.design.values[v.name]:.4g}" for v in findings.problem.space.free)
+    free = ", ".join(
+        f"{v.name} {best.design.values[v.name]:.4g}" for v in findings.problem.space.free
+    )
     return f"  best so far, on the search's own members: {best.score.values[0]:.4g} with {free}"
 
 
@@ -230,12 +376,18 @@ def _condition_lines(findings: Findings) -> Iterator[str]:
     assert findings.own is not None
     for k in range(len(findings.own.conditions)):
         row = condition_values(findings, k)
-        mine, paper, sweep = row[WINNER], row[PAPER], row["sweep_over_stationary_level"]
+        mine = row[WINNER]
+        paper = row[PAPER]
+        sweep = row["sweep_over_stationary_level"]
         assert isinstance(mine, dict)
         assert isinstance(paper, dict)
         assert isinstance(sweep, float | None)
         share = mine["share_of_possible_reduction"]
-        reached = "" if share is None else f", {100 * share:.0f} % of the reduction that the stationary limit leaves room for"
+        reached = (
+            ""
+            if share is None
+            else f", {100 * share:.0f} % of the reduction that the stationary limit leaves room for"
+        )
         condition = findings.own.conditions[k]
         (name, unit), (scale, shown) = condition.told, SHOWN[condition.told[1]]
         levels = f"{scale * mine[f'{name}_{unit}']:.3f} {shown}, {100 * mine['relative']:.1f} % of no absorber"
@@ -244,7 +396,11 @@ def _condition_lines(findings: Findings) -> Iterator[str]:
             if part["branches"] is not None:
                 low, high = (
                     f"{100 * x:.1f} % ({100 * share:.0f} % of the members)"
-                    for x, share in zip(part["branches"]["relative"], part["branches"]["shares_of_members"], strict=True)
+                    for x, share in zip(
+                        part["branches"]["relative"],
+                        part["branches"]["shares_of_members"],
+                        strict=True,
+                    )
                 )
                 yield f"    {name} has two branches: {low} and {high}"
         if sweep is not None:
@@ -265,8 +421,14 @@ WORDS = {
 
 def _range_of(name: str) -> str:
     """Return a tolerance in words."""
-    kind, size = (BEAM_TOLERANCES | TOLERANCES)[name if name in BEAM_TOLERANCES else parts_of(name)[0]]
-    return {"share": f"-+{100 * size:g} %", "factor": f"over and times {size:g}", "difference": f"-+{size:g}"}[kind]
+    kind, size = (BEAM_TOLERANCES | TOLERANCES)[
+        name if name in BEAM_TOLERANCES else parts_of(name)[0]
+    ]
+    return {
+        "share": f"-+{100 * size:g} %",
+        "factor": f"over and times {size:g}",
+        "difference": f"-+{size:g}",
+    }[kind]
 
 
 def service_summary(found: Service) -> Json:
@@ -275,11 +437,18 @@ def service_summary(found: Service) -> Json:
         {
             "resonance": condition.resonance,
             "force_n": condition.force,
-            "watched_5_50_95_percent": {name: numbers(values[:, c]) for name, values in found.watched.items()},
+            "watched_5_50_95_percent": {
+                name: numbers(values[:, c]) for name, values in found.watched.items()
+            },
             "forces_that_it_halves_n": numbers(found.forces[:, c]),
             "level_m": float(found.level[c]),
-            "level_with_one_number_off_m": {name: numbers(values[:, c]) for name, values in found.single.items()},
-            "level_with_all_off_m": {f"{100 * q:g} %": x for q, x in zip(QUANTILES, numbers(found.joint[:, c]), strict=True)},
+            "level_with_one_number_off_m": {
+                name: numbers(values[:, c]) for name, values in found.single.items()
+            },
+            "level_with_all_off_m": {
+                f"{100 * q:g} %": x
+                for q, x in zip(QUANTILES, numbers(found.joint[:, c]), strict=True)
+            },
             "lasting_level_m": number(found.lasting[c]),
         }
         for c, condition in enumerate(found.conditions)
@@ -299,14 +468,23 @@ def service_pairs(found: Service, c: int) -> Iterator[tuple[str, str]]:
     """Yield the results under a condition, by its index: name, and value in words."""
     yield from borne_pairs(found.watched, c)
     low, high = found.forces[:, c]
-    yield "halves the level at least from", "no force: not at this one" if math.isnan(low) else f"{low:.3g} to {high:.3g} N"
+    yield (
+        "halves the level at least from",
+        "no force: not at this one" if math.isnan(low) else f"{low:.3g} to {high:.3g} N",
+    )
     for name, values in found.single.items():
         small, large = (f"{100 * (x / found.level[c] - 1):+.0f} %" for x in values[:, c])
         yield f"{name.replace('_', ' ')} off by {_range_of(name)}: level", f"{small} and {large}"
-    parts = ", ".join(f"{1e3 * x:.3g} mm in {100 * q:g} %" for q, x in zip(QUANTILES, found.joint[:, c], strict=True))
+    parts = ", ".join(
+        f"{1e3 * x:.3g} mm in {100 * q:g} %"
+        for q, x in zip(QUANTILES, found.joint[:, c], strict=True)
+    )
     yield "all of them off at once: at most", f"{parts} of the cases"
     over = found.lasting[c] / found.level[c]
-    yield "a lasting vibration at the worst frequency:", f"{1e3 * found.lasting[c]:.3g} mm, {over:.2f} of the sweep's level"
+    yield (
+        "a lasting vibration at the worst frequency:",
+        f"{1e3 * found.lasting[c]:.3g} mm, {over:.2f} of the sweep's level",
+    )
 
 
 def service_lines(found: Service) -> Iterator[str]:

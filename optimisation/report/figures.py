@@ -23,12 +23,27 @@ if TYPE_CHECKING:
 
 COLOURS = 256
 MM = 1e3
-BLACK, BLUE, ORANGE, GREEN, PINK, SKY, YELLOW = "#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00"  # of Okabe and Ito
+BLACK, BLUE, ORANGE, GREEN, PINK, SKY, YELLOW = (
+    "#000000",
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#56B4E9",
+    "#E69F00",
+)  # of Okabe and Ito
 GREY = "0.55"
-HATCHED: dict[str, Any] = {"facecolor": "0.93", "edgecolor": "0.72", "hatch": "////", "lw": 0.8}  # what no device can reach
+HATCHED: dict[str, Any] = {
+    "facecolor": "0.93",
+    "edgecolor": "0.72",
+    "hatch": "////",
+    "lw": 0.8,
+}  # what no device can reach
 
 
-def figure_of(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
+def figure_of(
+    width: float, height: float, rows: int = 1, columns: int = 1, **options: Any
+) -> tuple[Figure, Any]:
     """Return a figure of a size in inches with its axes: one, a row of them, or an array (rows, columns); ``options`` as in `Figure.subplots`."""
     from matplotlib.figure import Figure
 
@@ -87,10 +102,13 @@ def few_colours(image: Image.Image) -> Image.Image:
     """Return an image with a palette, without a pattern of dots in place of colours that are left out."""
     from PIL import Image
 
-    return image.convert("RGB").quantize(COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    return image.convert("RGB").quantize(
+        COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE
+    )
 
 
-MOST, POINTS = 6, 201
+MOST = 6
+POINTS = 201
 PLACES = (("force", ORANGE, "v", 7), ("absorber", BLUE, "s", 9), ("response", "#F0E442", "o", 5))
 
 

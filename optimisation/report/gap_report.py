@@ -14,11 +14,41 @@ from optimisation.gap_advice import Advice, Answer
 from optimisation.gap_card import DRAWS, Bearing, estimate, meeting_mass, reaches_beyond
 from optimisation.gap_check import GapCheck
 from optimisation.page import markdown
-from optimisation.report.card import NO_DEVICE, Card, Chart, Curve, Row, assumed_rows, between, borne_rows, device_rows, rival_rows
-from optimisation.report.figures import BLUE, GREEN, HATCHED, MM, ORANGE, draw_grid, figure_of, force_axis, write_figure
+from optimisation.report.card import (
+    NO_DEVICE,
+    Card,
+    Chart,
+    Curve,
+    Row,
+    assumed_rows,
+    between,
+    borne_rows,
+    device_rows,
+    rival_rows,
+)
+from optimisation.report.figures import (
+    BLUE,
+    GREEN,
+    HATCHED,
+    MM,
+    ORANGE,
+    draw_grid,
+    figure_of,
+    force_axis,
+    write_figure,
+)
 from optimisation.uncertain import Spread, plain
 
-HEADER = ("gap, mm", "of the rule's", "level, mm", "5 to 95 %, mm", "of no absorber, %", "limit, mm", "share of the possible, %", "members")
+HEADER = (
+    "gap, mm",
+    "of the rule's",
+    "level, mm",
+    "5 to 95 %, mm",
+    "of no absorber, %",
+    "limit, mm",
+    "share of the possible, %",
+    "members",
+)
 
 
 def _percent(answer: Answer, found: Advice, factor: float) -> str:
@@ -29,17 +59,22 @@ def _percent(answer: Answer, found: Advice, factor: float) -> str:
 
 def device(answer: Answer, mass: float) -> str:
     """Return the device to build in words, mass in kg."""
-    friction = f"friction limit {answer.friction_limit:.4g} N" if answer.friction_limit else "no friction"
+    friction = (
+        f"friction limit {answer.friction_limit:.4g} N" if answer.friction_limit else "no friction"
+    )
     restitution = answer.absorber.walls.restitution  # type: ignore[union-attr]
     return f"a clearance of {1e3 * answer.gap:.4g} mm to either wall, {friction}, restitution {restitution:g}, mass {mass:.4g} kg"
 
 
 def answer(found: Advice) -> list[str]:
     """Return the recommended device, the one with the lowest level, and what both do when the force changes."""
-    check, best, sharp = found.check, found.recommended, found.sharp
+    check = found.check
+    best = found.recommended
+    sharp = found.sharp
     if best is None or sharp is None:
         return ["No gap was simulated in full."]
-    without, t = float(check.without.median[0]), found.tolerance
+    without = float(check.without.median[0])
+    t = found.tolerance
     force = f"{check.force:g} N near resonance {check.resonance}"
     lines = [
         f"Recommended: {device(best, check.mass)}, for {force}.",
@@ -54,12 +89,27 @@ def answer(found: Advice) -> list[str]:
             f"level {1e3 * sharp.level:.4g} mm ({1e3 * sharp.low:.4g} to {1e3 * sharp.high:.4g}), "
             f"{100 * sharp.level / without:.1f} % of no absorber; at most {1e3 * sharp.worst:.4g} mm over that range."
         )
-    rows = [f"{100 * (factor - 1):+.0f} % force: {_percent(best, found, factor)}, {_percent(sharp, found, factor)}" for factor in (1.1, 1.2, 1.3)]
-    lines.append("The cliff, level at the recommended gap and at that of the lowest level: " + "; ".join(rows) + ".")
+    rows = [
+        f"{100 * (factor - 1):+.0f} % force: {_percent(best, found, factor)}, {_percent(sharp, found, factor)}"
+        for factor in (1.1, 1.2, 1.3)
+    ]
+    lines.append(
+        "The cliff, level at the recommended gap and at that of the lowest level: "
+        + "; ".join(rows)
+        + "."
+    )
     rule = f"Design rule (no simulation): {1e3 * check.rule:.4g} mm"
-    at_rule = float(check.level[check.at_rule]) if check.gaps.size and check.gaps[check.at_rule] == check.rule else math.nan
-    lines.append(f"{rule}{'' if math.isnan(at_rule) else f', level {at_rule / best.level:.2f} times that of the recommended'}.")
-    lines.append(f"Free amplitude over the rule's gap: {check.reach:.3g}. Friction goes with the gap and the first frequency: docs/which_gap.md.")
+    at_rule = (
+        float(check.level[check.at_rule])
+        if check.gaps.size and check.gaps[check.at_rule] == check.rule
+        else math.nan
+    )
+    lines.append(
+        f"{rule}{'' if math.isnan(at_rule) else f', level {at_rule / best.level:.2f} times that of the recommended'}."
+    )
+    lines.append(
+        f"Free amplitude over the rule's gap: {check.reach:.3g}. Friction goes with the gap and the first frequency: docs/which_gap.md."
+    )
     lines += _tried(found.tried)
     return lines
 
@@ -69,27 +119,47 @@ def _tried(tried: Sequence[tuple[str, float, float, float]]) -> list[str]:
     lines = []
     for name in dict.fromkeys(name for name, *_ in tried):
         rows = [row for other, *row in tried if other == name]
-        words = "; ".join(f"{value:.3g}: {level / rows[0][1]:.2f}, {1e3 * gap:.3g} mm" for value, level, gap in rows)
-        softer = " Softer walls take more of each impact: more wear, less stroke." if name == "restitution" else ""
-        lines.append(f"Lowest level of a look over the first, and its gap, {name.replace('_', ' ')} {words}.{softer}")
+        words = "; ".join(
+            f"{value:.3g}: {level / rows[0][1]:.2f}, {1e3 * gap:.3g} mm"
+            for value, level, gap in rows
+        )
+        softer = (
+            " Softer walls take more of each impact: more wear, less stroke."
+            if name == "restitution"
+            else ""
+        )
+        lines.append(
+            f"Lowest level of a look over the first, and its gap, {name.replace('_', ' ')} {words}.{softer}"
+        )
     return lines
 
 
 def warnings(found: Advice) -> list[str]:
     """Return warnings, and the number of sweeps."""
-    check, ratio = found.check, found.check.sweep_ratio
-    useless = found.recommended is not None and found.recommended.level >= float(check.without.median[0])
+    check = found.check
+    ratio = found.check.sweep_ratio
+    useless = found.recommended is not None and found.recommended.level >= float(
+        check.without.median[0]
+    )
     seen = {
-        f"the free amplitude is {check.reach:.3g} of the rule's gap; below {SMALL_REACH:g} the absorber does little": check.reach < SMALL_REACH,
-        f"free amplitude over the rule's gap above {LARGE_REACH:g}: the rule's gap is too narrow, on the steep side": check.reach > LARGE_REACH,
+        f"the free amplitude is {check.reach:.3g} of the rule's gap; below {SMALL_REACH:g} the absorber does little": check.reach
+        < SMALL_REACH,
+        f"free amplitude over the rule's gap above {LARGE_REACH:g}: the rule's gap is too narrow, on the steep side": check.reach
+        > LARGE_REACH,
         "the best gap is the narrowest or widest that was tried: another mass or place may suit better": found.at_end,
         "no gap brings the level below that without absorber: another place may suit better": useless,
     }
     lines = [f"Warning: {words}." for words, so in seen.items() if so]
-    lines.append(f"Sweeps at {check.rate:.3g} % per 100 pseudo periods show {ratio:.3f} of the stationary level without absorber.")
+    lines.append(
+        f"Sweeps at {check.rate:.3g} % per 100 pseudo periods show {ratio:.3f} of the stationary level without absorber."
+    )
     if ratio < LEAST_RATIO:
-        lines.append(f"Warning: below {LEAST_RATIO:g} shares of the possible are left out; sweep more slowly.")
-    lines.append(f"{found.sweeps} sweeps{f'; {len(found.looks)} gaps with one run are left out of the table' if found.looks else ''}.")
+        lines.append(
+            f"Warning: below {LEAST_RATIO:g} shares of the possible are left out; sweep more slowly."
+        )
+    lines.append(
+        f"{found.sweeps} sweeps{f'; {len(found.looks)} gaps with one run are left out of the table' if found.looks else ''}."
+    )
     return lines
 
 
@@ -103,14 +173,26 @@ def rivals(bearing: Bearing) -> str:
 
 def text(found: Advice) -> str:
     """Return a line for the rule's gap, and for each that more than one member ran."""
-    check, lines, single = found.check, [], {gap for gap, _ in found.looks}
+    check = found.check
+    lines = []
+    single = {gap for gap, _ in found.looks}
     for k, gap in enumerate(check.gaps):
         if gap in single and gap != check.rule:
             continue
         low, high = 1e3 * check.band[:, k]
         share = "-" if math.isnan(check.share[k]) else f"{100 * check.share[k]:.1f}"
-        cells = (f"{1e3 * gap:.4g}", f"{gap / check.rule:.3g}", f"{1e3 * check.level[k]:.4g}", f"{low:.4g} to {high:.4g}")
-        more = (f"{100 * check.relative[k]:.1f}", f"{1e3 * check.limit[k]:.4g}", share, str(len(check.curves[k].members)))
+        cells = (
+            f"{1e3 * gap:.4g}",
+            f"{gap / check.rule:.3g}",
+            f"{1e3 * check.level[k]:.4g}",
+            f"{low:.4g} to {high:.4g}",
+        )
+        more = (
+            f"{100 * check.relative[k]:.1f}",
+            f"{1e3 * check.limit[k]:.4g}",
+            share,
+            str(len(check.curves[k].members)),
+        )
         lines.append((*cells, *more))
     return markdown(HEADER, lines)
 
@@ -136,18 +218,31 @@ class Unsure:
 
     def plain(self) -> dict[str, object]:
         """Return it as JSON values."""
-        return {"given": plain(self.every), "draws": DRAWS, "level_m": self.median, "level_5_m": self.low, "level_95_m": self.high}
+        return {
+            "given": plain(self.every),
+            "draws": DRAWS,
+            "level_m": self.median,
+            "level_5_m": self.low,
+            "level_95_m": self.high,
+        }
 
 
-def _contact(found: Advice, bearing: Bearing, given: tuple[str, str, float]) -> tuple[tuple[Row, ...], list[str]]:
+def _contact(
+    found: Advice, bearing: Bearing, given: tuple[str, str, float]
+) -> tuple[tuple[Row, ...], list[str]]:
     """Return the estimate of an impact at the largest speed, and a warning if it reaches modes that were left out."""
     model, (first, second, radius) = found.check.model, given
     if not bearing.impacts.largest > 0:
         return (Row("contact", "no impact"),), []
-    one = estimate(first, second, radius, meeting_mass(model, found.check.mass), bearing.impacts.largest)
+    one = estimate(
+        first, second, radius, meeting_mass(model, found.check.mass), bearing.impacts.largest
+    )
     top = float(model.omega.max()) / (2 * math.pi)
     rows = (
-        Row("of", f"{first} and {second}, radius {1e3 * radius:.4g} mm, {one.mass:.4g} kg at {bearing.impacts.largest:.4g} m/s"),
+        Row(
+            "of",
+            f"{first} and {second}, radius {1e3 * radius:.4g} mm, {one.mass:.4g} kg at {bearing.impacts.largest:.4g} m/s",
+        ),
         Row("contact time", 1e3 * one.time, "ms"),
         Row("peak force", one.force, "N"),
         Row("peak pressure", 1e-6 * one.pressure, "MPa"),
@@ -158,14 +253,24 @@ def _contact(found: Advice, bearing: Bearing, given: tuple[str, str, float]) -> 
     return rows, [text] if reaches_beyond(model, one) else []
 
 
-def card(found: Advice, bearing: Bearing, unsure: Unsure | None = None, contact: tuple[str, str, float] | None = None, more: str = "") -> Card:
+def card(
+    found: Advice,
+    bearing: Bearing,
+    unsure: Unsure | None = None,
+    contact: tuple[str, str, float] | None = None,
+    more: str = "",
+) -> Card:
     """Return the paragraph about the recommended device.
 
     ``contact``: two materials of `optimisation.gap_card` and the radius in m of the rounder one; ``more``: what more modes change, in words.
     """
-    check, best, model = found.check, bearing.answer, found.check.model
-    t, without = found.tolerance, float(check.without.median[0])
-    low, high = ((1 - t) * check.force, (1 + t) * check.force)
+    check = found.check
+    best = bearing.answer
+    model = found.check.model
+    t = found.tolerance
+    without = float(check.without.median[0])
+    low = (1 - t) * check.force
+    high = (1 + t) * check.force
     level: tuple[Row, ...] = (
         Row(f"at {check.force:g} N, median of {found.members} runs", 1e3 * best.level, "mm RMS"),
         Row("5 to 95 % of the runs", f"{1e3 * best.low:.4g} to {1e3 * best.high:.4g} mm"),
@@ -176,7 +281,13 @@ def card(found: Advice, bearing: Bearing, unsure: Unsure | None = None, contact:
         Row(NO_DEVICE, 1e3 * check.limit_at(best.gap), "mm"),
     )
     if unsure is not None:
-        level = (*level, Row(f"with {unsure.said}", f"{1e3 * unsure.median:.4g} mm ({1e3 * unsure.low:.4g} to {1e3 * unsure.high:.4g})"))
+        level = (
+            *level,
+            Row(
+                f"with {unsure.said}",
+                f"{1e3 * unsure.median:.4g} mm ({1e3 * unsure.low:.4g} to {1e3 * unsure.high:.4g})",
+            ),
+        )
     there = bearing.forces[~np.isnan(bearing.levels)]
     forces = (
         Row("halves the level", between(*bearing.works)),
@@ -205,25 +316,59 @@ def card(found: Advice, bearing: Bearing, unsure: Unsure | None = None, contact:
 
 def _charts(found: Advice, bearing: Bearing) -> tuple[Chart, ...]:
     """Return the level over the gap, and that of the recommended device over the force."""
-    check, mm = found.check, 1e3
+    check = found.check
+    mm = 1e3
     gaps = numbers(mm * check.gaps)
-    full = Curve("median, 5 to 95 %", gaps, numbers(mm * check.level), numbers(mm * check.band[0]), numbers(mm * check.band[1]))
+    full = Curve(
+        "median, 5 to 95 %",
+        gaps,
+        numbers(mm * check.level),
+        numbers(mm * check.band[0]),
+        numbers(mm * check.band[1]),
+    )
     curves = [full]
     if found.looks:
         at, level = zip(*found.looks, strict=True)
-        curves.append(Curve("one run", numbers([mm * x for x in at]), numbers([mm * x for x in level]), points=True))
+        curves.append(
+            Curve(
+                "one run",
+                numbers([mm * x for x in at]),
+                numbers([mm * x for x in level]),
+                points=True,
+            )
+        )
     marks = [("design rule", mm * check.rule), ("recommended", mm * bearing.answer.gap)]
     if found.sharp is not None:
         marks.append(("lowest level", mm * found.sharp.gap))
-    over_gap = Chart("Level over the gap", "clearance to either wall in mm", "level in mm (RMS)", tuple(curves), tuple(marks), log_x=True)
-    force, without = bearing.forces, float(check.without.median[0]) / check.force
+    over_gap = Chart(
+        "Level over the gap",
+        "clearance to either wall in mm",
+        "level in mm (RMS)",
+        tuple(curves),
+        tuple(marks),
+        log_x=True,
+    )
+    force = bearing.forces
+    without = float(check.without.median[0]) / check.force
     both = (
         Curve("recommended device", numbers(force), numbers(mm * bearing.levels)),
         Curve("no absorber", numbers(force), numbers(mm * without * force)),
-        Curve("best tuned absorber", numbers(force), numbers(mm * bearing.rivals.tuned / check.force * force)),
+        Curve(
+            "best tuned absorber",
+            numbers(force),
+            numbers(mm * bearing.rivals.tuned / check.force * force),
+        ),
     )
     mark = (("the force", check.force),)
-    over_force = Chart("Level over the force", "force in N", "level in mm (RMS)", both, mark, log_x=True, log_y=True)
+    over_force = Chart(
+        "Level over the force",
+        "force in N",
+        "level in mm (RMS)",
+        both,
+        mark,
+        log_x=True,
+        log_y=True,
+    )
     return over_gap, over_force
 
 
@@ -236,17 +381,31 @@ COLUMNS = ("gap_m", "gap_over_rule", "members", *LEVELS, "limit_m", "share_of_po
 def rows(found: Advice) -> Iterator[tuple[object, ...]]:
     """Yield one row of `COLUMNS` for each gap that was run in full; an empty cell where nothing is known."""
     for k, gap in enumerate(found.check.gaps):
-        yield tuple("" if value is None else value for value in _values(found.check, k, float(gap)).values())
+        yield tuple(
+            "" if value is None else value for value in _values(found.check, k, float(gap)).values()
+        )
 
 
 def _values(check: GapCheck, k: int, gap: float) -> dict[str, float | None]:
     members = int(np.sum(~np.isnan(check.curves[k].combined)))
     levels = (check.level[k], *check.band[:, k], check.relative[k])
-    cells = (gap, gap / check.rule, members, *map(float, levels), float(check.limit[k]), float(check.share[k]))
-    return {name: None if math.isnan(value) else value for name, value in zip(COLUMNS, cells, strict=True)}
+    cells = (
+        gap,
+        gap / check.rule,
+        members,
+        *map(float, levels),
+        float(check.limit[k]),
+        float(check.share[k]),
+    )
+    return {
+        name: None if math.isnan(value) else value
+        for name, value in zip(COLUMNS, cells, strict=True)
+    }
 
 
-def answer_values(answer: Answer | None, mass: float, measure: str = "level", unit: str = "m") -> Json | None:
+def answer_values(
+    answer: Answer | None, mass: float, measure: str = "level", unit: str = "m"
+) -> Json | None:
     """Return a device and its levels, or what else is measured, as JSON values, mass in kg; None for none."""
     if answer is None:
         return None
@@ -256,17 +415,27 @@ def answer_values(answer: Answer | None, mass: float, measure: str = "level", un
         "friction_limit_n": answer.friction_limit,
         "restitution": answer.absorber.walls.restitution,  # type: ignore[union-attr]
         "mass_kg": mass,
-        **{f"{measure}{name}_{unit}": value if math.isfinite(value) else None for name, value in levels.items()},
+        **{
+            f"{measure}{name}_{unit}": value if math.isfinite(value) else None
+            for name, value in levels.items()
+        },
     }
 
 
 def summary(found: Advice) -> Json:
     """Return answers, settings, the rule and what the simulation says of it as JSON values."""
-    check, points = found.check, {}
+    check = found.check
+    points = {}
     if check.gaps.size:
-        points["at_rule"] = _values(check, check.at_rule, check.rule) if check.gaps[check.at_rule] == check.rule else None
+        points["at_rule"] = (
+            _values(check, check.at_rule, check.rule)
+            if check.gaps[check.at_rule] == check.rule
+            else None
+        )
     if found.sharp is not None:
-        points["best"] = _values(check, int(np.argmin(np.abs(check.gaps - found.sharp.gap))), found.sharp.gap)
+        points["best"] = _values(
+            check, int(np.argmin(np.abs(check.gaps - found.sharp.gap))), found.sharp.gap
+        )
     device = found.recommended.absorber if found.recommended is not None else check.absorber
     without = float(check.without.median[0])
     return {
@@ -279,7 +448,10 @@ def summary(found: Advice) -> Json:
         "sweep_over_stationary_level": None if math.isnan(without) else check.sweep_ratio,
         **points,
         "looks": [{"gap_m": gap, "level_m": level} for gap, level in found.looks],
-        "tried": [dict(zip(("name", "value", "level_m", "gap_m"), one, strict=True)) for one in found.tried],
+        "tried": [
+            dict(zip(("name", "value", "level_m", "gap_m"), one, strict=True))
+            for one in found.tried
+        ],
         "settings": {
             "force_n": check.force,
             "force_tolerance": found.tolerance,
@@ -305,16 +477,37 @@ def save_figure(path: Path, found: Advice) -> None:
     every = [*check.gaps] or [check.rule]
     fine = np.geomspace(0.95 * min(every), 1.05 * max(every), 120)
     limit = MM * np.array([check.limit_at(float(gap)) for gap in fine])
-    axes.fill_between(MM * fine, 0, limit, **HATCHED, label="out of reach for any device in that gap")
+    axes.fill_between(
+        MM * fine, 0, limit, **HATCHED, label="out of reach for any device in that gap"
+    )
     axes.fill_between(gaps, low, high, color=BLUE, alpha=0.25, lw=0)
-    axes.plot(gaps, MM * check.level, "o-", color=BLUE, lw=2.2, ms=5, label=f"median and 5 to 95 % of up to {found.members} runs")
+    axes.plot(
+        gaps,
+        MM * check.level,
+        "o-",
+        color=BLUE,
+        lw=2.2,
+        ms=5,
+        label=f"median and 5 to 95 % of up to {found.members} runs",
+    )
     if found.looks:
         at, level = MM * np.array(found.looks).T
         axes.plot(at, level, "o", ms=5, mfc="white", mec=BLUE, ls="", label="one run")
-    axes.axvline(MM * check.rule, color=ORANGE, lw=1.4, ls="--", label=f"design rule: {MM * check.rule:.3g} mm")
-    for answer, colour, word in ((found.sharp, "black", "lowest level"), (found.recommended, GREEN, "recommended")):
+    axes.axvline(
+        MM * check.rule,
+        color=ORANGE,
+        lw=1.4,
+        ls="--",
+        label=f"design rule: {MM * check.rule:.3g} mm",
+    )
+    for answer, colour, word in (
+        (found.sharp, "black", "lowest level"),
+        (found.recommended, GREEN, "recommended"),
+    ):
         if answer is not None:
-            axes.axvline(MM * answer.gap, color=colour, lw=1.8, label=f"{word}: {MM * answer.gap:.3g} mm")
+            axes.axvline(
+                MM * answer.gap, color=colour, lw=1.8, label=f"{word}: {MM * answer.gap:.3g} mm"
+            )
     if found.recommended is not None and np.isfinite(found.recommended.worst):
         best = found.recommended
         words = f"at most, {100 * found.tolerance:g} % more or less force"
@@ -330,5 +523,8 @@ def save_figure(path: Path, found: Advice) -> None:
     draw_grid(axes)
     axes.legend(loc="upper center", ncols=2, fontsize=8.5, framealpha=0.95)
     absorber = f"absorber of {100 * check.absorber.mass_ratio:g} % of the structure's mass; without absorber: {without:.3g} mm"
-    axes.set_title(f"Gap for {check.force:g} N near resonance {check.resonance}{stopped}\n{absorber}", fontsize=11)
+    axes.set_title(
+        f"Gap for {check.force:g} N near resonance {check.resonance}{stopped}\n{absorber}",
+        fontsize=11,
+    )
     write_figure(figure, path)

@@ -34,18 +34,32 @@ def summary(found: LoadAdvice) -> Json:
         "free_rms_m": found.free_rms,
         "measure": found.measure,
         f"{found.measure}_without_absorber_{unit}": float(np.median(found.without)),
-        "settings": {"force_tolerance": found.tolerance, "members": len(found.without), "runs": sum(map(len, found.runs))},
+        "settings": {
+            "force_tolerance": found.tolerance,
+            "members": len(found.without),
+            "runs": sum(map(len, found.runs)),
+        },
     }
 
 
 def text(found: LoadAdvice) -> str:
     """Return the lines that are printed."""
-    (factor, unit), best, sharp, t = SHOWN[UNITS[found.measure]], found.recommended, found.sharp, found.tolerance
-    without, what = float(np.median(found.without)), TOLD[found.measure]
+    (factor, unit), best, sharp, t = (
+        SHOWN[UNITS[found.measure]],
+        found.recommended,
+        found.sharp,
+        found.tolerance,
+    )
+    without = float(np.median(found.without))
+    what = TOLD[found.measure]
 
     def level(answer: Answer) -> str:
         band = f"{factor * answer.level:.4g} {unit} ({factor * answer.low:.4g} to {factor * answer.high:.4g})"
-        worst = "not known" if math.isnan(answer.worst) else f"at most {factor * answer.worst:.4g} {unit}"
+        worst = (
+            "not known"
+            if math.isnan(answer.worst)
+            else f"at most {factor * answer.worst:.4g} {unit}"
+        )
         return f"{band}, {100 * answer.level / without:.1f} % of no absorber; {worst} from {1 - t:.4g} to {1 + t:.4g} times the load"
 
     lines = [
@@ -56,11 +70,15 @@ def text(found: LoadAdvice) -> str:
         lines.append(f"Lowest {what}: {1e3 * sharp.gap:.4g} mm, {level(sharp)}.")
     if found.rule is None:
         size = f"{found.size_of} at the absorber, {1e3 * found.free_rms:.4g} mm"
-        lines.append(f"No rule for this load: the search began at {START:g} times the free motion's {size}.")
+        lines.append(
+            f"No rule for this load: the search began at {START:g} times the free motion's {size}."
+        )
     else:
         lines.append(f"Design rule (no simulation): {1e3 * found.rule:.4g} mm.")
     if best.level >= without:
-        lines.append(f"Warning: no gap brings the {what} below that without absorber: another place or mass may suit better.")
+        lines.append(
+            f"Warning: no gap brings the {what} below that without absorber: another place or mass may suit better."
+        )
     return "\n".join(lines)
 
 
@@ -68,15 +86,41 @@ def save_figure(path: Path, found: LoadAdvice) -> None:
     """Draw the measure over the gap, with the answers; the ending of ``path`` chooses the format."""
     factor, unit = SHOWN[UNITS[found.measure]]
     figure, axes = figure_of(6.4, 4.4)
-    low, middle, high = (factor * np.array([np.quantile(runs, q) for runs in found.runs]) for q in LOAD_BAND)
+    low, middle, high = (
+        factor * np.array([np.quantile(runs, q) for runs in found.runs]) for q in LOAD_BAND
+    )
     gaps = 1e3 * found.gaps
     axes.fill_between(gaps, low, high, color=BLUE, alpha=0.25, lw=0)
-    axes.plot(gaps, middle, "o-", color=BLUE, ms=5, label=f"median and 5 to 95 % of up to {len(found.without)} runs")
-    axes.axhline(factor * float(np.median(found.without)), color="black", lw=0.8, label="no absorber")
-    for answer, colour, word in ((found.sharp, "black", f"lowest {TOLD[found.measure]}"), (found.recommended, GREEN, "recommended")):
-        axes.axvline(1e3 * answer.gap, color=colour, lw=1.6, ls="--" if colour == "black" else "-", label=f"{word}: {1e3 * answer.gap:.3g} mm")
+    axes.plot(
+        gaps,
+        middle,
+        "o-",
+        color=BLUE,
+        ms=5,
+        label=f"median and 5 to 95 % of up to {len(found.without)} runs",
+    )
+    axes.axhline(
+        factor * float(np.median(found.without)), color="black", lw=0.8, label="no absorber"
+    )
+    for answer, colour, word in (
+        (found.sharp, "black", f"lowest {TOLD[found.measure]}"),
+        (found.recommended, GREEN, "recommended"),
+    ):
+        axes.axvline(
+            1e3 * answer.gap,
+            color=colour,
+            lw=1.6,
+            ls="--" if colour == "black" else "-",
+            label=f"{word}: {1e3 * answer.gap:.3g} mm",
+        )
     if found.rule is not None:
-        axes.axvline(1e3 * found.rule, color=ORANGE, lw=1.4, ls="--", label=f"design rule: {1e3 * found.rule:.3g} mm")
+        axes.axvline(
+            1e3 * found.rule,
+            color=ORANGE,
+            lw=1.4,
+            ls="--",
+            label=f"design rule: {1e3 * found.rule:.3g} mm",
+        )
     axes.set_xscale("log")
     force_axis(axes.xaxis, SUBS)
     axes.set_ylim(0, None)

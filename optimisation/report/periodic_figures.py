@@ -16,21 +16,52 @@ from impact_env.periodic.branch import FOLD
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.isolas import IsolaMap, Threshold
 from impact_env.periodic.orbit import Orbit
-from impact_env.periodic.orbit_branches import GRAZING, PERIOD_DOUBLING, PULLING, SYMMETRY_BREAKING, TORUS
+from impact_env.periodic.orbit_branches import (
+    GRAZING,
+    PERIOD_DOUBLING,
+    PULLING,
+    SYMMETRY_BREAKING,
+    TORUS,
+)
 from impact_env.periodic.overview import Overview
 from impact_env.periodic.response_curve import EXACT, ResponseCurve
 from impact_env.periodic.stationary import QUANTILES
 from impact_env.periodic.symmetric import BIRTH
 from optimisation.page import markdown
-from optimisation.report.figures import BLUE, GREEN, MM, ORANGE, PINK, SKY, YELLOW, draw_grid, figure_of, force_axis, write_figure
+from optimisation.report.figures import (
+    BLUE,
+    GREEN,
+    MM,
+    ORANGE,
+    PINK,
+    SKY,
+    YELLOW,
+    draw_grid,
+    figure_of,
+    force_axis,
+    write_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 ASIDE = 4e-3  # of the curve's height and width: closer than this two of its stretches are one line
-MARKS = {FOLD: "o", TORUS: "^", PERIOD_DOUBLING: "s", SYMMETRY_BREAKING: "D", GRAZING: "v", PULLING: "<"}
+MARKS = {
+    FOLD: "o",
+    TORUS: "^",
+    PERIOD_DOUBLING: "s",
+    SYMMETRY_BREAKING: "D",
+    GRAZING: "v",
+    PULLING: "<",
+}
 MARKED: dict[str, Any] = {"ms": 5.0, "mfc": "white", "mec": "black", "mew": 0.9}
-STABLE, FAST, SLOW, BALANCE, UP, DOWN, RUNS = BLUE, SKY, ORANGE, "#555555", GREEN, PINK, YELLOW
+STABLE = BLUE
+FAST = SKY
+SLOW = ORANGE
+BALANCE = "#555555"
+UP = GREEN
+DOWN = PINK
+RUNS = YELLOW
 LOOKS = {  # exact orbits: colour, dashes, width, label
     "stable": (STABLE, "-", 2.4, "exact orbit, stable"),
     "fast": (FAST, (0, (6, 1.5)), 2.0, "unstable by fast multipliers only"),
@@ -48,15 +79,38 @@ def save_figure(path: Path, overview: Overview) -> None:
         if curve.method == EXACT:
             _exact(axes, curve)
         else:
-            unstable = np.zeros(len(curve.tip_max), dtype=np.bool_) if curve.stable is None else ~curve.stable
-            axes.plot(curve.omega_ratio, np.where(unstable, np.nan, MM * curve.tip_max), color=BALANCE, lw=1.0, zorder=3)
-            axes.plot(curve.omega_ratio, np.where(unstable, MM * curve.tip_max, np.nan), color=BALANCE, lw=1.0, ls="--", zorder=3)
+            unstable = (
+                np.zeros(len(curve.tip_max), dtype=np.bool_)
+                if curve.stable is None
+                else ~curve.stable
+            )
+            axes.plot(
+                curve.omega_ratio,
+                np.where(unstable, np.nan, MM * curve.tip_max),
+                color=BALANCE,
+                lw=1.0,
+                zorder=3,
+            )
+            axes.plot(
+                curve.omega_ratio,
+                np.where(unstable, MM * curve.tip_max, np.nan),
+                color=BALANCE,
+                lw=1.0,
+                ls="--",
+                zorder=3,
+            )
     _legend(axes, overview)
     low, high = overview.linear.omega_ratio[[0, -1]]
     tops = [curve.peak.tip_max for curve in overview.curves if curve.peak is not None]
     tops += [float(np.max(sweep.tip_max)) for sweep in overview.sweeps]
     tops += [float(np.max(at.tip_max)) for at in overview.stationary]
-    axes.set(xlim=(low, high), ylim=(0, 1.15 * MM * max([*tops, _gap(overview)], default=float(np.max(overview.linear.alone)))))
+    axes.set(
+        xlim=(low, high),
+        ylim=(
+            0,
+            1.15 * MM * max([*tops, _gap(overview)], default=float(np.max(overview.linear.alone))),
+        ),
+    )
     axes.set_xlabel(f"frequency of the force over {overview.reference / (2 * np.pi):.2f} Hz")
     axes.set_ylabel(f"largest displacement {overview.where} in mm")
     axes.set_title(f"{overview.scene}, {overview.force:g} N", fontsize=10)
@@ -74,7 +128,15 @@ def _sweeps(axes: Axes, overview: Overview) -> None:
     for sweep in overview.sweeps:
         up = sweep.omega_ratio[-1] > sweep.omega_ratio[0]
         label = f"sweep {'up' if up else 'down'}, maximum of each period"
-        axes.plot(sweep.omega_ratio, MM * sweep.tip_max, color=UP if up else DOWN, lw=0.7, alpha=0.8, zorder=1, label=label)
+        axes.plot(
+            sweep.omega_ratio,
+            MM * sweep.tip_max,
+            color=UP if up else DOWN,
+            lw=0.7,
+            alpha=0.8,
+            zorder=1,
+            label=label,
+        )
 
 
 def _stationary(axes: Axes, overview: Overview) -> None:
@@ -84,14 +146,48 @@ def _stationary(axes: Axes, overview: Overview) -> None:
     ratio = np.array([at.omega_ratio for at in overview.stationary])
     rows = MM * np.array([at.tip_max for at in overview.stationary]).T
     percent = [f"{100 * q:g}" for q in QUANTILES]
-    axes.fill_between(ratio, rows[0], rows[-1], color=RUNS, alpha=0.3, lw=0, zorder=1.5, label=f"stationary runs, {percent[0]} to {percent[-1]} %")
-    axes.plot(ratio, rows[len(rows) // 2], color=RUNS, lw=1.4, marker=".", ms=4, zorder=3.5, label="stationary runs, median")
+    axes.fill_between(
+        ratio,
+        rows[0],
+        rows[-1],
+        color=RUNS,
+        alpha=0.3,
+        lw=0,
+        zorder=1.5,
+        label=f"stationary runs, {percent[0]} to {percent[-1]} %",
+    )
+    axes.plot(
+        ratio,
+        rows[len(rows) // 2],
+        color=RUNS,
+        lw=1.4,
+        marker=".",
+        ms=4,
+        zorder=3.5,
+        label="stationary runs, median",
+    )
 
 
 def _linear(axes: Axes, overview: Overview) -> None:
     linear = overview.linear
-    axes.plot(linear.omega_ratio, MM * linear.alone, color="black", lw=0.9, ls=":", zorder=2, label="no absorber")
-    axes.plot(linear.omega_ratio, MM * linear.stuck, color="black", lw=0.9, ls="-.", zorder=2, label="absorber stuck")
+    axes.plot(
+        linear.omega_ratio,
+        MM * linear.alone,
+        color="black",
+        lw=0.9,
+        ls=":",
+        zorder=2,
+        label="no absorber",
+    )
+    axes.plot(
+        linear.omega_ratio,
+        MM * linear.stuck,
+        color="black",
+        lw=0.9,
+        ls="-.",
+        zorder=2,
+        label="absorber stuck",
+    )
 
 
 def _kinds(curve: ResponseCurve) -> NDArray[np.str_]:
@@ -102,16 +198,28 @@ def _kinds(curve: ResponseCurve) -> NDArray[np.str_]:
 
 def _exact(axes: Axes, curve: ResponseCurve) -> None:
     """Draw each stretch of one stability with its look; neighbours share the point between, so that no gap is seen."""
-    kinds, tip_max = _kinds(curve), MM * np.where(_drawn_already(curve), np.nan, curve.tip_max)
+    kinds = _kinds(curve)
+    tip_max = MM * np.where(_drawn_already(curve), np.nan, curve.tip_max)
     ends = np.flatnonzero(kinds[1:] != kinds[:-1]) + 1
     for begin, end in zip([0, *ends], [*ends, len(kinds)], strict=True):
         colour, dashes, width, _ = LOOKS[str(kinds[begin])]
         part = slice(begin, min(end + 1, len(kinds)))
-        order = 4.5 if kinds[begin] == "stable" else 4  # two orbits may have the same largest displacement: the stable one is seen
+        order = (
+            4.5 if kinds[begin] == "stable" else 4
+        )  # two orbits may have the same largest displacement: the stable one is seen
         thinner = 1.0 if curve.symmetric else 0.6
-        axes.plot(curve.omega_ratio[part], tip_max[part], color=colour, ls=dashes, lw=thinner * width, zorder=order)
+        axes.plot(
+            curve.omega_ratio[part],
+            tip_max[part],
+            color=colour,
+            ls=dashes,
+            lw=thinner * width,
+            zorder=order,
+        )
     for mark in curve.located:
-        axes.plot(mark.omega_ratio, MM * mark.tip_max, MARKS.get(mark.kind, "x"), **MARKED, zorder=5)
+        axes.plot(
+            mark.omega_ratio, MM * mark.tip_max, MARKS.get(mark.kind, "x"), **MARKED, zorder=5
+        )
 
 
 def _drawn_already(curve: ResponseCurve) -> NDArray[np.bool_]:
@@ -120,7 +228,8 @@ def _drawn_already(curve: ResponseCurve) -> NDArray[np.bool_]:
     A branch without symmetry leads through its mirror image, whose dashes would fill the gaps between the first ones.
     """
     rows = np.column_stack([curve.omega_ratio, curve.tip_max])
-    known, found = np.isfinite(rows).all(axis=1), np.zeros(len(rows), dtype=np.bool_)
+    known = np.isfinite(rows).all(axis=1)
+    found = np.zeros(len(rows), dtype=np.bool_)
     if curve.symmetric or not np.any(known):
         return found
     rows = (rows - np.nanmin(rows, axis=0)) / np.maximum(np.ptp(rows[known], axis=0), 1e-12)
@@ -128,23 +237,38 @@ def _drawn_already(curve: ResponseCurve) -> NDArray[np.bool_]:
     for k in np.flatnonzero(known):
         begin = rows[: max(int(np.searchsorted(way, way[k] - 3 * ASIDE)), 1)] - rows[k]
         chord = np.diff(begin, axis=0)
-        share = np.clip(-np.sum(begin[:-1] * chord, axis=1) / np.maximum(np.sum(chord**2, axis=1), 1e-30), 0, 1)
+        share = np.clip(
+            -np.sum(begin[:-1] * chord, axis=1) / np.maximum(np.sum(chord**2, axis=1), 1e-30), 0, 1
+        )
         found[k] = np.any(np.hypot(*(begin[:-1] + share[:, None] * chord).T) < ASIDE)
     return found
 
 
 def _legend(axes: Axes, overview: Overview) -> None:
-    shown = {str(kind) for curve in overview.curves if curve.method == EXACT for kind in np.unique(_kinds(curve))}
+    shown = {
+        str(kind)
+        for curve in overview.curves
+        if curve.method == EXACT
+        for kind in np.unique(_kinds(curve))
+    }
     for kind, (colour, dashes, width, label) in LOOKS.items():
         if kind in shown:
             axes.plot([], [], color=colour, ls=dashes, lw=width, label=label)
     if any(not curve.symmetric for curve in overview.curves):
-        axes.plot([], [], color=STABLE, lw=0.6 * LOOKS["stable"][2], label="thinner: orbits without symmetry")
+        axes.plot(
+            [],
+            [],
+            color=STABLE,
+            lw=0.6 * LOOKS["stable"][2],
+            label="thinner: orbits without symmetry",
+        )
     if any(curve.method != EXACT for curve in overview.curves):
         axes.plot([], [], color=BALANCE, lw=1.0, label="harmonic balance")
     if any(curve.method != EXACT and curve.stable is not None for curve in overview.curves):
         axes.plot([], [], color=BALANCE, lw=1.0, ls="--", label="the same, unstable")
-    for kind in sorted({mark.kind for curve in overview.curves if curve.method == EXACT for mark in curve.located}):
+    for kind in sorted(
+        {mark.kind for curve in overview.curves if curve.method == EXACT for mark in curve.located}
+    ):
         axes.plot([], [], MARKS.get(kind, "x"), **MARKED, ls="", label=kind)
     axes.figure.legend(loc="outside right upper", fontsize=8.5)  # beside the curves, not over them
 
@@ -162,13 +286,17 @@ def save_balance(path: Path, exact: Exact, rows: Sequence[BalanceRow], growing: 
         if row.tip_max_error is not None:
             at_papers = row.weight * (PAPERS / row.harmonics) ** 2 if growing else row.weight
             series.setdefault(round(at_papers, 6), []).append(row)
-    for (weight, found), colour, marker in zip(sorted(series.items()), COLOURS * 9, MARKERS * 9, strict=False):
+    for (weight, found), colour, marker in zip(
+        sorted(series.items()), COLOURS * 9, MARKERS * 9, strict=False
+    ):
         label = f"weight {weight:g}" + (f" (H/{PAPERS})²" if growing else "")
         _line(error, found, "tip_max_error", 100, color=colour, marker=marker, label=label)
         _line(error, found, "peak_error", 100, color=colour, marker=marker, mfc="white", ls="--")
         _line(folds, found, "first_fold_ratio", 1, color=colour, marker=marker, label=label)
         _line(folds, found, "last_fold_ratio", 1, color=colour, marker=marker, mfc="white", ls="--")
-        _line(cost, found, "cpu_seconds_per_250_points", 1, color=colour, marker=marker, label=label)
+        _line(
+            cost, found, "cpu_seconds_per_250_points", 1, color=colour, marker=marker, label=label
+        )
     located = sorted(fold.omega_ratio for fold in exact.curve.folds)
     for ratio, style in zip(located[:1] + located[-1:], ("-", "--"), strict=False):
         folds.axhline(ratio, color="0.4", lw=1.0, ls=style)
@@ -187,12 +315,19 @@ def save_balance(path: Path, exact: Exact, rows: Sequence[BalanceRow], growing: 
         axes.axvline(PAPERS, color="0.8", lw=1.0, zorder=0)
         draw_grid(axes)
     error.legend(fontsize=8)
-    figure.suptitle(f"{exact.case.scene}, {exact.case.force:g} N; weights in $m_a\\omega_1^2$; the paper took {PAPERS} harmonics", fontsize=10)
+    figure.suptitle(
+        f"{exact.case.scene}, {exact.case.force:g} N; weights in $m_a\\omega_1^2$; the paper took {PAPERS} harmonics",
+        fontsize=10,
+    )
     write_figure(figure, path)
 
 
 def _line(axes: Axes, rows: Sequence[BalanceRow], name: str, scale: float, **style: Any) -> None:
-    known = [(row.harmonics, scale * abs(value)) for row in rows if (value := getattr(row, name)) is not None]
+    known = [
+        (row.harmonics, scale * abs(value))
+        for row in rows
+        if (value := getattr(row, name)) is not None
+    ]
     if known:
         axes.plot(*zip(*known, strict=True), lw=1.3, ms=5, **style)
 
@@ -218,12 +353,33 @@ def _force(axes: Axes, found: IsolaMap) -> None:
     force = found.fold_force
     finite = force[np.isfinite(force)]
     axes.plot(found.omega_ratio, force, color=BLUE, lw=1.8)
-    axes.fill_between(found.omega_ratio, force, np.max(finite) * 2, color=BLUE, alpha=0.08, lw=0, label="two symmetric orbits")
+    axes.fill_between(
+        found.omega_ratio,
+        force,
+        np.max(finite) * 2,
+        color=BLUE,
+        alpha=0.08,
+        lw=0,
+        label="two symmetric orbits",
+    )
     for level in found.own.found:
         label = f"{level.kind} {level.force:.4g} N" + (", no orbit" if level.refused else "")
-        axes.plot(level.omega_ratio, level.force, KIND_MARKS[level.kind], ms=8, mfc="white" if level.refused else ORANGE, mec="black", label=label)
+        axes.plot(
+            level.omega_ratio,
+            level.force,
+            KIND_MARKS[level.kind],
+            ms=8,
+            mfc="white" if level.refused else ORANGE,
+            mec="black",
+            label=label,
+        )
     top = max([level.force for level in found.own.found], default=float(np.median(finite)))
-    axes.set(xlim=found.omega_ratio[[0, -1]], ylim=(0, 1.6 * top), xlabel="frequency over the first resonance's", ylabel="smallest force in N")
+    axes.set(
+        xlim=found.omega_ratio[[0, -1]],
+        ylim=(0, 1.6 * top),
+        xlabel="frequency over the first resonance's",
+        ylabel="smallest force in N",
+    )
     _below(axes)
 
 
@@ -233,52 +389,94 @@ def _map(axes: Axes, found: IsolaMap, name: str) -> None:
 
     (other,) = (one for one in ALONG if one != name)
     own = {getattr(cell, other) for cell in found.cells}
-    fixed = getattr(found.own, other) if getattr(found.own, other) in own else getattr(found.cells[-1], other)
+    fixed = (
+        getattr(found.own, other)
+        if getattr(found.own, other) in own
+        else getattr(found.cells[-1], other)
+    )
     cells = [cell for cell in found.cells if getattr(cell, other) == fixed]
     numbers = sorted({cell.modes for cell in cells})
-    for n, colour in zip(numbers, colormaps["viridis"](np.linspace(0, 0.9, len(numbers))), strict=True):
+    for n, colour in zip(
+        numbers, colormaps["viridis"](np.linspace(0, 0.9, len(numbers))), strict=True
+    ):
         axes.plot([], [], color=colour, label=f"{n} mode{'s' * (n != 1)}")
         for place, style in ((0, "-"), (1, "--")):
-            pairs = [(getattr(cell, name), level) for cell in cells if cell.modes == n and (level := cell.pair[place]) is not None]
+            pairs = [
+                (getattr(cell, name), level)
+                for cell in cells
+                if cell.modes == n and (level := cell.pair[place]) is not None
+            ]
             known = sorted((value, level.force, level.omega_ratio) for value, level in pairs)
-            rows = np.array(known).reshape(-1, 3)  # where the ratio jumps another isola is the next one to the resonance
-            for part in np.split(rows, np.flatnonzero(np.abs(np.diff(rows[:, 2])) > SAME) + 1) if len(rows) else ():
+            rows = np.array(known).reshape(
+                -1, 3
+            )  # where the ratio jumps another isola is the next one to the resonance
+            for part in (
+                np.split(rows, np.flatnonzero(np.abs(np.diff(rows[:, 2])) > SAME) + 1)
+                if len(rows)
+                else ()
+            ):
                 axes.plot(part[:, 0], part[:, 1], style, marker="v^"[place], ms=4, color=colour)
-            refused = np.array([(value, level.force) for value, level in pairs if level.refused]).reshape(-1, 2)
-            axes.plot(refused[:, 0], refused[:, 1], "v^"[place], ms=4, mfc="white", mec=colour, zorder=3)
+            refused = np.array(
+                [(value, level.force) for value, level in pairs if level.refused]
+            ).reshape(-1, 2)
+            axes.plot(
+                refused[:, 0], refused[:, 1], "v^"[place], ms=4, mfc="white", mec=colour, zorder=3
+            )
     for style, label in (("k-", "birth (of the isola next to the resonance)"), ("k--", "merger")):
         axes.plot([], [], style, label=label)
     if any(level is not None and level.refused for cell in cells for level in cell.pair):
         axes.plot([], [], "ks", ms=4, mfc="white", label="open: no orbit, by the exact method")
     axes.set(xlabel=ALONG[name], ylabel="force in N", ylim=(0, None))
-    axes.set_title(f"{ALONG[other].removesuffix(' in N')} {fixed:g}{' N' if other == 'friction_limit' else ''}", fontsize=9)
+    axes.set_title(
+        f"{ALONG[other].removesuffix(' in N')} {fixed:g}{' N' if other == 'friction_limit' else ''}",
+        fontsize=9,
+    )
     _below(axes)
 
 
 def _below(axes: Axes) -> None:
-    axes.legend(fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.13))  # below the curves, not over them
+    axes.legend(
+        fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.13)
+    )  # below the curves, not over them
     draw_grid(axes)
 
 
 KIND_COLOURS = {FOLD: BLUE, SYMMETRY_BREAKING: ORANGE, PERIOD_DOUBLING: GREEN, TORUS: PINK}
-TURNS = {kind: MARKS[kind] for kind in (FOLD, GRAZING, PULLING)}  # what is marked along curves of bifurcations
+TURNS = {
+    kind: MARKS[kind] for kind in (FOLD, GRAZING, PULLING)
+}  # what is marked along curves of bifurcations
 
 
-def save_curves(path: Path, curves: list[dict[str, Any]], title: str, parameter: str, scale: float) -> None:
+def save_curves(
+    path: Path, curves: list[dict[str, Any]], title: str, parameter: str, scale: float
+) -> None:
     """Draw the plain forms of `BifurcationCurve`, ``scale`` times the parameter's values; the ending of ``path`` chooses the format."""
     figure, axes = figure_of(9, 5.5)
     for curve in curves:
-        ratio, value, colour = np.array(curve["omega_ratio"]), scale * np.array(curve["value"]), KIND_COLOURS[curve["kind"]]
+        ratio = np.array(curve["omega_ratio"])
+        value = scale * np.array(curve["value"])
+        colour = KIND_COLOURS[curve["kind"]]
         good = np.array([told == "yes" for told in curve["orbit"]])
-        beside = good | np.append(good[1:], False) | np.append(False, good[:-1])  # so that no gap is seen
+        beside = (
+            good | np.append(good[1:], False) | np.append(False, good[:-1])
+        )  # so that no gap is seen
         axes.plot(ratio, np.where(beside, value, np.nan), color=colour, lw=1.8)
         axes.plot(ratio, np.where(good, np.nan, value), color=colour, lw=1.0, ls=":")
         for mark in curve["located"]:
             if mark["kind"] in TURNS:
-                axes.plot(mark["omega_ratio"], scale * mark["value"], TURNS[mark["kind"]], color=colour, mfc="white", ms=5)
+                axes.plot(
+                    mark["omega_ratio"],
+                    scale * mark["value"],
+                    TURNS[mark["kind"]],
+                    color=colour,
+                    mfc="white",
+                    ms=5,
+                )
     for kind in dict.fromkeys(curve["kind"] for curve in curves):
         axes.plot([], [], color=KIND_COLOURS[kind], lw=1.8, label=kind)
-    for kind in sorted({mark["kind"] for curve in curves for mark in curve["located"]} & set(TURNS)):
+    for kind in sorted(
+        {mark["kind"] for curve in curves for mark in curve["located"]} & set(TURNS)
+    ):
         label = f"{parameter} least or greatest" if kind == FOLD else kind
         axes.plot([], [], TURNS[kind], color="black", mfc="white", ms=5, label=label)
     if any(told != "yes" for curve in curves for told in curve["orbit"]):
@@ -290,17 +488,33 @@ def save_curves(path: Path, curves: list[dict[str, Any]], title: str, parameter:
     write_figure(figure, path)
 
 
-CURVE_COLUMNS = ("curve", "kind", "period", "symmetric", "omega_ratio", "value", "multiplier_real", "multiplier_imag", "orbit", "located")
+CURVE_COLUMNS = (
+    "curve",
+    "kind",
+    "period",
+    "symmetric",
+    "omega_ratio",
+    "value",
+    "multiplier_real",
+    "multiplier_imag",
+    "orbit",
+    "located",
+)
 
 
 def orbit_table(orbits: list[Orbit]) -> str:
     """Return a line for each orbit."""
     rows = []
     for orbit in orbits:
-        slow, fast = (float(np.max(np.abs(values))) for values in (orbit.stability.slow_multipliers, orbit.stability.fast_multipliers))
+        slow, fast = (
+            float(np.max(np.abs(values)))
+            for values in (orbit.stability.slow_multipliers, orbit.stability.fast_multipliers)
+        )
         schedule = orbit.schedule
         kind = "symmetric" if schedule.symmetric else "one-sided"
-        kind += ("" if schedule.period_multiple == 1 else f", period {schedule.period_multiple}") + ("" if schedule.flies else ", held")
+        kind += (
+            "" if schedule.period_multiple == 1 else f", period {schedule.period_multiple}"
+        ) + ("" if schedule.flies else ", held")
         sides = 2 if schedule.symmetric else 1
         rows.append(
             [
@@ -308,7 +522,18 @@ def orbit_table(orbits: list[Orbit]) -> str:
                 f"{1e3 * orbit.motion.tip_rms:.6f}", f"{slow:.4f}", f"{fast:.4f}", "yes" if orbit.stability.stable else "no", f"{orbit.residual:.0e}",
             ]
         )  # fmt: skip
-    header = ("omega/omega_1", "kind", "impacts", "reversals", "tip max, mm", "tip RMS, mm", "slow", "fast", "stable", "residual")
+    header = (
+        "omega/omega_1",
+        "kind",
+        "impacts",
+        "reversals",
+        "tip max, mm",
+        "tip RMS, mm",
+        "slow",
+        "fast",
+        "stable",
+        "residual",
+    )
     return markdown(header, rows)
 
 
@@ -316,7 +541,9 @@ def refusals(refused: list[NoOrbit], what: str) -> list[str]:
     """Say how many are no orbit, and why, the commonest reasons first; nothing if there are none."""
     if not refused:
         return []
-    seen = Counter(orbit.reason.split(" (")[0] for orbit in refused)  # what is in brackets are numbers, each time others
+    seen = Counter(
+        orbit.reason.split(" (")[0] for orbit in refused
+    )  # what is in brackets are numbers, each time others
     lines = [f"  {number} x {reason}" for reason, number in seen.most_common(8)]
     return [f"{len(refused)} {what} no orbit:", *lines, *(["  ..."] if len(seen) > 8 else [])]
 
@@ -324,24 +551,55 @@ def refusals(refused: list[NoOrbit], what: str) -> list[str]:
 def fold_text(located: tuple[Threshold, ...]) -> str:
     """Return the table of folds, and why others are none."""
     good = [(fold, fold.orbit) for fold in located if isinstance(fold.orbit, Orbit)]
-    rows = [[f"{f.omega_ratio:.10f}", f"{f.force:g}", f"{1e3 * o.motion.tip_max:.6f}", str(2 * o.schedule.reversals)] for f, o in good]
+    rows = [
+        [
+            f"{f.omega_ratio:.10f}",
+            f"{f.force:g}",
+            f"{1e3 * o.motion.tip_max:.6f}",
+            str(2 * o.schedule.reversals),
+        ]
+        for f, o in good
+    ]
     text = markdown(("omega/omega_1", "force, N", "tip max, mm", "reversals"), rows)
-    return "\n".join([text, *refusals([f.orbit for f in located if isinstance(f.orbit, NoOrbit)], "folds of the closed form lead to")])
+    return "\n".join(
+        [
+            text,
+            *refusals(
+                [f.orbit for f in located if isinstance(f.orbit, NoOrbit)],
+                "folds of the closed form lead to",
+            ),
+        ]
+    )
 
 
 def threshold_text(found: tuple[Threshold, ...]) -> str:
     """Return the table of births and mergers, and why others are none."""
-    good = [(threshold, threshold.orbit) for threshold in found if isinstance(threshold.orbit, Orbit)]
-    rows = [[t.kind, f"{t.force:.8f}", f"{t.omega_ratio:.8f}", str(2 * orbit.schedule.reversals)] for t, orbit in good]
+    good = [
+        (threshold, threshold.orbit) for threshold in found if isinstance(threshold.orbit, Orbit)
+    ]
+    rows = [
+        [t.kind, f"{t.force:.8f}", f"{t.omega_ratio:.8f}", str(2 * orbit.schedule.reversals)]
+        for t, orbit in good
+    ]
     text = markdown(("kind", "force, N", "omega/omega_1", "reversals"), rows)
-    return "\n".join([text, *refusals([t.orbit for t in found if isinstance(t.orbit, NoOrbit)], "level places of the closed form lead to")])
+    return "\n".join(
+        [
+            text,
+            *refusals(
+                [t.orbit for t in found if isinstance(t.orbit, NoOrbit)],
+                "level places of the closed form lead to",
+            ),
+        ]
+    )
 
 
 def curve_rows(curves: list[dict[str, Any]]) -> Iterator[tuple[object, ...]]:
     """Yield a row of `CURVE_COLUMNS` for each point of the plain forms of `BifurcationCurve`, then one for each place located."""
     for number, curve in enumerate(curves, 1):
         head = (number, curve["kind"], curve["period"], int(curve["symmetric"]))
-        for ratio, value, (real, imaginary), told in zip(*(curve[name] for name in ("omega_ratio", "value", "multiplier", "orbit")), strict=True):
+        for ratio, value, (real, imaginary), told in zip(
+            *(curve[name] for name in ("omega_ratio", "value", "multiplier", "orbit")), strict=True
+        ):
             yield (*head, ratio, value, real, imaginary, told, "")
         for mark in curve["located"]:
             yield (*head, mark["omega_ratio"], mark["value"], "", "", mark["orbit"], mark["kind"])
@@ -349,13 +607,43 @@ def curve_rows(curves: list[dict[str, Any]]) -> Iterator[tuple[object, ...]]:
 
 def curve_text(curves: list[dict[str, Any]], words: str, scale: float) -> str:
     """Return a line for each plain form of a `BifurcationCurve`; values of the second parameter times ``scale``."""
-    rows, notes = [], []
+    rows = []
+    notes = []
     for number, curve in enumerate(curves, 1):
-        ratio, value, good = np.array(curve["omega_ratio"]), scale * np.array(curve["value"]), [told == "yes" for told in curve["orbit"]]
-        turns = [f"{scale * mark['value']:.7g} at {mark['omega_ratio']:.6f}" for mark in curve["located"] if mark["kind"] == FOLD]
+        ratio = np.array(curve["omega_ratio"])
+        value = scale * np.array(curve["value"])
+        good = [told == "yes" for told in curve["orbit"]]
+        turns = [
+            f"{scale * mark['value']:.7g} at {mark['omega_ratio']:.6f}"
+            for mark in curve["located"]
+            if mark["kind"] == FOLD
+        ]
         ends = [f"{np.min(row):.6g} to {np.max(row):.6g}" for row in (ratio, value)]
-        what = ("symmetric" if curve["symmetric"] else "one-sided") + ("" if curve["period"] == 1 else f", period {curve['period']}")
-        rows.append((str(number), curve["kind"], what, f"{sum(good)} of {len(good)}", *ends, ", ".join(turns)))
+        what = ("symmetric" if curve["symmetric"] else "one-sided") + (
+            "" if curve["period"] == 1 else f", period {curve['period']}"
+        )
+        rows.append(
+            (
+                str(number),
+                curve["kind"],
+                what,
+                f"{sum(good)} of {len(good)}",
+                *ends,
+                ", ".join(turns),
+            )
+        )
         notes.append(f"Curve {number}: {curve['ended']}.")
-    header = ("curve", "of", "orbits", "points that are orbits", "omega/omega_1", words, f"least or greatest {words}")
-    return "\n".join([markdown(header, rows), "", *notes]) if rows else "No such place on the branches over this range of frequencies."
+    header = (
+        "curve",
+        "of",
+        "orbits",
+        "points that are orbits",
+        "omega/omega_1",
+        words,
+        f"least or greatest {words}",
+    )
+    return (
+        "\n".join([markdown(header, rows), "", *notes])
+        if rows
+        else "No such place on the branches over this range of frequencies."
+    )

@@ -39,19 +39,27 @@ class Result:
     def levels(self) -> list[float]:
         """Response levels of all members in m."""
         assert self.response.level is not None
-        return [self.response.level.value, *([] if self.others is None else self.others.level.tolist())]
+        return [
+            self.response.level.value,
+            *([] if self.others is None else self.others.level.tolist()),
+        ]
 
     @property
     def ratios(self) -> list[float]:
         """Frequencies of the levels over that of the resonance."""
         assert self.response.level is not None
-        return [self.response.level.frequency_ratio, *([] if self.others is None else self.others.frequency_ratio.tolist())]
+        return [
+            self.response.level.frequency_ratio,
+            *([] if self.others is None else self.others.frequency_ratio.tolist()),
+        ]
 
 
 def contract(result: Result, beam: Beam | None) -> dict[str, object]:
     """Return the content of the JSON file; the scene is written with its ``beam``, or with its modes if that is None."""
     response = result.response
-    level, impacts, energy = response.level, response.impacts, response.energy
+    level = response.level
+    impacts = response.impacts
+    energy = response.energy
     assert level is not None
     assert impacts is not None
     return {
@@ -74,43 +82,101 @@ def contract(result: Result, beam: Beam | None) -> dict[str, object]:
 
 def describe_run(response: Response, resonance: int) -> str:
     """Say in a line how the run was driven and with which method."""
-    schedule, modes = response.drive.schedule, response.scene.model.modes
+    schedule = response.drive.schedule
+    modes = response.scene.model.modes
     if isinstance(response.drive, Loads):
         told = f"{amplitude_in_words(response.drive)} for {float(schedule.times[-1]):g} s"
         return f"{told}, {schedule.periods:g} pseudo periods of {schedule.reference:.6g} rad/s, {modes_in_words(modes)}, {response.method}"
     ratios = schedule.omegas / schedule.reference
-    frequency = f"at {ratios[0]:g}" if ratios[0] == ratios[-1] else f"from {ratios[0]:g} to {ratios[-1]:g}"
+    frequency = (
+        f"at {ratios[0]:g}" if ratios[0] == ratios[-1] else f"from {ratios[0]:g} to {ratios[-1]:g}"
+    )
     where = f"{frequency} times resonance {resonance} ({schedule.reference:.6g} rad/s)"
     return f"{response.drive.amplitude:g} N {where}, {schedule.periods:g} pseudo periods, {modes_in_words(modes)}, {response.method}"
 
 
 def summary(result: Result, resonance: int) -> str:
     """Return the lines that are printed."""
-    response, levels, ratios = result.response, 1e3 * np.array(result.levels), result.ratios
-    level, energy, schedule = response.level, response.energy, response.drive.schedule
+    response = result.response
+    levels = 1e3 * np.array(result.levels)
+    ratios = result.ratios
+    level = response.level
+    energy = response.energy
+    schedule = response.drive.schedule
     assert level is not None
-    rows = [("response level", f"{levels[0]:.4g} mm", f"around {ratios[0]:.4f} times the resonance")]
+    rows = [
+        ("response level", f"{levels[0]:.4g} mm", f"around {ratios[0]:.4f} times the resonance")
+    ]
     if len(levels) > 1:
         low, middle, high = np.quantile(levels, (0.05, 0.5, 0.95))
-        rows.append(("", f"{middle:.4g} mm", f"median of {len(levels)} members, 5 to 95 %: {low:.4g} to {high:.4g} mm"))
+        rows.append(
+            (
+                "",
+                f"{middle:.4g} mm",
+                f"median of {len(levels)} members, 5 to 95 %: {low:.4g} to {high:.4g} mm",
+            )
+        )
     stuck = response.stuck_time / float(schedule.times[-1])
     rows += [
         ("largest tip displacement", f"{1e3 * level.max_tip:.4g} mm", ""),
-        ("impacts", f"{response.impact_count}", f"{response.impact_count / schedule.periods:.3g} a pseudo period"),
-        ("time stuck or held", f"{response.stuck_time:.4g} s", f"{100 * stuck:.3g} % of {float(schedule.times[-1]):.4g} s"),
+        (
+            "impacts",
+            f"{response.impact_count}",
+            f"{response.impact_count / schedule.periods:.3g} a pseudo period",
+        ),
+        (
+            "time stuck or held",
+            f"{response.stuck_time:.4g} s",
+            f"{100 * stuck:.3g} % of {float(schedule.times[-1]):.4g} s",
+        ),
     ]
     if energy is not None:
-        rows.append(("energy balance, relative", f"{energy.relative_error:.1e}", f"work of the force {energy.work:.4g} J"))
+        rows.append(
+            (
+                "energy balance, relative",
+                f"{energy.relative_error:.1e}",
+                f"work of the force {energy.work:.4g} J",
+            )
+        )
     if result.measures is not None:
         found = result.measures[0]["displacement_m"]
-        rows.append(("RMS of the displacement", f"{1e3 * found['rms']:.4g} mm", f"after {result.measures[0]['from_s']:.4g} s"))
-        rows.append(("power lost in impacts", f"{1e3 * result.measures[0]['impacts']['power_w']:.4g} mW", ""))
+        rows.append(
+            (
+                "RMS of the displacement",
+                f"{1e3 * found['rms']:.4g} mm",
+                f"after {result.measures[0]['from_s']:.4g} s",
+            )
+        )
+        rows.append(
+            (
+                "power lost in impacts",
+                f"{1e3 * result.measures[0]['impacts']['power_w']:.4g} mW",
+                "",
+            )
+        )
     if result.wall_time is not None:
-        rows.append(("integration alone", f"{1e3 * result.wall_time:.4g} ms", f"{1e6 * result.wall_time / schedule.periods:.3g} us a pseudo period"))
+        rows.append(
+            (
+                "integration alone",
+                f"{1e3 * result.wall_time:.4g} ms",
+                f"{1e6 * result.wall_time / schedule.periods:.3g} us a pseudo period",
+            )
+        )
     if result.sweep_ratio is not None:
-        rate = 1e4 * abs(float(schedule.omegas[-1] - schedule.omegas[0])) / schedule.reference / schedule.periods
+        rate = (
+            1e4
+            * abs(float(schedule.omegas[-1] - schedule.omegas[0]))
+            / schedule.reference
+            / schedule.periods
+        )
         fast = "" if result.sweep_ratio >= LEAST_RATIO else ": too fast for shares"
-        rows.append(("sweep over stationary", f"{result.sweep_ratio:.3f}", f"without absorber, at {rate:.3g} % per 100 pseudo periods{fast}"))
+        rows.append(
+            (
+                "sweep over stationary",
+                f"{result.sweep_ratio:.3f}",
+                f"without absorber, at {rate:.3g} % per 100 pseudo periods{fast}",
+            )
+        )
     lines = [f"  {name:<26}{value:>12}   {note}".rstrip() for name, value, note in rows]
     return "\n".join([words(response.scene.absorber), describe_run(response, resonance), *lines])
 
@@ -120,7 +186,11 @@ if TYPE_CHECKING:
 
 
 Array = NDArray[np.float64]
-TIP, ABSORBER, LEVEL, WALL, OTHER = "#1f4e79", "#d1641a", "#a0182d", "#555555", "#7a9a3a"
+TIP = "#1f4e79"
+ABSORBER = "#d1641a"
+LEVEL = "#a0182d"
+WALL = "#555555"
+OTHER = "#7a9a3a"
 BINS = 1500  # more than this many columns cannot be told apart
 DETAIL_PERIODS = 4  # to either side of the maximum
 
@@ -138,16 +208,25 @@ class _Axis:
 
     def of(self, time: Array) -> Array:
         schedule = self.response.drive.schedule
-        return np.asarray(schedule.omega_at(time) / schedule.reference if self.swept else time / schedule.pseudo_period)
+        return np.asarray(
+            schedule.omega_at(time) / schedule.reference
+            if self.swept
+            else time / schedule.pseudo_period
+        )
 
     @property
     def label(self) -> str:
-        return rf"excitation frequency $\Omega/\omega_{{{self.resonance}}}$" if self.swept else "time in pseudo periods"
+        return (
+            rf"excitation frequency $\Omega/\omega_{{{self.resonance}}}$"
+            if self.swept
+            else "time in pseudo periods"
+        )
 
 
 def save_figure(path: Path, title: str, response: Response, resonance: int) -> None:
     """Draw a response that has its level, events and history recorded, and its energies if it has them; save it."""
-    history, level = response.history, response.level
+    history = response.history
+    level = response.level
     assert history is not None
     assert level is not None
     axis = _Axis(response, resonance)
@@ -167,7 +246,11 @@ def save_figure(path: Path, title: str, response: Response, resonance: int) -> N
     else:
         _account(axes[-1, 1], response.energy, resonance)
     for ax in axes[:, 0]:
-        ax.set_xlim(*sorted((float(axis.of(np.array(0.0))), float(axis.of(response.drive.schedule.times[-1])))))
+        ax.set_xlim(
+            *sorted(
+                (float(axis.of(np.array(0.0))), float(axis.of(response.drive.schedule.times[-1])))
+            )
+        )
         ax.set_xlabel(axis.label)
     write_figure(figure, path, 130)
 
@@ -175,12 +258,24 @@ def save_figure(path: Path, title: str, response: Response, resonance: int) -> N
 def _bins(history: History, response: Response) -> list[Array]:
     """Return the samples of each column of the figure: whole pseudo periods, and no more columns than can be distinguished."""
     samples = len(history.time)
-    per_period = max(1, round(response.drive.schedule.pseudo_period / (history.time[1] - history.time[0]))) if samples > 1 else 1
+    per_period = (
+        max(1, round(response.drive.schedule.pseudo_period / (history.time[1] - history.time[0])))
+        if samples > 1
+        else 1
+    )
     width = per_period * max(1, -(-samples // (per_period * BINS)))
     return np.array_split(np.arange(samples), max(1, samples // width))
 
 
-def _envelope(ax: Axes, response: Response, history: History, axis: _Axis, values: Array, colour: str, label: str) -> None:
+def _envelope(
+    ax: Axes,
+    response: Response,
+    history: History,
+    axis: _Axis,
+    values: Array,
+    colour: str,
+    label: str,
+) -> None:
     """Draw least and largest value of each bin, or the curve itself where the record is short."""
     bins = _bins(history, response)
     if len(bins) <= 60:
@@ -198,19 +293,46 @@ def _headroom(ax: Axes, below: float = 0.0) -> None:
 
 
 def _displacement(ax: Axes, response: Response, history: History, axis: _Axis) -> None:
-    level, period = response.level, response.drive.schedule.pseudo_period
+    level = response.level
+    period = response.drive.schedule.pseudo_period
     assert level is not None
     _envelope(ax, response, history, axis, MM * history.tip_displacement, TIP, "tip")
-    window = np.clip(level.time + np.array([-1, 1]) * HALF_WINDOW_PERIODS * period, 0, response.drive.schedule.times[-1])
+    window = np.clip(
+        level.time + np.array([-1, 1]) * HALF_WINDOW_PERIODS * period,
+        0,
+        response.drive.schedule.times[-1],
+    )
     start, stop = axis.of(window)
-    ax.axvspan(start, stop, color=LEVEL, alpha=0.15, lw=0, label=f"window, ±{HALF_WINDOW_PERIODS} pseudo periods")
+    ax.axvspan(
+        start,
+        stop,
+        color=LEVEL,
+        alpha=0.15,
+        lw=0,
+        label=f"window, ±{HALF_WINDOW_PERIODS} pseudo periods",
+    )
     for sign in (-1, 1):
-        ax.axhline(sign * MM * level.value, color=LEVEL, lw=1, ls="--", label=f"response level {MM * level.value:.3g} mm" if sign > 0 else None)
+        ax.axhline(
+            sign * MM * level.value,
+            color=LEVEL,
+            lw=1,
+            ls="--",
+            label=f"response level {MM * level.value:.3g} mm" if sign > 0 else None,
+        )
     _headroom(ax, below=0.12)
     if response.impacts is not None and len(response.impacts.time):
         times = response.impacts.time
         alpha = float(np.clip(400 / len(times), 0.08, 1))
-        ax.plot(axis.of(times), np.full(len(times), 0.035), "|", color=ABSORBER, ms=9, mew=0.6, alpha=alpha, transform=ax.get_xaxis_transform())
+        ax.plot(
+            axis.of(times),
+            np.full(len(times), 0.035),
+            "|",
+            color=ABSORBER,
+            ms=9,
+            mew=0.6,
+            alpha=alpha,
+            transform=ax.get_xaxis_transform(),
+        )
         ax.plot([], [], "|", color=ABSORBER, ms=9, label=f"{len(times)} impacts")
     ax.set_ylabel("tip displacement in mm")
     ax.legend(loc="upper left", fontsize=8, ncols=4, framealpha=0.9)
@@ -219,7 +341,8 @@ def _displacement(ax: Axes, response: Response, history: History, axis: _Axis) -
 def _around_maximum(ax: Axes, response: Response, history: History) -> tuple[slice, Array]:
     """Return the samples around the maximum and their time from it in pseudo periods; draw the impacts there."""
     assert response.level is not None
-    start, period = response.level.time, response.drive.schedule.pseudo_period
+    start = response.level.time
+    period = response.drive.schedule.pseudo_period
     at = (history.time - start) / period
     inside = np.flatnonzero(np.abs(at) <= DETAIL_PERIODS)
     part = slice(inside[0], inside[-1] + 1) if len(inside) else slice(0, len(at))
@@ -243,7 +366,12 @@ def _walls(ax: Axes, response: Response) -> None:
     absorber = response.scene.absorber
     if isinstance(absorber, SlidingAbsorber) and absorber.walls is not None:
         for sign in (-1, 1):
-            ax.axhline(sign * MM * absorber.walls.gap, color=WALL, lw=1.6, label="cavity walls" if sign > 0 else None)
+            ax.axhline(
+                sign * MM * absorber.walls.gap,
+                color=WALL,
+                lw=1.6,
+                label="cavity walls" if sign > 0 else None,
+            )
 
 
 def _relative(ax: Axes, response: Response, history: History, axis: _Axis) -> None:
@@ -257,18 +385,27 @@ def _relative(ax: Axes, response: Response, history: History, axis: _Axis) -> No
 
 def _relative_detail(ax: Axes, response: Response, history: History) -> None:
     part, x = _around_maximum(ax, response, history)
-    ax.plot(x, MM * (history.absorber_displacement - history.tip_displacement)[part], color=ABSORBER, lw=1)
+    ax.plot(
+        x,
+        MM * (history.absorber_displacement - history.tip_displacement)[part],
+        color=ABSORBER,
+        lw=1,
+    )
     _walls(ax, response)
     ax.set(xlabel="pseudo periods from the maximum", ylabel="relative displacement in mm")
 
 
 def _energies(ax: Axes, response: Response, history: History, axis: _Axis) -> None:
-    energy, bins, resonant = mechanical_energy(response.scene, history), _bins(history, response), axis.resonance - 1
+    energy = mechanical_energy(response.scene, history)
+    bins = _bins(history, response)
+    resonant = axis.resonance - 1
     short = len(bins) <= 60
     x = axis.of(history.time if short else np.array([np.mean(history.time[b]) for b in bins]))
     curves = [(energy.modal[:, resonant], TIP, f"mode {axis.resonance}")]
     if response.scene.model.modes > 1:
-        curves.append((np.sum(np.delete(energy.modal, resonant, axis=1), axis=1), OTHER, "all other modes"))
+        curves.append(
+            (np.sum(np.delete(energy.modal, resonant, axis=1), axis=1), OTHER, "all other modes")
+        )
     if response.scene.absorber is not None:
         curves.append((energy.absorber, ABSORBER, "absorber, kinetic"))
     highest = 0.0
@@ -287,7 +424,10 @@ def _account(ax: Axes, account: EnergyAccount, resonance: int) -> None:
     parts = {
         "force's work": (account.work, WALL),
         f"damping, mode {resonance}": (float(account.modal_loss[resonance - 1]), TIP),
-        "damping, other modes": (float(np.sum(np.delete(account.modal_loss, resonance - 1))), OTHER),
+        "damping, other modes": (
+            float(np.sum(np.delete(account.modal_loss, resonance - 1))),
+            OTHER,
+        ),
         "friction": (account.friction_loss, ABSORBER),
         "impacts": (account.impact_loss, ABSORBER),
         "absorber's damper": (account.absorber_damping, ABSORBER),
@@ -297,7 +437,10 @@ def _account(ax: Axes, account: EnergyAccount, resonance: int) -> None:
     values = [MM * value for value, _ in shown.values()]
     bars = ax.barh(range(len(shown)), values, color=[colour for _, colour in shown.values()])
     work = values[0]
-    labels = [f" {name}" + (f": {100 * value / work:.3g} %" if work > 0 else "") for name, value in zip(shown, values, strict=True)]
+    labels = [
+        f" {name}" + (f": {100 * value / work:.3g} %" if work > 0 else "")
+        for name, value in zip(shown, values, strict=True)
+    ]
     ax.bar_label(bars, labels, fontsize=8)
     ax.set_yticks([])
     ax.invert_yaxis()

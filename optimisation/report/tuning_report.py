@@ -11,7 +11,17 @@ from impact_env.frequency import tip_response
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, TunedAbsorber
 from optimisation.files import Table
-from optimisation.report.figures import BLACK, BLUE, GREEN, PINK, YELLOW, draw_grid, figure_of, force_axis, write_figure
+from optimisation.report.figures import (
+    BLACK,
+    BLUE,
+    GREEN,
+    PINK,
+    YELLOW,
+    draw_grid,
+    figure_of,
+    force_axis,
+    write_figure,
+)
 from optimisation.tuned import (
     HIGH,
     LOW,
@@ -27,7 +37,13 @@ from optimisation.tuned import (
     undamped_minimax,
 )
 
-NONE, PAPER_VALUES, RULE, EXACT, EXACT_H2, MINIMAX, MINIMUM_H2 = "none", "paper", "den_hartog", "undamped_minimax", "undamped_h2", "minimax", "h2"
+NONE = "none"
+PAPER_VALUES = "paper"
+RULE = "den_hartog"
+EXACT = "undamped_minimax"
+EXACT_H2 = "undamped_h2"
+MINIMAX = "minimax"
+MINIMUM_H2 = "h2"
 _PRINTED = 1e-3  # the paper prints its values to this accuracy
 
 
@@ -74,14 +90,25 @@ class TuningTable:
         return omega / self.omega, absorber.damping / (2 * mass * omega)
 
 
-def paper_tuning(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1) -> TunedAbsorber:
+def paper_tuning(
+    model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1
+) -> TunedAbsorber:
     """Return the paper's own values where its rule gives them (its beam, mass and first resonance), otherwise what its rule gives."""
     rule = paper_rule(model, mass_ratio, resonance)
-    printed = abs(rule.stiffness / PAPER.stiffness - 1) < _PRINTED and abs(rule.damping / PAPER.damping - 1) < _PRINTED
+    printed = (
+        abs(rule.stiffness / PAPER.stiffness - 1) < _PRINTED
+        and abs(rule.damping / PAPER.damping - 1) < _PRINTED
+    )
     return PAPER if printed and mass_ratio == PAPER.mass_ratio else rule
 
 
-def tuning_table(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1, low: float = LOW, high: float = HIGH) -> TuningTable:
+def tuning_table(
+    model: ModalModel,
+    mass_ratio: float = DEFAULT_MASS_RATIO,
+    resonance: int = 1,
+    low: float = LOW,
+    high: float = HIGH,
+) -> TuningTable:
     """Return all tunings of an absorber of ``mass_ratio`` (to the beam's mass), tuned to a resonance and scored over low..high times omega_r.
 
     Raises ParameterError for numbers out of range, a mode without damping, a node at the absorber, and a scoring range that cannot hold both split
@@ -100,7 +127,13 @@ def tuning_table(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, reso
         (MINIMUM_H2, "smallest H2 norm, all modes", minimum_h2(model, *case, low, high)),
     ]
     tunings = tuple(
-        Tuning(key, label, absorber, *peak(model, absorber, resonance, low, high), h2_norm(model, absorber, resonance, low, high))
+        Tuning(
+            key,
+            label,
+            absorber,
+            *peak(model, absorber, resonance, low, high),
+            h2_norm(model, absorber, resonance, low, high),
+        )
         for key, label, absorber in absorbers
     )
     return TuningTable(model, mass_ratio, resonance, low, high, tunings)
@@ -121,7 +154,10 @@ LOOKS: dict[str, tuple[str, str | tuple[int, tuple[float, ...]], float]] = {
 def csv_table(table: TuningTable, bounds: Bounds) -> Table:
     """Return a table with a row for each tuning; an empty cell where there is no absorber or no certificate."""
     values = {tuning.key: _values(table, tuning, bounds) for tuning in table.tunings}
-    rows = [(key, *("" if value is None else value for value in own.values())) for key, own in values.items()]
+    rows = [
+        (key, *("" if value is None else value for value in own.values()))
+        for key, own in values.items()
+    ]
     return ["tuning", *values[table.tunings[0].key]], rows
 
 
@@ -152,28 +188,58 @@ def summary(table: TuningTable, bounds: Bounds) -> Json:
             "modes": table.model.modes,
             "scoring_range": [table.low, table.high],
         },
-        "tunings": {tuning.key: {"label": tuning.label, **_values(table, tuning, bounds)} for tuning in table.tunings},
+        "tunings": {
+            tuning.key: {"label": tuning.label, **_values(table, tuning, bounds)}
+            for tuning in table.tunings
+        },
     }
 
 
 def save_figure(path: Path, table: TuningTable) -> None:
     """Draw the amplitude over the scoring range, relative to the peak without absorber; the ending of ``path`` chooses the format."""
     figure, axes = figure_of(9, 5.4)
-    ratio = np.unique(np.concatenate([np.linspace(table.low, table.high, 2001), [t.peak_ratio for t in table.tunings]]))
+    ratio = np.unique(
+        np.concatenate(
+            [np.linspace(table.low, table.high, 2001), [t.peak_ratio for t in table.tunings]]
+        )
+    )
     shown = [tuning for tuning in table.tunings if tuning.key in LOOKS]
     for tuning in shown:
         colour, style, width = LOOKS[tuning.key]
-        amplitude = np.abs(tip_response(table.model, tuning.absorber, ratio * table.omega)) / table.tunings[0].peak
+        amplitude = (
+            np.abs(tip_response(table.model, tuning.absorber, ratio * table.omega))
+            / table.tunings[0].peak
+        )
         label = f"{tuning.label}: peak {100 * table.relative_peak(tuning):.1f} %"
         axes.plot(ratio, 100 * amplitude, color=colour, ls=style, lw=width, label=label)
     for tuning in shown[1:]:
-        axes.plot(tuning.peak_ratio, 100 * table.relative_peak(tuning), "o", ms=7, mfc="white", mec=LOOKS[tuning.key][0], mew=1.8, zorder=5)
-    axes.axvspan(*PAPER_LIMITS, color="0.93", zorder=0, label=f"the paper's sweep, {PAPER_LIMITS[0]:g} to {PAPER_LIMITS[1]:g}")
+        axes.plot(
+            tuning.peak_ratio,
+            100 * table.relative_peak(tuning),
+            "o",
+            ms=7,
+            mfc="white",
+            mec=LOOKS[tuning.key][0],
+            mew=1.8,
+            zorder=5,
+        )
+    axes.axvspan(
+        *PAPER_LIMITS,
+        color="0.93",
+        zorder=0,
+        label=f"the paper's sweep, {PAPER_LIMITS[0]:g} to {PAPER_LIMITS[1]:g}",
+    )
     axes.set(yscale="log", xlim=(table.low, table.high))
-    axes.set_xlabel(f"frequency over that of resonance {table.resonance}, {table.omega / (2 * np.pi):.1f} Hz", fontsize=11)
+    axes.set_xlabel(
+        f"frequency over that of resonance {table.resonance}, {table.omega / (2 * np.pi):.1f} Hz",
+        fontsize=11,
+    )
     axes.set_ylabel("amplitude of the tip in %\nof the peak without absorber", fontsize=11)
     force_axis(axes.yaxis)
     draw_grid(axes)
     axes.legend(loc="upper right", fontsize=9.5, framealpha=0.95)
-    axes.set_title(f"Tuned absorber of {100 * table.mass_ratio:g} % of the beam's mass (circles: highest peak)", fontsize=12)
+    axes.set_title(
+        f"Tuned absorber of {100 * table.mass_ratio:g} % of the beam's mass (circles: highest peak)",
+        fontsize=12,
+    )
     write_figure(figure, path)

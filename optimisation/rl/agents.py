@@ -18,10 +18,15 @@ from optimisation.files import replacing, write_csv
 
 AGENT_FORMAT = 1
 FINAL = "final.npz"
-TRAINED = Path(__file__).with_name("trained")  # TASK_ALGORITHM.zip, the middle one of its seeds by the last evaluation
+TRAINED = Path(__file__).with_name(
+    "trained"
+)  # TASK_ALGORITHM.zip, the middle one of its seeds by the last evaluation
 Map = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 ACTIVATIONS: dict[str, Map] = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, np.float32(0))}
-SQUASHES: dict[str, Map] = {"clip": lambda x: np.clip(x, np.float32(-1), np.float32(1)), "tanh": np.tanh}
+SQUASHES: dict[str, Map] = {
+    "clip": lambda x: np.clip(x, np.float32(-1), np.float32(1)),
+    "tanh": np.tanh,
+}
 Layer = tuple[NDArray[np.float32], NDArray[np.float32]]
 Cells = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 CELLS = ("inputs", "outputs", "biases")  # of an LSTM, as they are called in a file
@@ -44,12 +49,16 @@ class Memory:
 
     def start(self, lanes: int) -> None:
         """Forget everything."""
-        self.output, self.state = (np.zeros((lanes, self.cells[1].shape[1]), dtype=np.float32) for _ in range(2))
+        self.output, self.state = (
+            np.zeros((lanes, self.cells[1].shape[1]), dtype=np.float32) for _ in range(2)
+        )
 
     def see(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return outputs (L, H) after one more row of inputs (L, features)."""
         inputs, outputs, biases = self.cells
-        takes, keeps, new, shows = np.split(values @ inputs.T + self.output @ outputs.T + biases, 4, axis=1)
+        takes, keeps, new, shows = np.split(
+            values @ inputs.T + self.output @ outputs.T + biases, 4, axis=1
+        )
         self.state = _sigmoid(keeps) * self.state + _sigmoid(takes) * np.tanh(new)
         self.output = _sigmoid(shows) * np.tanh(self.state)
         return self.output
@@ -75,17 +84,43 @@ class Agent:
     cells: Cells | None = None
 
     def __post_init__(self) -> None:
-        require(self.env_id in ENVIRONMENTS, "environment of the agent", self.env_id, f"one of {', '.join(ENVIRONMENTS)}")
-        require(self.activation in ACTIVATIONS, "activation", self.activation, f"one of {', '.join(ACTIVATIONS)}")
+        require(
+            self.env_id in ENVIRONMENTS,
+            "environment of the agent",
+            self.env_id,
+            f"one of {', '.join(ENVIRONMENTS)}",
+        )
+        require(
+            self.activation in ACTIVATIONS,
+            "activation",
+            self.activation,
+            f"one of {', '.join(ACTIVATIONS)}",
+        )
         require(self.squash in SQUASHES, "squash", self.squash, f"one of {', '.join(SQUASHES)}")
-        widths = [weights.shape[1] for weights, _ in self.layers] + [ENVIRONMENTS[self.env_id].numbers]
-        fits = all(w.shape == (n, w.shape[1]) and b.shape == (n,) for (w, b), n in zip(self.layers, widths[1:], strict=True))
-        shapes, allowed = [weights.shape for weights, _ in self.layers], "layers that fit one another, to as many numbers as an action has"
+        widths = [weights.shape[1] for weights, _ in self.layers] + [
+            ENVIRONMENTS[self.env_id].numbers
+        ]
+        fits = all(
+            w.shape == (n, w.shape[1]) and b.shape == (n,)
+            for (w, b), n in zip(self.layers, widths[1:], strict=True)
+        )
+        shapes = [weights.shape for weights, _ in self.layers]
+        allowed = "layers that fit one another, to as many numbers as an action has"
         require(len(self.layers) > 0 and fits, "layers", shapes, allowed)
         if self.cells is not None:
             size = self.cells[1].shape[1]
-            sizes = (self.cells[0].shape[0], self.cells[1].shape[0], *self.cells[2].shape, 4 * self.layers[0][0].shape[1])
-            require(set(sizes) == {4 * size}, "cells", [part.shape for part in self.cells], "a memory that fits the first layer")
+            sizes = (
+                self.cells[0].shape[0],
+                self.cells[1].shape[0],
+                *self.cells[2].shape,
+                4 * self.layers[0][0].shape[1],
+            )
+            require(
+                set(sizes) == {4 * size},
+                "cells",
+                [part.shape for part in self.cells],
+                "a memory that fits the first layer",
+            )
         object.__setattr__(self, "_memory", None if self.cells is None else Memory(self.cells))
 
     @property
@@ -107,15 +142,26 @@ class Agent:
             values = memory.see(values)
         for number, (weights, biases) in enumerate(self.layers):
             values = values @ weights.T + biases
-            values = (ACTIVATIONS[self.activation] if number + 1 < len(self.layers) else SQUASHES[self.squash])(values)
+            values = (
+                ACTIVATIONS[self.activation]
+                if number + 1 < len(self.layers)
+                else SQUASHES[self.squash]
+            )(values)
         return values
 
 
 def save_agent(path: Path, agent: Agent) -> None:
     """Write an agent; the file appears as a whole or not at all."""
-    about = {name: getattr(agent, name) for name in ("env_id", "algorithm", "seed", "steps", "activation", "squash")}
+    about = {
+        name: getattr(agent, name)
+        for name in ("env_id", "algorithm", "seed", "steps", "activation", "squash")
+    }
     text = json.dumps({"format": AGENT_FORMAT, **about, "arguments": dict(agent.arguments)})
-    arrays = {f"{kind}{k}": values for k, layer in enumerate(agent.layers) for kind, values in zip(("weights", "biases"), layer, strict=True)}
+    arrays = {
+        f"{kind}{k}": values
+        for k, layer in enumerate(agent.layers)
+        for kind, values in zip(("weights", "biases"), layer, strict=True)
+    }
     if agent.cells is not None:
         arrays |= dict(zip(CELLS, agent.cells, strict=True))
     with replacing(path) as temporary:
@@ -152,39 +198,76 @@ def load_agent(place: Path | str, algorithm: str = "ppo") -> Agent:
         source = io.BytesIO(zipfile.ZipFile(path).read(FINAL)) if path.suffix == ".zip" else path
         with np.load(source, allow_pickle=False) as file:
             about = json.loads(str(file["about"]))
-            require(about.pop("format") == AGENT_FORMAT, "agent", str(path), f"a file of format {AGENT_FORMAT}, which this version reads")
-            layers = [(file[f"weights{k}"], file[f"biases{k}"]) for k in range(sum(name.startswith("weights") for name in file.files))]
+            require(
+                about.pop("format") == AGENT_FORMAT,
+                "agent",
+                str(path),
+                f"a file of format {AGENT_FORMAT}, which this version reads",
+            )
+            layers = [
+                (file[f"weights{k}"], file[f"biases{k}"])
+                for k in range(sum(name.startswith("weights") for name in file.files))
+            ]
             cells = tuple(file[name] for name in CELLS) if CELLS[0] in file.files else None
         return Agent(**about, layers=layers, cells=cells)
     except ParameterError:
         raise
     except (OSError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile) as error:
-        raise ParameterError(f"agent = {str(path)!r} is not allowed: a file that train wrote ({error})") from error
+        raise ParameterError(
+            f"agent = {str(path)!r} is not allowed: a file that train wrote ({error})"
+        ) from error
 
 
 def find_agents(folder: Path, name: str = FINAL, env_id: str | None = None) -> list[Agent]:
     """Return the agents of all files called ``name`` under a folder, of one environment if it is named: by environment, algorithm and seed."""
     agents = [load_agent(path) for path in sorted(folder.rglob(name))]
-    return sorted((a for a in agents if env_id in (None, a.env_id)), key=lambda a: (a.env_id, a.algorithm, a.seed))
+    return sorted(
+        (a for a in agents if env_id in (None, a.env_id)),
+        key=lambda a: (a.env_id, a.algorithm, a.seed),
+    )
 
 
 def actor_of(model: Any, env_id: str, seed: int, arguments: Mapping[str, Any]) -> Agent:
     """Return the agent that acts as a PPO, SAC or recurrent PPO model of stable-baselines3 does when it is deterministic."""
     stochastic_squash = hasattr(model, "actor")
     policy = model.policy
-    hidden, last = (model.actor.latent_pi, model.actor.mu) if stochastic_squash else (policy.mlp_extractor.policy_net, policy.action_net)
+    hidden, last = (
+        (model.actor.latent_pi, model.actor.mu)
+        if stochastic_squash
+        else (policy.mlp_extractor.policy_net, policy.action_net)
+    )
     linear = [layer for layer in hidden if hasattr(layer, "weight")] + [last]
-    layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear]
-    kind, squash = type(model).__name__, "tanh" if stochastic_squash else "clip"
-    steps, activation, memory, cells = int(model.num_timesteps), policy.activation_fn.__name__.lower(), getattr(policy, "lstm_actor", None), None
+    layers = [
+        (layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy())
+        for layer in linear
+    ]
+    kind = type(model).__name__
+    squash = "tanh" if stochastic_squash else "clip"
+    steps = int(model.num_timesteps)
+    activation = policy.activation_fn.__name__.lower()
+    memory = getattr(policy, "lstm_actor", None)
+    cells = None
     if memory is not None:
         names = ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
-        inputs, outputs, one, other = (getattr(memory, f"{name}_l0").detach().numpy().copy() for name in names)
+        inputs, outputs, one, other = (
+            getattr(memory, f"{name}_l0").detach().numpy().copy() for name in names
+        )
         cells = (inputs, outputs, one + other)
-    return Agent(env_id, SHORT.get(kind, kind.lower()), seed, steps, dict(arguments), activation, squash, layers, cells)
+    return Agent(
+        env_id,
+        SHORT.get(kind, kind.lower()),
+        seed,
+        steps,
+        dict(arguments),
+        activation,
+        squash,
+        layers,
+        cells,
+    )
 
 
-SETTINGS, EVALUATIONS = "settings.json", "evaluations.csv"
+SETTINGS = "settings.json"
+EVALUATIONS = "evaluations.csv"
 
 
 @dataclass(frozen=True)
@@ -233,7 +316,11 @@ def run_folder(out: Path, task: str, algorithm: str, seed: int) -> Path:
 
 def write_evaluations(folder: Path, evaluations: Sequence[Evaluation]) -> None:
     """Write a run's evaluations as CSV."""
-    write_csv(folder / EVALUATIONS, COLUMNS, [list(asdict(evaluation).values()) for evaluation in evaluations])
+    write_csv(
+        folder / EVALUATIONS,
+        COLUMNS,
+        [list(asdict(evaluation).values()) for evaluation in evaluations],
+    )
 
 
 def read_evaluations(folder: Path) -> tuple[Evaluation, ...]:
@@ -244,9 +331,16 @@ def read_evaluations(folder: Path) -> tuple[Evaluation, ...]:
     try:
         with file.open(newline="", encoding="utf-8") as lines:
             rows = list(csv.DictReader(lines))
-        return tuple(Evaluation(int(row["leg"]), int(row["steps"]), *(float(row[name]) for name in COLUMNS[2:])) for row in rows)
+        return tuple(
+            Evaluation(
+                int(row["leg"]), int(row["steps"]), *(float(row[name]) for name in COLUMNS[2:])
+            )
+            for row in rows
+        )
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ParameterError(f"evaluations = {str(file)!r} is not allowed: a table that a training wrote ({error})") from error
+        raise ParameterError(
+            f"evaluations = {str(file)!r} is not allowed: a table that a training wrote ({error})"
+        ) from error
 
 
 def find_runs(folder: Path) -> list[Run]:
@@ -255,10 +349,14 @@ def find_runs(folder: Path) -> list[Run]:
     for file in folder.rglob(SETTINGS):
         try:
             settings = json.loads(file.read_text(encoding="utf-8"))
-            run = Run(file.parent, settings, read_evaluations(file.parent), (file.parent / FINAL).exists())
+            run = Run(
+                file.parent, settings, read_evaluations(file.parent), (file.parent / FINAL).exists()
+            )
             runs.append((run.algorithm, run.seed, run))
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise ParameterError(f"settings = {str(file)!r} is not allowed: a file that a training wrote ({error})") from error
+            raise ParameterError(
+                f"settings = {str(file)!r} is not allowed: a file that a training wrote ({error})"
+            ) from error
     return [run for _, _, run in sorted(runs, key=lambda entry: entry[:2])]
 
 
@@ -275,10 +373,15 @@ def ship(source: Path, target: Path) -> list[Path]:
             groups.setdefault((run.folder.parent.parent.name, run.algorithm), []).append(run)
     files = []
     for (task, algorithm), runs in groups.items():
-        folder, file = typical(runs).folder, target / f"{task}_{algorithm}.zip"
+        folder = typical(runs).folder
+        file = target / f"{task}_{algorithm}.zip"
         model = max((folder / "checkpoints").glob("*/model.zip"))
         target.mkdir(parents=True, exist_ok=True)
-        with replacing(file) as temporary, zipfile.ZipFile(model) as whole, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+        with (
+            replacing(file) as temporary,
+            zipfile.ZipFile(model) as whole,
+            zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive,
+        ):
             for name in whole.namelist():
                 archive.writestr(name, whole.read(name))
             archive.write(folder / FINAL, FINAL)

@@ -46,14 +46,19 @@ class Demonstrations:
     terminated: Sequence[bool]
 
 
-def record(policy: Any, env_id: str, seeds: Sequence[int], arguments: Mapping[str, Any] | None = None) -> Demonstrations:
+def record(
+    policy: Any, env_id: str, seeds: Sequence[int], arguments: Mapping[str, Any] | None = None
+) -> Demonstrations:
     """Play one episode a seed and return what was seen, done and earned by something with ``start`` and ``act``."""
     lanes = len(seeds)
     with optional():
         import gymnasium
-    env: Any = gymnasium.make_vec(env_id, num_envs=lanes, vectorization_mode="vector_entry_point", **(arguments or {}))
+    env: Any = gymnasium.make_vec(
+        env_id, num_envs=lanes, vectorization_mode="vector_entry_point", **(arguments or {})
+    )
     rows: list[tuple[list[Any], list[Any], list[float]]] = [([], [], []) for _ in seeds]
-    going, ended = np.ones(lanes, dtype=np.bool_), np.zeros(lanes, dtype=np.bool_)
+    going = np.ones(lanes, dtype=np.bool_)
+    ended = np.zeros(lanes, dtype=np.bool_)
     try:
         policy.start(lanes)
         seen, _ = env.reset(seed=list(seeds))
@@ -73,7 +78,9 @@ def record(policy: Any, env_id: str, seeds: Sequence[int], arguments: Mapping[st
     finally:
         env.close()
     observations, done, earned = ([np.array(row[part]) for row in rows] for part in range(3))
-    return Demonstrations(env_id, tuple(int(seed) for seed in seeds), observations, done, earned, ended.tolist())
+    return Demonstrations(
+        env_id, tuple(int(seed) for seed in seeds), observations, done, earned, ended.tolist()
+    )
 
 
 @contextmanager
@@ -83,7 +90,9 @@ def _minari(root: Path) -> Iterator[Any]:
         import h5py  # noqa: F401 - the format's own package
         import minari
     before = os.environ.get(PLACE)
-    os.environ[PLACE] = str(root.resolve())  # the format links a data set to its files by their whole paths
+    os.environ[PLACE] = str(
+        root.resolve()
+    )  # the format links a data set to its files by their whole paths
     try:
         yield minari
     finally:
@@ -93,11 +102,18 @@ def _minari(root: Path) -> Iterator[Any]:
             os.environ[PLACE] = before
 
 
-def write_demonstrations(folder: Path, shown: Demonstrations, author: str, arguments: Mapping[str, Any] | None = None) -> None:
+def write_demonstrations(
+    folder: Path, shown: Demonstrations, author: str, arguments: Mapping[str, Any] | None = None
+) -> None:
     """Write a data set; the folder appears as a whole or not at all, and replaces one of the same name. Raises ParameterError for another folder."""
     ours = not folder.exists() or (folder / HDF5).is_file()
     require(ours, "folder", str(folder), "a new one, or a data set that is to be replaced")
-    require("/" not in folder.name and folder.name.endswith("-v0"), "folder", str(folder), "a data set's name, which ends in -v0")
+    require(
+        "/" not in folder.name and folder.name.endswith("-v0"),
+        "folder",
+        str(folder),
+        "a data set's name, which ends in -v0",
+    )
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent) as place, _minari(Path(place)) as minari:
         from minari.data_collector import EpisodeBuffer
@@ -107,13 +123,27 @@ def write_demonstrations(folder: Path, shown: Demonstrations, author: str, argum
         env = gymnasium.make(shown.env_id, **(arguments or {}))
         episodes = []
         for k, seed in enumerate(shown.seeds):
-            last, over = np.arange(len(shown.actions[k])) == len(shown.actions[k]) - 1, shown.terminated[k]
+            last = np.arange(len(shown.actions[k])) == len(shown.actions[k]) - 1
+            over = shown.terminated[k]
             own = {name: getattr(shown, name)[k] for name in ("observations", "actions", "rewards")}
-            episodes.append(EpisodeBuffer(id=k, seed=seed, terminations=last & over, truncations=last & (not over), **own))
+            episodes.append(
+                EpisodeBuffer(
+                    id=k, seed=seed, terminations=last & over, truncations=last & (not over), **own
+                )
+            )
         words = f"{author} on {shown.env_id}, one episode for each of the seeds {shown.seeds[0]} to {shown.seeds[-1]}"
-        with warnings.catch_warnings():  # it asks for an address and a link, which a reader's own data set has none of
+        with (
+            warnings.catch_warnings()
+        ):  # it asks for an address and a link, which a reader's own data set has none of
             warnings.simplefilter("ignore", UserWarning)
-            minari.create_dataset_from_buffers(folder.name, episodes, env=env, algorithm_name=author, author="scripted", description=words)
+            minari.create_dataset_from_buffers(
+                folder.name,
+                episodes,
+                env=env,
+                algorithm_name=author,
+                author="scripted",
+                description=words,
+            )
         env.close()
         if folder.exists():
             shutil.rmtree(folder)
@@ -122,18 +152,39 @@ def write_demonstrations(folder: Path, shown: Demonstrations, author: str, argum
 
 def read_demonstrations(folder: Path, env_id: str) -> Demonstrations:
     """Return the episodes of a data set. Raises ParameterError if there is none, or if it is of another environment."""
-    require((folder / HDF5).is_file(), "demonstrations", str(folder), "a folder that record_demonstrations has written")
+    require(
+        (folder / HDF5).is_file(),
+        "demonstrations",
+        str(folder),
+        "a folder that record_demonstrations has written",
+    )
     try:
         with _minari(folder.parent) as minari:
             data = minari.load_dataset(folder.name)
             found = data.spec.env_spec.id
             episodes = list(data.iterate_episodes())
-            seeds = tuple(int(row["seed"]) for row in data.storage.get_episode_metadata(range(len(episodes))))
+            seeds = tuple(
+                int(row["seed"]) for row in data.storage.get_episode_metadata(range(len(episodes)))
+            )
     except (OSError, ValueError, KeyError, AttributeError) as error:
-        raise ParameterError(f"demonstrations = {str(folder)!r} is not allowed: a whole data set ({error})") from error
-    require(found == env_id, "demonstrations", str(folder), f"a data set of {env_id}, not of {found}")
-    observations, actions, rewards = ([np.asarray(getattr(e, name)) for e in episodes] for name in ("observations", "actions", "rewards"))
-    return Demonstrations(env_id, seeds, observations, actions, rewards, [bool(episode.terminations[-1]) for episode in episodes])
+        raise ParameterError(
+            f"demonstrations = {str(folder)!r} is not allowed: a whole data set ({error})"
+        ) from error
+    require(
+        found == env_id, "demonstrations", str(folder), f"a data set of {env_id}, not of {found}"
+    )
+    observations, actions, rewards = (
+        [np.asarray(getattr(e, name)) for e in episodes]
+        for name in ("observations", "actions", "rewards")
+    )
+    return Demonstrations(
+        env_id,
+        seeds,
+        observations,
+        actions,
+        rewards,
+        [bool(episode.terminations[-1]) for episode in episodes],
+    )
 
 
 def fingerprint(shown: Demonstrations) -> str:
@@ -161,7 +212,14 @@ def action_of(env: gymnasium.Env[Any, Any], observation: Any, action: float | Ag
     return 0 if env.action_space.shape == () else np.array([action], dtype=np.float32)
 
 
-def episode(name: str, mode: str, options: Mapping[str, Any], seed: int, action: float | Agent | None, most: int) -> tuple[list[np.ndarray], int]:
+def episode(
+    name: str,
+    mode: str,
+    options: Mapping[str, Any],
+    seed: int,
+    action: float | Agent | None,
+    most: int,
+) -> tuple[list[np.ndarray], int]:
     """Return the frames of an episode of an environment, and how many of them are shown in a second; ``action`` None: a random one each time."""
     with optional():
         import gymnasium
@@ -172,13 +230,16 @@ def episode(name: str, mode: str, options: Mapping[str, Any], seed: int, action:
         env.close()
 
 
-def film(env: gymnasium.Env[Any, Any], seed: int, action: float | Agent | None, most: int) -> list[np.ndarray]:
+def film(
+    env: gymnasium.Env[Any, Any], seed: int, action: float | Agent | None, most: int
+) -> list[np.ndarray]:
     """Return the frames of an episode, at most ``most``; Ctrl-C ends it early."""
     observation, _ = env.reset(seed=seed)
     if isinstance(action, Agent):
         action.start(1)
     env.action_space.seed(seed)
-    frames, over = [env.render()], False
+    frames = [env.render()]
+    over = False
     with Bar(total=most, desc="drawing", unit="frame", leave=False) as bar:
         try:
             while not over and len(frames) < most:
@@ -194,8 +255,18 @@ def film(env: gymnasium.Env[Any, Any], seed: int, action: float | Agent | None, 
 def save(path: Path, frames: list[np.ndarray], fps: int) -> None:
     """Write an animated GIF with one palette for all frames: the last frame's, which has all colours."""
     palette = Image.fromarray(frames[-1]).quantize(COLOURS)
-    pictures = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    pictures = [
+        Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
+        for frame in frames
+    ]
     # a GIF counts in hundredths of a second, and viewers slow down below two of them
     times = [max(20, 10 * round(100 / fps))] * (len(frames) - 1) + [1500]
     with replacing(path) as temporary:
-        pictures[0].save(temporary, save_all=True, append_images=pictures[1:], duration=times, loop=0, optimize=True)
+        pictures[0].save(
+            temporary,
+            save_all=True,
+            append_images=pictures[1:],
+            duration=times,
+            loop=0,
+            optimize=True,
+        )

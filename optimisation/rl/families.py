@@ -108,15 +108,25 @@ class ConstantPair(ConstantAction):
 class FamilyPolicy:
     """A family with its numbers chosen: one row (P,) for all lanes, or one for each lane (L, P)."""
 
-    def __init__(self, name: str, family: Family, parameters: NDArray[Any] | Sequence[float]) -> None:
-        self.name, self.family = name, family
+    def __init__(
+        self, name: str, family: Family, parameters: NDArray[Any] | Sequence[float]
+    ) -> None:
+        self.name = name
+        self.family = family
         self.parameters = np.atleast_2d(np.asarray(parameters, dtype=np.float64))
         if self.parameters.shape[1] != len(family.names):
-            raise ParameterError(f"parameters of {name} = {parameters!r} is not allowed: {len(family.names)} numbers ({', '.join(family.names)})")
+            raise ParameterError(
+                f"parameters of {name} = {parameters!r} is not allowed: {len(family.names)} numbers ({', '.join(family.names)})"
+            )
 
     def start(self, lanes: int) -> None:
         """Begin new episodes in all lanes."""
-        require(len(self.parameters) in (1, lanes), "lanes", lanes, f"one for each of the {len(self.parameters)} rows of parameters")
+        require(
+            len(self.parameters) in (1, lanes),
+            "lanes",
+            lanes,
+            f"one for each of the {len(self.parameters)} rows of parameters",
+        )
         self.family.begin(lanes)
         self._rows = np.broadcast_to(self.parameters, (lanes, self.parameters.shape[1]))
 
@@ -132,7 +142,8 @@ class Random:
     name = "random"
 
     def __init__(self, seed: int = 0, numbers: int = 1) -> None:
-        self.seed, self.numbers = seed, numbers
+        self.seed = seed
+        self.numbers = numbers
         self.start(0)
 
     def start(self, lanes: int) -> None:  # noqa: ARG002 - one generator serves all lanes
@@ -162,7 +173,11 @@ class Random:
 # This is exact for a stationary response with that stroke, so a transient misleads it; the estimate is smoothed over the intervals.
 
 
-IN_PHASE, QUADRATURE, IMPACTS, TIME_LEFT = 0, 1, 4, 7  # columns of the observation
+# columns of the observation
+IN_PHASE = 0
+QUADRATURE = 1
+IMPACTS = 4
+TIME_LEFT = 7
 FEW = 0.25  # of the feature "impacts": one in two pseudo periods; above the noise of a sensor, below what a sustained response has
 LAST = 0.15  # share of the time budget at which the small rule leaves
 SMALLEST = 1e-9  # of a look: what a passage that was never looked at counts as
@@ -186,21 +201,30 @@ class FrequencyWindow(OverFrequency):
         """Return the action inside or outside."""
         share = self.rates.share(observations)
         edges = np.sort(parameters[:, :2], axis=1)
-        return np.where((share > edges[:, 0]) & (share <= edges[:, 1]), parameters[:, 2], parameters[:, 3])
+        return np.where(
+            (share > edges[:, 0]) & (share <= edges[:, 1]), parameters[:, 2], parameters[:, 3]
+        )
 
 
 class SmallRule(OverFrequency):
     """Haste to a frequency; then slow while there are impacts and time is left, and back from another frequency on; else haste."""
 
     names = ("slow from", "action when slow", "back at", "action back")
-    begins = (lambda _: (0.46, 0.2, 0.4, -0.28), lambda _: (0.5, 0.1, 0.35, -0.6))  # the first: ratios 0.976 and 0.970 of the default range
+    begins = (
+        lambda _: (0.46, 0.2, 0.4, -0.28),
+        lambda _: (0.5, 0.1, 0.35, -0.6),
+    )  # the first: ratios 0.976 and 0.970 of the default range
     limits = ((0.3, 0.7), (0, 1), (0.2, 0.6), (-1, 0))
 
     def act(self, parameters: Array, observations: Observations) -> Array:
         """Return the actions (L,)."""
         slow_from, slow, back_at, back = parameters.T
         share = self.rates.share(observations)
-        waits = (share <= slow_from) & (observations[:, IMPACTS] >= FEW) & (observations[:, TIME_LEFT] > LAST)
+        waits = (
+            (share <= slow_from)
+            & (observations[:, IMPACTS] >= FEW)
+            & (observations[:, TIME_LEFT] > LAST)
+        )
         return np.where(waits, np.where(share <= back_at, back, slow), 1.0)
 
 
@@ -223,7 +247,13 @@ class LimitByLook(OverFrequency):
     Where the first limit holds the absorber fast the response until the look is linear, and its amplitude speaks for the force.
     """
 
-    names = ("action until the look", "share of the range at which it is", "action for one half-clearance", "exponent", "slope over the frequency")
+    names = (
+        "action until the look",
+        "share of the range at which it is",
+        "action for one half-clearance",
+        "exponent",
+        "slope over the frequency",
+    )
     begins = (lambda _: (1.0, 0.9, 0.5, 1.0, 0.0), lambda _: (0.5, 0.5, 0.0, 1.0, 0.0))
     limits = ((-1, 1), (0.2, 0.98), (-1, 1), (0.0, 2.5), (-1, 1))
 
@@ -241,10 +271,17 @@ class LimitByLook(OverFrequency):
         """Return the actions (L,)."""
         first, place, level, exponent, slope = parameters.T
         share = self.rates.share(observations)
-        amplitude = np.hypot(observations[:, IN_PHASE].astype(np.float64), observations[:, QUADRATURE].astype(np.float64))
+        amplitude = np.hypot(
+            observations[:, IN_PHASE].astype(np.float64),
+            observations[:, QUADRATURE].astype(np.float64),
+        )
         self.seen = np.where(self.looked, self.seen, amplitude)
         self.looked = self.looked | (share <= place)
-        by_look = level + exponent * self.per_e * np.log(np.maximum(self.seen, SMALLEST)) + slope * (2 * share - 1)
+        by_look = (
+            level
+            + exponent * self.per_e * np.log(np.maximum(self.seen, SMALLEST))
+            + slope * (2 * share - 1)
+        )
         return np.where(self.looked, by_look, first)
 
 
@@ -252,12 +289,16 @@ class GapScale:
     """What gap rules know of a task: limits and unit of the gap (m), f*/gap of the design rule (N/m), the beam, the absorber's mass."""
 
     def __init__(self, task: GapTask | SweepGapTask) -> None:
-        limits = task.cavity.gap_limits if isinstance(task, SweepGapTask) else task.control.gap_limits
+        limits = (
+            task.cavity.gap_limits if isinstance(task, SweepGapTask) else task.control.gap_limits
+        )
         self.low, self.high = span("gap_limits", limits)
         self.geometric = isinstance(task, SweepGapTask)
         self.column = [feature.name for feature in task.features].index("half-clearance in use")
-        self.origin, self.unit = task.frequency_origin, task.frequency_unit
-        self.length, self.omega = task.length, task.omega
+        self.origin = task.frequency_origin
+        self.unit = task.frequency_unit
+        self.length = task.length
+        self.omega = task.omega
         self.model = task.settings.scene.model
         mass = task.settings.scene.absorber_mass
         assert mass is not None  # the task has a cavity, so there is an absorber
@@ -267,18 +308,30 @@ class GapScale:
     def action(self, gap: Array | float) -> Array:
         """Return the action of a half-clearance in m."""
         if self.geometric:
-            return np.asarray(2 * np.log(np.maximum(gap, 1e-3 * self.low) / self.low) / np.log(self.high / self.low) - 1)
+            return np.asarray(
+                2
+                * np.log(np.maximum(gap, 1e-3 * self.low) / self.low)
+                / np.log(self.high / self.low)
+                - 1
+            )
         return np.asarray(2 * (np.asarray(gap) - self.low) / (self.high - self.low) - 1)
 
     def offset(self, observations: NDArray[Any]) -> Array:
         """Return the frequency ratios less 1 in observations, over 0.1 (L,)."""
-        return np.asarray((self.origin + self.unit * observations[:, FREQUENCY].astype(np.float64) - 1) / FREQUENCY_SCALE)
+        return np.asarray(
+            (self.origin + self.unit * observations[:, FREQUENCY].astype(np.float64) - 1)
+            / FREQUENCY_SCALE
+        )
 
     def lines(self, ratio: Array) -> tuple[Array, Array]:
         """Return G_f (m/N) and kappa, complex (L,), at frequency ratios."""
         omega = ratio * self.omega
         by_force = receptance(self.model, omega, self.model.force_shape, self.model.tip_shape)
-        kappa = receptance(self.model, omega, self.model.tip_shape, self.model.tip_shape) * self.mass * omega**2
+        kappa = (
+            receptance(self.model, omega, self.model.tip_shape, self.model.tip_shape)
+            * self.mass
+            * omega**2
+        )
         return by_force, kappa  # type: ignore[return-value]
 
 
@@ -315,10 +368,12 @@ class GapByEstimatedForce(Family):
 
     def estimate(self, stroke: Array, observations: Observations) -> Array:
         """Return the force (L,) in N that the last interval speaks for."""
-        seen, length = observations.astype(np.float64), self.scale.length
+        seen = observations.astype(np.float64)
+        length = self.scale.length
         q = (seen[:, IN_PHASE] - 1j * seen[:, QUADRATURE]) * length
         by_force, kappa = self.scale.lines(1 + FREQUENCY_SCALE * self.scale.offset(seen))
-        a, size = (1 - kappa) * q / by_force, np.abs(kappa / by_force) * stroke * seen[:, self.scale.column] * length
+        a = (1 - kappa) * q / by_force
+        size = np.abs(kappa / by_force) * stroke * seen[:, self.scale.column] * length
         knocked = a.real + np.sqrt(np.maximum(size**2 - a.imag**2, 0.0))
         return np.maximum(np.where(seen[:, IMPACTS] > 0, knocked, (q / by_force).real), 0.0)
 
@@ -329,10 +384,18 @@ class GapByEstimatedForce(Family):
             weight = np.clip(memory, 0, 1)
             self.force = weight * self.force + (1 - weight) * self.estimate(stroke, observations)
         self._first = False
-        return self.scale.action((factor + slope * self.scale.offset(observations)) * self.force / self.scale.force_per_gap)
+        return self.scale.action(
+            (factor + slope * self.scale.offset(observations))
+            * self.force
+            / self.scale.force_per_gap
+        )
 
 
-PACE = ("rate action at the start", "share of the range at which the rest begins", "rate action after it")
+PACE = (
+    "rate action at the start",
+    "share of the range at which the rest begins",
+    "rate action after it",
+)
 
 
 def pace(parameters: Array, share: Array) -> Array:
@@ -358,7 +421,10 @@ class RateAndGapByEstimatedForce(OverFrequency):
     """The same rates, with which there is time for a look at the force, and the gap of `GapByEstimatedForce`."""
 
     names = (*PACE, *GapByEstimatedForce.names)
-    begins = (lambda c: (c[0], 0.5, c[0], 1.5, 0.0, 1.0, 0.7), lambda c: (0.0, 0.9, c[0], 1.5, 0.0, 1.0, 0.9))
+    begins = (
+        lambda c: (c[0], 0.5, c[0], 1.5, 0.0, 1.0, 0.7),
+        lambda c: (0.0, 0.9, c[0], 1.5, 0.0, 1.0, 0.9),
+    )
     limits = (*RateAndGapOverFrequency.limits[:3], *GapByEstimatedForce.limits)
 
     def __init__(self, task: Any) -> None:
@@ -371,4 +437,10 @@ class RateAndGapByEstimatedForce(OverFrequency):
 
     def act(self, parameters: Array, observations: Observations) -> Array:
         """Return rate and gap actions (L, 2)."""
-        return np.stack([pace(parameters, self.rates.share(observations)), self.rule.act(parameters[:, 3:], observations)], axis=1)
+        return np.stack(
+            [
+                pace(parameters, self.rates.share(observations)),
+                self.rule.act(parameters[:, 3:], observations),
+            ],
+            axis=1,
+        )

@@ -12,9 +12,22 @@ from impact_env.extras import optional
 from impact_env.parameters import count, finite, fraction, non_negative, positive, require
 
 # how the hyperparameters of any algorithm are checked: whole numbers from 1 on, and others
-WHOLE = ("steps", "legs", "lanes", "batch_size", "n_steps", "n_epochs", "lstm", "buffer_size", "train_freq", "gradient_steps")
+WHOLE = (
+    "steps",
+    "legs",
+    "lanes",
+    "batch_size",
+    "n_steps",
+    "n_epochs",
+    "lstm",
+    "buffer_size",
+    "train_freq",
+    "gradient_steps",
+)
 NUMBERS = {
-    **dict.fromkeys(("reward_scale", "learning_rate", "final_learning_rate", "clip_range"), positive),
+    **dict.fromkeys(
+        ("reward_scale", "learning_rate", "final_learning_rate", "clip_range"), positive
+    ),
     **dict.fromkeys(("gamma", "gae_lambda", "tau"), fraction),
     **dict.fromkeys(("log_std_init", "target_entropy", "initial_value"), finite),
 }
@@ -49,15 +62,28 @@ class Hyperparameters(ABC):
         for name in (name for name in NUMBERS if name in own):
             object.__setattr__(self, name, NUMBERS[name](name, own[name]))
         require(self.legs <= self.steps, "legs", self.legs, f"not more than steps = {self.steps}")
-        listed = isinstance(self.hidden, Sequence) and not isinstance(self.hidden, str) and len(self.hidden) > 0
+        listed = (
+            isinstance(self.hidden, Sequence)
+            and not isinstance(self.hidden, str)
+            and len(self.hidden) > 0
+        )
         require(listed, "hidden", self.hidden, "a list of widths, as [64, 64]")
-        object.__setattr__(self, "hidden", tuple(count("hidden", width, 1) for width in self.hidden))
+        object.__setattr__(
+            self, "hidden", tuple(count("hidden", width, 1) for width in self.hidden)
+        )
         inside = -1 < finite("initial_action", self.initial_action) < 1
         require(inside, "initial_action", self.initial_action, "a number between -1 and 1")
         require(isinstance(own["use_sde"], bool), "use_sde", own["use_sde"], "true or false")
         lasts = own["sde_sample_freq"]
-        allowed = isinstance(lasts, int) and not isinstance(lasts, bool) and (lasts == -1 or lasts > 0)
-        require(allowed, "sde_sample_freq", lasts, "a number of steps of each lane, 1 or more, or -1 for a whole round")
+        allowed = (
+            isinstance(lasts, int) and not isinstance(lasts, bool) and (lasts == -1 or lasts > 0)
+        )
+        require(
+            allowed,
+            "sde_sample_freq",
+            lasts,
+            "a number of steps of each lane, 1 or more, or -1 for a whole round",
+        )
 
     def rate_of(self, leg: int) -> float:
         """Return the learning rate of a leg, counted from 0."""
@@ -75,7 +101,10 @@ class Hyperparameters(ABC):
 
     def describe(self) -> dict[str, Any]:
         """Return the hyperparameters as JSON values."""
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in asdict(self).items()
+        }
 
 
 @dataclass(frozen=True)
@@ -99,7 +128,12 @@ class PPOSettings(Hyperparameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         whole = self.n_steps * self.lanes % self.batch_size == 0 and self.batch_size > 1
-        require(whole, "batch_size", self.batch_size, f"a divisor of n_steps * lanes = {self.n_steps * self.lanes}, above 1")
+        require(
+            whole,
+            "batch_size",
+            self.batch_size,
+            f"a divisor of n_steps * lanes = {self.n_steps * self.lanes}, above 1",
+        )
         object.__setattr__(self, "ent_coef", non_negative("ent_coef", self.ent_coef))
 
     @property
@@ -141,10 +175,20 @@ class SACSettings(Hyperparameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         count("learning_starts", self.learning_starts, 0)
-        require(self.buffer_size >= self.lanes, "buffer_size", self.buffer_size, f"not less than lanes = {self.lanes}")
+        require(
+            self.buffer_size >= self.lanes,
+            "buffer_size",
+            self.buffer_size,
+            f"not less than lanes = {self.lanes}",
+        )
         if isinstance(self.ent_coef, str):
             ok = re.fullmatch(r"auto(_\d*\.?\d+(e-?\d+)?)?", self.ent_coef) is not None
-            require(ok, "ent_coef", self.ent_coef, "a number, auto, or auto_ and the value to start from, as auto_0.1")
+            require(
+                ok,
+                "ent_coef",
+                self.ent_coef,
+                "a number, auto, or auto_ and the value to start from, as auto_0.1",
+            )
         else:
             object.__setattr__(self, "ent_coef", non_negative("ent_coef", self.ent_coef))
 
@@ -154,7 +198,11 @@ class SACSettings(Hyperparameters):
         return self.train_freq * self.lanes
 
 
-ALGORITHMS: dict[str, type[PPOSettings] | type[SACSettings]] = {"ppo": PPOSettings, "sac": SACSettings, "rppo": RecurrentPPOSettings}
+ALGORITHMS: dict[str, type[PPOSettings] | type[SACSettings]] = {
+    "ppo": PPOSettings,
+    "sac": SACSettings,
+    "rppo": RecurrentPPOSettings,
+}
 
 
 def read(file: Path = PACKAGED) -> dict[str, dict[str, dict[str, Any]]]:
@@ -172,13 +220,26 @@ def read(file: Path = PACKAGED) -> dict[str, dict[str, dict[str, Any]]]:
     for environment, algorithms in content.items():
         _mapping(file, environment, algorithms, ALGORITHMS, "an algorithm")
         for algorithm, values in algorithms.items():
-            _mapping(file, f"{environment}: {algorithm}", values, [f.name for f in fields(ALGORITHMS[algorithm])], "a hyperparameter")
+            _mapping(
+                file,
+                f"{environment}: {algorithm}",
+                values,
+                [f.name for f in fields(ALGORITHMS[algorithm])],
+                "a hyperparameter",
+            )
     return dict(content)
 
 
-def _mapping(file: Path, where: str, value: Any, known: Mapping[str, Any] | Sequence[str], kind: str) -> None:
+def _mapping(
+    file: Path, where: str, value: Any, known: Mapping[str, Any] | Sequence[str], kind: str
+) -> None:
     place = f"hyperparameters in {file}" + (f", {where}" if where else "")
-    require(isinstance(value, Mapping) and len(value) > 0, place, value, f"a mapping with one key or more, each the name of {kind}")
+    require(
+        isinstance(value, Mapping) and len(value) > 0,
+        place,
+        value,
+        f"a mapping with one key or more, each the name of {kind}",
+    )
     for key in value:
         require(key in known, place, key, f"{kind} of {', '.join(known)}")
 
@@ -190,7 +251,9 @@ def recipes(environment: str) -> list[str]:
     return list(packaged[environment])
 
 
-def settings_for(environment: str, algorithm: str, file: Path | None = None, **given: Any) -> PPOSettings | SACSettings:
+def settings_for(
+    environment: str, algorithm: str, file: Path | None = None, **given: Any
+) -> PPOSettings | SACSettings:
     """Return the hyperparameters of an algorithm on an environment: those of the package, replaced by those of ``file``, and by those ``given``.
 
     Raises ParameterError for an unknown environment or algorithm, and for a value that is not allowed.
@@ -198,19 +261,31 @@ def settings_for(environment: str, algorithm: str, file: Path | None = None, **g
     require(algorithm in ALGORITHMS, "algorithm", algorithm, f"one of {', '.join(ALGORITHMS)}")
     packaged = read()
     known = recipes(environment)
-    require(algorithm in known, f"algorithm for {environment}", algorithm, f"one of {', '.join(known)}")
+    require(
+        algorithm in known, f"algorithm for {environment}", algorithm, f"one of {', '.join(known)}"
+    )
     own = read(file).get(environment, {}).get(algorithm, {}) if file is not None else {}
     return ALGORITHMS[algorithm](**{**packaged[environment][algorithm], **own, **given})
 
 
-ZOO = {"ppo": ("ppo", "MlpPolicy"), "sac": ("sac", "MlpPolicy"), "rppo": ("ppo_lstm", "MlpLstmPolicy")}  # files and policies in rl-zoo3
-ELSEWHERE = {f.name for f in fields(Hyperparameters)} - {"gamma", "batch_size"} | {"log_std_init", "lstm", "initial_value"}
+ZOO = {
+    "ppo": ("ppo", "MlpPolicy"),
+    "sac": ("sac", "MlpPolicy"),
+    "rppo": ("ppo_lstm", "MlpLstmPolicy"),
+}  # files and policies in rl-zoo3
+ELSEWHERE = {f.name for f in fields(Hyperparameters)} - {"gamma", "batch_size"} | {
+    "log_std_init",
+    "lstm",
+    "initial_value",
+}
 
 
 def zoo_recipe(environment: str, algorithm: str) -> dict[str, Any]:
     """Return the package's recipe as rl-zoo3 has it, where rewards are scaled by how they vary, the learning rate falls to 0, actions begin at 0."""
     own = settings_for(environment, algorithm).describe()
-    net = {"net_arch": own["hidden"], "log_std_init": own["log_std_init"]} | ({"lstm_hidden_size": own["lstm"]} if "lstm" in own else {})
+    net = {"net_arch": own["hidden"], "log_std_init": own["log_std_init"]} | (
+        {"lstm_hidden_size": own["lstm"]} if "lstm" in own else {}
+    )
     return {
         "n_envs": own["lanes"],
         "n_timesteps": float(own["steps"]),
@@ -229,7 +304,11 @@ def write_zoo(folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     files = []
     for algorithm, (name, _) in ZOO.items():
-        known = {environment: zoo_recipe(environment, algorithm) for environment, own in read().items() if algorithm in own}
+        known = {
+            environment: zoo_recipe(environment, algorithm)
+            for environment, own in read().items()
+            if algorithm in own
+        }
         files.append(folder / f"{name}.yml")
         files[-1].write_text(yaml.safe_dump(known, sort_keys=False), encoding="utf-8")
     return files

@@ -22,7 +22,12 @@ from impact_env.parameters import ParameterError, require
 from optimisation.files import write_json
 from optimisation.rl.agents import Evaluation
 from optimisation.rl.demonstrations import Demonstrations
-from optimisation.rl.hyperparameters import PPOSettings, RecurrentPPOSettings, SACSettings, settings_for
+from optimisation.rl.hyperparameters import (
+    PPOSettings,
+    RecurrentPPOSettings,
+    SACSettings,
+    settings_for,
+)
 from optimisation.rl.vec_env import NativeVecEnv, make_native
 
 with optional():
@@ -37,8 +42,17 @@ if TYPE_CHECKING:
 
 Model = Union["PPO", "SAC", "RecurrentPPO"]
 # hyperparameters that stable-baselines3 takes by their names
-OF_BOTH = ("learning_rate", "gamma", "batch_size", "n_steps", "ent_coef", "use_sde", "sde_sample_freq")
-OF_PPO, OF_SAC = ("n_epochs", "gae_lambda", "clip_range"), ("buffer_size", "learning_starts", "train_freq", "gradient_steps", "tau", "target_entropy")
+OF_BOTH = (
+    "learning_rate",
+    "gamma",
+    "batch_size",
+    "n_steps",
+    "ent_coef",
+    "use_sde",
+    "sde_sample_freq",
+)
+OF_PPO = ("n_epochs", "gae_lambda", "clip_range")
+OF_SAC = ("buffer_size", "learning_starts", "train_freq", "gradient_steps", "tau", "target_entropy")
 REPLAY = "replay.pkl"
 
 
@@ -61,12 +75,19 @@ class ScaledRewards(VecEnvWrapper):
     def snapshot(self) -> dict[str, Any]:
         """Return all that the next steps depend on."""
         monitor, lanes = self._parts()
-        return {"returns": monitor.episode_returns.copy(), "lengths": monitor.episode_lengths.copy(), "lanes": lanes.snapshot()}
+        return {
+            "returns": monitor.episode_returns.copy(),
+            "lengths": monitor.episode_lengths.copy(),
+            "lanes": lanes.snapshot(),
+        }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a snapshot."""
         monitor, lanes = self._parts()
-        monitor.episode_returns, monitor.episode_lengths = snapshot["returns"].copy(), snapshot["lengths"].copy()
+        monitor.episode_returns, monitor.episode_lengths = (
+            snapshot["returns"].copy(),
+            snapshot["lengths"].copy(),
+        )
         lanes.restore(snapshot["lanes"])
 
     def _parts(self) -> tuple[VecMonitor, TaskVectorEnv]:
@@ -77,7 +98,10 @@ class ScaledRewards(VecEnvWrapper):
 
 
 def make_lanes(
-    env_id: str, chosen: PPOSettings | SACSettings | str, arguments: Mapping[str, Any] | None = None, threads: int | None = None
+    env_id: str,
+    chosen: PPOSettings | SACSettings | str,
+    arguments: Mapping[str, Any] | None = None,
+    threads: int | None = None,
 ) -> ScaledRewards:
     """Return the environment to train on, by hyperparameters or, for an algorithm's name, those of the package.
 
@@ -92,12 +116,17 @@ def make_model(chosen: PPOSettings | SACSettings, env: VecEnv, seed: int) -> Mod
     """Return a fresh model."""
     net: dict[str, Any] = {"net_arch": list(chosen.hidden), "log_std_init": chosen.log_std_init}
     names = (*OF_BOTH, *(OF_PPO if isinstance(chosen, PPOSettings) else OF_SAC))
-    own: dict[str, Any] = {name: getattr(chosen, name) for name in names} | {"seed": seed, "device": "cpu"}
+    own: dict[str, Any] = {name: getattr(chosen, name) for name in names} | {
+        "seed": seed,
+        "device": "cpu",
+    }
     if isinstance(chosen, PPOSettings):
         kind: Any = PPO
         policy = "MlpPolicy"
         if isinstance(chosen, RecurrentPPOSettings):
-            kind, policy, net = recurrent(), "MlpLstmPolicy", net | {"lstm_hidden_size": chosen.lstm}
+            kind = recurrent()
+            policy = "MlpLstmPolicy"
+            net = net | {"lstm_hidden_size": chosen.lstm}
         ppo = kind(policy, env, policy_kwargs=net, **own)
         _start_at(ppo.policy.action_net, chosen.initial_action)
         return cast("Model", ppo)
@@ -139,7 +168,9 @@ def begin_leg(model: Model, seed: int, leg: int, learning_rate: float) -> None:
 def save_model(folder: Path, model: Model, env: ScaledRewards) -> None:
     """Write networks, optimisers and counters, where the lanes are in their episodes, and for SAC what it remembers."""
     model.save(folder / "model.zip")
-    (folder / "lanes.pickle").write_bytes(pickle.dumps((env.snapshot(), getattr(model, "_last_lstm_states", None))))
+    (folder / "lanes.pickle").write_bytes(
+        pickle.dumps((env.snapshot(), getattr(model, "_last_lstm_states", None)))
+    )
     if isinstance(model, SAC):
         model.save_replay_buffer(folder / REPLAY)
 
@@ -167,7 +198,9 @@ def load_model(folder: Path, algorithm: str, env: ScaledRewards) -> Model:
 KEPT = 2  # checkpoints of a training run: folders that are whole or absent
 
 
-def save_checkpoint(folder: Path, leg: int, model: Model, env: ScaledRewards, evaluations: list[Evaluation]) -> None:
+def save_checkpoint(
+    folder: Path, leg: int, model: Model, env: ScaledRewards, evaluations: list[Evaluation]
+) -> None:
     """Write the checkpoint at the end of a leg, and remove those before the last two."""
     target = folder / f"leg-{leg:03d}"
     temporary = folder / f".{target.name}-{os.getpid()}"
@@ -184,13 +217,20 @@ def checkpoints(folder: Path) -> list[Path]:
     return sorted(folder.glob("leg-*"))
 
 
-def last_checkpoint(folder: Path, algorithm: str, env: ScaledRewards) -> tuple[Model, list[Evaluation]] | None:
+def last_checkpoint(
+    folder: Path, algorithm: str, env: ScaledRewards
+) -> tuple[Model, list[Evaluation]] | None:
     """Return model and evaluations of the last checkpoint that is whole, or None; what is not whole is removed."""
     for half_made in folder.glob(".leg-*"):
         shutil.rmtree(half_made)
     for checkpoint in reversed(checkpoints(folder)):
         try:
-            evaluations = [Evaluation(**values) for values in json.loads((checkpoint / "evaluations.json").read_text(encoding="utf-8"))]
+            evaluations = [
+                Evaluation(**values)
+                for values in json.loads(
+                    (checkpoint / "evaluations.json").read_text(encoding="utf-8")
+                )
+            ]
             return load_model(checkpoint, algorithm, env), evaluations
         except (ParameterError, OSError, ValueError, TypeError):
             shutil.rmtree(checkpoint)
@@ -209,7 +249,9 @@ def forget_replay(folder: Path) -> None:
 with optional():
     import torch
 
-EPOCHS, BATCH, LEARNING_RATE = 40, 256, 1e-3
+EPOCHS = 40
+BATCH = 256
+LEARNING_RATE = 1e-3
 
 
 def imitate(model: Model, shown: Demonstrations, seed: int, epochs: int = EPOCHS) -> float:
@@ -219,15 +261,24 @@ def imitate(model: Model, shown: Demonstrations, seed: int, epochs: int = EPOCHS
     """
     policy: Any = model.policy
     tools: Any = torch
-    observations, actions = (torch.from_numpy(np.concatenate(parts)) for parts in ([o[:-1] for o in shown.observations], shown.actions))
+    observations, actions = (
+        torch.from_numpy(np.concatenate(parts))
+        for parts in ([o[:-1] for o in shown.observations], shown.actions)
+    )
     sizes = (model.observation_space.shape, model.action_space.shape)
     shapes = (tuple(observations.shape[1:]), tuple(actions.shape[1:]))
-    require(shapes == sizes, "shapes of demonstrations", shapes, f"{sizes}, those of the environment")
+    require(
+        shapes == sizes, "shapes of demonstrations", shapes, f"{sizes}, those of the environment"
+    )
     actor = getattr(model, "actor", None)
     parameters = list((policy if actor is None else actor).parameters())
     optimiser: Any = tools.optim.Adam(parameters, lr=LEARNING_RATE)
     generator: Any = tools.Generator().manual_seed(seed)
-    mean: Any = (lambda seen: policy.get_distribution(seen).distribution.mean) if actor is None else (lambda seen: actor(seen, deterministic=True))
+    mean: Any = (
+        (lambda seen: policy.get_distribution(seen).distribution.mean)
+        if actor is None
+        else (lambda seen: actor(seen, deterministic=True))
+    )
     for _ in range(epochs):
         for part in tools.randperm(len(observations), generator=generator).split(BATCH):
             loss = tools.nn.functional.mse_loss(mean(observations[part]), actions[part])

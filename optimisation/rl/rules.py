@@ -18,9 +18,29 @@ from optimisation.rl.families import Array, Family, Observations
 # square of the tip. Friction and gap that suit a response go in proportion to its size (scaling law), so each family has its logarithm.
 
 
-X, V, R, W, COS, SIN, RATIO, LEFT, RMS = 0, 1, 2, 3, 5, 6, 7, 8, 9  # columns of a task within a period
-PAIR_IMPACTS, PAIR_RATIO, PAIR_SIZE, PAIR_WAY = 4, 6, 8, 9  # of the limited passage
-PAIR = ("gap", "gap per size", "friction", "friction per size", "gap over frequency", "friction over frequency")
+# columns of a task within a period
+X = 0
+V = 1
+R = 2
+W = 3
+COS = 5
+SIN = 6
+RATIO = 7
+LEFT = 8
+RMS = 9
+# of the limited passage
+PAIR_IMPACTS = 4
+PAIR_RATIO = 6
+PAIR_SIZE = 8
+PAIR_WAY = 9
+PAIR = (
+    "gap",
+    "gap per size",
+    "friction",
+    "friction per size",
+    "gap over frequency",
+    "friction over frequency",
+)
 SMALL = 1e-3  # of the RMS: half-clearances
 
 
@@ -38,16 +58,38 @@ class Switch(Family):
     """
 
     few = 4
-    begins = (lambda c: (c[0], 0.5, 0.0, 0.0), lambda c: (c[0], -0.5, 0.0, 0.0), lambda c: (c[0], 0.5, 0.5, 0.3))
-    names = ("middle", "half step", "phase", "per size", "frequency", "time", "softness", "per place")
+    begins = (
+        lambda c: (c[0], 0.5, 0.0, 0.0),
+        lambda c: (c[0], -0.5, 0.0, 0.0),
+        lambda c: (c[0], 0.5, 0.5, 0.3),
+    )
+    names = (
+        "middle",
+        "half step",
+        "phase",
+        "per size",
+        "frequency",
+        "time",
+        "softness",
+        "per place",
+    )
     neutral = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 0.0)
 
     def act(self, parameters: Array, observations: Observations) -> Array:
         """Return the actions (L,)."""
         middle, step, phase, size, ratio, time, softness, place = parameters.T
         seen, log_size, per_square = _columns(observations)
-        power = seen[:, W] * (seen[:, V] * np.cos(math.pi * phase) + seen[:, X] * np.sin(math.pi * phase)) * per_square
-        rest = size * log_size + ratio * seen[:, RATIO] + time * seen[:, LEFT] + place * (np.abs(seen[:, R]) - 0.5)
+        power = (
+            seen[:, W]
+            * (seen[:, V] * np.cos(math.pi * phase) + seen[:, X] * np.sin(math.pi * phase))
+            * per_square
+        )
+        rest = (
+            size * log_size
+            + ratio * seen[:, RATIO]
+            + time * seen[:, LEFT]
+            + place * (np.abs(seen[:, R]) - 0.5)
+        )
         return middle + step * np.tanh(np.exp(softness) * power) + rest
 
 
@@ -56,15 +98,32 @@ class Phase(Family):
 
     few = 4
     begins = (lambda c: (c[0], 0.3, 0.0, 0.3), lambda c: (c[0], 0.3, 1.0, 0.0))
-    names = ("middle", "swing", "phase", "per size", "frequency", "time", "phase over the frequency", "swing over size")
+    names = (
+        "middle",
+        "swing",
+        "phase",
+        "per size",
+        "frequency",
+        "time",
+        "phase over the frequency",
+        "swing over size",
+    )
     neutral = (0.0,) * 8
 
     def act(self, parameters: Array, observations: Observations) -> Array:
         """Return the actions (L,)."""
         middle, swing, phase, size, ratio, time, bent, grown = parameters.T
         seen, log_size, _ = _columns(observations)
-        angle = 2 * np.arctan2(seen[:, SIN], seen[:, COS]) + math.pi * (phase + bent * seen[:, RATIO])
-        return middle + (swing + grown * log_size) * np.sin(angle) + size * log_size + ratio * seen[:, RATIO] + time * seen[:, LEFT]
+        angle = 2 * np.arctan2(seen[:, SIN], seen[:, COS]) + math.pi * (
+            phase + bent * seen[:, RATIO]
+        )
+        return (
+            middle
+            + (swing + grown * log_size) * np.sin(angle)
+            + size * log_size
+            + ratio * seen[:, RATIO]
+            + time * seen[:, LEFT]
+        )
 
 
 class Products(Family):
@@ -72,14 +131,34 @@ class Products(Family):
 
     few = 4
     begins = (lambda c: (c[0], 0.0, 0.0, 0.0), lambda c: (c[0], 0.3, 0.3, -0.1))
-    names = ("middle", "per size", "slip with velocity", "slip with place", "slip with displacement", "place with displacement", "frequency", "time")
+    names = (
+        "middle",
+        "per size",
+        "slip with velocity",
+        "slip with place",
+        "slip with displacement",
+        "place with displacement",
+        "frequency",
+        "time",
+    )
     neutral = (0.0,) * 8
 
     def act(self, parameters: Array, observations: Observations) -> Array:
         """Return the actions (L,)."""
         seen, log_size, square = _columns(observations)
         x, v, r, w = (seen[:, k] for k in (X, V, R, W))
-        terms = np.column_stack([np.ones(len(x)), log_size, v * w * square, r * w, x * w * square, x * r * square, seen[:, RATIO], seen[:, LEFT]])
+        terms = np.column_stack(
+            [
+                np.ones(len(x)),
+                log_size,
+                v * w * square,
+                r * w,
+                x * w * square,
+                x * r * square,
+                seen[:, RATIO],
+                seen[:, LEFT],
+            ]
+        )
         return np.einsum("lk,lk->l", parameters, terms)
 
 
@@ -108,15 +187,31 @@ class PairBySize(Family):
     beside = PAIR_WAY
     names = (*PAIR, "gap over way", "friction over way")
     neutral = (0.0,) * 8
-    begins: Sequence[families.Start] = (lambda c: (c[0], 0.0, c[1], 0.0), lambda c: (c[0], 0.3, c[1], 0.3))
+    begins: Sequence[families.Start] = (
+        lambda c: (c[0], 0.0, c[1], 0.0),
+        lambda c: (c[0], 0.3, c[1], 0.3),
+    )
 
     def act(self, parameters: Array, observations: Observations) -> Array:
         """Return gap and friction actions (L, 2)."""
         seen = observations.astype(np.float64)
-        size, ratio, other = np.log(seen[:, PAIR_SIZE] + SMALL), seen[:, PAIR_RATIO], np.abs(seen[:, self.beside])
-        gap, gap_size, friction, friction_size, gap_ratio, friction_ratio, gap_other, friction_other = parameters.T
+        size = np.log(seen[:, PAIR_SIZE] + SMALL)
+        ratio = seen[:, PAIR_RATIO]
+        other = np.abs(seen[:, self.beside])
+        (
+            gap,
+            gap_size,
+            friction,
+            friction_size,
+            gap_ratio,
+            friction_ratio,
+            gap_other,
+            friction_other,
+        ) = parameters.T
         friction = friction + friction_size * size + friction_ratio * ratio + friction_other * other
-        return np.stack([gap + gap_size * size + gap_ratio * ratio + gap_other * other, friction], axis=1)
+        return np.stack(
+            [gap + gap_size * size + gap_ratio * ratio + gap_other * other, friction], axis=1
+        )
 
 
 class PairByImpacts(PairBySize):
@@ -137,10 +232,20 @@ class BlindPair(Family):
         """Return gap and friction actions (L, 2)."""
         way = np.abs(observations[:, PAIR_WAY].astype(np.float64)) - 0.5
         gap, gap_slope, gap_bend, friction, friction_slope, friction_bend = parameters.T
-        return np.stack([gap + gap_slope * way + gap_bend * way * way, friction + friction_slope * way + friction_bend * way * way], axis=1)
+        return np.stack(
+            [
+                gap + gap_slope * way + gap_bend * way * way,
+                friction + friction_slope * way + friction_bend * way * way,
+            ],
+            axis=1,
+        )
 
 
-CONSTANT, BLIND, FOUR, EIGHT = "best constant", "blind schedule", "rule of 4", "rule of 8"  # at most so many numbers
+# at most so many numbers
+CONSTANT = "best constant"
+BLIND = "blind schedule"
+FOUR = "rule of 4"
+EIGHT = "rule of 8"
 CHOSEN = Path(__file__).with_name("rules.json")  # by task and what it is: family and numbers
 
 
@@ -164,10 +269,20 @@ TASKS = {
     "ActiveFriction-v0": WITHIN,
     "ActiveGap-v0": WITHIN,
     "Structures-v0": WITHIN,
-    "Passage-v0": Families(families.ConstantPair, BlindPair, (PairBySize, PairByImpacts), planned=True),
-    "FrictionChoice-v1": Families(families.ConstantAction, families.LimitOverFrequency, (families.LimitByLook,)),
-    "SweepAndGap-v1": Families(families.ConstantPair, families.RateAndGapOverFrequency, (families.RateAndGapByEstimatedForce,)),
-    "GapChoice-v1": Families(families.ConstantAction, families.GapOverFrequency, (families.GapByEstimatedForce,)),
+    "Passage-v0": Families(
+        families.ConstantPair, BlindPair, (PairBySize, PairByImpacts), planned=True
+    ),
+    "FrictionChoice-v1": Families(
+        families.ConstantAction, families.LimitOverFrequency, (families.LimitByLook,)
+    ),
+    "SweepAndGap-v1": Families(
+        families.ConstantPair,
+        families.RateAndGapOverFrequency,
+        (families.RateAndGapByEstimatedForce,),
+    ),
+    "GapChoice-v1": Families(
+        families.ConstantAction, families.GapOverFrequency, (families.GapByEstimatedForce,)
+    ),
     "SweepRate-v1": RATE,
     "SweepRateNoisy-v1": RATE,
     "SweepRateDelayed-v1": RATE,
@@ -185,10 +300,15 @@ def chosen(file: Path = CHOSEN) -> dict[str, dict[str, Any]]:
     return dict(json.loads(file.read_text(encoding="utf-8")))
 
 
-def policies(task: str, arguments: Mapping[str, Any] | None = None) -> dict[str, families.FamilyPolicy]:
+def policies(
+    task: str, arguments: Mapping[str, Any] | None = None
+) -> dict[str, families.FamilyPolicy]:
     """Return the chosen policies of a task, by what they are; the rule of eight stands for the one of four where it is no other."""
-    behind, own = families.task_of(env_of(task), arguments), TASKS[task]
-    known: dict[str, Callable[[Any], Family]] = {family.__name__: family for family in (own.constant, own.blind, *own.looking)}
+    behind = families.task_of(env_of(task), arguments)
+    own = TASKS[task]
+    known: dict[str, Callable[[Any], Family]] = {
+        family.__name__: family for family in (own.constant, own.blind, *own.looking)
+    }
     found = {}
     for label, rule in chosen()[task].items():
         family = known[rule["family"]](behind)

@@ -26,10 +26,28 @@ from optimisation.executors import Pool, Task
 from optimisation.files import require_writable, write_json
 from optimisation.machine import difference, installed
 from optimisation.progress import Bar
-from optimisation.rl.agents import FINAL, SETTINGS, Evaluation, actor_of, read_evaluations, save_agent, write_evaluations
+from optimisation.rl.agents import (
+    FINAL,
+    SETTINGS,
+    Evaluation,
+    actor_of,
+    read_evaluations,
+    save_agent,
+    write_evaluations,
+)
 from optimisation.rl.demonstrations import fingerprint, read_demonstrations
 from optimisation.rl.hyperparameters import PPOSettings, SACSettings
-from optimisation.rl.models import Model, ScaledRewards, begin_leg, forget_replay, imitate, last_checkpoint, make_lanes, make_model, save_checkpoint
+from optimisation.rl.models import (
+    Model,
+    ScaledRewards,
+    begin_leg,
+    forget_replay,
+    imitate,
+    last_checkpoint,
+    make_lanes,
+    make_model,
+    save_checkpoint,
+)
 
 with optional():
     import gymnasium
@@ -38,7 +56,14 @@ with optional():
     from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
 RUN_FORMAT = 2
-PACKAGES = ("numpy", "scipy", "numba", "torch", "gymnasium", "stable_baselines3")  # what a training's digits may depend on
+PACKAGES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "torch",
+    "gymnasium",
+    "stable_baselines3",
+)  # what a training's digits may depend on
 FIRST_EVALUATION_SEED = 1_000_000  # apart from the seeds on which baselines are tuned, and from those on which all are judged
 EVALUATION_EPISODES = 64
 Show = Callable[[int, list[Evaluation]], None]
@@ -63,31 +88,70 @@ class Job:
         count("seed", self.seed, 0)
         count("episodes", self.episodes, 1)
         memory = self.algorithm == "rppo"
-        require(not memory or self.demonstrations is None, "demonstrations", str(self.demonstrations), "left out for rppo: only one step is imitated")
+        require(
+            not memory or self.demonstrations is None,
+            "demonstrations",
+            str(self.demonstrations),
+            "left out for rppo: only one step is imitated",
+        )
 
     def describe(self) -> dict[str, Any]:
         """Return all that the result depends on as JSON values; the environment with every argument, also those left at their defaults."""
-        env = gymnasium.make_vec(self.env_id, num_envs=1, vectorization_mode="vector_entry_point", **self.arguments)
+        env = gymnasium.make_vec(
+            self.env_id, num_envs=1, vectorization_mode="vector_entry_point", **self.arguments
+        )
         try:
             assert isinstance(env, TaskVectorEnv)
             environment = env.task.describe()
         finally:
             env.close()
-        own = {"environment": self.env_id, "environment_arguments": environment, "algorithm": self.algorithm, "seed": self.seed}
+        own = {
+            "environment": self.env_id,
+            "environment_arguments": environment,
+            "algorithm": self.algorithm,
+            "seed": self.seed,
+        }
         evaluation = {"first_seed": FIRST_EVALUATION_SEED, "episodes": self.episodes}
-        imitated = {} if self.demonstrations is None else {"demonstrations": fingerprint(read_demonstrations(self.demonstrations, self.env_id))}
-        whole = {"format": RUN_FORMAT, **own, **imitated, "hyperparameters": self.hyperparameters.describe(), "evaluation": evaluation}
+        imitated = (
+            {}
+            if self.demonstrations is None
+            else {
+                "demonstrations": fingerprint(read_demonstrations(self.demonstrations, self.env_id))
+            }
+        )
+        whole = {
+            "format": RUN_FORMAT,
+            **own,
+            **imitated,
+            "hyperparameters": self.hyperparameters.describe(),
+            "evaluation": evaluation,
+        }
         return dict(json.loads(json.dumps(whole)))
 
 
 def evaluate(policy: Any, job: Job, leg: int, steps: int) -> Evaluation:
     """Return a policy's evaluation on the job's seeds for it."""
-    played = play(policy, job.env_id, range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + job.episodes), job.arguments)
+    played = play(
+        policy,
+        job.env_id,
+        range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + job.episodes),
+        job.arguments,
+    )
     low, high = np.percentile(played.scores, (10, 90)).tolist()
-    return Evaluation(leg, steps, float(played.scores.mean()), interquartile_mean(played.scores), low, high, float(played.steps.mean()))
+    return Evaluation(
+        leg,
+        steps,
+        float(played.scores.mean()),
+        interquartile_mean(played.scores),
+        low,
+        high,
+        float(played.steps.mean()),
+    )
 
 
-def train(job: Job, folder: Path, show: Show | None = None, threads: int | None = None) -> list[Evaluation]:
+def train(
+    job: Job, folder: Path, show: Show | None = None, threads: int | None = None
+) -> list[Evaluation]:
     """Train an agent in a folder, or go on where that stopped, and return its evaluations; one that is finished is not trained again.
 
     The folder gets settings.json, evaluations.csv, final.npz (`load_agent`), checkpoints/ and tensorboard/. ``show`` is called
@@ -102,13 +166,18 @@ def train(job: Job, folder: Path, show: Show | None = None, threads: int | None 
             versions = {"python": platform.python_version(), **installed(PACKAGES)}
             write_json(folder / SETTINGS, job.describe() | {"versions": versions})
         show = show or (lambda _steps, _evaluations: None)
-        if (folder / FINAL).exists():  # SAC's memory is gone with the end, so that its checkpoints are not whole
+        if (
+            folder / FINAL
+        ).exists():  # SAC's memory is gone with the end, so that its checkpoints are not whole
             forget_replay(folder / "checkpoints")
             evaluations = list(read_evaluations(folder))
             show(evaluations[-1].steps, evaluations)
             return evaluations
-        env, before = make_lanes(job.env_id, job.hyperparameters, job.arguments, threads), torch.get_num_threads()
-        torch.set_num_threads(1)  # the networks are so small that more threads only wait for one another
+        env = make_lanes(job.env_id, job.hyperparameters, job.arguments, threads)
+        before = torch.get_num_threads()
+        torch.set_num_threads(
+            1
+        )  # the networks are so small that more threads only wait for one another
         try:
             return _train(job, folder, env, show)
         finally:
@@ -123,11 +192,14 @@ def _alone(folder: Path) -> Iterator[None]:
         with FileLock(folder / ".lock", blocking=False):
             yield
     except Timeout as error:
-        raise ParameterError(f"folder = {str(folder)!r} is not allowed: one that no other process trains in") from error
+        raise ParameterError(
+            f"folder = {str(folder)!r} is not allowed: one that no other process trains in"
+        ) from error
 
 
 def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[Evaluation]:
-    chosen, kept = job.hyperparameters, folder / "checkpoints"
+    chosen = job.hyperparameters
+    kept = folder / "checkpoints"
     found = last_checkpoint(kept, job.algorithm, env)
     model, evaluations = found or (_fresh(job, env), [])
     show(model.num_timesteps, evaluations)
@@ -137,8 +209,18 @@ def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[Evalu
         begin_leg(model, job.seed, leg, chosen.rate_of(leg))
         todo = chosen.end_of(leg) - model.num_timesteps
         if todo > 0:
-            model.learn(todo, callback=_Watch(show, evaluations), log_interval=chosen.log_interval, reset_num_timesteps=False)
-        evaluations = [*evaluations, evaluate(actor_of(model, job.env_id, job.seed, job.arguments), job, leg, model.num_timesteps)]
+            model.learn(
+                todo,
+                callback=_Watch(show, evaluations),
+                log_interval=chosen.log_interval,
+                reset_num_timesteps=False,
+            )
+        evaluations = [
+            *evaluations,
+            evaluate(
+                actor_of(model, job.env_id, job.seed, job.arguments), job, leg, model.num_timesteps
+            ),
+        ]
         for name in ("score", "iqm", "intervals"):
             model.logger.record(f"evaluation/{name}", getattr(evaluations[-1], name))
         model.logger.dump(model.num_timesteps)
@@ -162,7 +244,8 @@ class _Watch(BaseCallback):
 
     def __init__(self, show: Show, evaluations: list[Evaluation]) -> None:
         super().__init__()
-        self.show, self.evaluations = show, evaluations
+        self.show = show
+        self.evaluations = evaluations
 
     def _on_step(self) -> bool:
         self.show(self.num_timesteps, self.evaluations)
@@ -179,10 +262,14 @@ def check_folder(job: Job, folder: Path) -> None:
         held = json.loads(file.read_text(encoding="utf-8"))
         held.pop("versions", None)
     except (OSError, ValueError, AttributeError) as error:
-        raise ParameterError(f"folder = {str(folder)!r} is not allowed: its {SETTINGS} cannot be read ({error}); choose another") from error
+        raise ParameterError(
+            f"folder = {str(folder)!r} is not allowed: its {SETTINGS} cannot be read ({error}); choose another"
+        ) from error
     if held != wanted:
         other = difference(held, wanted)
-        raise ParameterError(f"folder = {str(folder)!r} is not allowed: it holds a run of other settings: {other}; choose another, or remove it")
+        raise ParameterError(
+            f"folder = {str(folder)!r} is not allowed: it holds a run of other settings: {other}; choose another, or remove it"
+        )
 
 
 # What `train` does with its runs: one after the other with a live bar, or in several processes whose files are watched.
@@ -204,7 +291,9 @@ class Planned:
     @property
     def label(self) -> str:
         """Task, algorithm and seed."""
-        return f"{self.job.env_id.split('/')[1]}, {self.job.algorithm.upper()}, seed {self.job.seed}"
+        return (
+            f"{self.job.env_id.split('/')[1]}, {self.job.algorithm.upper()}, seed {self.job.seed}"
+        )
 
     def share(self, steps: int) -> int:
         """Return so many steps, at most those that the job wants."""
@@ -215,7 +304,8 @@ class Shown:
     """The bar over all steps of all runs, and a line for each evaluation where they are asked for."""
 
     def __init__(self, bar: Bar, told: Told | None) -> None:
-        self.bar, self.told = bar, told
+        self.bar = bar
+        self.told = told
         self.done: dict[Path, int] = {}
         self.seen: dict[Path, int] = {}
 
@@ -237,9 +327,16 @@ def train_all(runs: Sequence[Planned], workers: int, told: Told | None = None) -
     with Bar(total=total, desc="training", unit="step", bar_format=BAR, smoothing=0.05) as bar:
         show = Shown(bar, told)
         if min(workers, len(runs)) > 1:
-            tasks = [Task(train, (planned.job, planned.folder, None, 1), planned.label, NO_LIMIT_S) for planned in runs]
+            tasks = [
+                Task(train, (planned.job, planned.folder, None, 1), planned.label, NO_LIMIT_S)
+                for planned in runs
+            ]
             with _watching(runs, show):
-                return [f"{outcome.task.kind}: {outcome.error}" for outcome in Pool(workers, 0.0).run(tasks) if outcome.error]
+                return [
+                    f"{outcome.task.kind}: {outcome.error}"
+                    for outcome in Pool(workers, 0.0).run(tasks)
+                    if outcome.error
+                ]
         for planned in runs:
             train(planned.job, planned.folder, partial(show, planned))
     return []

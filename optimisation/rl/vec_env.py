@@ -39,8 +39,14 @@ class NativeVecEnv(VecEnv):
 
     def __init__(self, venv: VectorEnv[Any, Any, Any], all_info: bool = False) -> None:
         mode = venv.metadata.get("autoreset_mode")
-        require(mode == AutoresetMode.SAME_STEP, "autoreset_mode", mode, "SAME_STEP, as that of the native vectors of impact_env")
-        self.venv, self.all_info = venv, all_info
+        require(
+            mode == AutoresetMode.SAME_STEP,
+            "autoreset_mode",
+            mode,
+            "SAME_STEP, as that of the native vectors of impact_env",
+        )
+        self.venv = venv
+        self.all_info = all_info
         self._actions: NDArray[Any] | None = None
         super().__init__(venv.num_envs, venv.single_observation_space, venv.single_action_space)
 
@@ -63,8 +69,16 @@ class NativeVecEnv(VecEnv):
         observations, rewards, terminated, truncated, infos = self.venv.step(self._actions)
         self._actions = None
         over = terminated | truncated
-        own = {name: values for name, values in infos.items() if not name.lstrip("_").startswith("final_")}
-        result: list[Info] = [lane_info(own, lane) for lane in range(self.num_envs)] if self.all_info else [{} for _ in range(self.num_envs)]
+        own = {
+            name: values
+            for name, values in infos.items()
+            if not name.lstrip("_").startswith("final_")
+        }
+        result: list[Info] = (
+            [lane_info(own, lane) for lane in range(self.num_envs)]
+            if self.all_info
+            else [{} for _ in range(self.num_envs)]
+        )
         for lane in np.flatnonzero(over).tolist():
             self.reset_infos[lane] = lane_info(own, lane)
             result[lane] = {
@@ -91,17 +105,30 @@ class NativeVecEnv(VecEnv):
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Refuse: the lanes share their attributes."""
-        raise AttributeError(f"{attr_name} cannot be set: the lanes of a native vector environment share their attributes")
+        raise AttributeError(
+            f"{attr_name} cannot be set: the lanes of a native vector environment share their attributes"
+        )
 
-    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
+    ) -> list[Any]:
         """Refuse: there are no single environments to call."""
-        raise AttributeError(f"{method_name} cannot be called: a native vector environment has no single environments")
+        raise AttributeError(
+            f"{method_name} cannot be called: a native vector environment has no single environments"
+        )
 
-    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]], indices: Any = None) -> list[bool]:
+    def env_is_wrapped(
+        self, wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]], indices: Any = None
+    ) -> list[bool]:
         """Return False for each lane: there are no single environments that could be wrapped."""
         return [False for _ in self._get_indices(indices)]
 
 
 def make_native(name: str, lanes: int, all_info: bool = False, **arguments: Any) -> NativeVecEnv:
     """Return the bridge to ``gymnasium.make_vec(name, lanes, **arguments)``; ``name`` is one of `impact_env.envs.ENVIRONMENTS`."""
-    return NativeVecEnv(gymnasium.make_vec(name, num_envs=lanes, vectorization_mode="vector_entry_point", **arguments), all_info)
+    return NativeVecEnv(
+        gymnasium.make_vec(
+            name, num_envs=lanes, vectorization_mode="vector_entry_point", **arguments
+        ),
+        all_info,
+    )

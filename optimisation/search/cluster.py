@@ -31,7 +31,9 @@ with optional():
 Array = NDArray[np.float64]
 PATIENCE = 30.0  # s to wait for a scheduler, or for a worker when there is none
 POLL = 2.0  # s between two looks for workers while nothing comes in
-SOURCES = fingerprint()  # of what this process has just loaded: its files may be others by the time of a run
+SOURCES = (
+    fingerprint()
+)  # of what this process has just loaded: its files may be others by the time of a run
 SAME = "the same version of this package and of what it computes with"
 T = TypeVar("T")
 R = TypeVar("R")
@@ -45,25 +47,37 @@ class Workers:
     """The workers of the scheduler at ``address`` (host:port), as an `impact_env.ensemble.Executor`; use it in a ``with`` statement."""
 
     def __init__(self, address: str, patience: float = PATIENCE) -> None:
-        self._address, self._patience = address, patience
+        self._address = address
+        self._patience = patience
         try:
             self._client = distributed.Client(address, timeout=patience, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
-            raise ClusterError(f"--cluster = {address} is not allowed: an address (host:port) where a Dask scheduler answers ({error})") from error
+            raise ClusterError(
+                f"--cluster = {address} is not allowed: an address (host:port) where a Dask scheduler answers ({error})"
+            ) from error
 
     def __enter__(self) -> Workers:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         with suppress(TimeoutError, OSError):
             self._client.close(timeout=self._patience)
 
-    def each(self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]) -> Generator[tuple[int, R], None, None]:
+    def each(
+        self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]
+    ) -> Generator[tuple[int, R], None, None]:
         """See `impact_env.ensemble.Executor`. The first item of each kind is done here, which compiles its kernels before workers need them.
 
         Raises ClusterError if there are no workers, or one of other sources; ParameterError and IntegrationError as the function does.
         """
-        first = first_of_each(kinds)  # workers that share this machine's cache then find the kernels there
+        first = first_of_each(
+            kinds
+        )  # workers that share this machine's cache then find the kernels there
         for k in first:
             yield k, function(items[k])
         rest = [k for k in range(len(items)) if k not in set(first)]
@@ -72,10 +86,17 @@ class Workers:
         try:
             self._client.wait_for_workers(1, timeout=self._patience)
         except (TimeoutError, distributed.TimeoutError) as error:
-            raise ClusterError(f"--cluster = {self._address} is not allowed: a scheduler with one or more workers") from error
+            raise ClusterError(
+                f"--cluster = {self._address} is not allowed: a scheduler with one or more workers"
+            ) from error
         call = uuid.uuid4().hex
         keys = {k: f"{call}-{k}" for k in rest}
-        futures = {self._client.submit(do, SOURCES, function, items[k], key=keys[k], priority=-k, pure=False, retries=0): k for k in rest}
+        futures = {
+            self._client.submit(
+                do, SOURCES, function, items[k], key=keys[k], priority=-k, pure=False, retries=0
+            ): k
+            for k in rest
+        }
         try:
             yield from self._finished(futures)
         finally:
@@ -86,7 +107,8 @@ class Workers:
         finished: queue.SimpleQueue[distributed.Future] = queue.SimpleQueue()
         for future in futures:
             future.add_done_callback(finished.put)
-        left, alive_at = len(futures), time.monotonic()
+        left = len(futures)
+        alive_at = time.monotonic()
         while left:
             try:
                 future = finished.get(timeout=POLL)
@@ -96,20 +118,25 @@ class Workers:
                 elif time.monotonic() - alive_at > self._patience:
                     raise ClusterError(self._lost("has no worker left")) from None
                 continue
-            alive_at, left = time.monotonic(), left - 1
+            alive_at = time.monotonic()
+            left = left - 1
             yield futures[future], self._result(future)
 
     def _result(self, future: distributed.Future) -> Any:
         try:
             return future.result()
         except distributed.scheduler.KilledWorker as error:
-            raise ClusterError(self._lost("has lost worker after worker over one piece of work")) from error
+            raise ClusterError(
+                self._lost("has lost worker after worker over one piece of work")
+            ) from error
         except distributed.client.FutureCancelledError as error:
             raise ClusterError(self._lost("has dropped the runs")) from error
         except (ParameterError, IntegrationError):
             raise
         except Exception as error:  # a worker that does not even know the function or the data
-            raise ClusterError(f"--cluster = {self._address} is not allowed: workers with {SAME}; one could not do its work ({error!r})") from error
+            raise ClusterError(
+                f"--cluster = {self._address} is not allowed: workers with {SAME}; one could not do its work ({error!r})"
+            ) from error
 
     def _workers(self) -> dict[str, object]:
         with suppress(OSError, TimeoutError, ValueError):
@@ -124,5 +151,7 @@ def do(sources: dict[str, str], function: Callable[[T], R], item: T) -> R:
     """Return ``function(item)``, on a worker; raises ClusterError if its sources are others than those wanted."""
     if sources != SOURCES:
         other = difference(SOURCES, sources, "sources")
-        raise ClusterError(f"worker = {distributed.get_worker().address} is not allowed: one with {SAME}; its {other}")
+        raise ClusterError(
+            f"worker = {distributed.get_worker().address} is not allowed: one with {SAME}; its {other}"
+        )
     return function(item)

@@ -40,12 +40,19 @@ from optimisation.variables import WITH_IMPACTS
 
 
 Array = NDArray[np.float64]
-STARTS, SCATTERED, MEMBERS = 3, 16, 2
+STARTS = 3
+SCATTERED = 16
+MEMBERS = 2
 _TOLERANCE = 1e-5  # in shares of the ranges, and in the objective
 
 
 def smooth_search(
-    problem: Problem, designs: int, executor: Executor, seed: int = 0, from_scratch: bool = False, progress: Callable[[int], None] | None = None
+    problem: Problem,
+    designs: int,
+    executor: Executor,
+    seed: int = 0,
+    from_scratch: bool = False,
+    progress: Callable[[int], None] | None = None,
 ) -> tuple[list[Evaluated], bool]:
     """Return the designs that were run, by number: the space's start (unless ``from_scratch``), scattered ones, and descents from the best of those.
 
@@ -54,7 +61,12 @@ def smooth_search(
     for several objectives and for impact absorbers.
     """
     count("designs", designs, 2)
-    require(problem.space.concept not in WITH_IMPACTS, "sampler", "scipy", "a concept without walls: impacts are chaotic, and their levels noisy")
+    require(
+        problem.space.concept not in WITH_IMPACTS,
+        "sampler",
+        "scipy",
+        "a concept without walls: impacts are chaotic, and their levels noisy",
+    )
     require(len(problem.objectives) == 1, "sampler", "scipy", "one objective")
     problem = replace(problem, members=min(MEMBERS, problem.members))
     seen: list[Evaluated] = []
@@ -62,17 +74,28 @@ def smooth_search(
     def run(batch: list[Design]) -> list[float]:
         found = dict(evaluate(problem, batch, problem.ensemble, problem.rate, executor))
         for k, design in enumerate(batch):
-            seen.append(Evaluated(len(seen), design, problem.score(design, found[k], problem.ensemble, problem.rate), 1))
+            seen.append(
+                Evaluated(
+                    len(seen),
+                    design,
+                    problem.score(design, found[k], problem.ensemble, problem.rate),
+                    1,
+                )
+            )
         if progress is not None:
             progress(len(seen))
         return [problem.penalised_cost(e.score) for e in seen[-len(batch) :]]
 
     def at(shares: Array) -> float:
-        return run([problem.space.at(np.clip(shares, 0, 1).tolist())])[0] + float(np.sum(np.abs(shares - np.clip(shares, 0, 1))))
+        return run([problem.space.at(np.clip(shares, 0, 1).tolist())])[0] + float(
+            np.sum(np.abs(shares - np.clip(shares, 0, 1)))
+        )
 
     size = len(problem.space.free)
     start = problem.space.shares(problem.space.default)
-    points = scipy.stats.qmc.Halton(size, rng=np.random.default_rng(seed)).random(min(SCATTERED, designs - 1))
+    points = scipy.stats.qmc.Halton(size, rng=np.random.default_rng(seed)).random(
+        min(SCATTERED, designs - 1)
+    )
     points = points if from_scratch else np.vstack([start, points])
     try:
         costs = run([problem.space.at(shares.tolist()) for shares in points])
@@ -80,7 +103,12 @@ def smooth_search(
             left = designs - len(seen)
             if left > 0:
                 simplex = np.vstack([points[k], points[k] + 0.05 * np.eye(size)])
-                options = {"initial_simplex": simplex, "maxfev": left, "xatol": _TOLERANCE, "fatol": _TOLERANCE}
+                options = {
+                    "initial_simplex": simplex,
+                    "maxfev": left,
+                    "xatol": _TOLERANCE,
+                    "fatol": _TOLERANCE,
+                }
                 scipy.optimize.minimize(at, points[k], method="Nelder-Mead", options=options)
     except KeyboardInterrupt:
         return seen, False
@@ -103,8 +131,12 @@ class Bars:
     The default shows nothing.
     """
 
-    runs: Callable[[str], AbstractContextManager[Counting]] = lambda _label: nullcontext(lambda _done, _total: None)
-    study: Callable[[str, int], AbstractContextManager[Counting]] = lambda _label, _wanted: nullcontext(lambda _designs, _runs: None)
+    runs: Callable[[str], AbstractContextManager[Counting]] = lambda _label: nullcontext(
+        lambda _done, _total: None
+    )
+    study: Callable[[str, int], AbstractContextManager[Counting]] = lambda _label, _wanted: (
+        nullcontext(lambda _designs, _runs: None)
+    )
 
 
 QUIET = Bars()
@@ -142,36 +174,72 @@ def identity(problem: Problem, search: dict[str, object]) -> dict[str, object]:
 
 
 def searched(
-    label: str, problem: Problem, settings: SearchSettings, designs: int, ledger: Ledger, bars: Bars = QUIET
+    label: str,
+    problem: Problem,
+    settings: SearchSettings,
+    designs: int,
+    ledger: Ledger,
+    bars: Bars = QUIET,
 ) -> tuple[DesignStudy, bool, Cost]:
     """Run a study under a bar; return it, whether it came to its end, and what it took. Beside a ledger's file it is written for Optuna."""
     from optimisation.search.study import DesignStudy  # the other searches need no Optuna
 
-    began, clocked, study = time.perf_counter(), Clocked(ledger), DesignStudy(problem, settings)
+    began = time.perf_counter()
+    clocked = Clocked(ledger)
+    study = DesignStudy(problem, settings)
     with bars.study(label, settings.whole_batches(designs)) as show:
         finished = study.run(designs, clocked, show)
     seconds = time.perf_counter() - began
     if ledger.kept.path is not None:
         study.save(ledger.kept.path.with_name(f"{ledger.kept.path.name}.optuna"))
-    return study, finished, Cost(len(study.told), ledger.runs, seconds, 1 - clocked.seconds / seconds if ledger.runs else 0.0)
+    return (
+        study,
+        finished,
+        Cost(
+            len(study.told),
+            ledger.runs,
+            seconds,
+            1 - clocked.seconds / seconds if ledger.runs else 0.0,
+        ),
+    )
 
 
-def find(problem: Problem, plan: Plan, journal: Path | None = None, executor: Executor | None = None, bars: Bars = QUIET) -> Findings:
+def find(
+    problem: Problem,
+    plan: Plan,
+    journal: Path | None = None,
+    executor: Executor | None = None,
+    bars: Bars = QUIET,
+) -> Findings:
     """Search, choose and judge; what a KeyboardInterrupt breaks off is left out, and the same call goes on from the ``journal``.
 
     ``journal`` None keeps the study in memory, ``executor`` None is all cores. Raises ParameterError for a plan that the problem does not allow and
     for a journal that is another study's.
     """
-    executor, concept = executor or Threads(), problem.space.concept
-    if plan.sampler is None and not plan.smooth(concept) and len(problem.objectives) == 1 and len(problem.space.free) > 1:
+    executor = executor or Threads()
+    concept = problem.space.concept
+    if (
+        plan.sampler is None
+        and not plan.smooth(concept)
+        and len(problem.objectives) == 1
+        and len(problem.space.free) > 1
+    ):
         plan = replace(plan, sampler=FOR_NOISE)
     if plan.smooth(concept) or plan.noisy:
-        search: dict[str, object] = {"sampler": plan.sampler if plan.noisy else SCIPY, "seed": plan.seed, "from_scratch": plan.from_scratch}
+        search: dict[str, object] = {
+            "sampler": plan.sampler if plan.noisy else SCIPY,
+            "seed": plan.seed,
+            "from_scratch": plan.from_scratch,
+        }
         with remembering(executor, identity(problem, search), journal) as ledger:
             return _find_again(problem, plan, ledger, bars)
-    settings = default_settings(problem, plan.sampler, plan.batch, plan.seed, plan.screening, plan.from_scratch)
+    settings = default_settings(
+        problem, plan.sampler, plan.batch, plan.seed, plan.screening, plan.from_scratch
+    )
     with remembering(executor, identity(problem, settings.describe()), journal) as ledger:
-        study, finished, cost = searched(f"{concept}: search", problem, settings, plan.designs, ledger, bars)
+        study, finished, cost = searched(
+            f"{concept}: search", problem, settings, plan.designs, ledger, bars
+        )
         findings = Findings(problem, study.told, finished, cost)
         if not finished:
             return findings
@@ -188,9 +256,11 @@ def _find_again(problem: Problem, plan: Plan, ledger: Ledger, bars: Bars) -> Fin
     Of the latter a design of the plan counts as one member or a little more, as many as one costs that is screened.
     """
     began, clocked, done = time.perf_counter(), Clocked(ledger), 0
-    runs, wanted = 2 * min(MEMBERS, problem.members) * len(problem.conditions), plan.designs
+    runs = 2 * min(MEMBERS, problem.members) * len(problem.conditions)
+    wanted = plan.designs
     if plan.noisy:
-        runs, wanted = 2 * len(problem.conditions), max(2, round(default_settings(problem).members_a_design * plan.designs))
+        runs = 2 * len(problem.conditions)
+        wanted = max(2, round(default_settings(problem).members_a_design * plan.designs))
     with bars.runs(f"{problem.space.concept}: search") as show:
 
         def count(told: int) -> None:
@@ -199,24 +269,35 @@ def _find_again(problem: Problem, plan: Plan, ledger: Ledger, bars: Bars) -> Fin
             show(runs * told, runs * max(told, wanted))
 
         rest = (wanted, clocked, plan.seed, plan.from_scratch, count)
-        told, finished = noisy_search(problem, str(plan.sampler), *rest) if plan.noisy else smooth_search(problem, *rest)
+        told, finished = (
+            noisy_search(problem, str(plan.sampler), *rest)
+            if plan.noisy
+            else smooth_search(problem, *rest)
+        )
     seconds = time.perf_counter() - began
-    findings = Findings(problem, told, finished, Cost(done, ledger.runs, seconds, 1 - clocked.seconds / seconds))
+    findings = Findings(
+        problem, told, finished, Cost(done, ledger.runs, seconds, 1 - clocked.seconds / seconds)
+    )
     kept = told if plan.noisy else [e for e in told if e.score.feasible] or told
     return _judged(findings, kept, plan, ledger, bars) if finished else findings
 
 
-def _judged(findings: Findings, candidates: Sequence[Evaluated], plan: Plan, executor: Executor, bars: Bars) -> Findings:
+def _judged(
+    findings: Findings, candidates: Sequence[Evaluated], plan: Plan, executor: Executor, bars: Bars
+) -> Findings:
     if not candidates:
         return findings
-    problem, concept = findings.problem, findings.problem.space.concept
+    problem = findings.problem
+    concept = findings.problem.space.concept
     with bars.runs(f"{concept}: judging on fresh members") as show:
         found: Verdict = verdict(problem, candidates, executor, progress=show)
     findings = replace(findings, verdict=found)
     if not plan.modes:
         return findings
     with bars.runs(f"{concept}: winner with more modes") as show:
-        return replace(findings, wider=more_modes(problem, found.winner, found.share, executor, show))
+        return replace(
+            findings, wider=more_modes(problem, found.winner, found.share, executor, show)
+        )
 
 
 @contextmanager

@@ -34,8 +34,12 @@ if TYPE_CHECKING:
     from optimisation.search.study import DesignStudy
 
 Array = NDArray[np.float64]
-FINALISTS, AUDITED = 5, 8
-CHOICE, VERDICT, AUDIT = 0, 1, 3  # sets of fresh members: one chooses among the finalists, one judges the choice (2 is `insight.SHOWN`)
+FINALISTS = 5
+AUDITED = 8
+# sets of fresh members: one chooses among the finalists, one judges the choice (2 is `insight.SHOWN`)
+CHOICE = 0
+VERDICT = 1
+AUDIT = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +58,9 @@ class Judged:
     @property
     def bands(self) -> list[tuple[float, float]]:
         """5 and 95 % quantiles of the members, for each objective."""
-        return [(float(low), float(high)) for low, high in np.quantile(self.members, BAND, axis=1).T]
+        return [
+            (float(low), float(high)) for low, high in np.quantile(self.members, BAND, axis=1).T
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +84,9 @@ class Verdict:
 
     def levels(self, conditions: Sequence[Condition]) -> Levels:
         """Return the levels of winner and paper's design, (2, conditions), under the problem's own ``conditions``."""
-        low, median, high = np.quantile([self.winner.levels, self.paper.levels], (BAND[0], 0.5, BAND[1]), axis=1)
+        low, median, high = np.quantile(
+            [self.winner.levels, self.paper.levels], (BAND[0], 0.5, BAND[1]), axis=1
+        )
         return Levels(tuple(conditions), median, low, high, np.median(self.winner.without, axis=0))
 
     def gain_over(self, other: Judged) -> Gain:
@@ -91,19 +99,37 @@ class Verdict:
         return self.gain_over(self.paper)
 
 
-def judged(problem: Problem, designs: Sequence[Design], ensemble: Members, executor: Executor, progress: Progress | None = None) -> list[Judged]:
+def judged(
+    problem: Problem,
+    designs: Sequence[Design],
+    ensemble: Members,
+    executor: Executor,
+    progress: Progress | None = None,
+) -> list[Judged]:
     """Run designs at the problem's own rate on these members."""
     reference = problem.reference(ensemble, problem.rate)
     results: dict[int, Judged] = {}
     for k, measured in evaluate(problem, designs, ensemble, problem.rate, executor, progress):
         values = problem.member_values(measured, ensemble, problem.rate)
-        level, without = (array[..., problem.measures.index(LEVEL)].max(axis=2) for array in (measured, reference))
-        results[k] = Judged(designs[k], problem.score(designs[k], measured, ensemble, problem.rate), values, level, without)
+        level, without = (
+            array[..., problem.measures.index(LEVEL)].max(axis=2) for array in (measured, reference)
+        )
+        results[k] = Judged(
+            designs[k],
+            problem.score(designs[k], measured, ensemble, problem.rate),
+            values,
+            level,
+            without,
+        )
     return [results[k] for k in range(len(designs))]
 
 
 def verdict(
-    problem: Problem, candidates: Sequence[Evaluated], executor: Executor, finalists: int = FINALISTS, progress: Progress | None = None
+    problem: Problem,
+    candidates: Sequence[Evaluated],
+    executor: Executor,
+    finalists: int = FINALISTS,
+    progress: Progress | None = None,
 ) -> Verdict:
     """Choose among the best ``finalists`` of the candidates and judge the choice; both on members that the search has not seen.
 
@@ -112,12 +138,20 @@ def verdict(
     count("finalists", finalists, 1)
     require(len(candidates) > 0, "candidates", 0, "one design or more")
     best = sorted(candidates, key=lambda e: (problem.penalised_cost(e.score), e.number))[:finalists]
-    again = judged(problem, [e.design for e in best], problem.fresh_ensemble(problem.members, CHOICE), executor, progress)
+    again = judged(
+        problem,
+        [e.design for e in best],
+        problem.fresh_ensemble(problem.members, CHOICE),
+        executor,
+        progress,
+    )
     chosen = min(range(len(best)), key=lambda k: (problem.penalised_cost(again[k].score), k))
     ensemble = problem.fresh_ensemble(problem.members, VERDICT)
     compared = [best[chosen].design, problem.space.paper, problem.space.default]
     every = judged(problem, compared, ensemble, executor, progress)
-    winner = min(every, key=lambda one: (problem.penalised_cost(one.score), every.index(one)))  # of equal ones the search's
+    winner = min(
+        every, key=lambda one: (problem.penalised_cost(one.score), every.index(one))
+    )  # of equal ones the search's
     return Verdict(best[chosen], winner, every[1], every[2], problem.objectives[0].share)
 
 
@@ -130,13 +164,27 @@ class MoreModes:
     change: Gain
 
 
-def more_modes(problem: Problem, winner: Judged, share: float, executor: Executor, progress: Progress | None = None) -> MoreModes | None:
+def more_modes(
+    problem: Problem,
+    winner: Judged,
+    share: float,
+    executor: Executor,
+    progress: Progress | None = None,
+) -> MoreModes | None:
     """Run a winner again with twice the modes, as far as the elements allow; None if the structure has no more."""
     beam = with_more_modes(problem.beam)
     if beam is None:
         return None
-    (found,) = judged(replace(problem, beam=beam), [winner.design], problem.fresh_ensemble(problem.members, VERDICT), executor, progress)
-    return MoreModes(beam.modes, found, ratio_of_quantiles(found.members[0], winner.members[0], share))
+    (found,) = judged(
+        replace(problem, beam=beam),
+        [winner.design],
+        problem.fresh_ensemble(problem.members, VERDICT),
+        executor,
+        progress,
+    )
+    return MoreModes(
+        beam.modes, found, ratio_of_quantiles(found.members[0], winner.members[0], share)
+    )
 
 
 @dataclass(frozen=True)
@@ -148,7 +196,9 @@ class Audit:
     rank_correlation: float
 
 
-def audit(study: DesignStudy, executor: Executor, designs: int = AUDITED, progress: Progress | None = None) -> Audit:
+def audit(
+    study: DesignStudy, executor: Executor, designs: int = AUDITED, progress: Progress | None = None
+) -> Audit:
     """Run some of the designs that a study left behind in full, on fresh members beside the best found: what did the shortcut cost?
 
     Drawn at random from the better half of those that stopped on each rung, where a mistake is most likely.
@@ -156,19 +206,31 @@ def audit(study: DesignStudy, executor: Executor, designs: int = AUDITED, progre
     problem = study.problem
     complete = study.complete
     stopped = [e for e in study.told if e.rungs < len(study.settings.rungs) and e.score.feasible]
-    by_rung = {r: sorted((e for e in stopped if e.rungs == r), key=lambda e: problem.cost(e.score)) for r in {e.rungs for e in stopped}}
+    by_rung = {
+        r: sorted((e for e in stopped if e.rungs == r), key=lambda e: problem.cost(e.score))
+        for r in {e.rungs for e in stopped}
+    }
     pool = [e for r in sorted(by_rung) for e in by_rung[r][: max(1, len(by_rung[r]) // 2)]]
     if not pool or not complete:
         return Audit(0, 0, float("nan"))
     generator = np.random.default_rng(seed_of(study.settings.seed, 1))
-    drawn = [pool[k] for k in sorted(generator.choice(len(pool), min(designs, len(pool)), replace=False))]
+    drawn = [
+        pool[k] for k in sorted(generator.choice(len(pool), min(designs, len(pool)), replace=False))
+    ]
     found = min(complete, key=lambda e: problem.cost(e.score))
     ensemble = problem.fresh_ensemble(problem.members, AUDIT)
-    *again, winner = judged(problem, [*(e.design for e in drawn), found.design], ensemble, executor, progress)
+    *again, winner = judged(
+        problem, [*(e.design for e in drawn), found.design], ensemble, executor, progress
+    )
     best = problem.cost(winner.score)
     missed = sum(problem.cost(j.score) < best for j in again)
-    told, full = [problem.cost(e.score) for e in drawn], [problem.cost(j.score) for j in again]
-    return Audit(len(drawn), missed, float(scipy.stats.spearmanr(told, full).statistic) if len(drawn) > 2 else float("nan"))
+    told = [problem.cost(e.score) for e in drawn]
+    full = [problem.cost(j.score) for j in again]
+    return Audit(
+        len(drawn),
+        missed,
+        float(scipy.stats.spearmanr(told, full).statistic) if len(drawn) > 2 else float("nan"),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +244,11 @@ class Cost:
 
     def describe(self) -> dict[str, object]:
         """Return it as JSON values."""
-        return {**asdict(self), "seconds": round(self.seconds, 2), "overhead": number(round(self.overhead, 4))}
+        return {
+            **asdict(self),
+            "seconds": round(self.seconds, 2),
+            "overhead": number(round(self.overhead, 4)),
+        }
 
 
 @dataclass(frozen=True, eq=False)

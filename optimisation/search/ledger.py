@@ -23,7 +23,8 @@ from optimisation.kept import Kept
 from optimisation.machine import difference
 from optimisation.measures import Chunk
 
-FILE, IDENTITY = "study file", "identity"
+FILE = "study file"
+IDENTITY = "identity"
 
 
 @dataclass(eq=False)
@@ -34,14 +35,20 @@ class Ledger:
     kept: Kept = field(default_factory=Kept)
     runs: int = 0
 
-    def each(self, function: Callable[[Any], Any], items: Sequence[Any], kinds: Sequence[Hashable]) -> Generator[tuple[int, Any], None, None]:
+    def each(
+        self, function: Callable[[Any], Any], items: Sequence[Any], kinds: Sequence[Hashable]
+    ) -> Generator[tuple[int, Any], None, None]:
         """See `impact_env.ensemble.Executor`; raises OSError if the file cannot take more, which it then holds as it was."""
         same: dict[str, list[int]] = {}
         for k, chunk in enumerate(items):
             same.setdefault(key_of(chunk), []).append(k)
         new = [key for key in same if key not in self.kept.known]
         first = [same[key][0] for key in new]
-        for i, values in self.executor.each(function, [items[k] for k in first], [kinds[k] for k in first]) if new else ():
+        for i, values in (
+            self.executor.each(function, [items[k] for k in first], [kinds[k] for k in first])
+            if new
+            else ()
+        ):
             self.runs += len(values)
             self.kept.keep(new[i], values.tolist())
             yield from ((k, values) for k in same.pop(new[i]))
@@ -74,7 +81,9 @@ def _fold(value: object, known: hashlib._Hash) -> None:
 
 
 @contextmanager
-def remembering(executor: Executor, identity: dict[str, object], file: Path | None) -> Iterator[Ledger]:
+def remembering(
+    executor: Executor, identity: dict[str, object], file: Path | None
+) -> Iterator[Ledger]:
     """Give an executor that goes on with the runs that a file holds; None keeps them in memory.
 
     The file belongs to this process until the end. Raises ParameterError if it cannot be used (`Kept`), or is of another identity.
@@ -85,5 +94,7 @@ def remembering(executor: Executor, identity: dict[str, object], file: Path | No
         if held is None:
             kept.keep(IDENTITY, wanted)
         elif held != wanted:
-            raise ParameterError(f"{FILE} = {file} is not allowed: it is another study: {difference(held, wanted)}; choose another file")
+            raise ParameterError(
+                f"{FILE} = {file} is not allowed: it is another study: {difference(held, wanted)}; choose another file"
+            )
         yield Ledger(executor, kept)

@@ -28,9 +28,12 @@ from optimisation.search.settings import Evaluated
 from optimisation.variables import WITH_IMPACTS
 
 Array = NDArray[np.float64]
-MAP, REPLICATED = "map", "replicated"
+MAP = "map"
+REPLICATED = "replicated"
 NOISY = {MAP: "dense map with quantile regression", REPLICATED: "Gaussian process with replication"}
-ROUND, NEW = 8, 6  # designs of a round of the Gaussian process, of which so many are new
+# designs of a round of the Gaussian process, of which so many are new
+ROUND = 8
+NEW = 6
 BEGIN = 2 * ROUND
 CANDIDATES = 400
 FINALISTS = 8  # designs that are handed on, best first
@@ -56,9 +59,13 @@ class Table:
         number = [len(self.values[k]) for k in which] if first is None else list(first)
         for member in sorted(set(number)):
             group = [k for k, m in zip(which, number, strict=True) if m == member]
-            ensemble = self.problem.ensemble[member % self.problem.members : member % self.problem.members + 1]
+            ensemble = self.problem.ensemble[
+                member % self.problem.members : member % self.problem.members + 1
+            ]
             designs = [self.design(k) for k in group]
-            for i, measured in evaluate(self.problem, designs, ensemble, self.problem.rate, self.executor):
+            for i, measured in evaluate(
+                self.problem, designs, ensemble, self.problem.rate, self.executor
+            ):
                 score = self.problem.score(designs[i], measured, ensemble, self.problem.rate)
                 self.values[group[i]].append(self.problem.cost(score))
 
@@ -76,7 +83,9 @@ class Table:
         return np.array(self.shares), np.log(rows) if np.nanmin(rows) > 0 else rows
 
 
-def kernel_quantile(points: Array, x: Array, y: Array, width: float, quantile: float, leave_out: bool = False) -> Array:
+def kernel_quantile(
+    points: Array, x: Array, y: Array, width: float, quantile: float, leave_out: bool = False
+) -> Array:
     """Return the quantile of values ``y`` (N,) around each of ``points`` (K, d), weighted by a Gaussian window of the distance to ``x`` (N, d).
 
     ``leave_out``: ``points`` are ``x``, and each is left out of its own.
@@ -126,7 +135,10 @@ class Process:
         white = scipy.linalg.solve_triangular(factor, self.y - mean, lower=True)
         spare = float(np.sum(self.members - 1))
         noise = self.logs[-1]
-        prior = -0.5 * float(np.sum(((self.logs[:-2] - np.log(0.3)) / 1.0) ** 2)) - 0.5 * ((noise - np.log(0.1)) / 1.5) ** 2
+        prior = (
+            -0.5 * float(np.sum(((self.logs[:-2] - np.log(0.3)) / 1.0) ** 2))
+            - 0.5 * ((noise - np.log(0.1)) / 1.5) ** 2
+        )
         own = -0.5 * float(white @ white) - float(np.sum(np.log(np.diag(factor))))
         return float(own - spare * noise - 0.5 * self.within / np.exp(2 * noise) + prior)
 
@@ -135,14 +147,21 @@ class Process:
         factor, mean = self._factor()
         cross = scipy.linalg.solve_triangular(factor, self._kernel(self.x, points), lower=True)
         white = scipy.linalg.solve_triangular(factor, self.y - mean, lower=True)
-        return np.asarray(mean + cross.T @ white), np.asarray(self._kernel(points, points) - cross.T @ cross)
+        return np.asarray(mean + cross.T @ white), np.asarray(
+            self._kernel(points, points) - cross.T @ cross
+        )
 
 
 def fitted(x: Array, rows: Array, start: Array | None = None) -> Process:
     """Return the process of greatest likelihood for designs ``x`` (N, d) with members' values ``rows`` (N, M), NaN where there are fewer."""
-    members, y = np.sum(~np.isnan(rows), axis=1), np.nanmean(rows, axis=1)
+    members = np.sum(~np.isnan(rows), axis=1)
+    y = np.nanmean(rows, axis=1)
     within = float(np.nansum((rows - y[:, None]) ** 2))
-    first = np.concatenate([np.full(x.shape[1], np.log(0.3)), [np.log(np.std(y) + 1e-3), np.log(0.1)]]) if start is None else start
+    first = (
+        np.concatenate([np.full(x.shape[1], np.log(0.3)), [np.log(np.std(y) + 1e-3), np.log(0.1)]])
+        if start is None
+        else start
+    )
 
     def loss(logs: Array) -> float:
         try:
@@ -150,8 +169,17 @@ def fitted(x: Array, rows: Array, start: Array | None = None) -> Process:
         except np.linalg.LinAlgError:
             return 1e10
 
-    bounds = [(np.log(0.02), np.log(20.0))] * x.shape[1] + [(np.log(1e-3), np.log(10.0)), (np.log(1e-3), np.log(2.0))]
-    found = scipy.optimize.minimize(loss, np.clip(first, *np.array(bounds).T), method="L-BFGS-B", bounds=bounds, options={"maxiter": 40})
+    bounds = [(np.log(0.02), np.log(20.0))] * x.shape[1] + [
+        (np.log(1e-3), np.log(10.0)),
+        (np.log(1e-3), np.log(2.0)),
+    ]
+    found = scipy.optimize.minimize(
+        loss,
+        np.clip(first, *np.array(bounds).T),
+        method="L-BFGS-B",
+        bounds=bounds,
+        options={"maxiter": 40},
+    )
     return Process(x, y, members, within, found.x)
 
 
@@ -170,9 +198,15 @@ def noisy_search(
     walls.
     """
     require(method in NOISY, "sampler", method, f"one of {', '.join(NOISY)}")
-    require(problem.space.concept in WITH_IMPACTS, "sampler", method, "an impact absorber: others have hardly any noise")
+    require(
+        problem.space.concept in WITH_IMPACTS,
+        "sampler",
+        method,
+        "an impact absorber: others have hardly any noise",
+    )
     require(len(problem.objectives) == 1, "sampler", method, "one objective")
-    table, budget = Table(problem, executor), count("runs", runs, 2)
+    table = Table(problem, executor)
+    budget = count("runs", runs, 2)
     generator = np.random.default_rng(seed)
     if not from_scratch:
         _add(table, [np.array(problem.space.shares(problem.space.default))])
@@ -198,7 +232,9 @@ def _candidates(table: Table, best: Array, generator: np.random.Generator) -> Ar
     size = len(table.problem.space.free)
     even = scipy.stats.qmc.Halton(size, rng=generator).random(CANDIDATES // 2)
     scale = generator.choice([0.02, 0.05, 0.1], size=(CANDIDATES // 2, 1))
-    near = best[generator.integers(len(best), size=CANDIDATES // 2)] + scale * generator.normal(size=(CANDIDATES // 2, size))
+    near = best[generator.integers(len(best), size=CANDIDATES // 2)] + scale * generator.normal(
+        size=(CANDIDATES // 2, size)
+    )
     return np.clip(np.vstack([even, near]), 0.0, 1.0)
 
 
@@ -218,13 +254,16 @@ def _map(table: Table, budget: int, generator: np.random.Generator) -> Iterator[
     """Yield the best of the map so far, batch by batch."""
     sequence = scipy.stats.qmc.Halton(len(table.problem.space.free), rng=generator)
     objective = table.problem.objectives[0]
-    quantile = 1 - objective.share if objective.maximise else objective.share  # of costs, whose sign is turned where more is better
+    quantile = (
+        1 - objective.share if objective.maximise else objective.share
+    )  # of costs, whose sign is turned where more is better
     while table.runs < budget:
         _add(table, list(sequence.random(min(40, budget - table.runs))))
         new = [k for k, own in enumerate(table.values) if not own]
         table.run(new, [k % table.problem.members for k in new])
         x, rows = table.arrays()
-        y, width = rows[:, 0], best_width(x, rows[:, 0], quantile)
+        y = rows[:, 0]
+        width = best_width(x, rows[:, 0], quantile)
         points = np.vstack([x, _candidates(table, x[np.argsort(y)[:10]], generator)])
         guessed = kernel_quantile(points, x, y, width, quantile)
         yield _told(table, *_apart(points, guessed, width / 2))
@@ -241,9 +280,18 @@ def _apart(points: Array, values: Array, distance: float) -> tuple[Array, Array]
     return points[chosen], values[chosen]
 
 
-def _replicated(table: Table, budget: int, generator: np.random.Generator) -> Iterator[list[Evaluated]]:
+def _replicated(
+    table: Table, budget: int, generator: np.random.Generator
+) -> Iterator[list[Evaluated]]:
     """Yield the best of the process so far, round by round."""
-    _add(table, list(scipy.stats.qmc.Halton(len(table.problem.space.free), rng=generator).random(min(BEGIN, budget) - table.runs)))
+    _add(
+        table,
+        list(
+            scipy.stats.qmc.Halton(len(table.problem.space.free), rng=generator).random(
+                min(BEGIN, budget) - table.runs
+            )
+        ),
+    )
     table.run(range(len(table.shares)))
     logs: Array | None = None
     while True:
@@ -257,7 +305,11 @@ def _replicated(table: Table, budget: int, generator: np.random.Generator) -> It
             return
         points = _candidates(table, x[order[:5]], generator)
         middle, spread = process.predict(points)
-        draws = generator.multivariate_normal(middle, spread + 1e-6 * np.eye(len(points)), size=NEW, method="cholesky")
+        draws = generator.multivariate_normal(
+            middle, spread + 1e-6 * np.eye(len(points)), size=NEW, method="cholesky"
+        )
         new = _add(table, [points[k] for k in dict.fromkeys(np.argmin(draws, axis=1).tolist())])
-        again = [int(k) for k in order if len(table.values[k]) < table.problem.members][: ROUND - len(new)]
+        again = [int(k) for k in order if len(table.values[k]) < table.problem.members][
+            : ROUND - len(new)
+        ]
         table.run([*new, *again])

@@ -47,7 +47,8 @@ def hypervolume(costs: ArrayLike, corner: tuple[float, float]) -> float:
     """Return the area between costs (N, 2), to be minimised, and a corner that is worse than all that counts; 0 if no row is better."""
     rows = np.asarray(costs, dtype=np.float64).reshape(-1, 2)
     rows = rows[np.all(rows < np.array(corner), axis=1)]
-    area, height = 0.0, corner[1]
+    area = 0.0
+    height = corner[1]
     for first, second in sorted(map(tuple, rows)):
         if second < height:
             area += (corner[0] - first) * (height - second)
@@ -55,7 +56,10 @@ def hypervolume(costs: ArrayLike, corner: tuple[float, float]) -> float:
     return float(area)
 
 
-CMA, NSGA2, GP, RANDOM = "cma", "nsga2", "gp", "random"
+CMA = "cma"
+NSGA2 = "nsga2"
+GP = "gp"
+RANDOM = "random"
 SAMPLERS = {CMA: "CMA-ES", NSGA2: "NSGA-II", GP: "Gaussian process", RANDOM: "random search"}
 BATCHES = {CMA: 40, NSGA2: 20, GP: 8}
 FAST = 10.0  # rate of the first rung over the usual one: faster still, the sweep is over before the response has built up
@@ -102,26 +106,55 @@ class SearchSettings:
     @property
     def members_a_design(self) -> float:
         """Members at the problem's own rate that a design costs on average, with those that are left behind."""
-        cost, going, below = 0.0, 1.0, None
+        cost = 0.0
+        going = 1.0
+        below = None
         for rung in self.rungs:
             known = below.members if below is not None and below.speed == rung.speed else 0
             cost += going * max(0, rung.members - known) / rung.speed
-            going, below = going * rung.keep, rung
+            going = going * rung.keep
+            below = rung
         return cost
 
     def check(self, problem: Problem) -> None:
         """Raise ParameterError unless the settings go with a problem."""
-        name, objectives = self.sampler, len(problem.objectives)
+        name = self.sampler
+        objectives = len(problem.objectives)
         require(name in SAMPLERS, "sampler", name, f"one of {', '.join(SAMPLERS)}")
         if name == CMA:
-            require(objectives == 1, "sampler", name, f"one objective; for {objectives} use {NSGA2}, {GP} or {RANDOM}")
-            require(len(problem.space.free) >= 2, "sampler", name, f"two or more free variables; for one use {GP} or {RANDOM}")
+            require(
+                objectives == 1,
+                "sampler",
+                name,
+                f"one objective; for {objectives} use {NSGA2}, {GP} or {RANDOM}",
+            )
+            require(
+                len(problem.space.free) >= 2,
+                "sampler",
+                name,
+                f"two or more free variables; for one use {GP} or {RANDOM}",
+            )
         if name == GP:
-            require(importlib.util.find_spec("torch") is not None, "sampler", name, f"where the package torch is installed; {how_to_install('rl')}")
+            require(
+                importlib.util.find_spec("torch") is not None,
+                "sampler",
+                name,
+                f"where the package torch is installed; {how_to_install('rl')}",
+            )
         last = self.rungs[-1] if self.rungs else None
-        require(last is not None and last.speed == 1, "rungs", self.rungs, "one or more, the last at the problem's own sweep rate")
+        require(
+            last is not None and last.speed == 1,
+            "rungs",
+            self.rungs,
+            "one or more, the last at the problem's own sweep rate",
+        )
         assert last is not None
-        require(last.members == problem.members, "members of the last rung", last.members, f"the problem's {problem.members}")
+        require(
+            last.members == problem.members,
+            "members of the last rung",
+            last.members,
+            f"the problem's {problem.members}",
+        )
         require(
             objectives == 1 or len(self.rungs) == 1,
             "rungs",
@@ -132,7 +165,13 @@ class SearchSettings:
     def describe(self) -> dict[str, object]:
         """Return the settings as JSON values."""
         rungs = [asdict(rung) for rung in self.rungs]
-        return {"sampler": self.sampler, "batch": self.batch, "seed": self.seed, "rungs": rungs, "from_scratch": self.from_scratch}
+        return {
+            "sampler": self.sampler,
+            "batch": self.batch,
+            "seed": self.seed,
+            "rungs": rungs,
+            "from_scratch": self.from_scratch,
+        }
 
     def whole_batches(self, designs: int) -> int:
         """Return a number of designs rounded up to whole batches; the first batch has the paper's design as one more."""
@@ -141,7 +180,12 @@ class SearchSettings:
 
 
 def default_settings(
-    problem: Problem, sampler: str | None = None, batch: int | None = None, seed: int = 0, screening: bool = True, from_scratch: bool = False
+    problem: Problem,
+    sampler: str | None = None,
+    batch: int | None = None,
+    seed: int = 0,
+    screening: bool = True,
+    from_scratch: bool = False,
 ) -> SearchSettings:
     """Return settings for a problem: CMA-ES for one objective, NSGA-II for several, and rungs unless ``screening`` is off.
 
@@ -152,11 +196,14 @@ def default_settings(
     require(name in SAMPLERS, "sampler", name, f"one of {', '.join(SAMPLERS)}")
     rungs: tuple[Rung, ...] = (Rung(problem.members),)
     if screening and not several and problem.space.concept != TUNED:
-        few, speed = min(FEW, problem.members), FAST * problem.usual_rate / problem.rate
+        few = min(FEW, problem.members)
+        speed = FAST * problem.usual_rate / problem.rate
         if few < problem.members:
             rungs = (Rung(few, 1.0, KEPT[1]), *rungs)
         if speed > 1 and not problem.under_loads:  # loads have no speed
             rungs = (Rung(few, speed, KEPT[0]), *rungs)
-    settings = SearchSettings(name, batch or BATCHES.get(name, BATCHES[CMA]), rungs, seed, from_scratch)
+    settings = SearchSettings(
+        name, batch or BATCHES.get(name, BATCHES[CMA]), rungs, seed, from_scratch
+    )
     settings.check(problem)
     return settings

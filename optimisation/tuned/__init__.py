@@ -9,9 +9,23 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from impact_env.frequency import LinearAbsorber, frequency_range, natural_frequencies, poles, state_space, tip_response
+from impact_env.frequency import (
+    LinearAbsorber,
+    frequency_range,
+    natural_frequencies,
+    poles,
+    state_space,
+    tip_response,
+)
 from impact_env.modes import ModalModel
-from impact_env.parameters import DEFAULT_MASS_RATIO, ParameterError, TunedAbsorber, instance, positive, require
+from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
+    ParameterError,
+    TunedAbsorber,
+    instance,
+    positive,
+    require,
+)
 
 # Tunings of the linear absorber in closed form: one mode, no damping of its own. Start values and tests for the numerical ones.
 #
@@ -23,7 +37,9 @@ from impact_env.parameters import DEFAULT_MASS_RATIO, ParameterError, TunedAbsor
 PAPER = TunedAbsorber()  # the paper's values are the defaults
 
 
-def effective_mass_ratio(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1) -> float:
+def effective_mass_ratio(
+    model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1
+) -> float:
     """Return mu = m_a phi_tip,r^2, the absorber mass over the resonance's effective modal mass at the tip.
 
     ``mass_ratio`` is m_a over the beam's mass. Raises ParameterError if the mode has a node at the absorber: nothing can be tuned there.
@@ -31,27 +47,45 @@ def effective_mass_ratio(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RAT
     instance("model", model, ModalModel).resonance_omega(resonance)
     mass = positive("mass_ratio", mass_ratio) * model.beam_mass
     shape = float(model.tip_shape[resonance - 1])
-    require(shape != 0, f"tip_shape of mode {resonance}", shape, "not 0: an absorber at a node of a mode cannot act on it")
+    require(
+        shape != 0,
+        f"tip_shape of mode {resonance}",
+        shape,
+        "not 0: an absorber at a node of a mode cannot act on it",
+    )
     return mass * shape**2
 
 
-def _tuned(model: ModalModel, mass_ratio: float, resonance: int, frequency_ratio: float, damping_ratio: float) -> TunedAbsorber:
+def _tuned(
+    model: ModalModel,
+    mass_ratio: float,
+    resonance: int,
+    frequency_ratio: float,
+    damping_ratio: float,
+) -> TunedAbsorber:
     """Return the absorber with omega_a = frequency_ratio * omega_r and c = 2 m_a omega_a * damping_ratio."""
-    mass, omega = mass_ratio * model.beam_mass, frequency_ratio * model.resonance_omega(resonance)
+    mass = mass_ratio * model.beam_mass
+    omega = frequency_ratio * model.resonance_omega(resonance)
     return TunedAbsorber(mass_ratio, mass * omega**2, 2 * mass * omega * damping_ratio)
 
 
-def den_hartog(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1) -> TunedAbsorber:
+def den_hartog(
+    model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1
+) -> TunedAbsorber:
     """Return Den Hartog's tuning of a resonance: fixed points of equal height, damping the mean of the two that flatten one of them.
 
     omega_a/omega_r = 1/(1 + mu), c/(2 m_a omega_a) = sqrt(3 mu / (8 (1 + mu))) with the effective mu (one undamped mode). The same
     damping referred to the beam's frequency, c/(2 m_a omega_r), has (1 + mu)^3 under the root: the two forms are easily confused.
     """
     mu = effective_mass_ratio(model, mass_ratio, resonance)
-    return _tuned(model, mass_ratio, resonance, 1 / (1 + mu), float(np.sqrt(3 * mu / (8 * (1 + mu)))))
+    return _tuned(
+        model, mass_ratio, resonance, 1 / (1 + mu), float(np.sqrt(3 * mu / (8 * (1 + mu))))
+    )
 
 
-def undamped_minimax(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1) -> TunedAbsorber:
+def undamped_minimax(
+    model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1
+) -> TunedAbsorber:
     """Return the exact minimum of the largest amplitude for one undamped mode (force to displacement): both peaks are equal.
 
     With r = sqrt(4 + 3 mu): omega_a/omega_r = 2/(1 + mu) sqrt(2 (16 + 23 mu + 9 mu^2 + 2 (2 + mu) r) / (3 (64 + 80 mu + 27 mu^2)))
@@ -59,29 +93,49 @@ def undamped_minimax(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, 
     """
     mu = effective_mass_ratio(model, mass_ratio, resonance)
     r = np.sqrt(4 + 3 * mu)
-    frequency = 2 / (1 + mu) * np.sqrt(2 * (16 + 23 * mu + 9 * mu**2 + 2 * (2 + mu) * r) / (3 * (64 + 80 * mu + 27 * mu**2)))
+    frequency = (
+        2
+        / (1 + mu)
+        * np.sqrt(
+            2 * (16 + 23 * mu + 9 * mu**2 + 2 * (2 + mu) * r) / (3 * (64 + 80 * mu + 27 * mu**2))
+        )
+    )
     # 8 + 9 mu - 4 r without the cancellation at small mu
     damping = np.sqrt((9 * mu - 12 * mu / (r + 2)) / (1 + mu)) / 4
     return _tuned(model, mass_ratio, resonance, float(frequency), float(damping))
 
 
-def undamped_h2(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1) -> TunedAbsorber:
+def undamped_h2(
+    model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1
+) -> TunedAbsorber:
     """Return the exact minimum of the displacement's variance under white noise at the mode, undamped.
 
     omega_a/omega_r = sqrt(1 + mu/2)/(1 + mu), c/(2 m_a omega_a) = sqrt(mu (4 + 3 mu)/(8 (1 + mu)(2 + mu))) (Warburton's optimum for a
     random force on the main mass).
     """
     mu = effective_mass_ratio(model, mass_ratio, resonance)
-    return _tuned(model, mass_ratio, resonance, float(np.sqrt(1 + mu / 2) / (1 + mu)), float(np.sqrt(mu * (4 + 3 * mu) / (8 * (1 + mu) * (2 + mu)))))
+    return _tuned(
+        model,
+        mass_ratio,
+        resonance,
+        float(np.sqrt(1 + mu / 2) / (1 + mu)),
+        float(np.sqrt(mu * (4 + 3 * mu) / (8 * (1 + mu) * (2 + mu)))),
+    )
 
 
-def paper_rule(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1) -> TunedAbsorber:
+def paper_rule(
+    model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1
+) -> TunedAbsorber:
     """Return the rule behind the paper's values, for any mass and resonance: Den Hartog's rule with m_a over 1 kg as mass ratio, damping doubled.
 
     For the paper's beam it gives the paper's k = 701.8 N/m and c = 0.728 N s/m to the digits printed. Not a rule to follow.
     """
-    mu = positive("mass_ratio", mass_ratio) * instance("model", model, ModalModel).beam_mass  # in kg, over a modal mass of one
-    return _tuned(model, mass_ratio, resonance, 1 / (1 + mu), 2 * float(np.sqrt(3 * mu / (8 * (1 + mu)))))
+    mu = (
+        positive("mass_ratio", mass_ratio) * instance("model", model, ModalModel).beam_mass
+    )  # in kg, over a modal mass of one
+    return _tuned(
+        model, mass_ratio, resonance, 1 / (1 + mu), 2 * float(np.sqrt(3 * mu / (8 * (1 + mu))))
+    )
 
 
 # Scores of a linear absorber: the largest resonance peak over a range that holds both of the peaks into which it splits a resonance.
@@ -89,16 +143,22 @@ def paper_rule(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resona
 # A narrower range, the paper's sweep limits for one, lets an optimiser push a peak out of sight, so it is refused.
 
 
-LOW, HIGH = 0.5, 1.6  # scoring range in units of the resonance frequency
+# scoring range in units of the resonance frequency
+LOW = 0.5
+HIGH = 1.6
 
 _GRID = 121
 _INSIDE = np.linspace(0, 1, 21)
 _ROUNDS = 6  # each round narrows tenfold: a peak's frequency to about 1e-8, its height to rounding
-_BESIDE_POLE = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])  # grid points around a pole, in half-widths
+_BESIDE_POLE = np.array(
+    [-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0]
+)  # grid points around a pole, in half-widths
 _UNDAMPED = 1e-10  # a pole with a smaller damping ratio counts as undamped
 
 
-def require_wide_range(model: ModalModel, mass_ratio: float, resonance: int, low: float, high: float) -> None:
+def require_wide_range(
+    model: ModalModel, mass_ratio: float, resonance: int, low: float, high: float
+) -> None:
     """Raise ParameterError unless [low, high] (over omega_r) holds both peaks that a well-tuned absorber of this mass leaves.
 
     Measured by the undamped natural frequencies of the Den Hartog tuning, which lie outside the two damped peaks.
@@ -108,12 +168,15 @@ def require_wide_range(model: ModalModel, mass_ratio: float, resonance: int, low
     tuning = 1 / (1 + mu) ** 2
     half = (1 + (1 + mu) * tuning) / 2
     square = half + np.sqrt(half**2 - tuning)
-    first, second = float(np.sqrt(tuning / square)), float(np.sqrt(square))
+    first = float(np.sqrt(tuning / square))
+    second = float(np.sqrt(square))
     allowed = f"a scoring range that holds both peaks of the split resonance: low at most {first:.4f}, high at least {second:.4f} (of the resonance)"
     require(low <= first and high >= second, "scoring range (low, high)", (low, high), allowed)
 
 
-def _scored(model: ModalModel, absorber: LinearAbsorber | None, resonance: int, low: float, high: float) -> float:
+def _scored(
+    model: ModalModel, absorber: LinearAbsorber | None, resonance: int, low: float, high: float
+) -> float:
     """Return omega_r; raises ParameterError unless the range can score an absorber."""
     omega_r = model.resonance_omega(resonance)
     frequency_range(low, high)
@@ -127,7 +190,9 @@ def _inside(s: NDArray[np.complex128], low: float, high: float) -> NDArray[np.bo
     return np.asarray((s.imag >= low * (1 - 1e-12)) & (s.imag <= high * (1 + 1e-12)))
 
 
-def _grid(model: ModalModel, absorber: LinearAbsorber | None, omega_r: float, low: float, high: float) -> NDArray[np.float64] | None:
+def _grid(
+    model: ModalModel, absorber: LinearAbsorber | None, omega_r: float, low: float, high: float
+) -> NDArray[np.float64] | None:
     """Return frequency ratios that no resonance peak can hide between, or None if an undamped pole lies in the range."""
     s = poles(model, absorber) / omega_r
     inside = _inside(s, low, high)
@@ -135,10 +200,18 @@ def _grid(model: ModalModel, absorber: LinearAbsorber | None, omega_r: float, lo
         return None
     s = s[(s.imag > low - 5 * np.abs(s.real)) & (s.imag < high + 5 * np.abs(s.real))]
     beside = (s.imag[:, None] + np.abs(s.real)[:, None] * _BESIDE_POLE).ravel()
-    return np.unique(np.concatenate([np.linspace(low, high, _GRID), beside[(beside > low) & (beside < high)]]))
+    return np.unique(
+        np.concatenate([np.linspace(low, high, _GRID), beside[(beside > low) & (beside < high)]])
+    )
 
 
-def peaks(model: ModalModel, absorber: LinearAbsorber | None, resonance: int = 1, low: float = LOW, high: float = HIGH) -> list[tuple[float, float]]:
+def peaks(
+    model: ModalModel,
+    absorber: LinearAbsorber | None,
+    resonance: int = 1,
+    low: float = LOW,
+    high: float = HIGH,
+) -> list[tuple[float, float]]:
     """Return all local maxima of the tip amplitude in [low, high] as (m/N, frequency over omega_r), in order of frequency; ends are left out.
 
     Arguments and errors as in `peak`; an undamped pole in the range raises ParameterError.
@@ -146,36 +219,58 @@ def peaks(model: ModalModel, absorber: LinearAbsorber | None, resonance: int = 1
     omega_r = _scored(model, absorber, resonance, low, high)
     grid = _grid(model, absorber, omega_r, low, high)
     if grid is None:
-        raise ParameterError(f"damping_ratio = {model.damping_ratio!r} is not allowed: above 0 at every resonance of the range")
+        raise ParameterError(
+            f"damping_ratio = {model.damping_ratio!r} is not allowed: above 0 at every resonance of the range"
+        )
     return _local_maxima(model, absorber, omega_r, grid)
 
 
-def _local_maxima(model: ModalModel, absorber: LinearAbsorber | None, omega_r: float, grid: NDArray[np.float64]) -> list[tuple[float, float]]:
+def _local_maxima(
+    model: ModalModel, absorber: LinearAbsorber | None, omega_r: float, grid: NDArray[np.float64]
+) -> list[tuple[float, float]]:
     """Return the local maxima on the grid, each refined by a grid of its own that shrinks tenfold a round."""
     amplitude = np.abs(tip_response(model, absorber, grid * omega_r))
     middle = amplitude[1:-1]
     at = 1 + np.flatnonzero((middle >= amplitude[:-2]) & (middle > amplitude[2:]))
     if len(at) == 0:
         return []
-    left, right, refined, row = grid[at - 1], grid[at + 1], (amplitude[at], grid[at]), np.arange(len(at))
+    left = grid[at - 1]
+    right = grid[at + 1]
+    refined = (amplitude[at], grid[at])
+    row = np.arange(len(at))
     for _ in range(_ROUNDS):
         x = left[:, None] + (right - left)[:, None] * _INSIDE
         y = np.abs(tip_response(model, absorber, x * omega_r))
         best = np.clip(np.argmax(y, axis=1), 1, len(_INSIDE) - 2)
-        left, right, refined = x[row, best - 1], x[row, best + 1], (y[row, best], x[row, best])
+        left = x[row, best - 1]
+        right = x[row, best + 1]
+        refined = (y[row, best], x[row, best])
     return [(float(height), float(ratio)) for height, ratio in zip(*refined, strict=True)]
 
 
-def _highest(model: ModalModel, absorber: LinearAbsorber | None, omega_r: float, low: float, high: float) -> tuple[float, float]:
+def _highest(
+    model: ModalModel, absorber: LinearAbsorber | None, omega_r: float, low: float, high: float
+) -> tuple[float, float]:
     grid = _grid(model, absorber, omega_r, low, high)
     if grid is None:
         s = poles(model, absorber) / omega_r
-        return float("inf"), float(s.imag[np.argmin(np.where(_inside(s, low, high), -s.real, np.inf))])
+        return float("inf"), float(
+            s.imag[np.argmin(np.where(_inside(s, low, high), -s.real, np.inf))]
+        )
     found = _local_maxima(model, absorber, omega_r, grid)
-    return max(found or [(float(abs(tip_response(model, absorber, x * omega_r))), float(x)) for x in (low, high)])
+    return max(
+        found
+        or [(float(abs(tip_response(model, absorber, x * omega_r))), float(x)) for x in (low, high)]
+    )
 
 
-def peak(model: ModalModel, absorber: LinearAbsorber | None, resonance: int = 1, low: float = LOW, high: float = HIGH) -> tuple[float, float]:
+def peak(
+    model: ModalModel,
+    absorber: LinearAbsorber | None,
+    resonance: int = 1,
+    low: float = LOW,
+    high: float = HIGH,
+) -> tuple[float, float]:
     """Return the highest resonance peak over low..high times omega_r: (tip amplitude per newton in m/N, its frequency over omega_r).
 
     A peak is a local maximum of the amplitude; a flank of a neighbouring resonance at an end of the range counts only if there is
@@ -189,7 +284,11 @@ def peak(model: ModalModel, absorber: LinearAbsorber | None, resonance: int = 1,
 
 
 def highest_amplitude(
-    model: ModalModel, absorber: LinearAbsorber | None, resonance: int = 1, low: float = LOW, high: float = HIGH
+    model: ModalModel,
+    absorber: LinearAbsorber | None,
+    resonance: int = 1,
+    low: float = LOW,
+    high: float = HIGH,
 ) -> tuple[float, float]:
     """Return the largest amplitude over low..high times omega_r, ends and flanks included: (m/N, its frequency over omega_r).
 
@@ -203,7 +302,10 @@ def highest_amplitude(
     if grid is None:
         return _highest(model, absorber, omega_r, low, high)
     heights = np.abs(tip_response(model, absorber, ends * omega_r))
-    return max(_local_maxima(model, absorber, omega_r, grid) + [(float(y), float(x)) for y, x in zip(heights, ends, strict=True)])
+    return max(
+        _local_maxima(model, absorber, omega_r, grid)
+        + [(float(y), float(x)) for y, x in zip(heights, ends, strict=True)]
+    )
 
 
 # Numerical tuning on the damped multi-mode model: the smallest peak (H-infinity) and the smallest variance (H2), from several starts.
@@ -222,7 +324,13 @@ Real = NDArray[np.float64]
 _CONDITION = 1e9  # of the eigenvectors: above it their digits are lost
 
 
-def h2_norm(model: ModalModel, absorber: LinearAbsorber | None, resonance: int = 1, low: float = LOW, high: float = HIGH) -> float:
+def h2_norm(
+    model: ModalModel,
+    absorber: LinearAbsorber | None,
+    resonance: int = 1,
+    low: float = LOW,
+    high: float = HIGH,
+) -> float:
     """Return the part of the H2 norm that comes from low..high times omega_r (and its mirror image), in m/(N sqrt(s)).
 
     Raises ParameterError for a mode without damping and, with a TunedAbsorber, for a range that cannot hold both split peaks.
@@ -230,7 +338,12 @@ def h2_norm(model: ModalModel, absorber: LinearAbsorber | None, resonance: int =
     omega_r = _scored(model, absorber, resonance, low, high)
     matrix, b, c = state_space(model, absorber, omega_r)
     decay = float(-np.max(np.linalg.eigvals(matrix).real))
-    require(decay > 1e-12, "damping_ratio", model.damping_ratio, "above 0 at every mode, or an absorber that damps it: the variance is infinite")
+    require(
+        decay > 1e-12,
+        "damping_ratio",
+        model.damping_ratio,
+        "above 0 at every mode, or an absorber that damps it: the variance is infinite",
+    )
     weighted = scipy.linalg.solve_continuous_lyapunov(matrix, -np.outer(b, b)) @ c
     return float(np.sqrt(omega_r * 2 * max(0.0, _integrated(matrix, c, weighted, low, high))))
 
@@ -240,7 +353,14 @@ def _integrated(matrix: Real, c: Real, weighted: Real, low: float, high: float) 
     s, vectors = np.linalg.eig(matrix)
     if np.linalg.cond(vectors) < _CONDITION:
         turned = [(np.log(-s - 1j * w) - np.log(-s + 1j * w)) for w in (low, high)]
-        return float(np.real(1j / (2 * np.pi) * (c @ vectors) @ ((turned[1] - turned[0]) * np.linalg.solve(vectors, weighted))))
+        return float(
+            np.real(
+                1j
+                / (2 * np.pi)
+                * (c @ vectors)
+                @ ((turned[1] - turned[0]) * np.linalg.solve(vectors, weighted))
+            )
+        )
     shifts = [1j * w * np.eye(len(matrix)) for w in (low, high)]
     logs = [scipy.linalg.logm((matrix + shift) @ np.linalg.inv(matrix - shift)) for shift in shifts]
     return float(np.real(1j / (2 * np.pi) * c @ (logs[1] - logs[0]) @ weighted))
@@ -252,23 +372,58 @@ Array = NDArray[np.float64]
 Score = Callable[[TunedAbsorber], float]
 
 
-def minimax(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1, low: float = LOW, high: float = HIGH) -> TunedAbsorber:
+def minimax(
+    model: ModalModel,
+    mass_ratio: float = DEFAULT_MASS_RATIO,
+    resonance: int = 1,
+    low: float = LOW,
+    high: float = HIGH,
+) -> TunedAbsorber:
     """Return the stiffness and damping with the smallest `peak` over low..high times omega_r: H-infinity tuning.
 
     Designs with a natural frequency next to omega_r outside the range are excluded, so no peak can be pushed out of sight. Raises
     ParameterError if the range is too narrow for a tuned absorber of this mass.
     """
-    exact, rule = undamped_minimax(model, mass_ratio, resonance), den_hartog(model, mass_ratio, resonance)
-    return _smallest(lambda absorber: peak(model, absorber, resonance, low, high)[0], (exact, rule), model, resonance, low, high)
+    exact = undamped_minimax(model, mass_ratio, resonance)
+    rule = den_hartog(model, mass_ratio, resonance)
+    return _smallest(
+        lambda absorber: peak(model, absorber, resonance, low, high)[0],
+        (exact, rule),
+        model,
+        resonance,
+        low,
+        high,
+    )
 
 
-def minimum_h2(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1, low: float = LOW, high: float = HIGH) -> TunedAbsorber:
+def minimum_h2(
+    model: ModalModel,
+    mass_ratio: float = DEFAULT_MASS_RATIO,
+    resonance: int = 1,
+    low: float = LOW,
+    high: float = HIGH,
+) -> TunedAbsorber:
     """Return the stiffness and damping with the smallest `h2_norm` over low..high times omega_r; range and errors as in `minimax`."""
-    exact, rule = undamped_h2(model, mass_ratio, resonance), den_hartog(model, mass_ratio, resonance)
-    return _smallest(lambda absorber: h2_norm(model, absorber, resonance, low, high), (exact, rule), model, resonance, low, high)
+    exact = undamped_h2(model, mass_ratio, resonance)
+    rule = den_hartog(model, mass_ratio, resonance)
+    return _smallest(
+        lambda absorber: h2_norm(model, absorber, resonance, low, high),
+        (exact, rule),
+        model,
+        resonance,
+        low,
+        high,
+    )
 
 
-def _smallest(score: Score, known: tuple[TunedAbsorber, TunedAbsorber], model: ModalModel, resonance: int, low: float, high: float) -> TunedAbsorber:
+def _smallest(
+    score: Score,
+    known: tuple[TunedAbsorber, TunedAbsorber],
+    model: ModalModel,
+    resonance: int,
+    low: float,
+    high: float,
+) -> TunedAbsorber:
     """Return the absorber with the smallest score: Nelder-Mead in the logarithms of k and c from two known tunings and two detuned ones.
 
     The search is repeated from the best, because the optimum of a largest peak is a kink (two equal peaks).
@@ -281,18 +436,33 @@ def _smallest(score: Score, known: tuple[TunedAbsorber, TunedAbsorber], model: M
 
     def objective(logs: Array) -> float:
         absorber = absorber_at(logs)
-        first, second = natural_frequencies(model, absorber)[resonance - 1 : resonance + 1] / model.resonance_omega(resonance)
-        return float(np.log(score(absorber))) if low <= first and second <= high else _REFUSED  # outside a peak would not be seen
+        first, second = natural_frequencies(model, absorber)[
+            resonance - 1 : resonance + 1
+        ] / model.resonance_omega(resonance)
+        return (
+            float(np.log(score(absorber))) if low <= first and second <= high else _REFUSED
+        )  # outside a peak would not be seen
 
     starts = [np.log([a.stiffness, a.damping]) for a in known]
     starts += [starts[0] + np.array([-0.15, 0.5]), starts[0] + np.array([0.15, -0.5])]
 
     def descend(start: Array, size: float, steps: float, gain: float) -> Array:
-        options = {"initial_simplex": start + size * np.array([[0, 0], [1, 0], [0, 3]]), "xatol": steps, "fatol": gain}
-        return np.asarray(scipy.optimize.minimize(objective, start, method="Nelder-Mead", options=options).x)
+        options = {
+            "initial_simplex": start + size * np.array([[0, 0], [1, 0], [0, 3]]),
+            "xatol": steps,
+            "fatol": gain,
+        }
+        return np.asarray(
+            scipy.optimize.minimize(objective, start, method="Nelder-Mead", options=options).x
+        )
 
     best = min((descend(start, 0.05, 1e-3, 1e-6) for start in starts), key=objective)
     for size in (1e-2, 1e-4):
         best = descend(best, size, 1e-8, 1e-12)
-    require(objective(best) < _REFUSED, "scoring range (low, high)", (low, high), "wider: it must hold both natural frequencies around the resonance")
+    require(
+        objective(best) < _REFUSED,
+        "scoring range (low, high)",
+        (low, high),
+        "wider: it must hold both natural frequencies around the resonance",
+    )
     return absorber_at(best)

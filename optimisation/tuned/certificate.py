@@ -62,7 +62,13 @@ class Certificate:
 
 
 def certify(
-    model: ModalModel, absorber: LinearAbsorber | None, resonance: int = 1, low: float = LOW, high: float = HIGH, *, everywhere: bool | None = None
+    model: ModalModel,
+    absorber: LinearAbsorber | None,
+    resonance: int = 1,
+    low: float = LOW,
+    high: float = HIGH,
+    *,
+    everywhere: bool | None = None,
 ) -> Certificate:
     """Return a certificate for low..high times omega_r, or for all frequencies.
 
@@ -72,29 +78,38 @@ def certify(
     """
     omega_r = model.resonance_omega(resonance)
     inside = highest_amplitude(model, absorber, resonance, low, high)
-    overall = highest_amplitude(model, absorber, resonance, 1e-9 * low, max(high, 2 * float(model.omega[-1]) / omega_r))
+    overall = highest_amplitude(
+        model, absorber, resonance, 1e-9 * low, max(high, 2 * float(model.omega[-1]) / omega_r)
+    )
     if everywhere is None:
         everywhere = overall[0] <= inside[0] * (1 + 1e-9)
     grid, ratio = overall if everywhere else inside
     damped = model.damping_ratio
-    require(bool(np.isfinite(grid)), "damping_ratio", damped, "above 0 at every resonance of the range")
+    require(
+        bool(np.isfinite(grid)), "damping_ratio", damped, "above 0 at every resonance of the range"
+    )
     matrix, b, c = _balanced(*state_space(model, absorber, omega_r))
     decay = -float(np.max(np.linalg.eigvals(matrix).real))
-    require(decay > 0, "damping_ratio", damped, "above 0 at every mode, or an absorber that damps it")
+    require(
+        decay > 0, "damping_ratio", damped, "above 0 at every mode, or an absorber that damps it"
+    )
     scale = 1 / np.sqrt(grid)
     system = matrix, scale * b[:, None], scale * c[None]
     margin = max(_LEAST_MARGIN, _EVERYWHERE * min(decay, 1.0))
     square = _everywhere(*system, (margin,)) if everywhere else _within(*system, low, high)
     bound = grid * float(np.sqrt(square))
     if not abs(bound / grid - 1) < _AGREEMENT:
-        raise NotOptimalError(f"certificate: the bound is {bound:.9g} m/N and the grid's largest amplitude {grid:.9g} m/N: no agreement")
+        raise NotOptimalError(
+            f"certificate: the bound is {bound:.9g} m/N and the grid's largest amplitude {grid:.9g} m/N: no agreement"
+        )
     return Certificate(bound, grid, ratio, bool(everywhere))
 
 
 def _balanced(matrix: Real, b: Real, c: Real) -> tuple[Real, Real, Real]:
     """Return the same system in real blocks, one for each pair of poles or real pole, with input and output of each block of equal size."""
     s, vectors = np.linalg.eig(matrix)
-    columns, blocks = [], []
+    columns = []
+    blocks = []
     for z, vector in zip(s, vectors.T, strict=True):
         if z.imag > 0:
             columns += [vector.real, vector.imag]
@@ -104,11 +119,16 @@ def _balanced(matrix: Real, b: Real, c: Real) -> tuple[Real, Real, Real]:
             blocks.append(np.array([[z.real]]))
     basis = np.array(columns).T
     if np.linalg.cond(basis) > _CONDITION:
-        raise ParameterError("absorber is not allowed: two poles coincide; change its stiffness or damping by a part in a million")
-    b, c, at = np.linalg.solve(basis, b), c @ basis, 0
+        raise ParameterError(
+            "absorber is not allowed: two poles coincide; change its stiffness or damping by a part in a million"
+        )
+    b = np.linalg.solve(basis, b)
+    c = c @ basis
+    at = 0
     for block in blocks:
         part = slice(at, at + len(block))
-        into, out = float(np.linalg.norm(b[part])), float(np.linalg.norm(c[part]))
+        into = float(np.linalg.norm(b[part]))
+        out = float(np.linalg.norm(c[part]))
         factor = np.sqrt(out / into) if into * out > 0 else 1.0
         b[part], c[part], at = b[part] * factor, c[part] / factor, part.stop
     return scipy.linalg.block_diag(*blocks), b, c
@@ -117,14 +137,23 @@ def _balanced(matrix: Real, b: Real, c: Real) -> tuple[Real, Real, Real]:
 def _everywhere(a: Real, b: Real, c: Real, margins: Sequence[float]) -> float:
     """Return the certified g^2 over all frequencies."""
     size = len(a)
-    p, square = cvxpy.Variable((size, size), symmetric=True), cvxpy.Variable()
-    corner, side = a.T @ p + p @ a + c.T @ c, p @ b
-    _minimise(cvxpy.bmat([[corner, side], [side.T, cvxpy.reshape(-square, (1, 1), order="C")]]), square, margins, [])
+    p = cvxpy.Variable((size, size), symmetric=True)
+    square = cvxpy.Variable()
+    corner = a.T @ p + p @ a + c.T @ c
+    side = p @ b
+    _minimise(
+        cvxpy.bmat([[corner, side], [side.T, cvxpy.reshape(-square, (1, 1), order="C")]]),
+        square,
+        margins,
+        [],
+    )
     found = np.asarray(p.value)
     return _schur(a.T @ found + found @ a + c.T @ c, found @ b, 0.0)
 
 
-def _kyp_blocks(a: Real, b: Real, c: Real, p: Any, q: Any, low: float, high: float) -> tuple[Any, Any, Any]:
+def _kyp_blocks(
+    a: Real, b: Real, c: Real, p: Any, q: Any, low: float, high: float
+) -> tuple[Any, Any, Any]:
     """Return the blocks of the generalised lemma's matrix without g^2."""
     middle = (low + high) / 2
     turned = p - 1j * middle * q
@@ -140,7 +169,9 @@ def _within(a: Real, b: Real, c: Real, low: float, high: float) -> float:
     corner, side, last = _kyp_blocks(a, b, c, p, q, low, high)
     _minimise(cvxpy.bmat([[corner, side], [side.H, last - square]]), square, _WITHIN, [q >> 0])
     shift = max(0.0, -2 * float(np.min(np.linalg.eigvalsh(q.value))))
-    corner, side, last = _kyp_blocks(a, b, c, np.asarray(p.value), np.asarray(q.value) + shift * np.eye(size), low, high)
+    corner, side, last = _kyp_blocks(
+        a, b, c, np.asarray(p.value), np.asarray(q.value) + shift * np.eye(size), low, high
+    )
     return _schur(corner, side, float(np.real(last[0, 0])))
 
 
@@ -148,7 +179,9 @@ def _minimise(matrix: Any, square: Any, margins: Sequence[float], constraints: l
     size = matrix.shape[0]
     hermitian = (matrix + matrix.H) / 2
     for margin in margins:
-        problem = cvxpy.Problem(cvxpy.Minimize(square), [hermitian << -margin * np.eye(size), *constraints])
+        problem = cvxpy.Problem(
+            cvxpy.Minimize(square), [hermitian << -margin * np.eye(size), *constraints]
+        )
         try:
             return solve(problem, "largest amplitude", margin)
         except NotOptimalError:
@@ -161,5 +194,7 @@ def _schur(corner: Complex | Real, side: Complex | Real, last: float) -> float:
     """Return the smallest g^2 for which [[corner, side], [side*, last - g^2]] is negative semidefinite, or raise NotOptimalError."""
     top = float(np.max(np.linalg.eigvalsh((corner + np.conj(corner.T)) / 2)))
     if not top < 0:
-        raise NotOptimalError(f"certificate: the solution found does not satisfy the matrix inequality (largest eigenvalue {top:.3g})")
+        raise NotOptimalError(
+            f"certificate: the solution found does not satisfy the matrix inequality (largest eigenvalue {top:.3g})"
+        )
     return last + float(np.real(np.conj(side.T) @ np.linalg.solve(-corner, side))[0, 0])

@@ -25,9 +25,33 @@ sys.path.insert(0, str(ROOT / "tests" / "support"))
 from choice import PARTS  # type: ignore[import-not-found]  # noqa: E402 - what tests share is found there
 
 PAGE = ROOT / "docs" / "internals" / "machines.md"
-HEADER = ("machine", "Python", "packages", "settings", "passed", "failed", "skipped", "peak of a process", "made")
+HEADER = (
+    "machine",
+    "Python",
+    "packages",
+    "settings",
+    "passed",
+    "failed",
+    "skipped",
+    "peak of a process",
+    "made",
+)
 VARIED = ("numpy", "scipy", "numba", "gymnasium")
-LAYERS = ("main", "test", "files", "optimise", "env", "docs", "cluster", "peers", "offline", "rl", "clients", "explore", "browser")
+LAYERS = (
+    "main",
+    "test",
+    "files",
+    "optimise",
+    "env",
+    "docs",
+    "cluster",
+    "peers",
+    "offline",
+    "rl",
+    "clients",
+    "explore",
+    "browser",
+)
 TORCH = ("rl", "clients")
 
 
@@ -47,14 +71,27 @@ class Machine(NamedTuple):
     layers: tuple[str, ...] = LAYERS
 
 
-OLD_LIBRARIES = {"MKL_CBWR": "COMPATIBLE", "ATEN_CPU_CAPABILITY": "default", "OPENBLAS_CORETYPE": "Nehalem"}
+OLD_LIBRARIES = {
+    "MKL_CBWR": "COMPATIBLE",
+    "ATEN_CPU_CAPABILITY": "default",
+    "OPENBLAS_CORETYPE": "Nehalem",
+}
 OLD_LIBRARIES["NPY_DISABLE_CPU_FEATURES"] = "X86_V3 X86_V4 AVX512_ICL AVX512_SPR"
 MACHINES = {
     "other-rounding": Machine({}, PARTS[3:], ("--rounding", "5")),
     "old-libraries": Machine(OLD_LIBRARIES, wheel=True),
     "old-processor": Machine({"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}, PARTS[:3]),
-    "oldest-versions": Machine({"MKL_CBWR": "AVX2,STRICT", "OPENBLAS_CORETYPE": "Haswell"}, python="3.11", versions="oldest"),
-    "newest-versions": Machine({}, python="3.13", versions="newest", layers=tuple(layer for layer in LAYERS if layer not in TORCH)),
+    "oldest-versions": Machine(
+        {"MKL_CBWR": "AVX2,STRICT", "OPENBLAS_CORETYPE": "Haswell"},
+        python="3.11",
+        versions="oldest",
+    ),
+    "newest-versions": Machine(
+        {},
+        python="3.13",
+        versions="newest",
+        layers=tuple(layer for layer in LAYERS if layer not in TORCH),
+    ),
 }
 
 
@@ -63,8 +100,16 @@ def requirements(machine: Machine) -> list[str]:
     texts = ((ROOT / "requirements" / f"{layer}.txt").read_text() for layer in machine.layers)
     lines = [line for text in texts for line in text.splitlines() if not line.startswith("#")]
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    ranges = [one for one in project["dependencies"] + project["optional-dependencies"]["env"] if re.split("[<>=]", one)[0] in VARIED]
-    asked = ranges if machine.versions == "newest" else [one.split(",")[0].replace(">=", "==") for one in ranges]
+    ranges = [
+        one
+        for one in project["dependencies"] + project["optional-dependencies"]["env"]
+        if re.split("[<>=]", one)[0] in VARIED
+    ]
+    asked = (
+        ranges
+        if machine.versions == "newest"
+        else [one.split(",")[0].replace(">=", "==") for one in ranges]
+    )
     return asked + [line for line in lines if line.partition("==")[0] not in (*VARIED, "llvmlite")]
 
 
@@ -73,7 +118,9 @@ def environment(name: str, machine: Machine) -> Path:
     if not machine.python:
         return Path(sys.executable)
     folder = ROOT / ".venv-check" / name
-    python, stamp, asked = folder / "bin" / "python", folder / "made", "\n".join([machine.python, *requirements(machine)])
+    python = folder / "bin" / "python"
+    stamp = folder / "made"
+    asked = "\n".join([machine.python, *requirements(machine)])
     if stamp.exists() and stamp.read_text() == asked:
         return python
     base = shutil.which(f"python{machine.python}")
@@ -91,45 +138,109 @@ def environment(name: str, machine: Machine) -> Path:
 def packages(python: Path) -> tuple[str, str]:
     """Return an environment's Python, and the versions of what was varied in it and of torch."""
     code = "import sys, importlib.metadata as m; print(sys.version.split()[0], *(f'{d.name} {d.version},' for d in m.distributions()))"
-    version, *rest = subprocess.run([str(python), "-c", code], check=True, capture_output=True, text=True).stdout.split()
+    version, *rest = subprocess.run(
+        [str(python), "-c", code], check=True, capture_output=True, text=True
+    ).stdout.split()
     found = dict(zip(rest[::2], rest[1::2], strict=True))
-    return version, " ".join(f"{name} {found[name]}" for name in (*VARIED, "torch") if name in found).rstrip(",") + (
-        "" if "torch" in found else ", no torch"
-    )
+    return version, " ".join(
+        f"{name} {found[name]}" for name in (*VARIED, "torch") if name in found
+    ).rstrip(",") + ("" if "torch" in found else ", no torch")
 
 
 def run(name: str, machine: Machine, options: list[str]) -> tuple[list[str], bool]:
     """Run the suite on a machine; return its row of the table, and whether tests ran and none failed."""
-    shown = " ".join(f"`{word}`" for word in (*(f"{key}={value}" for key, value in machine.settings.items()), shlex.join(machine.options)) if word)
-    made, began = f"{datetime.datetime.now(datetime.UTC).date().isoformat()}, {digest()}", time.monotonic()
+    shown = " ".join(
+        f"`{word}`"
+        for word in (
+            *(f"{key}={value}" for key, value in machine.settings.items()),
+            shlex.join(machine.options),
+        )
+        if word
+    )
+    made = f"{datetime.datetime.now(datetime.UTC).date().isoformat()}, {digest()}"
+    began = time.monotonic()
     try:
         python = environment(name, machine)
     except FileNotFoundError as error:
-        return [name, machine.python, machine.versions, shown, f"not run: {error}", "", "", "", made], False
+        return [
+            name,
+            machine.python,
+            machine.versions,
+            shown,
+            f"not run: {error}",
+            "",
+            "",
+            "",
+            made,
+        ], False
     own = ROOT / ".venv-check" / name
     own.mkdir(parents=True, exist_ok=True)
-    variables = {"MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"} | machine.settings
-    if machine.python or "NUMBA_CPU_NAME" in machine.settings:  # others compile the same kernels as the checkout
+    variables = {
+        "MPLBACKEND": "Agg",
+        "OMP_NUM_THREADS": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+    } | machine.settings
+    if (
+        machine.python or "NUMBA_CPU_NAME" in machine.settings
+    ):  # others compile the same kernels as the checkout
         variables["IMPACT_ENV_CACHE"] = str(own / "kernel-cache")
     passed = failed = skipped = peak = 0
-    stops, missing = set[int](), set[str]()
-    for part in [options] if options else [[str(path) for pattern in part.split() for path in sorted(ROOT.glob(pattern))] for part in machine.parts]:
+    stops = set[int]()
+    missing = set[str]()
+    for part in (
+        [options]
+        if options
+        else [
+            [str(path) for pattern in part.split() for path in sorted(ROOT.glob(pattern))]
+            for part in machine.parts
+        ]
+    ):
         report = own / "report.xml"
         report.unlink(missing_ok=True)
-        command = [str(python), "-m", "pytest", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", "-q", f"--junitxml={report}"]
-        command += ["-m", "wheel or not wheel" if machine.wheel else "not wheel", *machine.options, *part]
+        command = [
+            str(python),
+            "-m",
+            "pytest",
+            "-n",
+            "2",
+            "--dist",
+            "loadfile",
+            "--no-loadscope-reorder",
+            "-q",
+            f"--junitxml={report}",
+        ]
+        command += [
+            "-m",
+            "wheel or not wheel" if machine.wheel else "not wheel",
+            *machine.options,
+            *part,
+        ]
         process = subprocess.Popen(command, cwd=ROOT, env=os.environ | variables)
         _, status, usage = os.wait4(process.pid, 0)  # the usage is that of its children, too
         process.returncode = os.waitstatus_to_exitcode(status)
         stops |= {process.returncode} - {0, 1}
         counts, lacked = read(report)
-        passed, failed, skipped = passed + counts[0], failed + counts[1], skipped + counts[2]
-        missing, peak = missing | lacked, max(peak, usage.ru_maxrss)
+        passed = passed + counts[0]
+        failed = failed + counts[1]
+        skipped = skipped + counts[2]
+        missing = missing | lacked
+        peak = max(peak, usage.ru_maxrss)
     ended = "no test ran" if stops == {5} else "did not end"
-    verdict = f"{failed}, {ended} (code {', '.join(map(str, sorted(stops)))})" if stops else str(failed)
+    verdict = (
+        f"{failed}, {ended} (code {', '.join(map(str, sorted(stops)))})" if stops else str(failed)
+    )
     without = f" (no {', '.join(sorted(missing))})" if missing else ""
     size = f"{peak * (1 if sys.platform == 'darwin' else 1024) / 1e9:.1f} GB"
-    row = [name, *packages(python), shown, str(passed), verdict, f"{skipped}{without}", size, f"{made}, {(time.monotonic() - began) / 60:.0f} min"]
+    row = [
+        name,
+        *packages(python),
+        shown,
+        str(passed),
+        verdict,
+        f"{skipped}{without}",
+        size,
+        f"{made}, {(time.monotonic() - began) / 60:.0f} min",
+    ]
     return row, not stops and passed > 0 == failed
 
 
@@ -138,20 +249,38 @@ def read(report: Path) -> tuple[tuple[int, int, int], set[str]]:
     if not report.exists():
         return (0, 0, 0), set()
     suite = ET.parse(report).getroot()[0]
-    total, failed, skipped = int(suite.get("tests", 0)), int(suite.get("failures", 0)) + int(suite.get("errors", 0)), int(suite.get("skipped", 0))
-    missing = set(re.findall(r"could not import '(\w+)", " ".join(one.get("message", "") for one in suite.iter("skipped"))))
+    total = int(suite.get("tests", 0))
+    failed = int(suite.get("failures", 0)) + int(suite.get("errors", 0))
+    skipped = int(suite.get("skipped", 0))
+    missing = set(
+        re.findall(
+            r"could not import '(\w+)",
+            " ".join(one.get("message", "") for one in suite.iter("skipped")),
+        )
+    )
     return (total - failed - skipped, failed, skipped), missing
 
 
 def table(rows: dict[str, list[str]]) -> str:
     """Return the page's table, with the machines in their order."""
-    lines = [HEADER, ("---",) * len(HEADER), *(rows.get(name, [name, *[""] * 3, "not run", *[""] * (len(HEADER) - 5)]) for name in MACHINES)]
+    lines = [
+        HEADER,
+        ("---",) * len(HEADER),
+        *(
+            rows.get(name, [name, *[""] * 3, "not run", *[""] * (len(HEADER) - 5)])
+            for name in MACHINES
+        ),
+    ]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines) + f"\n\nOn {processor()}."
 
 
 def kept() -> dict[str, list[str]]:
     """Return the rows that the page has."""
-    cells = ([cell.strip() for cell in line.strip("|").split("|")] for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| "))
+    cells = (
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in PAGE.read_text(encoding="utf-8").splitlines()
+        if line.startswith("| ")
+    )
     return {row[0]: row for row in cells if row[0] in MACHINES and len(row) == len(HEADER)}
 
 
@@ -159,9 +288,15 @@ def main() -> int:
     """Run each machine; write its row as soon as it is there, so that Ctrl-C keeps those of others."""
     further = "Further options go to pytest; the page is then left as it is."
     parser = argparse.ArgumentParser(prog="scripts/check_all", description=__doc__, epilog=further)
-    parser.add_argument("--only", choices=MACHINES, action="append", help="this machine alone; can be given several times")
+    parser.add_argument(
+        "--only",
+        choices=MACHINES,
+        action="append",
+        help="this machine alone; can be given several times",
+    )
     asked, options = parser.parse_known_args()
-    rows, fine = kept(), True
+    rows = kept()
+    fine = True
     try:
         for name in asked.only or MACHINES:
             print(f"== {name} {shlex.join(options)}", flush=True)

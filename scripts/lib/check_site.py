@@ -8,7 +8,16 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 FETCHED = {"script": "src", "img": "src", "link": "href", "iframe": "src", "source": "src"}
-POINTED_AT = ("canonical", "alternate", "search", "next", "prev", "index", "author", "help")  # <link> that fetches nothing
+POINTED_AT = (
+    "canonical",
+    "alternate",
+    "search",
+    "next",
+    "prev",
+    "index",
+    "author",
+    "help",
+)  # <link> that fetches nothing
 
 
 class Page(HTMLParser):
@@ -26,17 +35,25 @@ class Page(HTMLParser):
         self.places.update(given[name] for name in ("id", "name") if name in given)
         if tag == "a" and given.get("href"):
             self.links.append(given["href"])
-        if tag in FETCHED and given.get(FETCHED[tag]) and not (tag == "link" and given.get("rel") in POINTED_AT):
+        if (
+            tag in FETCHED
+            and given.get(FETCHED[tag])
+            and not (tag == "link" and given.get("rel") in POINTED_AT)
+        ):
             self.fetched.append(given[FETCHED[tag]])
 
 
 def problems(site: Path) -> list[str]:
     """Return a line for each link of a site's pages that leads nowhere, and for each thing that is fetched from elsewhere."""
-    pages = {file.resolve(): Page(file.read_text(encoding="utf-8")) for file in site.rglob("*.html")}
+    pages = {
+        file.resolve(): Page(file.read_text(encoding="utf-8")) for file in site.rglob("*.html")
+    }
     found = []
     for file, page in pages.items():
         name = file.relative_to(site.resolve())
-        found += [f"{name}: fetches {address}" for address in page.fetched if urlsplit(address).netloc]
+        found += [
+            f"{name}: fetches {address}" for address in page.fetched if urlsplit(address).netloc
+        ]
         for address in (*page.links, *page.fetched):
             parts = urlsplit(address)
             if parts.scheme or parts.netloc:
@@ -44,7 +61,11 @@ def problems(site: Path) -> list[str]:
             target = (file.parent / unquote(parts.path)).resolve() if parts.path else file
             if not target.is_file():
                 found.append(f"{name}: {address} leads to no file")
-            elif parts.fragment and target in pages and unquote(parts.fragment) not in pages[target].places:
+            elif (
+                parts.fragment
+                and target in pages
+                and unquote(parts.fragment) not in pages[target].places
+            ):
                 found.append(f"{name}: {address} leads to no place in that page")
     return found if pages else [f"{site}: no pages"]
 

@@ -20,7 +20,10 @@ class CompiledWheel(BuildHookInterface[Any]):
         if not os.environ.get("KERNELS"):
             return
         (made,) = Path(os.environ["KERNELS"]).iterdir()  # named by the digest of their sources
-        kernels = {str(file): f"impact_env/kernels/shipped/{file.relative_to(made.parent).as_posix()}" for file in made.rglob("*.nb[ci]")}
+        kernels = {
+            str(file): f"impact_env/kernels/shipped/{file.relative_to(made.parent).as_posix()}"
+            for file in made.rglob("*.nb[ci]")
+        }
         python = f"cp{sys.version_info[0]}{sys.version_info[1]}"
         build_data |= {"pure_python": False, "tag": f"{python}-{python}-{SYSTEM}"}
         build_data["force_include"] |= kernels

@@ -35,7 +35,18 @@ class IndexPage(MetadataHookInterface):
         """Fill in both."""
         address = os.environ.get("PROJECT_URL", "").rstrip("/")
         text = Path(self.root, "README.md").read_text(encoding="utf-8")
-        metadata["readme"] = {"content-type": "text/markdown", "text": page(text, address, metadata["version"])}
+        metadata["readme"] = {
+            "content-type": "text/markdown",
+            "text": page(text, address, metadata["version"]),
+        }
         tree = f"{address}/blob/v{metadata['version']}"
-        names = {"Documentation": "docs/README.md", "Changelog": "CHANGELOG.md", "Security": "SECURITY.md"}
-        metadata["urls"] = {"Source": address, **{name: f"{tree}/{path}" for name, path in names.items()}} if address else {}
+        names = {
+            "Documentation": "docs/README.md",
+            "Changelog": "CHANGELOG.md",
+            "Security": "SECURITY.md",
+        }
+        metadata["urls"] = (
+            {"Source": address, **{name: f"{tree}/{path}" for name, path in names.items()}}
+            if address
+            else {}
+        )

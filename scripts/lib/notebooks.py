@@ -30,7 +30,12 @@ VOLATILE = ("execution", "widgets", "language_info")
 def executed(file: Path) -> Any:
     """Return a notebook with the outputs of today's code; raises nbclient's CellExecutionError where a cell fails."""
     notebook = nbformat.read(file, as_version=4)
-    client = NotebookClient(notebook, timeout=TIMEOUT, kernel_name="python3", resources={"metadata": {"path": str(file.parent)}})
+    client = NotebookClient(
+        notebook,
+        timeout=TIMEOUT,
+        kernel_name="python3",
+        resources={"metadata": {"path": str(file.parent)}},
+    )
     client.execute(env=os.environ | {"MPLBACKEND": INLINE})
     return tidy(notebook)
 
@@ -52,7 +57,9 @@ def tidy(notebook: Any) -> Any:
 def small(image: str) -> str:
     """Return a PNG, in base64, with a palette of 256 colours."""
     drawn = io.BytesIO()
-    few_colours(Image.open(io.BytesIO(base64.b64decode(image)))).save(drawn, format="png", optimize=True)
+    few_colours(Image.open(io.BytesIO(base64.b64decode(image)))).save(
+        drawn, format="png", optimize=True
+    )
     return base64.b64encode(drawn.getvalue()).decode()
 
 

@@ -22,7 +22,9 @@ else:
     import fcntl
 
 ROOT = Path(__file__).resolve().parents[2]
-PYTHON = "Scripts/python.exe" if sys.platform == "win32" else "bin/python"  # in a virtual environment
+PYTHON = (
+    "Scripts/python.exe" if sys.platform == "win32" else "bin/python"
+)  # in a virtual environment
 
 
 def say(text: str) -> None:
@@ -72,7 +74,9 @@ class SetUp:
     def usable(self) -> bool:
         """Tell whether the folder can be built upon: complete, at its place, and its Python still there."""
         main = self.stamps / "main"
-        moved = main.exists() and not main.read_bytes().startswith(os.fsencode(self.root.as_posix()) + b"\n")
+        moved = main.exists() and not main.read_bytes().startswith(
+            os.fsencode(self.root.as_posix()) + b"\n"
+        )
         return os.access(self.python, os.X_OK) and not self.incomplete.exists() and not moved
 
     def is_current(self, layer: str) -> bool:
@@ -80,13 +84,27 @@ class SetUp:
         return stamp.exists() and stamp.read_bytes() == stamp_text(self.root, layer)
 
     def pip(self, *arguments: str) -> None:
-        command = [str(self.python), "-m", "pip", "install", "-qq", "--no-input", "--no-compile", "--disable-pip-version-check", *arguments]
+        command = [
+            str(self.python),
+            "-m",
+            "pip",
+            "install",
+            "-qq",
+            "--no-input",
+            "--no-compile",
+            "--disable-pip-version-check",
+            *arguments,
+        ]
         subprocess.run(command, check=True, cwd=self.root, stdin=subprocess.DEVNULL)
 
     def install(self, layers: list[str]) -> None:
         """Install all at once, so that two layers that want different versions of a package are an error."""
         requirements = self.root / "requirements"
-        self.pip("-c", str(requirements / "main.txt"), *(word for layer in layers for word in ("-r", str(requirements / f"{layer}.txt"))))
+        self.pip(
+            "-c",
+            str(requirements / "main.txt"),
+            *(word for layer in layers for word in ("-r", str(requirements / f"{layer}.txt"))),
+        )
 
     def make(self, layers: list[str]) -> None:
         """Install what is not current; a folder that was left half-made is made again."""
@@ -105,10 +123,15 @@ class SetUp:
             self.install(["main"])
             self.pip("--no-deps", "--no-build-isolation", "--editable", str(self.root))
         if added := [layer for layer in due if layer != "main"]:
-            say(f"Adding to .venv: {', '.join(added)} (once, {'several minutes, as torch is large' if 'rl' in added else 'up to a minute'}) ...")
+            say(
+                f"Adding to .venv: {', '.join(added)} (once, {'several minutes, as torch is large' if 'rl' in added else 'up to a minute'}) ..."
+            )
             self.install(added)
         # as pip would, on all cores; a file that is no Python of today is left
-        subprocess.run([str(self.python), "-m", "compileall", "-qq", "-j", "0", str(self.folder)], stdin=subprocess.DEVNULL)
+        subprocess.run(
+            [str(self.python), "-m", "compileall", "-qq", "-j", "0", str(self.folder)],
+            stdin=subprocess.DEVNULL,
+        )
         self.stamps.mkdir(exist_ok=True)
         for layer in due:
             (self.stamps / layer).write_bytes(stamp_text(self.root, layer))
@@ -121,14 +144,22 @@ class SetUp:
         stamp = Path(os.environ.get("IMPACT_ENV_CACHE") or self.folder / "kernel-cache") / "warm"
         started = time.time()
         package = self.root / "impact_env"
-        files = [package / "warm_up.py", self.root / "requirements" / "main.txt", *(package / "kernels").rglob("*.py")]
+        files = [
+            package / "warm_up.py",
+            self.root / "requirements" / "main.txt",
+            *(package / "kernels").rglob("*.py"),
+        ]
         if stamp.exists() and all(file.stat().st_mtime <= stamp.stat().st_mtime for file in files):
             return
-        say("Compiling the kernels (once for each version of the sources, some 20 s on two cores) ...")
+        say(
+            "Compiling the kernels (once for each version of the sources, some 20 s on two cores) ..."
+        )
         stamp.parent.mkdir(parents=True, exist_ok=True)
         command = [str(self.python), "-m", "impact_env.warm_up"]
         if subprocess.run(command, cwd=self.root, stdin=subprocess.DEVNULL).returncode:
-            say("warning: the kernels could not be compiled in advance; they are compiled when they are first used")
+            say(
+                "warning: the kernels could not be compiled in advance; they are compiled when they are first used"
+            )
             return
         stamp.touch()
         os.utime(stamp, (started, started))
@@ -139,7 +170,9 @@ def main(layers: list[str]) -> int:
     try:
         with lock(ROOT), ThreadPoolExecutor(1) as beside:
             set_up.make([])
-            kernels = beside.submit(set_up.warm_kernels) if "kernels" in layers else None  # which need no other package
+            kernels = (
+                beside.submit(set_up.warm_kernels) if "kernels" in layers else None
+            )  # which need no other package
             set_up.make([layer for layer in layers if layer != "kernels"])
             if kernels:
                 kernels.result()
@@ -149,7 +182,9 @@ def main(layers: list[str]) -> int:
     except (subprocess.CalledProcessError, OSError) as error:
         say(f"error: the set-up failed, and the next call does it again: {error}")
         if isinstance(error, subprocess.CalledProcessError) and "venv" in error.cmd:
-            say("On Debian and Ubuntu the module venv is a package of its own: apt install python3-venv")
+            say(
+                "On Debian and Ubuntu the module venv is a package of its own: apt install python3-venv"
+            )
         return 1
     return 0
 

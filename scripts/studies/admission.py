@@ -38,18 +38,34 @@ class Tuned:
     candidates: int
 
 
-def mean_scores(family: Family, candidates: NDArray[Any], name: str, seeds: Sequence[int], arguments: Mapping[str, Any]) -> Array:
+def mean_scores(
+    family: Family,
+    candidates: NDArray[Any],
+    name: str,
+    seeds: Sequence[int],
+    arguments: Mapping[str, Any],
+) -> Array:
     """Return the mean score (C,) of each candidate (C, P) over the seeds."""
     require(len(candidates) > 0, "candidates", candidates, "at least one")
     together = max(1, CHUNK // len(seeds))
     means = []
     for part in np.array_split(candidates, range(together, len(candidates), together)):
         policy = FamilyPolicy("candidates", family, np.repeat(part, len(seeds), axis=0))
-        means.append(play(policy, name, list(seeds) * len(part), arguments).scores.reshape(len(part), len(seeds)).mean(axis=1))
+        means.append(
+            play(policy, name, list(seeds) * len(part), arguments)
+            .scores.reshape(len(part), len(seeds))
+            .mean(axis=1)
+        )
     return np.concatenate(means)
 
 
-def best_of(family: Family, candidates: NDArray[Any], name: str, seeds: Sequence[int], arguments: Mapping[str, Any]) -> Tuned:
+def best_of(
+    family: Family,
+    candidates: NDArray[Any],
+    name: str,
+    seeds: Sequence[int],
+    arguments: Mapping[str, Any],
+) -> Tuned:
     """Return the candidate (C, P) with the largest mean score."""
     scores = mean_scores(family, candidates, name, seeds, arguments)
     best = int(np.argmax(scores))
@@ -93,22 +109,39 @@ def evolve(
     shown = searched(seeds)
     kept = seeds[len(shown) :]
     finalists: list[Array] = []
-    tried, bounds = 0, family.bounds
+    tried = 0
+    bounds = family.bounds
     shape = np.diag((bounds[:, 1] - bounds[:, 0]) ** 2)
     for number, start in enumerate(starts):
         mean = np.asarray(start, dtype=np.float64)
-        optimiser = CMA(mean=mean, sigma=search.sigma, bounds=bounds, seed=number + 1, population_size=search.population, cov=shape)
+        optimiser = CMA(
+            mean=mean,
+            sigma=search.sigma,
+            bounds=bounds,
+            seed=number + 1,
+            population_size=search.population,
+            cov=shape,
+        )
         seen: list[tuple[float, Array]] = []
         for _ in range(search.generations):
             candidates = np.array([optimiser.ask() for _ in range(search.population)])
             scores = mean_scores(family, candidates, name, shown, arguments)
-            optimiser.tell([(candidate, -float(score)) for candidate, score in zip(candidates, scores, strict=True)])
+            optimiser.tell(
+                [
+                    (candidate, -float(score))
+                    for candidate, score in zip(candidates, scores, strict=True)
+                ]
+            )
             seen += zip(scores.tolist(), candidates, strict=True)
             tried += len(candidates)
             if progress is not None:
                 progress(len(candidates))
         seen.sort(key=lambda pair: -pair[0])
-        finalists += [mean, np.clip(optimiser.mean, *bounds.T), *(candidate for _, candidate in seen[: search.finalists])]
+        finalists += [
+            mean,
+            np.clip(optimiser.mean, *bounds.T),
+            *(candidate for _, candidate in seen[: search.finalists]),
+        ]
     best = best_of(family, np.array(finalists), name, kept, arguments)
     return Tuned(best.parameters, best.score, tried + best.candidates)
 
@@ -120,7 +153,9 @@ def evolve(
 # chaos that nobody could. With copies whose force and phase are off it is robust: what it finds must hold for all of them.
 
 
-FORCE_OFF, PHASE_OFF = (0.002, 0.01), (0.02, 0.1)  # of a copy: share of the force, rad
+# of a copy: share of the force, rad
+FORCE_OFF = (0.002, 0.01)
+PHASE_OFF = (0.02, 0.1)
 
 
 @dataclass(frozen=True)
@@ -141,7 +176,10 @@ class Planner:
     @property
     def trials(self) -> list[tuple[Sequence[float], int]]:
         """Candidates as (action, intervals); the first is the rule alone."""
-        return [(self.actions[0], 0), *((action, last) for last in self.lasting for action in self.actions)]
+        return [
+            (self.actions[0], 0),
+            *((action, last) for last in self.lasting for action in self.actions),
+        ]
 
 
 def copy_lanes(source: Task, target: Task, times: int) -> None:
@@ -161,7 +199,9 @@ class Lanes:
     family: Family
     numbers: Array
 
-    def step(self, observations: Observations, given: Array, takes: Mask, over: Mask) -> tuple[Observations, Array, Mask]:
+    def step(
+        self, observations: Observations, given: Array, takes: Mask, over: Mask
+    ) -> tuple[Observations, Array, Mask]:
         """Advance lanes that are not over, by the rule or, where ``takes`` (L,), as ``given`` (L, A); return what is seen, rewards, who is over."""
         rows = np.broadcast_to(self.numbers, (len(observations), len(self.numbers)))
         ruled = np.clip(self.family.act(rows, observations), -1, 1).reshape(len(observations), -1)
@@ -172,25 +212,40 @@ class Lanes:
 
 def disturb(task: Task, copies: int, generator: np.random.Generator) -> None:
     """Put force and phase of all lanes off, each group of so many copies alike, by as much to either side; what disturbs them is drawn anew."""
-    groups, sides = task.lanes // copies, np.where(np.arange(copies) % 2 == 0, 1.0, -1.0)
-    off = sides * generator.uniform(*FORCE_OFF, copies), sides * generator.permutation(sides) * generator.uniform(*PHASE_OFF, copies)
+    groups = task.lanes // copies
+    sides = np.where(np.arange(copies) % 2 == 0, 1.0, -1.0)
+    off = (
+        sides * generator.uniform(*FORCE_OFF, copies),
+        sides * generator.permutation(sides) * generator.uniform(*PHASE_OFF, copies),
+    )
     task.force = task.force * (1 + np.tile(off[0], groups))
     task.runs.orders["phase"] += np.tile(off[1], groups)
     if task.settings.record is not None:
-        task.runs.orders["place"] = np.tile(generator.integers(len(task.settings.record.values) - 1, size=copies), groups)
+        task.runs.orders["place"] = np.tile(
+            generator.integers(len(task.settings.record.values) - 1, size=copies), groups
+        )
 
 
 def plan(
-    name: str, seeds: Sequence[int], arguments: Mapping[str, Any], rule: tuple[Family, Array], planner: Planner, advance: Progress | None = None
+    name: str,
+    seeds: Sequence[int],
+    arguments: Mapping[str, Any],
+    rule: tuple[Family, Array],
+    planner: Planner,
+    advance: Progress | None = None,
 ) -> Array:
     """Return the scores (E,) of a planner over a rule without memory, on the seeds of the environment ``name``, which has neither noise nor delay."""
     with optional():
         import gymnasium
-    trials, lanes = planner.trials, len(seeds)
+    trials = planner.trials
+    lanes = len(seeds)
     times = len(trials) * planner.copies
     true: Any
     tried: Any
-    true, tried = (gymnasium.make_vec(name, num_envs=n, vectorization_mode="vector_entry_point", **arguments) for n in (lanes, lanes * times))
+    true, tried = (
+        gymnasium.make_vec(name, num_envs=n, vectorization_mode="vector_entry_point", **arguments)
+        for n in (lanes, lanes * times)
+    )
     try:
         seen, _ = true.reset(seed=list(seeds))
         tried.reset(seed=0)
@@ -198,12 +253,16 @@ def plan(
         constants = np.array([action for action, _ in trials], dtype=np.float64)
         first = np.tile(np.repeat(constants, planner.copies, axis=0), (lanes, 1))
         lasts = np.tile(np.repeat([last for _, last in trials], planner.copies), lanes)
-        scores, over, generator = np.zeros(lanes), np.zeros(lanes, dtype=np.bool_), np.random.default_rng(0)
+        scores = np.zeros(lanes)
+        over = np.zeros(lanes, dtype=np.bool_)
+        generator = np.random.default_rng(0)
         while not over.all():
             copy_lanes(own.task, other.task, times)
             if not planner.exact:
                 disturb(other.task, planner.copies, generator)
-            gained, ended, looked = np.zeros(lanes * times), np.repeat(over, times), np.repeat(seen, times, axis=0)
+            gained = np.zeros(lanes * times)
+            ended = np.repeat(over, times)
+            looked = np.repeat(seen, times, axis=0)
             for k in range(planner.horizon):
                 if ended.all():
                     break
@@ -221,9 +280,14 @@ def plan(
     return scores
 
 
-FIRST_SEARCHED, FIRST_JUDGED = 1000, 2_500_000  # seeds; the latter are apart from those that train, validate and test
-CLAIRVOYANT, ROBUST = "clairvoyant oracle", "robust oracle"
-ROOM, LEAST, SURE = "room", 0.15, 0.1
+# seeds; the latter are apart from those that train, validate and test
+FIRST_SEARCHED = 1000
+FIRST_JUDGED = 2_500_000
+CLAIRVOYANT = "clairvoyant oracle"
+ROBUST = "robust oracle"
+ROOM = "room"
+LEAST = 0.15
+SURE = 0.1
 
 FOURS = Search(generations=20, population=12, sigma=0.1, finalists=5)
 EIGHTS = Search(generations=45, population=14, sigma=0.04, finalists=8)
@@ -263,11 +327,16 @@ class Held(Family):
     """A family with its last numbers held at what leaves it a rule of few."""
 
     def __init__(self, family: Family) -> None:
-        self.family, self.names, self.begins = family, family.names[: family.few], family.begins
+        self.family = family
+        self.names = family.names[: family.few]
+        self.begins = family.begins
 
     def act(self, parameters: Array, observations: Any) -> Array:
         """Return the family's actions."""
-        rest = np.broadcast_to(self.family.neutral[self.family.few :], (len(parameters), len(self.family.names) - self.family.few))
+        rest = np.broadcast_to(
+            self.family.neutral[self.family.few :],
+            (len(parameters), len(self.family.names) - self.family.few),
+        )
         return self.family.act(np.concatenate([parameters, rest], axis=1), observations)
 
 
@@ -288,26 +357,45 @@ class Rule:
 def tried(task: str, effort: Effort) -> int:
     """Return how many candidates, and decisions of planners, an admission is going to try at most."""
     looking = TASKS[task].looking
-    spent = sum(effort.four.generations * effort.four.population * len(family.begins) for family in (*looking, TASKS[task].blind))
-    return spent + sum(len(family.begins) for family in looking) * effort.eight.generations * effort.eight.population
+    spent = sum(
+        effort.four.generations * effort.four.population * len(family.begins)
+        for family in (*looking, TASKS[task].blind)
+    )
+    return (
+        spent
+        + sum(len(family.begins) for family in looking)
+        * effort.eight.generations
+        * effort.eight.population
+    )
 
 
-def rules(task: str, arguments: Mapping[str, Any], effort: Effort, advance: Progress | None = None) -> dict[str, Rule]:
+def rules(
+    task: str, arguments: Mapping[str, Any], effort: Effort, advance: Progress | None = None
+) -> dict[str, Rule]:
     """Return the best constant, blind schedule, rule of at most four and of at most eight numbers: the latter begins at the former.
 
     There is no rule of four for a task whose families all need more.
     """
-    own, behind = TASKS[task], task_of(env_of(task), arguments)
+    own = TASKS[task]
+    behind = task_of(env_of(task), arguments)
     rest = (env_of(task), range(FIRST_SEARCHED, FIRST_SEARCHED + effort.searched), arguments)
 
     def found(family: Family, starts: Sequence[Sequence[float]], search: Search) -> Rule:
         tuned = evolve(family, starts, *rest, search, advance)
         return Rule(family, tuned.parameters, tuned.score)
 
-    points, always = np.linspace(-1, 1, effort.grid), own.constant(behind)
-    best = best_of(always, np.stack(np.meshgrid(*[points] * len(always.names), indexing="ij"), axis=-1).reshape(-1, len(always.names)), *rest)
+    points = np.linspace(-1, 1, effort.grid)
+    always = own.constant(behind)
+    best = best_of(
+        always,
+        np.stack(np.meshgrid(*[points] * len(always.names), indexing="ij"), axis=-1).reshape(
+            -1, len(always.names)
+        ),
+        *rest,
+    )
     constant = Rule(always, best.parameters, best.score)
-    few, many = [], []
+    few = []
+    many = []
     for family in (kind(behind) for kind in own.looking):
         starts = [begin(constant.numbers) for begin in family.begins]
         if family.few:
@@ -317,7 +405,10 @@ def rules(task: str, arguments: Mapping[str, Any], effort: Effort, advance: Prog
         else:
             (few if len(family.names) <= 4 else many).append(found(family, starts, effort.eight))
     blind = own.blind(behind)
-    chosen = {CONSTANT: constant, BLIND: found(blind, [begin(constant.numbers) for begin in blind.begins], effort.four)}
+    chosen = {
+        CONSTANT: constant,
+        BLIND: found(blind, [begin(constant.numbers) for begin in blind.begins], effort.four),
+    }
     for label, group in ((FOUR, few), (EIGHT, [*few, *many])):
         if group:
             chosen[label] = max(group, key=lambda rule: rule.score)
@@ -329,22 +420,39 @@ def room(oracle: Array, rule: Array, constant: Array) -> float:
     return float((oracle.mean() - rule.mean()) / (oracle.mean() - constant.mean()))
 
 
-def admit(task: str, arguments: Mapping[str, Any], effort: Effort, advance: Progress | None = None) -> dict[str, Any]:
+def admit(
+    task: str, arguments: Mapping[str, Any], effort: Effort, advance: Progress | None = None
+) -> dict[str, Any]:
     """Return an admission's result: rules with their numbers, scores (E,) of all, and room with its interval."""
-    chosen, name = rules(task, arguments, effort, advance), env_of(task)
+    chosen = rules(task, arguments, effort, advance)
+    name = env_of(task)
     seeds = range(FIRST_JUDGED, FIRST_JUDGED + effort.judged)
-    scores = {label: play(FamilyPolicy(label, rule.family, rule.numbers), name, seeds, arguments).scores[None] for label, rule in chosen.items()}
+    scores = {
+        label: play(FamilyPolicy(label, rule.family, rule.numbers), name, seeds, arguments).scores[
+            None
+        ]
+        for label, rule in chosen.items()
+    }
     if TASKS[task].planned:
         points = np.linspace(-1, 1, effort.points)
-        actions = [(a, b) for a in points[::3] for b in points[::3]] if ENVIRONMENTS[name].numbers == 2 else [(a,) for a in points]
+        actions = (
+            [(a, b) for a in points[::3] for b in points[::3]]
+            if ENVIRONMENTS[name].numbers == 2
+            else [(a,) for a in points]
+        )
         planner = Planner(actions, horizon=effort.horizon, copies=effort.copies)
         best = (chosen[EIGHT].family, np.array(chosen[EIGHT].numbers))
         scores[ROBUST] = plan(name, seeds, arguments, best, planner, advance)[None]
-        scores[CLAIRVOYANT] = plan(name, seeds, arguments, best, replace(planner, copies=1, exact=True), advance)[None]
+        scores[CLAIRVOYANT] = plan(
+            name, seeds, arguments, best, replace(planner, copies=1, exact=True), advance
+        )[None]
     return {
         "arguments": dict(arguments),
         "effort": asdict(effort),
-        "rules": {label: {"family": rule.name, "numbers": list(rule.numbers)} for label, rule in chosen.items()},
+        "rules": {
+            label: {"family": rule.name, "numbers": list(rule.numbers)}
+            for label, rule in chosen.items()
+        },
         "scores": {label: np.round(values, 6).tolist() for label, values in scores.items()},
         **(verdict(scores) if ROBUST in scores else {}),
     }
@@ -352,7 +460,8 @@ def admit(task: str, arguments: Mapping[str, Any], effort: Effort, advance: Prog
 
 def add_agents(task: str, found: dict[str, Any], agents: Sequence[Any]) -> None:
     """Put the scores of agents, by algorithm, beside what an admission has found, in place of those of the same algorithms; its verdict stays."""
-    seeds, runs = range(FIRST_JUDGED, FIRST_JUDGED + found["effort"]["judged"]), dict[str, list[Any]]()
+    seeds = range(FIRST_JUDGED, FIRST_JUDGED + found["effort"]["judged"])
+    runs = dict[str, list[Any]]()
     for agent in agents:
         played = play(agent, env_of(task), seeds, found["arguments"])
         runs.setdefault(agent.algorithm.upper(), []).append(np.round(played.scores, 6).tolist())

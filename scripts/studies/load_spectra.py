@@ -21,14 +21,29 @@ from optimisation.measures import SAMPLES
 from optimisation.page import markdown
 from studies.study import Array, Json, there
 
-MODES, MASS_RATIO, GAP, RESTITUTION = 5, 0.02, 1e-3, 0.7
+MODES = 5
+MASS_RATIO = 0.02
+GAP = 1e-3
+RESTITUTION = 0.7
 BAND = (0.05, 0.5, 0.95)
 PERIODS = 800.0  # of a record
-SPECTRA = {"narrow": (0.9, 1.1), "wide": (0.5, 1.5), "two modes": (0.5, 7.5)}  # flat, over the first frequency
+SPECTRA = {
+    "narrow": (0.9, 1.1),
+    "wide": (0.5, 1.5),
+    "two modes": (0.5, 7.5),
+}  # flat, over the first frequency
 GAPS = np.geomspace(0.6, 3.6, 9)  # over the free motion's RMS at the absorber
 SHIFTS = (-0.2, -0.1, -0.05, -0.02, 0.0, 0.02, 0.05, 0.1, 0.2)  # of all frequencies
 WIDTHS = (0.5, 0.16)  # of a half-sine pulse, in periods of the first mode
-PEAKS = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6)  # largest free displacement at the absorber over the gap
+PEAKS = (
+    0.7,
+    1.0,
+    1.4,
+    2.0,
+    2.8,
+    4.0,
+    5.6,
+)  # largest free displacement at the absorber over the gap
 SHOCK_PERIODS = 100.0
 TENTH = 10  # impacts after which energies are read
 SERIES = Record(level=False, series=True, samples_per_period=SAMPLES)
@@ -61,7 +76,9 @@ class Case:
     @cached_property
     def forces(self) -> tuple[float, float]:
         """Forces in N near the first and the second resonance."""
-        return design_force(self.model, self.mass, GAP, 1), design_force(self.model, self.mass, GAP, 2)
+        return design_force(self.model, self.mass, GAP, 1), design_force(
+            self.model, self.mass, GAP, 2
+        )
 
     @cached_property
     def node(self) -> float:
@@ -71,11 +88,16 @@ class Case:
     def at(self, *positions: float) -> ModalModel:
         """Return the model with absorbers elsewhere, the response read at the same place."""
         beam = replace(self.beam, response_position=self.beam.absorber_position)
-        return modal_model(replace(beam, absorber_position=positions[0]), positions if len(positions) > 1 else None)
+        return modal_model(
+            replace(beam, absorber_position=positions[0]), positions if len(positions) > 1 else None
+        )
 
 
 SUPPORTED = Beam(modes=MODES, ends="pinned-pinned", absorber_position=0.35, force_position=0.2)
-CASES = {case.name: case for case in (Case("cantilever", Beam(modes=MODES)), Case("supported beam", SUPPORTED))}
+CASES = {
+    case.name: case
+    for case in (Case("cantilever", Beam(modes=MODES)), Case("supported beam", SUPPORTED))
+}
 
 
 def band_text(values: Sequence[float] | None) -> str:
@@ -99,8 +121,18 @@ class Variant(NamedTuple):
     def name(self) -> str:
         """What a table calls it."""
         usual = Variant()._asdict()
-        words = {"spectrum": "{}", "damping": "D = {:g}", "mass_ratio": "mass {:g}", "restitution": "e = {:g}", "friction": "friction {:g}"}
-        own = [words[name].format(value) for name, value in self._asdict().items() if value != usual[name]]
+        words = {
+            "spectrum": "{}",
+            "damping": "D = {:g}",
+            "mass_ratio": "mass {:g}",
+            "restitution": "e = {:g}",
+            "friction": "friction {:g}",
+        }
+        own = [
+            words[name].format(value)
+            for name, value in self._asdict().items()
+            if value != usual[name]
+        ]
         return ", ".join(own) or "as it is"
 
 
@@ -130,21 +162,34 @@ def random_rows(case: Case, number: int, settings: SpectrumSettings) -> list[Jso
     """Return the relative measure under a random load over the gap, for one variant; for the first also on structures with shifted frequencies."""
     variant = VARIANTS[number]
     damped = replace(case.model, damping_ratio=np.full(case.model.modes, variant.damping))
-    mass, loads = variant.mass_ratio * damped.beam_mass, _random(damped, variant.spectrum)
+    mass = variant.mass_ratio * damped.beam_mass
+    loads = _random(damped, variant.spectrum)
     (spectrum,) = loads.parts
     assert isinstance(spectrum, Random)
-    size, tuned = expected_rms(damped, None, spectrum), tuned_for(damped, variant.mass_ratio, [loads])
-    drives = [drive for drive in drives_of(draw_members(settings.members, 0), loads) if isinstance(drive, Loads)]
+    size = expected_rms(damped, None, spectrum)
+    tuned = tuned_for(damped, variant.mass_ratio, [loads])
+    drives = [
+        drive
+        for drive in drives_of(draw_members(settings.members, 0), loads)
+        if isinstance(drive, Loads)
+    ]
 
     def impact(gap: float) -> Absorber:
-        return impact_absorber(gap, variant.restitution, variant.friction * scaled_friction(damped, mass, gap), variant.mass_ratio)
+        return impact_absorber(
+            gap,
+            variant.restitution,
+            variant.friction * scaled_friction(damped, mass, gap),
+            variant.mass_ratio,
+        )
 
     gaps = GAPS[:: 4 if settings.quick else 1]
     found = _ratios(damped, [*(impact(float(gap * size)) for gap in gaps), tuned], drives)
     best = int(np.argmin(np.median(found[:-1], axis=1)))
     shifted = {}
     for shift in SHIFTS if number == 0 else ():
-        impacts, tunings = _ratios(damped.detuned(shift), [impact(float(gaps[best] * size)), tuned], drives)
+        impacts, tunings = _ratios(
+            damped.detuned(shift), [impact(float(gaps[best] * size)), tuned], drives
+        )
         shifted[f"{shift:g}"] = {"impact": impacts.tolist(), "tuned": tunings.tolist()}
     left = float(np.median(found[best]))
     return [
@@ -158,7 +203,9 @@ def random_rows(case: Case, number: int, settings: SpectrumSettings) -> list[Jso
 
 def _shock(model: ModalModel, width: float) -> Loads:
     period = model.pseudo_period(1)
-    return Loads((Shock("half-sine", 1.0, width * period, SHOCK_PERIODS * period),), float(model.omega[0]))
+    return Loads(
+        (Shock("half-sine", 1.0, width * period, SHOCK_PERIODS * period),), float(model.omega[0])
+    )
 
 
 def _high_share(lane: Lane) -> float:
@@ -167,13 +214,16 @@ def _high_share(lane: Lane) -> float:
     history = there(simulate(lane.scene, lane.drive, record=SERIES).history)
     if len(impacts.time) < TENTH:
         return float("nan")
-    modal = mechanical_energy(lane.scene, history).modal[np.searchsorted(history.time, impacts.time[TENTH - 1])]
+    modal = mechanical_energy(lane.scene, history).modal[
+        np.searchsorted(history.time, impacts.time[TENTH - 1])
+    ]
     return float(1 - modal[0] / np.sum(modal))
 
 
 def shock_rows(case: Case, width: float, settings: SpectrumSettings) -> list[Json]:
     """Return decay times over that without absorber, and the share of the higher modes, over the peak; members begin elsewhere in the cavity."""
-    model, unit = case.model, _shock(case.model, width)
+    model = case.model
+    unit = _shock(case.model, width)
     history = there(simulate(Scene(model), unit, record=SERIES).history)
     per_newton = float(np.max(np.abs(history.tip_displacement)))
     tuned = tuned_for(model, MASS_RATIO, [unit])
@@ -183,7 +233,14 @@ def shock_rows(case: Case, width: float, settings: SpectrumSettings) -> list[Jso
         (pulse,) = unit.parts
         assert isinstance(pulse, Shock)
         force = peak * GAP / per_newton
-        loads = [Loads((replace(pulse, peak=force),), unit.reference, InitialState(absorber_displacement=float(place))) for place in places]
+        loads = [
+            Loads(
+                (replace(pulse, peak=force),),
+                unit.reference,
+                InitialState(absorber_displacement=float(place)),
+            )
+            for place in places
+        ]
         absorber = impact_absorber(GAP, RESTITUTION, None, MASS_RATIO)
         decay = _ratios(model, [absorber], loads)[0]
         shares = [_high_share(Lane(Scene(model, absorber), load)) for load in loads]
@@ -202,17 +259,41 @@ def random_text(rows: Sequence[Json]) -> str:
     lines = []
     for row in rows:
         best = row["best"]
-        gap, left = row["gaps_over_rms"][best], row["impact"][best]
+        gap = row["gaps_over_rms"][best]
+        left = row["impact"][best]
         ends = best in (0, len(row["impact"]) - 1)
         edge = f"{gap:.2f}{' (edge)' if ends else ''}"
         added = f"{row['added_damping_over_mass']:.2f}" if row["spectrum"] != "two modes" else ""
-        lines.append((row["structure"], row["variant"], edge, f"{gap / np.median(left):.2f}", band_text(left), added, band_text(row["tuned"])))
-    head = ("structure", "variant", "best gap / free RMS", "gap / RMS left", "impact absorber", "added damping / (m_a phi^2)", "tuned for it")
+        lines.append(
+            (
+                row["structure"],
+                row["variant"],
+                edge,
+                f"{gap / np.median(left):.2f}",
+                band_text(left),
+                added,
+                band_text(row["tuned"]),
+            )
+        )
+    head = (
+        "structure",
+        "variant",
+        "best gap / free RMS",
+        "gap / RMS left",
+        "impact absorber",
+        "added damping / (m_a phi^2)",
+        "tuned for it",
+    )
     first = [row for row in rows if row["shifted"]]
     shifts = list(first[0]["shifted"])
     moved = []
     for row, name in itertools.product(first, ("impact", "tuned")):
-        moved.append((f"{row['structure']}, {name}", *(f"{np.median(row['shifted'][shift][name]):.2f}" for shift in shifts)))
+        moved.append(
+            (
+                f"{row['structure']}, {name}",
+                *(f"{np.median(row['shifted'][shift][name]):.2f}" for shift in shifts),
+            )
+        )
     return markdown(head, lines) + "\n\n" + markdown(("all frequencies shifted by", *shifts), moved)
 
 
@@ -224,5 +305,11 @@ def shock_text(rows: Sequence[Json]) -> str:
         share = band_text(shares) if 2 * len(shares) > len(row["high_share"]) else "fewer impacts"
         at = f"{row['structure']}, {row['width']:g} periods", f"{row['peak_over_gap']:g}"
         lines.append((*at, band_text(row["decay"]), f"{row['tuned']:.2f}", share))
-    head = ("structure, pulse", "free peak / gap", "impact absorber", "tuned", f"share of higher modes after {TENTH} impacts")
+    head = (
+        "structure, pulse",
+        "free peak / gap",
+        "impact absorber",
+        "tuned",
+        f"share of higher modes after {TENTH} impacts",
+    )
     return markdown(head, lines)

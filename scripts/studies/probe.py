@@ -24,7 +24,13 @@ def _lane() -> Any:
     from impact_env.kernels.exact import rigid as exact
     from impact_env.kernels.stepping import moreau, runge_kutta
 
-    lanes: tuple[Any, ...] = (linear.linear_lane, exact.exact_lane, compliant.compliant_lane, moreau.moreau_lane, runge_kutta.runge_kutta_lane)
+    lanes: tuple[Any, ...] = (
+        linear.linear_lane,
+        exact.exact_lane,
+        compliant.compliant_lane,
+        moreau.moreau_lane,
+        runge_kutta.runge_kutta_lane,
+    )
     (used,) = (lane for lane in lanes if lane.signatures)
     return used
 
@@ -53,11 +59,18 @@ def functions(lane: Any) -> list[dict[str, Any]]:
                 value = statement.value if isinstance(statement, ir.Assign) else None
                 if not isinstance(value, ir.Expr):
                     continue
-                entry["arithmetic"] += value.op in ("binop", "inplace_binop", "unary") and value.fn not in (operator.is_, operator.is_not)
+                entry["arithmetic"] += value.op in (
+                    "binop",
+                    "inplace_binop",
+                    "unary",
+                ) and value.fn not in (operator.is_, operator.is_not)
                 if value.op == "call":
                     called = notes.typemap[value.func.name]
                     if isinstance(called, types.Dispatcher):
-                        walk(_part(called.dispatcher, notes.calltypes[value].args), notes.calltypes[value].args)
+                        walk(
+                            _part(called.dispatcher, notes.calltypes[value].args),
+                            notes.calltypes[value].args,
+                        )
 
     walk(lane, lane.signatures[0])
     return list(seen.values())
@@ -66,12 +79,16 @@ def functions(lane: Any) -> list[dict[str, Any]]:
 def instructions(lane: Any) -> int:
     """Return the number of machine instructions of a compiled kernel with all that it calls."""
     text = lane.overloads[lane.signatures[0]].library.get_asm_str()
-    return sum(line.startswith("\t") and not line.lstrip().startswith((".", "#")) for line in text.splitlines())
+    return sum(
+        line.startswith("\t") and not line.lstrip().startswith((".", "#"))
+        for line in text.splitlines()
+    )
 
 
 def _peak_kb(variant: Variant, periods: float) -> float:
     """Return the largest memory in kB that Python and NumPy hold at once during a run."""
-    scene, drive = variant.scene(), variant.drive(periods)
+    scene = variant.scene()
+    drive = variant.drive(periods)
     tracemalloc.start()
     simulate(scene, drive, METHODS[variant.method], record=RECORDS[variant.record])
     _, peak = tracemalloc.get_traced_memory()
@@ -79,18 +96,25 @@ def _peak_kb(variant: Variant, periods: float) -> float:
     return peak / 1e3
 
 
-def main(absorber: str, method: str, record: str, what: str, periods: float, repeats: int) -> dict[str, Any]:
+def main(
+    absorber: str, method: str, record: str, what: str, periods: float, repeats: int
+) -> dict[str, Any]:
     """Return the measurements of a variant: its first run, and its compiled code or the times of its runs."""
     variant = Variant(absorber, method, record)
-    scene, drive = variant.scene(), variant.drive(1.0)
+    scene = variant.scene()
+    drive = variant.drive(1.0)
     began = time.perf_counter()
     simulate(scene, drive, METHODS[method], record=RECORDS[record])
     values: dict[str, Any] = {"first_s": time.perf_counter() - began}
     if what == "inspect":
         return values | {"functions": functions(_lane()), "instructions": instructions(_lane())}
     drive = variant.drive(periods)
-    responses = [simulate(scene, drive, METHODS[method], record=RECORDS[record]) for _ in range(repeats)]
-    values["ns_per_period"] = 1e9 * statistics.median(response.wall_time for response in responses) / periods
+    responses = [
+        simulate(scene, drive, METHODS[method], record=RECORDS[record]) for _ in range(repeats)
+    ]
+    values["ns_per_period"] = (
+        1e9 * statistics.median(response.wall_time for response in responses) / periods
+    )
     values["impacts_per_period"] = responses[0].impact_count / periods
     values["memory_mb"] = 1e-6 * peak_memory()
     values["peak_kb"] = [_peak_kb(variant, length) for length in (periods, LONGER * periods)]
@@ -99,4 +123,8 @@ def main(absorber: str, method: str, record: str, what: str, periods: float, rep
 
 if __name__ == "__main__":
     names = sys.argv[1:5]
-    print(json.dumps(main(names[0], names[1], names[2], names[3], float(sys.argv[5]), int(sys.argv[6]))))
+    print(
+        json.dumps(
+            main(names[0], names[1], names[2], names[3], float(sys.argv[5]), int(sys.argv[6]))
+        )
+    )

@@ -17,7 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env import IntegrationError, ParameterError
-from optimisation.cli.common import Command, check_target, end_early, json_option, name_files, page_option, plain_errors
+from optimisation.cli.common import (
+    Command,
+    check_target,
+    end_early,
+    json_option,
+    name_files,
+    page_option,
+    plain_errors,
+)
 from optimisation.files import read_json, replacing, require_writable, write_csv, write_json
 from optimisation.machine import PACKAGES, conditions, machine, sources
 from optimisation.page import DOCS, fill, has_markers, markdown, require_markers
@@ -88,7 +96,9 @@ def pack(_name: str, measured: Measured) -> Json:
 
 def unpack(_name: str, content: Json) -> Measured:
     """Return the inverse of `pack`; raises KeyError if it was another."""
-    values = {name: value for name, value in content.items() if name not in ("conditions", "complete")}
+    values = {
+        name: value for name, value in content.items() if name not in ("conditions", "complete")
+    }
     return Measured(values, dict(content["conditions"]), bool(content["complete"]))
 
 
@@ -153,7 +163,15 @@ def beside(out: Path, name: str, data: Path | None = None) -> Place:
 KEEP_S = 30.0  # what is measured is written this often at least, where a step does not take longer
 
 
-def run(study: Study[S], settings: S, place: Place, *, only: Sequence[str] = (), redraw: bool = False, resume: bool = False) -> None:
+def run(
+    study: Study[S],
+    settings: S,
+    place: Place,
+    *,
+    only: Sequence[str] = (),
+    redraw: bool = False,
+    resume: bool = False,
+) -> None:
     """Measure the parts (all, if ``only`` names none), or with ``redraw`` read them from their files, and write, draw and print the results.
 
     ``resume``: go on from files of runs that were stopped.
@@ -167,14 +185,29 @@ def run(study: Study[S], settings: S, place: Place, *, only: Sequence[str] = (),
         if redraw:
             parts = _there(parts, place, bool(only))
         if place.page is not None:
-            require_markers(place.page, place.template or place.page, [marker for part in parts for marker in part.markers])
+            require_markers(
+                place.page,
+                place.template or place.page,
+                [marker for part in parts for marker in part.markers],
+            )
         failures: list[str] = []
         for part in parts:
-            measured = load(study, part, place) if redraw else _measured_and_kept(study, part, settings, place, resume)
-            publish(part, measured, place, [] if redraw else [file for file in [place.numbers(part.name)] if file])
+            measured = (
+                load(study, part, place)
+                if redraw
+                else _measured_and_kept(study, part, settings, place, resume)
+            )
+            publish(
+                part,
+                measured,
+                place,
+                [] if redraw else [file for file in [place.numbers(part.name)] if file],
+            )
             failures += part.failures(measured)
             if not redraw and measured.conditions.get("failure"):
-                raise click.ClickException(f"{part.name} is not complete: {measured.conditions['failure']}")
+                raise click.ClickException(
+                    f"{part.name} is not complete: {measured.conditions['failure']}"
+                )
             if not redraw:
                 end_early(measured.complete, study.kept)
     if failures:
@@ -184,9 +217,15 @@ def run(study: Study[S], settings: S, place: Place, *, only: Sequence[str] = (),
 def _there(parts: list[Part[S]], place: Place, named: bool) -> list[Part[S]]:
     """Return the parts that there are files of; all of those that the caller has named."""
     files = {part.name: place.numbers(part.name) for part in parts}
-    there = [part for part in parts if named or ((file := files[part.name]) is not None and file.exists())]
+    there = [
+        part
+        for part in parts
+        if named or ((file := files[part.name]) is not None and file.exists())
+    ]
     if not there:
-        raise ParameterError(f"--out = {place.folder} is not allowed with --redraw: a folder with results of {', '.join(files)}")
+        raise ParameterError(
+            f"--out = {place.folder} is not allowed with --redraw: a folder with results of {', '.join(files)}"
+        )
     return there
 
 
@@ -197,25 +236,40 @@ def load(study: Study[S], part: Part[S], place: Place, option: str = "--redraw")
     try:
         return study.unpack(part.name, dict(read_json(path)))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ParameterError(f"{option}: {path} is not allowed: a file that an earlier run of this command wrote ({error})") from error
+        raise ParameterError(
+            f"{option}: {path} is not allowed: a file that an earlier run of this command wrote ({error})"
+        ) from error
 
 
-def _measured_and_kept(study: Study[S], part: Part[S], settings: S, place: Place, resume: bool) -> Measured:
+def _measured_and_kept(
+    study: Study[S], part: Part[S], settings: S, place: Place, resume: bool
+) -> Measured:
     """Measure a part and write its numbers; one that an earlier run has finished is left as it is with ``resume``."""
-    path, earlier, told = place.numbers(part.name), None, part.told(settings)
+    path = place.numbers(part.name)
+    earlier = None
+    told = part.told(settings)
     if (resume or told) and path is not None and path.exists():
         earlier = load(study, part, place, "--resume" if resume else "--out")
-        if study.key is not None and earlier.conditions.get("key") != study.key(part.name, settings):
+        if study.key is not None and earlier.conditions.get("key") != study.key(
+            part.name, settings
+        ):
             earlier = None
         elif told:
-            earlier = earlier if all(earlier.values.get(name) == value for name, value in told.items()) else None
+            earlier = (
+                earlier
+                if all(earlier.values.get(name) == value for name, value in told.items())
+                else None
+            )
         elif earlier.complete:
             return earlier
         else:
-            old, new = earlier.conditions, conditions(study.packages) | study.notes(settings)
+            old = earlier.conditions
+            new = conditions(study.packages) | study.notes(settings)
             for name in study.same:
                 if old.get(name) != new.get(name):
-                    raise ParameterError(f"--resume is not allowed: with the same {name} as the earlier run, {old.get(name)}, not {new.get(name)}")
+                    raise ParameterError(
+                        f"--resume is not allowed: with the same {name} as the earlier run, {old.get(name)}, not {new.get(name)}"
+                    )
 
     def write(measured: Measured) -> None:
         if path is not None:
@@ -225,25 +279,39 @@ def _measured_and_kept(study: Study[S], part: Part[S], settings: S, place: Place
 
 
 def measure(
-    study: Study[S], part: Part[S], settings: S, earlier: Measured | None = None, keep: Callable[[Measured], object] = lambda _: None
+    study: Study[S],
+    part: Part[S],
+    settings: S,
+    earlier: Measured | None = None,
+    keep: Callable[[Measured], object] = lambda _: None,
 ) -> Measured:
     """Measure a part, or what ``earlier`` lacks of it. Ctrl-C or a run that breaks down leaves what is known, and is raised if that is nothing.
 
     What is known is handed to ``keep`` every now and then, and at the end.
     """
-    made, values, began = conditions(study.packages), earlier.values if earlier else {}, time.perf_counter()
+    made = conditions(study.packages)
+    values = earlier.values if earlier else {}
+    began = time.perf_counter()
     if earlier is not None:
         began -= earlier.conditions["wall_s"]
 
     def known(ended: bool, failure: str = "") -> Measured:
-        taken: Json = {"wall_s": round(time.perf_counter() - began, 1)} | study.notes(settings) | ({"failure": failure} if failure else {})
+        taken: Json = (
+            {"wall_s": round(time.perf_counter() - began, 1)}
+            | study.notes(settings)
+            | ({"failure": failure} if failure else {})
+        )
         taken |= {} if study.key is None else {"key": study.key(part.name, settings)}
         found = Measured(values, made | taken, ended)
         keep(found)
         return found
 
-    total, kept = part.steps(settings, values) if part.steps else None, time.perf_counter()
-    with Bar(total=total, desc=part.name, bar_format=BAR, disable=total is None) as bar, closing(part.measure(settings, values)) as steps:
+    total = part.steps(settings, values) if part.steps else None
+    kept = time.perf_counter()
+    with (
+        Bar(total=total, desc=part.name, bar_format=BAR, disable=total is None) as bar,
+        closing(part.measure(settings, values)) as steps,
+    ):
         try:
             for values in steps:  # noqa: B007 - `known` reads it
                 bar.update()
@@ -253,7 +321,9 @@ def measure(
         except (KeyboardInterrupt, IntegrationError) as error:
             if not values:
                 raise
-            return known(ended=False, failure="" if isinstance(error, KeyboardInterrupt) else str(error))
+            return known(
+                ended=False, failure="" if isinstance(error, KeyboardInterrupt) else str(error)
+            )
     return known(ended=True)
 
 
@@ -272,7 +342,9 @@ def publish(part: Part[S], measured: Measured, place: Place, written: Sequence[P
     if place.page is not None:
         files.append(place.page)
         fill(place.page, place.template or place.page, sections)
-    click.echo(part.said(measured) if part.said else f"{part.title}\n\n" + "\n\n".join(sections.values()))
+    click.echo(
+        part.said(measured) if part.said else f"{part.title}\n\n" + "\n\n".join(sections.values())
+    )
     if files:
         name_files(files)
 
@@ -280,7 +352,9 @@ def publish(part: Part[S], measured: Measured, place: Place, written: Sequence[P
 # Parts of a usual kind.
 
 
-def rows_by_case(cases: Mapping[Any, Callable[[], list[Json]]], key: Callable[[Json], Any], known: Json) -> Steps:
+def rows_by_case(
+    cases: Mapping[Any, Callable[[], list[Json]]], key: Callable[[Json], Any], known: Json
+) -> Steps:
     """Yield {"rows": ...} after each case: a function that measures its rows, by what ``key`` returns of them. Cases that are known are left out.
 
     Rows stand in the order of the cases, whatever the order in which they were measured.
@@ -288,7 +362,9 @@ def rows_by_case(cases: Mapping[Any, Callable[[], list[Json]]], key: Callable[[J
     places = {name: place for place, name in enumerate(cases)}
     rows: list[Json] = list(known.get("rows", ()))
     for name in left(cases, key, known):
-        rows = sorted(rows + cases[name](), key=lambda row: places[key(row)])  # stable: a case's rows keep their order
+        rows = sorted(
+            rows + cases[name](), key=lambda row: places[key(row)]
+        )  # stable: a case's rows keep their order
         yield {"rows": rows}
 
 
@@ -322,7 +398,14 @@ def whole_part(
     def steps(settings: S, _known: Json) -> Steps:
         yield measure(settings)
 
-    return Part(name, title, measure=steps, markers=(marker,), sections=lambda measured: {marker: text(measured)}, **others)
+    return Part(
+        name,
+        title,
+        measure=steps,
+        markers=(marker,),
+        sections=lambda measured: {marker: text(measured)},
+        **others,
+    )
 
 
 def with_sources(said: Callable[[Measured], str]) -> Callable[[Measured], str]:
@@ -333,20 +416,29 @@ def with_sources(said: Callable[[Measured], str]) -> Callable[[Measured], str]:
 # Studies of one table: it is printed, its numbers go to a JSON file, and the table itself into a page, each on request.
 
 
-def table_study(name: str, title: str, measure: Callable[[S], Json], said: Callable[[Measured], str]) -> Study[S]:
+def table_study(
+    name: str, title: str, measure: Callable[[S], Json], said: Callable[[Measured], str]
+) -> Study[S]:
     """Return the study whose table ``said`` puts into words; what ``measure`` returns of the settings is whole, or there is nothing."""
     part = whole_part(name, title, measure, with_sources(said), name, said=said)
-    return Study((part,), pack=lambda _, found: {"machine": machine(found.conditions), **found.values}, kept="nothing is written.")
+    return Study(
+        (part,),
+        pack=lambda _, found: {"machine": machine(found.conditions), **found.values},
+        kept="nothing is written.",
+    )
 
 
 def lines(columns: Mapping[str, str], rows: Iterable[Mapping[str, Any]]) -> str:
     """Return a Markdown table with a line for each row; ``columns`` say by their headers how values of a row are written, as for `str.format`."""
-    return markdown(tuple(columns), [tuple(form.format(**row) for form in columns.values()) for row in rows])
+    return markdown(
+        tuple(columns), [tuple(form.format(**row) for form in columns.values()) for row in rows]
+    )
 
 
 def table_options(marker: str, page: str) -> Callable[[Command], Command]:
     """Add --json and --page to a command whose table stands between the markers of ``page``; it gets them as ``target`` and ``page``."""
-    json, table = json_option("Write the numbers, each repeat where there are any.", "target"), page_option(marker, page)
+    json = json_option("Write the numbers, each repeat where there are any.", "target")
+    table = page_option(marker, page)
     return lambda command: json(table(command))
 
 

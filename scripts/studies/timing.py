@@ -29,7 +29,9 @@ def seconds(work: Callable[[], object]) -> float:
     return time.perf_counter() - began
 
 
-def in_turn(runs: Mapping[K, Callable[[], float]], repeats: int, advance: Advance = lambda: None) -> dict[K, list[float]]:
+def in_turn(
+    runs: Mapping[K, Callable[[], float]], repeats: int, advance: Advance = lambda: None
+) -> dict[K, list[float]]:
     """Return the times in s of each repeat, by name; in each repeat the runs go one after the other."""
     found: dict[K, list[float]] = {name: [] for name in runs}
     for _ in range(repeats):
@@ -42,7 +44,9 @@ def in_turn(runs: Mapping[K, Callable[[], float]], repeats: int, advance: Advanc
 def each_and_median(found: Mapping[str, Sequence[float]]) -> Json:
     """Return the values of a benchmark's file, of times in s: by name all of them in us, and their median."""
     each = {name: [1e6 * x for x in times] for name, times in found.items()}
-    return {f"{name}_us_each": times for name, times in each.items()} | {f"{name}_us": statistics.median(times) for name, times in each.items()}
+    return {f"{name}_us_each": times for name, times in each.items()} | {
+        f"{name}_us": statistics.median(times) for name, times in each.items()
+    }
 
 
 def median_time(run: Callable[[], float], repeats: int, patience: float = float("inf")) -> float:
@@ -56,10 +60,18 @@ def median_time(run: Callable[[], float], repeats: int, patience: float = float(
 
 def sweep_up(scene: Scene, force: float, start: float, periods: float) -> Drive:
     """Return the paper's sweep up from a frequency over the first resonance's, over so many pseudo periods."""
-    return Drive(force, linear_sweep(scene.model.resonance_omega(1), start, start + periods * PAPER_RATE / 1e4))
+    return Drive(
+        force,
+        linear_sweep(scene.model.resonance_omega(1), start, start + periods * PAPER_RATE / 1e4),
+    )
 
 
-def all_cases(cases: Sequence[T], given: TimingSettings, measure: Callable[[T, TimingSettings, Advance], Json]) -> Json:
+def all_cases(
+    cases: Sequence[T], given: TimingSettings, measure: Callable[[T, TimingSettings, Advance], Json]
+) -> Json:
     """Measure all cases, with a bar."""
     with Bar(total=given.repeats * len(cases), desc="timing", unit="repeat", leave=False) as bar:
-        return {"repeats": given.repeats, "cases": [measure(case, given, bar.update) for case in cases]}
+        return {
+            "repeats": given.repeats,
+            "cases": [measure(case, given, bar.update) for case in cases],
+        }

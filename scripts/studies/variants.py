@@ -19,7 +19,9 @@ from impact_env.parameters import (
     impact_absorber,
 )
 
-MODES, FORCE, RATIO = 10, 3.5, 0.98
+MODES = 10
+FORCE = 3.5
+RATIO = 0.98
 OUT_OF_REACH = 1e6  # m: walls that are never met
 NO_FRICTION = 1e-200  # N: friction without any effect, and no subnormal numbers, which some processors are slow with; a limit of 0 is not a friction
 SPRING = 100 * Beam().static_tip_stiffness
@@ -32,13 +34,21 @@ ABSORBERS: dict[str, Callable[[], Absorber | None]] = {
     "impact": lambda: impact_absorber(restitution=0.7),
     "impact and friction": lambda: impact_absorber(restitution=0.7, friction_limit=0.1),
     "compliant": lambda: SlidingAbsorber(walls=CompliantWalls(SPRING)),
-    "compliant and elastic friction": lambda: SlidingAbsorber(walls=CompliantWalls(SPRING), friction=ElasticCoulombFriction(0.1, SPRING)),
+    "compliant and elastic friction": lambda: SlidingAbsorber(
+        walls=CompliantWalls(SPRING), friction=ElasticCoulombFriction(0.1, SPRING)
+    ),
     "two impact absorbers": lambda: impact_absorbers((1e-3, 1e-3), (0.8, 1.0), 0.7, 0.05),
     # the general scenes with a part that does nothing
     "impact out of reach": lambda: impact_absorber(OUT_OF_REACH, 0.7),
-    "impact out of reach, and friction": lambda: SlidingAbsorber(walls=RigidWalls(OUT_OF_REACH, 0.7), friction=CoulombFriction(0.1)),
-    "impact, and friction without effect": lambda: impact_absorber(restitution=0.7, friction_limit=NO_FRICTION),
-    "nothing in reach, friction without effect": lambda: impact_absorber(OUT_OF_REACH, 0.7, NO_FRICTION),
+    "impact out of reach, and friction": lambda: SlidingAbsorber(
+        walls=RigidWalls(OUT_OF_REACH, 0.7), friction=CoulombFriction(0.1)
+    ),
+    "impact, and friction without effect": lambda: impact_absorber(
+        restitution=0.7, friction_limit=NO_FRICTION
+    ),
+    "nothing in reach, friction without effect": lambda: impact_absorber(
+        OUT_OF_REACH, 0.7, NO_FRICTION
+    ),
     "compliant out of reach": lambda: SlidingAbsorber(walls=CompliantWalls(SPRING, OUT_OF_REACH)),
     "compliant, and friction without effect": lambda: SlidingAbsorber(
         walls=CompliantWalls(SPRING), friction=ElasticCoulombFriction(NO_FRICTION, SPRING)
@@ -66,13 +76,19 @@ class Variant:
     @property
     def name(self) -> str:
         """Absorber, method, and what is recorded beside the level."""
-        return f"{self.absorber}, {self.method}" + ("" if self.record == "level" else f", {self.record} recorded")
+        return f"{self.absorber}, {self.method}" + (
+            "" if self.record == "level" else f", {self.record} recorded"
+        )
 
     @property
     def kind(self) -> str:
         """The compiled code that it uses: the types of its parts."""
         absorber = self.scene().absorber
-        parts = (absorber.walls, absorber.friction) if isinstance(absorber, SlidingAbsorber) else (absorber,)
+        parts = (
+            (absorber.walls, absorber.friction)
+            if isinstance(absorber, SlidingAbsorber)
+            else (absorber,)
+        )
         return f"{self.method}, {' '.join(type(part).__name__ for part in parts)}, {self.record}"
 
     def scene(self) -> Scene:
@@ -81,7 +97,9 @@ class Variant:
 
     def drive(self, periods: float) -> Drive:
         """Return a constant drive of so many pseudo periods near the first resonance."""
-        return Drive(FORCE, constant_frequency(self.scene().model.resonance_omega(1), RATIO, periods))
+        return Drive(
+            FORCE, constant_frequency(self.scene().model.resonance_omega(1), RATIO, periods)
+        )
 
 
 OWN = (
@@ -90,7 +108,11 @@ OWN = (
     *(Variant(name, "runge-kutta") for name in ("no absorber", "compliant")),
     *(Variant("impact", record=record) for record in RECORDS if record != "level"),
 )
-QUICK_OWN = tuple(variant for variant in OWN if variant in (Variant("no absorber"), Variant("impact"), Variant("impact and friction")))
+QUICK_OWN = tuple(
+    variant
+    for variant in OWN
+    if variant in (Variant("no absorber"), Variant("impact"), Variant("impact and friction"))
+)
 
 
 @dataclass(frozen=True)
@@ -104,15 +126,45 @@ class Pair:
 
 PAIRS = (
     Pair("walls (exact, no friction)", Variant("no absorber"), Variant("impact out of reach")),
-    Pair("walls and friction (exact)", Variant("no absorber"), Variant("nothing in reach, friction without effect")),
-    Pair("walls (exact, with friction)", Variant("friction damper"), Variant("impact out of reach, and friction")),
+    Pair(
+        "walls and friction (exact)",
+        Variant("no absorber"),
+        Variant("nothing in reach, friction without effect"),
+    ),
+    Pair(
+        "walls (exact, with friction)",
+        Variant("friction damper"),
+        Variant("impact out of reach, and friction"),
+    ),
     Pair("friction (exact)", Variant("impact"), Variant("impact, and friction without effect")),
     Pair("compliant walls (exact)", Variant("no absorber"), Variant("compliant out of reach")),
-    Pair("elastic friction (exact)", Variant("compliant"), Variant("compliant, and friction without effect")),
-    Pair("walls (Moreau)", Variant("no absorber", "moreau"), Variant("impact out of reach", "moreau")),
-    Pair("friction (Moreau)", Variant("impact", "moreau"), Variant("impact, and friction without effect", "moreau")),
-    Pair("walls (Runge-Kutta)", Variant("no absorber", "runge-kutta"), Variant("compliant out of reach", "runge-kutta")),
-    *(Pair(f"{record} recorded", Variant("impact", record="nothing"), Variant("impact", record=record)) for record in RECORDS if record != "nothing"),
+    Pair(
+        "elastic friction (exact)",
+        Variant("compliant"),
+        Variant("compliant, and friction without effect"),
+    ),
+    Pair(
+        "walls (Moreau)", Variant("no absorber", "moreau"), Variant("impact out of reach", "moreau")
+    ),
+    Pair(
+        "friction (Moreau)",
+        Variant("impact", "moreau"),
+        Variant("impact, and friction without effect", "moreau"),
+    ),
+    Pair(
+        "walls (Runge-Kutta)",
+        Variant("no absorber", "runge-kutta"),
+        Variant("compliant out of reach", "runge-kutta"),
+    ),
+    *(
+        Pair(
+            f"{record} recorded",
+            Variant("impact", record="nothing"),
+            Variant("impact", record=record),
+        )
+        for record in RECORDS
+        if record != "nothing"
+    ),
 )
 
 

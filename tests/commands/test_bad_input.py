@@ -25,7 +25,10 @@ GIVEN = {  # files that lie in the folder of the call
     "other/jumps.json.gz": '{"part": "cost", "rows": []}',
     "paper/paper/jump.json.gz": '{"rows": []}',
 }
-GIVEN_BYTES = {name: gzip.compress(text.encode(), mtime=0) if name.endswith(".gz") else text.encode() for name, text in GIVEN.items()}
+GIVEN_BYTES = {
+    name: gzip.compress(text.encode(), mtime=0) if name.endswith(".gz") else text.encode()
+    for name, text in GIVEN.items()
+}
 # for each command that has all options of the line and no other words for it, behind what its last lines begin with
 COMMON = """
     --json nowhere/a.json -> --json = nowhere/a.json is not allowed: a file in a folder that exists
@@ -211,7 +214,10 @@ specialisation
 stability
     --redraw --out . -> --redraw
 """
-BLOCKS = [(head, re.findall(r"^ +(.*?) ?-> (.+)", lines, re.M)) for head, lines in re.findall(r"^(\w.*)\n((?: .*\n)*)", REFUSED, re.M)]
+BLOCKS = [
+    (head, re.findall(r"^ +(.*?) ?-> (.+)", lines, re.M))
+    for head, lines in re.findall(r"^(\w.*)\n((?: .*\n)*)", REFUSED, re.M)
+]
 LAST = {head.split()[0]: head for head, _ in BLOCKS}
 OPTION = re.compile(r"(?<!\S)--[a-z-]+")
 
@@ -230,9 +236,21 @@ def wrong(command: object, line: str, words: str) -> str:
         Path(own).write_bytes(content)
     result = call(command, *shlex.split(line.format(**PLACES)))
     told = " ".join(result.stderr.split())
-    refused = result.exit_code == 2 and result.stdout == "" and told.count("Error: ") == 1 and "Traceback" not in told and words in told
-    left = {str(path): path.read_bytes() for path in Path().rglob("*") if path.is_file()} == GIVEN_BYTES
-    return "" if refused and left else f"{line}: {result.exit_code}, {result.output} {result.exception!r}, {'' if left else 'files'}"
+    refused = (
+        result.exit_code == 2
+        and result.stdout == ""
+        and told.count("Error: ") == 1
+        and "Traceback" not in told
+        and words in told
+    )
+    left = {
+        str(path): path.read_bytes() for path in Path().rglob("*") if path.is_file()
+    } == GIVEN_BYTES
+    return (
+        ""
+        if refused and left
+        else f"{line}: {result.exit_code}, {result.output} {result.exception!r}, {'' if left else 'files'}"
+    )
 
 
 def test_each_command_is_in_the_table() -> None:
@@ -240,27 +258,55 @@ def test_each_command_is_in_the_table() -> None:
 
 
 @pytest.mark.parametrize(("head", "lines"), BLOCKS, ids=[head for head, _ in BLOCKS])
-def test_what_cannot_be_done_is_one_message(head: str, lines: list[tuple[str, str]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_what_cannot_be_done_is_one_message(
+    head: str, lines: list[tuple[str, str]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     name, _, start = head.partition(" ")
     if missing_extras(file_of(name)):
         pytest.skip("a package that it needs is not installed")
     command = imported(name)  # before anything is in the place of what its modules import
     known = {option for parameter in command.main.params for option in parameter.opts}
-    common = {line: words for line, words in re.findall(r"^ +(.*?) -> (.+)", COMMON, re.M) if set(OPTION.findall(line)) <= known}
+    common = {
+        line: words
+        for line, words in re.findall(r"^ +(.*?) -> (.+)", COMMON, re.M)
+        if set(OPTION.findall(line)) <= known
+    }
     told = (common if head == LAST[name] else {}) | dict(lines)
     if find_spec("distributed"):
         monkeypatch.setattr("optimisation.search.cluster.Workers.__init__.__defaults__", (1.0,))
     monkeypatch.chdir(tmp_path)
     for computing in ("impact_env.ensemble.Threads.each", "impact_env.ensemble.each_lane"):
         monkeypatch.setattr(computing, lambda *_, **__: pytest.fail("computed"))
-    found = (wrong(command, together(start, line), words) for line, words in told.items() if find_spec("distributed") or "--cluster" not in line)
+    found = (
+        wrong(command, together(start, line), words)
+        for line, words in told.items()
+        if find_spec("distributed") or "--cluster" not in line
+    )
     assert not list(filter(None, found))
 
 
 @pytest.mark.slow
 def test_a_process_ends_with_code_2(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "optimisation.cli.group", "sweep", "--gap", "-1", "--json", str(tmp_path / "sweep.json")]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    command = [
+        sys.executable,
+        "-m",
+        "optimisation.cli.group",
+        "sweep",
+        "--gap",
+        "-1",
+        "--json",
+        str(tmp_path / "sweep.json"),
+    ]
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "Error: gap = -1.0 is not allowed: a number in m, 0 or above (infinity: no wall)\n"
+    assert (
+        done.stderr
+        == "Error: gap = -1.0 is not allowed: a number in m, 0 or above (infinity: no wall)\n"
+    )
     assert list(tmp_path.iterdir()) == []

@@ -8,7 +8,13 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterable
-from importlib.metadata import Distribution, PackageNotFoundError, distribution, distributions, packages_distributions
+from importlib.metadata import (
+    Distribution,
+    PackageNotFoundError,
+    distribution,
+    distributions,
+    packages_distributions,
+)
 from pathlib import Path
 
 import pytest
@@ -39,12 +45,17 @@ sys.meta_path[sys.meta_path.index(PathFinder)] = Declared
 def needed(of: Distribution, extras: Iterable[str]) -> list[Requirement]:
     """Return the requirements of a distribution on this system, with these of its extras."""
     every = [Requirement(line) for line in of.requires or []]
-    return [r for r in every if r.marker is None or any(r.marker.evaluate({"extra": extra}) for extra in ("", *extras))]
+    return [
+        r
+        for r in every
+        if r.marker is None or any(r.marker.evaluate({"extra": extra}) for extra in ("", *extras))
+    ]
 
 
 def closure(project: Distribution, extras: Iterable[str]) -> set[str]:
     """Return the names of all distributions that come with a project and some of its extras; raises PackageNotFoundError if an extra's is absent."""
-    todo, done = [(project, frozenset(extras))], set()
+    todo = [(project, frozenset(extras))]
+    done = set()
     while todo:
         of, wanted = todo.pop()
         for requirement in needed(of, wanted):
@@ -63,16 +74,29 @@ def closure(project: Distribution, extras: Iterable[str]) -> set[str]:
 @functools.cache
 def refused(installed: Path, extras: tuple[str, ...]) -> str:
     """Return the modules, with blanks between, of what is installed here but does not come with the project in a folder and these extras."""
-    (project,) = (found for found in distributions(path=[str(installed)]) if canonicalize_name(found.name) == NAME)
+    (project,) = (
+        found
+        for found in distributions(path=[str(installed)])
+        if canonicalize_name(found.name) == NAME
+    )
     allowed = closure(project, extras) | {NAME}
-    return " ".join(m for m, names in packages_distributions().items() if not allowed & {canonicalize_name(name) for name in names})
+    return " ".join(
+        m
+        for m, names in packages_distributions().items()
+        if not allowed & {canonicalize_name(name) for name in names}
+    )
 
 
 def environment(installed: Path, extras: tuple[str, ...], hook: Path) -> dict[str, str]:
     """Return the variables of a process that imports from a folder and from what is declared, as all that it starts; ``hook``: a folder for it."""
     (hook / "sitecustomize.py").write_text(FINDER)
     paths = os.pathsep.join([str(hook), str(installed)])
-    return os.environ | {"PYTHONPATH": paths, "PYTHONSAFEPATH": "1", "COLUMNS": "160", "REFUSED": refused(installed, extras)}
+    return os.environ | {
+        "PYTHONPATH": paths,
+        "PYTHONSAFEPATH": "1",
+        "COLUMNS": "160",
+        "REFUSED": refused(installed, extras),
+    }
 
 
 BALANCE = "--modes 2 --method balance --harmonics 3 --no-sweeps"
@@ -107,29 +131,58 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("hatchling")
     pytest.importorskip("pip")
     folder = tmp_path_factory.mktemp("installed")
-    subprocess.run([sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)], cwd=ROOT, check=True, capture_output=True)
+    subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+    )
     (wheel,) = folder.glob("*.whl")
-    install = ["install", "-q", "--no-deps", "--no-compile", "--disable-pip-version-check", "--target", str(folder / "site"), str(wheel)]
+    install = [
+        "install",
+        "-q",
+        "--no-deps",
+        "--no-compile",
+        "--disable-pip-version-check",
+        "--target",
+        str(folder / "site"),
+        str(wheel),
+    ]
     subprocess.run([sys.executable, "-m", "pip", *install], check=True, capture_output=True)
     return folder / "site"
 
 
-def run(installed: Path, folder: Path, *arguments: str, extras: tuple[str, ...] = (), **variables: str) -> subprocess.CompletedProcess[str]:
+def run(
+    installed: Path, folder: Path, *arguments: str, extras: tuple[str, ...] = (), **variables: str
+) -> subprocess.CompletedProcess[str]:
     """Call the installed command from a folder that is no checkout, with no more packages than these extras bring."""
     (folder / "hook").mkdir(exist_ok=True)
     variables = environment(installed, extras, folder / "hook") | variables
     program = next((installed / "bin").glob("impact-absorber*"))
-    return subprocess.run([program, *arguments], cwd=folder, env=variables, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    return subprocess.run(
+        [program, *arguments],
+        cwd=folder,
+        env=variables,
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+    )
 
 
 def declared(script: Path) -> tuple[str, ...]:
     """Return the extras that a script declares."""
-    return tuple(re.sub(",", " ", " ".join(re.findall(r"^# needs:(.*)$", script.read_text(), re.MULTILINE))).split())
+    return tuple(
+        re.sub(
+            ",", " ", " ".join(re.findall(r"^# needs:(.*)$", script.read_text(), re.MULTILINE))
+        ).split()
+    )
 
 
 def shipped() -> dict[str, Path]:
     """Return the modules of the commands that a wheel has."""
-    return {name: command.HERE / f"{name}.py" for names in command.HEADINGS.values() for name in names}
+    return {
+        name: command.HERE / f"{name}.py" for names in command.HEADINGS.values() for name in names
+    }
 
 
 def test_a_wheel_lists_its_commands_under_headings(installed: Path, tmp_path: Path) -> None:
@@ -138,11 +191,22 @@ def test_a_wheel_lists_its_commands_under_headings(installed: Path, tmp_path: Pa
     assert set(QUICK) == set(shipped())
     headings = "".join(f"{heading}:(?:\\n  .*)*\\n+" for heading in command.HEADINGS)
     (listed,) = re.findall(headings, result.stdout)
-    assert {line.split()[0] for line in listed.splitlines() if line[2:3].strip() and line.startswith("  ")} == set(shipped())
+    assert {
+        line.split()[0]
+        for line in listed.splitlines()
+        if line[2:3].strip() and line.startswith("  ")
+    } == set(shipped())
     assert "Choose the gap of an impact absorber" in result.stdout
     assert "scripts" not in result.stdout
-    assert {file.name for file in installed.iterdir() if file.suffix != ".dist-info"} - {"bin"} == {"impact_env", "optimisation"}
-    for file in ("impact_env/py.typed", "optimisation/py.typed", "optimisation/rl/hyperparameters.yaml"):
+    assert {file.name for file in installed.iterdir() if file.suffix != ".dist-info"} - {"bin"} == {
+        "impact_env",
+        "optimisation",
+    }
+    for file in (
+        "impact_env/py.typed",
+        "optimisation/py.typed",
+        "optimisation/rl/hyperparameters.yaml",
+    ):
         assert (installed / file).is_file()
 
 
@@ -159,7 +223,14 @@ def test_each_script_tells_its_options_without_any_extra(installed: Path, tmp_pa
     code += "heavy = {'torch', 'cvxpy', 'optuna', 'gymnasium', 'distributed'} & set(sys.modules)\n"
     code += "print(json.dumps([[[n, f.exit_code, f.output, repr(f.exception)] for n, f in zip(names, found)], sorted(heavy)]))"
     call = [sys.executable, "-c", code]
-    done = subprocess.run(call, cwd=tmp_path, env=environment(installed, (), tmp_path), capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        call,
+        cwd=tmp_path,
+        env=environment(installed, (), tmp_path),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     told, heavy = json.loads(done.stdout)
     assert [name for name, *_ in told] == sorted(shipped())
     for name, code, output, error in told:
@@ -173,14 +244,28 @@ def test_what_is_not_declared_is_refused(installed: Path, tmp_path: Path) -> Non
     pytest.importorskip("optuna")
     result = run(installed, tmp_path, "optimise_design", "--quick")
     assert (result.returncode, result.stdout) == (1, "")
-    assert result.stderr.endswith('they come with: pip install "impact-absorber-workbench[optimise]"\n')
-    result = run(installed, tmp_path, "sweep", "--structure", str(ROOT / "docs" / "examples" / "measured.toml"))
+    assert result.stderr.endswith(
+        'they come with: pip install "impact-absorber-workbench[optimise]"\n'
+    )
+    result = run(
+        installed,
+        tmp_path,
+        "sweep",
+        "--structure",
+        str(ROOT / "docs" / "examples" / "measured.toml"),
+    )
     assert (result.returncode, result.stdout) == (1, "")
-    assert result.stderr == 'Error: pyuff is not installed; it comes with: pip install "impact-absorber-workbench[files]"\n'
+    assert (
+        result.stderr
+        == 'Error: pyuff is not installed; it comes with: pip install "impact-absorber-workbench[files]"\n'
+    )
 
 
 def test_a_shell_completes_without_any_extra(installed: Path, tmp_path: Path) -> None:
-    for words, wanted in (("impact-absorber tra", "train"), ("impact-absorber optimise_design --samp", "--sampler")):
+    for words, wanted in (
+        ("impact-absorber tra", "train"),
+        ("impact-absorber optimise_design --samp", "--sampler"),
+    ):
         typed = {"COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
         result = run(installed, tmp_path, _IMPACT_ABSORBER_COMPLETE="bash_complete", **typed)
         assert (result.returncode, result.stderr) == (0, "")
@@ -189,12 +274,21 @@ def test_a_shell_completes_without_any_extra(installed: Path, tmp_path: Path) ->
 
 @pytest.mark.wheel
 @pytest.mark.parametrize("name", sorted(QUICK))
-def test_a_quick_form_needs_no_more_than_what_is_declared(name: str, installed: Path, tmp_path: Path) -> None:
+def test_a_quick_form_needs_no_more_than_what_is_declared(
+    name: str, installed: Path, tmp_path: Path
+) -> None:
     """The numbers of --json go to standard output, and nothing else does."""
     options = shipped()[name].read_text()
     writes = "@json_option(" in options or "@table_options(" in options
     try:
-        result = run(installed, tmp_path, name, *QUICK[name].split(), *(("--json", "-") if writes else ()), extras=declared(shipped()[name]))
+        result = run(
+            installed,
+            tmp_path,
+            name,
+            *QUICK[name].split(),
+            *(("--json", "-") if writes else ()),
+            extras=declared(shipped()[name]),
+        )
     except PackageNotFoundError as absent:
         pytest.skip(f"{absent} is not installed here")
     assert "Traceback" not in result.stderr
@@ -206,7 +300,9 @@ def test_a_quick_form_needs_no_more_than_what_is_declared(name: str, installed: 
 def test_what_scripts_need_are_extras() -> None:
     for commands in command.files().values():
         for name, file in commands.items():
-            assert set(declared(file)) <= {*command.EXTRAS.values(), "browser"}, name  # the browser of tests is no extra
+            assert set(declared(file)) <= {*command.EXTRAS.values(), "browser"}, (
+                name
+            )  # the browser of tests is no extra
 
 
 OTHER = "0123456789abcdef"
@@ -236,7 +332,10 @@ def test_kernels_are_counted_and_nothing_else_is_removed(cache: Path) -> None:
     assert f"{cache / OTHER}: 1 kernels" in result.stdout
     told = call(imported("doctor"), "--json", "-")
     kept = json.loads(told.stdout)["cache"][0]["kept"]
-    assert [(one["kernels"], one["size"], one["current"]) for one in kept] == [(2, 2000, True), (1, 1000, False)]
+    assert [(one["kernels"], one["size"], one["current"]) for one in kept] == [
+        (2, 2000, True),
+        (1, 1000, False),
+    ]
     for option, left in ((["--older"], {digest()}), ([], set())):
         result = call(imported("cache"), "clear", *option)
         assert (result.exit_code, result.stdout) == (0, "removed: 1 folders, 0.0 MB\n")
@@ -245,7 +344,9 @@ def test_kernels_are_counted_and_nothing_else_is_removed(cache: Path) -> None:
 
 
 @pytest.mark.parametrize("terminal", [False, True])
-def test_without_a_terminal_lines_tell_how_far_it_is_and_what_is_left(terminal: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_terminal_lines_tell_how_far_it_is_and_what_is_left(
+    terminal: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stderr = io.StringIO()
     stderr.isatty = lambda: terminal
     monkeypatch.setattr(sys, "stderr", stderr)

@@ -19,14 +19,30 @@ from impact_env.scene import Scene
 from optimisation import load_comparison
 from optimisation.cli import compare_absorbers
 from optimisation.cli.group import imported
-from optimisation.comparison import FORCE_SPAN, IMPACT, LTVA_PAPER, NONE, Comparison, compare, force_grid
+from optimisation.comparison import (
+    FORCE_SPAN,
+    IMPACT,
+    LTVA_PAPER,
+    NONE,
+    Comparison,
+    compare,
+    force_grid,
+)
 from optimisation.files import replacing, write_csv, write_json
 from optimisation.measures import measure_of, measured
 from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, summary
 from optimisation.tuned import den_hartog
 
 FILES = {"runs.csv", "curves.csv", "summary.json", "comparison.png", "card.html", "card.json"}
-KEYS = ["none", "impact", "friction", "ltva_paper", "ltva_tuned", "ltva_paper_wide", "ltva_tuned_wide"]
+KEYS = [
+    "none",
+    "impact",
+    "friction",
+    "ltva_paper",
+    "ltva_tuned",
+    "ltva_paper_wide",
+    "ltva_tuned_wide",
+]
 
 
 def small(*_own: object, **given: object) -> Comparison:
@@ -37,7 +53,9 @@ def small(*_own: object, **given: object) -> Comparison:
 @pytest.fixture(scope="module", autouse=True)
 def quickly_tuned() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("optimisation.comparison.minimax", den_hartog)  # in closed form, and as good here
+        patch.setattr(
+            "optimisation.comparison.minimax", den_hartog
+        )  # in closed form, and as good here
         yield
 
 
@@ -62,13 +80,21 @@ def test_study_holds_every_concept_near_both_resonances(study: Comparison) -> No
         assert all(curve.level.shape == (4, 3, 2) for curve in part.curves.values())
         assert part.limit.shape == (4,)
         assert part.limit[0] == 0
-        np.testing.assert_allclose(part.curves[NONE].median / part.forces, part.curves[NONE].median[0] / part.forces[0])
+        np.testing.assert_allclose(
+            part.curves[NONE].median / part.forces, part.curves[NONE].median[0] / part.forces[0]
+        )
     content = json.loads(json.dumps(summary(study), allow_nan=False))
     assert content["complete"] is True
     part = content["resonances"]["1"]
     assert list(part["concepts"]) == KEYS
-    impact, tuned = part["concepts"][IMPACT], part["concepts"][LTVA_PAPER]
-    assert impact["absorber"] == {"mass_ratio": 0.02, "walls": {"gap": 1e-3, "restitution": 0.7}, "friction": {"limit": 0.1}, "gravity": 0.0}
+    impact = part["concepts"][IMPACT]
+    tuned = part["concepts"][LTVA_PAPER]
+    assert impact["absorber"] == {
+        "mass_ratio": 0.02,
+        "walls": {"gap": 1e-3, "restitution": 0.7},
+        "friction": {"limit": 0.1},
+        "gravity": 0.0,
+    }
     assert impact["optimum"]["force_n"] in part["forces_n"]
     assert tuned["optimum"]["force_n"] is None
     assert tuned["at_best_force_of_impact_absorber"]["force_n"] == impact["optimum"]["force_n"]
@@ -83,7 +109,10 @@ def test_quick_look_writes_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     content = json.loads((out / "summary.json").read_text())
     assert content["settings"] | {"members": 2, "seed": 4} == content["settings"]
     assert len(content["resonances"]["2"]["forces_n"]) == 10
-    assert [tuple(read(out / name)[0]) for name in ("runs.csv", "curves.csv")] == [RUN_COLUMNS, CURVE_COLUMNS]
+    assert [tuple(read(out / name)[0]) for name in ("runs.csv", "curves.csv")] == [
+        RUN_COLUMNS,
+        CURVE_COLUMNS,
+    ]
 
 
 def test_files_are_whole_or_absent(tmp_path: Path) -> None:
@@ -94,7 +123,10 @@ def test_files_are_whole_or_absent(tmp_path: Path) -> None:
         yield [1, 2]
         raise RuntimeError
 
-    for write in (lambda: write_csv(tmp_path / "a.csv", ["x"], rows()), lambda: write_json(tmp_path / "a.json", [float("nan")])):
+    for write in (
+        lambda: write_csv(tmp_path / "a.csv", ["x"], rows()),
+        lambda: write_json(tmp_path / "a.json", [float("nan")]),
+    ):
         with pytest.raises((RuntimeError, ValueError)):
             write()
     with contextlib.suppress(OSError), replacing(tmp_path / "b.txt") as temporary:
@@ -112,7 +144,9 @@ def test_the_decay_time_of_one_mode() -> None:
     shock = Loads((Shock("half-sine", 10.0, 0.0125, 2.0),), OMEGA[0])
     model = ModalModel(*(np.array([x]) for x in (OMEGA[0], 0.01, 0.6, 2.6)), MASS)
     assert measure_of(shock) == "decay"
-    assert measured(Lane(Scene(model), shock)) == pytest.approx((1 - np.exp(-0.02 * OMEGA[0] * 2.0)) / (0.02 * OMEGA[0]), rel=0.02)
+    assert measured(Lane(Scene(model), shock)) == pytest.approx(
+        (1 - np.exp(-0.02 * OMEGA[0] * 2.0)) / (0.02 * OMEGA[0]), rel=0.02
+    )
 
 
 PAPER = "[beam]\nlength_m = 0.5\nbending_stiffness_n_m2 = 362.88\nmass_per_length_kg_m = 1.1275\nmodes = 2\n"
@@ -120,14 +154,25 @@ CHAIN = "[matrices]\nmass = 'm.npz'\nstiffness = 'm.npz'\nunits = 'kg, m, s'\nfo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [pytest.param(kind, marks=() if kind == "shock" else pytest.mark.nightly) for kind in KINDS])
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(kind, marks=() if kind == "shock" else pytest.mark.nightly) for kind in KINDS],
+)
 @pytest.mark.parametrize("structure", ["the paper's beam", "matrices"])
-def test_each_kind_goes_through_sweep_and_comparison(kind: str, structure: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_each_kind_goes_through_sweep_and_comparison(
+    kind: str, structure: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """Linear concepts leave the same at each intensity, and what is left without one grows with it, but for a decay time."""
-    few = {"GAPS": np.array([1.0, 3.0]), "LIMITS": np.array([0.3]), "BETWEEN": np.zeros(1), "MOST_TRIALS": 20}  # their numbers do not matter here
+    few = {
+        "GAPS": np.array([1.0, 3.0]),
+        "LIMITS": np.array([0.3]),
+        "BETWEEN": np.zeros(1),
+        "MOST_TRIALS": 20,
+    }  # their numbers do not matter here
     for name, value in few.items():
         monkeypatch.setattr(load_comparison, name, value)
-    own, omegas = tmp_path / "structure.toml", modal_model(Beam(modes=2)).omega
+    own = tmp_path / "structure.toml"
+    omegas = modal_model(Beam(modes=2)).omega
     own.write_text(PAPER)
     if structure == "matrices":
         mass, stiffness = chain(tmp_path)
@@ -141,12 +186,16 @@ def test_each_kind_goes_through_sweep_and_comparison(kind: str, structure: str, 
     found = json.loads((tmp_path / "out.json").read_text())
     assert found["response_level_m"][0] > 0
     assert found["pseudo_periods"] == pytest.approx(8, rel=1e-6)
-    result = done(compare_absorbers, *given, "--members", 1, "--forces", 2, "--out", tmp_path / "out")
+    result = done(
+        compare_absorbers, *given, "--members", 1, "--forces", 2, "--out", tmp_path / "out"
+    )
     found = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert len(read(tmp_path / "out" / "runs.csv")) >= 4 * 2
     assert f"{found['ratio_5_50_95']['impact'][0][0][1]:.3f}" in result.output
     assert (tmp_path / "out" / "comparison.png").stat().st_size > 0
-    bands = 2 if kind in ("tones", "orders") else np.sum(omegas < 7 * omega) if kind == "base" else 1
+    bands = (
+        2 if kind in ("tones", "orders") else np.sum(omegas < 7 * omega) if kind == "base" else 1
+    )
     assert len(found["without_absorber"]) == bands
     for band, (low, high) in enumerate(found["without_absorber"]):
         assert high / low == pytest.approx(1.0 if found["measure"] == "decay" else 25.0, rel=1e-6)

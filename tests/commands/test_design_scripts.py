@@ -34,8 +34,14 @@ MODEL = modal_model(Beam(modes=2))
 
 @pytest.fixture
 def tune(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.setattr("optimisation.report.tuning_report.minimax", lambda model, mass, resonance, *_range: den_hartog(model, mass, resonance))
-    monkeypatch.setattr("optimisation.report.tuning_report.minimum_h2", lambda model, mass, resonance, *_range: undamped_h2(model, mass, resonance))
+    monkeypatch.setattr(
+        "optimisation.report.tuning_report.minimax",
+        lambda model, mass, resonance, *_range: den_hartog(model, mass, resonance),
+    )
+    monkeypatch.setattr(
+        "optimisation.report.tuning_report.minimum_h2",
+        lambda model, mass, resonance, *_range: undamped_h2(model, mass, resonance),
+    )
     return load("tune_ltva", monkeypatch)
 
 
@@ -47,17 +53,27 @@ def gap(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 def test_tunings_are_proved_and_written(tune: ModuleType, tmp_path: Path) -> None:
     pytest.importorskip("cvxpy")
     result = done(tune, "--modes", 2, "--out", tmp_path)
-    assert {file.name for file in tmp_path.iterdir()} == {"tunings.csv", "summary.json", "tunings.png", "card.html", "card.json"}
+    assert {file.name for file in tmp_path.iterdir()} == {
+        "tunings.csv",
+        "summary.json",
+        "tunings.png",
+        "card.html",
+        "card.json",
+    }
     assert (tmp_path / "tunings.png").read_bytes().startswith(b"\x89PNG")
     table = {row["tuning"]: row for row in read(tmp_path / "tunings.csv")}
     assert float(table["paper"]["stiffness_n_m"]) == 701.8
     assert float(table["none"]["peak_relative"]) == 1.0
     assert table["none"]["stiffness_n_m"] == ""
     for row in table.values():
-        assert float(row["certified_amplitude_m_n"]) == pytest.approx(float(row["peak_m_n"]), rel=1e-4)
+        assert float(row["certified_amplitude_m_n"]) == pytest.approx(
+            float(row["peak_m_n"]), rel=1e-4
+        )
         assert float(row["certified_amplitude_m_n"]) >= float(row["peak_m_n"]) * (1 - 1e-9)
     content = json.loads((tmp_path / "summary.json").read_text())
-    assert content["tunings"]["den_hartog"]["stiffness_n_m"] == float(table["den_hartog"]["stiffness_n_m"])
+    assert content["tunings"]["den_hartog"]["stiffness_n_m"] == float(
+        table["den_hartog"]["stiffness_n_m"]
+    )
     assert "Proved" in result.stdout
 
 
@@ -66,13 +82,23 @@ def test_all_that_is_told_is_of_the_recommended_device(gap: ModuleType, tmp_path
     line = ("--force", 3.5, "--modes", 2, "--rate", 40, "--device", device, "--out", tmp_path)
     result = done(gap, *line)
     mass = 0.02 * MODEL.beam_mass
-    assert {file.name for file in tmp_path.iterdir()} == {"levels.csv", "summary.json", "levels.png", "device.json", "card.html", "card.json"}
+    assert {file.name for file in tmp_path.iterdir()} == {
+        "levels.csv",
+        "summary.json",
+        "levels.png",
+        "device.json",
+        "card.html",
+        "card.json",
+    }
     table = {float(row["gap_m"]): row for row in read(tmp_path / "levels.csv")}
     content = json.loads((tmp_path / "summary.json").read_text())
     assert content["rule_gap_m"] == design_gap(MODEL, mass, 3.5)
-    assert content["at_rule"]["level_median_m"] == float(table[content["rule_gap_m"]]["level_median_m"])
+    assert content["at_rule"]["level_median_m"] == float(
+        table[content["rule_gap_m"]]["level_median_m"]
+    )
     assert content["settings"]["sweeps"] <= 40
-    best, sharp = content["recommended"], content["sharp"]
+    best = content["recommended"]
+    sharp = content["sharp"]
     assert result.stdout.startswith(
         f"Recommended: a clearance of {1e3 * best['gap_m']:.4g} mm to either wall, friction limit {best['friction_limit_n']:.4g}"
     )
@@ -81,45 +107,115 @@ def test_all_that_is_told_is_of_the_recommended_device(gap: ModuleType, tmp_path
         assert answer["level_m"] == float(row["level_median_m"])
         assert answer["level_5_m"] <= answer["level_m"] <= answer["level_95_m"]
         assert answer["level_worst_m"] >= answer["level_m"]
-        assert answer["friction_limit_n"] / answer["gap_m"] == pytest.approx(100.0, rel=1e-6)  # the paper's 0.1 N at 1 mm
+        assert answer["friction_limit_n"] / answer["gap_m"] == pytest.approx(
+            100.0, rel=1e-6
+        )  # the paper's 0.1 N at 1 mm
         assert row["share_of_possible_reduction"] == ""  # the test's sweeps are too fast to tell
     assert sharp["level_m"] <= best["level_m"]
     assert best["level_worst_m"] <= sharp["level_worst_m"]
     assert content["settings"]["friction_limit_n"] == best["friction_limit_n"]
     scene = to_scene(json.loads(device.read_text()))
-    assert scene.absorber == impact_absorber(best["gap_m"], best["restitution"], best["friction_limit_n"], 0.02)
+    assert scene.absorber == impact_absorber(
+        best["gap_m"], best["restitution"], best["friction_limit_n"], 0.02
+    )
     np.testing.assert_array_equal(scene.model.tip_shape, MODEL.tip_shape)
-    done(gap, "--scene", device, "--force", 3.5, "--rate", 40, "--force-tolerance", 0, "--members", 1, "--out", tmp_path)
+    done(
+        gap,
+        "--scene",
+        device,
+        "--force",
+        3.5,
+        "--rate",
+        40,
+        "--force-tolerance",
+        0,
+        "--members",
+        1,
+        "--out",
+        tmp_path,
+    )
     content = json.loads((tmp_path / "summary.json").read_text())
     assert content["recommended"] == content["sharp"]
-    assert content["recommended"]["friction_limit_n"] == best["friction_limit_n"]  # the device's, whatever the gap
+    assert (
+        content["recommended"]["friction_limit_n"] == best["friction_limit_n"]
+    )  # the device's, whatever the gap
 
 
 def test_free_variables_are_searched_with_the_gap(gap: ModuleType, tmp_path: Path) -> None:
-    done(gap, "--force", 3.5, "--modes", 2, "--rate", 40, "--quick", "--free", "restitution", "--out", tmp_path)
+    done(
+        gap,
+        "--force",
+        3.5,
+        "--modes",
+        2,
+        "--rate",
+        40,
+        "--quick",
+        "--free",
+        "restitution",
+        "--out",
+        tmp_path,
+    )
     content = json.loads((tmp_path / "summary.json").read_text())
-    tried = {row["value"]: row["level_m"] for row in content["tried"] if row["name"] == "restitution"}
+    tried = {
+        row["value"]: row["level_m"] for row in content["tried"] if row["name"] == "restitution"
+    }
     assert content["recommended"]["restitution"] == min(tried, key=tried.get)
     assert set(tried) == {0.7, 0.5, 0.35, 0.2}
 
 
-def test_rule_is_warned_of_where_the_structure_hardly_moves(gap: ModuleType, tmp_path: Path) -> None:
-    result = done(gap, "--force", 3.5, "--mass-ratio", 0.005, "--gaps", 3, "--members", 1, "--rate", 3, "--out", tmp_path)
+def test_rule_is_warned_of_where_the_structure_hardly_moves(
+    gap: ModuleType, tmp_path: Path
+) -> None:
+    result = done(
+        gap,
+        "--force",
+        3.5,
+        "--mass-ratio",
+        0.005,
+        "--gaps",
+        3,
+        "--members",
+        1,
+        "--rate",
+        3,
+        "--out",
+        tmp_path,
+    )
     assert "Free amplitude over the rule's gap: 1.23." in result.stdout
-    assert {0.4, 1.0, 2.5} <= {round(float(row["gap_over_rule"]), 6) for row in read(tmp_path / "levels.csv")}
+    assert {0.4, 1.0, 2.5} <= {
+        round(float(row["gap_over_rule"]), 6) for row in read(tmp_path / "levels.csv")
+    }
     assert result.stdout.count("Warning:") == 2  # of the gap, and of sweeps that are too fast
 
 
-def test_a_line_of_the_best_gap_over_the_mass_is_what_the_runs_of_that_mass_show(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_line_of_the_best_gap_over_the_mass_is_what_the_runs_of_that_mass_show(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(mass_ratios, "FACTORS", np.array([0.5, 1.0, 1.5]))
-    (found,) = mass_ratios.checks(MODEL, [0.05], [1], {"members": 1, "percent_per_100_periods": 50.0, "threads": 1})
-    own = check_gap(MODEL, 1.0, 1, scaled_absorber(MODEL, 1.0, 1, 0.05), factors=[0.5, 1.0, 1.5], members=1, percent_per_100_periods=50.0)
+    (found,) = mass_ratios.checks(
+        MODEL, [0.05], [1], {"members": 1, "percent_per_100_periods": 50.0, "threads": 1}
+    )
+    own = check_gap(
+        MODEL,
+        1.0,
+        1,
+        scaled_absorber(MODEL, 1.0, 1, 0.05),
+        factors=[0.5, 1.0, 1.5],
+        members=1,
+        percent_per_100_periods=50.0,
+    )
     np.testing.assert_array_equal(found.relative, own.relative)
-    cells = [cell.strip() for cell in mass_ratios.text([found]).splitlines()[-1].strip("|").split("|")]
+    cells = [
+        cell.strip() for cell in mass_ratios.text([found]).splitlines()[-1].strip("|").split("|")
+    ]
     best = int(np.argmin(found.relative))
     assert cells[0] == "5 %"
     assert float(cells[2]) == pytest.approx(reach(MODEL, 0.05 * MODEL.beam_mass), rel=5e-3)
-    assert cells[3].split()[0] == f"{found.gaps[best] / design_gap(MODEL, 0.05 * MODEL.beam_mass, 1.0):.2f}"
+    assert (
+        cells[3].split()[0]
+        == f"{found.gaps[best] / design_gap(MODEL, 0.05 * MODEL.beam_mass, 1.0):.2f}"
+    )
     assert ("or" in cells[3]) == (best != 1)
     assert float(cells[4]) == pytest.approx(100 * found.relative[best], abs=0.06)
     assert float(cells[6]) == pytest.approx(found.relative[1] / found.relative[best], abs=0.006)
@@ -128,11 +224,26 @@ def test_a_line_of_the_best_gap_over_the_mass_is_what_the_runs_of_that_mass_show
 # Searches: all files of a concept and of a front, their limits and their indices.
 
 
-def test_no_winner_is_exit_code_1_and_the_files_say_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_no_winner_is_exit_code_1_and_the_files_say_so(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     limit = ["--constraint", "mass_ratio", 0.001, "--no-figures"]  # the absorber has 2 %
-    result = call(load("optimise_design", monkeypatch), *FAST, "--concept", "friction", "--designs", 5, *limit, "--out", tmp_path)
+    result = call(
+        load("optimise_design", monkeypatch),
+        *FAST,
+        "--concept",
+        "friction",
+        "--designs",
+        5,
+        *limit,
+        "--out",
+        tmp_path,
+    )
     assert result.exit_code == 1, result.output
-    assert result.stderr == "No winner: no design kept all constraints; loosen them, or search longer.\n"
+    assert (
+        result.stderr
+        == "No winner: no design kept all constraints; loosen them, or search longer.\n"
+    )
     content = json.loads((tmp_path / "friction" / "summary.json").read_text())
     assert not content["winner"]["feasible"]
     assert content["rule"]["constraints"]["mass_ratio"]["exceeded_by"] == pytest.approx(19.0)
@@ -156,10 +267,24 @@ def test_concepts_write_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     monkeypatch.setattr("optimisation.insight.FORCES", np.array([0.5, 1.0, 2.0]))
     optimise = load("optimise_design", monkeypatch)
     monkeypatch.setattr(optimise, "VARIABLES", dict.fromkeys(("impact", "tuned")))
-    before = optimise.design.conditions_of({"cluster": None, "threads": 1})["memory_bytes"]  # of all that these tests have loaded and compiled
-    result = done(optimise, *FAST, "--concept", "all", "--at", "1:3.5", "--designs", 6, "--out", tmp_path)
+    before = optimise.design.conditions_of({"cluster": None, "threads": 1})[
+        "memory_bytes"
+    ]  # of all that these tests have loaded and compiled
+    result = done(
+        optimise, *FAST, "--concept", "all", "--at", "1:3.5", "--designs", 6, "--out", tmp_path
+    )
     assert "winner over paper" in result.stdout
-    common = {"card.html", "card.json", "designs.csv", "summary.json", "curves.csv", "curves.png", "detuned.csv", "detuned.png", "sensitivity.png"}
+    common = {
+        "card.html",
+        "card.json",
+        "designs.csv",
+        "summary.json",
+        "curves.csv",
+        "curves.png",
+        "detuned.csv",
+        "detuned.png",
+        "sensitivity.png",
+    }
     for concept, own in (("impact", {"map.csv", "map.png"}), ("tuned", set())):
         folder = tmp_path / concept
         assert {file.name for file in folder.iterdir()} == common | own | {"study.journal"} | (
@@ -173,7 +298,10 @@ def test_concepts_write_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
         assert 0 < low <= content["winner_over_paper"]["ratio"] <= high
         assert content["with_more_modes"]["modes"] == 4
         assert content["in_service"]["conditions"][0]["level_m"] > 0
-        card = {heading: {row["label"]: row for row in rows} for heading, rows in json.loads((folder / "card.json").read_text())["groups"].items()}
+        card = {
+            heading: {row["label"]: row for row in rows}
+            for heading, rows in json.loads((folder / "card.json").read_text())["groups"].items()
+        }
         mass = content["winner"]["values"]["mass_ratio"] * MODEL.beam_mass
         assert card["Winner"]["absorber mass"]["value"] == pytest.approx(mass)
         assert len(read(folder / "designs.csv")) == content["designs"]
@@ -184,11 +312,22 @@ def test_concepts_write_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
 
 
 def test_front_is_written_and_compared(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    result = done(load("pareto", monkeypatch), *FAST, "--designs", 13, "--random-seeds", 2, "--out", tmp_path)
+    result = done(
+        load("pareto", monkeypatch), *FAST, "--designs", 13, "--random-seeds", 2, "--out", tmp_path
+    )
     folder = tmp_path / "resonances"
-    files = {"front.csv", "front.png", "summary.json", "study.journal", "study.journal.optuna", "card.html", "card.json"}
+    files = {
+        "front.csv",
+        "front.png",
+        "summary.json",
+        "study.journal",
+        "study.journal.optuna",
+        "card.html",
+        "card.json",
+    }
     assert {file.name for file in folder.iterdir()} == files
-    content, rows = json.loads((folder / "summary.json").read_text()), read(folder / "front.csv")
+    content = json.loads((folder / "summary.json").read_text())
+    rows = read(folder / "front.csv")
     assert len(rows) == content["designs"] == 13
     scores = [row["score"] for row in content["front"]]
     assert scores == sorted(scores)
@@ -202,12 +341,16 @@ def test_front_is_written_and_compared(monkeypatch: pytest.MonkeyPatch, tmp_path
 def test_limit_is_that_of_the_free_end_for_any_place_and_any_number_of_cavities() -> None:
     conditions = (Condition(1, 10.0), Condition(1, 10.0, detuning=0.05))
     problem = Problem(design_space("impact", ["gap", "position"]), conditions, beam=Beam(modes=3))
-    end, near, inside = (problem.space.design({"gap": 1e-3, "position": x}) for x in (1.0, 1 - 1e-9, 0.7))
+    end, near, inside = (
+        problem.space.design({"gap": 1e-3, "position": x}) for x in (1.0, 1 - 1e-9, 0.7)
+    )
     both = design_space("several", ["gap_1", "gap_2"]).design({"gap_1": 1e-3, "gap_2": 1e-3})
     own, other = (limit(problem, end, condition) for condition in conditions)
     assert own > other > 1e-3  # a stiffer beam answers less
     assert limit(problem, near, conditions[0]) == pytest.approx(own, rel=1e-6)
-    assert limit(problem, both, conditions[0]) == pytest.approx(own, rel=1e-9)  # two halves of the mass, one place, one gap
+    assert limit(problem, both, conditions[0]) == pytest.approx(
+        own, rel=1e-9
+    )  # two halves of the mass, one place, one gap
     assert limit(problem, inside, conditions[0]) > 1.2 * own
     assert math.isnan(limit(problem, design_space("friction").default, conditions[0]))  # no cavity
 
@@ -215,8 +358,12 @@ def test_limit_is_that_of_the_free_end_for_any_place_and_any_number_of_cavities(
 def test_sobol_indices_find_what_matters() -> None:
     """A tuned absorber's level is smooth; in a box of stiffness alone, damping can explain nothing."""
     space = design_space("tuned", ["stiffness", "damping"], {"damping": (0.899, 0.901)}, {})
-    problem = Problem(space, (Condition(1, 1.0, (0.5, 1.6)),), beam=Beam(modes=2), members=1, rate=40.0)
-    found = sensitivity(problem, space.design({"stiffness": 620.0, "damping": 0.9}), 16, 1, Threads())
+    problem = Problem(
+        space, (Condition(1, 1.0, (0.5, 1.6)),), beam=Beam(modes=2), members=1, rate=40.0
+    )
+    found = sensitivity(
+        problem, space.design({"stiffness": 620.0, "damping": 0.9}), 16, 1, Threads()
+    )
     assert found.names == ("stiffness", "damping")
     assert found.designs == 16 * 4
     assert found.total[0] > 0.8

@@ -29,7 +29,9 @@ def test_films_are_whole_and_an_agent_acts_in_its_own_environment(tmp_path: Path
     assert [path.name for path in tmp_path.iterdir()] == ["film.gif"]
 
 
-def test_benchmark_prints_and_writes_what_it_measured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_benchmark_prints_and_writes_what_it_measured(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr(benchmark_envs, "QUICK_SECONDS", 0.02)
     monkeypatch.setattr(benchmark_envs, "REPEATS", 2)
     monkeypatch.setattr(benchmark_envs, "SETTLE", 2)
@@ -38,20 +40,33 @@ def test_benchmark_prints_and_writes_what_it_measured(monkeypatch: pytest.Monkey
         "cases",
         lambda: [
             benchmark_envs.single,
-            lambda seconds, advance: benchmark_envs.vector("native vector", "vector_entry_point", 64, seconds, advance),
-            lambda seconds, advance: benchmark_envs.vector("Gymnasium's SyncVectorEnv", "sync", 2, seconds, advance),
-            lambda seconds, advance: benchmark_envs.task("ImpactAbsorber/ActiveGap-v0", 64, seconds, advance),
+            lambda seconds, advance: benchmark_envs.vector(
+                "native vector", "vector_entry_point", 64, seconds, advance
+            ),
+            lambda seconds, advance: benchmark_envs.vector(
+                "Gymnasium's SyncVectorEnv", "sync", 2, seconds, advance
+            ),
+            lambda seconds, advance: benchmark_envs.task(
+                "ImpactAbsorber/ActiveGap-v0", 64, seconds, advance
+            ),
         ],
     )
-    target, page = tmp_path / "speed.json", tmp_path / "page.md"
+    target = tmp_path / "speed.json"
+    page = tmp_path / "page.md"
     page.write_text("<!-- speeds -->\n<!-- /speeds -->\n")
     result = done(benchmark_envs.main, "--quick", "--json", target, "--page", page)
     values = json.loads(target.read_text())
     speeds = {speed["name"]: speed for speed in values["speeds"]}
-    assert all(len(speed["each"]) == benchmark_envs.REPEATS and min(speed["each"]) > 0 for speed in speeds.values())
-    native, own = speeds["native vector"]["steps_per_s"], speeds["Gymnasium's SyncVectorEnv"]["steps_per_s"]
+    assert all(
+        len(speed["each"]) == benchmark_envs.REPEATS and min(speed["each"]) > 0
+        for speed in speeds.values()
+    )
+    native = speeds["native vector"]["steps_per_s"]
+    own = speeds["Gymnasium's SyncVectorEnv"]["steps_per_s"]
     shown = benchmark_envs.table(values["speeds"])
     assert shown in result.output
     assert f"<!-- speeds -->\n{shown}\n\n" in page.read_text()
     assert f" {native / own:.1f} |" in shown
-    assert f" {speeds['ActiveGap-v0']['steps_per_s'] / 4:,.0f} |" in shown  # four steps are a pseudo period
+    assert (
+        f" {speeds['ActiveGap-v0']['steps_per_s'] / 4:,.0f} |" in shown
+    )  # four steps are a pseudo period

@@ -43,7 +43,9 @@ def few() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[TestClient]:
-    with TestClient(make_app(BEAM, "the paper's beam", hosts_of("127.0.0.1", 8651)), base_url=f"http://{HOST}") as client:
+    with TestClient(
+        make_app(BEAM, "the paper's beam", hosts_of("127.0.0.1", 8651)), base_url=f"http://{HOST}"
+    ) as client:
         yield client
 
 
@@ -59,25 +61,52 @@ def test_the_page_brings_all_that_it_needs(client: TestClient) -> None:
     page = client.get("/")
     assert page.status_code == 200
     assert "default-src 'none'" in page.headers["content-security-policy"]
-    for name in ("main.js", "figure.js", "motion.js", "uplot.js", "uplot.css", "style.css", "icon.svg", "uplot-LICENSE.txt"):
+    for name in (
+        "main.js",
+        "figure.js",
+        "motion.js",
+        "uplot.js",
+        "uplot.css",
+        "style.css",
+        "icon.svg",
+        "uplot-LICENSE.txt",
+    ):
         answer = client.get(f"/assets/{name}")
         assert answer.status_code == 200
-        foreign = answer.text.replace("http://www.w3.org/2000/svg", "").replace("ws://${location.host}", "")
+        foreign = answer.text.replace("http://www.w3.org/2000/svg", "").replace(
+            "ws://${location.host}", ""
+        )
         assert "://" not in foreign.replace("https://github.com/leeoniya/uPlot", ""), name
     assert client.get("/assets/../server.py").status_code == 404
     table = client.get("/controls").json()
-    assert {control["name"] for control in table["controls"]} >= {"force", "gap", "restitution", "modes", "members"}
-    assert all(control["low"] <= control["value"] <= control["high"] or control["zero"] for control in table["controls"])
+    assert {control["name"] for control in table["controls"]} >= {
+        "force",
+        "gap",
+        "restitution",
+        "modes",
+        "members",
+    }
+    assert all(
+        control["low"] <= control["value"] <= control["high"] or control["zero"]
+        for control in table["controls"]
+    )
 
 
 @pytest.mark.parametrize(
     "headers",
-    [{"host": "evil.example:8651"}, {"host": "127.0.0.1:9"}, {"host": HOST, "origin": "http://evil.example"}, {"host": HOST}],
+    [
+        {"host": "evil.example:8651"},
+        {"host": "127.0.0.1:9"},
+        {"host": HOST, "origin": "http://evil.example"},
+        {"host": HOST},
+    ],
     ids=["rebound name", "other port", "foreign page", "no page"],
 )
 def test_others_are_refused(client: TestClient, headers: dict[str, str]) -> None:
     for address in ("/", "/controls"):
-        assert (client.get(address, headers=headers).status_code == 403) == (headers != {"host": HOST})  # a socket needs an origin
+        assert (client.get(address, headers=headers).status_code == 403) == (
+            headers != {"host": HOST}
+        )  # a socket needs an origin
     with pytest.raises(WebSocketDisconnect), client.websocket_connect("/socket", headers=headers):
         pass
 
@@ -98,30 +127,71 @@ def test_what_is_drawn_is_what_the_library_computes(client: TestClient) -> None:
     assert curves[-1]["both"] == wanted.median.tolist()
     (card,) = (message for message in messages if message["type"] == "card")
     here = performance_curve(scene, [card["force"]], members=2)
-    assert (card["force"], card["level"], card["band"]) == (3.5, here.median[0], here.band[:, 0].tolist())
-    assert card["without"] == pytest.approx(performance_curve(to_scene({"beam": {"modes": 3}}), [3.5], members=1).median[0], rel=1e-12)
+    assert (card["force"], card["level"], card["band"]) == (
+        3.5,
+        here.median[0],
+        here.band[:, 0].tolist(),
+    )
+    assert card["without"] == pytest.approx(
+        performance_curve(to_scene({"beam": {"modes": 3}}), [3.5], members=1).median[0], rel=1e-12
+    )
     (sweep,) = (message for message in messages if message["type"] == "sweep")
-    run = simulate(scene, Drive(3.5, CurveCase(scene, [3.5]).schedules()[0]), record=Record(events=True, series=True))
-    assert (sweep["level"], sweep["at"], sweep["impacts"]) == (run.level.value, run.level.time, run.impact_count)
-    speed, time = np.abs(run.impacts.relative_velocity), run.drive.schedule.times[-1]
-    assert (card["largest_speed"], card["impacts_a_second"]) == pytest.approx((speed.max(), run.impact_count / time), rel=1e-12)
+    run = simulate(
+        scene,
+        Drive(3.5, CurveCase(scene, [3.5]).schedules()[0]),
+        record=Record(events=True, series=True),
+    )
+    assert (sweep["level"], sweep["at"], sweep["impacts"]) == (
+        run.level.value,
+        run.level.time,
+        run.impact_count,
+    )
+    speed = np.abs(run.impacts.relative_velocity)
+    time = run.drive.schedule.times[-1]
+    assert (card["largest_speed"], card["impacts_a_second"]) == pytest.approx(
+        (speed.max(), run.impact_count / time), rel=1e-12
+    )
     assert card["power"] == pytest.approx(run.impacts.energy_lost.sum() / time, rel=1e-12)
     ratio = performance_curve(scene, [card["force"]], members=2).lanes.frequency_ratio.max()
-    assert card["acceleration"] == pytest.approx(np.sqrt(2) * card["level"] * (ratio * scene.model.omega[0]) ** 2, rel=1e-12)
-    assert max(x for x in sweep["high"] if x is not None) == pytest.approx(run.history.tip_displacement.max(), rel=1e-5)
-    assert {message["which"] for message in messages if message["type"] == "line"} == {"none", "limit", "friction", "tuned"}
-    assert kinds.index("response") < kinds.index("curve") < kinds.index("sweep") < kinds.index("card") < kinds.index("done")
+    assert card["acceleration"] == pytest.approx(
+        np.sqrt(2) * card["level"] * (ratio * scene.model.omega[0]) ** 2, rel=1e-12
+    )
+    assert max(x for x in sweep["high"] if x is not None) == pytest.approx(
+        run.history.tip_displacement.max(), rel=1e-5
+    )
+    assert {message["which"] for message in messages if message["type"] == "line"} == {
+        "none",
+        "limit",
+        "friction",
+        "tuned",
+    }
+    assert (
+        kinds.index("response")
+        < kinds.index("curve")
+        < kinds.index("sweep")
+        < kinds.index("card")
+        < kinds.index("done")
+    )
 
 
-def test_the_command_makes_the_same(client: TestClient, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_command_makes_the_same(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     with client.websocket_connect("/socket", headers=OWN) as session:
-        session.send_text(json.dumps({"number": 1, "values": VALUES | {"direction": "down", "members": 1}}))
+        session.send_text(
+            json.dumps({"number": 1, "values": VALUES | {"direction": "down", "members": 1}})
+        )
         messages = until(session, "sweep", "failed")
-    taken, sweep = messages[0], messages[-1]
+    taken = messages[0]
+    sweep = messages[-1]
     (tmp_path / "scene.json").write_text(json.dumps(taken["scene"]))
     monkeypatch.chdir(tmp_path)
     done(
-        imported("sweep"), *taken["command"].removeprefix("impact-absorber sweep ").replace("--energy --plot sweep.png", "--json result.json").split()
+        imported("sweep"),
+        *taken["command"]
+        .removeprefix("impact-absorber sweep ")
+        .replace("--energy --plot sweep.png", "--json result.json")
+        .split(),
     )
     result = json.loads((tmp_path / "result.json").read_text())
     assert (result["response_level_m"][0], result["impacts"]) == (sweep["level"], sweep["impacts"])
@@ -130,7 +200,11 @@ def test_the_command_makes_the_same(client: TestClient, monkeypatch: pytest.Monk
 @pytest.mark.parametrize(
     ("sent", "control", "told"),
     [
-        ({"number": 2, "values": {"gap": -1}}, "gap", "Gap to either wall = -1 is not allowed: 0.02 to 50 mm"),
+        (
+            {"number": 2, "values": {"gap": -1}},
+            "gap",
+            "Gap to either wall = -1 is not allowed: 0.02 to 50 mm",
+        ),
         ({"number": 2, "values": {"modes": 10**9}}, "modes", "from 1 to 40"),
         ({"number": 2, "values": {"members": 2.5}}, "members", "whole number"),
         ({"number": 2, "values": {"force": None}}, "force", "is not allowed"),
@@ -140,10 +214,22 @@ def test_the_command_makes_the_same(client: TestClient, monkeypatch: pytest.Monk
         ({"number": 2, "values": {"concept": "two", "load": "base"}}, "load", "with one absorber"),
         ({"number": 2, "values": [1]}, "", "a table of the page's controls"),
         ({"number": "2", "values": {}}, "", "a message is a table"),
-        *((text, "", "") for text in ("", "{", "NaN", "[" * 8000, '{"number": 1e999}', '{"number": 3, "values": {"gap": NaN}}')),
+        *(
+            (text, "", "")
+            for text in (
+                "",
+                "{",
+                "NaN",
+                "[" * 8000,
+                '{"number": 1e999}',
+                '{"number": 3, "values": {"gap": NaN}}',
+            )
+        ),
     ],
 )
-def test_bad_values_are_told_beside_their_control(client: TestClient, sent: Any, control: str, told: str) -> None:
+def test_bad_values_are_told_beside_their_control(
+    client: TestClient, sent: Any, control: str, told: str
+) -> None:
     with client.websocket_connect("/socket", headers=OWN) as session:
         session.send_text(sent if isinstance(sent, str) else json.dumps(sent))
         (answer,) = until(session, "refused", "taken")
@@ -160,7 +246,10 @@ def test_messages_and_tabs_are_limited(client: TestClient) -> None:
     with ExitStack() as tabs:
         for _ in range(MOST_TABS):
             tabs.enter_context(client.websocket_connect("/socket", headers=OWN))
-        with pytest.raises(WebSocketDisconnect) as told, client.websocket_connect("/socket", headers=OWN) as session:
+        with (
+            pytest.raises(WebSocketDisconnect) as told,
+            client.websocket_connect("/socket", headers=OWN) as session,
+        ):
             session.receive_text()
         assert told.value.code == 1013
 
@@ -168,22 +257,38 @@ def test_messages_and_tabs_are_limited(client: TestClient) -> None:
 def test_a_newer_setting_ends_the_work_on_an_older_one(client: TestClient) -> None:
     with client.websocket_connect("/socket", headers=OWN) as session:
         for number in range(1, 6):
-            session.send_text(json.dumps({"number": number, "values": VALUES | {"members": 64, "gap": 1e-3 * (1 + number / 100)}}))
+            session.send_text(
+                json.dumps(
+                    {
+                        "number": number,
+                        "values": VALUES | {"members": 64, "gap": 1e-3 * (1 + number / 100)},
+                    }
+                )
+            )
         session.send_text(json.dumps({"number": 6, "values": VALUES}))
         messages = until(session, "done", "failed")
-    numbers = [message["number"] for message in messages if message["type"] not in ("taken", "compiling")]
+    numbers = [
+        message["number"] for message in messages if message["type"] not in ("taken", "compiling")
+    ]
     assert numbers == sorted(numbers)
     assert numbers[-1] == 6
-    assert not [m for m in messages if m["number"] < 6 and (m["type"] in ("card", "line") or m.get("branches"))]
+    assert not [
+        m
+        for m in messages
+        if m["number"] < 6 and (m["type"] in ("card", "line") or m.get("branches"))
+    ]
 
 
 def test_a_moved_force_keeps_the_curve() -> None:
-    kernels, known = Kernels(), dict[Any, Any]()
+    kernels = Kernels()
+    known = dict[Any, Any]()
     first = list(Work(asked(VALUES, BEAM), BEAM, kernels).pieces(known))
     again = list(Work(asked(VALUES | {"force": 3.0}, BEAM), BEAM, kernels).pieces(known))
     last = [[m for m in messages if m["type"] == "curve"][-1] for messages in (first, again)]
     assert last[0] == last[1]
-    assert len([m for m in again if m["type"] == "curve"]) < len([m for m in first if m["type"] == "curve"])
+    assert len([m for m in again if m["type"] == "curve"]) < len(
+        [m for m in first if m["type"] == "curve"]
+    )
     assert next(m for m in again if m["type"] == "sweep")["force"] == 3.0
 
 
@@ -192,7 +297,14 @@ def test_each_concept_is_drawn(concept: str) -> None:
     values = asked({"modes": 3, "members": 1, "concept": concept}, BEAM)
     messages = list(Work(values, BEAM, Kernels()).pieces({}))
     assert json.loads(json.dumps(messages, allow_nan=False)) == messages
-    assert {m["type"] for m in messages} - {"compiling", "line"} == {"curve", "sweep", "motion", "card", "response", "done"}
+    assert {m["type"] for m in messages} - {"compiling", "line"} == {
+        "curve",
+        "sweep",
+        "motion",
+        "card",
+        "response",
+        "done",
+    }
 
 
 def test_another_load_is_that_of_its_file(client: TestClient) -> None:
@@ -212,24 +324,37 @@ def test_another_load_is_that_of_its_file(client: TestClient) -> None:
     assert low <= found["card"]["level"] <= high
     assert high > 1.01 * low  # members have records of their own
     curve = [message for message in messages if message["type"] == "curve"][-1]
-    assert np.ptp(np.array(curve["both"]) / curve["force"]) < 1e-9 * curve["both"][-1]  # a linear scene
+    assert (
+        np.ptp(np.array(curve["both"]) / curve["force"]) < 1e-9 * curve["both"][-1]
+    )  # a linear scene
 
 
 @pytest.mark.parametrize("kind", ["unbalance", "base"])
 def test_a_loads_linear_response_is_what_a_run_settles_to(kind: str) -> None:
-    work = Work(asked({"modes": 3, "members": 1, "concept": "none", "load": kind}, BEAM), BEAM, Kernels())
+    work = Work(
+        asked({"modes": 3, "members": 1, "concept": "none", "load": kind}, BEAM), BEAM, Kernels()
+    )
     response = next(message for message in work.pieces({}) if message["type"] == "response")
     k = int(np.argmin(np.abs(np.array(response["ratio"]) - 0.98)))
     schedule = constant_frequency(work.model.resonance_omega(1), response["ratio"][k], 400.0)
-    settled = simulate(work.scene, work.loading.act(work.intensity, schedule), record=Record(series=True, samples_per_period=256)).history
+    settled = simulate(
+        work.scene,
+        work.loading.act(work.intensity, schedule),
+        record=Record(series=True, samples_per_period=256),
+    ).history
     late = settled.tip_displacement[settled.time > 0.9 * settled.time[-1]]
     assert np.max(np.abs(late)) == pytest.approx(response["without"][k], rel=1e-3)
 
 
 def test_a_random_forces_spectrum_has_its_mean_square() -> None:
-    work = Work(asked({"modes": 3, "members": 1, "concept": "none", "load": "random"}, BEAM), BEAM, Kernels())
+    work = Work(
+        asked({"modes": 3, "members": 1, "concept": "none", "load": "random"}, BEAM),
+        BEAM,
+        Kernels(),
+    )
     found = {message["type"]: message for message in work.pieces({})}  # the last of each
-    hertz, density = np.array(found["response"]["run"][0]) * work.model.resonance_omega(1) / (2 * np.pi), np.array(found["response"]["run"][1])
+    hertz = np.array(found["response"]["run"][0]) * work.model.resonance_omega(1) / (2 * np.pi)
+    density = np.array(found["response"]["run"][1])
     assert np.trapezoid(density**2, hertz) == pytest.approx(found["sweep"]["level"] ** 2, rel=0.02)
     ratio, without = (np.array(found["response"][name]) for name in ("ratio", "without"))
     mean = np.trapezoid(without**2, ratio * work.model.resonance_omega(1) / (2 * np.pi))

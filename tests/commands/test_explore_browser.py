@@ -17,13 +17,24 @@ import pytest
 from places import ROOT
 
 pytest.importorskip("starlette")
-playwright = pytest.importorskip("playwright.sync_api", reason="no Playwright here: the explorer's page is not looked at")
+playwright = pytest.importorskip(
+    "playwright.sync_api", reason="no Playwright here: the explorer's page is not looked at"
+)
 
 from impact_env import performance_curve
 from impact_env.plain import to_scene
 
-BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium here: the explorer's page is not looked at")
+BROWSER = next(
+    (
+        found
+        for name in ("chromium", "chromium-browser", "google-chrome")
+        if (found := shutil.which(name))
+    ),
+    None,
+)
+pytestmark = pytest.mark.skipif(
+    BROWSER is None, reason="no Chromium here: the explorer's page is not looked at"
+)
 FAST = "#modes=3&friction=0.1&members=2"
 WAIT = 120_000  # ms, for kernels that are compiled on the way
 WATCH = """
@@ -41,7 +52,9 @@ new MutationObserver(() => {
 def address() -> Iterator[str]:
     code = "from optimisation.cli.start import main; main()"
     words = [sys.executable, "-c", code, "explore", "--port", "0", "--no-browser"]
-    with subprocess.Popen(words, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        words, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True
+    ) as process:
         yield process.stdout.readline().split()[0]
         process.send_signal(signal.SIGINT)
         assert process.wait(20) == 0
@@ -62,7 +75,14 @@ def page(browser: Any, address: str, request: pytest.FixtureRequest) -> Iterator
     width, height, colours = getattr(request, "param", (1280, 800, "light"))
     page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=colours)
     page.add_init_script(WATCH)
-    page.route("**/*", lambda route: route.continue_() if route.request.url.startswith(address) else wrong.append(route.request.url) or route.abort())
+    page.route(
+        "**/*",
+        lambda route: (
+            route.continue_()
+            if route.request.url.startswith(address)
+            else wrong.append(route.request.url) or route.abort()
+        ),
+    )
     page.on("pageerror", lambda error: wrong.append(str(error)))
     page.on("console", lambda told: wrong.append(told.text) if told.type == "error" else None)
     page.goto(address + FAST)
@@ -76,10 +96,16 @@ def finished(page: Any, number: int | None = None) -> int:
     page.wait_for_selector("html[data-asked]", state="attached", timeout=WAIT)
     end = time.monotonic() + WAIT / 1000
     while True:
-        asked = int(page.evaluate("document.documentElement.dataset.asked")) if number is None else number
+        asked = (
+            int(page.evaluate("document.documentElement.dataset.asked"))
+            if number is None
+            else number
+        )
         if page.locator(f'html[data-showncard="{asked}"][data-whole="{asked}"]').count():
             break
-        assert time.monotonic() < end, page.evaluate("[document.querySelector('#status').textContent, {...document.documentElement.dataset}]")
+        assert time.monotonic() < end, page.evaluate(
+            "[document.querySelector('#status').textContent, {...document.documentElement.dataset}]"
+        )
         page.wait_for_timeout(100)
     return asked
 
@@ -94,19 +120,26 @@ def saved(page: Any, label: str, kind: str) -> Path:
 def test_numbers_are_those_of_the_library_and_files_are_whole(page: Any) -> None:
     finished(page)
     rows = list(csv.reader(saved(page, "Save the curve as", "CSV").read_text().splitlines()))
-    drawn = {float(force): float(level) for name, force, level in rows[1:] if name == "impact absorber"}
+    drawn = {
+        float(force): float(level) for name, force, level in rows[1:] if name == "impact absorber"
+    }
     page.get_by_text("Save", exact=True).first.click()
     with page.expect_download() as download:
         page.get_by_role("button", name="Scene file").click()
     scene = to_scene(json.loads(Path(download.value.path()).read_text()))
     forces = sorted(drawn)
     wanted = performance_curve(scene, forces, members=2)
-    assert [drawn[force] for force in forces] == pytest.approx((1e3 * wanted.median).tolist(), rel=1e-15)
+    assert [drawn[force] for force in forces] == pytest.approx(
+        (1e3 * wanted.median).tolist(), rel=1e-15
+    )
     assert len(drawn) == 24
     assert saved(page, "Save the sweep as", "PNG").read_bytes().startswith(b"\x89PNG")
     with page.expect_download() as download:
         page.get_by_role("button", name="Card as HTML").click()
-    assert f"{1e3 * performance_curve(scene, [3.5], members=2).median[0]:.4g} mm" in Path(download.value.path()).read_text()
+    assert (
+        f"{1e3 * performance_curve(scene, [3.5], members=2).median[0]:.4g} mm"
+        in Path(download.value.path()).read_text()
+    )
 
 
 def test_a_slider_moves_the_curve_nothing_old_covers_it_and_a_bad_value_is_told(page: Any) -> None:
@@ -138,7 +171,9 @@ def test_a_slider_moves_the_curve_nothing_old_covers_it_and_a_bad_value_is_told(
     assert page.locator("#e-gap").inner_text() == ""
 
 
-def test_two_tabs_have_their_own_settings_and_advice_sets_the_controls(page: Any, browser: Any, address: str) -> None:
+def test_two_tabs_have_their_own_settings_and_advice_sets_the_controls(
+    page: Any, browser: Any, address: str
+) -> None:
     other = browser.new_page()
     other.goto(address + FAST)
     other.select_option("#concept", "tuned")
@@ -158,7 +193,9 @@ def test_two_tabs_have_their_own_settings_and_advice_sets_the_controls(page: Any
 @pytest.mark.parametrize("page", [(1280, 800, "light"), (1920, 1080, "dark")], indirect=True)
 def test_it_fits_and_everything_has_a_name(page: Any) -> None:
     finished(page)
-    size = page.evaluate("[document.documentElement.scrollWidth, document.documentElement.scrollHeight]")
+    size = page.evaluate(
+        "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
+    )
     width, height = page.viewport_size.values()
     assert size[0] <= width
     assert size[1] <= height
@@ -169,5 +206,8 @@ def test_it_fits_and_everything_has_a_name(page: Any) -> None:
     outside = """[...document.querySelectorAll('.panel')].filter((p) => [...p.querySelectorAll('.uplot, dl, canvas')].some(
       (e) => e.getBoundingClientRect().bottom > p.getBoundingClientRect().bottom + 1)).map((p) => p.id)"""
     assert page.evaluate(outside) == []
-    dark = int(re.findall(r"\d+", page.evaluate("getComputedStyle(document.body).backgroundColor"))[0]) < 128
+    dark = (
+        int(re.findall(r"\d+", page.evaluate("getComputedStyle(document.body).backgroundColor"))[0])
+        < 128
+    )
     assert dark == (width == 1920)

@@ -21,8 +21,10 @@ from optimisation.files import read_json
 from optimisation.tuned import den_hartog
 
 CONSOLE = "from optimisation.cli.start import main; main()"
-SIMULATE, MEASURE = "impact_env.ensemble.simulate", "optimisation.evaluation.measure"
-SUMMARY, PERIODIC = "summary.json", "impact_env.periodic"
+SIMULATE = "impact_env.ensemble.simulate"
+MEASURE = "optimisation.evaluation.measure"
+SUMMARY = "summary.json"
+PERIODIC = "impact_env.periodic"
 FAST = "--rate 100 --threads 1"
 DESIGNS = f"--modes 2 --members 2 --batch 4 --designs 5 {FAST}"
 PLAIN = "--concept friction --no-figures --audit 0"
@@ -50,24 +52,101 @@ class Stop(NamedTuple):
 
 
 STOPS = (
-    Stop("sweep", "--modes 2 --from 0.98 --to 1 --rate 10 --members 3 --json a.json", SIMULATE, 1, None, "a.json"),
-    Stop("compare_absorbers", f"--resonances 1 1 --forces 2 --members 2 {FAST} --out .", SIMULATE, 9, SUMMARY, "runs.csv"),
-    Stop("design_gap", f"--force 3.5 --modes 2 --gaps 3 --members 2 {FAST} --out .", SIMULATE, 5, SUMMARY, "levels.csv"),
-    Stop("mass_ratios", f"--mass-ratio 0.02 --resonances 1 1 --members 1 {FAST}", SIMULATE, 2, None, None),
-    Stop("optimise_design", f"{DESIGNS} {PLAIN} --out .", MEASURE, 4, f"friction/{SUMMARY}", "friction/designs.csv"),
-    Stop("pareto", f"{DESIGNS} --out .", MEASURE, 4, f"resonances/{SUMMARY}", "resonances/front.csv"),
-    Stop("orbits", f"{ORBITS} --json a.json", "optimisation.cli.orbits.all_orbits_over", 2, "a.json", "a.json"),
-    Stop("orbits", f"{ORBITS} --symmetric --json a.json", "optimisation.cli.orbits.orbits_over", 2, "a.json", "a.json"),
-    Stop("frequency_response", f"{RESPONSE} --resume kept.json --json a.json", f"{PERIODIC}.overview.sweep_envelope", 2, "a.json", "a.json", 3),
-    Stop("isola", f"{ISOLA} --resume kept.json --json a.json", f"{PERIODIC}.isolas.cell_of", 3, "a.json", "a.json", 5),
-    Stop("regimes", f"{REGIMES} --out .", "studies.regimes.measured.stays", 2, "jump.json.gz", "jump_stay.csv", 4, "--resume"),
+    Stop(
+        "sweep",
+        "--modes 2 --from 0.98 --to 1 --rate 10 --members 3 --json a.json",
+        SIMULATE,
+        1,
+        None,
+        "a.json",
+    ),
+    Stop(
+        "compare_absorbers",
+        f"--resonances 1 1 --forces 2 --members 2 {FAST} --out .",
+        SIMULATE,
+        9,
+        SUMMARY,
+        "runs.csv",
+    ),
+    Stop(
+        "design_gap",
+        f"--force 3.5 --modes 2 --gaps 3 --members 2 {FAST} --out .",
+        SIMULATE,
+        5,
+        SUMMARY,
+        "levels.csv",
+    ),
+    Stop(
+        "mass_ratios",
+        f"--mass-ratio 0.02 --resonances 1 1 --members 1 {FAST}",
+        SIMULATE,
+        2,
+        None,
+        None,
+    ),
+    Stop(
+        "optimise_design",
+        f"{DESIGNS} {PLAIN} --out .",
+        MEASURE,
+        4,
+        f"friction/{SUMMARY}",
+        "friction/designs.csv",
+    ),
+    Stop(
+        "pareto", f"{DESIGNS} --out .", MEASURE, 4, f"resonances/{SUMMARY}", "resonances/front.csv"
+    ),
+    Stop(
+        "orbits",
+        f"{ORBITS} --json a.json",
+        "optimisation.cli.orbits.all_orbits_over",
+        2,
+        "a.json",
+        "a.json",
+    ),
+    Stop(
+        "orbits",
+        f"{ORBITS} --symmetric --json a.json",
+        "optimisation.cli.orbits.orbits_over",
+        2,
+        "a.json",
+        "a.json",
+    ),
+    Stop(
+        "frequency_response",
+        f"{RESPONSE} --resume kept.json --json a.json",
+        f"{PERIODIC}.overview.sweep_envelope",
+        2,
+        "a.json",
+        "a.json",
+        3,
+    ),
+    Stop(
+        "isola",
+        f"{ISOLA} --resume kept.json --json a.json",
+        f"{PERIODIC}.isolas.cell_of",
+        3,
+        "a.json",
+        "a.json",
+        5,
+    ),
+    Stop(
+        "regimes",
+        f"{REGIMES} --out .",
+        "studies.regimes.measured.stays",
+        2,
+        "jump.json.gz",
+        "jump_stay.csv",
+        4,
+        "--resume",
+    ),
 )
 
 
 def broken_off(function: str, at: int, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Break a function off at its call number ``at``; return a list that grows with each call."""
     module, _, name = function.rpartition(".")
-    whole, calls = getattr(importlib.import_module(module), name), list[str]()
+    whole = getattr(importlib.import_module(module), name)
+    calls = list[str]()
 
     def counted() -> None:
         calls.append(function)
@@ -93,14 +172,17 @@ def broken_off(function: str, at: int, monkeypatch: pytest.MonkeyPatch) -> list[
 
 
 @pytest.mark.parametrize("stop", STOPS, ids=lambda stop: f"{stop.name}-{stop.function}")
-def test_what_is_finished_is_kept_and_the_command_goes_on(stop: Stop, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_what_is_finished_is_kept_and_the_command_goes_on(
+    stop: Stop, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     file = file_of(stop.name)
     assert file is not None
     if missing_extras(file):
         pytest.skip("a package that it needs is not installed")
     monkeypatch.setattr("optimisation.comparison.minimax", den_hartog)  # in closed form
     command = load(stop.name, monkeypatch)
-    whole, parted = tmp_path / "whole", tmp_path / "parted"
+    whole = tmp_path / "whole"
+    parted = tmp_path / "parted"
     for folder in (whole, parted):
         folder.mkdir()
     monkeypatch.chdir(whole)
@@ -115,7 +197,11 @@ def test_what_is_finished_is_kept_and_the_command_goes_on(stop: Stop, monkeypatc
         assert list(parted.iterdir()) == []
     else:
         kept, wanted = (read_json(folder / stop.kept) for folder in (parted, whole))
-        assert kept == wanted[: len(kept)] != [] if isinstance(kept, list) else not kept.get("complete", kept.get("finished"))
+        assert (
+            kept == wanted[: len(kept)] != []
+            if isinstance(kept, list)
+            else not kept.get("complete", kept.get("finished"))
+        )
     done(command, *shlex.split(stop.line), *shlex.split(stop.again))
     assert stop.calls in (None, len(calls))
     if stop.same is not None:
@@ -131,11 +217,21 @@ def heed_interrupts() -> None:
 def test_during_imports_it_is_one_line(tmp_path: Path) -> None:
     """A module that takes for ever stands first on the path: the signal comes while it is being imported."""
     mark = tmp_path / "there"
-    (tmp_path / "click.py").write_text(f"import pathlib, time\npathlib.Path({str(mark)!r}).touch()\ntime.sleep(100)\n")
+    (tmp_path / "click.py").write_text(
+        f"import pathlib, time\npathlib.Path({str(mark)!r}).touch()\ntime.sleep(100)\n"
+    )
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
     words = [sys.executable, "-c", CONSOLE, "optimise_design"]
     pipe = subprocess.PIPE
-    process = subprocess.Popen(words, cwd=ROOT, env=environment, stdout=pipe, stderr=pipe, text=True, preexec_fn=heed_interrupts)
+    process = subprocess.Popen(
+        words,
+        cwd=ROOT,
+        env=environment,
+        stdout=pipe,
+        stderr=pipe,
+        text=True,
+        preexec_fn=heed_interrupts,
+    )
     until = time.monotonic() + 120
     while not mark.exists() and process.poll() is None and time.monotonic() < until:
         time.sleep(0.05)

@@ -17,7 +17,16 @@ from impact_env.plain import to_scene
 from optimisation.cli import orbits
 from optimisation.cli.group import imported
 
-KEYS = {"omega_ratio", "period_multiple", "symmetric", "impacts", "tip_max_m", "tip_rms_m", "stable", "residual"}
+KEYS = {
+    "omega_ratio",
+    "period_multiple",
+    "symmetric",
+    "impacts",
+    "tip_max_m",
+    "tip_rms_m",
+    "stable",
+    "residual",
+}
 KEYS |= {"scene", "force_N", "omega_rad_s", "period_s", "events", "held_rad", "start"}
 PAPER = ["--modes", "3", "--friction-limit", "0.01", "--restitution", "1", "--force", "1.5"]
 ONE_MODE = ["--modes", "1", "--restitution", "0.75", "--force", "1.5"]
@@ -33,12 +42,19 @@ def listed(tmp_path: Path, *arguments: str) -> tuple[str, list[dict[str, Any]]]:
 
 def test_the_orbits_over_a_range_have_exactly_the_promised_keys(tmp_path: Path) -> None:
     output, found = listed(tmp_path, *PAPER, "--from", "0.93", "--to", "0.96", "--points", "4")
-    assert [orbit["omega_ratio"] for orbit in found] == pytest.approx([0.94, 0.94, 0.95, 0.95], abs=1e-12)
+    assert [orbit["omega_ratio"] for orbit in found] == pytest.approx(
+        [0.94, 0.94, 0.95, 0.95], abs=1e-12
+    )
     for orbit in found:
         assert set(orbit) == KEYS | {"half_multipliers"}
         assert orbit["symmetric"] is True
-        assert [set(impact) for impact in orbit["impacts"]] == [{"phase_rad", "impulse_Ns", "wall"}] * 2
-        assert all(impact["impulse_Ns"] * impact["wall"] < 0 and 0 <= impact["phase_rad"] < 2 * np.pi for impact in orbit["impacts"])
+        assert [set(impact) for impact in orbit["impacts"]] == [
+            {"phase_rad", "impulse_Ns", "wall"}
+        ] * 2
+        assert all(
+            impact["impulse_Ns"] * impact["wall"] < 0 and 0 <= impact["phase_rad"] < 2 * np.pi
+            for impact in orbit["impacts"]
+        )
         assert orbit["stable"] == (max(np.hypot(*pair) for pair in orbit["half_multipliers"]) < 1)
         assert len(orbit["half_multipliers"]) == 8
         assert orbit["residual"] < 1e-10
@@ -53,17 +69,43 @@ def test_an_orbit_of_a_file_can_be_read_back_and_run_again(tmp_path: Path) -> No
         assert isinstance(orbit, Orbit)
         assert orbit.motion.tip_max == pytest.approx(plain["tip_max_m"], rel=1e-9)
         struck = [event for event in plain["events"] if event["wall"]]
-        assert all(any(abs(event["phase_rad"] - impact["phase_rad"]) < 1e-9 for impact in plain["impacts"]) for event in struck)
-        scene, start = to_scene(plain["scene"]), plain["start"]
-        run = Drive(plain["force_N"], constant_frequency(plain["omega_rad_s"], 1.0, plain["period_multiple"]), start["phase_rad"])
-        first = InitialState(start["modal_displacement"], start["modal_velocity"], start["absorber_displacement_m"], start["absorber_velocity_m_s"])
+        assert all(
+            any(abs(event["phase_rad"] - impact["phase_rad"]) < 1e-9 for impact in plain["impacts"])
+            for event in struck
+        )
+        scene = to_scene(plain["scene"])
+        start = plain["start"]
+        run = Drive(
+            plain["force_N"],
+            constant_frequency(plain["omega_rad_s"], 1.0, plain["period_multiple"]),
+            start["phase_rad"],
+        )
+        first = InitialState(
+            start["modal_displacement"],
+            start["modal_velocity"],
+            start["absorber_displacement_m"],
+            start["absorber_velocity_m_s"],
+        )
         end = simulate(scene, run, initial=first).end_state
         assert end == pytest.approx(first.vector(scene), abs=1e-9)
 
 
 def test_branches_over_the_force_hold_both_ends_of_an_s(tmp_path: Path) -> None:
     """Low and high orbits of one frequency lie on one branch over the force, which turns where its fold force is."""
-    _, (branch,) = listed(tmp_path, "--modes", "2", "--force", "3", "--at", "0.95", "--along", "force", "--over", "1", "6")
+    _, (branch,) = listed(
+        tmp_path,
+        "--modes",
+        "2",
+        "--force",
+        "3",
+        "--at",
+        "0.95",
+        "--along",
+        "force",
+        "--over",
+        "1",
+        "6",
+    )
     assert max(branch["force_N"]) == pytest.approx(6, rel=1e-6)
     entries = list(unpacked(branch["orbits"]))
     assert len(entries) == sum(tip is not None for tip in branch["tip_max_m"])
@@ -74,7 +116,18 @@ def test_branches_over_the_force_hold_both_ends_of_an_s(tmp_path: Path) -> None:
         assert any(abs(force - orbit.case.force) < 1e-12 for force in branch["force_N"])
         assert orbit.motion.tip_max == pytest.approx(entry["tip_max_m"], rel=1e-7)
     (fold,) = (mark for mark in branch["located"] if mark["kind"] == "fold")
-    _, levels = listed(tmp_path, "--modes", "2", "--force", f"{fold['force_N']:.9f}", "--folds", "--from", "0.94", "--to", "0.96")
+    _, levels = listed(
+        tmp_path,
+        "--modes",
+        "2",
+        "--force",
+        f"{fold['force_N']:.9f}",
+        "--folds",
+        "--from",
+        "0.94",
+        "--to",
+        "0.96",
+    )
     assert min(abs(level["omega_ratio"] - 0.95) for level in levels) < 1e-5
 
 
@@ -87,7 +140,13 @@ def test_one_frequency_has_what_runs_settle_to_as_well(tmp_path: Path) -> None:
         assert set(orbit) == KEYS | {"multipliers"}
         assert orbit["stable"] is True
         assert orbit["period_multiple"] == 1
-    one, other = (sorted((impact["wall"], impact["phase_rad"], impact["impulse_Ns"]) for impact in orbit["impacts"]) for orbit in sided)
+    one, other = (
+        sorted(
+            (impact["wall"], impact["phase_rad"], impact["impulse_Ns"])
+            for impact in orbit["impacts"]
+        )
+        for orbit in sided
+    )
     for (wall, phase, impulse), (_, there, back) in zip(one, other[::-1], strict=True):
         assert back == pytest.approx(-impulse, rel=1e-8), wall
         assert np.exp(1j * there) == pytest.approx(-np.exp(1j * phase), abs=1e-8)
@@ -95,7 +154,20 @@ def test_one_frequency_has_what_runs_settle_to_as_well(tmp_path: Path) -> None:
 
 def test_a_range_has_pairs_and_doubled_periods(tmp_path: Path) -> None:
     """N_m = 1, e = 0.8: between 0.9307 and 0.9353 a stable orbit has two periods of the force, which runs settle to (test_switching)."""
-    arguments = ["--modes", "1", "--restitution", "0.8", "--force", "1.5", "--from", "0.932", "--to", "0.934", "--points", "3"]
+    arguments = [
+        "--modes",
+        "1",
+        "--restitution",
+        "0.8",
+        "--force",
+        "1.5",
+        "--from",
+        "0.932",
+        "--to",
+        "0.934",
+        "--points",
+        "3",
+    ]
     output, found = listed(tmp_path, *arguments)
     assert "one-sided, period 2" in output
     kinds = {(orbit["symmetric"], orbit["period_multiple"]) for orbit in found}
@@ -111,20 +183,44 @@ def test_a_range_has_pairs_and_doubled_periods(tmp_path: Path) -> None:
 def test_folds_and_thresholds(tmp_path: Path) -> None:
     _, found = listed(tmp_path, *PAPER, "--from", "0.93", "--to", "0.96", "--folds")
     assert all(set(fold) == {"omega_ratio", "force_N", "tip_max_m"} for fold in found)
-    assert [fold["omega_ratio"] for fold in found] == pytest.approx([0.9336128203, 0.9336233427, 0.9552754578], abs=1e-9)
+    assert [fold["omega_ratio"] for fold in found] == pytest.approx(
+        [0.9336128203, 0.9336233427, 0.9552754578], abs=1e-9
+    )
     assert {fold["force_N"] for fold in found} == {1.5}
     _, found = listed(tmp_path, *PAPER, "--from", "0.93", "--to", "1", "--thresholds")
-    assert [threshold["force_N"] for threshold in found] == pytest.approx([1.221955, 2.370284], abs=5e-7)  # birth and merger with reversals
+    assert [threshold["force_N"] for threshold in found] == pytest.approx(
+        [1.221955, 2.370284], abs=5e-7
+    )  # birth and merger with reversals
 
 
 def test_curves_over_two_parameters_are_in_all_files(tmp_path: Path) -> None:
-    table, figure = tmp_path / "curves.csv", tmp_path / "curves.png"
-    options = ["--curve", "fold", "--with", "force", "--over", "1", "2", "--from", "0.93", "--to", "0.95", "--symmetric"]
-    output, curves = listed(tmp_path, *ONE_MODE, *options, "--csv", str(table), "--plot", str(figure))
+    table = tmp_path / "curves.csv"
+    figure = tmp_path / "curves.png"
+    options = [
+        "--curve",
+        "fold",
+        "--with",
+        "force",
+        "--over",
+        "1",
+        "2",
+        "--from",
+        "0.93",
+        "--to",
+        "0.95",
+        "--symmetric",
+    ]
+    output, curves = listed(
+        tmp_path, *ONE_MODE, *options, "--csv", str(table), "--plot", str(figure)
+    )
     (curve,) = curves
     assert curve["kind"] == "fold"
     assert max(abs(real - 1) + abs(imaginary) for real, imaginary in curve["multiplier"]) < 1e-6
-    places = [(at, force) for at, force in zip(curve["omega_ratio"], curve["value"], strict=True) if abs(force - 1.5) < 0.2]
+    places = [
+        (at, force)
+        for at, force in zip(curve["omega_ratio"], curve["value"], strict=True)
+        if abs(force - 1.5) < 0.2
+    ]
     assert min(abs(at - 0.9433449134) for at, _ in places) < 0.005  # the fold at 1.5 N
     rows = table.read_text(encoding="utf-8").splitlines()
     assert rows[0].split(",")[5] == "force_N"
@@ -142,7 +238,17 @@ ISOLA = ("--modes", 3, "--friction-limit", 0.01)
 def test_the_papers_isola_by_both_methods_in_all_files(tmp_path: Path) -> None:
     files = [tmp_path / name for name in ("response.json", "response.csv", "response.png")]
     limits = ("--from", 0.92, "--to", 0.962, "--rate", 20)
-    done(imported("frequency_response"), *ISOLA, *limits, "--json", files[0], "--csv", files[1], "--plot", files[2])
+    done(
+        imported("frequency_response"),
+        *ISOLA,
+        *limits,
+        "--json",
+        files[0],
+        "--csv",
+        files[1],
+        "--plot",
+        files[2],
+    )
     found = json.loads(files[0].read_text())
     exact = [curve for curve in found["curves"] if curve["method"] == "exact orbits"]
     (closed,) = [curve for curve in exact if curve["closed"]]
@@ -154,27 +260,67 @@ def test_the_papers_isola_by_both_methods_in_all_files(tmp_path: Path) -> None:
     assert any(closed["slowly_stable"])
     entries = list(unpacked(closed["orbits"]))
     assert len(entries) == sum(tip is not None for tip in closed["tip_max_m"])
-    assert all({"scene", "start", "events", "held_rad", "half_multipliers", "period_s", "symmetric"} <= set(entry) for entry in entries)
+    assert all(
+        {"scene", "start", "events", "held_rad", "half_multipliers", "period_s", "symmetric"}
+        <= set(entry)
+        for entry in entries
+    )
     assert isinstance(orbit_of(entries[len(entries) // 2]), Orbit)
     balance = [curve for curve in found["curves"] if curve["method"] == "harmonic balance"]
     assert sorted(curve["closed"] for curve in balance) == [False, True]
     model = modal_model(Beam(modes=3))
     ratio = np.array(found["linear"]["omega_ratio"])
-    assert found["linear"]["stuck_m"] == pytest.approx(1.5 * np.abs(tip_response(model, StuckAbsorber(), ratio * model.omega[0])))
-    assert [sweep["omega_ratio"][0] > sweep["omega_ratio"][-1] for sweep in found["sweeps"]] == [False, True]
+    assert found["linear"]["stuck_m"] == pytest.approx(
+        1.5 * np.abs(tip_response(model, StuckAbsorber(), ratio * model.omega[0]))
+    )
+    assert [sweep["omega_ratio"][0] > sweep["omega_ratio"][-1] for sweep in found["sweeps"]] == [
+        False,
+        True,
+    ]
     rows = read(files[1])
     for number, curve in enumerate(found["curves"], 1):
         kept = [x for x in curve["tip_max_m"] if x is not None]
-        assert [float(row["tip_max_m"]) for row in rows if row["curve"] == str(number) and not row["located"]] == kept
+        assert [
+            float(row["tip_max_m"])
+            for row in rows
+            if row["curve"] == str(number) and not row["located"]
+        ] == kept
     assert files[2].stat().st_size > 10_000
     assert sorted(tmp_path.iterdir()) == sorted(files)
 
 
-def test_balance_at_springs_loses_its_stability_where_the_absorber_first_touches_them(tmp_path: Path) -> None:
+def test_balance_at_springs_loses_its_stability_where_the_absorber_first_touches_them(
+    tmp_path: Path,
+) -> None:
     """With a contact stiffness: up to the fold the absorber floats and the beam is that without one, beyond it each solution is a saddle."""
-    file, figure = tmp_path / "found.json", tmp_path / "found.png"
-    given = ("--modes", 1, "--force", 3, "--from", 0.95, "--to", 0.97, "--no-sweeps", "--method", "balance", "--harmonics", 10, "--hill")
-    done(imported("frequency_response"), *given, "--contact-stiffness", 2e4, "--json", file, "--plot", figure)
+    file = tmp_path / "found.json"
+    figure = tmp_path / "found.png"
+    given = (
+        "--modes",
+        1,
+        "--force",
+        3,
+        "--from",
+        0.95,
+        "--to",
+        0.97,
+        "--no-sweeps",
+        "--method",
+        "balance",
+        "--harmonics",
+        10,
+        "--hill",
+    )
+    done(
+        imported("frequency_response"),
+        *given,
+        "--contact-stiffness",
+        2e4,
+        "--json",
+        file,
+        "--plot",
+        figure,
+    )
     curve = json.loads(file.read_text())["curves"][0]
     model = modal_model(Beam(modes=1))
     alone = 3 * np.abs(tip_response(model, None, np.array(curve["omega_ratio"]) * model.omega[0]))
@@ -187,10 +333,24 @@ def test_balance_at_springs_loses_its_stability_where_the_absorber_first_touches
 def test_both_commands_list_the_same_folds(tmp_path: Path) -> None:
     """At 3 N the branch folds twice near 0.90321, with 4 reversals and with 8: which of them is met depends on the steps of the continuation."""
     limits = ("--force", 3, "--from", 0.89, "--to", 0.93)
-    done(imported("frequency_response"), *ISOLA, *limits, "--method", "exact", "--no-sweeps", "--json", tmp_path / "r.json")
+    done(
+        imported("frequency_response"),
+        *ISOLA,
+        *limits,
+        "--method",
+        "exact",
+        "--no-sweeps",
+        "--json",
+        tmp_path / "r.json",
+    )
     done(orbits, *ISOLA, *limits, "--folds", "--json", tmp_path / "o.json")
     curves = json.loads((tmp_path / "r.json").read_text())["curves"]
-    drawn = sorted(mark["omega_ratio"] for curve in curves for mark in curve["located"] if mark["kind"] == "fold")
+    drawn = sorted(
+        mark["omega_ratio"]
+        for curve in curves
+        for mark in curve["located"]
+        if mark["kind"] == "fold"
+    )
     assert drawn == [fold["omega_ratio"] for fold in json.loads((tmp_path / "o.json").read_text())]
     assert drawn == pytest.approx([0.9032099017, 0.9032184151], abs=1e-10)
 
@@ -198,16 +358,33 @@ def test_both_commands_list_the_same_folds(tmp_path: Path) -> None:
 def test_the_envelope_has_quantiles_of_runs_that_settled(tmp_path: Path) -> None:
     """The paper's two-mode case at 0.9 is linear but for sliding friction: all members alike, between the linear curves, without an impact."""
     files = [tmp_path / name for name in ("response.json", "response.png")]
-    run = ("--modes", 2, "--friction-limit", 0.025, "--method", "exact", "--no-sweeps", "--from", 0.9, "--to", 0.905)
+    run = (
+        "--modes",
+        2,
+        "--friction-limit",
+        0.025,
+        "--method",
+        "exact",
+        "--no-sweeps",
+        "--from",
+        0.9,
+        "--to",
+        0.905,
+    )
     runs = ("--envelope", 2, "--members", 3, "--window", 20, "--settle", 200, "--threads", 1)
-    result = done(imported("frequency_response"), *run, *runs, "--json", files[0], "--plot", files[1])
+    result = done(
+        imported("frequency_response"), *run, *runs, "--json", files[0], "--plot", files[1]
+    )
     assert "runs at" in result.output
     first, last = json.loads(files[0].read_text())["stationary"]
     assert (first["omega_ratio"], last["omega_ratio"]) == (0.9, 0.905)
     assert first["quantiles"] == [0.05, 0.5, 0.95]
     assert first["impacts_per_period"] == last["impacts_per_period"] == 0
     model = modal_model(Beam(modes=2))
-    ends = [1.5 * abs(tip_response(model, absorber, np.array([0.9 * model.omega[0]]))[0]) for absorber in (None, StuckAbsorber())]
+    ends = [
+        1.5 * abs(tip_response(model, absorber, np.array([0.9 * model.omega[0]]))[0])
+        for absorber in (None, StuckAbsorber())
+    ]
     assert all(0.95 * min(ends) < tip < 1.05 * max(ends) for tip in first["tip_max_m"])
     assert first["tip_max_m"][0] == pytest.approx(first["tip_max_m"][2], rel=1e-2)
     assert last["tip_max_m"][1] > 1.02 * first["tip_max_m"][1]
@@ -216,16 +393,33 @@ def test_the_envelope_has_quantiles_of_runs_that_settled(tmp_path: Path) -> None
 
 def test_births_and_mergers_and_their_map(tmp_path: Path) -> None:
     files = [tmp_path / name for name in ("isola.json", "isola.csv", "isola.png")]
-    given = ("--json", files[0], "--csv", files[1], "--plot", files[2], "--map-modes", "1,3", "--map-restitutions", "0.75,1")
+    given = (
+        "--json",
+        files[0],
+        "--csv",
+        files[1],
+        "--plot",
+        files[2],
+        "--map-modes",
+        "1,3",
+        "--map-restitutions",
+        "0.75,1",
+    )
     done(imported("isola"), "--modes", 3, "--friction-limit", 0.01, "--from", 0.93, *given)
     found = json.loads(files[0].read_text())
     assert [row["kind"] for row in found["thresholds"]] == ["birth", "merger"]
     assert all(row["orbit"] == "yes" for row in found["thresholds"])
     same = [row["force_N"] for row in found["map"] if row["modes"] == 3 and row["restitution"] == 1]
     assert same == [row["force_N"] for row in found["thresholds"]]
-    births = {row["restitution"]: row["force_N"] for row in found["map"] if row["modes"] == 3 and row["kind"] == "birth"}
+    births = {
+        row["restitution"]: row["force_N"]
+        for row in found["map"]
+        if row["modes"] == 3 and row["kind"] == "birth"
+    }
     assert births[0.75] > births[1.0] + 0.5
-    ratio, force = (np.array(found["fold_force"][name], dtype=float) for name in ("omega_ratio", "force_N"))
+    ratio, force = (
+        np.array(found["fold_force"][name], dtype=float) for name in ("omega_ratio", "force_N")
+    )
     inside = (ratio > 0.94) & (ratio < 0.95)
     assert np.min(force[inside]) == pytest.approx(1.221955, abs=1e-4)
     assert len(read(files[1])) == len(found["thresholds"]) + len(found["map"])
@@ -233,8 +427,20 @@ def test_births_and_mergers_and_their_map(tmp_path: Path) -> None:
 
 
 def test_error_of_harmonic_balance_falls_with_the_harmonics(tmp_path: Path) -> None:
-    file, figure = tmp_path / "error.json", tmp_path / "error.png"
-    done(imported("balance_error"), "--harmonics", "20,40", "--weights", "100", "--growing", "--json", file, "--plot", figure)
+    file = tmp_path / "error.json"
+    figure = tmp_path / "error.png"
+    done(
+        imported("balance_error"),
+        "--harmonics",
+        "20,40",
+        "--weights",
+        "100",
+        "--growing",
+        "--json",
+        file,
+        "--plot",
+        figure,
+    )
     first, second = json.loads(file.read_text())["rows"]
     assert (first["weight"], second["weight"]) == (100, 400)
     assert first["closed"]

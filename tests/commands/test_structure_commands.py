@@ -23,7 +23,9 @@ from optimisation.mounting import mounted
 from optimisation.tuned import den_hartog, undamped_h2
 from studies.cli.your_structure import BLOCK, PAGES
 
-STEEL, FRAME, MEASURED = (str(EXAMPLES / f"{name}.toml") for name in ("steel_beam_tip", "frame", "measured"))
+STEEL, FRAME, MEASURED = (
+    str(EXAMPLES / f"{name}.toml") for name in ("steel_beam_tip", "frame", "measured")
+)
 
 
 @pytest.fixture(autouse=True)
@@ -31,7 +33,10 @@ def quickly_tuned(monkeypatch: pytest.MonkeyPatch) -> None:
     closed = lambda model, mass, resonance=1, *_range: den_hartog(model, mass, resonance)  # noqa: E731
     monkeypatch.setattr("optimisation.comparison.minimax", closed)
     monkeypatch.setattr("optimisation.report.tuning_report.minimax", closed)
-    monkeypatch.setattr("optimisation.report.tuning_report.minimum_h2", lambda model, mass, resonance, *_range: undamped_h2(model, mass, resonance))
+    monkeypatch.setattr(
+        "optimisation.report.tuning_report.minimum_h2",
+        lambda model, mass, resonance, *_range: undamped_h2(model, mass, resonance),
+    )
 
 
 def call(name: str, monkeypatch: pytest.MonkeyPatch, line: str) -> Result:
@@ -39,36 +44,62 @@ def call(name: str, monkeypatch: pytest.MonkeyPatch, line: str) -> Result:
 
 
 @pytest.mark.parametrize("structure", [FRAME, MEASURED])
-def test_every_example_runs_from_rule_to_comparison(structure: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_every_example_runs_from_rule_to_comparison(
+    structure: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     if structure == MEASURED:
         pytest.importorskip("pyuff")
     model = modal_model(load_structure(structure))
-    result = call("design_gap", monkeypatch, f"--structure {structure} --mass-ratio 0.01 --force 2 --rate 40 --gaps 3 --members 1 --out {tmp_path}")
-    assert f"Design rule (no simulation): {1e3 * design_gap(model, 0.01 * model.beam_mass, 2.0):.4g} mm" in result.output
+    result = call(
+        "design_gap",
+        monkeypatch,
+        f"--structure {structure} --mass-ratio 0.01 --force 2 --rate 40 --gaps 3 --members 1 --out {tmp_path}",
+    )
+    assert (
+        f"Design rule (no simulation): {1e3 * design_gap(model, 0.01 * model.beam_mass, 2.0):.4g} mm"
+        in result.output
+    )
     line = f"--structure {structure} --mass-ratio 0.01 --force 2 --resonances 1 1 --rate 40 --forces 2 --members 1 --out {tmp_path}"
     call("compare_absorbers", monkeypatch, line)
     summary = json.loads((tmp_path / "summary.json").read_text())
-    assert summary["settings"]["gap_m"] == pytest.approx(design_gap(model, 0.01 * model.beam_mass, 2.0))
+    assert summary["settings"]["gap_m"] == pytest.approx(
+        design_gap(model, 0.01 * model.beam_mass, 2.0)
+    )
     assert list(summary["resonances"]) == ["1"]
     concepts = summary["resonances"]["1"]["concepts"]
-    assert concepts["friction"]["absorber"]["friction"]["limit"] == pytest.approx(best_friction(model, 0.01 * model.beam_mass, 2.0)[0])
-    assert concepts["ltva_tuned"]["absorber"]["stiffness"] == pytest.approx(den_hartog(model, 0.01).stiffness)
+    assert concepts["friction"]["absorber"]["friction"]["limit"] == pytest.approx(
+        best_friction(model, 0.01 * model.beam_mass, 2.0)[0]
+    )
+    assert concepts["ltva_tuned"]["absorber"]["stiffness"] == pytest.approx(
+        den_hartog(model, 0.01).stiffness
+    )
 
 
-def test_a_sweep_has_the_rule_gap_and_writes_its_scene(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    model, target = modal_model(load_structure(STEEL)), tmp_path / "sweep.json"
+def test_a_sweep_has_the_rule_gap_and_writes_its_scene(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    model = modal_model(load_structure(STEEL))
+    target = tmp_path / "sweep.json"
     options = "--rate 40 --mass-ratio 0.01"
     call("sweep", monkeypatch, f"--structure {STEEL} --force 0.3 {options} --json {target}")
     found = json.loads(target.read_text())
     assert found["scene"]["beam"]["response_position"] == 0.9
-    assert found["scene"]["absorber"]["gap"] == pytest.approx(design_gap(model, 0.01 * model.beam_mass, 0.3))
+    assert found["scene"]["absorber"]["gap"] == pytest.approx(
+        design_gap(model, 0.01 * model.beam_mass, 0.3)
+    )
     np.testing.assert_array_equal(found["omega_rad_s"], model.omega)
     target.with_name("scene.json").write_text(json.dumps(found["scene"]))
-    call("sweep", monkeypatch, f"--scene {target.with_name('scene.json')} --rate 40 --force 0.3 --json {target}")
+    call(
+        "sweep",
+        monkeypatch,
+        f"--scene {target.with_name('scene.json')} --rate 40 --force 0.3 --json {target}",
+    )
     assert json.loads(target.read_text())["response_level_m"] == found["response_level_m"]
 
 
-def test_periodic_motions_are_of_the_structure_and_at_the_force_of_the_rule(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_periodic_motions_are_of_the_structure_and_at_the_force_of_the_rule(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     target = tmp_path / "periodic.json"
     model = modal_model(load_structure(FRAME))
     force = design_force(model, 0.01 * model.beam_mass, 1e-3, 1)
@@ -77,12 +108,16 @@ def test_periodic_motions_are_of_the_structure_and_at_the_force_of_the_rule(monk
     assert json.loads(target.read_text())["force_N"] == pytest.approx(force)
     call("orbits", monkeypatch, f"{line} --points 2 --symmetric")
     for orbit in json.loads(target.read_text()):
-        case = Case(model, orbit["omega_ratio"] * float(model.omega[0]), force, 1e-3, mass_ratio=0.01)
+        case = Case(
+            model, orbit["omega_ratio"] * float(model.omega[0]), force, 1e-3, mass_ratio=0.01
+        )
         known = [o.motion.tip_max for o in closed_form_orbits(case).orbits]
         assert min(abs(orbit["tip_max_m"] / tip - 1) for tip in known) < 1e-6
 
 
-def test_a_search_takes_the_structure_and_its_forces(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_search_takes_the_structure_and_its_forces(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     pytest.importorskip("optuna")
     short = "--rate 40 --members 1 --designs 4 --no-screening --no-figures --audit 0 --threads 1"
     line = f"--structure {STEEL} --fix mass_ratio 0.01 --resonances 1 3 {short} --out {tmp_path}"
@@ -91,8 +126,12 @@ def test_a_search_takes_the_structure_and_its_forces(monkeypatch: pytest.MonkeyP
     assert problem["beam"]["length"] == 1.2
     assert [c["resonance"] for c in problem["conditions"]] == [1, 3]
     model = modal_model(load_structure(STEEL))
-    for condition in problem["conditions"]:  # about the forces that a gap of 1 mm is for, as 3.5 and 35 N are on the paper's beam
-        assert design_gap(model, 0.01 * model.beam_mass, condition["force"], condition["resonance"]) == pytest.approx(1e-3, rel=0.1)
+    for condition in problem[
+        "conditions"
+    ]:  # about the forces that a gap of 1 mm is for, as 3.5 and 35 N are on the paper's beam
+        assert design_gap(
+            model, 0.01 * model.beam_mass, condition["force"], condition["resonance"]
+        ) == pytest.approx(1e-3, rel=0.1)
 
 
 def test_an_environment_takes_a_structure() -> None:
@@ -104,7 +143,10 @@ def test_an_environment_takes_a_structure() -> None:
     np.testing.assert_array_equal(settings.scene.model.omega, model.omega)
     np.testing.assert_array_equal(settings.scene.model.level_shape, model.level_shape)
     assert settings.scene.model.response_shape is not None
-    assert settings.scene is TaskSettings(structure=STEEL, absorber_options={"mass_ratio": 0.01, "gap": 1e-3}).scene
+    assert (
+        settings.scene
+        is TaskSettings(structure=STEEL, absorber_options={"mass_ratio": 0.01, "gap": 1e-3}).scene
+    )
     with pytest.raises(ValueError, match="is not allowed"):
         TaskSettings(structure=STEEL, beam={"length": 1.0})
 
@@ -118,27 +160,50 @@ def test_pages_have_what_their_commands_print(path: Path) -> None:
     for block in blocks:
         _, name, *arguments = shlex.split(block["command"])
         assert file_of(name) is not None
-        assert "--structure" not in arguments or (ROOT / arguments[arguments.index("--structure") + 1]).is_file()
+        assert (
+            "--structure" not in arguments
+            or (ROOT / arguments[arguments.index("--structure") + 1]).is_file()
+        )
         assert block["printed"].strip()
 
 
 def test_a_device_goes_to_other_commands(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     beam = Beam(modes=2, damping_ratio=0.02, response_position=1.0)
     device = tmp_path / "device.json"
-    device.write_text(json.dumps(from_scene(beam_scene(beam, impact_absorber(7e-4, 0.55, 0.03, 0.015)), beam)))
+    device.write_text(
+        json.dumps(from_scene(beam_scene(beam, impact_absorber(7e-4, 0.55, 0.03, 0.015)), beam))
+    )
     line = f"--scene {device} --force 1.7 --resonances 1 2 --forces 2 --members 1 --rate 60 --out {tmp_path}"
     call("compare_absorbers", monkeypatch, line)
     found = json.loads((tmp_path / "summary.json").read_text())
     impact = found["resonances"]["1"]["concepts"]["impact"]["absorber"]
-    assert impact == {"mass_ratio": 0.015, "walls": {"gap": 7e-4, "restitution": 0.55}, "friction": {"limit": 0.03}, "gravity": 0.0}
+    assert impact == {
+        "mass_ratio": 0.015,
+        "walls": {"gap": 7e-4, "restitution": 0.55},
+        "friction": {"limit": 0.03},
+        "gravity": 0.0,
+    }
     model, (first, second) = mounted(beam), (found["resonances"][k]["concepts"] for k in ("1", "2"))
-    own = performance_curve(Scene(model, impact_absorber(7e-4, 0.55, 0.03, 0.015)), [1.7], members=1, percent_per_100_periods=60.0)
-    assert first["impact"]["at_the_force"]["response_level_m"] == pytest.approx(own.median[0], rel=1e-9)
-    assert first["friction"]["absorber"]["friction"]["limit"] == pytest.approx(best_friction(model, 0.015 * model.beam_mass, 1.7)[0])
+    own = performance_curve(
+        Scene(model, impact_absorber(7e-4, 0.55, 0.03, 0.015)),
+        [1.7],
+        members=1,
+        percent_per_100_periods=60.0,
+    )
+    assert first["impact"]["at_the_force"]["response_level_m"] == pytest.approx(
+        own.median[0], rel=1e-9
+    )
+    assert first["friction"]["absorber"]["friction"]["limit"] == pytest.approx(
+        best_friction(model, 0.015 * model.beam_mass, 1.7)[0]
+    )
     assert "at_the_force" not in second["impact"]
     call("tune_ltva", monkeypatch, f"--scene {device} --quick --out {tmp_path}")
     assert json.loads((tmp_path / "summary.json").read_text())["settings"]["mass_ratio"] == 0.015
     line = f"--scene {device} --at 1:2 --free gap --members 1 --rate 60 --batch 2 --designs 2 --no-figures --audit 0 --out {tmp_path}"
     call("optimise_design", monkeypatch, line)
     values = json.loads((tmp_path / "impact" / "summary.json").read_text())["winner"]["values"]
-    assert (values["restitution"], values["friction_limit"], values["mass_ratio"]) == (0.55, 0.03, 0.015)
+    assert (values["restitution"], values["friction_limit"], values["mass_ratio"]) == (
+        0.55,
+        0.03,
+        0.015,
+    )

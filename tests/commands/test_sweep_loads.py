@@ -9,7 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import sweep
-from load_cases import FORCE_SHAPE, GRAVITY, MASS, OMEGA, PARTICIPATION, TIP_SHAPE, TONES, cantilever
+from load_cases import (
+    FORCE_SHAPE,
+    GRAVITY,
+    MASS,
+    OMEGA,
+    PARTICIPATION,
+    TIP_SHAPE,
+    TONES,
+    cantilever,
+)
 
 from impact_env.drive import FrequencySchedule
 from impact_env.loads import BASE, Loads, Member, Samples, ShakenBase, Shock, Tone, Tones
@@ -23,9 +32,16 @@ from optimisation.signals import band_edges, of_signal
 
 def model(modes: int, damping: float, **more: float) -> str:
     """Return a file's table of a structure: the closed-form cantilever's first modes, or of one mode what is given."""
-    rows = {"force_shape_per_sqrt_kg": FORCE_SHAPE[:modes], "tip_shape_per_sqrt_kg": TIP_SHAPE[:modes]} | {name: [x] for name, x in more.items()}
+    rows = {
+        "force_shape_per_sqrt_kg": FORCE_SHAPE[:modes],
+        "tip_shape_per_sqrt_kg": TIP_SHAPE[:modes],
+    } | {name: [x] for name, x in more.items()}
     rows |= {"omega_rad_s": OMEGA[:modes], "damping_ratio": [damping] * modes}
-    return "[model]\n" + "".join(f"{name} = {list(row)}\n" for name, row in rows.items()) + f"beam_mass_kg = {MASS}\n"
+    return (
+        "[model]\n"
+        + "".join(f"{name} = {list(row)}\n" for name, row in rows.items())
+        + f"beam_mass_kg = {MASS}\n"
+    )
 
 
 HERTZ = [omega / (2 * np.pi) for omega in OMEGA]
@@ -33,10 +49,15 @@ TONES_LOAD = f"""[load]
 kind = "tones"
 tones = [{{ amplitude_n = 2, frequency_hz = {HERTZ[0]} }}, {{ amplitude_n = 20, frequency_hz = {HERTZ[1]}, phase_rad = 0.5 }}]
 duration_s = 0.0555"""
-SCHEDULE = "schedule = {{ times_s = [0, {0}], omegas_rad_s = [240.0, 265.0], reference_rad_s = 252.3 }}"
+SCHEDULE = (
+    "schedule = {{ times_s = [0, {0}], omegas_rad_s = [240.0, 265.0], reference_rad_s = 252.3 }}"
+)
 STILL = f"schedule = {{ times_s = [0, 0.089], omegas_rad_s = [{OMEGA[0]}, {OMEGA[0]}], reference_rad_s = {OMEGA[0]} }}"
 GRAVITY_LOAD = f"[load]\nkind = 'force'\namplitude_n = 3.0\n{STILL}"
-GOLDEN = {"tones": ("restitution = 0.7", TONES_LOAD, TONES), "gravity": ("restitution = 0.6\ngravity_m_s2 = 9.81", GRAVITY_LOAD, GRAVITY)}
+GOLDEN = {
+    "tones": ("restitution = 0.7", TONES_LOAD, TONES),
+    "gravity": ("restitution = 0.6\ngravity_m_s2 = 9.81", GRAVITY_LOAD, GRAVITY),
+}
 
 
 def written(folder: Path, absorber: str, load: str, base: bool = False) -> list[object]:
@@ -45,7 +66,16 @@ def written(folder: Path, absorber: str, load: str, base: bool = False) -> list[
     own = f'[absorber]\nkind = "impact"\ngap = 1e-3\n{absorber}\n'
     (folder / "scene.toml").write_text(model(3, 0.01) + known + own)
     (folder / "load.toml").write_text(load)
-    return ["--scene", folder / "scene.toml", "--load", folder / "load.toml", "--method", "exact", "--json", folder / "out.json"]
+    return [
+        "--scene",
+        folder / "scene.toml",
+        "--load",
+        folder / "load.toml",
+        "--method",
+        "exact",
+        "--json",
+        folder / "out.json",
+    ]
 
 
 @pytest.mark.plain
@@ -55,7 +85,8 @@ def test_golden_cases_from_files(case: str, tmp_path: Path) -> None:
     result = sweep(*written(tmp_path, absorber, load))
     assert result.exit_code == 0, result.output
     found = json.loads((tmp_path / "out.json").read_text())
-    times, speeds = np.array(found["impact_time_s"]), np.array(found["impact_relative_velocity_m_s"])
+    times = np.array(found["impact_time_s"])
+    speeds = np.array(found["impact_relative_velocity_m_s"])
     assert len(times) == 10
     error = np.abs(times - [time for time, _ in golden])
     assert error[0] < 1e-12
@@ -107,19 +138,26 @@ BAD = {  # a load, or the file of its record, and the message
     SHOCK.format(2).replace("triangle", "sinc"): r"load\[0\]\.pulse = 'sinc' .*half-sine",
     SHOCK.format(2) + "rise_s = 0.1": r"load\[0\]\.rise_s = 0\.1",
     SHOCK.format(2) + SHOCK.format(3): r"duration = \[2\.0, 3\.0\] .*the same",
-    "[load]\nkind = 'base'\nacceleration_m_s2 = 1\ndisplacement_m = 1\n" + SCHEDULE.format(1): r"load\.acceleration_m_s2 = 1 .*one of the two",
+    "[load]\nkind = 'base'\nacceleration_m_s2 = 1\ndisplacement_m = 1\n"
+    + SCHEDULE.format(1): r"load\.acceleration_m_s2 = 1 .*one of the two",
 }
 
 
 @pytest.mark.parametrize("text", BAD)
 def test_bad_files_are_refused_by_name(text: str, tmp_path: Path) -> None:
     for name, record in TABLES.items():
-        np.save(tmp_path / name, record) if name.endswith(".npy") else (tmp_path / name).write_text(record)
+        np.save(tmp_path / name, record) if name.endswith(".npy") else (tmp_path / name).write_text(
+            record
+        )
     sound(tmp_path)
     with (tmp_path / "large.csv").open("wb") as file:
         file.truncate(2**27 + 1)
     rate = "sample_rate_hz = 100\n" if ".npy" in text else ""
-    (tmp_path / "load.toml").write_text(text if "[load]" in text or "start" in text else f"[load]\nkind = 'samples'\n{rate}file = '{text}'")
+    (tmp_path / "load.toml").write_text(
+        text
+        if "[load]" in text or "start" in text
+        else f"[load]\nkind = 'samples'\n{rate}file = '{text}'"
+    )
     with pytest.raises(ParameterError, match=BAD[text]):
         read_loads(tmp_path / "load.toml", 250.0)
 
@@ -133,14 +171,28 @@ def record(folder: Path, name: str, more: str = "") -> Samples:
 
 def test_records_of_each_format(tmp_path: Path) -> None:
     pyuff = pytest.importorskip("pyuff")
-    values, times = np.array([0.0, 0.5, -0.5, 0.0]), np.arange(4) / 1000
-    (tmp_path / "a.csv").write_text("time_s,force\n" + "".join(f"{t},{v}\n" for t, v in zip(times, values, strict=True)))
+    values = np.array([0.0, 0.5, -0.5, 0.0])
+    times = np.arange(4) / 1000
+    (tmp_path / "a.csv").write_text(
+        "time_s,force\n" + "".join(f"{t},{v}\n" for t, v in zip(times, values, strict=True))
+    )
     np.save(tmp_path / "a.npy", np.column_stack([times, values]))
     sound(tmp_path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        about = {"rsp_ent_name": "NONE", "ref_ent_name": "NONE", "rsp_node": 1, "rsp_dir": 3, "ref_node": 1, "ref_dir": 3, "id1": "record"}
-        about |= {f"{axis}_spec_data_type": code for axis, code in (("abscissa", 17), ("ordinate", 13), ("orddenom", 0), ("z_axis", 0))}
+        about = {
+            "rsp_ent_name": "NONE",
+            "ref_ent_name": "NONE",
+            "rsp_node": 1,
+            "rsp_dir": 3,
+            "ref_node": 1,
+            "ref_dir": 3,
+            "id1": "record",
+        }
+        about |= {
+            f"{axis}_spec_data_type": code
+            for axis, code in (("abscissa", 17), ("ordinate", 13), ("orddenom", 0), ("z_axis", 0))
+        }
         part = pyuff.prepare_58(func_type=1, binary=0, data=values, x=times, **about)
         pyuff.UFF(str(tmp_path / "a.uff")).write_sets(part, "overwrite")
     for name in ("a.csv", "a.npy", "a.wav", "a.uff"):
@@ -151,15 +203,23 @@ def test_records_of_each_format(tmp_path: Path) -> None:
 
 def test_base_motion_needs_a_participation_and_walls_a_place_to_rest(tmp_path: Path) -> None:
     base = '[load]\nkind = "base"\nacceleration_m_s2 = 1.0\n' + SCHEDULE.format(0.01)
-    assert "participation of the modes" in sweep(*written(tmp_path, "restitution = 0.7", base)).output
+    assert (
+        "participation of the modes" in sweep(*written(tmp_path, "restitution = 0.7", base)).output
+    )
     options = written(tmp_path, "contact_stiffness = 1e6", base, base=True)
     assert "for that Exact, and a scene without absorber" in sweep(*options).output
     options = written(tmp_path, "contact_stiffness = 1e6\ngravity_m_s2 = 9.81", TONES_LOAD)
-    assert "gravity = 9.81 is not allowed: 0 with Exact() and compliant contact" in sweep(*options).output
+    assert (
+        "gravity = 9.81 is not allowed: 0 with Exact() and compliant contact"
+        in sweep(*options).output
+    )
 
 
 def test_common_loads_in_short() -> None:
-    parts = (loads_of(Path(text), cantilever()).parts for text in ("base:4", "shock:40:0.0125:2", "random:20:60:0.05:20"))
+    parts = (
+        loads_of(Path(text), cantilever()).parts
+        for text in ("base:4", "shock:40:0.0125:2", "random:20:60:0.05:20")
+    )
     (base,), (shock,), (random,) = parts
     assert base.acceleration == 4.0
     assert base.schedule.omegas == pytest.approx([0.9 * OMEGA[0], 1.06 * OMEGA[0]])
@@ -172,7 +232,8 @@ def test_what_lies_above_the_modes_of_a_record_and_units_that_must_be_wrong() ->
     two = Samples(times, 3 * np.sin(2 * np.pi * 50 * times) + 4 * np.sin(2 * np.pi * 300 * times))
     assert two.share_above(100.0) == pytest.approx(16 / 25, rel=1e-3)
     assert two.share_above(400.0) < 1e-6
-    scene, loads = Scene(cantilever(), SlidingAbsorber(0.02, RigidWalls(1e-3, 0.7))), Loads((two,), OMEGA[0])
+    scene = Scene(cantilever(), SlidingAbsorber(0.02, RigidWalls(1e-3, 0.7)))
+    loads = Loads((two,), OMEGA[0])
     check_size(scene, loads)
     for factor in (1e-9, 1e12):
         with pytest.raises(ParameterError, match=r"gap = 0\.001 .*look at the load's units"):
@@ -182,16 +243,34 @@ def test_what_lies_above_the_modes_of_a_record_and_units_that_must_be_wrong() ->
 # What sweep --measures tells, against closed forms: sines, Gaussian noise, transfer functions, and what an impact loses.
 
 
-RATE, SIZE, PERIODS = 1000.0, 3.0, 200
-UNIT = {"force_shape_per_sqrt_kg": 1.0, "tip_shape_per_sqrt_kg": MASS**-0.5, "stress_shape": 7.0, "base_participation_sqrt_kg": MASS**0.5}
+RATE = 1000.0
+SIZE = 3.0
+PERIODS = 200
+UNIT = {
+    "force_shape_per_sqrt_kg": 1.0,
+    "tip_shape_per_sqrt_kg": MASS**-0.5,
+    "stress_shape": 7.0,
+    "base_participation_sqrt_kg": MASS**0.5,
+}
 ONE_MODE = model(1, 0.02, **UNIT)
 
 
-def measures(folder: Path, scene: str, load: str, *options: object) -> tuple[dict[str, Any], dict[str, Any]]:
+def measures(
+    folder: Path, scene: str, load: str, *options: object
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the measures of the first member, and all that is written."""
     (folder / "scene.toml").write_text(scene)
     (folder / "load.toml").write_text(load)
-    result = sweep("--scene", folder / "scene.toml", "--load", folder / "load.toml", "--measures", *options, "--json", folder / "out.json")
+    result = sweep(
+        "--scene",
+        folder / "scene.toml",
+        "--load",
+        folder / "load.toml",
+        "--measures",
+        *options,
+        "--json",
+        folder / "out.json",
+    )
     assert result.exit_code == 0, result.output
     found = json.loads((folder / "out.json").read_text())
     return found["measures"][0], found
@@ -204,7 +283,9 @@ def test_a_sine() -> None:
     assert found["percentiles"]["100"] == pytest.approx(SIZE)
     assert found["exceedances"]["per_s"][0] == pytest.approx(2 * RATE / 20, rel=0.01)
     assert found["exceedances"]["per_s"][1:] == [0.0, 0.0, 0.0]
-    assert sum(found["rainflow"]["cycles"][:-1]) <= 1  # the ends: from 0 to the first crest, and from the last to 0
+    assert (
+        sum(found["rainflow"]["cycles"][:-1]) <= 1
+    )  # the ends: from 0 to the first crest, and from the last to 0
     assert found["rainflow"]["cycles"][-1] == pytest.approx(PERIODS, abs=1)
     frequency, density = (np.array(found["spectrum"][key]) for key in ("frequency_hz", "density"))
     assert frequency[np.argmax(density)] == pytest.approx(RATE / 20, abs=frequency[1])
@@ -219,7 +300,8 @@ def test_gaussian_noise() -> None:
     inside = (band >= low) & (band <= high)
     lines[inside] = [1, 1j] @ drawn.standard_normal((2, int(np.sum(inside))))
     values = np.fft.irfft(lines)
-    found, nu = of_signal(values, RATE), np.sqrt((low**2 + low * high + high**2) / 3)
+    found = of_signal(values, RATE)
+    nu = np.sqrt((low**2 + low * high + high**2) / 3)
     for k, per_s in zip((1, 2, 3), found["exceedances"]["per_s"], strict=False):
         assert per_s == pytest.approx(2 * nu * np.exp(-(k**2) / 2), rel=0.03 if k < 3 else 0.2)
     assert found["percentiles"]["95"] == pytest.approx(1.96 * found["rms"], rel=0.02)
@@ -246,40 +328,60 @@ MOVED = {  # place and velocity
 @pytest.mark.parametrize("name", MOVED)
 def test_a_base_moves_as_its_acceleration_says(name: str) -> None:
     load, *truth = MOVED[name]
-    for found, expected in zip(Loads((load,), 50.0).base_motion(TIMES), reversed(truth), strict=True):
+    for found, expected in zip(
+        Loads((load,), 50.0).base_motion(TIMES), reversed(truth), strict=True
+    ):
         np.testing.assert_allclose(found, expected, atol=1e-6 * np.max(np.abs(expected)))
 
 
 def test_a_record_of_a_base_begins_and_ends_at_one_place() -> None:
     """Its mean velocity is zero; between corners the velocity is the integral of straight lines."""
-    velocity, place = Loads((Samples(np.linspace(0, 1, 4), CORNERS, BASE),), 50.0).base_motion(TIMES)
+    velocity, place = Loads((Samples(np.linspace(0, 1, 4), CORNERS, BASE),), 50.0).base_motion(
+        TIMES
+    )
     assert place[-1] == pytest.approx(0.0, abs=1e-14)
-    assert velocity[-1] - velocity[0] == pytest.approx((CORNERS[0] / 2 + CORNERS[1] + CORNERS[2] + CORNERS[3] / 2) / 3)
+    assert velocity[-1] - velocity[0] == pytest.approx(
+        (CORNERS[0] / 2 + CORNERS[1] + CORNERS[2] + CORNERS[3] / 2) / 3
+    )
 
 
 def test_motion_in_space_over_that_of_the_base(tmp_path: Path) -> None:
     """Transmissibility of an oscillator: (1 + 2 i D r)/(1 - r^2 + 2 i D r); relative to the base r^2 over the same."""
-    r, acceleration = 1.3, 2.0
+    r = 1.3
+    acceleration = 2.0
     load = f'[load]\nkind = "base"\ntones = [{{ amplitude_m_s2 = {acceleration}, frequency_hz = {r * OMEGA[0] / (2 * np.pi)} }}]\nduration_s = 4.0'
     base = acceleration / (r * OMEGA[0]) ** 2 / np.sqrt(2)
     dynamic = 1 - r**2 + 2j * 0.02 * r
-    for option, ratio in ((("--absolute",), abs((1 + 2j * 0.02 * r) / dynamic)), ((), abs(r**2 / dynamic))):
+    for option, ratio in (
+        (("--absolute",), abs((1 + 2j * 0.02 * r) / dynamic)),
+        ((), abs(r**2 / dynamic)),
+    ):
         found, _ = measures(tmp_path, ONE_MODE, load, *option)
         assert found["displacement_m"]["rms"] == pytest.approx(base * ratio, rel=2e-3)
         if option:
-            assert found["acceleration_m_s2"]["rms"] == pytest.approx((r * OMEGA[0]) ** 2 * base * ratio, rel=4e-3)
+            assert found["acceleration_m_s2"]["rms"] == pytest.approx(
+                (r * OMEGA[0]) ** 2 * base * ratio, rel=4e-3
+            )
         else:
             assert found["stress"]["rms"] == pytest.approx(7.0 * MASS**0.5 * base * ratio, rel=2e-3)
 
 
 def test_two_tones_have_a_band_each(tmp_path: Path) -> None:
     hertz = 40.0, 250.0
-    tones = ", ".join(f"{{ amplitude_n = {n}, frequency_hz = {f} }}" for n, f in zip((1.0, 4.0), hertz, strict=True))
-    found, _ = measures(tmp_path, model(2, 0.02), f'[load]\nkind = "tones"\ntones = [{tones}]\nduration_s = 4.0')
+    tones = ", ".join(
+        f"{{ amplitude_n = {n}, frequency_hz = {f} }}"
+        for n, f in zip((1.0, 4.0), hertz, strict=True)
+    )
+    found, _ = measures(
+        tmp_path, model(2, 0.02), f'[load]\nkind = "tones"\ntones = [{tones}]\nduration_s = 4.0'
+    )
     assert [band.get("to_hz") for band in found["bands"]] == [pytest.approx(100.0), None]
     for force, frequency, band in zip((1.0, 4.0), hertz, found["bands"], strict=True):
         omega = 2 * np.pi * frequency
-        each = [t * f / (w**2 - omega**2 + 0.04j * w * omega) for t, f, w in zip(TIP_SHAPE, FORCE_SHAPE, OMEGA[:2], strict=False)]
+        each = [
+            t * f / (w**2 - omega**2 + 0.04j * w * omega)
+            for t, f, w in zip(TIP_SHAPE, FORCE_SHAPE, OMEGA[:2], strict=False)
+        ]
         assert band["rms_m"] == pytest.approx(force * abs(sum(each)) / np.sqrt(2), rel=0.01)
     orders = Tones((Tone(1.0, order=1.0), Tone(1.0, order=4.0)), schedule=RUN)
     assert band_edges(Loads((orders,)))[1] * 2 * np.pi == pytest.approx(2 * 65.0)
@@ -291,7 +393,9 @@ def test_the_energy_after_a_pulse_decays(tmp_path: Path) -> None:
     found, _ = measures(tmp_path, ONE_MODE, load)
     times, energy = (np.array(found["decay"][key]) for key in ("at_s", "energy_j"))
     assert times[0] == pytest.approx(0.0125, abs=1 / found["sample_rate_hz"])
-    np.testing.assert_allclose(energy, energy[0] * np.exp(-2 * 0.02 * OMEGA[0] * (times - times[0])), rtol=0.05)
+    np.testing.assert_allclose(
+        energy, energy[0] * np.exp(-2 * 0.02 * OMEGA[0] * (times - times[0])), rtol=0.05
+    )
     assert found["decay"]["decay_s"] == pytest.approx(1 / (2 * 0.02 * OMEGA[0]), rel=0.03)
     assert found["decay"]["higher_modes"] == [0.0] * len(times)
     assert found["from_s"] == 0
@@ -304,12 +408,20 @@ def test_impacts_lose_what_their_velocities_say(tmp_path: Path) -> None:
     found, written = measures(tmp_path, ONE_MODE + absorber, load, "--members", 2)
     start = found["from_s"]
     assert start == pytest.approx(5 / (0.02 * OMEGA[0]))
-    speeds = np.abs(written["impact_relative_velocity_m_s"])[np.array(written["impact_time_s"]) >= start]
+    speeds = np.abs(written["impact_relative_velocity_m_s"])[
+        np.array(written["impact_time_s"]) >= start
+    ]
     impacts = found["impacts"]
     assert len(speeds) > 50
     assert impacts["per_s"] == pytest.approx(len(speeds) / (6.0 - start), rel=1e-3)
     mass = 1 / (1 / (0.02 * MASS) + 1 / MASS)
-    assert impacts["power_w"] == pytest.approx(mass / 2 * (1 - 0.7**2) * np.sum(speeds**2) / (6.0 - start), rel=1e-3)
-    assert impacts["per_s_above"][-1] == pytest.approx(np.sum(speeds > impacts["above_m_s"][-1]) / (6.0 - start), rel=1e-3)
-    assert found["displacement_m"]["level"] == pytest.approx(written["response_level_m"][0], rel=0.01)  # from other samples
+    assert impacts["power_w"] == pytest.approx(
+        mass / 2 * (1 - 0.7**2) * np.sum(speeds**2) / (6.0 - start), rel=1e-3
+    )
+    assert impacts["per_s_above"][-1] == pytest.approx(
+        np.sum(speeds > impacts["above_m_s"][-1]) / (6.0 - start), rel=1e-3
+    )
+    assert found["displacement_m"]["level"] == pytest.approx(
+        written["response_level_m"][0], rel=0.01
+    )  # from other samples
     assert written["measures"][1]["displacement_m"]["rms"] != found["displacement_m"]["rms"]

@@ -50,11 +50,25 @@ def options(*arguments: str) -> dict[str, Any]:
     "arguments",
     [
         pytest.param(["--absorber", "impact"], marks=pytest.mark.plain),
-        pytest.param(["--absorber", "impact", "--restitution", "0.7", "--friction-limit", "0.1"], marks=pytest.mark.plain),
+        pytest.param(
+            ["--absorber", "impact", "--restitution", "0.7", "--friction-limit", "0.1"],
+            marks=pytest.mark.plain,
+        ),
         pytest.param(["--absorber", "friction"], marks=pytest.mark.plain),
         ["--absorber", "tuned"],
-        pytest.param(["--absorber", "impact", "--contact-stiffness", "1e6"], marks=pytest.mark.plain),
-        ["--absorber", "impact", "--friction-limit", "0.1", "--method", "moreau", "--steps-per-period", "40"],
+        pytest.param(
+            ["--absorber", "impact", "--contact-stiffness", "1e6"], marks=pytest.mark.plain
+        ),
+        [
+            "--absorber",
+            "impact",
+            "--friction-limit",
+            "0.1",
+            "--method",
+            "moreau",
+            "--steps-per-period",
+            "40",
+        ],
         ["--absorber", "impact", "--contact-stiffness", "1e6", "--method", "runge-kutta"],
     ],
     ids=" ".join,
@@ -63,8 +77,17 @@ def test_json_keeps_the_contract(arguments: list[str], tmp_path: Path) -> None:
     values = results(tmp_path, *STRONG, *arguments, "--energy")
     assert set(values) == set(KEYS) - {"wall_s"}
     assert all(isinstance(value, KEYS[key]) for key, value in values.items())
-    assert all(math.isfinite(x) for key, value in values.items() if key != "scene" for x in (value if KEYS[key] is list else [value]))
-    assert len(values["impact_time_s"]) == len(values["impact_relative_velocity_m_s"]) == values["impacts"]
+    assert all(
+        math.isfinite(x)
+        for key, value in values.items()
+        if key != "scene"
+        for x in (value if KEYS[key] is list else [value])
+    )
+    assert (
+        len(values["impact_time_s"])
+        == len(values["impact_relative_velocity_m_s"])
+        == values["impacts"]
+    )
     assert len(values["response_level_m"]) == len(values["level_frequency_ratio"]) == 1
     assert len(values["omega_rad_s"]) == 2
     assert (values["impacts"] > 0) == ("impact" in arguments)
@@ -75,34 +98,50 @@ def test_json_keeps_the_contract(arguments: list[str], tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [tmp_path / "sweep.json"]
 
 
-def test_frequencies_are_in_units_of_the_chosen_resonance_and_the_wall_time_is_that_of_a_bare_integration(tmp_path: Path) -> None:
-    values = results(tmp_path, *CONSTANT, "--resonance", "2", "--periods", "10", "--absorber", "stuck", "--time")
+def test_frequencies_are_in_units_of_the_chosen_resonance_and_the_wall_time_is_that_of_a_bare_integration(
+    tmp_path: Path,
+) -> None:
+    values = results(
+        tmp_path, *CONSTANT, "--resonance", "2", "--periods", "10", "--absorber", "stuck", "--time"
+    )
     assert set(values) == set(KEYS) - {"energy_balance_relative_error"}
     assert values["wall_s"] > 0
     assert values["stuck_time_s"] == pytest.approx(10 * 2 * math.pi / values["omega_rad_s"][1])
 
 
 def test_what_was_swept_too_fast_is_said_and_nothing_where_nothing_is_swept() -> None:
-    assert "sweep over stationary" not in call(*CONSTANT, "--periods", "5", "--absorber", "none").output
+    assert (
+        "sweep over stationary"
+        not in call(*CONSTANT, "--periods", "5", "--absorber", "none").output
+    )
     assert "too fast for shares" in call(*SHORT, "--absorber", "none").output
-    undamped = call(*SHORT, "--absorber", "none", "--damping", "0")  # its stationary level has no end
+    undamped = call(
+        *SHORT, "--absorber", "none", "--damping", "0"
+    )  # its stationary level has no end
     assert "0.000   without absorber, at 10 % per 100 pseudo periods: too fast" in undamped.output
 
 
 def test_members_are_reproducible_from_the_seed(tmp_path: Path) -> None:
     several = [*SHORT, "--absorber", "none", "--members", "5"]
-    alone, first = results(tmp_path, *SHORT, "--absorber", "none"), results(tmp_path, *several)
-    again, other = results(tmp_path, *several), results(tmp_path, *several, "--seed", "1")
+    alone = results(tmp_path, *SHORT, "--absorber", "none")
+    first = results(tmp_path, *several)
+    again = results(tmp_path, *several)
+    other = results(tmp_path, *several, "--seed", "1")
     assert first == again
     assert len(set(first["response_level_m"])) == len(first["level_frequency_ratio"]) == 5
-    assert first["response_level_m"][0] == alone["response_level_m"][0] == other["response_level_m"][0]
+    assert (
+        first["response_level_m"][0] == alone["response_level_m"][0] == other["response_level_m"][0]
+    )
     assert first["response_level_m"][1:] != other["response_level_m"][1:]
     assert first["max_tip_m"] == alone["max_tip_m"]
 
 
-def test_a_dash_is_standard_output_and_all_else_goes_to_standard_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_dash_is_standard_output_and_all_else_goes_to_standard_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
-    alone, refused = call(*SHORT, "--absorber", "none", "--json", "-"), call("--gap", "-1", "--json", "-")
+    alone = call(*SHORT, "--absorber", "none", "--json", "-")
+    refused = call("--gap", "-1", "--json", "-")
     assert json.loads(alone.stdout) == results(tmp_path, *SHORT, "--absorber", "none")
     assert "response level" in alone.stderr
     assert (refused.exit_code, refused.stdout) == (2, "")
@@ -117,8 +156,16 @@ def test_a_run_that_is_given_up_leaves_no_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("arguments", [["--plot", "a.png", *SHORT], ["--plot", "a.svg", *CONSTANT, "--periods", "0.02", "--force", "0"]])
-def test_plot_is_written(arguments: list[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--plot", "a.png", *SHORT],
+        ["--plot", "a.svg", *CONSTANT, "--periods", "0.02", "--force", "0"],
+    ],
+)
+def test_plot_is_written(
+    arguments: list[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.chdir(tmp_path)
     target = tmp_path / arguments[1]
     target.write_text("an older figure")
@@ -129,8 +176,12 @@ def test_plot_is_written(arguments: list[str], monkeypatch: pytest.MonkeyPatch, 
 
 def test_scene_from_a_file_is_the_scene_of_the_options(tmp_path: Path) -> None:
     options_alone = results(tmp_path, *SHORT, "--absorber", "stuck", "--mass-ratio", "0.03")
-    assert options_alone["scene"] == from_scene(beam_scene(Beam(modes=2), StuckAbsorber(0.03)), Beam(modes=2))
-    as_toml, as_json, modes = tmp_path / "a.toml", tmp_path / "a.json", tmp_path / "modes.json"
+    assert options_alone["scene"] == from_scene(
+        beam_scene(Beam(modes=2), StuckAbsorber(0.03)), Beam(modes=2)
+    )
+    as_toml = tmp_path / "a.toml"
+    as_json = tmp_path / "a.json"
+    modes = tmp_path / "modes.json"
     as_toml.write_text('[beam]\nmodes = 2\n[absorber]\nkind = "stuck"\nmass_ratio = 0.03\n')
     as_json.write_text(json.dumps(options_alone["scene"]))
     modes.write_text(json.dumps(from_scene(beam_scene(Beam(modes=2), StuckAbsorber(0.03)))))
@@ -152,4 +203,6 @@ def test_defaults_are_the_papers() -> None:
     assert schedule.periods == pytest.approx(1600)
     assert scene_options.make_method(given) == Exact()
     assert scene_options.make_method(options("--method", "moreau")) == Moreau()
-    assert scene_options.make_method(options("--method", "runge-kutta", "--steps-per-period", "50")) == RungeKutta(50)
+    assert scene_options.make_method(
+        options("--method", "runge-kutta", "--steps-per-period", "50")
+    ) == RungeKutta(50)

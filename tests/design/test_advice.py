@@ -23,7 +23,13 @@ STRIP = replace(STEEL, modes=2)
 
 
 def steel(concept: str = "impact", **changes: object) -> Problem:
-    given = {"space": design_space(concept), "conditions": (Condition(1, 0.5),), "beam": STRIP, "members": 3, "rate": 40.0}
+    given = {
+        "space": design_space(concept),
+        "conditions": (Condition(1, 0.5),),
+        "beam": STRIP,
+        "members": 3,
+        "rate": 40.0,
+    }
     return Problem(**(given | changes))
 
 
@@ -31,7 +37,8 @@ def test_interval_covers_the_ratio_as_often_as_it_says() -> None:
     generator = np.random.default_rng(1)
     covered = 0
     for _ in range(200):
-        first, second = np.exp(generator.normal(np.log(0.8), 0.1, 16)), np.exp(generator.normal(0.0, 0.1, 16))
+        first = np.exp(generator.normal(np.log(0.8), 0.1, 16))
+        second = np.exp(generator.normal(0.0, 0.1, 16))
         gain = ratio_of_quantiles(first, second)
         covered += gain.low <= 0.8 <= gain.high
     assert 0.90 * 200 <= covered <= 200
@@ -83,7 +90,8 @@ def test_lasting_vibration_of_a_linear_absorber_is_its_receptance() -> None:
     design = problem.space.default
     (found,) = lasting_levels(problem, design, Threads(1))
     scene = design.scene(STRIP)
-    model, absorber = scene.model, scene.absorber
+    model = scene.model
+    absorber = scene.absorber
     best = 0.0
     for omega in model.omega[0] * np.linspace(0.5, 1.6, FREQUENCIES):
         terms = model.omega**2 - omega**2 + 2j * model.damping_ratio * model.omega * omega
@@ -91,7 +99,10 @@ def test_lasting_vibration_of_a_linear_absorber_is_its_receptance() -> None:
         inertia = scene.absorber_masses[0] * omega**2
         force = spring * inertia / (spring - inertia)
         matrix = np.diag(terms) - force * np.outer(model.tip_shape, model.tip_shape)
-        best = max(best, abs(model.tip_shape @ np.linalg.solve(matrix, 0.5 * model.force_shape)) / np.sqrt(2))
+        best = max(
+            best,
+            abs(model.tip_shape @ np.linalg.solve(matrix, 0.5 * model.force_shape)) / np.sqrt(2),
+        )
     assert found == pytest.approx(best, rel=2e-3)
 
 
@@ -99,9 +110,17 @@ def test_service_of_an_impact_absorber_on_another_beam() -> None:
     problem = steel(rate=2.5)  # slow enough that the level is halved with something to spare
     design = problem.space.default
     found = service(problem, design, Threads(), members=2, draws=6)
-    without = np.median(problem.reference(problem.fresh_ensemble(3, SHOWN), problem.rate)[..., 0].max(axis=2))
+    without = np.median(
+        problem.reference(problem.fresh_ensemble(3, SHOWN), problem.rate)[..., 0].max(axis=2)
+    )
     assert 0.05 * without < found.level[0] < 0.7 * without
-    assert set(found.single) == {"gap", "restitution", "friction_limit", "damping ratio", "frequency"}
+    assert set(found.single) == {
+        "gap",
+        "restitution",
+        "friction_limit",
+        "damping ratio",
+        "frequency",
+    }
     assert np.all(np.diff(found.joint[:, 0]) >= 0)
     low, high = found.forces[:, 0]
     assert 0.5 * FORCES[0] <= low < 0.5 <= high <= 0.5 * FORCES[-1]
@@ -110,8 +129,13 @@ def test_service_of_an_impact_absorber_on_another_beam() -> None:
     # an impact loses at most half the reduced mass times (1 - e^2) times the fastest speed squared
     mass = 0.02 * problem.model.beam_mass
     assert 0 < half["impact_rms_speed"] < half["impact_speed"]
-    assert half["acceleration"] > 0.8 * np.sqrt(2) * found.level[0] * problem.model.omega[0] ** 2  # the harmonic part, at 0.9 of omega or above
-    assert half["impact_power"] < half["impact_rate"] * 0.5 * mass * (1 - 0.7**2) * half["impact_speed"] ** 2
+    assert (
+        half["acceleration"] > 0.8 * np.sqrt(2) * found.level[0] * problem.model.omega[0] ** 2
+    )  # the harmonic part, at 0.9 of omega or above
+    assert (
+        half["impact_power"]
+        < half["impact_rate"] * 0.5 * mass * (1 - 0.7**2) * half["impact_speed"] ** 2
+    )
     assert 0.3 * without < found.lasting[0] / found.level[0] * without < 3 * without
     assert "gap off by -+10 %" in "\n".join(service_lines(found))
     assert set(service_summary(found)["tolerances"]) == set(found.single)

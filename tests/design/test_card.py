@@ -21,12 +21,32 @@ from optimisation.tuned import den_hartog, highest_amplitude
 
 CARD = Card(
     "A <title> & more",
-    (("Device", (Row("mass", 0.0123456, "kg"), Row("words", "as they </script> are"), Row("not there", float("nan"), "m"))),),
+    (
+        (
+            "Device",
+            (
+                Row("mass", 0.0123456, "kg"),
+                Row("words", "as they </script> are"),
+                Row("not there", float("nan"), "m"),
+            ),
+        ),
+    ),
     (
         Chart(
-            "Curves", "x", "y", (Curve("first", (1.0, 2.0, 4.0), (1.0, None, 3.0), (0.5, None, 2.0), (2.0, None, 4.0)),), (("here", 2.0),), log_x=True
+            "Curves",
+            "x",
+            "y",
+            (
+                Curve(
+                    "first", (1.0, 2.0, 4.0), (1.0, None, 3.0), (0.5, None, 2.0), (2.0, None, 4.0)
+                ),
+            ),
+            (("here", 2.0),),
+            log_x=True,
         ),
-        Chart("Points", "x", "y", (Curve("second", (0.0, 1.0), (5.0, 6.0), points=True),), log_y=True),
+        Chart(
+            "Points", "x", "y", (Curve("second", (0.0, 1.0), (5.0, 6.0), points=True),), log_y=True
+        ),
     ),
     ("take care",),
 )
@@ -49,11 +69,21 @@ def test_text_json_and_html_say_the_same(tmp_path: Path) -> None:
 
 
 def test_page_draws_in_a_browser_and_asks_for_nothing(tmp_path: Path) -> None:
-    playwright = pytest.importorskip("playwright.sync_api", reason="no Playwright here: the card is not looked at")
-    browser = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="no Playwright here: the card is not looked at"
+    )
+    browser = next(
+        (
+            found
+            for name in ("chromium", "chromium-browser", "google-chrome")
+            if (found := shutil.which(name))
+        ),
+        None,
+    )
     if browser is None:
         pytest.skip("no Chromium here: the card is not looked at")
-    asked, wrong = [], []
+    asked = []
+    wrong = []
     with playwright.sync_playwright() as player:
         page = player.chromium.launch(executable_path=browser, args=["--no-sandbox"]).new_page()
         page.on("request", lambda request: asked.append(request.url))
@@ -64,10 +94,15 @@ def test_page_draws_in_a_browser_and_asks_for_nothing(tmp_path: Path) -> None:
         page.wait_for_selector(".u-over >> nth=1")
         box = page.locator(".u-over").first.bounding_box()
         page.mouse.move(box["x"] + box["width"] - 2, box["y"] + 20)
-        page.wait_for_function("document.querySelector('.u-legend').innerText.includes('3 (2 to 4)')")
+        page.wait_for_function(
+            "document.querySelector('.u-legend').innerText.includes('3 (2 to 4)')"
+        )
         assert page.locator("canvas").count() == 2
         page.emulate_media(media="print")
-        assert [page.locator(name).first.is_visible() for name in (".printed", ".plot")] == [True, False]
+        assert [page.locator(name).first.is_visible() for name in (".printed", ".plot")] == [
+            True,
+            False,
+        ]
         assert "here" in page.locator(".printed").first.inner_text()
     assert [url for url in asked if not url.startswith("data:")] == [address]
     assert wrong == []
@@ -78,10 +113,20 @@ def test_card_of_a_gap_is_of_the_recommended_device() -> None:
     found = advise(model, 3.5, members=1, percent_per_100_periods=40.0)
     best = found.recommended
     seen = bearing(found, best, Threads(1))
-    told = {row["label"]: row["value"] for rows in content(gap_card(found, seen))["groups"].values() for row in rows}
+    told = {
+        row["label"]: row["value"]
+        for rows in content(gap_card(found, seen))["groups"].values()
+        for row in rows
+    }
     assert told["clearance to either wall"] == 1e3 * best.gap
     assert told["absorber mass"] == pytest.approx(0.02 * model.beam_mass)
-    curve = performance_curve(Scene(model, best.absorber), [3.5], members=1, limits=found.check.limits, percent_per_100_periods=40.0)
+    curve = performance_curve(
+        Scene(model, best.absorber),
+        [3.5],
+        members=1,
+        limits=found.check.limits,
+        percent_per_100_periods=40.0,
+    )
     assert told["at 3.5 N, median of 1 runs"] == pytest.approx(1e3 * curve.median[0])
     impacts = curve.lanes.impacts[0, 0]
     time = 1e4 * (found.check.limits[1] - found.check.limits[0]) / 40.0 * 2 * np.pi / model.omega[0]
@@ -96,23 +141,44 @@ def test_card_of_tunings_draws_their_peaks() -> None:
     model = modal_model(Beam(modes=2))
     absorber = den_hartog(model, 0.02)
     none, own = (highest_amplitude(model, one, 1, 0.5, 1.6) for one in (None, absorber))
-    tunings = (Tuning("none", "no absorber", None, *none, 1.0), Tuning("minimax", "smallest peak", absorber, *own, 0.3))
+    tunings = (
+        Tuning("none", "no absorber", None, *none, 1.0),
+        Tuning("minimax", "smallest peak", absorber, *own, 0.3),
+    )
     card = tuning_card(TuningTable(model, 0.02, 1, 0.5, 1.6, tunings), {})
     (chart,) = card.charts
     assert max(y for y in chart.curves[0].y if y is not None) == pytest.approx(100.0)
-    assert max(y for y in chart.curves[1].y if y is not None) == pytest.approx(100 * own[0] / none[0])
+    assert max(y for y in chart.curves[1].y if y is not None) == pytest.approx(
+        100 * own[0] / none[0]
+    )
     # two masses on a beam of two modes, solved densely at the frequencies drawn
-    omega, (mass, spring, damper) = np.array(chart.curves[0].x) * model.omega[0], (0.02 * model.beam_mass, absorber.stiffness, absorber.damping)
+    omega, (mass, spring, damper) = (
+        np.array(chart.curves[0].x) * model.omega[0],
+        (0.02 * model.beam_mass, absorber.stiffness, absorber.damping),
+    )
     stretch = np.append(-model.tip_shape, 1.0)
     dynamic = [
-        np.diag([*(model.omega**2 - w**2 + 2j * model.damping_ratio * model.omega * w), -mass * w**2])
+        np.diag(
+            [*(model.omega**2 - w**2 + 2j * model.damping_ratio * model.omega * w), -mass * w**2]
+        )
         + (spring + 1j * w * damper) * np.outer(stretch, stretch)
         for w in omega
     ]
-    moved = np.linalg.solve(dynamic, np.append(model.force_shape, 0.0).astype(complex)[None, :, None])[..., 0]
+    moved = np.linalg.solve(
+        dynamic, np.append(model.force_shape, 0.0).astype(complex)[None, :, None]
+    )[..., 0]
     stroke = np.abs(moved @ stretch)
-    told = {row.label: row.value for row in dict(card.groups)["What the tuning of the smallest peak bears under 1 N"]}
+    told = {
+        row.label: row.value
+        for row in dict(card.groups)["What the tuning of the smallest peak bears under 1 N"]
+    }
     assert told["stroke of the absorber, to either side"] == pytest.approx(1e3 * stroke.max())
-    assert told["power lost in the damper"] == pytest.approx(1e3 * (damper * (omega * stroke) ** 2 / 2).max())
-    assert told["largest acceleration of the absorber"] == pytest.approx((omega**2 * np.abs(moved[:, -1])).max())
-    assert told["largest acceleration of the structure"] == pytest.approx((omega**2 * np.abs(moved[:, :-1] @ model.tip_shape)).max())
+    assert told["power lost in the damper"] == pytest.approx(
+        1e3 * (damper * (omega * stroke) ** 2 / 2).max()
+    )
+    assert told["largest acceleration of the absorber"] == pytest.approx(
+        (omega**2 * np.abs(moved[:, -1])).max()
+    )
+    assert told["largest acceleration of the structure"] == pytest.approx(
+        (omega**2 * np.abs(moved[:, :-1] @ model.tip_shape)).max()
+    )

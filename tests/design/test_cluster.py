@@ -22,25 +22,38 @@ pytest.importorskip("optuna")
 
 def test_workers_and_studies_give_what_threads_give_though_a_worker_is_killed() -> None:
     result = fresh(SUPPORT / "cluster_check.py")
-    assert result.stdout.splitlines() == ["killed True", "runs True", "killed at once True True", "lanes True", "studies True"], (
-        result.stdout + result.stderr
-    )
+    assert result.stdout.splitlines() == [
+        "killed True",
+        "runs True",
+        "killed at once True True",
+        "lanes True",
+        "studies True",
+    ], result.stdout + result.stderr
 
 
 def test_no_scheduler_and_no_worker_are_clear_errors() -> None:
     with pytest.raises(ClusterError, match=r"--cluster = 127\.0\.0\.1:1 is not allowed"):
         Workers("127.0.0.1:1", patience=1.0)
-    with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0", silence_logs=50) as empty:
+    with distributed.LocalCluster(
+        n_workers=0, processes=False, dashboard_address=":0", silence_logs=50
+    ) as empty:
         given = problem()
         chunks = given.chunks(given.space.default, given.ensemble, given.rate)
-        with Workers(empty.scheduler_address, patience=1.0) as workers, pytest.raises(ClusterError, match="one or more workers"):
+        with (
+            Workers(empty.scheduler_address, patience=1.0) as workers,
+            pytest.raises(ClusterError, match="one or more workers"),
+        ):
             list(run_chunks(chunks, workers))
 
 
-def test_worker_with_other_sources_is_refused_though_its_kernels_are_the_same(tmp_path: Path) -> None:
+def test_worker_with_other_sources_is_refused_though_its_kernels_are_the_same(
+    tmp_path: Path,
+) -> None:
     """A worker whose copy of the project measures a tenth less: it must not have a part in the result, which would not show it."""
     for package in ("impact_env", "optimisation"):
-        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__")
+        )
     measures = tmp_path / "optimisation" / "measures.py"
     before = measures.read_text()
     measures.write_text(before.replace("return read(response)\n", "return 0.9 * read(response)\n"))
@@ -49,12 +62,34 @@ def test_worker_with_other_sources_is_refused_though_its_kernels_are_the_same(tm
     chunks = given.chunks(given.space.default, given.ensemble, given.rate)
     assert len(chunks) > 1
     environment = os.environ | {"PYTHONPATH": str(tmp_path)}
-    with distributed.LocalCluster(n_workers=0, processes=False, protocol="tcp://", dashboard_address=":0", silence_logs=50) as local:
+    with distributed.LocalCluster(
+        n_workers=0, processes=False, protocol="tcp://", dashboard_address=":0", silence_logs=50
+    ) as local:
         address = local.scheduler_address
-        command = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--no-nanny", "--nthreads", "1", "--no-dashboard"]
-        worker = subprocess.Popen(command, env=environment, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        command = [
+            sys.executable,
+            "-m",
+            "distributed.cli.dask_worker",
+            address,
+            "--no-nanny",
+            "--nthreads",
+            "1",
+            "--no-dashboard",
+        ]
+        worker = subprocess.Popen(
+            command,
+            env=environment,
+            cwd=tmp_path,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
         try:
-            with Workers(address, patience=120.0) as workers, pytest.raises(ClusterError, match=r"worker = tcp://.* same version .*sources\.code is"):
+            with (
+                Workers(address, patience=120.0) as workers,
+                pytest.raises(
+                    ClusterError, match=r"worker = tcp://.* same version .*sources\.code is"
+                ),
+            ):
                 list(run_chunks(chunks, workers))
         finally:
             worker.kill()
@@ -63,13 +98,28 @@ def test_worker_with_other_sources_is_refused_though_its_kernels_are_the_same(tm
 
 @pytest.fixture
 def address() -> Iterator[str]:
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0", silence_logs=50) as local:
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0", silence_logs=50
+    ) as local:
         yield local.scheduler_address
 
 
 def test_a_command_gives_with_a_cluster_what_it_gives_without(address: str, tmp_path: Path) -> None:
-    line = ["--modes", "2", "--no-sweeps", "--method", "balance", "--friction-limit", "0.02", "--from", "1.02", "--to", "1.04"]
-    runs, files = ["--envelope", "2", "--members", "2", "--settle", "50", "--window", "20"], [tmp_path / name for name in ("a.json", "b.json")]
+    line = [
+        "--modes",
+        "2",
+        "--no-sweeps",
+        "--method",
+        "balance",
+        "--friction-limit",
+        "0.02",
+        "--from",
+        "1.02",
+        "--to",
+        "1.04",
+    ]
+    runs = ["--envelope", "2", "--members", "2", "--settle", "50", "--window", "20"]
+    files = [tmp_path / name for name in ("a.json", "b.json")]
     for file, where in zip(files, (["--threads", "1"], ["--cluster", address]), strict=True):
         done(frequency_response, *line, *runs, *where, "--json", str(file))
     here, there = (json.loads(file.read_text()) for file in files)

@@ -57,10 +57,17 @@ def test_a_tolerance_is_that_of_neighbouring_gaps() -> None:
     changes = {k: math.log(1 / k) / STEP for k in (0.9, 1.0, 1.1)}
     levels = {}
     for k, step in changes.items():
-        gap, friction = absorber.walls.gap / k, absorber.friction.limit / k
-        other = replace(absorber, walls=replace(absorber.walls, gap=gap), friction=replace(absorber.friction, limit=friction))
+        gap = absorber.walls.gap / k
+        friction = absorber.friction.limit / k
+        other = replace(
+            absorber,
+            walls=replace(absorber.walls, gap=gap),
+            friction=replace(absorber.friction, limit=friction),
+        )
         here, there = (
-            performance_curve(Scene(MODEL, device), [force], members=1, percent_per_100_periods=100.0).combined[0]
+            performance_curve(
+                Scene(MODEL, device), [force], members=1, percent_per_100_periods=100.0
+            ).combined[0]
             for device, force in ((other, 6.0), (absorber, 6.0 * k))
         )
         assert k * here[0] == pytest.approx(there[0], rel=1e-3)
@@ -79,10 +86,18 @@ def test_answers_are_runs(advice: Advice) -> None:
     """Levels and bands are those of curves computed on their own, and the sweeps are counted."""
     assert advice.recommended is not None
     for answer in (advice.sharp, advice.recommended):
-        curve = performance_curve(Scene(MODEL, answer.absorber), [6.0], members=2, limits=advice.check.limits, percent_per_100_periods=20.0)
+        curve = performance_curve(
+            Scene(MODEL, answer.absorber),
+            [6.0],
+            members=2,
+            limits=advice.check.limits,
+            percent_per_100_periods=20.0,
+        )
         assert curve.median[0] == pytest.approx(answer.level, rel=1e-9)
         np.testing.assert_allclose(curve.band[:, 0], (answer.low, answer.high), rtol=1e-9)
-        assert answer.friction_limit == pytest.approx(scaled_friction(MODEL, advice.check.mass, answer.gap))
+        assert answer.friction_limit == pytest.approx(
+            scaled_friction(MODEL, advice.check.mass, answer.gap)
+        )
     runs = sum(len(curve.members) for curve in (*advice.check.curves, advice.check.without))
     assert 2 * runs == advice.sweeps <= 40
 
@@ -91,12 +106,15 @@ def test_structures_of_the_study_are_those_of_the_books() -> None:
     """Closed forms: a plate on simple supports, the clamped plate's and the portal's known numbers, and a chain's total mass in its modes."""
     steel = (210e9, 7850.0)
     own = plate(("pinned", "pinned"), (0.4, 0.3), 0.004, ((0.5, 0.5),) * 3, 0.01, steel)
-    rigidity, area = 210e9 * 0.004**3 / (12 * 0.91), 7850 * 0.004
+    rigidity = 210e9 * 0.004**3 / (12 * 0.91)
+    area = 7850 * 0.004
     first = np.pi**2 * (0.4**-2 + 0.3**-2) * np.sqrt(rigidity / area)
     assert own.omega[0] == pytest.approx(first, rel=1e-6)
     assert own.tip_shape[0] ** 2 == pytest.approx(4 / (area * 0.12), rel=1e-6)
     square = plate(("clamped", "clamped"), (0.3, 0.3), 0.004, ((0.5, 0.5),) * 3, 0.01, steel)
-    assert square.omega[0] * 0.09 * np.sqrt(area / rigidity) == pytest.approx(35.99, rel=1e-3)  # Leissa, Vibration of plates, 1969
+    assert square.omega[0] * 0.09 * np.sqrt(area / rigidity) == pytest.approx(
+        35.99, rel=1e-3
+    )  # Leissa, Vibration of plates, 1969
     # sway of a clamped portal with equal bending stiffness and span = height: omega = 1.7922^2 sqrt(EI/m)/h^2 (Blevins 1979)
     portal = frame(1.0, 1.0, 1000.0, 2.0, 3, 6, 12, 0.01)
     assert portal.omega[0] == pytest.approx(1.7922**2 * np.sqrt(1000.0 / 2.0), rel=0.01)
@@ -117,12 +135,27 @@ def test_a_scan_judges_both_answers_by_their_own_criteria(advice: Advice) -> Non
 
 
 def test_the_table_stands_on_its_page(tmp_path: Path) -> None:
-    page, numbers = tmp_path / "page.md", tmp_path / "numbers.json"
+    page = tmp_path / "page.md"
+    numbers = tmp_path / "numbers.json"
     page.write_text("<!-- check_gaps -->\nold\n<!-- /check_gaps -->\n")
-    line = ["--quick", "--members", "1", "--rate", "60", "--threads", "1", "--json", str(numbers), "--page", str(page)]
+    line = [
+        "--quick",
+        "--members",
+        "1",
+        "--rate",
+        "60",
+        "--threads",
+        "1",
+        "--json",
+        str(numbers),
+        "--page",
+        str(page),
+    ]
     done(check_gaps, *line)
     rows = json.loads(numbers.read_text())["rows"]
     assert [row["name"] for row in rows] == ["floor panel, simply supported", "measured bracket"]
-    assert all(row["sweeps"] <= 40 and min(row["sharp"], row["recommended"]) > 1 - 1e-9 for row in rows)
+    assert all(
+        row["sweeps"] <= 40 and min(row["sharp"], row["recommended"]) > 1 - 1e-9 for row in rows
+    )
     assert "old" not in page.read_text()
     assert "of 2, worst" in page.read_text()

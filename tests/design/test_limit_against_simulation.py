@@ -22,12 +22,17 @@ from impact_env.frequency import receptance, tip_response
 from impact_env.modes import ModalModel
 from optimisation.bounds import design_force, stroke_limit_rms
 
-SAMPLES, SETTLED, MEASURED = 16, 220, 250  # pseudo periods: start-up has decayed to 1e-6, the mean over the window moves by less than SLACK
+# pseudo periods: start-up has decayed to 1e-6, the mean over the window moves by less than SLACK
+SAMPLES = 16
+SETTLED = 220
+MEASURED = 250
 SLACK = 5e-3
 DESIGNS = 60  # for each of four seeds
 
 
-def stationary(scene: Scene, force: float, omega: float, reference: float) -> tuple[float, np.ndarray]:
+def stationary(
+    scene: Scene, force: float, omega: float, reference: float
+) -> tuple[float, np.ndarray]:
     """Return the tip's RMS and the absorber's displacement relative to the tip in m after the start-up; of several absorbers, none."""
     drive = Drive(force, constant_frequency(reference, omega / reference, SETTLED + MEASURED))
     history = core.run(scene, drive, samples=SAMPLES).history
@@ -39,17 +44,32 @@ def stationary(scene: Scene, force: float, omega: float, reference: float) -> tu
 
 
 def random_model(random: np.random.Generator) -> ModalModel:
-    damping, at, absorber_at = random.uniform(0.005, 0.03), random.uniform(0.3, 0.6), random.choice([1.0, random.uniform(0.85, 1.0)])
-    return modal_model(Beam(modes=3, damping_ratio=float(damping), force_position=float(at), absorber_position=float(absorber_at)))
+    damping = random.uniform(0.005, 0.03)
+    at = random.uniform(0.3, 0.6)
+    absorber_at = random.choice([1.0, random.uniform(0.85, 1.0)])
+    return modal_model(
+        Beam(
+            modes=3,
+            damping_ratio=float(damping),
+            force_position=float(at),
+            absorber_position=float(absorber_at),
+        )
+    )
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (1, 2, 3))])
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (1, 2, 3))]
+)
 def test_stationary_runs_of_random_designs_obey_the_limit(seed: int) -> None:
     random = np.random.default_rng(seed)
     margins = []
     for k in range(DESIGNS):
-        model, resonance, mass_ratio, gap = random_model(random), 1 + k % 2, 0.005 * 20 ** random.random(), 10 ** random.uniform(-4, -2)
-        mass, reference = mass_ratio * model.beam_mass, model.resonance_omega(resonance)
+        model = random_model(random)
+        resonance = 1 + k % 2
+        mass_ratio = 0.005 * 20 ** random.random()
+        gap = 10 ** random.uniform(-4, -2)
+        mass = mass_ratio * model.beam_mass
+        reference = model.resonance_omega(resonance)
         force = design_force(model, mass, gap, resonance) * 10 ** random.uniform(-0.2, 0.9)
         friction = random.choice([0.0, force * 10 ** random.uniform(-3, -0.5)])
         restitution = random.choice([random.uniform(0.3, 0.95), 1.0])
@@ -69,19 +89,32 @@ def test_several_absorbers_anywhere_obey_the_limit_of_the_free_end(designs: int)
     random = np.random.default_rng(0)
     margins = []
     for k in range(designs):
-        resonance, n = 1 + k % 2, 2 + k % 3 // 2
+        resonance = 1 + k % 2
+        n = 2 + k % 3 // 2
         positions = [float(random.choice([1.0, random.uniform(0.5, 1.0)])) for _ in range(n)]
         shares = random.dirichlet(np.ones(n))
-        ratio, gaps, e = 0.01 * 10 ** random.random(), 10 ** random.uniform(-4, -2.5, n), random.uniform(0.3, 0.9, n)
+        ratio = 0.01 * 10 ** random.random()
+        gaps = 10 ** random.uniform(-4, -2.5, n)
+        e = random.uniform(0.3, 0.9, n)
         friction = [float(x) if x > 1e-3 else None for x in 10 ** random.uniform(-4, -1, n)]
         absorbers = impact_absorbers(gaps, positions, e, friction, ratio, shares / shares.sum())
-        scene = beam_scene(Beam(modes=3, damping_ratio=float(random.uniform(0.01, 0.03))), absorbers)
-        model, masses = scene.model, scene.absorber_masses
+        scene = beam_scene(
+            Beam(modes=3, damping_ratio=float(random.uniform(0.01, 0.03))), absorbers
+        )
+        model = scene.model
+        masses = scene.absorber_masses
         reference = model.resonance_omega(resonance)
         omega = random.uniform(0.93, 1.03) * reference
         # a force at which the limit is some way above zero
-        reach = float(stroke_limit_rms(model, masses, 1e-9 * np.ones(n), 1.0, omega, model.tip_shape))
-        force = 10 ** random.uniform(0.1, 0.5) * float(np.sum(masses * gaps)) / float(np.sum(masses)) / reach
+        reach = float(
+            stroke_limit_rms(model, masses, 1e-9 * np.ones(n), 1.0, omega, model.tip_shape)
+        )
+        force = (
+            10 ** random.uniform(0.1, 0.5)
+            * float(np.sum(masses * gaps))
+            / float(np.sum(masses))
+            / reach
+        )
         rms, _ = stationary(scene, force, omega, reference)
         limit = float(stroke_limit_rms(model, masses, gaps, force, omega, model.tip_shape))
         assert rms >= limit * (1 - SLACK), (absorbers, force, omega)
@@ -93,20 +126,34 @@ def test_several_absorbers_anywhere_obey_the_limit_of_the_free_end(designs: int)
 def test_stationary_friction_dampers_obey_the_limit_of_their_own_stroke() -> None:
     model = modal_model(Beam(modes=3))
     for friction in (0.02, 0.3, 1.0):
-        scene, mass = Scene(model, friction_damper(friction)), 0.02 * model.beam_mass
+        scene = Scene(model, friction_damper(friction))
+        mass = 0.02 * model.beam_mass
         for ratio in (0.94, 0.97, 1.0):
             omega = ratio * model.omega[0]
             rms, relative = stationary(scene, 3.5, omega, model.omega[0])
-            stroke = float(np.ptp(relative)) / 2  # it may have drifted: the middle of its motion does not matter
-            assert rms >= float(stroke_limit_rms(model, mass, max(stroke, 1e-12), 3.5, omega)) * (1 - SLACK)
+            stroke = (
+                float(np.ptp(relative)) / 2
+            )  # it may have drifted: the middle of its motion does not matter
+            assert rms >= float(stroke_limit_rms(model, mass, max(stroke, 1e-12), 3.5, omega)) * (
+                1 - SLACK
+            )
 
 
-@given(stiffness=st.floats(-3, 3), damping=st.floats(-3, 1), mass_ratio=st.floats(0.001, 0.5), at=st.floats(0.3, 20), resonance=st.integers(1, 3))
+@given(
+    stiffness=st.floats(-3, 3),
+    damping=st.floats(-3, 1),
+    mass_ratio=st.floats(0.001, 0.5),
+    at=st.floats(0.3, 20),
+    resonance=st.integers(1, 3),
+)
 @settings(max_examples=400)
-def test_tuned_absorbers_obey_the_limit_of_their_own_stroke(stiffness: float, damping: float, mass_ratio: float, at: float, resonance: int) -> None:
+def test_tuned_absorbers_obey_the_limit_of_their_own_stroke(
+    stiffness: float, damping: float, mass_ratio: float, at: float, resonance: int
+) -> None:
     """A tuned absorber is passive and its stroke is one line, of amplitude |r|: a gap of pi |r|/4 admits just that line, and the limit is met."""
     model = modal_model(Beam(modes=4))
-    mass, omega = mass_ratio * model.beam_mass, at * model.omega[0]
+    mass = mass_ratio * model.beam_mass
+    omega = at * model.omega[0]
     own = model.resonance_omega(resonance) * 10**stiffness
     absorber = TunedAbsorber(mass_ratio, mass * own**2, 2 * mass * own * 10**damping)
     tip = complex(tip_response(model, absorber, omega))
@@ -115,7 +162,9 @@ def test_tuned_absorbers_obey_the_limit_of_their_own_stroke(stiffness: float, da
     # the equation that the limit is made of
     kappa = receptance(model, omega, model.tip_shape, model.tip_shape) * mass * omega**2
     free = receptance(model, omega, model.tip_shape, model.force_shape)
-    assert tip * (1 - kappa) == pytest.approx(complex(free + kappa * stroke), rel=1e-6, abs=1e-9 * abs(free))
+    assert tip * (1 - kappa) == pytest.approx(
+        complex(free + kappa * stroke), rel=1e-6, abs=1e-9 * abs(free)
+    )
     assert (stroke * np.conj(tip)).imag <= 1e-12 * abs(stroke * tip)
     limit = float(stroke_limit_rms(model, mass, np.pi * abs(stroke) / 4, 1.0, omega))
     assert abs(tip) / np.sqrt(2) >= limit * (1 - 1e-9) - 1e-12 * abs(free)

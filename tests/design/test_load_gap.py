@@ -26,21 +26,29 @@ from optimisation.problem import Problem
 
 MODEL = ModalModel(*(np.array([x]) for x in (OMEGA[0], 0.01, 0.6, 2.6)), MASS)
 BAND = ((35.0, 0.5), (46.0, 0.5))
-NOISE, SHORT_NOISE = (Loads((Random(np.array(BAND), length, 1),), OMEGA[0]) for length in (20.0, 4.0))
+NOISE, SHORT_NOISE = (
+    Loads((Random(np.array(BAND), length, 1),), OMEGA[0]) for length in (20.0, 4.0)
+)
 SHOCK = Loads((Shock("half-sine", 20.0, 0.0125, 0.5),), OMEGA[0])
 DAMPED = ModalModel(*(np.array([x]) for x in (OMEGA[0], 0.02, 0.6, 2.6)), MASS)
 
 
 def late_rms(scene: Scene, drive: object, damping: float) -> float:
     """Return the RMS of the tip after five time constants, from the run's samples."""
-    history = simulate(scene, drive, record=Record(level=False, series=True, samples_per_period=64)).history
-    return float(np.sqrt(np.mean(history.tip_displacement[history.time >= 5 / (damping * OMEGA[0])] ** 2)))
+    history = simulate(
+        scene, drive, record=Record(level=False, series=True, samples_per_period=64)
+    ).history
+    return float(
+        np.sqrt(np.mean(history.tip_displacement[history.time >= 5 / (damping * OMEGA[0])] ** 2))
+    )
 
 
 def of_members(gap: float) -> float:
     """Return the median over three members of the RMS under the noise."""
     scene = Scene(MODEL, impact_absorber(gap, 0.7, 0.0, 0.02))
-    return float(np.median([late_rms(scene, drive, 0.01) for drive in drives_of(draw_members(3, 0), NOISE)]))
+    return float(
+        np.median([late_rms(scene, drive, 0.01) for drive in drives_of(draw_members(3, 0), NOISE)])
+    )
 
 
 @pytest.mark.nightly
@@ -56,7 +64,10 @@ def test_the_gap_under_noise_is_among_the_best_of_a_scan() -> None:
 @pytest.mark.parametrize("loads", [NOISE, SHOCK])
 def test_twice_the_load_wants_twice_the_gap(loads: Loads) -> None:
     """The scaling law; a factor of two leaves all digits as they are."""
-    one, two = (advise_for_loads(MODEL, loads, factor=factor, members=1, friction_limit=0.0) for factor in (1.0, 2.0))
+    one, two = (
+        advise_for_loads(MODEL, loads, factor=factor, members=1, friction_limit=0.0)
+        for factor in (1.0, 2.0)
+    )
     length = 2.0 if one.measure == "rms" else 1.0
     assert two.sharp.gap == pytest.approx(2 * one.sharp.gap)
     assert two.sharp.level == pytest.approx(length * one.sharp.level, rel=1e-6)
@@ -64,9 +75,12 @@ def test_twice_the_load_wants_twice_the_gap(loads: Loads) -> None:
 
 def exact_rms(stiffness: float, damping: float) -> float:
     """Return the RMS under the noise of one mode with a tuned absorber, from the sum over frequencies."""
-    omega, mass = 2 * np.pi * np.linspace(BAND[0][0], BAND[1][0], 4001), 0.02 * MASS
+    omega = 2 * np.pi * np.linspace(BAND[0][0], BAND[1][0], 4001)
+    mass = 0.02 * MASS
     link: NDArray[np.complex128] = stiffness + 1j * omega * damping
-    carried = link * mass * omega**2 / (link - mass * omega**2)  # what the absorber adds to the dynamic stiffness, negative
+    carried = (
+        link * mass * omega**2 / (link - mass * omega**2)
+    )  # what the absorber adds to the dynamic stiffness, negative
     own = OMEGA[0] ** 2 - omega**2 + 2j * 0.01 * OMEGA[0] * omega - 2.6**2 * carried
     return float(np.sqrt(np.trapezoid(0.5 * np.abs(2.6 * 0.6 / own) ** 2, omega / (2 * np.pi))))
 
@@ -84,13 +98,31 @@ def test_a_random_load_is_tuned_to_its_least_mean_square() -> None:
 
 def written(folder: Path) -> list[object]:
     (folder / "structure.toml").write_text(file_of_one_mode(0.02))
-    (folder / "load.toml").write_text('[load]\nkind = "shock"\npulse = "half-sine"\npeak_n = 20.0\npulse_s = 0.0125\nduration_s = 0.5\n')
-    return ["--structure", folder / "structure.toml", "--load", folder / "load.toml", "--out", folder]
+    (folder / "load.toml").write_text(
+        '[load]\nkind = "shock"\npulse = "half-sine"\npeak_n = 20.0\npulse_s = 0.0125\nduration_s = 0.5\n'
+    )
+    return [
+        "--structure",
+        folder / "structure.toml",
+        "--load",
+        folder / "load.toml",
+        "--out",
+        folder,
+    ]
 
 
 def test_the_commands(tmp_path: Path) -> None:
-    given, load = written(tmp_path), tmp_path / "load.toml"
-    result = done(imported("design_gap"), *given, "--quick", "--force", 2, "--device", tmp_path / "device.json")
+    given = written(tmp_path)
+    load = tmp_path / "load.toml"
+    result = done(
+        imported("design_gap"),
+        *given,
+        "--quick",
+        "--force",
+        2,
+        "--device",
+        tmp_path / "device.json",
+    )
     found = json.loads((tmp_path / "summary.json").read_text())
     best = found["recommended"]
     assert found["rule_gap_m"] is None
@@ -98,7 +130,16 @@ def test_the_commands(tmp_path: Path) -> None:
     assert f"{1e3 * best['gap_m']:.4g} mm" in result.output
     assert best["decay_s"] < found["decay_without_absorber_s"]
     assert json.loads((tmp_path / "device.json").read_text())["absorber"]["gap"] == best["gap_m"]
-    again = done(imported("design_gap"), "--scene", tmp_path / "device.json", "--load", load, "--quick", "--out", tmp_path)
+    again = done(
+        imported("design_gap"),
+        "--scene",
+        tmp_path / "device.json",
+        "--load",
+        load,
+        "--quick",
+        "--out",
+        tmp_path,
+    )
     assert f"friction limit {best['friction_limit_n']:.4g} N" in again.output
     done(imported("tune_ltva"), *given)
     assert json.loads((tmp_path / "summary.json").read_text())["best"]["ratio"] < 1
@@ -107,22 +148,36 @@ def test_the_commands(tmp_path: Path) -> None:
 # Searches under loads: measures written out, members with records of their own, and both commands on a structure of one mode.
 
 
-def problem(loads: Loads, factors: tuple[float, ...] = (1.0,), members: int = 1, **more: object) -> Problem:
+def problem(
+    loads: Loads, factors: tuple[float, ...] = (1.0,), members: int = 1, **more: object
+) -> Problem:
     conditions = tuple(Condition(1, factor, loads=loads) for factor in factors)
-    return Problem(design_space(IMPACT, (GAP,), None, {"friction_limit": 0.0}), conditions, beam=DAMPED, members=members, **more)
+    return Problem(
+        design_space(IMPACT, (GAP,), None, {"friction_limit": 0.0}),
+        conditions,
+        beam=DAMPED,
+        members=members,
+        **more,
+    )
 
 
 def test_a_design_is_judged_by_the_measure_of_its_loads() -> None:
     """Member 0 meets the loads as they are, times the factor, and the value is relative to the same record without absorber."""
     own = problem(SHORT_NOISE, (1.0, 2.0))
     gap = own.space.free[0]
-    F, _, _ = evaluate_arrays(own, [[own.space.coordinates(own.space.decoded({gap.name: gap.low}))[gap.name]]])
+    F, _, _ = evaluate_arrays(
+        own, [[own.space.coordinates(own.space.decoded({gap.name: gap.low}))[gap.name]]]
+    )
     design = own.space.decoded({gap.name: gap.low})
     expected = []
     for factor in (1.0, 2.0):
-        absorber = impact_absorber(design.values[GAP], design.values["restitution"], design.values["friction_limit"], 0.02)
+        absorber = impact_absorber(
+            design.values[GAP], design.values["restitution"], design.values["friction_limit"], 0.02
+        )
         loads = Loads((Random(SHORT_NOISE.parts[0].spectrum, 4.0, 1, factor=factor),), OMEGA[0])
-        expected.append(late_rms(Scene(DAMPED, absorber), loads, 0.02) / late_rms(Scene(DAMPED), loads, 0.02))
+        expected.append(
+            late_rms(Scene(DAMPED, absorber), loads, 0.02) / late_rms(Scene(DAMPED), loads, 0.02)
+        )
     assert F[0, 0] == pytest.approx(max(expected), rel=1e-9)
 
 
@@ -130,17 +185,28 @@ def test_every_member_has_a_record_of_its_own() -> None:
     """Also those of the set on which a winner is judged, and the parts of a set that a search runs one after the other."""
     own = problem(SHORT_NOISE, members=6)
     sets = [own.ensemble, own.fresh_ensemble(6, 0), own.fresh_ensemble(6, 1)]
-    drawn = [lane.drive.parts[0].amplitudes()[0] for members in sets for chunk in own.chunks(None, members, own.rate) for lane in chunk.lanes]
+    drawn = [
+        lane.drive.parts[0].amplitudes()[0]
+        for members in sets
+        for chunk in own.chunks(None, members, own.rate)
+        for lane in chunk.lanes
+    ]
     assert len(drawn) == 18
     assert len(set(drawn)) == 18
-    again = [lane.drive.parts[0].amplitudes()[0] for chunk in own.chunks(None, own.ensemble[4:6], own.rate) for lane in chunk.lanes]
+    again = [
+        lane.drive.parts[0].amplitudes()[0]
+        for chunk in own.chunks(None, own.ensemble[4:6], own.rate)
+        for lane in chunk.lanes
+    ]
     assert again == drawn[4:6]
 
 
 def test_a_search_begins_at_the_gap_that_the_free_motion_sets() -> None:
     history = simulate(Scene(DAMPED), SHOCK, record=Record(level=False, series=True)).history
     largest = float(np.max(np.abs(history.tip_displacement)))
-    assert problem(SHOCK).space.default.values[GAP] == pytest.approx(1.5 * largest / np.sqrt(2), rel=0.01)
+    assert problem(SHOCK).space.default.values[GAP] == pytest.approx(
+        1.5 * largest / np.sqrt(2), rel=0.01
+    )
 
 
 def test_optimise_design_under_a_shock(tmp_path: Path) -> None:
@@ -149,10 +215,15 @@ def test_optimise_design_under_a_shock(tmp_path: Path) -> None:
     out = tmp_path / "impact"
     found = json.loads((out / "summary.json").read_text())
     condition = found["conditions"][0]
-    assert condition["winner"]["decay_s"] == pytest.approx(condition["winner"]["relative"] * condition["without_s"])
+    assert condition["winner"]["decay_s"] == pytest.approx(
+        condition["winner"]["relative"] * condition["without_s"]
+    )
     assert condition["winner"]["relative"] < 0.7
     assert "in_service" not in found
-    assert f"{condition['winner']['decay_s']:.3f} s, {100 * condition['winner']['relative']:.1f} % of no absorber" in result.output
+    assert (
+        f"{condition['winner']['decay_s']:.3f} s, {100 * condition['winner']['relative']:.1f} % of no absorber"
+        in result.output
+    )
     assert {"load", "factor", "decay_median_s"} <= set(read(out / "curves.csv")[0])
 
 

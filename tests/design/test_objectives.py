@@ -11,13 +11,30 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from places import EXAMPLES
 
-from impact_env import Beam, Drive, ParameterError, Record, Scene, impact_absorber, modal_model, simulate
+from impact_env import (
+    Beam,
+    Drive,
+    ParameterError,
+    Record,
+    Scene,
+    impact_absorber,
+    modal_model,
+    simulate,
+)
 from impact_env.drive import constant_frequency
 from impact_env.ensemble import Lane, Threads
 from optimisation.bounds import design_gap
 from optimisation.designs import Design, design_space
 from optimisation.evaluation import evaluate, measured_chunks
-from optimisation.measures import MEASURES, Chunk, _value, fatigue_damage, rainflow_amplitudes, stress_shape, turning_points
+from optimisation.measures import (
+    MEASURES,
+    Chunk,
+    _value,
+    fatigue_damage,
+    rainflow_amplitudes,
+    stress_shape,
+    turning_points,
+)
 from optimisation.mounting import mounted
 from optimisation.objectives import Condition, Constraint, Objective, range_width
 from optimisation.problem import FAILED, PENALTY, Problem
@@ -28,7 +45,13 @@ BOTH = (FIRST, Condition(2, 35.0))
 
 def small(**changes: object) -> Problem:
     """A problem whose runs take milliseconds: two modes, and sweeps forty times as fast as the paper's."""
-    given = {"space": design_space("impact"), "conditions": BOTH, "beam": Beam(modes=2), "members": 3, "rate": 40.0}
+    given = {
+        "space": design_space("impact"),
+        "conditions": BOTH,
+        "beam": Beam(modes=2),
+        "members": 3,
+        "rate": 40.0,
+    }
     return Problem(**(given | changes))
 
 
@@ -39,8 +62,13 @@ def heavy(measured: dict[str, np.ndarray]) -> np.ndarray:
 
 def test_objectives_and_constraints_of_ones_own() -> None:
     here = f"{__name__}:heavy"
-    problem = small(objectives=(Objective(here), Objective("absolute")), constraints=(Constraint(here, 1e-4), Constraint("level", 1.0)))
-    ((_, measured),) = evaluate(problem, [problem.space.default], problem.ensemble, problem.rate, Threads(1))
+    problem = small(
+        objectives=(Objective(here), Objective("absolute")),
+        constraints=(Constraint(here, 1e-4), Constraint("level", 1.0)),
+    )
+    ((_, measured),) = evaluate(
+        problem, [problem.space.default], problem.ensemble, problem.rate, Threads(1)
+    )
     own = problem.score(problem.space.default, measured, problem.ensemble, problem.rate)
     assert own.values[0] == pytest.approx(2 * own.values[1])
     assert own.violations[0] > 0
@@ -49,26 +77,41 @@ def test_objectives_and_constraints_of_ones_own() -> None:
 
 def test_acceleration_and_stress_of_a_linear_run() -> None:
     """Without absorber, against the modal equations of motion, and the moment of the recorded motion."""
-    model, beam = modal_model(Beam(modes=2)), Beam(modes=2)
+    model = modal_model(Beam(modes=2))
+    beam = Beam(modes=2)
     drive = Drive(1.0, constant_frequency(float(model.omega[0]), 0.5, 200.0))
-    chunk = Chunk((Lane(Scene(model), drive),), ("rms", "acceleration", "stress"), stress_shape(beam), 5.0)
+    chunk = Chunk(
+        (Lane(Scene(model), drive),), ("rms", "acceleration", "stress"), stress_shape(beam), 5.0
+    )
     rms, acceleration, stress = measured_chunks([chunk], Threads(1))[0][0]
     response = simulate(Scene(model), drive, record=Record(series=True))
     moments = response.history.modal_displacement @ stress_shape(beam)
     assert stress == pytest.approx(np.abs(moments).max())
     history = response.history
     force = np.cos(0.5 * model.omega[0] * history.time)[:, None] * model.force_shape
-    own = force - 2 * model.damping_ratio * model.omega * history.modal_velocity - model.omega**2 * history.modal_displacement
+    own = (
+        force
+        - 2 * model.damping_ratio * model.omega * history.modal_velocity
+        - model.omega**2 * history.modal_displacement
+    )
     assert acceleration == pytest.approx(np.abs(own @ model.tip_shape).max(), rel=0.05)
     assert rms < np.abs(history.modal_displacement @ model.tip_shape).max()
 
 
 def test_rainflow_counts_the_textbook_example() -> None:
-    amplitudes, counts = rainflow_amplitudes(np.array([-2, 1, -3, 5, -1, 3, -4, 4, -2], dtype=float))
+    amplitudes, counts = rainflow_amplitudes(
+        np.array([-2, 1, -3, 5, -1, 3, -4, 4, -2], dtype=float)
+    )
     found: dict[float, float] = {}
     for amplitude, number in zip(2 * amplitudes, counts, strict=True):
         found[float(amplitude)] = found.get(float(amplitude), 0.0) + float(number)
-    assert found == {3.0: 0.5, 4.0: 1.5, 6.0: 0.5, 8.0: 1.0, 9.0: 0.5}  # ranges and counts of ASTM E1049's example
+    assert found == {
+        3.0: 0.5,
+        4.0: 1.5,
+        6.0: 0.5,
+        8.0: 1.0,
+        9.0: 0.5,
+    }  # ranges and counts of ASTM E1049's example
 
 
 @example([1.0, 0.0, 1e-200, 0.0, 1.0])  # steps whose product is zero
@@ -80,29 +123,36 @@ def test_rainflow_loses_no_range(values: list[float]) -> None:
     assert fatigue_damage(series, 5.0) == pytest.approx(np.sum(counts * amplitudes**5), rel=1e-9)
     assert np.sum(counts) == (len(turns) - 1) / 2
     assert np.max(amplitudes, initial=0.0) == pytest.approx(np.ptp(series) / 2)
-    assert 4 * np.sum(amplitudes * counts) == pytest.approx(np.sum(np.abs(np.diff(turns))), abs=1e-9)
+    assert 4 * np.sum(amplitudes * counts) == pytest.approx(
+        np.sum(np.abs(np.diff(turns))), abs=1e-9
+    )
 
 
 @pytest.mark.same_bits
 def test_moment_at_the_clamp_of_a_load_at_the_end() -> None:
     beam = Beam(modes=60)
-    model, moment = modal_model(beam), stress_shape(beam)
+    model = modal_model(beam)
+    moment = stress_shape(beam)
     assert moment is not None
     still = model.tip_shape * 7.0 / model.omega**2
     assert moment @ still == pytest.approx(7.0 * beam.length, rel=1e-6)
     off = mounted(beam, 0.4)
-    assert off.level_shape @ still == pytest.approx(7.0 * beam.length**3 / (3 * beam.bending_stiffness), rel=1e-6)
+    assert off.level_shape @ still == pytest.approx(
+        7.0 * beam.length**3 / (3 * beam.bending_stiffness), rel=1e-6
+    )
     np.testing.assert_array_equal(off.level_shape, model.tip_shape)
     assert stress_shape(Beam(ends="pinned-pinned", absorber_position=0.5)) is None
     assert stress_shape(model) is None
 
 
 def test_measures_agree_with_the_energy_account_and_the_events() -> None:
-    scene, drive = scene_of(impact_absorber(restitution=0.7, friction_limit=0.1)), drive_of(3.5, 0.95, 1.0, periods=40)
+    scene = scene_of(impact_absorber(restitution=0.7, friction_limit=0.1))
+    drive = drive_of(3.5, 0.95, 1.0, periods=40)
     response = run(scene, drive)  # without the level, for one kernel fewer
     chunk = Chunk((), tuple(MEASURES), stress_shape(Beam(modes=3)), 5.0)
     found = {name: _value(name, chunk, response) for name in MEASURES if name != "level"}
-    energy, impacts = response.energy, response.impacts
+    energy = response.energy
+    impacts = response.impacts
     duration = response.drive.schedule.times[-1]
     assert len(impacts.time) > 20
     assert found["impact_power"] == pytest.approx(energy.impact_loss / duration, rel=1e-9)
@@ -114,14 +164,23 @@ def test_measures_agree_with_the_energy_account_and_the_events() -> None:
 
 @pytest.mark.parametrize(
     ("levels", "limit", "decades"),
-    [([0.2, 0.2, 0.2], 0.3, 2.0), ([0.5, 0.5, 0.5], 0.3, 0.0), ([0.2, 0.4, 0.2], 0.3, 0.5), ([0.4, 0.2, 0.4], 0.3, 1.0)],
+    [
+        ([0.2, 0.2, 0.2], 0.3, 2.0),
+        ([0.5, 0.5, 0.5], 0.3, 0.0),
+        ([0.2, 0.4, 0.2], 0.3, 0.5),
+        ([0.4, 0.2, 0.4], 0.3, 1.0),
+    ],
 )
 def test_width_of_a_range(levels: list[float], limit: float, decades: float) -> None:
-    assert range_width(np.array([1.0, 10.0, 100.0]), np.array(levels), limit) == pytest.approx(decades)
+    assert range_width(np.array([1.0, 10.0, 100.0]), np.array(levels), limit) == pytest.approx(
+        decades
+    )
 
 
 def test_conditions_directions_and_members_join_as_told() -> None:
-    values = np.array([[[1.0, 2.0], [5.0, 3.0]], [[4.0, 1.0], [1.0, 1.0]], [[2.0, 2.0], [3.0, 3.0]]])  # member, condition, direction
+    values = np.array(
+        [[[1.0, 2.0], [5.0, 3.0]], [[4.0, 1.0], [1.0, 1.0]], [[2.0, 2.0], [3.0, 3.0]]]
+    )  # member, condition, direction
     np.testing.assert_array_equal(Objective().per_member(values, BOTH), [5.0, 4.0, 3.0])
     np.testing.assert_array_equal(Objective(over="mean").per_member(values, BOTH), [3.5, 2.5, 2.5])
     np.testing.assert_array_equal(Objective(resonance=2).per_member(values, BOTH), [5.0, 1.0, 3.0])
@@ -142,13 +201,26 @@ def test_best_gap_scales_with_the_force_and_lies_at_the_rule() -> None:
     """The scaling law as an oracle: twice the force, twice the best gap and friction, with the same scores; and the design rule near it."""
     model = modal_model(Beam(modes=3))
     rule = design_gap(model, 0.02 * model.beam_mass, 3.5)
-    factors, found = np.geomspace(1 / 2.5, 2.5, 9), []
+    factors = np.geomspace(1 / 2.5, 2.5, 9)
+    found = []
     for scale in (1, 2):
-        problem = small(conditions=(Condition(1, 3.5 * scale),), beam=Beam(modes=3), members=1, rate=10.0)
-        values = {"restitution": 0.7, "friction_limit": 0.05 * scale, "mass_ratio": 0.02, "position": 1.0}
+        problem = small(
+            conditions=(Condition(1, 3.5 * scale),), beam=Beam(modes=3), members=1, rate=10.0
+        )
+        values = {
+            "restitution": 0.7,
+            "friction_limit": 0.05 * scale,
+            "mass_ratio": 0.02,
+            "position": 1.0,
+        }
         designs = [Design("impact", {"gap": rule * factor * scale, **values}) for factor in factors]
         scores = dict(evaluate(problem, designs, problem.ensemble, problem.rate, Threads(1)))
-        found.append([problem.score(d, scores[k], problem.ensemble, problem.rate).values[0] for k, d in enumerate(designs)])
+        found.append(
+            [
+                problem.score(d, scores[k], problem.ensemble, problem.rate).values[0]
+                for k, d in enumerate(designs)
+            ]
+        )
     np.testing.assert_allclose(found[1], found[0], rtol=1e-9)
     assert 0.75 < factors[np.argmin(found[0])] < 1.35
     assert min(found[0]) < 0.6 * max(found[0])
@@ -163,7 +235,9 @@ def test_constraints_are_the_worst_of_all_runs() -> None:
     assert score.violations == pytest.approx((1.0, 1.0))
     assert not score.feasible
     assert PENALTY < problem.penalised_cost(score) < FAILED
-    failed = problem.score(problem.space.default, np.full((3, 2, 2, 2), np.nan), problem.ensemble, problem.rate)
+    failed = problem.score(
+        problem.space.default, np.full((3, 2, 2, 2), np.nan), problem.ensemble, problem.rate
+    )
     assert failed.failed
     assert problem.penalised_cost(failed) > problem.penalised_cost(score)
 
@@ -173,7 +247,9 @@ def test_constraints_are_the_worst_of_all_runs() -> None:
 
 STRIP = replace(STEEL, modes=2)
 GAP_AND_FRICTION = design_space("impact", ["gap", "friction_limit"])
-steel = partial(small, space=GAP_AND_FRICTION, conditions=(Condition(1, 0.5),), beam=STRIP, members=5)
+steel = partial(
+    small, space=GAP_AND_FRICTION, conditions=(Condition(1, 0.5),), beam=STRIP, members=5
+)
 
 
 class Backwards(Threads):
@@ -184,11 +260,19 @@ class Backwards(Threads):
     def each(self, function, chunks, kinds):
         for k, values in reversed(list(super().each(function, chunks, kinds))):
             gap = chunks[k].lanes[0].scene.absorber.walls.gap
-            yield k, np.full_like(values, np.nan) if any(abs(gap - x) < 1e-9 for x in self.lost) else values
+            yield (
+                k,
+                np.full_like(values, np.nan)
+                if any(abs(gap - x) < 1e-9 for x in self.lost)
+                else values,
+            )
 
 
 def test_rows_come_in_the_order_of_the_designs() -> None:
-    problem = steel(constraints=(Constraint("impact_speed", 0.02),), objectives=(Objective(), Objective("severity")))
+    problem = steel(
+        constraints=(Constraint("impact_speed", 0.02),),
+        objectives=(Objective(), Objective("severity")),
+    )
     X = np.array([[0.5, 0.1], [1.0, 0.05], [2.0, 0.2]])
     F, G, spread = problem.evaluate(X, executor=Backwards())
     assert F.shape == spread.shape == (3, 2)
@@ -204,7 +288,9 @@ def test_rows_come_in_the_order_of_the_designs() -> None:
     members = problem.member_values(measured, problem.ensemble, problem.rate)
     assert spread[2, 0] < np.ptp(members[0])
     conditions = tuple(Condition(1, force) for force in (0.3, 0.5, 0.9))
-    wide = steel(conditions=conditions, objectives=(Objective("range", limit=0.5),), members=1).evaluate([[1.0, 0.1]])
+    wide = steel(
+        conditions=conditions, objectives=(Objective("range", limit=0.5),), members=1
+    ).evaluate([[1.0, 0.1]])
     assert wide.F[0, 0] < 0  # decades, with their sign turned: all objectives are minimised
     assert np.isnan(wide.spread).all()
 
@@ -214,20 +300,30 @@ def test_failures_are_nan_with_a_reason_and_leave_the_others() -> None:
     executor = Backwards()
     executor.lost = (problem.units.gap(0.02) * 2.0,)
     why: dict[int, str] = {}
-    F, _, spread = problem.evaluate([[1.0, 0.1], [9.0, 0.1], [2.0, 0.1], [np.nan, 0.1]], executor=executor, failures=why)
+    F, _, spread = problem.evaluate(
+        [[1.0, 0.1], [9.0, 0.1], [2.0, 0.1], [np.nan, 0.1]], executor=executor, failures=why
+    )
     assert np.isfinite(F[0]).all()
     assert np.isnan(F[1:]).all()
     assert np.isnan(spread[1:]).all()
     assert set(why) == {1, 2, 3}
     assert "gap = 9.0 is not allowed: from 0.1 to 4 of the rule's gap" in why[1]
-    assert "the integrator gave up 5 of 5 runs, the first of them member 0 at resonance 1, 0.5 N" in why[2]
+    assert (
+        "the integrator gave up 5 of 5 runs, the first of them member 0 at resonance 1, 0.5 N"
+        in why[2]
+    )
     with pytest.raises(ParameterError, match=r"X = \(1, 3\)"):
         problem.evaluate([[1.0, 0.1, 0.5]])
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("package", "sizes", "told"), [("pymoo", (8, 3, 2), "mW lost in impacts"), ("botorch", (6, 1, 2, 2), "on fresh members")])
-def test_worked_examples_find_a_quiet_design(package: str, sizes: tuple[int, ...], told: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("package", "sizes", "told"),
+    [("pymoo", (8, 3, 2), "mW lost in impacts"), ("botorch", (6, 1, 2, 2), "on fresh members")],
+)
+def test_worked_examples_find_a_quiet_design(
+    package: str, sizes: tuple[int, ...], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     pytest.importorskip(package)
     found = runpy.run_path(str(EXAMPLES / f"optimise_with_{package}.py"))["main"](*sizes, rate=40.0)
     assert 0.05 < np.min(np.atleast_2d(found)[:, 0]) < 0.6

@@ -12,7 +12,13 @@ from impact_env import Beam, ModalModel, ParameterError, friction_damper, modal_
 from impact_env.ensemble import Threads
 from impact_env.loads import Loads, Random, Shock
 from impact_env.parameters import TunedAbsorber
-from optimisation.bounds import common_gap, design_force, design_gap, resonance_limit, stroke_limit_rms
+from optimisation.bounds import (
+    common_gap,
+    design_force,
+    design_gap,
+    resonance_limit,
+    stroke_limit_rms,
+)
 from optimisation.bounds.relaxation import passive_limit
 from optimisation.cli.design_options import load_conditions
 from optimisation.comparison import compare
@@ -30,15 +36,34 @@ from optimisation.tuned import PAPER, minimax, peak, peaks
 from optimisation.uncertain import require_parts, spreads
 
 pytest.importorskip("cvxpy")
-MODEL, TWO = modal_model(Beam()), modal_model(Beam(modes=2))
-MASS, GAP, FIRST = 0.02 * MODEL.beam_mass, 1e-3, Condition(1, 3.5)
+MODEL = modal_model(Beam())
+TWO = modal_model(Beam(modes=2))
+MASS = 0.02 * MODEL.beam_mass
+GAP = 1e-3
+FIRST = Condition(1, 3.5)
 BOTH = (FIRST, Condition(2, 35.0))
 NOISE = Loads((Random(np.array([[35.0, 0.5], [46.0, 0.5]]), 4.0, 1),), MODEL.omega[0])
 SHOCK = Loads((Shock("half-sine", 20.0, 0.0125, 0.5),), MODEL.omega[0])
 
 
-def problem(beam: Beam | ModalModel = TWO, space: DesignSpace | None = None, conditions: tuple[Condition, ...] = BOTH, **more: object) -> Problem:
-    return Problem(**({"space": space or design_space("impact"), "conditions": conditions, "beam": beam, "members": 3, "rate": 40.0} | more))
+def problem(
+    beam: Beam | ModalModel = TWO,
+    space: DesignSpace | None = None,
+    conditions: tuple[Condition, ...] = BOTH,
+    **more: object,
+) -> Problem:
+    return Problem(
+        **(
+            {
+                "space": space or design_space("impact"),
+                "conditions": conditions,
+                "beam": beam,
+                "members": 3,
+                "rate": 40.0,
+            }
+            | more
+        )
+    )
 
 
 def under(loads: Loads, **more: object) -> Problem:
@@ -66,8 +91,14 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     (lambda: design_force(ModalModel([1.0], [0.01], [0.0], [1.0], 1.0), 0.01, GAP), "force_shape"),
     (lambda: passive_limit(modal_model(Beam(), [1.0, 0.5]), MASS, GAP, 1.0, 250.0), "one absorber"),
     # tunings
-    (lambda: peak(MODEL, PAPER, low=0.9, high=1.06), "scoring range (low, high) = (0.9, 1.06) is not allowed: a scoring range that holds both peaks"),
-    (lambda: minimax(MODEL, 0.25), "scoring range"),  # a heavy absorber splits wider than the default range
+    (
+        lambda: peak(MODEL, PAPER, low=0.9, high=1.06),
+        "scoring range (low, high) = (0.9, 1.06) is not allowed: a scoring range that holds both peaks",
+    ),
+    (
+        lambda: minimax(MODEL, 0.25),
+        "scoring range",
+    ),  # a heavy absorber splits wider than the default range
     (lambda: peaks(MODEL, PAPER, high=1.06), "both peaks"),
     (lambda: tuning_table(MODEL, low=0.9, high=1.06), "both peaks"),
     (lambda: peaks(ModalModel([1.0], [0.0], [1.0], [1.0], 1.0), None), "damping_ratio"),
@@ -76,7 +107,10 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     (lambda: check_gap(TWO, 3.5, factors=[0.5, 2.0]), "factors"),
     (lambda: advise(TWO, 6.0, tolerance=0.5), "force_tolerance"),
     (lambda: advise(TWO, 6.0, free=["mass"]), "free"),
-    (lambda: advise_for_loads(ModalModel([250.0], [0.01], [0.0], [2.6], 0.5), NOISE, members=1), "moves the absorber"),
+    (
+        lambda: advise_for_loads(ModalModel([250.0], [0.01], [0.0], [2.6], 0.5), NOISE, members=1),
+        "moves the absorber",
+    ),
     (lambda: compare(resonances=[True]), "resonances"),
     (lambda: compare(gap=True), "gap"),
     # spaces
@@ -89,7 +123,12 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     (space("impact", ["position"], {"position": (0.5, 1.5)}), "absorber_position"),
     (space("friction", ["mass_ratio"], None, {"friction_limit": -1.0}), "friction limit"),
     (space("friction", ["mass_ratio"], None, {"mass_ratio": 0.01}), "not both"),
-    (lambda: problem(STEEL).space.design({"gap": 1.0, "restitution": 0.5, "friction_limit": 0.01}), "gap = "),  # a metre
+    (
+        lambda: problem(STEEL).space.design(
+            {"gap": 1.0, "restitution": 0.5, "friction_limit": 0.01}
+        ),
+        "gap = ",
+    ),  # a metre
     # problems
     (lambda: Objective("beauty"), "objective = 'beauty'"),
     (lambda: Objective("nowhere:f"), "MODULE:FUNCTION"),
@@ -105,39 +144,77 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     (lambda: problem(objectives=(Objective("range", limit=0.3),)), "forces of the objective range"),
     (lambda: problem(constraints=(Constraint("stroke", 1.0), Constraint("stroke", 2.0))), "once"),
     (lambda: problem(space=design_space("tuned")), "holds both peaks"),
-    (lambda: problem(space=design_space("impact", ["gap", "position"])), "left out on a modal model with one place"),
-    (lambda: problem(space=design_space("several")), "position_2 = 'free' is not allowed: left out on a modal model with one place"),
-    (lambda: problem(objectives=(Objective("damage"),)), "for a beam that is clamped at its left end, or a modal model"),
-    (lambda: scene_on(TWO, design_space("several").default.absorber()), "absorber_shapes of the modal model = 0 is not allowed"),
-    (lambda: problem(MODEL, conditions=(*load_conditions(NOISE), FIRST)), "loads in all of them, or in none"),
+    (
+        lambda: problem(space=design_space("impact", ["gap", "position"])),
+        "left out on a modal model with one place",
+    ),
+    (
+        lambda: problem(space=design_space("several")),
+        "position_2 = 'free' is not allowed: left out on a modal model with one place",
+    ),
+    (
+        lambda: problem(objectives=(Objective("damage"),)),
+        "for a beam that is clamped at its left end, or a modal model",
+    ),
+    (
+        lambda: scene_on(TWO, design_space("several").default.absorber()),
+        "absorber_shapes of the modal model = 0 is not allowed",
+    ),
+    (
+        lambda: problem(MODEL, conditions=(*load_conditions(NOISE), FIRST)),
+        "loads in all of them, or in none",
+    ),
     (lambda: under(SHOCK, objectives=(Objective("absolute"),)), "another under shocks"),
     (lambda: under(NOISE, uncertain={"gap": (0.9e-3, 1.1e-3)}), "left out under loads"),
     (lambda: problem(uncertain={"gap": (1e-3, 2e-3)}), "is not allowed: in %"),
-    (lambda: problem(conditions=(FIRST, Condition(1, 5.0)), uncertain={"force": (3, 4)}), "uncertain force"),
+    (
+        lambda: problem(conditions=(FIRST, Condition(1, 5.0)), uncertain={"force": (3, 4)}),
+        "uncertain force",
+    ),
     # searches
     (lambda: default_settings(study_problem(), "annealing"), "sampler = 'annealing'"),
     (lambda: default_settings(study_problem(2), "cma"), "nsga2"),
-    (lambda: default_settings(study_problem(space=design_space("impact", ["gap"])), "cma"), "two or more"),
+    (
+        lambda: default_settings(study_problem(space=design_space("impact", ["gap"])), "cma"),
+        "two or more",
+    ),
     (lambda: default_settings(study_problem(), batch=1), "batch = 1"),
     (lambda: Rung(0), "members of a rung"),
     (lambda: SearchSettings("cma", 4, (Rung(4, 2.0),)).check(study_problem()), "own sweep rate"),
-    (lambda: SearchSettings("cma", 4, (Rung(3),)).check(study_problem()), "members of the last rung = 3"),
-    (lambda: SearchSettings("random", 4, (Rung(1), Rung(4))).check(study_problem(2)), "several objectives"),
+    (
+        lambda: SearchSettings("cma", 4, (Rung(3),)).check(study_problem()),
+        "members of the last rung = 3",
+    ),
+    (
+        lambda: SearchSettings("random", 4, (Rung(1), Rung(4))).check(study_problem(2)),
+        "several objectives",
+    ),
     (lambda: settings().whole_batches(0), "designs = 0"),
     (lambda: Threads(0), "threads = 0"),
     # what is uncertain, and materials
     *(
-        (lambda name=name: spreads({name: "5%"}) and require_parts(spreads({name: "5%"}), TunedAbsorber()), f"uncertain {name}")
+        (
+            lambda name=name: (
+                spreads({name: "5%"}) and require_parts(spreads({name: "5%"}), TunedAbsorber())
+            ),
+            f"uncertain {name}",
+        )
         for name in ("gap", "friction")
     ),
     (lambda: spreads({"colour": "5%"}), "uncertain = 'colour'"),
     (lambda: spreads({"gap": "5"}), "uncertain gap = '5' is not allowed: a standard deviation"),
-    (lambda: spreads({"gap": "40%"}), "uncertain gap = '40%' is not allowed: above 0 and at most 33.3%"),
+    (
+        lambda: spreads({"gap": "40%"}),
+        "uncertain gap = '40%' is not allowed: above 0 and at most 33.3%",
+    ),
     (lambda: spreads({"gap": (2, 1)}), "the lower one first"),
     (lambda: spreads({"gap": ("1%", 2)}), "both in %"),
     (lambda: spreads({"gap": (1, 2, 3)}), "two numbers"),
     (lambda: spreads({"restitution": (0.5, 1.5)}), "at most 1"),
-    *((lambda name=name: material(name), "is not allowed: one of steel, aluminium") for name in ("wood", "1e9", "-1:0.3", "1e9:0.7", "a:b")),
+    *(
+        (lambda name=name: material(name), "is not allowed: one of steel, aluminium")
+        for name in ("wood", "1e9", "-1:0.3", "1e9:0.7", "a:b")
+    ),
     (lambda: estimate("steel", "steel", 0.0, 1.0, 1.0), "radius"),
 ]
 

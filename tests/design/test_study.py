@@ -33,7 +33,9 @@ DESIGNS = 3 * BATCH + 1
 Result = tuple[object, ...]
 
 
-def search(file: Path | None, given: Problem, chosen: SearchSettings, designs: int = DESIGNS) -> tuple[list[Result], int]:
+def search(
+    file: Path | None, given: Problem, chosen: SearchSettings, designs: int = DESIGNS
+) -> tuple[list[Result], int]:
     """Return a search's result with the runs that a file holds, and how many runs it made."""
     with remembering(Model(), identity(given, chosen.describe()), file) as ledger:
         study, _, cost = searched("search", given, chosen, designs, ledger)
@@ -43,16 +45,21 @@ def search(file: Path | None, given: Problem, chosen: SearchSettings, designs: i
 @pytest.mark.parametrize("sampler", ["cma", "nsga2", "random"])
 def test_study_goes_on_from_any_piece_of_its_file(tmp_path: Path, sampler: str) -> None:
     """A process can be killed after any run: the resumed study is each time that in memory, and makes the missing runs only."""
-    given, file = problem(2 if sampler == "nsga2" else 1), tmp_path / "study.journal"
+    given = problem(2 if sampler == "nsga2" else 1)
+    file = tmp_path / "study.journal"
     expected, runs = search(None, given, settings(sampler))
-    assert [result[1] for result in search(None, given, settings(sampler, 1))[0][1:]] != [result[1] for result in expected[1:]]
+    assert [result[1] for result in search(None, given, settings(sampler, 1))[0][1:]] != [
+        result[1] for result in expected[1:]
+    ]
     search(file, given, settings(sampler), BATCH + 1)
     assert search(file, given, settings(sampler))[0] == expected  # a larger budget
     whole = file.read_bytes()
     for cut in range(0, 60, 5):
         file.write_bytes(whole)
         with closing(sqlite3.connect(file, isolation_level=None)) as opened:
-            (kept,) = opened.execute("SELECT count(*) FROM pieces WHERE rowid <= ? AND name <> 'identity'", (cut,)).fetchone()
+            (kept,) = opened.execute(
+                "SELECT count(*) FROM pieces WHERE rowid <= ? AND name <> 'identity'", (cut,)
+            ).fetchone()
             opened.execute("DELETE FROM pieces WHERE rowid > ?", (cut,))
         found, made = search(file, given, settings(sampler))
         assert found == expected, f"cut at piece {cut}"
@@ -60,15 +67,20 @@ def test_study_goes_on_from_any_piece_of_its_file(tmp_path: Path, sampler: str) 
 
 
 def test_a_study_that_was_broken_off_goes_on_where_it_is() -> None:
-    study, model = DesignStudy(problem(), settings()), Model(stop=11)
+    study = DesignStudy(problem(), settings())
+    model = Model(stop=11)
     assert not study.run(DESIGNS, model)
     assert study.run(DESIGNS, Model())
-    assert [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told] == search(None, problem(), settings())[0]
+    assert [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told] == search(
+        None, problem(), settings()
+    )[0]
 
 
 def test_optuna_reads_the_designs_of_a_study(tmp_path: Path) -> None:
     found, _ = search(tmp_path / "a.journal", problem(), settings())
-    storage = optuna.storages.JournalStorage(optuna.storages.journal.JournalFileBackend(str(tmp_path / "a.journal.optuna")))
+    storage = optuna.storages.JournalStorage(
+        optuna.storages.journal.JournalFileBackend(str(tmp_path / "a.journal.optuna"))
+    )
     trials = optuna.load_study(study_name=None, storage=storage).trials
     assert [trial.number for trial in trials] == [number for number, *_ in found]
     assert trials[0].values == list(found[0][2].values)
@@ -80,8 +92,11 @@ def test_optuna_reads_the_designs_of_a_study(tmp_path: Path) -> None:
 def test_pieces_survive_a_process_that_is_killed(tmp_path: Path) -> None:
     code = "import pathlib, sys; from optimisation.kept import Kept\n"
     code += "kept, n = Kept(pathlib.Path(sys.argv[1])), 0\nwhile True: kept.keep(str(n), [n] * 1000); n += 1; print(n, flush=True)"
-    file, environment = tmp_path / "kept", os.environ | {"PYTHONPATH": str(ROOT)}
-    with subprocess.Popen([sys.executable, "-c", code, file], env=environment, stdout=subprocess.PIPE, text=True) as process:
+    file = tmp_path / "kept"
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(
+        [sys.executable, "-c", code, file], env=environment, stdout=subprocess.PIPE, text=True
+    ) as process:
         told = [int(process.stdout.readline()) for _ in range(20)][-1]
         process.kill()
         told = max([told, *map(int, process.stdout.read().split()[:-1])])
@@ -107,10 +122,15 @@ def test_a_file_that_cannot_be_used_is_refused_in_one_line_and_stays(tmp_path: P
     torn.write_bytes(good.read_bytes()[:9000])
     for file in (words, another, torn):
         before = file.read_bytes()
-        with pytest.raises(ParameterError, match=rf"--resume = .*{file.name} is not allowed: a file that this option has written before"):
+        with pytest.raises(
+            ParameterError,
+            match=rf"--resume = .*{file.name} is not allowed: a file that this option has written before",
+        ):
             Kept(file)
         assert file.read_bytes() == before
-    with pytest.raises(ParameterError, match="a file that can be written to, in a folder that exists"):
+    with pytest.raises(
+        ParameterError, match="a file that can be written to, in a folder that exists"
+    ):
         Kept(tmp_path / "nowhere" / "a")
 
 
@@ -118,11 +138,17 @@ def test_a_file_that_cannot_be_used_is_refused_in_one_line_and_stays(tmp_path: P
     ("other", "chosen", "names"),
     [
         (problem(members=3), settings(rungs=(Rung(3),)), ["problem.members is 4 there and 3 here"]),
-        (problem(conditions=(Condition(1, 3.5), Condition(2, 20.0))), settings(), ["problem.conditions[1].force is 35.0 there and 20.0 here"]),
+        (
+            problem(conditions=(Condition(1, 3.5), Condition(2, 20.0))),
+            settings(),
+            ["problem.conditions[1].force is 35.0 there and 20.0 here"],
+        ),
         (problem(), settings("random"), ["search.sampler is 'cma' there and 'random' here"]),
     ],
 )
-def test_study_of_something_else_is_refused(tmp_path: Path, other: Problem, chosen: SearchSettings, names: list[str]) -> None:
+def test_study_of_something_else_is_refused(
+    tmp_path: Path, other: Problem, chosen: SearchSettings, names: list[str]
+) -> None:
     search(tmp_path / "a.journal", problem(), settings(), 2)
     before = (tmp_path / "a.journal").read_bytes()
     with pytest.raises(ParameterError) as error:
@@ -137,7 +163,11 @@ def test_study_of_something_else_is_refused(tmp_path: Path, other: Problem, chos
 def case(kind: str) -> tuple[Problem, Plan, type[Bowl] | type[Model]]:
     """Return a small search by SciPy, by one of the methods that model the noise, or by Optuna."""
     if kind in ("friction", "tuned"):
-        wide = {"conditions": tuple(replace(c, limits=(0.5, 1.6)) for c in problem().conditions)} if kind == "tuned" else {}
+        wide = (
+            {"conditions": tuple(replace(c, limits=(0.5, 1.6)) for c in problem().conditions)}
+            if kind == "tuned"
+            else {}
+        )
         return problem(space=design_space(kind), **wide), Plan(30, modes=False), Bowl
     return problem(), Plan(20, sampler=kind, batch=BATCH, modes=False), Model
 
@@ -145,17 +175,26 @@ def case(kind: str) -> tuple[Problem, Plan, type[Bowl] | type[Model]]:
 def told(found: Findings) -> list[tuple[object, ...]]:
     assert found.finished
     score = found.verdict.winner.score
-    return [*((e.number, dict(e.design.values), e.score) for e in found.told), (dict(found.verdict.winner.design.values), score)]
+    return [
+        *((e.number, dict(e.design.values), e.score) for e in found.told),
+        (dict(found.verdict.winner.design.values), score),
+    ]
 
 
 @pytest.mark.parametrize("kind", ["friction", "tuned", "map", "replicated", "cma"])
-def test_search_goes_on_where_it_was_broken_off_and_runs_nothing_twice(tmp_path: Path, kind: str) -> None:
+def test_search_goes_on_where_it_was_broken_off_and_runs_nothing_twice(
+    tmp_path: Path, kind: str
+) -> None:
     given, plan, executor = case(kind)
     whole = executor()
     expected = told(find(given, plan, None, whole))
     last = len(whole.seen) - 3
-    for stop in (5, last) if kind == "replicated" else (0, 31, last):  # a search that fits its model again at every step takes seconds
-        file, first, second = tmp_path / f"{stop}.journal", executor(stop=stop), executor()
+    for stop in (
+        (5, last) if kind == "replicated" else (0, 31, last)
+    ):  # a search that fits its model again at every step takes seconds
+        file = tmp_path / f"{stop}.journal"
+        first = executor(stop=stop)
+        second = executor()
         try:
             assert not find(given, plan, file, first).finished
         except KeyboardInterrupt:
@@ -172,8 +211,14 @@ def test_changed_sources_are_another_study(tmp_path: Path, monkeypatch: pytest.M
     given, plan, executor = case("friction")
     find(given, plan, tmp_path / "scipy.journal", executor())
     search(tmp_path / "cma.journal", problem(), settings(), 2)
-    monkeypatch.setattr("optimisation.search.find.fingerprint", lambda *given: fingerprint(*given) | {"code": "0" * 16})
-    with pytest.raises(ParameterError, match=r"sources\.code is '[0-9a-f]{16}' there and '0{16}' here; choose another file"):
+    monkeypatch.setattr(
+        "optimisation.search.find.fingerprint",
+        lambda *given: fingerprint(*given) | {"code": "0" * 16},
+    )
+    with pytest.raises(
+        ParameterError,
+        match=r"sources\.code is '[0-9a-f]{16}' there and '0{16}' here; choose another file",
+    ):
         find(given, plan, tmp_path / "scipy.journal", executor())
     with pytest.raises(ParameterError, match=r"sources\.code is"):
         search(tmp_path / "cma.journal", problem(), settings())
@@ -193,7 +238,12 @@ def test_key_is_the_same_in_another_process_and_differs_with_all_that_a_run_is_m
     assert here == there
     assert len(set(here)) == len(here) == 2
     detuned = tuple(replace(c, detuning=0.01) for c in given.conditions)
-    for other in (problem(seed=1), problem(conditions=detuned), problem(members=3), problem(beam=replace(given.beam, modes=3))):
+    for other in (
+        problem(seed=1),
+        problem(conditions=detuned),
+        problem(members=3),
+        problem(beam=replace(given.beam, modes=3)),
+    ):
         assert not set(keys(other)) & set(here)
     assert not set(keys(given, 2 * given.rate)) & set(here)
 

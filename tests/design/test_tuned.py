@@ -32,7 +32,11 @@ def h2_norm_everywhere(model: ModalModel, absorber: TunedAbsorber | StuckAbsorbe
     """Return the H2 norm over all frequencies in m/(N sqrt(s)), by a Lyapunov equation."""
     reference = float(model.omega[0])
     matrix, b, c = state_space(model, absorber, reference)
-    return float(np.sqrt(reference * (c @ scipy.linalg.solve_continuous_lyapunov(matrix, -np.outer(b, b)) @ c)))
+    return float(
+        np.sqrt(
+            reference * (c @ scipy.linalg.solve_continuous_lyapunov(matrix, -np.outer(b, b)) @ c)
+        )
+    )
 
 
 def one_mode(damping_ratio: float = 0.0, frequency: float = 1.0, shape: float = 1.0) -> ModalModel:
@@ -79,7 +83,8 @@ def test_exact_closed_form_has_equal_peaks(mu: float) -> None:
 def test_numerical_minimax_finds_the_exact_optimum(mu: float) -> None:
     single = one_mode(0.0, 250.0, 2.0)
     mass_ratio = mu / 4
-    exact, found = undamped_minimax(single, mass_ratio), minimax(single, mass_ratio)
+    exact = undamped_minimax(single, mass_ratio)
+    found = minimax(single, mass_ratio)
     assert found.stiffness == pytest.approx(exact.stiffness, rel=1e-6)
     assert found.damping == pytest.approx(exact.damping, rel=1e-5)
     assert peak(single, found)[0] == pytest.approx(peak(single, exact)[0], rel=1e-9)
@@ -90,41 +95,77 @@ def test_den_hartog_fixed_points(mu: float) -> None:
     """The two frequencies at which the damping does not matter have one height, sqrt((2 + mu)/mu) times the static one."""
     single = one_mode()
     rule = den_hartog(single, mu)
-    assert rule.damping / (2 * mu * np.sqrt(rule.stiffness / mu)) == pytest.approx(np.sqrt(3 * mu / (8 * (1 + mu))))
-    centre, half = 1 / (1 + mu), np.sqrt(mu / (2 + mu)) / (1 + mu)
+    assert rule.damping / (2 * mu * np.sqrt(rule.stiffness / mu)) == pytest.approx(
+        np.sqrt(3 * mu / (8 * (1 + mu)))
+    )
+    centre = 1 / (1 + mu)
+    half = np.sqrt(mu / (2 + mu)) / (1 + mu)
     fixed = np.sqrt([centre - half, centre + half])
     for factor in (0.3, 1.0, 3.0):
-        heights = np.abs(tip_response(single, TunedAbsorber(mu, rule.stiffness, factor * rule.damping), fixed))
+        heights = np.abs(
+            tip_response(single, TunedAbsorber(mu, rule.stiffness, factor * rule.damping), fixed)
+        )
         np.testing.assert_allclose(heights, np.sqrt((2 + mu) / mu), rtol=1e-12)
 
 
 # H2 norms against quadrature, and H2 tunings against the closed form and their own neighbours.
 
 
-def quadrature(model: ModalModel, absorber: TunedAbsorber | StuckAbsorber | None, low: float, high: float) -> float:
+def quadrature(
+    model: ModalModel, absorber: TunedAbsorber | StuckAbsorber | None, low: float, high: float
+) -> float:
     """Return the norm over low..high (rad/s) from an adaptive quadrature cut at the poles."""
     s = poles(model, absorber)
-    cuts = np.unique(np.concatenate([[low, high], *(s.imag + k * np.abs(s.real) for k in (-20, -4, -1, 0, 1, 4, 20))]))
+    cuts = np.unique(
+        np.concatenate(
+            [[low, high], *(s.imag + k * np.abs(s.real) for k in (-20, -4, -1, 0, 1, 4, 20))]
+        )
+    )
     cuts = cuts[(cuts >= low) & (cuts <= high)]
     pieces = [
-        quad(lambda w: abs(tip_response(model, absorber, w)) ** 2, a, b, epsabs=0, epsrel=1e-10, limit=200)[0] for a, b in itertools.pairwise(cuts)
+        quad(
+            lambda w: abs(tip_response(model, absorber, w)) ** 2,
+            a,
+            b,
+            epsabs=0,
+            epsrel=1e-10,
+            limit=200,
+        )[0]
+        for a, b in itertools.pairwise(cuts)
     ]
     return float(np.sqrt(sum(pieces) / np.pi))
 
 
-@pytest.mark.parametrize("absorber", [None, PAPER, StuckAbsorber(0.1), TunedAbsorber(0.02, 600.0, 0.0), TunedAbsorber(0.05, 300.0, 40.0)])
+@pytest.mark.parametrize(
+    "absorber",
+    [
+        None,
+        PAPER,
+        StuckAbsorber(0.1),
+        TunedAbsorber(0.02, 600.0, 0.0),
+        TunedAbsorber(0.05, 300.0, 40.0),
+    ],
+)
 def test_norms_agree_with_quadrature(absorber: TunedAbsorber | StuckAbsorber | None) -> None:
     model = modal_model(Beam(modes=4))
-    assert h2_norm_everywhere(model, absorber) == pytest.approx(quadrature(model, absorber, 0.0, 1e6), rel=1e-7)
+    assert h2_norm_everywhere(model, absorber) == pytest.approx(
+        quadrature(model, absorber, 0.0, 1e6), rel=1e-7
+    )
     for resonance in (1, 2, 4):
         omega = model.omega[resonance - 1]
-        assert h2_norm(model, absorber, resonance) == pytest.approx(quadrature(model, absorber, 0.5 * omega, 1.6 * omega), rel=1e-8)
+        assert h2_norm(model, absorber, resonance) == pytest.approx(
+            quadrature(model, absorber, 0.5 * omega, 1.6 * omega), rel=1e-8
+        )
 
 
 def test_one_mode_in_closed_form() -> None:
     single = ModalModel([250.0], [0.02], [2.0], [1.5], 1.0)
-    assert h2_norm_everywhere(single, None) == pytest.approx(3.0 / np.sqrt(4 * 0.02 * 250.0**3), rel=1e-12)
-    assert h2_norm(single, None, low=1e-6, high=1e6) == pytest.approx(h2_norm_everywhere(single, None), rel=1e-6)
+    assert h2_norm_everywhere(single, None) == pytest.approx(
+        3.0 / np.sqrt(4 * 0.02 * 250.0**3), rel=1e-12
+    )
+    assert h2_norm(single, None, low=1e-6, high=1e6) == pytest.approx(
+        h2_norm_everywhere(single, None), rel=1e-6
+    )
 
 
 def test_coinciding_poles() -> None:
@@ -138,8 +179,17 @@ def test_closed_form_is_the_optimum_of_one_undamped_mode(mu: float) -> None:
     single = ModalModel([250.0], [0.0], [2.0], [2.0], 1.0)
     best = undamped_h2(single, mu / 4)
     value = h2_norm_everywhere(single, best)
-    for stiffness, damping in ((0.02, 0), (-0.02, 0), (0, 0.05), (0, -0.05), (0.01, 0.03), (-0.01, 0.03)):
-        beside = TunedAbsorber(mu / 4, best.stiffness * (1 + stiffness), best.damping * (1 + damping))
+    for stiffness, damping in (
+        (0.02, 0),
+        (-0.02, 0),
+        (0, 0.05),
+        (0, -0.05),
+        (0.01, 0.03),
+        (-0.01, 0.03),
+    ):
+        beside = TunedAbsorber(
+            mu / 4, best.stiffness * (1 + stiffness), best.damping * (1 + damping)
+        )
         assert h2_norm_everywhere(single, beside) > value
     found = minimum_h2(single, mu / 4, low=1e-4, high=1e4)
     assert found.stiffness == pytest.approx(best.stiffness, rel=1e-3)
@@ -148,8 +198,12 @@ def test_closed_form_is_the_optimum_of_one_undamped_mode(mu: float) -> None:
 
 def test_papers_values_follow_from_its_rule() -> None:
     assert effective_mass_ratio(MODEL) == pytest.approx(0.08, rel=1e-5)
-    rule, own = paper_rule(MODEL), den_hartog(MODEL)
-    assert (own.stiffness, own.damping) == (pytest.approx(615.4, abs=0.05), pytest.approx(0.878, abs=5e-4))
+    rule = paper_rule(MODEL)
+    own = den_hartog(MODEL)
+    assert (own.stiffness, own.damping) == (
+        pytest.approx(615.4, abs=0.05),
+        pytest.approx(0.878, abs=5e-4),
+    )
     assert (PAPER.stiffness, PAPER.damping) == (701.8, 0.728)
     assert rule.stiffness == pytest.approx(701.8, abs=0.1)
     assert rule.damping == pytest.approx(0.728, abs=5e-4)
@@ -165,4 +219,6 @@ def test_table_shows_the_mistuning() -> None:
     assert min(table.tunings, key=lambda tuning: tuning.h2).key == "h2"
     assert table.relative_peak(by_key[PAPER_VALUES]) == pytest.approx(0.1358, abs=5e-5)
     assert table.relative_peak(by_key["minimax"]) == pytest.approx(0.0938, abs=5e-5)
-    assert table.ratios(PAPER)[0] == pytest.approx(np.sqrt(701.8 / (0.02 * MODEL.beam_mass)) / MODEL.omega[0])
+    assert table.ratios(PAPER)[0] == pytest.approx(
+        np.sqrt(701.8 / (0.02 * MODEL.beam_mass)) / MODEL.omega[0]
+    )

@@ -33,8 +33,12 @@ def test_a_deviation_is_a_normal_distribution_cut_at_three() -> None:
 
 
 def test_two_numbers_are_a_uniform_distribution() -> None:
-    np.testing.assert_allclose(values("gap", (1e-3, 3e-3), 17.0)[[0, 1000, 2000]], [1e-3, 2e-3, 3e-3])
-    np.testing.assert_allclose(values("damping", ("-20%", "40%"), 0.01)[[0, 1000, 2000]], [0.008, 0.011, 0.014])
+    np.testing.assert_allclose(
+        values("gap", (1e-3, 3e-3), 17.0)[[0, 1000, 2000]], [1e-3, 2e-3, 3e-3]
+    )
+    np.testing.assert_allclose(
+        values("damping", ("-20%", "40%"), 0.01)[[0, 1000, 2000]], [0.008, 0.011, 0.014]
+    )
 
 
 def test_a_lane_has_everything_drawn_and_its_sweep_follows_the_frequency() -> None:
@@ -42,7 +46,14 @@ def test_a_lane_has_everything_drawn_and_its_sweep_follows_the_frequency() -> No
     omega = scene.model.resonance_omega(2)
     lane = Lane(scene, Drive(2.0, linear_sweep(omega, 0.9, 1.1, 40.0), 0.3))
     every = spreads(
-        {"damping": (0.02, 0.03), "frequency": ("-10%", "30%"), "force": (1, 4), "gap": "5%", "restitution": (0.2, 0.4), "friction": "10%"}
+        {
+            "damping": (0.02, 0.03),
+            "frequency": ("-10%", "30%"),
+            "force": (1, 4),
+            "gap": "5%",
+            "restitution": (0.2, 0.4),
+            "friction": "10%",
+        }
     )
     share = dict.fromkeys(NAMES, 0.5)
     found = drawn(lane, every, share, 2, 2.0)
@@ -60,7 +71,8 @@ def test_a_lane_has_everything_drawn_and_its_sweep_follows_the_frequency() -> No
 
 
 def test_members_draw_the_same_in_every_run_and_different_from_each_other() -> None:
-    every, members = spreads(EVERY), draw_members(200, 3)
+    every = spreads(EVERY)
+    members = draw_members(200, 3)
     found = shares(every, members)
     assert found[5:9] == shares(every, members[5:9])
     table = np.array([[row[name] for name in NAMES] for row in found])
@@ -69,7 +81,13 @@ def test_members_draw_the_same_in_every_run_and_different_from_each_other() -> N
 
 
 def test_a_problem_runs_each_member_with_its_own_numbers() -> None:
-    given = {"space": design_space(IMPACT), "conditions": (Condition(1, 3.5),), "beam": Beam(modes=2), "members": 3, "rate": 40.0}
+    given = {
+        "space": design_space(IMPACT),
+        "conditions": (Condition(1, 3.5),),
+        "beam": Beam(modes=2),
+        "members": 3,
+        "rate": 40.0,
+    }
     problem = Problem(**given, uncertain={"gap": "5%", "force": "10%", "damping": "10%"})
     assert "uncertain" not in Problem(**given).describe()
     assert problem.describe()["uncertain"] == {"damping": ["10%"], "force": ["10%"], "gap": ["5%"]}
@@ -77,25 +95,68 @@ def test_a_problem_runs_each_member_with_its_own_numbers() -> None:
     gaps = [lane.scene.absorber.walls.gap for lane in chunk.lanes]
     assert gaps[::2] == gaps[1::2]  # up and down are one machine
     assert len(set(gaps)) == 3
-    bare = problem._chunk(None, Scene(modal_model(Beam(modes=2))), problem.conditions[0], problem.ensemble, problem.rate)
-    for with_one, without in zip(chunk.lanes, bare.lanes, strict=True):  # relative to no absorber: the same machine without it
+    bare = problem._chunk(
+        None,
+        Scene(modal_model(Beam(modes=2))),
+        problem.conditions[0],
+        problem.ensemble,
+        problem.rate,
+    )
+    for with_one, without in zip(
+        chunk.lanes, bare.lanes, strict=True
+    ):  # relative to no absorber: the same machine without it
         assert with_one.drive.amplitude == pytest.approx(3.5 * without.drive.amplitude)
-        np.testing.assert_array_equal(with_one.scene.model.damping_ratio, without.scene.model.damping_ratio)
+        np.testing.assert_array_equal(
+            with_one.scene.model.damping_ratio, without.scene.model.damping_ratio
+        )
 
 
 def test_words_of_the_command_line() -> None:
-    line = ["--uncertain", "gap", "5%", "--force", "3", "--uncertain", "gap", "1e-3", "2e-3", "--uncertain", "damping", "-5%", "5%", "--quick"]
-    found = ["--uncertain", "gap 5%", "--force", "3", "--uncertain", "gap 1e-3 2e-3", "--uncertain", "damping -5% 5%", "--quick"]
+    line = [
+        "--uncertain",
+        "gap",
+        "5%",
+        "--force",
+        "3",
+        "--uncertain",
+        "gap",
+        "1e-3",
+        "2e-3",
+        "--uncertain",
+        "damping",
+        "-5%",
+        "5%",
+        "--quick",
+    ]
+    found = [
+        "--uncertain",
+        "gap 5%",
+        "--force",
+        "3",
+        "--uncertain",
+        "gap 1e-3 2e-3",
+        "--uncertain",
+        "damping -5% 5%",
+        "--quick",
+    ]
     assert joined(line, {"--uncertain"}) == found
     assert joined(["--uncertain"], {"--uncertain"}) == ["--uncertain"]
-    assert uncertain_of([("gap", ("5%",)), ("force", ("1", "2"))]) == {"gap": ("5%",), "force": ("1", "2")}
+    assert uncertain_of([("gap", ("5%",)), ("force", ("1", "2"))]) == {
+        "gap": ("5%",),
+        "force": ("1", "2"),
+    }
 
 
 # The estimate of an impact after Hertz, beside the motion of the two bodies integrated in time.
 
 
-@pytest.mark.parametrize(("first", "second", "radius", "mass", "speed"), [("steel", "steel", 0.01, 0.03, 0.5), ("nylon", "brass", 0.004, 0.2, 2.0)])
-def test_time_and_force_are_those_of_the_motion(first: str, second: str, radius: float, mass: float, speed: float) -> None:
+@pytest.mark.parametrize(
+    ("first", "second", "radius", "mass", "speed"),
+    [("steel", "steel", 0.01, 0.03, 0.5), ("nylon", "brass", 0.004, 0.2, 2.0)],
+)
+def test_time_and_force_are_those_of_the_motion(
+    first: str, second: str, radius: float, mass: float, speed: float
+) -> None:
     found = estimate(first, second, radius, mass, speed)
     stiff = 1 / sum((1 - nu**2) / young for young, nu in (material(first), material(second)))
 
@@ -103,14 +164,23 @@ def test_time_and_force_are_those_of_the_motion(first: str, second: str, radius:
         return 4 / 3 * stiff * np.sqrt(radius) * max(depth, 0.0) ** 1.5
 
     parted = lambda _, y: y[0]  # noqa: E731
-    parted.terminal, parted.direction = True, -1
+    parted.terminal = True
+    parted.direction = -1
     run = solve_ivp(
-        lambda _, y: [y[1], -force(y[0]) / mass], (0, 5 * found.time), [0, speed], events=parted, rtol=1e-9, atol=1e-14, max_step=found.time / 200
+        lambda _, y: [y[1], -force(y[0]) / mass],
+        (0, 5 * found.time),
+        [0, speed],
+        events=parted,
+        rtol=1e-9,
+        atol=1e-14,
+        max_step=found.time / 200,
     )
     assert run.t_events[0][0] == pytest.approx(found.time, rel=5e-3)
     assert force(run.y[0].max()) == pytest.approx(found.force, rel=1e-3)
     contact_radius = np.sqrt(radius * run.y[0].max())
-    assert found.pressure == pytest.approx(1.5 * found.force / (np.pi * contact_radius**2), rel=1e-3)
+    assert found.pressure == pytest.approx(
+        1.5 * found.force / (np.pi * contact_radius**2), rel=1e-3
+    )
 
 
 def test_the_meeting_mass_is_below_that_of_the_absorber_and_falls_with_the_modes() -> None:
@@ -118,7 +188,9 @@ def test_the_meeting_mass_is_below_that_of_the_absorber_and_falls_with_the_modes
     assert 0.01 > masses[0] > masses[1] > masses[2] > 0
     # the velocities of one impact: momentum P of the absorber against sum phi_i^2 P of the place
     model = modal_model(Beam(modes=3))
-    assert 1 / meeting_mass(model, 0.01) == pytest.approx(1 / 0.01 + sum(phi**2 for phi in model.tip_shape))
+    assert 1 / meeting_mass(model, 0.01) == pytest.approx(
+        1 / 0.01 + sum(phi**2 for phi in model.tip_shape)
+    )
 
 
 def test_a_hard_impact_reaches_modes_that_were_left_out() -> None:

@@ -25,23 +25,28 @@ KINDS = {"best constant", "blind schedule", "rule of 4", "rule of 8"}
 BRIEF: dict[str, Any] = {"time_budget": 10.0}
 
 
-ACTIVE, PAIRS = TASKS["ActiveGap-v0"].looking, TASKS["Passage-v0"].looking
+ACTIVE = TASKS["ActiveGap-v0"].looking
+PAIRS = TASKS["Passage-v0"].looking
 
 
 @pytest.mark.parametrize("family", [*ACTIVE, *PAIRS])
 def test_a_rule_of_four_is_one_of_eight_and_rules_are_even(family: Any) -> None:
     """The scene and its mirror image get the same action: displacements, velocities and the force's phase with other signs."""
     generator = np.random.default_rng(0)
-    numbers, seen = generator.normal(size=(20, 4)), np.abs(generator.normal(size=(20, 13))).astype(np.float32)
+    numbers = generator.normal(size=(20, 4))
+    seen = np.abs(generator.normal(size=(20, 13))).astype(np.float32)
     rest = np.tile(family.neutral[4:], (20, 1))
-    four, eight = Held(family()).act(numbers, seen), family().act(np.concatenate([numbers, rest], axis=1), seen)
+    four = Held(family()).act(numbers, seen)
+    eight = family().act(np.concatenate([numbers, rest], axis=1), seen)
     np.testing.assert_array_equal(four, eight)
     assert np.std(four) > 0.1
     mirror = seen.copy()
     mirror[:, :4] *= -1
     if family in ACTIVE:
         mirror[:, 5:7] *= -1
-    np.testing.assert_allclose(family().act(np.concatenate([numbers, rest], axis=1), mirror), eight, rtol=1e-6)
+    np.testing.assert_allclose(
+        family().act(np.concatenate([numbers, rest], axis=1), mirror), eight, rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize("name", [STRUCTURES, LIMITED])
@@ -66,7 +71,9 @@ def test_copies_are_off_by_little_and_to_both_sides() -> None:
     env = gymnasium.make_vec(ACTIVE_FRICTION, num_envs=8, load=load)
     env.reset(seed=0)
     task = env.unwrapped.task
-    force, phase, place = task.force.copy(), task.runs.orders["phase"].copy(), task.runs.orders["place"].copy()
+    force = task.force.copy()
+    phase = task.runs.orders["phase"].copy()
+    place = task.runs.orders["place"].copy()
     disturb(task, 4, np.random.default_rng(0))
     changes = (task.force / force - 1, 0.002, 0.01), (task.runs.orders["phase"] - phase, 0.02, 0.1)
     for change, least, most in changes:
@@ -83,37 +90,67 @@ def test_planners_are_above_their_rule_on_64_seeds() -> None:
     rule = play(FamilyPolicy("rule", Switch(), list(RULE)), ACTIVE_FRICTION, seeds, BRIEF).scores
     planner = Planner([(a,) for a in (-1.0, -0.4, 0.2, 0.8)], horizon=10)
     robust, exact = (
-        plan(ACTIVE_FRICTION, seeds, BRIEF, (Switch(), np.array(RULE)), one) for one in (planner, replace(planner, copies=1, exact=True))
+        plan(ACTIVE_FRICTION, seeds, BRIEF, (Switch(), np.array(RULE)), one)
+        for one in (planner, replace(planner, copies=1, exact=True))
     )
     for scores in (robust, exact):
         apart = scores - rule
         assert apart.mean() > 4 * apart.std() / np.sqrt(len(apart))
-    nobody = plan(ACTIVE_FRICTION, seeds[:4], BRIEF, (Switch(), np.array(RULE)), replace(planner, actions=[(0.0,)], lasting=(0,)))
-    np.testing.assert_allclose(nobody, rule[:4], rtol=1e-9)  # a planner without a choice is its rule
+    nobody = plan(
+        ACTIVE_FRICTION,
+        seeds[:4],
+        BRIEF,
+        (Switch(), np.array(RULE)),
+        replace(planner, actions=[(0.0,)], lasting=(0,)),
+    )
+    np.testing.assert_allclose(
+        nobody, rule[:4], rtol=1e-9
+    )  # a planner without a choice is its rule
 
 
-def test_the_command_fills_the_page_and_keeps_what_is_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_fills_the_page_and_keeps_what_is_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A task for comparison gets rules and no planner; room is the share that a rule leaves."""
     monkeypatch.setattr(admit_tasks, "QUICK", replace(QUICK, judged=4))
     monkeypatch.setattr("studies.cli.admit_tasks.STEPS", 3)
-    target, page, rules = tmp_path / "tasks.json.gz", tmp_path / "page.md", tmp_path / "rules.json"
+    target = tmp_path / "tasks.json.gz"
+    page = tmp_path / "page.md"
+    rules = tmp_path / "rules.json"
     page.write_text("".join(f"<!-- {name} -->\n<!-- /{name} -->\n" for name in admit_tasks.MARKERS))
-    compared = admit("GapChoice-v1", {"hold": (20.0, 40.0), "time_budget": 100.0} | RUBBING, replace(QUICK, judged=4))
+    compared = admit(
+        "GapChoice-v1",
+        {"hold": (20.0, 40.0), "time_budget": 100.0} | RUBBING,
+        replace(QUICK, judged=4),
+    )
     assert set(compared["scores"]) == KINDS
     write_json(target, {"tasks": {"GapChoice-v1": compared}})
-    result = call(admit_tasks.main, "--quick", "--task", "ActiveGap-v0", "--json", target, "--page", page)
+    result = call(
+        admit_tasks.main, "--quick", "--task", "ActiveGap-v0", "--json", target, "--page", page
+    )
     assert result.exit_code == 0, result.output
     known = read_json(target)["tasks"]
     assert set(known) == {"ActiveGap-v0", "GapChoice-v1"}
     assert "room" not in known["GapChoice-v1"]
     scores = {label: np.mean(values) for label, values in known["ActiveGap-v0"]["scores"].items()}
-    share = (scores["robust oracle"] - scores["rule of 8"]) / (scores["robust oracle"] - scores["best constant"])
+    share = (scores["robust oracle"] - scores["rule of 8"]) / (
+        scores["robust oracle"] - scores["best constant"]
+    )
     low, middle, high = sorted(known["ActiveGap-v0"]["room"])
     assert known["ActiveGap-v0"]["room"] == [middle, low, high]
     assert middle == pytest.approx(share, abs=1e-3)
     text = page.read_text()
     assert all(line in text for line in result.stdout.splitlines()[-2:])
-    assert all(words in text for words in ("`ActiveGap-v0`", "| for comparison |", "## Structures-v0", "| 14 ", "frequency ratio to the resonance"))
+    assert all(
+        words in text
+        for words in (
+            "`ActiveGap-v0`",
+            "| for comparison |",
+            "## Structures-v0",
+            "| 14 ",
+            "frequency ratio to the resonance",
+        )
+    )
     before = target.read_bytes()
     assert call(admit_tasks.main, "--redraw", "--json", target, "--rules", rules).exit_code == 0
     assert target.read_bytes() == before
@@ -122,8 +159,15 @@ def test_the_command_fills_the_page_and_keeps_what_is_known(tmp_path: Path, monk
     for seed in (0, 1):
         (tmp_path / "agents" / str(seed)).mkdir(parents=True)
         save_agent(tmp_path / "agents" / str(seed) / FINAL, replace(agent, seed=seed))
-    assert "(2 runs)" in call(admit_tasks.main, "--redraw", "--json", target, "--agents", tmp_path / "agents").output
+    assert (
+        "(2 runs)"
+        in call(
+            admit_tasks.main, "--redraw", "--json", target, "--agents", tmp_path / "agents"
+        ).output
+    )
     judged = read_json(target)["tasks"]
     runs = judged["ActiveGap-v0"]["scores"].pop("PPO")
-    np.testing.assert_allclose(runs, [play(agent, ACTIVE_GAP, range(FIRST_JUDGED, FIRST_JUDGED + 4)).scores] * 2, atol=1e-6)
+    np.testing.assert_allclose(
+        runs, [play(agent, ACTIVE_GAP, range(FIRST_JUDGED, FIRST_JUDGED + 4)).scores] * 2, atol=1e-6
+    )
     assert judged == known

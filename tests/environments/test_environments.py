@@ -11,7 +11,21 @@ import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import ACTIVE_FRICTION, ACTIVE_GAP, ADAPTIVE, GAP, LIMITED, PASSIVE, SHAKEN, STRUCTURES, SWEEP, V1, actions, make, vector
+from environment_cases import (
+    ACTIVE_FRICTION,
+    ACTIVE_GAP,
+    ADAPTIVE,
+    GAP,
+    LIMITED,
+    PASSIVE,
+    SHAKEN,
+    STRUCTURES,
+    SWEEP,
+    V1,
+    actions,
+    make,
+    vector,
+)
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
@@ -21,7 +35,9 @@ from impact_env import ParameterError
 from impact_env.envs import ENVIRONMENTS, register_environments
 from impact_env.envs.settings import TaskSettings
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")  # gymnasium says so of everything with a later version
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.*-v0 is out of date"
+)  # gymnasium says so of everything with a later version
 
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)
@@ -30,15 +46,28 @@ def test_gymnasium_has_nothing_to_say(name: str) -> None:
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message=".*-v0 is out of date")
         check_env(make(name).unwrapped, skip_render_check=True)
-        check_env(make(name, render_mode="rgb_array", raw_state=True, observation_noise=0.1, observation_delay=2).unwrapped)
+        check_env(
+            make(
+                name,
+                render_mode="rgb_array",
+                raw_state=True,
+                observation_noise=0.1,
+                observation_delay=2,
+            ).unwrapped
+        )
 
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)
 def test_spec_can_be_written_and_read(name: str) -> None:
-    first, given = make(name), actions(name, 4, 1)[:, 0]
+    first = make(name)
+    given = actions(name, 4, 1)[:, 0]
     spec = gymnasium.envs.registration.EnvSpec.from_json(first.spec.to_json())
     runs = []
-    for env in (first, gymnasium.make(spec), gymnasium.make(pickle.loads(pickle.dumps(first.spec)))):
+    for env in (
+        first,
+        gymnasium.make(spec),
+        gymnasium.make(pickle.loads(pickle.dumps(first.spec))),
+    ):
         env.reset(seed=3)
         runs.append([env.step(action)[0] for action in given])
     np.testing.assert_array_equal(runs[1:], [runs[0], runs[0]])
@@ -50,7 +79,8 @@ def test_noise_and_delay_touch_measured_features_only() -> None:
         env = make(PASSIVE, **arguments)
         seen.append([env.reset(seed=5)[0]] + [env.step(0)[0] for _ in range(5)])
     clean, noisy, late = np.array(seen)
-    measured, known = [0, 1, 2, 3, 4, 5, 8], [6, 7, 9]
+    measured = [0, 1, 2, 3, 4, 5, 8]
+    known = [6, 7, 9]
     for other in (noisy, late):
         np.testing.assert_array_equal(other[:, known], clean[:, known])
     assert np.all(noisy[:, measured] != clean[:, measured])
@@ -73,19 +103,41 @@ def test_names_are_registered_by_the_import_that_their_prefix_asks_for_and_only_
 def test_docstring_has_gymnasiums_sections_and_all_arguments(name: str) -> None:
     env = make(name).unwrapped
     text = type(env).__doc__ or ""
-    for section in ("Description", "Action Space", "Observation Space", "Rewards", "Starting State", "Episode End", "Arguments", "Version History"):
+    for section in (
+        "Description",
+        "Action Space",
+        "Observation Space",
+        "Rewards",
+        "Starting State",
+        "Episode End",
+        "Arguments",
+        "Version History",
+    ):
         assert f"## {section}" in text
     if name != PASSIVE:  # and of the suite's names: those with noise and delay are arguments of v1
-        assert len(env.task.features) == sum(line.strip().startswith("| ") for line in text.splitlines()) - 2
-    described = {type(own).__name__: type(own).__doc__ or "" for own in (make(other).unwrapped for other in ENVIRONMENTS)}
+        assert (
+            len(env.task.features)
+            == sum(line.strip().startswith("| ") for line in text.splitlines()) - 2
+        )
+    described = {
+        type(own).__name__: type(own).__doc__ or ""
+        for own in (make(other).unwrapped for other in ENVIRONMENTS)
+    }
     described["TaskSettings"] = TaskSettings.__doc__ or ""
-    referred, read = [text], set[str]()
+    referred = [text]
+    read = set[str]()
     while referred:  # an argument stands here, or in a docstring that this one refers to
         read.add(referred.pop())
-        found = {name for one in read for name in re.findall(r"`(?:[\w.]+\.)?(\w+Env|TaskSettings)`", one)}
+        found = {
+            name
+            for one in read
+            for name in re.findall(r"`(?:[\w.]+\.)?(\w+Env|TaskSettings)`", one)
+        }
         referred = [own for own in (described[name] for name in found) if own not in read]
     arguments = {field.name for group in type(env).kind.groups for field in fields(group)}
-    assert not {argument for argument in arguments if not any(f"``{argument}``" in one for one in read)}
+    assert not {
+        argument for argument in arguments if not any(f"``{argument}``" in one for one in read)
+    }
 
 
 def test_frames_show_the_motion() -> None:
@@ -107,7 +159,8 @@ def test_frames_show_the_motion() -> None:
 def test_a_window_shows_what_rgb_array_gives(monkeypatch: pytest.MonkeyPatch) -> None:
     pygame = pytest.importorskip("pygame")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    window, picture = make(GAP, render_mode="human"), make(GAP, render_mode="rgb_array")
+    window = make(GAP, render_mode="human")
+    picture = make(GAP, render_mode="rgb_array")
     for env in (window, picture):
         env.reset(seed=0)
         env.render()  # the strips have a point for each picture; a window draws one by itself after each step
@@ -122,7 +175,8 @@ def test_a_window_shows_what_rgb_array_gives(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_order_of_calls_is_enforced() -> None:
-    env, many = make(SWEEP).unwrapped, vector(SWEEP, 2)
+    env = make(SWEEP).unwrapped
+    many = vector(SWEEP, 2)
     with pytest.raises(ResetNeeded):
         env.step(np.zeros(1, np.float32))
     with pytest.raises(ResetNeeded):
@@ -132,7 +186,9 @@ def test_order_of_calls_is_enforced() -> None:
     with pytest.raises(ResetNeeded, match="snapshot"):
         many.unwrapped.snapshot()
     many.reset(seed=0)
-    with pytest.raises(ParameterError, match="lanes of the snapshot = 2 is not allowed: num_envs = 3"):
+    with pytest.raises(
+        ParameterError, match="lanes of the snapshot = 2 is not allowed: num_envs = 3"
+    ):
         vector(SWEEP, 3).unwrapped.restore(many.unwrapped.snapshot())
     env.reset(seed=0)
     end = False
@@ -142,17 +198,31 @@ def test_order_of_calls_is_enforced() -> None:
         env.step(np.zeros(1, np.float32))
 
 
-WRONG_ACTIONS = (np.array([np.nan], np.float32), np.array([np.inf]), np.zeros(2), 0.5, "up", None, [[0.1]], [0.1 + 0.2j], [0j])
+WRONG_ACTIONS = (
+    np.array([np.nan], np.float32),
+    np.array([np.inf]),
+    np.zeros(2),
+    0.5,
+    "up",
+    None,
+    [[0.1]],
+    [0.1 + 0.2j],
+    [0j],
+)
 
 
-@pytest.mark.parametrize(("name", "wrong"), [(SWEEP, WRONG_ACTIONS), (PASSIVE, (1, -1, 0.5, np.nan, None))])
+@pytest.mark.parametrize(
+    ("name", "wrong"), [(SWEEP, WRONG_ACTIONS), (PASSIVE, (1, -1, 0.5, np.nan, None))]
+)
 def test_impossible_actions_are_refused(name: str, wrong: tuple[Any, ...]) -> None:
     env = make(name).unwrapped
     env.reset(seed=0)
     for bad in wrong:
         with pytest.raises(ParameterError, match="action"):
             env.step(bad)
-    assert env.step(np.zeros(1, np.float32) if name == SWEEP else 0)[4]["time"] == 5.0  # nothing has happened
+    assert (
+        env.step(np.zeros(1, np.float32) if name == SWEEP else 0)[4]["time"] == 5.0
+    )  # nothing has happened
 
 
 @pytest.mark.parametrize(
@@ -177,12 +247,28 @@ def test_impossible_actions_are_refused(name: str, wrong: tuple[Any, ...]) -> No
         (STRUCTURES, {"modes": 3}, "modes = 3"),
         (STRUCTURES, {"moves_base": True}, "base_participation"),
         (ACTIVE_FRICTION, {"load": SHAKEN | {"kind": "shock"}}, "load"),
-        (ACTIVE_FRICTION, {"load": SHAKEN | {"seed": 10**5000}}, "load = dict with a whole number of very many digits"),
+        (
+            ACTIVE_FRICTION,
+            {"load": SHAKEN | {"seed": 10**5000}},
+            "load = dict with a whole number of very many digits",
+        ),
         (ACTIVE_FRICTION, {"load": SHAKEN, "method": "moreau"}, "forces with Moreau"),
         (SWEEP, {"vector_reward": True}, "without a vector of costs"),
-        (SWEEP, {"limits": (0.9, 1.0), "rates": (1.0, 1e9)}, "rates = (1.0, 1000000000.0) is not allowed"),
-        (LIMITED, {"sweep_rates": (1e9, 1e10)}, "sweep_rates = (1000000000.0, 10000000000.0) is not allowed: in % per 100 pseudo periods"),
-        (LIMITED, {"limits": (1.0, 1.0)}, "start_spread = 0.01 is not allowed: less than half the width of limits"),
+        (
+            SWEEP,
+            {"limits": (0.9, 1.0), "rates": (1.0, 1e9)},
+            "rates = (1.0, 1000000000.0) is not allowed",
+        ),
+        (
+            LIMITED,
+            {"sweep_rates": (1e9, 1e10)},
+            "sweep_rates = (1000000000.0, 10000000000.0) is not allowed: in % per 100 pseudo periods",
+        ),
+        (
+            LIMITED,
+            {"limits": (1.0, 1.0)},
+            "start_spread = 0.01 is not allowed: less than half the width of limits",
+        ),
     ],
 )
 @pytest.mark.filterwarnings("ignore:.*render_mode")
@@ -200,30 +286,47 @@ def test_impossible_arguments_are_named(name: str, arguments: dict[str, Any], wo
         (ACTIVE_FRICTION, {"frequency_ratio": 2.0}, "0.96 to 1.02"),
         (ACTIVE_FRICTION, {"force": "much"}, "force"),
         (ACTIVE_FRICTION, {"structure": 1}, "only force"),
-        (STRUCTURES, {"structure": 0.5}, "options['structure'] = 0.5 is not allowed: a whole number from 0 to 4"),
+        (
+            STRUCTURES,
+            {"structure": 0.5},
+            "options['structure'] = 0.5 is not allowed: a whole number from 0 to 4",
+        ),
     ],
 )
-def test_what_no_reset_can_choose_is_refused(name: str, options: dict[str, Any], words: str) -> None:
+def test_what_no_reset_can_choose_is_refused(
+    name: str, options: dict[str, Any], words: str
+) -> None:
     with pytest.raises(ParameterError) as error:
         make(name).reset(options=options)
     assert words in str(error.value)
 
 
 def test_impossible_masks_seeds_and_vectors_are_refused() -> None:
-    env, many = make(SWEEP).unwrapped, vector(SWEEP, 2)
+    env = make(SWEEP).unwrapped
+    many = vector(SWEEP, 2)
     many.reset(seed=0)
     for mask in (np.array([True]), np.array([False, False]), np.array([1, 0]), [True, False]):
         with pytest.raises(ParameterError, match="reset_mask"):
             many.reset(options={"reset_mask": mask})
-    for one, seeds in ((env, (1.5, -1, "1", True)), (many, (1.5, -1, "1", True, [1, 2, 3], [1, 1.5], [0, -2]))):
+    for one, seeds in (
+        (env, (1.5, -1, "1", True)),
+        (many, (1.5, -1, "1", True, [1, 2, 3], [1, 1.5], [0, -2])),
+    ):
         for seed in seeds:
             with pytest.raises(ParameterError, match="seed"):
                 one.reset(seed=seed)
     np.testing.assert_array_equal(env.reset(seed=np.int64(3))[0], env.reset(seed=3)[0])
-    for name, values in (("num_envs", (0,)), ("autoreset_mode", ("next", None, 1)), ("max_episode_steps", (0, 2.5, "3"))):
+    for name, values in (
+        ("num_envs", (0,)),
+        ("autoreset_mode", ("next", None, 1)),
+        ("max_episode_steps", (0, 2.5, "3")),
+    ):
         for value in values:
             with pytest.raises(ParameterError, match=name):
                 gymnasium.make_vec(SWEEP, **({"num_envs": 1} | {name: value}))
     for mode in ("NEXT_STEP", "NextStep"):
-        assert vector(SWEEP, 1, autoreset_mode=mode).metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+        assert (
+            vector(SWEEP, 1, autoreset_mode=mode).metadata["autoreset_mode"]
+            is AutoresetMode.NEXT_STEP
+        )
     assert vector(SWEEP, 1, max_episode_steps=-1).unwrapped.task.limit is None

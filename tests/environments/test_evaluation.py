@@ -31,7 +31,13 @@ def test_scores_are_those_of_single_environments(name: str) -> None:
 
 
 def test_differences_are_paired_and_the_table_says_all() -> None:
-    found = impact_env.evaluate(by_velocity, ACTIVE_FRICTION, against={"held": 1.0, "free": [-1.0]}, episodes=32, arguments=BRIEF)
+    found = impact_env.evaluate(
+        by_velocity,
+        ACTIVE_FRICTION,
+        against={"held": 1.0, "free": [-1.0]},
+        episodes=32,
+        arguments=BRIEF,
+    )
     better, low, high = found.differences["held"]
     apart = found.scores - found.others["held"].scores
     assert better == pytest.approx(apart.mean())
@@ -49,7 +55,13 @@ def test_a_model_of_another_library_is_asked_for_its_deterministic_action() -> N
     class Model:
         """Remembers how often it was asked, as a recurrent policy would."""
 
-        def predict(self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False) -> tuple[Any, Any]:
+        def predict(
+            self,
+            observation: Any,
+            state: Any = None,
+            episode_start: Any = None,
+            deterministic: bool = False,
+        ) -> tuple[Any, Any]:
             assert deterministic
             assert episode_start.all() == (state is None)
             asked = (state or 0) + 1
@@ -58,7 +70,10 @@ def test_a_model_of_another_library_is_asked_for_its_deterministic_action() -> N
     def rising(observations: np.ndarray) -> np.ndarray:
         return np.float32(0.01) * np.rint((1 - observations[:, 8:9]) * 20 + 1)
 
-    models, own = (impact_env.evaluate(policy, ACTIVE_FRICTION, episodes=3, arguments=BRIEF).scores for policy in (Model(), rising))
+    models, own = (
+        impact_env.evaluate(policy, ACTIVE_FRICTION, episodes=3, arguments=BRIEF).scores
+        for policy in (Model(), rising)
+    )
     np.testing.assert_allclose(models, own, rtol=1e-6)
 
 
@@ -99,7 +114,9 @@ def test_interquartile_mean_leaves_the_outer_quarters_out() -> None:
 
 def test_interval_of_a_mean_covers_as_often_as_it_says() -> None:
     generator = np.random.default_rng(1)
-    found = np.array([interval(np.mean, generator.normal(0.0, 1.0, (1, 40)), resamples=200) for _ in range(200)])
+    found = np.array(
+        [interval(np.mean, generator.normal(0.0, 1.0, (1, 40)), resamples=200) for _ in range(200)]
+    )
     assert 0.88 <= np.mean((found[:, 0] <= 0.0) & (found[:, 1] >= 0.0)) <= 0.99
 
 
@@ -112,4 +129,6 @@ def test_runs_and_seeds_both_count_and_policies_share_the_drawn_seeds() -> None:
     np.testing.assert_array_equal(interval(np.mean, np.full((3, 5), 2.0)), [2.0, 2.0])
     scores = np.random.default_rng(0).normal(0.0, 1.0, (1, 30))
     # a difference on every seed is certain, though each score is not
-    assert interval(lambda a, b: a.mean() - b.mean(), scores + 0.1, scores) == pytest.approx((0.1, 0.1))
+    assert interval(lambda a, b: a.mean() - b.mean(), scores + 0.1, scores) == pytest.approx(
+        (0.1, 0.1)
+    )

@@ -8,36 +8,70 @@ import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import ACTIVE_FRICTION, ADAPTIVE, FRICTION, GAP1, RUBBING, SHAKEN, SHORT, V1, actions, make, vector
+from environment_cases import (
+    ACTIVE_FRICTION,
+    ADAPTIVE,
+    FRICTION,
+    GAP1,
+    RUBBING,
+    SHAKEN,
+    SHORT,
+    V1,
+    actions,
+    make,
+    vector,
+)
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
 from impact_env.envs import ENVIRONMENTS
 from impact_env.plain import from_scene, to_scene
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")  # gymnasium says so of everything with a later version
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.*-v0 is out of date"
+)  # gymnasium says so of everything with a later version
 
 
 NOISE = {"observation_noise": 0.05, "observation_delay": 2, "raw_state": True}
-LOADED = {"load": SHAKEN, "moves_base": True, "force": (1.0, 3.0), "raw_state": True}  # each lane has a part of the record of its own
+LOADED = {
+    "load": SHAKEN,
+    "moves_base": True,
+    "force": (1.0, 3.0),
+    "raw_state": True,
+}  # each lane has a part of the record of its own
 CASES = [(name, AutoresetMode.SAME_STEP, NOISE) for name in ENVIRONMENTS]
-CASES += [(name, mode, limit) for name in (V1, GAP1) for mode in AutoresetMode for limit in ({}, {"max_episode_steps": 7})]
+CASES += [
+    (name, mode, limit)
+    for name in (V1, GAP1)
+    for mode in AutoresetMode
+    for limit in ({}, {"max_episode_steps": 7})
+]
 CASES += [(name, AutoresetMode.SAME_STEP, LOADED) for name in (ACTIVE_FRICTION, ADAPTIVE)]
 
 
 @pytest.mark.parametrize(("name", "mode", "extra"), CASES)
-def test_native_vector_agrees_with_gymnasiums_own(name: str, mode: AutoresetMode, extra: dict[str, Any]) -> None:
+def test_native_vector_agrees_with_gymnasiums_own(
+    name: str, mode: AutoresetMode, extra: dict[str, Any]
+) -> None:
     """SyncVectorEnv steps single environments one after the other, each under a TimeLimit: keys, masks and numbers are the same, bit for bit."""
-    lanes, ends = 4, 0
+    lanes = 4
+    ends = 0
     arguments = SHORT[name] | extra
-    own = gymnasium.make_vec(name, num_envs=lanes, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **arguments)
+    own = gymnasium.make_vec(
+        name,
+        num_envs=lanes,
+        vectorization_mode="sync",
+        vector_kwargs={"autoreset_mode": mode},
+        **arguments,
+    )
     native = vector(name, lanes, autoreset_mode=mode, **extra)
     assert native.metadata["autoreset_mode"] is mode
     assert native.single_observation_space == own.single_observation_space
     assert native.action_space == own.action_space
     np.testing.assert_array_equal(native.reset(seed=2)[0], own.reset(seed=2)[0])
     for action in actions(name, 40, lanes):
-        mine, theirs = native.step(action), own.step(action)
+        mine = native.step(action)
+        theirs = own.step(action)
         for a, b in zip(mine[:4], theirs[:4], strict=True):
             np.testing.assert_array_equal(a, b)
         if mode is AutoresetMode.SAME_STEP:
@@ -47,7 +81,10 @@ def test_native_vector_agrees_with_gymnasiums_own(name: str, mode: AutoresetMode
         if mode is AutoresetMode.DISABLED and over.any():
             with pytest.raises(ResetNeeded, match="reset_mask"):
                 native.step(action)
-            again, wanted = (env.reset(seed=[77] * lanes, options={"reset_mask": over})[0] for env in (native, own))
+            again, wanted = (
+                env.reset(seed=[77] * lanes, options={"reset_mask": over})[0]
+                for env in (native, own)
+            )
             np.testing.assert_array_equal(again[over], wanted[over])
     assert ends > lanes
 
@@ -72,11 +109,18 @@ WAYS: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("way", ["snapshot", *WAYS])
-@pytest.mark.parametrize(("name", "extra"), [(V1, NOISE), (GAP1, NOISE), (FRICTION, NOISE), (ACTIVE_FRICTION, LOADED)])
-def test_a_copy_goes_on_bit_for_bit(name: str, extra: dict[str, Any], way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("name", "extra"), [(V1, NOISE), (GAP1, NOISE), (FRICTION, NOISE), (ACTIVE_FRICTION, LOADED)]
+)
+def test_a_copy_goes_on_bit_for_bit(
+    name: str, extra: dict[str, Any], way: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Through ends of episodes, apart from the original; a snapshot goes into another environment."""
-    monkeypatch.setattr("impact_env.controlled.FEWEST", 4)  # so that threads are at work before the copy
-    env, given = vector(name, 8, threads=2, **extra), actions(name, 30, 8)
+    monkeypatch.setattr(
+        "impact_env.controlled.FEWEST", 4
+    )  # so that threads are at work before the copy
+    env = vector(name, 8, threads=2, **extra)
+    given = actions(name, 30, 8)
     env.reset(seed=3)
     for action in given[:7]:
         env.step(action)
@@ -108,10 +152,20 @@ def test_a_single_environment_that_has_drawn_can_be_copied() -> None:
 def test_any_structure_can_be_used() -> None:
     """A scene object, its plain form, and the arguments for the same scene give the same numbers; one that knows only its modes can be drawn."""
     plain = {"beam": {"modes": 2}, "absorber": {"kind": "impact", "friction_limit": 0.025}}
-    scene, runs = to_scene(plain), []
-    for given in (RUBBING, {"whole_scene": plain}, {"whole_scene": scene}, {"whole_scene": from_scene(scene)}):
+    scene = to_scene(plain)
+    runs = []
+    for given in (
+        RUBBING,
+        {"whole_scene": plain},
+        {"whole_scene": scene},
+        {"whole_scene": from_scene(scene)},
+    ):
         env = make(V1, render_mode="rgb_array", **given)
-        described = {name: value for name, value in env.unwrapped.task.describe().items() if value is not None}
+        described = {
+            name: value
+            for name, value in env.unwrapped.task.describe().items()
+            if value is not None
+        }
         for one in (env, gymnasium.make(V1, **described)):
             one.reset(seed=2)
             runs.append([one.step(np.array([0.5], np.float32))[0] for _ in range(3)])

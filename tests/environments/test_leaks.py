@@ -6,15 +6,29 @@ import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import ACTIVE_FRICTION, ACTIVE_GAP, ADAPTIVE, FRICTION, GAP1, LIMITED, OPEN_ADAPTIVE, OPEN_FRICTION, STRUCTURES
+from environment_cases import (
+    ACTIVE_FRICTION,
+    ACTIVE_GAP,
+    ADAPTIVE,
+    FRICTION,
+    GAP1,
+    LIMITED,
+    OPEN_ADAPTIVE,
+    OPEN_FRICTION,
+    STRUCTURES,
+)
 
 IN_CYCLE = (ACTIVE_FRICTION, ACTIVE_GAP, STRUCTURES)
 HIDDEN = (ADAPTIVE, FRICTION, GAP1, LIMITED, *IN_CYCLE)
 # columns of lengths and velocities over the gap: the tip in two phases; within a period tip, absorber and the tip's RMS
 AMPLITUDES = dict.fromkeys(HIDDEN, (0, 1)) | dict.fromkeys(IN_CYCLE, (0, 1, 2, 3, 9))
 OPEN = (OPEN_ADAPTIVE, OPEN_FRICTION)
-LEARNT, HELD_OUT, SMALL = 2000, 2000, 1e-6
-TREES, TRIED, LEAF = 5, 16, 20
+LEARNT = 2000
+HELD_OUT = 2000
+SMALL = 1e-6
+TREES = 5
+TRIED = 16
+LEAF = 20
 pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")
 
 
@@ -22,7 +36,10 @@ def seen(env: Any, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the force (L,) and the observations (L, steps, features) of random actions."""
     _, info = env.reset(seed=0)
     generator = np.random.default_rng(1)
-    rows = [env.step(generator.uniform(-1, 1, env.action_space.shape).astype(np.float32))[0] for _ in range(steps)]
+    rows = [
+        env.step(generator.uniform(-1, 1, env.action_space.shape).astype(np.float32))[0]
+        for _ in range(steps)
+    ]
     return info["force"], np.stack(rows, axis=1).astype(np.float64)
 
 
@@ -31,44 +48,64 @@ def linear(shown: np.ndarray, wanted: np.ndarray, rest: np.ndarray) -> np.ndarra
     return rest @ weights
 
 
-def tree(shown: np.ndarray, wanted: np.ndarray, rest: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+def tree(
+    shown: np.ndarray, wanted: np.ndarray, rest: np.ndarray, generator: np.random.Generator
+) -> np.ndarray:
     """Return the prediction of an extremely randomised tree (P. Geurts, D. Ernst, L. Wehenkel 2006): the best of a few random cuts at each node."""
     columns = generator.integers(shown.shape[1], size=TRIED)
     cuts = generator.uniform(shown[:, columns].min(axis=0), shown[:, columns].max(axis=0))
     below = shown[:, columns] < cuts
-    number, total = below.sum(axis=0), wanted @ below
-    gain = total**2 / np.maximum(number, 1) + (wanted.sum() - total) ** 2 / np.maximum(len(wanted) - number, 1)
+    number = below.sum(axis=0)
+    total = wanted @ below
+    gain = total**2 / np.maximum(number, 1) + (wanted.sum() - total) ** 2 / np.maximum(
+        len(wanted) - number, 1
+    )
     best = int(np.argmax(gain))
     if len(wanted) < LEAF or number[best] in (0, len(wanted)):
         return np.full(len(rest), wanted.mean())
-    told, side = np.empty(len(rest)), rest[:, columns[best]] < cuts[best]
+    told = np.empty(len(rest))
+    side = rest[:, columns[best]] < cuts[best]
     for own, others in ((below[:, best], side), (~below[:, best], ~side)):
         told[others] = tree(shown[own], wanted[own], rest[others], generator)
     return told
 
 
 def forest(shown: np.ndarray, wanted: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    return np.mean([tree(shown, wanted, rest, np.random.default_rng(k)) for k in range(TREES)], axis=0)
+    return np.mean(
+        [tree(shown, wanted, rest, np.random.default_rng(k)) for k in range(TREES)], axis=0
+    )
 
 
 def explained(inputs: np.ndarray, wanted: np.ndarray, probe: Any) -> float:
     """Return R^2 of a probe on held-out episodes, from inputs and their logarithms."""
     inputs = np.column_stack([inputs, np.log(np.abs(inputs) + SMALL)])
-    inputs = np.column_stack([np.ones(len(inputs)), (inputs - inputs.mean(axis=0)) / (inputs.std(axis=0) + 1e-9)])
+    inputs = np.column_stack(
+        [np.ones(len(inputs)), (inputs - inputs.mean(axis=0)) / (inputs.std(axis=0) + 1e-9)]
+    )
     told = probe(inputs[:LEARNT], wanted[:LEARNT], inputs[LEARNT:])
     return 1 - float(np.mean((wanted[LEARNT:] - told) ** 2) / wanted[LEARNT:].var())
 
 
 @pytest.mark.parametrize("name", HIDDEN)
-def test_features_tell_the_force_no_better_than_amplitudes_and_what_the_control_knows(name: str) -> None:
+def test_features_tell_the_force_no_better_than_amplitudes_and_what_the_control_knows(
+    name: str,
+) -> None:
     env = gymnasium.make_vec(name, num_envs=LEARNT + HELD_OUT)
     force, rows = seen(env, 10)
     known = [*np.flatnonzero(~env.unwrapped.task.sensors.measured), *AMPLITUDES[name]]
     for steps, probe in ((1, forest), (10, linear)):
         amplitude = np.hypot(*rows[:, :steps, :2].T).T[..., None]
-        every, some = (np.concatenate([rows[:, :steps, columns], amplitude], axis=2) for columns in (slice(None), known))
-        told = [explained(values.reshape(len(values), -1), np.log(force), probe) for values in (every, some)]
-        assert 0.5 < told[1] <= 1  # amplitudes in units of the gap speak for the force: that is to be looked at
+        every, some = (
+            np.concatenate([rows[:, :steps, columns], amplitude], axis=2)
+            for columns in (slice(None), known)
+        )
+        told = [
+            explained(values.reshape(len(values), -1), np.log(force), probe)
+            for values in (every, some)
+        ]
+        assert (
+            0.5 < told[1] <= 1
+        )  # amplitudes in units of the gap speak for the force: that is to be looked at
         assert told[0] < told[1] + 0.02
 
 
@@ -77,7 +114,8 @@ def test_the_scores_reference_is_seen_by_first_versions_only(name: str) -> None:
     env = gymnasium.make_vec(name, num_envs=8)
     usual = seen(env, 3)[1]
     task = env.unwrapped.task
-    drawn, scale = task.draw, "_scale" if hasattr(task, "_scale") else "level_scale"
+    drawn = task.draw
+    scale = "_scale" if hasattr(task, "_scale") else "level_scale"
 
     def draw(lane: int, generator: np.random.Generator) -> None:
         drawn(lane, generator)

@@ -10,64 +10,132 @@ from places import EXAMPLES
 gymnasium = pytest.importorskip("gymnasium")
 from environment_cases import ADAPTIVE, GAP, PASSIVE, RUBBING, SWEEP, V1, make, played
 
-from impact_env import Beam, Drive, FrequencySchedule, Moreau, Scene, TunedAbsorber, load_structure, simulate
+from impact_env import (
+    Beam,
+    Drive,
+    FrequencySchedule,
+    Moreau,
+    Scene,
+    TunedAbsorber,
+    load_structure,
+    simulate,
+)
 from impact_env.controlled import ControlledRuns
 from impact_env.envs.reference import passage
 from impact_env.frequency import LinearAbsorber, receptance, tip_response
 from impact_env.methods import Method
 from impact_env.modes import modal_model
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")  # gymnasium says so of everything with a later version
-STEEL = str(EXAMPLES / "steel_beam_tip.toml")  # its level is read at 0.9 of its length, the absorber is at the tip
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.*-v0 is out of date"
+)  # gymnasium says so of everything with a later version
+STEEL = str(
+    EXAMPLES / "steel_beam_tip.toml"
+)  # its level is read at 0.9 of its length, the absorber is at the tip
 MODEL = modal_model(load_structure(STEEL))  # half the paper's damping: a quarter of its rate
 OMEGA = MODEL.resonance_omega(1)
-WAY = {"limits": (0.985, 0.995), "rate": 4.0, "interval": 5.0, "force": 0.3, "direction": "up"}  # short: impacts amplify rounding
-IMPACTS = {"absorber": "impact", "absorber_options": {"gap": 0.95e-3, "mass_ratio": 0.01, "friction_limit": 0.01, "restitution": 0.7}}
+WAY = {
+    "limits": (0.985, 0.995),
+    "rate": 4.0,
+    "interval": 5.0,
+    "force": 0.3,
+    "direction": "up",
+}  # short: impacts amplify rounding
+IMPACTS = {
+    "absorber": "impact",
+    "absorber_options": {
+        "gap": 0.95e-3,
+        "mass_ratio": 0.01,
+        "friction_limit": 0.01,
+        "restitution": 0.7,
+    },
+}
 
 
 def test_rewards_add_up_to_the_score_which_is_the_papers_level() -> None:
     """Against `simulate` on the schedule that the actions made, and the closed form of the same passage at the paper's rate."""
-    env = gymnasium.make(SWEEP, interval=5.0, limits=(0.965, 0.985), rates=(1.0, 10.0), direction="up", force=0.9, time_price=0.03, **RUBBING)
+    env = gymnasium.make(
+        SWEEP,
+        interval=5.0,
+        limits=(0.965, 0.985),
+        rates=(1.0, 10.0),
+        direction="up",
+        force=0.9,
+        time_price=0.03,
+        **RUBBING,
+    )
     env.reset(seed=4)
     phase = env.unwrapped.task.runs.orders["phase"][0]  # at the start; it goes on
     steps = played(env, lambda _: env.action_space.sample(), seed=4)
-    rewards, infos = [step[1] for step in steps], [step[4] for step in steps]
-    times, ratios = [0.0, *(i["time"] for i in infos)], [0.965, *(i["frequency_ratio"] for i in infos)]
+    rewards = [step[1] for step in steps]
+    infos = [step[4] for step in steps]
+    times = [0.0, *(i["time"] for i in infos)]
+    ratios = [0.965, *(i["frequency_ratio"] for i in infos)]
     info = infos[-1]
     scene = env.unwrapped.task.settings.scene
     omega = scene.model.resonance_omega(1)
-    schedule = FrequencySchedule(np.array(times) * 2 * np.pi / omega, np.array(ratios) * omega, omega)
+    schedule = FrequencySchedule(
+        np.array(times) * 2 * np.pi / omega, np.array(ratios) * omega, omega
+    )
     response = simulate(scene, Drive(0.9, schedule, phase))
     assert ratios[-1] == 0.985
     assert info["level"] == pytest.approx(response.level.value, rel=1e-9)
-    score = -response.level.value / (0.9 * passage(scene, 1, 0.965, 0.985, 32, 0.0, 1e-3)[0]) - 0.03 * times[-1] / 100
+    score = (
+        -response.level.value / (0.9 * passage(scene, 1, 0.965, 0.985, 32, 0.0, 1e-3)[0])
+        - 0.03 * times[-1] / 100
+    )
     assert sum(rewards) == pytest.approx(score, rel=1e-9)
-    assert info["score"] == pytest.approx(sum(rewards), rel=1e-14)  # from 3.12 on Python sums with less rounding
-    assert -info["score"] == pytest.approx(info["relative_level"] + 0.03 * times[-1] / 100, rel=1e-12)
+    assert info["score"] == pytest.approx(
+        sum(rewards), rel=1e-14
+    )  # from 3.12 on Python sums with less rounding
+    assert -info["score"] == pytest.approx(
+        info["relative_level"] + 0.03 * times[-1] / 100, rel=1e-12
+    )
     assert len(rewards) > 5
     assert not any(step[3] for step in steps)
 
 
 @pytest.mark.parametrize("ends", [(0.96, 0.98), (0.98, 0.96)])
-@pytest.mark.parametrize(("model", "slower"), [(modal_model(Beam(modes=2)), 1), (MODEL, 4)], ids=["paper", "steel"])
-def test_the_reference_is_the_beam_without_absorber_at_the_rate_of_its_damping(model: Any, slower: float, ends: tuple[float, float]) -> None:
-    omega, duration = model.resonance_omega(1), 0.02 / 1e-4 * slower * 2 * np.pi / model.resonance_omega(1)
+@pytest.mark.parametrize(
+    ("model", "slower"), [(modal_model(Beam(modes=2)), 1), (MODEL, 4)], ids=["paper", "steel"]
+)
+def test_the_reference_is_the_beam_without_absorber_at_the_rate_of_its_damping(
+    model: Any, slower: float, ends: tuple[float, float]
+) -> None:
+    omega = model.resonance_omega(1)
+    duration = 0.02 / 1e-4 * slower * 2 * np.pi / model.resonance_omega(1)
     drive = Drive(1.0, FrequencySchedule(np.array([0.0, duration]), np.array(ends) * omega, omega))
-    assert passage(Scene(model), 1, *ends, 32, 0.0, 1e-3)[0] == pytest.approx(simulate(Scene(model), drive).level.value, rel=1e-9)
+    assert passage(Scene(model), 1, *ends, 32, 0.0, 1e-3)[0] == pytest.approx(
+        simulate(Scene(model), drive).level.value, rel=1e-9
+    )
 
 
-@pytest.mark.parametrize(("arguments", "rate"), [({"beam": {"damping_ratio": 0.005}}, 0.25), ({}, 1.0), ({"rate": 2.0}, 2.0)])
-def test_a_passive_passage_takes_the_rate_of_its_damping_or_the_one_given(arguments: dict[str, Any], rate: float) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "rate"),
+    [({"beam": {"damping_ratio": 0.005}}, 0.25), ({}, 1.0), ({"rate": 2.0}, 2.0)],
+)
+def test_a_passive_passage_takes_the_rate_of_its_damping_or_the_one_given(
+    arguments: dict[str, Any], rate: float
+) -> None:
     env = gymnasium.make(PASSIVE, limits=(0.99, 1.01), interval=20.0, **arguments)
     assert len(played(env, seed=0)) == pytest.approx(0.02 * 1e4 / rate / 20, abs=1)
 
 
 def test_fatigue_adds_up_to_the_damage_of_the_samples() -> None:
     """Without an absorber, at the paper's rate, the passage is its own reference but for the force's phase at the start."""
-    env = gymnasium.make(PASSIVE, absorber="none", modes=2, limits=(0.95, 0.96), objective="fatigue", fatigue_exponent=4.0, force=2.0)
+    env = gymnasium.make(
+        PASSIVE,
+        absorber="none",
+        modes=2,
+        limits=(0.95, 0.96),
+        objective="fatigue",
+        fatigue_exponent=4.0,
+        force=2.0,
+    )
     env.reset(seed=0)
     env.unwrapped.task.runs.orders["phase"] = 0.0
-    total, end = 0.0, False
+    total = 0.0
+    end = False
     while not end:
         _, reward, end, _, info = env.step(0)
         total += reward
@@ -78,17 +146,25 @@ def test_fatigue_adds_up_to_the_damage_of_the_samples() -> None:
 def test_gap_score_is_the_mean_relative_response() -> None:
     env = make(GAP, frequency_ratio=0.99, time_budget=100.0)
     env.reset(seed=8)
-    model, omega = env.unwrapped.task.settings.scene.model, env.unwrapped.task.settings.omega
-    slots = model.omega**2 - (0.99 * omega) ** 2 + 2j * model.damping_ratio * model.omega * 0.99 * omega
+    model = env.unwrapped.task.settings.scene.model
+    omega = env.unwrapped.task.settings.omega
+    slots = (
+        model.omega**2 - (0.99 * omega) ** 2 + 2j * model.damping_ratio * model.omega * 0.99 * omega
+    )
     amplitude = abs(np.sum(model.force_shape * model.tip_shape / slots))
-    total, shares, end, forces = 0.0, [], False, set()
+    total = 0.0
+    shares = []
+    end = False
+    forces = set()
     while not end:
         action = env.action_space.sample()
         _, reward, _, end, info = env.step(action)
         total += reward
         shares.append(info["rms"] / (info["force"] * amplitude / np.sqrt(2)))
         forces.add(info["force"])
-        wanted = 0.1e-3 + 0.5 * (float(action[0]) + 1) * (3e-3 - 0.1e-3)  # the cavity does not close onto the absorber
+        wanted = 0.1e-3 + 0.5 * (float(action[0]) + 1) * (
+            3e-3 - 0.1e-3
+        )  # the cavity does not close onto the absorber
         assert info["gap"] >= wanted
         assert info["gap_limited"] == (info["gap"] > wanted)
     assert total == pytest.approx(-np.mean(shares), rel=1e-9)
@@ -99,44 +175,77 @@ def test_gap_score_is_the_mean_relative_response() -> None:
 @pytest.mark.plain
 def test_the_gaps_score_is_relative_to_the_place_where_the_level_is_read() -> None:
     options = {"frequency_ratio": 0.99, "absorber_options": IMPACTS["absorber_options"]}
-    env = gymnasium.make(GAP, structure=STEEL, force=0.3, interval=5.0, time_budget=50.0, **options).unwrapped
+    env = gymnasium.make(
+        GAP, structure=STEEL, force=0.3, interval=5.0, time_budget=50.0, **options
+    ).unwrapped
     env.reset(seed=0)
     _, reward, _, _, info = env.step(np.zeros(1, np.float32))
-    still = 0.3 * abs(receptance(MODEL, 0.99 * OMEGA, MODEL.response_shape, MODEL.force_shape).item())
+    still = 0.3 * abs(
+        receptance(MODEL, 0.99 * OMEGA, MODEL.response_shape, MODEL.force_shape).item()
+    )
     assert reward == pytest.approx(-info["rms"] / (still / np.sqrt(2)) / 10, rel=1e-12)
 
 
-@pytest.mark.parametrize(("scene", "digits"), [({"absorber": "none"}, 1e-9), pytest.param(IMPACTS, 1e-6, marks=pytest.mark.nightly)])
-def test_the_level_is_the_one_that_a_single_run_reads_there(scene: dict[str, Any], digits: float) -> None:
+@pytest.mark.parametrize(
+    ("scene", "digits"),
+    [({"absorber": "none"}, 1e-9), pytest.param(IMPACTS, 1e-6, marks=pytest.mark.nightly)],
+)
+def test_the_level_is_the_one_that_a_single_run_reads_there(
+    scene: dict[str, Any], digits: float
+) -> None:
     env = gymnasium.make(PASSIVE, structure=STEEL, **WAY, **scene).unwrapped
     env.reset(seed=1)
     phase = env.task.runs.orders["phase"][0]  # at the start; it goes on
     steps = played(env, seed=1)
     info = steps[-1][4]
-    drive = Drive(0.3, FrequencySchedule(np.array([0.0, info["time"]]) * 2 * np.pi / OMEGA, np.array([0.985, 0.995]) * OMEGA, OMEGA), phase)
+    drive = Drive(
+        0.3,
+        FrequencySchedule(
+            np.array([0.0, info["time"]]) * 2 * np.pi / OMEGA,
+            np.array([0.985, 0.995]) * OMEGA,
+            OMEGA,
+        ),
+        phase,
+    )
     found = simulate(env.task.settings.scene, drive).level
-    at_the_tip = simulate(Scene(replace(MODEL, response_shape=None), env.task.settings.scene.absorber), drive).level
+    at_the_tip = simulate(
+        Scene(replace(MODEL, response_shape=None), env.task.settings.scene.absorber), drive
+    ).level
     assert info["level"] == pytest.approx(found.value, rel=digits)
-    assert info["relative_level"] == pytest.approx(found.value / (0.3 * passage(Scene(MODEL), 1, 0.985, 0.995, 32, 0.0, 1e-3)[0]), rel=digits)
+    assert info["relative_level"] == pytest.approx(
+        found.value / (0.3 * passage(Scene(MODEL), 1, 0.985, 0.995, 32, 0.0, 1e-3)[0]), rel=digits
+    )
     assert at_the_tip.value > 1.05 * found.value
     assert (sum(step[4]["impacts"] for step in steps) > 5) is (scene is IMPACTS)
 
 
-def advanced(absorber: LinearAbsorber | None, method: Method | None, ratio: float, intervals: int) -> Any:
+def advanced(
+    absorber: LinearAbsorber | None, method: Method | None, ratio: float, intervals: int
+) -> Any:
     """Return the last report of a controlled run of one newton, in intervals of 20 periods of the force."""
-    runs = ControlledRuns(Scene(MODEL, absorber), 1, OMEGA, 20.0 / ratio, method, samples_per_period=32)
-    runs.orders["force"], runs.orders["omega_start"], runs.orders["omega_stop"] = 1.0, ratio * OMEGA, ratio * OMEGA
+    runs = ControlledRuns(
+        Scene(MODEL, absorber), 1, OMEGA, 20.0 / ratio, method, samples_per_period=32
+    )
+    runs.orders["force"], runs.orders["omega_start"], runs.orders["omega_stop"] = (
+        1.0,
+        ratio * OMEGA,
+        ratio * OMEGA,
+    )
     for _ in range(intervals):
         runs.advance()
     return runs.reports[0]
 
 
-@pytest.mark.parametrize("absorber", [None, TunedAbsorber(mass_ratio=0.01, stiffness=500.0, damping=1.0)])
+@pytest.mark.parametrize(
+    "absorber", [None, TunedAbsorber(mass_ratio=0.01, stiffness=500.0, damping=1.0)]
+)
 def test_amplitudes_are_those_of_the_linear_response_there(absorber: LinearAbsorber | None) -> None:
     report = advanced(absorber, None, 0.95, 100)
     seen = complex(report["in_phase"], -report["quadrature"])
     assert seen == pytest.approx(tip_response(MODEL, absorber, 0.95 * OMEGA).item(), rel=2e-3)
-    assert seen != pytest.approx(receptance(MODEL, 0.95 * OMEGA, MODEL.tip_shape, MODEL.force_shape).item(), rel=0.05)
+    assert seen != pytest.approx(
+        receptance(MODEL, 0.95 * OMEGA, MODEL.tip_shape, MODEL.force_shape).item(), rel=0.05
+    )
 
 
 def test_a_stepping_method_reads_the_same_place() -> None:
@@ -150,7 +259,10 @@ def test_a_stepping_method_reads_the_same_place() -> None:
 def test_backward_rates_go_back_but_not_beyond_the_start() -> None:
     env = make(SWEEP, direction="up", backward_rate=10.0, time_budget=500.0)
     env.reset(seed=0)
-    there = [env.step(np.array([action], np.float32))[4]["frequency_ratio"] for action in (0.0, 0.5, -0.5, -1.0, -1.0, 0.0)]
+    there = [
+        env.step(np.array([action], np.float32))[4]["frequency_ratio"]
+        for action in (0.0, 0.5, -0.5, -1.0, -1.0, 0.0)
+    ]
     assert there[0] == pytest.approx(0.96 + 5 * 2e-4)
     assert there[1] == pytest.approx(there[0] + 5 * 1e-4 * np.sqrt(2 * 20))
     assert there[2] == pytest.approx(max(there[1] - 5 * 5e-4, 0.96))
@@ -163,7 +275,9 @@ def test_actions_map_to_rates_and_are_cut_to_their_limits() -> None:
     for action in (-5.0, -1.0, 0.0, 1.0, 7.0):
         env = make(SWEEP, direction="down", limits=(0.9, 1.0))
         env.reset(seed=0)
-        changes.append((1.0 - env.step(np.array([action], np.float32))[4]["frequency_ratio"]) / 5e-4)
+        changes.append(
+            (1.0 - env.step(np.array([action], np.float32))[4]["frequency_ratio"]) / 5e-4
+        )
     np.testing.assert_allclose(changes, [2.0, 2.0, np.sqrt(40), 20.0, 20.0], rtol=1e-9)
 
 
@@ -181,17 +295,28 @@ def test_the_far_end_terminates_and_a_spent_budget_ends_the_passage_and_costs(na
                 scores.append(steps[-1][4]["score"])
             assert np.all(np.diff(left) < 0)
             assert (len(left) == 12 and left[-1] == 0.0) == spent
-            assert steps[-1][2:4] == ((False, True) if spent and arguments.get("budget_end") != "terminated" else (True, False))
+            assert steps[-1][2:4] == (
+                (False, True)
+                if spent and arguments.get("budget_end") != "terminated"
+                else (True, False)
+            )
             assert scores[0] - scores[1] == pytest.approx(0.7 if spent else 0.0, abs=1e-12)
 
 
 def test_features_of_the_frequency_have_their_zero_and_unit_where_the_arguments_say() -> None:
-    for arguments, origin, unit in (({}, 0.97, 0.0125), ({"frequency_origin": "resonance", "frequency_unit": 0.1}, 1.0, 0.1)):
+    for arguments, origin, unit in (
+        ({}, 0.97, 0.0125),
+        ({"frequency_origin": "resonance", "frequency_unit": 0.1}, 1.0, 0.1),
+    ):
         env = make(V1, direction="down", **arguments)
         observation, info = env.reset(seed=0)
         for _ in range(2):
-            assert observation[6] == pytest.approx((info["frequency_ratio"] - origin) / unit, rel=1e-5)
-            assert observation[9] == pytest.approx((0.96 - info["frequency_ratio"]) / unit, rel=1e-5)
+            assert observation[6] == pytest.approx(
+                (info["frequency_ratio"] - origin) / unit, rel=1e-5
+            )
+            assert observation[9] == pytest.approx(
+                (0.96 - info["frequency_ratio"]) / unit, rel=1e-5
+            )
             observation, *_, info = env.step(np.ones(1, np.float32))
 
 

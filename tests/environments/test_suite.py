@@ -16,8 +16,20 @@ from impact_env.envs.evaluation import play
 from impact_env.parameters import ParameterError
 from optimisation.cli import judge
 from optimisation.rl.agents import TRAINED, Agent, Memory, load_agent, save_agent, shipped
-from optimisation.rl.demonstrations import fingerprint, read_demonstrations, record, write_demonstrations
-from optimisation.rl.families import ConstantAction, FamilyPolicy, FrequencyWindow, GapByEstimatedForce, SmallRule, task_of
+from optimisation.rl.demonstrations import (
+    fingerprint,
+    read_demonstrations,
+    record,
+    write_demonstrations,
+)
+from optimisation.rl.families import (
+    ConstantAction,
+    FamilyPolicy,
+    FrequencyWindow,
+    GapByEstimatedForce,
+    SmallRule,
+    task_of,
+)
 from optimisation.rl.rules import BLIND, CONSTANT, EIGHT, TASKS, env_of, policies
 from studies.admission import Search, best_of, evolve, mean_scores
 
@@ -34,13 +46,21 @@ def seen(ratio: float, impacts: float = 0.0, left: float = 1.0, lanes: int = 1) 
 
 def test_a_window_and_the_small_rule_do_what_their_numbers_say() -> None:
     behind = task_of(V1)
-    window = FamilyPolicy("window", FrequencyWindow(behind), [0.5, 0.3, -0.8, 0.6])  # the edges, in any order: 0.96 and 0.98
+    window = FamilyPolicy(
+        "window", FrequencyWindow(behind), [0.5, 0.3, -0.8, 0.6]
+    )  # the edges, in any order: 0.96 and 0.98
     window.start(1)
     acts = {ratio: float(window.act(seen(ratio))[0, 0]) for ratio in (0.955, 0.965, 0.975, 0.985)}
     assert acts == pytest.approx({0.955: 0.6, 0.965: -0.8, 0.975: -0.8, 0.985: 0.6})
     rule = FamilyPolicy("rule", SmallRule(behind), [0.46, 0.2, 0.4, -0.28])
     rule.start(1)
-    way = [(0.99, 1.0, 1.0, 1.0), (0.975, 1.0, 1.0, 0.2), (0.969, 1.0, 1.0, -0.28), (0.969, 0.0, 1.0, 1.0), (0.969, 1.0, 0.1, 1.0)]
+    way = [
+        (0.99, 1.0, 1.0, 1.0),
+        (0.975, 1.0, 1.0, 0.2),
+        (0.969, 1.0, 1.0, -0.28),
+        (0.969, 0.0, 1.0, 1.0),
+        (0.969, 1.0, 0.1, 1.0),
+    ]
     for ratio, impacts, left, expected in way:
         assert rule.act(seen(ratio, impacts, left))[0, 0] == pytest.approx(expected)
     with pytest.raises(ParameterError, match="parameters of x"):
@@ -49,46 +69,88 @@ def test_a_window_and_the_small_rule_do_what_their_numbers_say() -> None:
 
 def test_the_estimated_force_is_exact_where_the_absorber_is_free_or_rattles_as_assumed() -> None:
     rule = GapByEstimatedForce(task_of(GAP1, RUBBING))
-    scale, force, stroke, gap = rule.scale, 2.5, 0.9, 1.4e-3
+    scale = rule.scale
+    force = 2.5
+    stroke = 0.9
+    gap = 1.4e-3
     rows = np.zeros((2, 10), dtype=np.float32)
     rows[:, 6] = (0.98 - scale.origin) / scale.unit
     by_force, kappa = scale.lines(1 + 0.1 * scale.offset(rows))
     # lane 0: the absorber stays where it is, r = -q. Lane 1: r opposes the force in the sense of the formula, at any angle with a negative cosine
     r = stroke * gap * np.exp(2.4j) / (kappa / by_force) * np.abs(kappa / by_force)
     q = np.where([True, False], force * by_force, (force * by_force + kappa * r) / (1 - kappa))
-    rows[:, 0], rows[:, 1], rows[:, scale.column] = q.real / scale.length, -q.imag / scale.length, gap / scale.length
+    rows[:, 0], rows[:, 1], rows[:, scale.column] = (
+        q.real / scale.length,
+        -q.imag / scale.length,
+        gap / scale.length,
+    )
     rows[1, 4] = 1.0
     np.testing.assert_allclose(rule.estimate(np.full(2, stroke), rows), force, rtol=1e-5)
-    assert 1e-3 * scale.force_per_gap == pytest.approx(3.49, abs=0.15)  # physics of the first mode: f* of the paper's gap
+    assert 1e-3 * scale.force_per_gap == pytest.approx(
+        3.49, abs=0.15
+    )  # physics of the first mode: f* of the paper's gap
 
 
-def test_candidates_are_scored_as_if_each_played_alone_and_a_search_is_no_worse_than_its_start() -> None:
+def test_candidates_are_scored_as_if_each_played_alone_and_a_search_is_no_worse_than_its_start() -> (
+    None
+):
     swift: dict[str, Any] = {"rates": (1.0, 20.0), "time_budget": 400.0}
-    candidates, constant = np.array([[-0.5], [0.3], [1.0]]), ConstantAction()
+    candidates = np.array([[-0.5], [0.3], [1.0]])
+    constant = ConstantAction()
     together = mean_scores(constant, candidates, V1, range(4), swift)
-    alone = [play(FamilyPolicy("one", constant, row), V1, range(4), swift).scores.mean() for row in candidates]
+    alone = [
+        play(FamilyPolicy("one", constant, row), V1, range(4), swift).scores.mean()
+        for row in candidates
+    ]
     np.testing.assert_array_equal(together, alone)
-    assert best_of(constant, candidates, V1, range(4), swift).parameters == (candidates[int(np.argmax(alone)), 0],)
-    window, counted = FrequencyWindow(task_of(V1, swift)), list[int]()
-    found = evolve(window, [[0.0, 1.0, 0.1, 0.1]], V1, range(12), swift, Search(generations=6, population=8, finalists=4), counted.append)
-    assert found.score >= mean_scores(window, np.array([[0.0, 1.0, 0.1, 0.1]]), V1, range(4, 12), swift)[0]  # by how much is chance on eight seeds
-    assert found.score == mean_scores(window, np.array([found.parameters]), V1, range(4, 12), swift)[0]
+    assert best_of(constant, candidates, V1, range(4), swift).parameters == (
+        candidates[int(np.argmax(alone)), 0],
+    )
+    window = FrequencyWindow(task_of(V1, swift))
+    counted = list[int]()
+    found = evolve(
+        window,
+        [[0.0, 1.0, 0.1, 0.1]],
+        V1,
+        range(12),
+        swift,
+        Search(generations=6, population=8, finalists=4),
+        counted.append,
+    )
+    assert (
+        found.score
+        >= mean_scores(window, np.array([[0.0, 1.0, 0.1, 0.1]]), V1, range(4, 12), swift)[0]
+    )  # by how much is chance on eight seeds
+    assert (
+        found.score == mean_scores(window, np.array([found.parameters]), V1, range(4, 12), swift)[0]
+    )
     assert (sum(counted), found.candidates) == (48, 48 + 6)
 
 
 @pytest.mark.parametrize("task", TASKS)
 def test_the_chosen_rule_and_agents_that_ship_beat_what_does_not_look(task: str) -> None:
-    played = policies(task) | {algorithm: load_agent(task, algorithm) for algorithm in shipped().get(task, ())}
+    played = policies(task) | {
+        algorithm: load_agent(task, algorithm) for algorithm in shipped().get(task, ())
+    }
     scores = {label: play(policy, env_of(task), FRESH).scores for label, policy in played.items()}
-    for label, other in ((EIGHT, CONSTANT), (EIGHT, BLIND), *((algorithm, CONSTANT) for algorithm in shipped().get(task, ()))):
+    for label, other in (
+        (EIGHT, CONSTANT),
+        (EIGHT, BLIND),
+        *((algorithm, CONSTANT) for algorithm in shipped().get(task, ())),
+    ):
         better = scores[label] - scores[other]
         assert better.mean() > 2 * better.std() / np.sqrt(len(FRESH)), (label, other)
 
 
 def test_the_command_judges_tells_and_keeps_lines_of_others(tmp_path: Path) -> None:
-    board, page = tmp_path / "board.csv", tmp_path / "page.md"
+    board = tmp_path / "board.csv"
+    page = tmp_path / "page.md"
     theirs = "ActiveGap-v0,a better one,somebody,abc,test,256,-0.1,-0.2,-0.05"
-    board.write_text("task,policy,who,commit,split,episodes,score,low,high\n" + theirs + "\nActiveGap-v0,old,this project,abc,test,4,-9,-9,-9\n")
+    board.write_text(
+        "task,policy,who,commit,split,episodes,score,low,high\n"
+        + theirs
+        + "\nActiveGap-v0,old,this project,abc,test,4,-9,-9,-9\n"
+    )
     page.write_text("<!-- leaderboard -->\n<!-- /leaderboard -->\n")
     agent = TRAINED / "ActiveGap-v0_ppo.zip"
     result = call(judge.main, "--agent", agent, "--episodes", 4, "--board", board, "--page", page)
@@ -96,7 +158,9 @@ def test_the_command_judges_tells_and_keeps_lines_of_others(tmp_path: Path) -> N
     lines = board.read_text().splitlines()
     assert lines[1] == theirs  # the best comes first
     assert not any(",old," in line for line in lines)
-    assert {"PPO", "best constant", "blind schedule", "random"} <= {line.split(",")[1].strip('"') for line in lines[2:]}
+    assert {"PPO", "best constant", "blind schedule", "random"} <= {
+        line.split(",")[1].strip('"') for line in lines[2:]
+    }
     assert "(given)" in result.output
     assert page.read_text().count("| `ActiveGap-v0` |") == len(lines) - 1
     assert call(judge.main, "--page", page).exit_code == 2
@@ -104,11 +168,14 @@ def test_the_command_judges_tells_and_keeps_lines_of_others(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)
 def test_the_other_checker_takes_every_name(name: str) -> None:
-    pytest.importorskip("stable_baselines3.common.env_checker").check_env(gymnasium.make(name).unwrapped, warn=False)
+    pytest.importorskip("stable_baselines3.common.env_checker").check_env(
+        gymnasium.make(name).unwrapped, warn=False
+    )
 
 
 def test_another_library_takes_the_vectors() -> None:
-    wrappers, torch = pytest.importorskip("skrl.envs.wrappers.torch"), pytest.importorskip("torch")
+    wrappers = pytest.importorskip("skrl.envs.wrappers.torch")
+    torch = pytest.importorskip("torch")
     for name in (V1, ADAPTIVE):
         env = wrappers.wrap_env(gymnasium.make_vec(name, num_envs=3), wrapper="gymnasium")
         env.reset()
@@ -117,23 +184,31 @@ def test_another_library_takes_the_vectors() -> None:
         assert bool(torch.isfinite(rewards).all())
 
 
-def test_demonstrations_are_what_was_played_and_come_back_from_their_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_demonstrations_are_what_was_played_and_come_back_from_their_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("minari")
     pytest.importorskip("h5py")
     monkeypatch.chdir(tmp_path)
     brief = {"time_budget": 600.0}
     rule = FamilyPolicy("rule", SmallRule(task_of(V1, brief)), [0.46, 0.2, 0.4, -0.28])
     shown = record(rule, V1, range(5), brief)
-    np.testing.assert_allclose([r.sum() for r in shown.rewards], play(rule, V1, range(5), brief).scores, rtol=1e-12)
+    np.testing.assert_allclose(
+        [r.sum() for r in shown.rewards], play(rule, V1, range(5), brief).scores, rtol=1e-12
+    )
     env = gymnasium.make(V1, **brief)
     for seed in range(2):  # each is the single environment's episode
         np.testing.assert_array_equal(env.reset(seed=seed)[0], shown.observations[seed][0])
-        for observation, action, reward in zip(shown.observations[seed][1:], shown.actions[seed], shown.rewards[seed], strict=True):
+        for observation, action, reward in zip(
+            shown.observations[seed][1:], shown.actions[seed], shown.rewards[seed], strict=True
+        ):
             found, earned, terminated, _, _ = env.step(action)
             np.testing.assert_array_equal(found, observation)
             assert earned == reward
         assert terminated == shown.terminated[seed]
-    write_demonstrations(Path("sets/rule-v0"), shown, "rule", brief)  # a relative path, as that of the command
+    write_demonstrations(
+        Path("sets/rule-v0"), shown, "rule", brief
+    )  # a relative path, as that of the command
     assert fingerprint(read_demonstrations(Path("sets/rule-v0"), V1)) == fingerprint(shown)
     write_demonstrations(tmp_path / "rule-v0", shown, "rule", brief)
     again = read_demonstrations(tmp_path / "rule-v0", V1)
@@ -168,7 +243,8 @@ def test_an_agent_with_memory_acts_as_its_model_does(tmp_path: Path) -> None:
     agent = load_agent(tmp_path / "agent.npz")
     agent.start(3)
     observations = np.random.default_rng(0).normal(size=(6, 3, 10)).astype(np.float32)
-    states, start = None, np.ones(3, dtype=bool)
+    states = None
+    start = np.ones(3, dtype=bool)
     for row in observations:
         expected, states = model.predict(row, state=states, episode_start=start, deterministic=True)
         start[:] = False
@@ -176,9 +252,21 @@ def test_an_agent_with_memory_acts_as_its_model_does(tmp_path: Path) -> None:
     agent.start(3)
     first = agent.act(observations[-1])
     agent.start(3)
-    np.testing.assert_array_equal(agent.act(observations[-1]), first)  # nothing is left of what was seen before
+    np.testing.assert_array_equal(
+        agent.act(observations[-1]), first
+    )  # nothing is left of what was seen before
     with pytest.raises(ParameterError, match="a memory that fits"):
-        Agent(V1, "rppo", 0, 1, {}, "tanh", "clip", [(np.zeros((1, 3), np.float32), np.zeros(1, np.float32))], Memory(agent.cells).cells)
+        Agent(
+            V1,
+            "rppo",
+            0,
+            1,
+            {},
+            "tanh",
+            "clip",
+            [(np.zeros((1, 3), np.float32), np.zeros(1, np.float32))],
+            Memory(agent.cells).cells,
+        )
 
 
 def test_imitation_does_in_each_situation_what_was_shown() -> None:
@@ -188,8 +276,18 @@ def test_imitation_does_in_each_situation_what_was_shown() -> None:
 
     shown = record(policies("SweepAndGap-v1")[EIGHT], ADAPTIVE, range(1000, 1024))
     for algorithm in ("ppo", "sac"):
-        model, _ = trained(algorithm, ADAPTIVE, **({"lanes": 8, "batch_size": 64} if algorithm == "ppo" else {"lanes": 8, "buffer_size": 1000}))
+        model, _ = trained(
+            algorithm,
+            ADAPTIVE,
+            **(
+                {"lanes": 8, "batch_size": 64}
+                if algorithm == "ppo"
+                else {"lanes": 8, "buffer_size": 1000}
+            ),
+        )
         error = imitate(model, shown, seed=0, epochs=15)
         assert error < 0.25 * np.var(np.concatenate(shown.actions), axis=0).mean()
         score = play(actor_of(model, ADAPTIVE, 0, {}), ADAPTIVE, range(40)).scores.mean()
-        assert score > -0.38  # the best constant pair: -0.465; the rule remembers, so one step of it cannot be copied exactly
+        assert (
+            score > -0.38
+        )  # the best constant pair: -0.465; the rule remembers, so one step of it cannot be copied exactly

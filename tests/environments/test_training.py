@@ -29,24 +29,51 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormali
 
 from impact_env import ParameterError
 from optimisation.cli import train as command
-from optimisation.rl.agents import Agent, actor_of, find_agents, find_runs, load_agent, packaged_file, read_evaluations, save_agent, shipped
+from optimisation.rl.agents import (
+    Agent,
+    actor_of,
+    find_agents,
+    find_runs,
+    load_agent,
+    packaged_file,
+    read_evaluations,
+    save_agent,
+    shipped,
+)
 from optimisation.rl.hyperparameters import PACKAGED, PPOSettings, SACSettings, read, settings_for
 from optimisation.rl.models import begin_leg, checkpoints, make_lanes, make_model
 from optimisation.rl.training import Job, train
 from optimisation.rl.vec_env import NativeVecEnv, make_native
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date", "ignore:`n_steps=4` is ignored")
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.*-v0 is out of date", "ignore:`n_steps=4` is ignored"
+)
 
 # a gap task of 20 intervals, with the same kernels as those of other tests of the environments
 SHORT: dict[str, Any] = RUBBING | {"time_budget": 100.0, "hold": [20.0, 40.0], "force": [0.5, 6.0]}
 SMALL: dict[str, dict[str, Any]] = {
     "ppo": {"steps": 900, "legs": 3, "lanes": 8, "n_steps": 16, "batch_size": 64, "n_epochs": 2},
-    "sac": {"steps": 600, "legs": 3, "lanes": 8, "batch_size": 32, "buffer_size": 400, "learning_starts": 100, "gradient_steps": 1},
+    "sac": {
+        "steps": 600,
+        "legs": 3,
+        "lanes": 8,
+        "batch_size": 32,
+        "buffer_size": 400,
+        "learning_starts": 100,
+        "gradient_steps": 1,
+    },
 }
 
 
 def small_job(algorithm: str, **changes: Any) -> Job:
-    return Job(GAP, algorithm, 3, settings_for(GAP, algorithm, **{**SMALL[algorithm], **changes}), SHORT, episodes=8)
+    return Job(
+        GAP,
+        algorithm,
+        3,
+        settings_for(GAP, algorithm, **{**SMALL[algorithm], **changes}),
+        SHORT,
+        episodes=8,
+    )
 
 
 def train_command(*arguments: object) -> Result:
@@ -64,14 +91,20 @@ def test_bridge_gives_what_the_librarys_own_loop_over_single_environments_gives(
     generator = np.random.default_rng(0)
     cut = set()
     for _ in range(40):
-        actions = (generator.uniform(-1, 0, (lanes, 1)) + [[-0.5], [-0.5], [0.5], [1.0]]).astype(np.float32)
-        mine, theirs = bridge.step(actions), own.step(actions)
+        actions = (generator.uniform(-1, 0, (lanes, 1)) + [[-0.5], [-0.5], [0.5], [1.0]]).astype(
+            np.float32
+        )
+        mine = bridge.step(actions)
+        theirs = own.step(actions)
         for a, b in zip(mine[:3], theirs[:3], strict=True):
             np.testing.assert_array_equal(a, b)
             assert a.dtype == b.dtype
         for a, b, done in zip(mine[3], theirs[3], mine[2], strict=True):
             # the library gives the last info of an episode, and the flag on every step; the bridge gives it where it means something
-            assert {**a, "TimeLimit.truncated": a.get("TimeLimit.truncated", False)}.keys() == b.keys()
+            assert {
+                **a,
+                "TimeLimit.truncated": a.get("TimeLimit.truncated", False),
+            }.keys() == b.keys()
             np.testing.assert_equal(a, {k: b[k] for k in a})
             if done:
                 cut.add(a["TimeLimit.truncated"])
@@ -89,7 +122,9 @@ def test_bridge_keeps_infos_short_and_works_under_the_librarys_wrappers() -> Non
         ended += [info for info, over in zip(infos, done, strict=True) if over]
         assert all(info == {} for info, over in zip(infos, done, strict=True) if not over)
     assert len(ended) >= 3
-    assert [info["episode"]["r"] for info in ended] == pytest.approx([info["score"] for info in ended], abs=1e-5)
+    assert [info["episode"]["r"] for info in ended] == pytest.approx(
+        [info["score"] for info in ended], abs=1e-5
+    )
 
 
 def test_bridge_refuses_what_it_cannot_do() -> None:
@@ -115,8 +150,13 @@ class Interrupt:
             raise KeyboardInterrupt
 
 
-@pytest.mark.parametrize(("algorithm", "after", "changes"), [("ppo", 60, {}), ("sac", 32, {"use_sde": True, "sde_sample_freq": 3, "train_freq": 5})])
-def test_interrupted_training_equals_one_that_never_stopped(tmp_path: Path, algorithm: str, after: int, changes: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    ("algorithm", "after", "changes"),
+    [("ppo", 60, {}), ("sac", 32, {"use_sde": True, "sde_sample_freq": 3, "train_freq": 5})],
+)
+def test_interrupted_training_equals_one_that_never_stopped(
+    tmp_path: Path, algorithm: str, after: int, changes: dict[str, Any]
+) -> None:
     job = small_job(algorithm, **changes)
     whole = train(job, tmp_path / "whole")
     for _ in range(2):
@@ -126,7 +166,10 @@ def test_interrupted_training_equals_one_that_never_stopped(tmp_path: Path, algo
     assert train(job, tmp_path / "broken") == whole
     for name in ("evaluations.csv", "final.npz"):
         assert (tmp_path / "broken" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
-    assert [folder.name for folder in checkpoints(tmp_path / "whole" / "checkpoints")] == ["leg-001", "leg-002"]
+    assert [folder.name for folder in checkpoints(tmp_path / "whole" / "checkpoints")] == [
+        "leg-001",
+        "leg-002",
+    ]
     assert not list(tmp_path.rglob("replay.*"))
 
 
@@ -149,8 +192,14 @@ def test_folder_of_other_settings_is_refused(tmp_path: Path) -> None:
     train(job, tmp_path)
     before = (tmp_path / "settings.json").read_bytes()
     for changed, words in (
-        (replace(job, hyperparameters=replace(job.hyperparameters, gamma=0.5)), "hyperparameters.gamma is 0.98 there and 0.5 here"),
-        (replace(job, arguments={**job.arguments, "interval": 10.0}), "environment_arguments.interval is 5.0 there and 10.0 here"),
+        (
+            replace(job, hyperparameters=replace(job.hyperparameters, gamma=0.5)),
+            "hyperparameters.gamma is 0.98 there and 0.5 here",
+        ),
+        (
+            replace(job, arguments={**job.arguments, "interval": 10.0}),
+            "environment_arguments.interval is 5.0 there and 10.0 here",
+        ),
     ):
         with pytest.raises(ParameterError, match="other settings") as error:
             train(changed, tmp_path)
@@ -173,22 +222,37 @@ def test_agent_acts_as_its_model(tmp_path: Path, algorithm: str) -> None:
     expected = model.predict(observations, deterministic=True)[0]
     np.testing.assert_allclose(loaded.act(observations), expected, atol=2e-6)
     assert np.ptp(expected) > 0.05
-    assert (loaded.env_id, loaded.algorithm, loaded.steps, loaded.arguments) == (GAP, algorithm, model.num_timesteps, job.arguments)
+    assert (loaded.env_id, loaded.algorithm, loaded.steps, loaded.arguments) == (
+        GAP,
+        algorithm,
+        model.num_timesteps,
+        job.arguments,
+    )
     assert file.stat().st_size < 40_000
-    assert [found.name for found in find_agents(tmp_path, env_id=GAP)] == [f"{algorithm.upper()}, seed 0"]
+    assert [found.name for found in find_agents(tmp_path, env_id=GAP)] == [
+        f"{algorithm.upper()}, seed 0"
+    ]
     assert find_agents(tmp_path, env_id=HARD) == []
 
 
 def test_critics_begin_at_the_value_they_are_told() -> None:
     """So that what an agent does not know costs as much as it says, and putting it off is not worth more."""
     hopeful, wary = (
-        make_model(job.hyperparameters, make_lanes(job.env_id, job.hyperparameters, job.arguments, 1), 0)
+        make_model(
+            job.hyperparameters, make_lanes(job.env_id, job.hyperparameters, job.arguments, 1), 0
+        )
         for job in (small_job("sac", initial_value=value) for value in (0.0, -12.0))
     )
-    observations = torch.from_numpy(np.random.default_rng(0).normal(0, 1, (50, 10)).astype(np.float32))
+    observations = torch.from_numpy(
+        np.random.default_rng(0).normal(0, 1, (50, 10)).astype(np.float32)
+    )
     actions = torch.linspace(-1, 1, 50)[:, None]
     for critics in ("critic", "critic_target"):
-        for one, other in zip(getattr(hopeful, critics)(observations, actions), getattr(wary, critics)(observations, actions), strict=True):
+        for one, other in zip(
+            getattr(hopeful, critics)(observations, actions),
+            getattr(wary, critics)(observations, actions),
+            strict=True,
+        ):
             assert one.detach().numpy().std() > 0.01
             np.testing.assert_allclose((other - one).detach().numpy(), -12.0, atol=1e-4)
     with pytest.raises(ParameterError, match="initial_value = 'low'"):
@@ -200,36 +264,56 @@ def test_what_is_no_agent_is_refused(tmp_path: Path) -> None:
         (tmp_path / name).write_text("nothing")
     np.savez(tmp_path / "arrays.npz", a=np.zeros(3))
     for name in ("text.npz", "arrays.npz", "absent.npz", "archive.zip"):
-        with pytest.raises(ParameterError, match=rf"{name}.* is not allowed: a file that train wrote"):
+        with pytest.raises(
+            ParameterError, match=rf"{name}.* is not allowed: a file that train wrote"
+        ):
             load_agent(tmp_path / name)
     with pytest.raises(ParameterError, match="task = 'nothing' is not allowed"):
         load_agent("nothing")
     with pytest.raises(ParameterError, match="algorithm = 'sac'"):
         load_agent("GapChoice-v1", "sac")
     with pytest.raises(ParameterError, match="layers"):
-        Agent(GAP, "ppo", 0, 0, {}, "tanh", "clip", [(np.zeros((4, 10), np.float32), np.zeros(4, np.float32))])
+        Agent(
+            GAP,
+            "ppo",
+            0,
+            0,
+            {},
+            "tanh",
+            "clip",
+            [(np.zeros((4, 10), np.float32), np.zeros(4, np.float32))],
+        )
 
 
 def test_recipes_are_written_in_the_form_of_rl_zoo3(tmp_path: Path) -> None:
     """A file for each algorithm, and but for what that library takes itself, only what stable-baselines3 knows."""
     assert train_command("--zoo", tmp_path / "zoo").exit_code == 0
-    kinds, its_own = {"ppo": PPO, "sac": SAC, "ppo_lstm": PPO}, {"n_envs", "n_timesteps", "normalize", "policy"}
+    kinds = {"ppo": PPO, "sac": SAC, "ppo_lstm": PPO}
+    its_own = {"n_envs", "n_timesteps", "normalize", "policy"}
     assert {file.stem for file in (tmp_path / "zoo").iterdir()} == set(kinds)
     found = {name: yaml.safe_load((tmp_path / "zoo" / f"{name}.yml").read_text()) for name in kinds}
     for name, kind in kinds.items():
         for recipe in found[name].values():
             assert set(recipe) - its_own <= set(inspect.signature(kind).parameters)
             assert eval(recipe["policy_kwargs"])["net_arch"] in ([64, 64], [128, 128])
-    own, chosen = found["sac"]["ImpactAbsorber/ActiveGap-v0"], settings_for("ImpactAbsorber/ActiveGap-v0", "sac")
-    assert (own["n_envs"], own["n_timesteps"], own["learning_rate"]) == (chosen.lanes, chosen.steps, "lin_0.001")
+    own = found["sac"]["ImpactAbsorber/ActiveGap-v0"]
+    chosen = settings_for("ImpactAbsorber/ActiveGap-v0", "sac")
+    assert (own["n_envs"], own["n_timesteps"], own["learning_rate"]) == (
+        chosen.lanes,
+        chosen.steps,
+        "lin_0.001",
+    )
 
 
-def test_hyperparameters_of_the_package_are_whole_and_a_file_replaces_what_it_names(tmp_path: Path) -> None:
+def test_hyperparameters_of_the_package_are_whole_and_a_file_replaces_what_it_names(
+    tmp_path: Path,
+) -> None:
     for algorithm, kind in (("ppo", PPOSettings), ("sac", SACSettings)):
         assert isinstance(settings_for(GAP, algorithm), kind)
     file = tmp_path / "mine.yaml"
     file.write_text(f"{GAP}:\n  ppo:\n    gamma: 0.5\n    hidden: [8]\n")
-    mine, packaged = settings_for(GAP, "ppo", file), settings_for(GAP, "ppo")
+    mine = settings_for(GAP, "ppo", file)
+    packaged = settings_for(GAP, "ppo")
     assert (mine.gamma, mine.hidden) == (0.5, (8,))
     assert replace(mine, gamma=packaged.gamma, hidden=packaged.hidden) == packaged
     assert settings_for(GAP, "sac", file) == settings_for(GAP, "sac")
@@ -251,7 +335,16 @@ def test_hyperparameters_of_the_package_are_whole_and_a_file_replaces_what_it_na
 def test_bad_hyperparameters_are_named(tmp_path: Path, text: str, words: str) -> None:
     file = tmp_path / "bad.yaml"
     file.write_text(text)
-    result = train_command("--task", "GapChoice-v1", "--algorithm", "ppo", "--hyperparameters", file, "--out", tmp_path / "out")
+    result = train_command(
+        "--task",
+        "GapChoice-v1",
+        "--algorithm",
+        "ppo",
+        "--hyperparameters",
+        file,
+        "--out",
+        tmp_path / "out",
+    )
     assert result.exit_code == 2, result.output
     assert words in result.output
     assert not list((tmp_path / "out").rglob("*.*"))
@@ -259,10 +352,27 @@ def test_bad_hyperparameters_are_named(tmp_path: Path, text: str, words: str) ->
 
 @pytest.mark.slow
 def test_the_command_trains_reports_and_ships(tmp_path: Path) -> None:
-    file, out = tmp_path / "small.yaml", tmp_path / "out"
+    file = tmp_path / "small.yaml"
+    out = tmp_path / "out"
     file.write_text(json.dumps({GAP: {"ppo": SMALL["ppo"]}}))
-    words = [word for name, value in SHORT.items() for word in ("--argument", name, json.dumps(value))]
-    options = ["--task", "GapChoice-v1", "--algorithm", "ppo", "--seeds", 1, "--workers", 1, "--hyperparameters", file, *words, "--out", out]
+    words = [
+        word for name, value in SHORT.items() for word in ("--argument", name, json.dumps(value))
+    ]
+    options = [
+        "--task",
+        "GapChoice-v1",
+        "--algorithm",
+        "ppo",
+        "--seeds",
+        1,
+        "--workers",
+        1,
+        "--hyperparameters",
+        file,
+        *words,
+        "--out",
+        out,
+    ]
     done = train_command(*options, "--ship", tmp_path / "kept")
     assert done.exit_code == 0, done.output
     assert "| PPO " in done.output
@@ -270,7 +380,10 @@ def test_the_command_trains_reports_and_ships(tmp_path: Path) -> None:
     assert run.finished
     assert (out / "learning_GapChoice-v1.png").stat().st_size > 10_000
     with ZipFile(tmp_path / "kept" / "GapChoice-v1_ppo.zip") as archive:
-        assert archive.read("final.npz") == (out / "GapChoice-v1" / "ppo" / "seed-0" / "final.npz").read_bytes()
+        assert (
+            archive.read("final.npz")
+            == (out / "GapChoice-v1" / "ppo" / "seed-0" / "final.npz").read_bytes()
+        )
     refused = train_command(*options, "--steps", 1280)
     assert refused.exit_code == 2
     assert "steps is 900 there and 1280 here" in refused.output
@@ -282,12 +395,39 @@ def test_the_command_goes_on_after_kill_9(tmp_path: Path) -> None:
     """The same command finishes what was killed as an undisturbed one would have."""
     file = tmp_path / "small.yaml"
     file.write_text(json.dumps({GAP: {"ppo": {**SMALL["ppo"], "steps": 2560, "legs": 10}}}))
-    words = [word for name, value in SHORT.items() for word in ("--argument", name, json.dumps(value))]
-    options = ["--task", "GapChoice-v1", "--algorithm", "ppo", "--seeds", 1, "--workers", 1, "--hyperparameters", file, *words]
-    killed, undisturbed = (tmp_path / out / "GapChoice-v1" / "ppo" / "seed-0" for out in ("killed", "undisturbed"))
-    command = [sys.executable, "-m", "optimisation.cli.group", "train", *map(str, options), "--out", str(tmp_path / "killed")]
+    words = [
+        word for name, value in SHORT.items() for word in ("--argument", name, json.dumps(value))
+    ]
+    options = [
+        "--task",
+        "GapChoice-v1",
+        "--algorithm",
+        "ppo",
+        "--seeds",
+        1,
+        "--workers",
+        1,
+        "--hyperparameters",
+        file,
+        *words,
+    ]
+    killed, undisturbed = (
+        tmp_path / out / "GapChoice-v1" / "ppo" / "seed-0" for out in ("killed", "undisturbed")
+    )
+    command = [
+        sys.executable,
+        "-m",
+        "optimisation.cli.group",
+        "train",
+        *map(str, options),
+        "--out",
+        str(tmp_path / "killed"),
+    ]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    process, until = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL), time.monotonic() + 120
+    process = subprocess.Popen(
+        command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    until = time.monotonic() + 120
     while process.poll() is None and len(read_evaluations(killed)) < 2 and time.monotonic() < until:
         time.sleep(0.01)
     process.kill()
@@ -307,9 +447,16 @@ KINDS = {"ppo": PPO, "sac": SAC}
 
 @pytest.mark.parametrize(("task", "algorithm"), SHIPPED)
 def test_the_small_file_acts_as_the_model(task: str, algorithm: str) -> None:
-    agent, model = load_agent(task, algorithm), KINDS[algorithm].load(packaged_file(task, algorithm), device="cpu")
-    seen = np.random.default_rng(0).normal(size=(50, model.observation_space.shape[0])).astype(np.float32)
-    np.testing.assert_allclose(agent.act(seen), model.predict(seen, deterministic=True)[0], atol=1e-5)
+    agent = load_agent(task, algorithm)
+    model = KINDS[algorithm].load(packaged_file(task, algorithm), device="cpu")
+    seen = (
+        np.random.default_rng(0)
+        .normal(size=(50, model.observation_space.shape[0]))
+        .astype(np.float32)
+    )
+    np.testing.assert_allclose(
+        agent.act(seen), model.predict(seen, deterministic=True)[0], atol=1e-5
+    )
 
 
 def test_an_agent_goes_on_learning() -> None:
@@ -319,6 +466,9 @@ def test_an_agent_goes_on_learning() -> None:
     before = [parameter.detach().clone() for parameter in model.policy.parameters()]
     model.learn(5120, reset_num_timesteps=False)
     assert model.num_timesteps >= 400_000 + 5120
-    assert all(not bool((a == b.detach()).all()) for a, b in zip(before, model.policy.parameters(), strict=True))
+    assert all(
+        not bool((a == b.detach()).all())
+        for a, b in zip(before, model.policy.parameters(), strict=True)
+    )
     seen = model.rollout_buffer  # the critic that came along knows these rewards: what they add up to for ever; without their scale it is off by 50
     assert 0.2 < seen.values.mean() * (1 - model.gamma) / seen.rewards.mean() < 5

@@ -28,7 +28,9 @@ MARKED = {
 def anchors(page: Path) -> set[str]:
     """Return the names that a page's headings have in links."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
-    return {re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in headings}
+    return {
+        re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in headings
+    }
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -48,23 +50,37 @@ def test_the_index_has_every_page_and_names_real_commands() -> None:
     listed = re.findall(r"^\| \[[^\]]*\]\(([^)]*)\)", text, re.MULTILINE)
     assert len(listed) == len(set(listed))
     scripts = {name for commands in files().values() for name in commands}
-    named = {name for row in re.findall(r"^\| .* \|$", text, re.MULTILINE) for name in re.findall(r"`(\w+)`", row.rsplit(" | ", 1)[1])}
+    named = {
+        name
+        for row in re.findall(r"^\| .* \|$", text, re.MULTILINE)
+        for name in re.findall(r"`(\w+)`", row.rsplit(" | ", 1)[1])
+    }
     assert named <= scripts
     assert {"findings", "stability", "judge"} <= named
 
 
 def test_the_map_of_the_kernels_names_every_file_and_real_functions() -> None:
     text = (KERNELS / "README.md").read_text(encoding="utf-8")
-    sources = {file.relative_to(KERNELS).as_posix(): file.read_text(encoding="utf-8") for file in KERNELS.glob("*/[!_]*.py")}
-    order = re.findall(r"`(\w+/\w+\.py)`", text[text.index("| how it is compiled") : text.index("## One event's way")])
+    sources = {
+        file.relative_to(KERNELS).as_posix(): file.read_text(encoding="utf-8")
+        for file in KERNELS.glob("*/[!_]*.py")
+    }
+    order = re.findall(
+        r"`(\w+/\w+\.py)`",
+        text[text.index("| how it is compiled") : text.index("## One event's way")],
+    )
     assert set(order) >= set(sources)
-    for place, function in re.findall(r"`(\w+/\w+\.py)` \(`(\w+)`", text.partition("## The paper's equations")[2]):
+    for place, function in re.findall(
+        r"`(\w+/\w+\.py)` \(`(\w+)`", text.partition("## The paper's equations")[2]
+    ):
         assert re.search(rf"^def {function}\b", sources[place], re.MULTILINE), function
     # to be read from top to bottom: nothing needs what comes later
     known: set[str] = set()
     for name in dict.fromkeys(order):
         known.add(name)
-        needed = re.findall(r"^from impact_env\.kernels\.(\w+)\.(\w+) import", sources[name], re.MULTILINE)
+        needed = re.findall(
+            r"^from impact_env\.kernels\.(\w+)\.(\w+) import", sources[name], re.MULTILINE
+        )
         assert {f"{room}/{module}.py" for room, module in needed} <= known, name
 
 

@@ -46,7 +46,9 @@ for module in {modules}:
 
 
 def said(code: str) -> list[str]:
-    kept = os.environ.get("IMPACT_ENV_CACHE", Path(sys.prefix) / "kernel-cache")  # not in the folder that its sys.prefix names
+    kept = os.environ.get(
+        "IMPACT_ENV_CACHE", Path(sys.prefix) / "kernel-cache"
+    )  # not in the folder that its sys.prefix names
     return fresh("-c", code, IMPACT_ENV_CACHE=kept).stdout.splitlines()
 
 
@@ -57,7 +59,9 @@ def expected(package: str) -> str:
 def test_an_import_names_the_extra() -> None:
     modules = {module: package for package, names in IMPORTS.items() for module in names.split()}
     lines = said(TRY.format(packages=list(EXTRAS), modules=list(modules)))
-    assert lines == [f"{module} MissingExtraError {expected(package)}" for module, package in modules.items()]
+    assert lines == [
+        f"{module} MissingExtraError {expected(package)}" for module, package in modules.items()
+    ]
 
 
 def test_the_environments_need_nothing_that_learns() -> None:
@@ -66,7 +70,10 @@ def test_the_environments_need_nothing_that_learns() -> None:
     from impact_env.envs import ENVIRONMENTS
 
     others = [package for package, extra in EXTRAS.items() if extra != "env"]
-    code = TRY.format(packages=others, modules=[]) + "import gymnasium, impact_env\nfor name in impact_env.envs.ENVIRONMENTS:\n"
+    code = (
+        TRY.format(packages=others, modules=[])
+        + "import gymnasium, impact_env\nfor name in impact_env.envs.ENVIRONMENTS:\n"
+    )
     code += "    env = gymnasium.make(name, interval=1.0, render_mode='rgb_array')\n    env.reset(seed=0)\n"
     code += "    env.step(env.action_space.sample())\n    print(env.render().shape)\n"
     assert said(code) == ["(420, 640, 3)"] * len(ENVIRONMENTS)
@@ -86,8 +93,13 @@ def test_what_only_one_function_needs_is_named_by_it() -> None:
     code += "from optimisation.rl.families import task_of\nfrom optimisation.rl.hyperparameters import read\n"
     code += "from studies.admission import evolve\nfrom impact_env.structures.universal import read_modes\n"
     packages = list(calls.values())
-    code += TRY.format(packages=packages, modules=[]) + f"for package in {packages}: sys.modules.pop(package, None)\n"
-    code += "".join(f"try:\n    {call}\nexcept ImportError as error:\n    print(error)\n" for call in calls)
+    code += (
+        TRY.format(packages=packages, modules=[])
+        + f"for package in {packages}: sys.modules.pop(package, None)\n"
+    )
+    code += "".join(
+        f"try:\n    {call}\nexcept ImportError as error:\n    print(error)\n" for call in calls
+    )
     for line, package in zip(said(code), packages, strict=True):
         assert line == expected(package) or "h5py" in line
 
@@ -97,10 +109,14 @@ def test_extras_are_those_of_the_package() -> None:
     assert project["name"] == DISTRIBUTION
     for package, extra in EXTRAS.items():
         name = SOLD_AS.get(package, package)
-        assert any(requirement.startswith(name) for requirement in project["optional-dependencies"][extra]), package
+        assert any(
+            requirement.startswith(name) for requirement in project["optional-dependencies"][extra]
+        ), package
 
 
-def test_in_a_checkouts_own_environment_its_own_set_up_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_in_a_checkouts_own_environment_its_own_set_up_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(sys, "prefix", str(ROOT / ".venv"))
     assert how_to_install("files") == f'python3 "{SCRIPTS / "lib" / "set_up.py"}" files'
     assert all((ROOT / "requirements" / f"{extra}.txt").is_file() for extra in EXTRAS.values())

@@ -72,4 +72,6 @@ def test_what_others_have_set_stays(tmp_path: Path) -> None:
     pytest.importorskip("gymnasium")
     (script := tmp_path / "script.py").write_text(SCRIPT)
     assert fresh(script).stdout.split() == []
-    assert list((tmp_path / "__pycache__").glob("script.own*.nbi"))  # where numba keeps what others compile
+    assert list(
+        (tmp_path / "__pycache__").glob("script.own*.nbi")
+    )  # where numba keeps what others compile

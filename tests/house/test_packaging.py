@@ -42,10 +42,18 @@ def test_simulator_imports_no_heavy_library() -> None:
 def test_every_dependency_is_pinned_once() -> None:
     chosen: dict[str, str] = {}
     for file in (ROOT / "requirements").glob("*.txt"):
-        pins = dict(line.split("==") for line in file.read_text().splitlines() if line and not line.startswith("#"))
-        assert file.stem != "main" or {dependency.split(">")[0] for dependency in PROJECT["dependencies"]} <= set(pins)
+        pins = dict(
+            line.split("==")
+            for line in file.read_text().splitlines()
+            if line and not line.startswith("#")
+        )
+        assert file.stem != "main" or {
+            dependency.split(">")[0] for dependency in PROJECT["dependencies"]
+        } <= set(pins)
         for name, version in pins.items():
-            assert chosen.setdefault(name, version) == version, f"{name} has two versions in requirements/"
+            assert chosen.setdefault(name, version) == version, (
+                f"{name} has two versions in requirements/"
+            )
 
 
 def checkout_with(root: Path, python: str) -> Path:
@@ -71,9 +79,20 @@ def checkout(tmp_path: Path) -> Path:
 
 
 def run(root: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
-    environment = {name: value for name, value in os.environ.items() if name not in {"IMPACT_ENV_CACHE", "PYTHON"}} | variables
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in {"IMPACT_ENV_CACHE", "PYTHON"}
+    } | variables
     command = [root / "scripts" / "run", *arguments]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60)
+    return subprocess.run(
+        command,
+        env=environment,
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        timeout=60,
+    )
 
 
 @pytest.mark.parametrize("name", ["no_such_script", "../lib/set_up", "swep"])
@@ -87,12 +106,19 @@ def test_an_unknown_command_of_this_checkout_is_one_error(name: str) -> None:
 def test_a_checkout_lists_what_makes_its_pages() -> None:
     result = run(ROOT, "--help")
     assert result.returncode == 0
-    assert all(f"  {file.stem} " in result.stdout for file in (SCRIPTS / "studies" / "cli").glob("[!_]*.py"))
+    assert all(
+        f"  {file.stem} " in result.stdout
+        for file in (SCRIPTS / "studies" / "cli").glob("[!_]*.py")
+    )
 
 
 def test_script_runs_without_set_up_when_nothing_changed(checkout: Path) -> None:
     result = run(checkout, "show", "--force", "a b", PYTHON="/nonexistent", PATH="/usr/bin:/bin")
-    assert (result.returncode, result.stdout, result.stderr) == (7, f"{CALL} show --force a b\n", "")
+    assert (result.returncode, result.stdout, result.stderr) == (
+        7,
+        f"{CALL} show --force a b\n",
+        "",
+    )
 
 
 def test_the_shell_finds_python_and_stamp_as_windows_has_them(tmp_path: Path) -> None:
@@ -100,7 +126,9 @@ def test_the_shell_finds_python_and_stamp_as_windows_has_them(tmp_path: Path) ->
     (root / "tools").mkdir()
     (root / "tools" / "cygpath").write_text('#!/bin/sh\necho "$2"\n')
     (root / "tools" / "cygpath").chmod(0o755)
-    result = run(root, "show", "a b", OSTYPE="msys", PATH=f"{root / 'tools'}{os.pathsep}{os.environ['PATH']}")
+    result = run(
+        root, "show", "a b", OSTYPE="msys", PATH=f"{root / 'tools'}{os.pathsep}{os.environ['PATH']}"
+    )
     assert (result.returncode, result.stdout, result.stderr) == (7, f"{CALL} show a b\n", "")
 
 
@@ -117,7 +145,9 @@ def test_set_up_is_due_again(checkout: Path, change: str) -> None:
     else:
         (checkout / ".venv" / "stamps" / "main").unlink()
     # the set-up itself is replaced: here it only matters that it is called, and that its failure ends the run
-    (checkout / "scripts" / "lib" / "set_up.py").write_text("import sys; print('set-up', *sys.argv[1:]); sys.exit(3)")
+    (checkout / "scripts" / "lib" / "set_up.py").write_text(
+        "import sys; print('set-up', *sys.argv[1:]); sys.exit(3)"
+    )
     result = run(checkout, "show", PYTHON=sys.executable)
     assert (result.returncode, result.stdout, result.stderr) == (3, "", "set-up main kernels\n")
 
@@ -145,18 +175,30 @@ def test_one_set_up_at_a_time(tmp_path: Path) -> None:
 POSIX_ONLY = {"fcntl", "grp", "posix", "pty", "pwd", "resource", "termios", "tty"}
 
 
-def test_without_users_by_number_the_temporary_folder_is_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_users_by_number_the_temporary_folder_is_ours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delattr(os, "getuid")
     monkeypatch.setenv("USERNAME", "somebody")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    assert [cache._private_folder(), cache._private_folder()] == 2 * [tmp_path / "impact_env-somebody"]
+    assert [cache._private_folder(), cache._private_folder()] == 2 * [
+        tmp_path / "impact_env-somebody"
+    ]
 
 
 def test_nothing_imports_what_one_system_has_alone() -> None:
     """But for scripts/lib, which the shell starts, and imports beside ``sys.platform``."""
-    for file in (file for folder in ("impact_env", "optimisation", "scripts/studies") for file in (ROOT / folder).rglob("*.py")):
+    for file in (
+        file
+        for folder in ("impact_env", "optimisation", "scripts/studies")
+        for file in (ROOT / folder).rglob("*.py")
+    ):
         for node in ast.parse(file.read_text()).body:  # what is imported whatever the system is
-            names = {alias.name for alias in node.names} if isinstance(node, ast.Import) else {getattr(node, "module", None)}
+            names = (
+                {alias.name for alias in node.names}
+                if isinstance(node, ast.Import)
+                else {getattr(node, "module", None)}
+            )
             assert not names & POSIX_ONLY, file
 
 
@@ -170,7 +212,13 @@ def built(folder: Path, target: str = "wheel", address: str = "", source: Path =
     """Return a distribution that is built with an address."""
     pytest.importorskip("hatchling")
     command = [sys.executable, "-m", "hatchling", "build", "-t", target, "-d", str(folder)]
-    subprocess.run(command, cwd=source, env=os.environ | {"PROJECT_URL": address}, check=True, capture_output=True)
+    subprocess.run(
+        command,
+        cwd=source,
+        env=os.environ | {"PROJECT_URL": address},
+        check=True,
+        capture_output=True,
+    )
     (made,) = folder.glob("*.whl" if target == "wheel" else "*.tar.gz")
     return made
 
@@ -184,7 +232,11 @@ def test_the_page_on_an_index_has_no_link_that_leads_nowhere(tmp_path: Path, add
     links = re.findall(r"(!?)\[[^\]]*\]\(([^)\s]+)\)", text)
     assert all(link.startswith("https://") for _, link in links)
     assert "<!--" not in text
-    own = [(figure, link.removeprefix(f"{ADDRESS}/")) for figure, link in links if link.startswith(ADDRESS)]
+    own = [
+        (figure, link.removeprefix(f"{ADDRESS}/"))
+        for figure, link in links
+        if link.startswith(ADDRESS)
+    ]
     for figure, link in own:
         kind, tag, path = link.split("/", 2)
         assert (kind, tag) == ("raw" if figure else "blob", f"v{PROJECT['version']}")
@@ -198,44 +250,69 @@ def test_the_page_on_an_index_has_no_link_that_leads_nowhere(tmp_path: Path, add
 def test_the_version_is_one_everywhere() -> None:
     version = PROJECT["version"]
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
-    (first,) = re.findall(r"\A.*?^## \[(.*?)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE | re.DOTALL)
+    (first,) = re.findall(
+        r"\A.*?^## \[(.*?)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE | re.DOTALL
+    )
     assert first in (version, "Unreleased")
 
 
 @pytest.mark.parametrize("name", ["tests", "release"])
-def test_every_step_of_the_host_is_a_call_of_scripts_and_only_the_releases_last_job_may_publish(name: str) -> None:
+def test_every_step_of_the_host_is_a_call_of_scripts_and_only_the_releases_last_job_may_publish(
+    name: str,
+) -> None:
     yaml = pytest.importorskip("yaml")
     text = (ROOT / ".github" / "workflows" / f"{name}.yml").read_text()
     about = yaml.safe_load(text)
     for job in about["jobs"].values():
         calls = job.get("strategy", {}).get("matrix", {}).get("call", [""])
-        for command in (step["run"].replace("${{ matrix.call }}", call) for step in job["steps"] if "run" in step for call in calls):
+        for command in (
+            step["run"].replace("${{ matrix.call }}", call)
+            for step in job["steps"]
+            if "run" in step
+            for call in calls
+        ):
             program = command.split()[0]
             assert program.startswith(("scripts/", ".ci/"))
             assert os.access(ROOT / program, os.X_OK), command
     assert "secrets." not in text
     assert about["permissions"] == {"contents": "read"}
-    assert [job for job, own in about["jobs"].items() if "permissions" in own] == ["publish"] * (name == "release")
+    assert [job for job, own in about["jobs"].items() if "permissions" in own] == ["publish"] * (
+        name == "release"
+    )
 
 
 def test_a_wheel_from_the_source_distribution_is_the_same(tmp_path: Path) -> None:
     """The hook and the README that it reads are in the source distribution."""
     with tarfile.open(built(tmp_path, "sdist")) as file:
-        file.extractall(tmp_path / "source", **({"filter": "data"} if hasattr(tarfile, "data_filter") else {}))  # from Python 3.11.4 on
+        file.extractall(
+            tmp_path / "source", **({"filter": "data"} if hasattr(tarfile, "data_filter") else {})
+        )  # from Python 3.11.4 on
     (source,) = (tmp_path / "source").iterdir()
-    with zipfile.ZipFile(built(tmp_path, source=source)) as one, zipfile.ZipFile(built(tmp_path / "direct")) as two:
-        assert {i.filename: i.CRC for i in one.infolist()} == {i.filename: i.CRC for i in two.infolist()}
+    with (
+        zipfile.ZipFile(built(tmp_path, source=source)) as one,
+        zipfile.ZipFile(built(tmp_path / "direct")) as two,
+    ):
+        assert {i.filename: i.CRC for i in one.infolist()} == {
+            i.filename: i.CRC for i in two.infolist()
+        }
 
 
 @pytest.mark.parametrize("compiled", [False, True])
-def test_a_wheel_says_in_its_name_what_its_kernels_are_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compiled: bool) -> None:
+def test_a_wheel_says_in_its_name_what_its_kernels_are_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compiled: bool
+) -> None:
     kept = tmp_path / "made" / "digest" / "kernels"
     kept.mkdir(parents=True)
     for name in ("f-1.py311.nbi", "f-1.py311.1.nbc", "lock"):
         (kept / name).write_text(name)
     monkeypatch.setenv("KERNELS", str(tmp_path / "made") if compiled else "")
-    python, wheel = f"cp{sys.version_info[0]}{sys.version_info[1]}", built(tmp_path)
-    assert wheel.stem.endswith(f"-{python}-{python}-manylinux_2_27_x86_64" if compiled else "-py3-none-any")
+    python = f"cp{sys.version_info[0]}{sys.version_info[1]}"
+    wheel = built(tmp_path)
+    assert wheel.stem.endswith(
+        f"-{python}-{python}-manylinux_2_27_x86_64" if compiled else "-py3-none-any"
+    )
     with zipfile.ZipFile(wheel) as archive:
         inside = {name.partition("shipped/")[2] for name in archive.namelist() if "shipped" in name}
-    assert inside == ({"digest/kernels/f-1.py311.nbi", "digest/kernels/f-1.py311.1.nbc"} if compiled else set())
+    assert inside == (
+        {"digest/kernels/f-1.py311.nbi", "digest/kernels/f-1.py311.1.nbc"} if compiled else set()
+    )

@@ -28,7 +28,9 @@ WRONG = {
 }
 
 
-def test_what_is_wrong_in_a_site_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_wrong_in_a_site_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (page := tmp_path / "a.html").write_text(WHOLE)
     (tmp_path / "b.html").write_text('<h2 id="place">b</h2>')
     (tmp_path / "c.png").touch()
@@ -46,7 +48,11 @@ def test_the_reference_has_the_package_and_modules_that_exist() -> None:
     assert modules[0] == "impact_env"
     assert {"impact_env.curve", "impact_env.plain", "impact_env.envs"} <= set(modules)
     assert all(importlib.util.find_spec(module) for module in modules)
-    assert [name for name in impact_env.__all__ if not getattr(getattr(impact_env, name), "__doc__", None)] == []
+    assert [
+        name
+        for name in impact_env.__all__
+        if not getattr(getattr(impact_env, name), "__doc__", None)
+    ] == []
 
 
 def test_the_sites_contents_are_those_of_the_index() -> None:
@@ -55,8 +61,15 @@ def test_the_sites_contents_are_those_of_the_index() -> None:
     from conf import toctrees
 
     listed = set(re.findall(r"^[\w./-]+$", toctrees(), re.MULTILINE))
-    found = (page for pattern in ("*.md", "internals/*.md") for page in (ROOT / "docs").glob(pattern))
-    pages = {page.relative_to(ROOT).with_suffix("").as_posix() for page in found} | {"CONTRIBUTING", "CHANGELOG", "SECURITY", "CODE_OF_CONDUCT"}
+    found = (
+        page for pattern in ("*.md", "internals/*.md") for page in (ROOT / "docs").glob(pattern)
+    )
+    pages = {page.relative_to(ROOT).with_suffix("").as_posix() for page in found} | {
+        "CONTRIBUTING",
+        "CHANGELOG",
+        "SECURITY",
+        "CODE_OF_CONDUCT",
+    }
     assert pages | {"impact_env/kernels/README", "docs/site/api", "docs/site/notebooks"} == listed
 
 
@@ -76,7 +89,11 @@ def words(notebook: Any) -> list[str]:
     said = []
     for cell in cells(notebook):
         text = "".join("".join(output.get("text", "")) for output in cell["outputs"])
-        kinds = [sorted(output.get("data", {})) for output in cell["outputs"] if output["output_type"] != "stream"]
+        kinds = [
+            sorted(output.get("data", {}))
+            for output in cell["outputs"]
+            if output["output_type"] != "stream"
+        ]
         said.append(f"{re.sub(r' +', ' ', re.sub(r'-?[0-9][0-9.e-]*', '#', text))} {kinds}")
     return said
 
@@ -84,17 +101,25 @@ def words(notebook: Any) -> list[str]:
 @pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
 def test_a_notebook_is_executed_whole_and_small(file: Path) -> None:
     notebook = json.loads(file.read_text(encoding="utf-8"))
-    assert [cell["execution_count"] for cell in cells(notebook)] == list(range(1, len(cells(notebook)) + 1))
+    assert [cell["execution_count"] for cell in cells(notebook)] == list(
+        range(1, len(cells(notebook)) + 1)
+    )
     outputs = [output for cell in cells(notebook) for output in cell["outputs"]]
     assert outputs
-    assert not [output for output in outputs if output["output_type"] == "error" or output.get("name") == "stderr"]
+    assert not [
+        output
+        for output in outputs
+        if output["output_type"] == "error" or output.get("name") == "stderr"
+    ]
     assert file.stat().st_size < MOST_BYTES
     assert str(ROOT) not in file.read_text(encoding="utf-8")
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
-def test_a_notebook_runs_and_says_the_same_with_todays_numbers(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_notebook_runs_and_says_the_same_with_todays_numbers(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")
     if file.stem.startswith("train"):

@@ -10,11 +10,15 @@ from optimisation.page import ROOT
 @pytest.fixture
 def copy(tmp_path: Path) -> Path:
     for package in ("impact_env", "optimisation"):
-        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__")
+        )
     return tmp_path
 
 
-def test_fingerprint_is_that_of_the_sources_wherever_they_lie_and_has_the_versions(copy: Path) -> None:
+def test_fingerprint_is_that_of_the_sources_wherever_they_lie_and_has_the_versions(
+    copy: Path,
+) -> None:
     here = fingerprint()
     assert fingerprint(root=copy) == here
     assert set(here) == {"code", "llvmlite", "numba", "numpy", "scipy"}
@@ -35,7 +39,9 @@ def test_fingerprint_is_that_of_the_sources_wherever_they_lie_and_has_the_versio
         ("impact_env/envs/drawing.py", False),
     ],
 )
-def test_an_edit_of_what_computes_shows_in_the_fingerprint(copy: Path, edited: str, counts: bool) -> None:
+def test_an_edit_of_what_computes_shows_in_the_fingerprint(
+    copy: Path, edited: str, counts: bool
+) -> None:
     file = copy / edited
     file.write_text(file.read_text() + "\n# edited\n")
     assert (fingerprint(root=copy) != fingerprint()) is counts

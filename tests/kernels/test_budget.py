@@ -38,7 +38,10 @@ DRIVE = drive_of(FORCE, 1.0, periods=40)
 ABSORBERS: dict[str, Absorber] = {
     "rigid": impact_absorber(restitution=0.7, friction_limit=0.1),
     "compliant": SlidingAbsorber(walls=CompliantWalls(1e5)),
-    "several": SeveralAbsorbers((impact_absorber(mass_ratio=0.01), impact_absorber(mass_ratio=0.01, restitution=0.5)), (0.7, 1.0)),
+    "several": SeveralAbsorbers(
+        (impact_absorber(mass_ratio=0.01), impact_absorber(mass_ratio=0.01, restitution=0.5)),
+        (0.7, 1.0),
+    ),
 }
 
 
@@ -48,20 +51,40 @@ ABSORBERS: dict[str, Absorber] = {
 @pytest.mark.parametrize("name", ABSORBERS)
 def test_a_run_that_is_given_up_says_when_and_keeps_what_it_has(name: str) -> None:
     """What it has is what a run gives that ends there."""
-    scene, most = scene_of(ABSORBERS[name], modes=2), 30  # few enough to be followed
-    with pytest.raises(IntegrationError, match=rf"more events than its budget.*31 events of {most} allowed.*raise most_events") as caught:
+    # few enough to be followed
+    scene = scene_of(ABSORBERS[name], modes=2)
+    most = 30
+    with pytest.raises(
+        IntegrationError,
+        match=rf"more events than its budget.*31 events of {most} allowed.*raise most_events",
+    ) as caught:
         simulate(scene, DRIVE, record=ALL, most_events=most)
-    at, part = caught.value.time, caught.value.response
+    at = caught.value.time
+    part = caught.value.response
     assert 0 < at < 0.9 * DRIVE.schedule.times[-1]
-    assert f"at {at:.9g} s ({at / DRIVE.schedule.pseudo_period:.6g} of 40 pseudo periods)" in str(caught.value)
+    assert f"at {at:.9g} s ({at / DRIVE.schedule.pseudo_period:.6g} of 40 pseudo periods)" in str(
+        caught.value
+    )
     whole = run(scene, cut(DRIVE, at))
-    assert len(part.impacts.time) - len(whole.impacts.time) in (0, 1)  # the impact at the end belongs to the run that was given up
+    assert len(part.impacts.time) - len(whole.impacts.time) in (
+        0,
+        1,
+    )  # the impact at the end belongs to the run that was given up
     assert part.impact_count == len(part.impacts.time) > 3
-    np.testing.assert_allclose(part.impacts.time[: len(whole.impacts.time)], whole.impacts.time, rtol=1e-9)
+    np.testing.assert_allclose(
+        part.impacts.time[: len(whole.impacts.time)], whole.impacts.time, rtol=1e-9
+    )
     np.testing.assert_allclose(part.end_state[:2], whole.end_state[:2], rtol=1e-7)
-    assert part.history.time[-1] <= at < part.history.time[-1] + 2 * DRIVE.schedule.pseudo_period / 32
+    assert (
+        part.history.time[-1] <= at < part.history.time[-1] + 2 * DRIVE.schedule.pseudo_period / 32
+    )
     count = len(part.history.time)
-    np.testing.assert_allclose(part.history.modal_displacement, whole.history.modal_displacement[:count], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(
+        part.history.modal_displacement,
+        whole.history.modal_displacement[:count],
+        rtol=0,
+        atol=1e-11,
+    )
     assert part.energy.relative_error < 1e-9
 
 
@@ -69,7 +92,9 @@ def pressed() -> tuple[Scene, InitialState]:
     """A static load presses the absorber to its wall, which it leaves and hits without loss in very small bounces."""
     scene = scene_of(impact_absorber(restitution=1.0, mass_ratio=1e-3), modes=1)
     tip = -2e-3 * float(scene.model.tip_shape[0])
-    return scene, InitialState(np.array([-2e-3]), absorber_displacement=tip - 1e-3, absorber_velocity=2e-7)
+    return scene, InitialState(
+        np.array([-2e-3]), absorber_displacement=tip - 1e-3, absorber_velocity=2e-7
+    )
 
 
 def test_bounces_without_end_use_up_the_default_budget() -> None:
@@ -95,7 +120,9 @@ def test_lanes_have_budgets() -> None:
     lane = Lane(scene, DRIVE)
     with pytest.raises(IntegrationError, match=r"lane 0 \(3.5 N, .*20 allowed") as caught:
         run_lanes([lane, lane], threads=1, most_events=20)
-    assert caught.value.time == pytest.approx(caught.value.response.drive.schedule.times[-1], rel=1.0)
+    assert caught.value.time == pytest.approx(
+        caught.value.response.drive.schedule.times[-1], rel=1.0
+    )
     with pytest.raises(IntegrationError, match="lane 0"):
         performance_curve(scene, [FORCE], members=1, threads=1, limits=(0.98, 1.0), most_events=5)
 
@@ -126,10 +153,20 @@ def test_why_a_run_ends(name: str, value: float, tau: float, status: int) -> Non
 
 
 @pytest.mark.parametrize(
-    ("method", "absorber"), [(Exact(), impact_absorber()), (Exact(), None), (Moreau(), impact_absorber()), (RungeKutta(), None)], ids=str
+    ("method", "absorber"),
+    [
+        (Exact(), impact_absorber()),
+        (Exact(), None),
+        (Moreau(), impact_absorber()),
+        (RungeKutta(), None),
+    ],
+    ids=str,
 )
-def test_progress_goes_on_to_the_end_and_an_error_in_it_ends_the_run(method: Method, absorber: Absorber | None) -> None:
-    scene, told = scene_of(absorber, modes=2), list[tuple[float, float]]()
+def test_progress_goes_on_to_the_end_and_an_error_in_it_ends_the_run(
+    method: Method, absorber: Absorber | None
+) -> None:
+    scene = scene_of(absorber, modes=2)
+    told = list[tuple[float, float]]()
     drive = drive_of(FORCE, 1.0, periods=3e4)
     response = simulate(scene, drive, method, progress=lambda at, end: told.append((at, end)))
     times, ends = map(list, zip(*told, strict=True))
@@ -148,7 +185,15 @@ def test_a_budget_of_events_bounds_what_a_search_may_cost() -> None:
     """Frequencies over seven decades: one search of these could take millions of evaluations."""
     modes = 60
     shapes = np.cos(np.arange(2 * modes)).reshape(2, modes)
-    scene = Scene(ModalModel(np.geomspace(0.9, 3.2e6, modes), np.full(modes, 1e-6), *shapes, 1.0), impact_absorber(1e-12))
+    scene = Scene(
+        ModalModel(np.geomspace(0.9, 3.2e6, modes), np.full(modes, 1e-6), *shapes, 1.0),
+        impact_absorber(1e-12),
+    )
     with pytest.raises(IntegrationError, match="budget") as caught:
-        simulate(scene, Drive(3.5, constant_frequency(0.9, 1.0, 1e6)), record=Record(events=True), most_events=2000)
+        simulate(
+            scene,
+            Drive(3.5, constant_frequency(0.9, 1.0, 1e6)),
+            record=Record(events=True),
+            most_events=2000,
+        )
     assert caught.value.response.evaluations < 2 * 40 * 2000 + 40 * 10

@@ -13,7 +13,11 @@ from impact_env.kernels.motion.observers import PASSED, PULLED, TURNED
 
 @pytest.mark.parametrize("friction", [None, 0.1])
 def test_no_miss_where_there_is_none(friction: float | None) -> None:
-    response = simulate(scene_of(impact_absorber(restitution=0.7, friction_limit=friction), modes=2), drive_of(3.5, 1.0, periods=30), record=ALL)
+    response = simulate(
+        scene_of(impact_absorber(restitution=0.7, friction_limit=friction), modes=2),
+        drive_of(3.5, 1.0, periods=30),
+        record=ALL,
+    )
     assert response.impact_count > 20
     assert response.check.searches > response.impact_count
     assert (response.check.misses, response.check.worst, len(response.check.times)) == (0, 0.0, 0)
@@ -22,7 +26,8 @@ def test_no_miss_where_there_is_none(friction: float | None) -> None:
 @pytest.mark.parametrize("friction", [None, 0.1])
 def test_what_is_observed_and_checked_changes_no_run(friction: float | None) -> None:
     """The run of a level alone, in another kernel: tests observe and check what users often do not."""
-    scene, drive = scene_of(impact_absorber(restitution=0.7, friction_limit=friction), modes=2), drive_of(3.5, 1.0, periods=10)
+    scene = scene_of(impact_absorber(restitution=0.7, friction_limit=friction), modes=2)
+    drive = drive_of(3.5, 1.0, periods=10)
     one, other = (simulate(scene, drive, record=record) for record in (Record(), ALL))
     np.testing.assert_array_equal(one.end_state, other.end_state)
     assert one.impact_count == other.impact_count > 5
@@ -31,11 +36,21 @@ def test_what_is_observed_and_checked_changes_no_run(friction: float | None) -> 
 
 def test_nothing_to_check_without_a_search() -> None:
     for absorber, method in ((None, None), (impact_absorber(), Moreau())):
-        assert simulate(scene_of(absorber, modes=2), drive_of(1.0, 1.0, periods=1), method, record=Record(check=True)).check is None
+        assert (
+            simulate(
+                scene_of(absorber, modes=2),
+                drive_of(1.0, 1.0, periods=1),
+                method,
+                record=Record(check=True),
+            ).check
+            is None
+        )
 
 
 @pytest.mark.plain
-@pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="in a compiled kernel no search can be replaced")
+@pytest.mark.skipif(
+    not numba.config.DISABLE_JIT, reason="in a compiled kernel no search can be replaced"
+)
 @pytest.mark.parametrize(
     ("search", "events", "friction", "kind"),
     [
@@ -45,9 +60,14 @@ def test_nothing_to_check_without_a_search() -> None:
     ],
 )
 def test_an_event_that_is_found_too_late_is_seen(
-    search: str, events: set[int], friction: float | None, kind: int, monkeypatch: pytest.MonkeyPatch
+    search: str,
+    events: set[int],
+    friction: float | None,
+    kind: int,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    searched, planted = getattr(free_and_joined, search), []
+    searched = getattr(free_and_joined, search)
+    planted = []
 
     def tardy(*arguments: object) -> object:
         found = searched(*arguments)

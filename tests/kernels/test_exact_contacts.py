@@ -5,7 +5,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import scipy.optimize
-from core import PERIOD, check, drive_of, golden, pushed_base, relative_displacement, run, scene_of, steady_base, still
+from core import (
+    PERIOD,
+    check,
+    drive_of,
+    golden,
+    pushed_base,
+    relative_displacement,
+    run,
+    scene_of,
+    steady_base,
+    still,
+)
 
 from impact_env import (
     Beam,
@@ -53,27 +64,46 @@ def test_golden_case(name: str) -> None:
 
 @pytest.mark.parametrize("restitution", [1.0, 0.9, 0.5])
 def test_bouncing_between_fixed_walls(restitution: float) -> None:
-    scene, speed = Scene(steady_base(), impact_absorber(GAP, restitution, mass_ratio=1.0)), 0.05
+    scene = Scene(steady_base(), impact_absorber(GAP, restitution, mass_ratio=1.0))
+    speed = 0.05
     speeds = speed * restitution ** np.arange(8)
     times = np.cumsum(np.concatenate([[GAP / speed], 2 * GAP / speeds[1:]]))
-    impacts = check(run(scene, still(times[-1] * 1.001), initial=InitialState(absorber_velocity=speed))).impacts
+    impacts = check(
+        run(scene, still(times[-1] * 1.001), initial=InitialState(absorber_velocity=speed))
+    ).impacts
     np.testing.assert_allclose(impacts.time, times, rtol=1e-13)
-    np.testing.assert_allclose(impacts.relative_velocity, speeds * (-1.0) ** np.arange(8), rtol=1e-13)
-    np.testing.assert_allclose(impacts.impulse, -(1 + restitution) * impacts.relative_velocity, rtol=1e-13)
-    np.testing.assert_allclose(impacts.energy_lost, (1 - restitution**2) * speeds**2 / 2, rtol=1e-12, atol=1e-20)
+    np.testing.assert_allclose(
+        impacts.relative_velocity, speeds * (-1.0) ** np.arange(8), rtol=1e-13
+    )
+    np.testing.assert_allclose(
+        impacts.impulse, -(1 + restitution) * impacts.relative_velocity, rtol=1e-13
+    )
+    np.testing.assert_allclose(
+        impacts.energy_lost, (1 - restitution**2) * speeds**2 / 2, rtol=1e-12, atol=1e-20
+    )
 
 
 def test_an_impact_shares_momentum_with_a_free_base() -> None:
     """Two free masses: the law of restitution and the balance of momentum give both velocities."""
     scene = Scene(pushed_base(), impact_absorber(GAP, 0.5, mass_ratio=3.0))
-    response = check(run(scene, still(3 * GAP, 2 * np.pi), initial=InitialState(absorber_velocity=1.0)))
+    response = check(
+        run(scene, still(3 * GAP, 2 * np.pi), initial=InitialState(absorber_velocity=1.0))
+    )
     tip_after = 1.5 * 3 / 4
-    np.testing.assert_allclose(response.end_state, [2 * GAP * tip_after, GAP + 2 * GAP * (tip_after - 0.5), tip_after, tip_after - 0.5], rtol=1e-9)
+    np.testing.assert_allclose(
+        response.end_state,
+        [2 * GAP * tip_after, GAP + 2 * GAP * (tip_after - 0.5), tip_after, tip_after - 0.5],
+        rtol=1e-9,
+    )
 
 
 def bounces(restitution: float, until: float) -> tuple[list[float], list[float]]:
     """Times and relative velocities of an absorber that the rising wall -2 cos(t) - GAP throws up until it comes to rest on it."""
-    time, place, speed, times, velocities = 0.0, -2.0, 0.0, [], []
+    time = 0.0
+    place = -2.0
+    speed = 0.0
+    times = []
+    velocities = []
     while len(times) < 300:
 
         def distance(t: float) -> float:
@@ -82,9 +112,13 @@ def bounces(restitution: float, until: float) -> tuple[list[float], list[float]]
         flight = 2 * (speed - 2 * np.sin(time)) / (2 * np.cos(time)) if times else 0.06
         if flight < until:
             break
-        time_next = scipy.optimize.brentq(distance, time + 0.5 * flight, time + 2 * flight, xtol=1e-16, rtol=1e-15)
-        time, before = time_next, speed
-        place, speed = -2 * np.cos(time) - GAP, 2 * np.sin(time) - restitution * (before - 2 * np.sin(time))
+        time_next = scipy.optimize.brentq(
+            distance, time + 0.5 * flight, time + 2 * flight, xtol=1e-16, rtol=1e-15
+        )
+        time = time_next
+        before = speed
+        place = -2 * np.cos(time) - GAP
+        speed = 2 * np.sin(time) - restitution * (before - 2 * np.sin(time))
         times.append(time)
         velocities.append(before - 2 * np.sin(time))
     return times, velocities
@@ -97,20 +131,34 @@ def test_complete_chatter_on_an_accelerating_wall(restitution: float, direction:
 
     What the last impact closes is below the bound that docs/method.md gives.
     """
-    scene = Scene(ModalModel([1.0], [0.0], [0.0], [1.0], 1.0), impact_absorber(GAP, restitution, mass_ratio=1e-13))
-    response = check(run(scene, still(1.9, 1.0), initial=InitialState(np.array([-2.0 * direction]))))
-    impacts, phases = response.impacts, response.phases
+    scene = Scene(
+        ModalModel([1.0], [0.0], [0.0], [1.0], 1.0),
+        impact_absorber(GAP, restitution, mass_ratio=1e-13),
+    )
+    response = check(
+        run(scene, still(1.9, 1.0), initial=InitialState(np.array([-2.0 * direction])))
+    )
+    impacts = response.impacts
+    phases = response.phases
     times, velocities = bounces(restitution, 1e-3)
     few = min(len(times), 10)
     np.testing.assert_allclose(impacts.time[:few], times[:few], rtol=1e-9)
-    np.testing.assert_allclose(impacts.relative_velocity[:few] * direction, velocities[:few], rtol=1e-8)
+    np.testing.assert_allclose(
+        impacts.relative_velocity[:few] * direction, velocities[:few], rtol=1e-8
+    )
     times, _ = bounces(restitution, 1e-6)
-    joined = times[-1] + (times[-1] - times[-2]) * restitution / (1 - restitution) if restitution > 0 else times[0]
+    joined = (
+        times[-1] + (times[-1] - times[-2]) * restitution / (1 - restitution)
+        if restitution > 0
+        else times[0]
+    )
     assert phases.kind[0] == (HELD_LOWER if direction > 0 else HELD_UPPER)
     assert phases.start[0] == pytest.approx(joined, abs=2e-6 / (1 - restitution))
     assert phases.end[0] == pytest.approx(np.pi / 2, abs=1e-9)
     last = np.abs(impacts.relative_velocity[impacts.time <= phases.start[0]])[-1]
-    assert restitution * last < np.sqrt(2 * 2.0 * max(1 - restitution, 0.1) * 64 * 2.2e-16 * 8.0)  # terms of 2 m each: base, absorber, their rates
+    assert restitution * last < np.sqrt(
+        2 * 2.0 * max(1 - restitution, 0.1) * 64 * 2.2e-16 * 8.0
+    )  # terms of 2 m each: base, absorber, their rates
     after = impacts.time[impacts.time > 1.6]
     crossing = scipy.optimize.brentq(lambda t: 2 * (t - np.sin(t)) - 2 * GAP, 0.1, 0.3)
     assert after[0] == pytest.approx(np.pi / 2 + crossing, rel=1e-8)
@@ -119,16 +167,28 @@ def test_complete_chatter_on_an_accelerating_wall(restitution: float, direction:
 @pytest.mark.parametrize("limit", [0.05, 0.4])
 def test_chatter_with_friction(limit: float) -> None:
     """Friction slows a bounce on its way out and on its way back, so each bounce returns slower than restitution alone lets it."""
-    push, mass = 2.0, 0.5
-    base = ModalModel([1e-2], [0.0], [1e3], [1e-6], 1.0)  # does not feel the absorber: 2000 N give a tip acceleration of 2 m/s^2
-    out, back = push + limit / mass, push - limit / mass
-    ratio, restitution = np.sqrt(back / out), 0.6
+    push = 2.0
+    mass = 0.5
+    base = ModalModel(
+        [1e-2], [0.0], [1e3], [1e-6], 1.0
+    )  # does not feel the absorber: 2000 N give a tip acceleration of 2 m/s^2
+    out = push + limit / mass
+    back = push - limit / mass
+    ratio = np.sqrt(back / out)
+    restitution = 0.6
     first = np.sqrt(2 * GAP / back)
     speeds = back * first * (restitution * ratio) ** np.arange(300)
     flights = restitution * speeds * (1 / out + ratio / back)
     scene = Scene(base, impact_absorber(GAP, restitution, limit, mass_ratio=mass))
-    response = check(run(scene, Drive(push * 1e3, FrequencySchedule(np.array([0.0, 0.5]), np.zeros(2), 2 * np.pi))))
-    np.testing.assert_allclose(response.impacts.time[:8], first + np.concatenate([[0], np.cumsum(flights[:7])]), rtol=1e-6)
+    response = check(
+        run(
+            scene,
+            Drive(push * 1e3, FrequencySchedule(np.array([0.0, 0.5]), np.zeros(2), 2 * np.pi)),
+        )
+    )
+    np.testing.assert_allclose(
+        response.impacts.time[:8], first + np.concatenate([[0], np.cumsum(flights[:7])]), rtol=1e-6
+    )
     np.testing.assert_allclose(-response.impacts.relative_velocity[:8], speeds[:8], rtol=1e-4)
     assert response.phases.start[-1] == pytest.approx(first + np.sum(flights), abs=3e-5)
     assert response.phases.kind[-1] == HELD_LOWER
@@ -138,15 +198,28 @@ def test_chatter_with_friction(limit: float) -> None:
 def test_grazing(side: int) -> None:
     """A tip that swings a hair less than the gap never touches the resting absorber; a hair more, and it does so where the sine says."""
     omega = 100.0
-    scene = Scene(ModalModel([omega], [0.0], [0.0], [1.0], 1.0), impact_absorber(GAP, 1.0, mass_ratio=1e-3))
+    scene = Scene(
+        ModalModel([omega], [0.0], [0.0], [1.0], 1.0), impact_absorber(GAP, 1.0, mass_ratio=1e-3)
+    )
     for hair in (1e-6, 1e-9, 1e-12):
         missed, touched = (
-            check(run(scene, still(0.1), initial=InitialState(modal_velocity=np.array([-side * GAP * omega * (1 + h)]), absorber_displacement=0.0)))
+            check(
+                run(
+                    scene,
+                    still(0.1),
+                    initial=InitialState(
+                        modal_velocity=np.array([-side * GAP * omega * (1 + h)]),
+                        absorber_displacement=0.0,
+                    ),
+                )
+            )
             for h in (-hair, hair)
         )
         assert missed.impact_count == 0
         late = np.arccos(1 / (1 + hair)) / omega  # the quarter period less the time of contact
-        assert touched.impacts.time[0] == pytest.approx(np.pi / 2 / omega - late, abs=1e-15 / (omega * np.sqrt(hair)) * 10)
+        assert touched.impacts.time[0] == pytest.approx(
+            np.pi / 2 / omega - late, abs=1e-15 / (omega * np.sqrt(hair)) * 10
+        )
         assert np.sign(touched.impacts.relative_velocity[0]) == side
 
 
@@ -155,7 +228,13 @@ def test_grazing(side: int) -> None:
 @pytest.mark.parametrize("speed", [0.0, 0.05, -0.05])
 def test_start_on_the_wall(limit: float | None, force: float, speed: float) -> None:
     scene = scene_of(impact_absorber(GAP, 0.7, limit))
-    response = check(run(scene, drive_of(force, 1.0), initial=InitialState(absorber_displacement=GAP, absorber_velocity=speed)))
+    response = check(
+        run(
+            scene,
+            drive_of(force, 1.0),
+            initial=InitialState(absorber_displacement=GAP, absorber_velocity=speed),
+        )
+    )
     assert np.any(response.impacts.time == 0) == (speed > 0)
     if force == speed == 0:
         assert response.end_state[3] == GAP
@@ -167,7 +246,8 @@ def test_start_on_the_wall(limit: float | None, force: float, speed: float) -> N
 
 @pytest.mark.parametrize("speed", [0.02, -0.3])
 def test_a_sliding_mass_stops_where_and_when_coulomb_says(speed: float) -> None:
-    scene, limit = Scene(steady_base(), friction_damper(0.25, 1.0)), 0.25
+    scene = Scene(steady_base(), friction_damper(0.25, 1.0))
+    limit = 0.25
     stop = abs(speed) / limit
     response = check(run(scene, still(2 * stop), initial=InitialState(absorber_velocity=speed)))
     assert response.end_state[1] == pytest.approx(np.sign(speed) * speed**2 / limit / 2, rel=1e-13)
@@ -180,11 +260,19 @@ def test_a_sliding_mass_stops_where_and_when_coulomb_says(speed: float) -> None:
 @pytest.mark.parametrize("start", [9.5, -7.9, 0.6])
 def test_coulomb_oscillator(start: float) -> None:
     """A mode that rubs on an immovable mass loses two deflections by friction each half period, and stops within one."""
-    model, limit = ModalModel([100.0], [0.0], [0.0], [2.0], 1.0), 0.3
-    unit, half = 2.0 * limit / 100.0**2, np.pi / 100
+    model = ModalModel([100.0], [0.0], [0.0], [2.0], 1.0)
+    limit = 0.3
+    unit = 2.0 * limit / 100.0**2
+    half = np.pi / 100
     scene = Scene(model, friction_damper(limit, 1e7))
     halves = int(np.ceil((abs(start) - 1) / 2)) if abs(start) > 1 else 0
-    response = check(run(scene, still((halves + 0.01) * half), initial=InitialState(np.array([start * unit]), absorber_displacement=0.0)))
+    response = check(
+        run(
+            scene,
+            still((halves + 0.01) * half),
+            initial=InitialState(np.array([start * unit]), absorber_displacement=0.0),
+        )
+    )
     rest = np.sign(start) * (abs(start) - 2 * halves) * (-1) ** halves * unit
     assert response.end_state[0] == pytest.approx(rest, rel=1e-6)
     np.testing.assert_allclose(response.phases.start, [halves * half], rtol=1e-6, atol=1e-15)
@@ -194,8 +282,12 @@ def test_coulomb_oscillator(start: float) -> None:
 def test_friction_on_a_slowly_shaken_base() -> None:
     """The absorber sticks until its inertia exceeds the limit: the base is pushed by a force that rises like a sine."""
     base = ModalModel([1e-6], [0.0], [1e3], [1e-6], 1.0)
-    shake, limit, omega = 2.0, 1.2, 30.0
-    drive = Drive(shake * 1e3, FrequencySchedule(np.array([0.0, 0.2]), np.full(2, omega), omega), -np.pi / 2)
+    shake = 2.0
+    limit = 1.2
+    omega = 30.0
+    drive = Drive(
+        shake * 1e3, FrequencySchedule(np.array([0.0, 0.2]), np.full(2, omega), omega), -np.pi / 2
+    )
     phases = check(run(Scene(base, friction_damper(limit, 1.0)), drive)).phases
     assert phases.kind[0] == STUCK_INSIDE
     assert phases.end[0] == pytest.approx(np.arcsin(limit / shake) / omega, rel=1e-8)
@@ -204,16 +296,23 @@ def test_friction_on_a_slowly_shaken_base() -> None:
 @pytest.mark.plain
 @pytest.mark.parametrize("roundings", [-8, 0, 8])
 @pytest.mark.parametrize("angle", [0.0, 0.188])
-def test_a_joint_force_that_touches_its_bound_lets_the_run_go_on(roundings: int, angle: float) -> None:
+def test_a_joint_force_that_touches_its_bound_lets_the_run_go_on(
+    roundings: int, angle: float
+) -> None:
     """A stuck absorber on an undamped mode: its joint force swings up to the friction limit, but for roundings, and the motion is a cosine."""
     scene = scene_of(friction_damper(1.0), modes=1, damping_ratio=0.0)
-    mass, shape, omega = float(scene.absorber_masses[0]), float(scene.model.tip_shape[0]), float(scene.model.omega[0])
+    mass = float(scene.absorber_masses[0])
+    shape = float(scene.model.tip_shape[0])
+    omega = float(scene.model.omega[0])
     joined = omega / np.sqrt(1 + mass * shape**2)
     limit = mass * abs(shape) * joined**2 * GAP
     scene = scene_of(friction_damper(limit * (1 + roundings * 1.1e-16)), modes=1, damping_ratio=0.0)
-    q, v = GAP * np.cos(angle), GAP * joined * np.sin(angle)
+    q = GAP * np.cos(angle)
+    v = GAP * joined * np.sin(angle)
     drive = still(6 * PERIOD)
-    response = check(run(scene, drive, initial=InitialState(np.array([q]), np.array([v]), None, shape * v)))
+    response = check(
+        run(scene, drive, initial=InitialState(np.array([q]), np.array([v]), None, shape * v))
+    )
     phase = joined * float(drive.schedule.times[-1]) - angle
     assert response.steps < 100
     assert response.check.misses == 0
@@ -226,61 +325,104 @@ def test_a_joint_force_that_touches_its_bound_lets_the_run_go_on(roundings: int,
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_a_contact_lasts_half_a_period_on_the_wall(side: int) -> None:
-    stiffness, mass, speed = 4e4, 0.25, 0.05
+    stiffness = 4e4
+    mass = 0.25
+    speed = 0.05
     scene = Scene(steady_base(), SlidingAbsorber(mass, CompliantWalls(stiffness, GAP)))
-    lasts, flight = np.pi * np.sqrt(mass / stiffness), 2 * GAP / speed
+    lasts = np.pi * np.sqrt(mass / stiffness)
+    flight = 2 * GAP / speed
     begins = GAP / speed + (lasts + flight) * np.arange(4)
-    response = check(run(scene, still(begins[-1] + 1.5 * lasts), initial=InitialState(absorber_velocity=side * speed), samples=512))
-    impacts, phases = response.impacts, response.phases
+    response = check(
+        run(
+            scene,
+            still(begins[-1] + 1.5 * lasts),
+            initial=InitialState(absorber_velocity=side * speed),
+            samples=512,
+        )
+    )
+    impacts = response.impacts
+    phases = response.phases
     np.testing.assert_allclose(phases.start, begins, rtol=1e-12)
     np.testing.assert_allclose(phases.end, begins + lasts, rtol=1e-12)
-    np.testing.assert_array_equal(phases.kind, [HELD_UPPER, HELD_LOWER, HELD_UPPER, HELD_LOWER][::side])
+    np.testing.assert_array_equal(
+        phases.kind, [HELD_UPPER, HELD_LOWER, HELD_UPPER, HELD_LOWER][::side]
+    )
     np.testing.assert_allclose(impacts.time, begins, rtol=1e-12)
-    np.testing.assert_allclose(impacts.relative_velocity, side * speed * np.array([1, -1, 1, -1]), rtol=1e-11)
+    np.testing.assert_allclose(
+        impacts.relative_velocity, side * speed * np.array([1, -1, 1, -1]), rtol=1e-11
+    )
     np.testing.assert_allclose(impacts.impulse, -2 * mass * impacts.relative_velocity, rtol=1e-9)
     deepest = GAP + speed * np.sqrt(mass / stiffness)
-    assert deepest * (1 - 1e-3) < np.max(np.abs(relative_displacement(response))) <= deepest * (1 + 1e-12)
+    assert (
+        deepest * (1 - 1e-3)
+        < np.max(np.abs(relative_displacement(response)))
+        <= deepest * (1 + 1e-12)
+    )
 
 
 def test_an_elastic_slider_holds_then_slips_then_oscillates() -> None:
     """A mass on a spring up to the slider's limit, then uniformly slowed, then on the spring again about where it stopped."""
-    stiffness, limit, mass, speed = 4e3, 0.6, 0.25, 0.05
-    scene = Scene(steady_base(), SlidingAbsorber(mass, None, ElasticCoulombFriction(limit, stiffness)))
-    omega, reach = np.sqrt(stiffness / mass), limit / stiffness
+    stiffness = 4e3
+    limit = 0.6
+    mass = 0.25
+    speed = 0.05
+    scene = Scene(
+        steady_base(), SlidingAbsorber(mass, None, ElasticCoulombFriction(limit, stiffness))
+    )
+    omega = np.sqrt(stiffness / mass)
+    reach = limit / stiffness
     slip = np.arcsin(reach * omega / speed) / omega
     left = speed * np.cos(omega * slip)
-    stick, slid = slip + left * mass / limit, left**2 * mass / limit / 2
+    stick = slip + left * mass / limit
+    slid = left**2 * mass / limit / 2
     end = stick + 2.3 / omega
-    response = check(run(scene, still(end), initial=InitialState(absorber_velocity=speed), samples=512))
+    response = check(
+        run(scene, still(end), initial=InitialState(absorber_velocity=speed), samples=512)
+    )
     np.testing.assert_allclose(response.phases.start, [0, stick], rtol=1e-10, atol=1e-15)
     np.testing.assert_allclose(response.phases.end, [slip, end], rtol=1e-10)
     assert response.end_state[1] == pytest.approx(slid + reach * np.cos(2.3), rel=1e-10)
     # what the friction account holds is what slid away and what its spring still holds
-    assert response.energy.friction_loss == pytest.approx(limit * slid + stiffness * (reach * np.cos(2.3)) ** 2 / 2, rel=1e-9)
+    assert response.energy.friction_loss == pytest.approx(
+        limit * slid + stiffness * (reach * np.cos(2.3)) ** 2 / 2, rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("place", [1.5 * GAP, -1.5 * GAP, GAP])
 def test_a_start_in_the_spring_of_a_wall(place: float) -> None:
     """Overlap at the start is allowed, since the wall is a spring: it throws the absorber back."""
-    stiffness, mass = 4e4, 0.25
+    stiffness = 4e4
+    mass = 0.25
     scene = Scene(steady_base(), SlidingAbsorber(mass, CompliantWalls(stiffness, GAP)))
     omega = np.sqrt(stiffness / mass)
-    depth, start = abs(place) - GAP, InitialState(absorber_displacement=place)
+    depth = abs(place) - GAP
+    start = InitialState(absorber_displacement=place)
     response = check(run(scene, still(0.01), initial=start))
-    expected = np.sign(place) * (GAP - depth * omega * (0.01 - np.pi / 2 / omega)) if depth > 0 else place
+    expected = (
+        np.sign(place) * (GAP - depth * omega * (0.01 - np.pi / 2 / omega)) if depth > 0 else place
+    )
     assert response.end_state[1] == pytest.approx(expected, rel=1e-11)
-    assert response.impact_count == len(response.impacts.time) == run(scene, still(0.01), RungeKutta(), start).impact_count
+    assert (
+        response.impact_count
+        == len(response.impacts.time)
+        == run(scene, still(0.01), RungeKutta(), start).impact_count
+    )
 
 
 def test_a_spring_of_friction_that_gives_way_at_once_has_no_effect() -> None:
     """Its limit lies far below the rounding of every number of the run, so that no sum finds the time at which it gives way."""
     free, dragged = (
-        run(scene_of(SlidingAbsorber(walls=walls().walls, friction=friction)), drive_of(20.0, 0.98, periods=5.0))
+        run(
+            scene_of(SlidingAbsorber(walls=walls().walls, friction=friction)),
+            drive_of(20.0, 0.98, periods=5.0),
+        )
         for friction in (None, ElasticCoulombFriction(1e-200, 100 * BEAM))
     )
     tip = free.history.tip_displacement
     assert free.impact_count > 0
-    np.testing.assert_allclose(dragged.history.tip_displacement, tip, atol=1e-12 * np.max(np.abs(tip)))
+    np.testing.assert_allclose(
+        dragged.history.tip_displacement, tip, atol=1e-12 * np.max(np.abs(tip))
+    )
 
 
 # --- limits ------------------------------------------------------------------------------------------------------------------------------------
@@ -298,18 +440,29 @@ def test_a_spring_of_friction_that_gives_way_at_once_has_no_effect() -> None:
         (slider(1e-12, BEAM), None, 1e-9),
     ],
 )
-def test_what_never_slides_never_touches_or_pulls_at_nothing(absorber: Absorber, limit: Absorber | None, close: float) -> None:
+def test_what_never_slides_never_touches_or_pulls_at_nothing(
+    absorber: Absorber, limit: Absorber | None, close: float
+) -> None:
     drive = drive_of(5.0, 0.9, 1.1, periods=20)
-    one, other = check(run(scene_of(absorber), drive)), run(scene_of(limit), drive)
+    one = check(run(scene_of(absorber), drive))
+    other = run(scene_of(limit), drive)
     assert one.impact_count == 0
     for rows in (slice(0, 3), slice(4, 7)):
-        np.testing.assert_allclose(one.end_state[rows], other.end_state[rows], rtol=0, atol=close * np.max(np.abs(other.end_state[rows])))
+        np.testing.assert_allclose(
+            one.end_state[rows],
+            other.end_state[rows],
+            rtol=0,
+            atol=close * np.max(np.abs(other.end_state[rows])),
+        )
     if close == 1e-12:
         assert one.stuck_time == pytest.approx(20 * PERIOD)
 
 
 def test_vanishing_friction_is_no_friction() -> None:
-    without, little = (check(run(scene_of(impact_absorber(GAP, 0.8, limit)), drive_of(10.0, 1.0, periods=8))) for limit in (None, 1e-14))
+    without, little = (
+        check(run(scene_of(impact_absorber(GAP, 0.8, limit)), drive_of(10.0, 1.0, periods=8)))
+        for limit in (None, 1e-14)
+    )
     few = min(4, without.impact_count)
     assert few > 0
     np.testing.assert_allclose(little.impacts.time[:few], without.impacts.time[:few], rtol=1e-9)
@@ -331,6 +484,13 @@ def test_stiff_walls_approach_rigid_ones() -> None:
 def test_stiff_friction_approaches_rigid_friction() -> None:
     drive = drive_of(3.0, 1.0, periods=6)
     rigid = run(scene_of(friction_damper(0.5), modes=1), drive)
-    far = [np.max(np.abs(run(scene_of(slider(0.5, k * BEAM), modes=1), drive).end_state - rigid.end_state)[:1]) for k in (1e2, 1e4, 1e6)]
+    far = [
+        np.max(
+            np.abs(
+                run(scene_of(slider(0.5, k * BEAM), modes=1), drive).end_state - rigid.end_state
+            )[:1]
+        )
+        for k in (1e2, 1e4, 1e6)
+    ]
     assert far[2] < 1e-3 * np.abs(rigid.end_state[0])
     assert far[2] < far[1] < far[0]

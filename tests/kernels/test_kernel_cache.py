@@ -16,9 +16,18 @@ import pytest
 from places import ROOT
 
 from impact_env.kernels.compiling import cache
-from impact_env.kernels.compiling.cache import HOST, NEEDED, SHIPPED_FOR, Folders, choose, digest, why_not_shipped
+from impact_env.kernels.compiling.cache import (
+    HOST,
+    NEEDED,
+    SHIPPED_FOR,
+    Folders,
+    choose,
+    digest,
+    why_not_shipped,
+)
 
-DAC_OVERRIDE, DAC_READ_SEARCH = 1, 2
+DAC_OVERRIDE = 1
+DAC_READ_SEARCH = 2
 LIBC = ctypes.CDLL(None) if os.name == "posix" else None
 RUN = """
 import impact_env
@@ -45,12 +54,29 @@ def obey_permissions() -> None:
 
 def run(before: str = "", **variables: object) -> dict[str, str]:
     kept = {
-        name: value for name, value in os.environ.items() if name not in {"IMPACT_ENV_CACHE", "XDG_CACHE_HOME", "HOME", "TMPDIR", "NUMBA_CACHE_DIR"}
+        name: value
+        for name, value in os.environ.items()
+        if name not in {"IMPACT_ENV_CACHE", "XDG_CACHE_HOME", "HOME", "TMPDIR", "NUMBA_CACHE_DIR"}
     }
-    environment = kept | {"PYTHONPATH": str(ROOT)} | {name: str(value) for name, value in variables.items()}
-    done = subprocess.run([sys.executable, "-c", before + RUN], env=environment, cwd="/", capture_output=True, text=True, preexec_fn=obey_permissions)
+    environment = (
+        kept | {"PYTHONPATH": str(ROOT)} | {name: str(value) for name, value in variables.items()}
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", before + RUN],
+        env=environment,
+        cwd="/",
+        capture_output=True,
+        text=True,
+        preexec_fn=obey_permissions,
+    )
     assert done.returncode == 0, done.stderr
-    words = dict(zip(("write", "read", "result", "hits", "misses"), done.stdout.strip().split("|"), strict=True))
+    words = dict(
+        zip(
+            ("write", "read", "result", "hits", "misses"),
+            done.stdout.strip().split("|"),
+            strict=True,
+        )
+    )
     return words | {"error": done.stderr}
 
 
@@ -64,9 +90,12 @@ posix = pytest.mark.skipif(os.name != "posix", reason="needs the permissions of 
 
 
 @posix
-def test_a_named_folder_is_filled_and_then_read_where_nothing_can_be_written(tmp_path: Path) -> None:
+def test_a_named_folder_is_filled_and_then_read_where_nothing_can_be_written(
+    tmp_path: Path,
+) -> None:
     """An image with kernels compiled beforehand: first filled, then read only, without and with a temporary folder."""
-    named, temporary = folder(tmp_path / "named", 0o777), folder(tmp_path / "tmp", 0o1777)
+    named = folder(tmp_path / "named", 0o777)
+    temporary = folder(tmp_path / "tmp", 0o1777)
     first = run(IMPACT_ENV_CACHE=named, TMPDIR=temporary)
     assert (first["write"], first["read"], first["misses"]) == (str(named / digest()), "None", "1")
     for path in [named, *named.rglob("*")]:
@@ -80,36 +109,54 @@ def test_a_named_folder_is_filled_and_then_read_where_nothing_can_be_written(tmp
     assert not list(Path(second["write"]).rglob("*.nbc"))  # nothing was compiled
 
     third = run(NOWHERE, IMPACT_ENV_CACHE=named)
-    assert (third["write"], third["read"], third["result"]) == ("None", str(named / digest()), first["result"])
+    assert (third["write"], third["read"], third["result"]) == (
+        "None",
+        str(named / digest()),
+        first["result"],
+    )
     assert (third["hits"], third["misses"]) == ("1", "0")
     assert "no folder can be written to" in third["error"]
 
 
 @posix
 def test_a_home_that_cannot_be_written_to_leaves_the_temporary_folder(tmp_path: Path) -> None:
-    home, temporary = folder(tmp_path / "home", 0o555), folder(tmp_path / "tmp", 0o1777)
+    home = folder(tmp_path / "home", 0o555)
+    temporary = folder(tmp_path / "tmp", 0o1777)
     (home / ".cache").mkdir()
     (home / ".cache").chmod(0o555)
     found = run(OUTSIDE, HOME=home, TMPDIR=temporary)
     (private,) = temporary.glob("impact_env-*")
-    assert (found["write"], found["read"], found["misses"]) == (str(private / digest()), "None", "1")
+    assert (found["write"], found["read"], found["misses"]) == (
+        str(private / digest()),
+        "None",
+        "1",
+    )
     assert private.stat().st_mode & 0o777 == 0o700
 
 
 @posix
 @pytest.mark.parametrize("before", ["", OUTSIDE])
-def test_kernels_are_kept_in_the_virtual_environment_or_else_at_home(tmp_path: Path, before: str) -> None:
-    place, home = tmp_path / "environment", folder(tmp_path / "home")
+def test_kernels_are_kept_in_the_virtual_environment_or_else_at_home(
+    tmp_path: Path, before: str
+) -> None:
+    place = tmp_path / "environment"
+    home = folder(tmp_path / "home")
     venv.create(place, symlinks=True)
     path = os.pathsep.join([str(ROOT), sysconfig.get_path("purelib")])
     code = f"{before}from impact_env.kernels.compiling.cache import cache_folder; print(cache_folder().parent)"
-    found = subprocess.check_output([place / "bin" / "python", "-c", code], env={"HOME": str(home), "PYTHONPATH": path}, text=True).strip()
+    found = subprocess.check_output(
+        [place / "bin" / "python", "-c", code],
+        env={"HOME": str(home), "PYTHONPATH": path},
+        text=True,
+    ).strip()
     assert Path(found) == (home / ".cache" / "impact_env" if before else place / "kernel-cache")
     assert [path.name for path in home.iterdir()] == ([".cache"] if before else [])
 
 
 @posix
-def test_a_folder_of_someone_else_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_of_someone_else_is_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What is read from the cache is run, and everyone can make a folder among the temporary files."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     foreign = folder(tmp_path / f"impact_env-{os.getuid()}")
@@ -123,7 +170,13 @@ def test_a_folder_of_someone_else_is_not_read(tmp_path: Path, monkeypatch: pytes
 def test_the_hash_sees_every_source(tmp_path: Path) -> None:
     (tmp_path / "below").mkdir()
     seen = {digest(tmp_path)}
-    for name, text in (("a.py", ""), ("a.py", "1"), ("below/b.py", ""), ("below/b.py", "1"), ("below/c.txt", "1")):
+    for name, text in (
+        ("a.py", ""),
+        ("a.py", "1"),
+        ("below/b.py", ""),
+        ("below/b.py", "1"),
+        ("below/c.txt", "1"),
+    ):
         (tmp_path / name).write_text(text)
         seen.add(digest(tmp_path))
     assert len(seen) == 5  # all but the last, which is no source
@@ -147,13 +200,22 @@ print(sum(size.stats.cache_hits.values()), sum(size.stats.cache_misses.values())
 def start(script: Path, folder: Path, *words: object) -> subprocess.Popen[str]:
     """Start a script whose kernels are kept in a folder."""
     environment = os.environ | {"IMPACT_ENV_CACHE": str(folder), "PYTHONPATH": str(ROOT)}
-    return subprocess.Popen([sys.executable, script, *map(str, words)], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(
+        [sys.executable, script, *map(str, words)],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 def test_two_processes_that_fill_one_folder_lose_nothing(tmp_path: Path) -> None:
     """numba reads an index, adds to it and writes it back; 10 variants each of one function make the two meet in that again and again."""
     (script := tmp_path / "filled.py").write_text(FILLED)
-    both = [start(script, tmp_path / "cache", *variants) for variants in (range(0, 20, 2), range(1, 20, 2))]
+    both = [
+        start(script, tmp_path / "cache", *variants)
+        for variants in (range(0, 20, 2), range(1, 20, 2))
+    ]
     assert [process.communicate()[0].split() for process in both] == [["0", "10"]] * 2
     assert start(script, tmp_path / "cache", *range(20)).communicate()[0].split() == ["20", "0"]
 
@@ -214,13 +276,21 @@ def flipped(content: bytes) -> bytes:
     return content[:at] + bytes([content[at] ^ 4]) + content[at + 1 :]
 
 
-@pytest.mark.parametrize(("index", "code"), [(b"", flipped), (bytes(range(256)) * 9, lambda content: content[: len(content) // 2])])
-def test_damage_is_warned_of_once_and_mended(kept: tuple[Path, Path], index: bytes, code: Callable[[bytes], bytes]) -> None:
+@pytest.mark.parametrize(
+    ("index", "code"),
+    [(b"", flipped), (bytes(range(256)) * 9, lambda content: content[: len(content) // 2])],
+)
+def test_damage_is_warned_of_once_and_mended(
+    kept: tuple[Path, Path], index: bytes, code: Callable[[bytes], bytes]
+) -> None:
     """An index of two kernels, and the machine code of another."""
     one(kept[1], "*first*.nbi").write_bytes(index)
     compiled = one(kept[1], "*second*.nbc")
     compiled.write_bytes(code(compiled.read_bytes()))
-    assert run_small(*kept) == ("0 2 0 1", [f"damaged kernels in {kept[1] / digest()} are compiled anew"])
+    assert run_small(*kept) == (
+        "0 2 0 1",
+        [f"damaged kernels in {kept[1] / digest()} are compiled anew"],
+    )
     assert run_small(*kept) == ("2 0 1 0", [])
 
 
@@ -234,7 +304,10 @@ def test_data_of_other_types_is_not_run(kept: tuple[Path, Path]) -> None:
 
 
 FEATURES = cache.llvmlite.binding.get_host_cpu_features
-served = pytest.mark.skipif(sys.platform != "linux" or not all(FEATURES().get(name) for name in NEEDED), reason="needs Linux and AVX2")
+served = pytest.mark.skipif(
+    sys.platform != "linux" or not all(FEATURES().get(name) for name in NEEDED),
+    reason="needs Linux and AVX2",
+)
 SIMULATE = """
 import sys
 import impact_env
@@ -253,9 +326,20 @@ print(len(told) // 2, impact_env.__file__)
 
 def simulated(site: Path, kept: Path, *words: str, **variables: str) -> tuple[str, int, str]:
     """Return the digits of the scenes that are named, how many kernels were compiled, and what was said."""
-    ours = {name: text for name, text in os.environ.items() if not name.startswith(("NUMBA_", "IMPACT_ENV_"))}
+    ours = {
+        name: text
+        for name, text in os.environ.items()
+        if not name.startswith(("NUMBA_", "IMPACT_ENV_"))
+    }
     ours |= {"PYTHONPATH": str(site), "IMPACT_ENV_CACHE": str(kept)} | variables
-    done = subprocess.run([sys.executable, "-P", "-c", SIMULATE, *words], env=ours, cwd=kept.parent, capture_output=True, text=True, timeout=580)
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", SIMULATE, *words],
+        env=ours,
+        cwd=kept.parent,
+        capture_output=True,
+        text=True,
+        timeout=580,
+    )
     assert done.returncode == 0, done.stderr
     digits, (compiled, package) = done.stdout.splitlines()[0], done.stdout.splitlines()[1].split()
     assert package == str(site / "impact_env" / "__init__.py")
@@ -267,9 +351,13 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """A package with kernels that were compiled elsewhere, as `scripts/build --kernels` does, and the digits that they gave there."""
     folder = tmp_path_factory.mktemp("shipped")
     package = folder / "site" / "impact_env"
-    shutil.copytree(ROOT / "impact_env", package, ignore=shutil.ignore_patterns("__pycache__", "shipped"))
+    shutil.copytree(
+        ROOT / "impact_env", package, ignore=shutil.ignore_patterns("__pycache__", "shipped")
+    )
     name, features = SHIPPED_FOR
-    digits, compiled, _ = simulated(ROOT, folder / "made", "none", "friction", NUMBA_CPU_NAME=name, NUMBA_CPU_FEATURES=features)
+    digits, compiled, _ = simulated(
+        ROOT, folder / "made", "none", "friction", NUMBA_CPU_NAME=name, NUMBA_CPU_FEATURES=features
+    )
     assert compiled >= 2
     shutil.copytree(folder / "made", package / "kernels" / "shipped")
     return folder / "site", digits
@@ -284,18 +372,26 @@ def test_nothing_is_compiled_and_nothing_kept(made: tuple[Path, str], tmp_path: 
 
 @pytest.mark.nightly
 @served
-def test_kernels_for_the_host_are_preferred_and_give_the_same_digits(made: tuple[Path, str], tmp_path: Path) -> None:
+def test_kernels_for_the_host_are_preferred_and_give_the_same_digits(
+    made: tuple[Path, str], tmp_path: Path
+) -> None:
     digits, compiled, _ = simulated(made[0], tmp_path / "kept", "none", **{HOST: "host"})
     assert made[1].startswith(digits)
     assert compiled >= 1
-    shutil.rmtree(shutil.copytree(made[0], tmp_path / "site") / "impact_env" / "kernels" / "shipped")
+    shutil.rmtree(
+        shutil.copytree(made[0], tmp_path / "site") / "impact_env" / "kernels" / "shipped"
+    )
     assert simulated(tmp_path / "site", tmp_path / "kept", "none") == (digits, 0, "")
-    assert simulated(ROOT, cache.cache_folder().parent, "none", "friction")[0] == made[1]  # what these tests have compiled for the host
+    assert (
+        simulated(ROOT, cache.cache_folder().parent, "none", "friction")[0] == made[1]
+    )  # what these tests have compiled for the host
 
 
 @pytest.mark.nightly
 @served
-def test_damaged_ones_and_those_of_other_sources_are_compiled_anew(made: tuple[Path, str], tmp_path: Path) -> None:
+def test_damaged_ones_and_those_of_other_sources_are_compiled_anew(
+    made: tuple[Path, str], tmp_path: Path
+) -> None:
     site = shutil.copytree(made[0], tmp_path / "another_site")
     for file in site.rglob("linear.linear_lane*.nbc"):
         content = file.read_bytes()
@@ -319,14 +415,21 @@ def test_why_none_are_used_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.delenv(HOST, raising=False)
     for name in ("CPU_NAME", "CPU_FEATURES"):
         monkeypatch.setattr(cache.numba.config, name, None)
-    why, python = why_not_shipped.__wrapped__, f"py{sys.version_info[0]}{sys.version_info[1]}"
+    why = why_not_shipped.__wrapped__
+    python = f"py{sys.version_info[0]}{sys.version_info[1]}"
     assert why() == "none came with this package"
-    for sources, name in (("0123456789abcdef", f"f-1.{python}.nbi"), (digest(), "f-1.py27.nbi"), (digest(), f"f-1.{python}.nbi")):
+    for sources, name in (
+        ("0123456789abcdef", f"f-1.{python}.nbi"),
+        (digest(), "f-1.py27.nbi"),
+        (digest(), f"f-1.{python}.nbi"),
+    ):
         assert why() != ""
         (folder / sources / "kernels").mkdir(parents=True, exist_ok=True)
         (folder / sources / "kernels" / name).touch()
     assert why() == ""
-    monkeypatch.setattr(cache.llvmlite.binding, "get_host_cpu_features", lambda: FEATURES() | {"fma": False})
+    monkeypatch.setattr(
+        cache.llvmlite.binding, "get_host_cpu_features", lambda: FEATURES() | {"fma": False}
+    )
     assert why() == "this processor lacks fma"
     monkeypatch.setattr(cache.numba.config, "CPU_NAME", "generic")
     assert "asks for others" in why()

@@ -10,7 +10,20 @@ from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.laws import SceneKind
-from impact_env.loads import Force, Load, Loads, Member, Random, Samples, ShakenBase, Shock, Strike, Tone, Tones, Unbalance
+from impact_env.loads import (
+    Force,
+    Load,
+    Loads,
+    Member,
+    Random,
+    Samples,
+    ShakenBase,
+    Shock,
+    Strike,
+    Tone,
+    Tones,
+    Unbalance,
+)
 from impact_env.methods import Moreau, RungeKutta
 from impact_env.parameters import (
     CompliantWalls,
@@ -40,7 +53,9 @@ CLOCK = np.linspace(0.0, 0.25, 251)
 BOTH = SlidingAbsorber(0.02, RigidWalls(5e-4, 0.6), CoulombFriction(0.02), gravity=1.5)
 SMOOTH = SlidingAbsorber(0.02, RigidWalls(5e-4, 0.7))
 SOFT = SlidingAbsorber(0.02, CompliantWalls(2e5, 5e-4), ElasticCoulombFriction(0.05, 1e5))
-TWO = SeveralAbsorbers((SMOOTH, SlidingAbsorber(0.01, RigidWalls(4e-4, 0.6), CoulombFriction(0.05))), (1.0, 0.6))
+TWO = SeveralAbsorbers(
+    (SMOOTH, SlidingAbsorber(0.01, RigidWalls(4e-4, 0.6), CoulombFriction(0.05))), (1.0, 0.6)
+)
 
 
 def shaken(times: Array) -> Array:
@@ -90,7 +105,10 @@ CASES: dict[str, tuple[tuple[Load, ...], Inputs]] = {
         Inputs(orders, shaken, np.zeros(0), 3.2 * W1),
     ),
     "shock of the base and of the force": (
-        (Shock("half-sine", 40.0, 0.01, 0.25, quantity="base_acceleration"), Shock("trapezoid", 60.0, 0.006, 0.25, 0.001)),
+        (
+            Shock("half-sine", 40.0, 0.01, 0.25, quantity="base_acceleration"),
+            Shock("trapezoid", 60.0, 0.006, 0.25, 0.001),
+        ),
         Inputs(trapezoid, half_sine, np.array([0.001, 0.005, 0.006, 0.01]), 314.2),
     ),
 }
@@ -102,7 +120,11 @@ EVENTS |= {"forces, compliant": (*FORCED, SOFT), "forces, several": (*FORCED, TW
 
 
 def structure(absorber: object) -> Scene:
-    places = np.array([cantilever().tip_shape, cantilever().force_shape]) if isinstance(absorber, SeveralAbsorbers) else None
+    places = (
+        np.array([cantilever().tip_shape, cantilever().force_shape])
+        if isinstance(absorber, SeveralAbsorbers)
+        else None
+    )
     return Scene(replace(cantilever(), absorber_shapes=places), absorber)
 
 
@@ -121,14 +143,23 @@ def states(response: Response) -> Array:
 def test_events_and_states_are_those_of_dense_exponentials(name: str) -> None:
     loads, inputs, absorber = EVENTS[name]
     response = run(absorber, loads)
-    impacts, history = response.impacts, response.history
+    impacts = response.impacts
+    history = response.history
     truth = follow(response.scene, inputs, None, history.time, most_impacts=12)
     known = min(len(truth.impacts), 10)
     assert known >= 5, known
     np.testing.assert_allclose(impacts.time[:known], truth.impacts[:known], rtol=0, atol=2e-10)
-    np.testing.assert_allclose(impacts.relative_velocity[:known], truth.impact_velocity[:known], atol=2e-7 * np.max(np.abs(truth.impact_velocity)))
+    np.testing.assert_allclose(
+        impacts.relative_velocity[:known],
+        truth.impact_velocity[:known],
+        atol=2e-7 * np.max(np.abs(truth.impact_velocity)),
+    )
     before = history.time[: len(truth.time)] < truth.impacts[known - 1]
-    np.testing.assert_allclose(states(response)[: len(before)][before], truth.states[before], atol=1e-7 * np.max(np.abs(truth.states)))
+    np.testing.assert_allclose(
+        states(response)[: len(before)][before],
+        truth.states[before],
+        atol=1e-7 * np.max(np.abs(truth.states)),
+    )
     assert response.check.misses == 0
     assert response.energy.relative_error < 1e-10
 
@@ -144,11 +175,21 @@ LINEAR = {
 @pytest.mark.parametrize("absorber", LINEAR)
 def test_linear_scenes_under_a_record_are_those_of_dense_exponentials(absorber: str) -> None:
     """Also where nothing is observed on the way, and the kernel leaps from sample to sample."""
-    found, unseen = (run(LINEAR[absorber], (RECORD,), record) for record in (None, Record(level=False)))
-    truth = follow(found.scene, Inputs(np.zeros_like, lambda t: 3 * noise(t), CLOCK, W1), None, CLOCK[[0, -1]], long_steps=True).states[-1]
+    found, unseen = (
+        run(LINEAR[absorber], (RECORD,), record) for record in (None, Record(level=False))
+    )
+    truth = follow(
+        found.scene,
+        Inputs(np.zeros_like, lambda t: 3 * noise(t), CLOCK, W1),
+        None,
+        CLOCK[[0, -1]],
+        long_steps=True,
+    ).states[-1]
     kept = [0, 1, 2, 4, 5, 6] if absorber in ("no absorber", "stuck") else slice(None)
     for response in (found, unseen):
-        np.testing.assert_allclose(response.end_state[kept], truth[kept], atol=1e-11 * np.max(np.abs(truth)))
+        np.testing.assert_allclose(
+            response.end_state[kept], truth[kept], atol=1e-11 * np.max(np.abs(truth))
+        )
     assert found.energy.relative_error < 1e-12
 
 
@@ -168,16 +209,24 @@ def test_a_random_load_has_the_mean_square_of_its_lines() -> None:
     """The record repeats: the second time the motion is the sum over its lines, each with the structure's transfer function."""
     spectrum = np.array([[20.0, 1.0], [60.0, 1.0]])
     for quantity in ("force", "base_acceleration"):
-        load, model = Random(spectrum, 4.0, seed=2, quantity=quantity), cantilever()
+        load = Random(spectrum, 4.0, seed=2, quantity=quantity)
+        model = cantilever()
         record = load.record()
         twice = np.concatenate([record.values[:-1], record.values])
         found = run(
-            None, (Samples(record.times[1] * np.arange(len(twice)), twice, quantity),), replace(record_of(Scene(model)), samples_per_period=64)
+            None,
+            (Samples(record.times[1] * np.arange(len(twice)), twice, quantity),),
+            replace(record_of(Scene(model)), samples_per_period=64),
         )
         assert model.base_participation is not None
         driven = model.force_shape if quantity == "force" else -model.base_participation
         omega = 2 * np.pi * load.lines / 4.0
-        transfer = np.sum(model.tip_shape * driven / (model.omega**2 - omega[:, None] ** 2 + 0.02j * model.omega * omega[:, None]), axis=1)
+        transfer = np.sum(
+            model.tip_shape
+            * driven
+            / (model.omega**2 - omega[:, None] ** 2 + 0.02j * model.omega * omega[:, None]),
+            axis=1,
+        )
         rms = np.sqrt(np.sum(np.abs(transfer * load.amplitudes()) ** 2) / 2)
         late = found.history.tip_displacement[found.history.time >= 4.0 - 1e-9]
         assert np.sqrt(np.mean(late**2)) == pytest.approx(rms, rel=2e-3)
@@ -186,14 +235,21 @@ def test_a_random_load_has_the_mean_square_of_its_lines() -> None:
 
 def test_records_of_members_are_gaussian_with_the_spectrum_s_size() -> None:
     load = Random(np.array([[20.0, 2.0], [40.0, 8.0]]), 5.0, seed=7)
-    sizes = np.array([np.abs(load.member(other).amplitudes()) ** 2 for other in map(Member, range(200))])
+    sizes = np.array(
+        [np.abs(load.member(other).amplitudes()) ** 2 for other in map(Member, range(200))]
+    )
     frequency = load.lines / 5.0
-    np.testing.assert_allclose(np.mean(sizes, axis=0), 2 * 2 * (frequency / 20) ** 2 / 5, rtol=0.4)  # log-log: the slope is 2
-    assert np.mean(sizes**2) / np.mean(sizes * np.mean(sizes, axis=0)) == pytest.approx(2.0, rel=0.1)  # of a squared Gaussian amplitude
+    np.testing.assert_allclose(
+        np.mean(sizes, axis=0), 2 * 2 * (frequency / 20) ** 2 / 5, rtol=0.4
+    )  # log-log: the slope is 2
+    assert np.mean(sizes**2) / np.mean(sizes * np.mean(sizes, axis=0)) == pytest.approx(
+        2.0, rel=0.1
+    )  # of a squared Gaussian amplitude
 
 
 def test_a_sampled_chirp_tends_to_the_chirp_with_the_square_of_its_step() -> None:
-    drive, errors = Drive(5.0, SWEEP, 0.4), []
+    drive = Drive(5.0, SWEEP, 0.4)
+    errors = []
     exact = simulate(Scene(cantilever()), drive).end_state
     np.testing.assert_allclose(run(None, (Force(drive),)).end_state, exact, rtol=1e-11)
     for count in (500, 1000, 2000):
@@ -204,15 +260,22 @@ def test_a_sampled_chirp_tends_to_the_chirp_with_the_square_of_its_step() -> Non
 
 
 def test_starts_in_the_middle_and_on_the_lower_walls() -> None:
-    for absorber, start, places in ((SMOOTH, "middle", [0]), (SMOOTH, "lower-wall", [-5e-4]), (TWO, "lower-wall", [-5e-4, -4e-4])):
-        vector = Loads((BASE,), start=start).initial(structure(absorber)).vector(structure(absorber))
+    for absorber, start, places in (
+        (SMOOTH, "middle", [0]),
+        (SMOOTH, "lower-wall", [-5e-4]),
+        (TWO, "lower-wall", [-5e-4, -4e-4]),
+    ):
+        vector = (
+            Loads((BASE,), start=start).initial(structure(absorber)).vector(structure(absorber))
+        )
         assert vector.tolist() == [0, 0, 0, *places, 0, 0, 0, *np.zeros(len(places))]
 
 
 def test_with_the_base_s_mean_at_rest_the_absorber_stays_where_it_is_in_space() -> None:
     """A free absorber then follows minus the base's displacement, and does not drift; the structure's momentum is that of the base."""
     steady = FrequencySchedule(np.array([0.0, 0.5]), np.full(2, W1), W1)
-    base, scene = ShakenBase(steady, displacement=1e-4, phase=1.0), Scene(cantilever(), SlidingAbsorber(0.02, RigidWalls(1.0, 0.7)))
+    base = ShakenBase(steady, displacement=1e-4, phase=1.0)
+    scene = Scene(cantilever(), SlidingAbsorber(0.02, RigidWalls(1.0, 0.7)))
     found = simulate(scene, Loads((base,), start="base-mean-rest"), record=EVERYTHING)
     moved = -1e-4 * (np.cos(W1 * found.history.time + 1.0) - np.cos(1.0))
     np.testing.assert_allclose(found.history.absorber_displacement, moved, atol=1e-15)
@@ -229,8 +292,15 @@ def test_stepping_methods_tend_to_the_exact_one_under_loads(name: str) -> None:
     before = exact.history.time < 0.03
     errors = []
     for steps in (40, 400):
-        found = simulate(structure(absorber), Loads(FORCES), method(steps), record=Record(series=True, events=True))
-        errors.append(np.max(np.abs(found.history.tip_displacement - exact.history.tip_displacement)[before]))
+        found = simulate(
+            structure(absorber),
+            Loads(FORCES),
+            method(steps),
+            record=Record(series=True, events=True),
+        )
+        errors.append(
+            np.max(np.abs(found.history.tip_displacement - exact.history.tip_displacement)[before])
+        )
     assert errors[1] < 0.3 * errors[0]
     assert errors[1] < 2e-3 * np.max(np.abs(exact.history.tip_displacement))
 
@@ -262,18 +332,37 @@ EVERY_ABSORBER = LINEAR | {
     "sink": NonlinearSink(1e6),
     "several": TWO,
 }
-EVERY_START = ("middle", "lower-wall", "base-mean-rest", InitialState(modal_velocity=np.array([0.01, 0.0, 0.0]), absorber_velocity=0.02))
+EVERY_START = (
+    "middle",
+    "lower-wall",
+    "base-mean-rest",
+    InitialState(modal_velocity=np.array([0.01, 0.0, 0.0]), absorber_velocity=0.02),
+)
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.nightly) if name == "yielding" else name for name in EVERY_ABSORBER])
-def test_each_load_on_each_absorber_from_each_start_balances_or_is_refused_by_name(name: str) -> None:
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.nightly) if name == "yielding" else name
+        for name in EVERY_ABSORBER
+    ],
+)
+def test_each_load_on_each_absorber_from_each_start_balances_or_is_refused_by_name(
+    name: str,
+) -> None:
     scene = structure(EVERY_ABSORBER[name])
     general = scene.kind in (SceneKind.LINEAR, SceneKind.RIGID)
     for kind, load in EACH.items():
         for start in EVERY_START:
             reasons = {"start"} if start == "base-mean-rest" and "base" not in kind else set()
             reasons |= {"loads"} if "base" in kind and not general else set()
-            reasons |= {"gravity"} if name == "heavy compliant" else {"method"} if name == "sink" else set()
+            reasons |= (
+                {"gravity"}
+                if name == "heavy compliant"
+                else {"method"}
+                if name == "sink"
+                else set()
+            )
             loads = Loads((load,), W1, start)
             if reasons:
                 with pytest.raises(ParameterError, match=rf"^({'|'.join(reasons)}) = "):
@@ -285,8 +374,14 @@ def test_each_load_on_each_absorber_from_each_start_balances_or_is_refused_by_na
 
 def test_a_struck_structure_is_one_that_a_short_blow_has_left() -> None:
     """The impulse of velocity / sum(shape^2) at the place, in a thousandth of the highest mode's period."""
-    model, width = cantilever(), 1e-6
+    model = cantilever()
+    width = 1e-6
     peak = 2 * 0.5 / float(np.sum(model.force_shape**2)) / width
-    blow, strike = (run(None, (load,)).end_state for load in (Shock("triangle", peak, width, 0.1), Strike(0.5, 0.1)))
+    blow, strike = (
+        run(None, (load,)).end_state
+        for load in (Shock("triangle", peak, width, 0.1), Strike(0.5, 0.1))
+    )
     np.testing.assert_allclose(strike, blow, atol=3e-3 * np.max(np.abs(strike)))
-    assert model.force_shape @ Loads((Strike(0.5, 0.1),), W1).initial(Scene(model)).modal_velocity == pytest.approx(0.5)
+    assert model.force_shape @ Loads((Strike(0.5, 0.1),), W1).initial(
+        Scene(model)
+    ).modal_velocity == pytest.approx(0.5)

@@ -10,8 +10,17 @@ def run(*words: str) -> str:
     return fresh(SUPPORT / "one_result.py", *words).stdout.strip()
 
 
-@pytest.mark.parametrize("words", [["frictionless", "stuck", "moreau", "damper", "tuned", "none"], ["none", "child"], ["none", "dask"]])
-def test_one_scene_gives_one_result_whatever_its_process_ran_before_and_in_a_child_and_on_a_worker(words: list[str]) -> None:
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["frictionless", "stuck", "moreau", "damper", "tuned", "none"],
+        ["none", "child"],
+        ["none", "dask"],
+    ],
+)
+def test_one_scene_gives_one_result_whatever_its_process_ran_before_and_in_a_child_and_on_a_worker(
+    words: list[str],
+) -> None:
     if "dask" in words:
         pytest.importorskip("distributed")
     assert run(*words) == run()

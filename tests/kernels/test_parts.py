@@ -49,11 +49,15 @@ def test_only_the_kernel_that_is_called_from_python_becomes_machine_code() -> No
     assert [len(kernel.overloads) for kernel in (cube, half, third, both)] == [0, 0, 0, 1]
     assert [len(kernel.part.overloads) for kernel in (cube, half, third, both)] == [1, 1, 1, 0]
     (whole,) = both.overloads.values()
-    assert third(2.0) == pytest.approx(4.0 + 8.0 / 3.0)  # a part is compiled once more where Python asks for it
+    assert third(2.0) == pytest.approx(
+        4.0 + 8.0 / 3.0
+    )  # a part is compiled once more where Python asks for it
     assert len(third.overloads) == 1
     assert both(3.0) == pytest.approx(0.5 * 27 * 2 + 9.0)
     assert list(both.overloads.values()) == [whole]
-    assert numba.njit(lambda x: 2.0 * third(x))(2.0) == pytest.approx(2.0 * (4.0 + 8.0 / 3.0))  # a function that is no kernel
+    assert numba.njit(lambda x: 2.0 * third(x))(2.0) == pytest.approx(
+        2.0 * (4.0 + 8.0 / 3.0)
+    )  # a function that is no kernel
 
 
 # --- a branch for what is absent, or there, is not typed: each of these has one that does not compile ------------------------------------------
@@ -82,7 +86,8 @@ def by_name(pair, x):
 
 
 def by_another_name(pair, x):
-    low, high = pair.low, pair.high
+    low = pair.low
+    high = pair.high
     lacks = high is None
     if low is None or not lacks:
         return low.nothing
@@ -131,12 +136,21 @@ def of_arguments(low, high, x):
     return low * x if high is None else high.nothing
 
 
-LEAVES = [by_name, by_another_name, in_one_expression, in_a_function_that_dissolves, in_a_group_in_a_group, as_arguments]
+LEAVES = [
+    by_name,
+    by_another_name,
+    in_one_expression,
+    in_a_function_that_dissolves,
+    in_a_group_in_a_group,
+    as_arguments,
+]
 
 
 @pytest.mark.parametrize("function", LEAVES)
 @pytest.mark.parametrize("decorate", [jit, jit_inline])
-def test_a_branch_for_what_is_absent_is_not_typed(function: Callable[..., Any], decorate: Callable[..., Any]) -> None:
+def test_a_branch_for_what_is_absent_is_not_typed(
+    function: Callable[..., Any], decorate: Callable[..., Any]
+) -> None:
     leaf = fresh(decorate(function))
 
     @fresh
@@ -207,8 +221,13 @@ def compiled(*words: str) -> dict[str, list[str]]:
     return dict(zip(words, map(str.split, lines), strict=True))
 
 
-def test_machine_code_does_not_depend_on_what_was_compiled_before_and_a_sparing_group_spares_copies() -> None:
-    first, last = compiled("bare", "sparing", "plain"), compiled("sparing", "bare")
+def test_machine_code_does_not_depend_on_what_was_compiled_before_and_a_sparing_group_spares_copies() -> (
+    None
+):
+    first = compiled("bare", "sparing", "plain")
+    last = compiled("sparing", "bare")
     assert {word: first[word] for word in last} == last
     assert first["plain"][0] == first["sparing"][0] == first["bare"][0]
-    assert len(first["sparing"]) < len(first["plain"])  # by how much is the processor's: half on one with AVX-512, a few in a hundred without AVX
+    assert len(first["sparing"]) < len(
+        first["plain"]
+    )  # by how much is the processor's: half on one with AVX-512, a few in a hundred without AVX

@@ -32,16 +32,25 @@ assert told == ["NUMBA_DISABLE_JIT is set: kernels run in plain Python, there is
 @cache
 def plain(folder: Path) -> dict[str, dict[str, str]]:
     """Return the bits of a process in which nothing is compiled; kernels would be kept in ``folder``."""
-    result = fresh("-W", "error::RuntimeWarning", "-c", WHOLE, NUMBA_DISABLE_JIT=1, IMPACT_ENV_CACHE=folder)
+    result = fresh(
+        "-W", "error::RuntimeWarning", "-c", WHOLE, NUMBA_DISABLE_JIT=1, IMPACT_ENV_CACHE=folder
+    )
     assert not folder.exists()  # nothing is written
     found: dict[str, dict[str, str]] = json.loads(result.stdout)
     return found
 
 
 @pytest.mark.parametrize("name", EVERY)
-def test_plain_python_gives_the_bits_of_compiled_kernels(name: str, tmp_path_factory: pytest.TempPathFactory) -> None:
-    found, compiled = plain(tmp_path_factory.getbasetemp() / FOLDER)[name], EVERY[name]()
-    assert {what: np.frombuffer(bytes.fromhex(bits)).tolist() for what, bits in found.items() if compiled[what] != bits} == {}
+def test_plain_python_gives_the_bits_of_compiled_kernels(
+    name: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    found = plain(tmp_path_factory.getbasetemp() / FOLDER)[name]
+    compiled = EVERY[name]()
+    assert {
+        what: np.frombuffer(bytes.fromhex(bits)).tolist()
+        for what, bits in found.items()
+        if compiled[what] != bits
+    } == {}
     assert found.keys() == compiled.keys()
 
 
@@ -50,9 +59,14 @@ def rounded_twice(x: float, y: float, z: float) -> float:
 
 
 @pytest.mark.parametrize("library", [SimpleNamespace(), SimpleNamespace(fma=rounded_twice)])
-def test_without_a_fused_multiplication_kernels_are_refused(library: object, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_fused_multiplication_kernels_are_refused(
+    library: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The C library has none, or one that rounds twice; nor has Python, before 3.13."""
     monkeypatch.setattr(ctypes, "CDLL", lambda _: library)
     monkeypatch.delattr(math, "fma", raising=False)
-    with pytest.raises(RuntimeError, match=r"need a fused multiplication and addition.*leave NUMBA_DISABLE_JIT unset"):
+    with pytest.raises(
+        RuntimeError,
+        match=r"need a fused multiplication and addition.*leave NUMBA_DISABLE_JIT unset",
+    ):
         fused.__wrapped__()

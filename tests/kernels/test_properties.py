@@ -25,7 +25,9 @@ from impact_env import (
 )
 from impact_env.parameters import Absorber, ParameterError
 
-few = settings(max_examples=50, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+few = settings(
+    max_examples=50, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
+)
 
 
 def powers(low: float, high: float) -> st.SearchStrategy[float]:
@@ -38,13 +40,21 @@ gaps = st.one_of(powers(-5, 0), st.just(1e-3))
 restitutions = st.one_of(st.sampled_from([0.0, 1.0]), st.floats(0, 1))
 limits = powers(-5, 2)
 rigid_frictions = st.none() | st.builds(CoulombFriction, limits)
-rigid = st.builds(SlidingAbsorber, masses, st.builds(RigidWalls, gaps, restitutions), rigid_frictions)
+rigid = st.builds(
+    SlidingAbsorber, masses, st.builds(RigidWalls, gaps, restitutions), rigid_frictions
+)
 dampers = st.builds(SlidingAbsorber, masses, st.none(), st.builds(CoulombFriction, limits))
 stiffnesses = powers(2, 8)
 sliders = st.builds(ElasticCoulombFriction, limits, stiffnesses)
-compliant = st.builds(SlidingAbsorber, masses, st.builds(CompliantWalls, stiffnesses, gaps), st.none() | sliders)
+compliant = st.builds(
+    SlidingAbsorber, masses, st.builds(CompliantWalls, stiffnesses, gaps), st.none() | sliders
+)
 elastic = st.builds(SlidingAbsorber, masses, st.none(), sliders)
-linear = st.one_of(st.none(), st.builds(StuckAbsorber, masses), st.builds(TunedAbsorber, masses, stiffnesses, st.one_of(st.just(0.0), powers(-3, 3))))
+linear = st.one_of(
+    st.none(),
+    st.builds(StuckAbsorber, masses),
+    st.builds(TunedAbsorber, masses, stiffnesses, st.one_of(st.just(0.0), powers(-3, 3))),
+)
 absorbers = st.one_of(rigid, rigid, dampers, compliant, elastic, linear)
 forces = st.one_of(st.just(0.0), powers(-3, 3))
 drives = st.builds(
@@ -57,9 +67,14 @@ drives = st.builds(
 
 
 @st.composite
-def scenes(draw: st.DrawFn, kinds: st.SearchStrategy[Absorber | None] = absorbers, most: int = 20) -> Scene:
+def scenes(
+    draw: st.DrawFn, kinds: st.SearchStrategy[Absorber | None] = absorbers, most: int = 20
+) -> Scene:
     modes = draw(st.integers(1, most))
-    return beam_scene(Beam(modes=modes, elements=draw(st.integers(10, 30)), damping_ratio=draw(dampings)), draw(kinds))
+    return beam_scene(
+        Beam(modes=modes, elements=draw(st.integers(10, 30)), damping_ratio=draw(dampings)),
+        draw(kinds),
+    )
 
 
 @st.composite
@@ -67,11 +82,16 @@ def starts(draw: st.DrawFn, scene: Scene) -> InitialState:
     """Rest, or a start anywhere in the cavity with beam and absorber in motion."""
     if draw(st.booleans()):
         return InitialState()
-    n, sliding = scene.model.modes, scene.absorber
+    n = scene.model.modes
+    sliding = scene.absorber
     unit = st.floats(-1, 1)
     q = 1e-4 * np.array(draw(st.lists(unit, min_size=n, max_size=n))) / (1 + np.arange(n)) ** 3
     u = 1e-2 * np.array(draw(st.lists(unit, min_size=n, max_size=n))) / (1 + np.arange(n)) ** 2
-    gap = sliding.walls.gap if isinstance(sliding, SlidingAbsorber) and sliding.walls is not None else 1e-3
+    gap = (
+        sliding.walls.gap
+        if isinstance(sliding, SlidingAbsorber) and sliding.walls is not None
+        else 1e-3
+    )
     share = draw(st.one_of(st.sampled_from([0.0, 1.0, -1.0]), unit))
     return InitialState(q, u, float(scene.model.tip_shape @ q) + share * gap, 0.1 * draw(unit))
 
@@ -87,12 +107,20 @@ def test_energy_and_walls(data: st.DataObject, scene: Scene, drive: Drive) -> No
             raise
         reject()  # eigenvalues that (almost) coincide, or lie many decades apart, have no modal basis
     # what passes through the run: without damping and friction the work can cancel almost to nothing
-    scale = max(float(np.sum(response.energy.impact_loss)), abs(drive.amplitude) * float(np.max(np.abs(response.history.tip_displacement))))
+    scale = max(
+        float(np.sum(response.energy.impact_loss)),
+        abs(drive.amplitude) * float(np.max(np.abs(response.history.tip_displacement))),
+    )
     # friction's loss is its limit times a difference of displacements, whose terms are as large as the beam's deflection under that limit
     friction = getattr(scene.absorber, "friction", None)
     scale += 1e-6 * friction.limit**2 / Beam().static_tip_stiffness if friction is not None else 0.0
     # two equal eigenvalues have no modal form: near critical damping four digits of the rounding are lost
-    check(response, 1e-9, scale, 1e-11 if np.any(np.abs(scene.model.damping_ratio - 1) < 1e-6) else 1e-13)
+    check(
+        response,
+        1e-9,
+        scale,
+        1e-11 if np.any(np.abs(scene.model.damping_ratio - 1) < 1e-6) else 1e-13,
+    )
     if drive.amplitude == 0 and response.energy.stored_at_start == 0:
         assert not np.any(response.end_state)  # rest stays at rest
 
@@ -109,25 +137,37 @@ def assert_same_beginning(one: Response, other: Response, factor: float) -> None
     """The first three impacts, and the motion up to the third, agree but for the factor."""
     known = min(3, one.impact_count, other.impact_count)
     end = one.drive.schedule.times[-1]
-    np.testing.assert_allclose(other.impacts.time[:known], one.impacts.time[:known], rtol=0, atol=1e-6 * end)
+    np.testing.assert_allclose(
+        other.impacts.time[:known], one.impacts.time[:known], rtol=0, atol=1e-6 * end
+    )
     until = one.impacts.time[known - 1] if one.impact_count > 2 else end
     rows = one.history.time < until - 1e-5 * end
     tip = one.history.tip_displacement[rows]
     largest = np.max(np.abs(tip), initial=0.0)
-    np.testing.assert_allclose(other.history.tip_displacement[rows], factor * tip, rtol=0, atol=1e-6 * abs(factor) * largest)
+    np.testing.assert_allclose(
+        other.history.tip_displacement[rows],
+        factor * tip,
+        rtol=0,
+        atol=1e-6 * abs(factor) * largest,
+    )
 
 
 @few
 @given(scenes(st.one_of(rigid, dampers, compliant, elastic), 10), drives, powers(-3, 3))
 def test_scaling_law(scene: Scene, drive: Drive, factor: float) -> None:
     larger = Scene(scene.model, scaled(scene.absorber, factor))
-    assert_same_beginning(run(scene, drive), run(larger, dataclasses.replace(drive, amplitude=factor * drive.amplitude)), factor)
+    assert_same_beginning(
+        run(scene, drive),
+        run(larger, dataclasses.replace(drive, amplitude=factor * drive.amplitude)),
+        factor,
+    )
 
 
 @few
 @given(scenes(most=10), drives)
 def test_mirror_symmetry(scene: Scene, drive: Drive) -> None:
-    one, other = run(scene, drive), run(scene, dataclasses.replace(drive, amplitude=-drive.amplitude))
+    one = run(scene, drive)
+    other = run(scene, dataclasses.replace(drive, amplitude=-drive.amplitude))
     np.testing.assert_array_equal(one.end_state, -other.end_state)
     assert one.impact_count == other.impact_count
 
@@ -139,5 +179,9 @@ def test_impulses_balance_the_absorbers_momentum(scene: Scene, drive: Drive) -> 
     response = run(scene, drive)
     if scene.absorber.friction is None and response.stuck_time == 0:
         momentum = scene.absorber_mass * response.end_state[-1]
-        assert momentum == pytest.approx(np.sum(response.impacts.impulse), rel=1e-9, abs=1e-10 * np.sum(np.abs(response.impacts.impulse)))
+        assert momentum == pytest.approx(
+            np.sum(response.impacts.impulse),
+            rel=1e-9,
+            abs=1e-10 * np.sum(np.abs(response.impacts.impulse)),
+        )
     assert np.all(response.impacts.impulse * response.impacts.relative_velocity <= 0)

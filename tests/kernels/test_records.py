@@ -16,7 +16,9 @@ KIND = record(flag=FLAG, number=NUMBER, count=INTEGER)
 def _fill(rows):
     for k in range(rows.shape[0]):
         row = rows[k]
-        row.flag, row.number, row.count = k == 1, 0.5 * k, k
+        row.flag = k == 1
+        row.number = 0.5 * k
+        row.count = k
     rows[0] = rows[2]
 
 
@@ -49,12 +51,23 @@ def _fused(x, y, z, out):
 def test_cosine_and_sine_are_exact_to_rounding() -> None:
     """In every quadrant, at the edges of the polynomials and as far as a million."""
     rng = np.random.default_rng(0)
-    x = np.concatenate([rng.uniform(-10, 10, 500), rng.uniform(-1e6, 1e6, 500), np.arange(-40, 41) * np.pi / 4, [0.0, 1e6, -1e6]])
+    x = np.concatenate(
+        [
+            rng.uniform(-10, 10, 500),
+            rng.uniform(-1e6, 1e6, 500),
+            np.arange(-40, 41) * np.pi / 4,
+            [0.0, 1e6, -1e6],
+        ]
+    )
     found = np.empty((len(x), 2))
     _each(x, found)
     with mpmath.workdps(40):
         truth = [(mpmath.cos(mpmath.mpf(float(v))), mpmath.sin(mpmath.mpf(float(v)))) for v in x]
-        error = max(abs(mpmath.mpf(float(f)) - t) for row, both in zip(found, truth, strict=True) for f, t in zip(row, both, strict=True))
+        error = max(
+            abs(mpmath.mpf(float(f)) - t)
+            for row, both in zip(found, truth, strict=True)
+            for f, t in zip(row, both, strict=True)
+        )
     assert error < ROUNDING
 
 
@@ -62,7 +75,10 @@ def test_a_product_and_a_sum_are_rounded_once() -> None:
     """Against exact fractions, where nearly all of the product cancels."""
     rng = np.random.default_rng(1)
     x, y = rng.uniform(-2, 2, (2, 500))
-    z, found = -x * y, np.empty(500)
+    z = -x * y
+    found = np.empty(500)
     _fused(x, y, z, found)
-    assert [float(Fraction(a) * Fraction(b) + Fraction(c)) for a, b, c in zip(x, y, z, strict=True)] == list(found)
+    assert [
+        float(Fraction(a) * Fraction(b) + Fraction(c)) for a, b, c in zip(x, y, z, strict=True)
+    ] == list(found)
     assert np.count_nonzero(found) > 400

@@ -27,7 +27,14 @@ def joined(model: ModalModel, mass: float) -> Regime:
 
 
 def sprung(model: ModalModel, mass: float, stiffness: float, damper: float = 0.0) -> Regime:
-    return sprung_regime(model, mass, stiffness, damper, padded_size(fastest(model, mass, stiffness, damper)[1]), 0.01)
+    return sprung_regime(
+        model,
+        mass,
+        stiffness,
+        damper,
+        padded_size(fastest(model, mass, stiffness, damper)[1]),
+        0.01,
+    )
 
 
 def times(model: ModalModel) -> tuple[float, float]:
@@ -42,7 +49,8 @@ def beam_states(model: ModalModel) -> tuple[Array, Array]:
 def slot_motion(regime: Regime, states: Array, scale: Array, time: float) -> Array:
     """Return the motion of chosen ``states`` from a regime's slots: Re(out exp(s t) into), in coordinates times ``scale``."""
     s = regime.slots.rows[0] + 1j * regime.slots.rows[1]
-    out, into = regime.out[0] + 1j * regime.out[1], (regime.into[0] + 1j * regime.into[1]).T
+    out = regime.out[0] + 1j * regime.out[1]
+    into = (regime.into[0] + 1j * regime.into[1]).T
     whole = np.real((out * np.exp(s * time)) @ into)[np.ix_(states, states)]
     return np.asarray(whole * scale[:, None] / scale)
 
@@ -51,12 +59,18 @@ def joined_error(model: ModalModel, mass: float) -> float:
     """Largest entry of the difference of the motions from all states, scaled to energy; ``mass`` 0: the free beam."""
     regime = joined(model, mass) if mass > 0 else free(model)
     states, scale = beam_states(model)
-    truths = [joined_motion(model, np.array([mass]), model.tip_shape[None], t) for t in times(model)]
-    return max(float(np.max(np.abs(slot_motion(regime, states, scale, t) - truth))) for t, truth in zip(times(model), truths, strict=True))
+    truths = [
+        joined_motion(model, np.array([mass]), model.tip_shape[None], t) for t in times(model)
+    ]
+    return max(
+        float(np.max(np.abs(slot_motion(regime, states, scale, t) - truth)))
+        for t, truth in zip(times(model), truths, strict=True)
+    )
 
 
 def sprung_error(model: ModalModel, mass: float, stiffness: float, damper: float) -> float:
-    regime, n = sprung(model, mass, stiffness, damper), model.modes
+    regime = sprung(model, mass, stiffness, damper)
+    n = model.modes
     own = np.sqrt(mass) * np.clip(np.sqrt(stiffness / mass), model.omega[0], model.omega[-1])
     scale = np.concatenate([model.omega, [own], np.ones(n), [np.sqrt(mass)]])
     worst = 0.0
@@ -68,13 +82,18 @@ def sprung_error(model: ModalModel, mass: float, stiffness: float, damper: float
 
 
 def several_error(model: ModalModel, masses: Array) -> float:
-    modes, n, worst = set_modes(model, masses, model.absorber_shapes), model.modes, 0.0
+    modes = set_modes(model, masses, model.absorber_shapes)
+    n = model.modes
+    worst = 0.0
     scale = np.append(model.omega, np.ones(n))
     twice = np.where(modes.values.imag == 0, 1, 2)
     out = np.concatenate([modes.shapes, modes.shapes * modes.values[:, None]], axis=1).T * twice
     for t in times(model):
         motion = np.real((out * np.exp(modes.values * t)) @ modes.into) * scale[:, None] / scale
-        worst = max(worst, float(np.max(np.abs(motion - joined_motion(model, masses, model.absorber_shapes, t)))))
+        worst = max(
+            worst,
+            float(np.max(np.abs(motion - joined_motion(model, masses, model.absorber_shapes, t)))),
+        )
     return worst
 
 
@@ -82,17 +101,34 @@ def custom(seed: int, modes: int, ratio: float | Array, absorbers: int = 1) -> M
     rng = np.random.default_rng(seed)
     omega = np.cumsum(rng.uniform(30, 200, modes))
     shapes = rng.normal(size=(absorbers, modes))
-    return ModalModel(omega, np.broadcast_to(ratio, modes), rng.normal(size=modes), shapes[0], 1.0, shapes)
+    return ModalModel(
+        omega, np.broadcast_to(ratio, modes), rng.normal(size=modes), shapes[0], 1.0, shapes
+    )
 
 
 def all_errors(model: ModalModel, mass: float, own: float, damping: float) -> list[float]:
     """Errors of the joined, the sprung and the several regime; ``own`` in units of the second frequency (or the only one)."""
     omega = own * model.omega[min(1, model.modes - 1)]
-    errors = [joined_error(model, mass), sprung_error(model, mass, mass * omega**2, 2 * mass * omega * damping)]
+    errors = [
+        joined_error(model, mass),
+        sprung_error(model, mass, mass * omega**2, 2 * mass * omega * damping),
+    ]
     return [*errors, several_error(model, np.linspace(0.4, 1, len(model.absorber_shapes)) * mass)]
 
 
-CLOSE_TO_ONE = [1.0, 1 + 1e-14, 1 - 1e-12, 1 + 1e-9, 1 - 1e-8, 1 + 1.2e-7, 1 - 1.2e-7, 1 + 1e-5, 1 + 1.3e-5, 1 - 1.2e-5, 1 - 1.3e-5]
+CLOSE_TO_ONE = [
+    1.0,
+    1 + 1e-14,
+    1 - 1e-12,
+    1 + 1e-9,
+    1 - 1e-8,
+    1 + 1.2e-7,
+    1 - 1.2e-7,
+    1 + 1e-5,
+    1 + 1.3e-5,
+    1 - 1.2e-5,
+    1 - 1.3e-5,
+]
 
 
 @pytest.mark.parametrize("ratio", CLOSE_TO_ONE)
@@ -103,11 +139,16 @@ def test_free_motion_at_and_beside_critical_damping(ratio: float) -> None:
 @pytest.mark.parametrize("ratio", CLOSE_TO_ONE)
 def test_forced_motion_at_and_beside_critical_damping(ratio: float) -> None:
     model = custom(2, 1, ratio)
-    rows, omega, d = free(model).slots.rows, model.omega[0], model.damping_ratio[0]
-    s, both = rows[0] + 1j * rows[1], (rows[TIP] + 1j * rows[TIP + 1]) * (rows[DRIVE] + 1j * rows[DRIVE + 1])
+    rows = free(model).slots.rows
+    omega = model.omega[0]
+    d = model.damping_ratio[0]
+    s = rows[0] + 1j * rows[1]
+    both = (rows[TIP] + 1j * rows[TIP + 1]) * (rows[DRIVE] + 1j * rows[DRIVE + 1])
     for at in np.array([0.0, 0.3, 1.0, 3.0]) * omega:
         found = np.sum(both / (1j * at - s) + np.conj(both) / (1j * at - np.conj(s))) / 2
-        expected = model.tip_shape[0] * model.force_shape[0] / (omega**2 - at**2 + 2j * d * omega * at)
+        expected = (
+            model.tip_shape[0] * model.force_shape[0] / (omega**2 - at**2 + 2j * d * omega * at)
+        )
         assert abs(found - expected) < 2 * BAR * abs(expected)
 
 
@@ -121,13 +162,17 @@ def test_coupled_motion_with_critically_damped_modes(modes: int, every: bool, ma
         assert max(all_errors(model, mass, 0.7, (0.1, 1.0)[seed])) < 3 * BAR
 
 
-NODE = scipy.optimize.brentq(lambda x: modal_model(Beam(modes=3), [x]).absorber_shapes[0, 1], 0.7, 0.85, xtol=1e-16)
+NODE = scipy.optimize.brentq(
+    lambda x: modal_model(Beam(modes=3), [x]).absorber_shapes[0, 1], 0.7, 0.85, xtol=1e-16
+)
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.01, 1.0, 3.0])
 @pytest.mark.parametrize("beside", [1e-9, 1e-8, 1e-7])
 def test_places_beside_a_node_of_the_beam(ratio: float, beside: float) -> None:
-    model = modal_model(Beam(modes=3, damping_ratio=ratio, absorber_position=NODE + beside), [NODE + beside, 0.5])
+    model = modal_model(
+        Beam(modes=3, damping_ratio=ratio, absorber_position=NODE + beside), [NODE + beside, 0.5]
+    )
     assert max(all_errors(model, 0.05 * model.beam_mass, 1.0, 0.1)) < BAR
 
 
@@ -135,8 +180,12 @@ def test_places_beside_a_node_of_the_beam(ratio: float, beside: float) -> None:
 @pytest.mark.parametrize("share", [1e-20, 1e-9, 1e-7, 1e-4])
 def test_tip_shapes_that_almost_vanish(ratio: float, share: float) -> None:
     model = custom(3, 4, ratio, 2)
-    shapes = model.absorber_shapes * np.array([[1, share, 1, 0.3 * share], [1, -3 * share, 1, share]])
-    changed = ModalModel(model.omega, model.damping_ratio, model.force_shape, shapes[0], 1.0, shapes)
+    shapes = model.absorber_shapes * np.array(
+        [[1, share, 1, 0.3 * share], [1, -3 * share, 1, share]]
+    )
+    changed = ModalModel(
+        model.omega, model.damping_ratio, model.force_shape, shapes[0], 1.0, shapes
+    )
     assert max(all_errors(changed, 0.3, 1.0, 0.05)) < BAR
 
 
@@ -146,19 +195,32 @@ def test_two_modes_with_one_frequency(apart: float) -> None:
         model = custom(seed, 4, 0.01, 2)
         omega = np.array(model.omega)
         omega[2] = omega[1] * (1 + apart)
-        equal = ModalModel(omega, model.damping_ratio, model.force_shape, model.tip_shape, 1.0, model.absorber_shapes)
+        equal = ModalModel(
+            omega,
+            model.damping_ratio,
+            model.force_shape,
+            model.tip_shape,
+            1.0,
+            model.absorber_shapes,
+        )
         assert max(all_errors(equal, 0.1, 1.0, 0.1)) < BAR
 
 
-@pytest.mark.parametrize(("mass", "stiffness"), [(1.7e-6, 2.8e7), (1e-9, 1e9), (1e-4, 1e-6), (50.0, 1.0)])
+@pytest.mark.parametrize(
+    ("mass", "stiffness"), [(1.7e-6, 2.8e7), (1e-9, 1e9), (1e-4, 1e-6), (50.0, 1.0)]
+)
 def test_light_heavy_stiff_and_soft_absorbers(mass: float, stiffness: float) -> None:
     model = custom(6, 3, 0.01)
-    turned = fastest(model, mass, stiffness)[0] * max(times(model))  # an angle, of which rounding is a share
+    turned = fastest(model, mass, stiffness)[0] * max(
+        times(model)
+    )  # an angle, of which rounding is a share
     assert sprung_error(model, mass, stiffness, 0.0) < BAR + 4e-16 * turned
 
 
 @pytest.mark.parametrize(("mass", "stiffness"), [(1.7e-6, 2.8e7), (0.05, 2e3), (1e-9, 1e9)])
-def test_stretch_under_a_constant_force_is_that_of_the_spring(mass: float, stiffness: float) -> None:
+def test_stretch_under_a_constant_force_is_that_of_the_spring(
+    mass: float, stiffness: float
+) -> None:
     """And the tip is where it was, since the spring takes the whole force; a drive that rests bends the beam as without absorber."""
     model = custom(7, 3, 0.01)
     regime = sprung(model, mass, stiffness)
@@ -166,16 +228,23 @@ def test_stretch_under_a_constant_force_is_that_of_the_spring(mass: float, stiff
     stretch = np.sum(rows[GUARD] * rows[REST] - rows[GUARD + 1] * rows[REST + 1])
     assert stretch == pytest.approx(1 / stiffness, rel=BAR)
     assert abs(regime.tip_rest) < BAR * np.sum((model.tip_shape / model.omega) ** 2)
-    s, drive = rows[0] + 1j * rows[1], rows[DRIVE] + 1j * rows[DRIVE + 1]
+    s = rows[0] + 1j * rows[1]
+    drive = rows[DRIVE] + 1j * rows[DRIVE + 1]
     bent = np.real(np.sum((rows[TIP] + 1j * rows[TIP + 1]) * -drive / s))
-    assert bent == pytest.approx(np.sum(model.tip_shape * model.force_shape / model.omega**2), rel=BAR)
+    assert bent == pytest.approx(
+        np.sum(model.tip_shape * model.force_shape / model.omega**2), rel=BAR
+    )
 
 
 def test_the_tip_under_a_swinging_relative_force() -> None:
     """A light absorber on a stiff spring, which takes all but a small part of the force."""
-    model, mass, stiffness = custom(8, 2, 0.01), 1.7e-6, 2.8e7
-    rows, at = sprung(model, mass, stiffness).slots.rows, 1.3 * model.omega[0]
-    s, both = rows[0] + 1j * rows[1], (rows[TIP] + 1j * rows[TIP + 1]) * (rows[RELATIVE] + 1j * rows[RELATIVE + 1])
+    model = custom(8, 2, 0.01)
+    mass = 1.7e-6
+    stiffness = 2.8e7
+    rows = sprung(model, mass, stiffness).slots.rows
+    at = 1.3 * model.omega[0]
+    s = rows[0] + 1j * rows[1]
+    both = (rows[TIP] + 1j * rows[TIP + 1]) * (rows[RELATIVE] + 1j * rows[RELATIVE + 1])
     found = np.sum(both / (1j * at - s) + np.conj(both) / (1j * at - np.conj(s))) / 2
     expected = swinging_tip(model, mass, stiffness, at)
     assert abs(found - expected) < 1e-10 * abs(expected)

@@ -30,11 +30,17 @@ class Beam:
     """Modal displacement and velocity (N_m,) under a force of constant frequency; damping may be of any size."""
 
     def __init__(self, scene: Scene, drive: Drive) -> None:
-        model, wide = scene.model, np.longdouble
-        self.omega, self.a = model.omega.astype(wide), model.damping_ratio.astype(wide) * model.omega.astype(wide)
+        model = scene.model
+        wide = np.longdouble
+        self.omega, self.a = (
+            model.omega.astype(wide),
+            model.damping_ratio.astype(wide) * model.omega.astype(wide),
+        )
         self.force = drive.amplitude * model.force_shape.astype(wide)
         self.drive_omega, self.phase = wide(drive.schedule.omegas[0]), wide(drive.phase)
-        self.response = self.force / (self.omega**2 - self.drive_omega**2 + 2j * self.a * self.drive_omega)
+        self.response = self.force / (
+            self.omega**2 - self.drive_omega**2 + 2j * self.a * self.drive_omega
+        )
 
     def forced(self, t: Array) -> tuple[Array, Array]:
         swing = self.response * np.exp(1j * (self.drive_omega * t[:, None] + self.phase))
@@ -44,13 +50,16 @@ class Beam:
         """Return displacement and velocity (T, N_m) a time t (T,) after ``start``."""
         q0, v0 = self.forced(np.array([start]))
         q1, v1 = self.forced(start + t)
-        u, w = q - q0[0], v - v0[0]
+        u = q - q0[0]
+        w = v - v0[0]
         root = np.sqrt((self.a**2 - self.omega**2).astype(np.clongdouble))
         x = t[:, None] * root
         c = np.cosh(x).real
         s = t[:, None] * np.where(np.abs(x) < 1e-8, 1.0, np.sinh(x) / np.where(x == 0, 1.0, x)).real
         decay = np.exp(-self.a * t[:, None])
-        return q1 + decay * (u * c + (w + self.a * u) * s), v1 + decay * (w * c - (self.omega**2 * u + self.a * w) * s)
+        return q1 + decay * (u * c + (w + self.a * u) * s), v1 + decay * (
+            w * c - (self.omega**2 * u + self.a * w) * s
+        )
 
 
 def replay(response: Response, dense: int = 100) -> tuple[int, float, float]:
@@ -59,17 +68,29 @@ def replay(response: Response, dense: int = 100) -> tuple[int, float, float]:
     Return the number of flights; how far an absorber was outside of its cavity, or off its wall at an impact, as a share of the gap; and the largest
     error of the relative velocity before an impact, relative to the largest one seen, or of the impulse, relative to Newton's law.
     """
-    scene, drive, impacts, phases = response.scene, response.drive, response.impacts, response.phases
+    scene = response.scene
+    drive = response.drive
+    impacts = response.impacts
+    phases = response.phases
     every = getattr(scene.absorber, "absorbers", (scene.absorber,))
-    gap, e = np.array([a.walls.gap for a in every]), np.array([a.walls.restitution for a in every])
-    shapes, masses = scene.absorber_shapes.astype(np.longdouble), scene.absorber_masses
+    gap = np.array([a.walls.gap for a in every])
+    e = np.array([a.walls.restitution for a in every])
+    shapes = scene.absorber_shapes.astype(np.longdouble)
+    masses = scene.absorber_masses
     compliance = 1 / masses + np.sum(shapes**2, axis=1)
-    beam, flights, off, error, fastest = Beam(scene, drive), 0, 0.0, 0.0, 0.0
+    beam = Beam(scene, drive)
+    flights = 0
+    off = 0.0
+    error = 0.0
+    fastest = 0.0
     q, v = np.zeros((2, scene.model.modes), np.longdouble)
     x, y = np.zeros((2, len(gap)), np.longdouble)  # absorbers
-    now, samples = np.longdouble(0.0), np.unique(np.concatenate([ENDS, np.linspace(0, 1, dense)])).astype(np.longdouble)[1:]
+    now = np.longdouble(0.0)
+    samples = np.unique(np.concatenate([ENDS, np.linspace(0, 1, dense)])).astype(np.longdouble)[1:]
     until = np.min(phases.start, initial=np.inf)
-    for time, which, rate, impulse in zip(impacts.time, impacts.absorber, impacts.relative_velocity, impacts.impulse, strict=True):
+    for time, which, rate, impulse in zip(
+        impacts.time, impacts.absorber, impacts.relative_velocity, impacts.impulse, strict=True
+    ):
         if time >= until:
             break
         t = (np.longdouble(time) - now) * samples
@@ -77,13 +98,21 @@ def replay(response: Response, dense: int = 100) -> tuple[int, float, float]:
             qs, vs = beam.move(q, v, now, t)
             relative = x + t[:, None] * y - qs @ shapes.T
             off = max(off, float(np.max(np.abs(relative) / gap)) - 1)
-            x, q, v = x + t[-1] * y, qs[-1], vs[-1]
+            x = x + t[-1] * y
+            q = qs[-1]
+            v = vs[-1]
         now = np.longdouble(time)
-        tip, gamma = shapes[which] @ q, y[which] - shapes[which] @ v
+        tip = shapes[which] @ q
+        gamma = y[which] - shapes[which] @ v
         off = max(off, abs(float(np.abs(x[which] - tip) / gap[which]) - 1))
         x[which] = tip + np.copysign(gap[which], x[which] - tip)  # as the list of impacts says
-        fastest, law = max(fastest, abs(float(rate))), -(1 + e[which]) * gamma / compliance[which]
-        error = max(error, abs(float(gamma - rate)) / fastest, abs(float((law - impulse) * compliance[which])) / fastest)
+        fastest = max(fastest, abs(float(rate)))
+        law = -(1 + e[which]) * gamma / compliance[which]
+        error = max(
+            error,
+            abs(float(gamma - rate)) / fastest,
+            abs(float((law - impulse) * compliance[which])) / fastest,
+        )
         y[which] += impulse / masses[which]
         v = v - shapes[which] * impulse
         flights += 1
@@ -96,22 +125,48 @@ SCENES = 25
 def random_run(seed: int) -> tuple[Response, float]:
     """Return a run of at most 2,000 events and its scale, the amplitude without absorber over the gap, 3e3 to 1e8."""
     rng = np.random.default_rng(seed)
-    modes, several = int(rng.integers(1, 5)), rng.random() < 0.3
+    modes = int(rng.integers(1, 5))
+    several = rng.random() < 0.3
     omega = np.sort(10 ** rng.uniform(-1, 1.5, modes)) * 10 ** rng.uniform(-1, 3)
-    damping = [10 ** rng.uniform(-4, -1, modes), np.zeros(modes), 1 + rng.choice([0, 1e-6, -1e-6, 1e-3], modes)][rng.integers(3 - several)]
+    damping = [
+        10 ** rng.uniform(-4, -1, modes),
+        np.zeros(modes),
+        1 + rng.choice([0, 1e-6, -1e-6, 1e-3], modes),
+    ][rng.integers(3 - several)]
     if rng.random() < 0.3 and not several:
         omega[:2] = omega[0]
     drive_omega = omega[0] * rng.choice([0.9, 1.1])
-    shapes, places = rng.normal(size=(2, modes)), rng.normal(size=(2, modes))
-    force, scale = 10 ** rng.uniform(-2, 2), 10 ** rng.uniform(3.5, 8)
-    gap = float(abs(np.sum(force * shapes[0] * shapes[1] / (omega**2 - drive_omega**2 + 2j * damping * omega * drive_omega))) / scale)
+    shapes = rng.normal(size=(2, modes))
+    places = rng.normal(size=(2, modes))
+    force = 10 ** rng.uniform(-2, 2)
+    scale = 10 ** rng.uniform(3.5, 8)
+    gap = float(
+        abs(
+            np.sum(
+                force
+                * shapes[0]
+                * shapes[1]
+                / (omega**2 - drive_omega**2 + 2j * damping * omega * drive_omega)
+            )
+        )
+        / scale
+    )
     e = float(rng.choice([1.0, 1.0, 0.9, 0.5]))
     absorber = impact_absorber(gap, e, None, float(10 ** rng.uniform(-3, -1)))
     scene = Scene(ModalModel(omega, damping, *shapes, 1.0), absorber)
     if several:  # near critical damping these are refused
         other = impact_absorber(gap * float(rng.uniform(0.1, 10)), e, None, 0.01)
-        scene = Scene(ModalModel(omega, damping, *shapes, 1.0, places), SeveralAbsorbers((absorber, other), (1.0, 1.0)))
-    drive = Drive(force, constant_frequency(float(omega[0]), drive_omega / float(omega[0]), float(rng.uniform(1, 4))), float(rng.uniform(0, 6)))
+        scene = Scene(
+            ModalModel(omega, damping, *shapes, 1.0, places),
+            SeveralAbsorbers((absorber, other), (1.0, 1.0)),
+        )
+    drive = Drive(
+        force,
+        constant_frequency(
+            float(omega[0]), drive_omega / float(omega[0]), float(rng.uniform(1, 4))
+        ),
+        float(rng.uniform(0, 6)),
+    )
     try:
         record = ALL if several else Record(events=True)  # kernels that others use
         return simulate(scene, drive, record=record, most_events=2000), scale
@@ -138,11 +193,27 @@ def test_a_release_near_critical_damping_is_no_storm(seed: int, case: int) -> No
     """Twenty modes whose eigenvectors almost coincide: an absorber that has just left its wall does not hit it again for ever."""
     rng = np.random.default_rng(seed)
     for k in range(case + 1):
-        omega = np.sort(0.28 * 10 ** np.concatenate([[0], rng.uniform(0, 3, 19)])) if k % 2 else 0.28 * np.arange(1, 21) ** 2.0
-        damping, shapes = float(rng.choice([0.999999, 0.99, 1.000001])), rng.normal(size=(2, 20))
-        still = abs(np.sum(shapes[0] * shapes[1] / (omega**2 - 0.28**2 + 2j * damping * omega * 0.28)))
-        force, ratio = 10 ** rng.uniform(0, 4) * 23.5e-6 / still, float(10 ** rng.uniform(-3, -1))
-    scene = Scene(ModalModel(omega, np.full(20, damping), *shapes, 1.0), impact_absorber(23.5e-6, 0.7, None, ratio))
-    response = simulate(scene, Drive(force, linear_sweep(0.28, 0.9, 1.06, 40)), record=Record(events=True), most_events=20_000)
+        omega = (
+            np.sort(0.28 * 10 ** np.concatenate([[0], rng.uniform(0, 3, 19)]))
+            if k % 2
+            else 0.28 * np.arange(1, 21) ** 2.0
+        )
+        damping = float(rng.choice([0.999999, 0.99, 1.000001]))
+        shapes = rng.normal(size=(2, 20))
+        still = abs(
+            np.sum(shapes[0] * shapes[1] / (omega**2 - 0.28**2 + 2j * damping * omega * 0.28))
+        )
+        force = 10 ** rng.uniform(0, 4) * 23.5e-6 / still
+        ratio = float(10 ** rng.uniform(-3, -1))
+    scene = Scene(
+        ModalModel(omega, np.full(20, damping), *shapes, 1.0),
+        impact_absorber(23.5e-6, 0.7, None, ratio),
+    )
+    response = simulate(
+        scene,
+        Drive(force, linear_sweep(0.28, 0.9, 1.06, 40)),
+        record=Record(events=True),
+        most_events=20_000,
+    )
     assert response.impact_count > 100
     assert len(np.unique(response.impacts.time)) > 0.99 * response.impact_count

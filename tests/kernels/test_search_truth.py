@@ -16,7 +16,14 @@ from impact_env.kernels.motion.slots import SPEED, S, Slots
 from reference.signals import HIGH, LOW, NOTHING, TURN, Force, Found, Guards, Signals, first_events
 
 Model = tuple[str, int]
-MODELS: tuple[Model, ...] = (("paper", 2), ("paper", 10), ("paper", 30), ("other", 2), ("other", 10), ("other", 30))
+MODELS: tuple[Model, ...] = (
+    ("paper", 2),
+    ("paper", 10),
+    ("paper", 30),
+    ("other", 2),
+    ("other", 10),
+    ("other", 30),
+)
 CASES = {2: 60, 10: 60, 30: 30}  # signals of each start in a window
 GUARDED = {
     "walls": ("leaves", "rests", "released", "inside"),
@@ -38,7 +45,9 @@ def scene_of(model: Model) -> Scene:
     twins = np.arange(0, modes - 1, 3)
     omega[twins + 1] = omega[twins] * (1 + 10 ** rng.uniform(-5, -2, len(twins)))
     damping = rng.choice([0.0, 1e-4, 0.002, 0.03, 0.3, 0.95, 1.0, 1.5], modes)
-    return Scene(ModalModel(omega, damping, rng.normal(size=modes), rng.normal(size=modes), 0.4), absorber)
+    return Scene(
+        ModalModel(omega, damping, rng.normal(size=modes), rng.normal(size=modes), 0.4), absorber
+    )
 
 
 @dataclass(frozen=True)
@@ -63,13 +72,17 @@ def stages(model: Model, joined: bool, rng: np.random.Generator) -> list[Stage]:
     """Two windows: a slow chirp from the window's start on, and a quick one from somewhere in it; one of them pushes as hard as 0.01 N or 100 N."""
     scene = scene_of(model)
     free, stuck, reach = rigid_regimes(scene, 3.2 * scene.model.pseudo_period())
-    slots, found = (stuck if joined else free).slots, []
+    slots = (stuck if joined else free).slots
+    found = []
     for k, share in enumerate((0.0, rng.uniform(0.3, 0.8))):
         omega = scene.model.omega[0] * rng.uniform(0.8, 1.2) * (1 + 2 * k)
         half = 0.5 * reach * (1 - 0.4 * k)
         alpha = 2 * (1.2e-15) ** 0.2 / half**2 * (1e-3, 1.0)[k]
-        phase, push = rng.uniform(0, 2 * np.pi), 10 ** rng.uniform(-2, 2)
-        window = Window(0.0, half, float(omega), float(alpha), push * np.cos(phase), push * np.sin(phase))
+        phase = rng.uniform(0, 2 * np.pi)
+        push = 10 ** rng.uniform(-2, 2)
+        window = Window(
+            0.0, half, float(omega), float(alpha), push * np.cos(phase), push * np.sin(phase)
+        )
         forced = new_forced(slots, None)
         solve_forced(slots, window, scene.absorber_mass if joined else None, forced)
         found.append(Stage(slots, forced, window, half * (2 * share - 1)))
@@ -83,7 +96,9 @@ def amplitudes(stage: Stage, count: int, rng: np.random.Generator) -> Array:
     power = rng.choice([-1.0, -0.5, 0.0, -1.5, -2.0, -3.0], count)[:, None]
     size = (s / s[0]) ** power * 10 ** rng.normal(0, 0.5, (count, stage.used))
     alone = rng.random(count) < 0.15
-    size[alone] *= np.where(np.arange(stage.used) == rng.integers(stage.used, size=(np.sum(alone), 1)), 1.0, 1e-3)
+    size[alone] *= np.where(
+        np.arange(stage.used) == rng.integers(stage.used, size=(np.sum(alone), 1)), 1.0, 1e-3
+    )
     total = stage.forced.bound[0] * 10 ** rng.uniform(-1, 2, (count, 1))
     return np.asarray(phase * size * total / size.sum(axis=1, keepdims=True))
 
@@ -103,22 +118,37 @@ class Cases:
 
 
 def cases_of(stage: Stage, watched: str, name: str, count: int, rng: np.random.Generator) -> Cases:
-    u, s = amplitudes(stage, count, rng), stage.slots.rows[S, : stage.used] + 1j * stage.slots.rows[S + 1, : stage.used]
-    force = Force.of(stage.forced.signals[0, :, 0, 0] + 1j * stage.forced.signals[0, :, 1, 0], stage.window.omega)
+    u = amplitudes(stage, count, rng)
+    s = stage.slots.rows[S, : stage.used] + 1j * stage.slots.rows[S + 1, : stage.used]
+    force = Force.of(
+        stage.forced.signals[0, :, 0, 0] + 1j * stage.forced.signals[0, :, 1, 0], stage.window.omega
+    )
     pushes = np.array([float(force(m, stage.tau)) for m in range(30)])
     signals = Signals(s, u, np.zeros((count, 3)), np.zeros((count, 3)), force, pushes, stage.tau)
     y, v, a = signals.sizes().T
     natural = np.stack([np.real((u * s**m).sum(axis=1)) for m in range(4)], axis=1) + pushes[:4]
     if watched == "joint":
         room = y * 10 ** rng.uniform(-3, 0, (2, count))
-        low, high = natural[:, 0] - room[0], natural[:, 0] + room[1]
+        low = natural[:, 0] - room[0]
+        high = natural[:, 0] + room[1]
         low[rng.random(count) < 0.2] = -np.inf
         none = np.zeros(count)
         start = natural[:, :3]
         guards = Guards(low - start[:, 0], high - start[:, 0], none)
-        return Cases(stage, name, Signals(s, u, signals.p, start, force, pushes, stage.tau), guards, low, high, none, none > 0)
-    start, gap = natural[:, :3].copy(), y * 10 ** rng.uniform(-2.5, 0.5, count)
-    sign, side = rng.choice([-1.0, 1.0], count), np.zeros(count)
+        return Cases(
+            stage,
+            name,
+            Signals(s, u, signals.p, start, force, pushes, stage.tau),
+            guards,
+            low,
+            high,
+            none,
+            none > 0,
+        )
+    start = natural[:, :3].copy()
+    gap = y * 10 ** rng.uniform(-2.5, 0.5, count)
+    sign = rng.choice([-1.0, 1.0], count)
+    side = np.zeros(count)
     start[:, 0] = gap * rng.uniform(-1, 1, count)
     start[:, 1] = sign * v * 10 ** rng.uniform(-5, 0, count)
     if name == "released":
@@ -132,29 +162,47 @@ def cases_of(stage: Stage, watched: str, name: str, count: int, rng: np.random.G
         start[:, 0] = sign * (gap - np.maximum(far, 1e-10 * y))
     if name == "leaves" or (watched == "walls" and name != "inside"):
         start[:, 0], side = -sign * gap, -sign
-    low, high, direction = -gap, gap, sign
+    low = -gap
+    high = gap
+    direction = sign
     if watched == "walls":
         direction = np.zeros(count)
     if watched == "walls and rate":  # as the simulator asks: the wall behind cannot be reached
-        low, high = np.where(sign > 0, -np.inf, low), np.where(sign > 0, high, np.inf)
+        low = np.where(sign > 0, -np.inf, low)
+        high = np.where(sign > 0, high, np.inf)
     if watched == "rate":
-        low, high = np.full(count, -np.inf), np.full(count, np.inf)
+        low = np.full(count, -np.inf)
+        high = np.full(count, np.inf)
     zero = np.full(count, watched in ("walls and rate", "rate") and name != "inside")
     guards = Guards(low - start[:, 0], high - start[:, 0], direction)
-    return Cases(stage, name, Signals(s, u, start - natural[:, :3], start, force, pushes, stage.tau), guards, low, high, side, zero)
+    return Cases(
+        stage,
+        name,
+        Signals(s, u, start - natural[:, :3], start, force, pushes, stage.tau),
+        guards,
+        low,
+        high,
+        side,
+        zero,
+    )
 
 
 def searched(cases: Cases, case: int, level: int) -> tuple[int, float]:
     """Return kind and time of the first event that the search finds from a level on."""
-    stage, guards = cases.stage, cases.guards
+    stage = cases.stage
+    guards = cases.guards
     signal = new_signal(stage.slots.rows.shape[1])
     u = cases.signals.u[case]
     signal.u[0, : stage.used], signal.u[1, : stage.used] = u.real, u.imag
     signal.polynomial[:] = cases.signals.p[case]
     signal.memory[0] = level
-    low, high, direction = float(cases.low[case]), float(cases.high[case]), float(guards.direction[case])
+    low = float(cases.low[case])
+    high = float(cases.high[case])
+    direction = float(guards.direction[case])
     walls = (low, high) if np.isfinite(low) or np.isfinite(high) else (None, None)
-    kept = SearchGuards(*walls, int(cases.side[case]), direction if direction else None, bool(cases.zero[case]))
+    kept = SearchGuards(
+        *walls, int(cases.side[case]), direction if direction else None, bool(cases.zero[case])
+    )
     course = Course(stage.slots, stage.forced, stage.window.omega, signal, stage.tau)
     found = search(course, kept, stage.length, stage.window.half)
     return int(found.kind), float(found.offset)
@@ -162,16 +210,25 @@ def searched(cases: Cases, case: int, level: int) -> tuple[int, float]:
 
 def differences(cases: Cases, truth: Found, top: int) -> list[str]:
     """Return the differences between the search and brute force, one line for each case."""
-    lines, sizes, fast = [], cases.signals.sizes(), cases.signals.fastest
+    lines = []
+    sizes = cases.signals.sizes()
+    fast = cases.signals.fastest
     for case in np.flatnonzero(truth.clear):
-        kind, time = truth.kind[case], truth.time[case]
+        kind = truth.kind[case]
+        time = truth.time[case]
         of_guard = 1 if kind == TURN else 0
         size = sizes[case, of_guard] + sizes[case, of_guard + 1] * min(time, 1 / fast)
         slack = 1e-7 / fast + 1e-13 * size / truth.slope[case]
         found = [searched(cases, case, level) for level in range(top + 1)]
-        wrong = {n: (k, f"{t * fast:.6g}") for n, (k, t) in enumerate(found) if k != kind or (k != NOTHING and not abs(t - time) <= slack)}
+        wrong = {
+            n: (k, f"{t * fast:.6g}")
+            for n, (k, t) in enumerate(found)
+            if k != kind or (k != NOTHING and not abs(t - time) <= slack)
+        }
         if wrong:
-            lines.append(f"{cases.name} {case}: truth ({kind}, {time * fast:.6g}), found {wrong}; times in 1/|s|")
+            lines.append(
+                f"{cases.name} {case}: truth ({kind}, {time * fast:.6g}), found {wrong}; times in 1/|s|"
+            )
     return lines
 
 
@@ -179,14 +236,17 @@ def differences(cases: Cases, truth: Found, top: int) -> list[str]:
 @pytest.mark.parametrize("watched", GUARDED)
 def test_no_event_is_missed_from_any_level(watched: str, model: Model) -> None:
     rng = np.random.default_rng([len(watched), MODELS.index(model)])
-    lines, judged, count = [], 0, 0
+    lines = []
+    judged = 0
+    count = 0
     for stage in stages(model, watched == "joint", rng):
         top = stage.slots.steps.shape[0] - 1
         for name in GUARDED[watched]:
             cases = cases_of(stage, watched, name, CASES[model[1]], rng)
             truth = first_events(cases.signals, cases.guards, stage.length)
             lines += differences(cases, truth, top)
-            judged, count = judged + int(np.sum(truth.clear)), count + len(truth.clear)
+            judged = judged + int(np.sum(truth.clear))
+            count = count + len(truth.clear)
             assert np.any(truth.kind[truth.clear] != NOTHING)
     assert judged > 0.97 * count
     assert not lines, f"{len(lines)} of {judged} cases:\n" + "\n".join(lines[:20])
@@ -194,9 +254,22 @@ def test_no_event_is_missed_from_any_level(watched: str, model: Model) -> None:
 
 def test_brute_force_knows_a_sine() -> None:
     """y = sin(t) on the wall 0: it comes back at pi, turns at pi/2, and meets a wall at 0.5 after pi/6."""
-    one, none = np.ones(1), Force.of(np.zeros(9, complex), 0.0)
-    signals = Signals(np.array([1j]), np.array([[-1j]]), np.zeros((1, 3)), np.array([[0.0, 1.0, 0.0]]), none, np.zeros(30), 0.0)
-    for low, high, direction, kind, time in ((0.0, 2.0, 0.0, LOW, np.pi), (0.0, 2.0, 1.0, TURN, np.pi / 2), (0.0, 0.5, 0.0, HIGH, np.pi / 6)):
+    one = np.ones(1)
+    none = Force.of(np.zeros(9, complex), 0.0)
+    signals = Signals(
+        np.array([1j]),
+        np.array([[-1j]]),
+        np.zeros((1, 3)),
+        np.array([[0.0, 1.0, 0.0]]),
+        none,
+        np.zeros(30),
+        0.0,
+    )
+    for low, high, direction, kind, time in (
+        (0.0, 2.0, 0.0, LOW, np.pi),
+        (0.0, 2.0, 1.0, TURN, np.pi / 2),
+        (0.0, 0.5, 0.0, HIGH, np.pi / 6),
+    ):
         found = first_events(signals, Guards(low * one, high * one, direction * one), 10.0)
         assert found.kind[0] == kind
         assert found.time[0] == pytest.approx(time, rel=1e-12)

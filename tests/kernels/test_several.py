@@ -27,31 +27,58 @@ from impact_env import (
 from optimisation.designs import design_space
 from optimisation.measures import FRICTION_HEAT, STROKE, of_motion
 
-BEAM, ONE_MODE, START = Beam(modes=3), Beam(modes=1, damping_ratio=0.0), 1e-3  # m, of the mode
+# m, of the mode
+BEAM = Beam(modes=3)
+ONE_MODE = Beam(modes=1, damping_ratio=0.0)
+START = 1e-3
 SWEEPS = 4  # over all absorbers: what one of them does to another is small
 
 
 def small_steps(scene: Scene, drive: Drive, steps: int) -> Array:
     """Return the end state of a run from rest by Moreau's scheme: contact laws as projections, without the regimes and events of the references."""
-    model, shapes, masses, every = scene.model, scene.absorber_shapes, scene.absorber_masses, scene.absorber.absorbers
-    gaps, restitutions = zip(*((np.inf, 0.0) if one.walls is None else (one.walls.gap, one.walls.restitution) for one in every), strict=True)
-    mobility, dt = shapes @ shapes.T + np.diag(1 / masses), float(drive.schedule.times[-1]) / steps
+    model = scene.model
+    shapes = scene.absorber_shapes
+    masses = scene.absorber_masses
+    every = scene.absorber.absorbers
+    gaps, restitutions = zip(
+        *(
+            (np.inf, 0.0) if one.walls is None else (one.walls.gap, one.walls.restitution)
+            for one in every
+        ),
+        strict=True,
+    )
+    mobility = shapes @ shapes.T + np.diag(1 / masses)
+    dt = float(drive.schedule.times[-1]) / steps
     most = dt * np.array([0.0 if one.friction is None else one.friction.limit for one in every])
     (q, u), (x, v) = np.zeros((2, model.modes)), np.zeros((2, len(every)))
-    for force in drive.amplitude * np.cos(drive.schedule.phase_at(dt * (0.5 + np.arange(steps))) + drive.phase):
-        q, x = q + dt / 2 * u, x + dt / 2 * v
-        distance, before = x - shapes @ q, v - shapes @ u
-        u = u + dt * (model.force_shape * force - 2 * model.damping_ratio * model.omega * u - model.omega**2 * q)
-        free, percussion = v - shapes @ u, np.zeros(len(every))
+    for force in drive.amplitude * np.cos(
+        drive.schedule.phase_at(dt * (0.5 + np.arange(steps))) + drive.phase
+    ):
+        q = q + dt / 2 * u
+        x = x + dt / 2 * v
+        distance = x - shapes @ q
+        before = v - shapes @ u
+        u = u + dt * (
+            model.force_shape * force
+            - 2 * model.damping_ratio * model.omega * u
+            - model.omega**2 * q
+        )
+        free = v - shapes @ u
+        percussion = np.zeros(len(every))
         for _ in range(SWEEPS):
             for a, own in enumerate(np.diag(mobility)):  # each one's by the others'
                 alone = free[a] + mobility[a] @ percussion - own * percussion[a]
                 percussion[a] = np.clip(-alone / own, -most[a], most[a])
                 rebound = -restitutions[a] * before[a]
-                if abs(distance[a]) >= gaps[a] and np.sign(distance[a]) * (alone + own * percussion[a] - rebound) > 0:
+                if (
+                    abs(distance[a]) >= gaps[a]
+                    and np.sign(distance[a]) * (alone + own * percussion[a] - rebound) > 0
+                ):
                     percussion[a] = (rebound - alone) / own
-        u, v = u - shapes.T @ percussion, v + percussion / masses
-        q, x = q + dt / 2 * u, x + dt / 2 * v
+        u = u - shapes.T @ percussion
+        v = v + percussion / masses
+        q = q + dt / 2 * u
+        x = x + dt / 2 * v
     return np.concatenate([q, x, u, v])
 
 
@@ -63,7 +90,10 @@ def test_small_steps_of_another_scheme_converge_to_it() -> None:
     assert response.impact_count >= 3
     assert set(response.phases.absorber.tolist()) == {0, 1, 2}
     scale = np.abs(response.end_state) + np.repeat([1e-4, 1e-1], 5)
-    coarse, fine = (np.max(np.abs(small_steps(scene, drive, steps) - response.end_state) / scale) for steps in (1_000, 6_000))
+    coarse, fine = (
+        np.max(np.abs(small_steps(scene, drive, steps) - response.end_state) / scale)
+        for steps in (1_000, 6_000)
+    )
     assert fine < 0.3 * coarse
     assert fine < 2e-3
 
@@ -71,7 +101,11 @@ def test_small_steps_of_another_scheme_converge_to_it() -> None:
 @pytest.mark.parametrize("friction", [None, 0.05])
 def test_a_second_absorber_without_mass_changes_nothing(friction: float | None) -> None:
     one = impact_absorber(3e-4, 0.7, friction)
-    light = impact_absorber(1e-4, 0.7, None, 1e-10) if friction is None else friction_damper(1e-11, 1e-10)
+    light = (
+        impact_absorber(1e-4, 0.7, None, 1e-10)
+        if friction is None
+        else friction_damper(1e-11, 1e-10)
+    )
     drive = drive_of(3.0, 0.97, 1.02, periods=3)
     single = run(beam_scene(BEAM, one), drive)
     both = run(beam_scene(BEAM, SeveralAbsorbers((one, light), (1.0, 0.5))), drive)
@@ -83,23 +117,36 @@ def test_a_second_absorber_without_mass_changes_nothing(friction: float | None) 
 
 
 def test_absorbers_that_never_move_are_a_stuck_one_of_their_mass() -> None:
-    stuck = tuple(SlidingAbsorber(ratio, RigidWalls(1e-3, 0.5), friction_damper(1e4).friction) for ratio in (0.01, 0.03, 0.02))
-    drive, start = drive_of(3.0, 0.9, 1.1, periods=4), InitialState(np.array([1e-4, 1e-5, 0.0]))
+    stuck = tuple(
+        SlidingAbsorber(ratio, RigidWalls(1e-3, 0.5), friction_damper(1e4).friction)
+        for ratio in (0.01, 0.03, 0.02)
+    )
+    drive = drive_of(3.0, 0.9, 1.1, periods=4)
+    start = InitialState(np.array([1e-4, 1e-5, 0.0]))
     several = run(beam_scene(BEAM, SeveralAbsorbers(stuck, (1.0, 1.0, 1.0))), drive, initial=start)
     single = run(beam_scene(BEAM, StuckAbsorber(0.06)), drive, initial=start)
     assert several.impact_count == 0
     assert several.stuck_time == pytest.approx(3 * drive.schedule.times[-1], rel=1e-12)
     np.testing.assert_allclose(
-        several.end_state[[0, 1, 2, 6, 7, 8]], single.end_state[[0, 1, 2, 4, 5, 6]], atol=1e-12 * np.max(np.abs(single.end_state))
+        several.end_state[[0, 1, 2, 6, 7, 8]],
+        single.end_state[[0, 1, 2, 4, 5, 6]],
+        atol=1e-12 * np.max(np.abs(single.end_state)),
     )
 
 
 def test_an_impact_keeps_momentum_and_obeys_restitution() -> None:
     """One impact at 0.6 of the length; what the modes and the others' relative velocities change by is the impulse's share."""
-    scene = beam_scene(Beam(modes=4, damping_ratio=0.0), impact_absorbers((1e-3, 1e-3), (1.0, 0.6), restitution=0.6))
-    start = InitialState(absorber_displacement=(0.0, 1e-3 * (1 - 1e-9)), absorber_velocity=(0.0, 0.2))
+    scene = beam_scene(
+        Beam(modes=4, damping_ratio=0.0),
+        impact_absorbers((1e-3, 1e-3), (1.0, 0.6), restitution=0.6),
+    )
+    start = InitialState(
+        absorber_displacement=(0.0, 1e-3 * (1 - 1e-9)), absorber_velocity=(0.0, 0.2)
+    )
     response = run(scene, drive_of(0.0, 1.0, periods=1e-6), initial=start)
-    impacts, shapes, mass = response.impacts, scene.absorber_shapes, scene.absorber_masses[1]
+    impacts = response.impacts
+    shapes = scene.absorber_shapes
+    mass = scene.absorber_masses[1]
     assert response.impact_count == 1
     assert impacts.absorber[0] == 1
     impulse = -1.6 * 0.2 / (1 / mass + shapes[1] @ shapes[1])
@@ -113,27 +160,43 @@ def test_an_impact_keeps_momentum_and_obeys_restitution() -> None:
 @pytest.mark.plain
 def test_an_impact_that_pushes_another_absorber_into_its_wall_makes_it_hit_at_once() -> None:
     """The other one is on its wall and about to leave it: without the hit it would be beyond the wall for a microsecond."""
-    scene = beam_scene(ONE_MODE, SeveralAbsorbers((impact_absorber(1e-5, 0.5, None, 0.01), impact_absorber(1e-3, 0.0, None, 1e-3)), (1.0, 1.0)))
+    scene = beam_scene(
+        ONE_MODE,
+        SeveralAbsorbers(
+            (impact_absorber(1e-5, 0.5, None, 0.01), impact_absorber(1e-3, 0.0, None, 1e-3)),
+            (1.0, 1.0),
+        ),
+    )
     shape, (other, mass) = float(scene.model.tip_shape[0]), scene.absorber_masses
-    tip, speed = -abs(shape) * START, 0.025
+    tip = -abs(shape) * START
+    speed = 0.025
     start = InitialState(np.array([tip / shape]), None, (tip + 1e-5, tip - 1e-3), (0.0, -speed))
     response = run(scene, still(1e-4), initial=start)
     pushed = shape**2 * speed / (1 / mass + shape**2)
     np.testing.assert_array_equal(response.impacts.absorber[:2], [1, 0])
     np.testing.assert_allclose(response.impacts.time[:2], 0.0, atol=1e-12)
     np.testing.assert_allclose(response.impacts.relative_velocity[:2], [-speed, pushed], rtol=1e-9)
-    assert response.impacts.impulse[1] == pytest.approx(-1.5 * pushed / (1 / other + shape**2), rel=1e-9)
+    assert response.impacts.impulse[1] == pytest.approx(
+        -1.5 * pushed / (1 / other + shape**2), rel=1e-9
+    )
 
 
 @pytest.mark.plain
 def test_bounces_beside_an_absorber_that_sticks_die_out() -> None:
     """Each impact tears the stuck one loose, and its friction takes energy out, so that even restitution 1 comes to rest on a wall."""
-    scene = beam_scene(ONE_MODE, SeveralAbsorbers((impact_absorber(1e-5, 1.0, None, 0.5), friction_damper(7.0, 0.4)), (1.0, 1.0)))
+    scene = beam_scene(
+        ONE_MODE,
+        SeveralAbsorbers(
+            (impact_absorber(1e-5, 1.0, None, 0.5), friction_damper(7.0, 0.4)), (1.0, 1.0)
+        ),
+    )
     shape = float(scene.model.tip_shape[0])
     start = InitialState(np.array([START / shape]), None, (START + 1e-5, START), (1e-3, 0.0))
     response = run(scene, still(5e-3), initial=start)
     check(response, 1e-10)
-    energy, phases, end = response.energy, response.phases, response.end_state
+    energy = response.energy
+    phases = response.phases
+    end = response.end_state
     assert response.impact_count < 200
     assert set(phases.absorber[phases.end == phases.end.max()].tolist()) == {0, 1}
     np.testing.assert_allclose(end[4:], shape * end[3], rtol=1e-12)
@@ -161,39 +224,80 @@ positions = st.one_of(st.just(1.0), st.floats(0.2, 1.0))
 @st.composite
 def several(draw: st.DrawFn) -> SeveralAbsorbers:
     def one() -> SlidingAbsorber:
-        mass, limit = draw(st.floats(0.001, 0.5)), draw(st.one_of(st.none(), st.floats(-3, 1).map(lambda x: float(10**x))))
+        mass = draw(st.floats(0.001, 0.5))
+        limit = draw(st.one_of(st.none(), st.floats(-3, 1).map(lambda x: float(10**x))))
         if limit is not None and draw(st.integers(0, 3)) == 0:
             return friction_damper(limit, mass)
         restitution = draw(st.one_of(st.sampled_from([0.0, 1.0]), st.floats(0, 1)))
-        return impact_absorber(draw(st.floats(-5, -3).map(lambda x: float(10**x))), restitution, limit, mass)
+        return impact_absorber(
+            draw(st.floats(-5, -3).map(lambda x: float(10**x))), restitution, limit, mass
+        )
 
     n = draw(st.integers(2, 3))
-    return SeveralAbsorbers(tuple(one() for _ in range(n)), tuple(draw(positions) for _ in range(n)))
+    return SeveralAbsorbers(
+        tuple(one() for _ in range(n)), tuple(draw(positions) for _ in range(n))
+    )
 
 
-@settings(max_examples=30, derandomize=True, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large], deadline=None)
-@given(st.data(), several(), st.floats(-1, 1.5).map(lambda x: float(10**x)), st.floats(0.3, 8), st.integers(1, 8))
-def test_energy_and_walls(data: st.DataObject, absorbers: SeveralAbsorbers, force: float, ratio: float, modes: int) -> None:
-    scene = beam_scene(Beam(modes=modes, elements=12, damping_ratio=data.draw(st.sampled_from([0.0, 0.01, 0.1]))), absorbers)
+@settings(
+    max_examples=30,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+    deadline=None,
+)
+@given(
+    st.data(),
+    several(),
+    st.floats(-1, 1.5).map(lambda x: float(10**x)),
+    st.floats(0.3, 8),
+    st.integers(1, 8),
+)
+def test_energy_and_walls(
+    data: st.DataObject, absorbers: SeveralAbsorbers, force: float, ratio: float, modes: int
+) -> None:
+    scene = beam_scene(
+        Beam(modes=modes, elements=12, damping_ratio=data.draw(st.sampled_from([0.0, 0.01, 0.1]))),
+        absorbers,
+    )
     q = np.array([1e-4 * data.draw(unit), *np.zeros(modes - 1)])
-    shares = [data.draw(st.one_of(st.sampled_from([0.0, 1.0, -1.0]), unit)) for _ in absorbers.absorbers]
+    shares = [
+        data.draw(st.one_of(st.sampled_from([0.0, 1.0, -1.0]), unit)) for _ in absorbers.absorbers
+    ]
     gaps = [getattr(scene.cavity(a), "gap", 1e-3) for a in range(scene.places)]
-    start = InitialState(q, None, scene.absorber_shapes @ q + np.array(shares) * np.array(gaps), [0.1 * data.draw(unit) for _ in shares])
-    response = run(scene, drive_of(force, ratio, periods=1.5), initial=data.draw(st.sampled_from([InitialState(), start])))
+    start = InitialState(
+        q,
+        None,
+        scene.absorber_shapes @ q + np.array(shares) * np.array(gaps),
+        [0.1 * data.draw(unit) for _ in shares],
+    )
+    response = run(
+        scene,
+        drive_of(force, ratio, periods=1.5),
+        initial=data.draw(st.sampled_from([InitialState(), start])),
+    )
     check(response, 1e-9)
 
 
 def test_starts_are_one_for_each_absorber_and_inside_its_cavity() -> None:
     scene = beam_scene(BEAM, impact_absorbers((1e-3, 3e-4), (1.0, 0.6)))
-    for places, said in (((0.0, 0.0, 0.0), "one for each absorber"), ((0.0, 1e-3), "inside the cavity")):
+    for places, said in (
+        ((0.0, 0.0, 0.0), "one for each absorber"),
+        ((0.0, 1e-3), "inside the cavity"),
+    ):
         with pytest.raises(ParameterError, match=said):
             simulate(scene, drive_of(1.0, 1.0), initial=InitialState(absorber_displacement=places))
 
 
 def test_measures_of_a_design_see_every_absorber() -> None:
-    design = design_space("several", fixed={"friction_limit_2": 0}).design({"gap_1": 3e-4, "gap_2": 2.5e-4, "position_2": 0.6, "share": 0.5})
+    design = design_space("several", fixed={"friction_limit_2": 0}).design(
+        {"gap_1": 3e-4, "gap_2": 2.5e-4, "position_2": 0.6, "share": 0.5}
+    )
     response = run(design.scene(BEAM), drive_of(3.0, 0.98, periods=3))
-    assert np.max(np.abs(relative_displacement(response)), axis=0) == pytest.approx([3e-4, 2.5e-4], rel=0.1)
+    assert np.max(np.abs(relative_displacement(response)), axis=0) == pytest.approx(
+        [3e-4, 2.5e-4], rel=0.1
+    )
     assert of_motion(STROKE, response) == np.max(np.abs(relative_displacement(response)))
     speed = response.history.absorber_velocity[:, 0] - response.history.tip_velocity
-    assert of_motion(FRICTION_HEAT, response) == pytest.approx(0.05 * np.mean(np.abs(speed)), rel=1e-12)
+    assert of_motion(FRICTION_HEAT, response) == pytest.approx(
+        0.05 * np.mean(np.abs(speed)), rel=1e-12
+    )

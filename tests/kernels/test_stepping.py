@@ -30,7 +30,12 @@ from impact_env.parameters import Absorber
 from impact_env.response import Response
 
 LINEAR = [None, StuckAbsorber(), TunedAbsorber()]
-RIGID = [impact_absorber(), impact_absorber(restitution=0.7), impact_absorber(5e-4, 0.3, 0.1), friction_damper(0.1)]
+RIGID = [
+    impact_absorber(),
+    impact_absorber(restitution=0.7),
+    impact_absorber(5e-4, 0.3, 0.1),
+    friction_damper(0.1),
+]
 COMPLIANT = [
     SlidingAbsorber(walls=CompliantWalls(1e6)),
     SlidingAbsorber(friction=ElasticCoulombFriction(0.1, 1e5)),
@@ -46,13 +51,19 @@ def deviation(response: Response, exact: Response) -> float:
 
     Samples lie on straight lines between the steps, which hides the order of a linear scene.
     """
-    scale, modes = np.max(np.abs(exact.history.modal_displacement)), exact.scene.model.modes
+    scale = np.max(np.abs(exact.history.modal_displacement))
+    modes = exact.scene.model.modes
     if not isinstance(exact.scene.absorber, SlidingAbsorber):
         return float(np.max(np.abs(response.end_state - exact.end_state)[:modes]) / scale)
-    return float(np.max(np.abs(response.history.modal_displacement - exact.history.modal_displacement)) / scale)
+    return float(
+        np.max(np.abs(response.history.modal_displacement - exact.history.modal_displacement))
+        / scale
+    )
 
 
-def converge(absorber: Absorber | None, methods: list[Method], close: float, **beam: float) -> tuple[float, float]:
+def converge(
+    absorber: Absorber | None, methods: list[Method], close: float, **beam: float
+) -> tuple[float, float]:
     """Return the finest run's deviation and the order of convergence; its impacts, phases and energies must be within multiples of ``close``."""
     scene = scene_of(absorber, modes=2, **beam)
     exact = run(scene, DRIVE)
@@ -60,12 +71,23 @@ def converge(absorber: Absorber | None, methods: list[Method], close: float, **b
     errors = [deviation(r, exact) for r in runs]
     fine = runs[-1]
     few = min(3, exact.impact_count)
-    np.testing.assert_allclose(fine.impacts.time[:few], exact.impacts.time[:few], rtol=0, atol=10 * close * PERIOD)
-    np.testing.assert_allclose(fine.impacts.impulse[:few], exact.impacts.impulse[:few], rtol=100 * close)
+    np.testing.assert_allclose(
+        fine.impacts.time[:few], exact.impacts.time[:few], rtol=0, atol=10 * close * PERIOD
+    )
+    np.testing.assert_allclose(
+        fine.impacts.impulse[:few], exact.impacts.impulse[:few], rtol=100 * close
+    )
     for name in ("work", "friction_loss", "impact_loss", "absorber_damping"):
         values = [getattr(r.energy, name) for r in (fine, exact)]
-        assert values[0] == pytest.approx(values[1], rel=20 * close, abs=20 * close * abs(exact.energy.work))
-    np.testing.assert_allclose(fine.energy.modal_loss, exact.energy.modal_loss, rtol=0, atol=20 * close * abs(exact.energy.work))
+        assert values[0] == pytest.approx(
+            values[1], rel=20 * close, abs=20 * close * abs(exact.energy.work)
+        )
+    np.testing.assert_allclose(
+        fine.energy.modal_loss,
+        exact.energy.modal_loss,
+        rtol=0,
+        atol=20 * close * abs(exact.energy.work),
+    )
     if isinstance(methods[0], Moreau):  # the other method does not count how long a slider holds
         assert fine.stuck_time == pytest.approx(exact.stuck_time, abs=100 * close * PERIOD)
     steps = [method.steps_per_period for method in methods]
@@ -100,8 +122,13 @@ def test_compliant_scenes(absorber: Absorber) -> None:
     assert order > 1.3
 
 
-@pytest.mark.parametrize(("name", "duration", "paper_error"), [("rigid_friction_10_modes", 0.2, 3e-4), ("rigid_frictionless_3_modes", 0.45, 5e-3)])
-def test_moreau_s_first_impacts_of_the_golden_cases(name: str, duration: float, paper_error: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "duration", "paper_error"),
+    [("rigid_friction_10_modes", 0.2, 3e-4), ("rigid_frictionless_3_modes", 0.45, 5e-3)],
+)
+def test_moreau_s_first_impacts_of_the_golden_cases(
+    name: str, duration: float, paper_error: float
+) -> None:
     scene, drive, times, velocities = golden(name, duration)
     period = drive.schedule.pseudo_period
     paper, fine = (run(scene, drive, Moreau(steps)).impacts for steps in (20, 10_000))
@@ -113,7 +140,11 @@ def test_moreau_s_first_impacts_of_the_golden_cases(name: str, duration: float, 
 
 def test_mirror_symmetry_and_scaling_law_of_moreau_s_scheme() -> None:
     one, mirrored, doubled = (
-        run(scene_of(impact_absorber(factor * 1e-3, 0.7, factor * 0.1)), drive_of(force, 0.98, 0.985, periods=50), Moreau())
+        run(
+            scene_of(impact_absorber(factor * 1e-3, 0.7, factor * 0.1)),
+            drive_of(force, 0.98, 0.985, periods=50),
+            Moreau(),
+        )
         for factor, force in ((1, 3.5), (1, -3.5), (2, 7.0))
     )
     np.testing.assert_array_equal(mirrored.end_state, -one.end_state)
@@ -122,25 +153,50 @@ def test_mirror_symmetry_and_scaling_law_of_moreau_s_scheme() -> None:
 
 @pytest.mark.parametrize("dt", [1e-4, 3.3e-3, 0.4])
 def test_the_turning_phasor_is_the_cosine(dt: float) -> None:
-    schedule = FrequencySchedule(np.array([0.0, 0.3, 0.301, 0.5, 2.0]), np.array([240.0, 270.0, 100.0, 100.0, 900.0]), OMEGA)
-    force = Force(*(np.array(row) for row in (schedule.times, schedule.omegas, schedule.phase_at(schedule.times))), 1.0, 0.7, None)
+    schedule = FrequencySchedule(
+        np.array([0.0, 0.3, 0.301, 0.5, 2.0]), np.array([240.0, 270.0, 100.0, 100.0, 900.0]), OMEGA
+    )
+    force = Force(
+        *(
+            np.array(row)
+            for row in (schedule.times, schedule.omegas, schedule.phase_at(schedule.times))
+        ),
+        1.0,
+        0.7,
+        None,
+    )
     count = int(2.0 / dt)
     target = np.zeros(count)
     fill_phases(target, count, force, 0, 0.0, dt)
-    np.testing.assert_allclose(target, np.cos(schedule.phase_at(dt * np.arange(count)) + 0.7), atol=2e-12)
+    np.testing.assert_allclose(
+        target, np.cos(schedule.phase_at(dt * np.arange(count)) + 0.7), atol=2e-12
+    )
 
 
 def textbook(scene: Scene, drive: Drive, steps: int) -> Array:
     """The classical Runge-Kutta method written out on the equations of motion, the slider moved after each step."""
-    model, n, sliding, mass = scene.model, scene.model.modes, scene.absorber, scene.absorber_mass
-    walls, friction = sliding.walls, sliding.friction
-    y, rest, h = np.zeros(2 * n + 2), 0.0, drive.schedule.times[-1] / steps
+    model = scene.model
+    n = scene.model.modes
+    sliding = scene.absorber
+    mass = scene.absorber_mass
+    walls = sliding.walls
+    friction = sliding.friction
+    y = np.zeros(2 * n + 2)
+    rest = 0.0
+    h = drive.schedule.times[-1] / steps
 
     def slope(t: float, y: Array) -> Array:
         d = y[n] - model.tip_shape @ y[:n]
-        p = -walls.stiffness * np.sign(d) * max(abs(d) - walls.gap, 0.0) - np.clip(friction.stiffness * (d - rest), -friction.limit, friction.limit)
+        p = -walls.stiffness * np.sign(d) * max(abs(d) - walls.gap, 0.0) - np.clip(
+            friction.stiffness * (d - rest), -friction.limit, friction.limit
+        )
         force = drive.amplitude * np.cos(drive.schedule.phase_at(t) + drive.phase)
-        modal = model.force_shape * force - model.tip_shape * p - model.omega**2 * y[:n] - 2 * model.damping_ratio * model.omega * y[n + 1 : -1]
+        modal = (
+            model.force_shape * force
+            - model.tip_shape * p
+            - model.omega**2 * y[:n]
+            - 2 * model.damping_ratio * model.omega * y[n + 1 : -1]
+        )
         return np.concatenate([y[n + 1 :], modal, [p / mass]])
 
     for i in range(steps):
@@ -149,23 +205,32 @@ def textbook(scene: Scene, drive: Drive, steps: int) -> Array:
         k3 = slope((i + 0.5) * h, y + h / 2 * k2)
         k4 = slope((i + 1) * h, y + h * k3)
         y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        d, reach = y[n] - model.tip_shape @ y[:n], friction.limit / friction.stiffness
+        d = y[n] - model.tip_shape @ y[:n]
+        reach = friction.limit / friction.stiffness
         rest = min(max(rest, d - reach), d + reach)
     return y
 
 
 def test_the_runge_kutta_step_is_the_textbook_step() -> None:
-    scene = scene_of(SlidingAbsorber(0.02, CompliantWalls(1e5, 5e-5), ElasticCoulombFriction(0.02, 2e4)))
-    schedule = FrequencySchedule(np.array([0.0, 0.011, 0.02, 0.03]), np.array([250.0, 300.0, 90.0, 90.0]), OMEGA)
+    scene = scene_of(
+        SlidingAbsorber(0.02, CompliantWalls(1e5, 5e-5), ElasticCoulombFriction(0.02, 2e4))
+    )
+    schedule = FrequencySchedule(
+        np.array([0.0, 0.011, 0.02, 0.03]), np.array([250.0, 300.0, 90.0, 90.0]), OMEGA
+    )
     drive = Drive(20.0, schedule, 0.4)
     response = run(scene, drive, RungeKutta())
     assert response.impact_count > 1
-    np.testing.assert_allclose(response.end_state, textbook(scene, drive, response.steps), rtol=1e-9, atol=1e-13)
+    np.testing.assert_allclose(
+        response.end_state, textbook(scene, drive, response.steps), rtol=1e-9, atol=1e-13
+    )
 
 
 @pytest.mark.parametrize("mass_ratio", [1e-6, 0.02, 10.0])
 @pytest.mark.parametrize("stiffness", [1e2, 1e9])
-def test_runge_kutta_is_stable_for_light_and_heavy_absorbers_on_soft_and_hard_walls(mass_ratio: float, stiffness: float) -> None:
+def test_runge_kutta_is_stable_for_light_and_heavy_absorbers_on_soft_and_hard_walls(
+    mass_ratio: float, stiffness: float
+) -> None:
     scene = scene_of(SlidingAbsorber(mass_ratio, CompliantWalls(stiffness, 1e-5)), modes=10)
     assert np.max(np.abs(run(scene, drive_of(1.0, 1.0, periods=0.5), RungeKutta()).end_state)) < 1.0
 
@@ -175,12 +240,18 @@ def test_runge_kutta_is_stable_for_light_and_heavy_absorbers_on_soft_and_hard_wa
 
 def checked(ratio: float, method: Method, frequency: float = 1.0, force: float = 1.0) -> None:
     scene = scene_of(modes=1, damping_ratio=ratio)
-    check_step(scene, drive_of(force, frequency, periods=1.0, reference=float(scene.model.omega[0])), method)
+    check_step(
+        scene,
+        drive_of(force, frequency, periods=1.0, reference=float(scene.model.omega[0])),
+        method,
+    )
 
 
 @pytest.mark.parametrize("steps", [4, 20, 200])
 @pytest.mark.parametrize("method", METHODS)
-def test_the_limit_of_strong_damping_is_that_of_a_step_s_polynomial(method: Stepping, steps: int) -> None:
+def test_the_limit_of_strong_damping_is_that_of_a_step_s_polynomial(
+    method: Stepping, steps: int
+) -> None:
     """Moreau: z^2 - (2 - 2 D x - x^2) z + 1 - 2 D x has a root at -1 where x^2 + 4 D x = 4. Runge-Kutta: the fourth-order polynomial is 1."""
     x = 2 * np.pi / steps
     fastest = 2.785293563405282 / x  # D + sqrt(D^2 - 1)
@@ -191,7 +262,9 @@ def test_the_limit_of_strong_damping_is_that_of_a_step_s_polynomial(method: Step
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_steps_that_the_message_asks_for_are_allowed_and_a_force_between_the_steps_is_not(method: Stepping) -> None:
+def test_steps_that_the_message_asks_for_are_allowed_and_a_force_between_the_steps_is_not(
+    method: Stepping,
+) -> None:
     for ratio in (5.0, 50.0, 500.0):
         with pytest.raises(ParameterError) as caught:
             checked(ratio, method())
@@ -208,13 +281,20 @@ def test_steps_that_the_message_asks_for_are_allowed_and_a_force_between_the_ste
 def test_simulate_refuses_in_a_short_run_what_would_blow_up_in_a_long_one(method: Stepping) -> None:
     """After a third of a period the numbers would still look like numbers."""
     with pytest.raises(ParameterError, match="steps_per_period"):
-        simulate(scene_of(TunedAbsorber() if method is Moreau else None, damping_ratio=6.0), drive_of(50.0, 1.0, periods=0.3), method())
+        simulate(
+            scene_of(TunedAbsorber() if method is Moreau else None, damping_ratio=6.0),
+            drive_of(50.0, 1.0, periods=0.3),
+            method(),
+        )
 
 
 def test_friction_under_a_force_far_above_all_modes() -> None:
     """The micro flights after a reversal are then set by the force, not by the modes."""
     scene = scene_of(impact_absorber(restitution=0.7, friction_limit=0.1))
-    exact, stepped = (run(scene, drive_of(1e7, 1e4, periods=0.002), method, samples=500).end_state for method in (Exact(), Moreau(400_000)))
+    exact, stepped = (
+        run(scene, drive_of(1e7, 1e4, periods=0.002), method, samples=500).end_state
+        for method in (Exact(), Moreau(400_000))
+    )
     np.testing.assert_allclose(exact, stepped, atol=3e-5 * float(np.max(np.abs(stepped))))
 
 
@@ -223,7 +303,9 @@ def test_an_absorber_that_holds_the_tip_still_is_refused(method: Method) -> None
     # a mass that the tip slides along is another matter: to it, a mass without end is the ground
     for absorber in (StuckAbsorber(8e5), friction_damper(1.0, 1e9), TunedAbsorber(1e9)):
         check_mass(scene_of(absorber))
-    with pytest.raises(ParameterError, match=r"mass_ratio = 1000000.0 is not allowed: at most 8\.3e\+05"):
+    with pytest.raises(
+        ParameterError, match=r"mass_ratio = 1000000.0 is not allowed: at most 8\.3e\+05"
+    ):
         simulate(scene_of(StuckAbsorber(1e6)), drive_of(1.0, 1.0, periods=1.0), method)
     model = beam_scene(Beam(modes=3)).model
     assert 8.3e5 * model.beam_mass * np.sum(model.tip_shape**2) == pytest.approx(1e7, rel=0.01)

@@ -26,7 +26,13 @@ from reference import dense
 mpmath = pytest.importorskip("mpmath")
 from reference import digits
 from reference.contact import RELEASE_DOWN, RELEASE_UP, REVERSAL, WALL, Automaton
-from studies.accuracy.event_driven import Integrator, Mechanics, PeerFailedError, follow, scipy_integrator
+from studies.accuracy.event_driven import (
+    Integrator,
+    Mechanics,
+    PeerFailedError,
+    follow,
+    scipy_integrator,
+)
 
 DIGITS = 60
 MOST_EVENTS = 1000
@@ -46,7 +52,11 @@ def scene_and_drive(name: str) -> tuple[Scene, Drive]:
 def far(scene: Scene, state: np.ndarray, true: np.ndarray) -> float:
     """Largest difference of displacements and velocities, each kind relative to its largest; an absorber that is stuck or absent is left out."""
     half = len(true) // 2
-    kept = scene.model.modes if scene.absorber is None or isinstance(scene.absorber, StuckAbsorber) else half
+    kept = (
+        scene.model.modes
+        if scene.absorber is None or isinstance(scene.absorber, StuckAbsorber)
+        else half
+    )
     parts = [(state[at : at + kept], true[at : at + kept]) for at in (0, half)]
     return float(max(np.max(np.abs(one - other)) / np.max(np.abs(other)) for one, other in parts))
 
@@ -54,13 +64,18 @@ def far(scene: Scene, state: np.ndarray, true: np.ndarray) -> float:
 # --- closed forms ------------------------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "first"), [("rigid_friction_10_modes", 1e-18), ("rigid_frictionless_3_modes", 1e-17)])
+@pytest.mark.parametrize(
+    ("name", "first"), [("rigid_friction_10_modes", 1e-18), ("rigid_frictionless_3_modes", 1e-17)]
+)
 def test_digits_meet_the_golden_case(name: str, first: float) -> None:
     """The golden times hang on inputs of which 16 digits are known: a part in 1e16 of the time, and what the impacts make of it."""
     scene, drive, _, speeds = golden(name, 1.0)
     case = json.loads((TRUTHS / f"golden_{name}.json").read_text())
     found = digits.follow(scene, drive, impacts=12, rate=case["excitation"]["rate_rad_s2"])
-    off = [float(abs(Fraction(true) - time)) for true, time in zip(case["impact_time_s"], found.impact_time, strict=False)]
+    off = [
+        float(abs(Fraction(true) - time))
+        for true, time in zip(case["impact_time_s"], found.impact_time, strict=False)
+    ]
     assert len(off) == 12
     assert np.all(np.array(off) < first * 8.0 ** np.arange(12))
     np.testing.assert_allclose(found.relative_velocity[:5], speeds[:5], rtol=1e-12)
@@ -79,16 +94,29 @@ def test_digits_do_not_depend_on_their_steps(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_a_driven_oscillator_has_40_digits() -> None:
     """A mode at a constant frequency from rest, in closed form with 60 digits; in double precision it has 12."""
-    scene, periods = scene_of(modes=1), 2.3
+    scene = scene_of(modes=1)
+    periods = 2.3
     drive = drive_of(5.0, 0.97, periods=periods, phase=0.4)
     found = digits.follow(scene, drive)
     with mpmath.workdps(DIGITS):
-        omega, ratio, shape = (mpmath.mpf(float(row[0])) for row in (scene.model.omega, scene.model.damping_ratio, scene.model.force_shape))
-        force, t = mpmath.mpf(float(drive.schedule.omegas[0])), mpmath.mpf(float(drive.schedule.times[1]))
-        response = shape * 5 * mpmath.expj(mpmath.mpf(0.4)) / (omega**2 - force**2 + 2j * ratio * omega * force)
+        omega, ratio, shape = (
+            mpmath.mpf(float(row[0]))
+            for row in (scene.model.omega, scene.model.damping_ratio, scene.model.force_shape)
+        )
+        force = mpmath.mpf(float(drive.schedule.omegas[0]))
+        t = mpmath.mpf(float(drive.schedule.times[1]))
+        response = (
+            shape
+            * 5
+            * mpmath.expj(mpmath.mpf(0.4))
+            / (omega**2 - force**2 + 2j * ratio * omega * force)
+        )
         root = omega * mpmath.sqrt(1 - ratio**2)
-        q0, u0 = -response.real, -(1j * force * response).real
-        swing = mpmath.exp(-ratio * omega * t) * (q0 * mpmath.cos(root * t) + (u0 + ratio * omega * q0) / root * mpmath.sin(root * t))
+        q0 = -response.real
+        u0 = -(1j * force * response).real
+        swing = mpmath.exp(-ratio * omega * t) * (
+            q0 * mpmath.cos(root * t) + (u0 + ratio * omega * q0) / root * mpmath.sin(root * t)
+        )
         true = (response * mpmath.expj(force * t)).real + swing
         assert abs(number(found.end[0]) - true) < mpmath.mpf(10) ** -40 * abs(response)
     known = dense.follow(scene, drive, None, np.array([0.0, drive.schedule.times[-1]]))
@@ -97,7 +125,10 @@ def test_a_driven_oscillator_has_40_digits() -> None:
 
 def test_contacts_with_springs_have_40_digits() -> None:
     """A mass between two springs on a fixed base: half a period in a spring, and uniform flight between them."""
-    gap, speed, stiffness, mass = 1e-3, 0.05, 4e4, 0.25
+    gap = 1e-3
+    speed = 0.05
+    stiffness = 4e4
+    mass = 0.25
     scene = Scene(steady_base(), SlidingAbsorber(mass, CompliantWalls(stiffness, gap)))
     found = digits.follow(scene, still(0.3, OMEGA), InitialState(absorber_velocity=speed))
     with mpmath.workdps(DIGITS):
@@ -117,7 +148,8 @@ def test_all_agree(name: str) -> None:
     """Three methods that share no formula for a motion: regimes, releases, ends of chatter and what one absorber does to others are the same."""
     scene, drive = scene_and_drive(name)
     end = float(drive.schedule.times[-1])
-    found, response = digits.follow(scene, drive), run(scene, drive)
+    found = digits.follow(scene, drive)
+    response = run(scene, drive)
     known = dense.follow(scene, drive, None, np.array([0.0, end]), most_events=MOST_EVENTS)
     assert known.complete
     assert far(scene, known.states[-1], found.end_state) < 1e-9
@@ -125,23 +157,31 @@ def test_all_agree(name: str) -> None:
     assert_same_impacts(found, known, response, scene.places > 1)
 
 
-def assert_same_impacts(found: digits.Trajectory, known: dense.Truth, response: Response, several: bool) -> None:
-    same = min(len(found.impact_time), len(known.impacts), len(response.impacts.time), 12 if several else 4)
+def assert_same_impacts(
+    found: digits.Trajectory, known: dense.Truth, response: Response, several: bool
+) -> None:
+    same = min(
+        len(found.impact_time), len(known.impacts), len(response.impacts.time), 12 if several else 4
+    )
     assert same >= (3 if several else 0)
     times = [float(t) for t in found.impact_time[:same]]
     for other in (known.impacts, response.impacts.time):
         np.testing.assert_allclose(other[:same], times, rtol=0, atol=1e-10 * PERIOD)
     for velocity in (known.impact_velocity, response.impacts.relative_velocity):
-        np.testing.assert_allclose(velocity[:same], found.relative_velocity[:same], rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(
+            velocity[:same], found.relative_velocity[:same], rtol=1e-6, atol=1e-12
+        )
     for absorber in (known.impact_absorber, response.impacts.absorber):
         np.testing.assert_array_equal(absorber[:same], found.impact_absorber[:same])
 
 
 def test_breaks_of_the_schedule() -> None:
     scene = scene_of(impact_absorber(5e-4, 0.7, 0.1), modes=2)
-    times, omegas = np.array([0.0, 0.7, 1.1, 2.0]) * PERIOD, np.array([0.9, 1.1, 0.8, 1.0]) * OMEGA
+    times = np.array([0.0, 0.7, 1.1, 2.0]) * PERIOD
+    omegas = np.array([0.9, 1.1, 0.8, 1.0]) * OMEGA
     bent = Drive(15.0, FrequencySchedule(times, omegas, OMEGA))
-    found, known = digits.follow(scene, bent), dense.follow(scene, bent, None, np.linspace(0, times[-1], 20))
+    found = digits.follow(scene, bent)
+    known = dense.follow(scene, bent, None, np.linspace(0, times[-1], 20))
     assert len(found.impact_time) == len(known.impacts) > 2
     assert far(scene, known.states[-1], found.end_state) < 1e-10
     assert far(scene, run(scene, bent).end_state, found.end_state) < 1e-10
@@ -152,7 +192,13 @@ def test_breaks_of_the_schedule() -> None:
 # --- the exact method's events with friction, one by one ---------------------------------------------------------------------------------------
 
 EVENTS = 40
-OTHER = ModalModel([60.0, 61.0, 340.0, 2100.0], [0.002, 0.0, 0.3, 0.05], [1.1, -0.7, 0.9, 0.4], [1.0, 0.8, -1.3, 1.6], 0.4)
+OTHER = ModalModel(
+    [60.0, 61.0, 340.0, 2100.0],
+    [0.002, 0.0, 0.3, 0.05],
+    [1.1, -0.7, 0.9, 0.4],
+    [1.0, 0.8, -1.3, 1.6],
+    0.4,
+)
 CASES: dict[str, tuple[Scene, Drive, InitialState]] = {
     "paper": (
         scene_of(impact_absorber(1e-3, 0.7, 0.3), modes=5),
@@ -177,9 +223,14 @@ def speed_at(scene: Scene, drive: Drive, initial: InitialState, time: float) -> 
 @pytest.mark.parametrize("name", CASES)
 def test_impacts_reversals_sticking_and_releases_are_those_of_many_digits(name: str) -> None:
     scene, drive, initial = CASES[name]
-    true, response = digits.follow(scene, drive, initial, events=EVENTS), run(scene, drive, initial=initial, samples=4)
-    first = [(REVERSAL, 0.0, true.start[0])] if true.start[0] == "stuck" else []  # a start that sticks counts as a reversal at 0
-    events = [*first, *((event.what, float(event.time), event.regime) for event in true.events)][:EVENTS]
+    true = digits.follow(scene, drive, initial, events=EVENTS)
+    response = run(scene, drive, initial=initial, samples=4)
+    first = (
+        [(REVERSAL, 0.0, true.start[0])] if true.start[0] == "stuck" else []
+    )  # a start that sticks counts as a reversal at 0
+    events = [*first, *((event.what, float(event.time), event.regime) for event in true.events)][
+        :EVENTS
+    ]
     walls = np.cumsum([kind == WALL for kind, _, _ in events])
     slack = np.minimum(1e-12 * 5.0**walls, 1e-8) * drive.schedule.pseudo_period
 
@@ -190,13 +241,31 @@ def test_impacts_reversals_sticking_and_releases_are_those_of_many_digits(name: 
         assert np.all(np.abs(found[: len(times)] - times) < slack[chosen])
 
     same(response.impacts.time, [k for k, (kind, _, _) in enumerate(events) if kind == WALL], 4)
-    same(response.phases.start, [k for k, (_, _, regime) in enumerate(events) if regime == "stuck" or regime.startswith("held")], 4)
-    same(response.phases.end, [k for k, (kind, _, _) in enumerate(events) if kind in (RELEASE_UP, RELEASE_DOWN)], 4)
-    turns = [k for k, (kind, _, regime) in enumerate(events) if kind == REVERSAL and regime.startswith("slide")]
+    same(
+        response.phases.start,
+        [
+            k
+            for k, (_, _, regime) in enumerate(events)
+            if regime == "stuck" or regime.startswith("held")
+        ],
+        4,
+    )
+    same(
+        response.phases.end,
+        [k for k, (kind, _, _) in enumerate(events) if kind in (RELEASE_UP, RELEASE_DOWN)],
+        4,
+    )
+    turns = [
+        k
+        for k, (kind, _, regime) in enumerate(events)
+        if kind == REVERSAL and regime.startswith("slide")
+    ]
     assert len(turns) >= 2
     for k in turns:
         _, time, regime = events[k]
-        before, after = (speed_at(scene, drive, initial, time + sign * slack[k]) for sign in (-1, 1))
+        before, after = (
+            speed_at(scene, drive, initial, time + sign * slack[k]) for sign in (-1, 1)
+        )
         assert before * after < 0
         assert (after > 0) == (regime == "slide +")
 
@@ -206,15 +275,23 @@ def test_impacts_reversals_sticking_and_releases_are_those_of_many_digits(name: 
 REST = InitialState()
 
 
-@pytest.mark.parametrize("name", ["friction", "impacts", "impacts and friction", "springs", "tuned"])
-@pytest.mark.parametrize(("peer", "balance", "far"), [("scipy", 1e-8, 1e-5), ("heyoka", 1e-11, 1e-8)])
+@pytest.mark.parametrize(
+    "name", ["friction", "impacts", "impacts and friction", "springs", "tuned"]
+)
+@pytest.mark.parametrize(
+    ("peer", "balance", "far"), [("scipy", 1e-8, 1e-5), ("heyoka", 1e-11, 1e-8)]
+)
 def test_peers_follow_the_reference(peer: str, name: str, balance: float, far: float) -> None:
     """Its impacts are those of the reference, and its end state, relative to the largest entry."""
     integrator = scipy_integrator(1e-10)
     if peer == "heyoka":
-        integrator = pytest.importorskip("studies.accuracy.heyoka_peer", exc_type=ImportError).HeyokaRegimes(1e-15)
-    scene, drive = scene_of(SCENES[name], modes=2), drive_of(12.0, 0.97, 1.0, periods=3.3)
-    found, true = follow(scene, drive, REST, integrator, energy=True), digits.follow(scene, drive)
+        integrator = pytest.importorskip(
+            "studies.accuracy.heyoka_peer", exc_type=ImportError
+        ).HeyokaRegimes(1e-15)
+    scene = scene_of(SCENES[name], modes=2)
+    drive = drive_of(12.0, 0.97, 1.0, periods=3.3)
+    found = follow(scene, drive, REST, integrator, energy=True)
+    true = digits.follow(scene, drive)
     assert found.balance < balance
     assert len(found.impact_time) == len(true.impact_time)
     assert np.max(np.abs(found.end_state - true.end_state)) < far * np.max(np.abs(true.end_state))
@@ -224,10 +301,17 @@ def test_a_peer_that_misses_a_wall_is_refused() -> None:
     def blind(mechanics: Mechanics, automaton: Automaton) -> Integrator:
         step = scipy_integrator(1e-6)(mechanics, automaton)
 
-        def integrate(_: object, start: float, stop: float, state: np.ndarray) -> tuple[float, np.ndarray, int]:
+        def integrate(
+            _: object, start: float, stop: float, state: np.ndarray
+        ) -> tuple[float, np.ndarray, int]:
             return step(automaton.regime("linear"), start, stop, state)
 
         return integrate
 
     with pytest.raises(PeerFailedError, match="passed a guard"):
-        follow(scene_of(SCENES["impacts"], modes=1), still(0.1), InitialState(absorber_velocity=0.05), blind)
+        follow(
+            scene_of(SCENES["impacts"], modes=1),
+            still(0.1),
+            InitialState(absorber_velocity=0.05),
+            blind,
+        )

@@ -8,7 +8,13 @@ from support.orbit_cases import high_orbit, model_of, multipliers_by_reference, 
 
 from impact_env import Beam, beam_scene, impact_absorber
 from impact_env.parameters import ParameterError
-from impact_env.periodic.bifurcation_curves import KINDS, RESONANCE, BifurcationCurve, bifurcation_curve, bifurcation_curves
+from impact_env.periodic.bifurcation_curves import (
+    KINDS,
+    RESONANCE,
+    BifurcationCurve,
+    bifurcation_curve,
+    bifurcation_curves,
+)
 from impact_env.periodic.branch import FOLD
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.continuation import Steps
@@ -18,7 +24,16 @@ from impact_env.periodic.isolas import thresholds
 from impact_env.periodic.motion import motion_of, stability_of
 from impact_env.periodic.offspring import descendants
 from impact_env.periodic.orbit import Orbit, confirmed, orbit_of, unpacked
-from impact_env.periodic.orbit_branches import GRAZING, PERIOD_DOUBLING, PULLING, SYMMETRY_BREAKING, TORUS, OrbitBranch, orbit_branch, orbit_branches
+from impact_env.periodic.orbit_branches import (
+    GRAZING,
+    PERIOD_DOUBLING,
+    PULLING,
+    SYMMETRY_BREAKING,
+    TORUS,
+    OrbitBranch,
+    orbit_branch,
+    orbit_branches,
+)
 from impact_env.periodic.overview import linear_curves, sweep_envelope
 from impact_env.periodic.symmetric import closed_folds
 from impact_env.scene import InitialState
@@ -32,7 +47,11 @@ RANGE = (0.85 * FIRST, FIRST)
 def one_mode() -> dict[str, list[BifurcationCurve]]:
     """N_m = 1, e = 0.8, from 1.5 N to forces of 1 to 2.5 N: of the symmetric orbits, and of the pair that leaves them."""
     symmetric = list(orbit_branches(Case(model_of(1), 0.9 * FIRST, 1.5, restitution=0.8), *RANGE))
-    pairs = [found for found in descendants(symmetric, RANGE, longest=1) if isinstance(found, OrbitBranch)]
+    pairs = [
+        found
+        for found in descendants(symmetric, RANGE, longest=1)
+        if isinstance(found, OrbitBranch)
+    ]
     curves = list(bifurcation_curves([*symmetric, *pairs], KINDS[:3], "force", (1.0, 2.5), RANGE))
     return {kind: [curve for curve in curves if curve.kind == kind] for kind in KINDS}
 
@@ -44,8 +63,12 @@ def high_branch() -> OrbitBranch:
     return orbit_branch(high_orbit(case).solution, "omega", (0.95 * first, 0.96 * first))
 
 
-@pytest.mark.parametrize(("kind", "target"), [(FOLD, 1), (SYMMETRY_BREAKING, -1), (PERIOD_DOUBLING, -1)])
-def test_multipliers_of_an_own_propagation_are_on_the_circle_along_a_curve(kind: str, target: int) -> None:
+@pytest.mark.parametrize(
+    ("kind", "target"), [(FOLD, 1), (SYMMETRY_BREAKING, -1), (PERIOD_DOUBLING, -1)]
+)
+def test_multipliers_of_an_own_propagation_are_on_the_circle_along_a_curve(
+    kind: str, target: int
+) -> None:
     curve = one_mode()[kind][0]
     for k in (len(curve.schedules) // 3, 2 * len(curve.schedules) // 3):
         values = multipliers_by_reference(motion_of(curve.solution(k)))
@@ -54,7 +77,8 @@ def test_multipliers_of_an_own_propagation_are_on_the_circle_along_a_curve(kind:
 
 
 def test_a_torus_over_the_force_has_a_pair_on_the_circle_and_ends_where_it_meets() -> None:
-    found, first = high_branch().of(TORUS)[0].solution, float(steel().model.omega[0])
+    found = high_branch().of(TORUS)[0].solution
+    first = float(steel().model.omega[0])
     curve = bifurcation_curve(found, TORUS, "force", (0.1, 0.6), (0.9 * first, 1.1 * first))
     k = len(curve.schedules) // 2
     values = multipliers_by_reference(motion_of(curve.solution(k)))
@@ -89,8 +113,12 @@ def test_friction_changes_the_order_of_events_along_a_curve() -> None:
     case = paper_case(3, 0.95, 1.5, friction=0.01)
     first = float(case.model.omega[0])
     branch = orbit_branch(high_orbit(case).solution, "omega", (0.93 * first, 0.96 * first))
-    curves = list(bifurcation_curves([branch], (FOLD,), "force", (1.4, 3.0), (0.925 * first, first)))
-    assert len(curves) < len(branch.of(FOLD)) == 3  # one through both ends of the isola, one through the fold where reversals set in
+    curves = list(
+        bifurcation_curves([branch], (FOLD,), "force", (1.4, 3.0), (0.925 * first, first))
+    )
+    assert (
+        len(curves) < len(branch.of(FOLD)) == 3
+    )  # one through both ends of the isola, one through the fold where reversals set in
     curve = curves[0]
     assert len({schedule.reversals for schedule in curve.schedules}) > 1
     turns = [orbit.case.force for kind, orbit in curve.located if kind == FOLD]
@@ -101,17 +129,24 @@ def test_friction_changes_the_order_of_events_along_a_curve() -> None:
 def test_behind_grazing_a_curve_is_no_orbits() -> None:
     (curve,) = one_mode()[FOLD][1:]
     grazing = next(orbit.case.force for kind, orbit in curve.located if kind == GRAZING)
-    beyond = [(value, orbit) for value, orbit in zip(curve.branch.parameters, curve.orbits, strict=True) if value > grazing + 0.01]
+    beyond = [
+        (value, orbit)
+        for value, orbit in zip(curve.branch.parameters, curve.orbits, strict=True)
+        if value > grazing + 0.01
+    ]
     refused = [orbit for _, orbit in beyond if isinstance(orbit, NoOrbit)]
     assert refused
     assert all("passes a wall" in orbit.reason for orbit in refused)
 
 
 @pytest.mark.parametrize(("first", "most"), [(0.02, 0.2), (0.05, 0.5)])
-def test_the_fold_of_a_pair_begins_on_the_curve_of_broken_symmetry(first: float, most: float) -> None:
+def test_the_fold_of_a_pair_begins_on_the_curve_of_broken_symmetry(
+    first: float, most: float
+) -> None:
     """With some steps the way breaks down there, with others it passes over to the mirror images: which of them depends on last bits."""
     (known,), (broken,) = one_mode()[FOLD][1:], one_mode()[SYMMETRY_BREAKING]
-    start, steps = known.solution(len(known.schedules) // 2), Steps(first=first, least=1e-7, most=most, points=600)
+    start = known.solution(len(known.schedules) // 2)
+    steps = Steps(first=first, least=1e-7, most=most, points=600)
     curve = bifurcation_curve(start, FOLD, "force", (1.0, 2.5), RANGE, steps)
     assert curve.branch.ended.startswith(SYMMETRY_BREAKING)
     assert f"{SYMMETRY_BREAKING} at force = " in curve.branch.message
@@ -137,23 +172,36 @@ def test_a_curve_describes_itself_and_its_orbits_are_read_back() -> None:
 
 def test_each_curve_is_followed_once() -> None:
     found = one_mode()
-    assert [len(found[kind]) for kind in (SYMMETRY_BREAKING, PERIOD_DOUBLING)] == [1, 1]  # one through both of its places on the branches
+    assert [len(found[kind]) for kind in (SYMMETRY_BREAKING, PERIOD_DOUBLING)] == [
+        1,
+        1,
+    ]  # one through both of its places on the branches
     start = found[FOLD][0].solution(0)
     for kind, parameter, word in ((GRAZING, "force", "kind"), (FOLD, "omega", "parameter")):
         with pytest.raises(ParameterError, match=word):
             bifurcation_curve(start, kind, parameter, (1.0, 2.0), RANGE)
 
 
-@pytest.mark.parametrize(("parameter", "limits"), [("restitution", (0.7, 1.0)), ("gap", (8e-4, 1.2e-3))])
-def test_a_curve_over_another_parameter_comes_to_its_limits(parameter: str, limits: tuple[float, float]) -> None:
+@pytest.mark.parametrize(
+    ("parameter", "limits"), [("restitution", (0.7, 1.0)), ("gap", (8e-4, 1.2e-3))]
+)
+def test_a_curve_over_another_parameter_comes_to_its_limits(
+    parameter: str, limits: tuple[float, float]
+) -> None:
     """Lengths over the gap depend on the force over the gap alone, so without friction the fold's frequency at gap g is that at 1 mm, 1.5 N / g."""
     start = high_orbit(Case(model_of(1), 0.94 * FIRST, 1.5, restitution=0.8)).solution
-    curve = bifurcation_curve(orbit_branch(start, "omega", RANGE).of(FOLD)[-1].solution, FOLD, parameter, limits, RANGE)
+    curve = bifurcation_curve(
+        orbit_branch(start, "omega", RANGE).of(FOLD)[-1].solution, FOLD, parameter, limits, RANGE
+    )
     assert sorted(curve.branch.parameters[[0, -1]]) == pytest.approx(limits, rel=1e-12)
     assert all(isinstance(orbit, Orbit) for orbit in curve.orbits)
     for k in (0, len(curve.schedules) // 3, -1):
         case = curve.solution(k).case
-        at = case if parameter == "restitution" else case.changed(gap=1e-3, force=case.force * 1e-3 / case.gap)
+        at = (
+            case
+            if parameter == "restitution"
+            else case.changed(gap=1e-3, force=case.force * 1e-3 / case.gap)
+        )
         known = np.array(closed_folds(at, case.omega_ratio - 0.01, case.omega_ratio + 0.01)) / FIRST
         assert np.min(np.abs(known - case.omega_ratio)) < 1e-8
 
@@ -164,8 +212,14 @@ def test_a_torus_is_where_a_pair_of_an_own_propagations_multipliers_crosses_the_
     pair = values[np.argmin(np.abs(np.abs(values) - 1))]
     assert abs(pair) == pytest.approx(1, abs=2e-3)
     assert abs(pair.imag) > 0.1
-    event = min(high_branch().branch.located, key=lambda one: abs(one.parameter - motion.solution.case.omega))
-    inside = [stability_of(motion_of(high_branch().solution(k))).multipliers for k in (event.after, event.after + 1)]
+    event = min(
+        high_branch().branch.located,
+        key=lambda one: abs(one.parameter - motion.solution.case.omega),
+    )
+    inside = [
+        stability_of(motion_of(high_branch().solution(k))).multipliers
+        for k in (event.after, event.after + 1)
+    ]
     before, behind = (int(np.sum(np.abs(multipliers) < 1)) for multipliers in inside)
     assert abs(before - behind) == 2  # a pair, and nothing else, changes sides
 
@@ -180,15 +234,23 @@ def test_the_response_is_given_at_one_place() -> None:
     phases = np.linspace(0, 2 * np.pi, 20001)
     place = orbit.motion.states(phases)[:, :2] @ shape
     assert orbit.motion.tip_max == pytest.approx(np.max(np.abs(place)), rel=1e-5)
-    assert orbit.motion.tip_rms == pytest.approx(np.sqrt(np.trapezoid(place**2, phases) / (2 * np.pi)), rel=1e-6)
-    assert orbit.motion.tip_max < 0.5 * np.max(np.abs(orbit.motion.states(phases)[:, :2] @ scene.model.tip_shape))
+    assert orbit.motion.tip_rms == pytest.approx(
+        np.sqrt(np.trapezoid(place**2, phases) / (2 * np.pi)), rel=1e-6
+    )
+    assert orbit.motion.tip_max < 0.5 * np.max(
+        np.abs(orbit.motion.states(phases)[:, :2] @ scene.model.tip_shape)
+    )
     reference = scene.model.resonance_omega(1)
     linear = linear_curves(scene, 0.05, reference, 0.9, 0.95)
     below = sweep_envelope(scene, 0.05, reference, 0.9, 0.95)  # no impacts
-    assert below.tip_max[-5:] == pytest.approx(np.interp(below.omega_ratio[-5:], linear.omega_ratio, linear.alone), rel=0.05)
+    assert below.tip_max[-5:] == pytest.approx(
+        np.interp(below.omega_ratio[-5:], linear.omega_ratio, linear.alone), rel=0.05
+    )
     balance = harmonic_balance(scene, omega, 1.5, 20)
     dynamic = np.zeros(21, complex)
-    assert abs(balance.linear.tip(dynamic, 0.05, 0.9 * reference)[1]) == pytest.approx(linear.alone[0], rel=1e-9)
+    assert abs(balance.linear.tip(dynamic, 0.05, 0.9 * reference)[1]) == pytest.approx(
+        linear.alone[0], rel=1e-9
+    )
 
 
 def test_a_branch_in_friction_comes_to_its_limits() -> None:

@@ -34,16 +34,26 @@ def test_a_circle_is_closed_and_its_folds_are_where_they_should_be() -> None:
     assert sorted(f.parameter for f in folds) == pytest.approx([-1, 1], abs=1e-10)
     assert [f.point[0] for f in folds] == pytest.approx([0, 0], abs=1e-6)
     length = sum(
-        np.hypot(a[0] - b[0], p - q) for a, b, p, q in zip(branch.points, branch.points[1:], branch.parameters, branch.parameters[1:], strict=False)
+        np.hypot(a[0] - b[0], p - q)
+        for a, b, p, q in zip(
+            branch.points, branch.points[1:], branch.parameters, branch.parameters[1:], strict=False
+        )
     )
     assert length == pytest.approx(2 * np.pi, rel=5e-3)
-    assert max(abs(z[0] ** 2 + p**2 - 1) for z, p in zip(branch.points, branch.parameters, strict=True)) < 1e-10
+    assert (
+        max(
+            abs(z[0] ** 2 + p**2 - 1) for z, p in zip(branch.points, branch.parameters, strict=True)
+        )
+        < 1e-10
+    )
 
 
 def test_folds_of_an_s_shaped_curve_to_both_sides() -> None:
     branch = both_ways(Problem(cubic, limits=(-3.0, 3.0)), np.array([0.1]), 0.1)
     assert branch.ended == LIMIT
-    assert branch.parameters[[0, -1]] == pytest.approx([3, -3], abs=1e-12)  # the middle part runs backwards: p rises to the left
+    assert branch.parameters[[0, -1]] == pytest.approx(
+        [3, -3], abs=1e-12
+    )  # the middle part runs backwards: p rises to the left
     assert [f.parameter for f in branch.of("fold")] == pytest.approx([-2 / 3, 2 / 3], abs=1e-11)
     x = np.array([z[0] for z in branch.points])
     assert np.all(np.diff(x) > 0)
@@ -76,7 +86,10 @@ def test_monitors_are_located_and_may_end_a_branch() -> None:
     assert branch.ended == "x is -0.3"
     assert branch.points[-1][0] == pytest.approx(-0.3, abs=1e-11)
     (event,) = branch.of("x is a half")
-    assert (event.point[0], event.parameter) == (pytest.approx(0.5, abs=1e-11), pytest.approx(np.sqrt(0.75), abs=1e-11))
+    assert (event.point[0], event.parameter) == (
+        pytest.approx(0.5, abs=1e-11),
+        pytest.approx(np.sqrt(0.75), abs=1e-11),
+    )
     kinds = [e.kind for e in branch.located]
     assert kinds == ["x is a half", "fold", "x is -0.3"]
 

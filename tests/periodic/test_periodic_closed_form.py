@@ -25,15 +25,29 @@ from impact_env.periodic.symmetric import (
 
 def other_model() -> ModalModel:
     """Not the paper's beam: few modes close together, damped below, at and above the critical ratio, shapes of both signs."""
-    return ModalModel([31.0, 40.0, 95.0, 210.0], [0.03, 0.004, 1.0, 1.7], [0.8, -0.5, 0.4, 0.2], [1.1, 0.9, -0.7, 0.5], 1.4)
+    return ModalModel(
+        [31.0, 40.0, 95.0, 210.0],
+        [0.03, 0.004, 1.0, 1.7],
+        [0.8, -0.5, 0.4, 0.2],
+        [1.1, 0.9, -0.7, 0.5],
+        1.4,
+    )
 
 
 CASES = [
     Case(model_of(1), 236.0, 1.5, restitution=0.75),
-    Case(modal_model(Beam(modes=1, damping_ratio=0.2)), 300.0, 9.0, restitution=1.0, friction_limit=0.02),
+    Case(
+        modal_model(Beam(modes=1, damping_ratio=0.2)),
+        300.0,
+        9.0,
+        restitution=1.0,
+        friction_limit=0.02,
+    ),
     Case(model_of(3), 239.0, 1.5, friction_limit=0.01),
     Case(model_of(10), 241.0, 3.5, restitution=0.7, friction_limit=0.1),
-    Case(other_model(), 36.0, 20.0, gap=3e-3, restitution=0.4, friction_limit=0.05, mass_ratio=0.06),
+    Case(
+        other_model(), 36.0, 20.0, gap=3e-3, restitution=0.4, friction_limit=0.05, mass_ratio=0.06
+    ),
     Case(other_model(), 71.0, -40.0, gap=2e-3, restitution=0.9, mass_ratio=0.3),
 ]
 
@@ -41,9 +55,12 @@ CASES = [
 @pytest.mark.parametrize("case", CASES)
 def test_a_fold_at_a_frequency_of_the_map_itself_is_found(case: Case) -> None:
     """There the difference to the case's force is exactly 0, and has no sign."""
-    low, high = 0.99 * case.omega_ratio, 1.01 * case.omega_ratio
+    low = 0.99 * case.omega_ratio
+    high = 1.01 * case.omega_ratio
     omegas = map_frequencies(case, low, high)
-    pushed = [k for k in range(1, len(omegas) - 1) if fold_impulse(case.changed(omega=omegas[k])) > 0]
+    pushed = [
+        k for k in range(1, len(omegas) - 1) if fold_impulse(case.changed(omega=omegas[k])) > 0
+    ]
     for k in (pushed[0], pushed[len(pushed) // 2], pushed[-1]):
         folds = closed_folds(case.changed(force=float(fold_force(case, omegas)[k])), low, high)
         assert np.min(np.abs(np.array(folds) - omegas[k])) < 1e-12 * omegas[k]
@@ -52,22 +69,36 @@ def test_a_fold_at_a_frequency_of_the_map_itself_is_found(case: Case) -> None:
 @pytest.mark.parametrize("case", CASES)
 def test_the_fold_force_is_that_of_dense_matrices(case: Case) -> None:
     for omega in case.omega * np.array([0.8, 1.0, 1.3]):
-        assert fold_force(case, [omega])[0] == pytest.approx(Truth(case.changed(omega=omega)).fold_force(), rel=1e-10)
+        assert fold_force(case, [omega])[0] == pytest.approx(
+            Truth(case.changed(omega=omega)).fold_force(), rel=1e-10
+        )
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_both_orbits_with_their_states_and_multipliers_are_those_of_dense_matrices(case: Case) -> None:
-    truth, found, n = Truth(case), closed_form(case), case.model.modes + 1
+def test_both_orbits_with_their_states_and_multipliers_are_those_of_dense_matrices(
+    case: Case,
+) -> None:
+    truth = Truth(case)
+    found = closed_form(case)
+    n = case.model.modes + 1
     assert len(found) == len(truth.orbits()) == 2
     for branch, (phase, impulse, state) in zip(found, truth.orbits(), strict=True):
         assert branch.impulse == pytest.approx(impulse, rel=1e-9)
         assert abs(np.exp(1j * branch.phase) - np.exp(1j * phase)) < 1e-9
-        solution = solve(case, symmetric_schedule(case.friction_limit > 0), [branch.phase, branch.impulse / case.scale.impulse])
+        solution = solve(
+            case,
+            symmetric_schedule(case.friction_limit > 0),
+            [branch.phase, branch.impulse / case.scale.impulse],
+        )
         assert isinstance(solution, Solution)
         got = motion_of(solution).state_at(float(solution.phases[0]) + 1e-13)
         assert np.allclose(got[:n], state[:n], rtol=0, atol=1e-9 * case.gap)
-        assert np.allclose(got[n:], state[n:], rtol=0, atol=1e-8 * case.gap * float(np.max(case.model.omega)))
-        stability, multipliers = stability_of(motion_of(solution)), truth.half_multipliers(phase, state)  # by saltation matrices
+        assert np.allclose(
+            got[n:], state[n:], rtol=0, atol=1e-8 * case.gap * float(np.max(case.model.omega))
+        )
+        # by saltation matrices
+        stability = stability_of(motion_of(solution))
+        multipliers = truth.half_multipliers(phase, state)
         largest = max(1.0, float(np.max(np.abs(multipliers))))
         assert stability.half
         assert matched(stability.multipliers, multipliers) < 1e-8 * largest
@@ -82,7 +113,9 @@ def test_greens_function_finds_the_closed_form_again(case: Case) -> None:
         if not branch.pushes:
             continue
         half = solve(case, symmetric_schedule(friction), [branch.phase + 1e-4])
-        whole = solve(case, flying_schedule([-1, 1], friction), [branch.phase, branch.phase + np.pi])
+        whole = solve(
+            case, flying_schedule([-1, 1], friction), [branch.phase, branch.phase + np.pi]
+        )
         assert isinstance(half, Solution)
         assert isinstance(whole, Solution)
         for solution in (half, whole):
@@ -103,23 +136,43 @@ SCHEDULES = [
 @pytest.mark.parametrize("schedule", SCHEDULES, ids=str)
 def test_the_jacobian_is_the_derivative_of_the_conditions(schedule: EventSchedule) -> None:
     rng = np.random.default_rng(3)
-    case, n = CASES[4].changed(restitution=0.6), len(schedule.events)
-    z = np.concatenate([np.sort(rng.uniform(0, schedule.turn, n)), rng.normal(size=schedule.unknowns - n)])
+    case = CASES[4].changed(restitution=0.6)
+    n = len(schedule.events)
+    z = np.concatenate(
+        [np.sort(rng.uniform(0, schedule.turn, n)), rng.normal(size=schedule.unknowns - n)]
+    )
     _, jacobian = residual_and_jacobian(case, schedule, z)
     for k in range(len(z)):
         step = 1e-6 * np.eye(len(z))[k]
-        slope = (residual_and_jacobian(case, schedule, z + step)[0] - residual_and_jacobian(case, schedule, z - step)[0]) / 2e-6
+        slope = (
+            residual_and_jacobian(case, schedule, z + step)[0]
+            - residual_and_jacobian(case, schedule, z - step)[0]
+        ) / 2e-6
         assert np.allclose(jacobian[:, k], slope, rtol=1e-6, atol=1e-6)
-    for name, unit in (("omega", case.omega), ("force", 1.0), ("gap", case.gap), ("restitution", 1.0), ("friction_limit", 0.05)):
-        conditions, value, step = Conditions(case, schedule, name), getattr(case, name), 1e-6 * unit
+    for name, unit in (
+        ("omega", case.omega),
+        ("force", 1.0),
+        ("gap", case.gap),
+        ("restitution", 1.0),
+        ("friction_limit", 0.05),
+    ):
+        conditions = Conditions(case, schedule, name)
+        value = getattr(case, name)
+        step = 1e-6 * unit
         slope = (conditions(z, value + step)[0] - conditions(z, value - step)[0]) / (2 * step)
-        assert np.allclose(conditions(z, value)[1][:, -1] * unit, slope * unit, rtol=1e-6, atol=1e-6)
+        assert np.allclose(
+            conditions(z, value)[1][:, -1] * unit, slope * unit, rtol=1e-6, atol=1e-6
+        )
 
 
 @pytest.mark.parametrize("case", CASES[2:5])
 def test_scaling_gap_friction_and_force_scales_the_orbit(case: Case) -> None:
     factor = 3.7
-    scaled = case.changed(gap=factor * case.gap, friction_limit=factor * case.friction_limit, force=factor * case.force)
+    scaled = case.changed(
+        gap=factor * case.gap,
+        friction_limit=factor * case.friction_limit,
+        force=factor * case.force,
+    )
     for one, other in zip(closed_form(case), closed_form(scaled), strict=True):
         assert other.impulse == pytest.approx(factor * one.impulse, rel=1e-12)
         assert other.phase == pytest.approx(one.phase, rel=1e-12)
@@ -156,7 +209,9 @@ def test_a_light_absorber_leaves_the_linear_response() -> None:
     below = model.omega**2 - case.omega**2 + 2j * model.damping_ratio * model.omega * case.omega
     linear = case.force * abs(np.sum(model.tip_shape * model.force_shape / below))
     for branch in closed_form(case):
-        solution = solve(case, symmetric_schedule(False), [branch.phase, branch.impulse / case.scale.impulse])
+        solution = solve(
+            case, symmetric_schedule(False), [branch.phase, branch.impulse / case.scale.impulse]
+        )
         assert isinstance(solution, Solution)
         motion = motion_of(solution)
         assert motion.tip_max == pytest.approx(linear, rel=1e-6)

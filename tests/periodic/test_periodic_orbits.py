@@ -6,7 +6,15 @@ from functools import cache
 import numpy as np
 import pytest
 from core import ALL
-from orbit_cases import attractor, high_orbit, many_reversals, model_of, one_sided, other_case, paper_case
+from orbit_cases import (
+    attractor,
+    high_orbit,
+    many_reversals,
+    model_of,
+    one_sided,
+    other_case,
+    paper_case,
+)
 from periodic_truth import matched
 
 from impact_env import ModalModel
@@ -38,7 +46,9 @@ HELD = {
     "chatter with friction": paper_case(1, 0.9, 20.0, 0.3, 0.05),
     "without rebound": paper_case(3, 0.9, 8.0, 0.0, 0.05),
     "held on another structure": Case(other_case().model, 33.0, 6.0, 1e-3, 0.2, 0.02, 0.05),
-    "friction damper": Case(model_of(1), 1.02 * float(model_of(1).omega[0]), 2.0, 5e-3, 0.7, 0.3),  # the walls are out of reach
+    "friction damper": Case(
+        model_of(1), 1.02 * float(model_of(1).omega[0]), 2.0, 5e-3, 0.7, 0.3
+    ),  # the walls are out of reach
 }
 
 
@@ -51,17 +61,31 @@ def orbit_of(name: str) -> Orbit:
 
 @pytest.mark.parametrize("name", [*FLYING, *HELD])
 def test_the_motion_is_the_exact_methods_and_what_is_told_of_it_that_of_samples(name: str) -> None:
-    orbit, case = orbit_of(name), orbit_of(name).case
+    orbit = orbit_of(name)
+    case = orbit_of(name).case
     assert orbit.schedule.flies == (name in FLYING)
     assert orbit.residual < (CHATTER_BAR if name in HELD and name != "friction damper" else BAR)
     response, start = propagated(orbit.motion, ALL)
-    history, n = response.history, case.model.modes
-    truth = np.column_stack([history.modal_displacement, history.absorber_displacement, history.modal_velocity, history.absorber_velocity])
+    history = response.history
+    n = case.model.modes
+    truth = np.column_stack(
+        [
+            history.modal_displacement,
+            history.absorber_displacement,
+            history.modal_velocity,
+            history.absorber_velocity,
+        ]
+    )
     states = orbit.motion.states(start + case.omega * history.time)
     assert np.max(np.abs(states[:, : n + 1] - truth[:, : n + 1])) < 1e-9 * case.gap
     if name in FLYING:  # in a chatter velocities jump, so that none is told at an impact
         assert np.max(np.abs(states[:, n + 1 :] - truth[:, n + 1 :])) < 1e-9 * case.gap * case.omega
-    tip = orbit.motion.states(start + np.linspace(0, 2 * np.pi * orbit.schedule.period_multiple, 100_001)[:-1])[:, :n] @ case.model.tip_shape
+    tip = (
+        orbit.motion.states(
+            start + np.linspace(0, 2 * np.pi * orbit.schedule.period_multiple, 100_001)[:-1]
+        )[:, :n]
+        @ case.model.tip_shape
+    )
     assert np.max(np.abs(tip)) == pytest.approx(orbit.motion.tip_max, rel=1e-6)
     assert np.sqrt(np.mean(tip**2)) == pytest.approx(orbit.motion.tip_rms, rel=1e-6)
 
@@ -69,15 +93,26 @@ def test_the_motion_is_the_exact_methods_and_what_is_told_of_it_that_of_samples(
 @pytest.mark.parametrize("name", [*FLYING, *HELD])
 def test_multipliers_are_those_of_disturbed_runs(name: str) -> None:
     """The exact method's map by central differences, in units in which all coordinates count alike; each joined phase takes a rank from it."""
-    orbit, case, n = orbit_of(name), orbit_of(name).case, orbit_of(name).case.model.modes
+    orbit = orbit_of(name)
+    case = orbit_of(name).case
+    n = orbit_of(name).case.model.modes
     start, state = orbit.motion.mid_flight()
-    unit = case.gap * np.concatenate([case.omega / case.model.omega, [1.0], np.full(n, case.omega), [case.omega]])
+    unit = case.gap * np.concatenate(
+        [case.omega / case.model.omega, [1.0], np.full(n, case.omega), [case.omega]]
+    )
     size = 2e-7 if name in FLYING else 1e-6
-    columns = [(map_over(orbit.motion, start, state + step) - map_over(orbit.motion, start, state - step)) for step in size * np.diag(unit)]
+    columns = [
+        (map_over(orbit.motion, start, state + step) - map_over(orbit.motion, start, state - step))
+        for step in size * np.diag(unit)
+    ]
     truth = np.linalg.eigvals(np.array(columns).T / unit[:, None] / (2 * size))
     found = orbit.stability.multipliers
-    assert matched(found, truth) < (1e-6 if name in FLYING else 1e-4) * max(1.0, float(np.max(np.abs(truth))))
-    if name == "friction damper":  # its place of rest is free: over half a period it turns to the other side
+    assert matched(found, truth) < (1e-6 if name in FLYING else 1e-4) * max(
+        1.0, float(np.max(np.abs(truth)))
+    )
+    if (
+        name == "friction damper"
+    ):  # its place of rest is free: over half a period it turns to the other side
         assert np.min(np.abs(found + 1)) < 1e-10
     elif name in HELD:
         assert np.sum(np.abs(found) < 1e-3) >= 2
@@ -86,20 +121,40 @@ def test_multipliers_are_those_of_disturbed_runs(name: str) -> None:
 @pytest.mark.parametrize("name", HELD)
 def test_held_phases_and_slip_are_those_of_forty_digits(name: str) -> None:
     """Taylor series in whole numbers come back to an orbit's start over its span, and join and release the absorber where the orbit does."""
-    digits, orbit, case = pytest.importorskip("reference.digits", exc_type=ImportError), orbit_of(name), orbit_of(name).case
+    digits = pytest.importorskip("reference.digits", exc_type=ImportError)
+    orbit = orbit_of(name)
+    case = orbit_of(name).case
     start, state = orbit.motion.mid_flight()
-    true = digits.follow(case.scene, case.drive(orbit.schedule.turn / case.omega, start), start_from(case.scene, state))
+    true = digits.follow(
+        case.scene,
+        case.drive(orbit.schedule.turn / case.omega, start),
+        start_from(case.scene, state),
+    )
     half = len(state) // 2
-    for end, begin in zip(np.split(-true.end_state if orbit.schedule.symmetric else true.end_state, [half]), np.split(state, [half]), strict=True):
+    for end, begin in zip(
+        np.split(-true.end_state if orbit.schedule.symmetric else true.end_state, [half]),
+        np.split(state, [half]),
+        strict=True,
+    ):
         assert end == pytest.approx(begin, abs=1e-8 * np.max(np.abs(begin)))
-    wanted = [(start + case.omega * float(event.time)) % orbit.schedule.turn for event in true.events]
+    wanted = [
+        (start + case.omega * float(event.time)) % orbit.schedule.turn for event in true.events
+    ]
     joined = [False, *(event.regime.startswith(("stuck", "held")) for event in true.events)]
-    changes = sorted((phase, now) for phase, before, now in zip(wanted, joined, joined[1:], strict=False) if now != before)
+    changes = sorted(
+        (phase, now)
+        for phase, before, now in zip(wanted, joined, joined[1:], strict=False)
+        if now != before
+    )
     regimes = [event.regime is Regime.JOINED for event in orbit.schedule.events]
     phases = orbit.solution.phases % orbit.schedule.turn
-    found = sorted((phase, regimes[k]) for k, phase in enumerate(phases) if regimes[k] != regimes[k - 1])
+    found = sorted(
+        (phase, regimes[k]) for k, phase in enumerate(phases) if regimes[k] != regimes[k - 1]
+    )
     assert len(found) >= 2
-    np.testing.assert_allclose(found, changes, rtol=0, atol=1e-6)  # the last of a chatter's bounces end sooner in 16 digits than in 40
+    np.testing.assert_allclose(
+        found, changes, rtol=0, atol=1e-6
+    )  # the last of a chatter's bounces end sooner in 16 digits than in 40
 
 
 def test_mirrored_orbits_are_a_pair_and_a_symmetric_one_its_own() -> None:
@@ -109,7 +164,9 @@ def test_mirrored_orbits_are_a_pair_and_a_symmetric_one_its_own() -> None:
     assert not same(orbit, other)
     assert matched(other.stability.multipliers, orbit.stability.multipliers) < 1e-7
     phase = float(orbit.solution.phases[0]) + 0.4
-    assert np.allclose(other.motion.state_at(phase + np.pi), -orbit.motion.state_at(phase), rtol=0, atol=1e-9)
+    assert np.allclose(
+        other.motion.state_at(phase + np.pi), -orbit.motion.state_at(phase), rtol=0, atol=1e-9
+    )
     for name in ("isola", "chatter", "without rebound"):
         image = mirrored(orbit_of(name))
         assert isinstance(image, Orbit)
@@ -124,7 +181,9 @@ def test_a_chatter_lists_the_impacts_of_the_recorded_run() -> None:
     sizes = np.abs([impact.impulse for impact in orbit.impacts])
     assert np.min(sizes) < 1e-5 * np.max(sizes)
     found = np.sort((start + orbit.case.omega * response.impacts.time) % np.pi)
-    assert np.allclose(np.sort([impact.phase % np.pi for impact in orbit.impacts])[::2], found, rtol=0, atol=1e-12)
+    assert np.allclose(
+        np.sort([impact.phase % np.pi for impact in orbit.impacts])[::2], found, rtol=0, atol=1e-12
+    )
 
 
 # --- shooting, and schedules from runs ---------------------------------------------------------------------------------------------
@@ -144,25 +203,45 @@ def test_closed_form_greens_function_and_shooting_agree(case: Case) -> None:
     for orbit in closed_form_orbits(case).orbits:
         phase, state = orbit.motion.mid_flight()
         start = state * (1 + 1e-4 * np.cos(np.arange(len(state))))
-        again = shot_orbit(case, phase, start, orbit.schedule.symmetric, orbit.schedule.period_multiple)
+        again = shot_orbit(
+            case, phase, start, orbit.schedule.symmetric, orbit.schedule.period_multiple
+        )
         assert isinstance(again, Orbit)
-        assert np.max(np.abs(again.motion.state_at(phase) - state)[: len(state) // 2]) < 1e-10 * case.gap
-        assert [i.phase for i in again.impacts] == pytest.approx([i.phase for i in orbit.impacts], abs=1e-10)
-        assert [i.impulse for i in again.impacts] == pytest.approx([i.impulse for i in orbit.impacts], rel=1e-10)
+        assert (
+            np.max(np.abs(again.motion.state_at(phase) - state)[: len(state) // 2])
+            < 1e-10 * case.gap
+        )
+        assert [i.phase for i in again.impacts] == pytest.approx(
+            [i.phase for i in orbit.impacts], abs=1e-10
+        )
+        assert [i.impulse for i in again.impacts] == pytest.approx(
+            [i.impulse for i in orbit.impacts], rel=1e-10
+        )
         assert again.motion.tip_max == pytest.approx(orbit.motion.tip_max, rel=1e-10)
         assert again.schedule.reversals == orbit.schedule.reversals
-        assert matched(again.stability.multipliers, orbit.stability.multipliers) < 1e-10 * max(1.0, abs(orbit.stability.multipliers[0]))
+        assert matched(again.stability.multipliers, orbit.stability.multipliers) < 1e-10 * max(
+            1.0, abs(orbit.stability.multipliers[0])
+        )
 
 
 def test_a_passage_repeats_the_exact_methods_run_from_any_state() -> None:
     """Over two periods through impacts, sticking and chatter, not on an orbit: the state in the end, and its derivative by central differences."""
-    case, rng = paper_case(3, 0.95, 6.0, 0.4, 0.05), np.random.default_rng(5)
+    case = paper_case(3, 0.95, 6.0, 0.4, 0.05)
+    rng = np.random.default_rng(5)
     unit = np.concatenate([np.full(4, case.gap), np.full(4, case.gap * case.omega)])
     # where a run was after 40 periods: another processor's run is elsewhere by then
     orbit_like = np.array([3.96e-4, 1.48e-7, 3.23e-6, 2.44e-4, 0.311, -1.39e-2, 2.68e-3, 0.969])
 
     def run(state: np.ndarray) -> np.ndarray:
-        return simulate(case.scene, case.drive(2 * case.period, 0.3), initial=start_from(case.scene, state), record=RECORD).end_state / unit
+        return (
+            simulate(
+                case.scene,
+                case.drive(2 * case.period, 0.3),
+                initial=start_from(case.scene, state),
+                record=RECORD,
+            ).end_state
+            / unit
+        )
 
     for _ in range(5):
         state = orbit_like * (1 + 0.1 * rng.uniform(-1, 1, 8))
@@ -171,13 +250,16 @@ def test_a_passage_repeats_the_exact_methods_run_from_any_state() -> None:
         assert np.max(np.abs(found.end / unit - run(state))) < 1e-10
         steps = 1e-7 * np.diag(unit)
         truth = np.array([(run(state + step) - run(state - step)) / 2e-7 for step in steps]).T
-        assert np.max(np.abs(found.derivative * unit / unit[:, None] - truth)) < 1e-4 * np.max(np.abs(truth))
+        assert np.max(np.abs(found.derivative * unit / unit[:, None] - truth)) < 1e-4 * np.max(
+            np.abs(truth)
+        )
         assert sum(happening.event.is_impact for happening in found.happenings) > 2
 
 
 @pytest.mark.parametrize("name", ["many reversals", "one-sided"])
 def test_the_events_of_a_run_are_those_of_the_orbit(name: str) -> None:
-    orbit, case = orbit_of(name), orbit_of(name).case
+    orbit = orbit_of(name)
+    case = orbit_of(name).case
     start = float(orbit.solution.phases[0]) - 0.3
     run = passage(case, start, orbit.motion.state_at(start), orbit.schedule.turn / case.omega)
     read = shot(case, run, orbit.schedule.symmetric, orbit.schedule.period_multiple, 0.0, 0)
@@ -193,7 +275,8 @@ def test_an_orbit_over_three_periods_of_the_force() -> None:
     assert found.stability.stable
     assert found.residual < BAR
     phase = float(found.solution.phases[0]) + 0.2
-    first, later = found.motion.state_at(phase), found.motion.state_at(phase + 2 * np.pi)
+    first = found.motion.state_at(phase)
+    later = found.motion.state_at(phase + 2 * np.pi)
     assert np.max(np.abs(later - first)) > 1e-3 * np.max(np.abs(first))
     assert np.allclose(found.motion.state_at(phase + 6 * np.pi), first, rtol=0, atol=1e-9)
 
@@ -212,15 +295,27 @@ def test_a_branch_has_orbits_in_the_window_of_a_stuck_phase() -> None:
     """Between two numbers of reversals friction holds the absorber: there the branch's own solutions are no orbits, shooting's are."""
     start = many_reversals()
     first = float(start.case.model.omega[0])
-    branch = orbit_branch(start.solution, "omega", (0.9695 * first, 0.973 * first), Steps(first=0.002, least=1e-8, most=0.01))
+    branch = orbit_branch(
+        start.solution,
+        "omega",
+        (0.9695 * first, 0.973 * first),
+        Steps(first=0.002, least=1e-8, most=0.01),
+    )
     found = list(branch.orbits())
-    assert all(isinstance(point, Orbit) for point in found), [point.reason for point in found if isinstance(point, NoOrbit)]
+    assert all(isinstance(point, Orbit) for point in found), [
+        point.reason for point in found if isinstance(point, NoOrbit)
+    ]
     (crossing,) = crossings(branch, 0.9715 * first)
     held = [point for point in (*found, crossing) if not point.schedule.flies]
     assert crossing in held[-1:]
     assert len(held) > 1
     assert all(point.residual < BAR for point in held)
-    assert {event.wall for point in held for event in point.schedule.events if event.regime is Regime.JOINED} == {0}
+    assert {
+        event.wall
+        for point in held
+        for event in point.schedule.events
+        if event.regime is Regime.JOINED
+    } == {0}
 
 
 # --- what is refused -------------------------------------------------------------------------------------------------------------
@@ -228,10 +323,16 @@ def test_a_branch_has_orbits_in_the_window_of_a_stuck_phase() -> None:
 
 def test_what_does_not_come_back_never_touches_or_meets_a_resonance_says_so() -> None:
     refused = {
-        "did not converge": shoot(paper_case(3, 1.0, 3.0, 0.9), 0.0, np.array([1e-3, 0, 0, 0, 0.1, 0, 0, 2.0])),
+        "did not converge": shoot(
+            paper_case(3, 1.0, 3.0, 0.9), 0.0, np.array([1e-3, 0, 0, 0, 0.1, 0, 0, 2.0])
+        ),
         "do not touch": shoot(paper_case(1, 0.9, 0.1, 0.75), 0.0, np.zeros(4)),
-        "holds the absorber all the time": orbit_of_simulation(paper_case(1, 0.9, 0.01, 0.75, 5.0), settle=20),
-        "resonance": shoot(Case(ModalModel([30.0], [0.0], [1.0], [1.0], 1.0), 30.0, 1.0), 0.0, np.zeros(4)),
+        "holds the absorber all the time": orbit_of_simulation(
+            paper_case(1, 0.9, 0.01, 0.75, 5.0), settle=20
+        ),
+        "resonance": shoot(
+            Case(ModalModel([30.0], [0.0], [1.0], [1.0], 1.0), 30.0, 1.0), 0.0, np.zeros(4)
+        ),
         "does not come again": orbit_of_simulation(paper_case(3, 1.0, 3.0), settle=50),
     }
     for said, found in refused.items():
@@ -241,12 +342,27 @@ def test_what_does_not_come_back_never_touches_or_meets_a_resonance_says_so() ->
 
 def test_what_passes_a_wall_is_pulled_or_turns_is_no_orbit() -> None:
     pulled = paper_case(10, 0.96, 3.5, 0.7)
-    wrong = [orbit_at(pulled, symmetric_schedule(False), [b.phase, b.impulse / pulled.scale.impulse]) for b in closed_form(pulled) if not b.pushes]
+    wrong = [
+        orbit_at(pulled, symmetric_schedule(False), [b.phase, b.impulse / pulled.scale.impulse])
+        for b in closed_form(pulled)
+        if not b.pushes
+    ]
     assert {orbit.reason for orbit in wrong} == {"a wall would have to pull"}
-    assert ["passes a wall" in orbit.reason for orbit in closed_form_orbits(paper_case(1, 0.96, 10.0, 0.6)).refused] == [True]
+    assert [
+        "passes a wall" in orbit.reason
+        for orbit in closed_form_orbits(paper_case(1, 0.96, 10.0, 0.6)).refused
+    ] == [True]
     case = paper_case(3, 0.9523, 1.5, friction=0.01)
     large = closed_form(case)[1]
-    assert "turns" in orbit_at(case, symmetric_schedule(True), [large.phase, large.impulse / case.scale.impulse], reorder=False).reason
+    assert (
+        "turns"
+        in orbit_at(
+            case,
+            symmetric_schedule(True),
+            [large.phase, large.impulse / case.scale.impulse],
+            reorder=False,
+        ).reason
+    )
 
 
 def test_a_motion_that_is_no_orbit_fails_its_validation() -> None:
@@ -265,7 +381,10 @@ def test_a_branch_ends_where_the_absorber_grazes_a_wall() -> None:
     assert GRAZING in branch.branch.ended
     assert abs(motion.clearance) < 1e-12 * case.gap
     at = motion.solution
-    before, behind = (orbit_at(at.case.changed(omega=at.case.omega * share), at.schedule, unknowns_of(at)) for share in (1 - 1e-6, 1 + 1e-6))
+    before, behind = (
+        orbit_at(at.case.changed(omega=at.case.omega * share), at.schedule, unknowns_of(at))
+        for share in (1 - 1e-6, 1 + 1e-6)
+    )
     assert isinstance(before, Orbit)
     assert isinstance(behind, NoOrbit)
     assert "passes a wall" in behind.reason

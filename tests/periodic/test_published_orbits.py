@@ -15,7 +15,14 @@ from impact_env.periodic.green import NoOrbit, unknowns_of
 from impact_env.periodic.isolas import folds, lowest_fold, thresholds
 from impact_env.periodic.offspring import all_orbits_over, descendants, leaving
 from impact_env.periodic.orbit import Orbit, mirrored, orbit_at
-from impact_env.periodic.orbit_branches import PERIOD_DOUBLING, PULLING, SYMMETRY_BREAKING, OrbitBranch, orbit_branch, orbit_branches
+from impact_env.periodic.orbit_branches import (
+    PERIOD_DOUBLING,
+    PULLING,
+    SYMMETRY_BREAKING,
+    OrbitBranch,
+    orbit_branch,
+    orbit_branches,
+)
 from impact_env.periodic.survey import closed_form_orbits, orbits_over, same
 from impact_env.periodic.symmetric import BIRTH, MERGER
 from impact_env.periodic.validation import BAR
@@ -39,8 +46,14 @@ def test_the_isola_of_three_modes() -> None:
 
 
 def test_the_folds_of_three_modes_with_and_without_reversals() -> None:
-    located = [fold for fold in folds(paper_case(3, 1.0, 1.5, friction=0.01), 0.9, 1.06) if isinstance(fold.orbit, Orbit)]
-    assert [fold.omega_ratio for fold in located] == pytest.approx([0.9336128203, 0.9336233427, 0.9552754578], abs=1e-9)
+    located = [
+        fold
+        for fold in folds(paper_case(3, 1.0, 1.5, friction=0.01), 0.9, 1.06)
+        if isinstance(fold.orbit, Orbit)
+    ]
+    assert [fold.omega_ratio for fold in located] == pytest.approx(
+        [0.9336128203, 0.9336233427, 0.9552754578], abs=1e-9
+    )
     for fold in located:
         assert isinstance(fold.orbit, Orbit)
         multipliers = fold.orbit.stability.multipliers
@@ -57,13 +70,27 @@ def test_the_merged_branch_of_three_modes() -> None:
     for wanted, close in ((0.9032184, 1e-7), (1.16873, 5e-6)):
         assert min(abs(ratio - wanted) for ratio in ratios) < close
     assert branch.of(PULLING)[0].solution.case.omega_ratio == pytest.approx(0.9625, abs=5e-5)
-    assert high_orbit(paper_case(3, 0.9619, 3.0, friction=0.01)).motion.tip_max == pytest.approx(3.4081e-3, abs=1e-7)
+    assert high_orbit(paper_case(3, 0.9619, 3.0, friction=0.01)).motion.tip_max == pytest.approx(
+        3.4081e-3, abs=1e-7
+    )
 
 
 def test_birth_and_merger_of_one_mode_with_losses() -> None:
-    birth, merger = (one for one in thresholds(paper_case(1, 1.0, 1.5, 0.75), 0.88, 1.0) if isinstance(one.orbit, Orbit))
-    assert (birth.kind, birth.force, birth.omega_ratio) == (BIRTH, pytest.approx(1.22957, abs=5e-6), pytest.approx(0.90594, abs=5e-6))
-    assert (merger.kind, merger.force, merger.omega_ratio) == (MERGER, pytest.approx(2.41657, abs=6e-6), pytest.approx(0.96768, abs=6e-6))
+    birth, merger = (
+        one
+        for one in thresholds(paper_case(1, 1.0, 1.5, 0.75), 0.88, 1.0)
+        if isinstance(one.orbit, Orbit)
+    )
+    assert (birth.kind, birth.force, birth.omega_ratio) == (
+        BIRTH,
+        pytest.approx(1.22957, abs=5e-6),
+        pytest.approx(0.90594, abs=5e-6),
+    )
+    assert (merger.kind, merger.force, merger.omega_ratio) == (
+        MERGER,
+        pytest.approx(2.41657, abs=6e-6),
+        pytest.approx(0.96768, abs=6e-6),
+    )
 
 
 @pytest.mark.nightly
@@ -76,12 +103,15 @@ def test_thresholds_among_many_reversals_settle_along_branches_over_the_force() 
         assert isinstance(orbit, Orbit), threshold
         assert orbit.schedule.reversals >= 4
         assert orbit.residual < BAR
-        assert np.min(np.abs(orbit.stability.multipliers - 1)) < 1e-3  # a fold: half-period multiplier +1
+        assert (
+            np.min(np.abs(orbit.stability.multipliers - 1)) < 1e-3
+        )  # a fold: half-period multiplier +1
         for share in (-5e-4, 5e-4):
             next_to = lowest_fold(orbit.case.changed(omega=orbit.case.omega * (1 + share)))
             assert not isinstance(next_to, NoOrbit)
             assert side * next_to.case.force > side * threshold.force
-    case, schedule = birth.orbit.case, birth.orbit.schedule
+    case = birth.orbit.case
+    schedule = birth.orbit.schedule
     start = beside(case, schedule, unknowns_of(birth.orbit.solution), 1.001)
     assert isinstance(orbit_at(case.changed(force=1.001 * birth.force), schedule, start), Orbit)
     assert isinstance(orbit_at(case.changed(force=0.999 * birth.force), schedule, start), NoOrbit)
@@ -89,8 +119,14 @@ def test_thresholds_among_many_reversals_settle_along_branches_over_the_force() 
 
 def test_the_fold_of_ten_modes_with_friction() -> None:
     """Published as 0.951825, where four reversals a half period become six; the folds on both sides of that are 1.3e-6 and 5.4e-5 below it."""
-    found = [fold for fold in folds(paper_case(10, 1.0, 3.5, 0.7, 0.1), 0.94, 0.965) if isinstance(fold.orbit, Orbit)]
-    assert [fold.omega_ratio for fold in found] == pytest.approx([0.9517714335, 0.9518237122], abs=1e-9)
+    found = [
+        fold
+        for fold in folds(paper_case(10, 1.0, 3.5, 0.7, 0.1), 0.94, 0.965)
+        if isinstance(fold.orbit, Orbit)
+    ]
+    assert [fold.omega_ratio for fold in found] == pytest.approx(
+        [0.9517714335, 0.9518237122], abs=1e-9
+    )
     assert [fold.orbit.schedule.reversals for fold in found] == [4, 6]
     assert found[1].omega_ratio == pytest.approx(0.951825, abs=2e-6)
 
@@ -98,7 +134,9 @@ def test_the_fold_of_ten_modes_with_friction() -> None:
 def test_one_mode_with_losses_is_stable_on_the_high_branch_without_symmetry() -> None:
     high = high_orbit(paper_case(1, 0.93, 1.5, 0.75))
     assert not high.stability.stable
-    assert high.stability.multipliers[0].real < -1  # of half a period: the symmetry is broken, which the period's own multiplier hides
+    assert (
+        high.stability.multipliers[0].real < -1
+    )  # of half a period: the symmetry is broken, which the period's own multiplier hides
     assert high.stability.full[0].real > 1
     assert one_sided().stability.stable
     assert not one_sided().schedule.symmetric
@@ -121,7 +159,10 @@ def test_the_slow_pair_lives_while_the_fast_pair_does_not() -> None:
 def test_branches_find_orbits_that_the_closed_form_does_not_lead_to() -> None:
     case = paper_case(10, 0.966, 3.5, 0.7, 0.1)
     assert closed_form_orbits(case).orbits == ()
-    found = {round(group.case.omega_ratio, 6): group.orbits for group in orbits_over(case, np.array([0.964, 0.965, 0.966]))}
+    found = {
+        round(group.case.omega_ratio, 6): group.orbits
+        for group in orbits_over(case, np.array([0.964, 0.965, 0.966]))
+    }
     assert [orbit.schedule.reversals for orbit in found[0.966]] == [26]
 
 
@@ -142,16 +183,26 @@ def test_the_high_branch_of_one_dissipative_mode_hands_over_to_a_pair() -> None:
         assert np.min(np.abs(values + 1)) < 1e-7
     left, right = sorted(motion.solution.case.omega_ratio for motion in breaking)
     assert left < 0.91 < 0.93 < right
-    (pair,) = (found for found in descendants([branch], LIMITS, longest=1) if isinstance(found, OrbitBranch))
+    (pair,) = (
+        found
+        for found in descendants([branch], LIMITS, longest=1)
+        if isinstance(found, OrbitBranch)
+    )
     assert pair.branch.closed
     orbits = list(pair.orbits())
     assert all(isinstance(orbit, Orbit) for orbit in orbits)
-    near = [(a, b) for a, b in pairwise(orbits) if (a.case.omega_ratio - 0.93) * (b.case.omega_ratio - 0.93) <= 0]
+    near = [
+        (a, b)
+        for a, b in pairwise(orbits)
+        if (a.case.omega_ratio - 0.93) * (b.case.omega_ratio - 0.93) <= 0
+    ]
     assert len(near) == 2  # one of each
     for a, b in near:
         assert a.stability.stable
         share = (0.93 - a.case.omega_ratio) / (b.case.omega_ratio - a.case.omega_ratio)
-        assert (1 - share) * a.motion.tip_max + share * b.motion.tip_max == pytest.approx(7.14381e-4, rel=2e-4)
+        assert (1 - share) * a.motion.tip_max + share * b.motion.tip_max == pytest.approx(
+            7.14381e-4, rel=2e-4
+        )
     phases = [np.diff([impact.phase for impact in a.impacts])[0] for a, _ in near]
     assert phases[0] != pytest.approx(np.pi, abs=1e-2)
 
@@ -195,7 +246,9 @@ def test_all_orbits_over_a_range_have_pairs_doubled_periods_and_their_mirror_ima
     assert {"closed form", "branches"} <= set(told)
     symmetric = list(orbits_over(case, ratios))
     for group, plain in zip(groups, symmetric, strict=True):
-        assert [o.motion.tip_max for o in group.orbits if o.schedule.symmetric] == pytest.approx([o.motion.tip_max for o in plain.orbits])
+        assert [o.motion.tip_max for o in group.orbits if o.schedule.symmetric] == pytest.approx(
+            [o.motion.tip_max for o in plain.orbits]
+        )
         sided = [orbit for orbit in group.orbits if not orbit.schedule.symmetric]
         assert len(sided) % 2 == 0
         for orbit in sided:
@@ -207,8 +260,14 @@ def test_all_orbits_over_a_range_have_pairs_doubled_periods_and_their_mirror_ima
     assert multiples[0] == {1}
     assert multiples[1] == {1, 2}
     assert {1, 2, 4} <= multiples[2]
-    assert any(orbit.stability.stable and orbit.schedule.period_multiple == 4 for orbit in groups[2].orbits)
-    assert {orbit.schedule.period_multiple for group in all_orbits_over(case, ratios, longest=2) for orbit in group.orbits} == {1, 2}
+    assert any(
+        orbit.stability.stable and orbit.schedule.period_multiple == 4 for orbit in groups[2].orbits
+    )
+    assert {
+        orbit.schedule.period_multiple
+        for group in all_orbits_over(case, ratios, longest=2)
+        for orbit in group.orbits
+    } == {1, 2}
 
 
 def test_branches_without_end_are_left_with_a_word(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,9 +11,29 @@ from impact_env.drive import Drive, constant_frequency
 from impact_env.ensemble import draw_members
 from impact_env.periodic.case import case_of, start_from
 from impact_env.periodic.passage import RECORD
-from impact_env.periodic.residence import Approach, ExitRate, Jumps, Range, Stays, exit_rate, hazard, hold, jumps, passage, stay_of, stays
+from impact_env.periodic.residence import (
+    Approach,
+    ExitRate,
+    Jumps,
+    Range,
+    Stays,
+    exit_rate,
+    hazard,
+    hold,
+    jumps,
+    passage,
+    stay_of,
+    stays,
+)
 from impact_env.periodic.shooting import Exponent, exponent_of, largest_exponent
-from impact_env.periodic.stationary import Criteria, Kind, Window, classify, envelope, stationary_members
+from impact_env.periodic.stationary import (
+    Criteria,
+    Kind,
+    Window,
+    classify,
+    envelope,
+    stationary_members,
+)
 from impact_env.periodic.survey import closed_form_orbits
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
@@ -65,7 +85,9 @@ def test_period_is_found_within_its_tolerance_and_up_to_the_largest_multiple() -
 
 def members_at(modes: int, ratio: float, force: float, **absorber: float) -> list:
     scene = beam_scene(Beam(modes=modes), impact_absorber(**absorber))
-    return stationary_members(scene, force, Approach(scene.model.resonance_omega(1)), ratio, 500, 150, [0.0, 1.0, 2.5])
+    return stationary_members(
+        scene, force, Approach(scene.model.resonance_omega(1)), ratio, 500, 150, [0.0, 1.0, 2.5]
+    )
 
 
 def test_runs_of_each_kind() -> None:
@@ -74,12 +96,22 @@ def test_runs_of_each_kind() -> None:
     assert all(member.found.depth < 1e-9 for member in linear)
     modulated = members_at(1, 1.0, 1.7)  # the paper's strongly modulated response
     assert {member.found.kind for member in modulated} == {Kind.MODULATED}
-    assert all(1.7 < member.found.impacts_per_period < 2.5 and member.energies.absorber_most > 0.9 for member in modulated)
+    assert all(
+        1.7 < member.found.impacts_per_period < 2.5 and member.energies.absorber_most > 0.9
+        for member in modulated
+    )
     periodic = members_at(10, 0.9625, 3.5, restitution=0.7, friction_limit=0.1)
-    assert all((member.found.kind, member.found.multiple, member.found.impacts_per_period) == (Kind.PERIODIC, 1, 2.0) for member in periodic)
+    assert all(
+        (member.found.kind, member.found.multiple, member.found.impacts_per_period)
+        == (Kind.PERIODIC, 1, 2.0)
+        for member in periodic
+    )
     for member in periodic:
         energies = member.energies
-        assert energies.modal + energies.impact + energies.friction + energies.damper == pytest.approx(1)
+        assert (
+            energies.modal + energies.impact + energies.friction + energies.damper
+            == pytest.approx(1)
+        )
         assert energies.impact > 0.1
         assert energies.friction > 0.1
     chaotic = members_at(10, 1.0, 3.5, restitution=0.7, friction_limit=0.1)
@@ -108,7 +140,9 @@ def test_rate_of_a_known_sample() -> None:
     assert found.rate == count / np.sum(observed.durations)
     # the same interval by chi-square quantiles, and the same estimate by maximising the likelihood of a library's censored fit
     assert found.low == pytest.approx(scipy.stats.chi2.ppf(0.025, 2 * count) / 2 / found.exposure)
-    assert found.high == pytest.approx(scipy.stats.chi2.ppf(0.975, 2 * count + 2) / 2 / found.exposure)
+    assert found.high == pytest.approx(
+        scipy.stats.chi2.ppf(0.975, 2 * count + 2) / 2 / found.exposure
+    )
     data = scipy.stats.CensoredData.right_censored(observed.durations, ~observed.ended)
     assert 1 / scipy.stats.expon.fit(data, floc=0)[1] == pytest.approx(found.rate, rel=1e-3)
     assert found.low < 2e-3 < found.high
@@ -120,11 +154,17 @@ def rate_of(drawn: np.random.Generator) -> ExitRate:
     return exit_rate(Stays(np.minimum(times, 600.0), times < 600.0))
 
 
-@pytest.mark.parametrize(("measured", "true"), [(rate_of, 1 / 500), (lambda drawn: exponent_of(drawn.normal(0.3, 1.0, 400)), 0.3)])
-def test_intervals_cover_what_is_known_as_often_as_they_say(measured: Callable[[np.random.Generator], ExitRate | Exponent], true: float) -> None:
+@pytest.mark.parametrize(
+    ("measured", "true"),
+    [(rate_of, 1 / 500), (lambda drawn: exponent_of(drawn.normal(0.3, 1.0, 400)), 0.3)],
+)
+def test_intervals_cover_what_is_known_as_often_as_they_say(
+    measured: Callable[[np.random.Generator], ExitRate | Exponent], true: float
+) -> None:
     drawn = np.random.default_rng(1)
     found = [measured(drawn) for _ in range(1000)]
-    above, below = np.mean([one.low >= true for one in found]), np.mean([one.high <= true for one in found])
+    above = np.mean([one.low >= true for one in found])
+    below = np.mean([one.high <= true for one in found])
     assert 0.93 < 1 - above - below < 0.975
     assert max(above, below) < 0.04  # on neither side alone
 
@@ -154,11 +194,15 @@ def test_integral_of_the_rate() -> None:
 
 def test_factor_of_a_moving_frequency_is_found_from_counts() -> None:
     """Runs that leave at a rate in time and at another in frequency: survival is the product of both, drawn run by run."""
-    drawn, rate, moved = np.random.default_rng(5), 1 / 700, 0.05
+    drawn = np.random.default_rng(5)
+    rate = 1 / 700
+    moved = 0.05
     told = hazard([0.98, 0.97], [ExitRate(4000, 4000 / rate, rate, 0.97 * rate, 1.03 * rate)] * 2)
     measured = {}
     for slowness in (20.0, 100.0, 300.0, 900.0):
-        at = np.minimum(drawn.exponential(1 / (slowness * rate), 5000), drawn.exponential(1 / moved, 5000))  # percent of frequency passed
+        at = np.minimum(
+            drawn.exponential(1 / (slowness * rate), 5000), drawn.exponential(1 / moved, 5000)
+        )  # percent of frequency passed
         measured[slowness] = Jumps(int(np.sum(at > 1)), 5000, 5000)
     found = told.with_sweeps(measured)
     assert found.factor_low < np.exp(-moved) < found.factor_high
@@ -176,8 +220,13 @@ def test_sweeps_up_keep_what_sweeps_down_lose() -> None:
     """The motion of the frequency carries runs over the border of the regime, or away from it: fewer leave the same range upwards."""
     scene, approach = paper()
     phases = draw_members(1200, 3, "phase").phases.tolist()
-    down, up = (jumps(scene, 1.5, approach, Range(*ratios), 100.0, phases) for ratios in ((0.974, 0.972, 0.958, 0.946), (0.956, 0.958, 0.972, 0.984)))
-    assert len(down.left) > len(up.left) + 3 * np.sqrt(len(up.left))  # of 1,200: 68 to 90 and 31 to 44
+    down, up = (
+        jumps(scene, 1.5, approach, Range(*ratios), 100.0, phases)
+        for ratios in ((0.974, 0.972, 0.958, 0.946), (0.956, 0.958, 0.972, 0.984))
+    )
+    assert len(down.left) > len(up.left) + 3 * np.sqrt(
+        len(up.left)
+    )  # of 1,200: 68 to 90 and 31 to 44
     assert all(0.958 <= ratio < 0.972 for ratio in (*down.left, *up.left))
 
 
@@ -194,7 +243,15 @@ def test_jump_is_predicted_without_a_fit() -> None:
     told = hazard(ratios, rates)
     assert 600 < 1 / told.value < 2000  # 967 to 1,207 over six sets of phases
     for slowness in (100.0, 1450.0):
-        found = jumps(scene, 1.5, approach, Range(1.0, 0.984, 0.956, 0.92), slowness, phases, high_level=0.75e-3)
+        found = jumps(
+            scene,
+            1.5,
+            approach,
+            Range(1.0, 0.984, 0.956, 0.92),
+            slowness,
+            phases,
+            high_level=0.75e-3,
+        )
         low, high = found.interval(1 - 1e-7)
         assert low < told.probability(slowness)[0] < high
         assert found.high is not None
@@ -222,7 +279,9 @@ def drive(scene: Scene, force: float, ratio: float, periods: float) -> Drive:
 def test_exponent_of_a_stable_orbit_is_its_largest_multipliers() -> None:
     scene = beam_scene(Beam(modes=1), impact_absorber(restitution=0.75))
     reference = scene.model.resonance_omega(1)
-    settled = Drive(1.5, Approach(reference, 1.0).to((800.0, 0.9), (400.0, 0.9)))  # down from impact at the resonance
+    settled = Drive(
+        1.5, Approach(reference, 1.0).to((800.0, 0.9), (400.0, 0.9))
+    )  # down from impact at the resonance
     found = largest_exponent(scene, settled, 800)
     orbits = closed_form_orbits(case_of(scene, 1.5, 0.9 * reference)).orbits
     (stable,) = (orbit for orbit in orbits if orbit.stability.stable)
@@ -239,11 +298,16 @@ def test_chaos_parts_runs_as_its_exponent_says() -> None:
     rates = []
     for k in range(40):
         state = simulate(scene, drive(scene, 1.7, 1.0, 500.0 + 10 * k), record=RECORD).end_state
-        other = state + 1e-11 * np.random.default_rng(k).normal(size=len(state)) * np.array([1.0, 1.0, omega, omega])
+        other = state + 1e-11 * np.random.default_rng(k).normal(size=len(state)) * np.array(
+            [1.0, 1.0, omega, omega]
+        )
         ends = []
         for periods in (2.0, 12.0):  # the first two turn the difference into the fastest direction
             run = Drive(1.7, constant_frequency(omega, 1.0, periods))
-            one, two = (simulate(scene, run, initial=start_from(scene, start), record=RECORD).end_state for start in (state, other))
+            one, two = (
+                simulate(scene, run, initial=start_from(scene, start), record=RECORD).end_state
+                for start in (state, other)
+            )
             ends.append(np.linalg.norm((two - one) / np.array([1.0, 1.0, omega, omega])))
         rates.append(np.log(ends[1] / ends[0]) / 10)
     width = 3 * np.std(rates) / np.sqrt(len(rates)) + found.high - found.low

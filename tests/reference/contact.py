@@ -30,8 +30,14 @@ Array = NDArray[np.float64]
 Number = float | Fraction  # a reference with many digits keeps them
 
 # what happens when a guard is used up
-WALL, REVERSAL, RELEASE_UP, RELEASE_DOWN = "wall", "reversal", "release up", "release down"
-CONTACT, PARTING, SLIP, HOLD = "contact", "parting", "slip", "hold"
+WALL = "wall"
+REVERSAL = "reversal"
+RELEASE_UP = "release up"
+RELEASE_DOWN = "release down"
+CONTACT = "contact"
+PARTING = "parting"
+SLIP = "slip"
+HOLD = "hold"
 MOST_STRIKES = 1000  # at one time
 TOUCHING = 1 - 1e-15  # of the gap: an absorber that starts there is on the wall
 
@@ -95,7 +101,9 @@ class Automaton:
         self.wall_stiffness = walls.stiffness if isinstance(walls, CompliantWalls) else None
         self.limit = None if friction is None else friction.limit
         self.slider = friction.stiffness if isinstance(friction, ElasticCoulombFriction) else None
-        self.bonded = self.wall_stiffness is not None and self.gap == 0  # both walls touch at once: one spring, and no events
+        self.bonded = (
+            self.wall_stiffness is not None and self.gap == 0
+        )  # both walls touch at once: one spring, and no events
         self.linear = sliding is None
         self.springs = self.wall_stiffness is not None or self.slider is not None
 
@@ -113,7 +121,12 @@ class Automaton:
         """Return the regime of a scene without events: no absorber, a stuck one or a tuned one."""
         tuned = self.absorber if isinstance(self.absorber, TunedAbsorber) else None
         stiffness, damping = (0.0, 0.0) if tuned is None else (tuned.stiffness, tuned.damping)
-        return Regime("linear", stiffness=stiffness, damping=damping, joined=isinstance(self.absorber, StuckAbsorber))
+        return Regime(
+            "linear",
+            stiffness=stiffness,
+            damping=damping,
+            joined=isinstance(self.absorber, StuckAbsorber),
+        )
 
     def moving(self, sign: int) -> Regime:
         """Return the regime in which the absorber moves with a relative velocity of a sign."""
@@ -122,20 +135,33 @@ class Automaton:
         if self.limit is None:
             return Regime("free", self._walls())
         turn = Guard(REVERSAL, 0.0, gamma_weight=sign)
-        return Regime(_named("slide", sign), (*self._walls(), turn), constant=-sign * self.limit, sliding=sign)
+        return Regime(
+            _named("slide", sign), (*self._walls(), turn), constant=-sign * self.limit, sliding=sign
+        )
 
     def joined(self, side: int) -> Regime:
         """Return the regime in which friction or the wall of a side holds the absorber."""
         limit = 0.0 if self.limit is None else self.limit
-        up, down = Guard(RELEASE_DOWN, limit, force_weight=-1.0), Guard(RELEASE_UP, limit, force_weight=1.0)
+        up = Guard(RELEASE_DOWN, limit, force_weight=-1.0)
+        down = Guard(RELEASE_UP, limit, force_weight=1.0)
         # a wall pushes as hard as it must: at the upper one only the upper bound of the force remains
-        return Regime(_named("held", side) or "stuck", {0: (up, down), 1: (up,), -1: (down,)}[side], joined=True, side=side)
+        return Regime(
+            _named("held", side) or "stuck",
+            {0: (up, down), 1: (up,), -1: (down,)}[side],
+            joined=True,
+            side=side,
+        )
 
     def sprung(self, side: int, sliding: int = 0, slider_rest: Number = 0.0) -> Regime:
         """Return the regime with a compliant wall touched (``side``, 0: none), and an elastic slider that slides or holds with its rest in m."""
-        stiffness = self.wall_stiffness if self.wall_stiffness is not None and (side or self.bonded) else 0.0
+        stiffness = (
+            self.wall_stiffness
+            if self.wall_stiffness is not None and (side or self.bonded)
+            else 0.0
+        )
         rest = 0.0 if self.gap is None else side * self.gap
-        guards, words = self._walls(side), [_named("contact", side)]
+        guards = self._walls(side)
+        words = [_named("contact", side)]
         if self.slider is None:
             return Regime(words[0] or "free", guards, stiffness=stiffness, rest=rest, side=side)
         assert self.limit is not None
@@ -143,9 +169,25 @@ class Automaton:
         name = ", ".join(word for word in words if word)
         if sliding:
             guards = (*guards, Guard(HOLD, 0.0, gamma_weight=sliding))
-            return Regime(name, guards, -sliding * self.limit, stiffness, rest, side=side, sliding=sliding)
-        guards = (*guards, *(Guard(SLIP, self.limit, y_weight=-end * self.slider, side=end, rest=slider_rest) for end in (1, -1)))
-        return Regime(name, guards, stiffness=stiffness, rest=rest, slider=self.slider, slider_rest=slider_rest, side=side)
+            return Regime(
+                name, guards, -sliding * self.limit, stiffness, rest, side=side, sliding=sliding
+            )
+        guards = (
+            *guards,
+            *(
+                Guard(SLIP, self.limit, y_weight=-end * self.slider, side=end, rest=slider_rest)
+                for end in (1, -1)
+            ),
+        )
+        return Regime(
+            name,
+            guards,
+            stiffness=stiffness,
+            rest=rest,
+            slider=self.slider,
+            slider_rest=slider_rest,
+            side=side,
+        )
 
     def _walls(self, touched: int = 0) -> tuple[Guard, ...]:
         if self.gap is None or self.bonded:
@@ -159,7 +201,10 @@ class Automaton:
 def automata_of(scene: Scene) -> list[Automaton]:
     """Return the automaton of each absorber; one without regimes where there is none."""
     absorber = scene.absorber
-    return [Automaton(one) for one in (absorber.absorbers if isinstance(absorber, SeveralAbsorbers) else (absorber,))]
+    return [
+        Automaton(one)
+        for one in (absorber.absorbers if isinstance(absorber, SeveralAbsorbers) else (absorber,))
+    ]
 
 
 class Motion(Protocol):
@@ -188,8 +233,12 @@ class Contacts:
 
     def __init__(self, scene: Scene, motion: Motion, rest_speed: float) -> None:
         """Start in the motion's state; bounces slower than ``rest_speed`` (m/s) end a chatter."""
-        self.automata, self.motion, self.rest_speed = automata_of(scene), motion, rest_speed
-        self.struck: list[tuple[int, float]] = []  # absorber and relative velocity before each impact or contact of the last event
+        self.automata = automata_of(scene)
+        self.motion = motion
+        self.rest_speed = rest_speed
+        self.struck: list[
+            tuple[int, float]
+        ] = []  # absorber and relative velocity before each impact or contact of the last event
         self.regimes = [self._first(which) for which in range(len(self.automata))]
         self.zeros: list[tuple[int, ...]] = [() for _ in self.regimes]
         self._begin()
@@ -201,7 +250,12 @@ class Contacts:
             return automaton.only()
         if not automaton.springs:
             return automaton.moving(sign_of(gamma) or 1)
-        within = automaton.wall_stiffness is None or automaton.gap is None or automaton.bonded or size_of(y) < automaton.gap
+        within = (
+            automaton.wall_stiffness is None
+            or automaton.gap is None
+            or automaton.bonded
+            or size_of(y) < automaton.gap
+        )
         deep = not within and (size_of(y) > automaton.gap or y * gamma > 0)  # type: ignore[operator]
         return automaton.sprung(sign_of(y) if deep else 0, 0, y)
 
@@ -210,7 +264,11 @@ class Contacts:
         rests: dict[int, int] = {}
         for which, automaton in enumerate(self.automata):
             y, gamma = self.motion.relative(which)
-            at = sign_of(y) if automaton.gap is not None and size_of(y) >= automaton.gap * TOUCHING else 0
+            at = (
+                sign_of(y)
+                if automaton.gap is not None and size_of(y) >= automaton.gap * TOUCHING
+                else 0
+            )
             self._enter(which, self.regimes[which], at, int(gamma == 0))
             if automaton.linear or automaton.springs:
                 continue
@@ -218,7 +276,9 @@ class Contacts:
                 on_wall[which] = at
             if gamma == 0 and (at or automaton.limit):
                 rests[which] = at
-        first = [which for which, side in on_wall.items() if self.motion.relative(which)[1] * side > 0]
+        first = [
+            which for which, side in on_wall.items() if self.motion.relative(which)[1] * side > 0
+        ]
         if first:
             self._collide(first[0], on_wall, rests)
         elif rests:
@@ -230,9 +290,16 @@ class Contacts:
         def order(guard: Guard) -> int:
             if guard.event in (REVERSAL, HOLD):
                 return still
-            return 1 + still if at and guard.side == at and guard.event in (WALL, CONTACT, PARTING) else 0
+            return (
+                1 + still
+                if at and guard.side == at and guard.event in (WALL, CONTACT, PARTING)
+                else 0
+            )
 
-        self.regimes[which], self.zeros[which] = regime, tuple(order(guard) for guard in regime.guards)
+        self.regimes[which], self.zeros[which] = (
+            regime,
+            tuple(order(guard) for guard in regime.guards),
+        )
 
     def go_on(self) -> None:
         """Say that the motion has left the start of its regimes behind, without an event."""
@@ -245,12 +312,21 @@ class Contacts:
         left = self.regimes[which]
         resting = {k: regime.side for k, regime in enumerate(self.regimes) if regime.joined}
         if guard.event == WALL:
-            self._collide(which, {k: side for k, side in resting.items() if side} | {which: guard.side}, resting)
+            self._collide(
+                which,
+                {k: side for k, side in resting.items() if side} | {which: guard.side},
+                resting,
+            )
         elif guard.event == REVERSAL:
             self._settle(resting | {which: 0})
         elif guard.event in (RELEASE_UP, RELEASE_DOWN):
             self.motion.stop(list(resting))
-            self._enter(which, self.automata[which].moving(1 if guard.event == RELEASE_UP else -1), left.side, 2)
+            self._enter(
+                which,
+                self.automata[which].moving(1 if guard.event == RELEASE_UP else -1),
+                left.side,
+                2,
+            )
         else:
             self._spring(which, left, guard)
 
@@ -259,7 +335,9 @@ class Contacts:
         y, gamma = self.motion.relative(which)
         if guard.event == CONTACT:
             self.struck.append((which, float(gamma)))
-            self._enter(which, automaton.sprung(guard.side, left.sliding, left.slider_rest), guard.side)
+            self._enter(
+                which, automaton.sprung(guard.side, left.sliding, left.slider_rest), guard.side
+            )
         elif guard.event == PARTING:
             self._enter(which, automaton.sprung(0, left.sliding, left.slider_rest), guard.side)
         elif guard.event == SLIP:
@@ -268,10 +346,14 @@ class Contacts:
             assert automaton.limit is not None
             assert automaton.slider is not None
             exact = type(y)  # of floats or fractions
-            regime = automaton.sprung(left.side, 0, y - left.sliding * (exact(automaton.limit) / exact(automaton.slider)))
+            regime = automaton.sprung(
+                left.side, 0, y - left.sliding * (exact(automaton.limit) / exact(automaton.slider))
+            )
             self._enter(which, regime)
             # it holds where it slid: at the very end of its reach, and comes back from it
-            self.zeros[which] = tuple(2 * int(new.event == SLIP and new.side == left.sliding) for new in regime.guards)
+            self.zeros[which] = tuple(
+                2 * int(new.event == SLIP and new.side == left.sliding) for new in regime.guards
+            )
 
     def _collide(self, first: int, on_wall: Mapping[int, int], resting: Mapping[int, int]) -> None:
         """Let an absorber hit its wall, and then those that an impact drives into theirs; what rested and is moved by that is torn loose."""
@@ -284,7 +366,11 @@ class Contacts:
             assert restitution is not None
             self.struck.append((which, float(self.motion.relative(which)[1])))
             self.motion.strike(which, restitution)
-            into = [k for k, side in on_wall.items() if side * self.motion.relative(k)[1] > self.rest_speed]
+            into = [
+                k
+                for k, side in on_wall.items()
+                if side * self.motion.relative(k)[1] > self.rest_speed
+            ]
         rests: dict[int, int] = {}
         for k, automaton in enumerate(self.automata):
             gamma = self.motion.relative(k)[1]
@@ -305,17 +391,22 @@ class Contacts:
         who = list(resting)
         self.motion.stop(who)
         bounds = [self._bounds(k, side) for k, side in resting.items()]
-        mobility, others = self.motion.mobility, np.array([0.0 if k in resting else r.constant for k, r in enumerate(self.regimes)])
-        drift = (mobility @ others - self.motion.pull())[who]  # relative accelerations without forces of their own
+        mobility = self.motion.mobility
+        others = np.array([0.0 if k in resting else r.constant for k, r in enumerate(self.regimes)])
+        drift = (mobility @ others - self.motion.pull())[
+            who
+        ]  # relative accelerations without forces of their own
         coupling = mobility[np.ix_(who, who)]
         best: tuple[int, ...] = (0,) * len(who)
         wrong = np.inf
         for choice in product((0, 1, -1), repeat=len(who)):
             found = _wrongness(choice, drift, coupling, bounds)
             if found < wrong:
-                best, wrong = choice, found
+                best = choice
+                wrong = found
         for k, sign in zip(who, best, strict=True):
-            automaton, side = self.automata[k], resting[k]
+            automaton = self.automata[k]
+            side = resting[k]
             self._enter(k, automaton.moving(sign) if sign else automaton.joined(side), side, 1)
 
     def _bounds(self, which: int, side: int) -> tuple[float, float]:
@@ -324,17 +415,30 @@ class Contacts:
         return (-np.inf if side > 0 else -limit), (np.inf if side < 0 else limit)
 
 
-def _wrongness(choice: Sequence[int], drift: Array, coupling: Array, bounds: Sequence[tuple[float, float]]) -> float:
+def _wrongness(
+    choice: Sequence[int], drift: Array, coupling: Array, bounds: Sequence[tuple[float, float]]
+) -> float:
     """Return by how much (N) an assignment breaks its conditions; ``choice``: 0 joined, else the sign of the relative motion."""
-    forces = np.array([0.0 if sign == 0 else bound[0] if sign > 0 else bound[1] for sign, bound in zip(choice, bounds, strict=True)])
+    forces = np.array(
+        [
+            0.0 if sign == 0 else bound[0] if sign > 0 else bound[1]
+            for sign, bound in zip(choice, bounds, strict=True)
+        ]
+    )
     if not np.all(np.isfinite(forces)):
         return float(np.inf)
     joined = [k for k, sign in enumerate(choice) if sign == 0]
     if joined:
-        forces[joined] = np.linalg.solve(coupling[np.ix_(joined, joined)], -(drift + coupling @ forces)[joined])
+        forces[joined] = np.linalg.solve(
+            coupling[np.ix_(joined, joined)], -(drift + coupling @ forces)[joined]
+        )
     accelerations = drift + coupling @ forces
     worst = 0.0
     for k, (sign, (low, high)) in enumerate(zip(choice, bounds, strict=True)):
-        off = max(low - forces[k], forces[k] - high) if sign == 0 else -sign * accelerations[k] / coupling[k, k]
+        off = (
+            max(low - forces[k], forces[k] - high)
+            if sign == 0
+            else -sign * accelerations[k] / coupling[k, k]
+        )
         worst = max(worst, float(off))
     return worst

@@ -21,16 +21,24 @@ from reference.mechanics import Linear, Mechanics
 Array = NDArray[np.float64]
 TURN = 0.5  # rad by which the fastest motion turns in a step of the grid
 SLIDER_TURN = 0.125  # rad; the same where a spring gives way at the very peak of its force
-COARSE_TURN, COARSE_FROM = 1.0, 30  # the same for scenes of so many modes: their highest modes hardly move
+# the same for scenes of so many modes: their highest modes hardly move
+COARSE_TURN = 1.0
+COARSE_FROM = 30
 CALM_TURN = 1.0  # rad; the same without events, where long steps are asked for
 NODES, CALM_NODES = (np.polynomial.legendre.leggauss(n) for n in (8, 14))
-FINER, FINEST = 32, 32**5  # where an event seems to follow another within a step
+# where an event seems to follow another within a step
+FINER = 32
+FINEST = 32**5
 TAYLOR_TERMS = 20
-FORCE_WEIGHT = 6.0  # the force alone may turn a relative velocity twice in a step that would do for a mode
+FORCE_WEIGHT = (
+    6.0  # the force alone may turn a relative velocity twice in a step that would do for a mode
+)
 SAME_STEP = 1e-12  # two steps that differ by less, relatively, differ by the rounding of their ends
 FIRST_SLIP = 64  # steps within TURN of the spring that gives way: a stiff one holds again soon
 REST_SPEED = 1e-9  # of gap times first frequency: slower bounces end a chatter
-REST_SHARE = 1e-6  # of the fastest impact so far: the same. What that leaves out is as small as its square
+REST_SHARE = (
+    1e-6  # of the fastest impact so far: the same. What that leaves out is as small as its square
+)
 MOST_STEPS = 3_000_000
 MOST_EVENTS = 50  # between two samples
 HUMP = np.linspace(0, 1, 65)[1:-1]
@@ -78,7 +86,8 @@ class Truth:
 
 
 def _flow(matrix: Array, length: float, x: Array) -> Array:
-    total, term = x, x
+    total = x
+    term = x
     for k in range(1, TAYLOR_TERMS):
         term = matrix @ term * (length / k)
         total = total + term
@@ -92,15 +101,30 @@ def _exponential(matrix: Array, length: float, x: Array) -> Array:
 class Walk:
     """A reference under way: what `contact` asks for, and steps from event to event."""
 
-    def __init__(self, scene: Scene, drive: Inputs, initial: InitialState, most_events: int = MOST_EVENTS, long_steps: bool = False) -> None:
-        self.mechanics, self.drive, self.most_events, self.long_steps = Mechanics(scene), drive, most_events, long_steps
+    def __init__(
+        self,
+        scene: Scene,
+        drive: Inputs,
+        initial: InitialState,
+        most_events: int = MOST_EVENTS,
+        long_steps: bool = False,
+    ) -> None:
+        self.mechanics = Mechanics(scene)
+        self.drive = drive
+        self.most_events = most_events
+        self.long_steps = long_steps
         self.mobility = self.mechanics.mobility
-        self.x, self.time = self.mechanics.state(initial.vector(scene)), 0.0
+        self.x = self.mechanics.state(initial.vector(scene))
+        self.time = 0.0
         self._made: dict[tuple[Regime, ...], tuple[Linear, float]] = {}
         self._kept: tuple[tuple[Regime, ...], float, Step] | None = None
         gaps = [walls.gap for walls in map(scene.cavity, range(scene.places)) if walls is not None]
-        self.contacts = Contacts(scene, self, REST_SPEED * min(gaps, default=0.0) * float(scene.model.omega[0]))
-        self.steps, self.events, self.slipped = 0, 0, False
+        self.contacts = Contacts(
+            scene, self, REST_SPEED * min(gaps, default=0.0) * float(scene.model.omega[0])
+        )
+        self.steps = 0
+        self.events = 0
+        self.slipped = False
         self.impacts: list[tuple[float, int, float]] = []
         self._note()
         self._joined_at: float | None = None  # relative displacement since one absorber is joined
@@ -109,16 +133,23 @@ class Walk:
 
     def relative(self, which: int) -> tuple[Number, Number]:
         """Return relative displacement (m) and velocity (m/s) of an absorber."""
-        return float(self.mechanics.gaps[which] @ self.x), float(self.mechanics.speeds[which] @ self.x)
+        return float(self.mechanics.gaps[which] @ self.x), float(
+            self.mechanics.speeds[which] @ self.x
+        )
 
     def pull(self) -> Array:
         """Return the accelerations (n,) in m/s^2 of the absorbers' places relative to the absorbers, if none pushed."""
-        m, now = self.mechanics, self._inputs(np.array([self.time]))[:, 0]
-        return np.asarray(m.shapes @ (m.unforced @ self.x + m.driven @ now) - m.carried @ now - m.falling)
+        m = self.mechanics
+        now = self._inputs(np.array([self.time]))[:, 0]
+        return np.asarray(
+            m.shapes @ (m.unforced @ self.x + m.driven @ now) - m.carried @ now - m.falling
+        )
 
     def strike(self, which: int, restitution: float) -> None:
         """Turn the relative velocity of an absorber into -restitution times itself."""
-        self.mechanics.impulse(self.x, [which], -(1 + restitution) * self.mechanics.speeds[[which]] @ self.x)
+        self.mechanics.impulse(
+            self.x, [which], -(1 + restitution) * self.mechanics.speeds[[which]] @ self.x
+        )
 
     def stop(self, which: Sequence[int]) -> None:
         """Make relative velocities zero, by impulses."""
@@ -139,7 +170,8 @@ class Walk:
     def seen(self) -> tuple[float, Array]:
         """Return tip and relative displacements (n,) in m. A joined absorber tells more exactly where the tip is than a sum over modes."""
         m = self.mechanics
-        tip, relative = float(m.tip @ self.x), m.gaps @ self.x
+        tip = float(m.tip @ self.x)
+        relative = m.gaps @ self.x
         if self.contacts.regimes[0].joined and m.places == 1:
             self._joined_at = float(relative[0]) if self._joined_at is None else self._joined_at
             relative = np.array([self._joined_at])
@@ -148,10 +180,13 @@ class Walk:
 
     def to(self, end: float) -> bool:
         """Advance to a time in s; return False where the reference cannot go on."""
-        before, breaks = self.events, self.drive.breaks
+        before = self.events
+        breaks = self.drive.breaks
         while self.time < end:
             stop = breaks[(breaks > self.time) & (breaks < end)]
-            if self.events - before > self.most_events or not self._stretch(float(stop[0]) if len(stop) else end):
+            if self.events - before > self.most_events or not self._stretch(
+                float(stop[0]) if len(stop) else end
+            ):
                 return False
         return True
 
@@ -160,7 +195,9 @@ class Walk:
             return CALM_TURN
         if self.mechanics.modes >= COARSE_FROM:
             return COARSE_TURN
-        return SLIDER_TURN if any(automaton.slider for automaton in self.contacts.automata) else TURN
+        return (
+            SLIDER_TURN if any(automaton.slider for automaton in self.contacts.automata) else TURN
+        )
 
     def _stretch(self, end: float, finer: int = 1, least: int = 1) -> bool:
         """Advance to ``end`` or to the next event, on a grid ``finer`` times finer than usual and of ``least`` steps."""
@@ -169,8 +206,13 @@ class Walk:
         calm = self.long_steps and not any(regime.guards for regime in regimes)
         if self.slipped and least == 1:
             held = self._linear((self.contacts.automata[0].sprung(regimes[0].side),))[1]
-            return self._stretch(min(end, self.time + TURN / self._rate(held, False) / finer), finer, FIRST_SLIP)
-        count = max(least, int(np.ceil((end - self.time) * self._rate(fastest, calm) * finer / self._turn())))
+            return self._stretch(
+                min(end, self.time + TURN / self._rate(held, False) / finer), finer, FIRST_SLIP
+            )
+        count = max(
+            least,
+            int(np.ceil((end - self.time) * self._rate(fastest, calm) * finer / self._turn())),
+        )
         h = (end - self.time) / count
         if self.steps + count > MOST_STEPS:
             return False
@@ -184,13 +226,17 @@ class Walk:
             xs[:, k + 1] = whole @ xs[:, k] + pushes[:, k]
         passed = self._first(linear, xs, times, h)
         if not passed:
-            self.x, self.time, self.slipped = xs[:, -1], end, False
+            self.x = xs[:, -1]
+            self.time = end
+            self.slipped = False
             self.contacts.go_on()
             return True
         k = passed[0][2]
         if k == 0 and any(self._fresh(which, number) for which, number, _ in passed):
             # back within the first step: the grid is too coarse to tell what happened
-            return finer < FINEST and self._stretch(self.time + min(4 * h, end - self.time), finer * FINER)
+            return finer < FINEST and self._stretch(
+                self.time + min(4 * h, end - self.time), finer * FINER
+            )
         self._event(passed, linear, xs[:, k], float(times[k]), h)
         return True
 
@@ -210,7 +256,9 @@ class Walk:
             nodes = 0.5 * h * (1 + places)
             flow = _exponential if calm else _flow
             flows = [flow(linear.matrix, h - t, linear.column) for t in nodes]
-            columns = np.array([0.5 * h * w * each for w, each in zip(weights, flows, strict=True)]).transpose(1, 2, 0)
+            columns = np.array(
+                [0.5 * h * w * each for w, each in zip(weights, flows, strict=True)]
+            ).transpose(1, 2, 0)
             known = self._kept = regimes, h, (scipy.linalg.expm(linear.matrix * h), columns, nodes)
         return known[2]
 
@@ -218,7 +266,9 @@ class Walk:
         """Return the state ``length`` (less than a step) later, by Taylor series."""
         after = _flow(linear.matrix, length, x)
         nodes = 0.5 * length * (1 + NODES[0])
-        for node, weight, inputs in zip(nodes, 0.5 * length * NODES[1], self._inputs(time + nodes).T, strict=True):
+        for node, weight, inputs in zip(
+            nodes, 0.5 * length * NODES[1], self._inputs(time + nodes).T, strict=True
+        ):
             after = after + weight * _flow(linear.matrix, length - node, linear.column @ inputs)
         return after
 
@@ -229,7 +279,9 @@ class Walk:
         values = row @ xs
         return np.asarray(values + push @ self._inputs(times) if np.any(push) else values)
 
-    def _first(self, linear: Linear, xs: Array, times: Array, h: float) -> list[tuple[int, int, int]]:
+    def _first(
+        self, linear: Linear, xs: Array, times: Array, h: float
+    ) -> list[tuple[int, int, int]]:
         """Return absorber, number of the guard and step of the guards that are passed in the first step in which any is."""
         found = []
         for which, regime in enumerate(self.contacts.regimes):
@@ -244,12 +296,17 @@ class Walk:
         step = min((k for *_, k in found), default=0)
         return [each for each in found if each[2] == step]
 
-    def _event(self, passed: list[tuple[int, int, int]], linear: Linear, x: Array, time: float, h: float) -> None:
+    def _event(
+        self, passed: list[tuple[int, int, int]], linear: Linear, x: Array, time: float, h: float
+    ) -> None:
         """Find the earliest of the events in the step from ``time``, go there, and apply it."""
-        guards = [(which, self.contacts.regimes[which].guards[number]) for which, number, _ in passed]
+        guards = [
+            (which, self.contacts.regimes[which].guards[number]) for which, number, _ in passed
+        ]
         lengths = [self._passage(which, guard, linear, x, time, h) for which, guard in guards]
         k = int(np.argmin(lengths))
-        self.x, self.time = self._part(linear, x, time, lengths[k]), time + lengths[k]
+        self.x = self._part(linear, x, time, lengths[k])
+        self.time = time + lengths[k]
         self._joined_at = None
         self.events += 1
         which, guard = guards[k]
@@ -259,35 +316,55 @@ class Walk:
 
     def _note(self) -> None:
         self.impacts += [(self.time, which, speed) for which, speed in self.contacts.struck]
-        self.contacts.rest_speed = max(self.contacts.rest_speed, *(REST_SHARE * abs(speed) for _, speed in self.contacts.struck), 0.0)
+        self.contacts.rest_speed = max(
+            self.contacts.rest_speed,
+            *(REST_SHARE * abs(speed) for _, speed in self.contacts.struck),
+            0.0,
+        )
 
-    def _passage(self, which: int, guard: Guard, linear: Linear, x: Array, time: float, h: float) -> float:
+    def _passage(
+        self, which: int, guard: Guard, linear: Linear, x: Array, time: float, h: float
+    ) -> float:
         """Return the time in s from a step's start to where a guard is passed."""
 
         def value(length: float) -> float:
             trial = self._part(linear, x, time, length)
-            return float(self._value(which, guard, linear, trial[:, None], np.array([time + length]))[0])
+            return float(
+                self._value(which, guard, linear, trial[:, None], np.array([time + length]))[0]
+            )
 
         def speed(length: float) -> float:
             return float(self.mechanics.speeds[which] @ self._part(linear, x, time, length))
 
         end = h
-        if value(h) >= 0:  # a graze: up to where the relative velocity turns, if it is not rounding that the step's end is beyond the guard
+        if (
+            value(h) >= 0
+        ):  # a graze: up to where the relative velocity turns, if it is not rounding that the step's end is beyond the guard
             if speed(0.0) * speed(h) >= 0:
                 return h
             end = scipy.optimize.brentq(speed, 0.0, h, xtol=1e-18, rtol=1e-15)
         if value(0.0) <= 0:
             return 0.0
-        return float(scipy.optimize.brentq(value, 0.0, end, xtol=1e-18, rtol=1e-15)) if value(end) < 0 else end
+        return (
+            float(scipy.optimize.brentq(value, 0.0, end, xtol=1e-18, rtol=1e-15))
+            if value(end) < 0
+            else end
+        )
 
 
 def _dips(values: Array, slopes: Array, h: float) -> NDArray[np.bool_]:
     """Return (steps,) whether the cubic through values and slopes at a step's ends goes below zero and comes back."""
     past = np.zeros(len(values) - 1, dtype=bool)
-    turns = (slopes[:-1] < 0) & (slopes[1:] >= 0) & (np.minimum(values[:-1], values[1:]) < -h * slopes[:-1])
+    turns = (
+        (slopes[:-1] < 0)
+        & (slopes[1:] >= 0)
+        & (np.minimum(values[:-1], values[1:]) < -h * slopes[:-1])
+    )
     s = HUMP
     for k in np.flatnonzero(turns):
-        cubic = (1 - s) ** 2 * ((1 + 2 * s) * values[k] + s * h * slopes[k]) + s**2 * ((3 - 2 * s) * values[k + 1] - (1 - s) * h * slopes[k + 1])
+        cubic = (1 - s) ** 2 * ((1 + 2 * s) * values[k] + s * h * slopes[k]) + s**2 * (
+            (3 - 2 * s) * values[k + 1] - (1 - s) * h * slopes[k + 1]
+        )
         past[k] = bool(np.min(cubic) < 0)
     return past
 
@@ -308,18 +385,38 @@ def follow(
     then loses digits.
     """
     inputs = harmonic(drive) if isinstance(drive, Drive) else drive
-    walk = Walk(scene, inputs, InitialState() if initial is None else initial, most_events, long_steps)
-    rows, seen = [walk.x], [walk.seen()]
+    walk = Walk(
+        scene, inputs, InitialState() if initial is None else initial, most_events, long_steps
+    )
+    rows = [walk.x]
+    seen = [walk.seen()]
     for time in times[1:]:
-        if not walk.to(float(time)) or (most_impacts is not None and len(walk.impacts) > most_impacts):
+        if not walk.to(float(time)) or (
+            most_impacts is not None and len(walk.impacts) > most_impacts
+        ):
             break
         rows.append(walk.x)
         seen.append(walk.seen())
     count = len(rows)
-    tip, relative = np.array([row[0] for row in seen]), np.array([row[1] for row in seen])
+    tip = np.array([row[0] for row in seen])
+    relative = np.array([row[1] for row in seen])
     if scene.places == 1:
         relative = relative[:, 0]
     struck = [impact for impact in walk.impacts if impact[0] <= times[count - 1]]
-    at, which, speed = (np.array(column) for column in zip(*struck, strict=True)) if struck else (np.zeros(0), np.zeros(0, int), np.zeros(0))
+    at, which, speed = (
+        (np.array(column) for column in zip(*struck, strict=True))
+        if struck
+        else (np.zeros(0), np.zeros(0, int), np.zeros(0))
+    )
     states = walk.mechanics.vector(np.array(rows))
-    return Truth(np.array(times[:count]), tip, relative, states, at, speed, which, walk.events, count == len(times))
+    return Truth(
+        np.array(times[:count]),
+        tip,
+        relative,
+        states,
+        at,
+        speed,
+        which,
+        walk.events,
+        count == len(times),
+    )

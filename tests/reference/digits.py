@@ -30,7 +30,9 @@ BITS = 200
 ONE = 1 << BITS
 UNIT = 2.0**-BITS
 PARTS = 96  # places in a step at which a guard is looked at
-BISECTIONS, NEWTON = 60, 5  # a quotient in double precision suffices for Newton's method: each pass gains its digits anew
+# a quotient in double precision suffices for Newton's method: each pass gains its digits anew
+BISECTIONS = 60
+NEWTON = 5
 DIGITS = 70  # of the force's phase
 ORDER = 70
 REACH = 6.0  # rad of the fastest motion in a step: 6^70/70! is below 1e-45
@@ -96,8 +98,13 @@ def first_root(row: list[int], end: int) -> int | None:
     low, high = (reach * (int(negative[0]) + k) / PARTS for k in (0, 1))
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if np.polynomial.polynomial.polyval(middle, numbers) < 0 else (middle, high)
-    at, series = whole(high), np.array(row, dtype=object)
+        low, high = (
+            (low, middle)
+            if np.polynomial.polynomial.polyval(middle, numbers) < 0
+            else (middle, high)
+        )
+    at = whole(high)
+    series = np.array(row, dtype=object)
     for _ in range(NEWTON):
         value, slope = (float(x) for x in value_at(series, at))
         at -= whole(value / slope)
@@ -139,27 +146,49 @@ class Trajectory:
 class Run:
     """State and constants of one trajectory: what `contact` asks for, and steps."""
 
-    def __init__(self, scene: Scene, drive: Drive, initial: InitialState, rate: float | None) -> None:
-        m, model = Mechanics(scene), scene.model
-        self.mechanics, self.modes, self.places, self.mobility = m, m.modes, m.places, m.mobility
-        self.schedule = [(Fraction(t), Fraction(omega)) for t, omega in zip(drive.schedule.times, drive.schedule.omegas, strict=True)]
-        slopes = [(later[1] - sooner[1]) / (later[0] - sooner[0]) for sooner, later in zip(self.schedule, self.schedule[1:], strict=False)]
+    def __init__(
+        self, scene: Scene, drive: Drive, initial: InitialState, rate: float | None
+    ) -> None:
+        m = Mechanics(scene)
+        model = scene.model
+        self.mechanics = m
+        self.modes = m.modes
+        self.places = m.places
+        self.mobility = m.mobility
+        self.schedule = [
+            (Fraction(t), Fraction(omega))
+            for t, omega in zip(drive.schedule.times, drive.schedule.omegas, strict=True)
+        ]
+        slopes = [
+            (later[1] - sooner[1]) / (later[0] - sooner[0])
+            for sooner, later in zip(self.schedule, self.schedule[1:], strict=False)
+        ]
         if rate is not None and len(slopes) > 1:
-            raise ValueError("a rate of its own takes the place of one slope: the schedule must be straight")
+            raise ValueError(
+                "a rate of its own takes the place of one slope: the schedule must be straight"
+            )
         self.slopes = slopes if rate is None else [Fraction(rate)]
         self.amplitude = Fraction(drive.amplitude)
-        self.shapes = np.array([wholes(row) for row in m.shapes], dtype=object).reshape(m.places, m.modes)
+        self.shapes = np.array([wholes(row) for row in m.shapes], dtype=object).reshape(
+            m.places, m.modes
+        )
         self.inverse_mass = wholes([1 / Fraction(mass) for mass in m.masses])
-        self.exact_mobility = [[fraction(x) for x in row] for row in ((self.shapes @ self.shapes.T) >> BITS) + np.diag(self.inverse_mass)]
+        self.exact_mobility = [
+            [fraction(x) for x in row]
+            for row in ((self.shapes @ self.shapes.T) >> BITS) + np.diag(self.inverse_mass)
+        ]
         start = initial.vector(scene)
         self.place, self.speed = wholes(start[: m.half]), wholes(start[m.half :])
         with mpmath.workdps(DIGITS):
             phase = mpmath.mpf(drive.phase)
-            self.cosine, self.sine = (int(mpmath.floor(mpmath.ldexp(f(phase), BITS))) for f in (mpmath.cos, mpmath.sin))
+            self.cosine, self.sine = (
+                int(mpmath.floor(mpmath.ldexp(f(phase), BITS))) for f in (mpmath.cos, mpmath.sin)
+            )
         self.time = Fraction(0)
         self.contacts = Contacts(scene, self, REST_SPEED)
         self.step = Fraction(REACH / self._fastest(float(np.max(drive.schedule.omegas))))
-        omega, ratio = [Fraction(x) for x in model.omega], [Fraction(x) for x in model.damping_ratio]
+        omega = [Fraction(x) for x in model.omega]
+        ratio = [Fraction(x) for x in model.damping_ratio]
         self.square = wholes([(x * self.step) ** 2 for x in omega])
         self.rate = wholes([2 * d * x * self.step for d, x in zip(ratio, omega, strict=True)])
         self.push = wholes([Fraction(x) * self.amplitude * self.step**2 for x in model.force_shape])
@@ -167,8 +196,11 @@ class Run:
     def _fastest(self, force: float) -> float:
         rates = [force, float(np.max(self.mechanics.model.omega))]
         for a, automaton in enumerate(self.contacts.automata):
-            only, compliance = automaton.only(), float(self.mobility[a, a])
-            stiffness = (automaton.wall_stiffness or 0.0) + (automaton.slider or 0.0) + only.stiffness
+            only = automaton.only()
+            compliance = float(self.mobility[a, a])
+            stiffness = (
+                (automaton.wall_stiffness or 0.0) + (automaton.slider or 0.0) + only.stiffness
+            )
             rates += [np.sqrt(stiffness * compliance), only.damping * compliance]
         return max(rates)
 
@@ -176,16 +208,27 @@ class Run:
 
     def relative(self, which: int) -> tuple[Number, Number]:
         """Return relative displacement (m) and velocity (m/s) of an absorber."""
-        n, shape = self.modes, self.shapes[which]
-        y, gamma = (int(row[n + which]) - (int(shape @ row[:n]) >> BITS) for row in (self.place, self.speed))
+        n = self.modes
+        shape = self.shapes[which]
+        y, gamma = (
+            int(row[n + which]) - (int(shape @ row[:n]) >> BITS) for row in (self.place, self.speed)
+        )
         return fraction(y), fraction(gamma)
 
     def pull(self) -> Array:
         """Return the accelerations (n,) in m/s^2 of the absorbers' places if no absorber pushed."""
-        n, model = self.modes, self.mechanics.model
+        n = self.modes
+        model = self.mechanics.model
         q, u = (row[:n].astype(float) * UNIT for row in (self.place, self.speed))
         force = float(self.amplitude) * self.cosine * UNIT
-        return np.asarray(self.mechanics.shapes @ (force * model.force_shape - model.omega**2 * q - 2 * model.damping_ratio * model.omega * u))
+        return np.asarray(
+            self.mechanics.shapes
+            @ (
+                force * model.force_shape
+                - model.omega**2 * q
+                - 2 * model.damping_ratio * model.omega * u
+            )
+        )
 
     def strike(self, which: int, restitution: float) -> None:
         """Turn the relative velocity of an absorber into -restitution times itself."""
@@ -197,10 +240,13 @@ class Run:
 
     def _change(self, which: Sequence[int], share: Fraction) -> None:
         """Change the relative velocities of absorbers by a multiple of themselves."""
-        n, changes = self.modes, [share * Fraction(self.relative(a)[1]) for a in which]
+        n = self.modes
+        changes = [share * Fraction(self.relative(a)[1]) for a in which]
         inverted = inverse([[self.exact_mobility[a][b] for b in which] for a in which])
         for a, row in zip(which, inverted, strict=True):
-            impulse = whole(sum((x * change for x, change in zip(row, changes, strict=True)), Fraction(0)))
+            impulse = whole(
+                sum((x * change for x, change in zip(row, changes, strict=True)), Fraction(0))
+            )
             self.speed[:n] -= (self.shapes[a] * impulse) >> BITS
             self.speed[n + a] += (int(self.inverse_mass[a]) * impulse) >> BITS
 
@@ -211,20 +257,34 @@ class Run:
 
         And which are joined (their laws are zero), with the inverse mobility of these.
         """
-        regimes, h = self.contacts.regimes, self.step
+        regimes = self.contacts.regimes
+        h = self.step
         loose = [Regime("joined") if regime.joined else regime for regime in regimes]
         joined = [a for a, regime in enumerate(regimes) if regime.joined]
         joint = inverse([[self.exact_mobility[a][b] for b in joined] for a in joined])
         rows = [
-            (Fraction(r.constant) * h**2, Fraction(r.stiffness) * h**2, r.rest, Fraction(r.slider) * h**2, r.slider_rest, Fraction(r.damping) * h)
+            (
+                Fraction(r.constant) * h**2,
+                Fraction(r.stiffness) * h**2,
+                r.rest,
+                Fraction(r.slider) * h**2,
+                r.slider_rest,
+                Fraction(r.damping) * h,
+            )
             for r in loose
         ]
-        return np.array([wholes(row) for row in rows], dtype=object).T, joined, np.array([wholes(row) for row in joint], dtype=object)
+        return (
+            np.array([wholes(row) for row in rows], dtype=object).T,
+            joined,
+            np.array([wholes(row) for row in joint], dtype=object),
+        )
 
     def _pushes(self, omega: Fraction, slope: Fraction) -> tuple[list[int], list[int]]:
         """Return the coefficients (ORDER + 1,) of the force's cosine and sine."""
-        turn, bend = whole(omega * self.step), whole(slope * self.step**2)
-        cosine, sine = [self.cosine], [self.sine]
+        turn = whole(omega * self.step)
+        bend = whole(slope * self.step**2)
+        cosine = [self.cosine]
+        sine = [self.sine]
         for k in range(ORDER):
             before = (cosine[k - 1], sine[k - 1]) if k else (0, 0)
             cosine.append(-((turn * sine[k] + bend * before[1]) >> BITS) // (k + 1))
@@ -233,16 +293,24 @@ class Run:
 
     def _series(self, cosine: list[int]) -> tuple[Whole, Whole]:
         """Return the coefficients of all displacements (ORDER + 1, N_m + n), and of the forces in units of a step (ORDER + 1, n)."""
-        n, shapes = self.modes, self.shapes
+        n = self.modes
+        shapes = self.shapes
         (constant, stiffness, rest, slider, slider_rest, damping), joined, joint = self._laws()
-        springs = any(map(np.any, (stiffness, slider, damping)))  # forces depend on the motion of an absorber that is not joined
+        springs = any(
+            map(np.any, (stiffness, slider, damping))
+        )  # forces depend on the motion of an absorber that is not joined
         x = np.zeros((ORDER + 1, n + self.places), dtype=object)
         forces = np.zeros((ORDER + 1, self.places), dtype=object)
         h = whole(self.step)
         x[0], x[1] = self.place, (self.speed * h) >> BITS
-        y, later = self._distance(x[0]), self._distance(x[1])
+        y = self._distance(x[0])
+        later = self._distance(x[1])
         for k in range(ORDER - 1):
-            free = (self.push * cosine[k] - self.square * x[k, :n] - self.rate * (x[k + 1, :n] * (k + 1))) >> BITS
+            free = (
+                self.push * cosine[k]
+                - self.square * x[k, :n]
+                - self.rate * (x[k + 1, :n] * (k + 1))
+            ) >> BITS
             force = forces[k]
             if k == 0:
                 force += constant + ((stiffness * rest + slider * slider_rest) >> BITS)
@@ -250,14 +318,17 @@ class Run:
                 force -= ((stiffness + slider) * y + damping * (later * (k + 1))) >> BITS
             acting = k == 0 or springs
             if joined:
-                pull = shapes[joined] @ (free - ((shapes.T @ force) >> BITS if acting else 0)) >> BITS
+                pull = (
+                    shapes[joined] @ (free - ((shapes.T @ force) >> BITS if acting else 0)) >> BITS
+                )
                 force[joined] = (joint @ pull) >> BITS
             if acting or joined:
                 free = free - ((shapes.T @ force) >> BITS)
                 x[k + 2, n:] = ((self.inverse_mass * force) >> BITS) // ((k + 1) * (k + 2))
             x[k + 2, :n] = free // ((k + 1) * (k + 2))
             if springs:
-                y, later = later, self._distance(x[k + 2])
+                y = later
+                later = self._distance(x[k + 2])
         return x, forces
 
     def _distance(self, x: Whole) -> Whole:
@@ -269,7 +340,9 @@ class Run:
         if guard.gamma_weight:
             return [int(guard.gamma_weight) * (k + 1) * int(y[k + 1]) for k in range(ORDER - 1)]
         weight = whole(guard.y_weight or guard.force_weight)
-        row = [(weight * int(value)) >> BITS for value in (y if guard.y_weight else force)[: ORDER - 1]]
+        row = [
+            (weight * int(value)) >> BITS for value in (y if guard.y_weight else force)[: ORDER - 1]
+        ]
         constant = Fraction(guard.constant) - Fraction(guard.y_weight) * Fraction(guard.rest)
         row[0] += whole(constant if guard.y_weight else constant * self.step**2)
         return row
@@ -278,22 +351,28 @@ class Run:
         """Go on by one step, at most to ``until``; return the absorber and the guard that ended it, if one did: its event is still to be applied."""
         k = max(k for k, (time, _) in enumerate(self.schedule[:-1]) if time <= self.time)
         slope = self.slopes[k]
-        cosine, sine = self._pushes(self.schedule[k][1] + slope * (self.time - self.schedule[k][0]), slope)
+        cosine, sine = self._pushes(
+            self.schedule[k][1] + slope * (self.time - self.schedule[k][0]), slope
+        )
         x, forces = self._series(cosine)
         end = min(until, self.schedule[k + 1][0]) if k + 2 < len(self.schedule) else until
         last = min(ONE, whole((end - self.time) / self.step))
-        hit, at = None, last
+        hit = None
+        at = last
         if any(regime.guards for regime in self.contacts.regimes):
             y = self._distance(x)
             for which, regime in enumerate(self.contacts.regimes):
                 for guard, order in zip(regime.guards, self.contacts.zeros[which], strict=True):
                     root = first_root(self._guard(guard, y[:, which], forces[:, which])[order:], at)
                     if root is not None and (hit is None or root < at):
-                        hit, at = (which, guard), root
+                        hit = (which, guard)
+                        at = root
         self.contacts.go_on()
         self.place, speed = value_at(x, at)
         self.speed = (speed * whole(1 / self.step)) >> BITS
-        self.cosine, self.sine = (int(value_at(np.array(row, dtype=object), at)[0]) for row in (cosine, sine))
+        self.cosine, self.sine = (
+            int(value_at(np.array(row, dtype=object), at)[0]) for row in (cosine, sine)
+        )
         self.time = end if hit is None and last < ONE else self.time + self.step * fraction(at)
         return hit
 
@@ -319,7 +398,11 @@ def follow(
     start = tuple(regime.name for regime in run.contacts.regimes)
     struck = [(run.time, *hit) for hit in run.contacts.struck]
     happened: list[Event] = []
-    while run.time < end and (impacts is None or len(struck) < impacts) and (events is None or len(happened) < events):
+    while (
+        run.time < end
+        and (impacts is None or len(struck) < impacts)
+        and (events is None or len(happened) < events)
+    ):
         hit = run.advance(end)
         if hit is None:
             continue

@@ -39,13 +39,18 @@ class Mechanics:
 
     def __init__(self, scene: Scene, scale: Array | None = None) -> None:
         model = scene.model
-        self.scene, self.model, self.modes, self.places = scene, model, model.modes, scene.places
+        self.scene = scene
+        self.model = model
+        self.modes = model.modes
+        self.places = scene.places
         self.shapes = np.array(scene.absorber_shapes)
         self.masses = np.ones(1) if scene.absorber is None else scene.absorber_masses
         self.mobility = self.shapes @ self.shapes.T + np.diag(1 / self.masses)
         self.half = self.modes + self.places
         self.size = 2 * self.half + 1
-        self.scale = np.append(model.omega, np.full(self.places, model.omega[0])) if scale is None else scale
+        self.scale = (
+            np.append(model.omega, np.full(self.places, model.omega[0])) if scale is None else scale
+        )
         rows = np.concatenate([-self.shapes, np.eye(self.places)], axis=1)
         self.gaps, self.speeds = np.zeros((2, self.places, self.size))
         self.gaps[:, : self.half] = rows / self.scale
@@ -54,11 +59,17 @@ class Mechanics:
         self.tip[: self.modes] = model.tip_shape / self.scale[: self.modes]
         self.unforced = np.zeros((self.modes, self.size))  # of the modes, by stiffness and damping
         self.unforced[:, : self.modes] = -np.diag(model.omega**2 / self.scale[: self.modes])
-        self.unforced[:, self.half : self.half + self.modes] = -np.diag(2 * model.damping_ratio * model.omega)
+        self.unforced[:, self.half : self.half + self.modes] = -np.diag(
+            2 * model.damping_ratio * model.omega
+        )
 
-        base = np.zeros(self.modes) if model.base_participation is None else -model.base_participation
+        base = (
+            np.zeros(self.modes) if model.base_participation is None else -model.base_participation
+        )
         self.driven = np.stack([model.force_shape, base], axis=1)
-        self.carried = np.array([[0.0, 0.0 if scene.absorber is None else -model.base_at_absorber]] * self.places)
+        self.carried = np.array(
+            [[0.0, 0.0 if scene.absorber is None else -model.base_at_absorber]] * self.places
+        )
         every = getattr(scene.absorber, "absorbers", (scene.absorber,))
         self.falling = -np.array([getattr(one, "gravity", 0.0) for one in every])
 
@@ -68,15 +79,25 @@ class Mechanics:
 
     def vector(self, states: Array) -> Array:
         """Return displacements and velocities (..., 2 N_m + 2 n) of states (..., S)."""
-        return np.concatenate([states[..., : self.half] / self.scale, states[..., self.half : -1]], axis=-1)
+        return np.concatenate(
+            [states[..., : self.half] / self.scale, states[..., self.half : -1]], axis=-1
+        )
 
     def linear(self, regimes: Sequence[Regime]) -> Linear:
         """Return the equations while each absorber is in a regime."""
-        forces, pushes = np.zeros((self.places, self.size)), np.zeros((self.places, 2))
+        forces = np.zeros((self.places, self.size))
+        pushes = np.zeros((self.places, 2))
         for a, regime in enumerate(regimes):
             if not regime.joined:
-                forces[a] = -(regime.stiffness + regime.slider) * self.gaps[a] - regime.damping * self.speeds[a]
-                forces[a, -1] = regime.constant + regime.stiffness * regime.rest + regime.slider * float(regime.slider_rest)
+                forces[a] = (
+                    -(regime.stiffness + regime.slider) * self.gaps[a]
+                    - regime.damping * self.speeds[a]
+                )
+                forces[a, -1] = (
+                    regime.constant
+                    + regime.stiffness * regime.rest
+                    + regime.slider * float(regime.slider_rest)
+                )
         joined = [a for a, regime in enumerate(regimes) if regime.joined]
         if joined:
             # the places' accelerations under the others' forces; in the mobility places and masses are side by side
@@ -84,17 +105,28 @@ class Mechanics:
             pull[:, -1] -= self.falling[joined]
             coupling = self.mobility[np.ix_(joined, joined)]
             forces[joined] = np.linalg.solve(coupling, pull)
-            pushes[joined] = np.linalg.solve(coupling, self.shapes[joined] @ self.driven - self.carried[joined])
-        matrix, column = np.zeros((self.size, self.size)), np.zeros((self.size, 2))
+            pushes[joined] = np.linalg.solve(
+                coupling, self.shapes[joined] @ self.driven - self.carried[joined]
+            )
+        matrix = np.zeros((self.size, self.size))
+        column = np.zeros((self.size, 2))
         matrix[: self.half, self.half : -1] = np.diag(self.scale)
-        matrix[self.half : -1] = np.concatenate([self.unforced - self.shapes.T @ forces, forces / self.masses[:, None]])
+        matrix[self.half : -1] = np.concatenate(
+            [self.unforced - self.shapes.T @ forces, forces / self.masses[:, None]]
+        )
         matrix[self.half + self.modes : -1, -1] += self.falling
-        column[self.half : -1] = np.concatenate([self.driven - self.shapes.T @ pushes, pushes / self.masses[:, None] + self.carried])
+        column[self.half : -1] = np.concatenate(
+            [self.driven - self.shapes.T @ pushes, pushes / self.masses[:, None] + self.carried]
+        )
         return Linear(matrix, column, forces, pushes)
 
     def guard(self, which: int, guard: Guard, linear: Linear) -> tuple[Array, Array]:
         """Return the row (S,) and the factors (2,) of the inputs that make a guard's value."""
-        row = guard.y_weight * self.gaps[which] + guard.gamma_weight * self.speeds[which] + guard.force_weight * linear.forces[which]
+        row = (
+            guard.y_weight * self.gaps[which]
+            + guard.gamma_weight * self.speeds[which]
+            + guard.force_weight * linear.forces[which]
+        )
         row[-1] += guard.constant - guard.y_weight * float(guard.rest)
         return row, guard.force_weight * linear.pushes[which]
 

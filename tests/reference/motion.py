@@ -24,7 +24,9 @@ def joined_motion(model: ModalModel, masses: Array, shapes: Array, time: float) 
         return _motion(mass, damping, stiffness, np.append(model.omega, np.ones(model.modes)), time)
 
 
-def sprung_motion(model: ModalModel, mass: float, stiffness: float, damper: float, time: float, scale: Array) -> Array:
+def sprung_motion(
+    model: ModalModel, mass: float, stiffness: float, damper: float, time: float, scale: Array
+) -> Array:
     """Return exp(A t) (2 N_m + 2, 2 N_m + 2) with an absorber on a spring (N/m) and a damper (N s/m), coordinates times ``scale``."""
     with mpmath.workdps(DIGITS):
         (masses, damping, springs), _ = _with_spring(model, mass, stiffness, damper)
@@ -42,13 +44,22 @@ def swinging_tip(model: ModalModel, mass: float, stiffness: float, omega: float)
 
 def _beam(model: ModalModel) -> list[mpmath.matrix]:
     """Return mass, damping and stiffness matrices."""
-    omega, ratio = ([mpmath.mpf(float(x)) for x in row] for row in (model.omega, model.damping_ratio))
-    return [mpmath.eye(model.modes), mpmath.diag([2 * d * w for d, w in zip(ratio, omega, strict=True)]), mpmath.diag([w**2 for w in omega])]
+    omega, ratio = (
+        [mpmath.mpf(float(x)) for x in row] for row in (model.omega, model.damping_ratio)
+    )
+    return [
+        mpmath.eye(model.modes),
+        mpmath.diag([2 * d * w for d, w in zip(ratio, omega, strict=True)]),
+        mpmath.diag([w**2 for w in omega]),
+    ]
 
 
-def _with_spring(model: ModalModel, mass: float, stiffness: float, damper: float) -> tuple[list[mpmath.matrix], mpmath.matrix]:
+def _with_spring(
+    model: ModalModel, mass: float, stiffness: float, damper: float
+) -> tuple[list[mpmath.matrix], mpmath.matrix]:
     """Return mass, damping and stiffness matrices, and the column of a force on the absorber and against the tip."""
-    n, line = model.modes, mpmath.matrix([*(-model.tip_shape), 1.0])
+    n = model.modes
+    line = mpmath.matrix([*(-model.tip_shape), 1.0])
     whole = [mpmath.mpf(x) * line * line.T for x in (0.0, damper, stiffness)]
     for matrix, part in zip(whole, _beam(model), strict=True):
         matrix[:n, :n] += part
@@ -56,9 +67,13 @@ def _with_spring(model: ModalModel, mass: float, stiffness: float, damper: float
     return whole, line
 
 
-def _motion(mass: mpmath.matrix, damping: mpmath.matrix, stiffness: mpmath.matrix, scale: Array, time: float) -> Array:
+def _motion(
+    mass: mpmath.matrix, damping: mpmath.matrix, stiffness: mpmath.matrix, scale: Array, time: float
+) -> Array:
     """Return exp(A t) of displacements and velocities, in coordinates times ``scale``, as floats; by scaling and squaring of the Taylor series."""
-    n, size, inverse = mass.rows, 2 * mass.rows, mass**-1
+    n = mass.rows
+    size = 2 * mass.rows
+    inverse = mass**-1
     matrix = mpmath.zeros(size)
     matrix[:n, n:] = mpmath.eye(n)
     matrix[n:, :n], matrix[n:, n:] = -inverse * stiffness, -inverse * damping
@@ -66,7 +81,8 @@ def _motion(mass: mpmath.matrix, damping: mpmath.matrix, stiffness: mpmath.matri
     matrix = sides * matrix * sides**-1 * mpmath.mpf(time)
     halvings = max(0, int(mpmath.ceil(mpmath.log(mpmath.mnorm(matrix, 1), 2)))) + 3
     step = matrix / mpmath.mpf(2) ** halvings
-    term, whole = mpmath.eye(size), mpmath.eye(size)
+    term = mpmath.eye(size)
+    whole = mpmath.eye(size)
     for k in range(1, TERMS):
         term = term * step / k
         whole += term

@@ -14,7 +14,10 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-NOTHING, LOW, HIGH, TURN = 0, 1, 2, 3
+NOTHING = 0
+LOW = 1
+HIGH = 2
+TURN = 3
 PER_PERIOD = 24  # times of the scan in a period of the fastest slot
 PER_DECADE = 24  # near the start
 FIRST = 1e-9  # of that period
@@ -84,26 +87,42 @@ class Signals:
     def sizes(self) -> Array:
         """Return the size of the terms of y, y' and y'' (N, 3)."""
         free = np.stack([np.abs(self.u * self.s**m).sum(axis=1) for m in range(3)], axis=1)
-        return np.asarray(free + [abs(np.polyval(self.force.polynomials[m, ::-1], self.tau)) for m in range(3)] + np.abs(self.p))
+        return np.asarray(
+            free
+            + [abs(np.polyval(self.force.polynomials[m, ::-1], self.tau)) for m in range(3)]
+            + np.abs(self.p)
+        )
 
     def early(self, t: Array) -> tuple[Array, ...]:
         """Return y - y(0), y' and y'' (N, T) at times near the start."""
-        z, values = self.s[:, None] * t, []
+        z = self.s[:, None] * t
+        values = []
         for m in range(3):
             way = np.real((self.u * self.s**m) @ remainder(z, 3 - m))
             way += sum(self.pushes[n] * t ** (n - m) / factorial(n - m) for n in range(3, SERIES))
-            way += sum(self.start[:, n : n + 1] * t ** (n - m) / factorial(n - m) for n in range(max(m, 1), 3))
+            way += sum(
+                self.start[:, n : n + 1] * t ** (n - m) / factorial(n - m)
+                for n in range(max(m, 1), 3)
+            )
             values.append(way)
         return tuple(values)
 
     def late(self, t: Array, wave: Complex | None = None, shift: float = 0.0) -> tuple[Array, ...]:
         """Return y - y(0), y' and y'' (N, T) at times shift + t; ``wave`` (J, T): exp(s t), where it is known."""
         wave = np.exp(self.s[:, None] * t) if wave is None else wave
-        u, x, p = self.u * np.exp(self.s * shift), shift + t, self.p[:, :, None]
+        u = self.u * np.exp(self.s * shift)
+        x = shift + t
+        p = self.p[:, :, None]
         way = p[:, 0] - self.start[:, :1]
         polynomials = (way + x * (p[:, 1] + 0.5 * x * p[:, 2]), p[:, 1] + x * p[:, 2], p[:, 2])
         rows = [u * self.s**m for m in range(3)]
-        return tuple(row.real @ wave.real - row.imag @ wave.imag + self.force(m, self.tau + x) + polynomials[m] for m, row in enumerate(rows))
+        return tuple(
+            row.real @ wave.real
+            - row.imag @ wave.imag
+            + self.force(m, self.tau + x)
+            + polynomials[m]
+            for m, row in enumerate(rows)
+        )
 
     def at(self, t: Array) -> tuple[Array, ...]:
         """Return y - y(0), y' and y'' (N, T) at times that lie close together."""
@@ -124,7 +143,9 @@ class Guards:
 
     def room(self, y: Array, v: Array, a: Array) -> dict[int, tuple[Array, Array]]:
         """Return for each kind of event how far the signal is from it, and the slope of that; (N,) or (N, T)."""
-        low, high, sign = (g.reshape(-1, *[1] * (y.ndim - 1)) for g in (self.low, self.high, self.direction))
+        low, high, sign = (
+            g.reshape(-1, *[1] * (y.ndim - 1)) for g in (self.low, self.high, self.direction)
+        )
         turn = np.where(sign == 0, np.inf, sign * v), np.where(sign == 0, 0.0, sign * a)
         return {LOW: (y - low, v), HIGH: (high - y, -v), TURN: turn}
 
@@ -142,14 +163,21 @@ class Found:
 def first_events(signals: Signals, guards: Guards, length: float) -> Found:
     """Return the first event of each signal within ``length`` (s)."""
     count = len(signals.u)
-    found = Found(np.zeros(count, dtype=np.int64), np.full(count, np.inf), np.ones(count), np.ones(count, dtype=bool))
-    sizes, open_cases = signals.sizes(), np.arange(count)
+    found = Found(
+        np.zeros(count, dtype=np.int64),
+        np.full(count, np.inf),
+        np.ones(count),
+        np.ones(count, dtype=bool),
+    )
+    sizes = signals.sizes()
+    open_cases = np.arange(count)
     period = 2 * np.pi / signals.fastest
     last = min(EARLY / signals.fastest, length)
     early = np.geomspace(FIRST * period, last, int(PER_DECADE * np.log10(last / FIRST / period)))
     open_cases = _scan(signals, guards, sizes, early, signals.early(early), open_cases, found)
     step = np.arange(CHUNK + 1) * period / PER_PERIOD
-    wave, shift = np.exp(signals.s[:, None] * step), last
+    wave = np.exp(signals.s[:, None] * step)
+    shift = last
     while shift < length and len(open_cases):
         values = signals.of(open_cases).late(step, wave, shift)
         open_cases = _scan(signals, guards, sizes, shift + step, values, open_cases, found)
@@ -160,20 +188,31 @@ def first_events(signals: Signals, guards: Guards, length: float) -> Found:
     return found
 
 
-def _scan(signals: Signals, guards: Guards, sizes: Array, t: Array, values: tuple[Array, ...], cases: Integers, found: Found) -> Integers:
+def _scan(
+    signals: Signals,
+    guards: Guards,
+    sizes: Array,
+    t: Array,
+    values: tuple[Array, ...],
+    cases: Integers,
+    found: Found,
+) -> Integers:
     """Look for the first event of each open case at the times t, and return the cases that stay open."""
     flags = []
     h = np.diff(t)
     for kind, (room, slope) in guards.of(cases).room(*values).items():
         terms = sizes[cases, 1 if kind == TURN else 0][:, None]
         with np.errstate(invalid="ignore"):
-            dip = np.minimum(room[:, :-1] + h / 3 * slope[:, :-1], room[:, 1:] - h / 3 * slope[:, 1:])
+            dip = np.minimum(
+                room[:, :-1] + h / 3 * slope[:, :-1], room[:, 1:] - h / 3 * slope[:, 1:]
+            )
             dips = (slope[:, :-1] < 0) & (slope[:, 1:] > 0) & (dip < 1e-4 * terms)
         flags.append((room[:, 1:] <= 0) | dips)
     flagged = flags[0] | flags[1] | flags[2]
     left = []
     for row, case in enumerate(cases):
-        one, guard = signals.of(np.array([case])), guards.of(np.array([case]))
+        one = signals.of(np.array([case]))
+        guard = guards.of(np.array([case]))
         for k in np.flatnonzero(flagged[row]):
             if _judge(one, guard, sizes[case], float(t[k]), float(t[k + 1]), case, found):
                 break
@@ -182,32 +221,52 @@ def _scan(signals: Signals, guards: Guards, sizes: Array, t: Array, values: tupl
     return np.array(left, dtype=np.int64)
 
 
-def _judge(signal: Signals, guard: Guards, sizes: Array, start: float, stop: float, case: int, found: Found) -> bool:
+def _judge(
+    signal: Signals, guard: Guards, sizes: Array, start: float, stop: float, case: int, found: Found
+) -> bool:
     """Find the first event in [start, stop]; return False if there is none."""
 
     def room(t: float, kind: int) -> float:
         return float(guard.room(*signal.at(np.array([t])))[kind][0][0, 0])
 
-    hits, times = [], np.linspace(start, stop, 65)
+    hits = []
+    times = np.linspace(start, stop, 65)
     for kind, (rooms, _) in guard.room(*signal.at(times)).items():
-        t, values = times, rooms[0]
+        t = times
+        values = rooms[0]
         k = int(np.argmin(values))
         if 0 < k < 64 and np.isfinite(values[k]):  # a dip
             exact = {"xatol": 1e-9 * (stop - start)}
-            low = scipy.optimize.minimize_scalar(room, bounds=(t[k - 1], t[k + 1]), args=(kind,), method="bounded", options=exact)
-            t, values = np.insert(t, k, low.x), np.insert(values, k, low.fun)
+            low = scipy.optimize.minimize_scalar(
+                room, bounds=(t[k - 1], t[k + 1]), args=(kind,), method="bounded", options=exact
+            )
+            t = np.insert(t, k, low.x)
+            values = np.insert(values, k, low.fun)
             found.clear[case] &= abs(low.fun) > TANGENT * sizes[1 if kind == TURN else 0]
         below = np.flatnonzero(values <= 0)
         if len(below):
             left = t[below[0] - 1] if below[0] else t[0] * 1e-6
-            hits.append((scipy.optimize.brentq(room, left, t[below[0]], args=(kind,), xtol=1e-300, rtol=1e-14), kind))
+            hits.append(
+                (
+                    scipy.optimize.brentq(
+                        room, left, t[below[0]], args=(kind,), xtol=1e-300, rtol=1e-14
+                    ),
+                    kind,
+                )
+            )
     if not hits:
         return False
     hits.sort()
     time, kind = hits[0]
     _, v, a = (float(x[0, 0]) for x in signal.at(np.array([time])))
-    found.kind[case], found.time[case], found.slope[case] = kind, time, abs(a if kind == TURN else v)
-    returns = a if kind == LOW else -a  # where this is above zero the signal only dips into the wall
+    found.kind[case], found.time[case], found.slope[case] = (
+        kind,
+        time,
+        abs(a if kind == TURN else v),
+    )
+    returns = (
+        a if kind == LOW else -a
+    )  # where this is above zero the signal only dips into the wall
     found.clear[case] &= kind == TURN or v * v > 2 * TANGENT * sizes[0] * returns
     found.clear[case] &= len(hits) == 1 or abs(hits[1][0] - time) > 1e-6 / signal.fastest
     return True

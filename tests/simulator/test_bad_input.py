@@ -46,12 +46,20 @@ from impact_env.plain_files import read_plain
 
 NAN = math.nan
 SCENE = beam_scene(Beam(modes=2), impact_absorber())
-ONE_MODE: dict[str, Any] = {"omega": [1.0], "damping_ratio": [0.1], "force_shape": [1.0], "tip_shape": [1.0], "beam_mass": 1.0}
+ONE_MODE: dict[str, Any] = {
+    "omega": [1.0],
+    "damping_ratio": [0.1],
+    "force_shape": [1.0],
+    "tip_shape": [1.0],
+    "beam_mass": 1.0,
+}
 LANE = Lane(SCENE, Drive(1.0, constant_frequency(252.0, 1.0, 1.0)))
 RUN: dict[str, Any] = {"scene": SCENE, "drive": LANE.drive}
 
 
-NAMED: list[tuple[str, dict[str, Any], str]] = [  # what is public, its arguments, and what the error says
+NAMED: list[
+    tuple[str, dict[str, Any], str]
+] = [  # what is public, its arguments, and what the error says
     ("Beam", {"modes": 0}, "modes = 0"),
     ("Beam", {"elements": 2, "modes": 5}, "modes = 5"),
     ("Beam", {"damping_ratio": -0.1}, "damping_ratio = -0.1"),
@@ -67,37 +75,80 @@ NAMED: list[tuple[str, dict[str, Any], str]] = [  # what is public, its argument
     ("TunedAbsorber", {"damping": -1.0}, "absorber damping = -1.0"),
     ("impact_absorber", {"mass_ratio": 0.0}, "mass_ratio = 0.0"),
     ("SlidingAbsorber", {}, "walls, friction or both"),
-    ("SlidingAbsorber", {"walls": CompliantWalls(1.0), "friction": CoulombFriction(1.0)}, "rigid or both compliant"),
+    (
+        "SlidingAbsorber",
+        {"walls": CompliantWalls(1.0), "friction": CoulombFriction(1.0)},
+        "rigid or both compliant",
+    ),
     ("Scene", {"model": SCENE.model, "absorber": CompliantWalls(1.0)}, "absorber"),
     ("linear_sweep", {"reference": 0.0}, "reference"),
     ("linear_sweep", {"reference": 1.0, "start_ratio": -1.0}, "start ratio = -1.0"),
     ("linear_sweep", {"reference": 1.0, "start_ratio": 0.9, "stop_ratio": 0.9}, "stop ratio = 0.9"),
-    ("linear_sweep", {"reference": 1.0, "percent_per_100_periods": 0.0}, "percent_per_100_periods = 0.0"),
-    ("FrequencySchedule", {"times": [0.0, 1.0, 1.0], "omegas": [1.0, 1.0, 1.0], "reference": 1.0}, "times"),
+    (
+        "linear_sweep",
+        {"reference": 1.0, "percent_per_100_periods": 0.0},
+        "percent_per_100_periods = 0.0",
+    ),
+    (
+        "FrequencySchedule",
+        {"times": [0.0, 1.0, 1.0], "omegas": [1.0, 1.0, 1.0], "reference": 1.0},
+        "times",
+    ),
     ("FrequencySchedule", {"times": [0.0, 1.0], "omegas": [1.0, -1.0], "reference": 1.0}, "omegas"),
     ("ModalModel", ONE_MODE | {"damping_ratio": [-0.1]}, "damping_ratio"),
     ("ModalModel", ONE_MODE | {"force_shape": [1.0, 2.0]}, "modal model"),
     ("Record", {"samples_per_period": 3}, "samples_per_period = 3"),
-    ("simulate", {**RUN, "initial": InitialState(absorber_displacement=1.001e-3)}, "absorber_displacement"),
-    ("simulate", {**RUN, "method": Moreau(), "record": Record(reversals=True)}, "reversals = True is not allowed: with rigid contact and the exact"),
-    ("simulate", {**RUN, "initial": InitialState(modal_displacement=np.zeros(3))}, "modal_displacement"),
-    ("simulate", {**RUN, "drive": Drive(1.0, linear_sweep(252.0, 0.5, 20.0, 1e4))}, "samples_per_period = 32 is not allowed: 80 or more"),
+    (
+        "simulate",
+        {**RUN, "initial": InitialState(absorber_displacement=1.001e-3)},
+        "absorber_displacement",
+    ),
+    (
+        "simulate",
+        {**RUN, "method": Moreau(), "record": Record(reversals=True)},
+        "reversals = True is not allowed: with rigid contact and the exact",
+    ),
+    (
+        "simulate",
+        {**RUN, "initial": InitialState(modal_displacement=np.zeros(3))},
+        "modal_displacement",
+    ),
+    (
+        "simulate",
+        {**RUN, "drive": Drive(1.0, linear_sweep(252.0, 0.5, 20.0, 1e4))},
+        "samples_per_period = 32 is not allowed: 80 or more",
+    ),
     ("performance_curve", {"scene": SCENE, "forces": [1.0, -1.0]}, "forces"),
     ("performance_curve", {"scene": SCENE, "forces": [1.0], "resonance": 3}, "resonance"),
     ("performance_curve", {"scene": SCENE, "forces": [1.0], "limits": (1.06, 0.9)}, "limits"),
 ]
 CALLS: list[tuple[Callable[[], object], str]] = [
-    *((partial(getattr(impact_env, name), **arguments), message) for name, arguments, message in NAMED),
+    *(
+        (partial(getattr(impact_env, name), **arguments), message)
+        for name, arguments, message in NAMED
+    ),
     (lambda: SCENE.model.pseudo_period(0), "resonance = 0"),
     (lambda: tip_response(SCENE.model, None, -1.0), "omega = -1.0"),
     (lambda: tip_response(ModalModel(**ONE_MODE | {"tip_shape": [0.0]}), None, 1.0), "tip_shape"),
     (lambda: joint_matrices(SCENE.model, SCENE.absorber), "absorber"),
-    (lambda: from_scene(Scene(modal_model(Beam(modes=2), (0.5,))), Beam(modes=2)), "the beam whose modes the scene has"),
+    (
+        lambda: from_scene(Scene(modal_model(Beam(modes=2), (0.5,))), Beam(modes=2)),
+        "the beam whose modes the scene has",
+    ),
     (lambda: friction_law(-1e-300), "friction limit = -1e-300"),
     (lambda: to_method({"kind": "euler"}), "method.kind = 'euler'"),
     (lambda: to_method({"kind": "moreau", "steps_per_period": 3}), "method.steps_per_period = 3"),
     (lambda: to_method({"steps_per_period": 20}), "steps_per_period = 20 is not allowed"),
-    (lambda: run_lanes([LANE, Lane(beam_scene(absorber=SlidingAbsorber(walls=CompliantWalls(1e5))), LANE.drive)], Moreau()), "method"),
+    (
+        lambda: run_lanes(
+            [
+                LANE,
+                Lane(beam_scene(absorber=SlidingAbsorber(walls=CompliantWalls(1e5))), LANE.drive),
+            ],
+            Moreau(),
+        ),
+        "method",
+    ),
     (lambda: run_lanes([LANE], threads=0), "threads = 0"),
     (lambda: draw_members(0, 0), "members = 0"),
     (lambda: draw_members(2, -1), "seed = -1"),
@@ -106,7 +157,9 @@ CALLS: list[tuple[Callable[[], object], str]] = [
 
 
 @pytest.mark.parametrize(("call", "message"), CALLS, ids=[message for _, message in CALLS])
-def test_what_is_out_of_range_or_does_not_go_together_is_named(call: Callable[[], object], message: str) -> None:
+def test_what_is_out_of_range_or_does_not_go_together_is_named(
+    call: Callable[[], object], message: str
+) -> None:
     with pytest.raises(ParameterError, match=re.escape(message)):
         call()
 
@@ -129,28 +182,70 @@ def several(*members: dict[str, Any]) -> dict[str, Any]:
 
 
 PLAIN: list[tuple[Any, str]] = [
-    ([], "scene = [] is not allowed: a table with keys among beam, model, universal, matrices, absorber"),
-    ({"beams": {}}, "scene.beams = {} is not allowed: only the keys beam, model, universal, matrices, absorber are known"),
+    (
+        [],
+        "scene = [] is not allowed: a table with keys among beam, model, universal, matrices, absorber",
+    ),
+    (
+        {"beams": {}},
+        "scene.beams = {} is not allowed: only the keys beam, model, universal, matrices, absorber are known",
+    ),
     ({"beam": 3}, "scene.beam = 3 is not allowed: a table with keys among length_m"),
     ({"beam": {"length_m": 10**400}}, "scene.beam.length_m = a whole number of very many digits"),
-    ({"beam": {"modes": 2, "damping_ratio": [0.1, "0"]}}, "scene.beam.damping_ratio[1] = '0' is not allowed: a finite number"),
+    (
+        {"beam": {"modes": 2, "damping_ratio": [0.1, "0"]}},
+        "scene.beam.damping_ratio[1] = '0' is not allowed: a finite number",
+    ),
     ({"beam": {"modal_frequency_ratio": {"2": 0}}}, "scene.beam.modal_frequency_ratio[2] = 0"),
-    ({"beam": {}, "model": MODEL}, "scene.beam = {} is not allowed: left out beside another structure"),
+    (
+        {"beam": {}, "model": MODEL},
+        "scene.beam = {} is not allowed: left out beside another structure",
+    ),
     ({"model": {**MODEL, "omega_rad_s": [1, NAN]}}, "scene.model.omega_rad_s[1] = nan"),
-    ({"model": {**MODEL, "absorber_shapes_per_sqrt_kg": [1, 2]}}, "scene.model.absorber_shapes_per_sqrt_kg[0] = 1"),
-    ({"model": MODEL, **several({"position": 1}, {"position": 1})}, "scene: absorber_shapes of the modal model = 0 is not allowed: 2 rows"),
-    ({"absorber": "impact"}, "scene.absorber = 'impact' is not allowed: a table of an absorber's values"),
+    (
+        {"model": {**MODEL, "absorber_shapes_per_sqrt_kg": [1, 2]}},
+        "scene.model.absorber_shapes_per_sqrt_kg[0] = 1",
+    ),
+    (
+        {"model": MODEL, **several({"position": 1}, {"position": 1})},
+        "scene: absorber_shapes of the modal model = 0 is not allowed: 2 rows",
+    ),
+    (
+        {"absorber": "impact"},
+        "scene.absorber = 'impact' is not allowed: a table of an absorber's values",
+    ),
     ({"absorber": {}}, "scene.absorber.kind = None is not allowed: one of impact, friction"),
     (absorber(walls={"thickness": 1}), "scene.absorber.walls.thickness = 1 is not allowed"),
-    (absorber(friction_stiffness=1), "scene.absorber.friction_stiffness = 1 is not allowed: left out without a friction_limit"),
-    (absorber(friction_limit=1, friction_stiffness=1), "walls and friction either both rigid or both compliant"),
-    ({"absorber": {"kind": "friction", "friction_limit": 0}}, "scene.absorber.friction_limit = 0 is not allowed: above 0 for a friction damper"),
+    (
+        absorber(friction_stiffness=1),
+        "scene.absorber.friction_stiffness = 1 is not allowed: left out without a friction_limit",
+    ),
+    (
+        absorber(friction_limit=1, friction_stiffness=1),
+        "walls and friction either both rigid or both compliant",
+    ),
+    (
+        {"absorber": {"kind": "friction", "friction_limit": 0}},
+        "scene.absorber.friction_limit = 0 is not allowed: above 0 for a friction damper",
+    ),
     (several(), "scene.absorber: number of absorbers = 0 is not allowed: 2 to 4"),
-    (several({"position": 1}, {}), "scene.absorber.absorbers[1] = {} is not allowed: the key position must be given"),
-    (several({"position": 1, "share": 0.5}, {"position": 1, "share": 0.4}), "scene.absorber: shares = (0.5, 0.4)"),
-    (several({"position": 1}, {"position": 1, "kind": "tuned"}), "scene.absorber.absorbers[1].kind = 'tuned'"),
+    (
+        several({"position": 1}, {}),
+        "scene.absorber.absorbers[1] = {} is not allowed: the key position must be given",
+    ),
+    (
+        several({"position": 1, "share": 0.5}, {"position": 1, "share": 0.4}),
+        "scene.absorber: shares = (0.5, 0.4)",
+    ),
+    (
+        several({"position": 1}, {"position": 1, "kind": "tuned"}),
+        "scene.absorber.absorbers[1].kind = 'tuned'",
+    ),
     (several({"position": 1}, {"position": 1, "contact_stiffness": 1}), "rigid contact"),
-    ({"beam": {"absorber_position": 0.5}, **several({"position": 1}, {"position": 1})}, "scene: absorber_position = 0.5"),
+    (
+        {"beam": {"absorber_position": 0.5}, **several({"position": 1}, {"position": 1})},
+        "scene: absorber_position = 0.5",
+    ),
 ]
 
 
@@ -164,9 +259,18 @@ def test_what_does_not_fit_is_named_by_its_path(plain: Any, message: str) -> Non
     ("change", "message"),
     [
         ({"amplitude_n": "1"}, "drive.amplitude_n = '1'"),
-        ({"phase": 0}, "drive.phase = 0 is not allowed: only the keys amplitude_n, phase_rad, schedule"),
-        ({"schedule": {"times_s": [0, 0], "omegas_rad_s": [1, 1], "reference_rad_s": 1}}, "drive.schedule.times_s = "),
-        ({"schedule": {"times_s": [0, 1], "omegas_rad_s": [1, -1], "reference_rad_s": 1}}, "drive.schedule.omegas_rad_s = "),
+        (
+            {"phase": 0},
+            "drive.phase = 0 is not allowed: only the keys amplitude_n, phase_rad, schedule",
+        ),
+        (
+            {"schedule": {"times_s": [0, 0], "omegas_rad_s": [1, 1], "reference_rad_s": 1}},
+            "drive.schedule.times_s = ",
+        ),
+        (
+            {"schedule": {"times_s": [0, 1], "omegas_rad_s": [1, -1], "reference_rad_s": 1}},
+            "drive.schedule.omegas_rad_s = ",
+        ),
     ],
 )
 def test_bad_drive_is_named(change: dict[str, Any], message: str) -> None:
@@ -194,8 +298,24 @@ def test_bad_files_are_named(name: str, text: str | bytes, message: str, tmp_pat
 # Whatever is handed in to what is public: refused by name, or right.
 
 
-MADE_BY_RUNS = ("Compilation", "PerformanceCurve", "Preparation", "Response", "IntegrationError", "ParameterError", "Stopped", "StructureWarning")
-ELSEWHERE = ("Stop", "curve_passes", "is_ready", "prepare", "evaluate", "__version__")  # test_stop_and_passes.py, test_evaluation.py
+MADE_BY_RUNS = (
+    "Compilation",
+    "PerformanceCurve",
+    "Preparation",
+    "Response",
+    "IntegrationError",
+    "ParameterError",
+    "Stopped",
+    "StructureWarning",
+)
+ELSEWHERE = (
+    "Stop",
+    "curve_passes",
+    "is_ready",
+    "prepare",
+    "evaluate",
+    "__version__",
+)  # test_stop_and_passes.py, test_evaluation.py
 MORE = {
     make.__name__: make
     for make in (
@@ -203,12 +323,21 @@ MORE = {
         run_lanes,
     )
 }  # fmt: skip
-PUBLIC = {name: getattr(impact_env, name) for name in impact_env.__all__ if name not in MADE_BY_RUNS + ELSEWHERE} | MORE
+PUBLIC = {
+    name: getattr(impact_env, name)
+    for name in impact_env.__all__
+    if name not in MADE_BY_RUNS + ELSEWHERE
+} | MORE
 OWN: dict[str, dict[str, Any]] = {
     "Beam": {"modes": 2, "elements": 4},
     "SlidingAbsorber": {"friction": CoulombFriction(0.1)},
     "RigidContact": {"gap": 1e-3, "friction_limit": 0.1},
-    "CompliantContact": {"gap": 1e-3, "stiffness": 1e5, "friction_limit": 0.1, "friction_stiffness": 1e5},
+    "CompliantContact": {
+        "gap": 1e-3,
+        "stiffness": 1e5,
+        "friction_limit": 0.1,
+        "friction_stiffness": 1e5,
+    },
     "load_structure": {"path": Path(__file__).parents[2] / "docs" / "examples" / "steel_beam.toml"},
     "Window": {"start": 0.0, "end": 1.0},
     "run_lanes": {"lanes": [Lane(handed_in.SCENE, handed_in.DRIVE)]},
@@ -217,7 +346,10 @@ DEAR = ("performance_curve", "run_lanes")
 RARE = ("SlidingAbsorber", "StuckAbsorber", "SeveralAbsorbers")  # kinds of scenes of their own
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.plain) if name in RARE else name for name in PUBLIC])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.plain) if name in RARE else name for name in PUBLIC],
+)
 def test_whatever_is_handed_in_is_refused_by_name_or_right(name: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of numpy, where numbers are extreme

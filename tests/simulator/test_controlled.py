@@ -43,7 +43,9 @@ def controlled(
     scene: Scene, method: Method, force: float, ratios: list[float], interval: float, lanes: int = 1
 ) -> tuple[ControlledRuns, FrequencySchedule]:
     omega = scene.model.resonance_omega(1)
-    runs = ControlledRuns(scene, lanes, omega, interval, method, samples_per_period=SAMPLES, threads=1)
+    runs = ControlledRuns(
+        scene, lanes, omega, interval, method, samples_per_period=SAMPLES, threads=1
+    )
     runs.orders["force"] = force
     for k, (before, after) in enumerate(pairwise(ratios)):
         runs.orders["omega_start"], runs.orders["omega_stop"] = before * omega, after * omega
@@ -53,7 +55,9 @@ def controlled(
     return runs, FrequencySchedule(times, np.array(ratios) * omega, omega)
 
 
-def whole(scene: Scene, method: Method, force: float, schedule: FrequencySchedule) -> tuple[Response, float]:
+def whole(
+    scene: Scene, method: Method, force: float, schedule: FrequencySchedule
+) -> tuple[Response, float]:
     """Return the response and its level, with the records of the other tests, so that no kernel is compiled for this one alone."""
     response = run(scene, Drive(force, schedule), method, samples=SAMPLES)
     return response, response_level(response.history.tip_displacement, SAMPLES)[0]
@@ -74,7 +78,9 @@ COMPLIANT = SlidingAbsorber(walls=CompliantWalls(1e5), friction=ElasticCoulombFr
         (COMPLIANT, 1.7, 1e-9),
     ],
 )
-def test_intervals_make_the_run_that_a_single_call_makes(absorber: SlidingAbsorber | None, force: float, digits: float) -> None:
+def test_intervals_make_the_run_that_a_single_call_makes(
+    absorber: SlidingAbsorber | None, force: float, digits: float
+) -> None:
     scene = scene_of(absorber)
     runs, schedule = controlled(scene, Exact(), force, RATIOS, 2.5)
     response, level = whole(scene, Exact(), force, schedule)
@@ -88,19 +94,31 @@ def test_intervals_make_the_run_that_a_single_call_makes(absorber: SlidingAbsorb
 @pytest.mark.plain
 @pytest.mark.parametrize("absorber", [None, impact_absorber(5e-5, 0.7, 0.1)])
 @pytest.mark.parametrize("moves_base", [False, True])
-def test_a_record_beside_the_force_makes_the_run_of_both_loads(absorber: SlidingAbsorber | None, moves_base: bool) -> None:
+def test_a_record_beside_the_force_makes_the_run_of_both_loads(
+    absorber: SlidingAbsorber | None, moves_base: bool
+) -> None:
     """From a place within a step, over the record's end."""
-    scene, first, quantity = scene_of(absorber, modes=2), 30.3, FORCE if moves_base else BASE
-    omega, ratios = scene.model.resonance_omega(1), np.linspace(0.97, 0.98, 3)
+    scene = scene_of(absorber, modes=2)
+    first = 30.3
+    quantity = FORCE if moves_base else BASE
+    omega = scene.model.resonance_omega(1)
+    ratios = np.linspace(0.97, 0.98, 3)
     record = Random(np.array([[20.0, 0.02], [60.0, 0.02]]), 0.05, 3, quantity).record()
-    runs = ControlledRuns(scene, 1, omega, 1.0, samples_per_period=SAMPLES, record=record, moves_base=moves_base)
+    runs = ControlledRuns(
+        scene, 1, omega, 1.0, samples_per_period=SAMPLES, record=record, moves_base=moves_base
+    )
     runs.orders["force"], runs.orders["phase"], runs.orders["place"] = 1.5, 0.3, first
     for before, after in pairwise(ratios):
         runs.orders["omega_start"], runs.orders["omega_stop"] = before * omega, after * omega
         runs.advance()
-    end, step = runs.duration * 2, record.times[1]
+    end = runs.duration * 2
+    step = record.times[1]
     schedule = FrequencySchedule(runs.duration * np.arange(3), ratios * omega, omega)
-    sweep = ShakenBase(schedule, acceleration=1.5, phase=0.3) if moves_base else Force(Drive(1.5, schedule, 0.3))
+    sweep = (
+        ShakenBase(schedule, acceleration=1.5, phase=0.3)
+        if moves_base
+        else Force(Drive(1.5, schedule, 0.3))
+    )
     times = np.concatenate([[0.0], (np.arange(31, first + end / step) - first) * step, [end]])
 
     class Cut(Random):
@@ -127,13 +145,17 @@ def test_a_record_beside_the_force_makes_the_run_of_both_loads(absorber: Sliding
     ("absorber", "method"),
     [(impact_absorber(), Moreau()), (SlidingAbsorber(walls=CompliantWalls(1e5)), RungeKutta())],
 )
-def test_stepping_methods_go_on_from_interval_to_interval(absorber: SlidingAbsorber | None, method: Method) -> None:
+def test_stepping_methods_go_on_from_interval_to_interval(
+    absorber: SlidingAbsorber | None, method: Method
+) -> None:
     """Steps are fitted to an interval, so those of a whole run are a little longer."""
     scene = scene_of(absorber, modes=2)
     runs, schedule = controlled(scene, method, 1.5, [0.97, 0.98, 0.975], 5.0)
     response, level = whole(scene, method, 1.5, schedule)
     assert runs.reports["level"][0] == pytest.approx(level, rel=2e-3)
-    assert runs.reports["tip"][0] == pytest.approx(scene.model.tip_shape @ response.end_state[:2], rel=0.02)
+    assert runs.reports["tip"][0] == pytest.approx(
+        scene.model.tip_shape @ response.end_state[:2], rel=0.02
+    )
 
 
 def test_lanes_do_not_depend_on_threads_or_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,7 +170,9 @@ def test_lanes_do_not_depend_on_threads_or_neighbours(monkeypatch: pytest.Monkey
         for _ in range(20):
             runs.advance()
         assert runs.reports["impact_count"].max() > 0
-        results.append(np.concatenate([structured_to_unstructured(runs.reports), runs.state], axis=1)[::order])
+        results.append(
+            np.concatenate([structured_to_unstructured(runs.reports), runs.state], axis=1)[::order]
+        )
         runs.close()
     for other in results[1:]:
         np.testing.assert_array_equal(other, results[0])
@@ -167,9 +191,13 @@ def count_up(counts, board, parts, patience):
 
 @pytest.mark.parametrize("helpers", [0, 1, 3])
 def test_every_part_is_done_once_in_every_call(helpers: int) -> None:
-    counts, board = np.zeros(40, dtype=np.int64), new_board(40)
+    counts = np.zeros(40, dtype=np.int64)
+    board = new_board(40)
     crew = Crew(partial(count_up, counts, board), board)
-    shares = [np.array(cuts).repeat(2)[1:-1].reshape(-1, 2) for cuts in ([0, 3, 4, 20, 40], list(range(41)), [0, 40], [0])]
+    shares = [
+        np.array(cuts).repeat(2)[1:-1].reshape(-1, 2)
+        for cuts in ([0, 3, 4, 20, 40], list(range(41)), [0, 40], [0])
+    ]
     for call in range(2000):
         crew.work(shares[call % 4], helpers)
         np.testing.assert_array_equal(counts, call + 1 - (call + 1) // 4)
@@ -183,8 +211,12 @@ def test_every_part_is_done_once_in_every_call(helpers: int) -> None:
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
 @pytest.mark.parametrize("first", [True, False], ids=["in the calling thread", "in a helper"])
-def test_a_call_that_breaks_off_leaves_nobody_at_work(error: type[BaseException], first: bool) -> None:
-    counts, board, both = np.zeros(8, dtype=np.int64), new_board(8), threading.Barrier(2)
+def test_a_call_that_breaks_off_leaves_nobody_at_work(
+    error: type[BaseException], first: bool
+) -> None:
+    counts = np.zeros(8, dtype=np.int64)
+    board = new_board(8)
+    both = threading.Barrier(2)
     parts = np.arange(9).repeat(2)[1:-1].reshape(8, 2)
 
     def breaks_off(number: int, patience: int) -> bool:
@@ -213,7 +245,13 @@ def test_amplitudes_are_those_of_the_linear_response() -> None:
     runs, _ = controlled(scene, Exact(), 1.0, [0.95] * 121, 20.0 / 0.95)
     model = scene.model
     steady = np.sum(
-        model.force_shape * model.tip_shape / (model.omega**2 - (0.95 * omega) ** 2 + 2j * model.damping_ratio * model.omega * 0.95 * omega)
+        model.force_shape
+        * model.tip_shape
+        / (
+            model.omega**2
+            - (0.95 * omega) ** 2
+            + 2j * model.damping_ratio * model.omega * 0.95 * omega
+        )
     )
     assert runs.reports["in_phase"][0] == pytest.approx(steady.real, rel=1e-3)
     assert runs.reports["quadrature"][0] == pytest.approx(-steady.imag, rel=2e-2)
@@ -223,12 +261,18 @@ def test_amplitudes_are_those_of_the_linear_response() -> None:
 def test_energy_share_and_relative_motion_follow_from_the_state() -> None:
     scene = scene_of(impact_absorber())
     runs, _ = controlled(scene, Exact(), 3.0, RATIOS, 2.5)
-    state, model = runs.state[0], scene.model
-    q, absorber, u, velocity = state[:3], state[3], state[4:7], state[7]
+    state = runs.state[0]
+    model = scene.model
+    q = state[:3]
+    absorber = state[3]
+    u = state[4:7]
+    velocity = state[7]
     energy = np.array([np.sum((model.omega * q) ** 2 + u**2), scene.absorber_mass * velocity**2])
     assert runs.reports["absorber_share"][0] == pytest.approx(energy[1] / energy.sum(), rel=1e-12)
     assert runs.reports["distance"][0] == pytest.approx(absorber - model.tip_shape @ q, rel=1e-9)
-    assert runs.reports["relative_velocity"][0] == pytest.approx(velocity - model.tip_shape @ u, rel=1e-9)
+    assert runs.reports["relative_velocity"][0] == pytest.approx(
+        velocity - model.tip_shape @ u, rel=1e-9
+    )
     assert abs(runs.reports["distance"][0]) <= 1e-3 * (1 + 1e-9)
 
 
@@ -241,7 +285,9 @@ def test_walls_that_move_never_close_onto_the_absorber(method: Method, limit: fl
     runs.orders["omega_start"] = runs.orders["omega_stop"] = omega
     generator = np.random.default_rng(3)
     raised = 0
-    tolerance = 1e-15 if isinstance(method, Exact) else 1e-4  # m: the Moreau scheme notices an impact at the end of a step
+    tolerance = (
+        1e-15 if isinstance(method, Exact) else 1e-4
+    )  # m: the Moreau scheme notices an impact at the end of a step
     for _ in range(300):
         wanted = generator.uniform(1e-4, 2e-3, 3)
         runs.orders["gap"] = wanted
@@ -276,11 +322,15 @@ def test_absorber_held_by_a_wall_is_released_when_the_wall_moves_away() -> None:
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_idle_lanes_rest_and_the_others_go_on_as_before(threads: int) -> None:
-    scene, lanes = beam_scene(Beam(modes=2), impact_absorber(friction_limit=0.025)), 160
+    scene = beam_scene(Beam(modes=2), impact_absorber(friction_limit=0.025))
+    lanes = 160
     omega = scene.model.resonance_omega(1)
     idle = np.zeros(lanes, dtype=np.bool_)
     idle[[0, 3, 4, 5, 90, 159]] = True
-    free, partly = (ControlledRuns(scene, lanes, omega, 2.0, samples_per_period=32, threads=threads) for _ in range(2))
+    free, partly = (
+        ControlledRuns(scene, lanes, omega, 2.0, samples_per_period=32, threads=threads)
+        for _ in range(2)
+    )
     for runs in (free, partly):
         runs.orders["force"] = np.linspace(0.5, 3.0, lanes)
         runs.orders["omega_start"] = runs.orders["omega_stop"] = omega

@@ -55,7 +55,9 @@ with first_use.compiling_for("a scene", "a method"):
     for value in (1, 2):
         kernel(value)(1)
 """
-LOGGED = "import logging; logging.basicConfig(level=logging.INFO, format='LOG %(name)s: %(message)s')"
+LOGGED = (
+    "import logging; logging.basicConfig(level=logging.INFO, format='LOG %(name)s: %(message)s')"
+)
 OWN = """
 end_all = on_compile(lambda about: print(about.what, about.state, about.seconds > 0.4))
 
@@ -91,7 +93,9 @@ def test_a_run_tells_what_its_kernels_are_for(tmp_path: Path) -> None:
     assert told(STARTED, tmp_path)[0] == ["the kernels of: 2 modes, no absorber, Exact()"]
 
 
-def test_kernels_are_prepared_by_another_process_and_a_warm_run_tells_nothing(tmp_path: Path) -> None:
+def test_kernels_are_prepared_by_another_process_and_a_warm_run_tells_nothing(
+    tmp_path: Path,
+) -> None:
     assert told(PREPARED, tmp_path) == (["False False True True True True", "0"], [])
 
 
@@ -105,7 +109,9 @@ def test_a_preparation_can_be_ended() -> None:
         prepare(beam_scene(Beam(), impact_absorber()), RungeKutta())
 
 
-def test_what_is_compiled_is_told_once_and_callbacks_hear_of_our_kernels_until_they_are_taken_out(tmp_path: Path) -> None:
+def test_what_is_compiled_is_told_once_and_callbacks_hear_of_our_kernels_until_they_are_taken_out(
+    tmp_path: Path,
+) -> None:
     line = "impact_env: compiling the kernels of: a scene, a method. Once for a kind of scene"
     out, error = told(SMALL + OWN, tmp_path)
     assert out == ["third", "kernels started False", "kernels finished True", "not kept"]
@@ -116,7 +122,10 @@ def test_what_is_compiled_is_told_once_and_callbacks_hear_of_our_kernels_until_t
     assert told(SMALL + OWN, tmp_path) == (["third", "not kept"], [])  # all others are kept
     error = told(LOGGED + SMALL, tmp_path)[1]
     assert [one.startswith(f"LOG impact_env: {line}") for one in error] == [True, True]
-    assert told(SMALL.replace("PATIENCE = 0.0", "PATIENCE = 1000.0"), tmp_path) == ([], [])  # what takes no second is not told
+    assert told(SMALL.replace("PATIENCE = 0.0", "PATIENCE = 1000.0"), tmp_path) == (
+        [],
+        [],
+    )  # what takes no second is not told
 
 
 def test_garbage_is_looked_for_seldom_while_something_compiles_and_as_before_after_that() -> None:
@@ -127,9 +136,16 @@ def test_garbage_is_looked_for_seldom_while_something_compiles_and_as_before_aft
 
 
 @pytest.mark.parametrize(
-    ("way", "runs"), [("well", ["False 1 1 0 None True", "True 0 1 0 None True"]), ("badly", ["False 1 0 0 None True"])], ids=["well", "badly"]
+    ("way", "runs"),
+    [
+        ("well", ["False 1 1 0 None True", "True 0 1 0 None True"]),
+        ("badly", ["False 1 0 0 None True"]),
+    ],
+    ids=["well", "badly"],
 )
-def test_a_kernel_comes_from_the_other_process_or_else_from_here(tmp_path: Path, way: str, runs: list[str]) -> None:
+def test_a_kernel_comes_from_the_other_process_or_else_from_here(
+    tmp_path: Path, way: str, runs: list[str]
+) -> None:
     for expected in runs:
         done = fresh(SUPPORT / "beside.py", way, IMPACT_ENV_CACHE=tmp_path)
         assert done.stdout.strip() == expected, done.stderr

@@ -9,7 +9,14 @@ from core import ALL
 from impact_env import InitialState, beam_scene, constant_frequency, impact_absorber, simulate
 from impact_env.drive import Drive
 from impact_env.energy import mechanical_energy, stored_energy
-from impact_env.frequency import coupled_receptance, joint_matrices, natural_frequencies, poles, receptance, tip_response
+from impact_env.frequency import (
+    coupled_receptance,
+    joint_matrices,
+    natural_frequencies,
+    poles,
+    receptance,
+    tip_response,
+)
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, ParameterError, StuckAbsorber, TunedAbsorber
 from impact_env.phase_lag import phase_lag
@@ -26,10 +33,18 @@ TUNED = TunedAbsorber()
 STUCK = StuckAbsorber(0.1)
 
 
-def _dense(model: ModalModel, absorber: TunedAbsorber | StuckAbsorber | None, omega: float, a: np.ndarray, b: np.ndarray) -> complex:
+def _dense(
+    model: ModalModel,
+    absorber: TunedAbsorber | StuckAbsorber | None,
+    omega: float,
+    a: np.ndarray,
+    b: np.ndarray,
+) -> complex:
     """Solve the equations of motion in modal coordinates, written down on their own, with one absorber freedom where there is a spring."""
     n = model.modes
-    beam = np.diag(model.omega**2 - omega**2 + 2j * model.damping_ratio * model.omega * omega).astype(complex)
+    beam = np.diag(
+        model.omega**2 - omega**2 + 2j * model.damping_ratio * model.omega * omega
+    ).astype(complex)
     tip = model.tip_shape
     if absorber is None:
         return complex(a @ np.linalg.solve(beam, b))
@@ -45,11 +60,18 @@ def _dense(model: ModalModel, absorber: TunedAbsorber | StuckAbsorber | None, om
 
 
 @pytest.mark.parametrize("absorber", [None, TUNED, STUCK])
-def test_receptance_is_the_dense_solution(model: ModalModel, absorber: TunedAbsorber | StuckAbsorber | None) -> None:
-    tip, force = model.tip_shape, model.force_shape
+def test_receptance_is_the_dense_solution(
+    model: ModalModel, absorber: TunedAbsorber | StuckAbsorber | None
+) -> None:
+    tip = model.tip_shape
+    force = model.force_shape
     for a, b in itertools.product((tip, force), repeat=2):
         dense = np.array([_dense(model, absorber, w, a, b) for w in OMEGA])
-        ours = receptance(model, OMEGA, a, b) if absorber is None else coupled_receptance(model, absorber, OMEGA, a, b)
+        ours = (
+            receptance(model, OMEGA, a, b)
+            if absorber is None
+            else coupled_receptance(model, absorber, OMEGA, a, b)
+        )
         np.testing.assert_allclose(ours, dense, rtol=1e-9)
     dense = np.array([_dense(model, absorber, w, tip, force) for w in OMEGA])
     np.testing.assert_allclose(tip_response(model, absorber, OMEGA), dense, rtol=1e-11)
@@ -102,7 +124,9 @@ def sines(lag: float, periods: int = 20, beat: float = 0.0, offset: float = 0.0)
     time = np.arange(64 * periods) * 2 * np.pi / OMEGA_PHASE / 64
     modal = np.cos(OMEGA_PHASE * time)[:, None] * np.array([1e-3, 1e-3])
     absorber = offset + 7e-4 * np.cos(OMEGA_PHASE * time - lag - beat * time)
-    return History(time, modal, np.zeros_like(modal), absorber, np.zeros_like(time), np.array([2.0, 3.0]))
+    return History(
+        time, modal, np.zeros_like(modal), absorber, np.zeros_like(time), np.array([2.0, 3.0])
+    )
 
 
 @pytest.mark.parametrize("lag", [0.0, -0.3, np.pi / 2, 3.1, np.pi])
@@ -115,7 +139,8 @@ def test_two_sines_have_the_known_lag(lag: float) -> None:
 
 
 def test_unwrapped_lag_counts_the_turns() -> None:
-    periods, turns = 200, 5
+    periods = 200
+    turns = 5
     duration = periods * 2 * np.pi / OMEGA_PHASE
     history = sines(0.2, periods, beat=2 * np.pi * turns / duration)
     lag = phase_lag(history, wrapped=False)

@@ -33,8 +33,19 @@ from optimisation.cli.scene_options import OPTIONS, SCENE_OPTIONS, make_absorber
 
 GIVEN: dict[str, dict[str, Any]] = {
     "impact": {"mass_ratio": 0.03, "gap": 2e-3, "restitution": 0.8, "friction_limit": 0.2},
-    "impact, yielding": {"mass_ratio": 0.03, "gap": 2e-3, "restitution": 0.8, "yield_velocity": 0.5},
-    "impact, compliant": {"mass_ratio": 0.03, "gap": 2e-3, "contact_stiffness": 1e5, "friction_limit": 0.2, "friction_stiffness": 2e4},
+    "impact, yielding": {
+        "mass_ratio": 0.03,
+        "gap": 2e-3,
+        "restitution": 0.8,
+        "yield_velocity": 0.5,
+    },
+    "impact, compliant": {
+        "mass_ratio": 0.03,
+        "gap": 2e-3,
+        "contact_stiffness": 1e5,
+        "friction_limit": 0.2,
+        "friction_stiffness": 2e4,
+    },
     "friction": {"mass_ratio": 0.03, "friction_limit": 0.2},
     "friction, elastic": {"mass_ratio": 0.03, "friction_limit": 0.2, "friction_stiffness": 2e4},
     "tuned": {"mass_ratio": 0.03, "stiffness": 650.0, "damping": 0.9},
@@ -47,11 +58,23 @@ GIVEN: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("name", GIVEN)
 def test_one_vocabulary(name: str) -> None:
     """Files, options of commands, arguments of environments and the library make the same absorber of the same names."""
-    concept, given = name.partition(",")[0], GIVEN[name]
+    concept = name.partition(",")[0]
+    given = GIVEN[name]
     absorber = make(concept, given)
     assert values(absorber) == given
-    assert TaskSettings(absorber=concept, absorber_options=given, method="runge-kutta" if concept == "sink" else "exact").scene.absorber == absorber
-    options = dict.fromkeys(SCENE_OPTIONS) | {OPTIONS.get(key, key): value for key, value in given.items()} | {"absorber": concept}
+    assert (
+        TaskSettings(
+            absorber=concept,
+            absorber_options=given,
+            method="runge-kutta" if concept == "sink" else "exact",
+        ).scene.absorber
+        == absorber
+    )
+    options = (
+        dict.fromkeys(SCENE_OPTIONS)
+        | {OPTIONS.get(key, key): value for key, value in given.items()}
+        | {"absorber": concept}
+    )
     assert make_absorber(options) == absorber
     if absorber is not None:
         plain = {"beam": {"modes": 2}, "absorber": {"kind": concept, **given}}
@@ -86,10 +109,17 @@ def test_an_older_form_is_read_with_a_notice() -> None:
     }
     with pytest.warns(FutureWarning, match="friction, walls is an older form"):
         scene = to_scene({"absorber": plain})
-    given = {"gap": 2e-3, "contact_stiffness": 1e5, "friction_limit": 0.1, "friction_stiffness": 1e4}
+    given = {
+        "gap": 2e-3,
+        "contact_stiffness": 1e5,
+        "friction_limit": 0.1,
+        "friction_stiffness": 1e4,
+    }
     assert scene.absorber == make("impact", given)
     with pytest.warns(FutureWarning, match="stiffness_n_m"):
-        assert to_scene({"absorber": {"kind": "tuned", "stiffness_n_m": 600.0}}).absorber == make("tuned", {"stiffness": 600.0})
+        assert to_scene({"absorber": {"kind": "tuned", "stiffness_n_m": 600.0}}).absorber == make(
+            "tuned", {"stiffness": 600.0}
+        )
 
 
 def yielding(velocity: float, method: Any = None) -> Response:
@@ -100,16 +130,27 @@ def yielding(velocity: float, method: Any = None) -> Response:
 
 def test_restitution_falls_with_the_velocity_of_each_impact() -> None:
     found = yielding(0.1)
-    impacts, model = found.impacts, found.scene.model
+    impacts = found.impacts
+    model = found.scene.model
     assert found.impact_count > 30
     e = 0.9 * (1 + np.abs(impacts.relative_velocity) / 0.1) ** -0.25
     assert np.ptp(e) > 0.03  # the velocities are such that the law matters
     compliance = 1 / (0.02 * model.beam_mass) + np.sum(model.tip_shape**2)
-    np.testing.assert_allclose(impacts.impulse, -(1 + e) * impacts.relative_velocity / compliance, rtol=1e-12)
-    np.testing.assert_allclose(impacts.energy_lost, (1 - e**2) * impacts.relative_velocity**2 / (2 * compliance), rtol=1e-12)
+    np.testing.assert_allclose(
+        impacts.impulse, -(1 + e) * impacts.relative_velocity / compliance, rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        impacts.energy_lost,
+        (1 - e**2) * impacts.relative_velocity**2 / (2 * compliance),
+        rtol=1e-12,
+    )
     assert found.energy.relative_error < 1e-11
     far_below = yielding(1e30)
-    constant = simulate(beam_scene(Beam(modes=2), SlidingAbsorber(0.02, RigidWalls(1e-3, 0.9))), found.drive, record=ALL)
+    constant = simulate(
+        beam_scene(Beam(modes=2), SlidingAbsorber(0.02, RigidWalls(1e-3, 0.9))),
+        found.drive,
+        record=ALL,
+    )
     np.testing.assert_array_equal(far_below.impacts.time, constant.impacts.time)
     np.testing.assert_array_equal(far_below.end_state, constant.end_state)
 
@@ -117,7 +158,9 @@ def test_restitution_falls_with_the_velocity_of_each_impact() -> None:
 def test_the_moreau_scheme_comes_closer_with_its_step() -> None:
     """Up to the first impacts, which multiply every difference."""
     exact = yielding(0.1).impacts.time[1]
-    distances = [abs(yielding(0.1, Moreau(steps)).impacts.time[1] - exact) for steps in (100, 1000, 10000)]
+    distances = [
+        abs(yielding(0.1, Moreau(steps)).impacts.time[1] - exact) for steps in (100, 1000, 10000)
+    ]
     assert distances[2] < distances[1] < distances[0]
 
 
@@ -136,18 +179,33 @@ def test_what_knows_the_constant_law_alone_refuses_it() -> None:
 
 def test_a_nonlinear_sink_is_integrated_as_an_independent_solver_does() -> None:
     scene = beam_scene(Beam(modes=2), NonlinearSink(5e7, 0.02, 0.5))
-    model, mass, omega = scene.model, scene.absorber_mass, scene.model.resonance_omega(1)
+    model = scene.model
+    mass = scene.absorber_mass
+    omega = scene.model.resonance_omega(1)
     drive = Drive(2.0, constant_frequency(omega, 0.98, 12.0))
 
     def rates(t: float, x: Any) -> Any:
-        u, q, v, w = x[:2], x[2], x[3:5], x[5]
-        d, g = q - model.tip_shape @ u, w - model.tip_shape @ v
+        u = x[:2]
+        q = x[2]
+        v = x[3:5]
+        w = x[5]
+        d = q - model.tip_shape @ u
+        g = w - model.tip_shape @ v
         force = -5e7 * d**3 - 0.5 * g
         pull = model.force_shape * 2.0 * np.cos(0.98 * omega * t) - model.tip_shape * force
-        return np.concatenate([v, [w], pull - model.omega**2 * u - 2 * model.damping_ratio * model.omega * v, [force / mass]])
+        return np.concatenate(
+            [
+                v,
+                [w],
+                pull - model.omega**2 * u - 2 * model.damping_ratio * model.omega * v,
+                [force / mass],
+            ]
+        )
 
     end = drive.schedule.times[-1]
-    reference = solve_ivp(rates, (0.0, end), np.zeros(6), method="DOP853", rtol=1e-12, atol=1e-15).y[:, -1]
+    reference = solve_ivp(
+        rates, (0.0, end), np.zeros(6), method="DOP853", rtol=1e-12, atol=1e-15
+    ).y[:, -1]
     errors = []
     for steps in (50, 100, 200):
         found = simulate(scene, drive, RungeKutta(steps), record=ALL)

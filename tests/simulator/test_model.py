@@ -11,7 +11,14 @@ from cantilever import roots, shapes
 from core import run
 from every_scene import SCENES
 
-from impact_env import FrequencySchedule, InitialState, friction_damper, impact_absorber, linear_sweep, modal_model
+from impact_env import (
+    FrequencySchedule,
+    InitialState,
+    friction_damper,
+    impact_absorber,
+    linear_sweep,
+    modal_model,
+)
 from impact_env.controlled import ControlledRuns
 from impact_env.drive import Drive, constant_frequency
 from impact_env.families import FAMILIES, family, kernel_key
@@ -38,7 +45,9 @@ INF = math.inf
 def test_numbers_of_the_paper() -> None:
     model = modal_model(Beam())
     assert model.omega[0] == pytest.approx(252.3097245382703, rel=1e-10)
-    np.testing.assert_allclose(model.omega[[1, 2, 9]] / model.omega[0], [6.26690, 17.54754, 253.50], rtol=1e-5)
+    np.testing.assert_allclose(
+        model.omega[[1, 2, 9]] / model.omega[0], [6.26690, 17.54754, 253.50], rtol=1e-5
+    )
     np.testing.assert_allclose(model.tip_shape[:3], 2 / np.sqrt(0.56375), rtol=1e-5)
     assert model.beam_mass == 0.56375
     assert Beam().static_tip_stiffness == pytest.approx(8709.12)
@@ -46,7 +55,11 @@ def test_numbers_of_the_paper() -> None:
 
 
 def test_frequencies_converge_with_the_fourth_power_of_the_elements() -> None:
-    exact = roots(3)[2] ** 2 * np.sqrt(Beam().bending_stiffness / Beam().mass_per_length) / Beam().length ** 2
+    exact = (
+        roots(3)[2] ** 2
+        * np.sqrt(Beam().bending_stiffness / Beam().mass_per_length)
+        / Beam().length ** 2
+    )
     errors = [modal_model(Beam(elements=n, modes=3)).omega[2] / exact - 1 for n in (4, 8, 16)]
     assert all(3.5 < order < 4.5 for order in np.diff(-np.log2(errors)))
 
@@ -58,11 +71,20 @@ def test_all_modes_are_normalised_and_ordered() -> None:
     assert np.all(np.diff(model.omega) > 0)
     assert np.all(model.tip_shape > 0)
     # completeness: sum of phi phi^T is the inverse mass matrix, sum of phi phi^T / omega^2 the inverse stiffness matrix
-    tip, force = deflection_row(beam, 1.0), deflection_row(beam, 0.4)
-    assert model.tip_shape @ model.tip_shape == pytest.approx(tip @ np.linalg.solve(mass, tip), rel=1e-9)
-    assert model.force_shape @ model.tip_shape == pytest.approx(force @ np.linalg.solve(mass, tip), rel=1e-6, abs=1e-6)
-    assert np.sum((model.tip_shape / model.omega) ** 2) == pytest.approx(1 / beam.static_tip_stiffness, rel=1e-9)
-    assert tip @ np.linalg.solve(stiffness, tip) == pytest.approx(1 / beam.static_tip_stiffness, rel=1e-9)
+    tip = deflection_row(beam, 1.0)
+    force = deflection_row(beam, 0.4)
+    assert model.tip_shape @ model.tip_shape == pytest.approx(
+        tip @ np.linalg.solve(mass, tip), rel=1e-9
+    )
+    assert model.force_shape @ model.tip_shape == pytest.approx(
+        force @ np.linalg.solve(mass, tip), rel=1e-6, abs=1e-6
+    )
+    assert np.sum((model.tip_shape / model.omega) ** 2) == pytest.approx(
+        1 / beam.static_tip_stiffness, rel=1e-9
+    )
+    assert tip @ np.linalg.solve(stiffness, tip) == pytest.approx(
+        1 / beam.static_tip_stiffness, rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("position", [0.01, 0.333, 0.4, 0.5, 0.777, 1.0])
@@ -75,7 +97,9 @@ def test_shapes_at_any_position(position: float) -> None:
 
 def test_overrides() -> None:
     plain = modal_model(Beam(modes=3))
-    changed = modal_model(Beam(modes=3, modal_frequency_ratio={2: 2.5, 3: 0.5}, damping_ratio=(0.0, 0.1, 2.0)))
+    changed = modal_model(
+        Beam(modes=3, modal_frequency_ratio={2: 2.5, 3: 0.5}, damping_ratio=(0.0, 0.1, 2.0))
+    )
     np.testing.assert_allclose(changed.omega / plain.omega[0], [1, 2.5, 0.5], rtol=1e-14)
     np.testing.assert_array_equal(changed.damping_ratio, [0.0, 0.1, 2.0])
     np.testing.assert_array_equal(changed.tip_shape, plain.tip_shape)
@@ -93,10 +117,16 @@ def test_initial_states() -> None:
     scene = beam_scene(Beam(modes=2), impact_absorber())
     q = np.array([1e-3, 2e-3])
     tip = scene.model.tip_shape @ q
-    np.testing.assert_allclose(InitialState(q, absorber_velocity=0.3).vector(scene), [1e-3, 2e-3, tip, 0, 0, 0.3])
-    np.testing.assert_allclose(InitialState(q, q, tip - 1e-3, 0.3).vector(scene), [1e-3, 2e-3, tip - 1e-3, 1e-3, 2e-3, 0.3])
+    np.testing.assert_allclose(
+        InitialState(q, absorber_velocity=0.3).vector(scene), [1e-3, 2e-3, tip, 0, 0, 0.3]
+    )
+    np.testing.assert_allclose(
+        InitialState(q, q, tip - 1e-3, 0.3).vector(scene), [1e-3, 2e-3, tip - 1e-3, 1e-3, 2e-3, 0.3]
+    )
     stuck = beam_scene(Beam(modes=2), StuckAbsorber())
-    assert InitialState(modal_velocity=q, absorber_velocity=9.0).vector(stuck)[-1] == pytest.approx(tip)
+    assert InitialState(modal_velocity=q, absorber_velocity=9.0).vector(stuck)[-1] == pytest.approx(
+        tip
+    )
 
 
 def test_schedules() -> None:
@@ -104,9 +134,13 @@ def test_schedules() -> None:
     np.testing.assert_allclose(sweep.omegas, [90, 106])
     assert sweep.periods == pytest.approx(1600)
     assert linear_sweep(100.0, 1.06, 0.9, 2.0).periods == pytest.approx(800)
-    assert constant_frequency(100.0, 1.5, 7).phase_at(7 * 2 * np.pi / 100) == pytest.approx(1.5 * 7 * 2 * np.pi)
+    assert constant_frequency(100.0, 1.5, 7).phase_at(7 * 2 * np.pi / 100) == pytest.approx(
+        1.5 * 7 * 2 * np.pi
+    )
     broken = FrequencySchedule(np.array([0.0, 1.0, 3.0]), np.array([2.0, 4.0, 0.0]), 1.0)
-    np.testing.assert_allclose(broken.phase_at(np.array([0.0, 0.5, 1.0, 2.0, 3.0])), [0, 1.25, 3, 6, 7])
+    np.testing.assert_allclose(
+        broken.phase_at(np.array([0.0, 0.5, 1.0, 2.0, 3.0])), [0, 1.25, 3, 6, 7]
+    )
     np.testing.assert_allclose(broken.omega_at(np.array([0.5, 2.0])), [3, 2])
 
 
@@ -161,11 +195,16 @@ def test_each_pair_is_in_the_table_or_refused_and_has_one_key_exactly_where_it_s
 
 
 def test_every_kind_of_scene_is_in_the_table_and_linear_ones_go_with_the_force() -> None:
-    assert {scene(name).kind for name in ABSORBERS} == set(SceneKind) == {kind for kind, _ in FAMILIES}
+    assert (
+        {scene(name).kind for name in ABSORBERS} == set(SceneKind) == {kind for kind, _ in FAMILIES}
+    )
     for name in ABSORBERS:
         present = scene(name)
         method = RungeKutta() if present.kind is SceneKind.SMOOTH else Exact()
-        sizes = [np.std(run(present, drive(present, force, 30.0), method).history.tip_displacement) for force in (1.0, 10.0)]
+        sizes = [
+            np.std(run(present, drive(present, force, 30.0), method).history.tip_displacement)
+            for force in (1.0, 10.0)
+        ]
         goes_with_force = sizes[1] == pytest.approx(10 * sizes[0], rel=1e-6)
         assert goes_with_force == (present.kind is SceneKind.LINEAR), name
 
@@ -174,4 +213,11 @@ def test_control_of_what_it_cannot_do_is_refused() -> None:
     with pytest.raises(ParameterError, match="one absorber"):
         ControlledRuns(scene("several"), 1, 250.0, 1.0, samples_per_period=16)
     with pytest.raises(ParameterError, match="elastic friction"):
-        ControlledRuns(scene("springs and elastic friction"), 1, 250.0, 1.0, RungeKutta(), samples_per_period=16)
+        ControlledRuns(
+            scene("springs and elastic friction"),
+            1,
+            250.0,
+            1.0,
+            RungeKutta(),
+            samples_per_period=16,
+        )

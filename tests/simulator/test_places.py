@@ -11,7 +11,15 @@ from commands import sweep
 from design_studies import values_of
 from places import EXAMPLES
 
-from impact_env import Beam, ModalModel, beam_scene, impact_absorber, impact_absorbers, load_structure, modal_model
+from impact_env import (
+    Beam,
+    ModalModel,
+    beam_scene,
+    impact_absorber,
+    impact_absorbers,
+    load_structure,
+    modal_model,
+)
 from impact_env.ensemble import Threads
 from impact_env.modes import deflection_row, matrices
 from impact_env.plain import from_scene, to_scene
@@ -37,11 +45,30 @@ def write(folder: Path, **more: Any) -> Path:
     """Write the paper's beam as matrices, with two places for absorbers, and the curvature at the clamp of the first Hermite element."""
     mass, stiffness = matrices(BEAM)
     np.savez(folder / "beam.npz", M=mass, K=stiffness)
-    strain = [{"row": 0, "weight": 6.0}, {"row": 1, "weight": -2.0}]  # deflection, and rotation times the element's length, of the first node
-    keys = {"mass": "beam.npz", "stiffness": "beam.npz", "units": "kg, m, s", "modes": 2, "damping_ratio": 0.01, "mass_kg": BEAM.mass}
-    places = {"force": row(0.4), "absorber": [row(x) for x in PLACES], "response": row(0.6), "stress": strain}
+    strain = [
+        {"row": 0, "weight": 6.0},
+        {"row": 1, "weight": -2.0},
+    ]  # deflection, and rotation times the element's length, of the first node
+    keys = {
+        "mass": "beam.npz",
+        "stiffness": "beam.npz",
+        "units": "kg, m, s",
+        "modes": 2,
+        "damping_ratio": 0.01,
+        "mass_kg": BEAM.mass,
+    }
+    places = {
+        "force": row(0.4),
+        "absorber": [row(x) for x in PLACES],
+        "response": row(0.6),
+        "stress": strain,
+    }
     path = folder / "structure.json"
-    path.write_text(json.dumps({"matrices": {k: x for k, x in {**keys, **places, **more}.items() if x is not None}}))
+    path.write_text(
+        json.dumps(
+            {"matrices": {k: x for k, x in {**keys, **places, **more}.items() if x is not None}}
+        )
+    )
     return path
 
 
@@ -50,67 +77,108 @@ def structure(tmp_path: Path) -> ModalModel:
     return load_structure(write(tmp_path))
 
 
-def problem(structure: Beam | ModalModel, concept: str = "impact", free: list[str] | None = None, **more: Any) -> Problem:
+def problem(
+    structure: Beam | ModalModel,
+    concept: str = "impact",
+    free: list[str] | None = None,
+    **more: Any,
+) -> Problem:
     given: dict[str, Any] = {"members": 2, "rate": 100.0} | more
     return Problem(design_space(concept, free), (Condition(1, 3.5),), beam=structure, **given)
 
 
 @pytest.mark.parametrize("number", [1, 2])
 def test_a_place_of_the_file_is_that_of_the_beam(number: int, structure: ModalModel) -> None:
-    own, beam = problem(structure, free=["gap", "position"]), problem(BEAM, free=["gap", "position"])
+    own = problem(structure, free=["gap", "position"])
+    beam = problem(BEAM, free=["gap", "position"])
     found = own.space.decoded({"gap": 1.0, "position": float(number)})
     known = beam.space.decoded({"gap": 1.0, "position": PLACES[number - 1]})
     assert found.values["position"] == number
-    assert found.values["gap"] == pytest.approx(known.values["gap"], rel=1e-9)  # the unit is that of the place
-    model, truth = found.scene(structure).model, known.scene(BEAM).model
+    assert found.values["gap"] == pytest.approx(
+        known.values["gap"], rel=1e-9
+    )  # the unit is that of the place
+    model = found.scene(structure).model
+    truth = known.scene(BEAM).model
     assert model.absorber_shapes is None
     np.testing.assert_allclose(np.abs(model.tip_shape), np.abs(truth.tip_shape), rtol=1e-9)
     np.testing.assert_allclose(np.abs(model.level_shape), np.abs(truth.level_shape), rtol=1e-9)
     np.testing.assert_allclose(values_of(own, found), values_of(beam, known), rtol=1e-6)
 
 
-def test_several_absorbers_are_at_the_chosen_places_and_the_level_where_the_file_says(structure: ModalModel) -> None:
+def test_several_absorbers_are_at_the_chosen_places_and_the_level_where_the_file_says(
+    structure: ModalModel,
+) -> None:
     values = {"gap_1": 5e-4, "gap_2": 4e-4, "share": 0.5}
-    own, beam = (problem(s, "several", ["gap_1", "gap_2", "position_2", "share"]) for s in (structure, BEAM))
-    found, known = (Design("several", {**p.space.default.values, **values, "position_2": x}) for p, x in ((own, 2.0), (beam, 0.8)))
+    own, beam = (
+        problem(s, "several", ["gap_1", "gap_2", "position_2", "share"]) for s in (structure, BEAM)
+    )
+    found, known = (
+        Design("several", {**p.space.default.values, **values, "position_2": x})
+        for p, x in ((own, 2.0), (beam, 0.8))
+    )
     scene = found.scene(structure)
     assert scene.model.response_shape is None
-    np.testing.assert_allclose(np.abs(scene.model.tip_shape), np.abs(modal_model(BEAM).level_shape), rtol=1e-9)
+    np.testing.assert_allclose(
+        np.abs(scene.model.tip_shape), np.abs(modal_model(BEAM).level_shape), rtol=1e-9
+    )
     for k, position in enumerate(PLACES):
         at = np.abs(modal_model(replace(BEAM, absorber_position=position)).tip_shape)
         np.testing.assert_allclose(np.abs(scene.absorber_shapes[k]), at, rtol=1e-9)
-    np.testing.assert_allclose(values_of(own, found), values_of(beam, known), rtol=1e-3)  # impacts amplify rounding
+    np.testing.assert_allclose(
+        values_of(own, found), values_of(beam, known), rtol=1e-3
+    )  # impacts amplify rounding
 
 
-def test_one_absorber_is_at_the_first_place_and_not_where_the_level_is_read(structure: ModalModel, tmp_path: Path) -> None:
+def test_one_absorber_is_at_the_first_place_and_not_where_the_level_is_read(
+    structure: ModalModel, tmp_path: Path
+) -> None:
     own = beam_scene(structure, impact_absorber())
-    np.testing.assert_allclose(np.abs(own.absorber_shapes[0]), np.abs(modal_model(BEAM).tip_shape), rtol=1e-9)
-    np.testing.assert_allclose(np.abs(own.model.level_shape), np.abs(modal_model(BEAM).level_shape), rtol=1e-9)
-    assert design_gap(mounted(structure), 0.01, 3.5) == pytest.approx(design_gap(mounted(BEAM), 0.01, 3.5), rel=1e-9)
+    np.testing.assert_allclose(
+        np.abs(own.absorber_shapes[0]), np.abs(modal_model(BEAM).tip_shape), rtol=1e-9
+    )
+    np.testing.assert_allclose(
+        np.abs(own.model.level_shape), np.abs(modal_model(BEAM).level_shape), rtol=1e-9
+    )
+    assert design_gap(mounted(structure), 0.01, 3.5) == pytest.approx(
+        design_gap(mounted(BEAM), 0.01, 3.5), rel=1e-9
+    )
     again = to_scene(from_scene(beam_scene(structure, impact_absorbers((1e-3, 5e-4), PLACES))))
     np.testing.assert_array_equal(again.model.absorber_shapes, structure.absorber_shapes)
     np.testing.assert_array_equal(again.model.tip_shape, structure.response_shape)
-    result = sweep("--structure", str(write(tmp_path)), "--rate", "100", "--json", str(tmp_path / "run.json"))
+    result = sweep(
+        "--structure", str(write(tmp_path)), "--rate", "100", "--json", str(tmp_path / "run.json")
+    )
     assert result.exit_code == 0, result.output
     model = json.loads((tmp_path / "run.json").read_text())["scene"]["model"]
     np.testing.assert_array_equal(model["tip_shape_per_sqrt_kg"], structure.tip_shape)
 
 
-def test_an_environment_has_its_absorber_at_the_first_place(structure: ModalModel, tmp_path: Path) -> None:
+def test_an_environment_has_its_absorber_at_the_first_place(
+    structure: ModalModel, tmp_path: Path
+) -> None:
     pytest.importorskip("gymnasium")
     from impact_env.envs.settings import TaskSettings
 
-    model = TaskSettings(structure=str(write(tmp_path)), absorber_options={"mass_ratio": 0.01}).scene.model
+    model = TaskSettings(
+        structure=str(write(tmp_path)), absorber_options={"mass_ratio": 0.01}
+    ).scene.model
     np.testing.assert_array_equal(model.level_shape, structure.level_shape)
     np.testing.assert_array_equal(model.tip_shape, structure.places[0])
     assert model.absorber_shapes is None
 
 
-def test_damage_of_the_files_strain_is_that_of_the_moment_at_the_clamp(structure: ModalModel) -> None:
+def test_damage_of_the_files_strain_is_that_of_the_moment_at_the_clamp(
+    structure: ModalModel,
+) -> None:
     objective = (Objective("damage"),)
     own, beam = (problem(s, objectives=objective) for s in (structure, BEAM))
-    F, G = (p.evaluate([list(p.space.coordinates(p.space.default).values())], executor=THREADS).F for p in (own, beam))
-    np.testing.assert_allclose(F, G, rtol=1e-4)  # impacts amplify rounding; relative to no absorber: the strain's unit and scale do not matter
+    F, G = (
+        p.evaluate([list(p.space.coordinates(p.space.default).values())], executor=THREADS).F
+        for p in (own, beam)
+    )
+    np.testing.assert_allclose(
+        F, G, rtol=1e-4
+    )  # impacts amplify rounding; relative to no absorber: the strain's unit and scale do not matter
     assert 0 < F[0, 0] < 1
 
 
@@ -121,9 +189,20 @@ def test_strain_of_a_universal_file_is_a_weighted_sum_of_its_shapes(tmp_path: Pa
     places = [{"node": 5, **at}, {"node": 3, **at}]
     keys = {"file": "measured.uff", "force": {"node": 2, **at}, "absorber": places, "mass_kg": 2.0}
     path = tmp_path / "structure.json"
-    path.write_text(json.dumps({"universal": {**keys, "stress": [{"node": 3, **at, "weight": 2.0}, {"node": 5, **at, "weight": -1.0}]}}))
+    path.write_text(
+        json.dumps(
+            {
+                "universal": {
+                    **keys,
+                    "stress": [{"node": 3, **at, "weight": 2.0}, {"node": 5, **at, "weight": -1.0}],
+                }
+            }
+        )
+    )
     model = load_structure(path)
-    np.testing.assert_allclose(model.stress_shape, 2 * model.places[1] - model.places[0], rtol=1e-12)
+    np.testing.assert_allclose(
+        model.stress_shape, 2 * model.places[1] - model.places[0], rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("sampler", ["cma", "map"])
@@ -145,5 +224,12 @@ def test_a_choice_has_equal_shares_and_no_neighbourhood(structure: ModalModel) -
     assert [v.name for v in varied(own.space)] == ["gap"]
     assert neighbourhood(own.space, own.space.default)[0].shape == (1,)
     assert problem(structure, free=["gap"]).space.default.values["position"] == 1
-    fixed = Problem(design_space("impact", ["gap"], fixed={"position": 2}), (Condition(1, 3.5),), beam=structure, rate=100.0)
-    np.testing.assert_array_equal(fixed.space.default.scene(structure).model.tip_shape, structure.places[1])
+    fixed = Problem(
+        design_space("impact", ["gap"], fixed={"position": 2}),
+        (Condition(1, 3.5),),
+        beam=structure,
+        rate=100.0,
+    )
+    np.testing.assert_array_equal(
+        fixed.space.default.scene(structure).model.tip_shape, structure.places[1]
+    )

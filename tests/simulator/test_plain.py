@@ -36,10 +36,19 @@ from impact_env import (
 from impact_env.envs.settings import TaskSettings
 from impact_env.laws import CONCEPTS
 from impact_env.parameters import Absorber, friction_law
-from impact_env.plain import from_drive, from_method, from_scene, to_beam, to_drive, to_method, to_scene
+from impact_env.plain import (
+    from_drive,
+    from_method,
+    from_scene,
+    to_beam,
+    to_drive,
+    to_method,
+    to_scene,
+)
 from optimisation.designs import design_space
 
-INF, NAN = math.inf, math.nan
+INF = math.inf
+NAN = math.nan
 PAGE = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
 SEVERAL = impact_absorbers((1e-3, 3e-4), (1.0, 0.6), (0.7, 0.0), (None, 0.05), 0.04, (0.3, 0.7))
 RARE: list[Absorber | None] = [
@@ -47,7 +56,9 @@ RARE: list[Absorber | None] = [
     impact_absorber(INF, friction_limit=0.2),
     impact_absorber(INF),  # nothing in reach
     SEVERAL,
-    SeveralAbsorbers((friction_damper(), impact_absorber(INF, 0.5, 0.1), impact_absorber()), (1.0, 0.5, 0.25)),
+    SeveralAbsorbers(
+        (friction_damper(), impact_absorber(INF, 0.5, 0.1), impact_absorber()), (1.0, 0.5, 0.25)
+    ),
 ]
 
 
@@ -59,7 +70,8 @@ def through_json(plain: dict[str, Any]) -> dict[str, Any]:
 def assert_same(one: Scene, other: Scene) -> None:
     """Both scenes hold the same bits."""
     for name in ("omega", "damping_ratio", "force_shape", "tip_shape", "absorber_shapes"):
-        left, right = getattr(one.model, name), getattr(other.model, name)
+        left = getattr(one.model, name)
+        right = getattr(other.model, name)
         assert (left is None) == (right is None), name
         if left is not None:
             assert left.shape == right.shape, name
@@ -70,23 +82,35 @@ def assert_same(one: Scene, other: Scene) -> None:
 
 
 def random_absorber(rng: np.random.Generator) -> Absorber | None:
-    mass, gap, restitution, limit, stiffness = (float(x) for x in rng.uniform(0.0, 1.0, 5) + [1e-6, 1e-6, 0.0, 1e-6, 1e-6])
-    soft, hard = ElasticCoulombFriction(limit, 1e5 * stiffness), CoulombFriction(limit)
+    mass, gap, restitution, limit, stiffness = (
+        float(x) for x in rng.uniform(0.0, 1.0, 5) + [1e-6, 1e-6, 0.0, 1e-6, 1e-6]
+    )
+    soft = ElasticCoulombFriction(limit, 1e5 * stiffness)
+    hard = CoulombFriction(limit)
     some = [
         None,
         StuckAbsorber(mass),
         TunedAbsorber(mass, 1e3 * stiffness, limit),
-        SlidingAbsorber(mass, RigidWalls(gap, min(restitution, 1.0)), None if rng.random() < 0.5 else hard),
-        SlidingAbsorber(mass, CompliantWalls(1e7 * stiffness, gap), None if rng.random() < 0.5 else soft),
+        SlidingAbsorber(
+            mass, RigidWalls(gap, min(restitution, 1.0)), None if rng.random() < 0.5 else hard
+        ),
+        SlidingAbsorber(
+            mass, CompliantWalls(1e7 * stiffness, gap), None if rng.random() < 0.5 else soft
+        ),
         SlidingAbsorber(mass, None, hard if rng.random() < 0.5 else soft),
     ]
     return some[rng.integers(len(some))]
 
 
 def random_beam(rng: np.random.Generator) -> Beam:
-    modes, elements = int(rng.integers(1, 5)), int(rng.integers(3, 6))
+    modes = int(rng.integers(1, 5))
+    elements = int(rng.integers(3, 6))
     length, stiffness, mass, force, place = (float(x) for x in rng.uniform(0.1, 1.0, 5))
-    damping = tuple(rng.uniform(0, 0.1, modes).tolist()) if rng.random() < 0.5 else float(rng.uniform(0, 0.1))
+    damping = (
+        tuple(rng.uniform(0, 0.1, modes).tolist())
+        if rng.random() < 0.5
+        else float(rng.uniform(0, 0.1))
+    )
     ratios = {mode: float(rng.uniform(1, 30)) for mode in range(2, modes + 1) if rng.random() < 0.4}
     return Beam(length, stiffness, mass, elements, modes, damping, force, place, ratios)
 
@@ -105,12 +129,19 @@ def test_scenes_of_every_kind_come_back_bit_for_bit() -> None:
 def test_a_model_of_any_structure_comes_back() -> None:
     shapes = np.array([[0.1, -0.0], [1 / 3, 1e-300]])
     for absorber_shapes in (None, shapes):
-        model = ModalModel([1e-6, 1e6], [0.0, 2.0], [-0.0, 5e-324], [1.0, 1 / 3], 1 / 7, absorber_shapes)
+        model = ModalModel(
+            [1e-6, 1e6], [0.0, 2.0], [-0.0, 5e-324], [1.0, 1 / 3], 1 / 7, absorber_shapes
+        )
         assert_same(to_scene(through_json(from_scene(Scene(model)))), Scene(model))
 
 
 def test_defaults_are_those_of_the_classes() -> None:
-    cases = {"impact": impact_absorber(), "friction": friction_damper(), "tuned": TunedAbsorber(), "stuck": StuckAbsorber()}
+    cases = {
+        "impact": impact_absorber(),
+        "friction": friction_damper(),
+        "tuned": TunedAbsorber(),
+        "stuck": StuckAbsorber(),
+    }
     for kind, absorber in cases.items():
         assert_same(to_scene({"absorber": {"kind": kind}}), beam_scene(absorber=absorber))
     for nothing in ({}, {"beam": {}, "absorber": None}):
@@ -121,14 +152,20 @@ def test_defaults_are_those_of_the_classes() -> None:
 
 def test_several_absorbers_have_masses_of_their_own_or_share_one() -> None:
     def several(*masses: dict[str, Any], **common: Any) -> Any:
-        members = [{"position": at, "gap": 2e-3} | mass for at, mass in zip((1.0, 0.5), masses, strict=True)]
+        members = [
+            {"position": at, "gap": 2e-3} | mass
+            for at, mass in zip((1.0, 0.5), masses, strict=True)
+        ]
         return to_scene({"absorber": {"kind": "several", "absorbers": members, **common}}).absorber
 
     two = partial(impact_absorbers, (2e-3, 2e-3), (1.0, 0.5))
     assert several({}, {}) == two()
     assert several({}, {}, mass_ratio=0.1) == two(mass_ratio=0.1)
     assert several({"share": 0.3}, {"share": 0.7}) == two(shares=(0.3, 0.7))
-    assert [absorber.mass_ratio for absorber in several({"mass_ratio": 0.3}, {"mass_ratio": 0.1}).absorbers] == [0.3, 0.1]
+    assert [
+        absorber.mass_ratio
+        for absorber in several({"mass_ratio": 0.3}, {"mass_ratio": 0.1}).absorbers
+    ] == [0.3, 0.1]
     for masses, common in (
         (({"mass_ratio": 0.3}, {}), {}),
         (({"share": 0.3}, {}), {}),
@@ -143,7 +180,11 @@ def test_drives_and_methods_come_back_bit_for_bit() -> None:
     schedule = FrequencySchedule([0, 1 / 3, 2.0], [100, 0.0, 1e3 / 7], 252.3)
     for drive in (Drive(3.5, linear_sweep(250)), Drive(-1 / 3, schedule, 1.1)):
         back = to_drive(through_json(from_drive(drive)))
-        assert (back.amplitude, back.phase, back.schedule.reference) == (drive.amplitude, drive.phase, drive.schedule.reference)
+        assert (back.amplitude, back.phase, back.schedule.reference) == (
+            drive.amplitude,
+            drive.phase,
+            drive.schedule.reference,
+        )
         assert back.schedule.times.tobytes() == drive.schedule.times.tobytes()
         assert back.schedule.omegas.tobytes() == drive.schedule.omegas.tobytes()
     for method in (Exact(), Moreau(), Moreau(50), RungeKutta(30, 40)):
@@ -156,13 +197,24 @@ def test_no_friction_is_a_limit_of_zero_everywhere(zero: float) -> None:
     assert friction_law(zero) is None
     assert impact_absorber(friction_limit=zero) == walls
     for limit, same in (((zero, 0.1), (None, 0.1)), (zero, None)):
-        two, other = (impact_absorbers((1e-3, 1e-3), (1, 0.5), friction_limit=given) for given in (limit, same))
+        two, other = (
+            impact_absorbers((1e-3, 1e-3), (1, 0.5), friction_limit=given)
+            for given in (limit, same)
+        )
         assert two == other
     for law in ({}, {"contact_stiffness": 1e5}):
-        assert TaskSettings(absorber_options={**law, "friction_limit": zero}).scene.absorber == TaskSettings(absorber_options=law).scene.absorber
+        assert (
+            TaskSettings(absorber_options={**law, "friction_limit": zero}).scene.absorber
+            == TaskSettings(absorber_options=law).scene.absorber
+        )
     for elastic in ({}, {"friction_stiffness": 1e5}):
-        assert to_scene({"absorber": {"kind": "impact", "friction_limit": zero, **elastic}}).absorber == walls
-    assert design_space("impact", ["gap"], fixed={"friction_limit": zero}).default.absorber() == impact_absorber(restitution=0.7)
+        assert (
+            to_scene({"absorber": {"kind": "impact", "friction_limit": zero, **elastic}}).absorber
+            == walls
+        )
+    assert design_space(
+        "impact", ["gap"], fixed={"friction_limit": zero}
+    ).default.absorber() == impact_absorber(restitution=0.7)
 
 
 def blocks(language: str) -> list[str]:
@@ -176,7 +228,9 @@ def test_examples_of_the_page_are_the_same_scene_in_both_languages() -> None:
         assert tomllib.loads(one) == json.loads(other)
         to_scene(json.loads(other))
     assert to_scene(tomllib.loads(toml[0])).absorber == impact_absorber(1e-3, 0.7, 0.1)
-    assert to_scene(tomllib.loads(toml[1])).absorber == impact_absorbers((1e-3, 3e-4), (1.0, 0.6), friction_limit=(0.05, None), shares=(0.75, 0.25))
+    assert to_scene(tomllib.loads(toml[1])).absorber == impact_absorbers(
+        (1e-3, 3e-4), (1.0, 0.6), friction_limit=(0.05, None), shares=(0.75, 0.25)
+    )
     assert to_drive(json.loads(drive)).phase == 0
 
 
@@ -192,6 +246,12 @@ def test_page_names_every_key_with_its_default() -> None:
     assert f"`stiffness` ({tuned['stiffness']})" in PAGE
     assert f"`damping` ({tuned['damping']})" in PAGE
     model = from_scene(beam_scene(absorber=SEVERAL))
-    keys = {*model["model"], *model["absorber"], *model["absorber"]["absorbers"][0], "share", *from_drive(Drive(1.0, linear_sweep(1.0)))}
+    keys = {
+        *model["model"],
+        *model["absorber"],
+        *model["absorber"]["absorbers"][0],
+        "share",
+        *from_drive(Drive(1.0, linear_sweep(1.0))),
+    }
     keys |= {name for concept in CONCEPTS.values() for name in concept} | {"steps_per_contact"}
     assert keys <= described, keys - described

@@ -35,13 +35,19 @@ def _no_window() -> None:
 
 def curve(level: np.ndarray) -> PerformanceCurve:
     """Return a curve with these levels (F, M, 2) in m, at 1, 2, ... N."""
-    arrays = {field.name: level if field.name == "level" else np.zeros_like(level) for field in fields(LaneLevels) if field.name != "complete"}
+    arrays = {
+        field.name: level if field.name == "level" else np.zeros_like(level)
+        for field in fields(LaneLevels)
+        if field.name != "complete"
+    }
     done = LaneLevels(**arrays, complete=not np.isnan(level).any())
     return PerformanceCurve(np.arange(1.0, len(level) + 1), draw_members(level.shape[1], 0), done)
 
 
 def response(schedule: object, **recorded: object) -> Response:
-    return Response(SCENE, Drive(2.0, schedule), Exact(), np.zeros(6), 1, 0.0, 10, 10, 0.0, **recorded)
+    return Response(
+        SCENE, Drive(2.0, schedule), Exact(), np.zeros(6), 1, 0.0, 10, 10, 0.0, **recorded
+    )
 
 
 def history(samples: int, end: float) -> History:
@@ -49,11 +55,21 @@ def history(samples: int, end: float) -> History:
     time = np.linspace(0, end, samples)
     modal = np.zeros((samples, 2))
     modal[:, 0] = 1e-3 * np.cos(OMEGA * time)
-    return History(time, modal, np.zeros((samples, 2)), np.zeros(samples), np.zeros(samples), SCENE.model.tip_shape)
+    return History(
+        time,
+        modal,
+        np.zeros((samples, 2)),
+        np.zeros(samples),
+        np.zeros(samples),
+        SCENE.model.tip_shape,
+    )
 
 
 def test_a_curve_is_drawn_as_median_and_band_in_mm() -> None:
-    level = np.array([[[1.0, 2.0], [3.0, 1.0], [2.0, 4.0]], [[5.0, 5.0], [6.0, 7.0], [9.0, 8.0]]]) * 1e-3
+    level = (
+        np.array([[[1.0, 2.0], [3.0, 1.0], [2.0, 4.0]], [[5.0, 5.0], [6.0, 7.0], [9.0, 8.0]]])
+        * 1e-3
+    )
     axes = curve(level).plot(label="one", color="tab:red")
     (line,) = axes.lines
     assert np.array_equal(line.get_xdata(), [1.0, 2.0])
@@ -94,12 +110,19 @@ def test_responses_and_scenes_are_shown_in_a_line_or_two() -> None:
     assert repr(SCENE) == "Scene(2 modes, no absorber)"
     told = response(CONSTANT, level=ResponseLevel(7e-4, 1.0, 1.01, 1e-3))
     text = " ".join(repr(told).split())
-    assert text == "Response(2 modes, no absorber 2 N from 0 to 0.09961 s, level 0.7 mm at 1.0100 of the resonance, 1 impact)"
+    assert (
+        text
+        == "Response(2 modes, no absorber 2 N from 0 to 0.09961 s, level 0.7 mm at 1.0100 of the resonance, 1 impact)"
+    )
     assert "0.7 mm at 1.0100 of the resonance" in told._repr_html_()
     assert "&lt;script&gt;" in table("a", [("b", "<script>")])
     words = {
-        impact_absorber(0.5e-3, 0.7, 0.1): "impact absorber, mass ratio 0.02, gap 0.5 mm, restitution 0.7, friction limit 0.1 N",
-        impact_absorbers([1e-3, 2e-3], [0.5, 1.0]): "at 0.5 of the length impact absorber, mass ratio 0.01, gap 1 mm",
+        impact_absorber(
+            0.5e-3, 0.7, 0.1
+        ): "impact absorber, mass ratio 0.02, gap 0.5 mm, restitution 0.7, friction limit 0.1 N",
+        impact_absorbers(
+            [1e-3, 2e-3], [0.5, 1.0]
+        ): "at 0.5 of the length impact absorber, mass ratio 0.01, gap 1 mm",
     }
     for absorber, expected in words.items():
         assert expected in repr(beam_scene(Beam(modes=1), absorber))

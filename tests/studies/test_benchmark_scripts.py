@@ -14,7 +14,14 @@ from commands import call
 from optimisation.files import write_json
 from optimisation.machine import conditions
 from studies import probe
-from studies.cli import benchmark, benchmark_energies, benchmark_periodic, cost_of_exact, reference_levels, specialisation
+from studies.cli import (
+    benchmark,
+    benchmark_energies,
+    benchmark_periodic,
+    cost_of_exact,
+    reference_levels,
+    specialisation,
+)
 from studies.study import Measured
 
 
@@ -66,24 +73,69 @@ PLATEAU = replace(LINEAR[0], resonance=2)
 timed = benchmark_periodic.timed  # repeats tell about times alone: two
 # block of its page, module, options, constants that are smaller here, what the values must be, and which of them the table shows
 SMALL: dict[str, tuple[ModuleType, list[object], dict[str, object], Callable[[Any], None], str]] = {
-    "benchmark": (benchmark, ["--quick", "--repeats", 3], {"CASES": (replace(benchmark.CASES[0], moreau_periods=20.0),)}, one_column, "cases"),
-    "benchmark_loads": (benchmark, ["--record", "--quick"], {"RECORDED": {"no absorber": None}}, beside_lsim, ""),
-    "benchmark_energies": (benchmark_energies, ["--quick"], {"CASES": benchmark_energies.CASES[-1:]}, prices, "cases"),
-    "levels": (reference_levels, ["--members", 2], {"PLATEAU": PLATEAU, "COLUMNS": (*LINEAR, PLATEAU), "PAST": LINEAR[0]}, levels, "levels"),
-    "cost": (cost_of_exact, ["--quick"], {"CASES": benchmark.CASES[:1], "CALLS": 200}, parts, "cases"),
-    "benchmark_periodic": (benchmark_periodic, ["--quick"], {"timed": lambda *given: timed(*given[:3], 2, *given[4:])}, bars, "lines"),
+    "benchmark": (
+        benchmark,
+        ["--quick", "--repeats", 3],
+        {"CASES": (replace(benchmark.CASES[0], moreau_periods=20.0),)},
+        one_column,
+        "cases",
+    ),
+    "benchmark_loads": (
+        benchmark,
+        ["--record", "--quick"],
+        {"RECORDED": {"no absorber": None}},
+        beside_lsim,
+        "",
+    ),
+    "benchmark_energies": (
+        benchmark_energies,
+        ["--quick"],
+        {"CASES": benchmark_energies.CASES[-1:]},
+        prices,
+        "cases",
+    ),
+    "levels": (
+        reference_levels,
+        ["--members", 2],
+        {"PLATEAU": PLATEAU, "COLUMNS": (*LINEAR, PLATEAU), "PAST": LINEAR[0]},
+        levels,
+        "levels",
+    ),
+    "cost": (
+        cost_of_exact,
+        ["--quick"],
+        {"CASES": benchmark.CASES[:1], "CALLS": 200},
+        parts,
+        "cases",
+    ),
+    "benchmark_periodic": (
+        benchmark_periodic,
+        ["--quick"],
+        {"timed": lambda *given: timed(*given[:3], 2, *given[4:])},
+        bars,
+        "lines",
+    ),
 }
 
 
-AT_NIGHT = ("benchmark_energies", "benchmark_loads", "benchmark_periodic")  # compile kernels that few other tests use
+AT_NIGHT = (
+    "benchmark_energies",
+    "benchmark_loads",
+    "benchmark_periodic",
+)  # compile kernels that few other tests use
 
 
-@pytest.mark.parametrize("block", [pytest.param(b, marks=pytest.mark.nightly if b in AT_NIGHT else ()) for b in SMALL])
-def test_a_benchmark_writes_what_it_prints(block: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "block", [pytest.param(b, marks=pytest.mark.nightly if b in AT_NIGHT else ()) for b in SMALL]
+)
+def test_a_benchmark_writes_what_it_prints(
+    block: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     module, options, smaller, check, shown = SMALL[block]
     for name, value in smaller.items():
         monkeypatch.setattr(module, name, value)
-    target, page = tmp_path / "numbers.json", tmp_path / "page.md"
+    target = tmp_path / "numbers.json"
+    page = tmp_path / "page.md"
     page.write_text(f"before\n<!-- {block} -->\nold\n<!-- /{block} -->\nafter\n")
     result = call(module, *options, "--json", target, "--page", page)
     assert result.exit_code == 0, result.output
@@ -110,24 +162,46 @@ def test_a_benchmark_writes_what_it_prints(block: str, monkeypatch: pytest.Monke
         ("0.44 to 0.57", (0.6, 0.5, 0.9), False),
     ],
 )
-def test_agreement_is_to_the_digits_given(earlier: str, numbers: tuple[float, float, float], inside: bool) -> None:
+def test_agreement_is_to_the_digits_given(
+    earlier: str, numbers: tuple[float, float, float], inside: bool
+) -> None:
     median, low, high = numbers
     off = None if " to " in earlier else pytest.approx(100 * (median / float(earlier) - 1))
-    assert reference_levels.compared(median, low, high, earlier) == {"deviation_percent": off, "inside": inside}
+    assert reference_levels.compared(median, low, high, earlier) == {
+        "deviation_percent": off,
+        "inside": inside,
+    }
 
 
 # What each scene leaves out: absent parts are pruned from the compiled code, and the page says which claims the numbers bear out.
 
 
-def entry(absorber: str, *functions: str, arithmetic: int = 0, record: str = "level") -> dict[str, Any]:
+def entry(
+    absorber: str, *functions: str, arithmetic: int = 0, record: str = "level"
+) -> dict[str, Any]:
     """Return a variant whose compiled code has these functions and so many arithmetic operations in each."""
-    code = {"functions": [{"name": name, "arithmetic": arithmetic} for name in functions], "instructions": 7000}
-    times = {"cold_s": 20.0, "cached_s": 0.2, "ns_per_period": 9000.0, "impacts_per_period": 2.0, "memory_mb": 150.0, "peak_kb": [100.0, 101.0]}
+    code = {
+        "functions": [{"name": name, "arithmetic": arithmetic} for name in functions],
+        "instructions": 7000,
+    }
+    times = {
+        "cold_s": 20.0,
+        "cached_s": 0.2,
+        "ns_per_period": 9000.0,
+        "impacts_per_period": 2.0,
+        "memory_mb": 150.0,
+        "peak_kb": [100.0, 101.0],
+    }
     return {"absorber": absorber, "method": "exact", "record": record} | code | times
 
 
 FRICTION = "rigid_contact.friction_force"
-SAVING = {"part": "friction (exact)", "without": "impact, exact", "switched_off": "other, exact", "without_ns": 5e3}
+SAVING = {
+    "part": "friction (exact)",
+    "without": "impact, exact",
+    "switched_off": "other, exact",
+    "without_ns": 5e3,
+}
 
 
 @pytest.mark.parametrize(
@@ -138,7 +212,9 @@ SAVING = {"part": "friction (exact)", "without": "impact, exact", "switched_off"
         ("impact, exact", entry("impact") | {"peak_kb": [100.0, 1e4]}, "stores no time series"),
     ],
 )
-def test_claims_hold_or_are_broken_and_the_page_says_so(name: str, found: dict[str, Any], broken: str, tmp_path: Path) -> None:
+def test_claims_hold_or_are_broken_and_the_page_says_so(
+    name: str, found: dict[str, Any], broken: str, tmp_path: Path
+) -> None:
     good = {
         "no absorber, exact": entry("no absorber", "linear.linear_lane"),
         "impact, exact": entry("impact", "search.search", FRICTION),
@@ -146,15 +222,29 @@ def test_claims_hold_or_are_broken_and_the_page_says_so(name: str, found: dict[s
     }
     for code, words, ratio, scenes in (
         (0, "Every part left out saves time.", 1.8, good),
-        (1, "Left out without a saving of 2 % or more: friction (exact).", 1.0, good | {name: found}),
+        (
+            1,
+            "Left out without a saving of 2 % or more: friction (exact).",
+            1.0,
+            good | {name: found},
+        ),
     ):
-        values = {"own": scenes, "pairs": [SAVING | {"switched_off_ns": ratio * 5e3, "ratio": ratio}]}
+        values = {
+            "own": scenes,
+            "pairs": [SAVING | {"switched_off_ns": ratio * 5e3, "ratio": ratio}],
+        }
         made = Measured(values, conditions() | {"quick": True})
-        write_json(tmp_path / "specialisation.json.gz", specialisation.STUDY.pack("specialisation", made))
+        write_json(
+            tmp_path / "specialisation.json.gz", specialisation.STUDY.pack("specialisation", made)
+        )
         result = call(specialisation, "--redraw", "--out", tmp_path)
         assert result.exit_code == code, result.output
-        lines = [line.split("  ")[1] for line in result.output.splitlines() if line.startswith("BROKEN")]
-        assert [line.partition(f"{name}, level: ")[2].rpartition(":")[0] for line in lines] == [broken] * code
+        lines = [
+            line.split("  ")[1] for line in result.output.splitlines() if line.startswith("BROKEN")
+        ]
+        assert [line.partition(f"{name}, level: ")[2].rpartition(":")[0] for line in lines] == [
+            broken
+        ] * code
         assert words in (tmp_path / "specialisation.md").read_text()
 
 
@@ -170,10 +260,16 @@ def fly(limit: float | None, x: float) -> float:
     return x + rub(limit, x)
 
 
-@pytest.mark.parametrize(("limit", "operations"), [(None, {"fly": 1, "rub": 0}), (2.0, {"fly": 1, "rub": 2})])
-def test_what_is_absent_is_not_in_the_compiled_code(limit: float | None, operations: dict[str, int]) -> None:
+@pytest.mark.parametrize(
+    ("limit", "operations"), [(None, {"fly": 1, "rub": 0}), (2.0, {"fly": 1, "rub": 2})]
+)
+def test_what_is_absent_is_not_in_the_compiled_code(
+    limit: float | None, operations: dict[str, int]
+) -> None:
     fly(limit, 1.0)
     (signature,) = (args for args in fly.signatures if (args[0] == numba.none) == (limit is None))
     kernel = SimpleNamespace(signatures=[signature], overloads=fly.overloads, py_func=fly.py_func)
-    assert {entry["name"].partition(".")[2]: entry["arithmetic"] for entry in probe.functions(kernel)} == operations
+    assert {
+        entry["name"].partition(".")[2]: entry["arithmetic"] for entry in probe.functions(kernel)
+    } == operations
     assert probe.instructions(kernel) > 2

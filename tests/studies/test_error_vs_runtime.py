@@ -13,7 +13,12 @@ from optimisation.files import read_json
 from studies.accuracy import cost, jumps, trajectory
 from studies.accuracy.bands import between_groups
 from studies.accuracy.cases import AccuracySettings
-from studies.accuracy.distribution import bootstrap, distance_at_size, mean_difference, relative_distance
+from studies.accuracy.distribution import (
+    bootstrap,
+    distance_at_size,
+    mean_difference,
+    relative_distance,
+)
 from studies.cli import error_vs_runtime
 
 TINY = AccuracySettings(
@@ -24,12 +29,21 @@ TINY = AccuracySettings(
 
 
 @pytest.mark.nightly
-def test_a_tiny_run_shows_who_is_exact_and_writes_files_figures_and_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_tiny_run_shows_who_is_exact_and_writes_files_figures_and_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(error_vs_runtime, "QUICK", TINY)
-    monkeypatch.setattr(cost, "OVER_MODES", (("impact, e = 1", Exact()), ("impact, e = 1", Moreau())))
+    monkeypatch.setattr(
+        cost, "OVER_MODES", (("impact, e = 1", Exact()), ("impact, e = 1", Moreau()))
+    )
     monkeypatch.setattr(cost, "LANE_PERIODS", 2.0)
-    out, page = tmp_path / "study", tmp_path / "study.md"
-    page.write_text("".join(f"text\n<!-- {name} -->\nold\n<!-- /{name} -->\n" for name in error_vs_runtime.PARTS))
+    out = tmp_path / "study"
+    page = tmp_path / "study.md"
+    page.write_text(
+        "".join(
+            f"text\n<!-- {name} -->\nold\n<!-- /{name} -->\n" for name in error_vs_runtime.PARTS
+        )
+    )
     result = call(error_vs_runtime, "--quick", "--out", out)
     assert result.exit_code == 0, result.output
     contents = {name: read_json(out / f"{name}.json.gz") for name in error_vs_runtime.PARTS}
@@ -38,7 +52,15 @@ def test_a_tiny_run_shows_who_is_exact_and_writes_files_figures_and_page(tmp_pat
         assert content["quick"]
         assert content["versions"]["numba"]
         assert len(content["rows"]) > 0
-    assert {file.stem for file in out.glob("*.png")} == {"trajectory_error", "energy_balance", "main", "distribution", "growth", "jumps", "cost"}
+    assert {file.stem for file in out.glob("*.png")} == {
+        "trajectory_error",
+        "energy_balance",
+        "main",
+        "distribution",
+        "growth",
+        "jumps",
+        "cost",
+    }
     text = page.read_text()
     assert "old" not in text
     assert text.count("| ") > 50
@@ -65,7 +87,9 @@ def test_a_tiny_run_shows_who_is_exact_and_writes_files_figures_and_page(tmp_pat
 
 def test_shares_count_the_high_branch() -> None:
     shared = {"periods_per_percent": 100.0, "method": "Exact", "setting": None}
-    (share,) = jumps.shares([{**shared, "level_m": level} for level in (0.5e-3, 0.52e-3, 0.8e-3, 1.0e-3)])
+    (share,) = jumps.shares(
+        [{**shared, "level_m": level} for level in (0.5e-3, 0.52e-3, 0.8e-3, 1.0e-3)]
+    )
     assert (share.hits, share.runs, share.between) == (2, 4, 1)
     assert share.interval() == pytest.approx((0.1500, 0.8500), abs=1e-4)  # Wilson's
 
@@ -80,14 +104,19 @@ def test_distances_of_shifted_samples() -> None:
 
 def test_more_runs_come_closer_to_the_truth_down_to_the_bias() -> None:
     truth = np.random.default_rng(2).normal(1.0, 0.1, 4000)
-    right, wrong = ([distance_at_size(truth + bias, truth, size) for size in (1, 4, 16, 64)] for bias in (0, 0.2))
+    right, wrong = (
+        [distance_at_size(truth + bias, truth, size) for size in (1, 4, 16, 64)]
+        for bias in (0, 0.2)
+    )
     assert all(a > 1.5 * b for a, b in pairwise(right))
     assert wrong[-1] == pytest.approx(0.2, rel=0.05)
 
 
 def test_share_between_groups_is_that_of_the_model() -> None:
     generator = np.random.default_rng(4)
-    share, low, high = between_groups(0.5 * generator.normal(size=(400, 1)) + generator.normal(size=(400, 20)))
+    share, low, high = between_groups(
+        0.5 * generator.normal(size=(400, 1)) + generator.normal(size=(400, 20))
+    )
     assert share == pytest.approx(0.2, abs=0.03)  # 0.25 / (0.25 + 1)
     assert low < 0.2 < high < low + 0.08
     assert abs(between_groups(generator.normal(size=(400, 20)))[0]) < 0.02

@@ -17,7 +17,14 @@ from studies import load_spectra
 from studies.cli import load_answers
 from studies.cli.load_answers import both_rows, both_text, main, orders
 from studies.load_figures import FIGURES
-from studies.load_spectra import CASES, SpectrumSettings, random_rows, random_text, shock_rows, shock_text
+from studies.load_spectra import (
+    CASES,
+    SpectrumSettings,
+    random_rows,
+    random_text,
+    shock_rows,
+    shock_text,
+)
 
 CASE = CASES["cantilever"]
 
@@ -35,7 +42,9 @@ def test_bands_of_two_orders_superpose() -> None:
 def test_an_absorber_at_the_node_is_left_alone_by_the_second_mode() -> None:
     for case in CASES.values():
         assert abs(case.at(case.node).tip_shape[1]) < 1e-6 * abs(case.model.tip_shape[1])
-        np.testing.assert_allclose(np.abs(case.at(case.node).level_shape), np.abs(case.model.tip_shape))  # signs of modes are free
+        np.testing.assert_allclose(
+            np.abs(case.at(case.node).level_shape), np.abs(case.model.tip_shape)
+        )  # signs of modes are free
 
 
 def smaller(module: ModuleType, monkeypatch: pytest.MonkeyPatch, **values: object) -> None:
@@ -43,15 +52,26 @@ def smaller(module: ModuleType, monkeypatch: pytest.MonkeyPatch, **values: objec
         monkeypatch.setattr(module, name, value)
 
 
-def test_rows_of_both_resonances_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_of_both_resonances_are_told_and_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     groups = {name: load_answers.GROUPS[name] for name in ("share", "gap")}
-    own = {"SHARES": (0.0, 1.0), "GAP_FACTORS": (2.0, 100.0), "REMEDIED": (1.0,), "LIMITS": (0.97, 1.0)}
+    own = {
+        "SHARES": (0.0, 1.0),
+        "GAP_FACTORS": (2.0, 100.0),
+        "REMEDIED": (1.0,),
+        "LIMITS": (0.97, 1.0),
+    }
     smaller(load_answers, monkeypatch, GROUPS=groups, CASES={"cantilever": CASE}, **own)
     rows = [row for group in groups for row in both_rows(CASE, group, SpectrumSettings(2, False))]
     assert rows[0]["higher"] is None
-    assert rows[3]["lower"] == pytest.approx([1.0, 1.0, 1.0], abs=0.01)  # no wall is touched in so wide a cavity, and phases matter little
+    assert rows[3]["lower"] == pytest.approx(
+        [1.0, 1.0, 1.0], abs=0.01
+    )  # no wall is touched in so wide a cavity, and phases matter little
     assert rows[4]["judged"] == 2
-    assert rows[4]["lower"] != rows[2]["lower"][:2]  # other members than those that it was chosen by
+    assert (
+        rows[4]["lower"] != rows[2]["lower"][:2]
+    )  # other members than those that it was chosen by
     best = f"gap 2 mm, best of 2 | {np.median(rows[4]['lower']):.2f}"
     assert best in " ".join(both_text(rows).split())
     FIGURES["loads_both"](tmp_path / "both.png", rows)
@@ -64,7 +84,9 @@ def test_random_loads_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.Mon
     (row,) = random_rows(CASE, 0, SpectrumSettings(3, False))
     loads = load_spectra._random(CASE.model, "wide")
     (wide,) = loads.parts
-    expected = expected_rms(CASE.model, tuned_for(CASE.model, 0.02, [loads]), wide) / expected_rms(CASE.model, None, wide)
+    expected = expected_rms(CASE.model, tuned_for(CASE.model, 0.02, [loads]), wide) / expected_rms(
+        CASE.model, None, wide
+    )
     assert np.median(row["tuned"]) == pytest.approx(expected, rel=0.15)  # of three records
     assert row["impact"][1] == pytest.approx([1.0, 1.0, 1.0], abs=1e-6)
     assert np.median(row["impact"][0]) < 0.8
@@ -88,7 +110,11 @@ def test_shocks_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 def test_the_command_from_runs_to_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     smaller(load_answers, monkeypatch, FACTORS=(0.8,), CASES={"cantilever": CASE})
     page = tmp_path / "loads.md"
-    page.write_text("".join(f"<!-- {part.name} -->\n<!-- /{part.name} -->\n" for part in load_answers.STUDY.parts))
+    page.write_text(
+        "".join(
+            f"<!-- {part.name} -->\n<!-- /{part.name} -->\n" for part in load_answers.STUDY.parts
+        )
+    )
     given = ["--only", "loads_gravity", "--only", "loads_start", "--members", 1, "--out", tmp_path]
     result = call(main, *given)
     assert result.exit_code == 0, result.output

@@ -45,7 +45,9 @@ FORCES = np.array([0.5, 1.0, 2.0, 4.0, 8.0])
 QUICK = PaperSettings(Path("nowhere"), quick=True, threads=1)
 
 
-def made(level: np.ndarray, impacts: float = 100.0, pause: np.ndarray | float = 0.5, at: float = 0.95) -> Curve:
+def made(
+    level: np.ndarray, impacts: float = 100.0, pause: np.ndarray | float = 0.5, at: float = 0.95
+) -> Curve:
     """A curve over FORCES of members with these levels (F, M)."""
     same = np.ones_like(level)
     rate = 2.0 * (impacts * same > 0)
@@ -58,7 +60,9 @@ def power(exponent: float, members: int = 3) -> np.ndarray:
 
 def lane(force: float = 3.0) -> Lane:
     scene = beam_scene(Beam(modes=3), impact_absorber())
-    return Lane(scene, Drive(force, linear_sweep(scene.model.resonance_omega(1), 1.06, 0.9, 8.0), 0.4))
+    return Lane(
+        scene, Drive(force, linear_sweep(scene.model.resonance_omega(1), 1.06, 0.9, 8.0), 0.4)
+    )
 
 
 def measured(figure: PaperFigure, size: object) -> tuple[Json, dict[str, Verdict]]:
@@ -78,7 +82,9 @@ def test_ranges_of_shares_of_members() -> None:
 
 
 def test_sustained_means_no_pause_of_a_period_of_the_force() -> None:
-    pauses = np.array([[0.5, 0.5], [1.04, 1.04], [1.04, 1.06], [1.06, 3.0], [20.0, 20.0]])  # pseudo periods, at 0.95 of the resonance
+    pauses = np.array(
+        [[0.5, 0.5], [1.04, 1.04], [1.04, 1.06], [1.06, 3.0], [20.0, 20.0]]
+    )  # pseudo periods, at 0.95 of the resonance
     assert made(power(1, 2), pause=pauses).sustained.tolist() == [1, 1, 0.5, 0, 0]
     assert made(power(1, 2), impacts=0.0).sustained.tolist() == [0] * 5
     assert ranges_of(made(power(1, 2), pause=pauses[::-1])).transition is not None
@@ -91,11 +97,14 @@ def test_slopes_are_the_power_of_a_made_curve(exponent: float) -> None:
 
 
 def test_watched_curve_is_the_performance_curve() -> None:
-    scene, forces = beam_scene(Beam(modes=2), impact_absorber()), (0.7, 1.5)
+    scene = beam_scene(Beam(modes=2), impact_absorber())
+    forces = (0.7, 1.5)
     known = curve_of(plain_curve(performance_curve(scene, forces, members=2, threads=1)))
     own = curve_of(watched_curve(QUICK, "curve", scene, forces, 2))
     for name in ("level", "at", "down", "impacts", "tip"):
-        assert getattr(own, name) == pytest.approx(getattr(known, name), rel=1e-9), name  # two libraries may round sums differently
+        assert getattr(own, name) == pytest.approx(getattr(known, name), rel=1e-9), (
+            name
+        )  # two libraries may round sums differently
     assert own.rate[0].max() == 0
     assert own.rate[1].min() > 0
 
@@ -105,8 +114,10 @@ def test_watched_curve_is_the_performance_curve() -> None:
 
 def test_contacts_count_by_hand() -> None:
     one = lane(force=4.0)
-    seen, response = contacts(one), simulate(one.scene, one.drive, record=WATCHED)
-    level, period = sampled_level(response), one.drive.schedule.pseudo_period
+    seen = contacts(one)
+    response = simulate(one.scene, one.drive, record=WATCHED)
+    level = sampled_level(response)
+    period = one.drive.schedule.pseudo_period
     inside = [t for t in response.impacts.time if abs(t - level.time) <= 10 * period]
     assert seen.rate == pytest.approx(len(inside) / 20)
     edges = [level.time - 10 * period, *inside, level.time + 10 * period]
@@ -116,7 +127,8 @@ def test_contacts_count_by_hand() -> None:
 def test_envelope_of_a_slow_linear_sweep_is_the_frequency_response() -> None:
     scene = beam_scene(Beam(modes=2))
     drive = Drive(1.0, linear_sweep(scene.model.resonance_omega(1), 0.9, 1.06))
-    ratio, found = envelope_ratios(drive.schedule), envelope(Lane(scene, drive))
+    ratio = envelope_ratios(drive.schedule)
+    found = envelope(Lane(scene, drive))
     assert len(ratio) == len(found)
     inside = (ratio > 0.91) & (ratio < 0.97)
     still = np.abs(tip_response(scene.model, None, ratio[inside] * scene.model.resonance_omega(1)))
@@ -125,10 +137,16 @@ def test_envelope_of_a_slow_linear_sweep_is_the_frequency_response() -> None:
 
 def test_part_of_a_drive_has_its_frequency_and_phase() -> None:
     drive = lane().drive
-    start, stop = 0.2 * drive.schedule.times[-1], 0.7 * drive.schedule.times[-1]
-    own, times = part_of(drive, start, stop), np.linspace(start, stop, 7)
-    assert own.schedule.omega_at(times - start) == pytest.approx(drive.schedule.omega_at(times), rel=1e-12)
-    assert own.phase + own.schedule.phase_at(times - start) == pytest.approx(drive.phase + drive.schedule.phase_at(times), rel=1e-12)
+    start = 0.2 * drive.schedule.times[-1]
+    stop = 0.7 * drive.schedule.times[-1]
+    own = part_of(drive, start, stop)
+    times = np.linspace(start, stop, 7)
+    assert own.schedule.omega_at(times - start) == pytest.approx(
+        drive.schedule.omega_at(times), rel=1e-12
+    )
+    assert own.phase + own.schedule.phase_at(times - start) == pytest.approx(
+        drive.phase + drive.schedule.phase_at(times), rel=1e-12
+    )
 
 
 def test_the_window_is_that_of_the_level() -> None:
@@ -150,21 +168,38 @@ def test_decay_of_a_mode_over_half_a_period() -> None:
 @pytest.mark.parametrize("damper", [0.0, 0.1])
 def test_a_damper_to_ground_is_that_of_an_own_integration(damper: float) -> None:
     """Small steps with elastic impacts, from rest over the first of them: at 0.1 N s/m two thirds of a free absorber's velocity would go."""
-    scene, periods, each = beam_scene(Beam(modes=2), impact_absorber()), 5, 4000
-    model, mass = scene.model, float(scene.absorber_mass or 0)
-    omega, tip = model.resonance_omega(1), model.tip_shape
-    found = basics.squares(scene, [Drive(4.0, constant_frequency(omega, 1.0, periods))], damper, Exact(), 1, 16)[:, 0]
-    dt, q, v, a, u, impacts = 2 * np.pi / omega / each, np.zeros(2), np.zeros(2), 0.0, 0.0, 0
+    scene = beam_scene(Beam(modes=2), impact_absorber())
+    periods = 5
+    each = 4000
+    model = scene.model
+    mass = float(scene.absorber_mass or 0)
+    omega = model.resonance_omega(1)
+    tip = model.tip_shape
+    found = basics.squares(
+        scene, [Drive(4.0, constant_frequency(omega, 1.0, periods))], damper, Exact(), 1, 16
+    )[:, 0]
+    dt = 2 * np.pi / omega / each
+    q = np.zeros(2)
+    v = np.zeros(2)
+    a = 0.0
+    u = 0.0
+    impacts = 0
     tips = np.zeros(periods * each + 1)
     for k in range(periods * each):
         push = model.force_shape * 4.0 * np.cos(omega * (k + 0.5) * dt)
-        q, a = q + 0.5 * dt * v, a + 0.5 * dt * u
-        v, u = v + dt * (push - model.omega**2 * q - 2 * model.damping_ratio * model.omega * v), u * (1 - dt * damper / mass)
-        closing, place = float(u - tip @ v), float(a - tip @ q)
+        q = q + 0.5 * dt * v
+        a = a + 0.5 * dt * u
+        v = v + dt * (push - model.omega**2 * q - 2 * model.damping_ratio * model.omega * v)
+        u = u * (1 - dt * damper / mass)
+        closing = float(u - tip @ v)
+        place = float(a - tip @ q)
         if abs(place) >= 1e-3 and place * closing > 0:
-            impulse, impacts = 2 * closing / (1 / mass + tip @ tip), impacts + 1
-            v, u = v + tip * impulse, u - impulse / mass
-        q, a = q + 0.5 * dt * v, a + 0.5 * dt * u
+            impulse = 2 * closing / (1 / mass + tip @ tip)
+            impacts = impacts + 1
+            v = v + tip * impulse
+            u = u - impulse / mass
+        q = q + 0.5 * dt * v
+        a = a + 0.5 * dt * u
         tips[k + 1] = tip @ q
     square = tips[: -1 : each // basics.SAMPLES].reshape(periods * 16, -1) ** 2
     assert impacts >= 3
@@ -187,13 +222,20 @@ def test_verdicts_of_intervals_and_at_the_papers_step() -> None:
 
 
 def test_claims_of_the_operating_ranges(tmp_path: Path) -> None:
-    found, verdicts = measured(oprange.FIGURE, Size(forces=(0.5, 0.7, 1.0, 1.3, 1.6, 2.5, 4.0, 9.0, 60.0), members=2))
+    found, verdicts = measured(
+        oprange.FIGURE, Size(forces=(0.5, 0.7, 1.0, 1.3, 1.6, 2.5, 4.0, 9.0, 60.0), members=2)
+    )
     assert len(verdicts) == 7
-    assert verdicts["oprange_step"] is Verdict.NOT  # with one mode a step is a twentieth of the force's period
+    assert (
+        verdicts["oprange_step"] is Verdict.NOT
+    )  # with one mode a step is a twentieth of the force's period
     for name in ("linear_range", "saturation", "quasi_linear", "sustained", "linear_limit"):
         assert verdicts[f"oprange_{name}"] is Verdict.HOLDS, name
     ranges = ranges_of(curve_of(found["absorber"]))
-    assert (ranges.first_impacts.low, ranges.first_impacts.high) == (0.7, 1.0)  # the gap is reached at 0.7806 N
+    assert (ranges.first_impacts.low, ranges.first_impacts.high) == (
+        0.7,
+        1.0,
+    )  # the gap is reached at 0.7806 N
     saved(lambda: oprange.FIGURE.draw(found))(tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 20_000
     assert "first impacts between 0.7 and 1 N" in oprange.FIGURE.words(found)
@@ -210,18 +252,31 @@ def test_claims_of_the_second_modes_damping() -> None:
 
 def test_one_mode_without_losses_at_its_contact_is_strongly_modulated() -> None:
     values, verdicts = measured(smr.FIGURE, Size(members=3, periods=300, elsewhere=(2, 100)))
-    for name in ("two impacts in the burst", "fewer impacts between", "lag near zero", "ninety per cent", "effective at resonance"):
+    for name in (
+        "two impacts in the burst",
+        "fewer impacts between",
+        "lag near zero",
+        "ninety per cent",
+        "effective at resonance",
+    ):
         assert verdicts[name] in (Verdict.HOLDS, Verdict.SPREAD), name
     assert all(0.5 < depth < 1 for depth in values["exact"]["depth"])
     record = values["exact"]["record"]
-    assert np.max(np.abs(np.array(record["absorber_m"]) - record["tip_m"])) <= values["linear"]["gap_m"] * (1 + 1e-4)
+    assert np.max(np.abs(np.array(record["absorber_m"]) - record["tip_m"])) <= values["linear"][
+        "gap_m"
+    ] * (1 + 1e-4)
 
 
 def test_the_sliding_absorber_drifts_at_the_papers_step_only() -> None:
     """By the exact method whole periods of friction leave the absorber's place; a scheme that is late at each reversal moves it to a wall."""
     scene, (start, stop, _) = jump.scene(), jump.DRIFT
-    drives = draw_members(3, 0, "phase").drives(1.5, linear_sweep(scene.model.resonance_omega(1), start, stop, 0.2))
-    drifts = {method: [jump.drifted(Lane(scene, drive), method)[0] for drive in drives] for method in (Exact(), Moreau())}
+    drives = draw_members(3, 0, "phase").drives(
+        1.5, linear_sweep(scene.model.resonance_omega(1), start, stop, 0.2)
+    )
+    drifts = {
+        method: [jump.drifted(Lane(scene, drive), method)[0] for drive in drives]
+        for method in (Exact(), Moreau())
+    }
     assert max(drifts[Exact()]) < 0.02e-3
     assert min(drifts[Moreau()]) > 0.04e-3
 
@@ -235,9 +290,13 @@ def test_friction_springs_and_walls_approach_the_rigid_laws() -> None:
         assert abs(ratio[0] - 1) > 0.1
 
 
-def test_on_the_high_branch_the_absorber_visits_two_walls_a_period_and_is_struck_more_often() -> None:
+def test_on_the_high_branch_the_absorber_visits_two_walls_a_period_and_is_struck_more_often() -> (
+    None
+):
     scene = high_low.scene()
-    impacts, visits = high_low.rhythm(Lane(scene, hold(Approach(scene.model.resonance_omega(1), 1.0), 3.0, 0.955, 400.0)), Exact())
+    impacts, visits = high_low.rhythm(
+        Lane(scene, hold(Approach(scene.model.resonance_omega(1), 1.0), 3.0, 0.955, 400.0)), Exact()
+    )
     assert visits == pytest.approx(2.0, abs=0.1)
     assert 3 < impacts < 6
 
@@ -254,12 +313,17 @@ class Judged(dict[str, dict[str, Any]]):
         return super().__getitem__(name)
 
 
-def test_published_claims_are_those_of_the_published_numbers_and_each_text_is_judged_by_its_figure(monkeypatch: pytest.MonkeyPatch) -> None:
-    content, claims = read_json(DOCS / "paper" / "claims.json.gz"), []
+def test_published_claims_are_those_of_the_published_numbers_and_each_text_is_judged_by_its_figure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    content = read_json(DOCS / "paper" / "claims.json.gz")
+    claims = []
     assert not content["missing"]
     for figure in FIGURES:
         own = Judged(claim.STATED[figure.label])
-        monkeypatch.setattr(claim, "STATED", {figure.label: own})  # what another figure judges is not there
+        monkeypatch.setattr(
+            claim, "STATED", {figure.label: own}
+        )  # what another figure judges is not there
         claims += figure.claims(load(STUDY, figure.part(), place(DOCS)).values)
         monkeypatch.undo()
         assert own.names == set(own), figure.label

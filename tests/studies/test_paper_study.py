@@ -34,20 +34,43 @@ def figure_of(label: str, points: int, begin: Callable[[str], None]) -> PaperFig
         return {"sum": sum(range(points)) + settings.seed}
 
     def measure(settings: PaperSettings, _size: Size, known: Json) -> Steps:
-        return in_turn({name: partial(group, f"{label} {name}", settings) for name in ("first", "second")}, known)
+        return in_turn(
+            {name: partial(group, f"{label} {name}", settings) for name in ("first", "second")},
+            known,
+        )
 
     def words(values: Json) -> str:
         return f"{label}: {values}"
 
     def claims(values: Json) -> list[Claim]:
         verdict = judged(values["first"]["sum"], values["second"]["sum"], 3, 3)
-        return [Claim(f"{label} sum", "the sum is 3", "2.1", str(values["second"]["sum"]), verdict, label, "It was another.")]
+        return [
+            Claim(
+                f"{label} sum",
+                "the sum is 3",
+                "2.1",
+                str(values["second"]["sum"]),
+                verdict,
+                label,
+                "It was another.",
+            )
+        ]
 
     sizes = Size(points=points), Size(points=0)
-    return PaperFigure(label, label, sizes=sizes, measure=measure, words=words, draw=lambda _: Figure(), claims=claims)
+    return PaperFigure(
+        label,
+        label,
+        sizes=sizes,
+        measure=measure,
+        words=words,
+        draw=lambda _: Figure(),
+        claims=claims,
+    )
 
 
-def test_finished_groups_and_figures_are_kept_until_their_parameters_change(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_finished_groups_and_figures_are_kept_until_their_parameters_change(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     measured: list[str] = []
     stopped_by = ["two second"]
 
@@ -60,22 +83,32 @@ def test_finished_groups_and_figures_are_kept_until_their_parameters_change(monk
         """Return figure and verdict of each claim."""
         own = tuple(figure_of(label, points, begin) for label in ("one", "two"))
         monkeypatch.setattr(study, "FIGURES", own)
-        monkeypatch.setattr(study, "STUDY", replace(study.STUDY, parts=tuple(figure.part() for figure in own)))
+        monkeypatch.setattr(
+            study, "STUDY", replace(study.STUDY, parts=tuple(figure.part() for figure in own))
+        )
         monkeypatch.setattr(study, "CLAIMS", replace(study.CLAIMS, parts=(claims_part(own),)))
         result = call(script(), "--out", tmp_path, *options)
         assert result.exit_code == code, result.output
-        return [(claim["figure"], claim["verdict"]) for claim in read_json(tmp_path / "paper" / "claims.json.gz")["claims"]]
+        return [
+            (claim["figure"], claim["verdict"])
+            for claim in read_json(tmp_path / "paper" / "claims.json.gz")["claims"]
+        ]
 
     monkeypatch.setattr(study, "LABELS", ("one", "two"))
     (tmp_path / "paper.md").write_text(
-        "".join(f"<!-- {marker(name)} -->\n<!-- /{marker(name)} -->\n" for name in ("one", "two", SUMMARY, REFUTED, CLAIMED))
+        "".join(
+            f"<!-- {marker(name)} -->\n<!-- /{marker(name)} -->\n"
+            for name in ("one", "two", SUMMARY, REFUTED, CLAIMED)
+        )
     )
     every = ["one first", "one second", "two first", "two second"]
     assert run(code=130) == [("one", "holds")]
     stopped_by.clear()
     assert run() == [("one", "holds"), ("two", "holds")]
     assert measured == every
-    assert {"one.json.gz", "two.json.gz", "one.png", "two.png", "claims.json.gz"} <= {file.name for file in (tmp_path / "paper").iterdir()}
+    assert {"one.json.gz", "two.json.gz", "one.png", "two.png", "claims.json.gz"} <= {
+        file.name for file in (tmp_path / "paper").iterdir()
+    }
     run()
     assert len(measured) == 4
     assert run("--figure", "two", points=4) == [("one", "holds"), ("two", "does not hold")]
@@ -103,7 +136,13 @@ def test_a_claim_that_does_not_hold_says_why() -> None:
         Claim("peak", "the peak is low", "3", "high", Verdict.NOT, "one")
     with pytest.raises(ParameterError, match="claim's computed"):
         Claim("peak", "the peak is low", "3", " ", Verdict.HOLDS, "one")
-    claims = [Claim("a", "x | y", "3", "1", Verdict.HOLDS, "one", "hidden"), Claim("b", "z", "3", "2", Verdict.STEP, "one", "The step errs.")]
-    assert [from_plain(claim.to_plain()) for claim in claims] == [replace(claims[0], why=""), claims[1]]
+    claims = [
+        Claim("a", "x | y", "3", "1", Verdict.HOLDS, "one", "hidden"),
+        Claim("b", "z", "3", "2", Verdict.STEP, "one", "The step errs."),
+    ]
+    assert [from_plain(claim.to_plain()) for claim in claims] == [
+        replace(claims[0], why=""),
+        claims[1],
+    ]
     assert "x \\| y" in table(claims)
     assert reasons(claims) == "\n\n**Z: holds only at the paper's step.** The step errs."

@@ -13,7 +13,23 @@ from studies.cli.regimes import JUMP, KINDS, hazard_of, kind_table, of_case
 from studies.regimes import measured
 from studies.regimes.measured import PAPER, cases
 
-OWN = ["--modes", "2", "--friction-limit", "0.025", "--force", "1.5", "--quick", "--members", "6", "--points", "3", "--from", "0.98", "--to", "0.96"]
+OWN = [
+    "--modes",
+    "2",
+    "--friction-limit",
+    "0.025",
+    "--force",
+    "1.5",
+    "--quick",
+    "--members",
+    "6",
+    "--points",
+    "3",
+    "--from",
+    "0.98",
+    "--to",
+    "0.96",
+]
 
 
 def rows(folder: Path, part: str) -> list[dict[str, Any]]:
@@ -30,9 +46,18 @@ def test_own_scene(tmp_path: Path) -> None:
         if row["what"] == measured.STAY:
             assert 0 <= row["exits"] <= row["runs"] - row["absent"] <= 6
             assert row["rate"] == pytest.approx(row["exits"] / row["exposure"])
-    assert all(row["linear"] + row["periodic"] + row["sustained"] + row["strongly modulated"] == 6 for row in rows(tmp_path, KINDS))
+    assert all(
+        row["linear"] + row["periodic"] + row["sustained"] + row["strongly modulated"] == 6
+        for row in rows(tmp_path, KINDS)
+    )
     files = {file.name for file in tmp_path.iterdir()}
-    assert {"jump.png", "kinds.png", "jump_stay.csv", "jump_sweep.csv", "kinds_response.csv"} <= files
+    assert {
+        "jump.png",
+        "kinds.png",
+        "jump_stay.csv",
+        "jump_sweep.csv",
+        "kinds_response.csv",
+    } <= files
     assert "Integral of the rate from 0.98 to 0.96" in result.output
     before = (tmp_path / "jump_stay.csv").read_text()
     redrawn = call(regimes, *OWN, "--redraw", "--out", tmp_path)
@@ -45,10 +70,14 @@ def test_published_numbers_tell_what_the_page_says() -> None:
     found = rows(folder, JUMP)
     for case in cases():
         sweeps = of_case(found, measured.SWEEP, case.name)
-        assert [row["at"] for row in sorted(sweeps, key=lambda row: row["at"])] == list(case.slownesses)
+        assert [row["at"] for row in sorted(sweeps, key=lambda row: row["at"])] == list(
+            case.slownesses
+        )
         assert all(row["runs"] >= 200 for row in sweeps)
     told = hazard_of(of_case(found, measured.STAY, PAPER))
     for row in of_case(found, measured.SWEEP, PAPER):
         value, _, _ = told.probability(row["at"])
         assert row["low"] - 0.05 < value < row["high"] + 0.05
-    assert "period 1 100 %" in kind_table(of_case(rows(folder, KINDS), measured.RESPONSE, "recommended"))
+    assert "period 1 100 %" in kind_table(
+        of_case(rows(folder, KINDS), measured.RESPONSE, "recommended")
+    )

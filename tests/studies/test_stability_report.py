@@ -25,7 +25,9 @@ def case(group: str, name: str) -> cases.Case:
     return found
 
 
-def test_an_exact_cell_agrees_with_the_reference_and_a_wrong_number_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_exact_cell_agrees_with_the_reference_and_a_wrong_number_fails(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     own = case("ordinary", "impact and friction")
     cell = cells.measure(own, cases.EXACT)
     assert (cell.verdict, cell.reason) == (cells.GOOD, "")
@@ -55,18 +57,37 @@ def test_refusals_are_told_from_failures() -> None:
 
 @pytest.mark.parametrize(
     ("values", "verdict"),
-    [({}, cells.GOOD), *(({name: value}, cells.FAILED) for name, value in (("finer", 0.09), ("finer", 1.0), ("identity", 1e-3)))],
+    [
+        ({}, cells.GOOD),
+        *(
+            ({name: value}, cells.FAILED)
+            for name, value in (("finer", 0.09), ("finer", 1.0), ("identity", 1e-3))
+        ),
+    ],
 )
 def test_a_stepping_method_must_converge(values: dict[str, float], verdict: str) -> None:
-    cell = cells.Cell("g", "c", cases.MOREAU, cells.FAILED, balance=1e-3, deviation=0.1, finer=0.01, identity=1e-14)
+    cell = cells.Cell(
+        "g",
+        "c",
+        cases.MOREAU,
+        cells.FAILED,
+        balance=1e-3,
+        deviation=0.1,
+        finer=0.01,
+        identity=1e-14,
+    )
     assert cells._judge_steps(replace(cell, **values))[0] == verdict
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.01, 1.0, 20.0])
 def test_theory_of_one_mode(ratio: float) -> None:
-    moreau, runge_kutta = (limits.LimitCase(method, "one mode", ratio).scene() for method in (limits.MOREAU, limits.RUNGE_KUTTA))
+    moreau, runge_kutta = (
+        limits.LimitCase(method, "one mode", ratio).scene()
+        for method in (limits.MOREAU, limits.RUNGE_KUTTA)
+    )
     omega = float(moreau.model.omega[0])
-    x, y = omega * limits.moreau_theory(moreau), omega * limits.runge_kutta_theory(runge_kutta)
+    x = omega * limits.moreau_theory(moreau)
+    y = omega * limits.runge_kutta_theory(runge_kutta)
     assert x**2 + 4 * ratio * x == pytest.approx(4)  # where z = -1 solves the scheme's quadratic
     if ratio == 0:
         assert y == pytest.approx(2 * math.sqrt(2), rel=1e-6)
@@ -88,7 +109,9 @@ def test_found_limit_is_the_theorys(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_one_element_by_hand() -> None:
     """One element: det [[12 - 156 m, -6 + 22 m], [-6 + 22 m, 4 - 4 m]] = 140 m^2 - 408 m + 12, with m = omega^2/420."""
     square = 420 * (408 - math.sqrt(408**2 - 4 * 140 * 12)) / (2 * 140)
-    assert float(eigen.exact_frequency(1, math.sqrt(square) * 1.001)) ** 2 == pytest.approx(square, rel=1e-12)
+    assert float(eigen.exact_frequency(1, math.sqrt(square) * 1.001)) ** 2 == pytest.approx(
+        square, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize("elements", [2, 30])
@@ -130,7 +153,11 @@ def test_searches_are_checked_until_there_are_enough() -> None:
 
 
 def test_tasks_in_processes() -> None:
-    order = [executors.Task(abs, (-6,), "a", 60.0), executors.Task(int, ("four",), "a", 60.0), executors.Task(time.sleep, (60,), "a", 0.2)]
+    order = [
+        executors.Task(abs, (-6,), "a", 60.0),
+        executors.Task(int, ("four",), "a", 60.0),
+        executors.Task(time.sleep, (60,), "a", 0.2),
+    ]
     outcomes = {o.task.function: o for o in executors.Pool(1, 30.0).run(order)}
     assert outcomes[abs].value == 6
     assert "four" in outcomes[int].error
@@ -138,18 +165,68 @@ def test_tasks_in_processes() -> None:
 
 
 def test_lost_tasks_are_failures() -> None:
-    order = [executors.Task(tasks.run_cell, ("gap", "0 m", "exact"), "k", 1.0), executors.Task(eigen.accuracy, (2,), "k", 1.0)]
-    gathered = tasks.gather([executors.Outcome(task, None, "the process died", 1.0) for task in order], order)
+    order = [
+        executors.Task(tasks.run_cell, ("gap", "0 m", "exact"), "k", 1.0),
+        executors.Task(eigen.accuracy, (2,), "k", 1.0),
+    ]
+    gathered = tasks.gather(
+        [executors.Outcome(task, None, "the process died", 1.0) for task in order], order
+    )
     assert len(list(tasks.failures(gathered))) == 2
-    assert [outcome.task for outcome in tasks.finished(order, gathered)] == order[:1]  # the other is asked again
+    assert [outcome.task for outcome in tasks.finished(order, gathered)] == order[
+        :1
+    ]  # the other is asked again
 
 
 def test_redraw_writes_figure_and_page(tmp_path: Path) -> None:
-    bad = tasks.asdict(cells.Cell("gap", "0 m", "exact", cells.FAILED, "off | by much", balance=1e-3, deviation=0.5, wall_s=0.1))
-    good = tasks.asdict(cells.Cell("contact stiffness", "1e2 x 3EI/l^3", "exact", cells.GOOD, balance=1e-15, deviation=1e-13, wall_s=0.1))
-    limit = {"method": "moreau", "what": "one mode", "damping_ratio": 0.0, "omega": 252.0, "theory_s": 2 / 252, "found_s": 2 / 252, "paper_s": 1e-3}
-    check = {"name": "two modes", "searches": 100, "misses": 0, "worst": 0.0, "first": "", "passed": True}
-    found = {"cells": [bad, good], "limits": [limit | {"agrees": True}], "eigen": [eigen.accuracy(2)], "soaks": [SOAK], "checks": [check], "lost": []}
+    bad = tasks.asdict(
+        cells.Cell(
+            "gap",
+            "0 m",
+            "exact",
+            cells.FAILED,
+            "off | by much",
+            balance=1e-3,
+            deviation=0.5,
+            wall_s=0.1,
+        )
+    )
+    good = tasks.asdict(
+        cells.Cell(
+            "contact stiffness",
+            "1e2 x 3EI/l^3",
+            "exact",
+            cells.GOOD,
+            balance=1e-15,
+            deviation=1e-13,
+            wall_s=0.1,
+        )
+    )
+    limit = {
+        "method": "moreau",
+        "what": "one mode",
+        "damping_ratio": 0.0,
+        "omega": 252.0,
+        "theory_s": 2 / 252,
+        "found_s": 2 / 252,
+        "paper_s": 1e-3,
+    }
+    check = {
+        "name": "two modes",
+        "searches": 100,
+        "misses": 0,
+        "worst": 0.0,
+        "first": "",
+        "passed": True,
+    }
+    found = {
+        "cells": [bad, good],
+        "limits": [limit | {"agrees": True}],
+        "eigen": [eigen.accuracy(2)],
+        "soaks": [SOAK],
+        "checks": [check],
+        "lost": [],
+    }
     made = Measured(found, machine.conditions() | {"wall_s": 1.0, "workers": 2, "quick": True})
     (folder := tmp_path / "methods").mkdir()
     shutil.copy(DOCS / "methods.md", tmp_path)

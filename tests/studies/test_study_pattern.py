@@ -36,7 +36,9 @@ def measured_rows(name: str, elements: int, settings: Settings) -> list[dict[str
     settings.events.get(elements, lambda: None)()
     model = modal_model(Beam(elements=elements, modes=2))
     values = model.omega if name == "omega" else model.tip_shape
-    return [{"elements": elements, "mode": k + 1, name: float(value)} for k, value in enumerate(values)]
+    return [
+        {"elements": elements, "mode": k + 1, name: float(value)} for k, value in enumerate(values)
+    ]
 
 
 def part(name: str, told: bool = False) -> Part[Settings]:
@@ -53,13 +55,25 @@ def part(name: str, told: bool = False) -> Part[Settings]:
         operator.itemgetter("elements"),
         lambda measured: f"{len(measured.values['rows'])} rows. {sources(measured.conditions)}",
         told=lambda settings: {"word": settings.word} if told else {},
-        tables=lambda measured: [Table(name, ("elements", name), [[row["elements"], row[name]] for row in measured.values["rows"]])],
-        figures=lambda measured: {name: partial(save, rows=measured.values["rows"]), f"{name}.html": partial(save, rows=measured.values["rows"][:1])},
+        tables=lambda measured: [
+            Table(
+                name,
+                ("elements", name),
+                [[row["elements"], row[name]] for row in measured.values["rows"]],
+            )
+        ],
+        figures=lambda measured: {
+            name: partial(save, rows=measured.values["rows"]),
+            f"{name}.html": partial(save, rows=measured.values["rows"][:1]),
+        },
     )
 
 
 STUDY: Study[Settings] = Study(
-    (part("omega"), part("shape")), notes=lambda settings: {"word": settings.word}, same=("versions", "word"), kept="what is done is written."
+    (part("omega"), part("shape")),
+    notes=lambda settings: {"word": settings.word},
+    same=("versions", "word"),
+    kept="what is done is written.",
 )
 
 
@@ -69,7 +83,13 @@ def place(tmp_path: Path) -> Place:
     return Place(tmp_path / "data", tmp_path / "page.md", tmp_path / "template.md")
 
 
-def carry_out(place: Place, events: dict[int, Any] | None = None, word: str = "same", code: int = 0, **options: Any) -> Result:
+def carry_out(
+    place: Place,
+    events: dict[int, Any] | None = None,
+    word: str = "same",
+    code: int = 0,
+    **options: Any,
+) -> Result:
     @click.command()
     def main() -> None:
         pattern.run(STUDY, Settings(events or {}, word), place, **options)
@@ -109,7 +129,9 @@ def test_a_run_writes_numbers_tables_figures_and_page(place: Place) -> None:
     assert values["conditions"]["word"] == "same"
     assert measured(place) == [2, 2, 3, 3, 5, 5]
     with (place.folder / "omega.csv").open(newline="") as file:
-        assert [float(row["omega"]) for row in csv.DictReader(file)] == [row["omega"] for row in values["rows"]]
+        assert [float(row["omega"]) for row in csv.DictReader(file)] == [
+            row["omega"] for row in values["rows"]
+        ]
     assert [(place.folder / f"shape.{end}").read_text() for end in ("png", "html")] == ["6", "1"]
     text = place.page.read_text()
     assert text.count("6 rows. Measured on ") == 2
@@ -121,7 +143,9 @@ def test_a_run_writes_numbers_tables_figures_and_page(place: Place) -> None:
 
 def test_drawing_anew_measures_nothing(place: Place) -> None:
     carry_out(place)
-    before = {file: file.read_bytes() for file in place.folder.iterdir()} | {place.page: place.page.read_bytes()}
+    before = {file: file.read_bytes() for file in place.folder.iterdir()} | {
+        place.page: place.page.read_bytes()
+    }
     for file in before:
         if file.suffix != ".gz":
             file.unlink()
@@ -132,14 +156,21 @@ def test_drawing_anew_measures_nothing(place: Place) -> None:
     again()  # what there is
     assert "omega.json.gz" in again(code=2, **OMEGA).output
     whole = before[place.folder / "shape.json.gz"]
-    for wrong in (*map(gzip.compress, (b"{", b"[]", b"{}", b'{"conditions": 3, "complete": true}')), b"{}", whole[:-20], whole[:30] + whole[40:]):
+    for wrong in (
+        *map(gzip.compress, (b"{", b"[]", b"{}", b'{"conditions": 3, "complete": true}')),
+        b"{}",
+        whole[:-20],
+        whole[:30] + whole[40:],
+    ):
         (place.folder / "shape.json.gz").write_bytes(wrong)
         assert "--redraw" in again(code=2).output
     (place.folder / "shape.json.gz").unlink()
     assert "omega, shape" in again(code=2).output
 
 
-def test_what_is_stopped_is_kept_and_gone_on_with(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_stopped_is_kept_and_gone_on_with(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert "Stopped early: what is done is written." in carry_out(place, {5: stop}, code=130).stderr
     assert measured(place) == [2, 2, 3, 3]
     assert content(place)["complete"] is False
@@ -159,7 +190,9 @@ def test_what_is_stopped_is_kept_and_gone_on_with(place: Place, monkeypatch: pyt
     assert (seen[0]["complete"], len(seen[0]["rows"])) == (False, 4)
 
 
-def test_rows_go_on_by_themselves_while_what_is_told_of_them_is_the_same(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_go_on_by_themselves_while_what_is_told_of_them_is_the_same(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(globals(), "STUDY", Study((part("omega", told=True),)))
     carry_out(place, {5: stop}, code=130)
     carry_out(place, {2: forbidden, 3: forbidden})
@@ -173,13 +206,21 @@ def test_a_run_that_breaks_down_keeps_what_there_is(place: Place) -> None:
         assert words in carry_out(place, {2: event}, code=code).stderr
     assert list(place.folder.iterdir()) == []  # nothing is known
     assert not place.page.exists()
-    assert "omega is not complete: lost at 3 elements" in carry_out(place, {3: break_down}, code=1).stderr
+    assert (
+        "omega is not complete: lost at 3 elements"
+        in carry_out(place, {3: break_down}, code=1).stderr
+    )
     assert content(place)["conditions"]["failure"] == "lost at 3 elements"
     assert measured(place) == [2, 2]
 
 
 def test_a_page_without_a_place_is_refused_before_anything_is_measured(place: Place) -> None:
-    for text in ("no marker", PAGE.replace("<!-- /shape -->", ""), PAGE + PAGE, PAGE.replace("<!-- shape", "<!-- /shape", 1)):
+    for text in (
+        "no marker",
+        PAGE.replace("<!-- /shape -->", ""),
+        PAGE + PAGE,
+        PAGE.replace("<!-- shape", "<!-- /shape", 1),
+    ):
         place.template.write_text(text)
         assert "one pair of markers" in carry_out(place, {2: forbidden}, code=2).output
     assert not has_markers("<!-- /a --> <!-- a -->", "a")

@@ -27,7 +27,14 @@ def main(way: str) -> None:
         processes = len(multiprocessing.active_children())
         phase_of(LINE, 1.0, 0.5)
     left = len(multiprocessing.active_children())
-    print(before, processes, sum(phase_of.stats.cache_hits.values()), left, phase_of.wait, beside.is_kept(call))
+    print(
+        before,
+        processes,
+        sum(phase_of.stats.cache_hits.values()),
+        left,
+        phase_of.wait,
+        beside.is_kept(call),
+    )
 
 
 if __name__ == "__main__":

@@ -6,7 +6,9 @@ from pathlib import Path
 
 
 def _files(words: dict[str, str]) -> tuple[str, ...]:
-    return tuple(f"{folder}/test_{name}.py" for folder, names in words.items() for name in names.split())
+    return tuple(
+        f"{folder}/test_{name}.py" for folder, names in words.items() for name in names.split()
+    )
 
 
 # some of every kind that say much in little time; what takes long in them is marked slow
@@ -61,8 +63,15 @@ TESTS = Path(__file__).parents[1]
 
 def parts() -> list[str]:
     """Whether kernels are compiled, and what pytest is told, a line for each of `PARTS` and for tests marked plain."""
-    plain = [str(path) for path in sorted(TESTS.glob("*/test_*.py")) if "pytest.mark.plain" in path.read_text()]
-    return [*(f"NUMBA_DISABLE_JIT=0 --kernels=compiled {part}" for part in PARTS), f"NUMBA_DISABLE_JIT=1 --kernels=plain {' '.join(plain)}"]
+    plain = [
+        str(path)
+        for path in sorted(TESTS.glob("*/test_*.py"))
+        if "pytest.mark.plain" in path.read_text()
+    ]
+    return [
+        *(f"NUMBA_DISABLE_JIT=0 --kernels=compiled {part}" for part in PARTS),
+        f"NUMBA_DISABLE_JIT=1 --kernels=plain {' '.join(plain)}",
+    ]
 
 
 if __name__ == "__main__":

@@ -22,7 +22,13 @@ from optimisation.search.study import DesignStudy
 
 
 def problem() -> Problem:
-    return Problem(design_space("impact"), (Condition(1, 3.5), Condition(2, 35.0)), beam=Beam(modes=2), members=4, rate=20.0)
+    return Problem(
+        design_space("impact"),
+        (Condition(1, 3.5), Condition(2, 35.0)),
+        beam=Beam(modes=2),
+        members=4,
+        rate=20.0,
+    )
 
 
 class Murderous(Workers):
@@ -40,19 +46,27 @@ class Murderous(Workers):
 
 
 def same(here: dict[int, Array], there: dict[int, Array]) -> bool:
-    return sorted(here) == sorted(there) and all(np.array_equal(there[k], values) for k, values in here.items())
+    return sorted(here) == sorted(there) and all(
+        np.array_equal(there[k], values) for k, values in here.items()
+    )
 
 
 def same_comparison(workers: Workers) -> bool:
     """Compare absorbers with lanes run here and there: all numbers of all lanes."""
     small = {"forces": 2, "members": 2, "percent_per_100_periods": 20.0}
     seen: list[tuple[int, int]] = []
-    here, there = (
-        absorbers(Beam(modes=2), **small, threads=1),
-        absorbers(Beam(modes=2), **small, executor=workers, progress=lambda *n: seen.append(n)),
+    here = absorbers(Beam(modes=2), **small, threads=1)
+    there = absorbers(Beam(modes=2), **small, executor=workers, progress=lambda *n: seen.append(n))
+    pairs = [
+        (a.curves[key].lanes, b.curves[key].lanes)
+        for a, b in zip(here.resonances, there.resonances, strict=True)
+        for key in a.curves
+    ]
+    equal = all(
+        np.array_equal(getattr(a, f.name), getattr(b, f.name))
+        for a, b in pairs
+        for f in fields(LaneLevels)
     )
-    pairs = [(a.curves[key].lanes, b.curves[key].lanes) for a, b in zip(here.resonances, there.resonances, strict=True) for key in a.curves]
-    equal = all(np.array_equal(getattr(a, f.name), getattr(b, f.name)) for a, b in pairs for f in fields(LaneLevels))
     return equal and there.complete and seen[-1][0] == seen[-1][1] > 50
 
 
@@ -65,7 +79,10 @@ def compare(cluster: distributed.LocalCluster) -> None:
         there = dict(evaluate(given, designs, given.ensemble, given.rate, workers))
         print("killed", workers.victim is None)
         print("runs", same(here, there))
-        workers.victim, workers.mercy = next(worker.pid for worker in cluster.workers.values() if worker.status == Status.running), 0
+        workers.victim = next(
+            worker.pid for worker in cluster.workers.values() if worker.status == Status.running
+        )
+        workers.mercy = 0
         there = dict(evaluate(given, designs, given.ensemble, given.rate, workers))
         print("killed at once", workers.victim is None, same(here, there))
         print("lanes", same_comparison(workers))
@@ -78,5 +95,7 @@ def compare(cluster: distributed.LocalCluster) -> None:
 
 
 if __name__ == "__main__":
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50) as local:
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
+    ) as local:
         compare(local)

@@ -34,13 +34,17 @@ def problem(objectives: int = 1, **changes: object) -> Problem:
     return Problem(**(given | changes))
 
 
-def settings(sampler: str = "cma", seed: int = 0, rungs: tuple[Rung, ...] = (Rung(1, 1.0, 0.5), Rung(4))) -> SearchSettings:
+def settings(
+    sampler: str = "cma", seed: int = 0, rungs: tuple[Rung, ...] = (Rung(1, 1.0, 0.5), Rung(4))
+) -> SearchSettings:
     return SearchSettings(sampler, BATCH, rungs if sampler != "nsga2" else rungs[-1:], seed)
 
 
 def values_of(problem: Problem, design: Design | None = None) -> Array:
     """Return the measures of one design (None: the default) for all members, simulated in this thread."""
-    ((_, found),) = evaluate(problem, [design or problem.space.default], problem.ensemble, problem.rate, Threads(1))
+    ((_, found),) = evaluate(
+        problem, [design or problem.space.default], problem.ensemble, problem.rate, Threads(1)
+    )
     return found
 
 
@@ -66,7 +70,8 @@ class Model:
             yield k, np.array([[self.value(chunk, lane)] for lane in chunk.lanes])
 
     def about(self, chunk: Chunk) -> tuple[object, ...]:
-        walls, drive = chunk.lanes[0].scene.absorber.walls, chunk.lanes[0].drive
+        walls = chunk.lanes[0].scene.absorber.walls
+        drive = chunk.lanes[0].drive
         return walls.gap, walls.restitution, drive.amplitude, drive.phase, drive.schedule.times[-1]
 
     def value(self, chunk: Chunk, lane: Lane) -> float:  # noqa: ARG002 - others need it
@@ -74,18 +79,32 @@ class Model:
         walls = lane.scene.absorber.walls
         best = 6e-4 if lane.drive.amplitude < 10 else 9e-4  # another one for the second resonance
         bowl = np.log(walls.gap / best) ** 2 + (walls.restitution - 0.5) ** 2
-        return float(1e-4 * (1 + bowl) * (1 + 0.01 * np.sin(7 * lane.drive.phase + 1e4 * walls.gap)))
+        return float(
+            1e-4 * (1 + bowl) * (1 + 0.01 * np.sin(7 * lane.drive.phase + 1e4 * walls.gap))
+        )
 
 
 class Bowl(Model):
     """The same for concepts without walls: a bowl in the logarithms of what identifies the absorber."""
 
     def about(self, chunk: Chunk) -> tuple[object, ...]:
-        absorber, drive = chunk.lanes[0].scene.absorber, chunk.lanes[0].drive
-        numbers = (absorber.friction.limit,) if isinstance(absorber, SlidingAbsorber) else (absorber.stiffness, absorber.damping)
+        absorber = chunk.lanes[0].scene.absorber
+        drive = chunk.lanes[0].drive
+        numbers = (
+            (absorber.friction.limit,)
+            if isinstance(absorber, SlidingAbsorber)
+            else (absorber.stiffness, absorber.damping)
+        )
         return *numbers, drive.amplitude, drive.phase, len(chunk.lanes)
 
     def value(self, chunk: Chunk, lane: Lane) -> float:  # noqa: ARG002 - as above
         numbers = [float(x) for x in self.seen[-1][:-3]]
         bottom = [0.3] if len(numbers) == 1 else [600.0, 0.5]
-        return float(1e-4 * (1 + sum(np.log(x / best) ** 2 for x, best in zip(numbers, bottom, strict=True)) + 0.01 * np.sin(lane.drive.phase)))
+        return float(
+            1e-4
+            * (
+                1
+                + sum(np.log(x / best) ** 2 for x, best in zip(numbers, bottom, strict=True))
+                + 0.01 * np.sin(lane.drive.phase)
+            )
+        )

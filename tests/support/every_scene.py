@@ -40,26 +40,52 @@ SCENES: dict[str, Absorber] = {
     "no rebound": impact_absorber(restitution=0.0, friction_limit=0.05),
     "springs": SlidingAbsorber(walls=CompliantWalls(3e5)),
     "elastic friction": SlidingAbsorber(friction=ElasticCoulombFriction(0.5, 7e4)),
-    "springs and elastic friction": SlidingAbsorber(walls=CompliantWalls(7e5, 3e-4), friction=ElasticCoulombFriction(0.1, 7e4)),
+    "springs and elastic friction": SlidingAbsorber(
+        walls=CompliantWalls(7e5, 3e-4), friction=ElasticCoulombFriction(0.1, 7e4)
+    ),
     "tuned": TunedAbsorber(),
     "stuck": StuckAbsorber(),
 }
 STUCK_BESIDE = SeveralAbsorbers(
-    (impact_absorber(3e-4, 0.6, 0.05, 0.012), impact_absorber(2e-4, 0.8, 0.15, 0.02), friction_damper(0.1, 0.01)), (1.0, 0.7, 0.5)
+    (
+        impact_absorber(3e-4, 0.6, 0.05, 0.012),
+        impact_absorber(2e-4, 0.8, 0.15, 0.02),
+        friction_damper(0.1, 0.01),
+    ),
+    (1.0, 0.7, 0.5),
 )
-TORN = SeveralAbsorbers((impact_absorber(1e-3, 0.0, None, 0.5), impact_absorber(1e-4, 0.0, None, 0.5), friction_damper(1.0, 0.25)), (1.0, 1.0, 1.0))
+TORN = SeveralAbsorbers(
+    (
+        impact_absorber(1e-3, 0.0, None, 0.5),
+        impact_absorber(1e-4, 0.0, None, 0.5),
+        friction_damper(1.0, 0.25),
+    ),
+    (1.0, 1.0, 1.0),
+)
 HELD = Beam(modes=2, damping_ratio=0.05)
 # name: scene, force in N, frequency ratio, pseudo periods
 SEVERAL: dict[str, tuple[Scene, float, float, float]] = {
     "impacts of three": (
-        beam_scene(Beam(modes=3), impact_absorbers((3e-4, 1e-4, 2e-4), (1.0, 0.55, 0.8), (0.8, 1.0, 0.9), shares=(0.5, 0.2, 0.3))),
+        beam_scene(
+            Beam(modes=3),
+            impact_absorbers(
+                (3e-4, 1e-4, 2e-4), (1.0, 0.55, 0.8), (0.8, 1.0, 0.9), shares=(0.5, 0.2, 0.3)
+            ),
+        ),
         4.0,
         0.98,
         2.5,
     ),
     "sticking beside impacts": (beam_scene(Beam(modes=2), STUCK_BESIDE), 4.0, 0.98, 2.3),
     "torn loose": (beam_scene(Beam(modes=1, damping_ratio=0.0), TORN), 10.0, 1.0, 1.5),
-    "chatter of two": (beam_scene(HELD, impact_absorbers((1e-5, 1e-5), (1.0, 0.8), restitution=0.0, mass_ratio=0.2)), 5.0, 0.3, 2.9),
+    "chatter of two": (
+        beam_scene(
+            HELD, impact_absorbers((1e-5, 1e-5), (1.0, 0.8), restitution=0.0, mass_ratio=0.2)
+        ),
+        5.0,
+        0.3,
+        2.9,
+    ),
 }
 LEVEL = Record(events=True)
 DRIVE = drive_of(12.0, 0.98, 1.02, periods=2.0, phase=0.4)
@@ -67,7 +93,11 @@ Bits = dict[str, str]
 
 
 def bits(named: Iterable[tuple[str, ArrayLike | None]]) -> Bits:
-    return {name: np.ascontiguousarray(values).tobytes().hex() for name, values in named if values is not None}
+    return {
+        name: np.ascontiguousarray(values).tobytes().hex()
+        for name, values in named
+        if values is not None
+    }
 
 
 def fields(of: object, *names: str) -> list[tuple[str, ArrayLike | None]]:
@@ -77,15 +107,29 @@ def fields(of: object, *names: str) -> list[tuple[str, ArrayLike | None]]:
 def of_response(response: Response) -> Bits:
     named = fields(response, "end_state", "stuck_time")
     named += fields(response.level, "value", "time", "max_tip")
-    impacts = fields(response.impacts, "time", "relative_velocity", "impulse", "energy_lost", "absorber")
+    impacts = fields(
+        response.impacts, "time", "relative_velocity", "impulse", "energy_lost", "absorber"
+    )
     named += [(f"impact {name}", value) for name, value in impacts]
-    named += [(f"phase {name}", value) for name, value in fields(response.phases, "start", "end", "kind")]
-    named += fields(response.history, "modal_displacement", "modal_velocity", "absorber_displacement", "absorber_velocity")
-    named += fields(response.energy, "work", "modal_loss", "friction_loss", "impact_loss", "absorber_damping")
+    named += [
+        (f"phase {name}", value) for name, value in fields(response.phases, "start", "end", "kind")
+    ]
+    named += fields(
+        response.history,
+        "modal_displacement",
+        "modal_velocity",
+        "absorber_displacement",
+        "absorber_velocity",
+    )
+    named += fields(
+        response.energy, "work", "modal_loss", "friction_loss", "impact_loss", "absorber_damping"
+    )
     return bits(named)
 
 
-def swept(absorber: Absorber | SeveralAbsorbers | None, method: Method | None = None, record: Record = ALL) -> Callable[[], Bits]:
+def swept(
+    absorber: Absorber | SeveralAbsorbers | None, method: Method | None = None, record: Record = ALL
+) -> Callable[[], Bits]:
     return lambda: of_response(simulate(scene_of(absorber, modes=2), DRIVE, method, record=record))
 
 
@@ -93,7 +137,16 @@ def controlled(absorber: Absorber, method: Method | None = None) -> Callable[[],
     """Return a run of two lanes in intervals, as an environment makes."""
 
     def run() -> Bits:
-        runs = ControlledRuns(scene_of(absorber, modes=2), 2, OMEGA, 1.0, method, samples_per_period=32, exponent=4.0, threads=2)
+        runs = ControlledRuns(
+            scene_of(absorber, modes=2),
+            2,
+            OMEGA,
+            1.0,
+            method,
+            samples_per_period=32,
+            exponent=4.0,
+            threads=2,
+        )
         runs.orders["omega_start"] = runs.orders["omega_stop"] = OMEGA
         runs.orders["force"] = [6.0, 3.0]
         named: list[tuple[str, ArrayLike | None]] = []
@@ -114,8 +167,13 @@ def orbits() -> Bits:
     assert found
     named: list[tuple[str, ArrayLike | None]] = []
     for k, orbit in enumerate(found):
-        named += [(f"{name} {k}", value) for name, value in fields(orbit.solution, "phases", "impulses")]
-        named += [(f"largest {k}", orbit.motion.tip_max), (f"derivative {k}", orbit.motion.derivative)]
+        named += [
+            (f"{name} {k}", value) for name, value in fields(orbit.solution, "phases", "impulses")
+        ]
+        named += [
+            (f"largest {k}", orbit.motion.tip_max),
+            (f"derivative {k}", orbit.motion.derivative),
+        ]
     return bits(named)
 
 
@@ -133,7 +191,9 @@ EVERY: dict[str, Callable[[], Bits]] = {
     "elastic friction": swept(SlidingAbsorber(friction=ElasticCoulombFriction(0.1, 1e5))),
     "compliant walls and elastic friction": swept(SOFT),
     "several absorbers": swept(impact_absorbers((3e-4, 5e-4), (1.0, 0.6), 0.7, 0.04)),
-    "a friction damper beside an impact absorber": swept(SeveralAbsorbers((impact_absorber(3e-4, 0.7, 0.04), friction_damper(0.04)), (1.0, 0.6))),
+    "a friction damper beside an impact absorber": swept(
+        SeveralAbsorbers((impact_absorber(3e-4, 0.7, 0.04), friction_damper(0.04)), (1.0, 0.6))
+    ),
     "Moreau": swept(impact_absorber(5e-4, 0.3, 0.1), Moreau(200)),
     "Runge-Kutta": swept(SOFT, RungeKutta(50, 50)),
     "Runge-Kutta, nonlinear sink": swept(NonlinearSink(1e6), RungeKutta(50)),

@@ -45,16 +45,69 @@ OMEGA = SCENE.model.resonance_omega(1)
 DRIVE = Drive(3.5, constant_frequency(OMEGA, 0.98, 2.0))
 SEVERAL = impact_absorbers([1e-3, 2e-3], [1.0, 0.7], 0.7)
 LONG = 1e5  # rad of the fastest motion: longer runs are right too, but not made here
-FEW = 2000  # events: what is extreme may chatter without end, which is an error with words of its own
+FEW = (
+    2000  # events: what is extreme may chatter without end, which is an error with words of its own
+)
 
-NUMBERS = (0, 1, -1, 7, 0.0, 0.5, -2.5, 1e30, 1e-30, 1e300, -1e300, 1e-300, np.nan, np.inf, -np.inf, 10**9, 10**400, 10**5000, 1j)
+NUMBERS = (
+    0,
+    1,
+    -1,
+    7,
+    0.0,
+    0.5,
+    -2.5,
+    1e30,
+    1e-30,
+    1e300,
+    -1e300,
+    1e-300,
+    np.nan,
+    np.inf,
+    -np.inf,
+    10**9,
+    10**400,
+    10**5000,
+    1j,
+)
 OTHER_NUMBERS = (np.float32(0.5), np.int64(2), Fraction(1, 2), np.float64(np.nan), np.array(0.5))
-LISTS = ([], [1.0], (0.5, 1.5), [True], ["1"], [None], [np.nan, 1.0], [1e300, 2e300], [[1.0, 2.0]], [[1.0], [2.0, 3.0]], [1j], [10**400])
-ARRAYS = (np.zeros(0), np.ones(2), np.arange(3), np.ones((2, 2)), np.array(["1", "2"]), np.array([True, False]), np.array([0.0, 1.0, 1e9]))
+LISTS = (
+    [],
+    [1.0],
+    (0.5, 1.5),
+    [True],
+    ["1"],
+    [None],
+    [np.nan, 1.0],
+    [1e300, 2e300],
+    [[1.0, 2.0]],
+    [[1.0], [2.0, 3.0]],
+    [1j],
+    [10**400],
+)
+ARRAYS = (
+    np.zeros(0),
+    np.ones(2),
+    np.arange(3),
+    np.ones((2, 2)),
+    np.array(["1", "2"]),
+    np.array([True, False]),
+    np.array([0.0, 1.0, 1e9]),
+)
 WORDS = ("", "1", "no", b"1", "exact", Path("nowhere"), True, False, np.bool_(True), None)
 TABLES = ({}, {"a": 1.0}, {2: 3.0}, {2: "3"}, {2: 1e300}, {1, 2}, object(), len)
 CLASSES = (Beam, RigidWalls, Exact, Drive, SlidingAbsorber)
-OBJECTS = (BEAM, SCENE, SCENE.model, DRIVE, DRIVE.schedule, RigidWalls(), CompliantWalls(1e5), CoulombFriction(0.1), ElasticCoulombFriction(0.1, 1e5))
+OBJECTS = (
+    BEAM,
+    SCENE,
+    SCENE.model,
+    DRIVE,
+    DRIVE.schedule,
+    RigidWalls(),
+    CompliantWalls(1e5),
+    CoulombFriction(0.1),
+    ElasticCoulombFriction(0.1, 1e5),
+)
 MORE = (
     impact_absorber(), TunedAbsorber(), StuckAbsorber(), SEVERAL, [impact_absorber(), 1], InitialState(), Record(), Exact(), Moreau(),
     RungeKutta(),
@@ -70,7 +123,8 @@ def opened(hint: Any) -> Any:
 def fits(value: Any, hint: Any) -> bool:
     """Return whether a value is of the kind that a type hint says; a number is also an array of one."""
     hint = opened(hint)
-    origin, parts = typing.get_origin(hint), typing.get_args(hint)
+    origin = typing.get_origin(hint)
+    parts = typing.get_args(hint)
     value = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
     if origin is np.ndarray or "_SupportsArray" in str(hint):
         return _is_array(value)
@@ -86,11 +140,17 @@ def fits(value: Any, hint: Any) -> bool:
         kinds = {bool: bool | np.bool_, float: Real, int: Integral}[hint]
         return isinstance(value, kinds) and (hint is bool or not isinstance(value, bool))
     if isinstance(origin, type) and issubclass(origin, Mapping):
-        return isinstance(value, Mapping) and all(fits(k, parts[0]) and fits(v, parts[1]) for k, v in value.items())
+        return isinstance(value, Mapping) and all(
+            fits(k, parts[0]) and fits(v, parts[1]) for k, v in value.items()
+        )
     if origin is Callable or hint is Callable:
         return callable(value)
     if isinstance(origin, type) and issubclass(origin, Iterable):
-        return isinstance(value, Iterable) and not isinstance(value, str | bytes) and all(fits(part, parts[0]) for part in value)
+        return (
+            isinstance(value, Iterable)
+            and not isinstance(value, str | bytes)
+            and all(fits(part, parts[0]) for part in value)
+        )
     return isinstance(value, hint)
 
 
@@ -103,7 +163,9 @@ def _is_array(value: Any) -> bool:
 
 def hints_of(make: Callable[..., Any]) -> dict[str, Any]:
     """Return the type hint of each argument."""
-    hints = typing.get_type_hints(make if not isinstance(make, type) or dataclasses.is_dataclass(make) else make.__init__)
+    hints = typing.get_type_hints(
+        make if not isinstance(make, type) or dataclasses.is_dataclass(make) else make.__init__
+    )
     return {name: opened(hints[name]) for name in inspect.signature(make).parameters}
 
 
@@ -127,18 +189,30 @@ BY_TYPE: dict[Any, Any] = {
 def good_arguments(make: Callable[..., Any], own: Mapping[str, Any]) -> dict[str, Any]:
     """Return arguments with which a call succeeds: those that have no default, and those in ``own``."""
     needed = {n: p for n, p in inspect.signature(make).parameters.items() if p.default is p.empty}
-    hints, known = hints_of(make), {**BY_NAME, **own}
-    return {name: known[name] if name in known else BY_TYPE[typing.get_origin(hints[name]) or hints[name]] for name in needed} | dict(own)
+    hints = hints_of(make)
+    known = {**BY_NAME, **own}
+    return {
+        name: known[name]
+        if name in known
+        else BY_TYPE[typing.get_origin(hints[name]) or hints[name]]
+        for name in needed
+    } | dict(own)
 
 
 def used(result: Any) -> None:
     """Use what came out, up to numbers that must be finite; raises ParameterError or IntegrationError where a run is refused or breaks down."""
     if isinstance(result, Response):
-        numbers = [result.end_state, result.stuck_time, *([] if result.level is None else dataclasses.astuple(result.level))]
+        numbers = [
+            result.end_state,
+            result.stuck_time,
+            *([] if result.level is None else dataclasses.astuple(result.level)),
+        ]
         assert all(np.all(np.isfinite(x)) for x in numbers), f"{result} is not finite"
     elif isinstance(result, Drive):
         for scene in (SCENE, beam_scene(BEAM)):
-            fastest = max(scene.model.omega[-1], result.schedule.omegas.max(), result.schedule.reference)
+            fastest = max(
+                scene.model.omega[-1], result.schedule.omegas.max(), result.schedule.reference
+            )
             if result.schedule.times[-1] * fastest < LONG:
                 used(simulate(scene, result, record=ALL, most_events=FEW))
     elif isinstance(result, FrequencySchedule):
@@ -146,25 +220,59 @@ def used(result: Any) -> None:
     elif isinstance(result, Scene):
         first = result.model.resonance_omega(1)
         periods = min(2.0, LONG * first / float(result.model.omega.max()))
-        used(simulate(result, Drive(3.5, constant_frequency(first, 0.98, periods)), record=ALL, most_events=FEW))
+        used(
+            simulate(
+                result,
+                Drive(3.5, constant_frequency(first, 0.98, periods)),
+                record=ALL,
+                most_events=FEW,
+            )
+        )
     elif isinstance(result, Beam | ModalModel):
         used(beam_scene(result))
     elif isinstance(result, RigidWalls | CompliantWalls):
-        used(SlidingAbsorber(walls=result, friction=CoulombFriction(0.1) if isinstance(result, RigidWalls) else None))
+        used(
+            SlidingAbsorber(
+                walls=result,
+                friction=CoulombFriction(0.1) if isinstance(result, RigidWalls) else None,
+            )
+        )
     elif isinstance(result, CoulombFriction | ElasticCoulombFriction):
-        used(SlidingAbsorber(walls=RigidWalls(1e-3, 0.7) if isinstance(result, CoulombFriction) else CompliantWalls(1e5), friction=result))
+        used(
+            SlidingAbsorber(
+                walls=RigidWalls(1e-3, 0.7)
+                if isinstance(result, CoulombFriction)
+                else CompliantWalls(1e5),
+                friction=result,
+            )
+        )
     elif isinstance(result, StuckAbsorber | TunedAbsorber | SlidingAbsorber | SeveralAbsorbers):
         scene = beam_scene(BEAM, result)
-        if not getattr(result, "gravity", 0.0):  # what hangs is one more kernel, with any of its observers: test_loads.py
+        if not getattr(
+            result, "gravity", 0.0
+        ):  # what hangs is one more kernel, with any of its observers: test_loads.py
             used(scene)
     elif isinstance(result, InitialState):
         used(simulate(SCENE, DRIVE, initial=result, record=ALL, most_events=FEW))
     elif isinstance(result, Record):
         used(
-            simulate(beam_scene(BEAM), DRIVE, record=dataclasses.replace(result, energy=False, check=False))
+            simulate(
+                beam_scene(BEAM),
+                DRIVE,
+                record=dataclasses.replace(result, energy=False, check=False),
+            )
         )  # each set of observers is one more kernel
     elif isinstance(result, Exact | Moreau | RungeKutta):
-        used(simulate(beam_scene(BEAM, friction_damper()) if isinstance(result, Moreau) else beam_scene(BEAM), DRIVE, result, record=ALL))
+        used(
+            simulate(
+                beam_scene(BEAM, friction_damper())
+                if isinstance(result, Moreau)
+                else beam_scene(BEAM),
+                DRIVE,
+                result,
+                record=ALL,
+            )
+        )
     elif isinstance(result, float | np.ndarray):
         assert np.all(np.isfinite(result)), f"{result} is not finite"
     elif isinstance(result, tuple | list):
@@ -172,14 +280,18 @@ def used(result: Any) -> None:
             used(part)
 
 
-def complaints(name: str, make: Callable[..., Any], own: Mapping[str, Any], *, dear: bool = False) -> Iterator[str | None]:
+def complaints(
+    name: str, make: Callable[..., Any], own: Mapping[str, Any], *, dear: bool = False
+) -> Iterator[str | None]:
     """Yield for each argument and each of `VALUES` what is wrong with the call, None if nothing is; ``dear``: only of values of a wrong kind."""
     good = good_arguments(make, own)
     if not dear:
         used(make(**good))
     for argument, hint in hints_of(make).items():
         for value in VALUES:
-            if fits(value, hint) and (dear or "Callable" in str(hint)):  # what is called is the caller's
+            if fits(value, hint) and (
+                dear or "Callable" in str(hint)
+            ):  # what is called is the caller's
                 continue
             try:
                 problem = _complaint(make, good, argument, value, hint)
@@ -192,17 +304,29 @@ def _text(value: Any) -> str:
     return "10**5000" if isinstance(value, int) and value > 10**4000 else repr(value)[:80]
 
 
-def _complaint(make: Callable[..., Any], good: Mapping[str, Any], argument: str, value: Any, hint: Any) -> str | None:
+def _complaint(
+    make: Callable[..., Any], good: Mapping[str, Any], argument: str, value: Any, hint: Any
+) -> str | None:
     try:
         result = make(**{**good, argument: value})
-        if not fits(value, hint) and value is not inspect.signature(make).parameters[argument].default:
+        if (
+            not fits(value, hint)
+            and value is not inspect.signature(make).parameters[argument].default
+        ):
             return f"accepted, though it is no {hint}"
         kept = getattr(result, argument, value)
-        if kept is not value and _is_array(value) and not np.allclose(kept, value, rtol=1e-12, atol=0):
+        if (
+            kept is not value
+            and _is_array(value)
+            and not np.allclose(kept, value, rtol=1e-12, atol=0)
+        ):
             return f"kept as {kept!r}"
         used(result)
     except ParameterError as error:
-        named = any(_words(name).removesuffix("s") in _words(str(error)) for name in (argument, ALSO.get(argument, argument)))
+        named = any(
+            _words(name).removesuffix("s") in _words(str(error))
+            for name in (argument, ALSO.get(argument, argument))
+        )
         return None if named else f"refused without the argument's name: {error}"
     except IntegrationError:  # its message says when and why
         return None

@@ -31,8 +31,16 @@ def far(x, values):
     """Return a sum that LLVM itself would not inline twice."""
     total = 0.0
     for k in range(7):
-        total += np.hypot(max(x, k), np.sin(x * k)) / (1.0 + np.cos(x + k)) + np.exp(-x * k) * np.sqrt(x + k) + np.tan(total)
-        total += np.hypot(min(x, k), np.cos(x * k)) / (1.0 + np.sin(x + k)) + np.exp(x / (k + 1)) * np.log(x + k) + np.tan(total)
+        total += (
+            np.hypot(max(x, k), np.sin(x * k)) / (1.0 + np.cos(x + k))
+            + np.exp(-x * k) * np.sqrt(x + k)
+            + np.tan(total)
+        )
+        total += (
+            np.hypot(min(x, k), np.cos(x * k)) / (1.0 + np.sin(x + k))
+            + np.exp(x / (k + 1)) * np.log(x + k)
+            + np.tan(total)
+        )
     if values is not None:
         values[0] += total
     return total
@@ -47,7 +55,11 @@ def near(x, values):
 @jit
 def whole(x, group):
     """Call it from Python."""
-    return near(x, None) * near(x + 1.0, None) if group is None else near(x, group.values) * near(x + 1.0, group.values)
+    return (
+        near(x, None) * near(x + 1.0, None)
+        if group is None
+        else near(x, group.values) * near(x + 1.0, group.values)
+    )
 
 
 def main(kernel: Any) -> None:
@@ -57,7 +69,11 @@ def main(kernel: Any) -> None:
     for word in sys.argv[1:]:
         value = kernel(1.5, groups[word])
         code = kernel.inspect_asm(kernel.signatures[-1])
-        lines = [line.split()[0] for line in code.splitlines() if line.startswith("\t") and not line.startswith("\t.")]
+        lines = [
+            line.split()[0]
+            for line in code.splitlines()
+            if line.startswith("\t") and not line.startswith("\t.")
+        ]
         print(value.hex(), *lines, flush=True)
 
 

@@ -20,7 +20,9 @@ TIP_SHAPE = (2.663708632848108, -2.6637086328480986, 2.663708632847805)
 MASS = 0.56375
 BETA = (1.8751040687119611, 4.694091132974174, 7.854757438237613)  # cosh cos = -1
 # sqrt(kg): the integral of the shape over the mass
-PARTICIPATION = tuple(2 * (np.sinh(b) - np.sin(b)) / (np.cosh(b) + np.cos(b)) / b * np.sqrt(MASS) for b in BETA)
+PARTICIPATION = tuple(
+    2 * (np.sinh(b) - np.sin(b)) / (np.cosh(b) + np.cos(b)) / b * np.sqrt(MASS) for b in BETA
+)
 # impact times in s and relative velocities before them in m/s, by Duhamel's integral and root finding
 TONES = (
     (0.04019227245696305, 0.528865743), (0.04149855306285344, -2.223935818), (0.0425315593100972, 2.870677179), (0.04459768234981616, -1.627346331),
@@ -55,7 +57,9 @@ def cantilever() -> ModalModel:
 def chain(folder: Path, held: bool = True, **more: Array) -> tuple[Array, Array]:
     """Three masses on springs, as matrices in a file."""
     mass = np.diag([1.0, 0.5, 1.5])
-    stiffness = 1e4 * np.array([[2.0 if held else 1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    stiffness = 1e4 * np.array(
+        [[2.0 if held else 1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]]
+    )
     np.savez(folder / "m.npz", M=mass, K=stiffness, **more)
     return mass, stiffness
 
@@ -63,10 +67,26 @@ def chain(folder: Path, held: bool = True, **more: Array) -> tuple[Array, Array]
 def chirp(schedule: FrequencySchedule, times: Array) -> tuple[Array, Array, Array]:
     """Return frequency (rad/s), its rate (rad/s^2) and phase (rad) of a schedule of one stretch at times in s."""
     rate = (schedule.omegas[1] - schedule.omegas[0]) / schedule.times[1]
-    return schedule.omegas[0] + rate * times, np.full_like(times, rate), (schedule.omegas[0] + 0.5 * rate * times) * times
+    return (
+        schedule.omegas[0] + rate * times,
+        np.full_like(times, rate),
+        (schedule.omegas[0] + 0.5 * rate * times) * times,
+    )
 
 
-KINDS = ("force", "unbalance", "base", "tones", "orders", "samples", "random", "random base", "shock", "shock of the base", "strike")
+KINDS = (
+    "force",
+    "unbalance",
+    "base",
+    "tones",
+    "orders",
+    "samples",
+    "random",
+    "random base",
+    "shock",
+    "shock of the base",
+    "strike",
+)
 
 
 def tables_of(omega: float, folder: Path) -> dict[str, str]:
@@ -74,9 +94,13 @@ def tables_of(omega: float, folder: Path) -> dict[str, str]:
 
     The base goes up to seven times that frequency.
     """
-    period, hertz = 2 * np.pi / omega, omega / (2 * np.pi)
-    length, times = 8 * period, np.linspace(0, 8 * period, 321)
-    (folder / "record.csv").write_text("time_s,g\n" + "".join(f"{t:.9f},{np.sin(omega * t):.9f}\n" for t in times))
+    period = 2 * np.pi / omega
+    hertz = omega / (2 * np.pi)
+    length = 8 * period
+    times = np.linspace(0, 8 * period, 321)
+    (folder / "record.csv").write_text(
+        "time_s,g\n" + "".join(f"{t:.9f},{np.sin(omega * t):.9f}\n" for t in times)
+    )
     up = f"schedule = {{ times_s = [0, {length}], omegas_rad_s = [{0.5 * omega}, {7 * omega}], reference_rad_s = {omega} }}"
     swept = f"schedule = {{ times_s = [0, {length}], omegas_rad_s = [{0.95 * omega}, {1.05 * omega}], reference_rad_s = {omega} }}"
     spectrum = f"spectrum = [[{0.5 * hertz}, 4.0], [{1.5 * hertz}, 4.0]]\nduration_s = {length}"

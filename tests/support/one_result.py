@@ -14,7 +14,14 @@ import numpy as np
 from impact_env.drive import Drive, linear_sweep
 from impact_env.ensemble import Lane, run_lanes
 from impact_env.methods import Moreau
-from impact_env.parameters import Absorber, Beam, StuckAbsorber, TunedAbsorber, friction_damper, impact_absorber
+from impact_env.parameters import (
+    Absorber,
+    Beam,
+    StuckAbsorber,
+    TunedAbsorber,
+    friction_damper,
+    impact_absorber,
+)
 from impact_env.response import Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
@@ -39,8 +46,15 @@ def drive(of: Scene) -> Drive:
 def digest() -> str:
     """Return a hash of the end state, the level and every impact."""
     response = simulate(scene(), drive(scene()), record=Record(events=True))
-    parts = (response.end_state, np.array([response.level.value]), response.impacts.time, response.impacts.impulse)
-    return hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
+    parts = (
+        response.end_state,
+        np.array([response.level.value]),
+        response.impacts.time,
+        response.impacts.impulse,
+    )
+    return hashlib.sha256(
+        b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
+    ).hexdigest()
 
 
 def level_in_a_batch(threads: int) -> str:
@@ -60,7 +74,9 @@ def before(word: str) -> None:
 def on_a_worker() -> str:
     import distributed
 
-    local = distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50)
+    local = distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
+    )
     with local, distributed.Client(local) as client:
         return str(client.submit(digest).result())
 

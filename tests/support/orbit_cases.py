@@ -19,9 +19,17 @@ def model_of(modes: int) -> ModalModel:
     return modal_model(Beam(modes=modes))
 
 
-def paper_case(modes: int, ratio: float, force: float, restitution: float = 1.0, friction: float = 0.0) -> Case:
+def paper_case(
+    modes: int, ratio: float, force: float, restitution: float = 1.0, friction: float = 0.0
+) -> Case:
     model = model_of(modes)
-    return Case(model, ratio * float(model.omega[0]), force, restitution=restitution, friction_limit=friction)
+    return Case(
+        model,
+        ratio * float(model.omega[0]),
+        force,
+        restitution=restitution,
+        friction_limit=friction,
+    )
 
 
 def high_orbit(case: Case) -> Orbit:
@@ -56,7 +64,9 @@ def many_reversals() -> Orbit:
 
 def other_case() -> Case:
     """Not the paper's beam."""
-    model = ModalModel([31.0, 95.0, 210.0], [0.02, 0.01, 1.3], [0.8, 0.4, 0.2], [1.1, -0.7, 0.5], 1.4)
+    model = ModalModel(
+        [31.0, 95.0, 210.0], [0.02, 0.01, 1.3], [0.8, 0.4, 0.2], [1.1, -0.7, 0.5], 1.4
+    )
     return Case(model, 33.0, 1.0, gap=3e-3, restitution=0.6, friction_limit=0.02, mass_ratio=0.05)
 
 
@@ -66,7 +76,9 @@ def steel() -> Case:
     beam = Beam(
         length=1.2, bending_stiffness=358.4, mass_per_length=2.512, modes=3, damping_ratio=0.005, force_position=0.25, absorber_position=0.9
     )  # fmt: skip
-    scene = beam_scene(beam, impact_absorber(gap=0.494601e-3, restitution=0.7, friction_limit=0.002))
+    scene = beam_scene(
+        beam, impact_absorber(gap=0.494601e-3, restitution=0.7, friction_limit=0.002)
+    )
     return case_of(scene, 0.25, 0.955 * scene.model.resonance_omega(1))
 
 
@@ -78,14 +90,18 @@ def multipliers_by_reference(motion: Motion) -> Array:
     assert np.max(np.abs(map_by_reference(motion, start, state) - state) / unit) < 1e-7
     columns = []
     for k, step in enumerate(2e-5 * unit):
-        ahead, back = (map_by_reference(motion, start, state + side * step * np.eye(len(state))[k]) for side in (1, -1))
+        ahead, back = (
+            map_by_reference(motion, start, state + side * step * np.eye(len(state))[k])
+            for side in (1, -1)
+        )
         columns.append((ahead - back) / (2 * step * unit))
     return np.linalg.eigvals(np.array(columns).T * unit)
 
 
 def map_by_reference(motion: Motion, start: float, state: Array) -> Array:
     """Return where the dense reference takes a state over the schedule's span, mirrored back if that is half a period."""
-    case, n = motion.solution.case, motion.solution.case.model.modes
+    case = motion.solution.case
+    n = motion.solution.case.model.modes
     turn = motion.solution.schedule.turn
     initial = InitialState(state[:n], state[n + 1 : -1], float(state[n]), float(state[-1]))
     times = np.linspace(0, turn / case.omega, 3)

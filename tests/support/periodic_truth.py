@@ -25,23 +25,41 @@ class Truth:
 
     def __init__(self, case: Case) -> None:
         mechanics = Mechanics(case.scene, np.ones(case.model.modes + 1))
-        pushed = mechanics.linear([Regime("free", constant=1.0)])  # apart, under a unit force between absorber and tip
-        self.case, self.matrix, self.push = case, pushed.matrix[:-1, :-1], pushed.matrix[:-1, -1]
+        pushed = mechanics.linear(
+            [Regime("free", constant=1.0)]
+        )  # apart, under a unit force between absorber and tip
+        self.case = case
+        self.matrix = pushed.matrix[:-1, :-1]
+        self.push = pushed.matrix[:-1, -1]
         self.force = pushed.column[:-1, 0] * case.force
-        self.distance, self.rate = mechanics.gaps[0, :-1], mechanics.speeds[0, :-1]
+        self.distance = mechanics.gaps[0, :-1]
+        self.rate = mechanics.speeds[0, :-1]
         self.compliance, unit = float(self.rate @ self.push), np.eye(len(self.push))
-        self.bounce = unit - (1 + case.restitution) / self.compliance * np.outer(self.push, self.rate)
+        self.bounce = unit - (1 + case.restitution) / self.compliance * np.outer(
+            self.push, self.rate
+        )
         after = scipy.linalg.expm(pushed.matrix * np.pi / case.omega)
-        self.flow, self.constant = after[:-1, :-1], after[:-1, -1]
-        self.wave = np.linalg.solve(1j * case.omega * unit - self.matrix, self.force.astype(complex))
+        self.flow = after[:-1, :-1]
+        self.constant = after[:-1, -1]
+        self.wave = np.linalg.solve(
+            1j * case.omega * unit - self.matrix, self.force.astype(complex)
+        )
 
     def half_turn(self) -> tuple[Array, Array, Array]:
         """Return y0 = constant + Re(wave exp(i phase)) and the same of the distance before the upper wall: (y0 constant, y0 wave, distance pair)."""
         rub = -self.case.friction_limit * self.constant  # the absorber moves up against the tip
-        right = np.column_stack([-self.bounce @ rub, self.bounce @ (self.wave + self.flow @ self.wave)])
+        right = np.column_stack(
+            [-self.bounce @ rub, self.bounce @ (self.wave + self.flow @ self.wave)]
+        )
         solve = np.linalg.solve(np.eye(len(rub)) + self.bounce @ self.flow, right)
-        still, moving = solve[:, 0].real, solve[:, 1]
-        return still, moving, self.distance @ np.array([self.flow @ still + rub, self.flow @ (moving - self.wave) - self.wave]).T
+        still = solve[:, 0].real
+        moving = solve[:, 1]
+        return (
+            still,
+            moving,
+            self.distance
+            @ np.array([self.flow @ still + rub, self.flow @ (moving - self.wave) - self.wave]).T,
+        )
 
     def orbits(self) -> list[tuple[float, float, Array]]:
         """Return (phase at the lower wall, impulse there, state after it) of all symmetric orbits."""
@@ -63,18 +81,22 @@ class Truth:
 
     def half_multipliers(self, phase: float, y0: Array) -> Array:
         """Eigenvalues of the half map's derivative: a flight, the saltation matrix with the vector fields on both sides, and the mirror image."""
-        limit, steady = self.case.friction_limit, (self.wave * np.exp(1j * phase)).real
+        limit = self.case.friction_limit
+        steady = (self.wave * np.exp(1j * phase)).real
         before = self.flow @ (y0 - steady) - steady - limit * self.constant
         forced = -self.force * np.cos(phase)
         field_before = self.matrix @ before + forced - limit * self.push
         field_after = self.matrix @ self.bounce @ before + forced + limit * self.push
-        salt = self.bounce + np.outer(field_after - self.bounce @ field_before, self.distance) / (self.distance @ field_before)
+        salt = self.bounce + np.outer(field_after - self.bounce @ field_before, self.distance) / (
+            self.distance @ field_before
+        )
         return np.linalg.eigvals(-salt @ self.flow)
 
 
 def matched(one: Array, other: Array) -> float:
     """Return the largest distance between two sets of eigenvalues, paired so that it is small."""
-    rest, worst = list(other), 0.0
+    rest = list(other)
+    worst = 0.0
     for value in one:
         k = int(np.argmin([abs(value - candidate) for candidate in rest]))
         worst = max(worst, abs(value - rest.pop(k)))

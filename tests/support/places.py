@@ -25,7 +25,15 @@ def loaded(file: Path) -> ModuleType:
 def fresh(*words: object, **variables: object) -> subprocess.CompletedProcess[str]:
     """Run Python in a process of its own, which finds the checkout and what tests share; it must succeed."""
     path = os.pathsep.join(map(str, (ROOT, SCRIPTS, SUPPORT, SUPPORT.parent)))
-    environment = os.environ | {"PYTHONPATH": path} | {name: str(value) for name, value in variables.items()}
-    done = subprocess.run([sys.executable, *map(str, words)], env=environment, capture_output=True, text=True, timeout=580)
+    environment = (
+        os.environ | {"PYTHONPATH": path} | {name: str(value) for name, value in variables.items()}
+    )
+    done = subprocess.run(
+        [sys.executable, *map(str, words)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=580,
+    )
     assert done.returncode == 0, done.stderr
     return done

@@ -44,7 +44,11 @@ class CPUTimes:
 
     def now(self) -> dict[str, float]:
         times = os.times()
-        return {"own": times.user + times.system, "children": times.children_user + times.children_system, "compiling": self.compiling.seconds}
+        return {
+            "own": times.user + times.system,
+            "children": times.children_user + times.children_system,
+            "compiling": self.compiling.seconds,
+        }
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, object, object]:

@@ -27,14 +27,41 @@ from typing import Any
 
 import llvmlite.binding
 import numba
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, UserProvidedCacheLocator
+from numba.core.caching import (
+    CompileResultCacheImpl,
+    FunctionCache,
+    IndexDataCacheFile,
+    UserProvidedCacheLocator,
+)
 
 PACKAGE = Path(__file__).resolve().parents[1]
 LOG = logging.getLogger("impact_env")
 PATIENCE = 60.0  # s to wait for another process that writes into the same folder
-SHIPPED = PACKAGE / "shipped"  # holds a folder of kernels that came with the package, if any did: never in a checkout
-SHIPPED_FOR = ("x86-64-v3", "")  # NUMBA_CPU_NAME and NUMBA_CPU_FEATURES for which those are compiled, and the features that stand behind the name:
-NEEDED = {"avx", "avx2", "bmi", "bmi2", "cx16", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3", "xsave"}
+SHIPPED = (
+    PACKAGE / "shipped"
+)  # holds a folder of kernels that came with the package, if any did: never in a checkout
+SHIPPED_FOR = (
+    "x86-64-v3",
+    "",
+)  # NUMBA_CPU_NAME and NUMBA_CPU_FEATURES for which those are compiled, and the features that stand behind the name:
+NEEDED = {
+    "avx",
+    "avx2",
+    "bmi",
+    "bmi2",
+    "cx16",
+    "f16c",
+    "fma",
+    "lzcnt",
+    "movbe",
+    "popcnt",
+    "sahf",
+    "sse3",
+    "sse4.1",
+    "sse4.2",
+    "ssse3",
+    "xsave",
+}
 HOST = "IMPACT_ENV_KERNELS"  # a variable; with the value "host" kernels that came with the package are left alone
 
 
@@ -59,9 +86,14 @@ def why_not_shipped() -> str:
         return "none came with this package"
     if not any((SHIPPED / _digest()).rglob(here)):
         return "those that came with this package are of other sources, or of another version of numba or Python"
-    if os.environ.get(HOST) == "host" or (numba.config.CPU_NAME, numba.config.CPU_FEATURES) != (None, None):
+    if os.environ.get(HOST) == "host" or (numba.config.CPU_NAME, numba.config.CPU_FEATURES) != (
+        None,
+        None,
+    ):
         return f"{HOST}, NUMBA_CPU_NAME or NUMBA_CPU_FEATURES asks for others"
-    missing = NEEDED - {name for name, there in llvmlite.binding.get_host_cpu_features().items() if there}
+    missing = NEEDED - {
+        name for name, there in llvmlite.binding.get_host_cpu_features().items() if there
+    }
     return f"this processor lacks {', '.join(sorted(missing))}" if missing else ""
 
 
@@ -92,7 +124,8 @@ def folders() -> Folders:
     """
     if numba.config.DISABLE_JIT:
         return Folders(None, None)
-    named, parent = os.environ.get("IMPACT_ENV_CACHE"), None
+    named = os.environ.get("IMPACT_ENV_CACHE")
+    parent = None
     with suppress(RuntimeError):  # a user without a home
         if named:
             parent = Path(named)
@@ -102,7 +135,9 @@ def folders() -> Folders:
             parent = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "impact_env"
     found = choose(parent, _digest())
     if found.write is None:
-        LOG.warning("no folder can be written to (IMPACT_ENV_CACHE names one): kernels that are compiled now are compiled again in the next process")
+        LOG.warning(
+            "no folder can be written to (IMPACT_ENV_CACHE names one): kernels that are compiled now are compiled again in the next process"
+        )
     return found
 
 
@@ -132,12 +167,17 @@ def _private_folder() -> Path | None:
     """Return a temporary folder that only this user can write to: what is read from it is run."""
     try:
         parent = Path(tempfile.gettempdir())
-        folder = parent / f"impact_env-{os.getuid() if hasattr(os, 'getuid') else os.environ.get('USERNAME', 'user')}"
+        folder = (
+            parent
+            / f"impact_env-{os.getuid() if hasattr(os, 'getuid') else os.environ.get('USERNAME', 'user')}"
+        )
         with suppress(FileExistsError):
             folder.mkdir(mode=0o700)
         if _is_ours(folder):
             return folder
-        own = tempfile.mkdtemp(prefix="impact_env-", dir=parent)  # someone else was first: a folder for this process alone
+        own = tempfile.mkdtemp(
+            prefix="impact_env-", dir=parent
+        )  # someone else was first: a folder for this process alone
     except OSError:
         return None
     atexit.register(shutil.rmtree, own, ignore_errors=True)
@@ -165,7 +205,11 @@ class _Locator(UserProvidedCacheLocator):
 
     def get_source_stamp(self) -> object:
         """Return the stamp that names the folder, and numba's own for a function outside of the package."""
-        return _digest() if PACKAGE in Path(self._py_file).resolve().parents else super().get_source_stamp()
+        return (
+            _digest()
+            if PACKAGE in Path(self._py_file).resolve().parents
+            else super().get_source_stamp()
+        )
 
 
 def _place(folder: Path | None, file: str) -> str:
@@ -230,12 +274,17 @@ class KernelCache(FunctionCache):
         kept = self._impl.filename_base, self._impl.locator.get_source_stamp()
         self._cache_file = _File(self._cache_path, *kept)
         self._read_only, self._shipped = (
-            _File(_place(folder, py_func.__code__.co_filename), *kept) for folder in (folders().read, SHIPPED / _digest())
+            _File(_place(folder, py_func.__code__.co_filename), *kept)
+            for folder in (folders().read, SHIPPED / _digest())
         )
 
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
         types, (system, *processor), *code = self._index_key(sig, target_context.codegen())
-        for file, wanted in ((self._cache_file, processor), (self._read_only, processor), (self._shipped, SHIPPED_FOR)):
+        for file, wanted in (
+            (self._cache_file, processor),
+            (self._read_only, processor),
+            (self._shipped, SHIPPED_FOR),
+        ):
             if file is self._shipped and why_not_shipped():
                 break
             data = None

@@ -25,12 +25,18 @@ from impact_env.kernels.compiling.vector_code import Code, opened
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 COMPILED = not numba.config.DISABLE_JIT
-INTEGER, NUMBER = types.int64, types.float64
+INTEGER = types.int64
+NUMBER = types.float64
 _KINDS = {"Index": INTEGER, "Number": NUMBER}  # by the annotation
 
 # Without numba's reference counts, whose atomic operations cost a fifth of an exact lane: such a function must not make
 # or return an array. And without the wrapper for callers in C.
-_PLAIN: dict[str, Any] = {"nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy", "_nrt": False}
+_PLAIN: dict[str, Any] = {
+    "nogil": True,
+    "no_cfunc_wrapper": True,
+    "error_model": "numpy",
+    "_nrt": False,
+}
 
 
 def _njit(**options: Any) -> Callable[[Any], Any]:
@@ -77,20 +83,35 @@ def vector_code(kind: Any = types.void, several: int = 0) -> Callable[[Callable[
 
 def _compiled(function: Callable[..., Any], kinds: list[Any], returns: Any) -> Any:
     def typed(typing_context: Any, *given: Any) -> Any:
-        return returns(*(own if kind is None else kind for own, kind in zip(given, kinds, strict=True))), build
+        return returns(
+            *(own if kind is None else kind for own, kind in zip(given, kinds, strict=True))
+        ), build
 
     def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        found = function(Code(context, builder), *map(opened, [context] * len(kinds), [builder] * len(kinds), signature.args, values))
+        found = function(
+            Code(context, builder),
+            *map(opened, [context] * len(kinds), [builder] * len(kinds), signature.args, values),
+        )
         if found is None:
             return context.get_dummy_value()
-        return context.make_tuple(builder, returns, [each.value for each in found]) if isinstance(found, list) else found.value
+        return (
+            context.make_tuple(builder, returns, [each.value for each in found])
+            if isinstance(found, list)
+            else found.value
+        )
 
     return intrinsic(update_wrapper(typed, function))
 
 
 def _at_once(function: Callable[..., Any], kinds: list[Any], returns: Any) -> Any:
     def call(*values: Any) -> Any:
-        found = function(PlainCode(), *(at_hand(value if kind is None else _CASTS[kind](value)) for value, kind in zip(values, kinds, strict=True)))
+        found = function(
+            PlainCode(),
+            *(
+                at_hand(value if kind is None else _CASTS[kind](value))
+                for value, kind in zip(values, kinds, strict=True)
+            ),
+        )
         return tuple(map(_closed, found)) if isinstance(found, list) else _closed(found)
 
     return update_wrapper(call, function)

@@ -178,7 +178,9 @@ class _WholeCompiler(_FunctionCompiler):  # type: ignore[misc]
             raise NotKept
         with event.trigger_event(COMPILING):
             result = super()._compile_core(args, return_type)
-        for environment in result._find_referenced_environments():  # those of the parts, which no machine code of their own has set
+        for environment in (
+            result._find_referenced_environments()
+        ):  # those of the parts, which no machine code of their own has set
             result.codegen.set_env(environment.env_name, environment)
         return result
 
@@ -186,7 +188,9 @@ class _WholeCompiler(_FunctionCompiler):  # type: ignore[misc]
 class Part(CPUDispatcher):  # type: ignore[misc]
     """A kernel as other kernels call it."""
 
-    def __init__(self, function: Callable[..., Any], options: dict[str, Any], compiler: type[_PartCompiler]) -> None:
+    def __init__(
+        self, function: Callable[..., Any], options: dict[str, Any], compiler: type[_PartCompiler]
+    ) -> None:
         super().__init__(function, {}, options, _PartPipeline)
         self._compiler = compiler(function, self.targetdescr, options, {}, _PartPipeline)
 
@@ -195,7 +199,9 @@ class Part(CPUDispatcher):  # type: ignore[misc]
         args, result_type = sigutils.normalize_signature(signature)
         if args not in self.overloads:
             with self._compiling_counter:
-                self.overloads[args] = self._compiler.compile(args, result_type)  # Python cannot call it
+                self.overloads[args] = self._compiler.compile(
+                    args, result_type
+                )  # Python cannot call it
         return self.overloads[args].entry_point
 
 
@@ -205,7 +211,9 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
     def __init__(self, function: Callable[..., Any], _locals: Any, options: dict[str, Any]) -> None:
         super().__init__(function, {}, options, _WholePipeline)
         self._compiler = _WholeCompiler(function, self.targetdescr, options, {}, _WholePipeline)
-        self.wait: Callable[[], object] | None = None  # for another process, which is compiling this kernel
+        self.wait: Callable[[], object] | None = (
+            None  # for another process, which is compiling this kernel
+        )
 
     @cached_property
     def part(self) -> Part:
@@ -232,7 +240,10 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         """Return the signature for a caller's type inference; within kernels constants are passed as numbers, so that one part serves all."""
         if not _nested:
             return super().get_call_template(args, kws)
-        return self._called.get_call_template(tuple(map(types.unliteral, args)), {name: types.unliteral(kind) for name, kind in kws.items()})
+        return self._called.get_call_template(
+            tuple(map(types.unliteral, args)),
+            {name: types.unliteral(kind) for name, kind in kws.items()},
+        )
 
     def get_overload(self, signature: Any) -> Any:
         """Return the function that the caller's code calls."""

@@ -28,7 +28,8 @@ class PrunePresent(DeadBranchPrune):  # type: ignore[misc]
             for line in block.find_insts(ir.Assign):
                 outcome = _is_none(code, state.args, line.value)
                 if outcome is not None:
-                    known, definitions = ir.Const(outcome, line.loc), code._definitions[line.target.name]
+                    known = ir.Const(outcome, line.loc)
+                    definitions = code._definitions[line.target.name]
                     definitions[definitions.index(line.value)] = line.value = known
         code._consts = ConstantInference(code)
         return bool(super().run_pass(state))
@@ -48,11 +49,21 @@ def _kind_of(code: ir.FunctionIR, args: Sequence[types.Type], value: Any) -> typ
 
 def _is_none(code: ir.FunctionIR, args: Sequence[types.Type], test: Any) -> bool | None:
     """Return the truth of ``x is None`` or ``x is not None``; None where types do not tell, or for any other expression."""
-    if not (isinstance(test, ir.Expr) and test.op == "binop" and test.fn in (operator.is_, operator.is_not)):
+    if not (
+        isinstance(test, ir.Expr)
+        and test.op == "binop"
+        and test.fn in (operator.is_, operator.is_not)
+    ):
         return None
     none = ir_utils.guard(ir_utils.get_definition, code, test.rhs)
     kind = _kind_of(code, args, test.lhs)
-    if not (isinstance(none, ir.Const) and none.value is None) or kind is None or isinstance(kind, types.Optional):
+    if (
+        not (isinstance(none, ir.Const) and none.value is None)
+        or kind is None
+        or isinstance(kind, types.Optional)
+    ):
         return None
-    absent = kind.value is None if isinstance(kind, types.Omitted) else isinstance(kind, types.NoneType)
+    absent = (
+        kind.value is None if isinstance(kind, types.Omitted) else isinstance(kind, types.NoneType)
+    )
     return absent is (test.fn is operator.is_)

@@ -38,7 +38,8 @@ def fused() -> Callable[[float, float, float], float]:
 
 def _of_the_library() -> Callable[[float, float, float], float]:
     found = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None).fma
-    found.argtypes, found.restype = [ctypes.c_double] * 3, ctypes.c_double
+    found.argtypes = [ctypes.c_double] * 3
+    found.restype = ctypes.c_double
     return found
 
 
@@ -70,10 +71,15 @@ class PlainNumber(Number):
         return str(self.value)
 
     def fma(self, factor: Number, summand: Number) -> PlainNumber:
-        numbers, fma = (self.value, factor.value, summand.value), fused()
+        numbers = (self.value, factor.value, summand.value)
+        fma = fused()
         if self.count == 0:
             return PlainNumber(np.float64(fma(*numbers)))
-        return PlainNumber(np.array([fma(*each) for each in zip(*(number.tolist() for number in numbers), strict=True)]))
+        return PlainNumber(
+            np.array(
+                [fma(*each) for each in zip(*(number.tolist() for number in numbers), strict=True)]
+            )
+        )
 
     def root(self) -> PlainNumber:
         return PlainNumber(np.sqrt(self.value))

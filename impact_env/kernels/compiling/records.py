@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
-INTEGER, NUMBER, FLAG = np.int64, np.float64, np.bool_
+INTEGER = np.int64
+NUMBER = np.float64
+FLAG = np.bool_
 
 
 def record(**fields: Any) -> np.dtype[Any]:

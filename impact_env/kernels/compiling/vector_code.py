@@ -17,23 +17,34 @@ from numba.core import cgutils, types
 
 LANES = 4  # the number of slots is padded to a multiple of it
 
-DOUBLE, INDEX, PLACE = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
+DOUBLE = ir.DoubleType()
+INDEX = ir.IntType(64)
+PLACE = ir.IntType(32)
 
 
 def _function(builder: Any, name: str, kind: Any, arguments: int) -> Any:
     """Return one of the compiler's own functions of numbers or vectors of one kind."""
     suffix = f"v{kind.count}f64" if isinstance(kind, ir.VectorType) else "f64"
-    return cgutils.get_or_insert_function(builder.module, ir.FunctionType(kind, [kind] * arguments), f"llvm.{name}.{suffix}")
+    return cgutils.get_or_insert_function(
+        builder.module, ir.FunctionType(kind, [kind] * arguments), f"llvm.{name}.{suffix}"
+    )
 
 
 class Index:
     """A whole number, or the answer of a comparison, of the code under construction; the other one may be a known number."""
 
     def __init__(self, builder: Any, value: Any) -> None:
-        self.builder, self.value = builder, value
+        self.builder = builder
+        self.value = value
 
     def _with(self, other: Any, operation: Any) -> Index:
-        return Index(self.builder, operation(self.value, other.value if isinstance(other, Index) else ir.Constant(self.value.type, other)))
+        return Index(
+            self.builder,
+            operation(
+                self.value,
+                other.value if isinstance(other, Index) else ir.Constant(self.value.type, other),
+            ),
+        )
 
     def _compared(self, sign: str, other: Any) -> Index:
         return self._with(other, lambda one, two: self.builder.icmp_signed(sign, one, two))
@@ -53,7 +64,8 @@ class Index:
     def __rshift__(self, other: Any) -> Index:
         return self._with(other, self.builder.lshr)
 
-    __radd__, __rmul__ = __add__, __mul__
+    __radd__ = __add__
+    __rmul__ = __mul__
 
     def __gt__(self, other: Any) -> Index:
         return self._compared(">", other)
@@ -74,7 +86,8 @@ class Number:
     """A number, or a vector of numbers, of the code under construction."""
 
     def __init__(self, builder: Any, value: Any) -> None:
-        self.builder, self.value = builder, value
+        self.builder = builder
+        self.value = value
 
     def _with(self, other: Number, operation: Any) -> Number:
         return Number(self.builder, operation(self.value, other.value))
@@ -97,27 +110,46 @@ class Number:
     def fma(self, factor: Number, summand: Number) -> Number:
         """Return self * factor + summand, rounded once."""
         call = _function(self.builder, "fma", self.value.type, 3)
-        return Number(self.builder, self.builder.call(call, [self.value, factor.value, summand.value]))
+        return Number(
+            self.builder, self.builder.call(call, [self.value, factor.value, summand.value])
+        )
 
     def root(self) -> Number:
         """Return the square root."""
-        return Number(self.builder, self.builder.call(_function(self.builder, "sqrt", self.value.type, 1), [self.value]))
+        return Number(
+            self.builder,
+            self.builder.call(_function(self.builder, "sqrt", self.value.type, 1), [self.value]),
+        )
 
     def least(self, other: Number) -> Number:
         """Return the smaller one, element by element."""
-        return Number(self.builder, self.builder.select(self.builder.fcmp_ordered("<", self.value, other.value), self.value, other.value))
+        return Number(
+            self.builder,
+            self.builder.select(
+                self.builder.fcmp_ordered("<", self.value, other.value), self.value, other.value
+            ),
+        )
 
     def largest(self, other: Number) -> Number:
         """Return the larger one, element by element."""
-        return Number(self.builder, self.builder.select(self.builder.fcmp_ordered(">", self.value, other.value), self.value, other.value))
+        return Number(
+            self.builder,
+            self.builder.select(
+                self.builder.fcmp_ordered(">", self.value, other.value), self.value, other.value
+            ),
+        )
 
     def size(self) -> Number:
         """Return the absolute value, element by element."""
-        return Number(self.builder, self.builder.call(_function(self.builder, "fabs", self.value.type, 1), [self.value]))
+        return Number(
+            self.builder,
+            self.builder.call(_function(self.builder, "fabs", self.value.type, 1), [self.value]),
+        )
 
     def elements(self) -> list[Number]:
         """Return the elements of a vector."""
-        builder, places = self.builder, [ir.Constant(PLACE, k) for k in range(self.value.type.count)]
+        builder = self.builder
+        places = [ir.Constant(PLACE, k) for k in range(self.value.type.count)]
         return [Number(builder, builder.extract_element(self.value, place)) for place in places]
 
     @property
@@ -127,9 +159,13 @@ class Number:
 
     def folded(self) -> Number:
         """Return the sum of the vector's two halves."""
-        half, undefined = self.count // 2, ir.Constant(self.value.type, ir.Undefined)
+        half = self.count // 2
+        undefined = ir.Constant(self.value.type, ir.Undefined)
         orders = (_order(range(first, first + half)) for first in (0, half))
-        low, high = (Number(self.builder, self.builder.shuffle_vector(self.value, undefined, order)) for order in orders)
+        low, high = (
+            Number(self.builder, self.builder.shuffle_vector(self.value, undefined, order))
+            for order in orders
+        )
         return low + high
 
     def total(self) -> Number:
@@ -142,7 +178,8 @@ class Number:
 
     def not_positive(self) -> Any:
         """Return an integer whose bit k says that element k is not above zero (or not a number)."""
-        builder, count = self.builder, self.value.type.count
+        builder = self.builder
+        count = self.value.type.count
         bits = builder.fcmp_unordered("<=", self.value, ir.Constant(self.value.type, [0.0] * count))
         return Index(builder, builder.zext(builder.bitcast(bits, ir.IntType(count)), INDEX))
 
@@ -155,7 +192,10 @@ class Complex(NamedTuple):
 
     def times(self, other: Complex) -> Complex:
         """Return the product."""
-        return Complex(self.real.fma(other.real, -(self.imag * other.imag)), self.real.fma(other.imag, self.imag * other.real))
+        return Complex(
+            self.real.fma(other.real, -(self.imag * other.imag)),
+            self.real.fma(other.imag, self.imag * other.real),
+        )
 
     def real_of_product(self, other: Complex) -> Number:
         """Return the real part of the product."""
@@ -166,7 +206,8 @@ class Variable:
     """A `Number` or an `Index` that may be replaced, as within a loop."""
 
     def __init__(self, first: Any) -> None:
-        self._kind, self._builder = type(first), first.builder
+        self._kind = type(first)
+        self._builder = first.builder
         self._place = cgutils.alloca_once_value(first.builder, first.value)
 
     @property
@@ -197,7 +238,9 @@ class Sum:
 
     def number(self) -> Number:
         """Return the sum so far, vectors of other sizes folded to the smallest."""
-        numbers: list[Number] = [self.parts[size].value for size in sorted(self.parts, reverse=True)]
+        numbers: list[Number] = [
+            self.parts[size].value for size in sorted(self.parts, reverse=True)
+        ]
         total = numbers[0]
         for number in numbers[1:]:
             while total.count > number.count:
@@ -214,11 +257,19 @@ class Fields:
     """A named tuple of the code under construction, its fields by their names: what is never read makes no code."""
 
     def __init__(self, context: Any, builder: Any, kind: Any, value: Any) -> None:
-        self._context, self._builder, self._kind, self._value = context, builder, kind, value
+        self._context = context
+        self._builder = builder
+        self._kind = kind
+        self._value = value
 
     def __getattr__(self, name: str) -> Any:
         place = self._kind.fields.index(name)
-        return opened(self._context, self._builder, self._kind.types[place], self._builder.extract_value(self._value, place))
+        return opened(
+            self._context,
+            self._builder,
+            self._kind.types[place],
+            self._builder.extract_value(self._value, place),
+        )
 
 
 def opened(context: Any, builder: Any, kind: Any, value: Any) -> Any:
@@ -236,7 +287,9 @@ class Code:
     """Numbers and vectors of a function under construction."""
 
     def __init__(self, context: Any, builder: Any) -> None:
-        self.context, self.builder, self.lanes = context, builder, LANES
+        self.context = context
+        self.builder = builder
+        self.lanes = LANES
 
     def loop(self, count: Any, step: int = 1, first: Any = 0) -> Iterator[Any]:
         """Repeat what follows for ``first``, ``first`` + ``step``, ... below ``count``."""
@@ -259,7 +312,10 @@ class Code:
 
     def choose(self, condition: Any, one: Any, other: Any) -> Any:
         """Return one index if the condition holds, else the other."""
-        return Index(self.builder, self.builder.select(condition.value, self.index(one).value, self.index(other).value))
+        return Index(
+            self.builder,
+            self.builder.select(condition.value, self.index(one).value, self.index(other).value),
+        )
 
     def slots(self, size: Any) -> Iterator[Any]:
         """Repeat what follows for the first of 2 LANES slots each, and for the LANES that may be left; ``lanes`` says how many there are."""
@@ -285,7 +341,10 @@ class Code:
 
     def vector(self, pointer: Any, index: Any, size: int | None = None) -> Number:
         """Return ``size`` numbers from ``index`` on, None: as many as there are lanes."""
-        return Number(self.builder, self.builder.load(self._place(pointer, index, size or self.lanes), align=8))
+        return Number(
+            self.builder,
+            self.builder.load(self._place(pointer, index, size or self.lanes), align=8),
+        )
 
     def store(self, vector: Number, pointer: Any, index: Any) -> None:
         """Write a vector from ``index`` on."""
@@ -319,7 +378,9 @@ class Code:
         size = size or self.lanes
         undefined = ir.Constant(ir.VectorType(DOUBLE, size), ir.Undefined)
         first = self.builder.insert_element(undefined, number.value, ir.Constant(PLACE, 0))
-        return Number(self.builder, self.builder.shuffle_vector(first, undefined, _order([0] * size)))
+        return Number(
+            self.builder, self.builder.shuffle_vector(first, undefined, _order([0] * size))
+        )
 
     def gathered(self, numbers: list[Number]) -> Number:
         """Return a vector of these numbers."""
@@ -332,7 +393,10 @@ class Code:
         """Return a vector moved on by one element, with ``first`` in front."""
         size = vector.count
         order = _order([size, *range(size - 1)])
-        return Number(self.builder, self.builder.shuffle_vector(vector.value, self.spread(first, size).value, order))
+        return Number(
+            self.builder,
+            self.builder.shuffle_vector(vector.value, self.spread(first, size).value, order),
+        )
 
     def constant(self, numbers: Iterable[float]) -> Number:
         """Return a vector of known numbers."""
@@ -353,13 +417,18 @@ class Code:
 
     def in_one_piece(self, change: str, words: Any, place: Any, value: Any) -> Any:
         """Change a word that threads share ("add" to it, or "xchg" it) and return what it was, with all that was written before it."""
-        return Index(self.builder, self.builder.atomic_rmw(change, self._at(words, place), value.value, "seq_cst"))
+        return Index(
+            self.builder,
+            self.builder.atomic_rmw(change, self._at(words, place), value.value, "seq_cst"),
+        )
 
     def _at(self, pointer: Any, index: Any) -> Any:
         return self.builder.gep(pointer, [self.index(index).value])
 
     def _place(self, pointer: Any, index: Any, size: int) -> Any:
-        return self.builder.bitcast(self._at(pointer, index), ir.VectorType(DOUBLE, size).as_pointer())
+        return self.builder.bitcast(
+            self._at(pointer, index), ir.VectorType(DOUBLE, size).as_pointer()
+        )
 
 
 def _order(elements: Iterable[int]) -> Any:

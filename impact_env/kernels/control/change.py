@@ -20,11 +20,14 @@ from impact_env.kernels.motion.slots import copy
 @jit
 def hold_or_let_go(scene, window, room, state):
     """Leave the joined regime if the joint force is beyond its bounds; at a bound it is let join: there its rate decides, in the joined regime."""
-    now, work = room.now[0], room.work
+    now = room.now[0]
+    work = room.work
     solve_joined(scene, window, room)
     copy(work.z, work.rows[1])
     add_forced_part(window, now.tau, -1.0, room)
-    f, scale = joint_force(scene.joined, room.joined_forced, window.omega, now.tau, scene.contact, work)
+    f, scale = joint_force(
+        scene.joined, room.joined_forced, window.omega, now.tau, scene.contact, work
+    )
     low, high = joint_bounds(scene.contact.limit, now.side)
     slack = JOINT_SLACK * scale
     if low - slack <= f <= high + slack:

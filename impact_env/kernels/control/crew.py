@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from impact_env.kernels.compiling.jit import INTEGER, jit, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Index
 
-LEFT, DONE = 0, 16  # places of the words that threads share: parts that nobody has taken, and parts that are done; each in a cache line of its own
+# places of the words that threads share: parts that nobody has taken, and parts that are done; each in a cache line of its own
+LEFT = 0
+DONE = 16
 MEETING = 1 << 15  # looks at the other threads' last parts before the caller goes back to Python
 
 

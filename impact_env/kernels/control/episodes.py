@@ -43,7 +43,10 @@ def go_on(way, change, ratio, duration, after, ended):
 
     Filled: ``duration`` in pseudo periods, ratio ``after`` it, whether the passage has ``ended`` there, each (L,).
     """
-    interval, width, far, sign = way.interval, way.width, way.far, way.sign
+    interval = way.interval
+    width = way.width
+    far = way.far
+    sign = way.sign
     for i in range(ratio.shape[0]):
         left = (far[i] - ratio[i]) * sign[i]
         rest = left - change[i] * interval
@@ -59,8 +62,11 @@ def order_intervals(orders, omega, period, duration, ratio, after, force, final)
     """Fill what ORDER records say of drive and end from arrays (L,): durations in periods (s), frequency ratios to ``omega`` (rad/s), forces (N)."""
     for i in range(orders.shape[0]):
         order = orders[i]
-        order.duration, order.force, order.final = duration[i] * period, force[i], final[i]
-        order.omega_start, order.omega_stop = ratio[i] * omega, after[i] * omega
+        order.duration = duration[i] * period
+        order.force = force[i]
+        order.final = final[i]
+        order.omega_start = ratio[i] * omega
+        order.omega_stop = after[i] * omega
 
 
 @jit
@@ -85,8 +91,17 @@ def pay_for_damage(reports, damage_scale, price, duration, fine, late, potential
 def fill_features(reports, units, ratio, elapsed, level, values):
     """Write the features that all tasks share into the first columns of ``values`` (L, features)."""
     for i in range(reports.shape[0]):
-        report, row = reports[i], values[i]
-        row[0], row[1], row[2] = report.in_phase / units.length, report.quadrature / units.length, report.distance / units.length
+        report = reports[i]
+        row = values[i]
+        row[0], row[1], row[2] = (
+            report.in_phase / units.length,
+            report.quadrature / units.length,
+            report.distance / units.length,
+        )
         row[3] = report.relative_velocity * units.per_velocity
         row[4], row[5] = report.impact_count / units.impacts, report.absorber_share
-        row[6], row[7], row[8] = (ratio[i] - units.origin) / units.frequency, 1.0 - elapsed[i] / units.steps, level[i]
+        row[6], row[7], row[8] = (
+            (ratio[i] - units.origin) / units.frequency,
+            1.0 - elapsed[i] / units.steps,
+            level[i],
+        )

@@ -17,7 +17,16 @@ from impact_env.kernels.exact import rigid_contact, springs
 from impact_env.kernels.exact.budget import EVALUATIONS_PER_EVENT, FIRST_EVENTS
 from impact_env.kernels.exact.rigid_contact import Walls
 from impact_env.kernels.motion.level import LEVEL, Level, clear_level, close_level
-from impact_env.kernels.motion.loads import ALPHA, BEGINS, NUMBERS, OMEGA, PHASE, POLYNOMIAL, Base, Load
+from impact_env.kernels.motion.loads import (
+    ALPHA,
+    BEGINS,
+    NUMBERS,
+    OMEGA,
+    PHASE,
+    POLYNOMIAL,
+    Base,
+    Load,
+)
 from impact_env.kernels.motion.observers import CLOCK, COUNTS, Counters, Observe
 from impact_env.kernels.motion.segments import last_sample
 from impact_env.kernels.motion.vector import TERMS
@@ -77,7 +86,14 @@ def new_lanes(lanes: int, slots: int, state: int, half_window: int) -> Lanes:
     """Return lanes at rest with this many slots and places of a state; ``half_window``: samples in half the level's window."""
     contacts = np.zeros(lanes, rigid_contact.NOW), np.zeros(lanes, springs.NOW)
     ring = np.zeros((lanes, half_window + 1))
-    return Lanes(np.zeros((lanes, 2, slots)), *contacts, np.zeros(lanes, KEPT), np.zeros((lanes, state)), ring, np.zeros(lanes, LEVEL))
+    return Lanes(
+        np.zeros((lanes, 2, slots)),
+        *contacts,
+        np.zeros(lanes, KEPT),
+        np.zeros((lanes, state)),
+        ring,
+        np.zeros(lanes, LEVEL),
+    )
 
 
 class Beside(NamedTuple):
@@ -140,9 +156,16 @@ class Desk(NamedTuple):
 def new_desk(watch):
     """Return scratch for one thread."""
     budget = np.zeros(1, COUNTS)
-    budget[0].most_events, budget[0].most_evaluations = FIRST_EVENTS, FIRST_EVENTS * EVALUATIONS_PER_EVENT
+    budget[0].most_events = FIRST_EVENTS
+    budget[0].most_evaluations = FIRST_EVENTS * EVALUATIONS_PER_EVENT
     return Desk(
-        np.zeros(1 + most_stretches(watch)), np.zeros(2), np.zeros(2), np.zeros(watch.samples), np.zeros(1, CLOCK), np.zeros(1, COUNTS), budget
+        np.zeros(1 + most_stretches(watch)),
+        np.zeros(2),
+        np.zeros(2),
+        np.zeros(watch.samples),
+        np.zeros(1, CLOCK),
+        np.zeros(1, COUNTS),
+        budget,
     )
 
 
@@ -162,7 +185,9 @@ def new_load(watch):
     if beside is None:
         return None
     most = most_stretches(watch)
-    pieces, which, base = np.zeros((1 + most, NUMBERS)), np.zeros((most, 2), np.int64), new_base(beside.base)
+    pieces = np.zeros((1 + most, NUMBERS))
+    which = np.zeros((most, 2), np.int64)
+    base = new_base(beside.base)
     return Load(pieces, which, beside.moves_base, np.zeros((2, TERMS)), base, np.zeros(1, np.bool_))
 
 
@@ -184,12 +209,20 @@ def lay_load(beside, order, times, load):
 
 @jit
 def _lay_record(beside, order, times, load):
-    record, step, pieces, duration = beside.record, beside.step, load.pieces, order.duration
-    size, place = record.shape[0], order.place
+    record = beside.record
+    step = beside.step
+    pieces = load.pieces
+    duration = order.duration
+    size = record.shape[0]
+    place = order.place
     if abs(place - np.floor(place + 0.5)) < SAME_PLACE:
         place = np.floor(place + 0.5)
-    first, n = int(np.floor(place)), 0
-    pieces[0, OMEGA], pieces[0, ALPHA] = order.omega_start, (order.omega_stop - order.omega_start) / duration
+    first = int(np.floor(place))
+    n = 0
+    pieces[0, OMEGA], pieces[0, ALPHA] = (
+        order.omega_start,
+        (order.omega_stop - order.omega_start) / duration,
+    )
     pieces[0, PHASE], pieces[0, POLYNOMIAL] = order.phase, order.force
     end = 0.0
     while end < duration - SAME_PLACE * step:
@@ -209,7 +242,13 @@ def observe_lane(desk, watch, lanes, i):
     """Return the observers of lane i, of which there is the level."""
     level = Level(lanes.ring[i], lanes.level[i], desk.block)
     return Observe(
-        clock=desk.clock[0], counters=Counters(desk.counts[0], None), level=level, events=None, series=None, energy=None, place=watch.place
+        clock=desk.clock[0],
+        counters=Counters(desk.counts[0], None),
+        level=level,
+        events=None,
+        series=None,
+        energy=None,
+        place=watch.place,
     )
 
 
@@ -221,7 +260,9 @@ def open_interval(desk, watch, lanes, i, order):
     desk.omegas[0], desk.omegas[1] = order.omega_start, order.omega_stop
     desk.phases[0] = order.phase
     desk.phases[1] = order.phase + 0.5 * (order.omega_start + order.omega_stop) * order.duration
-    clock.level, clock.interval, clock.series = 0, watch.sample_dt, 0
+    clock.level = 0
+    clock.interval = watch.sample_dt
+    clock.series = 0
     desk.counts[0] = desk.budget[0]
     if order.fresh:
         clear_level(Level(lanes.ring[i], lanes.level[i], desk.block))
@@ -234,35 +275,51 @@ def report_samples(desk, watch, order, report):
     step = watch.sample_dt
     change = (order.omega_stop - order.omega_start) / order.duration * step * step
     turn = order.omega_start * step + 0.5 * change
-    c, s = math.cos(order.phase), math.sin(order.phase)
-    turn_c, turn_s, change_c, change_s = math.cos(turn), math.sin(turn), math.cos(change), math.sin(change)
-    along, behind, square, damage = 0.0, 0.0, 0.0, 0.0
+    c = math.cos(order.phase)
+    s = math.sin(order.phase)
+    turn_c = math.cos(turn)
+    turn_s = math.sin(turn)
+    change_c = math.cos(change)
+    change_s = math.sin(change)
+    along = 0.0
+    behind = 0.0
+    square = 0.0
+    damage = 0.0
     for k in range(count):
         q = desk.block[k]
         along += q * c
         behind += q * s
         square += q * q
         c, s = c * turn_c - s * turn_s, c * turn_s + s * turn_c
-        turn_c, turn_s = turn_c * change_c - turn_s * change_s, turn_c * change_s + turn_s * change_c
+        turn_c, turn_s = (
+            turn_c * change_c - turn_s * change_s,
+            turn_c * change_s + turn_s * change_c,
+        )
     if watch.exponent > 0.0:
         for k in range(count):
             damage += (abs(desk.block[k]) / watch.unit) ** watch.exponent
     share = 1.0 / max(count, 1)
-    report.in_phase, report.quadrature = 2.0 * along * share, 2.0 * behind * share
-    report.mean_square, report.damage = square * share, damage
+    report.in_phase = 2.0 * along * share
+    report.quadrature = 2.0 * behind * share
+    report.mean_square = square * share
+    report.damage = damage
 
 
 @jit
 def report_state(watch, state, relative, relative_velocity, report):
     """Report what the state at the interval's end says."""
     modes = watch.omega.shape[0]
-    energy, tip = 0.0, 0.0
+    energy = 0.0
+    tip = 0.0
     for i in range(modes):
         tip += watch.tip_shape[i] * state[i]
-        omega_q, rate = watch.omega[i] * state[i], state[modes + 1 + i]
+        omega_q = watch.omega[i] * state[i]
+        rate = state[modes + 1 + i]
         energy += omega_q * omega_q + rate * rate
     absorber = watch.mass * (state[2 * modes + 1] * state[2 * modes + 1])
-    report.distance, report.relative_velocity, report.tip = relative, relative_velocity, tip
+    report.distance = relative
+    report.relative_velocity = relative_velocity
+    report.tip = tip
     report.absorber_share = absorber / (absorber + energy) if absorber > 0.0 else 0.0
 
 

@@ -70,20 +70,28 @@ def take_up(walls, lanes, i, order, distance, start, room):
 @jit
 def keep_order(kept, order, search_level):
     """Keep what was in use."""
-    kept.gap, kept.limit, kept.force, kept.search_level = order.gap, order.limit, order.force, search_level
+    kept.gap = order.gap
+    kept.limit = order.limit
+    kept.force = order.force
+    kept.search_level = search_level
 
 
 @jit
 def report_rigid(watch, scene, room, state, report):
     """Write the lane's state, and report its share."""
     exact.current_state(scene, room, state)
-    now, half = room.now[0], state.shape[0] // 2
+    now = room.now[0]
+    half = state.shape[0] // 2
     tip, tip_velocity = tip_motion(watch, state)
     if now.regime != FREE:
-        state[2 * half - 1] = tip_velocity  # to the last digit: `begin` then knows that they move as one
+        state[2 * half - 1] = (
+            tip_velocity  # to the last digit: `begin` then knows that they move as one
+        )
         report_state(watch, state, now.offset, 0.0, report)
     else:
-        report_state(watch, state, state[half - 1] - tip, state[2 * half - 1] - tip_velocity, report)
+        report_state(
+            watch, state, state[half - 1] - tip, state[2 * half - 1] - tip_velocity, report
+        )
 
 
 @jit_room
@@ -93,12 +101,16 @@ def rigid_lanes(scene, reach, batch, board, parts, patience):
     ``reach`` (s): longest window. The caller gives the number of ``parts`` that it has written on the board, a helper 0; ``patience``: looks at the
     board before a thread leaves. Walls' gap and friction limit are those of a lane's order.
     """
-    desk, load, fresh = new_desk(batch.watch), new_load(batch.watch), new_now(1)
+    desk = new_desk(batch.watch)
+    load = new_load(batch.watch)
+    fresh = new_now(1)
     room = new_room(scene.free, scene.joined, load, batch.lanes.state[0])
     fresh[0] = room.now[0]
     part = first_part(board, parts, patience)
     while part >= 0:
-        _each_rigid(scene, reach, batch, board.cuts[part, 0], board.cuts[part, 1], desk, load, room, fresh)
+        _each_rigid(
+            scene, reach, batch, board.cuts[part, 0], board.cuts[part, 1], desk, load, room, fresh
+        )
         part = next_part(board, patience)
     return all_done(board, parts)
 
@@ -108,18 +120,31 @@ def _each_rigid(scene, reach, batch, start, stop, desk, load, room, fresh):
     watch, lanes, orders, reports, status = batch
     free, joined, contact, losses = scene
     for i in range(start, stop):
-        order, report, state = orders[i], reports[i], lanes.state[i]
+        order = orders[i]
+        report = reports[i]
+        state = lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
         begins = take_up(contact.walls, lanes, i, order, report.distance, fresh, room)
-        walls, limit = with_gap(contact.walls, order.gap), with_limit(contact.limit, order.limit)
-        now_there = Rigid(free, joined, Contact(contact.mass, contact.compliance, contact.tip_shape, walls, limit, None), losses)
+        walls = with_gap(contact.walls, order.gap)
+        limit = with_limit(contact.limit, order.limit)
+        now_there = Rigid(
+            free,
+            joined,
+            Contact(contact.mass, contact.compliance, contact.tip_shape, walls, limit, None),
+            losses,
+        )
         stretches = lay_load(watch.beside, order, desk.times, load)
-        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach, load), observe_lane(desk, watch, lanes, i)
+        schedule = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach, load)
+        observe = observe_lane(desk, watch, lanes, i)
         if not begins:
             kept = lanes.kept[i]
-            take_change(now_there, limit, kept.limit, order.force != kept.force, schedule, room, state)
+            take_change(
+                now_there, limit, kept.limit, order.force != kept.force, schedule, room, state
+            )
         for k in range(stretches):
-            status[i] = exact.exact_stretch(now_there, schedule, k, k > 0 or not begins, room, state, observe)
+            status[i] = exact.exact_stretch(
+                now_there, schedule, k, k > 0 or not begins, room, state, observe
+            )
             if status[i] != DONE:
                 break
         report_rigid(watch, scene, room, state, report)
@@ -132,11 +157,14 @@ def _each_rigid(scene, reach, batch, start, stop, desk, load, room, fresh):
 @jit_room
 def linear_lanes(scene, reach, batch, board, parts, patience):
     """Take parts and advance the lanes of a scene with one linear regime, as `rigid_lanes`."""
-    desk, load = new_desk(batch.watch), new_load(batch.watch)
+    desk = new_desk(batch.watch)
+    load = new_load(batch.watch)
     room = linear.new_room(scene.regime, load, batch.lanes.state[0])
     part = first_part(board, parts, patience)
     while part >= 0:
-        _each_linear(scene, reach, batch, board.cuts[part, 0], board.cuts[part, 1], desk, load, room)
+        _each_linear(
+            scene, reach, batch, board.cuts[part, 0], board.cuts[part, 1], desk, load, room
+        )
         part = next_part(board, patience)
     return all_done(board, parts)
 
@@ -144,16 +172,20 @@ def linear_lanes(scene, reach, batch, board, parts, patience):
 @jit
 def _each_linear(scene, reach, batch, start, stop, desk, load, room):
     watch, lanes, orders, reports, status = batch
-    regime, work = scene.regime, room.work
+    regime = scene.regime
+    work = room.work
     for i in range(start, stop):
-        order, report, state = orders[i], reports[i], lanes.state[i]
+        order = orders[i]
+        report = reports[i]
+        state = lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
         if order.fresh:
             to_slots(regime.into, state, work.z)
         else:
             copy(lanes.z[i], work.z)
         stretches = lay_load(watch.beside, order, desk.times, load)
-        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach, load), observe_lane(desk, watch, lanes, i)
+        schedule = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach, load)
+        observe = observe_lane(desk, watch, lanes, i)
         for k in range(stretches):
             status[i] = linear.linear_stretch(scene, schedule, k, room, observe)
             if status[i] != DONE:
@@ -170,7 +202,9 @@ def report_relative(watch, state, report):
     half = state.shape[0] // 2
     if watch.mass > 0.0:
         tip, tip_velocity = tip_motion(watch, state)
-        report_state(watch, state, state[half - 1] - tip, state[2 * half - 1] - tip_velocity, report)
+        report_state(
+            watch, state, state[half - 1] - tip, state[2 * half - 1] - tip_velocity, report
+        )
     else:
         report_state(watch, state, 0.0, 0.0, report)
 
@@ -178,10 +212,14 @@ def report_relative(watch, state, report):
 @jit_room
 def compliant_lanes(scene, reach, batch, board, parts, patience):
     """Take parts and advance the lanes of a scene with compliant contact, as `rigid_lanes`."""
-    desk, room, fresh = new_desk(batch.watch), compliant.new_room(scene.regimes, None, batch.lanes.state[0]), springs.new_now()
+    desk = new_desk(batch.watch)
+    room = compliant.new_room(scene.regimes, None, batch.lanes.state[0])
+    fresh = springs.new_now()
     part = first_part(board, parts, patience)
     while part >= 0:
-        _each_compliant(scene, reach, batch, board.cuts[part, 0], board.cuts[part, 1], desk, room, fresh)
+        _each_compliant(
+            scene, reach, batch, board.cuts[part, 0], board.cuts[part, 1], desk, room, fresh
+        )
         part = next_part(board, patience)
     return all_done(board, parts)
 
@@ -190,14 +228,25 @@ def compliant_lanes(scene, reach, batch, board, parts, patience):
 def _each_compliant(scene, reach, batch, start, stop, desk, room, fresh):
     watch, lanes, orders, reports, status = batch
     for i in range(start, stop):
-        order, report, state = orders[i], reports[i], lanes.state[i]
+        order = orders[i]
+        report = reports[i]
+        state = lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
-        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach, None), observe_lane(desk, watch, lanes, i)
+        schedule = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach, None)
+        observe = observe_lane(desk, watch, lanes, i)
         room.now[0] = lanes.sprung[i]
         room.signal.memory[0] = lanes.kept[i].search_level
         if order.fresh:
             room.now[0], room.signal.memory[0] = fresh[0], 0.0
-            springs.begin(scene.springs, scene.gap, scene.limit, room.now[0], state, scene.contact, observe.counters)
+            springs.begin(
+                scene.springs,
+                scene.gap,
+                scene.limit,
+                room.now[0],
+                state,
+                scene.contact,
+                observe.counters,
+            )
         status[i] = compliant.compliant_stretch(scene, schedule, 0, room, state, observe)
         report_relative(watch, state, report)
         close_interval(desk, watch, observe.level, state, order, report)
@@ -230,16 +279,27 @@ def close_walls(walls, lanes, i, order, distance):
 @jit_view
 def observe_steps(seen, series):
     """Return observers that record the states, from which the level is taken later."""
-    return Observe(clock=seen.clock, counters=seen.counters, level=None, events=None, series=series, energy=None, place=None)
+    return Observe(
+        clock=seen.clock,
+        counters=seen.counters,
+        level=None,
+        events=None,
+        series=series,
+        energy=None,
+        place=None,
+    )
 
 
 @jit_room
 def moreau_lanes(modes, laws, step, batch, board, parts, patience):
     """Take parts and advance their lanes with the Moreau scheme, as `rigid_lanes`; ``modes``, ``laws``, ``step`` as in `moreau_lane`."""
-    desk, series = new_desk(batch.watch), Series(np.zeros((batch.watch.samples + 1, batch.lanes.state.shape[1])))
+    desk = new_desk(batch.watch)
+    series = Series(np.zeros((batch.watch.samples + 1, batch.lanes.state.shape[1])))
     part = first_part(board, parts, patience)
     while part >= 0:
-        _each_moreau(modes, laws, step, batch, board.cuts[part, 0], board.cuts[part, 1], desk, series)
+        _each_moreau(
+            modes, laws, step, batch, board.cuts[part, 0], board.cuts[part, 1], desk, series
+        )
         part = next_part(board, patience)
     return all_done(board, parts)
 
@@ -248,13 +308,22 @@ def moreau_lanes(modes, laws, step, batch, board, parts, patience):
 def _each_moreau(modes, laws, step, batch, start, stop, desk, series):
     watch, lanes, orders, reports, status = batch
     for i in range(start, stop):
-        order, report, state = orders[i], reports[i], lanes.state[i]
+        order = orders[i]
+        report = reports[i]
+        state = lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
         observe = observe_lane(desk, watch, lanes, i)
         close_walls(laws.walls, lanes, i, order, report.distance)
-        now_there = RigidLaws(laws.mass, with_gap(laws.walls, order.gap), with_limit(laws.limit, order.limit), laws.spring)
+        now_there = RigidLaws(
+            laws.mass,
+            with_gap(laws.walls, order.gap),
+            with_limit(laws.limit, order.limit),
+            laws.spring,
+        )
         force = Force(desk.times, desk.omegas, desk.phases, order.force, 0.0, None)
-        status[i] = moreau_lane(modes, now_there, force, state, step, observe_steps(observe, series))
+        status[i] = moreau_lane(
+            modes, now_there, force, state, step, observe_steps(observe, series)
+        )
         take_rows(desk, watch, series, observe.level, order)
         report_relative(watch, state, report)
         close_interval(desk, watch, observe.level, state, order, report)
@@ -264,10 +333,13 @@ def _each_moreau(modes, laws, step, batch, start, stop, desk, series):
 @jit_room
 def runge_kutta_lanes(modes, laws, step, batch, board, parts, patience):
     """Take parts and advance their lanes with the Runge-Kutta method, as `moreau_lanes`. No friction."""
-    desk, series = new_desk(batch.watch), Series(np.zeros((batch.watch.samples + 1, batch.lanes.state.shape[1])))
+    desk = new_desk(batch.watch)
+    series = Series(np.zeros((batch.watch.samples + 1, batch.lanes.state.shape[1])))
     part = first_part(board, parts, patience)
     while part >= 0:
-        _each_runge_kutta(modes, laws, step, batch, board.cuts[part, 0], board.cuts[part, 1], desk, series)
+        _each_runge_kutta(
+            modes, laws, step, batch, board.cuts[part, 0], board.cuts[part, 1], desk, series
+        )
         part = next_part(board, patience)
     return all_done(board, parts)
 
@@ -276,10 +348,15 @@ def runge_kutta_lanes(modes, laws, step, batch, board, parts, patience):
 def _each_runge_kutta(modes, laws, step, batch, start, stop, desk, series):
     watch, lanes, orders, reports, status = batch
     for i in range(start, stop):
-        order, report, state = orders[i], reports[i], lanes.state[i]
+        order = orders[i]
+        report = reports[i]
+        state = lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
-        observe, force = observe_lane(desk, watch, lanes, i), Force(desk.times, desk.omegas, desk.phases, order.force, 0.0, None)
-        status[i] = runge_kutta_lane(modes, laws, force, state, step, observe_steps(observe, series))
+        observe = observe_lane(desk, watch, lanes, i)
+        force = Force(desk.times, desk.omegas, desk.phases, order.force, 0.0, None)
+        status[i] = runge_kutta_lane(
+            modes, laws, force, state, step, observe_steps(observe, series)
+        )
         take_rows(desk, watch, series, observe.level, order)
         report_relative(watch, state, report)
         close_interval(desk, watch, observe.level, state, order, report)

@@ -20,7 +20,9 @@ from impact_env.kernels.motion.slots import SPEED
 from impact_env.kernels.motion.vector import TERMS
 
 Array = NDArray[np.float64]
-UNKNOWN, OWN, COUPLED, CANCELLING = range(4)  # kinds of regime: not met yet; one slot a mode; any slots; those that are left to quadrature
+UNKNOWN, OWN, COUPLED, CANCELLING = range(
+    4
+)  # kinds of regime: not met yet; one slot a mode; any slots; those that are left to quadrature
 MOST_CANCELLING = 30.0  # amplitudes of slots over the velocity that they add up to: squared, it multiplies rounding
 # of a regime: its kind; how many powers of products count; how many pairs of slots need series; the centre of the window whose forced part is known
 KNOWN = record(kind=INTEGER, order=INTEGER, series=INTEGER, window=NUMBER)
@@ -81,13 +83,23 @@ def new_account(energy, regimes, slots):
     for r in range(regimes):
         known[r].window = np.nan
     rows = np.zeros((regimes, _ROWS + (2 + PLANES) * slots, slots))
-    return Account(energy.totals, energy.modal, known, np.zeros((regimes, slots), np.int64), rows, np.zeros((regimes, 15, WIDTH)))
+    return Account(
+        energy.totals,
+        energy.modal,
+        known,
+        np.zeros((regimes, slots), np.int64),
+        rows,
+        np.zeros((regimes, 15, WIDTH)),
+    )
 
 
 @jit_view
 def account_of(account, r):
     """Return an account's sums of its regime number r."""
-    rows, powers, size, at = account.rows[r], account.powers[r], account.rows.shape[2], 6 + 6 * TERMS
+    rows = account.rows[r]
+    powers = account.powers[r]
+    size = account.rows.shape[2]
+    at = 6 + 6 * TERMS
     return RegimeAccount(
         velocity=rows[:2],
         point=rows[2:4],
@@ -124,12 +136,15 @@ def observe_with(observe, account):
 @jit_inline
 def learn_regime(known, mode, own, regime, losses):
     """Fill what belongs to a regime whatever the force: record ``known``, ``mode`` (J,) and weights of its `RegimeAccount`."""
-    modes, half, size = losses.rate.shape[0], regime.out.shape[1] // 2, regime.out.shape[2]
+    modes = losses.rate.shape[0]
+    half = regime.out.shape[1] // 2
+    size = regime.out.shape[2]
     for j in range(size):
         if regime.slots.rows[SPEED, j] == 0.0:
             continue
         for part in range(2):
-            tip, point = 0.0, 0.0
+            tip = 0.0
+            point = 0.0
             for i in range(modes):
                 v = regime.out[part, half + i, j]
                 own.shape[part * size + j, i] = v
@@ -150,11 +165,14 @@ def learn_regime(known, mode, own, regime, losses):
 @jit
 def _cancels(regime, modes, half):
     """Return whether slots of a state can be much larger than what they add up to: two are almost the same."""
-    out, into = regime.out, regime.into
+    out = regime.out
+    into = regime.into
     for i in range(half, half + modes):
         amplitude = 0.0
         for j in range(out.shape[2]):
-            amplitude += np.hypot(out[0, i, j], out[1, i, j]) * np.hypot(into[0, i, j], into[1, i, j])
+            amplitude += np.hypot(out[0, i, j], out[1, i, j]) * np.hypot(
+                into[0, i, j], into[1, i, j]
+            )
         if amplitude > MOST_CANCELLING:
             return True
     return False
@@ -167,7 +185,8 @@ def _find_places(modes, mode, shape, velocity):
     for j in range(size):
         mode[j] = -1
         for i in range(modes):
-            v_r, v_i = shape[j, i], shape[size + j, i]
+            v_r = shape[j, i]
+            v_i = shape[size + j, i]
             if v_r != 0.0 or v_i != 0.0:
                 if mode[j] >= 0:
                     return False

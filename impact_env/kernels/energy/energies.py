@@ -9,7 +9,13 @@ from __future__ import annotations
 
 from impact_env.kernels.compiling.jit import jit, jit_inline
 from impact_env.kernels.energy.account import CANCELLING, OWN, UNKNOWN, account_of, learn_regime
-from impact_env.kernels.energy.moments import PRODUCTS, SLOW, fill_factors, fill_moments, fill_powers
+from impact_env.kernels.energy.moments import (
+    PRODUCTS,
+    SLOW,
+    fill_factors,
+    fill_moments,
+    fill_powers,
+)
 from impact_env.kernels.energy.pairs import add_own_squares, add_pairs, integrate_pairs
 from impact_env.kernels.energy.quadrature import add_by_quadrature
 from impact_env.kernels.energy.sums import (
@@ -38,13 +44,19 @@ def add_energy(stretch, losses, state, r, account):
     """
     if account is None:
         return
-    tau, end, window, z, w = stretch.tau, stretch.end, stretch.window, stretch.work.z, stretch.work.rows[0]
+    tau = stretch.tau
+    end = stretch.end
+    window = stretch.window
+    z = stretch.work.z
+    w = stretch.work.rows[0]
     if not end > tau:
         return
     if window.load is not None:
         add_by_quadrature(stretch, losses, state, account)
         return
-    known, own, slots = account.known[r], account_of(account, r), stretch.regime.slots
+    known = account.known[r]
+    own = account_of(account, r)
+    slots = stretch.regime.slots
     if known.kind == UNKNOWN:
         learn_regime(known, account.mode[r], own, stretch.regime, losses)
     if known.kind == CANCELLING:
@@ -56,7 +68,9 @@ def add_energy(stretch, losses, state, r, account):
     advance(slots.rows, slots.table, slots.scale, end - tau, w)
     _fill_powers(own, known.order, window, tau, end)
     add_products(own.products, own.squares.shape[0], known.order, own.factors, own.squares)
-    work = _forced_work(own, known.order) + _add_free_part(known, own, slots.rows, window, end - tau, z, w)
+    work = _forced_work(own, known.order) + _add_free_part(
+        known, own, slots.rows, window, end - tau, z, w
+    )
     _book(known.kind, account.mode[r], own.squares, losses, account.modal, account.totals[0])
     account.totals[0].work += work
 
@@ -79,7 +93,8 @@ def _learn_window(known, own, forced, window):
 @jit
 def _power_order(power):
     """Return how many powers of the products with the force count."""
-    order, largest = 1, 0.0
+    order = 1
+    largest = 0.0
     for p in range(PRODUCTS):
         largest = max(largest, abs(power[0, p]) + abs(power[1, p]) + abs(power[2, p]))
     for p in range(1, PRODUCTS):
@@ -94,7 +109,8 @@ def _fill_powers(own, order, window, tau, end):
     (c, s), (d, t) = cos_sin(window.omega * tau), cos_sin(window.omega * end)
     own.carrier[0], own.carrier[1], own.carrier[2], own.carrier[3] = c, s, d, t
     fill_powers(tau / window.half, end / window.half, own.ends)
-    first, last = complex(c * c - s * s, 2.0 * c * s), complex(d * d - t * t, 2.0 * d * t)
+    first = complex(c * c - s * s, 2.0 * c * s)
+    last = complex(d * d - t * t, 2.0 * d * t)
     fill_factors(window.omega, window.half, order, first, last, own.ends, own.factors)
 
 
@@ -136,9 +152,20 @@ def _mend_moments(rows, window, ends, carrier, near, z, w, moments):
             exponent = complex(rows[S, j], rows[S + 1, j] + sign * window.omega)
             first = complex(z[0, j], z[1, j]) * complex(carrier[0], sign * carrier[1])
             last = complex(w[0, j], w[1, j]) * complex(carrier[2], sign * carrier[3])
-            fill_moments(exponent, window.half, ends, first, last, near[2 * k, :TERMS], near[2 * k + 1, :TERMS])
+            fill_moments(
+                exponent,
+                window.half,
+                ends,
+                first,
+                last,
+                near[2 * k, :TERMS],
+                near[2 * k + 1, :TERMS],
+            )
         for n in range(TERMS):
-            up_r, up_i, down_r, down_i = near[0, n], near[1, n], near[2, n], near[3, n]
+            up_r = near[0, n]
+            up_i = near[1, n]
+            down_r = near[2, n]
+            down_i = near[3, n]
             moments[n, j], moments[TERMS + n, j] = up_r + down_r, up_i - down_i
             moments[2 * TERMS + n, j], moments[3 * TERMS + n, j] = up_r - down_r, up_i + down_i
 

@@ -16,7 +16,9 @@ from impact_env.kernels.motion.slots import S
 from impact_env.kernels.motion.vector import TERMS
 
 SMALL_DECAY = 0.125  # exponent up to which a decay is a series
-FEW_TURNS, CLOSE = 0.3, 0.05  # two slots are close if their difference turns less than this over the stretch, and is below this share of them
+# two slots are close if their difference turns less than this over the stretch, and is below this share of them
+FEW_TURNS = 0.3
+CLOSE = 0.05
 SLOW = 0.5  # rad over half a window: what turns less is integrated by series
 _F = tuple(1.0 / math.factorial(n + 1) for n in range(11))
 EXTRA = 10  # orders above the wanted ones where that begins: SLOW^EXTRA 8!/(8 + EXTRA)! is far below rounding of the whole
@@ -35,7 +37,8 @@ def decay_series(y):
 @jit
 def decay_integral(rate, h):
     """Return the integral of exp(rate t) over [0, h] for rate <= 0: a series over a part of h, which is then doubled. No table is used."""
-    y, doublings = rate * h, 0
+    y = rate * h
+    doublings = 0
     while y < -SMALL_DECAY:
         y *= 0.5
         doublings += 1
@@ -49,7 +52,9 @@ def decay_integral(rate, h):
 @jit
 def decay_integrals(rows, h, decay):
     """Write the integral of |exp(s t)|^2 over [0, h] for each slot to decay (J,)."""
-    fastest, part, doublings = 0.0, 2.0 * h, 0
+    fastest = 0.0
+    part = 2.0 * h
+    doublings = 0
     for j in range(decay.shape[0]):
         fastest = min(fastest, rows[S, j])
     while fastest * part < -SMALL_DECAY:
@@ -79,23 +84,28 @@ def pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i):
         return f * a_r, f * a_i
     square = l_r * l_r + l_i * l_i
     if square * h * h < FEW_TURNS * FEW_TURNS:
-        x_r, x_i = l_r * h, l_i * h
-        f_r, f_i = 1.0, 0.0
+        x_r = l_r * h
+        x_i = l_i * h
+        f_r = 1.0
+        f_i = 0.0
         for n in range(11):
             scale = 1.0 / (12.0 - n)
             f_r, f_i = 1.0 + (f_r * x_r - f_i * x_i) * scale, (f_r * x_i + f_i * x_r) * scale
         return h * (a_r * f_r - a_i * f_i), h * (a_r * f_i + a_i * f_r)
-    d_r, d_i = b_r - a_r, b_i - a_i
+    d_r = b_r - a_r
+    d_i = b_i - a_i
     return (d_r * l_r + d_i * l_i) / square, (d_i * l_r - d_r * l_i) / square
 
 
 @jit_inline
 def fill_powers(first, last, ends):
     """Write the powers of the stretch's ends, in half windows from the window's centre, to ``ends`` (2, WIDTH)."""
-    p, q = 1.0, 1.0
+    p = 1.0
+    q = 1.0
     for k in range(WIDTH):
         ends[0, k], ends[1, k] = p, q
-        p, q = p * first, q * last
+        p = p * first
+        q = q * last
 
 
 @jit
@@ -105,11 +115,15 @@ def fill_moments(exponent, half, ends, first, last, out_r, out_i):
     y turns as exp(exponent t), from ``first`` at the begin of the stretch to ``last`` at its end, complex numbers all three. ``ends``: from
     `fill_powers`.
     """
-    count, square, moment = out_r.shape[0], exponent.real * exponent.real + exponent.imag * exponent.imag, complex(0.0, 0.0)
+    count = out_r.shape[0]
+    square = exponent.real * exponent.real + exponent.imag * exponent.imag
+    moment = complex(0.0, 0.0)
     if square * half * half < SLOW * SLOW:
         for m in range(count + EXTRA):
             k = count + EXTRA - m
-            moment = half * _INVERSE[k] * (ends[1, k] * last - ends[0, k] * first - exponent * moment)
+            moment = (
+                half * _INVERSE[k] * (ends[1, k] * last - ends[0, k] * first - exponent * moment)
+            )
             if k <= count:
                 out_r[k - 1], out_i[k - 1] = moment.real, moment.imag
         return
@@ -125,7 +139,9 @@ def fill_factors(omega, half, count, first, last, ends, factors):
 
     The product of Re(a E) and Re(b E), twice: Re a Re b + Im a Im b without a carrier, and a b on its square, which turns from ``first`` to ``last``.
     """
-    fill_moments(complex(0.0, 2.0 * omega), half, ends, first, last, factors[0, :count], factors[2, :count])
+    fill_moments(
+        complex(0.0, 2.0 * omega), half, ends, first, last, factors[0, :count], factors[2, :count]
+    )
     for k in range(count):
         plain = half * (ends[1, k + 1] - ends[0, k + 1]) * _INVERSE[k + 1]
         x = factors[0, k]

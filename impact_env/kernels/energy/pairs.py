@@ -13,7 +13,11 @@ from impact_env.kernels.motion.slots import SPEED, SPEED_SQUARE, S
 
 # planes of pairs (PLANES J, J), of J rows each, for slots j <= k: inverse of s_j + s_k and of s_j + conj(s_k), real and imaginary, 0 where a series
 # is needed; which of the two need one (1, 2, 3: both); integrals over a stretch of the products of real and imaginary parts of both
-TOGETHER, APART, SERIES, FOUND, PLANES = 0, 2, 4, 5, 9
+TOGETHER = 0
+APART = 2
+SERIES = 4
+FOUND = 5
+PLANES = 9
 
 
 @jit_inline
@@ -25,19 +29,24 @@ def _needs_series(j, k, special):
 @jit
 def learn_pairs(rows, pairs):
     """Fill what a regime knows of its pairs, and return how many need series; a slot that decays with its own conjugate is not counted."""
-    count, size = 0, rows.shape[1]
+    count = 0
+    size = rows.shape[1]
     for j in range(size):
         for k in range(j, size):
             if rows[SPEED, j] == 0.0 or rows[SPEED, k] == 0.0:
                 continue
             special = 0
             for side in range(2):
-                l_r, l_i = rows[S, j] + rows[S, k], rows[S + 1, j] + (1.0 - 2.0 * side) * rows[S + 1, k]
+                l_r = rows[S, j] + rows[S, k]
+                l_i = rows[S + 1, j] + (1.0 - 2.0 * side) * rows[S + 1, k]
                 if l_i == 0.0 or is_close(l_r, l_i, rows[SPEED, j]):
                     special += 1 + side
                     continue
                 scale = (0.5 if j == k else 1.0) / (l_r * l_r + l_i * l_i)
-                pairs[2 * side * size + j, k], pairs[(2 * side + 1) * size + j, k] = l_r * scale, -l_i * scale
+                pairs[2 * side * size + j, k], pairs[(2 * side + 1) * size + j, k] = (
+                    l_r * scale,
+                    -l_i * scale,
+                )
             pairs[SERIES * size + j, k] = special
             count += 1 if _needs_series(j, k, special) else 0
     return count
@@ -48,7 +57,10 @@ def _pair_integrals(code: Code, pairs, size: Index, z, w):
     """Fill FOUND for slots z at begin and w at end of the stretch; what is a series counts as zero."""
     plane = size * size
     for j in code.loop(size):
-        one = [Complex(*(code.spread(code.number(y, j + part), LANES) for part in (0, size))) for y in (z, w)]
+        one = [
+            Complex(*(code.spread(code.number(y, j + part), LANES) for part in (0, size)))
+            for y in (z, w)
+        ]
         first = j & -LANES
         for k in code.loop(size, LANES, first):
             other = [code.complex(y, k, k + size, LANES) for y in (z, w)]
@@ -59,9 +71,13 @@ def _pair_integrals(code: Code, pairs, size: Index, z, w):
                 partners = other if side == 0 else [Complex(y.real, -y.imag) for y in other]
                 begin, end = (a.times(b) for a, b in zip(one, partners, strict=True))
                 change = Complex(end.real - begin.real, end.imag - begin.imag)
-                both.append(change.times(code.complex(pairs, places[start], places[start + 1], LANES)))
+                both.append(
+                    change.times(code.complex(pairs, places[start], places[start + 1], LANES))
+                )
             p, m = both
-            for n, number in enumerate((m.real + p.real, m.real - p.real, p.imag - m.imag, p.imag + m.imag)):
+            for n, number in enumerate(
+                (m.real + p.real, m.real - p.real, p.imag - m.imag, p.imag + m.imag)
+            ):
                 code.store(number, pairs, places[FOUND + n])
 
 
@@ -74,10 +90,13 @@ def add_pairs(code: Code, shape, size: Index, pairs, found):
         for j in code.loop(size):
             sums = [code.sum(code.lanes) for _ in range(4)]
             for k in code.loop(size, 1, j):
-                at, here = size * k + i, j * size + k
+                at = size * k + i
+                here = j * size + k
                 other = code.complex(shape, at, at + plane)
                 for n, part in enumerate((other.real, other.imag, other.imag, other.real)):
-                    sums[n].add_product(part, code.spread(code.number(pairs, here + plane * (FOUND + n))))
+                    sums[n].add_product(
+                        part, code.spread(code.number(pairs, here + plane * (FOUND + n)))
+                    )
             at = size * j + i
             one = code.complex(shape, at, at + plane)
             rr, ii, ri, ir = (each.number() for each in sums)
@@ -100,11 +119,15 @@ def _add_series(rows, pairs, h, z, w):
                 if special != 1.0 + side and special != 3.0:
                     continue
                 sign = 1.0 - 2.0 * side
-                l_r, l_i = rows[S, j] + rows[S, k], rows[S + 1, j] + sign * rows[S + 1, k]
-                a_r, a_i = z[0, j] * z[0, k] - sign * z[1, j] * z[1, k], sign * z[0, j] * z[1, k] + z[1, j] * z[0, k]
-                b_r, b_i = w[0, j] * w[0, k] - sign * w[1, j] * w[1, k], sign * w[0, j] * w[1, k] + w[1, j] * w[0, k]
+                l_r = rows[S, j] + rows[S, k]
+                l_i = rows[S + 1, j] + sign * rows[S + 1, k]
+                a_r = z[0, j] * z[0, k] - sign * z[1, j] * z[1, k]
+                a_i = sign * z[0, j] * z[1, k] + z[1, j] * z[0, k]
+                b_r = w[0, j] * w[0, k] - sign * w[1, j] * w[1, k]
+                b_i = sign * w[0, j] * w[1, k] + w[1, j] * w[0, k]
                 x, y = pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i)
-                x, y = factor * x, factor * y
+                x = factor * x
+                y = factor * y
                 pairs[FOUND * size + j, k] += x
                 pairs[(FOUND + 1) * size + j, k] -= sign * x
                 pairs[(FOUND + 2) * size + j, k] += sign * y
@@ -138,7 +161,12 @@ def add_own_squares(rows, velocity, h, z, w, decay, squares):
     decay_integrals(rows, h, decay)
     for j in range(decay.shape[0]):
         v = complex(velocity[0, j], velocity[1, j])
-        a, b = v * complex(z[0, j], z[1, j]), v * complex(w[0, j], w[1, j])
+        a = v * complex(z[0, j], z[1, j])
+        b = v * complex(w[0, j], w[1, j])
         change = b * b - a * a
-        turning = 0.5 * (change.real * rows[S, j] + change.imag * rows[S + 1, j]) / (rows[SPEED_SQUARE, j] + 1e-300)
+        turning = (
+            0.5
+            * (change.real * rows[S, j] + change.imag * rows[S + 1, j])
+            / (rows[SPEED_SQUARE, j] + 1e-300)
+        )
         squares[j] += 0.5 * ((a.real * a.real + a.imag * a.imag) * decay[j] + turning)

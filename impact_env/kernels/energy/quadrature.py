@@ -53,7 +53,8 @@ def base_power(window, losses, own, state, tau):
 def _power_of(base, omega, losses, own, state, tau):
     if base is None:
         return 0.0
-    momentum, half = base.carried * own, state.shape[0] // 2
+    momentum = base.carried * own
+    half = state.shape[0] // 2
     for i in range(losses.rate.shape[0]):
         momentum += base.participation[i] * state[half + i]
     return -value_of(base.terms, omega, tau) * momentum
@@ -65,8 +66,14 @@ def add_by_quadrature(stretch, losses, state, energy):
 
     Of absorbers only a tuned one has a damper; ``state`` is scratch.
     """
-    modes, half, window = losses.rate.shape[0], state.shape[0] // 2, stretch.window
-    slots, p, absorber, tau, end = stretch.regime.slots, stretch.work.rows[0], stretch.motion[0], stretch.tau, stretch.end
+    modes = losses.rate.shape[0]
+    half = state.shape[0] // 2
+    window = stretch.window
+    slots = stretch.regime.slots
+    p = stretch.work.rows[0]
+    absorber = stretch.motion[0]
+    tau = stretch.tau
+    end = stretch.end
     copy(stretch.work.z, p)
     force_size = np.sqrt(window.force_r * window.force_r + window.force_i * window.force_i)
     phase = math.atan2(window.force_i, window.force_r)
@@ -82,7 +89,8 @@ def add_by_quadrature(stretch, losses, state, energy):
             f = force_at(window, force_size, phase, c)
             add_own_motion(stretch, c, state)
             weight = 0.5 * h * _WEIGHTS[k]
-            power, tip = 0.0, 0.0
+            power = 0.0
+            tip = 0.0
             for i in range(modes):
                 v = state[half + i]
                 power += losses.force_shape[i] * v

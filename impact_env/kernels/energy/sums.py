@@ -21,7 +21,9 @@ NEGLIGIBLE = 1e-17  # coefficients below this share of the largest one are left 
 
 
 def _store_powers(code: Code, up: Complex, down: Complex, powers: Any, at: Any, plane: Any) -> None:
-    for k, part in enumerate((up.real + down.real, up.imag - down.imag, up.real - down.real, up.imag + down.imag)):
+    for k, part in enumerate(
+        (up.real + down.real, up.imag - down.imag, up.real - down.real, up.imag + down.imag)
+    ):
         code.store(part, powers, at + plane * k)
 
 
@@ -39,22 +41,32 @@ def forced_powers(code: Code, slots, size: Index, half: Number, powers):
 
 
 @vector_code()
-def slot_moments(code: Code, rows, size: Index, omega: Number, half: Number, ends, carrier, z, w, powers):
+def slot_moments(
+    code: Code, rows, size: Index, omega: Number, half: Number, ends, carrier, z, w, powers
+):
     """Write to ``powers`` the integrals of x^k y over a stretch: x the time in half windows, y a slot times the carrier, or its conjugate.
 
     They are divided by the difference of slot and carrier; where it is almost zero they are to be mended.
     """
-    plane, inverse_half = size * TERMS, code.repeated(1.0, 0) / half
+    plane = size * TERMS
+    inverse_half = code.repeated(1.0, 0) / half
     times = [[code.number(ends, end * WIDTH + k) for k in range(TERMS)] for end in range(2)]
     for j in code.fours(size):
-        s_r, s_i = code.vector(rows, j), code.vector(rows, size + j)
+        s_r = code.vector(rows, j)
+        s_i = code.vector(rows, size + j)
         slots = [code.complex(y, j, size + j) for y in (z, w)]
         sides = []
         for sign in (1.0, -1.0):
             l_i = code.spread(omega).fma(code.repeated(sign), s_i)
             scale = code.repeated(1.0) / s_r.fma(s_r, l_i.fma(l_i, code.repeated(1e-300)))
-            turns = [Complex(*(code.spread(code.number(carrier, 2 * end + part)) for part in range(2))) for end in range(2)]
-            both = [y.times(Complex(turn.real, turn.imag * code.repeated(sign))) for y, turn in zip(slots, turns, strict=True)]
+            turns = [
+                Complex(*(code.spread(code.number(carrier, 2 * end + part)) for part in range(2)))
+                for end in range(2)
+            ]
+            both = [
+                y.times(Complex(turn.real, turn.imag * code.repeated(sign)))
+                for y, turn in zip(slots, turns, strict=True)
+            ]
             sides.append((Complex(s_r * scale, -(l_i * scale)), *both))
         moments: list[Complex] = []
         for k in range(TERMS):
@@ -71,19 +83,29 @@ def slot_moments(code: Code, rows, size: Index, omega: Number, half: Number, end
             _store_powers(code, up, down, powers, size * k + j, plane)
 
 
-def _own_velocities(code: Code, shape: Any, size: Any, powers: Any) -> Iterator[tuple[Any, list[Complex]]]:
+def _own_velocities(
+    code: Code, shape: Any, size: Any, powers: Any
+) -> Iterator[tuple[Any, list[Complex]]]:
     """Repeat what follows for some slots each, with their velocities' powers; ``shape`` (2, size): each slot is a mode."""
     plane = size * TERMS
     for j in code.fours(size):
-        weight, velocities = code.complex(shape, j, size + j), []
+        weight = code.complex(shape, j, size + j)
+        velocities = []
         for n in range(TERMS):
             at = size * n + j
             p_r, p_i, m_r, m_i = (code.vector(powers, at + plane * k) for k in range(4))
-            velocities.append(Complex(weight.real.fma(p_r, -(weight.imag * m_i)), weight.real.fma(p_i, weight.imag * m_r)))
+            velocities.append(
+                Complex(
+                    weight.real.fma(p_r, -(weight.imag * m_i)),
+                    weight.real.fma(p_i, weight.imag * m_r),
+                )
+            )
         yield j, velocities
 
 
-def _velocities(code: Code, shape: Any, size: Any, powers: Any) -> Iterator[tuple[Any, list[Complex]]]:
+def _velocities(
+    code: Code, shape: Any, size: Any, powers: Any
+) -> Iterator[tuple[Any, list[Complex]]]:
     """Repeat what follows for some columns each, with their velocities' powers; ``shape`` (2, size, size)."""
     plane = size * TERMS
     for i in code.fours(size):
@@ -94,7 +116,9 @@ def _velocities(code: Code, shape: Any, size: Any, powers: Any) -> Iterator[tupl
             minus = -weight.imag
             for n, (real, imag) in enumerate(sums):
                 here = size * n + j
-                p_r, p_i, m_r, m_i = (code.spread(code.number(powers, here + plane * k)) for k in range(4))
+                p_r, p_i, m_r, m_i = (
+                    code.spread(code.number(powers, here + plane * k)) for k in range(4)
+                )
                 real.add_product(weight.real, p_r)
                 real.add_product(minus, m_i)
                 imag.add_product(weight.real, p_i)
@@ -105,20 +129,30 @@ def _velocities(code: Code, shape: Any, size: Any, powers: Any) -> Iterator[tupl
 def _partners(coupled: bool) -> Any:
     @vector_code()
     def partners(code: Code, shape, size: Index, powers, partner):
-        walk = _velocities(code, shape, size, powers) if coupled else _own_velocities(code, shape, size, powers)
+        walk = (
+            _velocities(code, shape, size, powers)
+            if coupled
+            else _own_velocities(code, shape, size, powers)
+        )
         for i, velocities in walk:
             for n, velocity in enumerate(velocities):
                 at = size * n + i
                 code.store_complex(velocity, partner, at, at + size * TERMS)
 
-    partners.__doc__ = "Write the velocities' forced parts to ``partner``; ``powers``: of the slots' forced parts."
+    partners.__doc__ = (
+        "Write the velocities' forced parts to ``partner``; ``powers``: of the slots' forced parts."
+    )
     return partners
 
 
 def _mixed(coupled: bool) -> Any:
     @vector_code()
     def mixed(code: Code, shape, size: Index, powers, partner, found):
-        walk = _velocities(code, shape, size, powers) if coupled else _own_velocities(code, shape, size, powers)
+        walk = (
+            _velocities(code, shape, size, powers)
+            if coupled
+            else _own_velocities(code, shape, size, powers)
+        )
         for i, velocities in walk:
             total = code.vector(found, i)
             for n, velocity in enumerate(velocities):
@@ -131,8 +165,10 @@ def _mixed(coupled: bool) -> Any:
     return mixed
 
 
-own_partners, coupled_partners = _partners(False), _partners(True)
-own_mixed, coupled_mixed = _mixed(False), _mixed(True)
+own_partners = _partners(False)
+coupled_partners = _partners(True)
+own_mixed = _mixed(False)
+coupled_mixed = _mixed(True)
 
 
 @vector_code(NUMBER)
@@ -154,10 +190,17 @@ def square_partners(code: Code, partner, size: Index, products):
     """
     order = code.variable(1)
     for i in code.fours(size):
-        reals, imags = ([code.vector(partner, size * (TERMS * part + n) + i) for n in range(TERMS)] for part in range(2))
+        reals, imags = (
+            [code.vector(partner, size * (TERMS * part + n) + i) for n in range(TERMS)]
+            for part in range(2)
+        )
         amounts = []
         for p in range(PRODUCTS):
-            found = [_half_square(code, reals, p), _half_square(code, imags, p), _product(reals, imags, p)]
+            found = [
+                _half_square(code, reals, p),
+                _half_square(code, imags, p),
+                _product(reals, imags, p),
+            ]
             for k, sum_ in enumerate(found):
                 code.store(sum_, products, size * (PRODUCTS * k + p) + i)
             amounts.append(found[0].size() + found[1].size() + found[2].size())
@@ -166,7 +209,8 @@ def square_partners(code: Code, partner, size: Index, products):
             largest = largest.largest(amount)
         least = largest * code.repeated(NEGLIGIBLE)
         for p in range(1, PRODUCTS):
-            some, old = (amounts[p] - least).not_positive() != 2**code.lanes - 1, order.value
+            some = (amounts[p] - least).not_positive() != 2**code.lanes - 1
+            old = order.value
             order.value = code.choose(some & (old < p + 1), code.index(p + 1), old)
     return order.value
 
@@ -183,7 +227,9 @@ def power_of_point(code: Code, point, size: Index, powers, terms, half: Number, 
             real += velocity.real
             imag += velocity.imag
     whole = [Complex(real.total(), imag.total()) for real, imag in sums]
-    scale, square, driven = code.repeated(1.0, 0), half * half, {}
+    scale = code.repeated(1.0, 0)
+    square = half * half
+    driven = {}
     for n in range(0, TERMS, 2):
         driven[n] = Complex(*(code.number(terms, TERMS * part + n) * scale for part in range(2)))
         for part in range(2):
@@ -203,7 +249,9 @@ def _half_square(code: Code, numbers: list[Number], p: int) -> Number:
     """Return the coefficient of power p of half the square of a polynomial."""
     total = None
     for k in range(max(0, p - TERMS + 1), (p + 1) // 2):
-        total = numbers[k] * numbers[p - k] if total is None else numbers[k].fma(numbers[p - k], total)
+        total = (
+            numbers[k] * numbers[p - k] if total is None else numbers[k].fma(numbers[p - k], total)
+        )
     if p % 2 == 1:
         assert total is not None
         return total
@@ -228,5 +276,7 @@ def add_products(code: Code, products, size: Index, count: Index, factors, found
         for p in code.loop(count):
             for k, total in enumerate(sums):
                 factor = code.number(factors, k * WIDTH + p)
-                total.add_product(code.vector(products, size * (PRODUCTS * k + p) + i), code.spread(factor))
+                total.add_product(
+                    code.vector(products, size * (PRODUCTS * k + p) + i), code.spread(factor)
+                )
         code.store(sums[0].number() + sums[1].number() + sums[2].number(), found, i)

@@ -69,13 +69,22 @@ def safe_step(d, g, a, b2, b3, reach):
 @jit_inline
 def guards_step(guards, now, reach):
     """Return the safe step for all guards."""
-    step, y, v = reach, now.y, now.v
+    step = reach
+    y = now.y
+    v = now.v
     if guards.low is not None:
-        to_high, to_low = guards.high - y, y - guards.low
+        to_high = guards.high - y
+        to_low = y - guards.low
         if v >= 0.0:
-            ahead, behind, closing, bend = to_high, to_low, v, now.a
+            ahead = to_high
+            behind = to_low
+            closing = v
+            bend = now.a
         else:
-            ahead, behind, closing, bend = to_low, to_high, -v, -now.a
+            ahead = to_low
+            behind = to_high
+            closing = -v
+            bend = -now.a
         if ahead < np.inf:
             step = safe_step(ahead, closing, bend, now.b2, now.b3, reach)
         # the wall behind needs a root only if the step could take the signal back to it
@@ -93,9 +102,12 @@ def root_ahead(guards, now):
     A wall: the closing speed stays positive over twice the step. A reversal: the rate's slope keeps its sign over twice the step, and the wall
     ahead is further than the way made in it.
     """
-    y, v, a = now.y, now.v, now.a
+    y = now.y
+    v = now.v
+    a = now.a
     if guards.direction is not None:
-        w, slope = guards.direction * v, -guards.direction * a
+        w = guards.direction * v
+        slope = -guards.direction * a
         if slope > 0.0:
             step = w / slope
             if slope > 2.0 * now.b3 * step:
@@ -106,9 +118,15 @@ def root_ahead(guards, now):
                     return REVERSAL, step
     if guards.low is not None:
         if v > 0.0:
-            d, g, c, kind = guards.high - y, v, a, HIT_HIGH
+            d = guards.high - y
+            g = v
+            c = a
+            kind = HIT_HIGH
         else:
-            d, g, c, kind = y - guards.low, -v, -a, HIT_LOW
+            d = y - guards.low
+            g = -v
+            c = -a
+            kind = HIT_LOW
         if d < np.inf and g * g > 4.0 * now.b2 * d:
             step = 2.0 * d / (g + np.sqrt(max(g * g + 2.0 * c * d, 0.0)))
             if 2.0 * now.b2 * step < g:
@@ -119,9 +137,11 @@ def root_ahead(guards, now):
 @jit
 def nearest_event(guards, now):
     """Return which guard the search has come down to."""
-    to_high, to_low = np.inf, np.inf
+    to_high = np.inf
+    to_low = np.inf
     if guards.low is not None:
-        to_high, to_low = guards.high - now.y, now.y - guards.low
+        to_high = guards.high - now.y
+        to_low = now.y - guards.low
     if guards.direction is not None:
         if guards.direction * now.a < 0.0:
             distance = to_high if now.v > 0.0 else to_low
@@ -133,18 +153,23 @@ def nearest_event(guards, now):
 @jit_inline
 def bounded_at(course, offset):
     """Return a signal at an offset, as `Bounded`."""
-    slots, p, bound = course.slots, course.signal.polynomial, course.forced.bound
+    slots = course.slots
+    p = course.signal.polynomial
+    bound = course.forced.bound
     d1, d2, d3, x = digits(slots.scale, offset)
     f0, f1, f2 = guard_values(course.forced.signals, course.omega, course.tau + offset)
     y, v, a, b2, b3, b4 = sum_and_bound(slots.rows, slots.table, course.signal.u, d1, d2, d3, x)
-    y, v, a = y + f0 + p[0] + offset * (p[1] + 0.5 * offset * p[2]), v + f1 + p[1] + offset * p[2], a + f2 + p[2]
+    y = y + f0 + p[0] + offset * (p[1] + 0.5 * offset * p[2])
+    v = v + f1 + p[1] + offset * p[2]
+    a = a + f2 + p[2]
     return Bounded(y, v, a, b2 + bound[2] + abs(p[2]), b3 + bound[3], b4 + bound[4])
 
 
 @jit_inline
 def at_guard(guards, noise, now):
     """Return (kind, y): the event that the search has come to, NOTHING before one, and the signal, kept off the walls by its ``noise``."""
-    y, v = now.y, now.v
+    y = now.y
+    v = now.v
     slowing = -now.a if v > 0.0 else now.a
     beyond = v * v > 2.0 * slowing * noise  # it goes on by more than its rounding before it turns
     if guards.direction is not None:
@@ -168,7 +193,9 @@ def event_ahead(course, guards, now, offset, length, resolution):
     kind, step = root_ahead(guards, now)
     if kind != NOTHING:
         if offset + 2.0 * step < length:
-            return refine(terms_of(course), offset + step, kind, wall_of(kind, guards), now.b4, resolution)
+            return refine(
+                terms_of(course), offset + step, kind, wall_of(kind, guards), now.b4, resolution
+            )
     return Event(NOTHING, 0.0, 0.0, 0.0, 0.0, 0)
 
 
@@ -178,14 +205,21 @@ def careful_search(course, guards, start, stop, length):
 
     Other arguments as in `search.search`. An event between ``stop`` and ``length`` may be returned.
     """
-    resolution, on_guard = time_resolution(course.slots.rows, course.omega, length), guards.side != 0 or guards.zero_rate
+    resolution = time_resolution(course.slots.rows, course.omega, length)
+    on_guard = guards.side != 0 or guards.zero_rate
     most = min(MAX_EVALUATIONS, course.signal.memory[1])
-    noise, offset, count, reach = NOISE * signal_scale(course.signal, course.forced.bound), start, 0, stop - start
+    noise = NOISE * signal_scale(course.signal, course.forced.bound)
+    offset = start
+    count = 0
+    reach = stop - start
     while offset < stop and count < most:
         count += 1
-        now, first = bounded_at(course, offset), on_guard and offset == 0.0
+        now = bounded_at(course, offset)
+        first = on_guard and offset == 0.0
         if offset == 0.0 and noise == 0.0 and now.v == 0.0 and now.a == 0.0:
-            return Event(NOTHING, length, 0.0, 0.0, 0.0, count)  # a signal that is zero for ever: an absorber at rest on a wall at rest
+            return Event(
+                NOTHING, length, 0.0, 0.0, 0.0, count
+            )  # a signal that is zero for ever: an absorber at rest on a wall at rest
         if first:
             if not leaves_quickly(course, guards, now):
                 offset, kind = start_on_guard(course, guards, now)
@@ -213,7 +247,11 @@ def careful_search(course, guards, start, stop, length):
         if step <= resolution:  # also below zero: both walls are nearer than the signal's rounding
             return Event(nearest_event(guards, now), offset, now.y, now.v, now.a, count)
         offset += step
-    return given_up(count) if count >= most else Event(NOTHING, max(stop, offset), 0.0, 0.0, 0.0, count)
+    return (
+        given_up(count)
+        if count >= most
+        else Event(NOTHING, max(stop, offset), 0.0, 0.0, 0.0, count)
+    )
 
 
 @jit_inline
@@ -228,4 +266,7 @@ def is_clear(load, course, guards, length):
         return False
     now = bounded_at(course, 0.0)
     kind, y = at_guard(guards, NOISE * signal_scale(course.signal, course.forced.bound), now)
-    return kind == NOTHING and guards_step(guards, Bounded(y, now.v, now.a, now.b2, now.b3, now.b4), length) >= length
+    return (
+        kind == NOTHING
+        and guards_step(guards, Bounded(y, now.v, now.a, now.b2, now.b3, now.b4), length) >= length
+    )

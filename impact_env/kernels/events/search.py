@@ -23,16 +23,46 @@ import numpy as np
 
 from impact_env.kernels.compiling.jit import jit, jit_inline
 from impact_env.kernels.events.careful import careful_search, is_clear
-from impact_env.kernels.events.signals import NOTHING, Event, counted, given_up, refine, terms_of, time_resolution, wall_of
-from impact_env.kernels.events.steps import closer_root, cubic_root, event_in_step, is_far, leaves_guard
+from impact_env.kernels.events.signals import (
+    NOTHING,
+    Event,
+    counted,
+    given_up,
+    refine,
+    terms_of,
+    time_resolution,
+    wall_of,
+)
+from impact_env.kernels.events.steps import (
+    closer_root,
+    cubic_root,
+    event_in_step,
+    is_far,
+    leaves_guard,
+)
 from impact_env.kernels.motion.forced import DERIVATIVES, fill_carrier
 from impact_env.kernels.motion.forced_sums import first_values
 from impact_env.kernels.motion.numbers import cos_sin, lowest_bit
 from impact_env.kernels.motion.slots import FASTEST, SPEED_CUBE, move
-from impact_env.kernels.motion.vector import COS, FORCED, POINTS, ROW, SIN, Place, Step, begin_orders, scan, turn_2, turn_3, weighted_sizes
+from impact_env.kernels.motion.vector import (
+    COS,
+    FORCED,
+    POINTS,
+    ROW,
+    SIN,
+    Place,
+    Step,
+    begin_orders,
+    scan,
+    turn_2,
+    turn_3,
+    weighted_sizes,
+)
 
 SCAN_NOISE = 1e-12  # of an amplitude: rounding of the sums and of the moving amplitudes
-SLOPE_ERROR = 1.03  # of E: 3.08/3, since a difference of two coefficients is a third of the slope times h
+SLOPE_ERROR = (
+    1.03  # of E: 3.08/3, since a difference of two coefficients is a third of the slope times h
+)
 INSIDE = 0.5 + 1e-9  # of a step, from its middle
 MOST_TURNS = 2_000  # blocks after which the moving amplitudes are computed anew, long before their rounding comes near SCAN_NOISE
 
@@ -49,8 +79,13 @@ def coarsest_level(steps, half):
 @jit_inline
 def begin_at(course, offset):
     """Compute amplitudes and forced parts at an offset anew, and return the place."""
-    slots, signal, omega = course.slots, course.signal, course.omega
-    p, w, b, size = signal.polynomial, signal.moving, signal.block, signal.u.shape[1]
+    slots = course.slots
+    signal = course.signal
+    omega = course.omega
+    p = signal.polynomial
+    w = signal.moving
+    b = signal.block
+    size = signal.u.shape[1]
     if offset > 0.0:
         move(slots.rows, slots.table, slots.scale, signal.u, offset, w)
         begin_orders(slots.rows, w, w, size)
@@ -68,20 +103,29 @@ def begin_at(course, offset):
 @jit_inline
 def move_on(course, guards, place, step, k):
     """Turn amplitudes and forced parts to the end of a block's first k > 0 steps, and return the place."""
-    w, b, size = course.signal.moving, course.signal.block, course.signal.u.shape[1]
+    w = course.signal.moving
+    b = course.signal.block
+    size = course.signal.u.shape[1]
     at = (step.level * POINTS + k - 1) * 2 * size
     if guards.direction is None:
         turn_2(course.slots.turns, at, w, size)
     else:
         turn_3(course.slots.turns, at, w, size)
-    b[FORCED], b[FORCED + ROW], b[FORCED + 2 * ROW] = b[FORCED + k], b[FORCED + ROW + k], b[FORCED + 2 * ROW + k]
+    b[FORCED], b[FORCED + ROW], b[FORCED + 2 * ROW] = (
+        b[FORCED + k],
+        b[FORCED + ROW + k],
+        b[FORCED + 2 * ROW + k],
+    )
     return Place(place.offset + k * step.h, b[COS + k - 1], b[SIN + k - 1], place.turns + 1)
 
 
 @jit_inline
 def steps_of(course, level):
     """Return the steps of a level, with the errors that they have from here on."""
-    slots, bound, p, w = course.slots, course.forced.bound, course.signal.polynomial, course.signal.moving
+    slots = course.slots
+    bound = course.forced.bound
+    p = course.signal.polynomial
+    w = course.signal.moving
     size = slots.errors.shape[1]
     e0, e1 = weighted_sizes(slots.errors, level * size, w, size)
     h = slots.steps[level, 0]
@@ -111,7 +155,9 @@ def scan_block(course, guards, place, step):
 @jit_inline
 def event_in(course, guards, place, step, k, near, length):
     """Return the only event in step k, or NOTHING where that is not certain; ``near``: whether the step is not clear of walls, of a reversal."""
-    slots, forced, b = course.slots, course.forced, course.signal.block
+    slots = course.slots
+    forced = course.forced
+    b = course.signal.block
     slope_error = SLOPE_ERROR + step.h * slots.scale[FASTEST] / 3.0
     kind, x = event_in_step(b, k, guards, step, near[0], near[1], slope_error)
     if kind == NOTHING:
@@ -121,8 +167,14 @@ def event_in(course, guards, place, step, k, near, length):
         x = closer_root(b, k, step.h, kind, wall, x)
     else:
         x = cubic_root(b, k, step.h, wall, x)
-    _, b4 = weighted_sizes(slots.rows, SPEED_CUBE * course.signal.u.shape[1], course.signal.moving, course.signal.u.shape[1])
-    b4, resolution = b4 + forced.bound[4], time_resolution(slots.rows, course.omega, length)
+    _, b4 = weighted_sizes(
+        slots.rows,
+        SPEED_CUBE * course.signal.u.shape[1],
+        course.signal.moving,
+        course.signal.u.shape[1],
+    )
+    b4 = b4 + forced.bound[4]
+    resolution = time_resolution(slots.rows, course.omega, length)
     found = refine(terms_of(course), place.offset + (k + x) * step.h, kind, wall, b4, resolution)
     if abs(found.offset - (place.offset + (k + 0.5) * step.h)) <= INSIDE * step.h:
         return found  # the only root in the step, and not one that Newton's method left it for
@@ -132,9 +184,14 @@ def event_in(course, guards, place, step, k, near, length):
 @jit
 def search(course, guards, length, half):
     """Return the first Event of a `Course` within ``length`` (s), else one at ``length``; ``half`` (s): half length of the window."""
-    memory, top = course.signal.memory, coarsest_level(course.slots.steps, half)
-    level, up, careful, count = min(int(memory[0]), top), False, 1.0, 0
-    place, step = Place(0.0, 0.0, 0.0, MOST_TURNS), Step(-1, 0.0, 0, 0.0, 0.0)
+    memory = course.signal.memory
+    top = coarsest_level(course.slots.steps, half)
+    level = min(int(memory[0]), top)
+    up = False
+    careful = 1.0
+    count = 0
+    place = Place(0.0, 0.0, 0.0, MOST_TURNS)
+    step = Step(-1, 0.0, 0, 0.0, 0.0)
     while place.offset < length and count < memory[1]:
         count += 1
         if place.turns >= MOST_TURNS:
@@ -142,7 +199,9 @@ def search(course, guards, length, half):
         if up:
             step = coarser(course, guards, step)
             level = step.level
-        if step.level != level:  # amplitudes never grow: what was an error of a level once stays a bound
+        if (
+            step.level != level
+        ):  # amplitudes never grow: what was an error of a level once stays a bound
             step = steps_of(course, level)
         walls, reversals = scan_block(course, guards, place, step)
         k = min(lowest_bit(walls | reversals), POINTS)
@@ -153,23 +212,39 @@ def search(course, guards, length, half):
         if place.offset + k * step.h >= length:
             break
         if not clear:
-            found = event_in(course, guards, place, step, k, ((walls >> k) & 1 != 0, (reversals >> k) & 1 != 0), length)
+            found = event_in(
+                course,
+                guards,
+                place,
+                step,
+                k,
+                ((walls >> k) & 1 != 0, (reversals >> k) & 1 != 0),
+                length,
+            )
             count += found.evaluations
             if found.kind != NOTHING:
                 if found.offset >= length:
                     break
                 return counted(found, count)
         if k > 0:
-            place, careful = move_on(course, guards, place, step, k), 1.0
+            place = move_on(course, guards, place, step, k)
+            careful = 1.0
         if not clear:
             if level > 0:
                 level -= 1
             else:
-                found = careful_search(course, guards, place.offset, min(place.offset + careful * step.h, length), length)
+                found = careful_search(
+                    course,
+                    guards,
+                    place.offset,
+                    min(place.offset + careful * step.h, length),
+                    length,
+                )
                 count += found.evaluations
                 if found.kind != NOTHING or np.isnan(found.offset):
                     return counted(found, count)
-                place, careful = Place(found.offset, 0.0, 0.0, MOST_TURNS), 2.0 * careful
+                place = Place(found.offset, 0.0, 0.0, MOST_TURNS)
+                careful = 2.0 * careful
     return given_up(count) if count >= memory[1] else Event(NOTHING, length, 0.0, 0.0, 0.0, count)
 
 

@@ -16,12 +16,17 @@ from impact_env.kernels.motion.slots import SPEED, Slots, digits, sum_block, val
 from impact_env.kernels.motion.vector import BLOCK
 
 # events
-NOTHING, HIT_LOW, HIT_HIGH, REVERSAL = 0, 1, 2, 3
+NOTHING = 0
+HIT_LOW = 1
+HIT_HIGH = 2
+REVERSAL = 3
 TIME_RESOLUTION = 5e-15  # of the time scale of the slowest slot, or of a quicker force
 EPSILON = 2.2e-16
 NOISE = 4.0 * EPSILON  # rounding of a computed signal, relative to its scale
 MOST_EVALUATIONS = 2e7  # of a search
-FEW = 1e-4  # of the curvature's share of a step in Newton's: there its series is as good as its root
+FEW = (
+    1e-4  # of the curvature's share of a step in Newton's: there its series is as good as its root
+)
 
 
 class Signal(NamedTuple):
@@ -102,14 +107,30 @@ class Event(NamedTuple):
 @jit_room
 def new_signal(size):
     """Return room for a signal of ``size`` slots."""
-    return Signal(np.zeros((2, size)), np.zeros(3), np.zeros(6 * size), np.zeros(BLOCK), np.array([0.0, MOST_EVALUATIONS]))
+    return Signal(
+        np.zeros((2, size)),
+        np.zeros(3),
+        np.zeros(6 * size),
+        np.zeros(BLOCK),
+        np.array([0.0, MOST_EVALUATIONS]),
+    )
 
 
 @jit_view
 def terms_of(course):
     """Return the terms of a course's signal."""
-    slots, signal = course.slots, course.signal
-    return Terms(slots.rows, slots.table, slots.scale, course.forced.signals, course.omega, signal.u, signal.polynomial, course.tau)
+    slots = course.slots
+    signal = course.signal
+    return Terms(
+        slots.rows,
+        slots.table,
+        slots.scale,
+        course.forced.signals,
+        course.omega,
+        signal.u,
+        signal.polynomial,
+        course.tau,
+    )
 
 
 @jit_inline
@@ -121,19 +142,30 @@ def signal_scale(signal, bound):
 @jit_inline
 def signal_at(terms, offset):
     """Return a signal and its first three derivatives at an offset from its reference time."""
-    p, tau = terms.polynomial, terms.tau + offset
+    p = terms.polynomial
+    tau = terms.tau + offset
     d1, d2, d3, x = digits(terms.scale, offset)
     y, v, a, j = sum_block(terms.rows, terms.table, terms.u, d1, d2, d3, x)
     c, s = cos_sin(terms.omega * tau)
     f0, f1, f2 = first_values(terms.signals, tau, c, s)
     f3 = polynomial_value(terms.signals, THIRD, tau, c, s)
-    return y + f0 + p[0] + offset * (p[1] + 0.5 * offset * p[2]), v + f1 + p[1] + offset * p[2], a + f2 + p[2], j + f3
+    return (
+        y + f0 + p[0] + offset * (p[1] + 0.5 * offset * p[2]),
+        v + f1 + p[1] + offset * p[2],
+        a + f2 + p[2],
+        j + f3,
+    )
 
 
 @jit
 def at_offset(slots, signals, omega, signal, tau, offset):
     """Return a signal and its first two derivatives at an offset from its reference time."""
-    y, v, a, _ = signal_at(Terms(slots.rows, slots.table, slots.scale, signals, omega, signal.u, signal.polynomial, tau), offset)
+    y, v, a, _ = signal_at(
+        Terms(
+            slots.rows, slots.table, slots.scale, signals, omega, signal.u, signal.polynomial, tau
+        ),
+        offset,
+    )
     return y, v, a
 
 
@@ -142,7 +174,12 @@ def value_at_offset(slots, signals, omega, signal, tau, offset):
     """Return a signal at an offset from its reference time, to the last digit that of `at_offset`."""
     p = signal.polynomial
     y = value(slots.rows, slots.table, slots.scale, signal.u, offset)
-    return y + signal_value(signals, 0, omega, tau + offset) + p[0] + offset * (p[1] + 0.5 * offset * p[2])
+    return (
+        y
+        + signal_value(signals, 0, omega, tau + offset)
+        + p[0]
+        + offset * (p[1] + 0.5 * offset * p[2])
+    )
 
 
 @jit_inline
@@ -179,7 +216,10 @@ def refine(terms, offset, kind, wall, b4, resolution):
     The last step is not evaluated again: it must be so short that the fourth derivative's bound b4 leaves time and rate exact. NOTHING where it
     finds none.
     """
-    y, v, a, count = 0.0, 0.0, 0.0, 0
+    y = 0.0
+    v = 0.0
+    a = 0.0
+    count = 0
     while count < 12:
         count += 1
         y, v, a, j = signal_at(terms, offset)

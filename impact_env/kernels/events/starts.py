@@ -21,7 +21,9 @@ MICRO_REACH = 0.01
 FINEST = 2.0**-20  # of the reach
 RATE_NOISE = 16.0 * NOISE  # rounding of a computed rate, relative to its scale
 BEND_NOISE = 1e-11  # of a second derivative's scale: above the rounding of a change of basis
-WALL_NOISE = 10.0 * BEND_NOISE  # the same where a wall pushes: what is released there near critical damping has more
+WALL_NOISE = (
+    10.0 * BEND_NOISE
+)  # the same where a wall pushes: what is released there near critical damping has more
 
 
 @jit_inline
@@ -39,12 +41,17 @@ def series(t, d, v, a, j, s, c):
 @jit_inline
 def sign_changes(t, h, d, v, a, j, s, c):
     """Return how often the Bernstein coefficients of `series` over (t, t + h) change their sign: a bound of the number of its roots there."""
-    p0, p1 = series(t, d, v, a, j, s, c), h * series(t, v, a, j, s, c, 0.0) / 5
+    p0 = series(t, d, v, a, j, s, c)
+    p1 = h * series(t, v, a, j, s, c, 0.0) / 5
     p2 = h * h * series(t, a, j, s, c, 0.0, 0.0) / 20
     p3 = h * h * h * series(t, j, s, c, 0.0, 0.0, 0.0) / 60
     p4 = h * h * h * h * series(t, s, c, 0.0, 0.0, 0.0, 0.0) / 120
-    n0, n1, n2, n3 = p0 < 0.0, p0 + p1 < 0.0, p0 + 2 * p1 + p2 < 0.0, p0 + 3 * p1 + 3 * p2 + p3 < 0.0
-    n4, n5 = p0 + 4 * p1 + 6 * p2 + 4 * p3 + p4 < 0.0, series(t + h, d, v, a, j, s, c) < 0.0
+    n0 = p0 < 0.0
+    n1 = p0 + p1 < 0.0
+    n2 = p0 + 2 * p1 + p2 < 0.0
+    n3 = p0 + 3 * p1 + 3 * p2 + p3 < 0.0
+    n4 = p0 + 4 * p1 + 6 * p2 + 4 * p3 + p4 < 0.0
+    n5 = series(t + h, d, v, a, j, s, c) < 0.0
     return (n0 != n1) + (n1 != n2) + (n2 != n3) + (n3 != n4) + (n4 != n5)
 
 
@@ -69,18 +76,22 @@ def micro_root(d, v, a, j, s, c, reach, noise):
     A start below 0 counts as 0, unless it goes on below. Intervals are halved until the coefficients allow no root or only one. What dips below 0 and
     turns there by less than its rounding, or within less than FINEST of the reach, does not reach it.
     """
-    left, h, start = 0.0, reach / 4, max(d, 0.0)
+    left = 0.0
+    h = reach / 4
+    start = max(d, 0.0)
     if d < 0.0 and series(h, d, v, a, j, s, c) < 0.0:
         return bisect(0.0, h, d, v, a, j, s, c)
     if sign_changes(0.0, reach, start, v, a, j, s, c) == 0:
         return -1.0
     while left < reach:
         h = min(h, reach - left)
-        changes, right = sign_changes(left, h, start + noise, v, a, j, s, c), left + h
+        changes = sign_changes(left, h, start + noise, v, a, j, s, c)
+        right = left + h
         if series(right, start, v, a, j, s, c) < 0.0 and (changes <= 1 or h <= FINEST * reach):
             return bisect(left, right, d, v, a, j, s, c)
         if changes == 0 or h <= FINEST * reach:
-            left, h = right, min(2 * h, reach / 4)
+            left = right
+            h = min(2 * h, reach / 4)
         else:
             h /= 2
     return -1.0
@@ -89,12 +100,14 @@ def micro_root(d, v, a, j, s, c, reach, noise):
 @jit_inline
 def exactly_on_guard(guards, noise, now):
     """Return a signal without the rounding of the guard on which it starts; a wall that is not left keeps a distance of ``noise``."""
-    y, v = now.y, 0.0
+    y = now.y
+    v = 0.0
     if guards.low is not None:
         if guards.side == 0:
             y = max(min(y, guards.high - noise), guards.low + noise)
         else:
-            y, v = guards.high if guards.side > 0 else guards.low, now.v
+            y = guards.high if guards.side > 0 else guards.low
+            v = now.v
     return Bounded(y, v, now.a, now.b2, now.b3, now.b4)
 
 
@@ -131,8 +144,26 @@ def first_reversal(guards, now, high, reach, noise):
         bend = direction * now.a
         if -BEND_NOISE * now.b2 <= bend < 0.0:
             bend = 0.0
-        return micro_root(bend, direction * j / 2, direction * s / 3, direction * c / 4, 0.0, 0.0, reach, BEND_NOISE * now.b2)
-    return micro_root(direction * now.v, direction * now.a, direction * j, direction * s, direction * c, 0.0, reach, noise)
+        return micro_root(
+            bend,
+            direction * j / 2,
+            direction * s / 3,
+            direction * c / 4,
+            0.0,
+            0.0,
+            reach,
+            BEND_NOISE * now.b2,
+        )
+    return micro_root(
+        direction * now.v,
+        direction * now.a,
+        direction * j,
+        direction * s,
+        direction * c,
+        0.0,
+        reach,
+        noise,
+    )
 
 
 @jit_inline
@@ -150,9 +181,20 @@ def first_hit(guards, now, v, high, reach, noise):
         bend = -side * now.a
         if guards.zero_rate and -WALL_NOISE * now.b2 <= bend < 0.0:
             bend = 0.0
-        back = micro_root(-side * v, bend / 2, -side * j / 3, -side * s / 4, -side * c / 5, 0.0, reach, noise)
+        back = micro_root(
+            -side * v, bend / 2, -side * j / 3, -side * s / 4, -side * c / 5, 0.0, reach, noise
+        )
         until = reach if back < 0.0 else back
-        across = micro_root(guards.high - guards.low, side * v, side * now.a, side * j, side * s, side * c, until, noise * until)
+        across = micro_root(
+            guards.high - guards.low,
+            side * v,
+            side * now.a,
+            side * j,
+            side * s,
+            side * c,
+            until,
+            noise * until,
+        )
         if across >= 0.0:
             return across, HIT_LOW if side > 0 else HIT_HIGH
         return back, HIT_HIGH if side > 0 else HIT_LOW
@@ -162,7 +204,16 @@ def first_hit(guards, now, v, high, reach, noise):
     ahead = guards.high - now.y if direction > 0.0 else now.y - guards.low
     if not ahead < np.inf:
         return -1.0, NOTHING
-    t = micro_root(max(ahead, 0.0), 0.0, -direction * now.a, -direction * j, -direction * s, -direction * c, reach, noise * reach)
+    t = micro_root(
+        max(ahead, 0.0),
+        0.0,
+        -direction * now.a,
+        -direction * j,
+        -direction * s,
+        -direction * c,
+        reach,
+        noise * reach,
+    )
     return t, HIT_HIGH if direction > 0.0 else HIT_LOW
 
 
@@ -173,8 +224,14 @@ def start_on_guard(course, guards, now):
     What is known to be zero is left out: the constant term, divided by t, or the linear one. Where both a wall and the rate are watched the earlier
     event is returned.
     """
-    slots, signals, omega, tau = course.slots, course.forced.signals, course.omega, course.tau
-    v, noise = 0.0 if guards.zero_rate else now.v, rate_noise(slots.rows, course.signal.u, course.forced.bound[1], course.signal.polynomial[1])
+    slots = course.slots
+    signals = course.forced.signals
+    omega = course.omega
+    tau = course.tau
+    v = 0.0 if guards.zero_rate else now.v
+    noise = rate_noise(
+        slots.rows, course.signal.u, course.forced.bound[1], course.signal.polynomial[1]
+    )
     if guards.side != 0:
         if guards.side * v > noise:
             return 0.0, HIT_HIGH if guards.side > 0 else HIT_LOW
@@ -182,11 +239,14 @@ def start_on_guard(course, guards, now):
     j += signal_value(signals, THIRD, omega, tau)
     s += signal_value(signals, FOURTH, omega, tau)
     c += signal_value(signals, FIFTH, omega, tau)
-    offset, event = micro_reach(course), NOTHING
+    offset = micro_reach(course)
+    event = NOTHING
     t = first_reversal(guards, now, (j, s, c), offset, noise)
     if t >= 0.0:
-        offset, event = t, REVERSAL
+        offset = t
+        event = REVERSAL
     t, hit = first_hit(guards, now, v, (j, s, c), offset, noise)
     if t >= 0.0:
-        offset, event = t, hit
+        offset = t
+        event = hit
     return offset, event

@@ -26,9 +26,12 @@ def start_error(w, size, summed, order, h, error):
     Each slot that is not summed, with the amplitudes w of this derivative and the next, has a share of its own instead of that in ``error``.
     """
     share = START_ERROR * error
-    here, after = 2 * order * size, 2 * (order + 1) * size
+    here = 2 * order * size
+    after = 2 * (order + 1) * size
     for j in range(summed, size):
-        share += (START_JUMP - START_ERROR) * (abs(w[here + j]) + abs(w[here + size + j])) + h * (abs(w[after + j]) + abs(w[after + size + j]))
+        share += (START_JUMP - START_ERROR) * (abs(w[here + j]) + abs(w[here + size + j])) + h * (
+            abs(w[after + j]) + abs(w[after + size + j])
+        )
     return share
 
 
@@ -41,8 +44,11 @@ def start_margin(d1, slope0, slope1, h):
 @jit_inline
 def leaves_wall(b, guards, step, error):
     """Return whether a block's first step, which starts on a wall, is clear of both walls; ``error`` as in `start_error`."""
-    h, y0, y1 = step.h, b[VALUE], b[VALUE + 1]
-    y2, y3 = y0 + h / 3.0 * b[RATE], y1 - h / 3.0 * b[RATE + 1]
+    h = step.h
+    y0 = b[VALUE]
+    y1 = b[VALUE + 1]
+    y2 = y0 + h / 3.0 * b[RATE]
+    y3 = y1 - h / 3.0 * b[RATE + 1]
     if guards.side > 0:
         clear = start_margin(guards.high - y1, -b[RATE], -b[RATE + 1], h) > error
         return clear and min(min(y0, y1), min(y2, y3)) - guards.low > step.e0
@@ -53,13 +59,18 @@ def leaves_wall(b, guards, step, error):
 @jit_inline
 def leaves_rest(b, h, direction, error):
     """Return whether a block's first step, which starts with rate zero, is clear of a reversal; ``error`` as in `start_error`."""
-    return start_margin(direction * b[RATE + 1], direction * b[BEND], direction * b[BEND + 1], h) > error
+    return (
+        start_margin(direction * b[RATE + 1], direction * b[BEND], direction * b[BEND + 1], h)
+        > error
+    )
 
 
 @jit_inline
 def leaves_guard(signal, guards, step, walls, reversals):
     """Return a scan's (walls, reversals), with the bit of the first step corrected for the guard on which the signal starts."""
-    b, w, size = signal.block, signal.moving, signal.u.shape[1]
+    b = signal.block
+    w = signal.moving
+    size = signal.u.shape[1]
     if guards.low is not None:
         if guards.side != 0:
             error = start_error(w, size, step.summed, 0, step.h, step.e0)
@@ -67,7 +78,9 @@ def leaves_guard(signal, guards, step, walls, reversals):
     if guards.direction is not None:
         if guards.zero_rate:
             error = start_error(w, size, step.summed, 1, step.h, step.e1)
-            reversals = (reversals & -2) | (0 if leaves_rest(b, step.h, guards.direction, error) else 1)
+            reversals = (reversals & -2) | (
+                0 if leaves_rest(b, step.h, guards.direction, error) else 1
+            )
     return walls, reversals
 
 
@@ -75,7 +88,12 @@ def leaves_guard(signal, guards, step, walls, reversals):
 def sharp_root(d0, d1, d2, d3, error, slope_error):
     """Return where in (0, 1) the secant of the cubic with these Bernstein coefficients is zero, or -1 if its root is not sharp."""
     least = min(min(d0 - d1, d1 - d2), d2 - d3)
-    if not (d0 > error and d3 < -error and least > max(slope_error * error, STEADY * (d0 - d3)) and error < SHARP * (d0 - d3)):
+    if not (
+        d0 > error
+        and d3 < -error
+        and least > max(slope_error * error, STEADY * (d0 - d3))
+        and error < SHARP * (d0 - d3)
+    ):
         return -1.0
     return d0 / (d0 - d3)
 
@@ -89,11 +107,15 @@ def halley(x, f, slope, bend):
 @jit_inline
 def cubic_root(b, k, h, wall, x):
     """Return a root near ``x``, in shares of step k, of the cubic through value and rate at both ends: at the wall."""
-    y, v = b[VALUE + k] - wall, h * b[RATE + k]
-    way, turn = b[VALUE + 1 + k] - b[VALUE + k] - v, h * b[RATE + 1 + k] - v
-    c2, c3 = fma(3.0, way, -turn), fma(-2.0, way, turn)
+    y = b[VALUE + k] - wall
+    v = h * b[RATE + k]
+    way = b[VALUE + 1 + k] - b[VALUE + k] - v
+    turn = h * b[RATE + 1 + k] - v
+    c2 = fma(3.0, way, -turn)
+    c3 = fma(-2.0, way, turn)
     for _ in range(2):
-        f, slope = fma(x, fma(x, fma(x, c3, c2), v), y), fma(x, fma(x, 3.0 * c3, 2.0 * c2), v)
+        f = fma(x, fma(x, fma(x, c3, c2), v), y)
+        slope = fma(x, fma(x, 3.0 * c3, 2.0 * c2), v)
         x = halley(x, f, slope, fma(x, 6.0 * c3, 2.0 * c2))
     return x
 
@@ -101,9 +123,15 @@ def cubic_root(b, k, h, wall, x):
 @jit_inline
 def closer_root(b, k, h, kind, wall, x):
     """Return a root near ``x``, in shares of step k, of the quintic through value, rate and bend at both ends: at the wall, or of its rate."""
-    y0, v0, a0 = b[VALUE + k] - wall, h * b[RATE + k], h * h * b[BEND + k]
-    way, turn, bend = b[VALUE + 1 + k] - b[VALUE + k] - v0 - 0.5 * a0, h * b[RATE + 1 + k] - v0 - a0, h * h * b[BEND + 1 + k] - a0
-    c3, c4, c5 = 10.0 * way - 4.0 * turn + 0.5 * bend, 7.0 * turn - 15.0 * way - bend, 6.0 * way - 3.0 * turn + 0.5 * bend
+    y0 = b[VALUE + k] - wall
+    v0 = h * b[RATE + k]
+    a0 = h * h * b[BEND + k]
+    way = b[VALUE + 1 + k] - b[VALUE + k] - v0 - 0.5 * a0
+    turn = h * b[RATE + 1 + k] - v0 - a0
+    bend = h * h * b[BEND + 1 + k] - a0
+    c3 = 10.0 * way - 4.0 * turn + 0.5 * bend
+    c4 = 7.0 * turn - 15.0 * way - bend
+    c5 = 6.0 * way - 3.0 * turn + 0.5 * bend
     for _ in range(2):
         v = fma(x, fma(x, fma(x, fma(x, 5.0 * c5, 4.0 * c4), 3.0 * c3), a0), v0)
         a = fma(x, fma(x, fma(x, 20.0 * c5, 12.0 * c4), 6.0 * c3), a0)
@@ -118,14 +146,24 @@ def closer_root(b, k, h, kind, wall, x):
 @jit_inline
 def turn_in_step(b, k, step, direction, slope_error):
     """Return the share of step k where the rate changes its sign, or -1 if that is not sharp."""
-    h, v0, v3 = step.h, direction * b[RATE + k], direction * b[RATE + 1 + k]
-    return sharp_root(v0, v0 + h / 3.0 * direction * b[BEND + k], v3 - h / 3.0 * direction * b[BEND + 1 + k], v3, step.e1, slope_error)
+    h = step.h
+    v0 = direction * b[RATE + k]
+    v3 = direction * b[RATE + 1 + k]
+    return sharp_root(
+        v0,
+        v0 + h / 3.0 * direction * b[BEND + k],
+        v3 - h / 3.0 * direction * b[BEND + 1 + k],
+        v3,
+        step.e1,
+        slope_error,
+    )
 
 
 @jit_inline
 def event_in_step(b, k, guards, step, near_wall, near_rest, slope_error):
     """Return (kind, share of the step) of the only event in step k, or NOTHING where that is not certain."""
-    low, high = guards.low, guards.high
+    low = guards.low
+    high = guards.high
     if guards.direction is not None:
         if near_rest:
             if near_wall:
@@ -133,8 +171,10 @@ def event_in_step(b, k, guards, step, near_wall, near_rest, slope_error):
             x = turn_in_step(b, k, step, guards.direction, slope_error)
             return (REVERSAL, x) if x >= 0.0 else (NOTHING, 0.0)
     if low is not None:
-        y0, y3 = b[VALUE + k], b[VALUE + 1 + k]
-        y1, y2 = y0 + step.h / 3.0 * b[RATE + k], y3 - step.h / 3.0 * b[RATE + 1 + k]
+        y0 = b[VALUE + k]
+        y3 = b[VALUE + 1 + k]
+        y1 = y0 + step.h / 3.0 * b[RATE + k]
+        y2 = y3 - step.h / 3.0 * b[RATE + 1 + k]
         if y3 > y0:
             x = sharp_root(high - y0, high - y1, high - y2, high - y3, step.e0, slope_error)
             return (HIT_HIGH, x) if x >= 0.0 else (NOTHING, 0.0)
@@ -148,9 +188,11 @@ def is_far(b, h, guards, e0, e1):
     """Return whether a step of LEVEL_RATIO h from the block's end, with these errors, will probably be clear."""
     far = True
     if guards.low is not None:
-        y, way = b[VALUE + POINTS], LEVEL_RATIO * h * b[RATE + POINTS]
+        y = b[VALUE + POINTS]
+        way = LEVEL_RATIO * h * b[RATE + POINTS]
         far = min(guards.high - max(y, y + way), min(y, y + way) - guards.low) > e0
     if guards.direction is not None:
-        v, way = guards.direction * b[RATE + POINTS], LEVEL_RATIO * h * guards.direction * b[BEND + POINTS]
+        v = guards.direction * b[RATE + POINTS]
+        way = LEVEL_RATIO * h * guards.direction * b[BEND + POINTS]
         far = far and min(v, v + way) > e1
     return far

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from impact_env.kernels.compiling.jit import jit_inline
-from impact_env.kernels.motion.observers import DONE, NO_PROGRESS, NOT_FINITE, SEARCH_GAVE_UP, STOPPED, TOO_MANY_EVALUATIONS, TOO_MANY_EVENTS
+from impact_env.kernels.motion.observers import (
+    DONE,
+    NO_PROGRESS,
+    NOT_FINITE,
+    SEARCH_GAVE_UP,
+    STOPPED,
+    TOO_MANY_EVALUATIONS,
+    TOO_MANY_EVENTS,
+)
 
 # What a run may use unless told otherwise. Friction with 60 undamped modes can turn a few thousand times a pseudo period; the usual is below 100. A
 # million events take some ten seconds, and events that pile up at one time have no more than that, since the budget grows only with the time reached.

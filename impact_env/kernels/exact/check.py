@@ -31,7 +31,8 @@ TIME_ROUNDING = 4.0  # times the search's resolution of time
 @jit
 def active_speed(slots, omega, u):
     """Return the largest |s| (1/s) of the slots that count in the signal u, or the force's frequency."""
-    largest, speed = 0.0, omega
+    largest = 0.0
+    speed = omega
     for j in range(u.shape[1]):
         largest = max(largest, abs(u[0, j]) + abs(u[1, j]))
     for j in range(u.shape[1]):
@@ -66,7 +67,9 @@ def note_miss(check, time, kind, share):
     n = check.counts.misses
     if n < check.first.shape[0]:
         row = check.first[n]
-        row.time, row.kind, row.share = time, kind, share
+        row.time = time
+        row.kind = kind
+        row.share = share
     check.counts.misses = n + 1
 
 
@@ -92,22 +95,34 @@ def sample_guard(check, slots, forced, window, signal, tau, offset, guard):
         return
     low, high, unit, slack, sign, kind = guard
     check.counts.searches += 1
-    omega, scale, speed_scale = window.omega, signal_scale(signal, forced.bound), rate_scale(slots, signal, forced.bound, offset)
-    margin, rate_margin = max(DEPTH * unit, (ROUNDING + slack) * scale), ROUNDING * speed_scale
+    omega = window.omega
+    scale = signal_scale(signal, forced.bound)
+    speed_scale = rate_scale(slots, signal, forced.bound, offset)
+    margin = max(DEPTH * unit, (ROUNDING + slack) * scale)
+    rate_margin = ROUNDING * speed_scale
     moment = TIME_ROUNDING * time_resolution(slots.rows, omega, window.half)
-    count = int(min(8.0 + DENSITY * offset * active_speed(slots, omega, signal.u), float(MOST_SAMPLES)))
-    deepest, deepest_at, wrong, wrong_at = 0.0, 0.0, 0.0, 0.0
+    count = int(
+        min(8.0 + DENSITY * offset * active_speed(slots, omega, signal.u), float(MOST_SAMPLES))
+    )
+    deepest = 0.0
+    deepest_at = 0.0
+    wrong = 0.0
+    wrong_at = 0.0
     for k in range(count + 2 * HALVINGS):
         t = sample_time(k, count, offset)
         y, v, a = at_offset(slots, forced.signals, omega, signal, tau, t)
         depth = max(y - high, low - y)
         if depth > max(deepest, margin + moment * abs(v)):
-            deepest, deepest_at = depth, t
+            deepest = depth
+            deepest_at = t
         if sign != 0.0:
             if -sign * v > max(wrong, rate_margin + moment * abs(a)):
-                wrong, wrong_at = -sign * v, t
+                wrong = -sign * v
+                wrong_at = t
     if deepest > 0.0:
-        note_miss(check, window.centre + tau + deepest_at, kind, deepest / (unit if unit > 0.0 else scale))
+        note_miss(
+            check, window.centre + tau + deepest_at, kind, deepest / (unit if unit > 0.0 else scale)
+        )
     elif wrong > 0.0:
         note_miss(check, window.centre + tau + wrong_at, TURNED, wrong / speed_scale)
 
@@ -117,7 +132,8 @@ def check_flight(check, slots, forced, window, walls, limit, body, offset):
     """Check the search of a flight: no wall is passed, and with friction the relative velocity keeps its sign."""
     if check is None:
         return
-    gap, sign = np.inf, 0.0
+    gap = np.inf
+    sign = 0.0
     if walls is not None:
         gap = walls.gap
     if limit is not None:
@@ -132,7 +148,16 @@ def check_hold(check, slots, forced, window, limit, body, offset):
     if check is None:
         return
     low, high = joint_bounds(limit, body.now.side)
-    sample_guard(check, slots, forced, window, body.signal, body.now.tau, offset, Guard(low, high, 0.0, JOINT_SLACK, 0.0, PULLED))
+    sample_guard(
+        check,
+        slots,
+        forced,
+        window,
+        body.signal,
+        body.now.tau,
+        offset,
+        Guard(low, high, 0.0, JOINT_SLACK, 0.0, PULLED),
+    )
 
 
 @jit
@@ -140,13 +165,25 @@ def check_set(check, scene, window, s, offset, room):
     """Check the searches of all absorbers in set s, up to the earliest event."""
     if check is None:
         return
-    sets, absorbers = scene.sets, scene.absorbers
+    sets = scene.sets
+    absorbers = scene.absorbers
     for a in range(room.now.shape[0]):
-        now, limit, gap = room.now[a], absorbers.limit[a], absorbers.gap[a]
-        slots, forced, signal = slots_with(sets, s, sets.rows[s, a]), forced_of(room.flow, s, a), signal_of(room.signals, a)
+        now = room.now[a]
+        limit = absorbers.limit[a]
+        gap = absorbers.gap[a]
+        slots = slots_with(sets, s, sets.rows[s, a])
+        forced = forced_of(room.flow, s, a)
+        signal = signal_of(room.signals, a)
         if is_joined(s, a):
             low, high = joint_bounds(limit, now.side)
             guard = Guard(low, high, 0.0, JOINT_SLACK, 0.0, PULLED)
         else:
-            guard = Guard(-gap, gap, gap if gap < np.inf else 0.0, 0.0, now.sign if limit > 0.0 else 0.0, PASSED)
+            guard = Guard(
+                -gap,
+                gap,
+                gap if gap < np.inf else 0.0,
+                0.0,
+                now.sign if limit > 0.0 else 0.0,
+                PASSED,
+            )
         sample_guard(check, slots, forced, window, signal, now.tau, offset, guard)

@@ -37,7 +37,14 @@ from impact_env.kernels.exact.springs import (
 )
 from impact_env.kernels.motion.forced import Forced, add_forced, new_forced
 from impact_env.kernels.motion.lines import solve_window
-from impact_env.kernels.motion.observers import DONE, MOTION, NOT_FINITE, PASSED, STUCK_INSIDE, push_phase
+from impact_env.kernels.motion.observers import (
+    DONE,
+    MOTION,
+    NOT_FINITE,
+    PASSED,
+    STUCK_INSIDE,
+    push_phase,
+)
 from impact_env.kernels.motion.segments import (
     Losses,
     Regime,
@@ -85,7 +92,9 @@ def check_springs(check, scene, slots, forced, window, bounds, room, offset):
     if check is None:
         return
     now = room.now[0]
-    guard = Guard(bounds[0], bounds[1], clearance(scene.gap), 0.0, slider_sign(scene.limit, now), PASSED)
+    guard = Guard(
+        bounds[0], bounds[1], clearance(scene.gap), 0.0, slider_sign(scene.limit, now), PASSED
+    )
     sample_guard(check, slots, forced, window, room.signal, now.tau, offset, guard)
 
 
@@ -93,7 +102,9 @@ def check_springs(check, scene, slots, forced, window, bounds, room, offset):
 def end_of_stretch(slots, forced, window, limit, low, high, room):
     """Return the first event up to the window's end of the signal in ``room``: a bound of the interval, or the turn of a slider that slides."""
     now = room.now[0]
-    length, side, course = window.half - now.tau, int(now.side), Course(slots, forced, window.omega, room.signal, now.tau)
+    length = window.half - now.tau
+    side = int(now.side)
+    course = Course(slots, forced, window.omega, room.signal, now.tau)
     if limit is None:
         return next_event(window, course, Guards(low, high, side, None, False), length)
     if not now.sticks:
@@ -104,25 +115,36 @@ def end_of_stretch(slots, forced, window, limit, low, high, room):
 @jit_inline
 def run_to_event(regime, forced, scene, window, reach, room, observe):
     """Advance a regime to its next event or the window's end."""
-    now, work, counters, r = room.now[0], room.work, observe.counters, regime_number(room.now[0])
+    now = room.now[0]
+    work = room.work
+    counters = observe.counters
+    r = regime_number(room.now[0])
     free = r == 0
-    slots, p, rest = regime.slots, room.signal.polynomial, guard_rest(regime.slots.rows) * now.force
+    slots = regime.slots
+    p = room.signal.polynomial
+    rest = guard_rest(regime.slots.rows) * now.force
     weigh(slots.rows, GUARD, work.z, room.signal.u)
     now.a = now.force / scene.contact.mass if free else 0.0
     if free:
         p[0], p[1], p[2] = now.q + rest, now.v, now.a
     else:
         p[0], p[1], p[2] = rest, 0.0, 0.0
-        now.q, now.v = 0.0, 0.0
+        now.q = 0.0
+        now.v = 0.0
     low, high = guard_bounds(scene.gap, reach, now)
     tau = now.tau
     found = end_of_stretch(slots, forced, window, scene.limit, low, high, room)
     counters.counts.evaluations += found.evaluations
     offset = found.offset
     check_springs(counters.check, scene, slots, forced, window, (low, high), room, offset)
-    end, motion = tau + offset, room.motion[0]
-    motion.q, motion.v, motion.a = now.q, now.v, now.a
-    stretch = Stretch(regime, forced, window, work, now.force, regime.tip_rest * now.force, room.motion, tau, end)
+    end = tau + offset
+    motion = room.motion[0]
+    motion.q = now.q
+    motion.v = now.v
+    motion.a = now.a
+    stretch = Stretch(
+        regime, forced, window, work, now.force, regime.tip_rest * now.force, room.motion, tau, end
+    )
     sample_level(stretch, observe.clock, observe.level, observe.place)
     sample_state(stretch, observe.clock, observe.series)
     add_energy(stretch, scene.losses, room.scratch, r, observe.energy)
@@ -131,7 +153,8 @@ def run_to_event(regime, forced, scene, window, reach, room, observe):
         now.q += offset * (now.v + 0.5 * offset * now.a)
         now.v += offset * now.a
     now.tau = end
-    now.side, now.at_rest = 0.0, False
+    now.side = 0.0
+    now.at_rest = False
     if now.sticks:
         counters.counts.stuck_time += offset
     return found
@@ -154,7 +177,8 @@ def read_state(regime, forced, omega, now, work, state):
 def write_state(regime, forced, omega, now, work, state):
     """Set the free part of the slots, and the absorber, from a state at the current time."""
     half = state.shape[0] // 2
-    now.q, now.v = state[half - 1], state[2 * half - 1]
+    now.q = state[half - 1]
+    now.v = state[2 * half - 1]
     to_slots(regime.into, state, work.z)
     add_forced(forced.slots, omega, now.tau, -1.0, work.z)
     add(regime.slots.rows, REST, -now.force, work.z)
@@ -177,8 +201,21 @@ def new_room(regimes, load, state):
     """Return room for lanes of one scene under a load, None: a chirp."""
     free, wall, friction, both = regimes
     size = free.slots.rows.shape[1]
-    forced = (new_forced(free.slots, load), new_forced(wall.slots, load), new_forced(friction.slots, load), new_forced(both.slots, load))
-    return Room(new_now(), new_work(size), new_signal(size), forced, np.zeros(4, np.bool_), np.zeros(1, MOTION), np.zeros_like(state))
+    forced = (
+        new_forced(free.slots, load),
+        new_forced(wall.slots, load),
+        new_forced(friction.slots, load),
+        new_forced(both.slots, load),
+    )
+    return Room(
+        new_now(),
+        new_work(size),
+        new_signal(size),
+        forced,
+        np.zeros(4, np.bool_),
+        np.zeros(1, MOTION),
+        np.zeros_like(state),
+    )
 
 
 @jit_inline
@@ -186,7 +223,8 @@ def enter_regime(scene, window, room, state):
     """Go on from a state in the regime that `regime_number` says."""
     now = room.now[0]
     r = regime_number(now)
-    regime, forced = scene.regimes[r], room.forced[r]
+    regime = scene.regimes[r]
+    forced = room.forced[r]
     if not room.solved[r]:
         solve_window(regime.slots, window, None, forced)
         room.solved[r] = True
@@ -199,7 +237,8 @@ def pass_event(scene, window, reach, room, state, observe):
     now = room.now[0]
     r0, _ = relative_motion(scene.contact, state)
     number = regime_number(now)
-    regime, forced = scene.regimes[number], room.forced[number]
+    regime = scene.regimes[number]
+    forced = room.forced[number]
     found = run_to_event(regime, forced, scene, window, reach, room, observe)
     read_state(regime, forced, window.omega, now, room.work, state)
     r1, _ = relative_motion(scene.contact, state)
@@ -213,13 +252,15 @@ def pass_event(scene, window, reach, room, state, observe):
 @jit
 def compliant_stretch(scene, schedule, k, room, state, observe):
     """Integrate over stretch ``k`` of the schedule and return a status code; ``state`` and ``room.now`` are carried from stretch to stretch."""
-    now, reach = room.now[0], slider_reach(scene.springs, scene.limit)
+    now = room.now[0]
+    reach = slider_reach(scene.springs, scene.limit)
     count = window_count(schedule, k)
     for w in range(count):
         window = window_of(schedule, k, w, count)
         now.tau = -window.half
         room.solved[:] = False
-        last, stalled = now.tau, 0
+        last = now.tau
+        stalled = 0
         enter_regime(scene, window, room, state)
         while now.tau < window.half:
             pass_event(scene, window, reach, room, state, observe)
@@ -238,10 +279,14 @@ def compliant_lane(scene, schedule, state, observe):
 
     The friction loss contains what the slider's spring holds at the end.
     """
-    room, status, counts = new_room(scene.regimes, schedule.load, state), DONE, observe.counters.counts
+    room = new_room(scene.regimes, schedule.load, state)
+    status = DONE
+    counts = observe.counters.counts
     limit_searches(room.signal.memory, observe.counters)
     seen = observe_with(observe, new_account(observe.energy, 4, room.work.z.shape[1]))
-    begin(scene.springs, scene.gap, scene.limit, room.now[0], state, scene.contact, observe.counters)
+    begin(
+        scene.springs, scene.gap, scene.limit, room.now[0], state, scene.contact, observe.counters
+    )
     for k in range(schedule.times.shape[0] - 1):
         status = compliant_stretch(scene, schedule, k, room, state, seen)
         if status != DONE:
@@ -255,7 +300,8 @@ def compliant_lane(scene, schedule, state, observe):
 @jit
 def finish(scene, room, state, end, observe):
     """Close what is open at the end (s), and take the sample that falls on it."""
-    now, contact = room.now[0], scene.contact
+    now = room.now[0]
+    contact = scene.contact
     if now.sticks:
         push_phase(observe.events, now.stick_time, end, STUCK_INSIDE, 0)
     if now.wall != 0.0:

@@ -36,9 +36,25 @@ from impact_env.kernels.exact.rigid_contact import (
     touch,
     weight_held,
 )
-from impact_env.kernels.motion.forced import Forced, add_forced, new_forced, own_motion, signal_value
+from impact_env.kernels.motion.forced import (
+    Forced,
+    add_forced,
+    new_forced,
+    own_motion,
+    signal_value,
+)
 from impact_env.kernels.motion.observers import MOTION
-from impact_env.kernels.motion.segments import Losses, Regime, Stretch, Work, new_work, sample_level, sample_state, to_slots, to_state
+from impact_env.kernels.motion.segments import (
+    Losses,
+    Regime,
+    Stretch,
+    Work,
+    new_work,
+    sample_level,
+    sample_state,
+    to_slots,
+    to_state,
+)
 from impact_env.kernels.motion.slots import GUARD, REST, add, advance, copy, weigh
 
 
@@ -73,8 +89,19 @@ def new_room(free, joined, load, state):
     size = free.slots.rows.shape[1]
     now = new_now(1)
     now[0].kick = largest_kick(free.slots.rows)
-    free_forced, joined_forced, solved = new_forced(free.slots, load), new_forced(joined.slots, load), np.zeros(2, np.bool_)
-    return Room(now, new_work(size), new_signal(size), free_forced, joined_forced, solved, np.zeros(1, MOTION), np.zeros_like(state))
+    free_forced = new_forced(free.slots, load)
+    joined_forced = new_forced(joined.slots, load)
+    solved = np.zeros(2, np.bool_)
+    return Room(
+        now,
+        new_work(size),
+        new_signal(size),
+        free_forced,
+        joined_forced,
+        solved,
+        np.zeros(1, MOTION),
+        np.zeros_like(state),
+    )
 
 
 @jit_view
@@ -124,7 +151,8 @@ def free_state(free, forced, omega, now, work, state):
 def joint_force(joined, forced, omega, tau, contact, work):
     """Return the joint force at tau in the joined regime, whose free part is ``work.z``, and the size of its terms."""
     weigh(joined.slots.rows, GUARD, work.z, work.u)
-    f, scale = signal_value(forced.signals, 0, omega, tau), forced.bound[0]
+    f = signal_value(forced.signals, 0, omega, tau)
+    scale = forced.bound[0]
     for j in range(work.u.shape[1]):
         f += work.u[0, j]
         scale += abs(work.u[0, j]) + abs(work.u[1, j])
@@ -137,14 +165,19 @@ def joint_force(joined, forced, omega, tau, contact, work):
 @jit
 def try_join(scene, window, room, state):
     """Join absorber and tip if the joint force allows it, else set the sign in which the absorber will slide; return True if joined."""
-    now, joined, forced, work = room.now[0], scene.joined, room.joined_forced, room.work
+    now = room.now[0]
+    joined = scene.joined
+    forced = room.joined_forced
+    work = room.work
     q_tip, v_tip = tip_motion(scene.contact, state)
     now.force = weight_held(scene.contact.gravity)
     enter(joined, forced, window.omega, now, state, work.z)
     f, scale = joint_force(joined, forced, window.omega, now.tau, scene.contact, work)
     stay_at_wall(scene.contact.walls, now, q_tip)
     low, high = joint_bounds(scene.contact.limit, now.side)
-    slack = JOINT_SLACK * scale  # at its bound the joint force decides in the joined regime, by its rate
+    slack = (
+        JOINT_SLACK * scale
+    )  # at its bound the joint force decides in the joined regime, by its rate
     now.v = v_tip
     now.offset = now.q - q_tip
     if low - slack <= f <= high + slack:
@@ -167,39 +200,71 @@ def observe_stretch(scene, stretch, r, scratch, observe):
 @jit_inline
 def fly(scene, window, room, observe):
     """Advance the free regime to its next event or to the window's end; return what the search found."""
-    free, forced, contact, body, omega = scene.free, room.free_forced, scene.contact, body_of(room), window.omega
-    now, slots, counters = body.now, free.slots, observe.counters
+    free = scene.free
+    forced = room.free_forced
+    contact = scene.contact
+    body = body_of(room)
+    omega = window.omega
+    now = body.now
+    slots = free.slots
+    counters = observe.counters
     fall(contact, now)
-    tau, bent = now.tau, free.tip_rest * now.force
-    found = end_of_flight(slots, forced, window, contact.walls, contact.limit, body, bent, window.half - tau)
+    tau = now.tau
+    bent = free.tip_rest * now.force
+    found = end_of_flight(
+        slots, forced, window, contact.walls, contact.limit, body, bent, window.half - tau
+    )
     counters.counts.evaluations += found.evaluations
     offset = found.offset
     check_flight(counters.check, slots, forced, window, contact.walls, contact.limit, body, offset)
-    end, motion = tau + offset, room.motion[0]
-    motion.q, motion.v, motion.a = now.q, now.v, now.a
-    observe_stretch(scene, Stretch(free, forced, window, room.work, now.force, bent, room.motion, tau, end), FREE, room.scratch, observe)
+    end = tau + offset
+    motion = room.motion[0]
+    motion.q = now.q
+    motion.v = now.v
+    motion.a = now.a
+    observe_stretch(
+        scene,
+        Stretch(free, forced, window, room.work, now.force, bent, room.motion, tau, end),
+        FREE,
+        room.scratch,
+        observe,
+    )
     add_friction_loss(contact.limit, slots, forced, omega, body, tau, offset, observe.energy)
     advance(slots.rows, slots.table, slots.scale, offset, room.work.z)
     now.q += offset * (now.v + 0.5 * offset * now.a)
     now.v += offset * now.a
     now.tau = end
-    now.side, now.at_rest = 0.0, False
+    now.side = 0.0
+    now.at_rest = False
     return found
 
 
 @jit_inline
 def hold(scene, window, room, observe):
     """Advance the joined regime to where the joint force leaves its interval, or to the window's end; return the event."""
-    joined, forced, limit, body = scene.joined, room.joined_forced, scene.contact.limit, body_of(room)
-    now, slots, counters = body.now, joined.slots, observe.counters
-    tau, weight = now.tau, weight_held(scene.contact.gravity)
-    found = end_of_hold(slots, forced, window, limit, scene.contact.mass * weight, body, window.half - tau)
+    joined = scene.joined
+    forced = room.joined_forced
+    limit = scene.contact.limit
+    body = body_of(room)
+    now = body.now
+    slots = joined.slots
+    counters = observe.counters
+    tau = now.tau
+    weight = weight_held(scene.contact.gravity)
+    found = end_of_hold(
+        slots, forced, window, limit, scene.contact.mass * weight, body, window.half - tau
+    )
     counters.counts.evaluations += found.evaluations
     offset = found.offset
     check_hold(counters.check, slots, forced, window, limit, body, offset)
-    end, motion = tau + offset, room.motion[0]
-    motion.q, motion.v, motion.a = now.offset, 0.0, 0.0
-    stretch = Stretch(joined, forced, window, room.work, weight, joined.tip_rest * weight, room.motion, tau, end)
+    end = tau + offset
+    motion = room.motion[0]
+    motion.q = now.offset
+    motion.v = 0.0
+    motion.a = 0.0
+    stretch = Stretch(
+        joined, forced, window, room.work, weight, joined.tip_rest * weight, room.motion, tau, end
+    )
     observe_stretch(scene, stretch, JOINED, room.scratch, observe)
     advance(slots.rows, slots.table, slots.scale, offset, room.work.z)
     now.tau = end
@@ -210,15 +275,20 @@ def hold(scene, window, room, observe):
 @jit
 def release(scene, window, room, state, event, events):
     """Leave the joined regime: the absorber lags where the joint force is above its bound, leads where it is below."""
-    now, joined, work, half = room.now[0], scene.joined, room.work, state.shape[0] // 2
+    now = room.now[0]
+    joined = scene.joined
+    work = room.work
+    half = state.shape[0] // 2
     totals(joined, room.joined_forced, window.omega, now, work.z, work.rows[0])
     to_state(joined.out, work.rows[0], state)
     state[half - 1] += now.offset
-    now.q, now.v = state[half - 1], state[2 * half - 1]
+    now.q = state[half - 1]
+    now.v = state[2 * half - 1]
     end_phase(events, now, window.centre + now.tau)
     now.regime = FREE
     now.sign = -1.0 if event == HIT_HIGH else 1.0
-    now.at_rest, now.force = True, 0.0
+    now.at_rest = True
+    now.force = 0.0
     friction_force(scene.contact.limit, now)
     enter(scene.free, room.free_forced, window.omega, now, state, work.z)
     move_own(window, room, -1.0)
@@ -233,8 +303,11 @@ def can_hold(limit, side):
 @jit
 def begin(scene, window, room, state):
     """Set the first regime from the initial state: joined if the relative velocity is zero and friction or a wall can hold it."""
-    now, contact, half = room.now[0], scene.contact, state.shape[0] // 2
-    now.q, now.v = state[half - 1], state[2 * half - 1]
+    now = room.now[0]
+    contact = scene.contact
+    half = state.shape[0] // 2
+    now.q = state[half - 1]
+    now.v = state[2 * half - 1]
     relative = touch(contact, contact.walls, now, state)
     if relative == 0.0 and can_hold(contact.limit, now.side):
         if try_join(scene, window, room, state):

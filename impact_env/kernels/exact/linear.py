@@ -56,7 +56,9 @@ class Room(NamedTuple):
 def new_room(regime, load, state):
     """Return room for lanes of one scene under a load, None: a chirp."""
     size = regime.slots.rows.shape[1]
-    return Room(new_work(size), new_forced(regime.slots, load), np.zeros_like(state), np.zeros(1, MOTION))
+    return Room(
+        new_work(size), new_forced(regime.slots, load), np.zeros_like(state), np.zeros(1, MOTION)
+    )
 
 
 @jit
@@ -71,10 +73,13 @@ def bend_by_weight(regime, gravity, sign, z):
 @jit_inline
 def pass_unobserved(scene, window, room, observe):
     """Move the slots over a window of straight lines in which nothing is observed; return False where it is none."""
-    load, z = window.load, room.work.z
+    load = window.load
+    z = room.work.z
     if load is None:
         return False
-    if not load.straight[0] or is_due(window, observe.clock, observe.level, observe.series, observe.energy):
+    if not load.straight[0] or is_due(
+        window, observe.clock, observe.level, observe.series, observe.energy
+    ):
         return False
     bend_by_weight(scene.regime, scene.gravity, -1.0, z)
     passed = leap_over(load, scene.regime.slots, window, room.forced, room.work.rows[0], z)
@@ -85,12 +90,25 @@ def pass_unobserved(scene, window, room, observe):
 @jit_inline
 def pass_window(scene, window, room, observe):
     """Move the slots over a window, and let the observers see it."""
-    regime, slots, work, forced = scene.regime, scene.regime.slots, room.work, room.forced
+    regime = scene.regime
+    slots = scene.regime.slots
+    work = room.work
+    forced = room.forced
     if not solve_lines(window.load, slots, window, None, False, forced):
         solve_response(slots, window, forced)
     add_forced(forced.slots, window.omega, -window.half, -1.0, work.z)
     weight = bend_by_weight(regime, scene.gravity, -1.0, work.z)
-    stretch = Stretch(regime, forced, window, work, weight, regime.tip_rest * weight, room.still, -window.half, window.half)
+    stretch = Stretch(
+        regime,
+        forced,
+        window,
+        work,
+        weight,
+        regime.tip_rest * weight,
+        room.still,
+        -window.half,
+        window.half,
+    )
     sample_level(stretch, observe.clock, observe.level, observe.place)
     sample_state(stretch, observe.clock, observe.series)
     add_energy(stretch, scene.losses, room.scratch, 0, observe.energy)
@@ -119,7 +137,10 @@ def linear_stretch(scene, schedule, k, room, observe):
 @jit_room
 def linear_lane(scene, schedule, state, observe):
     """Propagate one lane of a `Linear` scene and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end."""
-    regime, room, status, counts = scene.regime, new_room(scene.regime, schedule.load, state), DONE, observe.counters.counts
+    regime = scene.regime
+    room = new_room(scene.regime, schedule.load, state)
+    status = DONE
+    counts = observe.counters.counts
     seen = observe_with(observe, new_account(observe.energy, 1, regime.slots.rows.shape[1]))
     to_slots(regime.into, state, room.work.z)
     for k in range(schedule.times.shape[0] - 1):
@@ -129,5 +150,7 @@ def linear_lane(scene, schedule, state, observe):
     if status == DONE:
         counts.reached = schedule.times[-1]
     to_state(regime.out, room.work.z, state)
-    last_sample(state, scene.losses.tip_shape, counts.reached, observe.clock, observe.level, observe.series)
+    last_sample(
+        state, scene.losses.tip_shape, counts.reached, observe.clock, observe.level, observe.series
+    )
     return status

@@ -14,15 +14,26 @@ from impact_env.kernels.motion.slots import GUARD, weigh
 @jit_inline
 def end_of_flight(slots, forced, window, walls, limit, body, bent, length):
     """Return the first event within ``length`` (s) of an absorber apart from the beam, which constant forces have bent by ``bent`` (m) there."""
-    now, signal, p = body.now, body.signal, body.signal.polynomial
-    p[0], p[1], p[2] = now.q - bent, now.v, now.a  # first: what the caller has just written is still in registers
+    now = body.now
+    signal = body.signal
+    p = body.signal.polynomial
+    p[0], p[1], p[2] = (
+        now.q - bent,
+        now.v,
+        now.a,
+    )  # first: what the caller has just written is still in registers
     weigh(slots.rows, GUARD, body.work.z, signal.u)
     course = Course(slots, forced, window.omega, signal, now.tau)
     gap = 0.0
     if walls is not None:
         gap = walls.gap
     if limit is None:
-        return next_event(window, course, Guards(-gap, gap, int(now.side), None, now.at_rest and now.side != 0.0), length)
+        return next_event(
+            window,
+            course,
+            Guards(-gap, gap, int(now.side), None, now.at_rest and now.side != 0.0),
+            length,
+        )
     if walls is None:
         return next_event(window, course, Guards(None, None, 0, now.sign, now.at_rest), length)
     # only the wall ahead can be reached before the relative velocity turns

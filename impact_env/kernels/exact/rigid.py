@@ -11,8 +11,27 @@ from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
 from impact_env.kernels.energy.account import new_account, observe_with
 from impact_env.kernels.events.signals import NOTHING, REVERSAL
 from impact_env.kernels.exact.budget import limit_searches, progress
-from impact_env.kernels.exact.free_and_joined import begin, body_of, enter, fly, free_state, hold, move_own, new_room, release, try_join
-from impact_env.kernels.exact.rigid_contact import FREE, JOINED, end_phase, friction_force, impact, turn, weight_held
+from impact_env.kernels.exact.free_and_joined import (
+    begin,
+    body_of,
+    enter,
+    fly,
+    free_state,
+    hold,
+    move_own,
+    new_room,
+    release,
+    try_join,
+)
+from impact_env.kernels.exact.rigid_contact import (
+    FREE,
+    JOINED,
+    end_phase,
+    friction_force,
+    impact,
+    turn,
+    weight_held,
+)
 from impact_env.kernels.motion.forced import add_forced
 from impact_env.kernels.motion.lines import solve_window
 from impact_env.kernels.motion.observers import DONE, NOT_FINITE, push_reversal
@@ -65,7 +84,9 @@ def enter_window(scene, window, started, room, state):
 @jit_inline
 def meet(scene, window, found, room, observe):
     """Let the event that ended a flight happen; return True if absorber and tip have no relative velocity from then on."""
-    slots, contact, body = scene.free.slots, scene.contact, body_of(room)
+    slots = scene.free.slots
+    contact = scene.contact
+    body = body_of(room)
     if found.kind == NOTHING:
         return False
     if found.kind == REVERSAL:
@@ -77,7 +98,8 @@ def meet(scene, window, found, room, observe):
 @jit_inline
 def join_or_slide(scene, window, room, state):
     """Go on from the free regime without relative velocity: joined if the joint force allows it."""
-    now, work = room.now[0], room.work
+    now = room.now[0]
+    work = room.work
     solve_joined(scene, window, room)
     move_own(window, room, 1.0)
     free_state(scene.free, room.free_forced, window.omega, now, work, state)
@@ -113,7 +135,8 @@ def exact_stretch(scene, schedule, k, started, room, state, observe):
     for w in range(count):
         window = window_of(schedule, k, w, count)
         enter_window(scene, window, started or w > 0, room, state)
-        last, stalled = now.tau, 0
+        last = now.tau
+        stalled = 0
         while now.tau < window.half:
             pass_event(scene, window, room, state, observe)
             stalled, status = progress(observe.counters, window, now.tau, last, stalled)
@@ -130,7 +153,8 @@ def exact_stretch(scene, schedule, k, started, room, state, observe):
 @jit_room
 def exact_lane(scene, schedule, state, observe):
     """Integrate one lane of a `free_and_joined.Rigid` scene and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end."""
-    room, status = new_room(scene.free, scene.joined, schedule.load, state), DONE
+    room = new_room(scene.free, scene.joined, schedule.load, state)
+    status = DONE
     limit_searches(room.signal.memory, observe.counters)
     seen = observe_with(observe, new_account(observe.energy, 2, scene.free.slots.rows.shape[1]))
     for k in range(schedule.times.shape[0] - 1):
@@ -147,7 +171,9 @@ def exact_lane(scene, schedule, state, observe):
 @jit
 def current_state(scene, room, state):
     """Write the state at the end of a stretch, or where it was given up."""
-    now, work, half = room.now[0], room.work, state.shape[0] // 2
+    now = room.now[0]
+    work = room.work
+    half = state.shape[0] // 2
     if now.regime == FREE:
         w = work.rows[0]
         copy(work.z, w)

@@ -13,12 +13,27 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
 from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, record
-from impact_env.kernels.events.signals import EPSILON, HIT_HIGH, NOISE, Signal, at_offset, signal_scale, value_at_offset
-from impact_env.kernels.motion.observers import HELD_LOWER, HELD_UPPER, STUCK_INSIDE, push_impact, push_phase
+from impact_env.kernels.events.signals import (
+    EPSILON,
+    HIT_HIGH,
+    NOISE,
+    Signal,
+    at_offset,
+    signal_scale,
+    value_at_offset,
+)
+from impact_env.kernels.motion.observers import (
+    HELD_LOWER,
+    HELD_UPPER,
+    STUCK_INSIDE,
+    push_impact,
+    push_phase,
+)
 from impact_env.kernels.motion.segments import Work
 from impact_env.kernels.motion.slots import GUARD, RELATIVE, REST, SPEED, add, weigh
 
-FREE, JOINED = 0, 1
+FREE = 0
+JOINED = 1
 JOINT_SLACK = 1e-9  # of the joint force's scale: above the rounding of the change of basis
 SLOWEST_DECAY = 0.1  # 1 - e counts as at least this where a chatter is completed
 ROUNDING = 16.0 * NOISE  # of a signal: above what the search takes for zero distance
@@ -140,9 +155,11 @@ def turn(slots, contact, limit, body, found):
 @jit
 def joint_bounds(limit, side):
     """Return the interval of the joint force on the absorber: friction, and what the wall touched can push."""
-    low, high = 0.0, 0.0
+    low = 0.0
+    high = 0.0
     if limit is not None:
-        low, high = -limit, limit
+        low = -limit
+        high = limit
     if side > 0.0:
         low = -np.inf
     if side < 0.0:
@@ -161,7 +178,8 @@ def end_phase(events, now, time):
 def tip_motion(contact, state):
     """Return displacement and velocity of the tip."""
     half = state.shape[0] // 2
-    q, v = 0.0, 0.0
+    q = 0.0
+    v = 0.0
     for i in range(contact.tip_shape.shape[0]):
         q += contact.tip_shape[i] * state[i]
         v += contact.tip_shape[i] * state[half + i]
@@ -172,7 +190,9 @@ def tip_motion(contact, state):
 def stay_at_wall(walls, now, q_tip):
     """Note the wall that an absorber touches within rounding, as after a plastic impact, whose flight is one of no length."""
     if walls is not None:
-        if walls.gap < np.inf and abs(now.q - q_tip) >= walls.gap - 4.0 * EPSILON * (walls.gap + abs(now.q) + abs(q_tip)):
+        if walls.gap < np.inf and abs(now.q - q_tip) >= walls.gap - 4.0 * EPSILON * (
+            walls.gap + abs(now.q) + abs(q_tip)
+        ):
             now.side = 1.0 if now.q > q_tip else -1.0
 
 
@@ -206,7 +226,10 @@ def impact(slots, forced, window, walls, contact, body, found, observe):
     """Apply Newton's impact law; return True if the remaining chatter is below rounding and was completed by a plastic impulse."""
     if walls is None:
         return False
-    now, z, v, side = body.now, body.work.z, found.rate, 1.0 if found.kind == HIT_HIGH else -1.0
+    now = body.now
+    z = body.work.z
+    v = found.rate
+    side = 1.0 if found.kind == HIT_HIGH else -1.0
     now.q -= found.value - side * walls.gap  # rounding must not add up to a penetration
     e = restitution_at(walls, v)
     impulse = -(1.0 + e) * v / contact.compliance
@@ -235,7 +258,9 @@ def largest_kick(rows):
     """Return a bound of the relative acceleration that a unit impulse between beam and absorber leaves."""
     kick = 0.0
     for j in range(rows.shape[1]):
-        gain = np.hypot(rows[GUARD, j], rows[GUARD + 1, j]) * np.hypot(rows[RELATIVE, j], rows[RELATIVE + 1, j])
+        gain = np.hypot(rows[GUARD, j], rows[GUARD + 1, j]) * np.hypot(
+            rows[RELATIVE, j], rows[RELATIVE + 1, j]
+        )
         kick += gain * (rows[SPEED, j] * rows[SPEED, j])
     return kick
 
@@ -247,7 +272,9 @@ def chatter_is_complete(slots, forced, window, walls, body, side, after, largest
     ``largest`` bounds the relative acceleration after the impact.
     """
     signal = body.signal
-    height = ROUNDING * signal_scale(signal, forced.bound) * max(1.0 - walls.restitution, SLOWEST_DECAY)
+    height = (
+        ROUNDING * signal_scale(signal, forced.bound) * max(1.0 - walls.restitution, SLOWEST_DECAY)
+    )
     if after * after > 2.0 * largest * height + 1e-300:
         return False
     weigh(slots.rows, GUARD, body.work.z, signal.u)

@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 from impact_env.kernels.compiling.jit import jit, jit_room, jit_view
 from impact_env.kernels.events.signals import MOST_EVALUATIONS, Signal
 from impact_env.kernels.exact.rigid_contact import JOINED, largest_kick
-from impact_env.kernels.motion.forced import DERIVATIVES, SCANNED, SIGNALS, Forced, add_forced, solve_guard, solve_place, solve_response
+from impact_env.kernels.motion.forced import (
+    DERIVATIVES,
+    SCANNED,
+    SIGNALS,
+    Forced,
+    add_forced,
+    solve_guard,
+    solve_place,
+    solve_response,
+)
 from impact_env.kernels.motion.segments import Regime, to_slots
 from impact_env.kernels.motion.slots import REST, Slots, add
 from impact_env.kernels.motion.vector import BLOCK, POINTS, TERMS
@@ -85,24 +94,40 @@ class Signals(NamedTuple):
 def new_flow(sets):
     """Return empty room for the forced parts."""
     count, places, _, size = sets.rows.shape
-    slots, signals = np.zeros((count, 4, TERMS, size)), np.zeros((count, places, *SIGNALS))
+    slots = np.zeros((count, 4, TERMS, size))
+    signals = np.zeros((count, places, *SIGNALS))
     carrier = np.zeros((count, sets.steps.shape[1], 2, POINTS))
-    return Flow(slots, signals, np.zeros((count, places, DERIVATIVES + SCANNED)), carrier, np.zeros((2, TERMS)), np.zeros(count, np.bool_))
+    return Flow(
+        slots,
+        signals,
+        np.zeros((count, places, DERIVATIVES + SCANNED)),
+        carrier,
+        np.zeros((2, TERMS)),
+        np.zeros(count, np.bool_),
+    )
 
 
 @jit_room
 def new_signals(sets):
     """Return room for the absorbers' signals."""
-    n, size = sets.bent.shape[2], sets.rows.shape[3]
+    n = sets.bent.shape[2]
+    size = sets.rows.shape[3]
     memory = np.zeros((n, 2))
     memory[:, 1] = MOST_EVALUATIONS
-    return Signals(np.zeros((n, 2, size)), np.zeros((n, 3)), np.zeros((n, 6 * size)), np.zeros((n, BLOCK)), memory)
+    return Signals(
+        np.zeros((n, 2, size)),
+        np.zeros((n, 3)),
+        np.zeros((n, 6 * size)),
+        np.zeros((n, BLOCK)),
+        memory,
+    )
 
 
 @jit_room
 def all_kicks(sets):
     """Return `rigid_contact.largest_kick` (2^n, n) of every absorber in every set."""
-    count, n = sets.rows.shape[0], sets.bent.shape[2]
+    count = sets.rows.shape[0]
+    n = sets.bent.shape[2]
     kicks = np.zeros((count, n))
     for s in range(count):
         for a in range(n):
@@ -113,7 +138,15 @@ def all_kicks(sets):
 @jit_view
 def slots_with(sets, s, rows):
     """Return the slots of set s with these rows of weights."""
-    return Slots(rows, sets.table[s], sets.scale[s], sets.steps[s], sets.waves[s], sets.turns[s], sets.errors[s])
+    return Slots(
+        rows,
+        sets.table[s],
+        sets.scale[s],
+        sets.steps[s],
+        sets.waves[s],
+        sets.turns[s],
+        sets.errors[s],
+    )
 
 
 @jit_view
@@ -125,13 +158,22 @@ def regime_with(sets, s, rows):
 @jit_view
 def forced_of(flow, s, place):
     """Return the forced part of set s with the signals of an absorber, or of the level's place."""
-    return Forced(flow.slots[s], flow.signals[s, place], flow.bound[s, place], flow.carrier[s], flow.terms, None)
+    return Forced(
+        flow.slots[s],
+        flow.signals[s, place],
+        flow.bound[s, place],
+        flow.carrier[s],
+        flow.terms,
+        None,
+    )
 
 
 @jit_view
 def signal_of(signals, a):
     """Return the signal of absorber a."""
-    return Signal(signals.u[a], signals.polynomial[a], signals.moving[a], signals.block[a], signals.memory[a])
+    return Signal(
+        signals.u[a], signals.polynomial[a], signals.moving[a], signals.block[a], signals.memory[a]
+    )
 
 
 @jit
@@ -158,7 +200,8 @@ def solve_set(sets, absorbers, window, s, flow):
     n = absorbers.mass.shape[0]
     solve_response(slots_with(sets, s, sets.rows[s, n]), window, forced_of(flow, s, n))
     for a in range(n):
-        slots, forced = slots_with(sets, s, sets.rows[s, a]), forced_of(flow, s, a)
+        slots = slots_with(sets, s, sets.rows[s, a])
+        forced = forced_of(flow, s, a)
         if is_joined(s, a):
             solve_place(slots, forced)
             solve_guard(slots, window, absorbers.mass[a], forced)

@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_room
-from impact_env.kernels.exact.rigid_contact import FREE, JOINED, JOINT_SLACK, end_phase, friction_force, joint_bounds
+from impact_env.kernels.exact.rigid_contact import (
+    FREE,
+    JOINED,
+    JOINT_SLACK,
+    end_phase,
+    friction_force,
+    joint_bounds,
+)
 from impact_env.kernels.motion.loads import value_of
 
 MOST_ROUNDS = 1000
@@ -38,7 +45,9 @@ class Joints(NamedTuple):
 @jit_room
 def new_joints(n):
     """Return scratch for n absorbers."""
-    return Joints(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, np.bool_))
+    return Joints(
+        np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, np.bool_)
+    )
 
 
 @jit
@@ -47,7 +56,8 @@ def see_places(absorbers, state, joints):
     n, modes = absorbers.shapes.shape
     half = n + modes
     for a in range(n):
-        q, v = 0.0, 0.0
+        q = 0.0
+        v = 0.0
         for i in range(modes):
             q += absorbers.shapes[a, i] * state[i]
             v += absorbers.shapes[a, i] * state[half + i]
@@ -68,15 +78,19 @@ def force_now(window, tau):
 def see_accelerations(absorbers, losses, window, now, state, joints):
     """Write the relative accelerations without the forces of those that wait, and how far the terms' sizes make them uncertain."""
     n, modes = absorbers.shapes.shape
-    half, tau = n + modes, now[0].tau
+    half = n + modes
+    tau = now[0].tau
     force = force_now(window, tau)
     for a in range(n):
         joints.start[a], joints.slack[a] = 0.0, 0.0
         if not joints.waits[a] and now[a].regime == FREE:
             joints.start[a] = now[a].force / absorbers.mass[a]
     for i in range(modes):
-        pull, drag, push = absorbers.square[i] * state[i], losses.rate[i] * state[half + i], losses.force_shape[i] * force
-        rate, size = push - drag - pull, abs(push) + abs(drag) + abs(pull)
+        pull = absorbers.square[i] * state[i]
+        drag = losses.rate[i] * state[half + i]
+        push = losses.force_shape[i] * force
+        rate = push - drag - pull
+        size = abs(push) + abs(drag) + abs(pull)
         for b in range(n):
             if not joints.waits[b] and now[b].regime == FREE:
                 rate -= absorbers.shapes[b, i] * now[b].force
@@ -102,12 +116,14 @@ def balance(absorbers, compliance, now, joints):
     n = joints.force.shape[0]
     joints.force[:] = 0.0
     for _ in range(MOST_ROUNDS):
-        change, largest = 0.0, 0.0
+        change = 0.0
+        largest = 0.0
         for a in range(n):
             if joints.waits[a]:
                 low, high = joint_bounds(absorbers.limit[a], now[a].side)
                 f = min(max(wanted_force(absorbers, compliance, joints, a), low), high)
-                change, largest = max(change, abs(f - joints.force[a])), max(largest, abs(f))
+                change = max(change, abs(f - joints.force[a]))
+                largest = max(largest, abs(f))
                 joints.force[a] = f
         if change <= SETTLED * largest:
             break
@@ -127,19 +143,30 @@ def settle(absorbers, losses, compliance, window, now, state, joints, events):
     for a in range(now.shape[0]):
         if joints.waits[a]:
             low, high = joint_bounds(absorbers.limit[a], now[a].side)
-            f, slack = wanted_force(absorbers, compliance, joints, a), JOINT_SLACK * joints.slack[a] / compliance[a, a]
+            f = wanted_force(absorbers, compliance, joints, a)
+            slack = JOINT_SLACK * joints.slack[a] / compliance[a, a]
             if low - slack <= f <= high + slack:
                 join(now[a], joints.place[a], time)
             else:
-                part(absorbers.limit[a], now[a], joints.speed[a], -1.0 if f > high else 1.0, time, events)
+                part(
+                    absorbers.limit[a],
+                    now[a],
+                    joints.speed[a],
+                    -1.0 if f > high else 1.0,
+                    time,
+                    events,
+                )
 
 
 @jit
 def join(now, place, time):
     """Let an absorber move with the beam from now on; one that does so already goes on."""
     if now.regime != JOINED:
-        now.regime, now.since, now.offset = JOINED, time, now.q - place
-    now.force, now.at_rest = 0.0, False
+        now.regime = JOINED
+        now.since = time
+        now.offset = now.q - place
+    now.force = 0.0
+    now.at_rest = False
 
 
 @jit
@@ -147,5 +174,8 @@ def part(limit, now, speed, sign, time, events):
     """Let an absorber without relative velocity slide in a sign from now on; ``speed``: of the beam at its place."""
     if now.regime == JOINED:
         end_phase(events, now, time)
-    now.regime, now.sign, now.at_rest, now.v = FREE, sign, True, speed
+    now.regime = FREE
+    now.sign = sign
+    now.at_rest = True
+    now.v = speed
     friction_force(limit, now)

@@ -18,7 +18,14 @@ from impact_env.kernels.events.signals import NOTHING, REVERSAL, Event
 from impact_env.kernels.exact.budget import limit_searches, progress
 from impact_env.kernels.exact.check import check_set
 from impact_env.kernels.exact.next_event import end_of_flight, end_of_hold
-from impact_env.kernels.exact.rigid_contact import JOINED, Body, Walls, add_friction_loss, end_phase, new_now
+from impact_env.kernels.exact.rigid_contact import (
+    JOINED,
+    Body,
+    Walls,
+    add_friction_loss,
+    end_phase,
+    new_now,
+)
 from impact_env.kernels.exact.sets import (
     Absorbers,
     Flow,
@@ -39,7 +46,17 @@ from impact_env.kernels.exact.settle import Joints, new_joints
 from impact_env.kernels.exact.several_events import begin, hit, release, reverse, write_from
 from impact_env.kernels.motion.forced import add_forced
 from impact_env.kernels.motion.observers import DONE, MOTION, NOT_FINITE
-from impact_env.kernels.motion.segments import Losses, Stretch, Work, last_sample, new_work, sample_level, sample_state, window_count, window_of
+from impact_env.kernels.motion.segments import (
+    Losses,
+    Stretch,
+    Work,
+    last_sample,
+    new_work,
+    sample_level,
+    sample_state,
+    window_count,
+    window_of,
+)
 from impact_env.kernels.motion.slots import advance, copy
 
 Array = NDArray[np.float64]
@@ -81,17 +98,33 @@ def new_room(sets, absorbers, state):
     for a in range(n):
         now[a].which = a
     own = np.ascontiguousarray(sets.rows[:, n])
-    work, scratch = new_work(sets.rows.shape[3]), np.zeros_like(state)
+    work = new_work(sets.rows.shape[3])
+    scratch = np.zeros_like(state)
     kicks = all_kicks(sets)
-    return Room(now, work, new_signals(sets), new_flow(sets), new_joints(n), own, np.zeros(n + 1), np.zeros(n, MOTION), kicks, scratch)
+    return Room(
+        now,
+        work,
+        new_signals(sets),
+        new_flow(sets),
+        new_joints(n),
+        own,
+        np.zeros(n + 1),
+        np.zeros(n, MOTION),
+        kicks,
+        scratch,
+    )
 
 
 @jit
 def watch(scene, window, s, a, length, room):
     """Return the first event of absorber a within ``length`` (s) in set s."""
-    sets, absorbers = scene.sets, scene.absorbers
-    slots, forced = slots_with(sets, s, sets.rows[s, a]), forced_of(room.flow, s, a)
-    now, limit, body = room.now[a], absorbers.limit[a], Body(room.now[a], room.work, signal_of(room.signals, a))
+    sets = scene.sets
+    absorbers = scene.absorbers
+    slots = slots_with(sets, s, sets.rows[s, a])
+    forced = forced_of(room.flow, s, a)
+    now = room.now[a]
+    limit = absorbers.limit[a]
+    body = Body(room.now[a], room.work, signal_of(room.signals, a))
     if is_joined(s, a):
         return end_of_hold(slots, forced, window, limit, 0.0, body, length)
     walls = Walls(absorbers.gap[a], absorbers.restitution[a], None)
@@ -104,13 +137,16 @@ def watch(scene, window, s, a, length, room):
 @jit
 def earliest(scene, window, s, counters, room):
     """Return the absorber whose event comes first, and that event; NOTHING at the window's end."""
-    first, length = 0, window.half - room.now[0].tau
+    first = 0
+    length = window.half - room.now[0].tau
     found = Event(NOTHING, length, 0.0, 0.0, 0.0, 0)
     for a in range(room.now.shape[0]):
         event = watch(scene, window, s, a, length, room)
         counters.counts.evaluations += event.evaluations
         if event.kind != NOTHING or np.isnan(event.offset):
-            first, found, length = a, event, event.offset
+            first = a
+            found = event
+            length = event.offset
         if np.isnan(length):
             break
     check_set(counters.check, scene, window, s, found.offset, room)
@@ -120,13 +156,21 @@ def earliest(scene, window, s, counters, room):
 @jit
 def observe_stretch(scene, window, s, offset, room, observe):
     """Let the observers see ``offset`` (s) without an event."""
-    n, sets, tau = room.now.shape[0], scene.sets, room.now[0].tau
-    regime, forced = regime_with(sets, s, room.own[s]), forced_of(room.flow, s, n)
+    n = room.now.shape[0]
+    sets = scene.sets
+    tau = room.now[0].tau
+    regime = regime_with(sets, s, room.own[s])
+    forced = forced_of(room.flow, s, n)
     for a in range(n):
-        now, motion, joined = room.now[a], room.motion[a], is_joined(s, a)
+        now = room.now[a]
+        motion = room.motion[a]
+        joined = is_joined(s, a)
         motion.q = now.offset if joined else now.q
-        motion.v, motion.a = 0.0 if joined else now.v, 0.0 if joined else now.a
-    stretch = Stretch(regime, forced, window, room.work, 1.0, room.bent[n], room.motion, tau, tau + offset)
+        motion.v = 0.0 if joined else now.v
+        motion.a = 0.0 if joined else now.a
+    stretch = Stretch(
+        regime, forced, window, room.work, 1.0, room.bent[n], room.motion, tau, tau + offset
+    )
     sample_level(stretch, observe.clock, observe.level, observe.place)
     sample_state(stretch, observe.clock, observe.series)
     add_energy(stretch, scene.losses, room.scratch, s, observe.energy)
@@ -135,20 +179,26 @@ def observe_stretch(scene, window, s, offset, room, observe):
 @jit
 def pass_time(scene, window, s, offset, room, observe):
     """Let all move on by ``offset`` (s) without an event."""
-    sets, absorbers, tau = scene.sets, scene.absorbers, room.now[0].tau
+    sets = scene.sets
+    absorbers = scene.absorbers
+    tau = room.now[0].tau
     observe_stretch(scene, window, s, offset, room, observe)
     for a in range(room.now.shape[0]):
         now = room.now[a]
         if is_joined(s, a):
             observe.counters.counts.stuck_time += offset
         else:
-            own, there = slots_with(sets, s, sets.rows[s, a]), forced_of(room.flow, s, a)
+            own = slots_with(sets, s, sets.rows[s, a])
+            there = forced_of(room.flow, s, a)
             body = Body(now, room.work, signal_of(room.signals, a))
-            add_friction_loss(absorbers.limit[a], own, there, window.omega, body, tau, offset, observe.energy)
+            add_friction_loss(
+                absorbers.limit[a], own, there, window.omega, body, tau, offset, observe.energy
+            )
             now.q += offset * (now.v + 0.5 * offset * now.a)
             now.v += offset * now.a
             if offset > 0.0:
-                now.side, now.at_rest = 0.0, False
+                now.side = 0.0
+                now.at_rest = False
         now.tau = tau + offset
     advance(room.own[s], sets.table[s], sets.scale[s], offset, room.work.z)
 
@@ -198,12 +248,15 @@ def several_stretch(scene, schedule, k, started, room, state, observe):
 
     ``started`` False: the first stretch of a run, which begins with ``state``.
     """
-    now, flow, z = room.now, room.flow, room.work.z
+    now = room.now
+    flow = room.flow
+    z = room.work.z
     count = window_count(schedule, k)
     for w in range(count):
         window = window_of(schedule, k, w, count)
         enter_window(scene, window, started or w > 0, room, state, observe.events)
-        last, stalled = now[0].tau, 0
+        last = now[0].tau
+        stalled = 0
         while now[0].tau < window.half:
             pass_event(scene, window, state, room, observe)
             stalled, status = progress(observe.counters, window, now[0].tau, last, stalled)
@@ -220,10 +273,15 @@ def several_stretch(scene, schedule, k, started, room, state, observe):
 @jit_room
 def several_lane(scene, schedule, state, observe):
     """Integrate one lane of a `Several` scene of n absorbers and return a status code; ``state`` (2 N_m + 2 n,) is the start and becomes the end."""
-    sets, room, status, counts = scene.sets, new_room(scene.sets, scene.absorbers, state), DONE, observe.counters.counts
+    sets = scene.sets
+    room = new_room(scene.sets, scene.absorbers, state)
+    status = DONE
+    counts = observe.counters.counts
     for a in range(room.now.shape[0]):
         limit_searches(room.signals.memory[a], observe.counters)
-    seen = observe_with(observe, new_account(observe.energy, sets.rows.shape[0], sets.rows.shape[3]))
+    seen = observe_with(
+        observe, new_account(observe.energy, sets.rows.shape[0], sets.rows.shape[3])
+    )
     for k in range(schedule.times.shape[0] - 1):
         status = several_stretch(scene, schedule, k, k > 0, room, state, seen)
         if status != DONE:
@@ -237,7 +295,9 @@ def several_lane(scene, schedule, state, observe):
 @jit
 def finish(scene, end, room, state, observe):
     """Write the end state, close open phases, and take the sample that falls on the end (s)."""
-    now, s, w = room.now, joined_set(room.now), room.work.rows[0]
+    now = room.now
+    s = joined_set(room.now)
+    w = room.work.rows[0]
     copy(room.work.z, w)
     write_from(scene.sets, s, w, room, state)
     for a in range(now.shape[0]):

@@ -27,7 +27,16 @@ from impact_env.kernels.exact.rigid_contact import (
     touch,
     turn,
 )
-from impact_env.kernels.exact.sets import bend, enter_set, forced_of, is_joined, joined_set, signal_of, slots_with, solve_set
+from impact_env.kernels.exact.sets import (
+    bend,
+    enter_set,
+    forced_of,
+    is_joined,
+    joined_set,
+    signal_of,
+    slots_with,
+    solve_set,
+)
 from impact_env.kernels.exact.settle import part, see_places, settle
 from impact_env.kernels.motion.forced import add_forced, signal_value
 from impact_env.kernels.motion.observers import push_reversal
@@ -43,7 +52,14 @@ def contact_of(scene, s, a, restitution):
     """Return the contact of absorber a in set s."""
     absorbers = scene.absorbers
     walls = Walls(absorbers.gap[a], restitution, None)
-    return Contact(absorbers.mass[a], scene.sets.compliance[s, a, a], absorbers.shapes[a], walls, absorbers.limit[a], None)
+    return Contact(
+        absorbers.mass[a],
+        scene.sets.compliance[s, a, a],
+        absorbers.shapes[a],
+        walls,
+        absorbers.limit[a],
+        None,
+    )
 
 
 @jit
@@ -60,11 +76,14 @@ def write_from(sets, s, w, room, state):
     """Write the state from free and forced part of the slots of set s, and displacement and velocity of the absorbers; w is changed."""
     add(room.own[s], REST, 1.0, w)
     to_state(sets.out[s], w, state)
-    now, n, half = room.now, room.now.shape[0], state.shape[0] // 2
+    now = room.now
+    n = room.now.shape[0]
+    half = state.shape[0] // 2
     for a in range(n):
         if is_joined(s, a):
             state[half - n + a] += now[a].offset
-            now[a].q, now[a].v = state[half - n + a], state[2 * half - n + a]
+            now[a].q = state[half - n + a]
+            now[a].v = state[2 * half - n + a]
         else:
             state[half - n + a], state[2 * half - n + a] = now[a].q, now[a].v
 
@@ -76,7 +95,9 @@ def go_to(scene, window, before, state, room):
     The way through the state leaves the rounding of two maps. In the same set only the constant forces change, and that is all that is done; in
     another one the absorbers' motion relative to the beam is kept. Else bounces and slips as small as that rounding would never end.
     """
-    s, z, sets = joined_set(room.now), room.work.z, scene.sets
+    s = joined_set(room.now)
+    z = room.work.z
+    sets = scene.sets
     if s == before:
         add(room.own[s], REST, 1.0, z)
         bend(sets, room.now, s, room.own, room.bent)
@@ -93,17 +114,26 @@ def go_to(scene, window, before, state, room):
 @jit
 def relative(sets, window, s, a, room):
     """Return displacement and velocity of absorber a, which is apart in set s, less those of the beam at its place."""
-    now, slots, signal = room.now[a], slots_with(sets, s, sets.rows[s, a]), signal_of(room.signals, a)
+    now = room.now[a]
+    slots = slots_with(sets, s, sets.rows[s, a])
+    signal = signal_of(room.signals, a)
     weigh(slots.rows, GUARD, room.work.z, signal.u)
-    signal.polynomial[0], signal.polynomial[1], signal.polynomial[2] = now.q - room.bent[a], now.v, now.a
-    value, rate, _ = at_offset(slots, forced_of(room.flow, s, a).signals, window.omega, signal, now.tau, 0.0)
+    signal.polynomial[0], signal.polynomial[1], signal.polynomial[2] = (
+        now.q - room.bent[a],
+        now.v,
+        now.a,
+    )
+    value, rate, _ = at_offset(
+        slots, forced_of(room.flow, s, a).signals, window.omega, signal, now.tau, 0.0
+    )
     return value, rate
 
 
 @jit
 def rate_scale(sets, s, a, room):
     """Return the size of the terms that the relative velocity of absorber a in set s is the sum of, once `relative` has written its signal."""
-    u, scale = room.signals.u[a], abs(room.now[a].v) + room.flow.bound[s, a, 1]
+    u = room.signals.u[a]
+    scale = abs(room.now[a].v) + room.flow.bound[s, a, 1]
     for j in range(u.shape[1]):
         scale += sets.rows[s, a, SPEED, j] * (abs(u[0, j]) + abs(u[1, j]))
     return scale
@@ -114,19 +144,26 @@ def note_relative(scene, window, s, room):
     """Write the relative motion of the absorbers that are apart from now on, as set s has it, which is being left."""
     sets = scene.sets
     for a in range(room.now.shape[0]):
-        now, motion = room.now[a], room.motion[a]
+        now = room.now[a]
+        motion = room.motion[a]
         if now.regime == FREE:
-            value, rate = (now.offset, 0.0) if is_joined(s, a) else relative(sets, window, s, a, room)
-            if scene.absorbers.limit[a] > 0.0 and abs(rate) <= ROUNDING * rate_scale(sets, s, a, room):
+            value, rate = (
+                (now.offset, 0.0) if is_joined(s, a) else relative(sets, window, s, a, room)
+            )
+            if scene.absorbers.limit[a] > 0.0 and abs(rate) <= ROUNDING * rate_scale(
+                sets, s, a, room
+            ):
                 now.at_rest = True  # it has just begun to slide, and not yet by more than rounding
-            motion.q, motion.v = value, 0.0 if now.at_rest else rate
+            motion.q = value
+            motion.v = 0.0 if now.at_rest else rate
 
 
 @jit
 def keep_relative(sets, window, s, room):
     """Shift the absorbers that are apart in set s by what the way through the state has changed in their relative motion."""
     for a in range(room.now.shape[0]):
-        now, motion = room.now[a], room.motion[a]
+        now = room.now[a]
+        motion = room.motion[a]
         if now.regime == FREE:
             value, rate = relative(sets, window, s, a, room)
             now.q += motion.q - value
@@ -139,11 +176,23 @@ def settle_waiting(scene, window, s, state, room, events):
     absorbers = scene.absorbers
     write_state(scene.sets, window, s, room, state)
     for a in range(room.now.shape[0]):
-        row, contact = room.now[a], contact_of(scene, 0, a, absorbers.restitution[a])
+        row = room.now[a]
+        contact = contact_of(scene, 0, a, absorbers.restitution[a])
         if row.at_rest and not is_joined(s, a):
             stay_at_wall(contact.walls, row, tip_motion(contact, state)[0])
-        room.joints.waits[a] = is_joined(s, a) or (row.at_rest and (absorbers.limit[a] > 0.0 or row.side != 0.0))
-    settle(absorbers, scene.losses, scene.sets.compliance[0], window, room.now, state, room.joints, events)
+        room.joints.waits[a] = is_joined(s, a) or (
+            row.at_rest and (absorbers.limit[a] > 0.0 or row.side != 0.0)
+        )
+    settle(
+        absorbers,
+        scene.losses,
+        scene.sets.compliance[0],
+        window,
+        room.now,
+        state,
+        room.joints,
+        events,
+    )
     go_to(scene, window, s, state, room)
 
 
@@ -153,21 +202,31 @@ def release(scene, window, s, a, event, state, room, events):
     write_state(scene.sets, window, s, room, state)
     see_places(scene.absorbers, state, room.joints)
     time = window.centre + room.now[0].tau
-    part(scene.absorbers.limit[a], room.now[a], room.joints.speed[a], -1.0 if event == HIT_HIGH else 1.0, time, events)
+    part(
+        scene.absorbers.limit[a],
+        room.now[a],
+        room.joints.speed[a],
+        -1.0 if event == HIT_HIGH else 1.0,
+        time,
+        events,
+    )
     go_to(scene, window, s, state, room)
 
 
 @jit
 def reverse(scene, window, s, a, found, state, room, events):
     """The relative velocity of absorber a is zero: stick, or slide on the other way."""
-    now, sets, limit = room.now, scene.sets, scene.absorbers.limit[a]
+    now = room.now
+    sets = scene.sets
+    limit = scene.absorbers.limit[a]
     push_reversal(events, window.centre + now[0].tau, now[a].which)
     alone = s == 0
     for b in range(now.shape[0]):
         if b != a and now[b].at_rest:
             alone = False
     if alone:
-        body, contact = Body(now[a], room.work, signal_of(room.signals, a)), contact_of(scene, s, a, scene.absorbers.restitution[a])
+        body = Body(now[a], room.work, signal_of(room.signals, a))
+        contact = contact_of(scene, s, a, scene.absorbers.restitution[a])
         if not turn(slots_with(sets, s, sets.rows[s, a]), contact, limit, body, found):
             bend(sets, now, s, room.own, room.bent)
             return
@@ -182,7 +241,10 @@ def stays(scene, window, s, b, kick, state, room):
     So it is where its way until it rests again, kick^2/(2 a), is below the rounding of the position; a, its deceleration, follows from how far the
     joint force is off its bounds.
     """
-    z, u, sets, absorbers = room.work.z, room.work.u, scene.sets, scene.absorbers
+    z = room.work.z
+    u = room.work.u
+    sets = scene.sets
+    absorbers = scene.absorbers
     weigh(sets.rows[s, b], GUARD, z, u)
     f = signal_value(room.flow.signals[s, b], 0, window.omega, room.now[0].tau)
     for j in range(u.shape[1]):
@@ -200,7 +262,9 @@ def stays(scene, window, s, b, kick, state, room):
 @jit
 def set_free(scene, window, s, a, found, state, room, events):
     """Free the joined absorbers that an impact of absorber a tears loose; return True if there are any."""
-    now, compliance, absorbers = room.now, scene.sets.compliance[0], scene.absorbers
+    now = room.now
+    compliance = scene.sets.compliance[0]
+    absorbers = scene.absorbers
     impulse = -(1.0 + absorbers.restitution[a]) * found.rate / compliance[a, a]
     write_state(scene.sets, window, s, room, state)
     see_places(absorbers, state, room.joints)
@@ -211,7 +275,14 @@ def set_free(scene, window, s, a, found, state, room, events):
                 freed |= 1 << b
     for b in range(now.shape[0]):
         if is_joined(freed, b):
-            part(absorbers.limit[b], now[b], room.joints.speed[b], 1.0, window.centre + now[b].tau, events)
+            part(
+                absorbers.limit[b],
+                now[b],
+                room.joints.speed[b],
+                1.0,
+                window.centre + now[b].tau,
+                events,
+            )
     if freed != 0:
         go_to(scene, window, s, state, room)
     return freed != 0
@@ -220,7 +291,9 @@ def set_free(scene, window, s, a, found, state, room, events):
 @jit
 def kick_others(scene, window, s, a, impulse, state, room):
     """Let the other absorbers that are apart slide in the sign of the relative velocity that they have after an impulse on absorber a."""
-    now, joints, absorbers = room.now, room.joints, scene.absorbers
+    now = room.now
+    joints = room.joints
+    absorbers = scene.absorbers
     others = 0
     for b in range(now.shape[0]):
         if b != a and now[b].regime == FREE and (absorbers.limit[b] > 0.0 or now[b].at_rest):
@@ -233,11 +306,16 @@ def kick_others(scene, window, s, a, impulse, state, room):
     for b in range(now.shape[0]):
         if is_joined(others, b):
             # of one that had none it is what the impulse gave, free of rounding
-            speed = scene.sets.compliance[s, b, a] * impulse if now[b].at_rest else now[b].v - joints.speed[b]
+            speed = (
+                scene.sets.compliance[s, b, a] * impulse
+                if now[b].at_rest
+                else now[b].v - joints.speed[b]
+            )
             if speed != 0.0:
                 sign = 1.0 if speed > 0.0 else -1.0
                 turned = turned or sign != now[b].sign
-                now[b].sign, now[b].at_rest = sign, False
+                now[b].sign = sign
+                now[b].at_rest = False
                 friction_force(absorbers.limit[b], now[b])
     if turned:
         go_to(scene, window, s, state, room)
@@ -251,20 +329,29 @@ def rebound(sets, absorbers, s, a):
     """
     if s == 0:
         return absorbers.restitution[a]
-    return max((1.0 + absorbers.restitution[a]) * sets.compliance[s, a, a] / sets.compliance[0, a, a] - 1.0, 0.0)
+    return max(
+        (1.0 + absorbers.restitution[a]) * sets.compliance[s, a, a] / sets.compliance[0, a, a]
+        - 1.0,
+        0.0,
+    )
 
 
 @jit
 def hit(scene, window, s, a, found, state, room, observe):
     """Absorber a hits a wall in set s."""
-    now, sets, mass = room.now, scene.sets, scene.absorbers.mass[a]
+    now = room.now
+    sets = scene.sets
+    mass = scene.absorbers.mass[a]
     changed = False
     if s != 0:
         changed = set_free(scene, window, s, a, found, state, room, observe.events)
         s = joined_set(now)
     now[a].kick = UNKNOWN if changed else room.kicks[s, a]
-    slots, forced, body = slots_with(sets, s, sets.rows[s, a]), forced_of(room.flow, s, a), Body(now[a], room.work, signal_of(room.signals, a))
-    contact, before = contact_of(scene, s, a, rebound(sets, scene.absorbers, s, a)), now[a].v
+    slots = slots_with(sets, s, sets.rows[s, a])
+    forced = forced_of(room.flow, s, a)
+    body = Body(now[a], room.work, signal_of(room.signals, a))
+    contact = contact_of(scene, s, a, rebound(sets, scene.absorbers, s, a))
+    before = now[a].v
     rests = impact(slots, forced, window, contact.walls, contact, body, found, observe)
     bend(sets, now, s, room.own, room.bent)
     now[a].at_rest = rests
@@ -276,14 +363,22 @@ def hit(scene, window, s, a, found, state, room, observe):
 @jit
 def begin(scene, window, state, room, events):
     """Set the first regime from the initial state: absorbers without relative velocity are joined if friction or a wall can hold them."""
-    now, absorbers, half, n = room.now, scene.absorbers, state.shape[0] // 2, room.now.shape[0]
+    now = room.now
+    absorbers = scene.absorbers
+    half = state.shape[0] // 2
+    n = room.now.shape[0]
     for a in range(n):
-        row, limit, contact = now[a], absorbers.limit[a], contact_of(scene, 0, a, absorbers.restitution[a])
-        row.q, row.v = state[half - n + a], state[2 * half - n + a]
+        row = now[a]
+        limit = absorbers.limit[a]
+        contact = contact_of(scene, 0, a, absorbers.restitution[a])
+        row.q = state[half - n + a]
+        row.v = state[2 * half - n + a]
         relative = touch(contact, contact.walls, row, state)
         room.joints.waits[a] = relative == 0.0 and (limit > 0.0 or row.side != 0.0)
         if relative * row.side > 0.0:
             row.side = 0.0  # on a wall and moving into it: the search reports the impact at once
         friction_force(limit, row)
-    settle(absorbers, scene.losses, scene.sets.compliance[0], window, now, state, room.joints, events)
+    settle(
+        absorbers, scene.losses, scene.sets.compliance[0], window, now, state, room.joints, events
+    )
     go_to(scene, window, NO_SET, state, room)

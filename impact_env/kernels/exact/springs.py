@@ -12,7 +12,13 @@ import numpy as np
 from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
 from impact_env.kernels.compiling.records import FLAG, NUMBER, record
 from impact_env.kernels.events.signals import HIT_HIGH, REVERSAL
-from impact_env.kernels.motion.observers import HELD_LOWER, HELD_UPPER, STUCK_INSIDE, push_impact, push_phase
+from impact_env.kernels.motion.observers import (
+    HELD_LOWER,
+    HELD_UPPER,
+    STUCK_INSIDE,
+    push_impact,
+    push_phase,
+)
 
 
 class Springs(NamedTuple):
@@ -59,16 +65,19 @@ def regime_number(now):
 @jit
 def guard_bounds(gap, reach, now):
     """Return the interval of the relative displacement in which the regime holds; ``reach`` is the slider's limit over its stiffness."""
-    low, high = -np.inf, np.inf
+    low = -np.inf
+    high = np.inf
     if gap is not None:
         if now.wall == 0.0:
-            low, high = -gap, gap
+            low = -gap
+            high = gap
         elif now.wall > 0.0:
             low = gap
         else:
             high = -gap
     if now.sticks:
-        low, high = max(low, now.anchor - reach), min(high, now.anchor + reach)
+        low = max(low, now.anchor - reach)
+        high = min(high, now.anchor + reach)
     return low, high
 
 
@@ -103,7 +112,8 @@ def clearance(gap):
 def relative_motion(contact, state):
     """Return relative displacement and velocity, absorber less tip."""
     modes = contact.tip_shape.shape[0]
-    r, v = state[modes], state[2 * modes + 1]
+    r = state[modes]
+    v = state[2 * modes + 1]
     for i in range(modes):
         r -= contact.tip_shape[i] * state[i]
         v -= contact.tip_shape[i] * state[modes + 1 + i]
@@ -114,14 +124,23 @@ def relative_motion(contact, state):
 def start_contact(side, time, rate, absorber_velocity, now, counters):
     """A wall is touched."""
     now.wall = side
-    now.contact_time, now.contact_rate, now.contact_v = time, rate, absorber_velocity
+    now.contact_time = time
+    now.contact_rate = rate
+    now.contact_v = absorber_velocity
     counters.counts.impacts += 1
 
 
 @jit
 def list_contact(time, absorber_velocity, now, events, mass):
     """List the contact that lasts up to ``time``."""
-    push_impact(events, now.contact_time, now.contact_rate, mass * (absorber_velocity - now.contact_v), 0.0, 0)
+    push_impact(
+        events,
+        now.contact_time,
+        now.contact_rate,
+        mass * (absorber_velocity - now.contact_v),
+        0.0,
+        0,
+    )
     push_phase(events, now.contact_time, time, HELD_UPPER if now.wall > 0.0 else HELD_LOWER, 0)
 
 
@@ -149,7 +168,10 @@ def switch(found, scene, reach, now, state, time, observe):
     half = state.shape[0] // 2
     r, v = relative_motion(scene.contact, state)
     if found.kind == REVERSAL:
-        now.sticks, now.anchor, now.side, now.at_rest = True, r - now.sign * reach, now.sign, True
+        now.sticks = True
+        now.anchor = r - now.sign * reach
+        now.side = now.sign
+        now.at_rest = True
         now.stick_time = time
         return
     sign = 1.0 if found.kind == HIT_HIGH else -1.0
@@ -157,11 +179,21 @@ def switch(found, scene, reach, now, state, time, observe):
         low, high = guard_bounds(scene.gap, reach, now)
         slip = now.anchor + sign * reach
         if slip == (high if sign > 0.0 else low):
-            now.sticks, now.sign = False, sign
+            now.sticks = False
+            now.sign = sign
             now.at_rest = sign * v <= 0.0
             push_phase(observe.events, now.stick_time, time, STUCK_INSIDE, 0)
             return
-    touch(found, scene.gap, now, time, state[2 * half - 1], scene.contact.mass, observe.counters, observe.events)
+    touch(
+        found,
+        scene.gap,
+        now,
+        time,
+        state[2 * half - 1],
+        scene.contact.mass,
+        observe.counters,
+        observe.events,
+    )
 
 
 @jit
@@ -174,7 +206,9 @@ def begin(springs, gap, limit, now, state, contact, counters):
             if r == 0.0:
                 now.side = -1.0
     if limit is not None:
-        now.sticks, now.anchor, now.stick_time = True, r, 0.0
+        now.sticks = True
+        now.anchor = r
+        now.stick_time = 0.0
     constant_force(springs, gap, limit, now)
 
 

@@ -14,20 +14,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
-from impact_env.kernels.motion.forced_sums import add_response, back_substitute, back_substitute_both, combine, first_values, polynomial_value
+from impact_env.kernels.motion.forced_sums import (
+    add_response,
+    back_substitute,
+    back_substitute_both,
+    combine,
+    first_values,
+    polynomial_value,
+)
 from impact_env.kernels.motion.loads import Load, add_base_drive, unit_count
 from impact_env.kernels.motion.numbers import cos_sin
 from impact_env.kernels.motion.slots import BASE, DRIVE, GUARD, TIP, S
 from impact_env.kernels.motion.vector import POINTS, SCAN_TERMS, TERMS
 
-NEAR_RESONANCE = 0.05  # of |i Omega - s| times half the window: then the polynomial is built upwards
+NEAR_RESONANCE = (
+    0.05  # of |i Omega - s| times half the window: then the polynomial is built upwards
+)
 DERIVATIVES = 6
 SCANNED = 3  # derivatives of the guard signal that the event search scans
 SIGNALS = (2, TERMS, 2, 4)  # shape of Forced.signals
 BEYOND = 1.25  # of half a window: up to there bounds hold
 # numbers of the signals in Forced.signals: the guard signal and its derivatives, the tip displacement, that of a free absorber under a base that
 # moves; those of the scan are together
-GUARD_SIGNALS, TIP_SIGNAL, OWN_SIGNAL = (0, 1, 2, 4, 5, 6), 3, 7
+GUARD_SIGNALS = (0, 1, 2, 4, 5, 6)
+TIP_SIGNAL = 3
+OWN_SIGNAL = 7
 THIRD, FOURTH, FIFTH = GUARD_SIGNALS[3:]
 
 
@@ -89,21 +100,29 @@ def new_units(load, size):
     if load is None:
         return None
     n = unit_count(load.base)
-    slots, signals, bound, leap = (
-        np.zeros((n, 2, TERMS, size)),
-        np.zeros((n, *SIGNALS)),
-        np.zeros((n, DERIVATIVES + SCANNED)),
-        np.zeros((n + 1, 2, size)),
-    )
+    slots = np.zeros((n, 2, TERMS, size))
+    signals = np.zeros((n, *SIGNALS))
+    bound = np.zeros((n, DERIVATIVES + SCANNED))
+    leap = np.zeros((n + 1, 2, size))
     return Units(slots, signals, bound, np.zeros(n), np.zeros(1), leap, np.zeros(1))
 
 
 @jit_room
 def new_forced(slots, load):
     """Return empty room for the forced part of a regime under a `Load`, None: under a chirp."""
-    size, levels = slots.rows.shape[1], slots.steps.shape[0]
-    signals, bound, carrier = np.zeros(SIGNALS), np.zeros(DERIVATIVES + SCANNED), np.zeros((levels, 2, POINTS))
-    return Forced(np.zeros((4, TERMS, size)), signals, bound, carrier, np.zeros((2, TERMS)), new_units(load, size))
+    size = slots.rows.shape[1]
+    levels = slots.steps.shape[0]
+    signals = np.zeros(SIGNALS)
+    bound = np.zeros(DERIVATIVES + SCANNED)
+    carrier = np.zeros((levels, 2, POINTS))
+    return Forced(
+        np.zeros((4, TERMS, size)),
+        signals,
+        bound,
+        carrier,
+        np.zeros((2, TERMS)),
+        new_units(load, size),
+    )
 
 
 @jit
@@ -114,7 +133,8 @@ def fill_terms(window, terms):
         for n in range(TERMS):
             terms[0, n], terms[1, n] = load.terms[0, n], load.terms[1, n]
         return
-    c_r, c_i = 0.5 * window.force_r, 0.5 * window.force_i
+    c_r = 0.5 * window.force_r
+    c_i = 0.5 * window.force_i
     terms[0, 0], terms[1, 0] = c_r, c_i
     for m in range(1, 5):
         factor = 0.5 * window.alpha / m
@@ -126,16 +146,20 @@ def fill_terms(window, terms):
 def forward_substitute(rows, j, window, sign, terms, at, out):
     """Solve the same for one slot that the force drives at its own frequency, where back-substitution divides by almost zero."""
     load = window.load
-    l_r, l_i = -rows[S, j], sign * window.omega - rows[S + 1, j]
-    p_r, p_i = 0.0, 0.0
+    l_r = -rows[S, j]
+    l_i = sign * window.omega - rows[S + 1, j]
+    p_r = 0.0
+    p_i = 0.0
     for n in range(TERMS):
         out[at, n, j], out[at + 1, n, j] = p_r, p_i
-        t_r, t_i = terms[0, n], sign * terms[1, n]
+        t_r = terms[0, n]
+        t_i = sign * terms[1, n]
         x_r = rows[DRIVE, j] * t_r - rows[DRIVE + 1, j] * t_i - (l_r * p_r - l_i * p_i)
         x_i = rows[DRIVE, j] * t_i + rows[DRIVE + 1, j] * t_r - (l_r * p_i + l_i * p_r)
         if load is not None:
             x_r, x_i = add_base_drive(load.base, rows, j, BASE, sign, n, x_r, x_i)
-        p_r, p_i = x_r / (n + 1), x_i / (n + 1)
+        p_r = x_r / (n + 1)
+        p_i = x_i / (n + 1)
 
 
 @jit
@@ -150,7 +174,8 @@ def _at_resonance(rows, window, sign, terms, at, out):
 def _derive(omega, signals, start, at):
     """Write into ``at`` the polynomial of the derivative of the signal ``start``: p' + i omega p."""
     for n in range(TERMS):
-        d_r, d_i = -omega * signals[start // 4, n, 1, start % 4], omega * signals[start // 4, n, 0, start % 4]
+        d_r = -omega * signals[start // 4, n, 1, start % 4]
+        d_i = omega * signals[start // 4, n, 0, start % 4]
         if n + 1 < TERMS:
             d_r += (n + 1) * signals[start // 4, n + 1, 0, start % 4]
             d_i += (n + 1) * signals[start // 4, n + 1, 1, start % 4]
@@ -160,10 +185,14 @@ def _derive(omega, signals, start, at):
 @jit
 def _fill_bounds(signals, reach, bound):
     for m in range(DERIVATIVES):
-        whole, rest, power = 0.0, 0.0, 1.0
+        whole = 0.0
+        rest = 0.0
+        power = 1.0
         for n in range(TERMS):
             at = GUARD_SIGNALS[m]
-            size = (abs(signals[at // 4, n, 0, at % 4]) + abs(signals[at // 4, n, 1, at % 4])) * power
+            size = (
+                abs(signals[at // 4, n, 0, at % 4]) + abs(signals[at // 4, n, 1, at % 4])
+            ) * power
             whole += size
             if n >= SCAN_TERMS:
                 rest += size
@@ -179,7 +208,8 @@ def fill_carrier(steps, omega, level, carrier):
     if not np.isnan(carrier[level, 0, 0]):
         return
     c, s = cos_sin(omega * steps[level, 0])
-    x, y = 1.0, 0.0
+    x = 1.0
+    y = 0.0
     for k in range(POINTS):
         x, y = x * c - y * s, x * s + y * c
         carrier[level, 0, k], carrier[level, 1, k] = x, y
@@ -206,7 +236,8 @@ def _substitute_loads(rows, omega, sign, terms, base, at, out):
 @jit
 def solve_response(slots, window, forced):
     """Fill the slots' and the tip's forced part for a window: all that a regime without guards needs."""
-    rows, terms = slots.rows, forced.terms
+    rows = slots.rows
+    terms = forced.terms
     fill_terms(window, terms)
     _substitute(rows, window, 1.0, terms, 0, forced.slots)
     _substitute(rows, window, -1.0, terms, 2, forced.slots)
@@ -253,17 +284,23 @@ def _integrate_base(base, omega, half, signals):
             signals[1, n, part, 3] = -2.0 * base.at_absorber * base.terms[part, n]
     for _ in range(2):
         if omega * half < NEAR_RESONANCE:
-            p_r, p_i = 0.0, 0.0
+            p_r = 0.0
+            p_i = 0.0
             for n in range(TERMS):
-                x_r, x_i = signals[1, n, 0, 3] + omega * p_i, signals[1, n, 1, 3] - omega * p_r
+                x_r = signals[1, n, 0, 3] + omega * p_i
+                x_i = signals[1, n, 1, 3] - omega * p_r
                 signals[1, n, 0, 3], signals[1, n, 1, 3] = p_r, p_i
-                p_r, p_i = x_r / (n + 1), x_i / (n + 1)
+                p_r = x_r / (n + 1)
+                p_i = x_i / (n + 1)
         else:
-            p_r, p_i = 0.0, 0.0
+            p_r = 0.0
+            p_i = 0.0
             for m in range(TERMS):
                 n = TERMS - 1 - m
-                x_r, x_i = signals[1, n, 0, 3] - (n + 1) * p_r, signals[1, n, 1, 3] - (n + 1) * p_i
-                p_r, p_i = x_i / omega, -x_r / omega
+                x_r = signals[1, n, 0, 3] - (n + 1) * p_r
+                x_i = signals[1, n, 1, 3] - (n + 1) * p_i
+                p_r = x_i / omega
+                p_i = -x_r / omega
                 signals[1, n, 0, 3], signals[1, n, 1, 3] = p_r, p_i
     for n in range(TERMS):
         for part in range(2):
@@ -299,12 +336,18 @@ def _own_motion(base, signals, omega, tau):
     if base is None:
         return 0.0, 0.0
     c, s = cos_sin(omega * tau)
-    x, y, dx, dy = 0.0, 0.0, 0.0, 0.0
+    x = 0.0
+    y = 0.0
+    dx = 0.0
+    dy = 0.0
     for m in range(TERMS):
         n = TERMS - 1 - m
-        dx, dy = dx * tau + x, dy * tau + y
-        x, y = x * tau + signals[1, n, 0, 3], y * tau + signals[1, n, 1, 3]
-    dx, dy = dx - omega * y, dy + omega * x
+        dx = dx * tau + x
+        dy = dy * tau + y
+        x = x * tau + signals[1, n, 0, 3]
+        y = y * tau + signals[1, n, 1, 3]
+    dx = dx - omega * y
+    dy = dy + omega * x
     return x * c - y * s, dx * c - dy * s
 
 

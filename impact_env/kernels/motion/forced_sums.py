@@ -12,27 +12,40 @@ from impact_env.kernels.compiling.jit import NUMBER, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Number
 from impact_env.kernels.motion.vector import TERMS, signal_place
 
-_DRIVE, _BASE = 4, 29  # rows of Slots.rows
+# rows of Slots.rows
+_DRIVE = 4
+_BASE = 29
 
 
-def _spread_pair(code: Code, array: Any, at: Any, distance: Any, sign: Number | None = None) -> Complex:
+def _spread_pair(
+    code: Code, array: Any, at: Any, distance: Any, sign: Number | None = None
+) -> Complex:
     imag = code.number(array, at + distance)
-    return Complex(code.spread(code.number(array, at)), code.spread(imag if sign is None else imag * sign))
+    return Complex(
+        code.spread(code.number(array, at)), code.spread(imag if sign is None else imag * sign)
+    )
 
 
-def _solve_down(code: Code, rows: Any, size: Any, omega: Any, sign: Any, driven: Any, at: Any, out: Any) -> None:
-    turn, plane = omega * sign, size * TERMS
+def _solve_down(
+    code: Code, rows: Any, size: Any, omega: Any, sign: Any, driven: Any, at: Any, out: Any
+) -> None:
+    turn = omega * sign
+    plane = size * TERMS
     for j in code.slots(size):
         (s_r, s_i), drives = (code.vector(rows, size * row + j) for row in (0, 1)), []
         for row, _ in driven:
             drives.append(Complex(*(code.vector(rows, size * (row + part) + j) for part in (0, 1))))
-        l_r, l_i = -s_r, code.spread(turn) - s_i
+        l_r = -s_r
+        l_i = code.spread(turn) - s_i
         scale = code.repeated(1.0) / l_r.fma(l_r, l_i.fma(l_i, code.repeated(1e-300)))
         inverse = Complex(l_r * scale, -(l_i * scale))
         place = plane * at + j
         solved = None
         for n in range(TERMS - 1, -1, -1):
-            shares = [drive.times(_spread_pair(code, terms, n, TERMS, sign)) for drive, (_, terms) in zip(drives, driven, strict=True)]
+            shares = [
+                drive.times(_spread_pair(code, terms, n, TERMS, sign))
+                for drive, (_, terms) in zip(drives, driven, strict=True)
+            ]
             x = shares[0]
             for share in shares[1:]:
                 x = Complex(x.real + share.real, x.imag + share.imag)
@@ -45,7 +58,9 @@ def _solve_down(code: Code, rows: Any, size: Any, omega: Any, sign: Any, driven:
 
 
 @vector_code()
-def back_substitute(code: Code, rows, size: Index, omega: Number, sign: Number, terms, at: Index, out):
+def back_substitute(
+    code: Code, rows, size: Index, omega: Number, sign: Number, terms, at: Index, out
+):
     """Solve P' + (i sign Omega - s) P = drive * terms for polynomials P, slot by slot, into out[at], out[at + 1].
 
     ``terms`` (2, TERMS); ``sign`` -1 takes the conjugate terms.
@@ -54,7 +69,9 @@ def back_substitute(code: Code, rows, size: Index, omega: Number, sign: Number, 
 
 
 @vector_code()
-def back_substitute_both(code: Code, rows, size: Index, omega: Number, sign: Number, terms, base, at: Index, out):
+def back_substitute_both(
+    code: Code, rows, size: Index, omega: Number, sign: Number, terms, base, at: Index, out
+):
     """Solve as `back_substitute` does for a force's ``terms`` and for those of a ``base`` that moves, which has a response of its own."""
     _solve_down(code, rows, size, omega, sign, ((_DRIVE, terms), (_BASE, base)), at, out)
 
@@ -113,7 +130,8 @@ def polynomial_value(code: Code, signals, m: Index, tau: Number, c: Number, s: N
 @vector_code(NUMBER, 3)
 def first_values(code: Code, signals, tau: Number, c: Number, s: Number):
     """Return Re((c + i s) polynomial(tau)) of the signals 0, 1 and 2."""
-    tau, totals = code.spread(tau), []
+    tau = code.spread(tau)
+    totals = []
     for part in (0, 1):
         total = code.vector(signals, signal_place(0, TERMS - 1, part))
         for n in range(TERMS - 2, -1, -1):
@@ -128,7 +146,8 @@ def state_of_slots(code: Code, out, count: Index, size: Index, z, state):
     """Write state = Re(out z), ``count`` numbers."""
     plane = count * size
     for i in code.loop(count):
-        total, first = code.sum(), i * size
+        total = code.sum()
+        first = i * size
         for j in code.slots(size):
             at = first + j
             total += code.complex(z, j, j + size).real_of_product(code.complex(out, at, at + plane))
@@ -142,7 +161,8 @@ def slots_of_state(code: Code, into, count: Index, size: Index, state, z):
     for j in code.slots(size):
         real, imag = (code.sum(code.lanes) for _ in range(2))
         for i in code.loop(count):
-            at, number = i * size + j, code.spread(code.number(state, i))
+            at = i * size + j
+            number = code.spread(code.number(state, i))
             real.add_product(code.vector(into, at), number)
             imag.add_product(code.vector(into, at + plane), number)
         code.store_complex(Complex(real.number(), imag.number()), z, j, j + size)

@@ -14,7 +14,16 @@ BLOCK = 64
 # next sample, running sum of squares, largest |q| and its sample, running sums at the first and last sample of the window, neighbours of the maximum,
 # last |q|, whether the right neighbour is due
 LEVEL = record(
-    next=INTEGER, total=NUMBER, largest=NUMBER, at=INTEGER, first_sum=NUMBER, last_sum=NUMBER, left=NUMBER, right=NUMBER, previous=NUMBER, due=FLAG
+    next=INTEGER,
+    total=NUMBER,
+    largest=NUMBER,
+    at=INTEGER,
+    first_sum=NUMBER,
+    last_sum=NUMBER,
+    left=NUMBER,
+    right=NUMBER,
+    previous=NUMBER,
+    due=FLAG,
 )
 
 
@@ -32,16 +41,27 @@ class Level(NamedTuple):
 
 def new_level(samples_per_period: int, half_window_periods: int = 10) -> Level:
     """Return an empty level observer for a window of +- ``half_window_periods`` pseudo periods."""
-    return Level(np.zeros(half_window_periods * samples_per_period + 1), one(LEVEL, largest=-1.0), np.zeros(BLOCK))
+    return Level(
+        np.zeros(half_window_periods * samples_per_period + 1),
+        one(LEVEL, largest=-1.0),
+        np.zeros(BLOCK),
+    )
 
 
 @jit
 def clear_level(level):
     """Forget all samples."""
     state = level.state
-    state.next, state.at, state.due = 0, 0, False
-    state.total, state.largest, state.first_sum, state.last_sum = 0.0, -1.0, 0.0, 0.0
-    state.left, state.right, state.previous = 0.0, 0.0, 0.0
+    state.next = 0
+    state.at = 0
+    state.due = False
+    state.total = 0.0
+    state.largest = -1.0
+    state.first_sum = 0.0
+    state.last_sum = 0.0
+    state.left = 0.0
+    state.right = 0.0
+    state.previous = 0.0
 
 
 @jit
@@ -57,28 +77,41 @@ def push_block(level, first, count):
     ring, state, block = level
     size = ring.shape[0]
     width = size - 1
-    n, at, due = state.next, state.at, state.due
+    n = state.next
+    at = state.at
+    due = state.due
     place = n % size
-    total, largest, previous = state.total, state.largest, state.previous
+    total = state.total
+    largest = state.largest
+    previous = state.previous
     for k in range(first, first + count):
         q = block[k]
         total += q * q
         q = abs(q)
         ring[place] = total
-        place = place + 1 if place < width else 0  # now where the sum at n - width is: the first sample of the window
+        place = (
+            place + 1 if place < width else 0
+        )  # now where the sum at n - width is: the first sample of the window
         if due:
             state.right = q
             due = False
         if q > largest:
-            largest, at, due = q, n, True
-            state.left, state.right = previous, q
+            largest = q
+            at = n
+            due = True
+            state.left = previous
+            state.right = q
             state.first_sum = ring[place] if n >= width else ring[0]
         if n <= at + width:
             state.last_sum = total
         previous = q
         n += 1
-    state.next, state.at, state.due = n, at, due
-    state.total, state.largest, state.previous = total, largest, previous
+    state.next = n
+    state.at = at
+    state.due = due
+    state.total = total
+    state.largest = largest
+    state.previous = previous
 
 
 @jit
@@ -95,7 +128,9 @@ def close_level(level):
     first = max(0, at - width)
     last = min(state.next - 1, at + width)
     mean = (state.last_sum - state.first_sum) / max(last - first, 1)
-    left, peak, right = state.left, state.largest, state.right
+    left = state.left
+    peak = state.largest
+    right = state.right
     bend = left - 2.0 * peak + right
     shift = 0.0
     if bend < 0.0 and at > 0:

@@ -70,21 +70,31 @@ def _leap(code: Code, base, rows, size: Index, leap, shares, half: Number, late:
     ``half`` (s): from the window's centre to its end, where the rate is that under the load there.
     """
     numbers = [code.number(shares, n) for n in range(_units(base))]
-    ends = [(value + slope * half) * code.repeated(2.0, 0) for value, slope in zip(numbers[::2], numbers[1::2], strict=True)]
+    ends = [
+        (value + slope * half) * code.repeated(2.0, 0)
+        for value, slope in zip(numbers[::2], numbers[1::2], strict=True)
+    ]
     for j in code.slots(size):
         total = code.complex(z, j, j + size).times(code.complex(leap, j, j + size))
         for n, share in enumerate(numbers, 1):
-            total = _plus(code.spread(share), code.complex(leap, size * (2 * n) + j, size * (2 * n + 1) + j), total)
+            total = _plus(
+                code.spread(share),
+                code.complex(leap, size * (2 * n) + j, size * (2 * n + 1) + j),
+                total,
+            )
         rate = total.times(code.complex(rows, size * S + j, size * (S + 1) + j))
         for row, end in zip((DRIVE, BASE), ends, strict=False):
-            rate = _plus(code.spread(end), code.complex(rows, size * row + j, size * (row + 1) + j), rate)
+            rate = _plus(
+                code.spread(end), code.complex(rows, size * row + j, size * (row + 1) + j), rate
+            )
         code.store_complex(_plus(code.spread(late), rate, total), z, j, j + size)
 
 
 @jit
 def _learn_leap(slots, units, n, half, w):
     """Fill what unit load ``n`` adds to slots in a window, from their forced part at its ends; w (2, J) is scratch."""
-    leap, size = units.leap, w.shape[1]
+    leap = units.leap
+    size = w.shape[1]
     for side in range(2):
         w[:] = 0.0
         tau = half if side == 1 else -half
@@ -121,21 +131,34 @@ def leap_over(load, slots, window, forced, w, z):
 
     w (2, J) is scratch.
     """
-    units, length = forced.units, 2.0 * window.half
+    units = forced.units
+    length = 2.0 * window.half
     _take_shares(load.terms, load.base, units.shares)
     if abs(length - units.span[0]) > EVEN * length:
         _learn_leaps(load, slots, window, forced, w)
     if abs(length - units.span[0]) > SAME_SPAN * length:
         return False
-    _leap(load.base, slots.rows, slots.rows.shape[1], units.leap, units.shares, window.half, length - units.span[0], z)
+    _leap(
+        load.base,
+        slots.rows,
+        slots.rows.shape[1],
+        units.leap,
+        units.shares,
+        window.half,
+        length - units.span[0],
+        z,
+    )
     return True
 
 
 @jit
 def _solve_units(load, slots, window, absorber_mass, guarded, forced):
     """Fill the `Units` of a regime for windows of this length; the shares are known. ``guarded``: whether a guard signal is needed."""
-    units, half = forced.units, SLACK * window.half
-    wide = Window(window.centre, half, window.omega, window.alpha, window.force_r, window.force_i, load)
+    units = forced.units
+    half = SLACK * window.half
+    wide = Window(
+        window.centre, half, window.omega, window.alpha, window.force_r, window.force_i, load
+    )
     for n in range(units.shares.shape[0]):
         _set_terms(load.base, load.terms, n, 0.0)
     for n in range(units.shares.shape[0]):
@@ -165,13 +188,16 @@ def solve_lines(load, slots, window, absorber_mass, guarded, forced):
     units = forced.units
     if not load.straight[0]:
         return False
-    shares, bound = units.shares, forced.bound
+    shares = units.shares
+    bound = forced.bound
     _take_shares(load.terms, load.base, shares)
     if not SHORTEST * units.half[0] <= window.half <= units.half[0]:
         _solve_units(load, slots, window, absorber_mass, guarded, forced)
     fill_terms(window, forced.terms)
     half = units.slots[0].size
-    _combine(half, half, load.base, shares, units.slots, forced.slots)  # B is A, since nothing turns
+    _combine(
+        half, half, load.base, shares, units.slots, forced.slots
+    )  # B is A, since nothing turns
     _combine(forced.signals.size, 0, load.base, shares, units.signals, forced.signals)
     bound[:] = 0.0
     for n in range(shares.shape[0]):

@@ -25,7 +25,12 @@ MOST_PHASE = 300.0  # rad of the force from a window's centre to its end: roundi
 EVEN = 1e-4  # of a stretch: by that two may differ that count as equally long
 SAME = 1e-12  # of the highest frequency: closer ones need no common carrier
 # numbers of a piece: when it begins (s), frequency (rad/s), its rate (rad/s^2), phase (rad), real and imaginary parts of c0, c1, c2
-BEGINS, OMEGA, ALPHA, PHASE, POLYNOMIAL, NUMBERS = 0, 1, 2, 3, 4, 10
+BEGINS = 0
+OMEGA = 1
+ALPHA = 2
+PHASE = 3
+POLYNOMIAL = 4
+NUMBERS = 10
 
 
 class Base(NamedTuple):
@@ -70,9 +75,16 @@ def _acts(piece):
 def is_straight(load, k):
     """Return whether stretch ``k`` has nothing but straight lines."""
     for source in range(load.which.shape[1]):
-        piece, p = load.pieces[load.which[k, source]], POLYNOMIAL
+        piece = load.pieces[load.which[k, source]]
+        p = POLYNOMIAL
         turns = piece[OMEGA] != 0.0 or piece[ALPHA] != 0.0 or piece[PHASE] != 0.0
-        if (turns or piece[p + 1] != 0.0 or piece[p + 3] != 0.0 or piece[p + 4] != 0.0 or piece[p + 5] != 0.0) and _acts(piece):
+        if (
+            turns
+            or piece[p + 1] != 0.0
+            or piece[p + 3] != 0.0
+            or piece[p + 4] != 0.0
+            or piece[p + 5] != 0.0
+        ) and _acts(piece):
             return False
     return True
 
@@ -80,27 +92,37 @@ def is_straight(load, k):
 @jit
 def band(load, k, t):
     """Return the lowest and the highest frequency (rad/s) of stretch ``k`` at time ``t``, and the largest of their rates."""
-    low, high, rate = np.inf, 0.0, 0.0
+    low = np.inf
+    high = 0.0
+    rate = 0.0
     for source in range(load.which.shape[1]):
         piece = load.pieces[load.which[k, source]]
         if _acts(piece):
             omega = piece[OMEGA] + piece[ALPHA] * (t - piece[BEGINS])
-            low, high, rate = min(low, omega), max(high, omega), max(rate, abs(piece[ALPHA]))
+            low = min(low, omega)
+            high = max(high, omega)
+            rate = max(rate, abs(piece[ALPHA]))
     return min(low, high), high, rate
 
 
 @jit
 def count_windows(load, times, k, reach):
     """Return how many windows stretch ``k`` between ``times`` needs, each of at most ``reach`` (s)."""
-    duration, longest, spread, highest, rate = times[k + 1] - times[k], reach, 0.0, 1e-300, 0.0
+    duration = times[k + 1] - times[k]
+    longest = reach
+    spread = 0.0
+    highest = 1e-300
+    rate = 0.0
     if duration <= reach and is_straight(load, k):
         return 1
     for end in range(2):
         low, high, rate = band(load, k, times[k + end])
-        spread, highest = max(spread, 0.5 * (high - low)), max(highest, high)
+        spread = max(spread, 0.5 * (high - low))
+        highest = max(highest, high)
     bent = (120.0 * CHIRP_REMAINDER) ** 0.2
     if spread > SAME * highest:
-        longest, bent = min(longest, 2.0 * BEAT_REACH / spread), BENT_BEAT
+        longest = min(longest, 2.0 * BEAT_REACH / spread)
+        bent = BENT_BEAT
     if rate > 0.0:
         longest = min(longest, 2.0 * math.sqrt(2.0 * bent / rate))
     longest = min(longest, 2.0 * MOST_PHASE / highest)
@@ -111,21 +133,38 @@ def count_windows(load, times, k, reach):
 def _expand(piece, t, carrier, terms):
     """Add half a piece's complex polynomial around time ``t``, on a carrier (rad/s), to ``terms`` (2, TERMS)."""
     u = t - piece[BEGINS]
-    alpha, delta = piece[ALPHA], piece[OMEGA] + piece[ALPHA] * u - carrier
+    alpha = piece[ALPHA]
+    delta = piece[OMEGA] + piece[ALPHA] * u - carrier
     phase = piece[PHASE] + (piece[OMEGA] + 0.5 * alpha * u) * u
-    c, s = math.cos(phase), math.sin(phase)
+    c = math.cos(phase)
+    s = math.sin(phase)
     p = POLYNOMIAL
-    factors_r = (piece[p] + (piece[p + 2] + piece[p + 4] * u) * u, piece[p + 2] + 2.0 * piece[p + 4] * u, piece[p + 4])
-    factors_i = (piece[p + 1] + (piece[p + 3] + piece[p + 5] * u) * u, piece[p + 3] + 2.0 * piece[p + 5] * u, piece[p + 5])
+    factors_r = (
+        piece[p] + (piece[p + 2] + piece[p + 4] * u) * u,
+        piece[p + 2] + 2.0 * piece[p + 4] * u,
+        piece[p + 4],
+    )
+    factors_i = (
+        piece[p + 1] + (piece[p + 3] + piece[p + 5] * u) * u,
+        piece[p + 3] + 2.0 * piece[p + 5] * u,
+        piece[p + 5],
+    )
     # y = exp(i (delta tau + alpha tau^2/2)): y' = i (delta + alpha tau) y
-    e_r, e_i, old_r, old_i = 0.5 * c, 0.5 * s, 0.0, 0.0
+    e_r = 0.5 * c
+    e_i = 0.5 * s
+    old_r = 0.0
+    old_i = 0.0
     for n in range(TERMS):
         for m in range(3):
             if n + m < TERMS:
                 terms[0, n + m] += factors_r[m] * e_r - factors_i[m] * e_i
                 terms[1, n + m] += factors_r[m] * e_i + factors_i[m] * e_r
-        new_r, new_i = -(delta * e_i + alpha * old_i) / (n + 1), (delta * e_r + alpha * old_r) / (n + 1)
-        old_r, old_i, e_r, e_i = e_r, e_i, new_r, new_i
+        new_r = -(delta * e_i + alpha * old_i) / (n + 1)
+        new_i = (delta * e_r + alpha * old_r) / (n + 1)
+        old_r = e_r
+        old_i = e_i
+        e_r = new_r
+        e_i = new_i
 
 
 @jit
@@ -135,7 +174,8 @@ def force_in(load, k, t):
     for source in range(load.which.shape[1]):
         piece = load.pieces[load.which[k, source]]
         if not load.moves_base[source]:
-            u, p = t - piece[BEGINS], POLYNOMIAL
+            u = t - piece[BEGINS]
+            p = POLYNOMIAL
             phase = piece[PHASE] + (piece[OMEGA] + 0.5 * piece[ALPHA] * u) * u
             total += (piece[p] + (piece[p + 2] + piece[p + 4] * u) * u) * math.cos(phase)
             total -= (piece[p + 1] + (piece[p + 3] + piece[p + 5] * u) * u) * math.sin(phase)
@@ -145,7 +185,9 @@ def force_in(load, k, t):
 @jit
 def _as_long(times, k):
     """Return whether stretch ``k`` is as long as the one before, as the steps of a record are."""
-    return k > 0 and abs(times[k + 1] - 2.0 * times[k] + times[k - 1]) <= EVEN * (times[k + 1] - times[k])
+    return k > 0 and abs(times[k + 1] - 2.0 * times[k] + times[k - 1]) <= EVEN * (
+        times[k + 1] - times[k]
+    )
 
 
 @jit
@@ -214,16 +256,21 @@ def add_base_drive(base, rows, j, row, sign, n, x_r, x_i):
     """Return (x_r, x_i) with what term ``n`` of the base's acceleration does to slot ``j``, whose response to a unit of it is in ``row``."""
     if base is None:
         return x_r, x_i
-    t_r, t_i = base.terms[0, n], sign * base.terms[1, n]
-    return x_r + rows[row, j] * t_r - rows[row + 1, j] * t_i, x_i + rows[row, j] * t_i + rows[row + 1, j] * t_r
+    t_r = base.terms[0, n]
+    t_i = sign * base.terms[1, n]
+    return x_r + rows[row, j] * t_r - rows[row + 1, j] * t_i, x_i + rows[row, j] * t_i + rows[
+        row + 1, j
+    ] * t_r
 
 
 @jit
 def value_of(terms, omega, tau):
     """Return the load whose terms are known at an offset (s) from the window's centre."""
     c, s = cos_sin(omega * tau)
-    x, y = 0.0, 0.0
+    x = 0.0
+    y = 0.0
     for m in range(TERMS):
         n = TERMS - 1 - m
-        x, y = x * tau + terms[0, n], y * tau + terms[1, n]
+        x = x * tau + terms[0, n]
+        y = y * tau + terms[1, n]
     return 2.0 * (x * c - y * s)

@@ -35,7 +35,8 @@ def cos_sin(x):
     s = fma(q, fma(q, fma(q, fma(q, s, 1.0 / 362880.0), -1.0 / 5040.0), 1.0 / 120.0), -1.0 / 6.0)
     c = fma(q, fma(q, 1.0 / 20922789888000.0, -1.0 / 87178291200.0), 1.0 / 479001600.0)
     c = fma(q, fma(q, fma(q, fma(q, c, -1.0 / 3628800.0), 1.0 / 40320.0), -1.0 / 720.0), 1.0 / 24.0)
-    s, c = fma(r * q, s, r), fma(q, fma(q, c, -0.5), 1.0)
+    s = fma(r * q, s, r)
+    c = fma(q, fma(q, c, -0.5), 1.0)
     n = np.int64(k)
     a, b = (s, c) if n & 1 else (c, s)
     return -a if (n + 1) & 2 else a, -b if n & 2 else b

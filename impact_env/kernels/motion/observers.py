@@ -17,11 +17,17 @@ from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, one, rec
 from impact_env.kernels.motion.level import Level
 
 # kinds of contact phase
-STUCK_INSIDE, HELD_LOWER, HELD_UPPER = 0, 1, 2
+STUCK_INSIDE = 0
+HELD_LOWER = 1
+HELD_UPPER = 2
 # kinds of what a search can miss
-PASSED, TURNED, PULLED = 0, 1, 2
+PASSED = 0
+TURNED = 1
+PULLED = 2
 # status codes of all integration kernels
-DONE, TOO_MANY_EVENTS, NOT_FINITE, NO_PROGRESS, TOO_MANY_EVALUATIONS, SEARCH_GAVE_UP, STOPPED = range(7)
+DONE, TOO_MANY_EVENTS, NOT_FINITE, NO_PROGRESS, TOO_MANY_EVALUATIONS, SEARCH_GAVE_UP, STOPPED = (
+    range(7)
+)
 
 # what has been done: impacts, time in joined phases (s), steps or stretches between events, evaluations, events, time reached (s), which another
 # thread reads while the run goes on; ``stop`` is its order to end it. What may be used (budget.py): events and evaluations at once, and for each
@@ -40,15 +46,21 @@ COUNTS = record(
     evaluations_per_s=NUMBER,
     searched=INTEGER,
 )
-CLOCK = record(level=INTEGER, series=INTEGER, interval=NUMBER)  # next sample of level and series, and the time between two (s)
-IMPACT = record(time=NUMBER, relative_velocity=NUMBER, impulse=NUMBER, loss=NUMBER, absorber=INTEGER)
+CLOCK = record(
+    level=INTEGER, series=INTEGER, interval=NUMBER
+)  # next sample of level and series, and the time between two (s)
+IMPACT = record(
+    time=NUMBER, relative_velocity=NUMBER, impulse=NUMBER, loss=NUMBER, absorber=INTEGER
+)
 PHASE = record(start=NUMBER, end=NUMBER, kind=INTEGER, absorber=INTEGER)
 REVERSED = record(time=NUMBER, absorber=INTEGER)
 LISTED = record(impacts=INTEGER, phases=INTEGER, reversals=INTEGER)
 TOTALS = record(work=NUMBER, friction_loss=NUMBER, impact_loss=NUMBER, absorber_damping=NUMBER)
 CHECKED = record(searches=INTEGER, misses=INTEGER)
 MISS = record(time=NUMBER, kind=INTEGER, share=NUMBER)
-MOTION = record(q=NUMBER, v=NUMBER, a=NUMBER)  # an absorber's displacement, velocity and acceleration
+MOTION = record(
+    q=NUMBER, v=NUMBER, a=NUMBER
+)  # an absorber's displacement, velocity and acceleration
 FIRST_MISSES = 16
 
 
@@ -118,10 +130,20 @@ class Observe(NamedTuple):
 
 
 def new_counters(
-    events: float = np.inf, events_per_s: float = 0.0, evaluations: float = np.inf, evaluations_per_s: float = 0.0, check: Check | None = None
+    events: float = np.inf,
+    events_per_s: float = 0.0,
+    evaluations: float = np.inf,
+    evaluations_per_s: float = 0.0,
+    check: Check | None = None,
 ) -> Counters:
     """Return counters at zero, and what the run may use."""
-    counts = one(COUNTS, most_events=events, events_per_s=events_per_s, most_evaluations=evaluations, evaluations_per_s=evaluations_per_s)
+    counts = one(
+        COUNTS,
+        most_events=events,
+        events_per_s=events_per_s,
+        most_evaluations=evaluations,
+        evaluations_per_s=evaluations_per_s,
+    )
     return Counters(counts, check)
 
 
@@ -132,7 +154,12 @@ def new_clock(interval: float) -> Any:
 
 def new_events(capacity: int, reversals: bool = False) -> Events:
     """Return empty lists of impacts and phases, and if wanted of reversals."""
-    return Events(np.zeros(capacity, IMPACT), np.zeros(capacity, PHASE), one(LISTED), np.zeros(capacity, REVERSED) if reversals else None)
+    return Events(
+        np.zeros(capacity, IMPACT),
+        np.zeros(capacity, PHASE),
+        one(LISTED),
+        np.zeros(capacity, REVERSED) if reversals else None,
+    )
 
 
 def new_energy(modes: int) -> Energy:
@@ -153,7 +180,11 @@ def push_impact(events, time, relative_velocity, impulse, loss, absorber):
     k = events.counts.impacts
     if k < events.impacts.shape[0]:
         row = events.impacts[k]
-        row.time, row.relative_velocity, row.impulse, row.loss, row.absorber = time, relative_velocity, impulse, loss, absorber
+        row.time = time
+        row.relative_velocity = relative_velocity
+        row.impulse = impulse
+        row.loss = loss
+        row.absorber = absorber
     events.counts.impacts = k + 1
 
 
@@ -165,7 +196,10 @@ def push_phase(events, start, end, kind, absorber):
     k = events.counts.phases
     if k < events.phases.shape[0]:
         row = events.phases[k]
-        row.start, row.end, row.kind, row.absorber = start, end, kind, absorber
+        row.start = start
+        row.end = end
+        row.kind = kind
+        row.absorber = absorber
     events.counts.phases = k + 1
 
 
@@ -179,5 +213,6 @@ def push_reversal(events, time, absorber):
     k = events.counts.reversals
     if k < events.reversals.shape[0]:
         row = events.reversals[k]
-        row.time, row.absorber = time, absorber
+        row.time = time
+        row.absorber = absorber
     events.counts.reversals = k + 1

@@ -24,7 +24,9 @@ def _powers(factor: Complex, one: Complex) -> list[Complex]:
     return powers
 
 
-def _add_to_block(code: Code, numbers: list[Number], block: Any, place: Any, left: Any, fresh: bool) -> None:
+def _add_to_block(
+    code: Code, numbers: list[Number], block: Any, place: Any, left: Any, fresh: bool
+) -> None:
     """Add numbers to the block from a place on, or write them if it is ``fresh``: as many as are ``left``."""
     for k, number in enumerate(numbers):
         for _ in code.where(left > k, likely=True):
@@ -32,12 +34,16 @@ def _add_to_block(code: Code, numbers: list[Number], block: Any, place: Any, lef
             code.put(number if fresh else number + code.number(block, at), block, at)
 
 
-def _whole_or_part(code: Code, numbers: list[Number], block: Any, place: Any, left: Any, fresh: bool) -> None:
+def _whole_or_part(
+    code: Code, numbers: list[Number], block: Any, place: Any, left: Any, fresh: bool
+) -> None:
     """Do what `_add_to_block` does, with one instruction where all are left."""
     for whole in code.either(left >= TOGETHER):
         if whole:
             vector = code.gathered(numbers)
-            code.store(vector if fresh else vector + code.vector(block, place, TOGETHER), block, place)
+            code.store(
+                vector if fresh else vector + code.vector(block, place, TOGETHER), block, place
+            )
         else:
             _add_to_block(code, numbers, block, place, left, fresh)
 
@@ -70,9 +76,14 @@ def _fill_forced(
         x = number.fma(code.spread(interval, TOGETHER), code.spread(tau, TOGETHER))
         parts = []
         for part in (0, 1):
-            total = code.spread(code.number(signals, signal_place(TIP_SIGNAL, TERMS - 1, part)), TOGETHER)
+            total = code.spread(
+                code.number(signals, signal_place(TIP_SIGNAL, TERMS - 1, part)), TOGETHER
+            )
             for n in range(TERMS - 2, -1, -1):
-                total = total.fma(x, code.spread(code.number(signals, signal_place(TIP_SIGNAL, n, part)), TOGETHER))
+                total = total.fma(
+                    x,
+                    code.spread(code.number(signals, signal_place(TIP_SIGNAL, n, part)), TOGETHER),
+                )
             parts.append(total)
         values = Complex(*parts).real_of_product(here) + code.spread(rest, TOGETHER)
         _whole_or_part(code, values.elements(), block, first + k, count - k, True)
@@ -101,7 +112,10 @@ def _add_slots(
     count: Index,
 ):
     """Add the slots' sum at ``count`` samples, the first at the offset d1, d2, d3, x, and h1, h2, h3, h between two."""
-    start, step = (SlotsAt(code, rows, table, size, base, place) for place in ([d1, d2, d3, x], [h1, h2, h3, h]))
+    start, step = (
+        SlotsAt(code, rows, table, size, base, place)
+        for place in ([d1, d2, d3, x], [h1, h2, h3, h])
+    )
     for j in code.slots(size):
         amplitude = start.turned(u, j)
         *powers, leap = _powers(step.factor(j), Complex(code.repeated(1.0), code.repeated(0.0)))
@@ -133,17 +147,43 @@ def fill_samples(slots, signals, omega, u, rest, samples, block):
 
     From sample to sample slots and force turn by fixed factors; what rounding adds to that stays below 1e-16 times their number.
     """
-    rows, table, scale = slots.rows, slots.table, slots.scale
-    offset, x, interval = samples.offset, samples.x, samples.interval
-    first, count = samples.first, samples.number
+    rows = slots.rows
+    table = slots.table
+    scale = slots.scale
+    offset = samples.offset
+    x = samples.x
+    interval = samples.interval
+    first = samples.first
+    count = samples.number
     if count <= FEW:
         for k in range(count):
             t = k * interval
-            block[first + k] = value(rows, table, scale, u, offset + t) + signal_value(signals, TIP_SIGNAL, omega, x + t) + rest
+            block[first + k] = (
+                value(rows, table, scale, u, offset + t)
+                + signal_value(signals, TIP_SIGNAL, omega, x + t)
+                + rest
+            )
         return
     c, s = cos_sin(omega * x)
     turn_c, turn_s = cos_sin(omega * interval)
     _fill_forced(signals, x, interval, c, s, turn_c, turn_s, rest, block, first, count)
     d1, d2, d3, d = digits(scale, offset)
     h1, h2, h3, h = digits(scale, interval)
-    _add_slots(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, d, h1, h2, h3, h, u, block, first, count)
+    _add_slots(
+        rows,
+        table,
+        rows.shape[1],
+        table.shape[2],
+        d1,
+        d2,
+        d3,
+        d,
+        h1,
+        h2,
+        h3,
+        h,
+        u,
+        block,
+        first,
+        count,
+    )

@@ -12,7 +12,13 @@ from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
 from impact_env.kernels.motion.forced import Forced, Window, add_forced, own_motion
 from impact_env.kernels.motion.forced_sums import slots_of_state, state_of_slots
 from impact_env.kernels.motion.level import push_block, push_level
-from impact_env.kernels.motion.loads import CHIRP_REMAINDER, MOST_PHASE, Load, count_windows, enter_load
+from impact_env.kernels.motion.loads import (
+    CHIRP_REMAINDER,
+    MOST_PHASE,
+    Load,
+    count_windows,
+    enter_load,
+)
 from impact_env.kernels.motion.sampling import Samples, fill_samples
 from impact_env.kernels.motion.slots import REST, TIP, Slots, add, advance, copy, weigh
 
@@ -99,23 +105,40 @@ def window_count(schedule, k):
     longest = schedule.reach
     if alpha > 0.0:
         longest = min(longest, 2.0 * np.sqrt(2.0 * (120.0 * CHIRP_REMAINDER) ** 0.2 / alpha))
-    longest = min(longest, 2.0 * MOST_PHASE / max(schedule.omegas[k], schedule.omegas[k + 1], 1e-300))
+    longest = min(
+        longest, 2.0 * MOST_PHASE / max(schedule.omegas[k], schedule.omegas[k + 1], 1e-300)
+    )
     return max(1, int(np.ceil(duration / longest * (1.0 - 1e-12))))
 
 
 @jit
 def window_of(schedule, k, w, count):
     """Return window w of ``count`` in stretch k; of other loads than a chirp its terms are written."""
-    duration, load = schedule.times[k + 1] - schedule.times[k], schedule.load
+    duration = schedule.times[k + 1] - schedule.times[k]
+    load = schedule.load
     if load is not None:
         centre = schedule.times[k] + duration * (w + 0.5) / count
-        return Window(centre, 0.5 * duration / count, enter_load(load, schedule.times, k, centre), 0.0, 0.0, 0.0, load)
+        return Window(
+            centre,
+            0.5 * duration / count,
+            enter_load(load, schedule.times, k, centre),
+            0.0,
+            0.0,
+            0.0,
+            load,
+        )
     alpha = (schedule.omegas[k + 1] - schedule.omegas[k]) / duration
     x = duration * (w + 0.5) / count
     phase = schedule.phases[k] + (schedule.omegas[k] + 0.5 * alpha * x) * x
     a = schedule.amplitude
     return Window(
-        schedule.times[k] + x, 0.5 * duration / count, schedule.omegas[k] + alpha * x, alpha, a * math.cos(phase), a * math.sin(phase), None
+        schedule.times[k] + x,
+        0.5 * duration / count,
+        schedule.omegas[k] + alpha * x,
+        alpha,
+        a * math.cos(phase),
+        a * math.sin(phase),
+        None,
     )
 
 
@@ -142,8 +165,14 @@ def sample_level(stretch, clock, level, place):
     """Push the displacement at the samples in [tau, end) to the level: that of the tip, or at the ``place`` of this mode shape (N_m,)."""
     if level is None:
         return
-    slots, signals, window, tau, end = stretch.regime.slots, stretch.forced.signals, stretch.window, stretch.tau, stretch.end
-    n, interval, u = clock.level, clock.interval, stretch.work.u
+    slots = stretch.regime.slots
+    signals = stretch.forced.signals
+    window = stretch.window
+    tau = stretch.tau
+    end = stretch.end
+    n = clock.level
+    interval = clock.interval
+    u = stretch.work.u
     if n * interval - window.centre >= end:
         return
     stop = samples_before(end + window.centre, interval)
@@ -179,7 +208,9 @@ def is_due(window, clock, level, series, energy):
 @jit
 def fill_places(stretch, place, samples, block):
     """Write the displacement at a place at `Samples` into the block."""
-    slots, out, w = stretch.regime.slots, stretch.regime.out, stretch.work.rows[0]
+    slots = stretch.regime.slots
+    out = stretch.regime.out
+    w = stretch.work.rows[0]
     for k in range(samples.number):
         t = samples.offset + k * samples.interval
         copy(stretch.work.z, w)
@@ -209,10 +240,16 @@ def sample_state(stretch, clock, series):
     """Write the state at the samples in [tau, end)."""
     if series is None:
         return
-    window, tau, end, motion, work = stretch.window, stretch.tau, stretch.end, stretch.motion, stretch.work
-    n, interval = clock.series, clock.interval
+    window = stretch.window
+    tau = stretch.tau
+    end = stretch.end
+    motion = stretch.motion
+    work = stretch.work
+    n = clock.series
+    interval = clock.interval
     x = n * interval - window.centre
-    half, absorbers = series.states.shape[1] // 2, motion.shape[0]
+    half = series.states.shape[1] // 2
+    absorbers = motion.shape[0]
     while x < end and n < series.states.shape[0]:
         t = max(x - tau, 0.0)
         row = series.states[n]

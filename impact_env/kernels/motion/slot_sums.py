@@ -13,18 +13,28 @@ from impact_env.kernels.compiling.jit import NUMBER, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Number
 
 # rows of Slots.rows that the sums know; slots.py has them all
-_S, _SQUARE, _TAYLOR, _SPEED = 0, 2, 14, 26
+_S = 0
+_SQUARE = 2
+_TAYLOR = 14
+_SPEED = 26
 _TAYLOR_ROWS = 6
 
 
 class SlotsAt:
     """The slots of a regime at a time offset: exp(s t)."""
 
-    def __init__(self, code: Code, rows: Any, table: Any, size: Any, base: Any, digits: Sequence[Any]) -> None:
-        self.code, self.rows, self.table, self.size = code, rows, table, size
+    def __init__(
+        self, code: Code, rows: Any, table: Any, size: Any, base: Any, digits: Sequence[Any]
+    ) -> None:
+        self.code = code
+        self.rows = rows
+        self.table = table
+        self.size = size
         plane = base * size
         places = [plane * k + digit * size for k, digit in enumerate(digits[:3])]
-        self.places, self.imaginary, self.x = places, plane * 3, digits[3]
+        self.places = places
+        self.imaginary = plane * 3
+        self.x = digits[3]
 
     def row(self, row: int, j: Any) -> Number:
         """Return a row's numbers."""
@@ -41,7 +51,8 @@ class SlotsAt:
 
     def taylor(self, j: Any) -> Complex:
         """Return exp(s x) for the rest of the offset."""
-        x, total = self.code.spread(self.x), self.pair(_TAYLOR + 2 * (_TAYLOR_ROWS - 1), j)
+        x = self.code.spread(self.x)
+        total = self.pair(_TAYLOR + 2 * (_TAYLOR_ROWS - 1), j)
         for k in range(_TAYLOR_ROWS - 2, -1, -1):
             next_one = self.pair(_TAYLOR + 2 * k, j)
             total = Complex(total.real.fma(x, next_one.real), total.imag.fma(x, next_one.imag))
@@ -49,16 +60,36 @@ class SlotsAt:
 
     def factor(self, j: Any) -> Complex:
         """Return exp(s t)."""
-        return self.looked_up(0, j).times(self.looked_up(1, j).times(self.looked_up(2, j))).times(self.taylor(j))
+        return (
+            self.looked_up(0, j)
+            .times(self.looked_up(1, j).times(self.looked_up(2, j)))
+            .times(self.taylor(j))
+        )
 
     def turned(self, u: Any, j: Any) -> Complex:
         """Return u exp(s t)."""
         amplitude = self.code.complex(u, j, j + self.size)
-        return amplitude.times(self.looked_up(0, j)).times(self.looked_up(1, j).times(self.looked_up(2, j))).times(self.taylor(j))
+        return (
+            amplitude.times(self.looked_up(0, j))
+            .times(self.looked_up(1, j).times(self.looked_up(2, j)))
+            .times(self.taylor(j))
+        )
 
 
 @vector_code()
-def turn_to(code: Code, rows, table, size: Index, base: Index, d1: Index, d2: Index, d3: Index, x: Number, u, out):
+def turn_to(
+    code: Code,
+    rows,
+    table,
+    size: Index,
+    base: Index,
+    d1: Index,
+    d2: Index,
+    d3: Index,
+    x: Number,
+    u,
+    out,
+):
     """Write u exp(s t) to ``out``, which may be ``u``."""
     slots = SlotsAt(code, rows, table, size, base, (d1, d2, d3, x))
     for j in code.slots(size):
@@ -67,31 +98,53 @@ def turn_to(code: Code, rows, table, size: Index, base: Index, d1: Index, d2: In
 
 def _sum(orders: int) -> Any:
     @vector_code(NUMBER, orders)
-    def sums(code: Code, rows, table, size: Index, base: Index, d1: Index, d2: Index, d3: Index, x: Number, u):
-        slots, totals = SlotsAt(code, rows, table, size, base, (d1, d2, d3, x)), [code.sum() for _ in range(orders)]
+    def sums(
+        code: Code,
+        rows,
+        table,
+        size: Index,
+        base: Index,
+        d1: Index,
+        d2: Index,
+        d3: Index,
+        x: Number,
+        u,
+    ):
+        slots = SlotsAt(code, rows, table, size, base, (d1, d2, d3, x))
+        totals = [code.sum() for _ in range(orders)]
         for j in code.slots(size):
             turned = slots.turned(u, j)
             totals[0] += turned.real
             if orders > 1:
-                speed, square = slots.pair(_S, j), slots.pair(_SQUARE, j)
+                speed = slots.pair(_S, j)
+                square = slots.pair(_SQUARE, j)
                 totals[1] += turned.real_of_product(speed)
                 totals[2] += turned.real_of_product(square)
                 totals[3] += turned.times(speed).real_of_product(square)
         return [total.total() for total in totals]
 
-    sums.__doc__ = "Return the sum of Re(u exp(s t)) and, for four sums, its first three derivatives."
+    sums.__doc__ = (
+        "Return the sum of Re(u exp(s t)) and, for four sums, its first three derivatives."
+    )
     return sums
 
 
-sum_one, sum_four = _sum(1), _sum(4)
+sum_one = _sum(1)
+sum_four = _sum(4)
 
 
 @vector_code(NUMBER, 6)
-def sum_and_bounds(code: Code, rows, table, size: Index, base: Index, d1: Index, d2: Index, d3: Index, x: Number, u):
+def sum_and_bounds(
+    code: Code, rows, table, size: Index, base: Index, d1: Index, d2: Index, d3: Index, x: Number, u
+):
     """Return the first three sums of `sum_four`, and the sums of |s|^2, |s|^3 and |s|^4 times |u exp(s t)|."""
-    slots, (y0, y1, y2, b2, b3, b4) = SlotsAt(code, rows, table, size, base, (d1, d2, d3, x)), [code.sum() for _ in range(6)]
+    slots, (y0, y1, y2, b2, b3, b4) = (
+        SlotsAt(code, rows, table, size, base, (d1, d2, d3, x)),
+        [code.sum() for _ in range(6)],
+    )
     for j in code.slots(size):
-        turned, speed = slots.turned(u, j), slots.row(_SPEED, j)
+        turned = slots.turned(u, j)
+        speed = slots.row(_SPEED, j)
         y0 += turned.real
         y1 += turned.real_of_product(slots.pair(_S, j))
         y2 += turned.real_of_product(slots.pair(_SQUARE, j))
@@ -105,9 +158,13 @@ def sum_and_bounds(code: Code, rows, table, size: Index, base: Index, d1: Index,
 @vector_code(NUMBER, 3)
 def third_to_fifth(code: Code, rows, size: Index, u):
     """Return the sums of Re(s^3 u), Re(s^4 u) and Re(s^5 u)."""
-    third, fourth, fifth = code.sum(), code.sum(), code.sum()
+    third = code.sum()
+    fourth = code.sum()
+    fifth = code.sum()
     for j in code.slots(size):
-        s, square = (code.complex(rows, size * row + j, size * (row + 1) + j) for row in (_S, _SQUARE))
+        s, square = (
+            code.complex(rows, size * row + j, size * (row + 1) + j) for row in (_S, _SQUARE)
+        )
         bend = code.complex(u, j, j + size).times(square)
         third += bend.real_of_product(s)
         fourth += bend.real_of_product(square)
@@ -127,7 +184,8 @@ def copy_slots(code: Code, size: Index, z, w):
 def multiply_row(code: Code, rows, row: Index, size: Index, z, u):
     """Write u = w z with the complex weights w in ``row`` and the row behind it."""
     for j in code.slots(size):
-        at, other = size * row + j, j + size
+        at = size * row + j
+        other = j + size
         weight = code.complex(rows, at, at + size)
         code.store_complex(code.complex(z, j, other).times(weight), u, j, other)
 
@@ -136,9 +194,18 @@ def multiply_row(code: Code, rows, row: Index, size: Index, z, u):
 def add_row(code: Code, rows, row: Index, size: Index, factor: Number, z):
     """Add factor * w to z with the complex weights w in ``row`` and the row behind it."""
     for j in code.slots(size):
-        at, other = size * row + j, j + size
-        weight, old = code.complex(rows, at, at + size), code.complex(z, j, other)
-        code.store_complex(Complex(*(code.spread(factor).fma(new, part) for new, part in zip(weight, old, strict=True))), z, j, other)
+        at = size * row + j
+        other = j + size
+        weight = code.complex(rows, at, at + size)
+        old = code.complex(z, j, other)
+        code.store_complex(
+            Complex(
+                *(code.spread(factor).fma(new, part) for new, part in zip(weight, old, strict=True))
+            ),
+            z,
+            j,
+            other,
+        )
 
 
 @vector_code(NUMBER)

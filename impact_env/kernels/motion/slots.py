@@ -17,13 +17,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_inline
-from impact_env.kernels.motion.slot_sums import add_row, copy_slots, multiply_row, sum_and_bounds, sum_four, sum_one, third_to_fifth, turn_to
+from impact_env.kernels.motion.slot_sums import (
+    add_row,
+    copy_slots,
+    multiply_row,
+    sum_and_bounds,
+    sum_four,
+    sum_one,
+    third_to_fifth,
+    turn_to,
+)
 
 TAYLOR_TERMS = 7  # |s h3|^7 / 7! below 1e-16 for TAYLOR_REACH
 TAYLOR_REACH = 0.04  # of |s h3|, and half of that is used
 
 # rows of Slots.rows: real part, then imaginary part
-S, SQUARE, DRIVE, RELATIVE, REST, GUARD, TIP, TAYLOR, SPEED, SPEED_SQUARE, SPEED_CUBE, BASE = 0, 2, 4, 6, 8, 10, 12, 14, 26, 27, 28, 29
+S = 0
+SQUARE = 2
+DRIVE = 4
+RELATIVE = 6
+REST = 8
+GUARD = 10
+TIP = 12
+TAYLOR = 14
+SPEED = 26
+SPEED_SQUARE = 27
+SPEED_CUBE = 28
+BASE = 29
 # entries of Slots.scale
 BITS, FINEST, PER_FINEST, FASTEST = range(4)
 
@@ -55,7 +75,9 @@ def digits(scale, delta):
     n = np.int64(delta * scale[PER_FINEST] + 0.5)
     bits = np.int64(scale[BITS])
     mask = (np.int64(1) << bits) - 1
-    n = max(min(n, (np.int64(1) << (3 * bits)) - 1), 0)  # also where delta is not a number: the rest then says so
+    n = max(
+        min(n, (np.int64(1) << (3 * bits)) - 1), 0
+    )  # also where delta is not a number: the rest then says so
     return n >> (2 * bits), (n >> bits) & mask, n & mask, delta - n * scale[FINEST]
 
 

@@ -17,7 +17,12 @@ SCAN_TERMS = 7  # those that a block keeps
 
 # entries of a block: 1 + POINTS numbers of the value, the rate and the bend, then of their forced parts, in rows; then the carrier of the force
 ROW = 16
-VALUE, RATE, BEND, FORCED, COS, SIN = 0, ROW, 2 * ROW, 3 * ROW, 6 * ROW, 6 * ROW + POINTS
+VALUE = 0
+RATE = ROW
+BEND = 2 * ROW
+FORCED = 3 * ROW
+COS = 6 * ROW
+SIN = 6 * ROW + POINTS
 BLOCK = 7 * ROW
 
 
@@ -45,22 +50,29 @@ def signal_place(m: Any, n: int, part: int) -> Any:
     return (m >> 2) * (8 * TERMS) + (m & 3) + (8 * n + 4 * part)
 
 
-def _sum_slots(code: Code, orders: int, waves: Any, first: Any, w: Any, size: Any, count: Any) -> tuple[list[Number], list[Number]]:
+def _sum_slots(
+    code: Code, orders: int, waves: Any, first: Any, w: Any, size: Any, count: Any
+) -> tuple[list[Number], list[Number]]:
     """Return sum_j Re(w[q, j] wave[j, k]) as a vector over k, and sum_j Re(w[q, j]), for each order q.
 
     The products of real and of imaginary parts have sums of their own, so that none waits for the other.
     """
-    reals, imags, firsts = ([code.sum(lanes) for _ in range(orders)] for lanes in (POINTS, POINTS, 0))
+    reals, imags, firsts = (
+        [code.sum(lanes) for _ in range(orders)] for lanes in (POINTS, POINTS, 0)
+    )
     for j in code.loop(count):
         at = first + j * (2 * POINTS)
         wave = code.complex(waves, at, at + POINTS, POINTS)
         for q in range(orders):
             index = size * (2 * q) + j
-            w_r, w_i = code.number(w, index), code.number(w, index + size)
+            w_r = code.number(w, index)
+            w_i = code.number(w, index + size)
             reals[q].add_product(code.spread(w_r, POINTS), wave.real)
             imags[q].add_product(code.spread(w_i, POINTS), wave.imag)
             firsts[q] += w_r
-    return [real.number() - imag.number() for real, imag in zip(reals, imags, strict=True)], [s.number() for s in firsts]
+    return [real.number() - imag.number() for real, imag in zip(reals, imags, strict=True)], [
+        s.number() for s in firsts
+    ]
 
 
 def _horner(code: Code, signals: Any, m: int, part: int, y: Number) -> Number:
@@ -70,30 +82,42 @@ def _horner(code: Code, signals: Any, m: int, part: int, y: Number) -> Number:
     return total
 
 
-def _margins(left: Number, right: Number, left_slope: Number, right_slope: Number, third: Number) -> tuple[Number, Number]:
+def _margins(
+    left: Number, right: Number, left_slope: Number, right_slope: Number, third: Number
+) -> tuple[Number, Number]:
     """Return the least and the largest of the Bernstein coefficients of the cubics through values and slopes at both ends."""
-    a, b = third.fma(left_slope, left), (-third).fma(right_slope, right)
+    a = third.fma(left_slope, left)
+    b = (-third).fma(right_slope, right)
     return left.least(right).least(a.least(b)), left.largest(right).largest(a.largest(b))
 
 
-def _fill_block(code: Code, orders: int, course: Any, place: Any, step: Any, size: Any) -> tuple[list[Number], list[Number]]:
+def _fill_block(
+    code: Code, orders: int, course: Any, place: Any, step: Any, size: Any
+) -> tuple[list[Number], list[Number]]:
     """Write all of a block, and return the first ``orders`` derivatives at the start and at the end of each of its steps."""
-    b, w, p, signals = course.signal.block, course.signal.moving, course.signal.polynomial, course.forced.signals
-    h, x = code.spread(step.h, POINTS), course.tau + place.offset
+    b = course.signal.block
+    w = course.signal.moving
+    p = course.signal.polynomial
+    signals = course.forced.signals
+    h = code.spread(step.h, POINTS)
+    x = course.tau + place.offset
     first = step.level * size * (2 * POINTS)
     sums, firsts = _sum_slots(code, orders, course.slots.waves, first, w, size, step.summed)
     steps = code.constant(range(1, POINTS + 1))
     y, z = (steps.fma(h, code.spread(start, POINTS)) for start in (x, place.offset))
     at = step.level * (2 * POINTS)
     turn = code.complex(course.forced.carrier, at, at + POINTS, POINTS)
-    c, s = code.spread(place.cos, POINTS), code.spread(place.sin, POINTS)
-    cos, sin = c.fma(turn.real, -(s * turn.imag)), s.fma(turn.real, c * turn.imag)
+    c = code.spread(place.cos, POINTS)
+    s = code.spread(place.sin, POINTS)
+    cos = c.fma(turn.real, -(s * turn.imag))
+    sin = s.fma(turn.real, c * turn.imag)
     code.store(cos, b, COS)
     code.store(sin, b, SIN)
     p0, p1, p2 = (code.spread(code.number(p, n), POINTS) for n in range(3))
     half = p2 * code.constant([0.5] * POINTS)
     polynomials = (z.fma(z.fma(half, p1), p0), z.fma(p2, p1), p2)
-    lefts, rights = [], []
+    lefts = []
+    rights = []
     for q in range(orders):
         real, imaginary = (_horner(code, signals, q, part, y) for part in (0, 1))
         forced = real.fma(cos, (-imaginary).fma(sin, polynomials[q]))
@@ -113,17 +137,22 @@ def scan(code: Code, course, guards, place, step, size: Index):
     ``course``: a `signals.Course`, whose block has the forced parts at its start set, and the carrier of the step's level; ``guards``: its
     `signals.Guards`; ``place``: where the block begins; ``size``: slots that the signal has.
     """
-    walls, reversal = guards.low is not None, guards.direction is not None
+    walls = guards.low is not None
+    reversal = guards.direction is not None
     lefts, rights = _fill_block(code, 3 if reversal else 2, course, place, step, size)
     third = code.spread(step.h, POINTS) * code.constant([1.0 / 3.0] * POINTS)
     masks = [code.index(0), code.index(0)]
     if walls:
-        low, high, error = (code.spread(number, POINTS) for number in (guards.low, guards.high, step.e0))
+        low, high, error = (
+            code.spread(number, POINTS) for number in (guards.low, guards.high, step.e0)
+        )
         least, largest = _margins(lefts[0], rights[0], lefts[1], rights[1], third)
         masks[0] = ((high - largest).least(least - low) - error).not_positive()
     if reversal:
         sign = code.spread(guards.direction, POINTS)
-        least, _ = _margins(sign * lefts[1], sign * rights[1], sign * lefts[2], sign * rights[2], third)
+        least, _ = _margins(
+            sign * lefts[1], sign * rights[1], sign * lefts[2], sign * rights[2], third
+        )
         masks[1] = (least - code.spread(step.e1, POINTS)).not_positive()
     return masks
 
@@ -169,4 +198,5 @@ def weighted_sizes(code: Code, weights, start: Index, w, size: Index):
     return [s.total() for s in sums]
 
 
-turn_2, turn_3 = _turn(2), _turn(3)
+turn_2 = _turn(2)
+turn_3 = _turn(3)

@@ -35,7 +35,10 @@ def kappa_of(restitution, compliance):
 def line_of(structure, point):
     """Return the line of the symmetric orbits at a point."""
     half = np.pi / point.omega
-    k, k_rate, s_value, s_rate = -0.25 * half / structure.mass, 0.0, 0.0, 0.0
+    k = -0.25 * half / structure.mass
+    k_rate = 0.0
+    s_value = 0.0
+    s_rate = 0.0
     for j in range(structure.s.shape[0]):
         s = structure.s[j]
         e = np.exp(s * half)
@@ -45,8 +48,10 @@ def line_of(structure, point):
         k_rate += (share * s * mean).real
         s_value += (structure.powers[0, j] * mean).real
     # friction jumps by 2 muN at an impact on the lower wall: from +muN (moving down) to -muN; its response is -2 muN times that of a unit jump
-    s_value, s_rate = -2.0 * s_value, -2.0 * k
-    limit, omega = point.limit, point.omega
+    s_value = -2.0 * s_value
+    s_rate = -2.0 * k
+    limit = point.limit
+    omega = point.omega
     kappa = kappa_of(point.restitution, structure.compliance)
     h, _ = receptance(structure, omega)
     return Line(k, (k_rate + kappa) / omega, limit * s_value + point.gap, limit * s_rate / omega, h)
@@ -69,7 +74,8 @@ def impulses_of(line, force):
 @jit
 def phase_of(line, force, impulse):
     """Return the force's phase (rad, 0 to 2 pi) at the impact on the lower wall."""
-    x, y = line.a * impulse + line.a0, line.b * impulse + line.b0
+    x = line.a * impulse + line.a0
+    y = line.b * impulse + line.b0
     phase = math.atan2(-y, x) - math.atan2(line.receptance.imag, line.receptance.real)
     if force < 0.0:
         phase += np.pi
@@ -91,7 +97,10 @@ def closed_forms(structure, point, omegas, out):
         line = line_of(structure, at_frequency(point, omegas[m]))
         small, large = impulses_of(line, point.force)
         out[m, 0], out[m, 2] = small, large
-        out[m, 1], out[m, 3] = phase_of(line, point.force, small), phase_of(line, point.force, large)
+        out[m, 1], out[m, 3] = (
+            phase_of(line, point.force, small),
+            phase_of(line, point.force, large),
+        )
 
 
 @jit

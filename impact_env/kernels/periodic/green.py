@@ -57,9 +57,11 @@ class Room(NamedTuple):
 @jit_room
 def new_room(structure, order):
     """Return room for an order of events."""
-    n, j = order.wall.shape[0], structure.s.shape[0]
+    n = order.wall.shape[0]
+    j = structure.s.shape[0]
     place = np.full(n, -1, np.int64)
-    jump, at = np.zeros(n), n
+    jump = np.zeros(n)
+    at = n
     for i in range(n):
         if order.wall[i] != 0:
             place[i] = at
@@ -85,7 +87,8 @@ def new_room(structure, order):
 @jit_inline
 def polynomial(structure, span, mirror, tau):
     """Return the absorber's share of L, K, K', K'' and of dL/dspan, dK/dspan, dK'/dspan at 0 <= tau <= span (s)."""
-    mass, static = structure.mass, structure.static
+    mass = structure.mass
+    static = structure.static
     if mirror < 0.0:
         return (
             0.25 * tau * (tau - span) / mass + 0.5 * static, (0.5 * tau - 0.25 * span) / mass, 0.5 / mass, 0.0,
@@ -106,7 +109,9 @@ def polynomial(structure, span, mirror, tau):
 @jit
 def prepare(structure, order, omega, z, room):
     """Fill the exponentials between events and those of the periodic kernel."""
-    n, span, mirror = order.wall.shape[0], order.turn / omega, order.mirror
+    n = order.wall.shape[0]
+    span = order.turn / omega
+    mirror = order.mirror
     for j in range(structure.s.shape[0]):
         s = structure.s[j]
         whole = mirror * np.exp(s * span)
@@ -140,7 +145,12 @@ def sums(structure, room, tau, span, mirror, with_span):
 @jit_inline
 def own_sums(structure, room, span, mirror):
     """Return L, K, K' at an impulse itself, the mean of both sides, and their derivatives by the span."""
-    g0, g1, g2, d0, d1, d2 = 0.0, -0.25 * span / structure.mass, 0.0, 0.0, -0.25 / structure.mass, 0.0
+    g0 = 0.0
+    g1 = -0.25 * span / structure.mass
+    g2 = 0.0
+    d0 = 0.0
+    d1 = -0.25 / structure.mass
+    d2 = 0.0
     if mirror > 0.0:
         g1 = -span / (12.0 * structure.mass) - structure.static / span
         d1 = -1.0 / (12.0 * structure.mass) + structure.static / (span * span)
@@ -157,18 +167,25 @@ def own_sums(structure, room, span, mirror):
 @jit
 def begin_rows(structure, point, order, z, scale, room, system):
     """Fill the forced part, the constant and each event's own share; what other events add comes later."""
-    residual, jacobian = system.residual, system.jacobian
-    n, omega = order.wall.shape[0], point.omega
+    residual = system.residual
+    jacobian = system.jacobian
+    n = order.wall.shape[0]
+    omega = point.omega
     span = order.turn / omega
     h, h_slope = receptance(structure, omega)
     g0, g1, g2, d0, d1, d2 = own_sums(structure, room, span, order.mirror)
     kappa = kappa_of(point.restitution, structure.compliance)
     kappa_slope = -structure.compliance / ((1.0 + point.restitution) * (1.0 + point.restitution))
-    size, limit = jacobian.shape[0], point.limit
+    size = jacobian.shape[0]
+    limit = point.limit
     for i in range(n):
-        row, wall, jump, at = room.place[i], order.wall[i], room.jump[i], room.place[i]
+        row = room.place[i]
+        wall = order.wall[i]
+        jump = room.jump[i]
+        at = room.place[i]
         turning = np.exp(1j * z[i])
-        forced, forced_slope = point.force * h * turning, point.force * h_slope * turning
+        forced = point.force * h * turning
+        forced_slope = point.force * h_slope * turning
         impulse = 0.0
         if wall != 0:
             impulse = z[at] * scale.impulse
@@ -195,25 +212,33 @@ def begin_rows(structure, point, order, z, scale, room, system):
 @jit
 def add_pairs(structure, point, order, z, scale, room, system, with_span):
     """Add to each event's rows what the impulses and friction jumps of the others bring, going round the span from each of them."""
-    residual, jacobian = system.residual, system.jacobian
-    n, omega, limit = order.wall.shape[0], point.omega, point.limit
+    residual = system.residual
+    jacobian = system.jacobian
+    n = order.wall.shape[0]
+    omega = point.omega
+    limit = point.limit
     span = order.turn / omega
     for j in range(n):
-        at, jump, impulse = room.place[j], room.jump[j], 0.0
+        at = room.place[j]
+        jump = room.jump[j]
+        impulse = 0.0
         if order.wall[j] != 0:
             impulse = z[at] * scale.impulse
         for slot in range(structure.s.shape[0]):
             room.running[slot] = room.first[slot]
         for d in range(1, n):
             i = j + d if j + d < n else j + d - n
-            tau, turn = (z[i] - z[j]) / omega, 1.0
+            tau = (z[i] - z[j]) / omega
+            turn = 1.0
             if i < j:
-                tau, turn = tau + span, order.mirror
+                tau = tau + span
+                turn = order.mirror
             for slot in range(structure.s.shape[0]):
                 room.running[slot] *= room.steps[i, slot]
             g0, g1, g2, g3, d0, d1, d2 = sums(structure, room, tau, span, order.mirror, with_span)
             row = room.place[i]
-            rate, bend = turn * (impulse * g2 + limit * jump * g1), turn * (impulse * g3 + limit * jump * g2)
+            rate = turn * (impulse * g2 + limit * jump * g1)
+            bend = turn * (impulse * g3 + limit * jump * g2)
             residual[i] += rate
             jacobian[i, j] -= bend / omega
             room.by_time[i, 1] += bend
@@ -235,7 +260,9 @@ def add_pairs(structure, point, order, z, scale, room, system, with_span):
 @jit
 def finish_rows(structure, point, order, scale, room, jacobian):
     """Fill the derivatives by the events' own phases, by omega and by the friction limit."""
-    n, size, omega = order.wall.shape[0], jacobian.shape[0], point.omega
+    n = order.wall.shape[0]
+    size = jacobian.shape[0]
+    omega = point.omega
     span = order.turn / omega
     for i in range(n):
         row = room.place[i]
@@ -251,11 +278,14 @@ def finish_rows(structure, point, order, scale, room, jacobian):
 @jit
 def balance(structure, point, order, z, scale, room, system):
     """Fill the last row of a whole period: impulses and friction together leave the absorber's momentum as it was."""
-    residual, jacobian = system.residual, system.jacobian
-    n, size = order.wall.shape[0], jacobian.shape[0]
+    residual = system.residual
+    jacobian = system.jacobian
+    n = order.wall.shape[0]
+    size = jacobian.shape[0]
     if order.mirror < 0.0:
         return
-    total, rub = 0.0, 0.0
+    total = 0.0
+    rub = 0.0
     for i in range(n):
         after = z[i + 1] if i + 1 < n else z[0] + order.turn
         rub -= order.sign[i] * (after - z[i]) / point.omega
@@ -271,8 +301,10 @@ def balance(structure, point, order, z, scale, room, system):
 @jit
 def conditions(structure, point, order, z, scale, room, system, with_span):
     """Fill the system; ``with_span`` False leaves the column of omega out (it is then wrong): Newton's method at one point does not need it."""
-    residual, jacobian = system.residual, system.jacobian
-    n, size = order.wall.shape[0], jacobian.shape[0]
+    residual = system.residual
+    jacobian = system.jacobian
+    n = order.wall.shape[0]
+    size = jacobian.shape[0]
     jacobian[:, :] = 0.0
     prepare(structure, order, point.omega, z, room)
     begin_rows(structure, point, order, z, scale, room, system)

@@ -15,17 +15,22 @@ from impact_env.kernels.periodic.motion import state_in
 @jit
 def fly_over(structure, dt, block, matrix):
     """Multiply ``matrix`` (2 N_m + 2, columns) from the left by a flight over ``dt`` (s): modes by themselves, the absorber uniformly."""
-    n, columns = structure.omega.shape[0], matrix.shape[1]
+    n = structure.omega.shape[0]
+    columns = matrix.shape[1]
     block[:, :] = 0.0
     for j in range(structure.s.shape[0]):
-        e, i = structure.weight[j] * np.exp(structure.s[j] * dt), structure.mode[j]
+        e = structure.weight[j] * np.exp(structure.s[j] * dt)
+        i = structure.mode[j]
         block[0, i] += e.real  # h, the answer to a unit impulse, and its rate
         block[1, i] += (structure.s[j] * e).real
     for i in range(n):
-        h, rate = block[0, i], block[1, i]
-        own, stiff = rate + structure.rate[i] * h, -structure.omega[i] * structure.omega[i] * h
+        h = block[0, i]
+        rate = block[1, i]
+        own = rate + structure.rate[i] * h
+        stiff = -structure.omega[i] * structure.omega[i] * h
         for c in range(columns):
-            q, v = matrix[i, c], matrix[n + 1 + i, c]
+            q = matrix[i, c]
+            v = matrix[n + 1 + i, c]
             matrix[i, c], matrix[n + 1 + i, c] = own * q + h * v, stiff * q + rate * v
     for c in range(columns):
         matrix[n, c] += dt * matrix[2 * n + 1, c]
@@ -35,7 +40,8 @@ def fly_over(structure, dt, block, matrix):
 def relative_rows(structure, matrix, c):
     """Return relative displacement and velocity of column ``c``."""
     n = structure.omega.shape[0]
-    d, v = matrix[n, c], matrix[2 * n + 1, c]
+    d = matrix[n, c]
+    v = matrix[2 * n + 1, c]
     for i in range(n):
         d -= structure.tip[i] * matrix[i, c]
         v -= structure.tip[i] * matrix[n + 1 + i, c]
@@ -48,12 +54,14 @@ def leap_over(structure, wall, restitution, impulse, jump, rate, bend, matrix):
 
     ``impulse`` (N s), ``jump`` (N) of the friction force on the absorber, relative velocity ``rate`` (m/s) and acceleration ``bend`` (m/s^2) before.
     """
-    n, mass = structure.omega.shape[0], structure.mass
+    n = structure.omega.shape[0]
+    mass = structure.mass
     bounce = (1.0 + restitution) / structure.compliance
     for c in range(matrix.shape[1]):
         d, v = relative_rows(structure, matrix, c)
         if wall == 0:
-            push, shift = jump * v / bend, 0.0
+            push = jump * v / bend
+            shift = 0.0
         else:
             shift = d / rate
             push = -bounce * (v - bend * shift) + jump * shift
@@ -72,10 +80,13 @@ def monodromy(structure, point, order, flights, impulses, jumps, matrix, turning
     ``jumps`` (n,): changes of the friction force in N. ``turning`` (n,) takes the relative acceleration before each reversal over the change that
     friction brings: -1 or below where the absorber slides on the other way, in between friction holds it; and -inf at impacts.
     """
-    n, size = order.wall.shape[0], matrix.shape[0]
+    n = order.wall.shape[0]
+    size = matrix.shape[0]
     modes = size // 2 - 1
-    block, modal = np.zeros((2, modes)), np.zeros((3, modes))
-    amplitude, state = np.zeros(structure.s.shape[0], np.complex128), np.zeros(size)
+    block = np.zeros((2, modes))
+    modal = np.zeros((3, modes))
+    amplitude = np.zeros(structure.s.shape[0], np.complex128)
+    state = np.zeros(size)
     matrix[:, :] = np.eye(size)
     turning[:] = -np.inf
     for k in range(1, n + 1):
@@ -83,12 +94,24 @@ def monodromy(structure, point, order, flights, impulses, jumps, matrix, turning
         dt = flights.time[k] - flights.time[k - 1]
         fly_over(structure, dt, block, matrix)
         state_in(structure, point, flights, k - 1, dt, amplitude, modal, state)
-        rate, bend = state[size - 1], flights.force[k - 1] / structure.mass
+        rate = state[size - 1]
+        bend = flights.force[k - 1] / structure.mass
         for m in range(modes):
             rate -= structure.tip[m] * state[modes + 1 + m]
             bend -= structure.tip[m] * modal[2, m]
         if order.wall[i] == 0:
-            turning[i] = bend / (turn * jumps[i] * structure.compliance) if jumps[i] != 0.0 else -np.inf
-        leap_over(structure, order.wall[i], point.restitution, turn * impulses[i], turn * jumps[i], rate, bend, matrix)
+            turning[i] = (
+                bend / (turn * jumps[i] * structure.compliance) if jumps[i] != 0.0 else -np.inf
+            )
+        leap_over(
+            structure,
+            order.wall[i],
+            point.restitution,
+            turn * impulses[i],
+            turn * jumps[i],
+            rate,
+            bend,
+            matrix,
+        )
     if order.mirror < 0.0:
         matrix[:, :] = -matrix

@@ -14,7 +14,8 @@ from impact_env.kernels.periodic.structure import over
 PANEL = 1.0  # rad of the fastest exponential in one panel of nodes
 NODES = 6  # of Gauss and Legendre in a panel
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(NODES)
-POINTS, WEIGHTS = 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS
+POINTS = 0.5 * (1.0 + POINTS)
+WEIGHTS = 0.5 * WEIGHTS
 
 
 class Flights(NamedTuple):
@@ -43,12 +44,18 @@ def rates(structure, omega, force, rest, amplitude, phase, out):
     """Write modal displacements, velocities and accelerations (3, N_m): exponentials ``amplitude`` (J,), constant force ``rest`` (N), phase (rad)."""
     turning = force * np.exp(1j * phase)
     for i in range(structure.omega.shape[0]):
-        q = over(structure.push[i] * turning, complex(structure.omega[i] * structure.omega[i] - omega * omega, structure.rate[i] * omega))
+        q = over(
+            structure.push[i] * turning,
+            complex(
+                structure.omega[i] * structure.omega[i] - omega * omega, structure.rate[i] * omega
+            ),
+        )
         out[0, i] = q.real - structure.tip[i] * rest / (structure.omega[i] * structure.omega[i])
         out[1, i] = (1j * omega * q).real
         out[2, i] = (-omega * omega * q).real
     for j in range(structure.s.shape[0]):
-        i, s = structure.mode[j], structure.s[j]
+        i = structure.mode[j]
+        s = structure.s[j]
         share = structure.weight[j] * amplitude[j] * structure.tip[i]
         out[0, i] -= share.real
         out[1, i] -= (s * share).real
@@ -60,8 +67,14 @@ def flights_of(structure, point, order, z, impulses):
     """Return the flights of an orbit with phases ``z`` (n, rad) and ``impulses`` (n, N s; 0 at reversals). The first event is an impact."""
     room = new_room(structure, order)
     prepare(structure, order, point.omega, z, room)
-    n, count, omega = z.shape[0], structure.s.shape[0], point.omega
-    amplitude, force, place, velocity, time = np.zeros((n, count), np.complex128), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n + 1)
+    n = z.shape[0]
+    count = structure.s.shape[0]
+    omega = point.omega
+    amplitude = np.zeros((n, count), np.complex128)
+    force = np.zeros(n)
+    place = np.zeros(n)
+    velocity = np.zeros(n)
+    time = np.zeros(n + 1)
     for i in range(n):
         time[i], force[i] = z[i] / omega, -point.limit * order.sign[i]
     time[n] = (z[0] + order.turn) / omega
@@ -71,10 +84,16 @@ def flights_of(structure, point, order, z, impulses):
             k = i if i < n else 0
             total *= room.steps[k, j]
             turn = 1.0 if i < n else order.mirror
-            total += turn * (impulses[k] + complex(room.jump[k] * point.limit) / complex(structure.s[j]))
+            total += turn * (
+                impulses[k] + complex(room.jump[k] * point.limit) / complex(structure.s[j])
+            )
         amplitude[0, j] = order.mirror * room.first[j] * total
         for i in range(1, n):
-            amplitude[i, j] = amplitude[i - 1, j] * room.steps[i, j] + impulses[i] + complex(room.jump[i] * point.limit) / complex(structure.s[j])
+            amplitude[i, j] = (
+                amplitude[i - 1, j] * room.steps[i, j]
+                + impulses[i]
+                + complex(room.jump[i] * point.limit) / complex(structure.s[j])
+            )
     flights = Flights(amplitude, force, place, velocity, time)
     absorber(structure, point, order, impulses, z[0], flights)
     return flights
@@ -83,10 +102,18 @@ def flights_of(structure, point, order, z, impulses):
 @jit_room
 def absorber(structure, point, order, impulses, phase, flights):
     """Fill the absorber's place and velocity after each event: it starts on a wall, and its velocity follows from what comes again."""
-    force, place, velocity, time = flights.force, flights.place, flights.velocity, flights.time
-    n, modal, mass, x, v = time.shape[0] - 1, np.zeros((3, structure.omega.shape[0])), structure.mass, 0.0, 0.0
+    force = flights.force
+    place = flights.place
+    velocity = flights.velocity
+    time = flights.time
+    n = time.shape[0] - 1
+    modal = np.zeros((3, structure.omega.shape[0]))
+    mass = structure.mass
+    x = 0.0
+    v = 0.0
     for i in range(n):
-        dt, pushed = time[i + 1] - time[i], impulses[i + 1] if i + 1 < n else order.mirror * impulses[0]
+        dt = time[i + 1] - time[i]
+        pushed = impulses[i + 1] if i + 1 < n else order.mirror * impulses[0]
         x += dt * (v + 0.5 * dt * force[i] / mass)
         v += (dt * force[i] + pushed) / mass
     rates(structure, point.omega, point.force, force[0], flights.amplitude[0], phase, modal)
@@ -106,8 +133,17 @@ def state_in(structure, point, flights, i, dt, amplitude, modal, state):
     n = structure.omega.shape[0]
     for j in range(structure.s.shape[0]):
         amplitude[j] = flights.amplitude[i, j] * np.exp(structure.s[j] * dt)
-    force, mass = flights.force[i], structure.mass
-    rates(structure, point.omega, point.force, force, amplitude, point.omega * (flights.time[i] + dt), modal)
+    force = flights.force[i]
+    mass = structure.mass
+    rates(
+        structure,
+        point.omega,
+        point.force,
+        force,
+        amplitude,
+        point.omega * (flights.time[i] + dt),
+        modal,
+    )
     for k in range(n):
         state[k], state[n + 1 + k] = modal[0, k], modal[1, k]
     state[n] = flights.place[i] + dt * (flights.velocity[i] + 0.5 * dt * force / mass)
@@ -117,7 +153,9 @@ def state_in(structure, point, flights, i, dt, amplitude, modal, state):
 @jit_room
 def states_at(structure, point, flights, times, out):
     """Write states (S, 2 N_m + 2) at rising times (S,) in s from the first event to its return."""
-    amplitude, modal, i = np.zeros(structure.s.shape[0], np.complex128), np.zeros((3, structure.omega.shape[0])), 0
+    amplitude = np.zeros(structure.s.shape[0], np.complex128)
+    modal = np.zeros((3, structure.omega.shape[0]))
+    i = 0
     for k in range(times.shape[0]):
         while i + 2 < flights.time.shape[0] and times[k] >= flights.time[i + 1]:
             i += 1
@@ -129,7 +167,9 @@ def tip_in(structure, point, h, flights, i, dt):
     """Return displacement, velocity and acceleration of the tip ``dt`` (s) after event ``i``; ``h`` is the receptance."""
     omega = point.omega
     forced = point.force * h * np.exp(1j * omega * (flights.time[i] + dt))
-    q, v, a = forced.real - structure.static * flights.force[i], -omega * forced.imag, -omega * omega * forced.real
+    q = forced.real - structure.static * flights.force[i]
+    v = -omega * forced.imag
+    a = -omega * omega * forced.real
     for j in range(structure.s.shape[0]):
         e = flights.amplitude[i, j] * np.exp(structure.s[j] * dt)
         q -= (structure.powers[1, j] * e).real
@@ -142,7 +182,8 @@ def tip_in(structure, point, h, flights, i, dt):
 def peak_near(structure, point, h, flights, i, dt, reach):
     """Return the largest |tip displacement| (m) within ``reach`` (s) of ``dt`` (s) after event ``i``, and within its flight."""
     length = flights.time[i + 1] - flights.time[i]
-    best, start = abs(tip_in(structure, point, h, flights, i, dt)[0]), dt
+    best = abs(tip_in(structure, point, h, flights, i, dt)[0])
+    start = dt
     for _ in range(8):
         q, v, a = tip_in(structure, point, h, flights, i, dt)
         if a == 0.0 or q * a > 0.0:
@@ -159,22 +200,38 @@ def scan(structure, point, h, flights, order, turns):
     ``turns`` (capacity,) takes the times (s) at which the relative velocity changes its sign between impacts, whatever the order says; the
     count goes on beyond the capacity.
     """
-    count, n, omega, mass = structure.s.shape[0], order.wall.shape[0], point.omega, structure.mass
-    shift, leap, e = np.zeros((NODES, count), np.complex128), np.zeros(count, np.complex128), np.zeros(count, np.complex128)
+    count = structure.s.shape[0]
+    n = order.wall.shape[0]
+    omega = point.omega
+    mass = structure.mass
+    shift = np.zeros((NODES, count), np.complex128)
+    leap = np.zeros(count, np.complex128)
+    e = np.zeros(count, np.complex128)
     fastest = omega
     for j in range(count):
         fastest = max(fastest, abs(structure.s[j]))
-    tip, square, distance, found, fits = 0.0, 0.0, 0.0, 0, True
-    sign, last_rate, last_time = 0, 0.0, 0.0
-    at, at_dt = 0, 0.0
+    tip = 0.0
+    square = 0.0
+    distance = 0.0
+    found = 0
+    fits = True
+    sign = 0
+    last_rate = 0.0
+    last_time = 0.0
+    at = 0
+    at_dt = 0.0
     for i in range(n):
         length = flights.time[i + 1] - flights.time[i]
         if order.wall[i] != 0:
             fits = fits and (sign == 0 or sign == order.wall[i])
-            sign, last_rate, last_time = -order.wall[i], 0.0, flights.time[i]
+            sign = -order.wall[i]
+            last_rate = 0.0
+            last_time = flights.time[i]
         start = abs(tip_in(structure, point, h, flights, i, 0.0)[0])
         if start > tip:
-            tip, at, at_dt = start, i, 0.0
+            tip = start
+            at = i
+            at_dt = 0.0
         panels = max(1, int(np.ceil(length * fastest / PANEL)))
         step = length / panels
         for j in range(count):
@@ -185,24 +242,33 @@ def scan(structure, point, h, flights, order, turns):
             for k in range(NODES):
                 dt = (p + POINTS[k]) * step
                 forced = point.force * h * np.exp(1j * omega * (flights.time[i] + dt))
-                q, v = forced.real - structure.static * flights.force[i], -omega * forced.imag
+                q = forced.real - structure.static * flights.force[i]
+                v = -omega * forced.imag
                 for j in range(count):
                     moved = e[j] * shift[k, j]
                     q -= (structure.powers[1, j] * moved).real
                     v -= (structure.powers[2, j] * moved).real
                 rate = flights.velocity[i] + dt * flights.force[i] / mass - v
-                place = flights.place[i] + dt * (flights.velocity[i] + 0.5 * dt * flights.force[i] / mass) - q
+                place = (
+                    flights.place[i]
+                    + dt * (flights.velocity[i] + 0.5 * dt * flights.force[i] / mass)
+                    - q
+                )
                 distance = max(distance, abs(place))
                 square += WEIGHTS[k] * step * q * q
                 if abs(q) > tip:
-                    tip, at, at_dt = abs(q), i, dt
+                    tip = abs(q)
+                    at = i
+                    at_dt = dt
                 if rate * sign < 0.0:
                     now = flights.time[i] + dt
                     if found < turns.shape[0]:
                         past = abs(rate) if last_rate == 0.0 else abs(last_rate)
                         turns[found] = now - (now - last_time) * abs(rate) / (abs(rate) + past)
-                    found, sign = found + 1, -sign
-                last_rate, last_time = rate, flights.time[i] + dt
+                    found = found + 1
+                    sign = -sign
+                last_rate = rate
+                last_time = flights.time[i] + dt
             for j in range(count):
                 e[j] *= leap[j]
     fits = fits and sign == order.mirror * order.wall[0]

@@ -51,7 +51,8 @@ def solve_in_place(matrix, columns, rows):
 @jit
 def share_kept(order, z, step):
     """Return the share of a step of the unknowns, 1 at most, that leaves every time between two events at least `KEEP` of what it is."""
-    n, share = order.wall.shape[0], 1.0
+    n = order.wall.shape[0]
+    share = 1.0
     for i in range(n):
         after = z[i + 1] if i + 1 < n else z[0] + order.turn
         move = step[i + 1] - step[i] if i + 1 < n else step[0] - step[i]
@@ -73,9 +74,12 @@ def least_gap(order, z):
 @jit_room
 def newton(structure, point, order, z, scale, system):
     """Move the unknowns ``z`` (m,) to a solution; return status, steps, largest residual. The ``system`` is left as at ``z``."""
-    room, size = new_room(structure, order), z.shape[0]
-    work, step = np.zeros((size, size + 1)), np.zeros(size)
-    error, last = np.inf, np.inf
+    room = new_room(structure, order)
+    size = z.shape[0]
+    work = np.zeros((size, size + 1))
+    step = np.zeros(size)
+    error = np.inf
+    last = np.inf
     for k in range(MOST_STEPS):
         conditions(structure, point, order, z, scale, room, system, False)
         error = np.max(np.abs(system.residual))

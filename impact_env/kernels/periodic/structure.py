@@ -81,9 +81,12 @@ def over(a, b):
 @jit
 def receptance(structure, omega):
     """Return H (m/N) and dH/domega: displacement of the tip under a force exp(i omega t) at the place of the force."""
-    value, slope = 0j, 0j
+    value = 0j
+    slope = 0j
     for i in range(structure.omega.shape[0]):
-        below = structure.omega[i] * structure.omega[i] - omega * omega + 1j * structure.rate[i] * omega
+        below = (
+            structure.omega[i] * structure.omega[i] - omega * omega + 1j * structure.rate[i] * omega
+        )
         share = over(complex(structure.tip[i] * structure.push[i], 0.0), below)
         value += share
         slope -= over(share * complex(-2.0 * omega, structure.rate[i]), below)

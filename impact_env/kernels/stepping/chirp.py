@@ -33,7 +33,9 @@ def turns_left(times, k, t, dt, most):
 @jit
 def force_angle(force, k, t):
     """Return (phase in rad, frequency in rad/s, its rate in rad/s^2) of stretch ``k`` at time ``t``."""
-    times, omegas, phases = force.times, force.omegas, force.phases
+    times = force.times
+    omegas = force.omegas
+    phases = force.phases
     rate = (omegas[k + 1] - omegas[k]) / (times[k + 1] - times[k])
     tau = t - times[k]
     return phases[k] + (omegas[k] + 0.5 * rate * tau) * tau, omegas[k] + rate * tau, rate
@@ -43,8 +45,16 @@ def force_angle(force, k, t):
 def phasor(force, k, t, dt):
     """Return cosine and sine of: the force's phase at ``t``, its turn to t + dt, and the change of that turn per step."""
     angle, omega, rate = force_angle(force, k, t)
-    turn, change = (omega + 0.5 * rate * dt) * dt, rate * dt * dt
-    return math.cos(angle + force.phase), math.sin(angle + force.phase), math.cos(turn), math.sin(turn), math.cos(change), math.sin(change)
+    turn = (omega + 0.5 * rate * dt) * dt
+    change = rate * dt * dt
+    return (
+        math.cos(angle + force.phase),
+        math.sin(angle + force.phase),
+        math.cos(turn),
+        math.sin(turn),
+        math.cos(change),
+        math.sin(change),
+    )
 
 
 @jit
@@ -69,11 +79,13 @@ def force_or(load, k, t, given):
 @jit
 def fill_phases(target, count, force, k, t, dt):
     """Write the force for amplitude 1 at t, t + dt, ... into the first ``count`` places of ``target``; return the stretch of the first."""
-    times, load = force.times, force.load
+    times = force.times
+    load = force.load
     if load is not None:
         return fill_loads(target, count, times, load, k, t, dt)
     first = stretch_at(times, k, t)
-    k, done = first, 0
+    k = first
+    done = 0
     while done < count:
         now = t + done * dt
         k = stretch_at(times, k, now)
@@ -82,6 +94,9 @@ def fill_phases(target, count, force, k, t, dt):
         while done < stop:
             target[done] = c
             c, s = c * turn_c - s * turn_s, c * turn_s + s * turn_c
-            turn_c, turn_s = turn_c * change_c - turn_s * change_s, turn_c * change_s + turn_s * change_c
+            turn_c, turn_s = (
+                turn_c * change_c - turn_s * change_s,
+                turn_c * change_s + turn_s * change_c,
+            )
             done += 1
     return first

@@ -14,7 +14,31 @@ from impact_env.kernels.stepping.moreau_law import Spring
 # rows do not share cache lines' low address bits. Q, U: state. QQ to UU: its map over a step. QF1 to UF4: excitation at start, middle and
 # end. QP1 to UP4: feedback in the four stages. Y: four pairs, observation in each stage from Q and U.
 STRIDE = 68
-Q, U, QQ, QU, UQ, UU, QF1, QFM, UF1, UFM, UF4, QP1, QP2, QP3, UP1, UP2, UP3, UP4, Y, TIP, Q_BEFORE, U_BEFORE, ROWS = (*range(19), 26, 27, 28, 29)
+(
+    Q,
+    U,
+    QQ,
+    QU,
+    UQ,
+    UU,
+    QF1,
+    QFM,
+    UF1,
+    UFM,
+    UF4,
+    QP1,
+    QP2,
+    QP3,
+    UP1,
+    UP2,
+    UP3,
+    UP4,
+    Y,
+    TIP,
+    Q_BEFORE,
+    U_BEFORE,
+    ROWS,
+) = (*range(19), 26, 27, 28, 29)
 # columns of the mix: what the observation in a stage takes from the excitation at start, middle, end and from the feedback in stages 1 to 3
 _MIX = 6
 
@@ -56,13 +80,27 @@ def textbook_step(w2, c, h, q, u, w):
     """Return the four stages' (q, u) and the new (q, u) of q'' + c q' + w2 q = w, with w given stage by stage."""
     w1, wm2, wm3, w4 = w
     a1 = w1 - w2 * q - c * u
-    q2, u2 = q + 0.5 * h * u, u + 0.5 * h * a1
+    q2 = q + 0.5 * h * u
+    u2 = u + 0.5 * h * a1
     a2 = wm2 - w2 * q2 - c * u2
-    q3, u3 = q + 0.5 * h * u2, u + 0.5 * h * a2
+    q3 = q + 0.5 * h * u2
+    u3 = u + 0.5 * h * a2
     a3 = wm3 - w2 * q3 - c * u3
-    q4, u4 = q + h * u3, u + h * a3
+    q4 = q + h * u3
+    u4 = u + h * a3
     a4 = w4 - w2 * q4 - c * u4
-    return q, u, q2, u2, q3, u3, q4, u4, q + h / 6.0 * (u + 2.0 * u2 + 2.0 * u3 + u4), u + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+    return (
+        q,
+        u,
+        q2,
+        u2,
+        q3,
+        u3,
+        q4,
+        u4,
+        q + h / 6.0 * (u + 2.0 * u2 + 2.0 * u3 + u4),
+        u + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4),
+    )
 
 
 class Oscillator(NamedTuple):
@@ -120,7 +158,9 @@ def _unit_response(w2, c, h, one):
 @jit_room
 def _add_oscillator(table, j, one):
     """Fill column ``j`` with an `Oscillator` and add its share to the mix."""
-    cells, mix, stride = table.cells, table.mix, stride_of(table.wide)
+    cells = table.cells
+    mix = table.mix
+    stride = stride_of(table.wide)
     responses = np.empty((6, 10))
     for k in range(6):
         responses[k] = _unit_response(one.w2, one.c, table.h, k)
@@ -169,12 +209,21 @@ def _add_absorber(m_a, spring, table, state):
     """Fill the column of an absorber that moves: an oscillator of frequency zero."""
     if m_a is None:
         return
-    stiffness, damping = 1.0, 0.0
+    stiffness = 1.0
+    damping = 0.0
     if spring is not None:
-        stiffness, damping = spring.stiffness, spring.damping
-    root, n, stride = np.sqrt(m_a), table.modes, stride_of(table.wide)
-    _add_oscillator(table, n, Oscillator(0.0, 0.0, 0.0, -1.0 / root, stiffness / root, damping / root, 0.0))
-    table.cells[Q * stride + n], table.cells[U * stride + n] = root * state[n], root * state[2 * n + 1]
+        stiffness = spring.stiffness
+        damping = spring.damping
+    root = np.sqrt(m_a)
+    n = table.modes
+    stride = stride_of(table.wide)
+    _add_oscillator(
+        table, n, Oscillator(0.0, 0.0, 0.0, -1.0 / root, stiffness / root, damping / root, 0.0)
+    )
+    table.cells[Q * stride + n], table.cells[U * stride + n] = (
+        root * state[n],
+        root * state[2 * n + 1],
+    )
 
 
 @jit_room
@@ -190,12 +239,27 @@ def new_table(modes, laws, amplitude, state, h, wide):
     """Return the `Table` of a scene for steps of h (s). The observation is the relative displacement; with a spring, its force; with an added mass,
     the tip's acceleration without that mass.
     """  # noqa: D205
-    n, stride = modes.omega.shape[0], stride_of(wide)
-    table = Table(np.zeros(ROWS * stride), np.zeros((4, _MIX)), n, 4 * ((n + 4) // 4), wide, h, _new_speeds(laws.cubic, stride))
+    n = modes.omega.shape[0]
+    stride = stride_of(wide)
+    table = Table(
+        np.zeros(ROWS * stride),
+        np.zeros((4, _MIX)),
+        n,
+        4 * ((n + 4) // 4),
+        wide,
+        h,
+        _new_speeds(laws.cubic, stride),
+    )
     for j in range(n):
-        w2, c, tip = modes.omega[j] * modes.omega[j], 2.0 * modes.damping_ratio[j] * modes.omega[j], modes.tip_shape[j]
+        w2 = modes.omega[j] * modes.omega[j]
+        c = 2.0 * modes.damping_ratio[j] * modes.omega[j]
+        tip = modes.tip_shape[j]
         see_q, see_u, see_push = _seen(laws.spring, laws.added_mass, tip, w2, c)
-        _add_oscillator(table, j, Oscillator(w2, c, modes.force_shape[j] * amplitude, tip, see_q, see_u, see_push))
+        _add_oscillator(
+            table,
+            j,
+            Oscillator(w2, c, modes.force_shape[j] * amplitude, tip, see_q, see_u, see_push),
+        )
         table.cells[Q * stride + j], table.cells[U * stride + j] = state[j], state[n + 1 + j]
     _add_absorber(laws.mass, laws.spring, table, state)
     return table
@@ -238,7 +302,11 @@ def feedback(y, v, rest, laws, joined_mass):
 
     ``joined_mass`` is m_a / (1 + m_a sum tip_shape^2).
     """
-    force = stop_force(y, laws.stops) + slider_force(y, rest, laws.slider) + _linear_feedback(y, laws.spring, laws.added_mass, joined_mass)
+    force = (
+        stop_force(y, laws.stops)
+        + slider_force(y, rest, laws.slider)
+        + _linear_feedback(y, laws.spring, laws.added_mass, joined_mass)
+    )
     if laws.cubic is not None:
         force -= laws.cubic.cubic_stiffness * y * y * y + laws.cubic.damping * v
     return force

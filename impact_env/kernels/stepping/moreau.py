@@ -76,7 +76,9 @@ def _new_table(modes, amplitude, state, dt, wide):
 def _swing_code(pushed: bool) -> Any:
     @vector_code(NUMBER, 2)
     def swing(code: Code, table, n: Index, stride: Index, force: Number, push: Number, dt: Number):
-        numbers, velocity, displacement = (force, push, dt), code.sum(), code.sum()
+        numbers = (force, push, dt)
+        velocity = code.sum()
+        displacement = code.sum()
         for j in code.slots(n):
             force, push, dt = (code.spread(number) for number in numbers)
             places = [stride * row + j for row in range(_TIP + 1)]
@@ -95,7 +97,8 @@ def _swing_code(pushed: bool) -> Any:
     return swing
 
 
-_swing_freely, _swing_pushed = _swing_code(False), _swing_code(True)
+_swing_freely = _swing_code(False)
+_swing_pushed = _swing_code(True)
 
 
 @jit_inline
@@ -117,7 +120,8 @@ def _swing(table, force, push):
 @jit
 def _kick(table, percussion):
     """Let the contact's percussion (N s, on the absorber) act back on the modes."""
-    cells, stride = table.cells, _stride(table.wide)
+    cells = table.cells
+    stride = _stride(table.wide)
     for j in range(table.lanes):
         change = cells[_TIP * stride + j] * percussion
         cells[_U * stride + j] -= change
@@ -127,7 +131,8 @@ def _kick(table, percussion):
 @jit
 def _keep_before(table):
     """Note displacements and velocities of the modes at the step's start."""
-    cells, stride = table.cells, _stride(table.wide)
+    cells = table.cells
+    stride = _stride(table.wide)
     for j in range(table.modes):
         u = cells[_U * stride + j]
         cells[_Q_BEFORE * stride + j] = cells[_Q * stride + j] - 0.5 * table.dt * u
@@ -152,7 +157,9 @@ def _account_modes(energy, table, force):
     """
     if energy is None:
         return
-    cells, stride, totals = table.cells, _stride(table.wide), energy.totals[0]
+    cells = table.cells
+    stride = _stride(table.wide)
+    totals = energy.totals[0]
     for j in range(table.modes):
         old = cells[_U_BEFORE * stride + j]
         mean = 0.5 * (old + cells[_U * stride + j])
@@ -210,7 +217,8 @@ def _take_level(level, part, start, end):
 def _take_row(series, row, part, start, end, table):
     if series is None:
         return
-    n, target = table.modes, series.states[row]
+    n = table.modes
+    target = series.states[row]
     _store_row(target, table, part)
     target[n] = start[1] + part * (end[1] - start[1])
     target[2 * n + 1] = start[2] + part * (end[2] - start[2])
@@ -226,9 +234,12 @@ def _take_sample(row, part, start, end, table, observe):
 @jit
 def _store_row(target, table, part):
     """Write the modes' state at ``part`` (0 to 1) of the step into a row of the series."""
-    cells, n, stride = table.cells, table.modes, _stride(table.wide)
+    cells = table.cells
+    n = table.modes
+    stride = _stride(table.wide)
     for j in range(n):
-        q, u = cells[_Q_BEFORE * stride + j], cells[_U_BEFORE * stride + j]
+        q = cells[_Q_BEFORE * stride + j]
+        u = cells[_U_BEFORE * stride + j]
         u_after = cells[_U * stride + j]
         target[j] = q + part * (cells[_Q * stride + j] - 0.5 * table.dt * u_after - q)
         target[n + 1 + j] = u + part * (u_after - u)
@@ -237,7 +248,9 @@ def _store_row(target, table, part):
 @jit
 def _write_state(m_a, state, table, body):
     """Write the state at the end of the last step."""
-    cells, n, stride = table.cells, table.modes, _stride(table.wide)
+    cells = table.cells
+    n = table.modes
+    stride = _stride(table.wide)
     for j in range(n):
         u = cells[_U * stride + j]
         state[j], state[n + 1 + j] = cells[_Q * stride + j] - 0.5 * table.dt * u, u
@@ -249,7 +262,9 @@ def _write_state(m_a, state, table, body):
 def _start(m_a, tip_shape, state, dt):
     """Return the `Body` of the first step, and the relative acceleration of absorber and tip by a unit force between them (1/kg)."""
     n = tip_shape.shape[0]
-    displacement, velocity, square = 0.0, 0.0, 0.0
+    displacement = 0.0
+    velocity = 0.0
+    square = 0.0
     for j in range(n):
         displacement += tip_shape[j] * (state[j] + 0.5 * dt * state[n + 1 + j])
         velocity += tip_shape[j] * state[n + 1 + j]
@@ -257,7 +272,9 @@ def _start(m_a, tip_shape, state, dt):
     if m_a is None:
         return Body(displacement, velocity, state[n], 0.0, 0.0), square
     v = state[2 * n + 1]
-    return Body(displacement, velocity, state[n] + 0.5 * dt * v, v, v - velocity), square + 1.0 / m_a
+    return Body(
+        displacement, velocity, state[n] + 0.5 * dt * v, v, v - velocity
+    ), square + 1.0 / m_a
 
 
 @jit
@@ -290,8 +307,12 @@ def _meet(m_a, bounds, table, body, push, distance):
     if m_a is None:
         return body, Hit(0.0, 0.0, FREE)
     walls, slip, compliance = bounds
-    v, tip_u, tip_q = _pulled(push, m_a, body.v), body.tip_u, body.tip_q
-    gamma, friction, normal, kind = solve_contact(body.gamma, v - tip_u, distance, walls, slip, compliance)
+    v = _pulled(push, m_a, body.v)
+    tip_u = body.tip_u
+    tip_q = body.tip_q
+    gamma, friction, normal, kind = solve_contact(
+        body.gamma, v - tip_u, distance, walls, slip, compliance
+    )
     percussion = friction + normal
     if percussion != 0.0:
         _kick(table, percussion)
@@ -305,10 +326,13 @@ def _meet(m_a, bounds, table, body, push, distance):
 @jit_inline
 def _advance(i, table, laws, bounds, body, force, observe):
     """Do step i and account for it; return `Body` at its end and the kind of phase in it."""
-    dt, distance = table.dt, body.q - body.tip_q
+    dt = table.dt
+    distance = body.q - body.tip_q
     push = _spring_percussion(laws.spring, distance, body.gamma, dt)
     tip_u, tip_q = _swing(table, force, push)
-    after, hit = _meet(laws.mass, bounds, table, Body(tip_q, tip_u, body.q, body.v, body.gamma), push, distance)
+    after, hit = _meet(
+        laws.mass, bounds, table, Body(tip_q, tip_u, body.q, body.v, body.gamma), push, distance
+    )
     if hit.normal != 0.0:
         _note_impact(hit.normal, distance, body.gamma, after.gamma, (i + 1) * dt, observe)
     _account_contact(observe.energy, laws.spring, hit.friction, body.gamma, after.gamma, dt)
@@ -323,15 +347,22 @@ def moreau_lane(modes, laws, force, state, step, observe):
     `grid.Modes`, `moreau_law.RigidLaws`, `grid.Force`, `grid.Step`. Sample k lies at k ``observe.clock.interval``. ``step.wide`` is None, or N_m
     rounded up to a multiple of 4 if that is above `STRIDE`.
     """
-    times, sample_dt, counters = force.times, observe.clock.interval, observe.counters
+    times = force.times
+    sample_dt = observe.clock.interval
+    counters = observe.counters
     steps = max(1, int(np.ceil(times[-1] / step.dt - 1e-9)))
     dt = times[-1] / steps
     table = _new_table(modes, force.amplitude, state, dt, step.wide)
     body, compliance = _start(laws.mass, modes.tip_shape, state, dt)
     bounds = (laws.walls, _scaled(laws.limit, dt), compliance)
-    rows, row = rows_wanted(observe.level, observe.series, times[-1], sample_dt), 0
+    rows = rows_wanted(observe.level, observe.series, times[-1], sample_dt)
+    row = 0
     row_step = step_of_row(row, rows, sample_dt, dt, steps)
-    held, held_since, i, k, status = FREE, 0.0, 0, 0, DONE
+    held = FREE
+    held_since = 0.0
+    i = 0
+    k = 0
+    status = DONE
     while i < steps:
         k = stretch_at(times, k, (i + 0.5) * dt)
         stop = i + turns_left(times, k, (i + 0.5) * dt, dt, min(RESET, steps - i))
@@ -343,14 +374,18 @@ def moreau_lane(modes, laws, force, state, step, observe):
             body, kind = _advance(i, table, laws, bounds, body, now, observe)
             if kind != held:
                 close_phase(held, held_since, i * dt, counters, observe.events)
-                held, held_since = kind, i * dt
+                held = kind
+                held_since = i * dt
             while i == row_step:
                 part = min(max(row * sample_dt / dt - i, 0.0), 1.0)
                 _take_sample(row, part, start, _at_start(body, dt), table, observe)
                 row += 1
                 row_step = step_of_row(row, rows, sample_dt, dt, steps)
             c, s = c * turn_c - s * turn_s, c * turn_s + s * turn_c
-            turn_c, turn_s = turn_c * change_c - turn_s * change_s, turn_c * change_s + turn_s * change_c
+            turn_c, turn_s = (
+                turn_c * change_c - turn_s * change_s,
+                turn_c * change_s + turn_s * change_c,
+            )
             i += 1
         status = note_time(counters, i * dt) if np.isfinite(body.tip_q + body.q) else NOT_FINITE
         if status != DONE:

@@ -20,11 +20,38 @@ from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
 from impact_env.kernels.compiling.records import NUMBER, record
 from impact_env.kernels.exact.budget import note_time
 from impact_env.kernels.motion.level import push_level
-from impact_env.kernels.motion.observers import DONE, HELD_LOWER, HELD_UPPER, NOT_FINITE, STUCK_INSIDE, push_impact, push_phase
+from impact_env.kernels.motion.observers import (
+    DONE,
+    HELD_LOWER,
+    HELD_UPPER,
+    NOT_FINITE,
+    STUCK_INSIDE,
+    push_impact,
+    push_phase,
+)
 from impact_env.kernels.stepping.chirp import fill_phases
-from impact_env.kernels.stepping.feedback import Q_BEFORE, TIP, U_BEFORE, CompliantLaws, Q, Table, U, move_slider, new_table, stop_force, stride_of
+from impact_env.kernels.stepping.feedback import (
+    Q_BEFORE,
+    TIP,
+    U_BEFORE,
+    CompliantLaws,
+    Q,
+    Table,
+    U,
+    move_slider,
+    new_table,
+    stop_force,
+    stride_of,
+)
 from impact_env.kernels.stepping.grid import Modes, close_phase, rows_wanted, step_of_row
-from impact_env.kernels.stepping.runge_kutta_step import account_step, observations, relative_velocities, stages, swing, swing_watched
+from impact_env.kernels.stepping.runge_kutta_step import (
+    account_step,
+    observations,
+    relative_velocities,
+    stages,
+    swing,
+    swing_watched,
+)
 
 _BLOCK = 16  # steps between two checks for values that are not finite
 # a contact with a wall's spring: wall (-1, 0, 1), time and relative velocity at its start, impulse so far
@@ -35,16 +62,21 @@ TOUCH = record(side=NUMBER, time=NUMBER, rate=NUMBER, impulse=NUMBER)
 def _crossing(left, right, level, h):
     """Return (time into the step, relative velocity) where the cubic through both ends' values and slopes passes ``level``."""
     (d0, g0), (d1, g1) = left, right
-    low, high = 0.0, 1.0
+    low = 0.0
+    high = 1.0
     rising = d1 > d0
     for _ in range(52):
         s = 0.5 * (low + high)
-        d = (1 - s) * (1 - s) * ((1 + 2 * s) * d0 + s * h * g0) + s * s * ((3 - 2 * s) * d1 - (1 - s) * h * g1)
+        d = (1 - s) * (1 - s) * ((1 + 2 * s) * d0 + s * h * g0) + s * s * (
+            (3 - 2 * s) * d1 - (1 - s) * h * g1
+        )
         if (d < level) == rising:
             low = s
         else:
             high = s
-    return low * h, 6 * low * (1 - low) * (d1 - d0) / h + (1 - low) * (1 - 3 * low) * g0 + low * (3 * low - 2) * g1
+    return low * h, 6 * low * (1 - low) * (d1 - d0) / h + (1 - low) * (1 - 3 * low) * g0 + low * (
+        3 * low - 2
+    ) * g1
 
 
 @jit
@@ -70,23 +102,34 @@ def _track_stops(stops, touches, before, y, seen, span, observe):
     """Note where a wall's spring is reached and left; ``touches`` (1,): a TOUCH record; ``span``: start and length of the step (s)."""
     if stops is None:
         return
-    touch, t, h = touches[0], span[0], span[1]
+    touch = touches[0]
+    t = span[0]
+    h = span[1]
     if touch.side == 0.0 and not abs(y[0]) > stops.gap:
         return
     touch.impulse += (
-        h / 6.0 * (stop_force(seen[0], stops) + 2.0 * stop_force(seen[1], stops) + 2.0 * stop_force(seen[2], stops) + stop_force(seen[3], stops))
+        h
+        / 6.0
+        * (
+            stop_force(seen[0], stops)
+            + 2.0 * stop_force(seen[1], stops)
+            + 2.0 * stop_force(seen[2], stops)
+            + stop_force(seen[3], stops)
+        )
     )
     side = _side(y[0], stops.gap)
     if side == touch.side:
         return
-    left, right = _slope(before, h), _slope(y, h)
+    left = _slope(before, h)
+    right = _slope(y, h)
     if touch.side != 0.0:
         tau, _ = _crossing(left, right, touch.side * stops.gap, h)
         _end_touch(touches, t + tau, observe)
     touch.side = side
     if side != 0.0:
         tau, gamma = _crossing(left, right, side * stops.gap, h)
-        touch.time, touch.rate = t + tau, gamma
+        touch.time = t + tau
+        touch.rate = gamma
 
 
 @jit
@@ -104,7 +147,8 @@ def _end_touch(touches, time, observe):
 @jit
 def _keep_before(table):
     """Note the state at the step's start."""
-    cells, stride = table.cells, stride_of(table.wide)
+    cells = table.cells
+    stride = stride_of(table.wide)
     for j in range(table.lanes):
         cells[Q_BEFORE * stride + j] = cells[Q * stride + j]
         cells[U_BEFORE * stride + j] = cells[U * stride + j]
@@ -113,7 +157,9 @@ def _keep_before(table):
 @jit
 def _tip(table):
     """Return the tip's displacement."""
-    cells, stride, tip = table.cells, stride_of(table.wide), 0.0
+    cells = table.cells
+    stride = stride_of(table.wide)
+    tip = 0.0
     for j in range(table.modes):
         tip += cells[TIP * stride + j] * cells[Q * stride + j]
     return tip
@@ -122,11 +168,16 @@ def _tip(table):
 @jit
 def _store(target, table, part, m_a, added_mass, offset):
     """Write the state at ``part`` (0 to 1) of the step; ``offset`` is where a stuck absorber sits in the cavity."""
-    cells, n, stride = table.cells, table.modes, stride_of(table.wide)
-    tip_q, tip_u = 0.0, 0.0
+    cells = table.cells
+    n = table.modes
+    stride = stride_of(table.wide)
+    tip_q = 0.0
+    tip_u = 0.0
     for j in range(n + 1):
-        q, u = cells[Q_BEFORE * stride + j], cells[U_BEFORE * stride + j]
-        q, u = q + part * (cells[Q * stride + j] - q), u + part * (cells[U * stride + j] - u)
+        q = cells[Q_BEFORE * stride + j]
+        u = cells[U_BEFORE * stride + j]
+        q = q + part * (cells[Q * stride + j] - q)
+        u = u + part * (cells[U * stride + j] - u)
         if j < n:
             target[j], target[n + 1 + j] = q, u
             tip_q += cells[TIP * stride + j] * q
@@ -148,7 +199,8 @@ def _take_row(series, row, part, table, laws, offset, state):
     """Write a row of the series; where there is no absorber its place keeps what ``state`` has there."""
     if series is None:
         return
-    n, target = table.modes, series.states[row]
+    n = table.modes
+    target = series.states[row]
     target[n], target[2 * n + 1] = state[n], state[2 * n + 1]
     _store(target, table, part, laws.mass, laws.added_mass, offset)
 
@@ -195,17 +247,25 @@ class Kit(NamedTuple):
 @jit_inline
 def _free_step(kit, forces, at, observe):
     """Do a step without an absorber and account for it."""
-    zero, f = (0.0, 0.0, 0.0, 0.0), (forces[at], forces[at + 1], forces[at + 2])
-    account_step(observe.energy, kit.modes, kit.amplitude, kit.laws, kit.table, 0.0, (f, zero, zero))
+    zero = (0.0, 0.0, 0.0, 0.0)
+    f = (forces[at], forces[at + 1], forces[at + 2])
+    account_step(
+        observe.energy, kit.modes, kit.amplitude, kit.laws, kit.table, 0.0, (f, zero, zero)
+    )
     swing(kit.table, forces, at, None, None)
 
 
 @jit_inline
 def _watched_step(kit, absorber, forces, at, time, observe):
     """Do a step that begins at a time (s) and account for it; return the `Absorber` at its end."""
-    laws, table, before, f = kit.laws, kit.table, absorber.y, (forces[at], forces[at + 1], forces[at + 2])
+    laws = kit.laws
+    table = kit.table
+    before = absorber.y
+    f = (forces[at], forces[at + 1], forces[at + 2])
     seen, push = stages(absorber, table, forces, at, laws, kit.joined_mass)
-    account_step(observe.energy, kit.modes, kit.amplitude, laws, table, absorber.rest, (f, seen, push))
+    account_step(
+        observe.energy, kit.modes, kit.amplitude, laws, table, absorber.rest, (f, seen, push)
+    )
     y = swing_watched(table, forces, at, push)
     _track_stops(laws.stops, kit.touches, before, y, seen, (time, table.h), observe)
     return Absorber(y, move_slider(y[0], absorber.rest, laws.slider), relative_velocities(table))
@@ -224,7 +284,8 @@ def _advance(m_a, added_mass, kit, absorber, forces, at, time, observe):
 @jit_inline
 def _finish(kit, offset, state, end, observe):
     """Close what is open at the end (s), and write the state."""
-    laws, table = kit.laws, kit.table
+    laws = kit.laws
+    table = kit.table
     _end_touch(kit.touches, end, observe)
     _close_stuck(laws.added_mass, end, observe.counters, observe.events)
     _keep_before(table)
@@ -239,25 +300,39 @@ def runge_kutta_lane(modes, laws, force, state, step, observe):
     N_m + 1 rounded up to a multiple of 4 if that is above `STRIDE`. The friction loss contains what the slider's spring holds at the end. A contact
     with a wall's spring is noted as an impact at the time it begins.
     """
-    end, sample_dt, counters = force.times[-1], observe.clock.interval, observe.counters
+    end = force.times[-1]
+    sample_dt = observe.clock.interval
+    counters = observe.counters
     steps = max(1, int(np.ceil(end / step.dt - 1e-9)))
     dt = end / steps
-    table, touches = new_table(modes, laws, force.amplitude, state, dt, step.wide), np.zeros(1, TOUCH)
-    kit = Kit(modes, laws, table, force.amplitude, _joined_mass(laws.added_mass, modes.tip_shape), touches)
-    offset, y = state[table.modes] - _tip(table), observations(table)
+    table = new_table(modes, laws, force.amplitude, state, dt, step.wide)
+    touches = np.zeros(1, TOUCH)
+    kit = Kit(
+        modes, laws, table, force.amplitude, _joined_mass(laws.added_mass, modes.tip_shape), touches
+    )
+    offset = state[table.modes] - _tip(table)
+    y = observations(table)
     _begin_touch(laws.stops, touches, y, dt)
     absorber = Absorber(y, y[0], relative_velocities(table))
-    rows, row = rows_wanted(observe.level, observe.series, end, sample_dt), 0
-    row_step, forces = step_of_row(row, rows, sample_dt, dt, steps), np.empty(2 * _BLOCK + 1)
-    i, k, status, tip_start = 0, 0, DONE, 0.0
+    rows = rows_wanted(observe.level, observe.series, end, sample_dt)
+    row = 0
+    row_step = step_of_row(row, rows, sample_dt, dt, steps)
+    forces = np.empty(2 * _BLOCK + 1)
+    i = 0
+    k = 0
+    status = DONE
+    tip_start = 0.0
     while i < steps:
-        start, stop = i, min(i + _BLOCK, steps)
+        start = i
+        stop = min(i + _BLOCK, steps)
         k = fill_phases(forces, 2 * (stop - start) + 1, force, k, i * dt, 0.5 * dt)
         while i < stop:
             if i == row_step:
                 _keep_before(table)
                 tip_start = _tip(table)
-            absorber = _advance(laws.mass, laws.added_mass, kit, absorber, forces, 2 * (i - start), i * dt, observe)
+            absorber = _advance(
+                laws.mass, laws.added_mass, kit, absorber, forces, 2 * (i - start), i * dt, observe
+            )
             while i == row_step:
                 part = min(max(row * sample_dt / dt - i, 0.0), 1.0)
                 _take_level(observe.level, part, tip_start, table)

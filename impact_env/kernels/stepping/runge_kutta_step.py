@@ -42,18 +42,37 @@ from impact_env.kernels.stepping.feedback import (
 
 def _swing_code(pushed: bool, watched: bool) -> Any:
     @vector_code(NUMBER, 4)
-    def swing(code: Code, table, lanes: Index, stride: Index, f1: Number, fm: Number, f4: Number, p1: Number, p2: Number, p3: Number, p4: Number):
-        numbers, sums = (f1, fm, f4, p1, p2, p3, p4), [code.sum() for _ in range(4)]
+    def swing(
+        code: Code,
+        table,
+        lanes: Index,
+        stride: Index,
+        f1: Number,
+        fm: Number,
+        f4: Number,
+        p1: Number,
+        p2: Number,
+        p3: Number,
+        p4: Number,
+    ):
+        numbers = (f1, fm, f4, p1, p2, p3, p4)
+        sums = [code.sum() for _ in range(4)]
 
         def of(row: int, j: Any) -> Number:
             return code.vector(table, stride * row + j)
 
         for j in code.slots(lanes):
             f1, fm, f4, p1, p2, p3, p4 = (code.spread(number) for number in numbers)
-            q, u = of(Q, j), of(U, j)
-            in_q = [(QU, u), (QF1, f1), (QFM, fm)] + ([(QP1, p1), (QP2, p2), (QP3, p3)] if pushed else [])
-            in_u = [(UU, u), (UF1, f1), (UFM, fm), (UF4, f4)] + ([(UP1, p1), (UP2, p2), (UP3, p3), (UP4, p4)] if pushed else [])
-            q_next, u_next = of(QQ, j) * q, of(UQ, j) * q
+            q = of(Q, j)
+            u = of(U, j)
+            in_q = [(QU, u), (QF1, f1), (QFM, fm)] + (
+                [(QP1, p1), (QP2, p2), (QP3, p3)] if pushed else []
+            )
+            in_u = [(UU, u), (UF1, f1), (UFM, fm), (UF4, f4)] + (
+                [(UP1, p1), (UP2, p2), (UP3, p3), (UP4, p4)] if pushed else []
+            )
+            q_next = of(QQ, j) * q
+            u_next = of(UQ, j) * q
             for row, number in in_q:
                 q_next = of(row, j).fma(number, q_next)
             for row, number in in_u:
@@ -69,14 +88,20 @@ def _swing_code(pushed: bool, watched: bool) -> Any:
     return swing
 
 
-_freely, _freely_watched, _pushed, _pushed_watched = (_swing_code(pushed, watched) for pushed in (False, True) for watched in (False, True))
+_freely, _freely_watched, _pushed, _pushed_watched = (
+    _swing_code(pushed, watched) for pushed in (False, True) for watched in (False, True)
+)
 
 
 @jit_inline
 def swing(table, forces, at, push, watched):
     """Advance all oscillators by a step; return the next step's four observations as far as they follow from the state."""
-    cells, lanes, stride = table.cells, table.lanes, stride_of(table.wide)
-    f1, fm, f4 = forces[at], forces[at + 1], forces[at + 2]
+    cells = table.cells
+    lanes = table.lanes
+    stride = stride_of(table.wide)
+    f1 = forces[at]
+    fm = forces[at + 1]
+    f4 = forces[at + 2]
     if push is None:
         if watched is None:
             return _freely(cells, lanes, stride, f1, fm, f4, 0.0, 0.0, 0.0, 0.0)
@@ -97,7 +122,9 @@ def swing_watched(table, forces, at, push):
 @jit_room
 def _seen(table, rows):
     """Return the eight rows of an observation of the state, in the four stages of the next step."""
-    cells, stride, y = table.cells, stride_of(table.wide), np.zeros(4)
+    cells = table.cells
+    stride = stride_of(table.wide)
+    y = np.zeros(4)
     for stage in range(4):
         for j in range(table.lanes):
             y[stage] += rows[2 * stage * stride + j] * cells[Q * stride + j]
@@ -132,7 +159,11 @@ def _stage_velocity(speeds, v, k, f, p):
 @jit_inline
 def stages(absorber, table, forces, at, laws, joined_mass):
     """Return the observations and the feedbacks in the four stages; ``absorber``: `runge_kutta.Absorber`."""
-    y, rest, v, mix, speeds = absorber.y, absorber.rest, absorber.v, table.mix, table.speeds
+    y = absorber.y
+    rest = absorber.rest
+    v = absorber.v
+    mix = table.mix
+    speeds = table.speeds
     f = f1, fm, f4 = forces[at], forces[at + 1], forces[at + 2]
     y1 = y[0] + mix[0, 0] * f1
     p1 = feedback(y1, _stage_velocity(speeds, v, 0, f, (0.0, 0.0, 0.0)), rest, laws, joined_mass)
@@ -140,7 +171,15 @@ def stages(absorber, table, forces, at, laws, joined_mass):
     p2 = feedback(y2, _stage_velocity(speeds, v, 1, f, (p1, 0.0, 0.0)), rest, laws, joined_mass)
     y3 = y[2] + mix[2, 0] * f1 + mix[2, 1] * fm + mix[2, 3] * p1 + mix[2, 4] * p2
     p3 = feedback(y3, _stage_velocity(speeds, v, 2, f, (p1, p2, 0.0)), rest, laws, joined_mass)
-    y4 = y[3] + mix[3, 0] * f1 + mix[3, 1] * fm + mix[3, 2] * f4 + mix[3, 3] * p1 + mix[3, 4] * p2 + mix[3, 5] * p3
+    y4 = (
+        y[3]
+        + mix[3, 0] * f1
+        + mix[3, 1] * fm
+        + mix[3, 2] * f4
+        + mix[3, 3] * p1
+        + mix[3, 4] * p2
+        + mix[3, 5] * p3
+    )
     p4 = feedback(y4, _stage_velocity(speeds, v, 3, f, (p1, p2, p3)), rest, laws, joined_mass)
     return (y1, y2, y3, y4), (p1, p2, p3, p4)
 
@@ -165,13 +204,21 @@ def account_step(energy, modes, amplitude, laws, table, rest, stages):
     if energy is None:
         return
     f, y, p = stages
-    cells, n, h, stride, totals = table.cells, table.modes, table.h, stride_of(table.wide), energy.totals[0]
+    cells = table.cells
+    n = table.modes
+    h = table.h
+    stride = stride_of(table.wide)
+    totals = energy.totals[0]
     weights = (h / 6.0, h / 3.0, h / 3.0, h / 6.0)
     gamma = np.zeros(4)
     for j in range(n + 1):
-        w2, c, push = 0.0, 0.0, 0.0
+        w2 = 0.0
+        c = 0.0
+        push = 0.0
         if j < n:
-            w2, c, push = modes.omega[j] * modes.omega[j], 2.0 * modes.damping_ratio[j] * modes.omega[j], modes.force_shape[j] * amplitude
+            w2 = modes.omega[j] * modes.omega[j]
+            c = 2.0 * modes.damping_ratio[j] * modes.omega[j]
+            push = modes.force_shape[j] * amplitude
         tip = cells[TIP * stride + j]
         e = (push * f[0], push * f[1], push * f[1], push * f[2])
         w = (e[0] - tip * p[0], e[1] - tip * p[1], e[2] - tip * p[2], e[3] - tip * p[3])

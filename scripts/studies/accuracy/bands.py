@@ -18,7 +18,8 @@ from studies.accuracy.cases import AccuracySettings, Cases, Row, kind_named, uni
 from studies.study import Array
 
 NAME = "bands"
-KIND, MODES = "impact, e = 0.7, with friction", 10
+KIND = "impact, e = 0.7, with friction"
+MODES = 10
 CROSSED = "phases x forces"
 KINDS: tuple[MemberKind, ...] = get_args(MemberKind)
 DIRECTIONS = ("up", "down")
@@ -28,9 +29,17 @@ def _plans(settings: AccuracySettings) -> Iterator[tuple[str, Members, int]]:
     """Yield kind, members and the number of members that share a phase. No member is in two of the samples, as the test between them wants."""
     for k, kind in enumerate(KINDS):
         yield kind, draw_members(settings.band_members + 1, settings.seed + k, kind)[1:], 1
-    phases, repeats, seed = settings.band_phases, settings.band_repeats, settings.seed + len(KINDS)
+    phases = settings.band_phases
+    repeats = settings.band_repeats
+    seed = settings.seed + len(KINDS)
     drawn = draw_members(phases + 1, seed, "phase").phases[1:]
-    yield CROSSED, Members(np.repeat(drawn, repeats), draw_members(phases * repeats + 1, seed, "force").factors[1:]), repeats
+    yield (
+        CROSSED,
+        Members(
+            np.repeat(drawn, repeats), draw_members(phases * repeats + 1, seed, "force").factors[1:]
+        ),
+        repeats,
+    )
 
 
 key = itemgetter("direction", "kind")  # of a row: its case
@@ -39,7 +48,10 @@ key = itemgetter("direction", "kind")  # of a row: its case
 def cases(settings: AccuracySettings) -> Cases:
     """Return a case for each direction and kind of members."""
     plans = itertools.product(DIRECTIONS, _plans(settings))
-    return {(direction, name): partial(_measured, direction, name, members, shared) for direction, (name, members, shared) in plans}
+    return {
+        (direction, name): partial(_measured, direction, name, members, shared)
+        for direction, (name, members, shared) in plans
+    }
 
 
 def _measured(direction: str, name: str, members: Members, shared: int) -> list[Row]:
@@ -52,8 +64,21 @@ def _measured(direction: str, name: str, members: Members, shared: int) -> list[
     if not levels.complete:
         raise KeyboardInterrupt
     return [
-        {"direction": direction, "kind": name, "member": m, "group": m // shared, "phase_rad": phase, "force_factor": factor, "level_m": level}
-        for m, (phase, factor, level) in enumerate(zip(*(values.tolist() for values in (members.phases, members.factors, levels.level)), strict=True))
+        {
+            "direction": direction,
+            "kind": name,
+            "member": m,
+            "group": m // shared,
+            "phase_rad": phase,
+            "force_factor": factor,
+            "level_m": level,
+        }
+        for m, (phase, factor, level) in enumerate(
+            zip(
+                *(values.tolist() for values in (members.phases, members.factors, levels.level)),
+                strict=True,
+            )
+        )
     ]
 
 
@@ -68,7 +93,11 @@ def between_groups(values: ArrayLike) -> tuple[float, float, float]:
     free = groups - 1, groups * (repeats - 1)
     between = repeats * float(np.var(rows.mean(axis=1), ddof=1))
     ratio = between / float(rows.var(axis=1, ddof=1).mean())
-    ratios = ratio, ratio / scipy.stats.f.ppf(0.975, *free), ratio * scipy.stats.f.ppf(0.975, *free[::-1])
+    ratios = (
+        ratio,
+        ratio / scipy.stats.f.ppf(0.975, *free),
+        ratio * scipy.stats.f.ppf(0.975, *free[::-1]),
+    )
     share, low, high = (float((r - 1) / (r + repeats - 1)) for r in ratios)
     return share, low, high
 
@@ -81,17 +110,42 @@ def _difference(one: Array, other: Array) -> str:
 
 def band_table(rows: list[Row]) -> str:
     """Return a line for each direction and kind of members."""
-    header = ("sweep", "members differ in", "runs", "median, mm", "5 to 95 %, mm", *(f"D (p) against {kind}" for kind in KINDS), "between phases")
+    header = (
+        "sweep",
+        "members differ in",
+        "runs",
+        "median, mm",
+        "5 to 95 %, mm",
+        *(f"D (p) against {kind}" for kind in KINDS),
+        "between phases",
+    )
     lines = []
     for direction in unique(row["direction"] for row in rows):
         own = [row for row in rows if row["direction"] == direction]
-        found = {kind: np.array([row["level_m"] for row in own if row["kind"] == kind]) for kind in (*KINDS, CROSSED)}
-        crossed = found.pop(CROSSED).reshape(len({row["group"] for row in own if row["kind"] == CROSSED}) or 1, -1)
-        share = "{:.0f} % ({:.0f} to {:.0f})".format(*(100 * x for x in between_groups(crossed))) if crossed.size else ""
+        found = {
+            kind: np.array([row["level_m"] for row in own if row["kind"] == kind])
+            for kind in (*KINDS, CROSSED)
+        }
+        crossed = found.pop(CROSSED).reshape(
+            len({row["group"] for row in own if row["kind"] == CROSSED}) or 1, -1
+        )
+        share = (
+            "{:.0f} % ({:.0f} to {:.0f})".format(*(100 * x for x in between_groups(crossed)))
+            if crossed.size
+            else ""
+        )
         for kind, levels in found.items():
             if levels.size:
                 low, middle, high = 1e3 * np.quantile(levels, (0.05, 0.5, 0.95))
-                tests = ["" if name == kind or not other.size else _difference(levels, other) for name, other in found.items()]
-                words = (f"{middle:.4f}", f"{low:.4f} to {high:.4f}", *tests, share if kind == KINDS[0] else "")  # members that differ in both
+                tests = [
+                    "" if name == kind or not other.size else _difference(levels, other)
+                    for name, other in found.items()
+                ]
+                words = (
+                    f"{middle:.4f}",
+                    f"{low:.4f} to {high:.4f}",
+                    *tests,
+                    share if kind == KINDS[0] else "",
+                )  # members that differ in both
                 lines.append((direction, kind, str(len(levels)), *words))
     return markdown(header, lines)

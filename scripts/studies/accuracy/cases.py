@@ -16,16 +16,28 @@ from impact_env import InitialState, Record, Scene, beam_scene, simulate
 from impact_env.drive import PAPER_RATE, Drive, FrequencySchedule, linear_sweep
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
-from impact_env.parameters import Absorber, Beam, CompliantWalls, SlidingAbsorber, TunedAbsorber, friction_damper, impact_absorber
+from impact_env.parameters import (
+    Absorber,
+    Beam,
+    CompliantWalls,
+    SlidingAbsorber,
+    TunedAbsorber,
+    friction_damper,
+    impact_absorber,
+)
 from optimisation.machine import sources
 from studies.study import Array, Measured
 
 MODES = (1, 3, 10, 30)
 START = 0.95  # of the first resonance
-RUN_IN, APART = 40.0, 6.3  # pseudo periods from rest until the first case of a scene starts, and between two of them
+# pseudo periods from rest until the first case of a scene starts, and between two of them
+RUN_IN = 40.0
+APART = 6.3
 STATIC = Beam().static_tip_stiffness
 BARE = Record(level=False)
-WATCHED = Record(level=False, events=True, series=True, energy=True)  # one set of observers, so that each kernel is compiled once
+WATCHED = Record(
+    level=False, events=True, series=True, energy=True
+)  # one set of observers, so that each kernel is compiled once
 
 
 @dataclass(frozen=True)
@@ -43,9 +55,15 @@ KINDS = (
     Kind("friction damper", friction_damper, 3.5),
     Kind("impact, e = 1", impact_absorber, 5.0),
     Kind("impact, e = 0.7", lambda: impact_absorber(restitution=0.7), 5.0),
-    Kind("impact, e = 0.7, with friction", lambda: impact_absorber(restitution=0.7, friction_limit=0.1), 3.5),
+    Kind(
+        "impact, e = 0.7, with friction",
+        lambda: impact_absorber(restitution=0.7, friction_limit=0.1),
+        3.5,
+    ),
     Kind("compliant walls, soft", lambda: SlidingAbsorber(walls=CompliantWalls(STATIC)), 5.0),
-    Kind("compliant walls, stiff", lambda: SlidingAbsorber(walls=CompliantWalls(1e4 * STATIC)), 5.0),
+    Kind(
+        "compliant walls, stiff", lambda: SlidingAbsorber(walls=CompliantWalls(1e4 * STATIC)), 5.0
+    ),
 )
 
 
@@ -77,19 +95,26 @@ class Case:
     @property
     def weights(self) -> Array:
         """Of the squares of a state in the norm of energy; the absorber's place counts as if on a spring that gives it the first resonance."""
-        omega, mass = self.scene.model.omega, self.scene.absorber_mass or 0.0
+        omega = self.scene.model.omega
+        mass = self.scene.absorber_mass or 0.0
         return np.concatenate([omega**2, [mass * omega[0] ** 2], np.ones(self.modes), [mass]])
 
     def drive(self, periods: float) -> Drive:
         """Return the drive that goes on from the start at the paper's rate for a number of pseudo periods."""
         reference = self.scene.model.resonance_omega(1)
         rise = periods * PAPER_RATE / 1e4 * reference
-        schedule = FrequencySchedule(np.array([0.0, periods * self.period]), np.array([self.omega, self.omega + rise]), reference)
+        schedule = FrequencySchedule(
+            np.array([0.0, periods * self.period]),
+            np.array([self.omega, self.omega + rise]),
+            reference,
+        )
         return Drive(self.kind.force, schedule, self.phase)
 
     def methods(self, steps: tuple[int, ...]) -> list[Method]:
         """Return the methods that can do the scene; ``steps`` are those per period of the highest mode, and per contact."""
-        compliant = isinstance(self.scene.absorber, SlidingAbsorber) and isinstance(self.scene.absorber.walls, CompliantWalls)
+        compliant = isinstance(self.scene.absorber, SlidingAbsorber) and isinstance(
+            self.scene.absorber.walls, CompliantWalls
+        )
         result: list[Method] = [Exact()]
         if not compliant:
             result += [Moreau(count) for count in steps]
@@ -115,7 +140,9 @@ def case(kind: Kind, modes: int, number: int = 0) -> Case:
         periods = RUN_IN + APART * number + 0.137 * k
         schedule = linear_sweep(reference, START, START + periods * PAPER_RATE / 1e4)
         state = simulate(scene, Drive(kind.force, schedule), record=BARE).end_state
-        initial = InitialState(state[:modes], state[modes + 1 : 2 * modes + 1], float(state[modes]), float(state[-1]))
+        initial = InitialState(
+            state[:modes], state[modes + 1 : 2 * modes + 1], float(state[modes]), float(state[-1])
+        )
         if _moves_freely(scene, state):
             phase = float(np.mod(schedule.phase_at(periods * period), 2 * np.pi))
             return Case(kind, scene, initial, float(schedule.omegas[-1]), phase)
@@ -123,17 +150,22 @@ def case(kind: Kind, modes: int, number: int = 0) -> Case:
 
 
 def _moves_freely(scene: Scene, state: np.ndarray) -> bool:
-    absorber, n, tip = scene.absorber, scene.model.modes, scene.model.tip_shape
+    absorber = scene.absorber
+    n = scene.model.modes
+    tip = scene.model.tip_shape
     if not isinstance(absorber, SlidingAbsorber):
         return True
-    y, gamma = state[n] - tip @ state[:n], state[-1] - tip @ state[n + 1 : 2 * n + 1]
+    y = state[n] - tip @ state[:n]
+    gamma = state[-1] - tip @ state[n + 1 : 2 * n + 1]
     slides = abs(gamma) > 1e-3 * abs(state[-1])
     inside = absorber.walls is None or abs(y) < 0.9 * absorber.walls.gap
     return bool(slides and inside)
 
 
 Row = dict[str, Any]
-Cases = Mapping[Any, Callable[[], list[Row]]]  # functions that measure rows, by what tells these from others
+Cases = Mapping[
+    Any, Callable[[], list[Row]]
+]  # functions that measure rows, by what tells these from others
 
 
 @dataclass(frozen=True)
@@ -149,7 +181,9 @@ class AccuracySettings:
     starts: int = 5  # places in the motion over whose errors the median is taken
     repeats: int = 5
     timed_seconds: float = 0.05  # wanted length of a timed run
-    patience: float = 2.0  # no further repeat of a run once its repeats have taken this many seconds
+    patience: float = (
+        2.0  # no further repeat of a run once its repeats have taken this many seconds
+    )
     sweep: tuple[float, float] = (0.92, 1.0)  # of the ensembles, times the first resonance
     sweep_steps: tuple[int, ...] = (20, 80, 320)
     truth_members: int = 64
@@ -171,7 +205,12 @@ class AccuracySettings:
 
     def scenes_and_modes(self, names: Iterable[str]) -> list[tuple[str, int]]:
         """Return each of the scenes that is asked for with each number of modes."""
-        return [(name, modes) for name in names if not self.kinds or name in self.kinds for modes in self.modes]
+        return [
+            (name, modes)
+            for name in names
+            if not self.kinds or name in self.kinds
+            for modes in self.modes
+        ]
 
 
 FULL = AccuracySettings()
@@ -216,7 +255,9 @@ def named(row: Row) -> str:
     """Return a row's method with its setting."""
     if row["setting"] is None:
         return str(row["method"])
-    return f"{row['method']}, {row['setting']:g}" + (" steps" if row["method"] in ("Moreau", "Runge-Kutta") else "")
+    return f"{row['method']}, {row['setting']:g}" + (
+        " steps" if row["method"] in ("Moreau", "Runge-Kutta") else ""
+    )
 
 
 def made_with(measured: Measured) -> str:
@@ -235,7 +276,9 @@ def plain(panel: Axes, ticks: list[float]) -> None:
 
 def panel_grid(scenes: list[str], modes: list[int], share: bool = False) -> tuple[Figure, Any]:
     """Return a figure with a titled panel for each scene (down) and number of modes (across), and the panels."""
-    figure = Figure(figsize=(2.6 + 2.9 * len(modes), 1.6 + 2.35 * len(scenes)), layout="constrained")
+    figure = Figure(
+        figsize=(2.6 + 2.9 * len(modes), 1.6 + 2.35 * len(scenes)), layout="constrained"
+    )
     panels = figure.subplots(len(scenes), len(modes), squeeze=False, sharex=share, sharey=share)
     for line, scene in zip(panels, scenes, strict=True):
         for panel, count in zip(line, modes, strict=True):

@@ -13,12 +13,27 @@ from impact_env.ensemble import Lane, available_cores, draw_members, run_lanes
 from impact_env.methods import Exact, Method, Moreau
 from optimisation.page import markdown
 from optimisation.report.figures import figure_of, force_axis
-from studies.accuracy.cases import COLOURS, MARKERS, AccuracySettings, Cases, Row, case, kind_named, method_name, number, plain, unique
+from studies.accuracy.cases import (
+    COLOURS,
+    MARKERS,
+    AccuracySettings,
+    Cases,
+    Row,
+    case,
+    kind_named,
+    method_name,
+    number,
+    plain,
+    unique,
+)
 from studies.accuracy.trajectory import own_time
 from studies.timing import median_time, seconds
 
 NAME = "cost"
-MODES, LANES, THREADS, LENGTH = "modes", "lanes", "threads", "pseudo periods"
+MODES = "modes"
+LANES = "lanes"
+THREADS = "threads"
+LENGTH = "pseudo periods"
 OVER_MODES: tuple[tuple[str, Method], ...] = (
     ("no absorber", Exact()),
     ("impact, e = 1", Exact()),
@@ -26,9 +41,13 @@ OVER_MODES: tuple[tuple[str, Method], ...] = (
     ("compliant walls, stiff", Exact()),
     ("impact, e = 1", Moreau()),
 )
-LANE_KIND, LANE_MODES, LANE_PERIODS = "impact, e = 1", 10, 400.0
+LANE_KIND = "impact, e = 1"
+LANE_MODES = 10
+LANE_PERIODS = 400.0
 THREAD_LANES = 64
-LENGTH_KIND, LENGTH_MODES, LENGTH_LIMITS = "impact, e = 1", 3, (0.94, 0.98)
+LENGTH_KIND = "impact, e = 1"
+LENGTH_MODES = 3
+LENGTH_LIMITS = (0.94, 0.98)
 
 
 key = itemgetter("over", "value", "scene", "method")  # of a row: its case
@@ -38,23 +57,48 @@ def cases(settings: AccuracySettings) -> Cases:
     """Return a case for each row."""
     found: dict[tuple[str, float, str, str], Callable[[], list[Row]]] = {}
 
-    def add(over: str, value: float, scene: str, modes: int, method: str, us: Callable[[], float]) -> None:
+    def add(
+        over: str, value: float, scene: str, modes: int, method: str, us: Callable[[], float]
+    ) -> None:
         row: Row = {"over": over, "value": value, "scene": scene, "modes": modes, "method": method}
         found[over, value, scene, method] = lambda: [row | {"us_per_period": us()}]
 
     for name, method in OVER_MODES:
         for modes in settings.cost_modes:
             words = method_name(method, beam_scene(Beam(modes=modes), kind_named(name).absorber()))
-            label = f"{words}, {method.steps_per_period} steps" if isinstance(method, Moreau) else words
-            us = partial(lambda name, modes, method: own_time(case(kind_named(name), modes), method, 1.0, settings), name, modes, method)
+            label = (
+                f"{words}, {method.steps_per_period} steps" if isinstance(method, Moreau) else words
+            )
+            us = partial(
+                lambda name, modes, method: own_time(
+                    case(kind_named(name), modes), method, 1.0, settings
+                ),
+                name,
+                modes,
+                method,
+            )
             add(MODES, modes, name, modes, label, us)
     for lanes in settings.cost_lanes:
         add(LANES, lanes, LANE_KIND, LANE_MODES, "Exact", partial(_lanes_time, lanes, 1, settings))
     cores = available_cores()
     for threads in sorted({2**k for k in range(cores.bit_length()) if 2**k <= cores} | {cores}):
-        add(THREADS, threads, LANE_KIND, LANE_MODES, "Exact", partial(_lanes_time, THREAD_LANES, threads, settings))
+        add(
+            THREADS,
+            threads,
+            LANE_KIND,
+            LANE_MODES,
+            "Exact",
+            partial(_lanes_time, THREAD_LANES, threads, settings),
+        )
     for periods in settings.cost_periods:
-        add(LENGTH, periods, LENGTH_KIND, LENGTH_MODES, "Exact", partial(_length_time, periods, settings))
+        add(
+            LENGTH,
+            periods,
+            LENGTH_KIND,
+            LENGTH_MODES,
+            "Exact",
+            partial(_length_time, periods, settings),
+        )
     return found
 
 
@@ -63,9 +107,16 @@ def _lanes_time(lanes: int, threads: int, settings: AccuracySettings) -> float:
     kind = kind_named(LANE_KIND)
     scene = beam_scene(Beam(modes=LANE_MODES), kind.absorber())
     schedule = linear_sweep(scene.model.resonance_omega(1), 0.95, 0.95 + LANE_PERIODS / 1e4)
-    wanted = [Lane(scene, drive) for drive in draw_members(lanes, settings.seed).drives(kind.force, schedule)]
+    wanted = [
+        Lane(scene, drive)
+        for drive in draw_members(lanes, settings.seed).drives(kind.force, schedule)
+    ]
     run_lanes(wanted[:1], threads=1)  # compile
-    taken = median_time(partial(seconds, partial(run_lanes, wanted, threads=threads)), settings.repeats, settings.patience)
+    taken = median_time(
+        partial(seconds, partial(run_lanes, wanted, threads=threads)),
+        settings.repeats,
+        settings.patience,
+    )
     return 1e6 * taken / (lanes * LANE_PERIODS)
 
 
@@ -74,9 +125,25 @@ def _length_time(periods: float, settings: AccuracySettings) -> float:
     kind = kind_named(LENGTH_KIND)
     scene = beam_scene(Beam(modes=LENGTH_MODES), kind.absorber())
     width = float(np.diff(LENGTH_LIMITS)[0])
-    schedule = linear_sweep(scene.model.resonance_omega(1), *LENGTH_LIMITS, percent_per_100_periods=1e4 * width / periods)
-    simulate(scene, Drive(kind.force, linear_sweep(scene.model.resonance_omega(1), 0.94, 0.9401)), Exact())  # compile
-    return 1e6 * median_time(lambda: simulate(scene, Drive(kind.force, schedule), Exact()).wall_time, settings.repeats, settings.patience) / periods
+    schedule = linear_sweep(
+        scene.model.resonance_omega(1),
+        *LENGTH_LIMITS,
+        percent_per_100_periods=1e4 * width / periods,
+    )
+    simulate(
+        scene,
+        Drive(kind.force, linear_sweep(scene.model.resonance_omega(1), 0.94, 0.9401)),
+        Exact(),
+    )  # compile
+    return (
+        1e6
+        * median_time(
+            lambda: simulate(scene, Drive(kind.force, schedule), Exact()).wall_time,
+            settings.repeats,
+            settings.patience,
+        )
+        / periods
+    )
 
 
 def cost_table(rows: list[Row]) -> str:
@@ -85,14 +152,31 @@ def cost_table(rows: list[Row]) -> str:
     counts = unique(row["value"] for row in over_modes)
     lines = []
     for scene, method in unique((row["scene"], row["method"]) for row in over_modes):
-        found = {row["value"]: row["us_per_period"] for row in over_modes if (row["scene"], row["method"]) == (scene, method)}
+        found = {
+            row["value"]: row["us_per_period"]
+            for row in over_modes
+            if (row["scene"], row["method"]) == (scene, method)
+        }
         lines.append((f"{scene}: {method}", *(number(found.get(count), 3) for count in counts)))
-    parts = [markdown(("µs per pseudo period at this number of modes", *map(str, counts)), lines)] if lines else []
-    names = {LANES: "lanes, one thread", THREADS: "threads, 64 lanes", LENGTH: "pseudo periods in the sweep"}
+    parts = (
+        [markdown(("µs per pseudo period at this number of modes", *map(str, counts)), lines)]
+        if lines
+        else []
+    )
+    names = {
+        LANES: "lanes, one thread",
+        THREADS: "threads, 64 lanes",
+        LENGTH: "pseudo periods in the sweep",
+    }
     for over, name in names.items():
         found = {row["value"]: row["us_per_period"] for row in rows if row["over"] == over}
         if found:
-            parts.append(markdown((name, *(f"{x:g}" for x in found)), [("µs per pseudo period and lane", *(number(us, 3) for us in found.values()))]))
+            parts.append(
+                markdown(
+                    (name, *(f"{x:g}" for x in found)),
+                    [("µs per pseudo period and lane", *(number(us, 3) for us in found.values()))],
+                )
+            )
     return "\n\n".join(parts)
 
 
@@ -109,15 +193,38 @@ def cost_figures(all_rows: list[Row]) -> dict[str, Figure]:
         rows = [row for row in all_rows if row["over"] == over]
         for k, (scene, method) in enumerate(unique((row["scene"], row["method"]) for row in rows)):
             line = [row for row in rows if (row["scene"], row["method"]) == (scene, method)]
-            at, us = [row["value"] for row in line], [row["us_per_period"] for row in line]
-            panel.plot(at, us, color=COLOURS[k], marker=MARKERS[k], ms=5, lw=1.2, label=f"{scene}: {method}")
+            at = [row["value"] for row in line]
+            us = [row["us_per_period"] for row in line]
+            panel.plot(
+                at,
+                us,
+                color=COLOURS[k],
+                marker=MARKERS[k],
+                ms=5,
+                lw=1.2,
+                label=f"{scene}: {method}",
+            )
         panel.set(xscale="log", yscale="log", xlabel=label, ylabel="µs per pseudo period and lane")
         panel.set_title(title, fontsize=10)
         panel.grid(True, which="both", color="0.92", lw=0.6)
         if over in (THREADS, MODES) and rows:
-            plain(panel, [value for value in unique(row["value"] for row in rows) if over == THREADS or value in (1, 2, 3, 5, 10, 20, 30, 60)])
+            plain(
+                panel,
+                [
+                    value
+                    for value in unique(row["value"] for row in rows)
+                    if over == THREADS or value in (1, 2, 3, 5, 10, 20, 30, 60)
+                ],
+            )
         _room(panel, rows)
-    figure.legend(*panels.flat[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False, title="first panel", fontsize=9)
+    figure.legend(
+        *panels.flat[0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=3,
+        frameon=False,
+        title="first panel",
+        fontsize=9,
+    )
     return {"cost": figure}
 
 

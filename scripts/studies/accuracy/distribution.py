@@ -24,13 +24,23 @@ from studies.accuracy.cases import AccuracySettings, Cases, Kind, Row
 from studies.study import Array, there
 
 NAME = "distribution"
-KINDS = ("impact, e = 1", "impact, e = 0.7", "impact, e = 0.7, with friction", "compliant walls, stiff")
+KINDS = (
+    "impact, e = 1",
+    "impact, e = 0.7",
+    "impact, e = 0.7, with friction",
+    "compliant walls, stiff",
+)
 TRUTH = "truth"
 FEWEST = 3  # runs of a method, however slow it is
 
 
 def _levels(
-    scene: Scene, kind: Kind, method: Method, members: Members, settings: AccuracySettings, budget: float | None
+    scene: Scene,
+    kind: Kind,
+    method: Method,
+    members: Members,
+    settings: AccuracySettings,
+    budget: float | None,
 ) -> Iterator[tuple[int, float, float]]:
     """Yield member, level in m and run time in s, until the budget (s) is used up."""
     schedule = linear_sweep(scene.model.resonance_omega(1), *settings.sweep)
@@ -47,32 +57,51 @@ key = itemgetter("scene", "modes")  # of a row: its case
 
 def cases(settings: AccuracySettings) -> Cases:
     """Return a case for each scene and number of modes."""
-    return {(name, modes): partial(_measured, shared.kind_named(name), modes, settings) for name, modes in settings.scenes_and_modes(KINDS)}
+    return {
+        (name, modes): partial(_measured, shared.kind_named(name), modes, settings)
+        for name, modes in settings.scenes_and_modes(KINDS)
+    }
 
 
 def _measured(kind: Kind, modes: int, settings: AccuracySettings) -> list[Row]:
     """Return a row for each run."""
-    truth, members = draw_members(settings.truth_members, settings.seed + 1), draw_members(settings.members, settings.seed)
+    truth = draw_members(settings.truth_members, settings.seed + 1)
+    members = draw_members(settings.members, settings.seed)
     scene = beam_scene(Beam(modes=modes), kind.absorber())
     step_method = RungeKutta if scene.kind is SceneKind.COMPLIANT else Moreau
     plans: list[tuple[str, Method, Members]] = [(TRUTH, Exact(), truth), ("", Exact(), members)]
     plans += [("", step_method(steps), members) for steps in settings.sweep_steps]
-    short = replace(settings, sweep=(settings.sweep[0], settings.sweep[0] + 1e-4))  # a sweep of one pseudo period
+    short = replace(
+        settings, sweep=(settings.sweep[0], settings.sweep[0] + 1e-4)
+    )  # a sweep of one pseudo period
     found = []
     for label, method, own in plans:
         list(_levels(scene, kind, method, own[:1], short, None))  # compile
-        for member, level, seconds in _levels(scene, kind, method, own, settings, None if label else settings.budget):
+        for member, level, seconds in _levels(
+            scene, kind, method, own, settings, None if label else settings.budget
+        ):
             setting = None if isinstance(method, Exact) else method.steps_per_period
-            row: Row = {"scene": kind.name, "modes": modes, "method": label or shared.method_name(method, scene), "setting": setting}
+            row: Row = {
+                "scene": kind.name,
+                "modes": modes,
+                "method": label or shared.method_name(method, scene),
+                "setting": setting,
+            }
             found.append(row | {"member": member, "level_m": level, "wall_s": seconds})
     return found
 
 
-def bootstrap(statistic: Callable[[Array, Array], float], one: ArrayLike, other: ArrayLike) -> tuple[float, float]:
+def bootstrap(
+    statistic: Callable[[Array, Array], float], one: ArrayLike, other: ArrayLike
+) -> tuple[float, float]:
     """Return the 95 % percentile interval of a statistic of two samples, both drawn anew with replacement."""
-    a, b = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
+    a = np.asarray(one, dtype=float)
+    b = np.asarray(other, dtype=float)
     generator = np.random.default_rng(0)
-    low, high = np.quantile([statistic(generator.choice(a, a.size), generator.choice(b, b.size)) for _ in range(400)], [0.025, 0.975])
+    low, high = np.quantile(
+        [statistic(generator.choice(a, a.size), generator.choice(b, b.size)) for _ in range(400)],
+        [0.025, 0.975],
+    )
     return float(low), float(high)
 
 
@@ -88,9 +117,12 @@ def relative_distance(one: Array, other: Array) -> float:
 
 def distance_at_size(sample: ArrayLike, truth: ArrayLike, size: int) -> float:
     """Return the distance to expect between ``size`` runs of a method and the truth, relative to the truth's mean: the mean over resamples."""
-    values, target = np.asarray(sample, dtype=float), np.asarray(truth, dtype=float)
+    values = np.asarray(sample, dtype=float)
+    target = np.asarray(truth, dtype=float)
     generator = np.random.default_rng(0)
-    return float(np.mean([relative_distance(generator.choice(values, size), target) for _ in range(200)]))
+    return float(
+        np.mean([relative_distance(generator.choice(values, size), target) for _ in range(200)])
+    )
 
 
 @dataclass(frozen=True)
@@ -114,13 +146,31 @@ def compared(all_rows: list[Row]) -> list[Compared]:
     """Return each method of each scene and number of modes, in the order of the rows."""
     cells: dict[tuple[str, int, str, float | None], list[Row]] = {}
     for row in all_rows:
-        cells.setdefault((row["scene"], row["modes"], row["method"], row["setting"]), []).append(row)
-    truths = {key[:2]: np.array([row["level_m"] for row in cell]) for key, cell in cells.items() if key[2] == TRUTH}
+        cells.setdefault((row["scene"], row["modes"], row["method"], row["setting"]), []).append(
+            row
+        )
+    truths = {
+        key[:2]: np.array([row["level_m"] for row in cell])
+        for key, cell in cells.items()
+        if key[2] == TRUTH
+    }
     result = []
     for (scene, modes, method, setting), cell in cells.items():
         if method != TRUTH:
-            levels, seconds = (np.array([row[name] for row in cell]) for name in ("level_m", "wall_s"))
-            result.append(Compared(scene, modes, method, setting, levels, truths[scene, modes], float(np.median(seconds))))
+            levels, seconds = (
+                np.array([row[name] for row in cell]) for name in ("level_m", "wall_s")
+            )
+            result.append(
+                Compared(
+                    scene,
+                    modes,
+                    method,
+                    setting,
+                    levels,
+                    truths[scene, modes],
+                    float(np.median(seconds)),
+                )
+            )
     return result
 
 
@@ -130,16 +180,33 @@ MATCHED_RUNS = 16  # of the exact method: the cost at which methods are compared
 def distribution_table(rows: list[Row]) -> str:
     """Return a line for each method of each scene and number of modes."""
     methods = compared(shared.shown_rows(rows))
-    header = ("scene", "modes", "method", "runs", "ms a run", "mean, %", "95 %", "distance, %", "95 %", "at matched cost, %")
+    header = (
+        "scene",
+        "modes",
+        "method",
+        "runs",
+        "ms a run",
+        "mean, %",
+        "95 %",
+        "distance, %",
+        "95 %",
+        "at matched cost, %",
+    )
     lines = []
     for method in methods:
-        exact = next(m for m in methods if (m.scene, m.modes, m.setting) == (method.scene, method.modes, None))
-        both, cells = (method.levels, method.truth), list[str]()
+        exact = next(
+            m
+            for m in methods
+            if (m.scene, m.modes, m.setting) == (method.scene, method.modes, None)
+        )
+        both = (method.levels, method.truth)
+        cells = list[str]()
         for statistic, form in ((mean_difference, "{:+.2f}"), (relative_distance, "{:.2f}")):
             low, high = (form.format(100 * x) for x in bootstrap(statistic, *both))
             cells += [form.format(100 * statistic(*both)), f"{low} to {high}"]
         name = shared.named({"method": method.method, "setting": method.setting})
-        runs, cost = (str(len(method.levels)), shared.number(1e3 * method.seconds, 3)), f"{100 * method.at_cost(MATCHED_RUNS * exact.seconds):.2f}"
+        runs = (str(len(method.levels)), shared.number(1e3 * method.seconds, 3))
+        cost = f"{100 * method.at_cost(MATCHED_RUNS * exact.seconds):.2f}"
         lines.append((method.scene, str(method.modes), name, *runs, *cells, cost))
     return markdown(header, lines)
 
@@ -157,10 +224,19 @@ def distribution_figures(all_rows: list[Row]) -> dict[str, Figure]:
                     _ensemble_line(panel, method, settings)
             _few_ticks(panel)
     shared.label_edges(panels, "time of the ensemble, s", "distance of the distributions, %")
-    named = {f"{m.method}, {m.setting:g} steps" if m.setting else m.method: _style(m, settings) for m in methods}
-    handles = [Line2D([], [], color=colour, marker=marker, alpha=alpha, label=name) for name, (colour, marker, alpha) in named.items()]
+    named = {
+        f"{m.method}, {m.setting:g} steps" if m.setting else m.method: _style(m, settings)
+        for m in methods
+    }
+    handles = [
+        Line2D([], [], color=colour, marker=marker, alpha=alpha, label=name)
+        for name, (colour, marker, alpha) in named.items()
+    ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
-    figure.suptitle("Distance of the response level's distribution from the exact one, against the time spent on runs", fontsize=12)
+    figure.suptitle(
+        "Distance of the response level's distribution from the exact one, against the time spent on runs",
+        fontsize=12,
+    )
     return {"distribution": figure}
 
 
@@ -180,11 +256,23 @@ def _style(method: Compared, settings: list[float]) -> tuple[str, str, float]:
     if method.setting is None:
         return colour, marker, 1.0
     at = settings.index(method.setting)
-    return colour, ("sPX*h" if method.method == "Moreau" else "^<>vd")[at % 5], 0.45 + 0.55 * (at + 1) / len(settings)
+    return (
+        colour,
+        ("sPX*h" if method.method == "Moreau" else "^<>vd")[at % 5],
+        0.45 + 0.55 * (at + 1) / len(settings),
+    )
 
 
 def _ensemble_line(panel: Axes, method: Compared, settings: list[float]) -> None:
     sizes = np.unique(np.round(np.geomspace(1, len(method.levels), 6)).astype(int))
     values = [100 * method.at_cost(method.seconds * size * (1 + 1e-9)) for size in sizes]
     colour, marker, alpha = _style(method, settings)
-    panel.plot(method.seconds * sizes, np.maximum(values, 1e-4), marker=marker, color=colour, alpha=alpha, ms=5, lw=1)
+    panel.plot(
+        method.seconds * sizes,
+        np.maximum(values, 1e-4),
+        marker=marker,
+        color=colour,
+        alpha=alpha,
+        ms=5,
+        lw=1,
+    )

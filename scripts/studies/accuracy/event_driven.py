@@ -41,7 +41,9 @@ class PeerRun:
 class Integrator(Protocol):
     """Integrates a state (2 N_m + 4,) in a regime: returns the time reached, the state, and the guard that ended it (-1: none)."""
 
-    def __call__(self, regime: Regime, start: float, stop: float, state: Array) -> tuple[float, Array, int]:
+    def __call__(
+        self, regime: Regime, start: float, stop: float, state: Array
+    ) -> tuple[float, Array, int]:
         """Integrate from ``start`` to ``stop`` (s)."""
 
 
@@ -49,16 +51,30 @@ class Mechanics(DenseMechanics):
     """A scene's right-hand side, the dense one. The state is q, q_a, q', v_a; with ``energy`` also the work of the force and the losses in J."""
 
     def __init__(self, scene: Scene, drive: Drive, energy: bool) -> None:
-        if isinstance(scene.absorber, StuckAbsorber | SeveralAbsorbers) or len(drive.schedule.times) != 2:
-            raise ValueError("a stuck absorber, several absorbers and a bent schedule are not covered")
+        if (
+            isinstance(scene.absorber, StuckAbsorber | SeveralAbsorbers)
+            or len(drive.schedule.times) != 2
+        ):
+            raise ValueError(
+                "a stuck absorber, several absorbers and a bent schedule are not covered"
+            )
         automaton = Automaton(scene.absorber)
         if automaton.slider is not None or automaton.bonded:
             raise ValueError("elastic friction, and walls without clearance, are not covered")
         super().__init__(scene, np.ones(scene.model.modes + 1))
-        self.drive, self.energy, self.mass, self.compliance = drive, energy, float(self.masses[0]), float(self.mobility[0, 0])
-        self.square, self.rate = self.model.omega**2, 2 * self.model.damping_ratio * self.model.omega
+        self.drive, self.energy, self.mass, self.compliance = (
+            drive,
+            energy,
+            float(self.masses[0]),
+            float(self.mobility[0, 0]),
+        )
+        self.square = self.model.omega**2
+        self.rate = 2 * self.model.damping_ratio * self.model.omega
         omegas = drive.schedule.omegas
-        self.start_omega, self.slope = float(omegas[0]), float((omegas[1] - omegas[0]) / drive.schedule.times[1])
+        self.start_omega, self.slope = (
+            float(omegas[0]),
+            float((omegas[1] - omegas[0]) / drive.schedule.times[1]),
+        )
         self.made: dict[str, Linear] = {}
 
     def of(self, regime: Regime) -> Linear:
@@ -69,7 +85,9 @@ class Mechanics(DenseMechanics):
 
     def force(self, t: float) -> float:
         """Return the force (N) at a time (s)."""
-        return self.drive.amplitude * np.cos(self.drive.phase + (self.start_omega + 0.5 * self.slope * t) * t)
+        return self.drive.amplitude * np.cos(
+            self.drive.phase + (self.start_omega + 0.5 * self.slope * t) * t
+        )
 
     def motion(self, x: Array) -> Array:
         """Return the dense state of a state with or without energies."""
@@ -77,12 +95,22 @@ class Mechanics(DenseMechanics):
 
     def rates(self, regime: Regime, t: float, x: Array) -> Array:
         """Return the rate of a state, with those of work and losses where energy is asked for."""
-        linear, f, state, n = self.of(regime), self.force(t), self.motion(x), self.modes
+        linear = self.of(regime)
+        f = self.force(t)
+        state = self.motion(x)
+        n = self.modes
         found = (linear.matrix @ state + linear.column[:, 0] * f)[:-1]
         if not self.energy:
             return np.asarray(found)
-        u, contact = x[n + 1 : 2 * n + 1], linear.forces[0] @ state + linear.pushes[0, 0] * f
-        return np.append(found, [f * (self.model.force_shape @ u), self.rate @ u**2 - contact * (self.speeds[0] @ state)])
+        u = x[n + 1 : 2 * n + 1]
+        contact = linear.forces[0] @ state + linear.pushes[0, 0] * f
+        return np.append(
+            found,
+            [
+                f * (self.model.force_shape @ u),
+                self.rate @ u**2 - contact * (self.speeds[0] @ state),
+            ],
+        )
 
     def value(self, regime: Regime, guard: Guard, t: float, x: Array) -> float:
         """Return a guard's value."""
@@ -102,24 +130,37 @@ class Mechanics(DenseMechanics):
         """Return the energy of modes and absorber; springs between them are in the losses."""
         n = self.modes
         energy = 0.5 * float(np.sum(self.square * x[:n] ** 2 + x[n + 1 : 2 * n + 1] ** 2))
-        return energy + (0.0 if self.scene.absorber_mass is None else 0.5 * self.mass * x[2 * n + 1] ** 2)
+        return energy + (
+            0.0 if self.scene.absorber_mass is None else 0.5 * self.mass * x[2 * n + 1] ** 2
+        )
 
 
-def follow(scene: Scene, drive: Drive, initial: InitialState, make: Callable[[Mechanics, Automaton], Integrator], energy: bool = False) -> PeerRun:
+def follow(
+    scene: Scene,
+    drive: Drive,
+    initial: InitialState,
+    make: Callable[[Mechanics, Automaton], Integrator],
+    energy: bool = False,
+) -> PeerRun:
     """Run a scene with a peer over the whole drive, with an account of its energy if wanted.
 
     Raises PeerFailedError if an event was missed or the peer gives up.
     """
     mechanics = Mechanics(scene, drive, energy)
-    n, end = mechanics.modes, float(drive.schedule.times[1])
+    n = mechanics.modes
+    end = float(drive.schedule.times[1])
     x = np.concatenate([initial.vector(scene), np.zeros(2 if energy else 0)])
-    integrate, start = make(mechanics, Automaton(scene.absorber)), x.copy()
+    integrate = make(mechanics, Automaton(scene.absorber))
+    start = x.copy()
     state = _State(mechanics, x)
     contacts = Contacts(scene, state, REST_SPEED)
     state.nudge(contacts.regimes[0])
-    times, events, wall_time = [0.0] * len(contacts.struck), 0, 0.0
+    times = [0.0] * len(contacts.struck)
+    events = 0
+    wall_time = 0.0
     while state.t < end:
-        regime, began = contacts.regimes[0], time.perf_counter()
+        regime = contacts.regimes[0]
+        began = time.perf_counter()
         state.t, state.x, hit = integrate(regime, state.t, end, state.x)
         wall_time += time.perf_counter() - began
         _check(mechanics, regime, state.t, state.x)
@@ -133,8 +174,14 @@ def follow(scene: Scene, drive: Drive, initial: InitialState, make: Callable[[Me
         state.nudge(contacts.regimes[0])
     balance = None
     if energy:  # work less losses less gain of stored energy, relative to the largest of them
-        before, after, (work, losses) = mechanics.stored(start), mechanics.stored(state.x), state.x[-2:]
-        balance = float(abs(work - losses - after + before) / max(abs(work), abs(losses), before, after))
+        before, after, (work, losses) = (
+            mechanics.stored(start),
+            mechanics.stored(state.x),
+            state.x[-2:],
+        )
+        balance = float(
+            abs(work - losses - after + before) / max(abs(work), abs(losses), before, after)
+        )
     return PeerRun(np.array(times), state.x[: 2 * n + 2].copy(), balance, wall_time)
 
 
@@ -142,15 +189,21 @@ class _State:
     """The state of a peer's run, as the contacts want to see and to change it."""
 
     def __init__(self, mechanics: Mechanics, x: Array) -> None:
-        self.mechanics, self.x, self.t, self.mobility = mechanics, x, 0.0, mechanics.mobility
+        self.mechanics = mechanics
+        self.x = x
+        self.t = 0.0
+        self.mobility = mechanics.mobility
 
     def relative(self, which: int) -> tuple[float, float]:  # noqa: ARG002 - there is one absorber
-        m, state = self.mechanics, self.mechanics.motion(self.x)
+        m = self.mechanics
+        state = self.mechanics.motion(self.x)
         return float(m.gaps[0] @ state), float(m.speeds[0] @ state)
 
     def pull(self) -> Array:
         m = self.mechanics
-        return np.asarray(m.shapes @ (m.unforced @ m.motion(self.x) + m.driven[:, 0] * m.force(self.t)))
+        return np.asarray(
+            m.shapes @ (m.unforced @ m.motion(self.x) + m.driven[:, 0] * m.force(self.t))
+        )
 
     def strike(self, which: int, restitution: float) -> None:  # noqa: ARG002
         self.mechanics.kick(self.x, restitution)
@@ -168,9 +221,15 @@ def _check(mechanics: Mechanics, regime: Regime, t: float, x: Array) -> None:
     if not np.all(np.isfinite(x)):
         raise PeerFailedError("the state is not finite")
     for guard in regime.guards:
-        size = abs(guard.constant) if guard.constant else abs(x[2 * mechanics.modes + 1]) + abs(x[mechanics.modes + 1])
+        size = (
+            abs(guard.constant)
+            if guard.constant
+            else abs(x[2 * mechanics.modes + 1]) + abs(x[mechanics.modes + 1])
+        )
         if mechanics.value(regime, guard, t, x) < -VIOLATED * max(size, 1e-12):
-            raise PeerFailedError(f"passed a guard without noticing it ({guard.event} in {regime.name})")
+            raise PeerFailedError(
+                f"passed a guard without noticing it ({guard.event} in {regime.name})"
+            )
 
 
 def scipy_integrator(tolerance: float) -> Callable[[Mechanics, Automaton], Integrator]:
@@ -179,10 +238,16 @@ def scipy_integrator(tolerance: float) -> Callable[[Mechanics, Automaton], Integ
     def make(mechanics: Mechanics, automaton: Automaton) -> Integrator:  # noqa: ARG001 - as all peers
         first = 0.05 / float(np.max(mechanics.model.omega))
 
-        def integrate(regime: Regime, start: float, stop: float, state: Array) -> tuple[float, Array, int]:
-            events: list[Any] = [lambda t, x, guard=guard: mechanics.value(regime, guard, t, x) for guard in regime.guards]
+        def integrate(
+            regime: Regime, start: float, stop: float, state: Array
+        ) -> tuple[float, Array, int]:
+            events: list[Any] = [
+                lambda t, x, guard=guard: mechanics.value(regime, guard, t, x)
+                for guard in regime.guards
+            ]
             for event in events:
-                event.terminal, event.direction = True, -1
+                event.terminal = True
+                event.direction = -1
             solution = solve_ivp(
                 lambda t, x: mechanics.rates(regime, t, x), (start, stop), state, method="DOP853", rtol=max(tolerance, 3e-14), atol=tolerance * 1e-3,
                 events=events, first_step=min(first, stop - start),

@@ -34,7 +34,9 @@ NAME = "growth"
 KINDS = (
     "friction damper", "impact, e = 1", "impact, e = 0.7", "impact, e = 0.7, with friction", "compliant walls, soft", "compliant walls, stiff",
 )  # fmt: skip
-STRETCH = 0.5  # pseudo periods at most; less where impacts are many, since the distance has to stay small
+STRETCH = (
+    0.5  # pseudo periods at most; less where impacts are many, since the distance has to stay small
+)
 STRETCH_IMPACTS = 3.0
 DISTANCE = 1e-8  # of the state's norm
 LEAST_PERIODS = 10.0  # pseudo periods in all
@@ -48,19 +50,27 @@ class _Continued:
     """A case at a constant frequency, which can be gone on with from any state and time."""
 
     def __init__(self, it: Case) -> None:
-        self.it, self.scene = it, it.scene
+        self.it = it
+        self.scene = it.scene
         self.reference = self.scene.model.resonance_omega(1)
         self.weights = it.weights
         self.stretch = STRETCH
         trial = 10
-        self.stretch = min(STRETCH, STRETCH_IMPACTS * STRETCH * trial / max(1, self.run(it.initial.vector(it.scene), 0, trial)[1]))
+        self.stretch = min(
+            STRETCH,
+            STRETCH_IMPACTS
+            * STRETCH
+            * trial
+            / max(1, self.run(it.initial.vector(it.scene), 0, trial)[1]),
+        )
 
     def norm(self, state: Array) -> float:
         return float(np.sqrt(np.sum(self.weights * state**2)))
 
     def initial(self, state: Array) -> InitialState:
         """Return a start; one that rounding has put outside the cavity is put onto the wall."""
-        n, state = self.it.modes, state.copy()
+        n = self.it.modes
+        state = state.copy()
         walls = getattr(self.scene.absorber, "walls", None)
         if walls is not None and hasattr(walls, "restitution"):
             tip = float(self.scene.model.tip_shape @ state[:n])
@@ -70,14 +80,30 @@ class _Continued:
     def drive(self, stretch: int, periods: float) -> Drive:
         ratio = self.it.omega / self.reference
         phase = self.it.phase + self.it.omega * stretch * self.stretch * self.it.period
-        return Drive(self.it.kind.force, constant_frequency(self.reference, ratio, periods), float(np.mod(phase, 2 * np.pi)))
+        return Drive(
+            self.it.kind.force,
+            constant_frequency(self.reference, ratio, periods),
+            float(np.mod(phase, 2 * np.pi)),
+        )
 
     def run(self, state: Array, stretch: int, stretches: int = 1) -> tuple[Array, int]:
-        response = simulate(self.scene, self.drive(stretch, stretches * self.stretch), Exact(), initial=self.initial(state), record=BARE)
+        response = simulate(
+            self.scene,
+            self.drive(stretch, stretches * self.stretch),
+            Exact(),
+            initial=self.initial(state),
+            record=BARE,
+        )
         return response.end_state, response.impact_count
 
     def impact_times(self, state: Array, stretch: int, periods: float) -> Array:
-        response = simulate(self.scene, self.drive(stretch, periods), Exact(), initial=self.initial(state), record=WATCHED)
+        response = simulate(
+            self.scene,
+            self.drive(stretch, periods),
+            Exact(),
+            initial=self.initial(state),
+            record=WATCHED,
+        )
         return there(response.impacts).time[:FOLLOWED]
 
 
@@ -87,14 +113,21 @@ def _direction(run: _Continued, generator: np.random.Generator) -> Array:
     return raw / run.norm(raw)
 
 
-def _grow(run: _Continued, settings: AccuracySettings, generator: np.random.Generator) -> tuple[list[float], int, list[tuple[Array, int]]]:
+def _grow(
+    run: _Continued, settings: AccuracySettings, generator: np.random.Generator
+) -> tuple[list[float], int, list[tuple[Array, int]]]:
     """Return the logarithms of the growth in each stretch, the number of impacts, and states along the way with their stretch."""
     n = run.it.modes
     start = run.it.initial.vector(run.scene)
-    state, growth, impacts, states = start, [], 0, []
+    state = start
+    growth = []
+    impacts = 0
+    states = []
     size = DISTANCE * run.norm(state)
     difference = size * _direction(run, generator)
-    stretches = int(np.clip(LEAST_PERIODS / run.stretch, settings.stretches, 5 * settings.stretches))
+    stretches = int(
+        np.clip(LEAST_PERIODS / run.stretch, settings.stretches, 5 * settings.stretches)
+    )
     every = -(-stretches // settings.twins)
     for k in range(SETTLING + stretches):
         twin, _ = run.run(state + difference, k)
@@ -102,16 +135,25 @@ def _grow(run: _Continued, settings: AccuracySettings, generator: np.random.Gene
         grown = run.norm(twin - state)
         if k >= SETTLING:
             impacts += hits
-            growth.append(float(np.log(grown / size)) if grown > 0 else float(np.log(np.finfo(float).eps)))
+            growth.append(
+                float(np.log(grown / size)) if grown > 0 else float(np.log(np.finfo(float).eps))
+            )
             if (k - SETTLING) % every == 0:
                 states.append((state, k + 1))
-        difference = (twin - state) * (size / grown) if grown > 0 else size * _direction(run, generator)
+        difference = (
+            (twin - state) * (size / grown) if grown > 0 else size * _direction(run, generator)
+        )
         if grown == 0:  # both at rest in the cavity: the absorber's freedom must stay so
             difference[[n, 2 * n + 1]] = 0.0
     return growth, impacts, states
 
 
-def _twins(run: _Continued, states: list[tuple[Array, int]], per_period: float, generator: np.random.Generator) -> Array:
+def _twins(
+    run: _Continued,
+    states: list[tuple[Array, int]],
+    per_period: float,
+    generator: np.random.Generator,
+) -> Array:
     """Return (pairs, FOLLOWED): how far the k-th impacts of two runs that differ by rounding lie apart, in pseudo periods; NaN where none is."""
     periods = float(np.clip(1.3 * FOLLOWED / max(per_period, 1e-9), 1.0, MOST_PERIODS))
     off = np.full((len(states), FOLLOWED), np.nan)
@@ -128,7 +170,10 @@ key = itemgetter("scene", "modes")  # of a row: its case
 
 def cases(settings: AccuracySettings) -> Cases:
     """Return a case for each scene and number of modes."""
-    return {(name, modes): partial(_measured, name, modes, settings) for name, modes in settings.scenes_and_modes(KINDS)}
+    return {
+        (name, modes): partial(_measured, name, modes, settings)
+        for name, modes in settings.scenes_and_modes(KINDS)
+    }
 
 
 def _measured(name: str, modes: int, settings: AccuracySettings) -> list[Row]:
@@ -138,7 +183,8 @@ def _measured(name: str, modes: int, settings: AccuracySettings) -> list[Row]:
     growth, impacts, states = _grow(run, settings, generator)
     means = [np.mean(generator.choice(growth, len(growth))) for _ in range(1000)]
     low, high = np.quantile(means, [0.025, 0.975]) / run.stretch
-    exponent, per_period = float(np.mean(growth)) / run.stretch, impacts / (run.stretch * len(growth))
+    exponent = float(np.mean(growth)) / run.stretch
+    per_period = impacts / (run.stretch * len(growth))
     shared = {"scene": name, "modes": run.it.modes}
     row: Row = {
         **shared, "impact": None, "exponent_per_period": exponent, "exponent_low": float(low), "exponent_high": float(high),
@@ -151,7 +197,14 @@ def _measured(name: str, modes: int, settings: AccuracySettings) -> list[Row]:
         for k in range(FOLLOWED):
             known = off[:, k][np.isfinite(off[:, k])]
             if known.size:
-                found.append({**dict.fromkeys(row), **shared, "impact": k + 1, "difference_periods": float(np.median(known))})
+                found.append(
+                    {
+                        **dict.fromkeys(row),
+                        **shared,
+                        "impact": k + 1,
+                        "difference_periods": float(np.median(known)),
+                    }
+                )
     return found
 
 
@@ -161,13 +214,22 @@ def growth_table(rows: list[Row]) -> str:
         "scene": "{scene}", "modes": "{modes}", "exponent per pseudo period": "{exponent_per_period:.2f}",
         "95 %": "{exponent_low:.2f} to {exponent_high:.2f}", "impacts per pseudo period": "{impacts_per_period:.2f}", "factor per impact": "{factor}",
     }  # fmt: skip
-    return lines(columns, ({**row, "factor": number(row["factor_per_impact"], 3)} for row in shown_rows(rows) if row["impact"] is None))
+    return lines(
+        columns,
+        (
+            {**row, "factor": number(row["factor_per_impact"], 3)}
+            for row in shown_rows(rows)
+            if row["impact"] is None
+        ),
+    )
 
 
 def growth_figures(all_rows: list[Row]) -> dict[str, Figure]:
     """Draw how twins drift apart, and the growth per impact over the number of modes."""
-    exponents, twins = [row for row in all_rows if row["impact"] is None], [row for row in all_rows if row["impact"] is not None]
-    scenes, modes = unique(row["scene"] for row in exponents), unique(row["modes"] for row in exponents)
+    exponents = [row for row in all_rows if row["impact"] is None]
+    twins = [row for row in all_rows if row["impact"] is not None]
+    scenes = unique(row["scene"] for row in exponents)
+    modes = unique(row["modes"] for row in exponents)
     most = 10 if 10 in modes else modes[-1]
     figure, (left, right) = figure_of(11, 4.8, 1, 2)
     for scene, colour, marker in zip(scenes, COLOURS, MARKERS, strict=False):
@@ -175,15 +237,35 @@ def growth_figures(all_rows: list[Row]) -> dict[str, Figure]:
         if line:
             y = np.maximum([row["difference_periods"] for row in line], 1e-17)
             left.plot([row["impact"] for row in line], y, color=colour, marker=marker, ms=3.5, lw=1)
-        points = [row for row in exponents if row["scene"] == scene and row["factor_per_impact"] is not None]
+        points = [
+            row
+            for row in exponents
+            if row["scene"] == scene and row["factor_per_impact"] is not None
+        ]
         if points:
             factors = [row["factor_per_impact"] for row in points]
-            right.plot([row["modes"] for row in points], factors, color=colour, marker=marker, ms=6, lw=1, label=scene)
+            right.plot(
+                [row["modes"] for row in points],
+                factors,
+                color=colour,
+                marker=marker,
+                ms=6,
+                lw=1,
+                label=scene,
+            )
     left.axhline(1.0, color="0.6", lw=0.8, ls=":")
     left.set(
-        yscale="log", xlabel="impact", ylabel="difference of its time, pseudo periods", title=f"Twins that differ by rounding, {most} modes: median"
+        yscale="log",
+        xlabel="impact",
+        ylabel="difference of its time, pseudo periods",
+        title=f"Twins that differ by rounding, {most} modes: median",
     )
-    right.set(xscale="log", xlabel="number of modes", ylabel="factor by which errors grow per impact", title="From the largest Lyapunov exponent")
+    right.set(
+        xscale="log",
+        xlabel="number of modes",
+        ylabel="factor by which errors grow per impact",
+        title="From the largest Lyapunov exponent",
+    )
     plain(right, modes)
     right.axhline(1.0, color="0.6", lw=0.8, ls=":")
     figure.legend(loc="outside lower center", ncols=3, frameon=False)

@@ -23,14 +23,25 @@ SMALL = 12  # modes up to which the whole step is unrolled; above it, that takes
 
 def _system(mechanics: Mechanics, regime: Regime) -> tuple[list[tuple[Any, Any]], list[Any]]:
     """Return the equations of a regime and the expressions of its guards."""
-    n, model = mechanics.modes, mechanics.model
+    n = mechanics.modes
+    model = mechanics.model
     names = [*(f"q{i}" for i in range(n)), "qa", *(f"u{i}" for i in range(n)), "va"]
     names += ["work", "loss"] if mechanics.energy else []
     x = heyoka.make_vars(*names)
-    q, qa, u, va = x[:n], x[n], x[n + 1 : 2 * n + 1], x[2 * n + 1]
+    q = x[:n]
+    qa = x[n]
+    u = x[n + 1 : 2 * n + 1]
+    va = x[2 * n + 1]
     t = heyoka.time
-    force = mechanics.drive.amplitude * heyoka.cos(mechanics.drive.phase + (mechanics.start_omega + 0.5 * mechanics.slope * t) * t)
-    free = [float(model.force_shape[i]) * force - float(mechanics.square[i]) * q[i] - float(mechanics.rate[i]) * u[i] for i in range(n)]
+    force = mechanics.drive.amplitude * heyoka.cos(
+        mechanics.drive.phase + (mechanics.start_omega + 0.5 * mechanics.slope * t) * t
+    )
+    free = [
+        float(model.force_shape[i]) * force
+        - float(mechanics.square[i]) * q[i]
+        - float(mechanics.rate[i]) * u[i]
+        for i in range(n)
+    ]
     tip = [float(value) for value in model.tip_shape]
     y = qa - heyoka.sum([tip[i] * q[i] for i in range(n)])
     gamma = va - heyoka.sum([tip[i] * u[i] for i in range(n)])
@@ -39,11 +50,21 @@ def _system(mechanics: Mechanics, regime: Regime) -> tuple[list[tuple[Any, Any]]
     else:
         contact = regime.constant - regime.stiffness * (y - regime.rest) - regime.damping * gamma
         contact = contact + 0.0 * qa if regime.stiffness == 0 and regime.damping == 0 else contact
-    rates = [*u, va, *(free[i] - tip[i] * contact for i in range(n)), contact * (1 / mechanics.mass)]
+    rates = [
+        *u,
+        va,
+        *(free[i] - tip[i] * contact for i in range(n)),
+        contact * (1 / mechanics.mass),
+    ]
     if mechanics.energy:
         rates.append(force * heyoka.sum([float(model.force_shape[i]) * u[i] for i in range(n)]))
-        rates.append(heyoka.sum([float(mechanics.rate[i]) * u[i] * u[i] for i in range(n)]) - contact * gamma)
-    guards = [g.constant + g.y_weight * y + g.gamma_weight * gamma + g.force_weight * contact for g in regime.guards]
+        rates.append(
+            heyoka.sum([float(mechanics.rate[i]) * u[i] * u[i] for i in range(n)]) - contact * gamma
+        )
+    guards = [
+        g.constant + g.y_weight * y + g.gamma_weight * gamma + g.force_weight * contact
+        for g in regime.guards
+    ]
     return list(zip(x, rates, strict=True)), guards
 
 
@@ -61,15 +82,23 @@ class HeyokaRegimes:
                 self.compiled[name] = self._compile(mechanics, automaton.regime(name))
         lead = LEAD / float(np.max(mechanics.model.omega))
 
-        def integrate(regime: Regime, start: float, stop: float, state: Array) -> tuple[float, Array, int]:
+        def integrate(
+            regime: Regime, start: float, stop: float, state: Array
+        ) -> tuple[float, Array, int]:
             watching, blind = self.compiled[regime.name]
             if regime.guards and start > 0 and start + lead < stop:
                 blind.time = start
                 blind.state[:] = state
                 blind.propagate_until(start + lead)
-                start, state = start + lead, blind.state
-                if any(mechanics.value(regime, guard, start, np.array(state)) <= 0 for guard in regime.guards):
-                    raise PeerFailedError(f"a return to a guard within {LEAD:g} of the fastest mode's time")
+                start = start + lead
+                state = blind.state
+                if any(
+                    mechanics.value(regime, guard, start, np.array(state)) <= 0
+                    for guard in regime.guards
+                ):
+                    raise PeerFailedError(
+                        f"a return to a guard within {LEAD:g} of the fastest mode's time"
+                    )
             watching.time = start
             watching.state[:] = state
             if regime.guards:
@@ -86,7 +115,9 @@ class HeyokaRegimes:
 
     def _compile(self, mechanics: Mechanics, regime: Regime) -> tuple[Any, Any]:
         system, guards = _system(mechanics, regime)
-        events = [heyoka.t_event(guard, direction=heyoka.event_direction.negative) for guard in guards]
+        events = [
+            heyoka.t_event(guard, direction=heyoka.event_direction.negative) for guard in guards
+        ]
 
         def compiled(t_events: list[Any]) -> Any:
             options = {"tol": self.tolerance, "compact_mode": mechanics.modes > SMALL}

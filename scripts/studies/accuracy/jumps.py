@@ -18,7 +18,9 @@ from studies.accuracy.cases import MARKERS, AccuracySettings, Cases, Row, named,
 from studies.study import there
 
 NAME = "jumps"
-FORCE, FRICTION = 1.5, 0.025  # N
+# N
+FORCE = 1.5
+FRICTION = 0.025
 HIGH = 0.75e-3  # m: between the two branches, which lie at about 0.5e-3 and 1.0e-3
 
 
@@ -29,12 +31,18 @@ def cases(settings: AccuracySettings) -> Cases:
     """Return a case for each slowness and method."""
     methods: list[Method] = [Exact(), *map(Moreau, settings.jump_steps)]
     return {
-        (slowness, *_names(method).values()): partial(_measured, slowness, method, settings) for slowness in settings.jump_rates for method in methods
+        (slowness, *_names(method).values()): partial(_measured, slowness, method, settings)
+        for slowness in settings.jump_rates
+        for method in methods
     }
 
 
 def _names(method: Method) -> Row:
-    return {"method": "Exact", "setting": None} if isinstance(method, Exact) else {"method": "Moreau", "setting": method.steps_per_period}
+    return (
+        {"method": "Exact", "setting": None}
+        if isinstance(method, Exact)
+        else {"method": "Moreau", "setting": method.steps_per_period}
+    )
 
 
 def _measured(slowness: float, method: Method, settings: AccuracySettings) -> list[Row]:
@@ -42,11 +50,15 @@ def _measured(slowness: float, method: Method, settings: AccuracySettings) -> li
     scene = beam_scene(Beam(modes=2), impact_absorber(friction_limit=FRICTION))
     low, high = PAPER_LIMITS
     members = draw_members(settings.jump_members, settings.seed)
-    schedule = linear_sweep(scene.model.resonance_omega(1), high, low, percent_per_100_periods=100 / slowness)
+    schedule = linear_sweep(
+        scene.model.resonance_omega(1), high, low, percent_per_100_periods=100 / slowness
+    )
     found = []
     for member, drive in enumerate(members.drives(FORCE, schedule)):
         level = there(simulate(scene, drive, method).level).value
-        found.append({"periods_per_percent": slowness, **_names(method), "member": member, "level_m": level})
+        found.append(
+            {"periods_per_percent": slowness, **_names(method), "member": member, "level_m": level}
+        )
     return found
 
 
@@ -74,18 +86,46 @@ def shares(all_rows: list[Row]) -> list[Share]:
     found = []
     for (slowness, method, setting), each in cells.items():
         levels = np.array(each)
-        found.append(Share(slowness, method, setting, int(np.sum(levels > HIGH)), len(levels), int(np.sum(np.abs(levels - HIGH) < 0.1 * HIGH))))
+        found.append(
+            Share(
+                slowness,
+                method,
+                setting,
+                int(np.sum(levels > HIGH)),
+                len(levels),
+                int(np.sum(np.abs(levels - HIGH) < 0.1 * HIGH)),
+            )
+        )
     return found
 
 
 def jump_table(rows: list[Row]) -> str:
     """Return a line for each slowness and method."""
-    header = ("pseudo periods per 1 %", "method", "runs", "reach the high branch", "95 %, Wilson", "95 %, Clopper-Pearson", "near the limit")
+    header = (
+        "pseudo periods per 1 %",
+        "method",
+        "runs",
+        "reach the high branch",
+        "95 %, Wilson",
+        "95 %, Clopper-Pearson",
+        "near the limit",
+    )
     lines = []
     for share in shares(rows):
-        intervals = ["{:.2f} to {:.2f}".format(*share.interval(method)) for method in ("wilson", "exact")]
+        intervals = [
+            "{:.2f} to {:.2f}".format(*share.interval(method)) for method in ("wilson", "exact")
+        ]
         name = named({"method": share.method, "setting": share.setting})
-        lines.append((f"{share.slowness:g}", name, str(share.runs), f"{share.hits / share.runs:.2f}", *intervals, str(share.between)))
+        lines.append(
+            (
+                f"{share.slowness:g}",
+                name,
+                str(share.runs),
+                f"{share.hits / share.runs:.2f}",
+                *intervals,
+                str(share.between),
+            )
+        )
     return markdown(header, lines)
 
 
@@ -96,14 +136,37 @@ def jump_figures(all_rows: list[Row]) -> dict[str, Figure]:
     lines = unique((share.method, share.setting) for share in found)
     for k, (method, setting) in enumerate(lines):
         line = [share for share in found if (share.method, share.setting) == (method, setting)]
-        at = np.array([share.slowness for share in line]) * 1.03 ** (k - (len(lines) - 1) / 2)  # side by side
+        at = np.array([share.slowness for share in line]) * 1.03 ** (
+            k - (len(lines) - 1) / 2
+        )  # side by side
         y = np.array([share.hits / share.runs for share in line])
         bars = np.abs(np.array([share.interval() for share in line]).T - y)
         label = method if setting is None else f"{method}, {setting:g} steps per highest period"
-        colour = "#0072B2" if setting is None else ("#D55E00", "#E69F00", "#CC79A7", "#777777")[(k - 1) % 4]
-        panel.errorbar(at, y, bars, color=colour, marker=MARKERS[k % len(MARKERS)], ms=6, lw=1.4, capsize=3, label=label)
-    panel.set(xscale="log", ylim=(-0.03, 1.03), xlabel="slowness of the sweep, pseudo periods per 1 % of the resonance frequency")
-    panel.set(ylabel="share of runs that reach the high branch", title="Jump of the two-mode absorber: share of runs, with 95 % intervals (Wilson)")
+        colour = (
+            "#0072B2"
+            if setting is None
+            else ("#D55E00", "#E69F00", "#CC79A7", "#777777")[(k - 1) % 4]
+        )
+        panel.errorbar(
+            at,
+            y,
+            bars,
+            color=colour,
+            marker=MARKERS[k % len(MARKERS)],
+            ms=6,
+            lw=1.4,
+            capsize=3,
+            label=label,
+        )
+    panel.set(
+        xscale="log",
+        ylim=(-0.03, 1.03),
+        xlabel="slowness of the sweep, pseudo periods per 1 % of the resonance frequency",
+    )
+    panel.set(
+        ylabel="share of runs that reach the high branch",
+        title="Jump of the two-mode absorber: share of runs, with 95 % intervals (Wilson)",
+    )
     plain(panel, unique(share.slowness for share in found))
     panel.grid(True, color="0.9", lw=0.6)
     panel.legend(frameon=True, fontsize=9)

@@ -46,7 +46,9 @@ class Truth:
 
 
 Start = tuple[Case, Truth]
-Maker = Callable[[float], Any]  # makes a peer's integrator from a tolerance; what it compiles belongs to one scene and drive
+Maker = Callable[
+    [float], Any
+]  # makes a peer's integrator from a tolerance; what it compiles belongs to one scene and drive
 
 
 def truth_of(it: Case) -> Truth:
@@ -58,7 +60,12 @@ def truth_of(it: Case) -> Truth:
 
     periods = WITHOUT_IMPACTS
     if getattr(it.scene.absorber, "walls", None) is not None:
-        times = impact_times(digits.follow(it.scene, it.drive(MOST_PERIODS), it.initial, impacts=LATEST)) / it.period
+        times = (
+            impact_times(
+                digits.follow(it.scene, it.drive(MOST_PERIODS), it.initial, impacts=LATEST)
+            )
+            / it.period
+        )
         late = times[IMPACTS - 1 :]
         if len(late) > 1:
             k = int(np.argmax(np.diff(late)))
@@ -72,13 +79,31 @@ def state_error(it: Case, state: Array, true: Array) -> float:
     return float(np.sqrt(np.sum(it.weights * (state - true) ** 2) / np.sum(it.weights * true**2)))
 
 
-ERRORS = ("state_error", "first_impact_error_periods", "fifth_impact_error_periods", "balance_error")
+ERRORS = (
+    "state_error",
+    "first_impact_error_periods",
+    "fifth_impact_error_periods",
+    "balance_error",
+)
 
 
-def _row(start: Start, name: str, setting: float | None, found: list[tuple[float | None, ...]], us: float | None, note: str = "") -> Row:
+def _row(
+    start: Start,
+    name: str,
+    setting: float | None,
+    found: list[tuple[float | None, ...]],
+    us: float | None,
+    note: str = "",
+) -> Row:
     """Return a row: medians over the starts."""
     it, truth = start
-    row: Row = {"scene": it.kind.name, "modes": it.modes, "method": name, "setting": setting, "compared_periods": truth.periods}
+    row: Row = {
+        "scene": it.kind.name,
+        "modes": it.modes,
+        "method": name,
+        "setting": setting,
+        "compared_periods": truth.periods,
+    }
     row |= {"impacts": len(truth.impact_time), "starts": len(found), "us_per_period": us}
     for k, error in enumerate(ERRORS):
         known = [values[k] for values in found if values[k] is not None]
@@ -86,36 +111,71 @@ def _row(start: Start, name: str, setting: float | None, found: list[tuple[float
     return {**row, "note": note}
 
 
-def _errors(it: Case, truth: Truth, state: Array, times: Array, balance: float | None) -> tuple[float | None, ...]:
+def _errors(
+    it: Case, truth: Truth, state: Array, times: Array, balance: float | None
+) -> tuple[float | None, ...]:
     """Return the errors named in ERRORS."""
     both = min(len(times), len(truth.impact_time))
-    impacts = [float(abs(times[k - 1] - truth.impact_time[k - 1]) / it.period) if k <= both else None for k in (1, IMPACTS)]
+    impacts = [
+        float(abs(times[k - 1] - truth.impact_time[k - 1]) / it.period) if k <= both else None
+        for k in (1, IMPACTS)
+    ]
     return state_error(it, state, truth.end_state), *impacts, balance
 
 
 def own_row(starts: list[Start], method: Method, settings: AccuracySettings) -> Row:
     """Measure one of the package's methods. Slow runs are made from fewer starts."""
     it, truth = starts[0]
-    found, us, note = [], None, ""
+    found = []
+    us = None
+    note = ""
     try:
-        simulate(it.scene, it.drive(0.01), method, initial=it.initial, record=shared.WATCHED)  # compile
+        simulate(
+            it.scene, it.drive(0.01), method, initial=it.initial, record=shared.WATCHED
+        )  # compile
         began = time.perf_counter()
         for each, true in starts:
-            response = simulate(each.scene, each.drive(true.periods), method, initial=each.initial, record=shared.WATCHED)
-            found.append(_errors(each, true, response.end_state, there(response.impacts).time, there(response.energy).relative_error))
+            response = simulate(
+                each.scene,
+                each.drive(true.periods),
+                method,
+                initial=each.initial,
+                record=shared.WATCHED,
+            )
+            found.append(
+                _errors(
+                    each,
+                    true,
+                    response.end_state,
+                    there(response.impacts).time,
+                    there(response.energy).relative_error,
+                )
+            )
             if time.perf_counter() - began > settings.patience:
                 break
         us = own_time(it, method, truth.periods, settings)
     except IntegrationError as error:
         note = str(error)
-    return _row(starts[0], shared.method_name(method, it.scene), None if isinstance(method, Exact) else method.steps_per_period, found, us, note)
+    return _row(
+        starts[0],
+        shared.method_name(method, it.scene),
+        None if isinstance(method, Exact) else method.steps_per_period,
+        found,
+        us,
+        note,
+    )
 
 
 def own_time(it: Case, method: Method, shortest: float, settings: AccuracySettings) -> float:
     """Return the time of a pseudo period in us: the median of runs that are long enough to be timed."""
 
     def run(periods: float) -> float:
-        return simulate(it.scene, it.drive(periods), method, initial=it.initial, record=shared.BARE).wall_time / periods
+        return (
+            simulate(
+                it.scene, it.drive(periods), method, initial=it.initial, record=shared.BARE
+            ).wall_time
+            / periods
+        )
 
     run(0.01)  # compile
     rough = run(min(shortest, 1.0))
@@ -123,9 +183,13 @@ def own_time(it: Case, method: Method, shortest: float, settings: AccuracySettin
     return 1e6 * median_time(lambda: run(periods), settings.repeats, settings.patience)
 
 
-def peer_row(starts: list[Start], name: str, tolerance: float, make: Maker, settings: AccuracySettings) -> Row:
+def peer_row(
+    starts: list[Start], name: str, tolerance: float, make: Maker, settings: AccuracySettings
+) -> Row:
     """Measure a peer. Slow ones are run from fewer starts."""
-    found, us, note = [], None, ""
+    found = []
+    us = None
+    note = ""
     began = time.perf_counter()
     try:
         for it, truth in starts:
@@ -143,22 +207,32 @@ def peer_row(starts: list[Start], name: str, tolerance: float, make: Maker, sett
     return _row(starts[0], name, tolerance, found, us, note)
 
 
-def _peer_time(it: Case, drive: Drive, maker: Any, first: float, settings: AccuracySettings) -> float:
+def _peer_time(
+    it: Case, drive: Drive, maker: Any, first: float, settings: AccuracySettings
+) -> float:
     if first > settings.patience:
         return first
-    return median_time(lambda: follow(it.scene, drive, it.initial, maker).wall_time, settings.repeats, settings.patience)
+    return median_time(
+        lambda: follow(it.scene, drive, it.initial, maker).wall_time,
+        settings.repeats,
+        settings.patience,
+    )
 
 
 def peers(settings: AccuracySettings) -> list[tuple[str, float, Maker]]:
     """Return name, tolerance and maker of each peer; heyoka where it is installed."""
     if not settings.peers:
         return []
-    found: list[tuple[str, float, Maker]] = [("SciPy", tolerance, scipy_integrator) for tolerance in settings.scipy_tolerances]
+    found: list[tuple[str, float, Maker]] = [
+        ("SciPy", tolerance, scipy_integrator) for tolerance in settings.scipy_tolerances
+    ]
     try:
         from studies.accuracy.heyoka_peer import HeyokaRegimes
     except ModuleNotFoundError:
         return found
-    return found + [("heyoka", tolerance, HeyokaRegimes) for tolerance in settings.heyoka_tolerances]
+    return found + [
+        ("heyoka", tolerance, HeyokaRegimes) for tolerance in settings.heyoka_tolerances
+    ]
 
 
 key = itemgetter("scene", "modes")  # of a row: its case
@@ -167,13 +241,19 @@ key = itemgetter("scene", "modes")  # of a row: its case
 def cases(settings: AccuracySettings) -> Cases:
     """Return a case for each scene and number of modes."""
     every = settings.scenes_and_modes(kind.name for kind in shared.KINDS)
-    return {(name, modes): partial(_measured, shared.kind_named(name), modes, settings) for name, modes in every}
+    return {
+        (name, modes): partial(_measured, shared.kind_named(name), modes, settings)
+        for name, modes in every
+    }
 
 
 def _measured(kind: Kind, modes: int, settings: AccuracySettings) -> list[Row]:
     starts = _starts(kind, modes, settings)
     found = [own_row(starts, method, settings) for method in starts[0][0].methods(settings.steps)]
-    return found + [peer_row(starts, name, tolerance, make, settings) for name, tolerance, make in peers(settings)]
+    return found + [
+        peer_row(starts, name, tolerance, make, settings)
+        for name, tolerance, make in peers(settings)
+    ]
 
 
 def _starts(kind: Kind, modes: int, settings: AccuracySettings) -> list[Start]:
@@ -193,20 +273,46 @@ SHOWN_STEPS = (20, 20000)
 
 def trajectory_table(rows: list[Row]) -> str:
     """Return the lines of most interest; all are in the JSON file."""
-    failed = [f"- {row['scene']}, {row['modes']} modes, {shared.named(row)}: {row['note']}" for row in rows if row["note"]]
+    failed = [
+        f"- {row['scene']}, {row['modes']} modes, {shared.named(row)}: {row['note']}"
+        for row in rows
+        if row["note"]
+    ]
     rows = shared.shown_rows(rows)
     own = ("Moreau", "Runge-Kutta")
-    tight = {name: min((row["setting"] for row in rows if row["method"] == name), default=None) for name in ("SciPy", "heyoka")}
+    tight = {
+        name: min((row["setting"] for row in rows if row["method"] == name), default=None)
+        for name in ("SciPy", "heyoka")
+    }
     shown = [
         row
         for row in rows
-        if row["setting"] is None or (row["method"] in own and row["setting"] in SHOWN_STEPS) or row["setting"] == tight.get(row["method"])
+        if row["setting"] is None
+        or (row["method"] in own and row["setting"] in SHOWN_STEPS)
+        or row["setting"] == tight.get(row["method"])
     ]
-    header = ("scene", "modes", "method", "µs per pseudo period", "state", "first impact", "fifth impact", "energy")
+    header = (
+        "scene",
+        "modes",
+        "method",
+        "µs per pseudo period",
+        "state",
+        "first impact",
+        "fifth impact",
+        "energy",
+    )
     lines = []
     for row in shown:
         errors = ("" if row[name] is None else f"{row[name]:.1e}" for name in ERRORS)
-        lines.append((row["scene"], str(row["modes"]), shared.named(row), shared.number(row["us_per_period"], 3), *errors))
+        lines.append(
+            (
+                row["scene"],
+                str(row["modes"]),
+                shared.named(row),
+                shared.number(row["us_per_period"], 3),
+                *errors,
+            )
+        )
     return markdown(header, lines) + ("\n\nNot finished:\n\n" + "\n".join(failed) if failed else "")
 
 
@@ -218,12 +324,30 @@ def grid(all_rows: list[Row], value: str, scenes: list[str], title: str) -> Figu
     figure, panels = shared.panel_grid(scenes, modes, share=True)
     for line, scene in zip(panels, scenes, strict=True):
         for panel, count in zip(line, modes, strict=True):
-            _panel(panel, [row for row in all_rows if row["scene"] == scene and row["modes"] == count], value)
+            _panel(
+                panel,
+                [row for row in all_rows if row["scene"] == scene and row["modes"] == count],
+                value,
+            )
     shared.label_edges(panels, "time of a pseudo period, µs", LABELS[value])
-    shown = [name for name in shared.LOOKS if any(row["method"] == name for row in all_rows) and (name != "closed form" or len(scenes) == 1)]
+    shown = [
+        name
+        for name in shared.LOOKS
+        if any(row["method"] == name for row in all_rows)
+        and (name != "closed form" or len(scenes) == 1)
+    ]
     names = {"Exact": "Exact (closed form where there are no events)"}
     handles = [
-        Line2D([], [], color=shared.LOOKS[name][0], marker=shared.LOOKS[name][1], lw=1, ls=_line(name), label=names.get(name, name)) for name in shown
+        Line2D(
+            [],
+            [],
+            color=shared.LOOKS[name][0],
+            marker=shared.LOOKS[name][1],
+            lw=1,
+            ls=_line(name),
+            label=names.get(name, name),
+        )
+        for name in shown
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(shown), frameon=False)
     figure.suptitle(title, fontsize=12)
@@ -232,12 +356,25 @@ def grid(all_rows: list[Row], value: str, scenes: list[str], title: str) -> Figu
 
 def _panel(panel: Axes, cell: list[Row], value: str) -> None:
     for name in shared.unique(row["method"] for row in cell):
-        points = [(row["us_per_period"], row[value]) for row in cell if row["method"] == name and row[value] is not None and row["us_per_period"]]
+        points = [
+            (row["us_per_period"], row[value])
+            for row in cell
+            if row["method"] == name and row[value] is not None and row["us_per_period"]
+        ]
         if points:
             x, y = np.array(sorted(points)).T
             colour, marker = shared.LOOKS[name]
             size = 7 if name in ("Exact", "closed form") else 4.5
-            panel.plot(x, np.clip(y, FLOOR, CEILING), marker=marker, ls=_line(name), color=colour, ms=size, lw=1, clip_on=False)
+            panel.plot(
+                x,
+                np.clip(y, FLOOR, CEILING),
+                marker=marker,
+                ls=_line(name),
+                color=colour,
+                ms=size,
+                lw=1,
+                clip_on=False,
+            )
     panel.set(xscale="log", yscale="log")
     panel.yaxis.set_major_locator(LogLocator(numticks=7))
     panel.yaxis.set_minor_formatter(NullFormatter())
@@ -255,10 +392,17 @@ def trajectory_figures(all_rows: list[Row]) -> dict[str, Figure]:
     """Draw errors of the state and of the energy balance over all scenes, and the errors of the main ones."""
     scenes = shared.unique(row["scene"] for row in all_rows)
     without = f"(without impacts: after {WITHOUT_IMPACTS} pseudo periods)"
-    error = f"Error of the state after {IMPACTS} to {LATEST - 1} impacts {without}, against run time"
+    error = (
+        f"Error of the state after {IMPACTS} to {LATEST - 1} impacts {without}, against run time"
+    )
     figures = {
         "trajectory_error": grid(all_rows, "state_error", scenes, error),
-        "energy_balance": grid(all_rows, "balance_error", scenes, "Relative error of the energy balance over the same stretch, against run time"),
+        "energy_balance": grid(
+            all_rows,
+            "balance_error",
+            scenes,
+            "Relative error of the energy balance over the same stretch, against run time",
+        ),
     }
     main = [scene for scene in MAIN if scene in scenes]
     if main:

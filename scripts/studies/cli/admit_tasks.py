@@ -26,9 +26,15 @@ from optimisation.rl.rules import CHOSEN, CONSTANT, EIGHT, TASKS, env_of, polici
 from studies.admission import EFFORTS, QUICK, ROOM, add_agents, admit, tried
 from studies.study import Array, Json
 
-NAMES = (*(name for name in TASKS if not name.startswith(("SweepRateNoisy", "SweepRateDelayed"))), "SweepRateHard-v0")
+NAMES = (
+    *(name for name in TASKS if not name.startswith(("SweepRateNoisy", "SweepRateDelayed"))),
+    "SweepRateHard-v0",
+)
 PICTURES = "tasks"  # folder beside the page
-LANES, STEPS, SPAN = 64, 200, (1, 99)  # of random actions; percentiles
+# of random actions; percentiles
+LANES = 64
+STEPS = 200
+SPAN = (1, 99)
 
 
 def rooms(found: Mapping[str, Json]) -> str:
@@ -41,7 +47,11 @@ def rooms(found: Mapping[str, Json]) -> str:
             scores = np.array(one["scores"][label]) if label in one["scores"] else None
             cells.append("-" if scores is None else told(scores))
         share = "{:.2f} [{:.2f}, {:.2f}]".format(*one[ROOM]) if ROOM in one else "-"
-        verdict = ("admitted" if one["admitted"] else "no room shown") if ROOM in one else "for comparison"
+        verdict = (
+            ("admitted" if one["admitted"] else "no room shown")
+            if ROOM in one
+            else "for comparison"
+        )
         rows.append((f"`{name}`", *cells, share, verdict))
     return markdown(("task", *columns, ROOM, "verdict"), rows)
 
@@ -57,17 +67,30 @@ def searches(found: Mapping[str, Json]) -> str:
     """Return each rule's family and how it was tuned."""
     rows = []
     for name, one in found.items():
-        effort, best = one["effort"], one["rules"][EIGHT]
+        effort = one["effort"]
+        best = one["rules"][EIGHT]
         tried = ", ".join(f"{number:.3f}" for number in best["numbers"])
-        spent, ahead = f"{effort['searched']} / {effort['judged']}", f"{effort['horizon']}, {effort['copies']}"
+        spent = f"{effort['searched']} / {effort['judged']}"
+        ahead = f"{effort['horizon']}, {effort['copies']}"
         rows.append((f"`{name}`", best["family"], tried, spent, ahead if ROOM in one else "-"))
-    return markdown(("task", "best family", "its numbers", "seeds of search / judged", "planner: intervals ahead, copies"), rows)
+    return markdown(
+        (
+            "task",
+            "best family",
+            "its numbers",
+            "seeds of search / judged",
+            "planner: intervals ahead, copies",
+        ),
+        rows,
+    )
 
 
 def parts(kind: type) -> dict[str, str]:
     """Return the sections of an environment's docstring by heading; the text before the first is under an empty one."""
     pieces = re.split(r"^## (.*)$", inspect.getdoc(kind) or "", flags=re.MULTILINE)
-    return {"": pieces[0].strip()} | {heading: text.strip() for heading, text in zip(pieces[1::2], pieces[2::2], strict=True)}
+    return {"": pieces[0].strip()} | {
+        heading: text.strip() for heading, text in zip(pieces[1::2], pieces[2::2], strict=True)
+    }
 
 
 def described(names: Sequence[str] = NAMES) -> str:
@@ -80,13 +103,24 @@ def section(name: str) -> str:
     with optional():
         import gymnasium
     env: Any = gymnasium.make_vec(name, num_envs=LANES)
-    generator, seen = np.random.default_rng(0), [env.reset(seed=0)[0]]
-    seen += [env.step(generator.uniform(-1, 1, env.action_space.shape).astype(np.float32))[0] for _ in range(STEPS)]
+    generator = np.random.default_rng(0)
+    seen = [env.reset(seed=0)[0]]
+    seen += [
+        env.step(generator.uniform(-1, 1, env.action_space.shape).astype(np.float32))[0]
+        for _ in range(STEPS)
+    ]
     low, high = np.percentile(np.concatenate(seen), SPAN, axis=0)
     text = parts(type(gymnasium.make(name).unwrapped))
-    lines = [line for line in text["Observation Space"].splitlines() if re.match(r"\| \d+ \|", line)]
-    rows = [[*(cell.strip() for cell in line.strip("| ").split("|")), f"{a:.2g} to {b:.2g}"] for line, a, b in zip(lines, low, high, strict=True)]
-    table = markdown(("#", "feature", "unit and scale", f"{SPAN[0]} to {SPAN[1]} % under random actions"), rows)
+    lines = [
+        line for line in text["Observation Space"].splitlines() if re.match(r"\| \d+ \|", line)
+    ]
+    rows = [
+        [*(cell.strip() for cell in line.strip("| ").split("|")), f"{a:.2g} to {b:.2g}"]
+        for line, a, b in zip(lines, low, high, strict=True)
+    ]
+    table = markdown(
+        ("#", "feature", "unit and scale", f"{SPAN[0]} to {SPAN[1]} % under random actions"), rows
+    )
     flat = {heading: re.sub(r"\s*\n\s*", " ", own) for heading, own in text.items()}
     head = f"## {name.split('/')[1]}\n\n{flat['']} {flat['Description']}\n\n**Action.** {flat['Action Space']}"
     short = name.split("/")[1]
@@ -97,7 +131,8 @@ def section(name: str) -> str:
 # Pictures: an episode of a task with what is observed, what is done, and what comes of it.
 
 
-SEED, DPI = 3, 90
+SEED = 3
+DPI = 90
 COLOURS = (BLUE, ORANGE)
 
 
@@ -123,7 +158,11 @@ def episode(task: str, policy: Any) -> Episode:
     env: Any = gymnasium.make(f"ImpactAbsorber/{task}")
     seen, info = env.reset(seed=SEED)
     policy.start(1)
-    times, observations, actions, levels, over = [float(info["time"])], [seen], [], [], False
+    times = [float(info["time"])]
+    observations = [seen]
+    actions = []
+    levels = []
+    over = False
     while not over:
         action = policy.act(seen[None])[0]
         seen, reward, end, cut, info = env.step(action)
@@ -136,43 +175,77 @@ def episode(task: str, policy: Any) -> Episode:
     cumulative = "relative_level" in info
     shares = 1 if cumulative else len(levels)  # of a mean, as rewards are
     last = max(1, round(1 / env.unwrapped.task.interval))
-    means = [shares * float(np.mean(levels[max(0, k + 1 - last) : k + 1])) for k in range(len(levels))]
+    means = [
+        shares * float(np.mean(levels[max(0, k + 1 - last) : k + 1])) for k in range(len(levels))
+    ]
     features = [feature.name for feature in env.unwrapped.task.features]
-    return Episode(features, np.array(times), np.array(observations), np.array(actions), np.array(means), cumulative)
+    return Episode(
+        features,
+        np.array(times),
+        np.array(observations),
+        np.array(actions),
+        np.array(means),
+        cumulative,
+    )
 
 
 def save_picture(path: Path, task: str) -> None:
     """Draw an episode by the chosen rule, or by chance where there is none: what is observed, and actions and levels beside those of the constant."""
     chosen = policies(task) if task in TASKS else {}
-    actors = {"the chosen rule": chosen[EIGHT], CONSTANT: chosen[CONSTANT]} if chosen else {"random actions": Random()}
-    found, first = {name: episode(task, policy) for name, policy in actors.items()}, next(iter(actors))
-    features, observations, times = found[first].features, found[first].observations, found[first].times
-    figure, panels = figure_of(8.6, 6.0, 3, 1, sharex=True, height_ratios=(0.24 * len(features), 1, 1.2))
+    actors = (
+        {"the chosen rule": chosen[EIGHT], CONSTANT: chosen[CONSTANT]}
+        if chosen
+        else {"random actions": Random()}
+    )
+    found = {name: episode(task, policy) for name, policy in actors.items()}
+    first = next(iter(actors))
+    features = found[first].features
+    observations = found[first].observations
+    times = found[first].times
+    figure, panels = figure_of(
+        8.6, 6.0, 3, 1, sharex=True, height_ratios=(0.24 * len(features), 1, 1.2)
+    )
     seen, done, came = panels[:, 0]
     shown = observations.T / np.maximum(np.abs(observations).max(axis=0), 1e-12)[:, None]
     edges = np.append(times, 2 * times[-1] - times[-2])
     seen.pcolormesh(edges, np.arange(len(features) + 1), shown, cmap="RdBu_r", vmin=-1, vmax=1)
     seen.set_yticks(np.arange(len(features)) + 0.5, features, fontsize=8)
     seen.invert_yaxis()
-    figure.suptitle(f"{task}: what is observed (blue below 0, red above), what is done, and the level", fontsize=10)
+    figure.suptitle(
+        f"{task}: what is observed (blue below 0, red above), what is done, and the level",
+        fontsize=10,
+    )
     for (name, one), colour in zip(found.items(), COLOURS, strict=False):
-        for values, style, label in zip(one.actions.T, ("-", (0, (2, 1))), (name, f"{name}: second number"), strict=False):
-            done.stairs(values, one.times, baseline=None, color=colour, ls=style, lw=1.3, label=label)
+        for values, style, label in zip(
+            one.actions.T, ("-", (0, (2, 1))), (name, f"{name}: second number"), strict=False
+        ):
+            done.stairs(
+                values, one.times, baseline=None, color=colour, ls=style, lw=1.3, label=label
+            )
         came.stairs(one.levels, one.times, baseline=None, color=colour, lw=1.3)
     came.axhline(1.0, color=BLACK, lw=0.8, ls=":")
     done.set(ylabel="action", ylim=(-1.08, 1.08))
     came.set(ylabel="level so far" if found[first].cumulative else "RMS and prices")
-    came.set(xlabel="time in pseudo periods", xlim=(0, max(one.times[-1] for one in found.values())))
+    came.set(
+        xlabel="time in pseudo periods", xlim=(0, max(one.times[-1] for one in found.values()))
+    )
     came.set_ylim(bottom=min(0.0, *(float(one.levels.min()) for one in found.values())))
     for panel in (done, came):
         panel.grid(True, color="0.9", lw=0.7)
     figure.align_ylabels([done, came])
-    figure.legend(*done.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    figure.legend(
+        *done.get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=2,
+        frameon=False,
+        fontsize=9,
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
     write_figure(figure, path, DPI)
 
 
-NUMBERS, PAGE = DOCS / "tasks.json.gz", DOCS / "tasks.md"
+NUMBERS = DOCS / "tasks.json.gz"
+PAGE = DOCS / "tasks.md"
 MARKERS = ("admission", "rules", "tasks")
 
 
@@ -184,20 +257,55 @@ def known(file: Path) -> dict[str, Json]:
         found = dict(read_json(file)["tasks"])
         rooms(found)
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ParameterError(f"--json = {file} is not allowed: a file that an earlier run of this command wrote ({error!r})") from error
+        raise ParameterError(
+            f"--json = {file} is not allowed: a file that an earlier run of this command wrote ({error!r})"
+        ) from error
     return {name: found[name] for name in TASKS if name in found}
 
 
 @command()
-@click.option("--task", "tasks", multiple=True, type=click.Choice(list(TASKS)), help="May be repeated.  [default: all that have a planner]")
+@click.option(
+    "--task",
+    "tasks",
+    multiple=True,
+    type=click.Choice(list(TASKS)),
+    help="May be repeated.  [default: all that have a planner]",
+)
 @click.option("--quick", is_flag=True, help="A few seeds and generations: to see that it works.")
-@click.option("--judged", type=click.IntRange(min=8), help="Seeds that all are judged on.  [default: 32 to 64, by task]")
-@click.option("--agents", type=click.Path(path_type=Path, file_okay=False, exists=True), help="Folder of trained agents to judge beside rules.")
-@click.option("--json", "target", type=click.Path(path_type=Path), help="File of the numbers, to which others are added.")
-@click.option("--page", type=click.Path(path_type=Path), help=f"Write tables, sections and pictures of all tasks, as in docs/{PAGE.name}.")
-@click.option("--rules", type=click.Path(path_type=Path), help=f"Write the numbers of all rules, too, as in optimisation/rl/{CHOSEN.name}.")
-@click.option("--redraw", is_flag=True, help="The page again from the numbers in --json; only agents of --agents are judged, beside these.")
-def main(tasks: tuple[str, ...], quick: bool, judged: int | None, redraw: bool, **files: Path | None) -> None:
+@click.option(
+    "--judged",
+    type=click.IntRange(min=8),
+    help="Seeds that all are judged on.  [default: 32 to 64, by task]",
+)
+@click.option(
+    "--agents",
+    type=click.Path(path_type=Path, file_okay=False, exists=True),
+    help="Folder of trained agents to judge beside rules.",
+)
+@click.option(
+    "--json",
+    "target",
+    type=click.Path(path_type=Path),
+    help="File of the numbers, to which others are added.",
+)
+@click.option(
+    "--page",
+    type=click.Path(path_type=Path),
+    help=f"Write tables, sections and pictures of all tasks, as in docs/{PAGE.name}.",
+)
+@click.option(
+    "--rules",
+    type=click.Path(path_type=Path),
+    help=f"Write the numbers of all rules, too, as in optimisation/rl/{CHOSEN.name}.",
+)
+@click.option(
+    "--redraw",
+    is_flag=True,
+    help="The page again from the numbers in --json; only agents of --agents are judged, beside these.",
+)
+def main(
+    tasks: tuple[str, ...], quick: bool, judged: int | None, redraw: bool, **files: Path | None
+) -> None:
     """Find the best rules of each task, let planners look ahead, and print scores and room."""
     agents, target, page, rules = (files[name] for name in ("agents", "target", "page", "rules"))
     try:
@@ -212,7 +320,9 @@ def main(tasks: tuple[str, ...], quick: bool, judged: int | None, redraw: bool, 
             effort = replace(effort, judged=judged or effort.judged)
             trained = [] if agents is None else find_agents(agents, FINAL, env_of(task))
             if not redraw:
-                with Bar(total=tried(task, effort), desc=task, unit="candidate", leave=False) as bar:
+                with Bar(
+                    total=tried(task, effort), desc=task, unit="candidate", leave=False
+                ) as bar:
                     found[task] = admit(task, {}, effort, bar.update)
             if task in found:
                 add_agents(task, found[task], trained)
@@ -225,6 +335,10 @@ def main(tasks: tuple[str, ...], quick: bool, judged: int | None, redraw: bool, 
         if page is not None:
             for name in Bar(NAMES, desc="pictures", unit="task", leave=False):
                 save_picture(page.parent / PICTURES / f"{name}.png", name)
-            fill(page, PAGE, {"admission": rooms(found), "rules": searches(found), "tasks": described()})
+            fill(
+                page,
+                PAGE,
+                {"admission": rooms(found), "rules": searches(found), "tasks": described()},
+            )
     except ParameterError as error:
         raise BadInput(str(error)) from error

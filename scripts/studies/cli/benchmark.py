@@ -10,19 +10,50 @@ import click
 import numpy as np
 import scipy.signal
 
-from impact_env import Beam, ModalModel, Record, Scene, SlidingAbsorber, beam_scene, impact_absorber, modal_model
+from impact_env import (
+    Beam,
+    ModalModel,
+    Record,
+    Scene,
+    SlidingAbsorber,
+    beam_scene,
+    impact_absorber,
+    modal_model,
+)
 from impact_env.drive import PAPER_RATE
 from impact_env.loads import Loads, Samples
 from impact_env.methods import PAPER_STEPS, Exact, Moreau
 from optimisation.cli.common import command
 from optimisation.machine import BARE, Timed
-from studies.study import Array, Json, Measured, Study, lines, run, table_options, table_place, table_study, there
-from studies.timing import Advance, TimingSettings, all_cases, each_and_median, in_turn, seconds, sweep_up
+from studies.study import (
+    Array,
+    Json,
+    Measured,
+    Study,
+    lines,
+    run,
+    table_options,
+    table_place,
+    table_study,
+    there,
+)
+from studies.timing import (
+    Advance,
+    TimingSettings,
+    all_cases,
+    each_and_median,
+    in_turn,
+    seconds,
+    sweep_up,
+)
 
 NAME = "benchmark"
 START = 0.98  # of the first resonance; with the whole length the sweep ends at 1.06
-WHOLE, QUICK = 800.0, 60.0  # pseudo periods
-REPEATS, QUICK_REPEATS = 5, 1
+# pseudo periods
+WHOLE = 800.0
+QUICK = 60.0
+REPEATS = 5
+QUICK_REPEATS = 1
 
 
 @dataclass(frozen=True)
@@ -47,7 +78,10 @@ class Case:
 
     def scene(self) -> Scene:
         """Return the scene."""
-        return beam_scene(Beam(modes=self.modes), impact_absorber(restitution=self.restitution, friction_limit=self.friction_limit))
+        return beam_scene(
+            Beam(modes=self.modes),
+            impact_absorber(restitution=self.restitution, friction_limit=self.friction_limit),
+        )
 
 
 CASES = (
@@ -60,11 +94,21 @@ CASES = (
 
 def measure(case: Case, given: TimingSettings, advance: Advance) -> Json:
     """Time both methods: times per pseudo period in us, medians and all repeats."""
-    scene, periods, short = case.scene(), given.periods, min(given.periods, case.moreau_periods)
-    exact, moreau = (Timed(scene, sweep_up(scene, case.force, START, length), method) for length, method in ((periods, Exact()), (short, Moreau())))
+    scene = case.scene()
+    periods = given.periods
+    short = min(given.periods, case.moreau_periods)
+    exact, moreau = (
+        Timed(scene, sweep_up(scene, case.force, START, length), method)
+        for length, method in ((periods, Exact()), (short, Moreau()))
+    )
     response = exact.run()
-    impacts, events, evaluations = (count / periods for count in (response.impact_count, response.steps, response.evaluations))
-    runs = {"exact": lambda: exact.run().wall_time / periods, "moreau": lambda: moreau.run().wall_time / short}
+    impacts, events, evaluations = (
+        count / periods for count in (response.impact_count, response.steps, response.evaluations)
+    )
+    runs = {
+        "exact": lambda: exact.run().wall_time / periods,
+        "moreau": lambda: moreau.run().wall_time / short,
+    }
     times = each_and_median(in_turn(runs, given.repeats, advance))
     return {
         "name": case.name, "case": asdict(case), "pseudo_periods": periods, "moreau_pseudo_periods": short, "impacts_per_period": impacts,
@@ -90,7 +134,8 @@ def table(cases: Sequence[Json]) -> str:
 
 
 def _said(measured: Measured) -> str:
-    cases, repeats = measured.values["cases"], measured.values["repeats"]
+    cases = measured.values["cases"]
+    repeats = measured.values["repeats"]
     periods = cases[0]["pseudo_periods"]
     return (
         f"{table(cases)}\n\n"
@@ -112,9 +157,16 @@ STUDY: Study[TimingSettings] = table_study(
 
 # A sample of a record: beside scipy.signal.lsim where all is linear, and beside the Moreau scheme where walls are.
 RECORD = "benchmark_loads"
-MODES, RATE, FORCE = 10, 5000.0, 20.0  # samples a second; N, the record's RMS
-SAMPLES, QUICK_SAMPLES = 100_000, 2_000  # samples
-PERIOD = 32  # samples in a pseudo period, so that what is recorded is the motion at the record's samples
+# samples a second; N, the record's RMS
+MODES = 10
+RATE = 5000.0
+FORCE = 20.0
+# samples
+SAMPLES = 100_000
+QUICK_SAMPLES = 2_000
+PERIOD = (
+    32  # samples in a pseudo period, so that what is recorded is the motion at the record's samples
+)
 RECORDED: dict[str, SlidingAbsorber | None] = {
     "no absorber": None,
     "walls that are watched, never met": impact_absorber(1.0, 0.7),
@@ -125,31 +177,52 @@ RECORDED: dict[str, SlidingAbsorber | None] = {
 def state_space(model: ModalModel) -> tuple[Array, ...]:
     """Return A, B, C, D from the force to the displacement where the level is read, with the modes' displacements and velocities as states."""
     n = model.modes
-    a = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(model.omega**2), -np.diag(2 * model.damping_ratio * model.omega)]])
+    a = np.block(
+        [
+            [np.zeros((n, n)), np.eye(n)],
+            [-np.diag(model.omega**2), -np.diag(2 * model.damping_ratio * model.omega)],
+        ]
+    )
     b = np.concatenate([np.zeros(n), model.force_shape])[:, None]
     return a, b, np.concatenate([model.level_shape, np.zeros(n)])[None], np.zeros((1, 1))
 
 
-def measure_record(case: tuple[str, SlidingAbsorber | None], given: TimingSettings, advance: Advance) -> Json:
+def measure_record(
+    case: tuple[str, SlidingAbsorber | None], given: TimingSettings, advance: Advance
+) -> Json:
     """Return times of a sample in us, and how far lsim's displacement is from the exact one's, relative to its largest."""
     (name, absorber), samples = case, int(given.periods)
-    model, times = modal_model(Beam(modes=MODES)), np.arange(samples + 1) / RATE
+    model = modal_model(Beam(modes=MODES))
+    times = np.arange(samples + 1) / RATE
     values = FORCE * np.random.default_rng(0).standard_normal(len(times))
-    loads, scene = Loads((Samples(times, values),), 2 * np.pi * RATE / PERIOD), Scene(model, absorber)
+    loads = Loads((Samples(times, values),), 2 * np.pi * RATE / PERIOD)
+    scene = Scene(model, absorber)
     recorded = Record(level=False, series=True, samples_per_period=PERIOD)
-    exact, seen = Timed(scene, loads, Exact(), record=BARE), Timed(scene, loads, Exact(), record=recorded)
+    exact = Timed(scene, loads, Exact(), record=BARE)
+    seen = Timed(scene, loads, Exact(), record=recorded)
     history = there(seen.run().history)
-    row: Json = {"name": name, "samples": samples, "impacts_per_s": exact.run().impact_count / float(times[-1])}
+    row: Json = {
+        "name": name,
+        "samples": samples,
+        "impacts_per_s": exact.run().impact_count / float(times[-1]),
+    }
     runs: dict[str, Callable[[], object]] = {"exact": exact.run, "recorded": seen.run}
     if absorber is None:
         system = scipy.signal.StateSpace(*state_space(model))
         _, found, _ = scipy.signal.lsim(system, values, times)
-        row["difference"] = float(np.max(np.abs(history.modal_displacement @ model.level_shape - found)) / np.max(np.abs(found)))
+        row["difference"] = float(
+            np.max(np.abs(history.modal_displacement @ model.level_shape - found))
+            / np.max(np.abs(found))
+        )
         runs["lsim"] = partial(scipy.signal.lsim, system, values, times)
     else:
         runs["moreau"] = Timed(scene, loads, Moreau()).run
-    each = in_turn({name: partial(seconds, run) for name, run in runs.items()}, given.repeats, advance)
-    return row | {f"{name}_us": 1e6 * statistics.median(found) / samples for name, found in each.items()}
+    each = in_turn(
+        {name: partial(seconds, run) for name, run in runs.items()}, given.repeats, advance
+    )
+    return row | {
+        f"{name}_us": 1e6 * statistics.median(found) / samples for name, found in each.items()
+    }
 
 
 COLUMNS = {
@@ -159,9 +232,17 @@ COLUMNS = {
 
 
 def _record_said(measured: Measured) -> str:
-    cases, repeats = measured.values["cases"], measured.values["repeats"]
-    told = [{name: row[name] if name == "name" else f"{row[name]:.3g}" if name in row else "" for name in COLUMNS.values()} for row in cases]
-    samples, difference = cases[0]["samples"], cases[0]["difference"]
+    cases = measured.values["cases"]
+    repeats = measured.values["repeats"]
+    told = [
+        {
+            name: row[name] if name == "name" else f"{row[name]:.3g}" if name in row else ""
+            for name in COLUMNS.values()
+        }
+        for row in cases
+    ]
+    samples = cases[0]["samples"]
+    difference = cases[0]["difference"]
     return (
         f"{lines({head: f'{{{name}}}' for head, name in COLUMNS.items()}, told)}\n\n"
         f"All per sample of a white record of {samples:,} at {RATE:,.0f} a second, {FORCE:g} N RMS, on the paper's beam with {MODES} modes; whole\n"
@@ -171,22 +252,43 @@ def _record_said(measured: Measured) -> str:
 
 
 RECORD_STUDY: Study[TimingSettings] = table_study(
-    RECORD, "a sample of a record", lambda given: all_cases(list(RECORDED.items()), given, measure_record), _record_said
+    RECORD,
+    "a sample of a record",
+    lambda given: all_cases(list(RECORDED.items()), given, measure_record),
+    _record_said,
 )
 
 
 @command()
-@click.option("--quick", is_flag=True, help=f"{QUICK_REPEATS} repeat of {QUICK:g} pseudo periods: a look, not a measurement.")
-@click.option("--repeats", type=click.IntRange(min=1), help=f"Runs of each method, of which the median counts.  [default: {REPEATS}]")
-@click.option("--record", is_flag=True, help="Time a sample of a record instead, beside lsim as well; its page is docs/loads.md.")
+@click.option(
+    "--quick",
+    is_flag=True,
+    help=f"{QUICK_REPEATS} repeat of {QUICK:g} pseudo periods: a look, not a measurement.",
+)
+@click.option(
+    "--repeats",
+    type=click.IntRange(min=1),
+    help=f"Runs of each method, of which the median counts.  [default: {REPEATS}]",
+)
+@click.option(
+    "--record",
+    is_flag=True,
+    help="Time a sample of a record instead, beside lsim as well; its page is docs/loads.md.",
+)
 @table_options(NAME, "README.md")
-def main(quick: bool, repeats: int | None, record: bool, target: Path | None, page: Path | None) -> None:
+def main(
+    quick: bool, repeats: int | None, record: bool, target: Path | None, page: Path | None
+) -> None:
     """Time the exact method and the Moreau scheme at the paper's step on the same sweeps, and print a table.
 
     Run it on an otherwise idle machine. The first call compiles the kernels, which is not part of the times.
     """
     times = repeats or (QUICK_REPEATS if quick else REPEATS)
     if record:
-        run(RECORD_STUDY, TimingSettings(QUICK_SAMPLES if quick else SAMPLES, times), table_place(target, page))
+        run(
+            RECORD_STUDY,
+            TimingSettings(QUICK_SAMPLES if quick else SAMPLES, times),
+            table_place(target, page),
+        )
     else:
         run(STUDY, TimingSettings(QUICK if quick else WHOLE, times), table_place(target, page))

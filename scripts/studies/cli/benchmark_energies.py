@@ -21,13 +21,26 @@ from impact_env.parameters import (
 )  # fmt: skip
 from optimisation.cli.common import command
 from optimisation.machine import Timed
-from studies.study import Json, Measured, Study, lines, run, table_options, table_place, table_study, there
+from studies.study import (
+    Json,
+    Measured,
+    Study,
+    lines,
+    run,
+    table_options,
+    table_place,
+    table_study,
+    there,
+)
 from studies.timing import Advance, TimingSettings, all_cases, each_and_median, in_turn, sweep_up
 
 NAME = "benchmark_energies"
 START = 0.9  # of the first resonance; with the whole length the sweep ends at 1.06
-WHOLE, QUICK = 1600.0, 40.0  # pseudo periods
-REPEATS, QUICK_REPEATS = 40, 3
+# pseudo periods
+WHOLE = 1600.0
+QUICK = 40.0
+REPEATS = 40
+QUICK_REPEATS = 3
 STIFFNESS = 1e6  # N/m, of compliant walls
 
 
@@ -45,9 +58,15 @@ CASES = (
     Case("e = 0, muN = 0.05 N", impact_absorber(restitution=0.0, friction_limit=0.05)),
     Case("e = 1", impact_absorber(), 5.0),
     Case("e = 1, 30 modes", impact_absorber(), 5.0, modes=30),
-    Case("two absorbers, e = 0.7, muN = 0.05 N", impact_absorbers((1e-3, 1e-3), (0.8, 1.0), 0.7, 0.05)),
+    Case(
+        "two absorbers, e = 0.7, muN = 0.05 N",
+        impact_absorbers((1e-3, 1e-3), (0.8, 1.0), 0.7, 0.05),
+    ),
     Case("compliant walls", SlidingAbsorber(walls=CompliantWalls(STIFFNESS)), 5.0),
-    Case("compliant walls, elastic friction", SlidingAbsorber(walls=CompliantWalls(STIFFNESS), friction=ElasticCoulombFriction(0.1, 1e5))),
+    Case(
+        "compliant walls, elastic friction",
+        SlidingAbsorber(walls=CompliantWalls(STIFFNESS), friction=ElasticCoulombFriction(0.1, 1e5)),
+    ),
     Case("friction damper, muN = 0.3 N", friction_damper(0.3)),
     Case("no absorber", None, 5.0),
     Case("stuck absorber", StuckAbsorber(0.05), 5.0),
@@ -57,11 +76,17 @@ CASES = (
 
 def measure(case: Case, given: TimingSettings, advance: Advance) -> Json:
     """Time both: times per pseudo period in us, medians and all repeats."""
-    scene, periods = beam_scene(Beam(modes=case.modes), case.absorber), given.periods
+    scene = beam_scene(Beam(modes=case.modes), case.absorber)
+    periods = given.periods
     drive = sweep_up(scene, case.force, START, periods)
-    watched, bare = (Timed(scene, drive, Exact(), record=record) for record in (Record(energy=True), Record()))
+    watched, bare = (
+        Timed(scene, drive, Exact(), record=record) for record in (Record(energy=True), Record())
+    )
     response = watched.run()
-    runs = {"energies": lambda: watched.run().wall_time / periods, "bare": lambda: bare.run().wall_time / periods}
+    runs = {
+        "energies": lambda: watched.run().wall_time / periods,
+        "bare": lambda: bare.run().wall_time / periods,
+    }
     times = each_and_median(in_turn(runs, given.repeats, advance))
     return {
         "name": case.name, "pseudo_periods": periods, "stretches_per_period": response.steps / periods, **times,
@@ -83,7 +108,8 @@ def table(cases: Sequence[Json]) -> str:
 
 
 def _said(measured: Measured) -> str:
-    cases, repeats = measured.values["cases"], measured.values["repeats"]
+    cases = measured.values["cases"]
+    repeats = measured.values["repeats"]
     periods = cases[0]["pseudo_periods"]
     return (
         f"{table(cases)}\n\n"
@@ -103,13 +129,23 @@ STUDY: Study[TimingSettings] = table_study(
 
 
 @command()
-@click.option("--quick", is_flag=True, help=f"{QUICK_REPEATS} repeats of {QUICK:g} pseudo periods: a look, not a measurement.")
-@click.option("--repeats", type=click.IntRange(min=1), help=f"Runs of either kind, of which the median counts.  [default: {REPEATS}]")
+@click.option(
+    "--quick",
+    is_flag=True,
+    help=f"{QUICK_REPEATS} repeats of {QUICK:g} pseudo periods: a look, not a measurement.",
+)
+@click.option(
+    "--repeats",
+    type=click.IntRange(min=1),
+    help=f"Runs of either kind, of which the median counts.  [default: {REPEATS}]",
+)
 @table_options(NAME, "docs/method.md")
 def main(quick: bool, repeats: int | None, target: Path | None, page: Path | None) -> None:
     """Time scenes of all kinds without and with an account of energies, and print a table.
 
     Run it on an otherwise idle machine. The first call compiles the kernels, up to a quarter of a minute a scene, which is not part of the times.
     """
-    settings = TimingSettings(QUICK if quick else WHOLE, repeats or (QUICK_REPEATS if quick else REPEATS))
+    settings = TimingSettings(
+        QUICK if quick else WHOLE, repeats or (QUICK_REPEATS if quick else REPEATS)
+    )
     run(STUDY, settings, table_place(target, page))

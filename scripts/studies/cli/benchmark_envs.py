@@ -23,16 +23,28 @@ from optimisation.progress import Bar
 from studies.study import Json, Measured, lines, run, table_options, table_place, table_study
 
 NAME = "speeds"
-PASSIVE, SWEEP = "ImpactAbsorber/Passive-v0", "ImpactAbsorber/SweepRate-v0"
-PASSAGE: dict[str, Any] = {"modes": 3, "force": 1.5, "interval": 1.0, "direction": "up", "limits": (0.98, 1.06)}
+PASSIVE = "ImpactAbsorber/Passive-v0"
+SWEEP = "ImpactAbsorber/SweepRate-v0"
+PASSAGE: dict[str, Any] = {
+    "modes": 3,
+    "force": 1.5,
+    "interval": 1.0,
+    "direction": "up",
+    "limits": (0.98, 1.06),
+}
 SCENE = "3 modes, 1.5 N, e = 1, no friction; up from 0.98 times the first resonance at 1 % per 100 pseudo periods; one pseudo period a step"
-NATIVE, OWN, BRIDGE, TRAINED = (64, 256, 1024, 16384), 64, 1024, 256
+NATIVE = (64, 256, 1024, 16384)
+OWN = 64
+BRIDGE = 1024
+TRAINED = 256
 TRAINED_ON = (
     *("ActiveFriction-v0", "ActiveGap-v0", "Structures-v0", "Passage-v0"),
     *("FrictionChoice-v1", "SweepAndGap-v1", "SweepRate-v1", "GapChoice-v1"),
 )
 SETTLE = 60  # steps before the clock starts: from rest to steady impacts
-SECONDS, QUICK_SECONDS, REPEATS = 3.0, 0.4, 3
+SECONDS = 3.0
+QUICK_SECONDS = 0.4
+REPEATS = 3
 FIRST_STEP = (
     "import time; start = time.perf_counter(); import gymnasium, impact_env; imported = time.perf_counter(); "
     f"env = gymnasium.make('{PASSIVE}', modes=3, interval=1.0); env.reset(seed=0); env.step(0); "
@@ -40,7 +52,14 @@ FIRST_STEP = (
 )
 
 
-def timed(name: str, lanes: int, step: Callable[[], object], seconds: float, advance: Callable[[], object], settle: int = SETTLE) -> Json:
+def timed(
+    name: str,
+    lanes: int,
+    step: Callable[[], object],
+    seconds: float,
+    advance: Callable[[], object],
+    settle: int = SETTLE,
+) -> Json:
     """Return environment steps per second over all lanes: the median of the repeats, and each of them; ``interval`` of a step in pseudo periods.
 
     ``step``, which advances all lanes once, is called for ``seconds`` in each repeat, after so many calls to ``settle``. ``above``: median time in s
@@ -50,7 +69,8 @@ def timed(name: str, lanes: int, step: Callable[[], object], seconds: float, adv
         step()
     rates = []
     for _ in range(REPEATS):
-        count, start = 0, time.perf_counter()
+        count = 0
+        start = time.perf_counter()
         while (passed := time.perf_counter() - start) < seconds:
             step()
             count += 1
@@ -81,9 +101,13 @@ def gym() -> Any:
     return gymnasium
 
 
-def vector(name: str, mode: str, lanes: int, seconds: float, advance: Callable[[], object], **options: Any) -> Json:
+def vector(
+    name: str, mode: str, lanes: int, seconds: float, advance: Callable[[], object], **options: Any
+) -> Json:
     """Time a vector of environments, made by Gymnasium's `make_vec` in this mode."""
-    with closing(gym().make_vec(PASSIVE, num_envs=lanes, vectorization_mode=mode, **options, **PASSAGE)) as env:
+    with closing(
+        gym().make_vec(PASSIVE, num_envs=lanes, vectorization_mode=mode, **options, **PASSAGE)
+    ) as env:
         env.reset(seed=0)
         actions = np.zeros(lanes, dtype=np.int64)
         return timed(name, lanes, lambda: env.step(actions), seconds, advance)
@@ -94,7 +118,9 @@ def task(name: str, lanes: int, seconds: float, advance: Callable[[], object]) -
     env = gym().make_vec(name, num_envs=lanes)
     env.reset(seed=0)
     actions = np.random.default_rng(0).uniform(-1, 1, env.action_space.shape).astype(np.float32)
-    runs, above, simulated = env.unwrapped.task.runs, list[float](), [0.0]
+    runs = env.unwrapped.task.runs
+    above = list[float]()
+    simulated = [0.0]
     simulate = runs.advance
 
     def simulate_timed() -> None:
@@ -120,7 +146,9 @@ def bridge(seconds: float, advance: Callable[[], object]) -> Json:
     with closing(make_native(PASSIVE, BRIDGE, **PASSAGE)) as env:
         env.reset()
         actions = np.zeros(BRIDGE, dtype=np.int64)
-        return timed("stable-baselines3 bridge", BRIDGE, lambda: env.step(actions), seconds, advance)
+        return timed(
+            "stable-baselines3 bridge", BRIDGE, lambda: env.step(actions), seconds, advance
+        )
 
 
 def training(seconds: float, advance: Callable[[], object]) -> Json:
@@ -134,32 +162,56 @@ def training(seconds: float, advance: Callable[[], object]) -> Json:
 
     env = VecMonitor(make_native(SWEEP, TRAINED, **PASSAGE, absorber_options={}))
     model = PPO("MlpPolicy", env, n_steps=16, batch_size=1024, n_epochs=4, seed=0, device="cpu")
-    model.set_logger(Logger(None, []))  # its own would leave a folder in the temporary one at every call of learn
+    model.set_logger(
+        Logger(None, [])
+    )  # its own would leave a folder in the temporary one at every call of learn
     round_of = 16 * TRAINED
     model.learn(round_of)
-    speed = timed("PPO's whole loop", round_of, lambda: model.learn(round_of, reset_num_timesteps=False), seconds, advance, settle=0)
+    speed = timed(
+        "PPO's whole loop",
+        round_of,
+        lambda: model.learn(round_of, reset_num_timesteps=False),
+        seconds,
+        advance,
+        settle=0,
+    )
     env.close()
     return speed | {"lanes": TRAINED}
 
 
 def first_step() -> tuple[float, float]:
     """Return the times in s that a new process needs to import what there is, and then to make an environment and do its first step."""
-    done = [subprocess.run([sys.executable, "-c", FIRST_STEP], capture_output=True, text=True, check=True).stdout for _ in range(REPEATS)]
-    imported, made = np.median([[float(number) for number in pair.split()] for pair in done], axis=0).tolist()
+    done = [
+        subprocess.run(
+            [sys.executable, "-c", FIRST_STEP], capture_output=True, text=True, check=True
+        ).stdout
+        for _ in range(REPEATS)
+    ]
+    imported, made = np.median(
+        [[float(number) for number in pair.split()] for pair in done], axis=0
+    ).tolist()
     return imported, made
 
 
 def cases() -> list[Callable[[float, Callable[[], object]], Json]]:
     """Return the timed cases in the order of the table."""
-    cores, spawned = available_cores(), {"context": "spawn"}
+    cores = available_cores()
+    spawned = {"context": "spawn"}
     return [
         single,
         *(partial(vector, "native vector", "vector_entry_point", lanes) for lanes in NATIVE),
         partial(vector, "Gymnasium's SyncVectorEnv", "sync", OWN),
-        *(partial(vector, "Gymnasium's AsyncVectorEnv", "async", lanes, vector_kwargs=spawned) for lanes in sorted({cores, 4 * cores})),
+        *(
+            partial(vector, "Gymnasium's AsyncVectorEnv", "async", lanes, vector_kwargs=spawned)
+            for lanes in sorted({cores, 4 * cores})
+        ),
         bridge,
         training,
-        *(partial(task, f"ImpactAbsorber/{name}", lanes) for name in TRAINED_ON for lanes in (OWN, BRIDGE)),
+        *(
+            partial(task, f"ImpactAbsorber/{name}", lanes)
+            for name in TRAINED_ON
+            for lanes in (OWN, BRIDGE)
+        ),
     ]
 
 
@@ -176,8 +228,11 @@ def table(speeds: Sequence[Json]) -> str:
     }
     rows = []
     for speed in speeds:
-        rate, trained = speed["steps_per_s"], speed["name"] in TRAINED_ON
-        over, more = ("-", f"{1e6 * speed['above']:,.0f}") if trained else (f"{rate / best:.1f}", "-")
+        rate = speed["steps_per_s"]
+        trained = speed["name"] in TRAINED_ON
+        over, more = (
+            ("-", f"{1e6 * speed['above']:,.0f}") if trained else (f"{rate / best:.1f}", "-")
+        )
         rows.append({**speed, "periods": rate * speed["interval"], "over": over, "more": more})
     return lines(columns, rows)
 
@@ -187,11 +242,18 @@ def _measure(seconds: float) -> Json:
     with Bar(total=REPEATS * len(every), desc="timing", unit="repeat", leave=False) as bar:
         speeds = [case(seconds, bar.update) for case in every]
     imported, made = first_step()
-    return {"scene": SCENE, "repeat_s": seconds, "make_and_first_step_s": made, "import_s": imported, "speeds": speeds}
+    return {
+        "scene": SCENE,
+        "repeat_s": seconds,
+        "make_and_first_step_s": made,
+        "import_s": imported,
+        "speeds": speeds,
+    }
 
 
 def _said(measured: Measured) -> str:
-    values, made = measured.values, measured.conditions
+    values = measured.values
+    made = measured.conditions
     return (
         f"{table(values['speeds'])}\n\n"
         f"{SCENE}.\nMedian of {REPEATS} repeats of {values['repeat_s']:g} s on {made['cores']} cores ({made['processor']}).\n"
@@ -205,7 +267,11 @@ STUDY = table_study(NAME, "speed of the environments", _measure, _said)
 
 
 @command()
-@click.option("--quick", is_flag=True, help=f"{QUICK_SECONDS:g} s a repeat instead of {SECONDS:g} s: a look, not a measurement.")
+@click.option(
+    "--quick",
+    is_flag=True,
+    help=f"{QUICK_SECONDS:g} s a repeat instead of {SECONDS:g} s: a look, not a measurement.",
+)
 @table_options(NAME, "docs/environments.md")
 def main(quick: bool, target: Path | None, page: Path | None) -> None:
     """Measure environment steps per second and print a table.

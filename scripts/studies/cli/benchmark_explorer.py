@@ -28,12 +28,15 @@ from studies.study import Json, Measured, lines, run, table_options, table_place
 
 NAME = "benchmark_explorer"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-REPEATS, QUICK_REPEATS, WHOLE_REPEATS = 15, 2, 2
+REPEATS = 15
+QUICK_REPEATS = 2
+WHOLE_REPEATS = 2
 MARKS = {"first points": "first_ms", "all forces": "all_forces_ms", "all": "everything_ms"}
 CASES = tuple((modes, friction) for modes in (3, 10) for friction in (0.0, 0.1))
 WAIT = 600_000.0  # ms, with what is compiled
 SIZE: Any = {"width": 1280, "height": 800}
-FILM, FILM_COLOURS = (960, 600), 128
+FILM = (960, 600)
+FILM_COLOURS = 128
 PICTURE = 0.3  # s, for which each picture of the film is shown
 GAP = "Gap to either wall, mm"
 FILE = click.Path(dir_okay=False, path_type=Path)
@@ -49,7 +52,15 @@ class ExplorerSettings(NamedTuple):
 @contextmanager
 def serving() -> Iterator[str]:
     """Serve the page in a process of its own and give its address."""
-    words = [sys.executable, "-c", "from optimisation.cli.start import main; main()", "explore", "--port", "0", "--no-browser"]
+    words = [
+        sys.executable,
+        "-c",
+        "from optimisation.cli.start import main; main()",
+        "explore",
+        "--port",
+        "0",
+        "--no-browser",
+    ]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:
@@ -64,7 +75,9 @@ def browsing() -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 
     found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
-    require(found is not None, "browser", None, f"one of {', '.join(BROWSERS)}, installed by the system")
+    require(
+        found is not None, "browser", None, f"one of {', '.join(BROWSERS)}, installed by the system"
+    )
     with sync_playwright() as player:
         browser = player.chromium.launch(executable_path=found, args=["--no-sandbox"])
         yield browser.new_page(viewport=SIZE)
@@ -84,7 +97,9 @@ def opened(page: Any, address: str, setting: str) -> None:
     _finished(page)
 
 
-def moved(page: Any, address: str, modes: int, friction: float, repeats: int) -> dict[str, list[float]]:
+def moved(
+    page: Any, address: str, modes: int, friction: float, repeats: int
+) -> dict[str, list[float]]:
     """Return the times in ms of each move of the gap's slider: the next one comes when all forces are there, after the last ones everything is."""
     opened(page, address, f"modes={modes}&friction={friction}&members=1")
     page.get_by_label(GAP).focus()
@@ -93,8 +108,15 @@ def moved(page: Any, address: str, modes: int, friction: float, repeats: int) ->
         page.keyboard.press("ArrowRight")
         page.wait_for_selector(f'html[data-asked="{before + 1}"]', state="attached")
         _finished(page, "whole" if k <= repeats - WHOLE_REPEATS else "done")
-    found = page.evaluate("performance.getEntriesByType('measure').map((m) => [m.name, m.duration])")
-    return {key: [ms for name, ms in found if name == mark][-(WHOLE_REPEATS if mark == "all" else repeats) :] for mark, key in MARKS.items()}
+    found = page.evaluate(
+        "performance.getEntriesByType('measure').map((m) => [m.name, m.duration])"
+    )
+    return {
+        key: [ms for name, ms in found if name == mark][
+            -(WHOLE_REPEATS if mark == "all" else repeats) :
+        ]
+        for mark, key in MARKS.items()
+    }
 
 
 CURSOR = """
@@ -112,7 +134,11 @@ def film(target: Path) -> None:
         """Take pictures, a moment before each."""
         for _ in range(pictures):
             page.wait_for_timeout(1e3 * PICTURE)
-            frames.append(Image.open(io.BytesIO(page.screenshot())).convert("RGB").resize(FILM, Image.Resampling.LANCZOS))
+            frames.append(
+                Image.open(io.BytesIO(page.screenshot()))
+                .convert("RGB")
+                .resize(FILM, Image.Resampling.LANCZOS)
+            )
 
     def go(x: float, y: float, steps: int) -> None:
         """Move the pointer so, with a picture at each step."""
@@ -128,7 +154,8 @@ def film(target: Path) -> None:
     with serving() as address, browsing() as page:
         opened(page, address, "friction=0.1&gap=0.0005&members=2&modes=3")
         page.evaluate(CURSOR)
-        slider, at = '[data-control="gap"] input[type=range]', [640.0, 400.0]
+        slider = '[data-control="gap"] input[type=range]'
+        at = [640.0, 400.0]
         go(*middle(slider, 0.41), 3)
         page.mouse.down()
         go(*middle(slider, 0.55), 10)
@@ -142,21 +169,28 @@ def film(target: Path) -> None:
         shoot(2)
         page.wait_for_selector("#why:not(:empty)", timeout=WAIT)
         shoot(6)
-    palette = frames[0].quantize(FILM_COLOURS, Image.Quantize.MAXCOVERAGE)  # one for all: what stands still costs nothing
+    palette = frames[0].quantize(
+        FILM_COLOURS, Image.Quantize.MAXCOVERAGE
+    )  # one for all: what stands still costs nothing
     frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     lengths = [*(len(frames) - 1) * [round(1e3 * PICTURE)], 2000]
-    frames[0].save(target, save_all=True, append_images=frames[1:], duration=lengths, loop=0, optimize=True)
+    frames[0].save(
+        target, save_all=True, append_images=frames[1:], duration=lengths, loop=0, optimize=True
+    )
 
 
 def stopped(modes: int, friction: float, repeats: int) -> list[float]:
     """Return the times in ms from an order to stop to the end of all work on a curve."""
-    scene, times = beam_scene(Beam(modes=modes), impact_absorber(restitution=0.7, friction_limit=friction)), []
+    scene = beam_scene(Beam(modes=modes), impact_absorber(restitution=0.7, friction_limit=friction))
+    times = []
     for _ in range(repeats):
         stop = Stop()
         passes = curve_passes(CurveCase(scene, force_grid(3.5)), [Pass(members=MOST_MEMBERS)], stop)
         next(passes)
         at = list[float]()
-        timer = threading.Timer(0.1, lambda stop=stop, at=at: (at.append(time.perf_counter()), stop.give()))
+        timer = threading.Timer(
+            0.1, lambda stop=stop, at=at: (at.append(time.perf_counter()), stop.give())
+        )
         timer.start()
         for _ in passes:
             pass
@@ -166,10 +200,13 @@ def stopped(modes: int, friction: float, repeats: int) -> list[float]:
 
 def measure(settings: ExplorerSettings) -> Json:
     """Return all times of all cases, and the machine's load averages of a minute at the beginning and at the end."""
-    rows, load = [], os.getloadavg()[0]
+    rows = []
+    load = os.getloadavg()[0]
     with serving() as address, browsing() as page:
         for modes, friction in CASES:
-            times = moved(page, address, modes, friction, settings.repeats) | {"stopped_ms": stopped(modes, friction, settings.repeats)}
+            times = moved(page, address, modes, friction, settings.repeats) | {
+                "stopped_ms": stopped(modes, friction, settings.repeats)
+            }
             rows.append({"modes": modes, "friction_limit": friction, **times})
         if settings.picture is not None:
             opened(page, address, "friction=0.1&gap=0.0012&members=8&modes=3")
@@ -188,7 +225,11 @@ def said(found: Measured) -> str:
         "stale work ends, ms": "{stopped_ms}",
     }
     rows = [
-        row | {name: f"{statistics.median(row[name]):.0f} ({max(row[name]):.0f})" for name in (*MARKS.values(), "stopped_ms")}
+        row
+        | {
+            name: f"{statistics.median(row[name]):.0f} ({max(row[name]):.0f})"
+            for name in (*MARKS.values(), "stopped_ms")
+        }
         for row in found.values["cases"]
     ]
     first, last = found.values["load"]
@@ -203,11 +244,21 @@ STUDY = table_study(NAME, "explorer", measure, said)
 
 
 @command()
-@click.option("--quick", is_flag=True, help=f"{QUICK_REPEATS} moves of each case: a look, not a measurement.")
+@click.option(
+    "--quick", is_flag=True, help=f"{QUICK_REPEATS} moves of each case: a look, not a measurement."
+)
 @click.option("--picture", type=FILE, metavar="FILE", help="Keep a picture of the page: .png.")
-@click.option("--film", "filmed", type=FILE, metavar="FILE", help="Make a film of the page, .gif, and nothing else.")
+@click.option(
+    "--film",
+    "filmed",
+    type=FILE,
+    metavar="FILE",
+    help="Make a film of the page, .gif, and nothing else.",
+)
 @table_options(NAME, "docs/explore.md")
-def main(quick: bool, picture: Path | None, filmed: Path | None, target: Path | None, page: Path | None) -> None:
+def main(
+    quick: bool, picture: Path | None, filmed: Path | None, target: Path | None, page: Path | None
+) -> None:
     """Move a slider of the page and time what it draws, until the first points, all forces and everything; and how soon stale work ends.
 
     Run it on an otherwise idle machine. It needs Chromium. The first call compiles kernels, which is not part of the times.
@@ -217,4 +268,10 @@ def main(quick: bool, picture: Path | None, filmed: Path | None, target: Path | 
     if filmed is not None:
         film(filmed)
         return
-    run(STUDY, ExplorerSettings(QUICK_REPEATS if quick else REPEATS, None if picture is None else picture.resolve()), table_place(target, page))
+    run(
+        STUDY,
+        ExplorerSettings(
+            QUICK_REPEATS if quick else REPEATS, None if picture is None else picture.resolve()
+        ),
+        table_place(target, page),
+    )

@@ -22,7 +22,15 @@ from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch
 from impact_env.periodic.schedule import EventSchedule, flying_schedule
 from impact_env.periodic.shooting import shoot
 from impact_env.periodic.survey import attractors, closed_form_orbits, orbit_of_simulation
-from impact_env.periodic.symmetric import FEWEST, closed_folds, closed_form, closed_form_branches, level_places, map_frequencies, symmetric_schedule
+from impact_env.periodic.symmetric import (
+    FEWEST,
+    closed_folds,
+    closed_form,
+    closed_form_branches,
+    level_places,
+    map_frequencies,
+    symmetric_schedule,
+)
 from impact_env.periodic.validation import BAR, CHATTER_BAR, map_over
 from optimisation.cli.common import command
 from optimisation.page import markdown
@@ -31,7 +39,8 @@ from studies.study import Json, Study, run, table_options, table_place, table_st
 from studies.timing import seconds
 
 NAME = "benchmark_periodic"
-REPEATS, QUICK_REPEATS = 21, 3
+REPEATS = 21
+QUICK_REPEATS = 3
 BRANCH_POINTS = 200
 BALANCE_POINTS = 250
 MOVED = 1e-3  # rad, units of impulse: how far from the orbit Newton's method begins
@@ -45,17 +54,32 @@ def line(what: str, bar: float | None, median: float, unit: str, each: Sequence[
     return {"what": what, "bar": bar, "median": median, "unit": unit, "each": list(each)}
 
 
-def timed(what: str, bar: float | None, unit: str, repeats: int, work: Callable[[], object], parts: float = 1.0) -> Json:
+def timed(
+    what: str,
+    bar: float | None,
+    unit: str,
+    repeats: int,
+    work: Callable[[], object],
+    parts: float = 1.0,
+) -> Json:
     """Time ``work``, which does ``parts`` of what is measured; the first call compiles and is not counted."""
     work()
     each = [{"s": 1.0, "ms": 1e3, "us": 1e6}[unit] / parts * seconds(work) for _ in range(repeats)]
     return line(what, bar, statistics.median(each), unit, each)
 
 
-def case_at(modes: int, ratio: float, force: float, restitution: float = 1.0, friction: float = 0.0) -> Case:
+def case_at(
+    modes: int, ratio: float, force: float, restitution: float = 1.0, friction: float = 0.0
+) -> Case:
     """Return the paper's beam and absorber at a frequency over the first resonance's and a force in N."""
     model = modal_model(Beam(modes=modes))
-    return Case(model, ratio * float(model.omega[0]), force, restitution=restitution, friction_limit=friction)
+    return Case(
+        model,
+        ratio * float(model.omega[0]),
+        force,
+        restitution=restitution,
+        friction_limit=friction,
+    )
 
 
 def first_orbit(case: Case) -> Orbit:
@@ -72,7 +96,9 @@ def found(result: T | NoOrbit) -> T:
 
 def newton(schedule: EventSchedule, orbit: Orbit, repeated: int = 1) -> Callable[[], object]:
     """Return Newton's method from beside an orbit, whose events are listed once, or over several of its periods."""
-    z, n, m = unknowns_of(orbit.solution), len(orbit.schedule.events), orbit.schedule.impacts
+    z = unknowns_of(orbit.solution)
+    n = len(orbit.schedule.events)
+    m = orbit.schedule.impacts
     phases = [z[:n] + k * orbit.schedule.turn for k in range(repeated)]
     z = np.concatenate([*phases, *[z[n : n + m]] * repeated, z[n + m :]])
     start = z + MOVED * np.cos(np.arange(len(z)))
@@ -81,9 +107,17 @@ def newton(schedule: EventSchedule, orbit: Orbit, repeated: int = 1) -> Callable
 
 def closed_form_line(modes: int, friction: float, repeats: int) -> Json:
     """Both branches of the closed form, for each frequency."""
-    case, count = case_at(modes, 1.0, 3.0, 1.0, friction), 1000
+    case = case_at(modes, 1.0, 3.0, 1.0, friction)
+    count = 1000
     omegas = np.linspace(0.9, 1.06, count) * case.omega
-    return timed(f"closed form, both branches, {modes} modes", 2.0, "us", repeats, lambda: closed_form_branches(case, omegas), count)
+    return timed(
+        f"closed form, both branches, {modes} modes",
+        2.0,
+        "us",
+        repeats,
+        lambda: closed_form_branches(case, omegas),
+        count,
+    )
 
 
 def map_line(modes: int, repeats: int) -> Json:
@@ -97,7 +131,8 @@ def map_line(modes: int, repeats: int) -> Json:
 def frictionless_branch(repeats: int) -> Json:
     """200 points: events, motion and multipliers, each from the point before."""
     case = case_at(3, 0.9, 3.0)
-    schedule, first = symmetric_schedule(False), float(case.model.omega[0])
+    schedule = symmetric_schedule(False)
+    first = float(case.model.omega[0])
 
     def work() -> None:
         z = unknowns_of(first_orbit(case_at(3, 1.0, 3.0)).solution)
@@ -106,7 +141,9 @@ def frictionless_branch(repeats: int) -> Json:
             z = unknowns_of(solution)
             stability_of(motion_of(solution))
 
-    return timed(f"frictionless, {BRANCH_POINTS} branch points with multipliers", 0.5, "s", repeats, work)
+    return timed(
+        f"frictionless, {BRANCH_POINTS} branch points with multipliers", 0.5, "s", repeats, work
+    )
 
 
 def branch_of(orbit: Orbit, reach: tuple[float, float]) -> OrbitBranch:
@@ -115,7 +152,9 @@ def branch_of(orbit: Orbit, reach: tuple[float, float]) -> OrbitBranch:
     return orbit_branch(orbit.solution, "omega", (low, high), FINE_STEPS)
 
 
-def branch_line(what: str, bar: float, orbit: Orbit, reach: tuple[float, float], repeats: int) -> Json:
+def branch_line(
+    what: str, bar: float, orbit: Orbit, reach: tuple[float, float], repeats: int
+) -> Json:
     """Continuation through changes of the events' order, for 200 points."""
     points = len(branch_of(orbit, reach).schedules)
     return timed(what, bar, "s", repeats, lambda: branch_of(orbit, reach), points / BRANCH_POINTS)
@@ -129,17 +168,27 @@ def largest(what: str, bar: float, each: list[float]) -> Json:
 def residual_line(orbits: dict[str, Orbit], reach: tuple[float, float]) -> Json:
     """The exact method's residual of every orbit on the isola of three modes, and of the single ones."""
     branch = branch_of(orbits["isola"], reach)
-    each = [orbit.residual for orbit in (*branch.orbits(), *orbits.values()) if isinstance(orbit, Orbit)]
+    each = [
+        orbit.residual for orbit in (*branch.orbits(), *orbits.values()) if isinstance(orbit, Orbit)
+    ]
     return largest(f"largest residual by propagation, {len(each)} orbits", BAR, each)
 
 
 def balance_line(repeats: int) -> Json:
     """Harmonic balance as in the paper: the isola of three modes at 20 harmonics, folds located, for 250 points."""
-    case, harmonics = case_at(3, 0.95, 1.5, 1.0, 0.01), 20
-    first, best = float(case.model.omega[0]), closed_form(case)[-1]
+    case = case_at(3, 0.95, 1.5, 1.0, 0.01)
+    harmonics = 20
+    first = float(case.model.omega[0])
+    best = closed_form(case)[-1]
     balance = harmonic_balance(case.scene, case.omega, case.force, harmonics)
     z = balance.solved(start_of_orbit(balance, best.impulse, best.phase))
-    work = partial(both_ways, frequency_problem(balance, 0.85 * first, 1.0 * first), z, case.omega, BALANCE_STEPS)
+    work = partial(
+        both_ways,
+        frequency_problem(balance, 0.85 * first, 1.0 * first),
+        z,
+        case.omega,
+        BALANCE_STEPS,
+    )
     what = f"harmonic balance, {harmonics} harmonics, {BALANCE_POINTS} branch points, 3 modes"
     return timed(what, 5.0, "s", repeats, work, len(work()) / BALANCE_POINTS)
 
@@ -159,14 +208,22 @@ def fold_line() -> Json:
 
 def held_orbits() -> dict[str, Orbit]:
     """What runs settle to with a wall that holds the absorber after a complete chatter, and with friction that holds it."""
-    cases = {"chatter": (case_at(3, 0.9, 20.0, 0.1), 300.0), "stuck": (case_at(10, 0.9726, 3.5, 0.7, 0.1), 1000.0)}
-    return {name: orbit for name, (case, settle) in cases.items() if isinstance(orbit := orbit_of_simulation(case, settle), Orbit)}
+    cases = {
+        "chatter": (case_at(3, 0.9, 20.0, 0.1), 300.0),
+        "stuck": (case_at(10, 0.9726, 3.5, 0.7, 0.1), 1000.0),
+    }
+    return {
+        name: orbit
+        for name, (case, settle) in cases.items()
+        if isinstance(orbit := orbit_of_simulation(case, settle), Orbit)
+    }
 
 
 def shooting_line(what: str, orbit: Orbit, repeats: int) -> Json:
     """Shooting from beside an orbit: each of Newton's steps follows the whole motion event by event."""
     phase, state = orbit.motion.mid_flight()
-    start, schedule = state * (1 + 1e-5 * np.cos(np.arange(len(state)))), orbit.schedule
+    start = state * (1 + 1e-5 * np.cos(np.arange(len(state))))
+    schedule = orbit.schedule
     work = partial(shoot, orbit.case, phase, start, schedule.symmetric, schedule.period_multiple)
     return timed(what, None, "ms", repeats, lambda: found(work()))
 
@@ -175,46 +232,106 @@ def multiplier_line(orbits: dict[str, Orbit], bar: float = 1e-6) -> Json:
     """Multipliers against eigenvalues of the exact method's map, differentiated by runs that are disturbed in each coordinate."""
     each = []
     for orbit in orbits.values():
-        case, n = orbit.case, orbit.case.model.modes
-        unit = case.gap * np.concatenate([case.omega / case.model.omega, [1.0], np.full(n, case.omega), [case.omega]])
+        case = orbit.case
+        n = orbit.case.model.modes
+        unit = case.gap * np.concatenate(
+            [case.omega / case.model.omega, [1.0], np.full(n, case.omega), [case.omega]]
+        )
         start, state = orbit.motion.mid_flight()
         columns = []
         for k in range(len(state)):
             step = DIFFERENCE * unit[k] * np.eye(len(state))[k]
-            columns.append((map_over(orbit.motion, start, state + step) - map_over(orbit.motion, start, state - step)) / (2 * DIFFERENCE * unit))
-        truth, values = list(np.linalg.eigvals(np.array(columns).T)), orbit.stability.multipliers
+            columns.append(
+                (
+                    map_over(orbit.motion, start, state + step)
+                    - map_over(orbit.motion, start, state - step)
+                )
+                / (2 * DIFFERENCE * unit)
+            )
+        truth = list(np.linalg.eigvals(np.array(columns).T))
+        values = orbit.stability.multipliers
         for value in values:
             k = int(np.argmin(np.abs(np.array(truth) - value)))
             each.append(float(abs(truth.pop(k) - value) / max(1.0, abs(values[0]))))
-    return largest(f"multipliers against disturbed runs, {len(each)} of {len(orbits)} orbits{', complete chatter' * (bar > 1e-6)}", bar, each)
+    return largest(
+        f"multipliers against disturbed runs, {len(each)} of {len(orbits)} orbits{', complete chatter' * (bar > 1e-6)}",
+        bar,
+        each,
+    )
 
 
 def measure(repeats: int) -> list[Json]:
     """Make all lines, one after the other."""
     losses = first_orbit(case_at(1, 0.93, 1.5, 0.75))
     sided = next(orbit for orbit in attractors(losses.case, [losses]) if isinstance(orbit, Orbit))
-    isola, many = first_orbit(case_at(3, 0.9523, 1.5, 1.0, 0.01)), first_orbit(case_at(10, 0.97, 3.5, 0.7, 0.1))
+    isola = first_orbit(case_at(3, 0.9523, 1.5, 1.0, 0.01))
+    many = first_orbit(case_at(10, 0.97, 3.5, 0.7, 0.1))
     free = first_orbit(case_at(3, 0.9523, 1.5))
     orbits = {"isola": isola, "many": many, "sided": sided, "losses": losses, "free": free}
-    twice = flying_schedule([int(wall) for wall in sided.schedule.order.wall] * 2, False, period_multiple=2)
-    slow, held = max(repeats // 4, 3), held_orbits()
+    twice = flying_schedule(
+        [int(wall) for wall in sided.schedule.order.wall] * 2, False, period_multiple=2
+    )
+    slow = max(repeats // 4, 3)
+    held = held_orbits()
     jobs: list[Callable[[], Json]] = [
         lambda: closed_form_line(3, 0.01, repeats),
         lambda: closed_form_line(10, 0.1, repeats),
         lambda: map_line(3, repeats),
         lambda: map_line(10, repeats),
-        lambda: timed("frictionless orbit of 2 impacts by Newton, 3 modes", 0.2, "ms", repeats, newton(free.schedule, free)),
-        lambda: timed("frictionless orbit of 4 impacts by Newton, 1 mode", 0.2, "ms", repeats, newton(twice, sided, 2)),
+        lambda: timed(
+            "frictionless orbit of 2 impacts by Newton, 3 modes",
+            0.2,
+            "ms",
+            repeats,
+            newton(free.schedule, free),
+        ),
+        lambda: timed(
+            "frictionless orbit of 4 impacts by Newton, 1 mode",
+            0.2,
+            "ms",
+            repeats,
+            newton(twice, sided, 2),
+        ),
         lambda: frictionless_branch(slow),
-        lambda: timed("orbit with friction by Newton, 3 modes, 4 reversals", 0.1, "ms", repeats, newton(isola.schedule, isola)),
-        lambda: branch_line(f"{BRANCH_POINTS}-point branch with friction, 3 modes", 0.5, isola, (0.9, 1.0), slow),
-        lambda: timed("orbit with friction by Newton, 10 modes, 48 reversals", 2.0, "ms", repeats, newton(many.schedule, many)),
-        lambda: branch_line(f"{BRANCH_POINTS}-point branch with friction, 10 modes", 5.0, many, (0.967, 0.9712), slow),
-        lambda: shooting_line("orbit with complete chatter by shooting, 3 modes, 26 impacts", held["chatter"], slow),
-        lambda: shooting_line("orbit with a stuck phase by shooting, 10 modes, period 3, 158 reversals", held["stuck"], slow),
+        lambda: timed(
+            "orbit with friction by Newton, 3 modes, 4 reversals",
+            0.1,
+            "ms",
+            repeats,
+            newton(isola.schedule, isola),
+        ),
+        lambda: branch_line(
+            f"{BRANCH_POINTS}-point branch with friction, 3 modes", 0.5, isola, (0.9, 1.0), slow
+        ),
+        lambda: timed(
+            "orbit with friction by Newton, 10 modes, 48 reversals",
+            2.0,
+            "ms",
+            repeats,
+            newton(many.schedule, many),
+        ),
+        lambda: branch_line(
+            f"{BRANCH_POINTS}-point branch with friction, 10 modes",
+            5.0,
+            many,
+            (0.967, 0.9712),
+            slow,
+        ),
+        lambda: shooting_line(
+            "orbit with complete chatter by shooting, 3 modes, 26 impacts", held["chatter"], slow
+        ),
+        lambda: shooting_line(
+            "orbit with a stuck phase by shooting, 10 modes, period 3, 158 reversals",
+            held["stuck"],
+            slow,
+        ),
         lambda: balance_line(QUICK_REPEATS),
         lambda: residual_line(orbits, (0.9, 1.0)),
-        lambda: largest(f"largest residual by propagation, {len(held)} orbits by shooting", CHATTER_BAR, [orbit.residual for orbit in held.values()]),
+        lambda: largest(
+            f"largest residual by propagation, {len(held)} orbits by shooting",
+            CHATTER_BAR,
+            [orbit.residual for orbit in held.values()],
+        ),
         fold_line,
         lambda: multiplier_line(orbits),
         lambda: multiplier_line({"chatter": held["chatter"]}, 1e-4),
@@ -231,8 +348,13 @@ def table(lines: Sequence[Json]) -> str:
     """Return a line for each median, with its bar."""
     rows = []
     for line in lines:
-        bar, unit = line["bar"], line["unit"]
-        judged = ("none", "") if bar is None else (number(bar, unit), "yes" if line["median"] <= bar else "no")
+        bar = line["bar"]
+        unit = line["unit"]
+        judged = (
+            ("none", "")
+            if bar is None
+            else (number(bar, unit), "yes" if line["median"] <= bar else "no")
+        )
         rows.append((line["what"], number(line["median"], unit), *judged))
     return markdown(("what", "median", "bar", "reached"), rows)
 

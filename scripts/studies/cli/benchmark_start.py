@@ -48,8 +48,22 @@ env = gymnasium.make("ImpactAbsorber/SweepRate-v1")
 env.reset(seed=0)
 env.step(env.action_space.sample())
 """
-ORBITS = ("-m", "optimisation.cli.group", "orbits", "--modes", "3", "--friction-limit", "0.01", "--at", "0.95")
-OTHERS = {"first step of an environment": ("-c", FIRST_STEP), "orbits, symmetric": (*ORBITS, "--symmetric"), "orbits, all": ORBITS}
+ORBITS = (
+    "-m",
+    "optimisation.cli.group",
+    "orbits",
+    "--modes",
+    "3",
+    "--friction-limit",
+    "0.01",
+    "--at",
+    "0.95",
+)
+OTHERS = {
+    "first step of an environment": ("-c", FIRST_STEP),
+    "orbits, symmetric": (*ORBITS, "--symmetric"),
+    "orbits, all": ORBITS,
+}
 WANTED = 75.0  # s
 WANTED_CALL = 15.0  # s
 
@@ -57,58 +71,122 @@ WANTED_CALL = 15.0  # s
 FORGOTTEN = ("IMPACT_ENV_", "NUMBA_", "PIP_CACHE", "PYTHONPATH", "XDG_", "VIRTUAL_ENV")
 
 
-def timed(what: str, command: list[str], clone: Path, environment: dict[str, str], wanted: float | None = None) -> Json:
+def timed(
+    what: str,
+    command: list[str],
+    clone: Path,
+    environment: dict[str, str],
+    wanted: float | None = None,
+) -> Json:
     """Run a step in the clone and return its times in s; raises ClickException with what it said if it fails."""
-    before, began = os.times(), time.perf_counter()
-    done = subprocess.run(command, cwd=clone, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True)
-    wall, after = time.perf_counter() - began, os.times()
+    before = os.times()
+    began = time.perf_counter()
+    done = subprocess.run(
+        command,
+        cwd=clone,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+    )
+    wall = time.perf_counter() - began
+    after = os.times()
     if done.returncode:
-        raise click.ClickException(f"{what}: {' '.join(command)} ended with {done.returncode}: {done.stderr.strip()[-2000:]}")
-    cpu = after.children_user + after.children_system - before.children_user - before.children_system
+        raise click.ClickException(
+            f"{what}: {' '.join(command)} ended with {done.returncode}: {done.stderr.strip()[-2000:]}"
+        )
+    cpu = (
+        after.children_user + after.children_system - before.children_user - before.children_system
+    )
     return {"what": what, "wall_s": wall, "cpu_s": cpu, "wanted_s": wanted}
 
 
 def first_calls(quick: bool) -> dict[str, tuple[str, ...]]:
     """Return all first calls, by name as Python's arguments."""
     scenes = FIRST_CALLS[:1] if quick else FIRST_CALLS
-    return {variant.name: ("-c", FIRST_CALL, variant.absorber, variant.method, variant.record) for variant in scenes} | ({} if quick else OTHERS)
+    return {
+        variant.name: ("-c", FIRST_CALL, variant.absorber, variant.method, variant.record)
+        for variant in scenes
+    } | ({} if quick else OTHERS)
 
 
 def steps(quick: bool, place: Path, advance: Callable[[], object]) -> list[Json]:
     """Do all steps in an empty folder and return their times: by the clock, of all cores together, and what is wanted by the clock, if anything."""
-    clone, home = place / "clone", place / "home"
+    clone = place / "clone"
+    home = place / "home"
     home.mkdir()
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(FORGOTTEN)} | {"HOME": str(home)}  # of a newcomer
+    environment = {
+        name: value for name, value in os.environ.items() if not name.startswith(FORGOTTEN)
+    } | {"HOME": str(home)}  # of a newcomer
     timed("clone", ["git", "clone", "--quiet", str(ROOT), str(clone)], place, os.environ.copy())
-    set_up = [getattr(sys, "_base_executable", sys.executable), str(clone / "scripts" / "lib" / "set_up.py")]
-    comparison = [str(clone / "scripts" / "run"), "compare_absorbers", *(["--quick"] if quick else []), "--out", str(place / "results")]
-    started = {"set-up": [*set_up, "main"], "compilation": [*set_up, "main", "kernels"], "comparison": comparison}
+    set_up = [
+        getattr(sys, "_base_executable", sys.executable),
+        str(clone / "scripts" / "lib" / "set_up.py"),
+    ]
+    comparison = [
+        str(clone / "scripts" / "run"),
+        "compare_absorbers",
+        *(["--quick"] if quick else []),
+        "--out",
+        str(place / "results"),
+    ]
+    started = {
+        "set-up": [*set_up, "main"],
+        "compilation": [*set_up, "main", "kernels"],
+        "comparison": comparison,
+    }
     found = []
     for what, words in started.items():
         found.append(timed(what, words, clone, environment))
         advance()
     wall, cpu = (sum(step[name] for step in found) for name in ("wall_s", "cpu_s"))
-    found.append({"what": "to the table and the figure", "wall_s": wall, "cpu_s": cpu, "wanted_s": WANTED})
+    found.append(
+        {"what": "to the table and the figure", "wall_s": wall, "cpu_s": cpu, "wanted_s": WANTED}
+    )
     if not quick:
         timed("packages of the environments", [*set_up, "env"], clone, environment)
     for name, arguments in first_calls(quick).items():
-        found.append(timed(f"first call: {name}", [str(clone / ".venv" / "bin" / "python"), *arguments], clone, environment, WANTED_CALL))
+        found.append(
+            timed(
+                f"first call: {name}",
+                [str(clone / ".venv" / "bin" / "python"), *arguments],
+                clone,
+                environment,
+                WANTED_CALL,
+            )
+        )
         advance()
     return found
 
 
 def _measure(quick: bool) -> Json:
     if not (ROOT / ".git").exists() or shutil.which("git") is None:
-        raise ParameterError(f"{ROOT} is not allowed: a checkout with its history, and git to clone it")
+        raise ParameterError(
+            f"{ROOT} is not allowed: a checkout with its history, and git to clone it"
+        )
     total = 3 + len(first_calls(quick))
-    with tempfile.TemporaryDirectory(prefix="start-") as place, Bar(total=total, desc="starting", unit="step", leave=False) as bar:
+    with (
+        tempfile.TemporaryDirectory(prefix="start-") as place,
+        Bar(total=total, desc="starting", unit="step", leave=False) as bar,
+    ):
         return {"cores": available_cores(), "steps": steps(quick, Path(place), bar.update)}
 
 
 def table(found: list[Json]) -> str:
     """Return a line for each step."""
-    columns = {"step": "{what}", "by the clock, s": "{wall_s:.1f}", "of all cores, s": "{cpu_s:.1f}", "wanted, s": "{wanted}"}
-    return lines(columns, ({**step, "wanted": "" if step["wanted_s"] is None else f"{step['wanted_s']:g}"} for step in found))
+    columns = {
+        "step": "{what}",
+        "by the clock, s": "{wall_s:.1f}",
+        "of all cores, s": "{cpu_s:.1f}",
+        "wanted, s": "{wanted}",
+    }
+    return lines(
+        columns,
+        (
+            {**step, "wanted": "" if step["wanted_s"] is None else f"{step['wanted_s']:g}"}
+            for step in found
+        ),
+    )
 
 
 def _said(measured: Measured) -> str:
@@ -120,7 +198,11 @@ STUDY = table_study(NAME, "from nothing to the first figure", _measure, _said)
 
 
 @command()
-@click.option("--quick", is_flag=True, help="The quick comparison and one first call: a look, not a measurement.")
+@click.option(
+    "--quick",
+    is_flag=True,
+    help="The quick comparison and one first call: a look, not a measurement.",
+)
 @table_options(NAME, "docs/internals/cost.md")
 def main(quick: bool, target: Path | None, page: Path | None) -> None:
     """Clone the checkout into an empty folder and time set-up, compilation, comparison, and first calls of what is not compiled beforehand.

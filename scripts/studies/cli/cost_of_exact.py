@@ -11,7 +11,14 @@ import numpy as np
 from impact_env.families.exact import rigid_regimes
 from impact_env.families.family import WINDOW_PERIODS
 from impact_env.kernels.compiling.jit import jit
-from impact_env.kernels.events.signals import Course, Guards, Signal, new_signal, signal_at, terms_of
+from impact_env.kernels.events.signals import (
+    Course,
+    Guards,
+    Signal,
+    new_signal,
+    signal_at,
+    terms_of,
+)
 from impact_env.kernels.motion.forced import Forced, Window, fill_carrier, new_forced, solve_forced
 from impact_env.kernels.motion.slots import Slots, advance
 from impact_env.kernels.motion.vector import POINTS, Place, Step, begin_orders, scan, turn_2
@@ -36,7 +43,8 @@ class Room(NamedTuple):
 
 def make_room(slots: Slots, omega: float, half: float) -> Room:
     """Return room with amplitudes of a millimetre on every slot, forced at ``omega`` in a window of half length ``half`` (s)."""
-    signal, forced = new_signal(slots.rows.shape[1]), new_forced(slots, None)
+    signal = new_signal(slots.rows.shape[1])
+    forced = new_forced(slots, None)
     window = Window(0.0, half, omega, 0.0, 1.0, 0.0)
     solve_forced(slots, window, None, forced)
     signal.u[:] = 1e-3
@@ -46,11 +54,15 @@ def make_room(slots: Slots, omega: float, half: float) -> Room:
 @jit
 def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
     """Look at a block of times, again and again."""
-    w, size, total = room.signal.moving, slots.rows.shape[1], 0
+    w = room.signal.moving
+    size = slots.rows.shape[1]
+    total = 0
     begin_orders(slots.rows, room.signal.u, w, size)
     fill_carrier(slots.steps, room.window.omega, level, room.forced.carrier)
-    course, guards = Course(slots, room.forced, room.window.omega, room.signal, 0.0), Guards(-1.0, 1.0, 0, None, False)
-    place, step = Place(0.0, 1.0, 0.0, 0), Step(level, slots.steps[level, 0], size, 1e-9, 1e-9)
+    course = Course(slots, room.forced, room.window.omega, room.signal, 0.0)
+    guards = Guards(-1.0, 1.0, 0, None, False)
+    place = Place(0.0, 1.0, 0.0, 0)
+    step = Step(level, slots.steps[level, 0], size, 1e-9, 1e-9)
     for k in range(calls):
         w[0] = 1e-3 + 1e-12 * k
         walls, _ = scan(course, guards, place, step, size)
@@ -61,7 +73,8 @@ def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
 @jit
 def repeat_turn(calls, slots, room, level):  # type: ignore[no-untyped-def]
     """Move the amplitudes on by a block, again and again."""
-    w, size = room.signal.moving, slots.rows.shape[1]
+    w = room.signal.moving
+    size = slots.rows.shape[1]
     begin_orders(slots.rows, room.signal.u, w, size)
     turns = slots.turns
     for _ in range(calls):
@@ -71,7 +84,8 @@ def repeat_turn(calls, slots, room, level):  # type: ignore[no-untyped-def]
 @jit
 def repeat_refine(calls, slots, room):  # type: ignore[no-untyped-def]
     """Evaluate the signal exactly at another offset each time."""
-    total, step = 0.0, room.window.half / calls
+    total = 0.0
+    step = room.window.half / calls
     terms = terms_of(Course(slots, room.forced, room.window.omega, room.signal, 0.0))
     for k in range(calls):
         y, v, a, j = signal_at(terms, k * step)
@@ -96,7 +110,8 @@ def repeat_solve(calls, slots, room):  # type: ignore[no-untyped-def]
 
 
 NAME = "cost"
-PERIODS, QUICK_PERIODS = 800.0, 60.0
+PERIODS = 800.0
+QUICK_PERIODS = 60.0
 CALLS = 20_000
 REPEATS = 7
 
@@ -109,35 +124,58 @@ def nanoseconds(call: Callable[[], object]) -> float:
 
 def measure(case: Case, periods: float) -> Json:
     """Time a whole run, and each part in a loop of its own on the same scene."""
-    scene, level = case.scene(), 1
+    scene = case.scene()
+    level = 1
     window = WINDOW_PERIODS * 2 * np.pi / scene.model.resonance_omega(1)
     run = Timed(scene, sweep_up(scene, case.force, START, periods), Exact())
-    response, us = run.run(), 1e6 * median_time(lambda: run.run().wall_time, REPEATS) / periods
-    events, evaluations = response.steps / periods, response.evaluations / periods
+    response = run.run()
+    us = 1e6 * median_time(lambda: run.run().wall_time, REPEATS) / periods
+    events = response.steps / periods
+    evaluations = response.evaluations / periods
     slots = rigid_regimes(scene, window)[0].slots
     room = make_room(slots, scene.model.resonance_omega(1), 0.5 * window)
-    scan, turn = (nanoseconds(partial(repeat, CALLS, slots, room, level)) for repeat in (repeat_scan, repeat_turn))
-    refine, advanced, chirp = (nanoseconds(partial(repeat, CALLS, slots, room)) for repeat in (repeat_refine, repeat_advance, repeat_solve))
+    scan, turn = (
+        nanoseconds(partial(repeat, CALLS, slots, room, level))
+        for repeat in (repeat_scan, repeat_turn)
+    )
+    refine, advanced, chirp = (
+        nanoseconds(partial(repeat, CALLS, slots, room))
+        for repeat in (repeat_refine, repeat_advance, repeat_solve)
+    )
     parts = {  # time of one call in ns, calls per pseudo period
-        f"{POINTS} times of the signal, its rate and the margins to walls": (scan, evaluations - events),
+        f"{POINTS} times of the signal, its rate and the margins to walls": (
+            scan,
+            evaluations - events,
+        ),
         "amplitudes moved on": (turn, evaluations - events),
         "one exact value and three derivatives (refining an event)": (refine, events),
         "slots advanced to the event": (advanced, events),
         "chirp of a window": (chirp, 1 / WINDOW_PERIODS),
     }
     own = {"us": us, "slots": int(slots.rows.shape[1]), "least_us": 1e-3 * events * (scan + turn)}
-    return {"case": case.name, **own, "parts": [{"name": name, "ns": ns, "calls": calls} for name, (ns, calls) in parts.items()]}
+    return {
+        "case": case.name,
+        **own,
+        "parts": [{"name": name, "ns": ns, "calls": calls} for name, (ns, calls) in parts.items()],
+    }
 
 
 def table(cases: Sequence[Json]) -> str:
     """Return the parts of every case: time of a call, calls, share."""
     rows: list[tuple[str, ...]] = []
     for case in cases:
-        us, spent = case["us"], {part["name"]: 1e-3 * part["ns"] * part["calls"] for part in case["parts"]}
+        us = case["us"]
+        spent = {part["name"]: 1e-3 * part["ns"] * part["calls"] for part in case["parts"]}
         calls = {part["name"]: f"{part['ns']:.0f} x {part['calls']:.1f}" for part in case["parts"]}
-        rest = {"all else: jumps, joined phases, decisions, arguments": us - sum(spent.values()), "least: one block an event": case["least_us"]}
+        rest = {
+            "all else: jumps, joined phases, decisions, arguments": us - sum(spent.values()),
+            "least: one block an event": case["least_us"],
+        }
         rows.append((case["case"], f"{case['slots']} slots", "", f"{us:.3g}", "100 %"))
-        rows += [("", name, calls.get(name, ""), f"{own:.2f}", f"{100 * own / us:.0f} %") for name, own in (spent | rest).items()]
+        rows += [
+            ("", name, calls.get(name, ""), f"{own:.2f}", f"{100 * own / us:.0f} %")
+            for name, own in (spent | rest).items()
+        ]
     return markdown(("case", "part", "ns x calls per period", "us", "share"), rows)
 
 
@@ -145,7 +183,11 @@ def table(cases: Sequence[Json]) -> str:
 STUDY: Study[float] = table_study(
     NAME,
     "what the exact method's time is spent on",
-    lambda periods: {"cases": [measure(case, periods) for case in Bar(CASES, desc="timing", unit="case", leave=False)]},
+    lambda periods: {
+        "cases": [
+            measure(case, periods) for case in Bar(CASES, desc="timing", unit="case", leave=False)
+        ]
+    },
     lambda measured: (
         f"{table(measured.values['cases'])}\n\n"
         "Times per pseudo period, medians on one core. Parts are timed alone in a loop, with warm caches, and their sum is therefore a lower bound."
@@ -154,7 +196,11 @@ STUDY: Study[float] = table_study(
 
 
 @command()
-@click.option("--quick", is_flag=True, help=f"Runs of {QUICK_PERIODS:g} pseudo periods instead of {PERIODS:g}.")
+@click.option(
+    "--quick",
+    is_flag=True,
+    help=f"Runs of {QUICK_PERIODS:g} pseudo periods instead of {PERIODS:g}.",
+)
 @table_options(NAME, "docs/internals/cost.md")
 def main(quick: bool, target: Path | None, page: Path | None) -> None:
     """Measure the parts of the exact method's time, on one core."""

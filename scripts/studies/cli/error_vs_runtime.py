@@ -23,7 +23,10 @@ DPI = 110
 
 
 def _part(
-    module: ModuleType, title: str, table: Callable[[list[Row]], str], draw: Callable[[list[Row]], dict[str, Figure]] = lambda _: {}
+    module: ModuleType,
+    title: str,
+    table: Callable[[list[Row]], str],
+    draw: Callable[[list[Row]], dict[str, Figure]] = lambda _: {},
 ) -> Part[AccuracySettings]:
     """Return a part of the study: a module with its ``cases`` and the ``key`` of a row's case, a table and figures by file name, of its rows."""
 
@@ -31,7 +34,10 @@ def _part(
         return f"{table(measured.values['rows'])}\n\n{made_with(measured)}"
 
     def figures(measured: Measured) -> dict[str, Saver]:
-        return {file: partial(write_figure, figure, dpi=DPI) for file, figure in draw(measured.values["rows"]).items()}
+        return {
+            file: partial(write_figure, figure, dpi=DPI)
+            for file, figure in draw(measured.values["rows"]).items()
+        }
 
     return rows_part(module.NAME, title, module.cases, module.key, text, figures=figures)
 
@@ -45,30 +51,56 @@ def pack(name: str, measured: Measured) -> Json:
     versions = dict(made.pop("versions"))
     python = versions.pop("python")
     kept = {RENAMED.get(word, word): value for word, value in made.items()}
-    return {"part": name, "python": python, "versions": versions, "complete": measured.complete, **kept, "rows": measured.values["rows"]}
+    return {
+        "part": name,
+        "python": python,
+        "versions": versions,
+        "complete": measured.complete,
+        **kept,
+        "rows": measured.values["rows"],
+    }
 
 
 def unpack(name: str, content: Json) -> Measured:
     """Return the values in the content of a file; raises KeyError or ValueError if it was another."""
     if content.pop("part") != name:
         raise ValueError(f"not the part {name}")
-    rows, complete = content.pop("rows"), content.pop("complete")
+    rows = content.pop("rows")
+    complete = content.pop("complete")
     if not isinstance(rows, list):
         raise TypeError("rows are no list")
     made = {word: content.pop(file) for word, file in RENAMED.items()}
-    return Measured({"rows": rows}, made | {"versions": {"python": content.pop("python"), **content.pop("versions")}} | content, bool(complete))
+    return Measured(
+        {"rows": rows},
+        made | {"versions": {"python": content.pop("python"), **content.pop("versions")}} | content,
+        bool(complete),
+    )
 
 
 STUDY: Study[AccuracySettings] = Study(
     (
-        _part(trajectory, "errors over the first impacts", trajectory.trajectory_table, trajectory.trajectory_figures),
-        _part(distribution, "errors of the level's distribution", distribution.distribution_table, distribution.distribution_figures),
+        _part(
+            trajectory,
+            "errors over the first impacts",
+            trajectory.trajectory_table,
+            trajectory.trajectory_figures,
+        ),
+        _part(
+            distribution,
+            "errors of the level's distribution",
+            distribution.distribution_table,
+            distribution.distribution_figures,
+        ),
         _part(bands, "what a band stands for", bands.band_table),
         _part(growth, "how fast errors grow", growth.growth_table, growth.growth_figures),
         _part(jumps, "the jump of the two-mode absorber", jumps.jump_table, jumps.jump_figures),
         _part(cost, "what a pseudo period costs", cost.cost_table, cost.cost_figures),
     ),
-    notes=lambda settings: {"quick": settings.quick, "seed": settings.seed, "peers": settings.peers},
+    notes=lambda settings: {
+        "quick": settings.quick,
+        "seed": settings.seed,
+        "peers": settings.peers,
+    },
     pack=pack,
     unpack=unpack,
     packages=("numpy", "scipy", "numba", "mpmath", "heyoka"),
@@ -78,14 +110,47 @@ PARTS = tuple(part.name for part in STUDY.parts)
 
 
 @command()
-@click.option("--only", type=click.Choice(PARTS), multiple=True, help="Compute this part only; may be given several times.")
-@click.option("--quick", is_flag=True, help="A look in about two minutes: few scenes, methods and runs.")
+@click.option(
+    "--only",
+    type=click.Choice(PARTS),
+    multiple=True,
+    help="Compute this part only; may be given several times.",
+)
+@click.option(
+    "--quick", is_flag=True, help="A look in about two minutes: few scenes, methods and runs."
+)
 @click.option("--no-peers", is_flag=True, help="Leave SciPy and heyoka out.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of phases and perturbations.")
-@click.option("--redraw", is_flag=True, help="Draw figures and tables anew from the files in --out; nothing is computed.")
-@click.option("--resume", is_flag=True, help="Go on from the files in --out where runs were stopped early; what is complete is left as it is.")
-@click.option("--out", type=click.Path(path_type=Path), help=f"Folder for results and figures.  [default: {OUT}; {QUICK_OUT} with --quick]")
-def main(only: tuple[str, ...], quick: bool, no_peers: bool, seed: int, redraw: bool, resume: bool, out: Path | None) -> None:
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of phases and perturbations.",
+)
+@click.option(
+    "--redraw",
+    is_flag=True,
+    help="Draw figures and tables anew from the files in --out; nothing is computed.",
+)
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Go on from the files in --out where runs were stopped early; what is complete is left as it is.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help=f"Folder for results and figures.  [default: {OUT}; {QUICK_OUT} with --quick]",
+)
+def main(
+    only: tuple[str, ...],
+    quick: bool,
+    no_peers: bool,
+    seed: int,
+    redraw: bool,
+    resume: bool,
+    out: Path | None,
+) -> None:
     """Measure error against run time, on one core and without compilation.
 
     Each part writes PART.json.gz and its figures into --out, and its table into the page FOLDER.md beside that folder if there is one. Run
@@ -93,4 +158,11 @@ def main(only: tuple[str, ...], quick: bool, no_peers: bool, seed: int, redraw: 
     what is finished.
     """
     settings = replace(QUICK if quick else FULL, seed=seed, peers=not no_peers)
-    run(STUDY, settings, with_page(out or (QUICK_OUT if quick else OUT), only or PARTS), only=only, redraw=redraw, resume=resume)
+    run(
+        STUDY,
+        settings,
+        with_page(out or (QUICK_OUT if quick else OUT), only or PARTS),
+        only=only,
+        redraw=redraw,
+        resume=resume,
+    )

@@ -21,9 +21,26 @@ from optimisation.statistics import ratio_of_quantiles
 from studies.findings import parts
 from studies.findings.figures import FIGURES
 from studies.findings.parts import FindingsSettings
-from studies.study import Json, Measured, Part, Saver, Study, beside, lines, run, whole_part, with_sources
+from studies.study import (
+    Json,
+    Measured,
+    Part,
+    Saver,
+    Study,
+    beside,
+    lines,
+    run,
+    whole_part,
+    with_sources,
+)
 
-UNITS = {"gap": ("mm", 1e3), "friction_limit": ("N", 1.0), "restitution": ("", 1.0), "stiffness": ("N/m", 1.0), "damping": ("N s/m", 1.0)}
+UNITS = {
+    "gap": ("mm", 1e3),
+    "friction_limit": ("N", 1.0),
+    "restitution": ("", 1.0),
+    "stiffness": ("N/m", 1.0),
+    "damping": ("N s/m", 1.0),
+}
 SYMBOLS = {"restitution": "e", "friction_limit": "muN", "stiffness": "k", "damping": "c"}
 
 
@@ -42,7 +59,9 @@ def _design(found: Json) -> str:
         kind, _, which = name.rpartition("_") if name[-1].isdigit() else (name, "", "")
         unit, scale = UNITS.get(kind, ("", 1.0))
         symbol = SYMBOLS.get(kind, kind) + (f" {which}" if which else "")
-        parts.append(f"{symbol}{':' if which else ''} {scale * found['winner']['values'][name]:.3g} {unit}".rstrip())
+        parts.append(
+            f"{symbol}{':' if which else ''} {scale * found['winner']['values'][name]:.3g} {unit}".rstrip()
+        )
     return ", ".join(parts)
 
 
@@ -50,9 +69,16 @@ def _judged(judged: Json) -> str:
     return f"{_percent(judged['score'][0])} ({_band(judged['score_5_to_95_percent'][0])})"
 
 
-def _over(one: Json, other: Json, digits: int, names: tuple[str, str] = ("members_winner", "members_winner")) -> str:
+def _over(
+    one: Json,
+    other: Json,
+    digits: int,
+    names: tuple[str, str] = ("members_winner", "members_winner"),
+) -> str:
     """Return one judged level over another, ratio of the medians with its 95 % interval."""
-    members = [np.array(found[name], dtype=float) for found, name in zip((one, other), names, strict=True)]
+    members = [
+        np.array(found[name], dtype=float) for found, name in zip((one, other), names, strict=True)
+    ]
     gain = ratio_of_quantiles(members[0], members[1])
     return f"{gain.ratio:.{digits}f} ({_band((gain.low, gain.high), 1.0, f'.{digits}f')})"
 
@@ -68,7 +94,10 @@ def _found_besides(found: Json) -> Iterator[str]:
             two = condition[name]["branches"]
             if two is not None:
                 pairs = zip(two["relative"], two["shares_of_members"], strict=True)
-                low, high = (f"{_percent(level)} % ({_percent(share, 0)} % of the members)" for level, share in pairs)
+                low, high = (
+                    f"{_percent(level)} % ({_percent(share, 0)} % of the members)"
+                    for level, share in pairs
+                )
                 yield f"near resonance {condition['resonance']} {label} has two branches, {low} and {high}"
     yield from (f"it lies at a bound, {line}" for line in found["winner_at_bounds"])
     wider = found.get("with_more_modes")
@@ -79,20 +108,53 @@ def _found_besides(found: Json) -> Iterator[str]:
 
 def _besides(named: Mapping[str, Json]) -> str:
     """Return a list of `_found_besides`, by name."""
-    lines = [f"- *{name}*: {'; '.join(said)}." for name, found in named.items() if (said := list(_found_besides(found)))]
+    lines = [
+        f"- *{name}*: {'; '.join(said)}."
+        for name, found in named.items()
+        if (said := list(_found_besides(found)))
+    ]
     return "\n\n" + "\n".join(lines) if lines else ""
 
 
 def _concepts(result: Json) -> str:
-    header = ("concept", "found from scratch", "worse of both, %", "the paper's choice, %", "found over paper's", "first, %", "second, %", "share, %")
-    rows, searches, best = [], [], result["impact"]
+    header = (
+        "concept",
+        "found from scratch",
+        "worse of both, %",
+        "the paper's choice, %",
+        "found over paper's",
+        "first, %",
+        "second, %",
+        "share, %",
+    )
+    rows = []
+    searches = []
+    best = result["impact"]
     for concept, found in result.items():
         winners = [condition["winner"] for condition in found["conditions"]]
-        shares = " and ".join(_percent(winner["share_of_possible_reduction"], 0) for winner in winners)
+        shares = " and ".join(
+            _percent(winner["share_of_possible_reduction"], 0) for winner in winners
+        )
         levels = (_percent(winner["relative"]) for winner in winners)
-        rows.append((concept, _design(found), _judged(found["winner"]), _judged(found["paper"]), _gain(found), *levels, shares))
-        searches.append(f"{concept} {found['designs']} designs, {found['problem']['members']} members")
-    others = [f"{_over(found, best, 2)} times for the concept {concept}" for concept, found in result.items() if found is not best]
+        rows.append(
+            (
+                concept,
+                _design(found),
+                _judged(found["winner"]),
+                _judged(found["paper"]),
+                _gain(found),
+                *levels,
+                shares,
+            )
+        )
+        searches.append(
+            f"{concept} {found['designs']} designs, {found['problem']['members']} members"
+        )
+    others = [
+        f"{_over(found, best, 2)} times for the concept {concept}"
+        for concept, found in result.items()
+        if found is not best
+    ]
     text = f"The worse level over that of the impact absorber found, ratio of the medians with its 95 % interval: {'; '.join(others)}."
     return f"{markdown(header, rows)}\n\n{text} Searches: {', '.join(searches)}." + _besides(result)
 
@@ -120,11 +182,21 @@ def _optima(result: Json) -> str:
     }
 
     def told(found: Json, digits: int = 3) -> Json:
-        return {**found, "level": _judged(found["winner"]), "papers": _judged(found["paper"]), "gain": _gain(found, digits)}
+        return {
+            **found,
+            "level": _judged(found["winner"]),
+            "papers": _judged(found["paper"]),
+            "gain": _gain(found, digits),
+        }
 
     dampers = lines(friction, map(told, result["friction"]))
     absorbers = [
-        told(x, 2) | {"band": _band(x["best_force_5_to_95_percent_n"], 1.0, ".3g"), "design": _design(x), "gap_mm": 1e3 * x["rule_gap_m"]}
+        told(x, 2)
+        | {
+            "band": _band(x["best_force_5_to_95_percent_n"], 1.0, ".3g"),
+            "design": _design(x),
+            "gap_mm": 1e3 * x["rule_gap_m"],
+        }
         for x in result["impact"]
     ]
     besides = _besides({f"Resonance {x['resonance']}": x for x in result["impact"]})
@@ -133,8 +205,11 @@ def _optima(result: Json) -> str:
 
 def _place(result: Json) -> str:
     levels_of = ("worse of both, %", "limit, %", "first alone, %", "second alone, %")
-    header, rows = ("position x/l", "mass ratio to mode 1", "to mode 2", "best gap, mm", *levels_of), []
-    for x, shapes, *both in zip(*(result[name] for name in ("positions", "shapes", "relative", "limit")), strict=True):
+    header = ("position x/l", "mass ratio to mode 1", "to mode 2", "best gap, mm", *levels_of)
+    rows = []
+    for x, shapes, *both in zip(
+        *(result[name] for name in ("positions", "shapes", "relative", "limit")), strict=True
+    ):
         levels, bounds = map(np.array, both)
         best = int(levels.max(axis=1).argmin())
         ratios = [f"{result['mass_kg'] * shape**2:.4f}" for shape in shapes]
@@ -148,16 +223,32 @@ def _place(result: Json) -> str:
 
 def _robustness(result: Json) -> str:
     detunings = result["designs"][0]["detuning"]
-    shown = sorted({0, len(detunings) // 4, len(detunings) // 2, -1 - len(detunings) // 4, -1}, key=lambda k: k % len(detunings))
+    shown = sorted(
+        {0, len(detunings) // 4, len(detunings) // 2, -1 - len(detunings) // 4, -1},
+        key=lambda k: k % len(detunings),
+    )
     rows = []
     for x in result["designs"]:
-        relative = [level / without for level, without in zip(x["median"], x["without"], strict=True)]
-        rows.append((f"{x['concept']}, {x['name']}", *(_percent(relative[k]) for k in shown), _percent(max(relative))))
+        relative = [
+            level / without for level, without in zip(x["median"], x["without"], strict=True)
+        ]
+        rows.append(
+            (
+                f"{x['concept']}, {x['name']}",
+                *(_percent(relative[k]) for k in shown),
+                _percent(max(relative)),
+            )
+        )
     return markdown(("level, %", *(f"{100 * detunings[k]:+.1f} %" for k in shown), "largest"), rows)
 
 
 def _front(result: Json) -> str:
-    columns = {"seed": "{seed}", "NSGA-II": "{method:.4f}", "random search": "{random:.4f}", "difference, %": "{off:+.1f}"}
+    columns = {
+        "seed": "{seed}",
+        "NSGA-II": "{method:.4f}",
+        "random search": "{random:.4f}",
+        "difference, %": "{off:+.1f}",
+    }
     seeds = [{**x, "off": 100 * (x["method"] / x["random"] - 1)} for x in result["against_random"]]
     won = result["seeds_won_against_random"]
     text = f"{result['designs']} designs each. NSGA-II has the larger hypervolume in {won} of {len(seeds)} seeds."
@@ -184,8 +275,14 @@ def _full(result: Json) -> str:
         ("with judging and audit", f"{result['with_judging_s']:.0f} s"),
         ("share of the search outside the runs", f"{_percent(result['overhead'])} %"),
         ("largest resident memory", f"{result['memory_bytes'] / 2**30:.2f} GiB"),
-        ("left behind, now run in full: better than the best found", f"{behind['better_than_best_found']} of {behind['run_in_full']}"),
-        ("winner, worse of both resonances", f"{_percent(result['score'])} ({_band(result['score_5_to_95_percent'])}) %"),
+        (
+            "left behind, now run in full: better than the best found",
+            f"{behind['better_than_best_found']} of {behind['run_in_full']}",
+        ),
+        (
+            "winner, worse of both resonances",
+            f"{_percent(result['score'])} ({_band(result['score_5_to_95_percent'])}) %",
+        ),
     ]
     return markdown(("", "value"), rows)
 
@@ -194,21 +291,42 @@ NAME = "findings"
 QUICK_OUT = Path("results/findings")
 OUT = published(Path("docs"), QUICK_OUT)
 JOURNALS = Path("results/findings/journals")
-DESIGNS, FEW, POINTS = 160, 4, 13  # odd: the study's own force is one of the points
-QUICK_DESIGNS, QUICK_POINTS = 20, 6
+# odd: the study's own force is one of the points
+DESIGNS = 160
+FEW = 4
+POINTS = 13
+QUICK_DESIGNS = 20
+QUICK_POINTS = 6
 
 
 def settings(quick: bool, executor: Executor, seed: int, out: Path) -> FindingsSettings:
     """Return how much to search, with journals by which the same command goes on where it was stopped."""
-    journals, data = JOURNALS / ("quick" if quick else "full") / str(seed), out / NAME
-    sizes = (QUICK_DESIGNS, QUICK_MEMBERS, QUICK_MEMBERS, QUICK_POINTS) if quick else (DESIGNS, DEFAULT_MEMBERS, FEW, POINTS)
-    return FindingsSettings(executor, journals, *sizes, data, (QUICK_SPEED if quick else 1.0) * PAPER_RATE, seed, quick=quick)
+    journals = JOURNALS / ("quick" if quick else "full") / str(seed)
+    data = out / NAME
+    sizes = (
+        (QUICK_DESIGNS, QUICK_MEMBERS, QUICK_MEMBERS, QUICK_POINTS)
+        if quick
+        else (DESIGNS, DEFAULT_MEMBERS, FEW, POINTS)
+    )
+    return FindingsSettings(
+        executor,
+        journals,
+        *sizes,
+        data,
+        (QUICK_SPEED if quick else 1.0) * PAPER_RATE,
+        seed,
+        quick=quick,
+    )
 
 
 # a title, what measures it, what tells it
 PARTS: dict[str, tuple[str, Callable[[FindingsSettings], Json], Callable[[Json], str]]] = {
     "concepts": ("the best design of each concept for two resonances", parts.concepts, _concepts),
-    "optima": ("the best friction limit, gap and force at each resonance alone", parts.optima, _optima),
+    "optima": (
+        "the best friction limit, gap and force at each resonance alone",
+        parts.optima,
+        _optima,
+    ),
     "place": ("where along the beam", parts.place, _place),
     "robustness": ("a beam that is not what it was thought to be", parts.robustness, _robustness),
     "front": ("first against second resonance", parts.front, _front),
@@ -237,14 +355,50 @@ STUDY: Study[FindingsSettings] = Study(
 
 
 @command()
-@click.option("--part", "parts", type=click.Choice(list(PARTS)), multiple=True, help="Part to do; may be repeated.  [default: all]")
-@click.option("--quick", is_flag=True, help=f"A look: few designs, fast sweeps, into {QUICK_OUT} unless told otherwise; the numbers mean little.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of searches and members.")
-@click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the numbers do not depend on it.  [default: all cores]")
+@click.option(
+    "--part",
+    "parts",
+    type=click.Choice(list(PARTS)),
+    multiple=True,
+    help="Part to do; may be repeated.  [default: all]",
+)
+@click.option(
+    "--quick",
+    is_flag=True,
+    help=f"A look: few designs, fast sweeps, into {QUICK_OUT} unless told otherwise; the numbers mean little.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of searches and members.",
+)
+@click.option(
+    "--threads",
+    type=click.IntRange(min=1),
+    help="Number of threads; the numbers do not depend on it.  [default: all cores]",
+)
 @cluster_option
-@click.option("--out", type=click.Path(path_type=Path), help=f"Folder for findings.md and its folder findings.  [default: {OUT}]")
-@click.option("--redraw", is_flag=True, help="Draw figures and tables again from the numbers in the folder; nothing is computed.")
-def main(parts: tuple[str, ...], quick: bool, seed: int, threads: int | None, cluster: str | None, out: Path | None, redraw: bool) -> None:
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help=f"Folder for findings.md and its folder findings.  [default: {OUT}]",
+)
+@click.option(
+    "--redraw",
+    is_flag=True,
+    help="Draw figures and tables again from the numbers in the folder; nothing is computed.",
+)
+def main(
+    parts: tuple[str, ...],
+    quick: bool,
+    seed: int,
+    threads: int | None,
+    cluster: str | None,
+    out: Path | None,
+    redraw: bool,
+) -> None:
     """Search, judge and explain the best absorbers for the paper's beam, and write docs/findings.md with its figures and tables.
 
     The text of the page is written by hand; what stands between markers is written by this command. Ctrl-C ends a part; finished parts are written,

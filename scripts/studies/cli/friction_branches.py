@@ -26,10 +26,25 @@ from optimisation.progress import runs_bar
 from optimisation.search.judge import judged
 from optimisation.statistics import branches
 from optimisation.variables import FRICTION_LIMIT, GAP, IMPACT
-from studies.study import Json, Measured, Study, lines, rows_part, run, table_options, table_place, with_sources
+from studies.study import (
+    Json,
+    Measured,
+    Study,
+    lines,
+    rows_part,
+    run,
+    table_options,
+    table_place,
+    with_sources,
+)
 
 LIMITS = (0.0, 0.002, 0.0125, 0.06, 0.1)  # N
-CASES = ((0.01, 1.0), (0.005, 1.0), (0.005, 1.4), (0.002, 1.4))  # damping ratio, and gap over the rule's
+CASES = (
+    (0.01, 1.0),
+    (0.005, 1.0),
+    (0.005, 1.4),
+    (0.002, 1.4),
+)  # damping ratio, and gap over the rule's
 FORCE = 3.5
 NAME = "friction_branches"
 MEMBERS = 32  # at the paper's damping
@@ -49,12 +64,23 @@ def _rows(damping: float, factor: float, given: BranchSettings) -> list[Json]:
     On the paper's beam with another damping, and a gap ``factor`` times the rule's. There are fewer members at less damping, whose sweeps take longer
     by its square, but a quarter at least.
     """
-    members, found = max(1, round(given.members * min(1.0, max(0.25, damping / PAPER_DAMPING)))), []
-    problem = Problem(design_space(IMPACT), (Condition(1, FORCE),), beam=Beam(damping_ratio=damping), members=members)
+    members = max(1, round(given.members * min(1.0, max(0.25, damping / PAPER_DAMPING))))
+    found = []
+    problem = Problem(
+        design_space(IMPACT),
+        (Condition(1, FORCE),),
+        beam=Beam(damping_ratio=damping),
+        members=members,
+    )
     start = problem.space.default.values
-    designs = [Design(IMPACT, {**start, GAP: factor * start[GAP], FRICTION_LIMIT: limit}) for limit in LIMITS]
+    designs = [
+        Design(IMPACT, {**start, GAP: factor * start[GAP], FRICTION_LIMIT: limit})
+        for limit in LIMITS
+    ]
     with runs_bar(f"damping {100 * damping:g} %, gap {factor:g}") as show:
-        levels = judged(problem, designs, problem.fresh_ensemble(members, SHOWN), given.executor, show)
+        levels = judged(
+            problem, designs, problem.fresh_ensemble(members, SHOWN), given.executor, show
+        )
     for limit, one in zip(LIMITS, levels, strict=True):
         low, median, high = (float(x) for x in np.quantile(one.members[0], (BAND[0], 0.5, BAND[1])))
         apart = branches(one.members[0])
@@ -79,8 +105,17 @@ def table(measured: Measured) -> str:
         "branches": "{branches}",
         "members": "{members}",
     }
-    levels = ([100 * x for x in (row["relative_median"], *row["relative_5_to_95_percent"])] for row in found)
-    return lines(columns, ({**row, "damping": 100 * row["damping_ratio"], "level": level} for row, level in zip(found, levels, strict=True)))
+    levels = (
+        [100 * x for x in (row["relative_median"], *row["relative_5_to_95_percent"])]
+        for row in found
+    )
+    return lines(
+        columns,
+        (
+            {**row, "damping": 100 * row["damping_ratio"], "level": level}
+            for row, level in zip(found, levels, strict=True)
+        ),
+    )
 
 
 STUDY: Study[BranchSettings] = Study(
@@ -103,12 +138,27 @@ STUDY: Study[BranchSettings] = Study(
 @command()
 @click.option("--quick", is_flag=True, help="A look: the paper's damping only.")
 @click.option(
-    "--members", type=click.IntRange(min=1), default=MEMBERS, show_default=True, help="Runs for each point at 1 %; half and a quarter at less."
+    "--members",
+    type=click.IntRange(min=1),
+    default=MEMBERS,
+    show_default=True,
+    help="Runs for each point at 1 %; half and a quarter at less.",
 )
-@click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
+@click.option(
+    "--threads",
+    type=click.IntRange(min=1),
+    help="Number of threads; the result does not depend on it.  [default: all cores]",
+)
 @cluster_option
 @table_options(NAME, "docs/findings.md")
-def main(quick: bool, members: int, threads: int | None, cluster: str | None, target: Path | None, page: Path | None) -> None:
+def main(
+    quick: bool,
+    members: int,
+    threads: int | None,
+    cluster: str | None,
+    target: Path | None,
+    page: Path | None,
+) -> None:
     """Print the table of docs/findings.md on friction; sweeps as slow as the damping asks for, so 0.2 % takes longest.
 
     Ctrl-C prints, and writes, what is finished; with --json the same command goes on from there.

@@ -11,7 +11,15 @@ from typing import Any
 import click
 import numpy as np
 
-from impact_env import Drive, InitialState, ModalModel, Scene, impact_absorbers, linear_sweep, modal_model
+from impact_env import (
+    Drive,
+    InitialState,
+    ModalModel,
+    Scene,
+    impact_absorbers,
+    linear_sweep,
+    modal_model,
+)
 from impact_env.ensemble import Lane, draw_members, drives_of, each_lane, run_lanes
 from impact_env.loads import AnyDrive, Force, Loads, Tone, Tones
 from impact_env.parameters import RigidWalls, SlidingAbsorber, friction_law, impact_absorber
@@ -21,8 +29,27 @@ from optimisation.friction_rule import scaled_friction
 from optimisation.page import DOCS, markdown, published
 from optimisation.signals import band_levels
 from studies import load_spectra as spectra
-from studies.load_spectra import CASES, GAP, MASS_RATIO, RESTITUTION, Case, SpectrumSettings, band_text
-from studies.study import Array, Json, Measured, Part, Place, Saver, Study, rows_part, run, with_sources
+from studies.load_spectra import (
+    CASES,
+    GAP,
+    MASS_RATIO,
+    RESTITUTION,
+    Case,
+    SpectrumSettings,
+    band_text,
+)
+from studies.study import (
+    Array,
+    Json,
+    Measured,
+    Part,
+    Place,
+    Saver,
+    Study,
+    rows_part,
+    run,
+    with_sources,
+)
 
 LIMITS = (0.92, 1.04)  # of the sweeps, times a resonance
 SHARES = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.35, 0.5, 0.75, 1.0)
@@ -35,13 +62,19 @@ RESTITUTIONS = (0.2, 0.45, 0.9, 1.0)
 ASIDE = (0.5, 0.7, 1.0, 1.4, 2.0)  # of a place's own gap by the rule
 WEIGHTS = (0.0, 0.05, 0.15, 0.5)  # g over gap times the first frequency squared
 FACTORS = tuple(np.geomspace(0.1, 3.2, 11).tolist())  # of the design force
-DIRECTIONS = {"ratio": (0.9, 1.06), "down": (1.06, 0.9)}  # of sweeps, by the name of what they leave
+DIRECTIONS = {
+    "ratio": (0.9, 1.06),
+    "down": (1.06, 0.9),
+}  # of sweeps, by the name of what they leave
 
 
 def orders(case: Case, share: float) -> Loads:
     """Return both forces as orders of one schedule, the higher one times a share."""
     omega = case.model.omega
-    tones = Tone(case.forces[0], order=1.0), Tone(share * case.forces[1], order=float(omega[1] / omega[0]))
+    tones = (
+        Tone(case.forces[0], order=1.0),
+        Tone(share * case.forces[1], order=float(omega[1] / omega[0])),
+    )
     return Loads((Tones(tones, schedule=linear_sweep(float(omega[0]), *LIMITS)),))
 
 
@@ -56,34 +89,55 @@ def _found(scene: Scene, drives: Sequence[AnyDrive]) -> Array:
     return np.array(found, dtype=np.float64)
 
 
-def _row(case: Case, group: str, variant: Variant, share: float, drives: Sequence[AnyDrive]) -> Json:
+def _row(
+    case: Case, group: str, variant: Variant, share: float, drives: Sequence[AnyDrive]
+) -> Json:
     """Return the relative level in either band; without absorber the motion is linear, and the same for all members but for phases."""
     free = _found(Scene(case.model), drives[:1])[0]
     ratio = np.round(_found(variant[1], drives) / free, 4)
     own = {"structure": case.name, "group": group, "variant": variant[0], "share": share}
     higher = ratio[:, 1].tolist() if share > 0 else None
-    return own | {"free_over_gap": (free / GAP).tolist(), "lower": ratio[:, 0].tolist(), "higher": higher}
+    return own | {
+        "free_over_gap": (free / GAP).tolist(),
+        "lower": ratio[:, 0].tolist(),
+        "higher": higher,
+    }
 
 
 def both_rows(case: Case, group: str, settings: SpectrumSettings) -> list[Json]:
     """Return the relative level of each variant of a group: of a remedy at few members, and of the best one, ``judged`` out of so many, at others."""
-    variants, rows = GROUPS[group](case)[:: 4 if settings.quick else 1], []
+    variants = GROUPS[group](case)[:: 4 if settings.quick else 1]
+    rows = []
     members = draw_members(SEARCHED + settings.members, 0)
     for share in SHARES if group == "share" else REMEDIED:
         drives = drives_of(members, orders(case, share))
         if group != "share":
             tried = [_row(case, group, variant, share, drives[:SEARCHED]) for variant in variants]
             best = min(range(len(tried)), key=lambda k: _cost(tried[k]))
-            rows += [*tried, _row(case, group, variants[best], share, drives[SEARCHED:]) | {"judged": len(tried)}]
+            rows += [
+                *tried,
+                _row(case, group, variants[best], share, drives[SEARCHED:])
+                | {"judged": len(tried)},
+            ]
         else:
             rows.append(_row(case, group, variants[0], share, drives[SEARCHED:]) | {"judged": 1})
     return rows
 
 
 def _with_gaps(
-    model: ModalModel, gaps: Sequence[float], word: str = "", restitution: float = RESTITUTION, friction: float | None = None
+    model: ModalModel,
+    gaps: Sequence[float],
+    word: str = "",
+    restitution: float = RESTITUTION,
+    friction: float | None = None,
 ) -> list[Variant]:
-    return [(f"{word}gap {1e3 * gap:.2g} mm", Scene(model, impact_absorber(gap, restitution, friction, MASS_RATIO))) for gap in gaps]
+    return [
+        (
+            f"{word}gap {1e3 * gap:.2g} mm",
+            Scene(model, impact_absorber(gap, restitution, friction, MASS_RATIO)),
+        )
+        for gap in gaps
+    ]
 
 
 def _frictions(case: Case) -> list[Variant]:
@@ -105,14 +159,30 @@ def _places(case: Case) -> list[Variant]:
 
 def _halves(case: Case) -> list[Variant]:
     """Return two absorbers of half the mass: side by side, and one at the second mode's node with one where the absorber was."""
-    own, found = case.beam.absorber_position, []
+    own = case.beam.absorber_position
+    found = []
     wide = design_gap(case.at(case.node), case.mass / 2, case.forces[0], 1)
     narrow = design_gap(case.model, case.mass / 2, case.forces[1], 2)
-    pairs = [((own, own), (first * GAP, second * GAP)) for first, second in combinations(GAP_FACTORS[::2], 2)]
-    pairs += [((case.node, own), (first * wide, second * narrow)) for first in ASIDE[1:4] for second in ASIDE]
+    pairs = [
+        ((own, own), (first * GAP, second * GAP))
+        for first, second in combinations(GAP_FACTORS[::2], 2)
+    ]
+    pairs += [
+        ((case.node, own), (first * wide, second * narrow))
+        for first in ASIDE[1:4]
+        for second in ASIDE
+    ]
     for places, gaps in pairs:
-        label = "side by side" if places[0] == places[1] else f"at {places[0]:.3f} and {places[1]:g}"
-        absorber = impact_absorbers(gaps=gaps, positions=places, mass_ratio=MASS_RATIO, shares=(0.5, 0.5), restitution=RESTITUTION)
+        label = (
+            "side by side" if places[0] == places[1] else f"at {places[0]:.3f} and {places[1]:g}"
+        )
+        absorber = impact_absorbers(
+            gaps=gaps,
+            positions=places,
+            mass_ratio=MASS_RATIO,
+            shares=(0.5, 0.5),
+            restitution=RESTITUTION,
+        )
         text = f"two halves {label}, gaps {1e3 * gaps[0]:.2g} and {1e3 * gaps[1]:.2g} mm"
         found.append((text, Scene(case.at(*places), absorber)))
     return found
@@ -122,22 +192,50 @@ GROUPS: dict[str, Callable[[Case], list[Variant]]] = {
     "share": lambda case: _with_gaps(case.model, [GAP]),
     "gap": lambda case: _with_gaps(case.model, [factor * GAP for factor in GAP_FACTORS]),
     "friction": _frictions,
-    "restitution": lambda case: [one for e in RESTITUTIONS for one in _with_gaps(case.model, FEW_GAPS, f"restitution {e:g}, ", restitution=e)],
+    "restitution": lambda case: [
+        one
+        for e in RESTITUTIONS
+        for one in _with_gaps(case.model, FEW_GAPS, f"restitution {e:g}, ", restitution=e)
+    ],
     "place": _places,
     "halves": _halves,
-    "modes": lambda case: _with_gaps(modal_model(replace(case.beam, modes=2 * spectra.MODES)), FEW_GAPS, f"{2 * spectra.MODES} modes, "),
+    "modes": lambda case: _with_gaps(
+        modal_model(replace(case.beam, modes=2 * spectra.MODES)),
+        FEW_GAPS,
+        f"{2 * spectra.MODES} modes, ",
+    ),
 }
 
 
-def _ratios(case: Case, absorber: SlidingAbsorber, start: str | InitialState, settings: SpectrumSettings, row: Json) -> list[Json]:
+def _ratios(
+    case: Case,
+    absorber: SlidingAbsorber,
+    start: str | InitialState,
+    settings: SpectrumSettings,
+    row: Json,
+) -> list[Json]:
     """Return rows of the members' levels over that without absorber, of sweeps up (``ratio``) and down, for each factor of the design force."""
     rows = []
     for factor in FACTORS[:: 4 if settings.quick else 1]:
         ratios = {}
         for name, limits in DIRECTIONS.items():
-            loads = Loads((Force(Drive(factor * case.forces[0], linear_sweep(float(case.model.omega[0]), *limits))),))
+            loads = Loads(
+                (
+                    Force(
+                        Drive(
+                            factor * case.forces[0],
+                            linear_sweep(float(case.model.omega[0]), *limits),
+                        )
+                    ),
+                )
+            )
             drives = drives_of(draw_members(settings.members, 0), replace(loads, start=start))
-            found = run_lanes([Lane(Scene(case.model), loads), *(Lane(Scene(case.model, absorber), drive) for drive in drives)])
+            found = run_lanes(
+                [
+                    Lane(Scene(case.model), loads),
+                    *(Lane(Scene(case.model, absorber), drive) for drive in drives),
+                ]
+            )
             if not found.complete:
                 raise KeyboardInterrupt
             ratios[name] = (found.level[1:] / found.level[0]).tolist()
@@ -145,7 +243,9 @@ def _ratios(case: Case, absorber: SlidingAbsorber, start: str | InitialState, se
     return rows
 
 
-def _sliding(case: Case, restitution: float, friction: float, gravity: float = 0.0) -> SlidingAbsorber:
+def _sliding(
+    case: Case, restitution: float, friction: float, gravity: float = 0.0
+) -> SlidingAbsorber:
     """Return an absorber with so many times the paper's friction by the scaling law."""
     limit = friction * scaled_friction(case.model, case.mass, GAP)
     return SlidingAbsorber(MASS_RATIO, RigidWalls(GAP, restitution), friction_law(limit), gravity)
@@ -156,7 +256,9 @@ def gravity_rows(case: Case, weight: float, settings: SpectrumSettings) -> list[
 
     ``weight``: gravity as a share of gap times the first frequency squared.
     """
-    gravity, start, rows = weight * GAP * float(case.model.omega[0]) ** 2, "lower-wall" if weight > 0 else "middle", list[Json]()
+    gravity = weight * GAP * float(case.model.omega[0]) ** 2
+    start = "lower-wall" if weight > 0 else "middle"
+    rows = list[Json]()
     for friction in (0.0, 1.0):
         row = {"weight": weight, "gravity_m_s2": gravity, "friction": friction}
         rows += _ratios(case, _sliding(case, RESTITUTION, friction, gravity), start, settings, row)
@@ -164,12 +266,20 @@ def gravity_rows(case: Case, weight: float, settings: SpectrumSettings) -> list[
 
 
 STARTS = ("middle", "lower-wall", "bouncing")
-WALLS = ((1.0, 0.0), (RESTITUTION, 0.0), (RESTITUTION, 1.0))  # restitution, and friction over the paper's by the scaling law
+WALLS = (
+    (1.0, 0.0),
+    (RESTITUTION, 0.0),
+    (RESTITUTION, 1.0),
+)  # restitution, and friction over the paper's by the scaling law
 
 
 def start_rows(case: Case, start: str, settings: SpectrumSettings) -> list[Json]:
     """Return levels over the force from a start; bouncing, the absorber crosses its cavity in half a period."""
-    state = InitialState(absorber_velocity=2 * GAP * float(case.model.omega[0]) / np.pi) if start == "bouncing" else start
+    state = (
+        InitialState(absorber_velocity=2 * GAP * float(case.model.omega[0]) / np.pi)
+        if start == "bouncing"
+        else start
+    )
     rows = []
     for restitution, friction in WALLS:
         row = {"start": start, "restitution": restitution, "friction": friction}
@@ -191,17 +301,50 @@ def _cost(row: Json) -> tuple[float, float]:
 def both_text(rows: Sequence[Json]) -> str:
     """Return a table over the share of the higher force, and the best of each remedy, with the least of the larger number, at some shares."""
     shares = [
-        (row["structure"], f"{row['share']:g}", f"{row['free_over_gap'][1]:.2f}", band_text(row["lower"]), band_text(row["higher"]))
+        (
+            row["structure"],
+            f"{row['share']:g}",
+            f"{row['free_over_gap'][1]:.2f}",
+            band_text(row["lower"]),
+            band_text(row["higher"]),
+        )
         for row in _of(rows, group="share")
     ]
     remedies = []
     for structure in CASES:
         for share in REMEDIED:
-            for best in (row for row in _of(rows, structure=structure, share=share) if "judged" in row):
-                words = f"{best['variant']}, best of {best['judged']}" if best["group"] != "share" else f"as it is, {best['variant']}"
-                remedies.append((structure, f"{share:g}", words, band_text(best["lower"]), band_text(best["higher"])))
-    first = markdown(("structure", "share of the higher force", "free level there / gap", "lower band", "higher band"), shares)
-    return first + "\n\n" + markdown(("structure", "share", "remedy", "lower band", "higher band"), remedies)
+            for best in (
+                row for row in _of(rows, structure=structure, share=share) if "judged" in row
+            ):
+                words = (
+                    f"{best['variant']}, best of {best['judged']}"
+                    if best["group"] != "share"
+                    else f"as it is, {best['variant']}"
+                )
+                remedies.append(
+                    (
+                        structure,
+                        f"{share:g}",
+                        words,
+                        band_text(best["lower"]),
+                        band_text(best["higher"]),
+                    )
+                )
+    first = markdown(
+        (
+            "structure",
+            "share of the higher force",
+            "free level there / gap",
+            "lower band",
+            "higher band",
+        ),
+        shares,
+    )
+    return (
+        first
+        + "\n\n"
+        + markdown(("structure", "share", "remedy", "lower band", "higher band"), remedies)
+    )
 
 
 def _over_force(rows: Sequence[Json], names: tuple[str, ...]) -> str:
@@ -210,22 +353,55 @@ def _over_force(rows: Sequence[Json], names: tuple[str, ...]) -> str:
     series: dict[tuple[Any, ...], dict[float, tuple[float, float]]] = {}
     for row in rows:
         medians = float(np.median(row["ratio"])), float(np.median(row["down"]))
-        series.setdefault(tuple(row[name] for name in ("structure", *names)), {})[row["factor"]] = medians
+        series.setdefault(tuple(row[name] for name in ("structure", *names)), {})[row["factor"]] = (
+            medians
+        )
     lines = []
     for key, found in series.items():
         most = max(factors, key=lambda factor: abs(found[factor][1] - found[factor][0]))
         name = ", ".join(f"{part:g}" if isinstance(part, float) else str(part) for part in key)
-        lines.append([name, *(f"{found[f][0]:.2f}" for f in factors), f"{found[most][1]:.2f} at {most:.2g}"])
-    return markdown((", ".join(("structure", *names)), *(f"{factor:.2g}" for factor in factors), "down"), lines)
+        lines.append(
+            [name, *(f"{found[f][0]:.2f}" for f in factors), f"{found[most][1]:.2f} at {most:.2g}"]
+        )
+    return markdown(
+        (", ".join(("structure", *names)), *(f"{factor:.2g}" for factor in factors), "down"), lines
+    )
 
 
 # part: title, what measures its rows, the name and the values that tell them apart, and what puts them into words
-PARTS: dict[str, tuple[str, Callable[[Case, Any, SpectrumSettings], list[Json]], str, Sequence[Any], Callable[[Sequence[Json]], str]]] = {
+PARTS: dict[
+    str,
+    tuple[
+        str,
+        Callable[[Case, Any, SpectrumSettings], list[Json]],
+        str,
+        Sequence[Any],
+        Callable[[Sequence[Json]], str],
+    ],
+] = {
     "loads_both": ("both resonances at once", both_rows, "group", tuple(GROUPS), both_text),
-    "loads_random": ("random loads", spectra.random_rows, "number", range(len(spectra.VARIANTS)), spectra.random_text),
-    "loads_gravity": ("gravity along the absorber's motion", gravity_rows, "weight", WEIGHTS, partial(_over_force, names=("weight", "friction"))),
+    "loads_random": (
+        "random loads",
+        spectra.random_rows,
+        "number",
+        range(len(spectra.VARIANTS)),
+        spectra.random_text,
+    ),
+    "loads_gravity": (
+        "gravity along the absorber's motion",
+        gravity_rows,
+        "weight",
+        WEIGHTS,
+        partial(_over_force, names=("weight", "friction")),
+    ),
     "loads_shock": ("shocks", spectra.shock_rows, "width", spectra.WIDTHS, spectra.shock_text),
-    "loads_start": ("what a start does", start_rows, "start", STARTS, partial(_over_force, names=("start", "restitution", "friction"))),
+    "loads_start": (
+        "what a start does",
+        start_rows,
+        "start",
+        STARTS,
+        partial(_over_force, names=("start", "restitution", "friction")),
+    ),
 }
 
 
@@ -233,7 +409,11 @@ def _part(name: str) -> Part[SpectrumSettings]:
     title, rows_of, told_apart, values, words = PARTS[name]
 
     def cases(settings: SpectrumSettings) -> dict[tuple[str, Any], Callable[[], list[Json]]]:
-        return {(case.name, value): partial(rows_of, case, value, settings) for case in CASES.values() for value in values}
+        return {
+            (case.name, value): partial(rows_of, case, value, settings)
+            for case in CASES.values()
+            for value in values
+        }
 
     def figures(found: Measured) -> dict[str, Saver]:
         from studies.load_figures import FIGURES  # matplotlib is slow to import
@@ -241,7 +421,12 @@ def _part(name: str) -> Part[SpectrumSettings]:
         return {name: lambda path: FIGURES[name](path, found.values["rows"])}
 
     return rows_part(
-        name, title, cases, itemgetter("structure", told_apart), with_sources(lambda found: words(found.values["rows"])), figures=figures
+        name,
+        title,
+        cases,
+        itemgetter("structure", told_apart),
+        with_sources(lambda found: words(found.values["rows"])),
+        figures=figures,
     )
 
 
@@ -249,18 +434,54 @@ STUDY = Study(tuple(map(_part, PARTS)), notes=lambda settings: settings._asdict(
 
 
 QUICK_OUT = Path("results/load_answers")
-MEMBERS, QUICK_MEMBERS = 5, 2
+MEMBERS = 5
+QUICK_MEMBERS = 2
 
 
 @command()
-@click.option("--only", multiple=True, type=click.Choice([part.name for part in STUDY.parts]), help="Only this part; may be repeated.")
-@click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point, other in phase and 1e-6 of force.  [default: {MEMBERS}]")
-@click.option("--quick", is_flag=True, help=f"Every fourth point, {QUICK_MEMBERS} members unless given, into {QUICK_OUT} unless told otherwise.")
-@click.option("--redraw", is_flag=True, help="Draw and tell again from the files in the folder; nothing is run.")
+@click.option(
+    "--only",
+    multiple=True,
+    type=click.Choice([part.name for part in STUDY.parts]),
+    help="Only this part; may be repeated.",
+)
+@click.option(
+    "--members",
+    type=click.IntRange(min=1),
+    help=f"Runs for each point, other in phase and 1e-6 of force.  [default: {MEMBERS}]",
+)
+@click.option(
+    "--quick",
+    is_flag=True,
+    help=f"Every fourth point, {QUICK_MEMBERS} members unless given, into {QUICK_OUT} unless told otherwise.",
+)
+@click.option(
+    "--redraw",
+    is_flag=True,
+    help="Draw and tell again from the files in the folder; nothing is run.",
+)
 @click.option("--resume", is_flag=True, help="Go on from files of runs that were stopped.")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help=f"Folder.  [default: docs, without a checkout {QUICK_OUT}]")
-def main(only: tuple[str, ...], members: int | None, quick: bool, redraw: bool, resume: bool, out: Path | None) -> None:
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help=f"Folder.  [default: docs, without a checkout {QUICK_OUT}]",
+)
+def main(
+    only: tuple[str, ...],
+    members: int | None,
+    quick: bool,
+    redraw: bool,
+    resume: bool,
+    out: Path | None,
+) -> None:
     """Measure what is left of level, RMS or decay time with impact absorbers on two beams, and write tables and figures into docs/loads.md."""
     folder = out or (QUICK_OUT if quick else published(DOCS, QUICK_OUT))
     settings = SpectrumSettings(members or (QUICK_MEMBERS if quick else MEMBERS), quick)
-    run(STUDY, settings, Place(folder, folder / "loads.md", DOCS / "loads.md"), only=only, redraw=redraw, resume=resume)
+    run(
+        STUDY,
+        settings,
+        Place(folder, folder / "loads.md", DOCS / "loads.md"),
+        only=only,
+        redraw=redraw,
+        resume=resume,
+    )

@@ -8,7 +8,14 @@ from typing import NamedTuple
 import click
 import numpy as np
 
-from impact_env.curve import BAND, DEFAULT_MEMBERS, CurveCase, PerformanceCurve, performance_curves, quantiles
+from impact_env.curve import (
+    BAND,
+    DEFAULT_MEMBERS,
+    CurveCase,
+    PerformanceCurve,
+    performance_curves,
+    quantiles,
+)
 from impact_env.parameters import Absorber, Beam, friction_damper, impact_absorber
 from impact_env.scene import beam_scene
 from optimisation.cli.common import command
@@ -42,21 +49,43 @@ class Column:
 
     def case(self) -> CurveCase:
         """Return the case of the performance curve."""
-        return CurveCase(beam_scene(Beam(modes=self.modes), self.absorber), np.array(self.forces), self.resonance)
+        return CurveCase(
+            beam_scene(Beam(modes=self.modes), self.absorber), np.array(self.forces), self.resonance
+        )
 
 
 PAPERS_BEST = impact_absorber(restitution=0.7, friction_limit=0.1)
 FIRST = (1.5, 3.5, 5.0, 20.0)
 END_OF_PLATEAU = (40.0, 45.0)
-PLATEAU = Column("e = 0.7, muN = 0.1 N", PAPERS_BEST, (15.0, 20.0, 25.0, 30.0, 35.0, 40.0), ("0.44 to 0.57",) * 6, 2)
+PLATEAU = Column(
+    "e = 0.7, muN = 0.1 N",
+    PAPERS_BEST,
+    (15.0, 20.0, 25.0, 30.0, 35.0, 40.0),
+    ("0.44 to 0.57",) * 6,
+    2,
+)
 PAST_PLATEAU = 45.0
 COLUMNS = (
     Column("no absorber", None, FIRST, ("1.345", "3.138", "4.483", "17.93")),
     Column("e = 1, no friction", impact_absorber(), FIRST, ("0.57", "0.79", "2.24", "16.8")),
     Column("e = 0.7, muN = 0.1 N", PAPERS_BEST, FIRST, ("0.60", "0.64", "1.84", "16.7")),
-    Column("friction damper, muN = 0.5 N", friction_damper(), FIRST, ("0.77", "1.26", "2.19", "15.5")),
-    Column("1 mode, e = 1, no friction", impact_absorber(), FIRST, ("1.28", "3.19", "4.67", "18.6"), modes=1),
-    Column("3 modes, e = 1, no friction", impact_absorber(), FIRST, ("0.74", "2.51", "3.96", "18.1"), modes=3),
+    Column(
+        "friction damper, muN = 0.5 N", friction_damper(), FIRST, ("0.77", "1.26", "2.19", "15.5")
+    ),
+    Column(
+        "1 mode, e = 1, no friction",
+        impact_absorber(),
+        FIRST,
+        ("1.28", "3.19", "4.67", "18.6"),
+        modes=1,
+    ),
+    Column(
+        "3 modes, e = 1, no friction",
+        impact_absorber(),
+        FIRST,
+        ("0.74", "2.51", "3.96", "18.1"),
+        modes=3,
+    ),
     PLATEAU,
     Column("no absorber", None, END_OF_PLATEAU, ("2.7", "3.1"), 2),
     Column("friction damper, muN = 0.5 N", friction_damper(), END_OF_PLATEAU, ("2.7", "3.0"), 2),
@@ -71,14 +100,23 @@ def compared(median: float, low: float, high: float, earlier: str) -> Json:
     ``deviation_percent``: median less the number, in percent of it; None for a span.
     """
     ends = earlier.split(" to ")
-    first, last = (sign * 0.5 * 10.0 ** -len(end.partition(".")[2]) + float(end) for sign, end in ((-1, ends[0]), (1, ends[-1])))
-    low, high, off = (median, median, None) if len(ends) > 1 else (low, high, 100 * (median / float(earlier) - 1))
+    first, last = (
+        sign * 0.5 * 10.0 ** -len(end.partition(".")[2]) + float(end)
+        for sign, end in ((-1, ends[0]), (1, ends[-1]))
+    )
+    low, high, off = (
+        (median, median, None)
+        if len(ends) > 1
+        else (low, high, 100 * (median / float(earlier) - 1))
+    )
     return {"deviation_percent": off, "inside": low <= last and first <= high}
 
 
 def compare(column: Column, curve: PerformanceCurve) -> Iterator[Json]:
     """Yield the values of the JSON file for each force of a column."""
-    for force, earlier, levels in zip(column.forces, column.earlier, MM * quantiles(curve.combined, (0.5, *BAND)).T, strict=True):
+    for force, earlier, levels in zip(
+        column.forces, column.earlier, MM * quantiles(curve.combined, (0.5, *BAND)).T, strict=True
+    ):
         median, low, high = levels.tolist()
         yield {
             "resonance": column.resonance, "scene": column.name, "modes": column.modes, "force_n": force, "level_median_m": median / MM,
@@ -89,8 +127,13 @@ def compare(column: Column, curve: PerformanceCurve) -> Iterator[Json]:
 def plateau_sentence(levels: Sequence[Json], past: Sequence[float]) -> str:
     """Say in words where the second resonance's plateau lies and how many members (their levels in m in ``past``) have left it past its end."""
     own = (PLATEAU.resonance, PLATEAU.name)
-    plateau = [level for level in levels if (level["resonance"], level["scene"]) == own and level["force_n"] in PLATEAU.forces]
-    medians, top = [MM * level["level_median_m"] for level in plateau], MM * max(level["level_5_to_95_percent_m"][1] for level in plateau)
+    plateau = [
+        level
+        for level in levels
+        if (level["resonance"], level["scene"]) == own and level["force_n"] in PLATEAU.forces
+    ]
+    medians = [MM * level["level_median_m"] for level in plateau]
+    top = MM * max(level["level_5_to_95_percent_m"][1] for level in plateau)
     beyond = MM * np.array(past)
     return (
         f"Second resonance, {PLATEAU.name}: the median lies between {min(medians):.3f} and {max(medians):.3f} mm\n"
@@ -112,14 +155,25 @@ def table(levels: Sequence[Json]) -> str:
     }
     rows = []
     for level in levels:
-        off, mm = level["deviation_percent"], [MM * x for x in (level["level_median_m"], *level["level_5_to_95_percent_m"])]
-        rows.append({**level, "mm": mm, "less": "" if off is None else f"{off:+.1f} %", "word": "yes" if level["inside"] else "no"})
+        off = level["deviation_percent"]
+        mm = [MM * x for x in (level["level_median_m"], *level["level_5_to_95_percent_m"])]
+        rows.append(
+            {
+                **level,
+                "mm": mm,
+                "less": "" if off is None else f"{off:+.1f} %",
+                "word": "yes" if level["inside"] else "no",
+            }
+        )
     return lines(columns, rows)
 
 
 def notes(levels: Sequence[Json], members: int) -> str:
     """Say how many levels are in their bands, how far off the others are, and how to read the table."""
-    inside, off = sum(level["inside"] for level in levels), [abs(x) for level in levels if (x := level["deviation_percent"]) is not None]
+    inside, off = (
+        sum(level["inside"] for level in levels),
+        [abs(x) for level in levels if (x := level["deviation_percent"]) is not None],
+    )
     return (
         f"{inside} of {len(levels)} lie in the band. The medians differ from the earlier numbers by {np.median(off):.1f} % as a rule (median), "
         f"{max(off):.1f} % at most.\n"
@@ -131,15 +185,30 @@ def notes(levels: Sequence[Json], members: int) -> str:
 
 def _measure(settings: ReferenceSettings) -> Json:
     with sweeps_bar("sweeping", leave=False) as show:
-        curves = performance_curves([column.case() for column in (*COLUMNS, PAST)], settings.members, settings.seed, progress=show)
+        curves = performance_curves(
+            [column.case() for column in (*COLUMNS, PAST)],
+            settings.members,
+            settings.seed,
+            progress=show,
+        )
     if not all(curve.complete for curve in curves):
         raise KeyboardInterrupt
-    levels = [level for column, curve in zip(COLUMNS, curves, strict=False) for level in compare(column, curve)]
-    return {"members": settings.members, "seed": settings.seed, "levels": levels, "past_plateau_level_m": curves[-1].combined[0].tolist()}
+    levels = [
+        level
+        for column, curve in zip(COLUMNS, curves, strict=False)
+        for level in compare(column, curve)
+    ]
+    return {
+        "members": settings.members,
+        "seed": settings.seed,
+        "levels": levels,
+        "past_plateau_level_m": curves[-1].combined[0].tolist(),
+    }
 
 
 def _said(measured: Measured) -> str:
-    levels, past = measured.values["levels"], measured.values["past_plateau_level_m"]
+    levels = measured.values["levels"]
+    past = measured.values["past_plateau_level_m"]
     return f"{table(levels)}\n\n{notes(levels, measured.values['members'])}\n\n{plateau_sentence(levels, past)}"
 
 
@@ -148,9 +217,19 @@ STUDY = table_study(NAME, "levels beside earlier numbers", _measure, _said)
 
 @command()
 @click.option(
-    "--members", type=click.IntRange(min=1), default=DEFAULT_MEMBERS, show_default=True, help="Runs for each point, other in phase and 1e-6 of force."
+    "--members",
+    type=click.IntRange(min=1),
+    default=DEFAULT_MEMBERS,
+    show_default=True,
+    help="Runs for each point, other in phase and 1e-6 of force.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and forces.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of the phases and forces.",
+)
 @table_options(NAME, "docs/methods.md")
 def main(members: int, seed: int, target: Path | None, page: Path | None) -> None:
     """Compute response levels of the paper's scenes and print them beside numbers computed earlier with the Moreau scheme."""

@@ -21,10 +21,29 @@ from optimisation.executors import cluster_option, workers
 from optimisation.machine import sources
 from optimisation.page import markdown, published
 from optimisation.report.figures import figure_of, write_figure
-from studies.regimes.measured import RESPONSE, STAY, SWEEP, WAYS, Case, Key, RegimeSettings, Row, cases, grid, jump_cases, key, kind_cases
+from studies.regimes.measured import (
+    RESPONSE,
+    STAY,
+    SWEEP,
+    WAYS,
+    Case,
+    Key,
+    RegimeSettings,
+    Row,
+    cases,
+    grid,
+    jump_cases,
+    key,
+    kind_cases,
+)
 from studies.study import Json, Measured, Part, Place, Saver, Study, Table, beside, rows_part, run
 
-NAMES = {Kind.LINEAR: "no impacts", Kind.PERIODIC: "periodic", Kind.SUSTAINED: "sustained", Kind.MODULATED: "strongly modulated"}
+NAMES = {
+    Kind.LINEAR: "no impacts",
+    Kind.PERIODIC: "periodic",
+    Kind.SUSTAINED: "sustained",
+    Kind.MODULATED: "strongly modulated",
+}
 
 
 def of_case(rows: list[Row], what: str, case: str) -> list[Row]:
@@ -42,7 +61,10 @@ def hazard_of(stays: list[Row], first: float = np.inf, last: float = -np.inf) ->
     known = [row for row in stays if row["rate"] is not None and last <= row["at"] <= first]
     if len(known) < 2:
         return None
-    rates = [ExitRate(row["exits"], row["exposure"], row["rate"], row["low"], row["high"]) for row in known]
+    rates = [
+        ExitRate(row["exits"], row["exposure"], row["rate"], row["low"], row["high"])
+        for row in known
+    ]
     return hazard([row["at"] for row in known], rates)
 
 
@@ -54,23 +76,73 @@ def stay_table(stays: list[Row]) -> str:
     step = max(1, len(stays) // SHOWN)
     lines = []
     for row in stays[::step]:
-        rates = ("", "") if row["rate"] is None else (f"{1e4 * row['rate']:.3g}", f"{1e4 * row['low']:.2g} to {1e4 * row['high']:.2g}")
-        late = f"{1e4 * row['late_exits'] / row['late_exposure']:.3g}" if row["late_exposure"] else ""
+        rates = (
+            ("", "")
+            if row["rate"] is None
+            else (f"{1e4 * row['rate']:.3g}", f"{1e4 * row['low']:.2g} to {1e4 * row['high']:.2g}")
+        )
+        late = (
+            f"{1e4 * row['late_exits'] / row['late_exposure']:.3g}" if row["late_exposure"] else ""
+        )
         pause = "" if row["longest_pause"] is None else f"{row['longest_pause']:.1f}"
-        lines.append((f"{row['at']:g}", str(row["runs"] - row["absent"]), str(row["exits"]), *rates, late, pause, str(row["returned"])))
-    header = ("frequency ratio", "runs there", "exits", "rate, 1e-4 per pseudo period", "95 %", "later rate", "longest pause", "returned")
-    return markdown(header, lines) + ("" if step == 1 else f"\n\nAll {len(stays)} frequencies: [jump_stay.csv](regimes/jump_stay.csv).")
+        lines.append(
+            (
+                f"{row['at']:g}",
+                str(row["runs"] - row["absent"]),
+                str(row["exits"]),
+                *rates,
+                late,
+                pause,
+                str(row["returned"]),
+            )
+        )
+    header = (
+        "frequency ratio",
+        "runs there",
+        "exits",
+        "rate, 1e-4 per pseudo period",
+        "95 %",
+        "later rate",
+        "longest pause",
+        "returned",
+    )
+    return markdown(header, lines) + (
+        ""
+        if step == 1
+        else f"\n\nAll {len(stays)} frequencies: [jump_stay.csv](regimes/jump_stay.csv)."
+    )
 
 
 def sweep_table(sweeps: list[Row], found: Hazard | None) -> str:
     """Return a line for each slowness: measured beside predicted."""
     lines = []
     for row in sweeps:
-        told = "{:.3f}|{:.3f} to {:.3f}".format(*found.probability(row["at"])).split("|") if found is not None else ("", "")
+        told = (
+            "{:.3f}|{:.3f} to {:.3f}".format(*found.probability(row["at"])).split("|")
+            if found is not None
+            else ("", "")
+        )
         share = "" if row["share"] is None else f"{row['share']:.3f}"
         high_level = "" if row["high_level"] is None else f"{row['high_level'] / row['runs']:.3f}"
-        lines.append((f"{row['at']:g}", *told, share, f"{row['low']:.3f} to {row['high']:.3f}", f"{row['jumped']} of {row['present']}", high_level))
-    header = ("pseudo periods per 1 %", "P(jump) predicted", "95 %", "measured", "95 %, Wilson", "runs", "level above the limit, of all")
+        lines.append(
+            (
+                f"{row['at']:g}",
+                *told,
+                share,
+                f"{row['low']:.3f} to {row['high']:.3f}",
+                f"{row['jumped']} of {row['present']}",
+                high_level,
+            )
+        )
+    header = (
+        "pseudo periods per 1 %",
+        "P(jump) predicted",
+        "95 %",
+        "measured",
+        "95 %, Wilson",
+        "runs",
+        "level above the limit, of all",
+    )
     return markdown(header, lines)
 
 
@@ -81,7 +153,8 @@ def about(found: Hazard | None) -> str:
     reach = f"Integral of the rate from {found.first:g} to {found.last:g}: "
     if found.value == 0:
         return f"{reach}no run left."
-    inverse, interval = f"exp(-N/{1 / found.value:.0f})", f"(95 %: {1 / found.high:.0f} to {1 / found.low:.0f})"
+    inverse = f"exp(-N/{1 / found.value:.0f})"
+    interval = f"(95 %: {1 / found.high:.0f} to {1 / found.low:.0f})"
     if found.factor == 1:
         return f"{reach}P(jump) = {inverse} {interval}."
     factor = f"A = {found.factor:.3f} (95 %: {found.factor_low:.3f} to {found.factor_high:.3f}) from the sweeps"
@@ -99,26 +172,52 @@ def ways_table(rows: list[Row], case: str) -> str:
     """Return a line for each slowness and way of sweeps through one range, beside what constant frequencies say; empty if there are none."""
     lines = []
     for row in (row for way in WAYS for row in of_case(rows, way, case)):
-        high, low = max(row["first"], row["last"]), min(row["first"], row["last"])
+        high = max(row["first"], row["last"])
+        low = min(row["first"], row["last"])
         rates = hazard_of(of_case(rows, STAY, case), high, low)
         share = row["left"] / row["present"]
-        told, measured, error = 0.0 if rates is None else row["at"] * rates.value, -np.log1p(-share), np.sqrt(share / (1 - share) / row["present"])
+        told = 0.0 if rates is None else row["at"] * rates.value
+        measured = -np.log1p(-share)
+        error = np.sqrt(share / (1 - share) / row["present"])
         cells = (f"{told:.4f}", f"{measured:.4f}", f"{measured - told:+.4f} +- {error:.4f}")
-        lines.append((f"{row['what']}, {row['first']:g} to {row['last']:g}", f"{row['at']:g}", f"{row['left']} of {row['present']}", *cells))
-    header = ("sweep", "pseudo periods per 1 %", "left", "exits told by the rates", "measured, -log of the share that stays", "more than told")
+        lines.append(
+            (
+                f"{row['what']}, {row['first']:g} to {row['last']:g}",
+                f"{row['at']:g}",
+                f"{row['left']} of {row['present']}",
+                *cells,
+            )
+        )
+    header = (
+        "sweep",
+        "pseudo periods per 1 %",
+        "left",
+        "exits told by the rates",
+        "measured, -log of the share that stays",
+        "more than told",
+    )
     return markdown(header, lines) if lines else ""
 
 
 def pattern(row: Row) -> str:
     """Return the kinds at a frequency, each with its share, the multiples of periodic ones named."""
-    shares = {NAMES[Kind.LINEAR]: row[Kind.LINEAR.value]} | {f"period {multiple}": number for multiple, number in row["multiples"].items()}
+    shares = {NAMES[Kind.LINEAR]: row[Kind.LINEAR.value]} | {
+        f"period {multiple}": number for multiple, number in row["multiples"].items()
+    }
     shares |= {NAMES[kind]: row[kind.value] for kind in (Kind.SUSTAINED, Kind.MODULATED)}
-    return ", ".join(f"{name} {100 * number / row['runs']:.0f} %" for name, number in shares.items() if number)
+    return ", ".join(
+        f"{name} {100 * number / row['runs']:.0f} %" for name, number in shares.items() if number
+    )
 
 
 # what is told of the responses: factor and digits
 SHARES = ("absorber_share", "impact_loss", "friction_loss")
-SPANS = (("impacts_per_period", 1, "{:.2f}"), ("depth", 1, "{:.2f}"), *((name, 100, "{:.0f}") for name in SHARES), ("peak_50", 1e3, "{:.3f}"))
+SPANS = (
+    ("impacts_per_period", 1, "{:.2f}"),
+    ("depth", 1, "{:.2f}"),
+    *((name, 100, "{:.0f}") for name in SHARES),
+    ("peak_50", 1e3, "{:.3f}"),
+)
 
 
 def kind_table(rows: list[Row]) -> str:
@@ -126,10 +225,20 @@ def kind_table(rows: list[Row]) -> str:
     lines = []
     for words, stretch in groupby(rows, key=pattern):
         group = list(stretch)
-        first, last = group[0]["at"], group[-1]["at"]
+        first = group[0]["at"]
+        last = group[-1]["at"]
         at = f"{first:g}" if first == last else f"{first:g} to {last:g}"
         lines.append((at, words, *(_span(group, *span) for span in SPANS)))
-    header = ("frequency ratio", "kinds", "impacts per period", "depth", "absorber's energy, %", "impact losses, %", "friction losses, %", "peak, mm")
+    header = (
+        "frequency ratio",
+        "kinds",
+        "impacts per period",
+        "depth",
+        "absorber's energy, %",
+        "impact losses, %",
+        "friction losses, %",
+        "peak, mm",
+    )
     return markdown(header, lines)
 
 
@@ -146,8 +255,10 @@ def slownesses(rows: list[Row], case: str) -> list[Row]:
 NAME = "regimes"
 QUICK_OUT = Path("results/regimes")
 OUT = published(Path("docs"), QUICK_OUT)
-JUMP, KINDS = "jump", "kinds"
-NUMBERS, TIMES = ("stay_members", "sweep_members", "kind_members", "seed"), ("stay_periods", "burn_in", "silence", "settle", "window")
+JUMP = "jump"
+KINDS = "kinds"
+NUMBERS = ("stay_members", "sweep_members", "kind_members", "seed")
+TIMES = ("stay_periods", "burn_in", "silence", "settle", "window")
 
 
 def place(out: Path, own: bool) -> Place:
@@ -158,15 +269,24 @@ def place(out: Path, own: bool) -> Place:
 def _jump_words(rows: list[Row]) -> list[str]:
     blocks = []
     for case in names(rows):
-        stays, sweeps = of_case(rows, STAY, case), slownesses(rows, case)
+        stays = of_case(rows, STAY, case)
+        sweeps = slownesses(rows, case)
         found = with_sweeps(hazard_of(stays), sweeps)
-        tables = (sweep_table(sweeps, found) if sweeps else "", ways_table(rows, case), stay_table(stays) if stays else "")
+        tables = (
+            sweep_table(sweeps, found) if sweeps else "",
+            ways_table(rows, case),
+            stay_table(stays) if stays else "",
+        )
         blocks += [f"**{case}.** {about(found)}", *filter(None, tables)]
     return blocks
 
 
 def _kind_words(rows: list[Row]) -> list[str]:
-    return [words for case in names(rows) for words in (f"**{case}**", kind_table(of_case(rows, RESPONSE, case)))]
+    return [
+        words
+        for case in names(rows)
+        for words in (f"**{case}**", kind_table(of_case(rows, RESPONSE, case)))
+    ]
 
 
 def _tables(measured: Measured, name: str) -> list[Table]:
@@ -176,7 +296,17 @@ def _tables(measured: Measured, name: str) -> list[Table]:
         own = [row for row in rows if row["what"] == what]
         columns = [column for column in own[0] if column != "what"]
         cells = [[row[column] for column in columns] for row in own]
-        words = [[" ".join(f"{k}:{v}" for k, v in x.items()) if isinstance(x, dict) else "" if x is None else x for x in line] for line in cells]
+        words = [
+            [
+                " ".join(f"{k}:{v}" for k, v in x.items())
+                if isinstance(x, dict)
+                else ""
+                if x is None
+                else x
+                for x in line
+            ]
+            for line in cells
+        ]
         found.append(Table(f"{name}_{what}", columns, words))
     return found
 
@@ -189,21 +319,43 @@ def _part(
     save: Callable[[Path, list[Row]], None],
 ) -> Part[RegimeSettings]:
     def text(measured: Measured) -> str:
-        made = f"{sources(measured.conditions)} {measured.conditions['wall_s']:g} s." + ("" if measured.complete else " Stopped early.")
+        made = f"{sources(measured.conditions)} {measured.conditions['wall_s']:g} s." + (
+            "" if measured.complete else " Stopped early."
+        )
         return "\n\n".join([*words(measured.values["rows"]), made])
 
     def figures(measured: Measured) -> dict[str, Saver]:
         return {name: lambda path: save(path, measured.values["rows"])}
 
-    return rows_part(name, title, cases, key, text, f"{NAME}:{name}", tables=partial(_tables, name=name), figures=figures)
+    return rows_part(
+        name,
+        title,
+        cases,
+        key,
+        text,
+        f"{NAME}:{name}",
+        tables=partial(_tables, name=name),
+        figures=figures,
+    )
 
 
 def _notes(settings: RegimeSettings) -> Json:
-    words = [f"{case.name}: {case.scene}, {case.force:g} N, by {case.approach_ratio:g}" for case in settings.cases]
-    return {"cases": words, **{name: getattr(settings, name) for name in (*NUMBERS, "quick", *TIMES)}}
+    words = [
+        f"{case.name}: {case.scene}, {case.force:g} N, by {case.approach_ratio:g}"
+        for case in settings.cases
+    ]
+    return {
+        "cases": words,
+        **{name: getattr(settings, name) for name in (*NUMBERS, "quick", *TIMES)},
+    }
 
 
-COLOURS = {Kind.LINEAR: "#BBBBBB", Kind.PERIODIC: "#0072B2", Kind.SUSTAINED: "#E69F00", Kind.MODULATED: "#CC3311"}
+COLOURS = {
+    Kind.LINEAR: "#BBBBBB",
+    Kind.PERIODIC: "#0072B2",
+    Kind.SUSTAINED: "#E69F00",
+    Kind.MODULATED: "#CC3311",
+}
 DPI = 110
 
 
@@ -213,32 +365,55 @@ def save_jump(path: Path, rows: list[Row]) -> None:
     figure, panels = figure_of(11, 4.2 * len(shown), len(shown), 2)
     for case, (rates, jumps) in zip(shown, np.atleast_2d(panels), strict=True):
         _rates(rates, [row for row in of_case(rows, STAY, case) if row["rate"] is not None])
-        rates.set(xlabel="frequency over the resonance's", ylabel=r"rate of leaving, $10^{-4}$ per pseudo period")
+        rates.set(
+            xlabel="frequency over the resonance's",
+            ylabel=r"rate of leaving, $10^{-4}$ per pseudo period",
+        )
         rates.set_title(f"{case}: constant frequencies")
         _jumps(jumps, slownesses(rows, case), of_case(rows, STAY, case))
-        jumps.set(xlabel="pseudo periods per 1 %", ylabel="share that jumps", title=f"{case}: sweeps", ylim=(-0.02, 1.02))
+        jumps.set(
+            xlabel="pseudo periods per 1 %",
+            ylabel="share that jumps",
+            title=f"{case}: sweeps",
+            ylim=(-0.02, 1.02),
+        )
     write_figure(figure, path, DPI)
 
 
-def _bars(panel: Axes, x: list[float], rows: list[Row], value: str, label: str, scale: float = 1.0) -> None:
-    y, low, high = (scale * np.array([row[name] for row in rows]) for name in (value, "low", "high"))
-    panel.errorbar(x, y, [y - low, high - y], fmt="o", ms=4, color="#0072B2", lw=1, capsize=2, label=label)
+def _bars(
+    panel: Axes, x: list[float], rows: list[Row], value: str, label: str, scale: float = 1.0
+) -> None:
+    y, low, high = (
+        scale * np.array([row[name] for row in rows]) for name in (value, "low", "high")
+    )
+    panel.errorbar(
+        x, y, [y - low, high - y], fmt="o", ms=4, color="#0072B2", lw=1, capsize=2, label=label
+    )
 
 
 def _rates(panel: Axes, rows: list[Row]) -> None:
     if rows:
-        _bars(panel, [row["at"] for row in rows], rows, "rate", "exits over time at risk, 95 %", 1e4)
+        _bars(
+            panel, [row["at"] for row in rows], rows, "rate", "exits over time at risk, 95 %", 1e4
+        )
         panel.margins(y=0.14)
         panel.legend(frameon=False, loc="upper left")
     panel.grid(True, color="0.9", lw=0.6)
 
 
 def _jumps(panel: Axes, sweeps: list[Row], stays: list[Row]) -> None:
-    measured, found = [row for row in sweeps if row["share"] is not None], with_sweeps(hazard_of(stays), sweeps)
+    measured = [row for row in sweeps if row["share"] is not None]
+    found = with_sweeps(hazard_of(stays), sweeps)
     if measured and found is not None:
         n = np.geomspace(measured[0]["at"] / 2, measured[-1]["at"] * 2, 200)
         told = np.array([found.probability(each) for each in n]).T
-        panel.plot(n, told[0], color="0.2", lw=1.2, label=f"{found.factor:.3f} exp(-N integral of the rate)")
+        panel.plot(
+            n,
+            told[0],
+            color="0.2",
+            lw=1.2,
+            label=f"{found.factor:.3f} exp(-N integral of the rate)",
+        )
         panel.fill_between(n, told[1], told[2], color="0.85", lw=0)
     if measured:
         _bars(panel, [row["at"] for row in measured], measured, "share", "measured, 95 %")
@@ -255,16 +430,32 @@ def save_kinds(path: Path, rows: list[Row]) -> None:
         own = of_case(rows, RESPONSE, case)
         x = np.array([row["at"] for row in own])
         shares = [[row[kind.value] / row["runs"] for row in own] for kind in Kind]
-        top.stackplot(x, shares, labels=[NAMES[kind] for kind in Kind], colors=[COLOURS[kind] for kind in Kind], step="mid")
+        top.stackplot(
+            x,
+            shares,
+            labels=[NAMES[kind] for kind in Kind],
+            colors=[COLOURS[kind] for kind in Kind],
+            step="mid",
+        )
         top.set(ylabel="share of members", title=case, ylim=(0, 1))
-        low, middle, high = (1e3 * np.array([row[name] for row in own]) for name in ("peak_5", "peak_50", "peak_95"))
+        low, middle, high = (
+            1e3 * np.array([row[name] for row in own]) for name in ("peak_5", "peak_50", "peak_95")
+        )
         bottom.fill_between(x, low, high, color="0.85", lw=0, label="5 to 95 %")
         bottom.plot(x, middle, color="#0072B2", lw=1.2, label="median")
-        bottom.set(xlabel="frequency over the resonance's", ylabel=r"largest $|q_\mathrm{tip}|$ of a period in mm")
+        bottom.set(
+            xlabel="frequency over the resonance's",
+            ylabel=r"largest $|q_\mathrm{tip}|$ of a period in mm",
+        )
         bottom.set_xlim(x[0], x[-1])
         bottom.legend(frameon=False)
         bottom.grid(True, color="0.9", lw=0.6)
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(Kind), frameon=False)
+    figure.legend(
+        *panels[0, 0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=len(Kind),
+        frameon=False,
+    )
     write_figure(figure, path, DPI)
 
 
@@ -278,9 +469,27 @@ STUDY: Study[RegimeSettings] = Study(
 )
 
 
-OWN = ("scene", "structure", "modes", "damping", "mass_ratio", "gap", "restitution", "friction_limit", "force")
+OWN = (
+    "scene",
+    "structure",
+    "modes",
+    "damping",
+    "mass_ratio",
+    "gap",
+    "restitution",
+    "friction_limit",
+    "force",
+)
 NOT_ASKED = ("absorber", "contact_stiffness", "friction_stiffness", "stiffness", "absorber_damping")
-QUICK = {"stay_members": 10, "stay_periods": 1000.0, "sweep_members": 10, "kind_members": 4, "settle": 200.0, "window": 60, "quick": True}
+QUICK = {
+    "stay_members": 10,
+    "stay_periods": 1000.0,
+    "sweep_members": 10,
+    "kind_members": 4,
+    "settle": 200.0,
+    "window": 60,
+    "quick": True,
+}
 FAST = 300.0  # pseudo periods per percent: slower sweeps are left out of a quick look
 
 
@@ -296,32 +505,60 @@ def own_case(given: dict[str, Any]) -> Case:
     scene, _ = make_scene(given)
     if given["force"] is None:  # only a structure has a force that follows from the rule
         raise BadInput("a scene of your own needs --force")
-    first, last = positive("--from", given["start"]), positive("--to", given["stop"])
+    first = positive("--from", given["start"])
+    last = positive("--to", given["stop"])
     require(first != last, "--to", last, f"different from --from = {first}")
-    ratios, step = grid(first, last, given["points"]), 0.05 * (1 if last > first else -1)
+    ratios = grid(first, last, given["points"])
+    step = 0.05 * (1 if last > first else -1)
     sweep = Range(first - step / 50, first, last, last + step) if given["slowness"] else None
-    return Case("own", str(scene), scene, given["force"], given["approach"] or first, ratios, given["slowness"], sweep, tuple(sorted(ratios)))
+    return Case(
+        "own",
+        str(scene),
+        scene,
+        given["force"],
+        given["approach"] or first,
+        ratios,
+        given["slowness"],
+        sweep,
+        tuple(sorted(ratios)),
+    )
 
 
 def chosen_settings(given: dict[str, Any], executor: Executor | None = None) -> RegimeSettings:
     """Return the settings of a run, by an executor as in `run_lanes`. Raises BadInput or ParameterError."""
     own = is_own(given)
     picked = (own_case(given),) if own else cases()
-    counts = {} if given["members"] is None else dict.fromkeys(("stay_members", "sweep_members", "kind_members"), given["members"])
+    counts = (
+        {}
+        if given["members"] is None
+        else dict.fromkeys(("stay_members", "sweep_members", "kind_members"), given["members"])
+    )
     times = {} if given["silence"] is None else {"silence": given["silence"]}
     if given["quick"] and not own:
         picked = tuple(_thinned(case) for case in picked)
     chosen = {**(QUICK if given["quick"] else {}), **counts, **times}
-    return RegimeSettings(picked, **chosen, seed=given["seed"], threads=given["threads"], executor=executor)
+    return RegimeSettings(
+        picked, **chosen, seed=given["seed"], threads=given["threads"], executor=executor
+    )
 
 
 def _thinned(case: Case) -> Case:
     fast = tuple(slowness for slowness in case.slownesses if slowness <= FAST)
-    return replace(case, stay_ratios=case.stay_ratios[::9], kind_ratios=case.kind_ratios[::20], slownesses=fast[::2])
+    return replace(
+        case,
+        stay_ratios=case.stay_ratios[::9],
+        kind_ratios=case.kind_ratios[::20],
+        slownesses=fast[::2],
+    )
 
 
 @command()
-@click.option("--scene", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Structure and absorber from a .toml or .json file.")
+@click.option(
+    "--scene",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Structure and absorber from a .toml or .json file.",
+)
 @structure_option
 @click.option("--modes", type=int, help="Number of modes of the paper's beam.")
 @click.option("--damping", type=float, help="Modal damping ratio.")
@@ -329,22 +566,81 @@ def _thinned(case: Case) -> Case:
 @click.option("--gap", type=float, help="Clearance to either wall in m.")
 @click.option("--restitution", type=float, help="Coefficient of restitution.")
 @click.option("--friction-limit", type=float, help="Friction limit in N; 0: no friction.")
-@click.option("--force", type=float, help="Amplitude of the harmonic force in N.  [default: with --structure by the design rule]")
-@click.option("--from", "start", type=float, default=0.99, show_default=True, help="Your scene: first frequency over the first resonance.")
-@click.option("--to", "stop", type=float, default=0.95, show_default=True, help="Your scene: last frequency; sweeps go this way too.")
-@click.option("--points", type=int, default=21, show_default=True, help="Your scene: number of frequencies.")
-@click.option("--slowness", type=float, multiple=True, help="Your scene: pseudo periods per 1 % of a sweep; may be repeated.  [default: no sweeps]")
-@click.option("--approach", type=float, help="Your scene: ratio at which runs come into impact.  [default: that of --from]")
-@click.option("--silence", type=float, help="Pseudo periods without impact that end a stay.  [default: 100]")
-@click.option("--members", type=click.IntRange(min=1), help="Runs at each frequency and slowness.  [default: 200; 40 to be classified]")
+@click.option(
+    "--force",
+    type=float,
+    help="Amplitude of the harmonic force in N.  [default: with --structure by the design rule]",
+)
+@click.option(
+    "--from",
+    "start",
+    type=float,
+    default=0.99,
+    show_default=True,
+    help="Your scene: first frequency over the first resonance.",
+)
+@click.option(
+    "--to",
+    "stop",
+    type=float,
+    default=0.95,
+    show_default=True,
+    help="Your scene: last frequency; sweeps go this way too.",
+)
+@click.option(
+    "--points", type=int, default=21, show_default=True, help="Your scene: number of frequencies."
+)
+@click.option(
+    "--slowness",
+    type=float,
+    multiple=True,
+    help="Your scene: pseudo periods per 1 % of a sweep; may be repeated.  [default: no sweeps]",
+)
+@click.option(
+    "--approach",
+    type=float,
+    help="Your scene: ratio at which runs come into impact.  [default: that of --from]",
+)
+@click.option(
+    "--silence", type=float, help="Pseudo periods without impact that end a stay.  [default: 100]"
+)
+@click.option(
+    "--members",
+    type=click.IntRange(min=1),
+    help="Runs at each frequency and slowness.  [default: 200; 40 to be classified]",
+)
 @click.option("--only", type=click.Choice([JUMP, KINDS]), multiple=True, help="Do this part only.")
-@click.option("--quick", is_flag=True, help=f"A look: few frequencies and runs, into {QUICK_OUT} unless told otherwise.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the force's phases.")
-@click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the numbers do not depend on it.  [default: all cores]")
+@click.option(
+    "--quick",
+    is_flag=True,
+    help=f"A look: few frequencies and runs, into {QUICK_OUT} unless told otherwise.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of the force's phases.",
+)
+@click.option(
+    "--threads",
+    type=click.IntRange(min=1),
+    help="Number of threads; the numbers do not depend on it.  [default: all cores]",
+)
 @cluster_option
-@click.option("--redraw", is_flag=True, help="Draw figures and tables again from the numbers in --out; nothing is computed.")
-@click.option("--resume", is_flag=True, help="Go on from the files in --out where a run was stopped.")
-@click.option("--out", type=click.Path(path_type=Path), help=f"Folder.  [default: {OUT}; {QUICK_OUT} with --quick or a scene of your own]")
+@click.option(
+    "--redraw",
+    is_flag=True,
+    help="Draw figures and tables again from the numbers in --out; nothing is computed.",
+)
+@click.option(
+    "--resume", is_flag=True, help="Go on from the files in --out where a run was stopped."
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help=f"Folder.  [default: {OUT}; {QUICK_OUT} with --quick or a scene of your own]",
+)
 def main(**given: Any) -> None:
     """Measure how long the regime of impacts lasts, predict the jump of sweeps from that, and classify stationary responses.
 
@@ -352,6 +648,16 @@ def main(**given: Any) -> None:
     jump.json.gz and kinds.json.gz, CSV files and figures go to --out. Ctrl-C keeps what is finished.
     """
     small = is_own(given) or given["quick"]
-    with plain_errors(), workers(given["threads"], None if given["redraw"] else given["cluster"]) as executor:
+    with (
+        plain_errors(),
+        workers(given["threads"], None if given["redraw"] else given["cluster"]) as executor,
+    ):
         where = place(given["out"] or (QUICK_OUT if small else OUT), small)
-        run(STUDY, chosen_settings(given, executor), where, only=given["only"], redraw=given["redraw"], resume=given["resume"])
+        run(
+            STUDY,
+            chosen_settings(given, executor),
+            where,
+            only=given["only"],
+            redraw=given["redraw"],
+            resume=given["resume"],
+        )

@@ -13,16 +13,47 @@ from studies.study import run
 
 
 @command()
-@click.option("--figure", "figures", type=click.Choice(LABELS), multiple=True, help="Figure by the paper's label; may be repeated.  [default: all]")
-@click.option("--quick", is_flag=True, help=f"A look: few points and members, into {QUICK_OUT} unless told otherwise.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the members.")
-@click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the numbers do not depend on it.  [default: all cores]")
+@click.option(
+    "--figure",
+    "figures",
+    type=click.Choice(LABELS),
+    multiple=True,
+    help="Figure by the paper's label; may be repeated.  [default: all]",
+)
+@click.option(
+    "--quick",
+    is_flag=True,
+    help=f"A look: few points and members, into {QUICK_OUT} unless told otherwise.",
+)
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the members."
+)
+@click.option(
+    "--threads",
+    type=click.IntRange(min=1),
+    help="Number of threads; the numbers do not depend on it.  [default: all cores]",
+)
 @cluster_option
-@click.option("--redraw", is_flag=True, help="Write figures, page and claims again from the numbers in the folder; nothing is computed.")
+@click.option(
+    "--redraw",
+    is_flag=True,
+    help="Write figures, page and claims again from the numbers in the folder; nothing is computed.",
+)
 @click.option("--anew", is_flag=True, help="Compute finished figures again too.")
-@click.option("--out", type=click.Path(path_type=Path), help=f"Folder for paper.md and its folder paper; docs: the published page.  [default: {OUT}]")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help=f"Folder for paper.md and its folder paper; docs: the published page.  [default: {OUT}]",
+)
 def main(
-    figures: tuple[str, ...], quick: bool, seed: int, threads: int | None, cluster: str | None, redraw: bool, anew: bool, out: Path | None
+    figures: tuple[str, ...],
+    quick: bool,
+    seed: int,
+    threads: int | None,
+    cluster: str | None,
+    redraw: bool,
+    anew: bool,
+    out: Path | None,
 ) -> None:
     """Compute the figures of the paper, judge what it says by them, and write both as a page with files.
 

@@ -39,7 +39,12 @@ LABELS = SAMPLERS | NOISY
 FULL: Json = {"designs": 160, "members": 8, "seeds": 5, "speed": 2.0}
 QUICK: Json = {"designs": 40, "members": 4, "seeds": 2, "speed": 4.0}
 # the paper's beam at its best operating points, alone and both, and a steel strip at its second
-STEEL = Beam(length=1.2, bending_stiffness=210e9 * 0.04 * 0.008**3 / 12, mass_per_length=7850 * 0.04 * 0.008, force_position=0.25)  # 40 x 8 mm
+STEEL = Beam(
+    length=1.2,
+    bending_stiffness=210e9 * 0.04 * 0.008**3 / 12,
+    mass_per_length=7850 * 0.04 * 0.008,
+    force_position=0.25,
+)  # 40 x 8 mm
 QUESTIONS: dict[str, tuple[Beam, tuple[Condition, ...]]] = {
     "paper, first": (Beam(), (Condition(1, 3.5),)),
     "paper, both": (Beam(), (Condition(1, 3.5), Condition(2, 35.0))),
@@ -65,9 +70,19 @@ def standings(trials: Sequence[Json]) -> list[Standing]:
     """Return all methods on all questions, best median first within a question, of the rows of `trial`."""
     found = []
     for question in dict.fromkeys(t["question"] for t in trials):
-        levels = {m: sorted(t["level"] for t in trials if (t["question"], t["method"]) == (question, m)) for m in METHODS}
-        over = {m: str(ratio_of_quantiles(own, levels[CMA])) if levels[CMA] else "-" for m, own in levels.items() if own}
-        found += sorted((Standing(question, m, levels[m], word) for m, word in over.items()), key=lambda row: row.median)
+        levels = {
+            m: sorted(t["level"] for t in trials if (t["question"], t["method"]) == (question, m))
+            for m in METHODS
+        }
+        over = {
+            m: str(ratio_of_quantiles(own, levels[CMA])) if levels[CMA] else "-"
+            for m, own in levels.items()
+            if own
+        }
+        found += sorted(
+            (Standing(question, m, levels[m], word) for m, word in over.items()),
+            key=lambda row: row.median,
+        )
     return found
 
 
@@ -83,7 +98,8 @@ def winner(rows: Sequence[Standing]) -> str:
 NAME = "search_methods"
 QUICK_OUT = Path("results/search_methods")
 OUT = published(DOCS, QUICK_OUT)
-SECTION, MACHINE = "searches:levels", "searches:machine"
+SECTION = "searches:levels"
+MACHINE = "searches:machine"
 
 
 class ComparisonSettings(NamedTuple):
@@ -99,7 +115,9 @@ class ComparisonSettings(NamedTuple):
     @property
     def told(self) -> Json:
         """What the numbers depend on, as the file holds it."""
-        return {name: x for name, x in self._asdict().items() if name != "executor"} | {"questions": list(self.questions)}
+        return {name: x for name, x in self._asdict().items() if name != "executor"} | {
+            "questions": list(self.questions)
+        }
 
 
 def trial(question: str, method: str, seed: int, given: ComparisonSettings) -> list[Json]:
@@ -108,21 +126,37 @@ def trial(question: str, method: str, seed: int, given: ComparisonSettings) -> l
     Raises KeyboardInterrupt if one ended it, or no design came to its end.
     """
     beam, conditions = QUESTIONS[question]
-    problem = Problem(design_space("impact"), conditions, beam=beam, members=given.members, seed=seed)
+    problem = Problem(
+        design_space("impact"), conditions, beam=beam, members=given.members, seed=seed
+    )
     plan = Plan(given.designs, method, seed=seed, from_scratch=True, audit=0, modes=False)
-    found = find(replace(problem, rate=given.speed * problem.rate), plan, None, given.executor, BARS)
+    found = find(
+        replace(problem, rate=given.speed * problem.rate), plan, None, given.executor, BARS
+    )
     if found.verdict is None or not found.finished:
         raise KeyboardInterrupt
-    winner, thought = found.verdict.winner, found.verdict.found.score.values[0]
-    level, members, values = winner.score.values[0], winner.members[0].tolist(), dict(winner.design.values)
-    row = {"question": question, "method": method, "seed": seed, "runs": found.cost.runs, "thought": thought}
+    winner = found.verdict.winner
+    thought = found.verdict.found.score.values[0]
+    level = winner.score.values[0]
+    members = winner.members[0].tolist()
+    values = dict(winner.design.values)
+    row = {
+        "question": question,
+        "method": method,
+        "seed": seed,
+        "runs": found.cost.runs,
+        "thought": thought,
+    }
     return [row | {"level": level, "members": members, "values": values}]
 
 
 def _searches(given: ComparisonSettings) -> dict[tuple[str, str, int], Callable[[], list[Json]]]:
     """Return all searches, seed by seed, so that a run that is stopped has all methods."""
     every = product(range(given.seeds), given.questions, METHODS)
-    return {(question, method, seed): partial(trial, question, method, seed, given) for seed, question, method in every}
+    return {
+        (question, method, seed): partial(trial, question, method, seed, given)
+        for seed, question, method in every
+    }
 
 
 def table(measured: Measured) -> str:
@@ -140,7 +174,14 @@ def table(measured: Measured) -> str:
     rows = []
     for row in found:
         percent = [100 * x for x in (row.median, row.levels[0], row.levels[-1])]
-        rows.append({**row._asdict(), "label": LABELS[row.method], "seeds": len(row.levels), "percent": percent})
+        rows.append(
+            {
+                **row._asdict(),
+                "label": LABELS[row.method],
+                "seeds": len(row.levels),
+                "percent": percent,
+            }
+        )
     return f"{lines(columns, rows)}\n\nLeast mean rank: {LABELS[winner(found)]}."
 
 
@@ -155,28 +196,68 @@ STUDY: Study[ComparisonSettings] = Study(
             told=lambda given: {"settings": given.told},
             steps=None,
             markers=(SECTION, MACHINE),
-            sections=lambda measured: {SECTION: table(measured), MACHINE: sources(measured.conditions)},
+            sections=lambda measured: {
+                SECTION: table(measured),
+                MACHINE: sources(measured.conditions),
+            },
             said=table,
         ),
     ),
-    pack=lambda _, own: {"settings": own.values["settings"], "conditions": own.conditions, "complete": own.complete, "trials": own.values["rows"]},
-    unpack=lambda _, own: Measured({"settings": own["settings"], "rows": own["trials"]}, own["conditions"], bool(own["complete"])),
+    pack=lambda _, own: {
+        "settings": own.values["settings"],
+        "conditions": own.conditions,
+        "complete": own.complete,
+        "trials": own.values["rows"],
+    },
+    unpack=lambda _, own: Measured(
+        {"settings": own["settings"], "rows": own["trials"]},
+        own["conditions"],
+        bool(own["complete"]),
+    ),
     kept="the same command goes on from here.",
 )
 
 
 @command()
-@click.option("--quick", is_flag=True, help="A look: 40 designs, 4 members, 2 seeds, sweeps 4 times as fast.")
-@click.option("--question", multiple=True, type=click.Choice(list(QUESTIONS)), help="What is searched; may be repeated.  [default: all]")
-@click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
+@click.option(
+    "--quick", is_flag=True, help="A look: 40 designs, 4 members, 2 seeds, sweeps 4 times as fast."
+)
+@click.option(
+    "--question",
+    multiple=True,
+    type=click.Choice(list(QUESTIONS)),
+    help="What is searched; may be repeated.  [default: all]",
+)
+@click.option(
+    "--threads",
+    type=click.IntRange(min=1),
+    help="Number of threads; the result does not depend on it.  [default: all cores]",
+)
 @cluster_option
-@click.option("--out", type=click.Path(path_type=Path), help=f"Folder.  [default: docs, with --quick {QUICK_OUT}]")
-@click.option("--redraw", is_flag=True, help="Write the page again from the numbers in the folder; nothing is computed.")
-def main(quick: bool, question: tuple[str, ...], threads: int | None, cluster: str | None, out: Path | None, redraw: bool) -> None:
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help=f"Folder.  [default: docs, with --quick {QUICK_OUT}]",
+)
+@click.option(
+    "--redraw",
+    is_flag=True,
+    help="Write the page again from the numbers in the folder; nothing is computed.",
+)
+def main(
+    quick: bool,
+    question: tuple[str, ...],
+    threads: int | None,
+    cluster: str | None,
+    out: Path | None,
+    redraw: bool,
+) -> None:
     """Search with each method from scratch over several seeds, and judge the winners on fresh members.
 
     Writes search_methods.json.gz and the page search_methods.md. Ctrl-C keeps what is finished: the same command goes on from there.
     """
     with plain_errors(), executor(threads, None if redraw else cluster) as where:
-        given = ComparisonSettings(where, question or tuple(QUESTIONS), **(QUICK if quick else FULL))
+        given = ComparisonSettings(
+            where, question or tuple(QUESTIONS), **(QUICK if quick else FULL)
+        )
         run(STUDY, given, beside(out or (QUICK_OUT if quick else OUT), NAME), redraw=redraw)

@@ -22,8 +22,10 @@ from studies.variants import Pair, Variant, own, pairs
 
 PROBE = Path(__file__).parents[1] / "probe.py"
 PACKAGES = PROBE.parents[2]  # the folder from which they are imported
-PERIODS, QUICK_PERIODS = 400.0, 60.0
-REPEATS, QUICK_REPEATS = 5, 3
+PERIODS = 400.0
+QUICK_PERIODS = 60.0
+REPEATS = 5
+QUICK_REPEATS = 3
 FRICTION = ("rigid_contact.friction_force", "rigid_contact.add_friction_loss", "rigid_contact.turn")
 LINEAR = ("no absorber", "stuck", "tuned")
 REAL = 1.02  # a part switched off by its value must cost more than this, or leaving it out saves nothing
@@ -38,13 +40,34 @@ class Claim(NamedTuple):
     holds: bool
 
 
-def _probe(variant: Variant, what: str, cache: Path, periods: float, repeats: int) -> dict[str, Any]:
-    command = [sys.executable, "-P", str(PROBE), variant.absorber, variant.method, variant.record, what, str(periods), str(repeats)]
+def _probe(
+    variant: Variant, what: str, cache: Path, periods: float, repeats: int
+) -> dict[str, Any]:
+    command = [
+        sys.executable,
+        "-P",
+        str(PROBE),
+        variant.absorber,
+        variant.method,
+        variant.record,
+        what,
+        str(periods),
+        str(repeats),
+    ]
     path = os.pathsep.join([str(PACKAGES), *filter(None, [os.environ.get("PYTHONPATH")])])
-    environment = {**os.environ, "IMPACT_ENV_CACHE": str(cache), "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
-    result = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, cwd=PACKAGES)
+    environment = {
+        **os.environ,
+        "IMPACT_ENV_CACHE": str(cache),
+        "PYTHONPATH": path,
+        "OMP_NUM_THREADS": "1",
+    }
+    result = subprocess.run(
+        command, capture_output=True, text=True, env=environment, check=False, cwd=PACKAGES
+    )
     if result.returncode:
-        raise IntegrationError(f"{variant.name}: {result.stderr.strip().splitlines()[-1] if result.stderr.strip() else result.returncode}")
+        raise IntegrationError(
+            f"{variant.name}: {result.stderr.strip().splitlines()[-1] if result.stderr.strip() else result.returncode}"
+        )
     values: dict[str, Any] = json.loads(result.stdout.splitlines()[-1])
     return values
 
@@ -52,7 +75,9 @@ def _probe(variant: Variant, what: str, cache: Path, periods: float, repeats: in
 def left(quick: bool, known: Json) -> tuple[list[Variant], list[Pair]]:
     """Return the variants and the pairs that an earlier run has not measured."""
     done = {pair["part"] for pair in known.get("pairs", ())}
-    return [variant for variant in own(quick) if variant.name not in known.get("own", {})], [pair for pair in pairs(quick) if pair.part not in done]
+    return [variant for variant in own(quick) if variant.name not in known.get("own", {})], [
+        pair for pair in pairs(quick) if pair.part not in done
+    ]
 
 
 def measure(quick: bool, known: Json) -> Steps:
@@ -60,80 +85,168 @@ def measure(quick: bool, known: Json) -> Steps:
     periods, repeats = (QUICK_PERIODS, QUICK_REPEATS) if quick else (PERIODS, REPEATS)
     results: Json = {"own": {}, "pairs": []} | known
     variants, compared = left(quick, known)
-    timed = {variant: results["own"][variant.name] for variant in own(quick) if variant.name in results["own"]}
+    timed = {
+        variant: results["own"][variant.name]
+        for variant in own(quick)
+        if variant.name in results["own"]
+    }
     with tempfile.TemporaryDirectory(prefix="impact_env-") as folder:
-        caches = {kind: Path(folder) / str(number) for number, kind in enumerate(dict.fromkeys(variant.kind for variant in own(quick)))}
+        caches = {
+            kind: Path(folder) / str(number)
+            for number, kind in enumerate(dict.fromkeys(variant.kind for variant in own(quick)))
+        }
         for variant in variants:
             cold = _probe(variant, "inspect", caches[variant.kind], 1.0, 1)
             yield results
             warm = timed[variant] = _probe(variant, "time", caches[variant.kind], periods, repeats)
-            compiled = {"cold_s": cold["first_s"], "cached_s": warm["first_s"], "functions": cold["functions"], "instructions": cold["instructions"]}
-            ran = {name: warm[name] for name in ("ns_per_period", "impacts_per_period", "memory_mb", "peak_kb")}
+            compiled = {
+                "cold_s": cold["first_s"],
+                "cached_s": warm["first_s"],
+                "functions": cold["functions"],
+                "instructions": cold["instructions"],
+            }
+            ran = {
+                name: warm[name]
+                for name in ("ns_per_period", "impacts_per_period", "memory_mb", "peak_kb")
+            }
             results["own"][variant.name] = asdict(variant) | compiled | ran
             yield results
         for pair in compared:
             one, other = (
-                (timed.get(variant) or _probe(variant, "time", caches[variant.kind], periods, repeats))["ns_per_period"]
+                (
+                    timed.get(variant)
+                    or _probe(variant, "time", caches[variant.kind], periods, repeats)
+                )["ns_per_period"]
                 for variant in (pair.without, pair.switched_off)
             )
-            named = {"part": pair.part, "without": pair.without.name, "switched_off": pair.switched_off.name}
-            results["pairs"].append(named | {"without_ns": one, "switched_off_ns": other, "ratio": other / one})
+            named = {
+                "part": pair.part,
+                "without": pair.without.name,
+                "switched_off": pair.switched_off.name,
+            }
+            results["pairs"].append(
+                named | {"without_ns": one, "switched_off_ns": other, "ratio": other / one}
+            )
             yield results
 
 
 def claims(results: Json) -> Iterator[Claim]:
     """Yield the claims on the compiled code and on the measurements."""
     for entry in results["own"].values():
-        scene, exact = f"{entry['absorber']}, {entry['method']}, {entry['record']}", entry["method"] == "exact"
+        scene = f"{entry['absorber']}, {entry['method']}, {entry['record']}"
+        exact = entry["method"] == "exact"
         if exact and entry["absorber"] in LINEAR:
             search = sum(function["name"].startswith("search.") for function in entry["functions"])
-            yield Claim(f"{scene}: searches no events", f"{search} functions of the search", not search)
-        rubbed = sum(function["arithmetic"] for function in entry["functions"] if function["name"] in FRICTION)
+            yield Claim(
+                f"{scene}: searches no events", f"{search} functions of the search", not search
+            )
+        rubbed = sum(
+            function["arithmetic"]
+            for function in entry["functions"]
+            if function["name"] in FRICTION
+        )
         if exact and entry["absorber"] == "impact":
             yield Claim(f"{scene}: no friction arithmetic", f"{rubbed} operations", rubbed == 0)
         if exact and entry["absorber"] == "impact and friction":
-            yield Claim(f"{scene}: has friction arithmetic (the check can fail)", f"{rubbed} operations", rubbed > 0)
+            yield Claim(
+                f"{scene}: has friction arithmetic (the check can fail)",
+                f"{rubbed} operations",
+                rubbed > 0,
+            )
         growth = entry["peak_kb"][1] - entry["peak_kb"][0]
         if entry["record"] in ("nothing", "level"):
-            yield Claim(f"{scene}: stores no time series", f"{growth:+.1f} kB for a run 10 times longer", growth < FLAT_KB)
+            yield Claim(
+                f"{scene}: stores no time series",
+                f"{growth:+.1f} kB for a run 10 times longer",
+                growth < FLAT_KB,
+            )
         if entry["record"] == "level and samples":
-            yield Claim(f"{scene}: stores one (the check can fail)", f"{growth:+.1f} kB for a run 10 times longer", growth > FLAT_KB)
+            yield Claim(
+                f"{scene}: stores one (the check can fail)",
+                f"{growth:+.1f} kB for a run 10 times longer",
+                growth > FLAT_KB,
+            )
 
 
 PARTS = (
     "search", "forced", "slots", "segments", "exact", "free_and_joined", "rigid_contact", "compliant", "linear", "moreau", "moreau_law",
     "runge_kutta", "feedback", "observers", "energies",
 )  # fmt: skip
-OF = {"rigid": "exact", "springs": "compliant", "level": "observers", "steps": "search"}  # modules that are counted with another
+OF = {
+    "rigid": "exact",
+    "springs": "compliant",
+    "level": "observers",
+    "steps": "search",
+}  # modules that are counted with another
 
 
-MARKERS = tuple(f"specialisation:{name}" for name in ("summary", "claims", "scenes", "code", "pairs"))
+MARKERS = tuple(
+    f"specialisation:{name}" for name in ("summary", "claims", "scenes", "code", "pairs")
+)
 
 
 def _summary(results: Json, measured: Measured) -> str:
-    found, broken = list(claims(results)), [claim for claim in claims(results) if not claim.holds]
-    words = [f"{len(found) - len(broken)} of {len(found)} claims hold. {sources(measured.conditions)}"]
-    words += ["**Stopped early or a quick look: not all of the report.**"] if not measured.complete or measured.conditions.get("quick") else []
-    without = [pair["part"] for pair in results["pairs"] if pair["ratio"] < REAL]  # their absence saves no time that can be told from noise
+    found = list(claims(results))
+    broken = [claim for claim in claims(results) if not claim.holds]
+    words = [
+        f"{len(found) - len(broken)} of {len(found)} claims hold. {sources(measured.conditions)}"
+    ]
+    words += (
+        ["**Stopped early or a quick look: not all of the report.**"]
+        if not measured.complete or measured.conditions.get("quick")
+        else []
+    )
+    without = [
+        pair["part"] for pair in results["pairs"] if pair["ratio"] < REAL
+    ]  # their absence saves no time that can be told from noise
     if not results["pairs"]:
         return "\n".join(words)
-    saving = f"Left out without a saving of {100 * (REAL - 1):.0f} % or more: {', '.join(without)}." if without else "Every part left out saves time."
+    saving = (
+        f"Left out without a saving of {100 * (REAL - 1):.0f} % or more: {', '.join(without)}."
+        if without
+        else "Every part left out saves time."
+    )
     return "\n".join([*words, saving])
 
 
 def _claims(every: list[Claim]) -> str:
     """Return a line for each kind of claim with the number of scenes in which it holds, and one for each claim that does not hold."""
     held = Counter(claim.text.rpartition(": ")[2] for claim in every if claim.holds)
-    rows = [(kind, f"holds in {number}", next(c.found for c in every if c.holds and c.text.endswith(kind))) for kind, number in held.items()]
-    return markdown(("claim", "scenes", "in the first"), rows + [(claim.text, "DOES NOT HOLD", claim.found) for claim in every if not claim.holds])
+    rows = [
+        (
+            kind,
+            f"holds in {number}",
+            next(c.found for c in every if c.holds and c.text.endswith(kind)),
+        )
+        for kind, number in held.items()
+    ]
+    return markdown(
+        ("claim", "scenes", "in the first"),
+        rows + [(claim.text, "DOES NOT HOLD", claim.found) for claim in every if not claim.holds],
+    )
 
 
 def sections(measured: Measured) -> dict[str, str]:
     """Return the page's sections by the names of their `MARKERS`."""
-    results, entries = measured.values, list[Json]()
+    results = measured.values
+    entries = list[Json]()
     for entry in results["own"].values():
-        name = ", ".join([entry["absorber"], entry["method"], *([entry["record"]] if entry["record"] != "level" else [])])
-        entries.append({**entry, "name": name, "us": entry["ns_per_period"] / 1e3, "called": len(entry["functions"]), **counts(entry)})
+        name = ", ".join(
+            [
+                entry["absorber"],
+                entry["method"],
+                *([entry["record"]] if entry["record"] != "level" else []),
+            ]
+        )
+        entries.append(
+            {
+                **entry,
+                "name": name,
+                "us": entry["ns_per_period"] / 1e3,
+                "called": len(entry["functions"]),
+                **counts(entry),
+            }
+        )
     scenes = {
         "scene, method, recorded": "{name}",
         "compile cold, s": "{cold_s:.1f}",
@@ -144,7 +257,11 @@ def sections(measured: Measured) -> dict[str, str]:
         "held by a run, kB": "{peak_kb[0]:.0f}",
         "10 times longer, kB": "{peak_kb[1]:.0f}",
     }
-    code = {"scene, method, recorded": "{name}", "machine instructions": "{instructions:,}", "functions": "{called}"}
+    code = {
+        "scene, method, recorded": "{name}",
+        "machine instructions": "{instructions:,}",
+        "functions": "{called}",
+    }
     pairs = {
         "part": "{part}",
         "scene without it": "{without}",
@@ -158,7 +275,13 @@ def sections(measured: Measured) -> dict[str, str]:
         _claims(list(claims(results))),
         lines(scenes, entries),
         lines(code | {part: f"{{{part}}}" for part in PARTS}, entries),
-        lines(pairs, ({**pair, "us": (pair["without_ns"] / 1e3, pair["switched_off_ns"] / 1e3)} for pair in results["pairs"])),
+        lines(
+            pairs,
+            (
+                {**pair, "us": (pair["without_ns"] / 1e3, pair["switched_off_ns"] / 1e3)}
+                for pair in results["pairs"]
+            ),
+        ),
     )
     return dict(zip(MARKERS, found, strict=True))
 
@@ -184,7 +307,9 @@ COLUMNS = (
 
 def _said(measured: Measured) -> str:
     found = claims(measured.values)
-    return "\n".join(f"{'holds ' if claim.holds else 'BROKEN'}  {claim.text}: {claim.found}" for claim in found)
+    return "\n".join(
+        f"{'holds ' if claim.holds else 'BROKEN'}  {claim.text}: {claim.found}" for claim in found
+    )
 
 
 PART: Part[bool] = Part(
@@ -194,7 +319,13 @@ PART: Part[bool] = Part(
     markers=MARKERS,
     sections=sections,
     steps=lambda quick, known: 2 * len(left(quick, known)[0]) + len(left(quick, known)[1]),
-    tables=lambda measured: [Table(NAME, COLUMNS, [[entry[column] for column in COLUMNS] for entry in measured.values["own"].values()])],
+    tables=lambda measured: [
+        Table(
+            NAME,
+            COLUMNS,
+            [[entry[column] for column in COLUMNS] for entry in measured.values["own"].values()],
+        )
+    ],
     said=_said,
     failures=lambda measured: [claim.text for claim in claims(measured.values) if not claim.holds],
 )
@@ -203,10 +334,26 @@ STUDY: Study[bool] = Study((PART,), notes=lambda quick: {"quick": quick})
 
 
 @command()
-@click.option("--quick", is_flag=True, help=f"Three scenes and short runs, into {QUICK_OUT} unless told otherwise.")
-@click.option("--out", type=click.Path(path_type=Path), help=f"Folder for specialisation.json.gz, .csv and .md.  [default: {OUT}]")
-@click.option("--redraw", is_flag=True, help="Write the page again from the specialisation.json.gz in the folder; nothing is measured.")
-@click.option("--resume", is_flag=True, help="Go on from the specialisation.json.gz in the folder, if that run was stopped early.")
+@click.option(
+    "--quick",
+    is_flag=True,
+    help=f"Three scenes and short runs, into {QUICK_OUT} unless told otherwise.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help=f"Folder for specialisation.json.gz, .csv and .md.  [default: {OUT}]",
+)
+@click.option(
+    "--redraw",
+    is_flag=True,
+    help="Write the page again from the specialisation.json.gz in the folder; nothing is measured.",
+)
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Go on from the specialisation.json.gz in the folder, if that run was stopped early.",
+)
 def main(quick: bool, out: Path | None, redraw: bool, resume: bool) -> None:
     """Compile each scene into a cache of its own, look into its compiled code, time it, and compare it with scenes that have a part switched off.
 

@@ -41,7 +41,11 @@ def _measure(settings: StabilitySettings, known: Json) -> Steps:
     order = tasks(settings.quick)
     outcomes = finished(order, known)
     done = {(outcome.task.function, outcome.task.arguments) for outcome in outcomes}
-    with closing(Pool(settings.workers, COMPILE_S).run([task for task in order if (task.function, task.arguments) not in done])) as stream:
+    with closing(
+        Pool(settings.workers, COMPILE_S).run(
+            [task for task in order if (task.function, task.arguments) not in done]
+        )
+    ) as stream:
         for outcome in stream:
             outcomes.append(outcome)
             yield gather(outcomes, order)
@@ -60,7 +64,13 @@ NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 def said(measured: Measured) -> str:
     """Return the printed text: the matrix, and all failures."""
     failed = list(failures(measured.values))
-    return "\n".join([_matrix(measured.values), *(f"FAILED  {line}" for line in failed), f"\n{len(failed)} failures"])
+    return "\n".join(
+        [
+            _matrix(measured.values),
+            *(f"FAILED  {line}" for line in failed),
+            f"\n{len(failed)} failures",
+        ]
+    )
 
 
 def _number(value: float | None) -> str:
@@ -72,11 +82,19 @@ def _worst(cells: Sequence[Json], name: str) -> str:
 
 
 def _summary(results: Json, measured: Measured) -> str:
-    counts, made = Counter(cell["verdict"] for cell in results["cells"]), measured.conditions
-    words = {GOOD: "good", WEAK: "with fewer digits", REFUSED: "refused with an error", FAILED: "failed"}
+    counts = Counter(cell["verdict"] for cell in results["cells"])
+    made = measured.conditions
+    words = {
+        GOOD: "good",
+        WEAK: "with fewer digits",
+        REFUSED: "refused with an error",
+        FAILED: "failed",
+    }
     parts = ", ".join(f"{counts[verdict]} {text}" for verdict, text in words.items())
     told = [f"{len(results['cells'])} cells: {parts}. {sources(made)}"]
-    told.append(f"Wall time {made.get('wall_s', 0):.0f} s on {made.get('workers', '?')} processes, compiling included.")
+    told.append(
+        f"Wall time {made.get('wall_s', 0):.0f} s on {made.get('workers', '?')} processes, compiling included."
+    )
     if not measured.complete:
         told.append("**Stopped early or a quick look: not all of the report.**")
     if failed := list(failures(results)):
@@ -85,18 +103,46 @@ def _summary(results: Json, measured: Measured) -> str:
 
 
 def _matrix(results: Json) -> str:
-    header = ("group and method", "cells", GOOD, WEAK, REFUSED, FAILED, "worst balance", "penetration", "from reference", "finer step", "slowest, s")
+    header = (
+        "group and method",
+        "cells",
+        GOOD,
+        WEAK,
+        REFUSED,
+        FAILED,
+        "worst balance",
+        "penetration",
+        "from reference",
+        "finer step",
+        "slowest, s",
+    )
     rows = []
     for group in dict.fromkeys(cell["group"] for cell in results["cells"]):
         for method in dict.fromkeys(cell["method"] for cell in results["cells"]):
-            some = [cell for cell in results["cells"] if cell["group"] == group and cell["method"] == method]
+            some = [
+                cell
+                for cell in results["cells"]
+                if cell["group"] == group and cell["method"] == method
+            ]
             if not some:
                 continue
             counts = Counter(cell["verdict"] for cell in some)
-            slowest = max((cell["wall_s"] for cell in some if cell["wall_s"] is not None), default=None)
+            slowest = max(
+                (cell["wall_s"] for cell in some if cell["wall_s"] is not None), default=None
+            )
             numbers = [str(counts[verdict] or "") for verdict in (GOOD, WEAK, REFUSED, FAILED)]
-            measures = [_worst(some, name) for name in ("balance", "penetration", "deviation", "finer")]
-            rows.append((f"{group}, {method}", str(len(some)), *numbers, *measures, "" if slowest is None else f"{slowest:.3f}"))
+            measures = [
+                _worst(some, name) for name in ("balance", "penetration", "deviation", "finer")
+            ]
+            rows.append(
+                (
+                    f"{group}, {method}",
+                    str(len(some)),
+                    *numbers,
+                    *measures,
+                    "" if slowest is None else f"{slowest:.3f}",
+                )
+            )
     return markdown(header, rows)
 
 
@@ -107,15 +153,31 @@ def _remarks(results: Json) -> str:
         alike: dict[tuple[str, str], list[Json]] = {}
         for cell in results["cells"]:
             if cell["verdict"] == verdict:
-                same = cell["group"] if verdict == REFUSED else cell["case"]  # digits that are lost are told case by case
-                alike.setdefault((same, NUMBER.sub("", cell["reason"]) if verdict == REFUSED else cell["reason"]), []).append(cell)
+                same = (
+                    cell["group"] if verdict == REFUSED else cell["case"]
+                )  # digits that are lost are told case by case
+                alike.setdefault(
+                    (
+                        same,
+                        NUMBER.sub("", cell["reason"]) if verdict == REFUSED else cell["reason"],
+                    ),
+                    [],
+                ).append(cell)
         for some in alike.values():
             first = some[0]
             reason = first["reason"].replace("|", "/").replace("\n", " ")
-            short = reason if len(reason) <= LONGEST_REASON else reason[: LONGEST_REASON - 3] + "..."
+            short = (
+                reason if len(reason) <= LONGEST_REASON else reason[: LONGEST_REASON - 3] + "..."
+            )
             methods = ", ".join(dict.fromkeys(cell["method"] for cell in some))
-            rows.append((f"{first['group']}: {first['case']}", str(len(some)), methods, verdict, short))
-    return markdown(("first case", "cells", "methods", "verdict", "reason of the first"), rows) if rows else "None."
+            rows.append(
+                (f"{first['group']}: {first['case']}", str(len(some)), methods, verdict, short)
+            )
+    return (
+        markdown(("first case", "cells", "methods", "verdict", "reason of the first"), rows)
+        if rows
+        else "None."
+    )
 
 
 def _limits(results: Json) -> str:
@@ -125,50 +187,111 @@ def _limits(results: Json) -> str:
     }  # fmt: skip
     rows = []
     for x in results["limits"]:
-        omega, theory, found = x["omega"], x["theory_s"], x["found_s"]
-        rows.append(x | {"theory": theory * omega, "found": found * omega, "off": found / theory - 1, "share": x["paper_s"] / theory})
+        omega = x["omega"]
+        theory = x["theory_s"]
+        found = x["found_s"]
+        rows.append(
+            x
+            | {
+                "theory": theory * omega,
+                "found": found * omega,
+                "off": found / theory - 1,
+                "share": x["paper_s"] / theory,
+            }
+        )
     return lines(columns, rows)
 
 
 def _stiffness(results: Json) -> str:
-    some = [cell for cell in results["cells"] if cell["group"] == "contact stiffness" and cell["case"].startswith("1e")]
-    header = ("contact", "exact: balance", "from reference", "s", "Runge-Kutta: balance", "from reference ", "finer step", "s ")
+    some = [
+        cell
+        for cell in results["cells"]
+        if cell["group"] == "contact stiffness" and cell["case"].startswith("1e")
+    ]
+    header = (
+        "contact",
+        "exact: balance",
+        "from reference",
+        "s",
+        "Runge-Kutta: balance",
+        "from reference ",
+        "finer step",
+        "s ",
+    )
     rows = []
     for case in dict.fromkeys(cell["case"] for cell in some):
         by = {cell["method"]: cell for cell in some if cell["case"] == case}
         cells = [(by.get("exact", {}), name) for name in ("balance", "deviation", "wall_s")]
-        cells += [(by.get("runge-kutta", {}), name) for name in ("balance", "deviation", "finer", "wall_s")]
+        cells += [
+            (by.get("runge-kutta", {}), name)
+            for name in ("balance", "deviation", "finer", "wall_s")
+        ]
         rows.append((case, *(_number(cell.get(name)) for cell, name in cells)))
     return markdown(header, rows)
 
 
 def _eigen(results: Json) -> str:
-    header = ("elements", "rounding, mode 1", "mode 2", "mode 10", "highest", "elements' error, mode 1", "mode 2 ", "mode 10 ", "tip of mode 1")
+    header = (
+        "elements",
+        "rounding, mode 1",
+        "mode 2",
+        "mode 10",
+        "highest",
+        "elements' error, mode 1",
+        "mode 2 ",
+        "mode 10 ",
+        "tip of mode 1",
+    )
     rows = []
     for x in results["eigen"]:
-        rounding, other = ([_number(x[name].get(mode)) for mode in ("1", "2", "10")] for name in ("rounding", "discretisation"))
-        rows.append((str(x["elements"]), *rounding, _number(x["highest"]), *other, _number(x["tip"])))
+        rounding, other = (
+            [_number(x[name].get(mode)) for mode in ("1", "2", "10")]
+            for name in ("rounding", "discretisation")
+        )
+        rows.append(
+            (str(x["elements"]), *rounding, _number(x["highest"]), *other, _number(x["tip"]))
+        )
     return markdown(header, rows)
 
 
 def _soaks(results: Json) -> str:
-    header = ("run", "pseudo periods", "balance", "memory, MB", "us per period", "impacts per period", "passed")
+    header = (
+        "run",
+        "pseudo periods",
+        "balance",
+        "memory, MB",
+        "us per period",
+        "impacts per period",
+        "passed",
+    )
     rows = []
     for x in results["soaks"]:
         last = len(x["lengths"]) - 1
         for k, length in enumerate(x["lengths"]):
-            numbers = (f"{x['memory_mb'][k]:.1f}", f"{x['us_per_period'][k]:.2f}", f"{x['impacts_per_period'][k]:.2f}")
+            numbers = (
+                f"{x['memory_mb'][k]:.1f}",
+                f"{x['us_per_period'][k]:.2f}",
+                f"{x['impacts_per_period'][k]:.2f}",
+            )
             passed = "" if k < last else "yes" if x["passed"] else "NO"
-            rows.append(("" if k else x["name"], f"{length:,}", _number(x["balance"][k]), *numbers, passed))
+            rows.append(
+                ("" if k else x["name"], f"{length:,}", _number(x["balance"][k]), *numbers, passed)
+            )
     return markdown(header, rows)
 
 
 def _checks(results: Json) -> str:
     if not results["checks"]:
         return "Not measured yet."
-    rows = [(x["name"], f"{x['searches']:,}", f"{x['misses']:,}", _number(x["worst"]), x["first"]) for x in results["checks"]]
+    rows = [
+        (x["name"], f"{x['searches']:,}", f"{x['misses']:,}", _number(x["worst"]), x["first"])
+        for x in results["checks"]
+    ]
     total = (f"{sum(x[name] for x in results['checks']):,}" for name in ("searches", "misses"))
-    return markdown(("scene", "searches", "misses", "worst", "first miss"), [*rows, ("all", *total, _worst(results["checks"], "worst"), "")])
+    return markdown(
+        ("scene", "searches", "misses", "worst", "first miss"),
+        [*rows, ("all", *total, _worst(results["checks"], "worst"), "")],
+    )
 
 
 SECTIONS: dict[str, Callable[[Json], str]] = {
@@ -203,7 +326,9 @@ def save_figure(path: Path, results: Json) -> None:
     _draw_stiffness(figure.add_subplot(grid[1, :2]), results)
     _draw_eigen(figure.add_subplot(grid[1, 2:4]), results)
     _draw_soaks(figure.add_subplot(grid[1, 4:]), results)
-    figure.suptitle("Stiff and extreme cases, step limits, eigenproblem and very long runs", fontsize=14)
+    figure.suptitle(
+        "Stiff and extreme cases, step limits, eigenproblem and very long runs", fontsize=14
+    )
     write_figure(figure, path, 130)
 
 
@@ -212,22 +337,39 @@ def _draw_matrix(ax: Axes, results: Json) -> None:
     generator = np.random.default_rng(0)
     offsets = {"exact": 0.25, "moreau": 0.0, "runge-kutta": -0.25}
     for cell in results["cells"]:
-        y = len(groups) - 1 - groups.index(cell["group"]) + offsets[cell["method"]] + generator.uniform(-0.09, 0.09)
+        y = (
+            len(groups)
+            - 1
+            - groups.index(cell["group"])
+            + offsets[cell["method"]]
+            + generator.uniform(-0.09, 0.09)
+        )
         colour = COLOURS[cell["method"]]
         if cell["verdict"] == FAILED:
             ax.plot(1e3 * generator.uniform(0.6, 1.6), y, "X", color="black", ms=8, zorder=4)
         elif cell["verdict"] == REFUSED:
-            ax.plot(3e1 * 3 ** generator.uniform(-1, 1), y, "x", color=colour, ms=4, mew=1, alpha=0.8)
+            ax.plot(
+                3e1 * 3 ** generator.uniform(-1, 1), y, "x", color=colour, ms=4, mew=1, alpha=0.8
+            )
         elif cell["deviation"] is not None:
             ax.plot(max(cell["deviation"], SMALLEST), y, "o", color=colour, ms=3.2, alpha=0.7)
     ax.axvspan(6, 2e2, color="0.93", zorder=0)
     ax.set(xscale="log", xlim=(0.5 * SMALLEST, 4e3), ylim=(-1.5, len(groups) - 0.4))
     ax.set_yticks(range(len(groups)), groups[::-1])
     ticks = 10.0 ** np.arange(-16, 1, 2)
-    ax.set_xticks([*ticks, 3e1, 1e3], [*(f"$10^{{{int(np.log10(t))}}}$" for t in ticks), "refused", "failed"], fontsize=8)
+    ax.set_xticks(
+        [*ticks, 3e1, 1e3],
+        [*(f"$10^{{{int(np.log10(t))}}}$" for t in ticks), "refused", "failed"],
+        fontsize=8,
+    )
     ax.minorticks_off()
-    ax.set_xlabel("largest distance from an independent reference, relative, up to the first impacts")
-    handles = [Line2D([], [], marker="o", ls="", color=colour, label=LABELS[method]) for method, colour in COLOURS.items()]
+    ax.set_xlabel(
+        "largest distance from an independent reference, relative, up to the first impacts"
+    )
+    handles = [
+        Line2D([], [], marker="o", ls="", color=colour, label=LABELS[method])
+        for method, colour in COLOURS.items()
+    ]
     ax.legend(handles=handles, loc="lower left", fontsize=9, ncols=3)
     ax.grid(axis="x", color="0.9")
     ax.set_title("each case with each method, its usual step", fontsize=11)
@@ -235,16 +377,44 @@ def _draw_matrix(ax: Axes, results: Json) -> None:
 
 def _draw_limits(ax: Axes, results: Json) -> None:
     for method in ("moreau", "runge-kutta"):
-        some = sorted((x for x in results["limits"] if x["method"] == method and x["what"] == "one mode"), key=lambda x: x["damping_ratio"])
+        some = sorted(
+            (x for x in results["limits"] if x["method"] == method and x["what"] == "one mode"),
+            key=lambda x: x["damping_ratio"],
+        )
         if not some:
             continue
         ratio = np.maximum([x["damping_ratio"] for x in some], 3e-4)
-        ax.plot(ratio, [x["found_s"] * x["omega"] for x in some], "o", color=COLOURS[method], ms=6, label=f"{LABELS[method]}, found")
+        ax.plot(
+            ratio,
+            [x["found_s"] * x["omega"] for x in some],
+            "o",
+            color=COLOURS[method],
+            ms=6,
+            label=f"{LABELS[method]}, found",
+        )
     ratio = np.geomspace(3e-4, 30, 150)
-    ax.plot(ratio, 2 * (np.sqrt(ratio**2 + 1) - ratio), color=COLOURS["moreau"], lw=1.2, label="Moreau, theory")
-    ax.plot(ratio, [_runge_kutta_reach(d) for d in ratio], color=COLOURS["runge-kutta"], lw=1.2, label="Runge-Kutta, theory")
+    ax.plot(
+        ratio,
+        2 * (np.sqrt(ratio**2 + 1) - ratio),
+        color=COLOURS["moreau"],
+        lw=1.2,
+        label="Moreau, theory",
+    )
+    ax.plot(
+        ratio,
+        [_runge_kutta_reach(d) for d in ratio],
+        color=COLOURS["runge-kutta"],
+        lw=1.2,
+        label="Runge-Kutta, theory",
+    )
     ax.axhline(2 * np.pi / 20, color="0.4", ls="--", lw=1, label="paper's step, 20 a period")
-    ax.set(xscale="log", yscale="log", xlabel="damping ratio D (left end: 0)", ylabel=r"largest stable $\omega\,\Delta t$", ylim=(0.02, 6))
+    ax.set(
+        xscale="log",
+        yscale="log",
+        xlabel="damping ratio D (left end: 0)",
+        ylabel=r"largest stable $\omega\,\Delta t$",
+        ylim=(0.02, 6),
+    )
     ax.set_title("step limit of one mode", fontsize=11)
     ax.legend(fontsize=8, loc="lower left")
     ax.grid(color="0.92")
@@ -264,16 +434,35 @@ def _draw_stiffness(ax: Axes, results: Json) -> None:
             some = [
                 (float(cell["case"].split()[0]), cell)
                 for cell in results["cells"]
-                if cell["group"] == "contact stiffness" and cell["case"].startswith("1e") and cell["method"] == method
+                if cell["group"] == "contact stiffness"
+                and cell["case"].startswith("1e")
+                and cell["method"] == method
                 if "3EI" in cell["case"] and ("friction" in cell["case"]) == friction
             ]
-            points = sorted((k, max(cell["deviation"], SMALLEST), cell["wall_s"]) for k, cell in some if cell["deviation"] is not None)
+            points = sorted(
+                (k, max(cell["deviation"], SMALLEST), cell["wall_s"])
+                for k, cell in some
+                if cell["deviation"] is not None
+            )
             if points:
                 k, deviation, _ = zip(*points, strict=True)
                 label = LABELS[method] + (", with elastic friction" if friction else "")
-                ax.plot(k, deviation, marker=marker, ms=5, lw=1, ls="--" if friction else "-", color=COLOURS[method], label=label)
+                ax.plot(
+                    k,
+                    deviation,
+                    marker=marker,
+                    ms=5,
+                    lw=1,
+                    ls="--" if friction else "-",
+                    color=COLOURS[method],
+                    label=label,
+                )
     ax.set(
-        xscale="log", yscale="log", xlabel="contact stiffness, in $3EI/l^3$", ylabel="largest distance from the reference, relative", ylim=(1e-16, 10)
+        xscale="log",
+        yscale="log",
+        xlabel="contact stiffness, in $3EI/l^3$",
+        ylabel="largest distance from the reference, relative",
+        ylim=(1e-16, 10),
     )
     ax.set_title("contact stiffness", fontsize=11)
     if ax.lines:
@@ -284,11 +473,31 @@ def _draw_stiffness(ax: Axes, results: Json) -> None:
 def _draw_eigen(ax: Axes, results: Json) -> None:
     elements = [x["elements"] for x in results["eigen"]]
     for mode, colour in (("1", "#0072B2"), ("2", "#D55E00"), ("10", "#009E73")):
-        for name, style, what in (("rounding", "o-", "rounding"), ("discretisation", "--", "elements")):
-            points = [(n, max(x[name][mode], SMALLEST)) for n, x in zip(elements, results["eigen"], strict=True) if mode in x[name]]
+        for name, style, what in (
+            ("rounding", "o-", "rounding"),
+            ("discretisation", "--", "elements"),
+        ):
+            points = [
+                (n, max(x[name][mode], SMALLEST))
+                for n, x in zip(elements, results["eigen"], strict=True)
+                if mode in x[name]
+            ]
             if points:
-                ax.plot(*zip(*points, strict=True), style, color=colour, ms=4, lw=1.2, label=f"mode {mode}, {what}")
-    ax.set(xscale="log", yscale="log", xlabel="number of elements", ylabel="relative error of the frequency", ylim=(5e-17, 50))
+                ax.plot(
+                    *zip(*points, strict=True),
+                    style,
+                    color=colour,
+                    ms=4,
+                    lw=1.2,
+                    label=f"mode {mode}, {what}",
+                )
+    ax.set(
+        xscale="log",
+        yscale="log",
+        xlabel="number of elements",
+        ylabel="relative error of the frequency",
+        ylim=(5e-17, 50),
+    )
     ax.set_title("eigenproblem", fontsize=11)
     if ax.lines:
         ax.legend(fontsize=8, ncols=2, loc="upper right")
@@ -299,9 +508,29 @@ def _draw_soaks(ax: Axes, results: Json) -> None:
     other = ax.twinx()
     for soak, style in zip(results["soaks"], SOAK_STYLES, strict=False):
         name = next(method for method, label in LABELS.items() if soak["name"].endswith(label))
-        ax.plot(soak["lengths"], np.maximum(soak["balance"], SMALLEST), marker="o", ms=4, ls=style, color=COLOURS[name], label=soak["name"])
-        other.plot(soak["lengths"], np.array(soak["memory_mb"]) - soak["memory_mb"][0], ls=style, color="0.6", lw=1)
-    ax.set(xscale="log", yscale="log", xlabel="pseudo periods", ylabel="energy balance, relative error", ylim=(1e-16, 1e6))
+        ax.plot(
+            soak["lengths"],
+            np.maximum(soak["balance"], SMALLEST),
+            marker="o",
+            ms=4,
+            ls=style,
+            color=COLOURS[name],
+            label=soak["name"],
+        )
+        other.plot(
+            soak["lengths"],
+            np.array(soak["memory_mb"]) - soak["memory_mb"][0],
+            ls=style,
+            color="0.6",
+            lw=1,
+        )
+    ax.set(
+        xscale="log",
+        yscale="log",
+        xlabel="pseudo periods",
+        ylabel="energy balance, relative error",
+        ylim=(1e-16, 1e6),
+    )
     ax.set_yticks(10.0 ** np.arange(-16, 1, 2))
     other.set(ylabel="memory beyond the shortest run's, MB (grey)", ylim=(-5, 105))
     ax.set_title("very long runs", fontsize=11)
@@ -317,20 +546,46 @@ PART: Part[StabilitySettings] = Part(
     markers=("stability:summary", *SECTIONS),
     sections=sections,
     steps=_steps,
-    tables=lambda measured: [Table(NAME, CELL_COLUMNS, [[cell[column] for column in CELL_COLUMNS] for cell in measured.values["cells"]])],
+    tables=lambda measured: [
+        Table(
+            NAME,
+            CELL_COLUMNS,
+            [[cell[column] for column in CELL_COLUMNS] for cell in measured.values["cells"]],
+        )
+    ],
     figures=lambda measured: {NAME: lambda path: save_figure(path, measured.values)},
     said=said,
     failures=lambda measured: list(failures(measured.values)),
 )
-STUDY: Study[StabilitySettings] = Study((PART,), notes=lambda settings: {"workers": settings.workers, "quick": settings.quick})
+STUDY: Study[StabilitySettings] = Study(
+    (PART,), notes=lambda settings: {"workers": settings.workers, "quick": settings.quick}
+)
 
 
 @command()
-@click.option("--quick", is_flag=True, help=f"Some of the cases and shorter runs, into {QUICK_OUT} unless told otherwise.")
-@click.option("--workers", type=click.IntRange(min=1), help="Number of processes.  [default: all cores]")
-@click.option("--out", type=click.Path(path_type=Path), help=f"Folder for stability.json.gz, .csv and .png.  [default: {OUT}]")
-@click.option("--redraw", is_flag=True, help="Draw figure and page again from the stability.json.gz in the folder; nothing is computed.")
-@click.option("--resume", is_flag=True, help="Go on from the stability.json.gz in the folder, if that run was stopped early.")
+@click.option(
+    "--quick",
+    is_flag=True,
+    help=f"Some of the cases and shorter runs, into {QUICK_OUT} unless told otherwise.",
+)
+@click.option(
+    "--workers", type=click.IntRange(min=1), help="Number of processes.  [default: all cores]"
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help=f"Folder for stability.json.gz, .csv and .png.  [default: {OUT}]",
+)
+@click.option(
+    "--redraw",
+    is_flag=True,
+    help="Draw figure and page again from the stability.json.gz in the folder; nothing is computed.",
+)
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Go on from the stability.json.gz in the folder, if that run was stopped early.",
+)
 def main(quick: bool, workers: int | None, out: Path | None, redraw: bool, resume: bool) -> None:
     """Run the matrix of stiff and extreme cases with every method, and look for step limits, eigenproblem errors and drift in very long runs.
 
@@ -339,4 +594,10 @@ def main(quick: bool, workers: int | None, out: Path | None, redraw: bool, resum
     compiled. Ctrl-C ends the run early and leaves what is finished.
     """
     place = with_page(out or (QUICK_OUT if quick else OUT), PART.markers)
-    run(STUDY, StabilitySettings(quick, workers or available_cores()), place, redraw=redraw, resume=resume)
+    run(
+        STUDY,
+        StabilitySettings(quick, workers or available_cores()),
+        place,
+        redraw=redraw,
+        resume=resume,
+    )

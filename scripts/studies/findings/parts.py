@@ -28,10 +28,29 @@ from optimisation.progress import Bar, runs_bar
 from optimisation.report.design_tables import limit, summary
 from optimisation.search.find import BARS, Plan, find
 from optimisation.search.judge import Audit, Findings
-from optimisation.search.pareto import BY_RESONANCE, CORNER, FORCES, bounds_of, compare_with_random, front_summary, judge_front, search_front
+from optimisation.search.pareto import (
+    BY_RESONANCE,
+    CORNER,
+    FORCES,
+    bounds_of,
+    compare_with_random,
+    front_summary,
+    judge_front,
+    search_front,
+)
 from optimisation.search.settings import default_settings
 from optimisation.tuned import minimax
-from optimisation.variables import FRICTION, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, POSITION, SEVERAL, TUNED, VARIABLES
+from optimisation.variables import (
+    FRICTION,
+    FRICTION_LIMIT,
+    GAP,
+    IMPACT,
+    MASS_RATIO,
+    POSITION,
+    SEVERAL,
+    TUNED,
+    VARIABLES,
+)
 from studies.study import Json, there
 from studies.timing import in_turn, seconds
 
@@ -39,7 +58,9 @@ AT = ((1, 3.5), (2, 35.0))  # resonance and force in N: the paper's optimum at e
 Point = tuple[int, float]
 Bounds = Mapping[str, tuple[float, float]]
 WIDE = (0.02, 100.0)  # N: from a damper that slides all the time to one that sticks
-DENSE, LEAST = 60, 2  # forces of the limit's curve; members where a point is one of a hundred and its run is recorded
+# forces of the limit's curve; members where a point is one of a hundred and its run is recorded
+DENSE = 60
+LEAST = 2
 PAIRS = 1.5  # times the designs for a pair of absorbers: with as many as for one its search ends above two equal halves
 SPAN = 5.0  # curves reach from a force over this to the force times this
 
@@ -63,16 +84,30 @@ class FindingsSettings:
     quick: bool = False
 
     def problem(
-        self, concept: str, at: Sequence[Point], free: Sequence[str] | None = None, bounds: Bounds | None = None, members: int | None = None
+        self,
+        concept: str,
+        at: Sequence[Point],
+        free: Sequence[str] | None = None,
+        bounds: Bounds | None = None,
+        members: int | None = None,
     ) -> Problem:
         """Return the problem of a concept at resonances and forces (N), for the level in the worse of them."""
-        space, conditions = design_space(concept, free, bounds), make_conditions(concept, list(at))
-        return Problem(space, conditions, members=members or self.members, seed=self.seed, rate=self.rate)
+        space = design_space(concept, free, bounds)
+        conditions = make_conditions(concept, list(at))
+        return Problem(
+            space, conditions, members=members or self.members, seed=self.seed, rate=self.rate
+        )
 
     def find(self, name: str, problem: Problem, designs: int | None = None) -> Findings:
         """Search from scratch and judge; raises KeyboardInterrupt if that is broken off (the journal keeps what is finished)."""
         journal = self.folder / f"{name}.journal"
-        found = find(problem, Plan(designs or self.designs, seed=self.seed, from_scratch=True), journal, self.executor, BARS)
+        found = find(
+            problem,
+            Plan(designs or self.designs, seed=self.seed, from_scratch=True),
+            journal,
+            self.executor,
+            BARS,
+        )
         if not found.finished or found.verdict is None:
             raise KeyboardInterrupt
         return found
@@ -80,17 +115,27 @@ class FindingsSettings:
 
 def _numbers(values: np.ndarray) -> list[Any]:
     """Return an array as nested lists, None where a run broke down."""
-    return [_numbers(row) for row in values] if values.ndim > 1 else [number(x) for x in values.tolist()]
+    return (
+        [_numbers(row) for row in values]
+        if values.ndim > 1
+        else [number(x) for x in values.tolist()]
+    )
 
 
 def _found(found: Findings) -> Json:
     verdict = there(found.verdict)
-    members = {"members_winner": _numbers(verdict.winner.members[0]), "members_paper": _numbers(verdict.paper.members[0])}
+    members = {
+        "members_winner": _numbers(verdict.winner.members[0]),
+        "members_paper": _numbers(verdict.paper.members[0]),
+    }
     return summary(found) | members
 
 
 def _listed(part: Levels) -> Json:
-    axes = {"force_n": [c.force for c in part.conditions], "detuning": [c.detuning for c in part.conditions]}
+    axes = {
+        "force_n": [c.force for c in part.conditions],
+        "detuning": [c.detuning for c in part.conditions],
+    }
     values = {name: _numbers(getattr(part, name)) for name in ("median", "low", "high", "without")}
     return {"resonance": part.conditions[0].resonance} | axes | values
 
@@ -100,14 +145,23 @@ def concepts(study: FindingsSettings) -> Json:
     result: Json = {}
     for concept in VARIABLES:
         problem = study.problem(concept, AT)
-        found = study.find(f"concepts-{concept}", problem, round((PAIRS if concept == SEVERAL else 1) * study.designs))
+        found = study.find(
+            f"concepts-{concept}",
+            problem,
+            round((PAIRS if concept == SEVERAL else 1) * study.designs),
+        )
         both = [there(found.verdict).winner.design, there(found.verdict).paper.design]
         curves = []
         for condition in problem.conditions:
-            conditions = over_force(condition, np.geomspace(condition.force / SPAN, condition.force * SPAN, study.points))
+            conditions = over_force(
+                condition,
+                np.geomspace(condition.force / SPAN, condition.force * SPAN, study.points),
+            )
             with runs_bar(f"{concept}: levels over the force") as show:
                 part = levels(problem, both, conditions, study.few, study.executor, show)
-            forces = np.geomspace(condition.force / SPAN, condition.force * SPAN, DENSE)  # of the limit of the winner's cavity, None: no closed form
+            forces = np.geomspace(
+                condition.force / SPAN, condition.force * SPAN, DENSE
+            )  # of the limit of the winner's cavity, None: no closed form
             reach = [number(limit(problem, both[0], c)) for c in over_force(condition, forces)]
             curves.append(_listed(part) | {"limit_force_n": forces.tolist(), "limit_m": reach})
         result[concept] = _found(found) | {"curves": curves}
@@ -117,7 +171,10 @@ def concepts(study: FindingsSettings) -> Json:
 def optima(study: FindingsSettings) -> Json:
     """Friction limit, gap and force that are best at each resonance alone, from scratch, beside paper and rules."""
     rows = [_friction_optimum(study, resonance, force) for resonance, force in AT]
-    return {"friction": rows, "impact": [_impact_optimum(study, resonance, force) for resonance, force in AT]}
+    return {
+        "friction": rows,
+        "impact": [_impact_optimum(study, resonance, force) for resonance, force in AT],
+    }
 
 
 def _friction_optimum(study: FindingsSettings, resonance: int, force: float) -> Json:
@@ -126,10 +183,28 @@ def _friction_optimum(study: FindingsSettings, resonance: int, force: float) -> 
     (variable,) = problem.space.free
     limits = [variable.value_at(share) for share in np.linspace(0, 1, 4 * study.points)]
     with runs_bar("friction damper: levels over the friction limit") as show:
-        part = levels(problem, [problem.space.design({FRICTION_LIMIT: x}) for x in limits], problem.conditions, study.few, study.executor, show)
-    argued, level = best_friction(problem.model, problem.space.paper.values[MASS_RATIO] * problem.model.beam_mass, force, resonance)
+        part = levels(
+            problem,
+            [problem.space.design({FRICTION_LIMIT: x}) for x in limits],
+            problem.conditions,
+            study.few,
+            study.executor,
+            show,
+        )
+    argued, level = best_friction(
+        problem.model,
+        problem.space.paper.values[MASS_RATIO] * problem.model.beam_mass,
+        force,
+        resonance,
+    )
     curve = {"friction_limit_n": limits, "relative": part.relative[:, 0].tolist()}
-    return _found(found) | {"resonance": resonance, "force_n": force, "argued_n": argued, "argued_level_m": level, "curve": curve}
+    return _found(found) | {
+        "resonance": resonance,
+        "force_n": force,
+        "argued_n": argued,
+        "argued_level_m": level,
+        "curve": curve,
+    }
 
 
 def _impact_optimum(study: FindingsSettings, resonance: int, force: float) -> Json:
@@ -139,15 +214,36 @@ def _impact_optimum(study: FindingsSettings, resonance: int, force: float) -> Js
     rule = design_force(problem.model, mass, RigidWalls.gap, resonance)
     forces = rule * np.geomspace(0.5, 1.8, 2 * study.points)
     with runs_bar(f"resonance {resonance}: levels over the force") as show:
-        worse, without = member_levels(problem, [problem.space.paper], over_force(problem.conditions[0], forces), 2 * study.few, study.executor, show)
+        worse, without = member_levels(
+            problem,
+            [problem.space.paper],
+            over_force(problem.conditions[0], forces),
+            2 * study.few,
+            study.executor,
+            show,
+        )
     relative = worse[0] / without
     low, median, high = np.quantile(relative, (0.05, 0.5, 0.95), axis=0)
-    curve = {"force_n": forces.tolist(), "low": low.tolist(), "median": median.tolist(), "high": high.tolist()}
+    curve = {
+        "force_n": forces.tolist(),
+        "low": low.tolist(),
+        "median": median.tolist(),
+        "high": high.tolist(),
+    }
     best = forces[np.argmin(relative, axis=1)]
     found = study.find(f"optima-{resonance}", problem)
     rules = {"rule_force_n": rule, "rule_gap_m": design_gap(problem.model, mass, force, resonance)}
-    bests = {"best_force_n": float(forces[np.argmin(median)]), "best_force_5_to_95_percent_n": np.quantile(best, (0.05, 0.95)).tolist()}
-    return _found(found) | {"resonance": resonance, "force_n": force} | rules | bests | {"curve": curve}
+    bests = {
+        "best_force_n": float(forces[np.argmin(median)]),
+        "best_force_5_to_95_percent_n": np.quantile(best, (0.05, 0.95)).tolist(),
+    }
+    return (
+        _found(found)
+        | {"resonance": resonance, "force_n": force}
+        | rules
+        | bests
+        | {"curve": curve}
+    )
 
 
 def place(study: FindingsSettings) -> Json:
@@ -156,44 +252,92 @@ def place(study: FindingsSettings) -> Json:
     problem = study.problem(IMPACT, AT, (GAP, POSITION), members=least)
     positions = np.round(np.linspace(0.4, 1.0, study.points // 2 + 1), 4)
     gaps = np.geomspace(2e-4, 1.6e-3, study.points)
-    designs = [Design(IMPACT, {**design.values, POSITION: float(x)}) for x in positions for design in with_gaps(problem.space.paper, gaps)]
+    designs = [
+        Design(IMPACT, {**design.values, POSITION: float(x)})
+        for x in positions
+        for design in with_gaps(problem.space.paper, gaps)
+    ]
     with runs_bar("levels over position and gap") as show:
         part = levels(problem, designs, problem.conditions, least, study.executor, show)
     relative = part.relative.reshape(len(positions), len(gaps), len(AT))
-    bounds = np.array([[limit(problem, design, condition) for condition in problem.conditions] for design in designs]) / part.without
-    shapes = [problem.space.design({GAP: 1e-3, POSITION: float(x)}).scene(problem.beam).model.tip_shape[:2].tolist() for x in positions]
-    free = study.problem(IMPACT, AT, (GAP, "restitution", FRICTION_LIMIT, POSITION), members=2 * study.few)
+    bounds = (
+        np.array(
+            [
+                [limit(problem, design, condition) for condition in problem.conditions]
+                for design in designs
+            ]
+        )
+        / part.without
+    )
+    shapes = [
+        problem.space.design({GAP: 1e-3, POSITION: float(x)})
+        .scene(problem.beam)
+        .model.tip_shape[:2]
+        .tolist()
+        for x in positions
+    ]
+    free = study.problem(
+        IMPACT, AT, (GAP, "restitution", FRICTION_LIMIT, POSITION), members=2 * study.few
+    )
     found = study.find("place", free, max(2, 3 * study.designs // 4))
-    arrays = {"positions": positions, "gaps_m": gaps, "relative": relative, "limit": bounds.reshape(relative.shape)}
+    arrays = {
+        "positions": positions,
+        "gaps_m": gaps,
+        "relative": relative,
+        "limit": bounds.reshape(relative.shape),
+    }
     mass = problem.space.paper.values[MASS_RATIO] * problem.model.beam_mass
-    return {name: array.tolist() for name, array in arrays.items()} | {"shapes": shapes, "mass_kg": mass, "free": _found(found)}
+    return {name: array.tolist() for name, array in arrays.items()} | {
+        "shapes": shapes,
+        "mass_kg": mass,
+        "free": _found(found),
+    }
 
 
 def robustness(study: FindingsSettings) -> Json:
     """Levels near the first resonance where the beam's frequencies are not what they were thought to be, for winners and paper's designs."""
-    path, rows = study.data / "concepts.json.gz", list[Json]()
+    path = study.data / "concepts.json.gz"
+    rows = list[Json]()
     try:
         known = dict(read_json(path)["result"])
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ParameterError(f"{path} is not allowed: a file that an earlier run of this command wrote ({error})") from error
+        raise ParameterError(
+            f"{path} is not allowed: a file that an earlier run of this command wrote ({error})"
+        ) from error
     for concept in VARIABLES:
         problem = study.problem(concept, AT[:1], members=study.few)
-        named = {"winner": Design(concept, known[concept]["winner"]["values"]), "paper": problem.space.paper}
+        named = {
+            "winner": Design(concept, known[concept]["winner"]["values"]),
+            "paper": problem.space.paper,
+        }
         if concept == TUNED:
             tuned = minimax(problem.model)
-            values = {**problem.space.paper.values, "stiffness": tuned.stiffness, "damping": tuned.damping}
+            values = {
+                **problem.space.paper.values,
+                "stiffness": tuned.stiffness,
+                "damping": tuned.damping,
+            }
             named["tuned to the first resonance"] = Design(TUNED, values)
         with runs_bar(f"{concept}: detuned beams") as show:
-            conditions = detuned(problem.conditions[0], np.linspace(-0.1, 0.1, 2 * (study.points // 2) + 1))
-            part = levels(problem, list(named.values()), conditions, study.few, study.executor, show)
+            conditions = detuned(
+                problem.conditions[0], np.linspace(-0.1, 0.1, 2 * (study.points // 2) + 1)
+            )
+            part = levels(
+                problem, list(named.values()), conditions, study.few, study.executor, show
+            )
         listed = _listed(part)
         kept = {"concept": concept, "detuning": listed["detuning"], "without": listed["without"]}
-        rows += [kept | {"name": name} | {key: listed[key][d] for key in ("median", "low", "high")} for d, name in enumerate(named)]
+        rows += [
+            kept | {"name": name} | {key: listed[key][d] for key in ("median", "low", "high")}
+            for d, name in enumerate(named)
+        ]
     return {"designs": rows, "force_n": AT[0][1]}
 
 
 WORKERS = (1, 2)
-FRONT_MEMBERS, FRONT_DESIGNS, SEEDS = 2, 300, 5
+FRONT_MEMBERS = 2
+FRONT_DESIGNS = 300
+SEEDS = 5
 FULL = 2000
 
 
@@ -204,7 +348,13 @@ def _cluster(workers: int) -> Iterator[Executor]:
 
         from optimisation.search.cluster import Workers
 
-    local = distributed.LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50)
+    local = distributed.LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address=":0",
+        silence_logs=50,
+    )
     with local, Workers(local.scheduler_address) as executor:
         yield executor
 
@@ -213,38 +363,74 @@ def scaling(study: FindingsSettings) -> Json:
     """Time of one batch of random designs with one and two threads, and with one and two worker processes of a cluster, in turn."""
     problem = study.problem(IMPACT, AT, members=study.few)
     generator = np.random.default_rng(study.seed)
-    designs = [problem.space.at(shares) for shares in generator.random((2 * study.points, len(problem.space.free)))]
+    designs = [
+        problem.space.at(shares)
+        for shares in generator.random((2 * study.points, len(problem.space.free)))
+    ]
     with ExitStack() as stack:
         kinds: dict[str, list[Executor]] = {"threads": [Threads(n) for n in WORKERS]}
         kinds["cluster"] = [stack.enter_context(_cluster(n)) for n in WORKERS]
-        for executor in (e for group in kinds.values() for e in group):  # workers load their kernels
+        for executor in (
+            e for group in kinds.values() for e in group
+        ):  # workers load their kernels
             dict(evaluate(problem, designs[:4], problem.ensemble[:1], 10 * problem.rate, executor))
 
         def once(executor: Executor) -> float:
-            return seconds(lambda: dict(evaluate(problem, designs, problem.ensemble, problem.rate, executor)))
+            return seconds(
+                lambda: dict(evaluate(problem, designs, problem.ensemble, problem.rate, executor))
+            )
 
-        batches = {(kind, n): partial(once, executor) for kind, group in kinds.items() for n, executor in zip(WORKERS, group, strict=True)}
+        batches = {
+            (kind, n): partial(once, executor)
+            for kind, group in kinds.items()
+            for n, executor in zip(WORKERS, group, strict=True)
+        }
         with Bar(total=3, desc="scaling", unit="rounds", leave=False) as bar:
             times = in_turn(batches, 3, bar.update)
-    speedup = {kind: statistics.median(times[kind, 1]) / statistics.median(times[kind, 2]) for kind in kinds}
+    speedup = {
+        kind: statistics.median(times[kind, 1]) / statistics.median(times[kind, 2])
+        for kind in kinds
+    }
     runs = 2 * len(designs) * len(problem.ensemble) * len(problem.conditions)
-    rows = [{"kind": kind, "workers": n, "seconds": statistics.median(s), "all_s": s} for (kind, n), s in times.items()]
+    rows = [
+        {"kind": kind, "workers": n, "seconds": statistics.median(s), "all_s": s}
+        for (kind, n), s in times.items()
+    ]
     return {"designs": len(designs), "runs": runs, "rows": rows, "speedup": speedup}
 
 
 def full(study: FindingsSettings) -> Json:
     """A robust two-resonance study of full size with the defaults of scripts/optimise_design.py: time, share of it outside the runs, memory."""
-    problem, began = study.problem(IMPACT, AT), time.perf_counter()
+    problem = study.problem(IMPACT, AT)
+    began = time.perf_counter()
     plan = Plan(FULL if study.designs >= 100 else study.designs, seed=study.seed)
     found = find(problem, plan, study.folder / "full.journal", study.executor, BARS)
     if not found.finished or found.verdict is None:
         raise KeyboardInterrupt
     wall = time.perf_counter() - began
-    audit, winner = found.audit or Audit(0, 0, float("nan")), found.verdict.winner
-    size = {"designs": found.cost.designs, "variables": len(problem.space.free), "members": problem.members, "modes": problem.beam.modes}
-    cost = {"runs": found.cost.runs, "search_s": found.cost.seconds, "with_judging_s": wall, "overhead": found.cost.overhead}
-    left = {"left_behind": {"run_in_full": audit.designs, "better_than_best_found": audit.missed}, "memory_bytes": peak_memory()}
-    best = {"winner": dict(winner.design.values), "score": winner.score.values[0], "score_5_to_95_percent": list(winner.bands[0])}
+    audit = found.audit or Audit(0, 0, float("nan"))
+    winner = found.verdict.winner
+    size = {
+        "designs": found.cost.designs,
+        "variables": len(problem.space.free),
+        "members": problem.members,
+        "modes": problem.beam.modes,
+    }
+    cost = {
+        "runs": found.cost.runs,
+        "search_s": found.cost.seconds,
+        "with_judging_s": wall,
+        "overhead": found.cost.overhead,
+    }
+    left = {
+        "left_behind": {"run_in_full": audit.designs, "better_than_best_found": audit.missed},
+        "memory_bytes": peak_memory(),
+    }
+    best = {
+        "winner": dict(winner.design.values),
+        "score": winner.score.values[0],
+        "score_5_to_95_percent": list(winner.bands[0]),
+    }
     return size | cost | left | best
 
 
@@ -254,8 +440,14 @@ def front(study: FindingsSettings) -> Json:
     problem = replace(study.problem(IMPACT, FORCES, members=members), objectives=BY_RESONANCE)
     settings = default_settings(problem, seed=study.seed)
     designs, seeds = (FRONT_DESIGNS, SEEDS) if study.designs >= 100 else (study.designs, 2)
-    found = search_front(problem, settings, designs, CORNER, study.folder / "front.journal", study.executor)
-    found = compare_with_random(judge_front(found, study.executor), settings, seeds, study.executor) if found.finished else found
+    found = search_front(
+        problem, settings, designs, CORNER, study.folder / "front.journal", study.executor
+    )
+    found = (
+        compare_with_random(judge_front(found, study.executor), settings, seeds, study.executor)
+        if found.finished
+        else found
+    )
     if not found.finished:
         raise KeyboardInterrupt
     arrays: dict[str, Any] = {

@@ -49,35 +49,57 @@ def accounted(lane: Lane) -> Account:
     contacts, passed, left, single = _contacts(response)
     history = there(response.history)
     tip = np.sqrt(np.mean((history.modal_displacement * history.tip_shape) ** 2, axis=0))
-    loss, contacts_each = there(response.energy).modal_loss, contacts / response.drive.schedule.periods
-    return Account(level.value, level.frequency_ratio, loss, contacts_each, passed, left, single, tip)
+    loss = there(response.energy).modal_loss
+    contacts_each = contacts / response.drive.schedule.periods
+    return Account(
+        level.value, level.frequency_ratio, loss, contacts_each, passed, left, single, tip
+    )
 
 
 def window_around(lane: Lane, time: float, samples: int = SAMPLES) -> Response:
     """Return the run of a lane within the level's window around a time in s, with ``samples`` for each pseudo period."""
     schedule = lane.drive.schedule
-    half, end = HALF_WINDOW_PERIODS * schedule.pseudo_period, float(schedule.times[-1])
+    half = HALF_WINDOW_PERIODS * schedule.pseudo_period
+    end = float(schedule.times[-1])
     begin = max(0.0, time - half)
-    initial = start_from(lane.scene, simulate(lane.scene, part_of(lane.drive, 0.0, begin)).end_state) if begin > 0 else None
+    initial = (
+        start_from(lane.scene, simulate(lane.scene, part_of(lane.drive, 0.0, begin)).end_state)
+        if begin > 0
+        else None
+    )
     record = replace(WATCHED, samples_per_period=samples)
-    return simulate(lane.scene, part_of(lane.drive, begin, min(end, time + half)), initial=initial, record=record)
+    return simulate(
+        lane.scene,
+        part_of(lane.drive, begin, min(end, time + half)),
+        initial=initial,
+        record=record,
+    )
 
 
 def _contacts(response: Response) -> tuple[int, Array, Array, Array]:
     """Return the number of contacts, and what they pass on, leave, and each give to the second mode (`Account`)."""
     energy = mechanical_energy(response.scene, there(response.history)).modal
     samples = there(response.impacts).time / (response.drive.schedule.pseudo_period / SAMPLES)
-    new = np.flatnonzero(np.diff(samples) >= APART * SAMPLES)  # after these impacts the next contact begins
-    count, nothing = len(new) + (len(samples) > 0), np.full(energy.shape[1], np.nan)
+    new = np.flatnonzero(
+        np.diff(samples) >= APART * SAMPLES
+    )  # after these impacts the next contact begins
+    count = len(new) + (len(samples) > 0)
+    nothing = np.full(energy.shape[1], np.nan)
     if count < 2:
         return count, nothing, nothing, nothing[:0]
-    first, last = samples[[0, *(new + 1)]], samples[[*new, len(samples) - 1]]
+    first = samples[[0, *(new + 1)]]
+    last = samples[[*new, len(samples) - 1]]
     before = np.floor(first).astype(np.int64)
     after = np.minimum(np.ceil(last).astype(np.int64), len(energy) - 1)
     gained = energy[after] - energy[before]
     left = np.sum(energy[before[1:]], axis=0) / np.sum(energy[after[:-1]], axis=0)
     second = gained[:, min(1, energy.shape[1] - 1)] / energy[before, 0]
-    return count, np.asarray(np.mean(gained, axis=0) / np.mean(energy[before, 0])), np.asarray(left), np.asarray(second)
+    return (
+        count,
+        np.asarray(np.mean(gained, axis=0) / np.mean(energy[before, 0])),
+        np.asarray(left),
+        np.asarray(second),
+    )
 
 
 def scene(beam: Beam) -> Scene:
@@ -88,9 +110,16 @@ def scene(beam: Beam) -> Scene:
 def lanes_of(own: Scene, force: float, members: int, seed: int) -> list[Lane]:
     """Return each member's sweep up, and its sweep down after it."""
     drawn = draw_members(members, seed)
-    return [Lane(own, drawn[m : m + 1].drives(force, schedule)[0]) for m in range(members) for schedule in both_ways(own)]
+    return [
+        Lane(own, drawn[m : m + 1].drives(force, schedule)[0])
+        for m in range(members)
+        for schedule in both_ways(own)
+    ]
 
 
 def critical(found: Sequence[Account]) -> list[Account]:
     """Return the account of the direction with the larger level, for each member."""
-    return [max(pair, key=lambda account: account.level) for pair in zip(found[::2], found[1::2], strict=True)]
+    return [
+        max(pair, key=lambda account: account.level)
+        for pair in zip(found[::2], found[1::2], strict=True)
+    ]

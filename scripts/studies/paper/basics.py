@@ -7,7 +7,17 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import bootstrap, norm
 
-from impact_env import Beam, RigidWalls, Scene, StuckAbsorber, TunedAbsorber, beam_scene, impact_absorber, modal_model, simulate
+from impact_env import (
+    Beam,
+    RigidWalls,
+    Scene,
+    StuckAbsorber,
+    TunedAbsorber,
+    beam_scene,
+    impact_absorber,
+    modal_model,
+    simulate,
+)
 from impact_env.controlled import ControlledRuns
 from impact_env.curve import BAND, CurveCase, quantiles
 from impact_env.drive import PAPER_LIMITS, PAPER_RATE, Drive, linear_sweep
@@ -21,17 +31,39 @@ from impact_env.response import DEFAULT_SAMPLES, Record
 from optimisation.bounds import design_force
 from optimisation.extremes import sweep_ratio
 from optimisation.page import markdown
-from optimisation.tuned import PAPER, den_hartog, highest_amplitude, minimax, paper_rule, peak, peaks
+from optimisation.tuned import (
+    PAPER,
+    den_hartog,
+    highest_amplitude,
+    minimax,
+    paper_rule,
+    peak,
+    peaks,
+)
 from studies.paper import high_low, jump
 from studies.paper.claim import SAME, Claim, Verdict, about, claim, interval, judged, within
 from studies.paper.curve import WATCHED, both_ways, level_in
-from studies.paper.frame import LOOKS, MM, REFERENCE, PaperFigure, PaperSettings, Size, in_turn, legends, line, panels, signal
+from studies.paper.frame import (
+    LOOKS,
+    MM,
+    REFERENCE,
+    PaperFigure,
+    PaperSettings,
+    Size,
+    in_turn,
+    legends,
+    line,
+    panels,
+    signal,
+)
 from studies.study import Array, Json, Steps, there
 
 GAP = RigidWalls.gap
 ENTRY_FORCES = (3.5, 5.0, 10.0, 20.0)  # N, at which the first impact of a sweep is looked for
 FIRST = 12  # impacts after which rounding has not yet grown
-PIECES, SAMPLES = 4, 32  # a pseudo period of a run with the damper that the paper's harmonic balance has between absorber and ground (section 2.5)
+# a pseudo period of a run with the damper that the paper's harmonic balance has between absorber and ground (section 2.5)
+PIECES = 4
+SAMPLES = 32
 DAMPERS = {"without": 0.0, "with": PAPER_DAMPER}  # N s/m
 METHODS: dict[str, Method] = {"exact": Exact(), "paper's step": Moreau()}
 
@@ -45,7 +77,10 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
         "window": partial(_window, settings, size),
         "step": partial(_step, settings, size),
         "scaling": _scaling,
-        "damper": lambda: {"jumps": _damped_jumps(settings, size.damped), "levels": _damped_levels(settings, size.damped // 4)},
+        "damper": lambda: {
+            "jumps": _damped_jumps(settings, size.damped),
+            "levels": _damped_levels(settings, size.damped // 4),
+        },
     }
     return in_turn(groups, known)
 
@@ -53,7 +88,9 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
 def beam_numbers() -> Json:
     """Return frequencies, masses, the force's node, the static stiffness of all modes, and what a mode keeps after half a period."""
     beam = Beam()
-    model, whole, damped = modal_model(beam), modal_model(Beam(modes=beam.freedoms)), poles(modal_model(beam), None)
+    model = modal_model(beam)
+    whole = modal_model(Beam(modes=beam.freedoms))
+    damped = poles(modal_model(beam), None)
     ratios = model.omega / model.omega[0]
     return {
         "omega_1": float(model.omega[0]),
@@ -73,33 +110,65 @@ def beam_numbers() -> Json:
 def tuned_numbers() -> Json:
     """Return the tunings of the LTVA with their peaks over no absorber, the paper's at the second resonance, and an undamped one at its frequency."""
     model = modal_model(Beam())
-    free, found = peak(model, None)[0], {}
-    tunings = {"paper": PAPER, "modal mass of one": paper_rule(model), "Den Hartog": den_hartog(model), "smallest peak": minimax(model)}
+    free = peak(model, None)[0]
+    found = {}
+    tunings = {
+        "paper": PAPER,
+        "modal mass of one": paper_rule(model),
+        "Den Hartog": den_hartog(model),
+        "smallest peak": minimax(model),
+    }
     for name, absorber in tunings.items():
         heights = [height / free for height, _ in peaks(model, absorber)]
         swept = highest_amplitude(model, absorber, 1, *PAPER_LIMITS)[0] / free
-        own = {"relative": max(heights), "at": peak(model, absorber)[1], "peaks": heights, "within_limits": swept}
+        own = {
+            "relative": max(heights),
+            "at": peak(model, absorber)[1],
+            "peaks": heights,
+            "within_limits": swept,
+        }
         found[name] = {"stiffness": absorber.stiffness, "damping": absorber.damping, **own}
     undamped = TunedAbsorber(PAPER.mass_ratio, PAPER.stiffness, 0.0)
     tuned_to = float(np.sqrt(PAPER.stiffness / (PAPER.mass_ratio * model.beam_mass)))
     second = [highest_amplitude(model, absorber, 2, *PAPER_LIMITS)[0] for absorber in (PAPER, None)]
-    still, free_tip = (np.abs(tip_response(model, absorber, tuned_to)) for absorber in (undamped, None))
-    return {"tunings": found, "second_relative": second[0] / second[1], "undamped_relative": float(still / free_tip)}
+    still, free_tip = (
+        np.abs(tip_response(model, absorber, tuned_to)) for absorber in (undamped, None)
+    )
+    return {
+        "tunings": found,
+        "second_relative": second[0] / second[1],
+        "undamped_relative": float(still / free_tip),
+    }
 
 
 def linear_numbers() -> Json:
     """Return the verdicts on sweeps and stationary response, on a stuck absorber, and on the forces at which the linear response fills the gap."""
     model = modal_model(Beam())
     low, high = PAPER_LIMITS
-    found: Json = {"sweep_ratio": {}, "stuck_over_none": {}, "gap_force_n": {}, "gap_force_at_limits_n": {}, "design_force_n": {}}
+    found: Json = {
+        "sweep_ratio": {},
+        "stuck_over_none": {},
+        "gap_force_n": {},
+        "gap_force_at_limits_n": {},
+        "design_force_n": {},
+    }
     for resonance in (1, 2):
-        name, omega, scenes = str(resonance), model.resonance_omega(resonance), (Scene(model, StuckAbsorber()), Scene(model, None))
-        stuck, none = (max(level_in(Lane(scene, Drive(1.0, sweep))) for sweep in both_ways(scene, resonance)) for scene in scenes)
+        name = str(resonance)
+        omega = model.resonance_omega(resonance)
+        scenes = (Scene(model, StuckAbsorber()), Scene(model, None))
+        stuck, none = (
+            max(level_in(Lane(scene, Drive(1.0, sweep))) for sweep in both_ways(scene, resonance))
+            for scene in scenes
+        )
         found["sweep_ratio"][name] = sweep_ratio(model, PAPER_RATE, resonance)
         found["stuck_over_none"][name] = stuck / none
         found["gap_force_n"][name] = GAP / highest_amplitude(model, None, resonance, low, high)[0]
-        found["gap_force_at_limits_n"][name] = [float(GAP / np.abs(tip_response(model, None, ratio * omega))) for ratio in (low, high)]
-        found["design_force_n"][name] = design_force(model, PAPER.mass_ratio * model.beam_mass, GAP, resonance)
+        found["gap_force_at_limits_n"][name] = [
+            float(GAP / np.abs(tip_response(model, None, ratio * omega))) for ratio in (low, high)
+        ]
+        found["design_force_n"][name] = design_force(
+            model, PAPER.mass_ratio * model.beam_mass, GAP, resonance
+        )
     return found
 
 
@@ -109,10 +178,16 @@ def _impact_times(lane: Lane) -> Array:
 
 def _entry() -> list[Json]:
     """Return at which frequency the first impact of a sweep comes, by force, up and down: ten modes, no losses in contact."""
-    scene, rows = beam_scene(Beam(), impact_absorber()), []
+    scene = beam_scene(Beam(), impact_absorber())
+    rows = []
     for force in ENTRY_FORCES:
-        up, down = (sweep.omega_at(_impact_times(Lane(scene, Drive(force, sweep)))[0]) / sweep.reference for sweep in both_ways(scene))
-        rows.append({"force": force, "limits": list(PAPER_LIMITS), "up": float(up), "down": float(down)})
+        up, down = (
+            sweep.omega_at(_impact_times(Lane(scene, Drive(force, sweep)))[0]) / sweep.reference
+            for sweep in both_ways(scene)
+        )
+        rows.append(
+            {"force": force, "limits": list(PAPER_LIMITS), "up": float(up), "down": float(down)}
+        )
     return rows
 
 
@@ -126,15 +201,38 @@ def both_windows(lane: Lane) -> tuple[float, float]:
 
 def _window(settings: PaperSettings, size: Size) -> list[Json]:
     """Return levels over no absorber with both windows, for one, three and ten modes without losses in contact."""
-    forces, members, numbers = size.forces, draw_members(size.members, settings.seed), (1, 3, 10)
-    scenes = [beam_scene(Beam(modes=n), absorber) for n in numbers for absorber in (impact_absorber(), None)]
-    lanes = [Lane(scene, drive) for scene in scenes for force in forces for sweep in both_ways(scene) for drive in members.drives(force, sweep)]
-    found = np.array(settings.each("basics: window", lanes, both_windows)).reshape(3, 2, len(forces), 2, len(members), 2).max(axis=3)
+    forces = size.forces
+    members = draw_members(size.members, settings.seed)
+    numbers = (1, 3, 10)
+    scenes = [
+        beam_scene(Beam(modes=n), absorber)
+        for n in numbers
+        for absorber in (impact_absorber(), None)
+    ]
+    lanes = [
+        Lane(scene, drive)
+        for scene in scenes
+        for force in forces
+        for sweep in both_ways(scene)
+        for drive in members.drives(force, sweep)
+    ]
+    found = (
+        np.array(settings.each("basics: window", lanes, both_windows))
+        .reshape(3, 2, len(forces), 2, len(members), 2)
+        .max(axis=3)
+    )
     rows = []
     for modes, (own, without) in zip(numbers, found, strict=True):
         for force, absorber, none in zip(forces, own, without, strict=True):
             shrinks = float(np.median(absorber[:, 1] / absorber[:, 0]))
-            rows.append({"modes": modes, "force": force, "relative": np.median(absorber / none, axis=0).tolist(), "shrinks": shrinks})
+            rows.append(
+                {
+                    "modes": modes,
+                    "force": force,
+                    "relative": np.median(absorber / none, axis=0).tolist(),
+                    "shrinks": shrinks,
+                }
+            )
     return rows
 
 
@@ -142,12 +240,22 @@ def _step(settings: PaperSettings, size: Size) -> list[Json]:
     """Return levels by the Moreau scheme at the paper's step beside the exact ones."""
     cases = {
         "3 modes, e = 1, 0.01 N": beam_scene(Beam(modes=3), impact_absorber(friction_limit=0.01)),
-        "10 modes, e = 0.7, 0.1 N": beam_scene(Beam(), impact_absorber(restitution=0.7, friction_limit=0.1)),
+        "10 modes, e = 0.7, 0.1 N": beam_scene(
+            Beam(), impact_absorber(restitution=0.7, friction_limit=0.1)
+        ),
     }
-    curves, by = [CurveCase(scene, np.array(size.forces)) for scene in cases.values()], {"exact": None, "moreau": Moreau(PAPER_STEPS)}
-    levels = {name: settings.curves(f"basics: {name}", curves, size.members, method) for name, method in by.items()}
+    curves = [CurveCase(scene, np.array(size.forces)) for scene in cases.values()]
+    by = {"exact": None, "moreau": Moreau(PAPER_STEPS)}
+    levels = {
+        name: settings.curves(f"basics: {name}", curves, size.members, method)
+        for name, method in by.items()
+    }
     return [
-        {"case": name, "force": force} | {by: quantiles(found[k].combined[f], (0.5, *BAND)).tolist() for by, found in levels.items()}
+        {"case": name, "force": force}
+        | {
+            by: quantiles(found[k].combined[f], (0.5, *BAND)).tolist()
+            for by, found in levels.items()
+        }
         for k, name in enumerate(cases)
         for f, force in enumerate(size.forces)
     ]
@@ -165,18 +273,41 @@ def _scaling() -> Json:
 
     one, two = (level_in(run(factor, factor * 0.1)) / factor for factor in (1.0, 2.0))
     first, other = (_impact_times(run(factor, None))[:FIRST] for factor in (1.0, 3.0))
-    return {"level_by_2": two / one - 1, "times_by_3": float(np.max(np.abs(other / first - 1))), "impacts": FIRST}
+    return {
+        "level_by_2": two / one - 1,
+        "times_by_3": float(np.max(np.abs(other / first - 1))),
+        "impacts": FIRST,
+    }
 
 
-def squares(scene: Scene, drives: Sequence[Drive], damper: float, method: Method, threads: int | None = None, pieces: int = PIECES) -> Array:
+def squares(
+    scene: Scene,
+    drives: Sequence[Drive],
+    damper: float,
+    method: Method,
+    threads: int | None = None,
+    pieces: int = PIECES,
+) -> Array:
     """Return the mean square of the tip displacement in m^2 in each piece of each run, (pieces, runs); ``damper`` to ground in N s/m.
 
     The runs have one schedule. At the end of each piece the absorber's velocity shrinks as the damper would have it in that time.
     """
     schedule = drives[0].schedule
-    runs = ControlledRuns(scene, len(drives), schedule.reference, 1 / pieces, method, samples_per_period=SAMPLES, threads=threads)
-    runs.orders["force"], runs.orders["phase"] = np.array([(drive.amplitude, drive.phase) for drive in drives]).T
-    edges: Array = runs.duration * np.arange(int(schedule.times[-1] / runs.duration * (1 + 1e-9)) + 1.0)
+    runs = ControlledRuns(
+        scene,
+        len(drives),
+        schedule.reference,
+        1 / pieces,
+        method,
+        samples_per_period=SAMPLES,
+        threads=threads,
+    )
+    runs.orders["force"], runs.orders["phase"] = np.array(
+        [(drive.amplitude, drive.phase) for drive in drives]
+    ).T
+    edges: Array = runs.duration * np.arange(
+        int(schedule.times[-1] / runs.duration * (1 + 1e-9)) + 1.0
+    )
     omega = np.asarray(schedule.omega_at(edges))
     found = np.empty((len(omega) - 1, len(drives)))
     for k in range(len(found)):
@@ -189,7 +320,9 @@ def squares(scene: Scene, drives: Sequence[Drive], damper: float, method: Method
     return found
 
 
-def levels(scene: Scene, drives: Sequence[Drive], damper: float, method: Method, threads: int | None = None) -> Array:
+def levels(
+    scene: Scene, drives: Sequence[Drive], damper: float, method: Method, threads: int | None = None
+) -> Array:
     """Return the largest RMS of the tip displacement in m over as many pseudo periods as the level's window has, (runs,)."""
     window = 2 * HALF_WINDOW_PERIODS * PIECES
     total = np.cumsum(squares(scene, drives, damper, method, threads), axis=0)
@@ -198,45 +331,97 @@ def levels(scene: Scene, drives: Sequence[Drive], damper: float, method: Method,
 
 def _damped_jumps(settings: PaperSettings, runs: int) -> list[Json]:
     """Return how many sweeps down come to the high branch (the figure jump) without and with the damper."""
-    own, rows = jump.scene(), []
+    own = jump.scene()
+    rows = []
     phases = draw_members(runs, settings.seed, "phase").phases.tolist()
     for name, method in METHODS.items():
         for slowness in (jump.RATE, 2 * jump.RATE):
             approach = Approach(own.model.resonance_omega(1), jump.OVER.start)
-            drives = [passage(approach, jump.FORCES["medium"], jump.OVER.start, jump.OVER.last, slowness, phase) for phase in phases]
-            reached = {key: int(np.sum(levels(own, drives, c, method, settings.threads) > jump.HIGH_LEVEL)) for key, c in DAMPERS.items()}
+            drives = [
+                passage(
+                    approach,
+                    jump.FORCES["medium"],
+                    jump.OVER.start,
+                    jump.OVER.last,
+                    slowness,
+                    phase,
+                )
+                for phase in phases
+            ]
+            reached = {
+                key: int(np.sum(levels(own, drives, c, method, settings.threads) > jump.HIGH_LEVEL))
+                for key, c in DAMPERS.items()
+            }
             rows.append({"method": name, "periods_per_percent": slowness, "runs": runs, **reached})
     return rows
 
 
 def _damped_levels(settings: PaperSettings, runs: int) -> list[Json]:
     """Return the median level of sweeps over three modes (the figure high_low) without and with the damper, and the 95 % interval of their ratio."""
-    own, members, rows = high_low.scene(), draw_members(runs, settings.seed), []
+    own = high_low.scene()
+    members = draw_members(runs, settings.seed)
+    rows = []
     for force in high_low.FORCES.values():
         drives = [members.drives(force, sweep) for sweep in both_ways(own)]
-        found = {key: np.max([levels(own, each, c, METHODS["exact"], settings.threads) for each in drives], axis=0) for key, c in DAMPERS.items()}
+        found = {
+            key: np.max(
+                [levels(own, each, c, METHODS["exact"], settings.threads) for each in drives],
+                axis=0,
+            )
+            for key, c in DAMPERS.items()
+        }
         ratio = bootstrap(
-            (found["with"], found["without"]), lambda a, b, axis: np.median(a, axis) / np.median(b, axis), method="percentile", rng=settings.seed
+            (found["with"], found["without"]),
+            lambda a, b, axis: np.median(a, axis) / np.median(b, axis),
+            method="percentile",
+            rng=settings.seed,
         ).confidence_interval
-        rows.append({"force_n": force, "low": float(ratio.low), "high": float(ratio.high)} | {key: float(np.median(x)) for key, x in found.items()})
+        rows.append(
+            {"force_n": force, "low": float(ratio.low), "high": float(ratio.high)}
+            | {key: float(np.median(x)) for key, x in found.items()}
+        )
     return rows
 
 
 def _words(values: Json) -> str:
-    tunings, damper = values["tuned"]["tunings"].items(), values["damper"]
+    tunings = values["tuned"]["tunings"].items()
+    damper = values["damper"]
     tables: dict[tuple[str, ...], list[tuple[str, ...]]] = {
         ("tuned absorber (LTVA)", "$k$, N/m", "$c$, N s/m", "peak in % of no absorber"): [
-            (name, f"{x['stiffness']:.1f}", f"{x['damping']:.3f}", f"{100 * x['relative']:.2f}") for name, x in tunings
+            (name, f"{x['stiffness']:.1f}", f"{x['damping']:.3f}", f"{100 * x['relative']:.2f}")
+            for name, x in tunings
         ],
         ("level in mm, median (5 to 95 %)", "exact", "Moreau, the paper's step"): [
-            (f"{x['case']}, {x['force']:g} N", *(interval(*x[by], form="{:.3f}", factor=1e3) for by in ("exact", "moreau"))) for x in values["step"]
+            (
+                f"{x['case']}, {x['force']:g} N",
+                *(interval(*x[by], form="{:.3f}", factor=1e3) for by in ("exact", "moreau")),
+            )
+            for x in values["step"]
         ],
-        ("modes, force", "±10 periods, % of no absorber", "±20 periods, %", "level ±20 over ±10, %"): [
-            (f"{x['modes']}, {x['force']:g} N", *(f"{100 * r:.1f}" for r in (*x["relative"], x["shrinks"]))) for x in values["window"]
+        (
+            "modes, force",
+            "±10 periods, % of no absorber",
+            "±20 periods, %",
+            "level ±20 over ±10, %",
+        ): [
+            (
+                f"{x['modes']}, {x['force']:g} N",
+                *(f"{100 * r:.1f}" for r in (*x["relative"], x["shrinks"])),
+            )
+            for x in values["window"]
         ],
         ("damper of 0.001 N s/m between absorber and ground", "without", "with it"): [
-            *((f"sweeps that jump, {name}", *(f"{row[key]} of {row['runs']}" for key in DAMPERS)) for name, row in jumps(damper)),
-            *((f"level in mm, 3 modes, {row['force_n']:g} N", *(f"{1e3 * row[key]:.3f}" for key in DAMPERS)) for row in damper["levels"]),
+            *(
+                (f"sweeps that jump, {name}", *(f"{row[key]} of {row['runs']}" for key in DAMPERS))
+                for name, row in jumps(damper)
+            ),
+            *(
+                (
+                    f"level in mm, 3 modes, {row['force_n']:g} N",
+                    *(f"{1e3 * row[key]:.3f}" for key in DAMPERS),
+                )
+                for row in damper["levels"]
+            ),
         ],
     }
     return "\n\n".join(markdown(header, rows) for header, rows in tables.items())
@@ -246,19 +431,62 @@ def _draw(values: Json) -> Figure:
     """Draw the tip amplitude over the frequency with each tuning, and levels at the paper's step over the exact ones."""
     figure, axes = panels(1, 2, 3.0)
     response, step = axes[0]
-    model, ratio = modal_model(Beam()), np.linspace(0.7, 1.3, 1201)
-    signal(response, ratio, MM * np.abs(tip_response(model, None, ratio * model.omega[0])), REFERENCE, "no absorber", 1)
-    for name, look in {"paper": LOOKS[1], "Den Hartog": LOOKS[0], "smallest peak": LOOKS[2]}.items():
+    model = modal_model(Beam())
+    ratio = np.linspace(0.7, 1.3, 1201)
+    signal(
+        response,
+        ratio,
+        MM * np.abs(tip_response(model, None, ratio * model.omega[0])),
+        REFERENCE,
+        "no absorber",
+        1,
+    )
+    for name, look in {
+        "paper": LOOKS[1],
+        "Den Hartog": LOOKS[0],
+        "smallest peak": LOOKS[2],
+    }.items():
         own = values["tuned"]["tunings"][name]
         absorber = TunedAbsorber(stiffness=own["stiffness"], damping=own["damping"])
-        line(response, ratio, MM * np.abs(tip_response(model, absorber, ratio * model.omega[0])), look, f"LTVA: {name}", marked=False)
-    response.set(xlabel="frequency over the first resonance", ylabel="tip amplitude in mm/N", ylim=(0, 0.25), xlim=(0.7, 1.3))
+        line(
+            response,
+            ratio,
+            MM * np.abs(tip_response(model, absorber, ratio * model.omega[0])),
+            look,
+            f"LTVA: {name}",
+            marked=False,
+        )
+    response.set(
+        xlabel="frequency over the first resonance",
+        ylabel="tip amplitude in mm/N",
+        ylim=(0, 0.25),
+        xlim=(0.7, 1.3),
+    )
     rows = values["step"]
-    for shift, method, look, label in ((-0.12, "exact", LOOKS[0], "exact"), (0.12, "moreau", LOOKS[1], "Moreau, the paper's step")):
-        middle, low, high = 100 * np.array([np.array(row[method]) / row["exact"][0] for row in rows]).T
-        at, errors = np.arange(len(rows)) + shift, (middle - low, high - middle)
-        step.errorbar(at, middle, yerr=errors, color=look.colour, ls="", marker=look.marker, lw=1.2, capsize=2.5, label=label)
-    step.set_xticks(range(len(rows)), [f"{row['case'].split(',')[0].removesuffix(' modes')}, {row['force']:g}" for row in rows])
+    for shift, method, look, label in (
+        (-0.12, "exact", LOOKS[0], "exact"),
+        (0.12, "moreau", LOOKS[1], "Moreau, the paper's step"),
+    ):
+        middle, low, high = (
+            100 * np.array([np.array(row[method]) / row["exact"][0] for row in rows]).T
+        )
+        at = np.arange(len(rows)) + shift
+        errors = (middle - low, high - middle)
+        step.errorbar(
+            at,
+            middle,
+            yerr=errors,
+            color=look.colour,
+            ls="",
+            marker=look.marker,
+            lw=1.2,
+            capsize=2.5,
+            label=label,
+        )
+    step.set_xticks(
+        range(len(rows)),
+        [f"{row['case'].split(',')[0].removesuffix(' modes')}, {row['force']:g}" for row in rows],
+    )
     step.set(xlabel="modes, force in N", ylabel="level in % of the exact median")
     step.margins(y=0.25)
     legends(axes)
@@ -271,66 +499,144 @@ said = partial(claim, "basics")
 
 def claims(values: Json) -> list[Claim]:
     """Return all claims of the part."""
-    return [*_beam(values["beam"]), *_linear(values["linear"], values["entry"]), *_runs(values), _damper(values["damper"]), *_tuned(values["tuned"])]
+    return [
+        *_beam(values["beam"]),
+        *_linear(values["linear"], values["entry"]),
+        *_runs(values),
+        _damper(values["damper"]),
+        *_tuned(values["tuned"]),
+    ]
 
 
 def _beam(beam: Json) -> list[Claim]:
-    second, lost, off = beam["ratios"][1], beam["lost_in_own_period"], beam["stiffness_of_modes"] / beam["stiffness"] - 1
-    own, whole = beam["absorber_kg"], beam["beam_kg"]
+    second = beam["ratios"][1]
+    lost = beam["lost_in_own_period"]
+    off = beam["stiffness_of_modes"] / beam["stiffness"] - 1
+    own = beam["absorber_kg"]
+    whole = beam["beam_kg"]
     return [
         said("basics_omega_2", round(second, 1) == 6.3, ratio=second),
         said("basics_mass", abs(own / whole - 0.02) < 1e-12, own=1e3 * own, whole=1e3 * whole),
         said("basics_node", abs(beam["node"] - 12) < 1e-9, **beam),
         said("basics_stiffness", abs(off) < 1e-9, off=off, **beam),
-        said("basics_own_period", max(lost) - min(lost) < 1e-9, least=100 * min(lost), most=100 * max(lost), modes=len(lost)),
+        said(
+            "basics_own_period",
+            max(lost) - min(lost) < 1e-9,
+            least=100 * min(lost),
+            most=100 * max(lost),
+            modes=len(lost),
+        ),
         said("basics_span", abs(beam["span_periods"] - 130) < 0.5, **beam),
     ]
 
 
 def _linear(linear: Json, entry: list[Json]) -> list[Claim]:
-    (sweep, swept), (stuck, second) = (linear[name].values() for name in ("sweep_ratio", "stuck_over_none"))
-    gap, rule = ({int(k): x for k, x in linear[name].items()} for name in ("gap_force_n", "design_force_n"))
+    (sweep, swept), (stuck, second) = (
+        linear[name].values() for name in ("sweep_ratio", "stuck_over_none")
+    )
+    gap, rule = (
+        {int(k): x for k, x in linear[name].items()} for name in ("gap_force_n", "design_force_n")
+    )
     off, (least, most), later = max(abs(stuck - 1), abs(second - 1)), about(10.0), gap[2] / gap[1]
-    early = [row["force"] for row in entry if min(abs(row["up"] - row["limits"][0]), abs(row["down"] - row["limits"][1])) < AT_ONCE]
+    early = [
+        row["force"]
+        for row in entry
+        if min(abs(row["up"] - row["limits"][0]), abs(row["down"] - row["limits"][1])) < AT_ONCE
+    ]
     seen = "; ".join(f"{row['force']:g} N: {row['up']:.4f} and {row['down']:.4f}" for row in entry)
     stationary = min(linear["gap_force_at_limits_n"]["1"])
     return [
         said("basics_rate", min(sweep, swept) > 1 - SAME, one=sweep, two=swept),
         said("basics_stuck_level", off < SAME, one=stuck, two=second, off=off),
-        said("basics_second_reason", least <= later <= most, gap=gap, rule=rule, later=later, times=rule[2] / rule[1]),
-        said("basics_limits", not early, stationary=stationary, seen=seen, least=min(early, default=0), near=AT_ONCE),
+        said(
+            "basics_second_reason",
+            least <= later <= most,
+            gap=gap,
+            rule=rule,
+            later=later,
+            times=rule[2] / rule[1],
+        ),
+        said(
+            "basics_limits",
+            not early,
+            stationary=stationary,
+            seen=seen,
+            least=min(early, default=0),
+            near=AT_ONCE,
+        ),
     ]
 
 
 def _runs(values: Json) -> list[Claim]:
     """Judge the window, the step and the scaling; of the step each case by how the bands of both methods stand to each other, the weakest decides."""
-    rows, scaling = values["window"], values["scaling"]
+    rows = values["window"]
+    scaling = values["scaling"]
     change = [100 * (row["relative"][1] / row["relative"][0] - 1) for row in rows]
     one, two = (np.argsort([row["relative"][window] for row in rows]) for window in (0, 1))
-    less, order = [100 * (1 - row["shrinks"]) for row in rows], "the same" if np.array_equal(one, two) else "another"
-    window: Json = {"low": min(less), "high": max(less), "least": min(change), "most": max(change), "cases": len(rows), "order": order}
+    less = [100 * (1 - row["shrinks"]) for row in rows]
+    order = "the same" if np.array_equal(one, two) else "another"
+    window: Json = {
+        "low": min(less),
+        "high": max(less),
+        "least": min(change),
+        "most": max(change),
+        "cases": len(rows),
+        "order": order,
+    }
     steps, (low, high) = values["step"], (100 * q for q in BAND)
     off = [100 * (row["moreau"][0] / row["exact"][0] - 1) for row in steps]
-    cases = [judged(row["moreau"][1], row["moreau"][2], (1 - SAME) * row["exact"][1], (1 + SAME) * row["exact"][2]) for row in steps]
-    level, times = abs(scaling["level_by_2"]), scaling["times_by_3"]
+    cases = [
+        judged(
+            row["moreau"][1],
+            row["moreau"][2],
+            (1 - SAME) * row["exact"][1],
+            (1 + SAME) * row["exact"][2],
+        )
+        for row in steps
+    ]
+    level = abs(scaling["level_by_2"])
+    times = scaling["times_by_3"]
     return [
         said("basics_window", min(less) > 0 and max(map(abs, change)) < 100 * SAME, **window),
-        said("basics_step", _weakest(cases), least=min(off), most=max(off), low=low, high=high, **_counted(cases)),
-        said("basics_scaling", level < 1e-12 and times < 1e-6, level=level, times=times, impacts=scaling["impacts"]),
+        said(
+            "basics_step",
+            _weakest(cases),
+            least=min(off),
+            most=max(off),
+            low=low,
+            high=high,
+            **_counted(cases),
+        ),
+        said(
+            "basics_scaling",
+            level < 1e-12 and times < 1e-6,
+            level=level,
+            times=times,
+            impacts=scaling["impacts"],
+        ),
     ]
 
 
 def _weakest(cases: list[Verdict]) -> Verdict:
-    return next(verdict for verdict in (Verdict.NOT, Verdict.SPREAD, Verdict.HOLDS) if verdict in cases)
+    return next(
+        verdict for verdict in (Verdict.NOT, Verdict.SPREAD, Verdict.HOLDS) if verdict in cases
+    )
 
 
 def _counted(cases: list[Verdict]) -> Json:
-    return {"cases": len(cases), "inside": cases.count(Verdict.HOLDS), "beside": cases.count(Verdict.NOT)}
+    return {
+        "cases": len(cases),
+        "inside": cases.count(Verdict.HOLDS),
+        "beside": cases.count(Verdict.NOT),
+    }
 
 
 def jumps(damper: Json) -> list[tuple[str, Json]]:
     """Return the rows on sweeps with the damper to ground, and what they are of."""
-    return [(f"{row['method']}, {row['periods_per_percent']:g} pseudo periods per 1 %", row) for row in damper["jumps"]]
+    return [
+        (f"{row['method']}, {row['periods_per_percent']:g} pseudo periods per 1 %", row)
+        for row in damper["jumps"]
+    ]
 
 
 def difference(rows: Sequence[Json]) -> tuple[float, float, float]:
@@ -345,21 +651,55 @@ def difference(rows: Sequence[Json]) -> tuple[float, float, float]:
 def _damper(damper: Json) -> Claim:
     """Judge the change of the share of sweeps that jump, and of levels; the weakest case decides."""
     (mean, low, high), levels = difference(damper["jumps"]), damper["levels"]
-    cases = [judged(low, high, -SAME, SAME)] + [judged(row["low"], row["high"], *within(SAME)) for row in levels]
-    each = ", ".join(f"{row['with'] / row['runs']:.3f} for {row['without'] / row['runs']:.3f} ({name})" for name, row in jumps(damper))
-    ratios = ", ".join(f"{row['with'] / row['without']:.3f} ({row['low']:.3f} to {row['high']:.3f}) at {row['force_n']:g} N" for row in levels)
-    return said("basics_damper", _weakest(cases), mean=mean, low=low, high=high, each=each, ratios=ratios, **_counted(cases))
+    cases = [judged(low, high, -SAME, SAME)] + [
+        judged(row["low"], row["high"], *within(SAME)) for row in levels
+    ]
+    each = ", ".join(
+        f"{row['with'] / row['runs']:.3f} for {row['without'] / row['runs']:.3f} ({name})"
+        for name, row in jumps(damper)
+    )
+    ratios = ", ".join(
+        f"{row['with'] / row['without']:.3f} ({row['low']:.3f} to {row['high']:.3f}) at {row['force_n']:g} N"
+        for row in levels
+    )
+    return said(
+        "basics_damper",
+        _weakest(cases),
+        mean=mean,
+        low=low,
+        high=high,
+        each=each,
+        ratios=ratios,
+        **_counted(cases),
+    )
 
 
 def _tuned(tuned: Json) -> list[Claim]:
-    paper, rule, own, best = (tuned["tunings"][name] for name in ("paper", "Den Hartog", "modal mass of one", "smallest peak"))
+    paper, rule, own, best = (
+        tuned["tunings"][name]
+        for name in ("paper", "Den Hartog", "modal mass of one", "smallest peak")
+    )
     off = max(abs(paper[name] / rule[name] - 1) for name in ("stiffness", "damping"))
-    heights, peaks = paper["peaks"], ", ".join(f"{100 * height:.1f}" for height in paper["peaks"])
-    level, least, low, lower = (100 * one[name] for name in ("relative", "within_limits") for one in (paper, best))
+    heights = paper["peaks"]
+    peaks = ", ".join(f"{100 * height:.1f}" for height in paper["peaks"])
+    level, least, low, lower = (
+        100 * one[name] for name in ("relative", "within_limits") for one in (paper, best)
+    )
     holds = off < SAME and max(heights) / min(heights) < 1 + SAME and level < least * (1 + SAME)
-    second, undamped = tuned["second_relative"], tuned["undamped_relative"]
+    second = tuned["second_relative"]
+    undamped = tuned["undamped_relative"]
     return [
-        said("basics_ltva", holds, rule=rule, own=own, peaks=peaks, level=level, least=least, low=low, lower=lower),
+        said(
+            "basics_ltva",
+            holds,
+            rule=rule,
+            own=own,
+            peaks=peaks,
+            level=level,
+            least=least,
+            low=low,
+            lower=lower,
+        ),
         said("basics_ltva_second", second > 1 - SAME, second=second, off=1 - second),
         said("basics_undamped", undamped < 1e-9, undamped=undamped),
     ]

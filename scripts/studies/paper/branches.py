@@ -24,26 +24,47 @@ def responses(scene: Scene, force: float, low: float, high: float) -> Json:
         "force_n": force,
         "exact": [_plain(curve) for curve in exact_curves(scene, force, reference, low, high)],
         "balance": balance(scene, force, low, high),
-        "linear": {name: [_digits(x) for x in getattr(linear, name)[::2]] for name in ("omega_ratio", "alone", "stuck")},
+        "linear": {
+            name: [_digits(x) for x in getattr(linear, name)[::2]]
+            for name in ("omega_ratio", "alone", "stuck")
+        },
         "stuck_peak": float(linear.omega_ratio[np.argmax(linear.stuck)]),
     }
 
 
-def balance(scene: Scene, force: float, low: float, high: float, harmonics: int = HARMONICS, damper: float = PAPER_DAMPER) -> list[Json]:
+def balance(
+    scene: Scene,
+    force: float,
+    low: float,
+    high: float,
+    harmonics: int = HARMONICS,
+    damper: float = PAPER_DAMPER,
+) -> list[Json]:
     """Return the curves of harmonic balance; ``damper`` in N s/m between absorber and ground."""
     reference = scene.model.resonance_omega(1)
-    model = harmonic_balance(scene, low * reference, force, harmonics, WEIGHT, grounded_damper=damper)
+    model = harmonic_balance(
+        scene, low * reference, force, harmonics, WEIGHT, grounded_damper=damper
+    )
     return [_plain(curve) for curve in balance_curves(model, reference, low, high)]
 
 
 def _plain(curve: ResponseCurve) -> Json:
     """Return a curve for the file: 7 digits, of long ones every second point or fewer. ``kind``: 2 stable, 1 but for fast multipliers, 0 not."""
     every = slice(None, None, 1 + len(curve.omega_ratio) // POINTS)
-    plain: Json = {"closed": curve.closed, "folds": [[fold.omega_ratio, fold.tip_max] for fold in curve.folds]}
+    plain: Json = {
+        "closed": curve.closed,
+        "folds": [[fold.omega_ratio, fold.tip_max] for fold in curve.folds],
+    }
     plain["peak"] = None if curve.peak is None else [curve.peak.omega_ratio, curve.peak.tip_max]
-    plain |= {name: [_digits(x) for x in getattr(curve, name)[every]] for name in ("omega_ratio", "tip_max")}
+    plain |= {
+        name: [_digits(x) for x in getattr(curve, name)[every]]
+        for name in ("omega_ratio", "tip_max")
+    }
     if curve.stable is not None and curve.slowly_stable is not None:
-        plain["kind"] = [int(s) + int(t) for s, t in zip(curve.stable[every], curve.slowly_stable[every], strict=True)]
+        plain["kind"] = [
+            int(s) + int(t)
+            for s, t in zip(curve.stable[every], curve.slowly_stable[every], strict=True)
+        ]
     return plain
 
 
@@ -60,7 +81,10 @@ KINDS = (  # of an exact orbit: unstable slowly, unstable by fast multipliers on
 
 def draw_linear(axes: Axes, ratio: Any, linear: Json, width: float) -> None:
     """Draw the responses without absorber and with a stuck one, in mm."""
-    for name, look, label in (("alone", REFERENCE, "no absorber"), ("stuck", STUCK, "absorber stuck")):
+    for name, look, label in (
+        ("alone", REFERENCE, "no absorber"),
+        ("stuck", STUCK, "absorber stuck"),
+    ):
         signal(axes, ratio, MM * np.array(linear[name]), look, label, width)
 
 
@@ -69,15 +93,31 @@ def draw(axes: Axes, part: Json) -> None:
     draw_linear(axes, part["linear"]["omega_ratio"], part["linear"], 0.9)
     for number, curve in enumerate(part["balance"]):
         label = None if number else "harmonic balance, 20 harmonics"
-        axes.plot(curve["omega_ratio"], MM * np.array(curve["tip_max"], dtype=float), color=FAINT, lw=1.0, label=label)
+        axes.plot(
+            curve["omega_ratio"],
+            MM * np.array(curve["tip_max"], dtype=float),
+            color=FAINT,
+            lw=1.0,
+            label=label,
+        )
     shown: set[int] = set()
     for curve in part["exact"]:
-        x, y, kinds = np.array(curve["omega_ratio"]), MM * np.array(curve["tip_max"], dtype=float), np.array(curve["kind"])
+        x = np.array(curve["omega_ratio"])
+        y = MM * np.array(curve["tip_max"], dtype=float)
+        kinds = np.array(curve["kind"])
         ends = np.flatnonzero(kinds[1:] != kinds[:-1]) + 1
         for begin, end in zip([0, *ends], [*ends, len(kinds)], strict=True):
-            kind, stretch = int(kinds[begin]), slice(begin, min(int(end) + 1, len(kinds)))
+            kind = int(kinds[begin])
+            stretch = slice(begin, min(int(end) + 1, len(kinds)))
             colour, dashes, width, label = KINDS[kind]
-            axes.plot(x[stretch], y[stretch], color=colour, ls=dashes, lw=width, label=None if kind in shown else label)
+            axes.plot(
+                x[stretch],
+                y[stretch],
+                color=colour,
+                ls=dashes,
+                lw=width,
+                label=None if kind in shown else label,
+            )
             shown.add(kind)
         for ratio, height in curve["folds"]:
             axes.plot(ratio, MM * height, "o", ms=3.5, mfc="white", mec="black", mew=0.7, zorder=5)

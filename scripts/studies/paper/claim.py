@@ -26,19 +26,41 @@ MUCH = 0.8
 LEFT = 0.1
 WIDE = 2.0
 PLACE = 0.01
-OFTEN, RARE = 0.95, 0.05
+OFTEN = 0.95
+RARE = 0.05
 EVEN = (1 + ABOUT) / (1 - ABOUT)
 
 RULE = (
-    ("a number, also with *about*", f"{100 * ABOUT:g} % either way; a frequency {PLACE:g} of the resonance's"),
-    ("*the same*, *virtually*, *closely*, *saturates*, *enough*", f"{100 * SAME:g} % either way, of a level or of no absorber"),
-    ("*almost*, *hardly*, *slightly*, *robust*, *no considerable influence*", f"{100 * LITTLE:g} % either way"),
-    ("*much*, *considerably*, *effective*, *well below*", f"{MUCH:g} of what it is compared with, or less"),
-    ("*nearly all*, *complete*, *close to zero*, an *order of magnitude*", f"a share of {LEFT:g} is left, or less"),
-    ("*evenly*, *about the same energy*", f"the largest {EVEN:.2f} times the smallest, or less: {100 * ABOUT:g} % either way of their middle"),
+    (
+        "a number, also with *about*",
+        f"{100 * ABOUT:g} % either way; a frequency {PLACE:g} of the resonance's",
+    ),
+    (
+        "*the same*, *virtually*, *closely*, *saturates*, *enough*",
+        f"{100 * SAME:g} % either way, of a level or of no absorber",
+    ),
+    (
+        "*almost*, *hardly*, *slightly*, *robust*, *no considerable influence*",
+        f"{100 * LITTLE:g} % either way",
+    ),
+    (
+        "*much*, *considerably*, *effective*, *well below*",
+        f"{MUCH:g} of what it is compared with, or less",
+    ),
+    (
+        "*nearly all*, *complete*, *close to zero*, an *order of magnitude*",
+        f"a share of {LEFT:g} is left, or less",
+    ),
+    (
+        "*evenly*, *about the same energy*",
+        f"the largest {EVEN:.2f} times the smallest, or less: {100 * ABOUT:g} % either way of their middle",
+    ),
     ("*a wide range* of forces", f"its ends have a ratio of {WIDE:g} or more"),
     ("more, less, better, worse, grows, falls", "the 5 to 95 % of the members are on that side"),
-    ("something happens, in one run", f"in {100 * OFTEN:g} % of the runs or more it holds, in {100 * RARE:g} % or fewer it does not"),
+    (
+        "something happens, in one run",
+        f"in {100 * OFTEN:g} % of the runs or more it holds, in {100 * RARE:g} % or fewer it does not",
+    ),
 )
 
 
@@ -65,13 +87,19 @@ ALLOWED = {  # by the words of claims.toml, of a number or a ratio
     "wide": (WIDE, INFINITY),
 }
 RULED = {"same": SAME, "much": MUCH, "left": LEFT, "wide": WIDE}  # what texts may name
-STATED: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(Path(__file__).with_name("claims.toml").read_text(encoding="utf-8"))
+STATED: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(
+    Path(__file__).with_name("claims.toml").read_text(encoding="utf-8")
+)
 
 
 def allowed_by(words: Any) -> tuple[float, float]:
     """Return least and most of the key ``allowed`` of claims.toml."""
     if isinstance(words, str):
-        return about(float(words.removeprefix("about "))) if words.startswith("about ") else ALLOWED[words]
+        return (
+            about(float(words.removeprefix("about ")))
+            if words.startswith("about ")
+            else ALLOWED[words]
+        )
     least, most = words
     return least, most
 
@@ -104,12 +132,25 @@ class Claim:
 
     def __post_init__(self) -> None:
         for field in ("name", "statement", "section", "computed", "figure"):
-            require(bool(getattr(self, field).strip()), f"claim's {field}", getattr(self, field), "some words")
-        require(self.verdict is Verdict.HOLDS or bool(self.why.strip()), f"why of {self.name}", self.why, f"a reason where a claim {self.verdict}")
+            require(
+                bool(getattr(self, field).strip()),
+                f"claim's {field}",
+                getattr(self, field),
+                "some words",
+            )
+        require(
+            self.verdict is Verdict.HOLDS or bool(self.why.strip()),
+            f"why of {self.name}",
+            self.why,
+            f"a reason where a claim {self.verdict}",
+        )
 
     def to_plain(self) -> dict[str, Any]:
         """Return a dict of strings; ``why`` is empty where the statement holds."""
-        return asdict(self) | {"verdict": self.verdict.value, "why": "" if self.verdict is Verdict.HOLDS else self.why}
+        return asdict(self) | {
+            "verdict": self.verdict.value,
+            "why": "" if self.verdict is Verdict.HOLDS else self.why,
+        }
 
 
 def from_plain(plain: dict[str, Any]) -> Claim:
@@ -119,7 +160,12 @@ def from_plain(plain: dict[str, Any]) -> Claim:
 
 def judged(low: float, high: float, least: float, most: float) -> Verdict:
     """Return how an interval from ``low`` to ``high`` stands to what a statement allows: inside it holds, beside it not, else within spread."""
-    require(low <= high and least <= most, "interval", (low, high, least, most), "low and high, least and most, each in order")
+    require(
+        low <= high and least <= most,
+        "interval",
+        (low, high, least, most),
+        "low and high, least and most, each in order",
+    )
     if least <= low and high <= most:
         return Verdict.HOLDS
     return Verdict.SPREAD if low <= most and least <= high else Verdict.NOT
@@ -135,7 +181,9 @@ def bands(values: ArrayLike) -> Array:
     return quantiles(values, (BAND[0], 0.5, BAND[1]))
 
 
-def interval(middle: float, low: float, high: float, *, form: str = "{:.2f}", factor: float = 1.0) -> str:
+def interval(
+    middle: float, low: float, high: float, *, form: str = "{:.2f}", factor: float = 1.0
+) -> str:
     """Return a value and the interval that it lies in, as "0.64 (0.55 to 0.71)"."""
     return "{} ({} to {})".format(*(form.format(factor * x) for x in (middle, low, high)))
 
@@ -159,12 +207,18 @@ def middle(values: ArrayLike) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def verdict(low: float, high: float, least: float, most: float, at_step: float | None = None) -> Verdict:
+def verdict(
+    low: float, high: float, least: float, most: float, at_step: float | None = None
+) -> Verdict:
     """Return the verdict of an interval on a statement that allows least..most; ``at_step``: the value of the paper's own run, with its step."""
     if not (np.isfinite(low) and np.isfinite(high)):
         return Verdict.NOT
     found = judged(low, high, least, most)
-    return Verdict.STEP if found is Verdict.NOT and at_step is not None and least <= at_step <= most else found
+    return (
+        Verdict.STEP
+        if found is Verdict.NOT and at_step is not None and least <= at_step <= most
+        else found
+    )
 
 
 class Words(Formatter):
@@ -174,10 +228,18 @@ class Words(Formatter):
         """Return a value in words."""
         if isinstance(value, str):
             return value
-        form, factor, unit = format_spec, 1, ""
+        form = format_spec
+        factor = 1
+        unit = ""
         if form.endswith("%"):
-            form, factor, unit = form[:-1] + ("f" if form[-2].isdigit() else ""), 100, " %"
-        return (f"{factor * value:{form}}" if np.ndim(value) == 0 else spread(value, f"{{:{form}}}", factor)) + unit
+            form = form[:-1] + ("f" if form[-2].isdigit() else "")
+            factor = 100
+            unit = " %"
+        return (
+            f"{factor * value:{form}}"
+            if np.ndim(value) == 0
+            else spread(value, f"{{:{form}}}", factor)
+        ) + unit
 
 
 def claim(
@@ -195,19 +257,34 @@ def claim(
     ``allowed`` where claims.toml does not say it; ``told`` fills the braces, as do the values, as {value}. ``at_step``: the number by the paper's
     scheme and step, in one run.
     """
-    own, told = STATED[figure][name], {**RULED, "value": found, **told}
+    own = STATED[figure][name]
+    told = {**RULED, "value": found, **told}
 
     def said(text: str) -> str:
         return Words().vformat(text, (), told)
 
     if isinstance(found, bool | np.bool_):
         found = Verdict.HOLDS if found else Verdict.NOT
-    judgement = found if isinstance(found, Verdict) else verdict(*middle(found), *(allowed or allowed_by(own["allowed"])), at_step)
+    judgement = (
+        found
+        if isinstance(found, Verdict)
+        else verdict(*middle(found), *(allowed or allowed_by(own["allowed"])), at_step)
+    )
     if "about" in own:
-        form, unit = f"{{:{own.get('form', '.2f')}}}", own.get("unit", "")
+        form = f"{{:{own.get('form', '.2f')}}}"
+        unit = own.get("unit", "")
         computed = said(own["about"]) + spread(told["value"], form, unit=unit)
         computed += "" if at_step is None else f"; {form.format(at_step)}{unit} at the paper's step"
     else:
         computed = said(own["computed"])
     why = said(own.get("why", ""))
-    return Claim(said(name), said(own["statement"]), own["section"], computed, judgement, figure, why, own.get("definitional", False))
+    return Claim(
+        said(name),
+        said(own["statement"]),
+        own["section"],
+        computed,
+        judgement,
+        figure,
+        why,
+        own.get("definitional", False),
+    )

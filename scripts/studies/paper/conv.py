@@ -10,18 +10,44 @@ from matplotlib.figure import Figure
 
 from impact_env.curve import BAND, CurveCase, PerformanceCurve, quantiles
 from impact_env.methods import Exact, Method, RungeKutta
-from impact_env.parameters import Absorber, Beam, CompliantWalls, SlidingAbsorber, friction_damper, impact_absorber
+from impact_env.parameters import (
+    Absorber,
+    Beam,
+    CompliantWalls,
+    SlidingAbsorber,
+    friction_damper,
+    impact_absorber,
+)
 from impact_env.scene import beam_scene
 from studies.paper.claim import LITTLE, SAME, Claim, Verdict, claim, middle, spread
-from studies.paper.frame import FAINT, LOOKS, MM, REFERENCE, PaperFigure, PaperSettings, Size, banded, in_turn, legends, panels, shortened, signal
+from studies.paper.frame import (
+    FAINT,
+    LOOKS,
+    MM,
+    REFERENCE,
+    PaperFigure,
+    PaperSettings,
+    Size,
+    banded,
+    in_turn,
+    legends,
+    panels,
+    shortened,
+    signal,
+)
 from studies.study import Json, Steps, Table
 
 LABEL = "conv"
 BEAM = Beam(modes=3)
-FORCE, DAMPER = 4.0, 0.5  # N: the paper's force, and the limit of its friction damper
-WALLS, FRICTION = "walls", "friction"
+# N: the paper's force, and the limit of its friction damper
+FORCE = 4.0
+DAMPER = 0.5
+WALLS = "walls"
+FRICTION = "friction"
 CONTACTS = ((WALLS, "k_n", "walls"), (FRICTION, "k_t", "friction damper"))
-LOW, HIGH = 3.0, 300.0  # stiffnesses of the performance curves, over the beam's static stiffness
+# stiffnesses of the performance curves, over the beam's static stiffness
+LOW = 3.0
+HIGH = 300.0
 said = partial(claim, LABEL)
 STEPPED = 1e4  # stiffest contact that the paper's own method is tried with: its step follows the contact's duration
 
@@ -37,13 +63,24 @@ def absorber(kind: str, stiffness: float | None) -> Absorber:
 
 def sizes(members: int, stiffnesses: int, forces: int) -> Size:
     """Return the sizes of so many stiffnesses over the beam's static one, and forces of the curves: closer where the curve with walls is flat."""
-    walls, friction = (np.asarray(spaced(0.5, 6.0, forces)).round(3).tolist() for spaced in (np.geomspace, np.linspace))
-    return Size(members=members, stiffnesses=np.geomspace(0.1, 1e5, stiffnesses).round(4).tolist(), walls=walls, friction=friction)
+    walls, friction = (
+        np.asarray(spaced(0.5, 6.0, forces)).round(3).tolist()
+        for spaced in (np.geomspace, np.linspace)
+    )
+    return Size(
+        members=members,
+        stiffnesses=np.geomspace(0.1, 1e5, stiffnesses).round(4).tolist(),
+        walls=walls,
+        friction=friction,
+    )
 
 
 def _kept(curve: PerformanceCurve) -> Json:
     """Return the levels of a curve in m, (forces, members), the paper's own run first."""
-    return {"force_n": curve.forces.tolist(), "level_m": [[float(f"{x:.6g}") for x in row] for row in curve.combined]}
+    return {
+        "force_n": curve.forces.tolist(),
+        "level_m": [[float(f"{x:.6g}") for x in row] for row in curve.combined],
+    }
 
 
 def _over_stiffness(settings: PaperSettings, size: Size, kind: str, method: Method) -> Json:
@@ -51,15 +88,28 @@ def _over_stiffness(settings: PaperSettings, size: Size, kind: str, method: Meth
     stepped = not isinstance(method, Exact)
     chosen = [k for k in size.stiffnesses if not stepped or k <= STEPPED]
     members, rigid = (min(size.members, 4), ()) if stepped else (size.members, (None,))
-    cases = [CurveCase(beam_scene(BEAM, absorber(kind, stiffness)), np.array([FORCE])) for stiffness in (*chosen, *rigid)]
-    levels = [_kept(curve)["level_m"][0] for curve in settings.curves(f"{LABEL}: {kind}", cases, members, method)]
-    return {"stiffness": chosen, "level_m": levels[: len(chosen)], "rigid_m": None if stepped else levels[-1]}
+    cases = [
+        CurveCase(beam_scene(BEAM, absorber(kind, stiffness)), np.array([FORCE]))
+        for stiffness in (*chosen, *rigid)
+    ]
+    levels = [
+        _kept(curve)["level_m"][0]
+        for curve in settings.curves(f"{LABEL}: {kind}", cases, members, method)
+    ]
+    return {
+        "stiffness": chosen,
+        "level_m": levels[: len(chosen)],
+        "rigid_m": None if stepped else levels[-1],
+    }
 
 
 def _curves(settings: PaperSettings, size: Size, kind: str) -> Json:
     """Return performance curves with rigid, stiff and soft contact, and without absorber."""
     force = np.array(size.walls if kind == WALLS else size.friction)
-    absorbers = {name: absorber(kind, stiffness) for name, stiffness in {"rigid": None, "low": LOW, "high": HIGH}.items()} | {"none": None}
+    absorbers = {
+        name: absorber(kind, stiffness)
+        for name, stiffness in {"rigid": None, "low": LOW, "high": HIGH}.items()
+    } | {"none": None}
     cases = [CurveCase(beam_scene(BEAM, own), force) for own in absorbers.values()]
     found = settings.curves(f"{LABEL}: curves, {kind}", cases, size.members)
     return dict(zip(absorbers, map(_kept, found), strict=True))
@@ -69,32 +119,58 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     groups: dict[str, Callable[[], Any]] = {}
     for kind in (WALLS, FRICTION):
         groups[kind] = partial(_over_stiffness, settings, size, kind, Exact())
-        groups[f"{kind}, paper's method"] = partial(_over_stiffness, settings, size, kind, RungeKutta())
+        groups[f"{kind}, paper's method"] = partial(
+            _over_stiffness, settings, size, kind, RungeKutta()
+        )
         groups[f"{kind}, curves"] = partial(_curves, settings, size, kind)
     return in_turn(groups, known)
 
 
 def _table(values: Json) -> Table:
     """Return a row for each stiffness and one for rigid contact: levels of walls and of the damper, and those over rigid contact."""
-    columns, rows = ["stiffness over 3EI/l^3"], [[f"{k:.3g}"] for k in values[WALLS]["stiffness"]] + [["rigid"]]
+    columns = ["stiffness over 3EI/l^3"]
+    rows = [[f"{k:.3g}"] for k in values[WALLS]["stiffness"]] + [["rigid"]]
     for kind, symbol, _ in CONTACTS:
         columns += [f"{kind}, {symbol}: level at {FORCE:g} N, mm", "over rigid"]
-        for row, level in zip(rows, [*values[kind]["level_m"], values[kind]["rigid_m"]], strict=True):
-            row += [spread(level, "{:.3f}", 1e3), f"{np.median(level) / np.median(values[kind]['rigid_m']):.3f}"]
+        for row, level in zip(
+            rows, [*values[kind]["level_m"], values[kind]["rigid_m"]], strict=True
+        ):
+            row += [
+                spread(level, "{:.3f}", 1e3),
+                f"{np.median(level) / np.median(values[kind]['rigid_m']):.3f}",
+            ]
     return Table(f"{LABEL}_stiffness", columns, rows)
 
 
 def _draw(values: Json) -> Figure:
     """Draw the walls above, friction below."""
     figure, axes = panels(2, 2, 5.6)
-    for (left, right), (kind, symbol, _), title in zip(axes, CONTACTS, ("impact absorber", "friction damper"), strict=True):
+    for (left, right), (kind, symbol, _), title in zip(
+        axes, CONTACTS, ("impact absorber", "friction damper"), strict=True
+    ):
         _stiffness(left, values[kind], values[f"{kind}, paper's method"])
-        left.set(xscale="log", xlabel=f"${symbol}/k_\\mathrm{{eff}}$", ylabel="level over that of rigid contact")
-        named = {"rigid": "rigid"} | {name: f"${symbol} = {k:g}\\,k_\\mathrm{{eff}}$" for name, k in (("low", LOW), ("high", HIGH))}
+        left.set(
+            xscale="log",
+            xlabel=f"${symbol}/k_\\mathrm{{eff}}$",
+            ylabel="level over that of rigid contact",
+        )
+        named = {"rigid": "rigid"} | {
+            name: f"${symbol} = {k:g}\\,k_\\mathrm{{eff}}$"
+            for name, k in (("low", LOW), ("high", HIGH))
+        }
         curves = values[f"{kind}, curves"]
-        signal(right, curves["none"]["force_n"], MM * np.median(curves["none"]["level_m"], axis=1), REFERENCE, "no absorber", 1.0)
+        signal(
+            right,
+            curves["none"]["force_n"],
+            MM * np.median(curves["none"]["level_m"], axis=1),
+            REFERENCE,
+            "no absorber",
+            1.0,
+        )
         for look, (name, label) in zip(LOOKS, named.items(), strict=False):
-            banded(right, curves[name]["force_n"], MM * np.array(curves[name]["level_m"]), look, label)
+            banded(
+                right, curves[name]["force_n"], MM * np.array(curves[name]["level_m"]), look, label
+            )
         right.set(xlabel="force in N", ylabel="response level in mm")
         left.set_title(title)
         right.set_title(title)
@@ -108,7 +184,14 @@ def _stiffness(axes: Axes, part: Json, stepped: Json) -> None:
     axes.axhspan(low, high, color=FAINT, alpha=0.3, lw=0, label="rigid, 5 to 95 %")
     banded(axes, part["stiffness"], np.array(part["level_m"]) / unit, LOOKS[0], "compliant, exact")
     middles = np.median(stepped["level_m"], axis=1) / unit
-    axes.plot(stepped["stiffness"], middles, LOOKS[1].marker, color=LOOKS[1].colour, mfc="none", label="Runge-Kutta, paper's step")
+    axes.plot(
+        stepped["stiffness"],
+        middles,
+        LOOKS[1].marker,
+        color=LOOKS[1].colour,
+        mfc="none",
+        label="Runge-Kutta, paper's step",
+    )
 
 
 STIFF = 1e3  # over the beam's static stiffness: from here on contact counts as nearly rigid
@@ -116,7 +199,9 @@ STIFF = 1e3  # over the beam's static stiffness: from here on contact counts as 
 
 def _off(part: Json) -> tuple[np.ndarray, np.ndarray]:
     """Return stiffnesses, and by which share the median level differs from that of rigid contact."""
-    return np.array(part["stiffness"]), np.median(part["level_m"], axis=1) / np.median(part["rigid_m"]) - 1
+    return np.array(part["stiffness"]), np.median(part["level_m"], axis=1) / np.median(
+        part["rigid_m"]
+    ) - 1
 
 
 def _from(part: Json, share: float) -> float:
@@ -133,16 +218,28 @@ def _converges(part: Json, told: Json) -> Claim:
     low, high = middle(part["rigid_m"])
     width = (high - low) / (2 * float(np.median(part["rigid_m"])))
     most = max(SAME, width)
-    return said("convergence, {kind}", worst, (0.0, most), width=width, off=off[0], at=stiffness[0], stiff=STIFF, **told)
+    return said(
+        "convergence, {kind}",
+        worst,
+        (0.0, most),
+        width=width,
+        off=off[0],
+        at=stiffness[0],
+        stiff=STIFF,
+        **told,
+    )
 
 
 def _curves_claims(curves: Json, told: Json) -> Claim:
     rigid, low, high = (np.array(curves[name]["level_m"]) for name in ("rigid", "low", "high"))
     force = np.array(curves["rigid"]["force_n"])
-    soft, off = (np.abs(np.median(own, axis=1) / np.median(rigid, axis=1) - 1) for own in (low, high))
+    soft, off = (
+        np.abs(np.median(own, axis=1) / np.median(rigid, axis=1) - 1) for own in (low, high)
+    )
     (a, b), (c, d) = (quantiles(levels, BAND) for levels in (high, rigid))
     slack = 0.01 * np.median(rigid, axis=1)  # where members hardly differ, a per cent is none
-    inside, worst = np.mean((a <= d + slack) & (c <= b + slack)), int(np.argmax(off))
+    inside = np.mean((a <= d + slack) & (c <= b + slack))
+    worst = int(np.argmax(off))
     found = Verdict.HOLDS if off[worst] < SAME else Verdict.SPREAD if inside > 0.9 else Verdict.NOT
     return said(
         "curves, {kind}", found, median=np.median(off), most=off[worst], worst=force[worst], inside=inside, forces=len(force),
@@ -151,22 +248,39 @@ def _curves_claims(curves: Json, told: Json) -> Claim:
 
 
 def _claims(values: Json) -> list[Claim]:
-    told = {kind: {"kind": kind, "symbol": symbol, "device": device} for kind, symbol, device in CONTACTS}
+    told = {
+        kind: {"kind": kind, "symbol": symbol, "device": device}
+        for kind, symbol, device in CONTACTS
+    }
     walls, friction = (_from(values[kind], SAME) for kind in told)
-    best, curves, apart = {}, values[f"{WALLS}, curves"], []
+    best = {}
+    curves = values[f"{WALLS}, curves"]
+    apart = []
     for name in ("rigid", "low", "high"):
         relative = np.array(curves[name]["level_m"]) / np.array(curves["none"]["level_m"])
         best[name] = np.array(curves[name]["force_n"])[np.argmin(relative, axis=0)]
     (a, b), (c, d) = middle(best["high"]), middle(best["rigid"])
     close = abs(np.median(best["high"]) / np.median(best["rigid"]) - 1) < SAME
     for kind in told:
-        exact, stepped = (np.median(values[f"{kind}{by}"]["level_m"], axis=1) for by in ("", ", paper's method"))
+        exact, stepped = (
+            np.median(values[f"{kind}{by}"]["level_m"], axis=1) for by in ("", ", paper's method")
+        )
         apart += np.abs(stepped / exact[: len(stepped)] - 1).tolist()
     return [
         *(_converges(values[kind], own) for kind, own in told.items()),
-        said("alike", abs(float(np.log10(walls / friction))), (0.0, float(np.log10(1 + LITTLE))), walls=walls, friction=friction),
+        said(
+            "alike",
+            abs(float(np.log10(walls / friction))),
+            (0.0, float(np.log10(1 + LITTLE))),
+            walls=walls,
+            friction=friction,
+        ),
         *(_curves_claims(values[f"{kind}, curves"], own) for kind, own in told.items()),
-        said("same optimum", Verdict.HOLDS if close else Verdict.SPREAD if a <= d and c <= b else Verdict.NOT, **best),
+        said(
+            "same optimum",
+            Verdict.HOLDS if close else Verdict.SPREAD if a <= d and c <= b else Verdict.NOT,
+            **best,
+        ),
         said("twenty samples", max(apart), median=np.median(apart)),
     ]
 

@@ -75,13 +75,17 @@ def both_ways(scene: Scene, resonance: int = 1) -> tuple[FrequencySchedule, Freq
 def sampled_level(response: Response) -> ResponseLevel:
     """Return the level of a run that was recorded as samples."""
     level = level_of(there(response.history).tip_displacement, DEFAULT_SAMPLES)
-    return there(read_level(level, response.drive, response.drive.schedule.pseudo_period / DEFAULT_SAMPLES))
+    return there(
+        read_level(level, response.drive, response.drive.schedule.pseudo_period / DEFAULT_SAMPLES)
+    )
 
 
 def part_of(drive: Drive, start: float, stop: float) -> Drive:
     """Return a drive between two of its times in s, as one that begins at 0."""
     schedule = drive.schedule
-    times = np.concatenate([[start], schedule.times[(schedule.times > start) & (schedule.times < stop)], [stop]])
+    times = np.concatenate(
+        [[start], schedule.times[(schedule.times > start) & (schedule.times < stop)], [stop]]
+    )
     own = FrequencySchedule(times - start, schedule.omega_at(times), schedule.reference)
     return Drive(drive.amplitude, own, drive.phase + float(schedule.phase_at(start)))
 
@@ -89,12 +93,21 @@ def part_of(drive: Drive, start: float, stop: float) -> Drive:
 def contacts(lane: Lane, method: Method | None = None) -> Seen:
     """Return a lane's `Seen` with a method (None: the exact one)."""
     response = simulate(lane.scene, lane.drive, method, record=WATCHED)
-    level, period = sampled_level(response), lane.drive.schedule.pseudo_period
-    times, middle = there(response.impacts).time / period, level.time / period
+    level = sampled_level(response)
+    period = lane.drive.schedule.pseudo_period
+    times = there(response.impacts).time / period
+    middle = level.time / period
     begin = max(0.0, middle - HALF_WINDOW_PERIODS)
     length = min(lane.drive.schedule.periods, middle + HALF_WINDOW_PERIODS) - begin
     inside = times[(times >= begin) & (times <= begin + length)] - begin
-    return Seen(level.value, level.frequency_ratio, level.max_tip, len(times), len(inside) / length, longest_pause(inside, length))
+    return Seen(
+        level.value,
+        level.frequency_ratio,
+        level.max_tip,
+        len(times),
+        len(inside) / length,
+        longest_pause(inside, length),
+    )
 
 
 def chaos(lane: Lane, periods: int) -> tuple[float, float, float]:
@@ -106,24 +119,46 @@ def chaos(lane: Lane, periods: int) -> tuple[float, float, float]:
 def envelope(lane: Lane, periods: int = 4) -> Array:
     """Return a lane's largest |q_tip| in m in each stretch of so many pseudo periods, (stretches,); the last one may be shorter."""
     history = there(simulate(lane.scene, lane.drive, record=WATCHED).history)
-    return np.asarray(np.maximum.reduceat(np.abs(history.tip_displacement), np.arange(0, len(history.time), periods * DEFAULT_SAMPLES)))
+    return np.asarray(
+        np.maximum.reduceat(
+            np.abs(history.tip_displacement),
+            np.arange(0, len(history.time), periods * DEFAULT_SAMPLES),
+        )
+    )
 
 
 def envelope_ratios(schedule: FrequencySchedule, periods: int = 4) -> Array:
     """Return the frequency in the middle of each stretch over the schedule's reference."""
-    stretches = int(np.ceil((int(schedule.periods * (1 + 1e-12) * DEFAULT_SAMPLES) + 1) / (periods * DEFAULT_SAMPLES)))
+    stretches = int(
+        np.ceil(
+            (int(schedule.periods * (1 + 1e-12) * DEFAULT_SAMPLES) + 1)
+            / (periods * DEFAULT_SAMPLES)
+        )
+    )
     middles = np.minimum((np.arange(stretches) + 0.5) * periods, schedule.periods)
     return np.asarray(schedule.omega_at(middles * schedule.pseudo_period)) / schedule.reference
 
 
-def envelopes(settings: PaperSettings, label: str, scene: Scene, drives: Sequence[Drive], periods: int = 4) -> tuple[Json, Array]:
+def envelopes(
+    settings: PaperSettings, label: str, scene: Scene, drives: Sequence[Drive], periods: int = 4
+) -> tuple[Json, Array]:
     """Return the envelopes of members with one schedule over frequency ratios, as 5 %, median, 95 % and nominal member; and each member's."""
-    rows = np.array(settings.each(label, [Lane(scene, drive) for drive in drives], partial(envelope, periods=periods)))
+    rows = np.array(
+        settings.each(
+            label, [Lane(scene, drive) for drive in drives], partial(envelope, periods=periods)
+        )
+    )
     own = dict(zip(("low", "median", "high"), bands(rows.T).tolist(), strict=True))
-    return {"ratio": envelope_ratios(drives[0].schedule, periods).tolist(), **own, "nominal": rows[0].tolist()}, rows
+    return {
+        "ratio": envelope_ratios(drives[0].schedule, periods).tolist(),
+        **own,
+        "nominal": rows[0].tolist(),
+    }, rows
 
 
-PAUSE = Criteria().pause  # periods of the force: without such a pause within the level's window impacts are sustained
+PAUSE = (
+    Criteria().pause
+)  # periods of the force: without such a pause within the level's window impacts are sustained
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +195,12 @@ class Curve:
 
     def relative(self, reference: Curve) -> Array:
         """Return the level over that of the same member of a reference over the same forces, (F, M)."""
-        require(np.array_equal(self.forces, reference.forces), "reference", reference.forces, f"a curve over the forces {self.forces}")
+        require(
+            np.array_equal(self.forces, reference.forces),
+            "reference",
+            reference.forces,
+            f"a curve over the forces {self.forces}",
+        )
         return np.asarray(self.level / reference.level)
 
     def best(self, reference: Curve) -> int:
@@ -177,43 +217,76 @@ class Curve:
 
 
 def _plain(values: Array) -> list[Any]:
-    return [_plain(row) for row in values] if values.ndim > 1 else [float(x) if np.isfinite(x) else None for x in values]
+    return (
+        [_plain(row) for row in values]
+        if values.ndim > 1
+        else [float(x) if np.isfinite(x) else None for x in values]
+    )
 
 
 def curve_of(plain: Json) -> Curve:
     """Return the curve of its plain form."""
-    return Curve(**{field.name: np.array(plain[field.name], dtype=np.float64) for field in fields(Curve)})
+    return Curve(
+        **{field.name: np.array(plain[field.name], dtype=np.float64) for field in fields(Curve)}
+    )
 
 
 def plain_curve(found: PerformanceCurve) -> Json:
     """Return a performance curve without a look at its contacts."""
-    lanes, nothing = found.lanes, np.full(found.lanes.level.shape, np.nan)
-    values = {"level": lanes.level, "at": lanes.frequency_ratio, "tip": lanes.max_tip, "impacts": lanes.impacts, "rate": nothing, "pause": nothing}
+    lanes = found.lanes
+    nothing = np.full(found.lanes.level.shape, np.nan)
+    values = {
+        "level": lanes.level,
+        "at": lanes.frequency_ratio,
+        "tip": lanes.max_tip,
+        "impacts": lanes.impacts,
+        "rate": nothing,
+        "pause": nothing,
+    }
     return _critical(found.forces, values).to_plain()
 
 
 def _critical(forces: Array, values: Mapping[str, Array]) -> Curve:
     """Return the curve of arrays (F, M, 2): up, down."""
     which = np.argmax(values["level"], axis=-1)[..., None]
-    own = {name: np.take_along_axis(array, which, axis=-1)[..., 0] for name, array in values.items()}
+    own = {
+        name: np.take_along_axis(array, which, axis=-1)[..., 0] for name, array in values.items()
+    }
     own["impacts"] = np.max(values["impacts"], axis=-1)
     return Curve(forces, down=which[..., 0] == DOWN, **own)
 
 
 def curves(
-    settings: PaperSettings, label: str, scenes: Mapping[str, Scene], forces: Sequence[float], members: int, method: Method | None = None
+    settings: PaperSettings,
+    label: str,
+    scenes: Mapping[str, Scene],
+    forces: Sequence[float],
+    members: int,
+    method: Method | None = None,
 ) -> Json:
     """Return the plain performance curve of each scene near its first resonance."""
     cases = [CurveCase(scene, np.array(forces)) for scene in scenes.values()]
-    return {name: plain_curve(found) for name, found in zip(scenes, settings.curves(label, cases, members, method), strict=True)}
+    return {
+        name: plain_curve(found)
+        for name, found in zip(scenes, settings.curves(label, cases, members, method), strict=True)
+    }
 
 
-def watched_curve(settings: PaperSettings, label: str, scene: Scene, forces: Sequence[float], members: int) -> Json:
+def watched_curve(
+    settings: PaperSettings, label: str, scene: Scene, forces: Sequence[float], members: int
+) -> Json:
     """Return the plain performance curve of a scene near its first resonance, with a look at its contacts."""
     drawn = draw_members(members, settings.seed)
-    lanes = [Lane(scene, drive) for force in forces for schedule in both_ways(scene) for drive in drawn.drives(float(force), schedule)]
+    lanes = [
+        Lane(scene, drive)
+        for force in forces
+        for schedule in both_ways(scene)
+        for drive in drawn.drives(float(force), schedule)
+    ]
     seen = np.array(settings.each(label, lanes, contacts)).reshape(len(forces), 2, members, -1)
-    return _critical(np.array(forces), dict(zip(Seen._fields, seen.transpose(3, 0, 2, 1), strict=True))).to_plain()
+    return _critical(
+        np.array(forces), dict(zip(Seen._fields, seen.transpose(3, 0, 2, 1), strict=True))
+    ).to_plain()
 
 
 def best_forces(own: Curve, none: Curve) -> Array:
@@ -227,7 +300,9 @@ def best_of(own: Curve, none: Curve) -> tuple[str, str]:
     return f"{own.forces[best]:.3g}", spread(own.relative(none)[best])
 
 
-def force_grid(low: float, high: float, points: int, also: Sequence[float] = ()) -> tuple[float, ...]:
+def force_grid(
+    low: float, high: float, points: int, also: Sequence[float] = ()
+) -> tuple[float, ...]:
     """Return rising forces in N, evenly spaced on a logarithmic axis, with some more among them."""
     return tuple(sorted({*np.round(np.geomspace(low, high, points), 6).tolist(), *also}))
 
@@ -264,9 +339,15 @@ def operating_ranges(forces: ArrayLike, impacting: ArrayLike, sustained: ArrayLi
     pauses.
     """
     rising = np.asarray(forces, dtype=float)
-    impacts, paused = np.flatnonzero(np.asarray(impacting) > MOST), np.flatnonzero(np.asarray(sustained) <= MOST)
+    impacts = np.flatnonzero(np.asarray(impacting) > MOST)
+    paused = np.flatnonzero(np.asarray(sustained) <= MOST)
     ends = impacts[0] if len(impacts) else 0, paused[-1] + 1 if len(paused) else 0
-    return Ranges(*(Border(float(rising[k - 1]), float(rising[k])) if 0 < k < len(rising) else None for k in ends))
+    return Ranges(
+        *(
+            Border(float(rising[k - 1]), float(rising[k])) if 0 < k < len(rising) else None
+            for k in ends
+        )
+    )
 
 
 def ranges_of(curve: Curve) -> Ranges:
@@ -281,7 +362,11 @@ def slopes(curve: Curve, inside: NDArray[np.bool_]) -> Array:
     """
     if np.count_nonzero(inside) < 2:
         return np.full(curve.level.shape[1], np.nan)
-    return np.asarray(np.polynomial.polynomial.polyfit(np.log(curve.forces[inside]), np.log(curve.level[inside]), 1)[1])
+    return np.asarray(
+        np.polynomial.polynomial.polyfit(
+            np.log(curve.forces[inside]), np.log(curve.level[inside]), 1
+        )[1]
+    )
 
 
 def draw_curve(axes: Axes, own: Curve, look: Look, label: str, marked: bool = True) -> None:
@@ -295,7 +380,9 @@ def level_axes(axes: Axes, none: Curve, most: float) -> None:
     axes.set(xlabel="amplitude of the force in N", ylabel="resonant response level in mm (RMS)")
 
 
-def inset_of(axes: Axes, bounds: tuple[float, float, float, float], none: Curve, drawn: Mapping[Look, Curve]) -> Axes:
+def inset_of(
+    axes: Axes, bounds: tuple[float, float, float, float], none: Curve, drawn: Mapping[Look, Curve]
+) -> Axes:
     """Add an inset at ``bounds`` of the axes: levels over no absorber at all forces, on a logarithmic axis, each curve in its look."""
     small = axes.inset_axes(bounds)
     for look, own in drawn.items():

@@ -16,16 +16,37 @@ from optimisation.page import markdown
 from studies.paper import curve as performance
 from studies.paper.claim import LITTLE, Claim, claim, judged, spread, within
 from studies.paper.curve import Curve
-from studies.paper.frame import LOOKS, MM, REFERENCE, Look, PaperFigure, PaperSettings, Size, in_turn, line, panels, signal
+from studies.paper.frame import (
+    LOOKS,
+    MM,
+    REFERENCE,
+    Look,
+    PaperFigure,
+    PaperSettings,
+    Size,
+    in_turn,
+    line,
+    panels,
+    signal,
+)
 from studies.study import Array, Json, Steps
 
 LABEL = "dissinf"
 LIMITS = (0.1, 0.5, 1.0)  # N; the paper's own ones but for 0.1 N are not in its text
 RESTITUTION = 0.7
-SWEPT, SWEPT_LIMIT = 5.0, 0.5  # N: force and friction limit of the sweeps
-NONE, CONSERVATIVE, DISSIPATIVE = "no absorber", "muN = 0, e = 1", f"muN = {LIMITS[0]:g} N, e = {RESTITUTION:g}"
-SCATTERING, FRICTION, BOTH, ALL = "scattering", "friction", "friction and scattering", "friction, scattering and e = 0.7"
-PRIMARY, SECONDARY = (1.0, 3.0), (4.0, 8.0)  # N: well inside of the ranges without friction, whose border is the paper's 3.5 N
+# N: force and friction limit of the sweeps
+SWEPT = 5.0
+SWEPT_LIMIT = 0.5
+NONE = "no absorber"
+CONSERVATIVE = "muN = 0, e = 1"
+DISSIPATIVE = f"muN = {LIMITS[0]:g} N, e = {RESTITUTION:g}"
+SCATTERING = "scattering"
+FRICTION = "friction"
+BOTH = "friction and scattering"
+ALL = "friction, scattering and e = 0.7"
+# N: well inside of the ranges without friction, whose border is the paper's 3.5 N
+PRIMARY = (1.0, 3.0)
+SECONDARY = (4.0, 8.0)
 STRETCH = 8  # pseudo periods of an envelope
 
 
@@ -63,14 +84,30 @@ def swept_scenes() -> dict[str, Scene]:
 
 def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     scenes = _scenes()
-    groups: dict[str, Callable[[], object]] = {name: partial(_curve, settings, name, size.forces, size.members) for name in scenes}
-    groups |= {f"step, {name}": partial(_curve, settings, name, size.forces, 1, Moreau()) for name in STEPPED}
-    groups |= {f"sweep, {name}": partial(_sweep, settings, scene, size.swept) for name, scene in swept_scenes().items()}
+    groups: dict[str, Callable[[], object]] = {
+        name: partial(_curve, settings, name, size.forces, size.members) for name in scenes
+    }
+    groups |= {
+        f"step, {name}": partial(_curve, settings, name, size.forces, 1, Moreau())
+        for name in STEPPED
+    }
+    groups |= {
+        f"sweep, {name}": partial(_sweep, settings, scene, size.swept)
+        for name, scene in swept_scenes().items()
+    }
     return in_turn(groups, known)
 
 
-def _curve(settings: PaperSettings, name: str, forces: tuple[float, ...], members: int, method: Moreau | None = None) -> Json:
-    return performance.curves(settings, f"{LABEL}, {name}", {name: _scenes()[name]}, forces, members, method)[name]
+def _curve(
+    settings: PaperSettings,
+    name: str,
+    forces: tuple[float, ...],
+    members: int,
+    method: Moreau | None = None,
+) -> Json:
+    return performance.curves(
+        settings, f"{LABEL}, {name}", {name: _scenes()[name]}, forces, members, method
+    )[name]
 
 
 def _sweep(settings: PaperSettings, scene: Scene, members: int) -> Json:
@@ -91,7 +128,8 @@ def forces_at(own: Curve, level: float) -> Array:
 
     NaN where it does not.
     """
-    x, y = np.log(own.forces), np.log(own.level / level)
+    x = np.log(own.forces)
+    y = np.log(own.level / level)
     found = np.full(y.shape[1], np.nan)
     for m, row in enumerate(y.T):
         rising = np.flatnonzero((row[:-1] < 0) & (row[1:] >= 0))
@@ -102,16 +140,35 @@ def forces_at(own: Curve, level: float) -> Array:
 
 
 def _words(values: Json) -> str:
-    none, rows = performance.curve_of(values[NONE]), []
+    none = performance.curve_of(values[NONE])
+    rows = []
     at = none.nearest(SWEPT)
     for name in _scenes():
         if name != NONE:
             own = performance.curve_of(values[name])
             first = float(np.median(first_impacts(own)))
-            rows.append((name, f"{first:.2f}" if np.isfinite(first) else "none", *performance.best_of(own, none), spread(own.relative(none)[at])))
-    header = ("", "first impacts from, N", "best force, N", "over no absorber there", f"at {SWEPT:g} N")
-    lines = [(name, spread(1e3 * np.array(values[f"sweep, {name}"]["largest"]))) for name in swept_scenes()]
-    swept = markdown((f"down at {SWEPT:g} N, muN = {SWEPT_LIMIT:g} N", "largest displacement, mm"), lines)
+            rows.append(
+                (
+                    name,
+                    f"{first:.2f}" if np.isfinite(first) else "none",
+                    *performance.best_of(own, none),
+                    spread(own.relative(none)[at]),
+                )
+            )
+    header = (
+        "",
+        "first impacts from, N",
+        "best force, N",
+        "over no absorber there",
+        f"at {SWEPT:g} N",
+    )
+    lines = [
+        (name, spread(1e3 * np.array(values[f"sweep, {name}"]["largest"])))
+        for name in swept_scenes()
+    ]
+    swept = markdown(
+        (f"down at {SWEPT:g} N, muN = {SWEPT_LIMIT:g} N", "largest displacement, mm"), lines
+    )
     return f"Ten modes, {none.level.shape[1]} members, {len(none.forces)} forces.\n\n{markdown(header, rows)}\n\n{swept}"
 
 
@@ -123,12 +180,16 @@ def _within(own: Curve, other: Curve, span: tuple[float, float]) -> Array:
 
 def _dampers(values: Json) -> list[Claim]:
     read = {name: performance.curve_of(values[name]) for name in _scenes()}
-    none, small, large = read[NONE], LIMITS[0], LIMITS[-1]
+    none = read[NONE]
+    small = LIMITS[0]
+    large = LIMITS[-1]
     relative = {limit: read[sliding(limit)].relative(none) for limit in LIMITS}
     ends = np.concatenate([relative[large][0], relative[small][-1]])
     least = np.concatenate([np.min(one, axis=0) for one in relative.values()])
     best = np.array([performance.best_forces(read[sliding(limit)], none) for limit in LIMITS])
-    first = np.array([first_impacts(read[name]) for name in (CONSERVATIVE, *map(impacting, LIMITS))])
+    first = np.array(
+        [first_impacts(read[name]) for name in (CONSERVATIVE, *map(impacting, LIMITS))]
+    )
     forces, begins = (", ".join(f"{np.median(row):.2g}" for row in rows) for rows in (best, first))
     said = partial(claim, LABEL, small=small, large=large)
     return [
@@ -136,44 +197,92 @@ def _dampers(values: Json) -> list[Claim]:
         said("dissinf_damper_best", least),
         said("dissinf_damper_moves", (best[1:] / best[:-1]).ravel(), forces=forces),
         said("dissinf_first_impacts", (first[1:] / first[:-1]).ravel(), forces=begins),
-        said("dissinf_damper_before", best[0] / performance.best_forces(read[impacting(small)], none)),
+        said(
+            "dissinf_damper_before", best[0] / performance.best_forces(read[impacting(small)], none)
+        ),
     ]
 
 
 def _absorbers(values: Json) -> list[Claim]:
     read = {name: performance.curve_of(values[name]) for name in _scenes()}
     step = {name: performance.curve_of(values[f"step, {name}"]) for name in STEPPED}
-    few, many = impacting(LIMITS[0]), impacting(LIMITS[-1])
-    (ended, begun), (end, begin) = ((forces_at(read[name], RigidWalls.gap), first_impacts(read[name])) for name in (CONSERVATIVE, few))
+    few = impacting(LIMITS[0])
+    many = impacting(LIMITS[-1])
+    (ended, begun), (end, begin) = (
+        (forces_at(read[name], RigidWalls.gap), first_impacts(read[name]))
+        for name in (CONSERVATIVE, few)
+    )
     first, last = (f"{low:g} to {high:g} N" for low, high in (PRIMARY, SECONDARY))
-    every, told = (PRIMARY[0], SECONDARY[1]), Json(first=first, last=last, small=LIMITS[0], large=LIMITS[-1])
+    every = (PRIMARY[0], SECONDARY[1])
+    told = Json(first=first, last=last, small=LIMITS[0], large=LIMITS[-1])
 
-    def over(name: str, one: str, other: str, span: tuple[float, float], stepped: bool = True, **more: Any) -> Claim:
+    def over(
+        name: str,
+        one: str,
+        other: str,
+        span: tuple[float, float],
+        stepped: bool = True,
+        **more: Any,
+    ) -> Claim:
         """Judge the level of one curve over another within a span of forces."""
         at_step = float(np.median(_within(step[one], step[other], span))) if stepped else None
-        return claim(LABEL, f"dissinf_{name}", _within(read[one], read[other], span), at_step=at_step, **told | more)
+        return claim(
+            LABEL,
+            f"dissinf_{name}",
+            _within(read[one], read[other], span),
+            at_step=at_step,
+            **told | more,
+        )
 
-    medians = Json(begin=np.median(begin), begun=np.median(begun), end=np.median(end), ended=np.median(ended))
+    medians = Json(
+        begin=np.median(begin), begun=np.median(begun), end=np.median(end), ended=np.median(ended)
+    )
     return [
         over("small_primary", few, CONSERVATIVE, PRIMARY),
         claim(LABEL, "dissinf_shifted", end / np.median(ended), **medians),
         over("large_primary", many, CONSERVATIVE, PRIMARY, stepped=False),
-        over("large_secondary", many, CONSERVATIVE, SECONDARY, stepped=False, late=np.median(first_impacts(read[many]))),
+        over(
+            "large_secondary",
+            many,
+            CONSERVATIVE,
+            SECONDARY,
+            stepped=False,
+            late=np.median(first_impacts(read[many])),
+        ),
         over("restitution_secondary", DISSIPATIVE, few, SECONDARY),
         over("restitution_primary", DISSIPATIVE, few, PRIMARY),
         over("robust_small", few, CONSERVATIVE, every, low=every[0], high=every[1]),
-        *(over("robust_{limit:g}", impacting(limit), CONSERVATIVE, PRIMARY, stepped=False, limit=limit) for limit in LIMITS[1:]),
+        *(
+            over(
+                "robust_{limit:g}",
+                impacting(limit),
+                CONSERVATIVE,
+                PRIMARY,
+                stepped=False,
+                limit=limit,
+            )
+            for limit in LIMITS[1:]
+        ),
         _neither(read),
     ]
 
 
 def _neither(read: dict[str, Curve]) -> Claim:
     """Judge what friction does to the best level, by the least favourable of its limits."""
-    best = [np.min(read[name].relative(read[NONE]), axis=0) for name in (CONSERVATIVE, *map(impacting, LIMITS))]
+    best = [
+        np.min(read[name].relative(read[NONE]), axis=0)
+        for name in (CONSERVATIVE, *map(impacting, LIMITS))
+    ]
     over = [row / np.median(best[0]) for row in best[1:]]
-    low, high = (float(each(quantiles(row, BAND)[k] for row in over)) for k, each in ((0, min), (1, max)))
-    said = ", ".join(f"{spread(row)} at {limit:g} N" for row, limit in zip(over, LIMITS, strict=True))
-    return claim(LABEL, "dissinf_neither", judged(low, high, *within(LITTLE)), each=said, small=LIMITS[0])
+    low, high = (
+        float(each(quantiles(row, BAND)[k] for row in over)) for k, each in ((0, min), (1, max))
+    )
+    said = ", ".join(
+        f"{spread(row)} at {limit:g} N" for row, limit in zip(over, LIMITS, strict=True)
+    )
+    return claim(
+        LABEL, "dissinf_neither", judged(low, high, *within(LITTLE)), each=said, small=LIMITS[0]
+    )
 
 
 def _swept(values: Json) -> list[Claim]:
@@ -197,13 +306,17 @@ def _curves(axes: Axes, values: Json) -> None:
     read = {name: performance.curve_of(values[name]) for name in _scenes()}
     none = read[NONE]
     line(axes, none.forces, MM * none.median, REFERENCE, NONE, marked=False)
-    looks = (LOOKS[5], *(Look(look.colour, "-", look.marker) for look in (*LOOKS[: len(LIMITS)], LOOKS[4])))
+    looks = (
+        LOOKS[5],
+        *(Look(look.colour, "-", look.marker) for look in (*LOOKS[: len(LIMITS)], LOOKS[4])),
+    )
     drawn = {}
     for name, look in zip((CONSERVATIVE, *map(impacting, LIMITS), DISSIPATIVE), looks, strict=True):
         drawn[look] = read[name]
         performance.draw_curve(axes, read[name], look, name, marked=name != CONSERVATIVE)
     for limit, own in zip(LIMITS, LOOKS, strict=False):
-        name, look = sliding(limit), Look(own.colour, (0, (4, 2)))
+        name = sliding(limit)
+        look = Look(own.colour, (0, (4, 2)))
         drawn[look] = read[name]
         signal(axes, read[name].forces, MM * read[name].median, look, name, 1.0)
     performance.inset_of(axes, (0.05, 0.57, 0.4, 0.36), none, drawn)
@@ -214,10 +327,26 @@ def _curves(axes: Axes, values: Json) -> None:
 def _sweeps(axes: Axes, values: Json) -> None:
     for look, name in zip(LOOKS, swept_scenes(), strict=False):
         own = values[f"sweep, {name}"]
-        whole = {key: MM * np.array(own[key][:-1]) for key in ("low", "median", "high", "nominal")}  # but the last stretch, which is short
-        band, plain = (whole["low"], whole["high"]), Look(look.colour, look.dashes)
-        line(axes, own["ratio"][:-1], whole["median"], plain, name, band=band, nominal=whole["nominal"])
-    axes.set(xlim=(0.9, 1.06), ylim=(0, None), xlabel="frequency over $\\omega_1$", ylabel=f"|tip displacement| in mm, down at {SWEPT:g} N")
+        whole = {
+            key: MM * np.array(own[key][:-1]) for key in ("low", "median", "high", "nominal")
+        }  # but the last stretch, which is short
+        band = (whole["low"], whole["high"])
+        plain = Look(look.colour, look.dashes)
+        line(
+            axes,
+            own["ratio"][:-1],
+            whole["median"],
+            plain,
+            name,
+            band=band,
+            nominal=whole["nominal"],
+        )
+    axes.set(
+        xlim=(0.9, 1.06),
+        ylim=(0, None),
+        xlabel="frequency over $\\omega_1$",
+        ylabel=f"|tip displacement| in mm, down at {SWEPT:g} N",
+    )
     axes.legend(fontsize=7, frameon=False)
 
 

@@ -50,21 +50,46 @@ class PaperSettings:
         """Return one of two sizes: that of the whole figure, or that of a look."""
         return quick if self.quick else full
 
-    def curves(self, label: str, cases: Sequence[CurveCase], members: int, method: Method | None = None) -> list[PerformanceCurve]:
+    def curves(
+        self, label: str, cases: Sequence[CurveCase], members: int, method: Method | None = None
+    ) -> list[PerformanceCurve]:
         """Return performance curves, with a bar; raises KeyboardInterrupt if they are broken off, errors as `performance_curves`."""
         with sweeps_bar(label, leave=False) as show:
-            found = performance_curves(cases, members, self.seed, method, threads=self.threads, progress=show, executor=self.executor)
+            found = performance_curves(
+                cases,
+                members,
+                self.seed,
+                method,
+                threads=self.threads,
+                progress=show,
+                executor=self.executor,
+            )
         if not all(curve.complete for curve in found):
             raise KeyboardInterrupt
         return found
 
-    def each(self, label: str, lanes: Sequence[Lane], measure: Callable[[Lane], R], method: Method | None = None) -> list[R]:
+    def each(
+        self,
+        label: str,
+        lanes: Sequence[Lane],
+        measure: Callable[[Lane], R],
+        method: Method | None = None,
+    ) -> list[R]:
         """Return the results of ``measure`` for each lane, with a bar; raises KeyboardInterrupt if that is broken off, errors as `each_lane`.
 
         ``measure`` is a function of a module, or a partial of one, so that it can be sent to another process.
         """
         with sweeps_bar(label, leave=False) as show:
-            return finished(each_lane(lanes, measure, method, threads=self.threads, progress=show, executor=self.executor))
+            return finished(
+                each_lane(
+                    lanes,
+                    measure,
+                    method,
+                    threads=self.threads,
+                    progress=show,
+                    executor=self.executor,
+                )
+            )
 
 
 class Size(SimpleNamespace):
@@ -106,7 +131,11 @@ class PaperFigure:
         if not measured.complete:
             return {marker(self.label): f"{made} Stopped early."}
         drawn = f"![{self.title[0].upper()}{self.title[1:]}]({NAME}/{self.label}.png)"
-        return {marker(self.label): "\n\n".join([drawn, folded("Numbers", self.words(measured.values)), made])}
+        return {
+            marker(self.label): "\n\n".join(
+                [drawn, folded("Numbers", self.words(measured.values)), made]
+            )
+        }
 
 
 def marker(label: str) -> str:
@@ -122,7 +151,11 @@ def folded(title: str, text: str) -> str:
 def shortened(whole: Table) -> str:
     """Return some rows of a table, its first and last among them, and where all are."""
     rows = list(whole.rows)
-    kept = sorted({round(k * (len(rows) - 1) / (ROWS - 1)) for k in range(ROWS)}) if len(rows) > ROWS else range(len(rows))
+    kept = (
+        sorted({round(k * (len(rows) - 1) / (ROWS - 1)) for k in range(ROWS)})
+        if len(rows) > ROWS
+        else range(len(rows))
+    )
     cells = [tuple(map(str, rows[k])) for k in kept]
     return f"{markdown(whole.columns, cells)}\n\nAll {len(rows)} rows: [{whole.name}.csv]({NAME}/{whole.name}.csv)."
 
@@ -130,9 +163,19 @@ def shortened(whole: Table) -> str:
 def amounts(conditions: Json) -> str:
     """Say how many members there are, and how many points of each list of numbers, by the parameters of the part's key; empty if it has none."""
     parameters = conditions.get("key", {}).get("parameters", {})
-    members = [f"{parameters['members']} members"] if isinstance(parameters.get("members"), int) else []
-    lists = {name: row for name, row in parameters.items() if isinstance(row, list) and len(row) > POINTS and name.endswith("s")}
-    points = [f"{name} {len(row)}" for name, row in lists.items() if all(isinstance(x, int | float) for x in row)]
+    members = (
+        [f"{parameters['members']} members"] if isinstance(parameters.get("members"), int) else []
+    )
+    lists = {
+        name: row
+        for name, row in parameters.items()
+        if isinstance(row, list) and len(row) > POINTS and name.endswith("s")
+    }
+    points = [
+        f"{name} {len(row)}"
+        for name, row in lists.items()
+        if all(isinstance(x, int | float) for x in row)
+    ]
     said = "; ".join([*members, *([f"number of points: {', '.join(points)}"] if points else [])])
     return f"{said[0].upper()}{said[1:]}. " if said else ""
 
@@ -149,7 +192,9 @@ def in_turn(groups: Mapping[str, Callable[[], object]], known: Json) -> Steps:
 
 
 # One look for all figures, readable in print and in grey: no two lines differ by their colour alone.
-WIDTH, DPI = 7.2, 180  # in inches the width of a page's text
+# in inches the width of a page's text
+WIDTH = 7.2
+DPI = 180
 MM = 1e3
 RC: Any = {
     "font.size": 8.5,
@@ -200,7 +245,9 @@ def saved(draw: Callable[[], Figure]) -> Saver:
     return save
 
 
-def panels(rows: int, columns: int, height: float, letters: str = "abcdefgh", **options: Any) -> tuple[Figure, NDArray[Any]]:
+def panels(
+    rows: int, columns: int, height: float, letters: str = "abcdefgh", **options: Any
+) -> tuple[Figure, NDArray[Any]]:
     """Return a figure of the page's width and ``height`` in inches, and its panels (rows, columns), named (a), (b) ... where there are several.
 
     ``letters``: of the panels row by row, a blank for one that goes with the panel before it.
@@ -227,18 +274,45 @@ def line(
     """Draw a median with the ``band`` of an ensemble behind it, and the paper's own run, the ``nominal`` member, as a thin line."""
     if band is not None:
         low, high = (np.asarray(edge, dtype=float) for edge in band)
-        axes.fill_between(np.asarray(x, dtype=float), low, high, color=look.colour, alpha=0.18, lw=0)
+        axes.fill_between(
+            np.asarray(x, dtype=float), low, high, color=look.colour, alpha=0.18, lw=0
+        )
     if nominal is not None:
         axes.plot(x, nominal, color=look.colour, lw=0.5, zorder=2.5)
-    axes.plot(x, y, color=look.colour, ls=look.dashes, marker=look.marker if marked else "", label=label, zorder=3)
+    axes.plot(
+        x,
+        y,
+        color=look.colour,
+        ls=look.dashes,
+        marker=look.marker if marked else "",
+        label=label,
+        zorder=3,
+    )
 
 
 def banded(
-    axes: Axes, x: ArrayLike, rows: Any, look: Look, label: str | None = None, factor: float = 1, *, nominal: bool = True, marked: bool = True
+    axes: Axes,
+    x: ArrayLike,
+    rows: Any,
+    look: Look,
+    label: str | None = None,
+    factor: float = 1,
+    *,
+    nominal: bool = True,
+    marked: bool = True,
 ) -> None:
     """Draw the median of members' values, (points, M), with their band, and the first one as the ``nominal`` member, all times a ``factor``."""
     low, middle, high = factor * bands(rows)
-    line(axes, x, middle, look, label, band=(low, high), nominal=factor * rows[:, 0] if nominal else None, marked=marked)
+    line(
+        axes,
+        x,
+        middle,
+        look,
+        label,
+        band=(low, high),
+        nominal=factor * rows[:, 0] if nominal else None,
+        marked=marked,
+    )
 
 
 def level_of_nothing(axes: Axes, label: str | None = None) -> None:
@@ -246,7 +320,9 @@ def level_of_nothing(axes: Axes, label: str | None = None) -> None:
     axes.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=0.9, label=label)
 
 
-def signal(axes: Axes, x: ArrayLike, y: ArrayLike, look: Look, label: str | None = None, width: float = 0.6) -> None:
+def signal(
+    axes: Axes, x: ArrayLike, y: ArrayLike, look: Look, label: str | None = None, width: float = 0.6
+) -> None:
     """Draw a thin line without markers: a record in time, or a linear response."""
     axes.plot(x, y, color=look.colour, ls=look.dashes, lw=width, label=label)
 

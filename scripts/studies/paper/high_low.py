@@ -8,7 +8,19 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
-from impact_env import Beam, CurveCase, Drive, InitialState, Record, Scene, beam_scene, constant_frequency, impact_absorber, modal_model, simulate
+from impact_env import (
+    Beam,
+    CurveCase,
+    Drive,
+    InitialState,
+    Record,
+    Scene,
+    beam_scene,
+    constant_frequency,
+    impact_absorber,
+    modal_model,
+    simulate,
+)
 from impact_env.ensemble import Lane, draw_members
 from impact_env.frequency import tip_response
 from impact_env.methods import Exact, Method, Moreau
@@ -22,15 +34,36 @@ from optimisation.page import markdown
 from studies.paper.branches import HARMONICS, balance, draw, responses
 from studies.paper.claim import INFINITY, OFTEN, Claim, between, chance, claim, interval, judged
 from studies.paper.curve import Started, chaos
-from studies.paper.frame import FAINT, MM, PaperFigure, PaperSettings, Size, in_turn, legend_below, panels
+from studies.paper.frame import (
+    FAINT,
+    MM,
+    PaperFigure,
+    PaperSettings,
+    Size,
+    in_turn,
+    legend_below,
+    panels,
+)
 from studies.study import Json, Steps, there
 
 LABEL = "high_low"
-MODES, FRICTION, FORCES = 3, 0.01, {"medium": 1.5, "high": 3.0}  # N: limit of friction, and the paper's two forces
+# N: limit of friction, and the paper's two forces
+MODES = 3
+FRICTION = 0.01
+FORCES = {"medium": 1.5, "high": 3.0}
 GAP = 1e-3  # m
-LOW, HIGH, FAR = 0.9, 1.06, 1.2  # frequencies over the first resonance; the inset reaches farther
-PLACES = {"high branch": (3.0, 0.955), "at resonance, 1.5 N": (1.5, 1.0), "at resonance, 3 N": (3.0, 1.0)}  # N, ratio
-SETTLE, WINDOW = 1000.0, 200  # pseudo periods, periods of the force
+# frequencies over the first resonance; the inset reaches farther
+LOW = 0.9
+HIGH = 1.06
+FAR = 1.2
+PLACES = {
+    "high branch": (3.0, 0.955),
+    "at resonance, 1.5 N": (1.5, 1.0),
+    "at resonance, 3 N": (3.0, 1.0),
+}  # N, ratio
+# pseudo periods, periods of the force
+SETTLE = 1000.0
+WINDOW = 200
 
 
 def scene() -> Scene:
@@ -51,7 +84,11 @@ def _isola(harmonics: int, damper: float) -> Json:
 def _levels_of_isolas() -> list[Json]:
     case = case_of(scene(), FORCES["medium"], LOW * scene().model.resonance_omega(1))
     found = thresholds(case, LOW, 0.99)
-    return [{"kind": one.kind, "force_n": one.force, "omega_ratio": one.omega_ratio} for one in found if not isinstance(one.orbit, NoOrbit)]
+    return [
+        {"kind": one.kind, "force_n": one.force, "omega_ratio": one.omega_ratio}
+        for one in found
+        if not isinstance(one.orbit, NoOrbit)
+    ]
 
 
 def rhythm(lane: Lane, method: Method) -> tuple[float, float]:
@@ -69,7 +106,8 @@ def _window(lane: Lane) -> Stationary:
 
 def _stationary(settings: PaperSettings, size: Size) -> Json:
     """Return kinds, impacts a period, depths and peaks of all members at each of the places."""
-    own, result = scene(), {}
+    own = scene()
+    result = {}
     approach = Approach(own.model.resonance_omega(1), 1.0)
     phases = draw_members(size.members, settings.seed, "phase").phases
     for name, (force, ratio) in PLACES.items():
@@ -84,7 +122,9 @@ def _stationary(settings: PaperSettings, size: Size) -> Json:
             "peak_median_m": [float(np.median(one.peaks)) for one in found],
         }
         for method in (Exact(), Moreau()):
-            result[name][f"rhythm {type(method).__name__}"] = settings.each(f"{LABEL}: impacts", lanes, partial(rhythm, method=method), method)
+            result[name][f"rhythm {type(method).__name__}"] = settings.each(
+                f"{LABEL}: impacts", lanes, partial(rhythm, method=method), method
+            )
     return result
 
 
@@ -99,13 +139,25 @@ def _basin(settings: PaperSettings, size: Size) -> Json:
 
     The first mode begins anywhere within the ellipse of its own resonance without absorber, the absorber anywhere in its cavity at the tip's speed.
     """
-    own, number = scene(), size.starts
-    omega, generator = own.model.resonance_omega(1), np.random.default_rng([settings.seed, 29])
-    most = FORCES["medium"] * float(np.abs(tip_response(own.model, None, np.array([omega])))[0]) / abs(own.model.tip_shape[0])
+    own = scene()
+    number = size.starts
+    omega = own.model.resonance_omega(1)
+    generator = np.random.default_rng([settings.seed, 29])
+    most = (
+        FORCES["medium"]
+        * float(np.abs(tip_response(own.model, None, np.array([omega])))[0])
+        / abs(own.model.tip_shape[0])
+    )
     lanes = []
-    for size, angle, place, phase in generator.uniform((0, 0, -1, 0), (1, 2 * np.pi, 1, 2 * np.pi), (number, 4)):
-        q, v = (np.eye(MODES)[0] * most * np.sqrt(size) * x for x in (np.cos(angle), omega * np.sin(angle)))
-        tip, speed = float(own.model.tip_shape @ q), float(own.model.tip_shape @ v)
+    for size, angle, place, phase in generator.uniform(
+        (0, 0, -1, 0), (1, 2 * np.pi, 1, 2 * np.pi), (number, 4)
+    ):
+        q, v = (
+            np.eye(MODES)[0] * most * np.sqrt(size) * x
+            for x in (np.cos(angle), omega * np.sin(angle))
+        )
+        tip = float(own.model.tip_shape @ q)
+        speed = float(own.model.tip_shape @ v)
         drive = Drive(FORCES["medium"], constant_frequency(omega, 1.0, SETTLE), float(phase))
         lanes.append(Started(own, drive, InitialState(q, v, tip + GAP * float(place), speed)))
     kinds = settings.each(f"{LABEL}: basin", lanes, _kind_from)
@@ -117,18 +169,28 @@ def _exponents(settings: PaperSettings, size: Size) -> Json:
     own = scene()
     approach = Approach(own.model.resonance_omega(1), 1.0)
     lanes = [Lane(own, hold(approach, force, ratio, SETTLE)) for force, ratio in PLACES.values()]
-    return dict(zip(PLACES, settings.each(f"{LABEL}: exponents", lanes, partial(chaos, periods=size.periods)), strict=True))
+    return dict(
+        zip(
+            PLACES,
+            settings.each(f"{LABEL}: exponents", lanes, partial(chaos, periods=size.periods)),
+            strict=True,
+        )
+    )
 
 
 def _levels(settings: PaperSettings, size: Size) -> Json:
     """Return levels over the force, relative to no absorber."""
-    cases = [CurveCase(each, np.array(size.forces)) for each in (scene(), Scene(scene().model, None))]
+    cases = [
+        CurveCase(each, np.array(size.forces)) for each in (scene(), Scene(scene().model, None))
+    ]
     curve, reference = settings.curves(f"{LABEL}: levels", cases, size.members)
     return {"force_n": list(size.forces), "relative": curve.relative_to(reference).tolist()}
 
 
 def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
-    groups: dict[str, Any] = {name: partial(responses, scene(), force, LOW, FAR) for name, force in FORCES.items()}
+    groups: dict[str, Any] = {
+        name: partial(responses, scene(), force, LOW, FAR) for name, force in FORCES.items()
+    }
     groups |= {
         "isolas": _levels_of_isolas,
         "harmonics": lambda: [_isola(h, PAPER_DAMPER) for h in size.harmonics],
@@ -148,22 +210,59 @@ def _words(values: Json) -> str:
             for curve in (curve for curve in values[name][method] if curve["peak"] is not None):
                 (at, peak), form = curve["peak"], "closed" if curve["closed"] else "open"
                 folds = ", ".join(f"{ratio:.5f}" for ratio, _ in curve["folds"])
-                lines.append((f"{values[name]['force_n']:g}", said, form, f"{1e3 * peak:.3f}", f"{at:.4f}", folds))
+                lines.append(
+                    (
+                        f"{values[name]['force_n']:g}",
+                        said,
+                        form,
+                        f"{1e3 * peak:.3f}",
+                        f"{at:.4f}",
+                        folds,
+                    )
+                )
     rows = []
     for name, found in values["stationary"].items():
-        kinds = ", ".join(f"{kind} {found['kinds'].count(kind)}" for kind in dict.fromkeys(found["kinds"]))
+        kinds = ", ".join(
+            f"{kind} {found['kinds'].count(kind)}" for kind in dict.fromkeys(found["kinds"])
+        )
         exact, stepped = (np.array(found[f"rhythm {method}"]).T for method in ("Exact", "Moreau"))
         counts = [between(values, "{:.2f}") for values in (*exact, stepped[0], found["depth"])]
         exponent = interval(*values["exponents"][name], form="{:.3f}")
-        rows.append((name, f"{found['force_n']:g}", f"{found['omega_ratio']:g}", kinds, *counts, exponent))
-    columns = ("impacts a period", "visits to a wall", "impacts at the paper's step", "modulation depth", "largest exponent a period (95 %)")
+        rows.append(
+            (name, f"{found['force_n']:g}", f"{found['omega_ratio']:g}", kinds, *counts, exponent)
+        )
+    columns = (
+        "impacts a period",
+        "visits to a wall",
+        "impacts at the paper's step",
+        "modulation depth",
+        "largest exponent a period (95 %)",
+    )
     text = markdown(("force, N", "method", "curve", "peak, mm", "at", "folds"), lines)
-    return text + "\n\n" + markdown(("stationary", "force, N", "frequency ratio", "members", *columns), rows)
+    return (
+        text
+        + "\n\n"
+        + markdown(("stationary", "force, N", "frequency ratio", "members", *columns), rows)
+    )
 
 
 NAMED = {  # the paper's names of the curves, and where they stand: frequency ratio and displacement in mm
-    "medium": {"a": (0.99, 1.78), "b": (0.9705, 1.91), "c": (0.9405, 0.6), "d": (0.915, 0.29), "e": (0.936, 1.41), "f": (1.007, 0.55)},
-    "high": {"a": (0.99, 3.55), "b": (0.972, 3.75), "c": (0.937, 0.13), "d": (0.93, 0.65), "e": (0.942, 2.75), "f": (1.0, 0.36)},
+    "medium": {
+        "a": (0.99, 1.78),
+        "b": (0.9705, 1.91),
+        "c": (0.9405, 0.6),
+        "d": (0.915, 0.29),
+        "e": (0.936, 1.41),
+        "f": (1.007, 0.55),
+    },
+    "high": {
+        "a": (0.99, 3.55),
+        "b": (0.972, 3.75),
+        "c": (0.937, 0.13),
+        "d": (0.93, 0.65),
+        "e": (0.942, 2.75),
+        "f": (1.0, 0.36),
+    },
 }
 
 
@@ -173,7 +272,11 @@ def _draw(values: Json) -> Figure:
     for own, name in zip(axes.flat, FORCES, strict=True):
         part = values[name]
         draw(own, part)
-        own.set(xlim=(LOW, HIGH), ylim=(0, 1.25 * MM * max(curve["peak"][1] for curve in part["balance"])), xlabel=r"frequency $\Omega/\omega_1$")
+        own.set(
+            xlim=(LOW, HIGH),
+            ylim=(0, 1.25 * MM * max(curve["peak"][1] for curve in part["balance"])),
+            xlabel=r"frequency $\Omega/\omega_1$",
+        )
         own.set_title(f"{part['force_n']:g} N")
         own.axhline(1.0, color=FAINT, lw=0.5)
         for letter, (ratio, height) in NAMED[name].items():
@@ -200,11 +303,14 @@ def _claims(values: Json) -> list[Claim]:
 
 
 def _interpolated(part: Json, name: str, ratio: Any) -> Any:
-    return np.interp(ratio, part["linear"]["omega_ratio"], np.array(part["linear"][name], dtype=float))
+    return np.interp(
+        ratio, part["linear"]["omega_ratio"], np.array(part["linear"][name], dtype=float)
+    )
 
 
 def _linear(values: Json) -> list[Claim]:
-    medium, omega = values["medium"], modal_model(Beam(modes=3)).omega
+    medium = values["medium"]
+    omega = modal_model(Beam(modes=3)).omega
     ratio, height = _sliding(medium)
     off = np.abs(height / _interpolated(medium, "alone", ratio) - 1)
     return [
@@ -218,7 +324,8 @@ def _linear(values: Json) -> list[Claim]:
 def _sliding(part: Json) -> tuple[Any, Any]:
     """Return frequency and height of the response without impacts below the resonance, by harmonic balance, up to where it turns at the gap."""
     for curve in part["balance"]:
-        ratio, height = np.array(curve["omega_ratio"]), np.array(curve["tip_max"], dtype=float)
+        ratio = np.array(curve["omega_ratio"])
+        height = np.array(curve["tip_max"], dtype=float)
         if not curve["closed"] and ratio.min() < 0.905:
             ratio, height = (ratio, height) if ratio[0] < ratio[-1] else (ratio[::-1], height[::-1])
             stop = int(np.argmax(height[ratio < 1.0])) + 1
@@ -228,10 +335,15 @@ def _sliding(part: Json) -> tuple[Any, Any]:
 
 def _counts(part: Json) -> list[int]:
     """Return how many periodic responses harmonic balance has at 320 frequencies between 0.9 and 1.06."""
-    grid, count = np.linspace(0.9003, 1.0597, 320), np.zeros(320, dtype=int)
+    grid = np.linspace(0.9003, 1.0597, 320)
+    count = np.zeros(320, dtype=int)
     for curve in part["balance"]:
-        ratio = np.array(curve["omega_ratio"] + (curve["omega_ratio"][:1] if curve["closed"] else []))
-        for low, high in zip(np.minimum(ratio[1:], ratio[:-1]), np.maximum(ratio[1:], ratio[:-1]), strict=True):
+        ratio = np.array(
+            curve["omega_ratio"] + (curve["omega_ratio"][:1] if curve["closed"] else [])
+        )
+        for low, high in zip(
+            np.minimum(ratio[1:], ratio[:-1]), np.maximum(ratio[1:], ratio[:-1]), strict=True
+        ):
             count += (low <= grid) & (grid < high)
     return count.tolist()
 
@@ -241,19 +353,39 @@ def _closed(part: Json, method: str) -> Json | None:
 
 
 def _highest(part: Json) -> Json:
-    return max((curve for curve in part["exact"] if curve["peak"]), key=lambda curve: curve["peak"][1])
+    return max(
+        (curve for curve in part["exact"] if curve["peak"]), key=lambda curve: curve["peak"][1]
+    )
 
 
 def _branches(values: Json) -> list[Claim]:
-    medium, high = values["medium"], values["high"]
-    counts, isola, top = _counts(medium) + _counts(high), _closed(medium, "exact"), _highest(high)
-    births, mergers = ([one["force_n"] for one in values["isolas"] if one["kind"] == kind] for kind in ("birth", "merger"))
-    thresholds = f"born at {between(births, '{:.3f}')} N, merged at {between(mergers, '{:.3f}')} N" if mergers and births else "no threshold"
+    medium = values["medium"]
+    high = values["high"]
+    counts = _counts(medium) + _counts(high)
+    isola = _closed(medium, "exact")
+    top = _highest(high)
+    births, mergers = (
+        [one["force_n"] for one in values["isolas"] if one["kind"] == kind]
+        for kind in ("birth", "merger")
+    )
+    thresholds = (
+        f"born at {between(births, '{:.3f}')} N, merged at {between(mergers, '{:.3f}')} N"
+        if mergers and births
+        else "no threshold"
+    )
     outer = [fold[0] for fold in isola["folds"]] if isola else []
     alone = float(np.max(_interpolated(high, "alone", np.linspace(0.98, 1.02, 401))))
     return [
-        said("number of responses", float(np.mean([1 <= n <= 3 for n in counts])), most=max(counts)),
-        said("isola", bool(outer and max(outer) < 1), isola=f"closed, from {min(outer):.5f} to {max(outer):.5f} of omega_1" if outer else "none"),
+        said(
+            "number of responses", float(np.mean([1 <= n <= 3 for n in counts])), most=max(counts)
+        ),
+        said(
+            "isola",
+            bool(outer and max(outer) < 1),
+            isola=f"closed, from {min(outer):.5f} to {max(outer):.5f} of omega_1"
+            if outer
+            else "none",
+        ),
         said("merger", any(1.5 < force < 3.0 for force in mergers), thresholds=thresholds),
         said("far fold", max((fold[0] for fold in top["folds"]), default=0.0)),
         said("merely shifted", 1 - top["peak"][1] / alone, peak=top["peak"][0]),
@@ -271,14 +403,19 @@ def _near(curves: Sequence[Json], ratio: float, width: float = 0.002) -> list[tu
 
 
 def _regimes(values: Json) -> list[Claim]:
-    medium, high, found = values["medium"], values["high"], values["stationary"]
+    medium = values["medium"]
+    high = values["high"]
+    found = values["stationary"]
     here = _near(medium["exact"], 1.0) or _near(medium["exact"], 1.0, 0.01)
     unstable = sum(kind < 2 for _, kind in here)
-    basin, peaks = values["basin"], [_highest(part)["peak"][0] for part in (medium, high)]
+    basin = values["basin"]
+    peaks = [_highest(part)["peak"][0] for part in (medium, high)]
     runs = sum(basin.values())
     upper = [kind for y, kind in _near(high["exact"], 0.945, 0.02) if y > 1.2 * GAP]
     stable, slow = (float(np.mean([kind >= least for kind in upper])) for least in (2, 1))
-    at, top, exponent = found["at resonance, 1.5 N"], found["high branch"], values["exponents"]["high branch"]
+    at = found["at resonance, 1.5 N"]
+    top = found["high branch"]
+    exponent = values["exponents"]["high branch"]
     impacts, visits = np.array(top["rhythm Exact"]).T
     modulated = float(np.mean([kind == Kind.MODULATED.value for kind in at["kinds"]]))
     wilson = binomtest(basin.get(Kind.MODULATED.value, 0), runs).proportion_ci(method="wilson")
@@ -296,12 +433,34 @@ def _regimes(values: Json) -> list[Claim]:
 
 
 def _method(values: Json) -> Claim:
-    exact, rows, bare = _closed(values["medium"], "exact"), values["harmonics"], values["no_damper"]
-    error, *others = (row["peak"][1] / exact["peak"][1] - 1 if exact and row["peak"] else np.nan for row in rows)
-    left, of_exact = (min((fold[0] for fold in one["folds"]), default=np.nan) for one in (rows[0], exact or {"folds": []}))
-    more = "".join(f"; with {row['harmonics']} harmonics {100 * off:+.1f} %" for row, off in zip(rows[1:], others, strict=True))
-    change = abs(rows[0]["peak"][1] / bare["peak"][1] - 1) if rows[0]["peak"] and bare["peak"] else np.nan
-    return said("twenty harmonics", abs(error), error=error, left=left, exact=of_exact, more=more, change=change)
+    exact = _closed(values["medium"], "exact")
+    rows = values["harmonics"]
+    bare = values["no_damper"]
+    error, *others = (
+        row["peak"][1] / exact["peak"][1] - 1 if exact and row["peak"] else np.nan for row in rows
+    )
+    left, of_exact = (
+        min((fold[0] for fold in one["folds"]), default=np.nan)
+        for one in (rows[0], exact or {"folds": []})
+    )
+    more = "".join(
+        f"; with {row['harmonics']} harmonics {100 * off:+.1f} %"
+        for row, off in zip(rows[1:], others, strict=True)
+    )
+    change = (
+        abs(rows[0]["peak"][1] / bare["peak"][1] - 1)
+        if rows[0]["peak"] and bare["peak"]
+        else np.nan
+    )
+    return said(
+        "twenty harmonics",
+        abs(error),
+        error=error,
+        left=left,
+        exact=of_exact,
+        more=more,
+        change=change,
+    )
 
 
 FIGURE = PaperFigure(

@@ -8,26 +8,79 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from impact_env import Beam, FrequencySchedule, Scene, beam_scene, impact_absorber, linear_sweep, simulate
+from impact_env import (
+    Beam,
+    FrequencySchedule,
+    Scene,
+    beam_scene,
+    impact_absorber,
+    linear_sweep,
+    simulate,
+)
 from impact_env.ensemble import Lane, draw_members
 from impact_env.methods import Exact, Method, Moreau
-from impact_env.periodic.residence import SILENCE, Approach, ExitRate, Hazard, Jumps, Range, exit_rate, hazard, jumps, stays
+from impact_env.periodic.residence import (
+    SILENCE,
+    Approach,
+    ExitRate,
+    Hazard,
+    Jumps,
+    Range,
+    exit_rate,
+    hazard,
+    jumps,
+    stays,
+)
 from impact_env.response import DEFAULT_SAMPLES, Record
 from optimisation.page import markdown
 from optimisation.progress import sweeps_bar
 from studies.paper.branches import draw, responses
-from studies.paper.claim import INFINITY, MUCH, Claim, bands, chance, claim, interval, judged, middle, spread
+from studies.paper.claim import (
+    INFINITY,
+    MUCH,
+    Claim,
+    bands,
+    chance,
+    claim,
+    interval,
+    judged,
+    middle,
+    spread,
+)
 from studies.paper.curve import level_in
-from studies.paper.frame import LOOKS, MM, Look, PaperFigure, PaperSettings, Size, in_turn, legend_below, legends, panels
+from studies.paper.frame import (
+    LOOKS,
+    MM,
+    Look,
+    PaperFigure,
+    PaperSettings,
+    Size,
+    in_turn,
+    legend_below,
+    legends,
+    panels,
+)
 from studies.study import Json, Steps, there
 
 LABEL = "jump"
-MODES, FRICTION, FORCES = 2, 0.025, {"medium": 1.5, "high": 3.0}  # N
-GAP, LOW, HIGH = 1e-3, 0.9, 1.06  # m, and frequencies over the first resonance
+# N
+MODES = 2
+FRICTION = 0.025
+FORCES = {"medium": 1.5, "high": 3.0}
+# m, and frequencies over the first resonance
+GAP = 1e-3
+LOW = 0.9
+HIGH = 1.06
 RATE = 725.0  # the paper's faster sweep, in pseudo periods per 1 %; the other takes twice as long
-EDGES = np.linspace(LOW, HIGH, 81)  # of the stretches in which a sweep's largest displacement is kept
-ON_BRANCH, AT_RESONANCE = (0.935, 0.945), (0.995, 1.005)  # where the high branch, and the response at resonance, are read off
-SWEEPS: dict[str, tuple[float, float, float, float, Method]] = {  # name: force in N, pseudo periods per 1 %, from, to, method
+EDGES = np.linspace(
+    LOW, HIGH, 81
+)  # of the stretches in which a sweep's largest displacement is kept
+# where the high branch, and the response at resonance, are read off
+ON_BRANCH = (0.935, 0.945)
+AT_RESONANCE = (0.995, 1.005)
+SWEEPS: dict[
+    str, tuple[float, float, float, float, Method]
+] = {  # name: force in N, pseudo periods per 1 %, from, to, method
     "down": (1.5, RATE, HIGH, LOW, Exact()),
     "down, half the rate": (1.5, 2 * RATE, HIGH, LOW, Exact()),
     "down, paper's step": (1.5, RATE, HIGH, LOW, Moreau()),
@@ -35,12 +88,22 @@ SWEEPS: dict[str, tuple[float, float, float, float, Method]] = {  # name: force 
     "high force, down": (3.0, RATE, HIGH, LOW, Exact()),
     "high force, up": (3.0, RATE, LOW, HIGH, Exact()),
 }
-OVER = Range(1.0, 0.988, 0.952, LOW)  # of the sweeps that are counted: they come from impact at resonance
+OVER = Range(
+    1.0, 0.988, 0.952, LOW
+)  # of the sweeps that are counted: they come from impact at resonance
 HIGH_LEVEL = 0.75e-3  # m: at 1.5 N response levels are near 0.55 and 1.05 mm
 HIGH_BRANCH = 1.5e-3  # m: at 3 N the high branch is above it, all else below
-DRIFT, BLOCK = (0.96, 0.97, 0.1), 100  # a slow sweep without impacts: from, to, % per 100 pseudo periods; over which the absorber's place is averaged
-EVERY, STEP, FINER = "exact", "paper's step", "ten times finer"
-METHODS: dict[str, Method] = {EVERY: Exact(), STEP: Moreau(), FINER: Moreau(200)}  # steps a period of the highest mode; the paper's are 20
+# a slow sweep without impacts: from, to, % per 100 pseudo periods; over which the absorber's place is averaged
+DRIFT = (0.96, 0.97, 0.1)
+BLOCK = 100
+EVERY = "exact"
+STEP = "paper's step"
+FINER = "ten times finer"
+METHODS: dict[str, Method] = {
+    EVERY: Exact(),
+    STEP: Moreau(),
+    FINER: Moreau(200),
+}  # steps a period of the highest mode; the paper's are 20
 BURN_IN = 100.0  # pseudo periods of a stay that are left out of its rate
 PAPER_PERIODS = 100.0  # pseudo periods per 1 % of the sweeps for a level
 
@@ -53,24 +116,32 @@ def scene() -> Scene:
 def followed(lane: Lane, method: Method) -> tuple[list[float], float, float]:
     """Return the largest |q_tip| in m between `EDGES`, the median of the periods' largest on the high branch, and the largest at resonance."""
     schedule: FrequencySchedule = lane.drive.schedule
-    history = there(simulate(lane.scene, lane.drive, method, record=Record(level=False, series=True)).history)
+    history = there(
+        simulate(lane.scene, lane.drive, method, record=Record(level=False, series=True)).history
+    )
     first = np.flatnonzero(np.diff(np.floor(history.time / schedule.pseudo_period), prepend=-1))
     largest = np.maximum.reduceat(np.abs(history.tip_displacement), first)
     ratio = np.asarray(schedule.omega_at(history.time[first])) / schedule.reference
     place = np.clip(np.digitize(ratio, EDGES) - 1, 0, len(EDGES) - 2)
     binned = [float(f"{np.max(largest[place == k]):.5g}") for k in range(len(EDGES) - 1)]
-    branch, resonance = (largest[(low <= ratio) & (ratio <= high)] for low, high in (ON_BRANCH, AT_RESONANCE))
+    branch, resonance = (
+        largest[(low <= ratio) & (ratio <= high)] for low, high in (ON_BRANCH, AT_RESONANCE)
+    )
     return binned, float(np.median(branch)), float(np.max(resonance))
 
 
 def _sweeps(settings: PaperSettings, size: Size) -> Json:
     """Return for each of `SWEEPS` the paper's own run, the band of all members, and where they are on the branch and at resonance."""
-    own, result = scene(), {}
+    own = scene()
+    result = {}
     members = draw_members(size.sweeps, settings.seed)
     for name, (force, slowness, start, stop, method) in SWEEPS.items():
         schedule = linear_sweep(own.model.resonance_omega(1), start, stop, 100 / slowness)
         lanes = [Lane(own, drive) for drive in members.drives(force, schedule)]
-        binned, branch, resonance = zip(*settings.each(f"{LABEL}: {name}", lanes, partial(followed, method=method), method), strict=True)
+        binned, branch, resonance = zip(
+            *settings.each(f"{LABEL}: {name}", lanes, partial(followed, method=method), method),
+            strict=True,
+        )
         low, _, high = bands(np.array(binned).T).tolist()
         result[name] = {
             "force_n": force, "periods_per_percent": slowness, "nominal_m": binned[0], "low_m": low, "high_m": high,
@@ -81,29 +152,63 @@ def _sweeps(settings: PaperSettings, size: Size) -> Json:
 
 def _rates(settings: PaperSettings, size: Size) -> list[Json]:
     """Return exits and time at risk at constant frequencies."""
-    own, rows, to = scene(), [], Json(threads=settings.threads, executor=settings.executor)
-    phases, approach = draw_members(size.stays, settings.seed, "phase").phases.tolist(), Approach(own.model.resonance_omega(1), 1.0)
+    own = scene()
+    rows = []
+    to = Json(threads=settings.threads, executor=settings.executor)
+    phases = draw_members(size.stays, settings.seed, "phase").phases.tolist()
+    approach = Approach(own.model.resonance_omega(1), 1.0)
     for ratio in np.round(np.linspace(OVER.first, OVER.last, size.ratios), 6).tolist():
         with sweeps_bar(f"{LABEL}: stays at {ratio:g}", leave=False) as show:
-            found = stays(own, FORCES["medium"], approach, ratio, size.periods, phases, progress=show, **to)
+            found = stays(
+                own, FORCES["medium"], approach, ratio, size.periods, phases, progress=show, **to
+            )
         rate = exit_rate(found, BURN_IN)
-        limits = {name: None if np.isnan(value := getattr(rate, name)) else float(value) for name in ("rate", "low", "high")}
-        rows.append({"omega_ratio": ratio, "exits": rate.exits, "exposure": rate.exposure, **limits})
+        limits = {
+            name: None if np.isnan(value := getattr(rate, name)) else float(value)
+            for name in ("rate", "low", "high")
+        }
+        rows.append(
+            {"omega_ratio": ratio, "exits": rate.exits, "exposure": rate.exposure, **limits}
+        )
     return rows
 
 
 def _jumps(settings: PaperSettings, size: Size, name: str) -> list[Json]:
     """Return at each slowness how many sweeps reach the high branch, by one of the `METHODS`, and how many stayed in impact all the way."""
-    own, rows, to = scene(), [], Json(threads=settings.threads, executor=settings.executor)
-    phases = draw_members(size.finer if name == FINER else size.jumps, settings.seed + 1, "phase").phases.tolist()
+    own = scene()
+    rows = []
+    to = Json(threads=settings.threads, executor=settings.executor)
+    phases = draw_members(
+        size.finer if name == FINER else size.jumps, settings.seed + 1, "phase"
+    ).phases.tolist()
     approach = Approach(own.model.resonance_omega(1), 1.0)
     for slowness in (n for n in size.slownesses if name != FINER or n in (RATE, 2 * RATE)):
         with sweeps_bar(f"{LABEL}: {name}, {slowness:g} periods a percent", leave=False) as show:
-            found = jumps(own, FORCES["medium"], approach, OVER, slowness, phases, SILENCE, HIGH_LEVEL, METHODS[name], progress=show, **to)
+            found = jumps(
+                own,
+                FORCES["medium"],
+                approach,
+                OVER,
+                slowness,
+                phases,
+                SILENCE,
+                HIGH_LEVEL,
+                METHODS[name],
+                progress=show,
+                **to,
+            )
         high = there(found.high)
         low, most = Jumps(high, found.runs, found.runs).interval()
         share = {"share": high / found.runs, "low": low, "high": most}
-        rows.append({"periods_per_percent": slowness, "reached": high, "runs": found.runs, "stayed": found.jumped, **share})
+        rows.append(
+            {
+                "periods_per_percent": slowness,
+                "reached": high,
+                "runs": found.runs,
+                "stayed": found.jumped,
+                **share,
+            }
+        )
     return rows
 
 
@@ -123,28 +228,54 @@ def _drift(settings: PaperSettings, size: Size) -> Json:
     """Return drift (m) and impacts of all members, by each of the `METHODS`."""
     own, (start, stop, rate), result = scene(), DRIFT, {}
     phases = draw_members(size.sweeps, settings.seed, "phase")
-    lanes = [Lane(own, drive) for drive in phases.drives(FORCES["medium"], linear_sweep(own.model.resonance_omega(1), start, stop, rate))]
+    lanes = [
+        Lane(own, drive)
+        for drive in phases.drives(
+            FORCES["medium"], linear_sweep(own.model.resonance_omega(1), start, stop, rate)
+        )
+    ]
     for name, method in METHODS.items():
-        drift, impacts = zip(*settings.each(f"{LABEL}: drift, {name}", lanes, partial(drifted, method=method), method), strict=True)
+        drift, impacts = zip(
+            *settings.each(
+                f"{LABEL}: drift, {name}", lanes, partial(drifted, method=method), method
+            ),
+            strict=True,
+        )
         result[name] = {"drift_m": drift, "impacts": impacts}
     return result
 
 
 def _levels(settings: PaperSettings, size: Size) -> list[Json]:
     """Return response levels of sweeps down over their slowness."""
-    own, rows, members = scene(), [], draw_members(size.sweeps, settings.seed)
+    own = scene()
+    rows = []
+    members = draw_members(size.sweeps, settings.seed)
     for slowness in size.fast:
         schedule = linear_sweep(own.model.resonance_omega(1), HIGH, LOW, 100 / slowness)
         lanes = [Lane(own, drive) for drive in members.drives(FORCES["medium"], schedule)]
-        rows.append({"periods_per_percent": slowness, "level_m": settings.each(f"{LABEL}: levels", lanes, level_in)})
+        rows.append(
+            {
+                "periods_per_percent": slowness,
+                "level_m": settings.each(f"{LABEL}: levels", lanes, level_in),
+            }
+        )
     return rows
 
 
 def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
-    groups: dict[str, Callable[[], Any]] = {name: partial(responses, scene(), force, LOW, HIGH) for name, force in FORCES.items()}
+    groups: dict[str, Callable[[], Any]] = {
+        name: partial(responses, scene(), force, LOW, HIGH) for name, force in FORCES.items()
+    }
     groups |= {"sweeps": partial(_sweeps, settings, size), "rates": partial(_rates, settings, size)}
     groups |= {f"jumps, {name}": partial(_jumps, settings, size, name) for name in METHODS}
-    return in_turn({**groups, "drift": partial(_drift, settings, size), "levels": partial(_levels, settings, size)}, known)
+    return in_turn(
+        {
+            **groups,
+            "drift": partial(_drift, settings, size),
+            "levels": partial(_levels, settings, size),
+        },
+        known,
+    )
 
 
 def hazard_of(values: Json) -> Hazard | None:
@@ -152,9 +283,15 @@ def hazard_of(values: Json) -> Hazard | None:
     known = [row for row in values["rates"] if row["rate"] is not None]
     if len(known) < 2:
         return None
-    counts = [ExitRate(row["exits"], row["exposure"], row["rate"], row["low"], row["high"]) for row in known]
+    counts = [
+        ExitRate(row["exits"], row["exposure"], row["rate"], row["low"], row["high"])
+        for row in known
+    ]
     found = hazard([row["omega_ratio"] for row in known], counts)
-    sweeps = {row["periods_per_percent"]: Jumps(row["reached"], row["runs"], row["runs"]) for row in values[f"jumps, {EVERY}"]}
+    sweeps = {
+        row["periods_per_percent"]: Jumps(row["reached"], row["runs"], row["runs"])
+        for row in values[f"jumps, {EVERY}"]
+    }
     told = any(0 < one.jumped < one.runs for one in sweeps.values())
     return found.with_sweeps(sweeps) if told else found
 
@@ -164,25 +301,43 @@ def _share(row: Json) -> str:
 
 
 def _words(values: Json) -> str:
-    blocks, found = [], hazard_of(values)
+    blocks = []
+    found = hazard_of(values)
     if found is not None:
-        inverses = [f"{1 / x:.0f}" if x > 0 else "no end" for x in (found.value, found.high, found.low)]
+        inverses = [
+            f"{1 / x:.0f}" if x > 0 else "no end" for x in (found.value, found.high, found.low)
+        ]
         blocks.append(
             f"Integral of the rate of leaving from {found.first:g} to {found.last:g}, at {len(values['rates'])} frequencies: P(jump) = A exp(-N/"
             f"{inverses[0]}) (95 %: {inverses[1]} to {inverses[2]}) for N pseudo periods per 1 %, A = "
             f"{interval(found.factor, found.factor_low, found.factor_high)} from the exact sweeps. The same case with more frequencies and runs: "
             "[regimes](regimes.md)."
         )
-    by = {name: {row["periods_per_percent"]: row for row in values[f"jumps, {name}"]} for name in METHODS}
+    by = {
+        name: {row["periods_per_percent"]: row for row in values[f"jumps, {name}"]}
+        for name in METHODS
+    }
     lines = []
     for n in by[EVERY]:
         told = "" if found is None else interval(*found.probability(n))
-        shares = [f"{rows[n]['reached']} of {rows[n]['runs']}: {_share(rows[n])}" if n in rows else "" for rows in by.values()]
+        shares = [
+            f"{rows[n]['reached']} of {rows[n]['runs']}: {_share(rows[n])}" if n in rows else ""
+            for rows in by.values()
+        ]
         lines.append((f"{n:g}", told, *shares))
-    sums = {name: [sum(row[key] for row in rows.values()) for key in ("reached", "stayed", "runs")] for name, rows in by.items()}
+    sums = {
+        name: [sum(row[key] for row in rows.values()) for key in ("reached", "stayed", "runs")]
+        for name, rows in by.items()
+    }
     names = ", ".join("{} {} and {} of {}".format(name, *counts) for name, counts in sums.items())
-    drifts = ", ".join(f"{name} {spread(one['drift_m'], '{:.3f}', 1e3)} mm" for name, one in values["drift"].items())
-    levels = [(f"{row['periods_per_percent']:g}", spread(row["level_m"], "{:.2f}", 1e3)) for row in values["levels"]]
+    drifts = ", ".join(
+        f"{name} {spread(one['drift_m'], '{:.3f}', 1e3)} mm"
+        for name, one in values["drift"].items()
+    )
+    levels = [
+        (f"{row['periods_per_percent']:g}", spread(row["level_m"], "{:.2f}", 1e3))
+        for row in values["levels"]
+    ]
     blocks += [
         "Share of sweeps down that reach the high branch:",
         markdown(("pseudo periods per 1 %", "predicted from rates", *METHODS), lines),
@@ -193,13 +348,18 @@ def _words(values: Json) -> str:
     return "\n\n".join(blocks)
 
 
-SHOWN: dict[str, dict[str, tuple[Look, str]]] = {  # of the panels above: sweeps with their looks and words
+SHOWN: dict[
+    str, dict[str, tuple[Look, str]]
+] = {  # of the panels above: sweeps with their looks and words
     "medium": {
         "down": (LOOKS[2], "down, 725 periods a percent"),
         "down, half the rate": (LOOKS[4], "down, 1450"),
         "down, paper's step": (LOOKS[3], "down, 725, paper's step"),
     },
-    "high": {"high force, down": (LOOKS[2], "down, 725 periods a percent"), "high force, up": (LOOKS[5], "up, 725")},
+    "high": {
+        "high force, down": (LOOKS[2], "down, 725 periods a percent"),
+        "high force, up": (LOOKS[5], "up, 725"),
+    },
 }
 
 
@@ -210,9 +370,14 @@ def _draw(values: Json) -> Figure:
     for own, (name, sweeps) in zip(axes[0], SHOWN.items(), strict=True):
         draw(own, values[name])
         for sweep, (look, label) in sweeps.items():
-            low, high, nominal = (MM * np.array(values["sweeps"][sweep][key]) for key in ("low_m", "high_m", "nominal_m"))
+            low, high, nominal = (
+                MM * np.array(values["sweeps"][sweep][key])
+                for key in ("low_m", "high_m", "nominal_m")
+            )
             own.fill_between(middles, low, high, color=look.colour, alpha=0.3, lw=0)
-            own.plot(middles, nominal, color=look.colour, lw=0.8, drawstyle="steps-mid", label=label)
+            own.plot(
+                middles, nominal, color=look.colour, lw=0.8, drawstyle="steps-mid", label=label
+            )
         top = 1.2 * MM * max(curve["peak"][1] for curve in values[name]["exact"])
         own.set(xlim=EDGES[[0, -1]], ylim=(0, top), xlabel=r"frequency $\Omega/\omega_1$")
         own.set_title(f"{FORCES[name]:g} N")
@@ -225,26 +390,58 @@ def _draw(values: Json) -> Figure:
 
 
 def _draw_rates(axes: Axes, rates: Sequence[Json]) -> None:
-    rows = [[row[name] for name in ("omega_ratio", "rate", "low", "high")] for row in rates if row["rate"] is not None]
+    rows = [
+        [row[name] for name in ("omega_ratio", "rate", "low", "high")]
+        for row in rates
+        if row["rate"] is not None
+    ]
     x, y, low, high = np.array(rows).T
     look: Json = {"fmt": "o", "ms": 3, "lw": 0.9, "color": LOOKS[0].colour}
-    axes.errorbar(x, 1e4 * y, 1e4 * np.array([y - low, high - y]), label="exits over time at risk, 95 %", **look)
+    axes.errorbar(
+        x,
+        1e4 * y,
+        1e4 * np.array([y - low, high - y]),
+        label="exits over time at risk, 95 %",
+        **look,
+    )
     axes.set_ylim(top=1.3e4 * float(high.max()))
     axes.locator_params(axis="x", nbins=5)
-    axes.set(xlabel=r"constant frequency $\Omega/\omega_1$", ylabel=r"rate of leaving, $10^{-4}$ per pseudo period")
+    axes.set(
+        xlabel=r"constant frequency $\Omega/\omega_1$",
+        ylabel=r"rate of leaving, $10^{-4}$ per pseudo period",
+    )
 
 
 def _shares(axes: Axes, values: Json) -> None:
-    found, n = hazard_of(values), np.geomspace(80, 4000, 200)
+    found = hazard_of(values)
+    n = np.geomspace(80, 4000, 200)
     if found is not None:
         told = np.array([found.probability(float(each)) for each in n]).T
         axes.plot(n, told[0], color="black", lw=0.9, label="from the rates, times A")
         axes.fill_between(n, told[1], told[2], color="0.8", lw=0)
     for k, (name, look) in enumerate(zip(METHODS, LOOKS, strict=False)):
-        rows = [[row[column] for column in ("periods_per_percent", "share", "low", "high")] for row in values[f"jumps, {name}"]]
+        rows = [
+            [row[column] for column in ("periods_per_percent", "share", "low", "high")]
+            for row in values[f"jumps, {name}"]
+        ]
         (x, y, low, high), aside = np.array(rows).T, 1.04 ** (k - 1)
-        axes.errorbar(aside * x, y, [y - low, high - y], fmt=look.marker, ls=look.dashes if k else "", ms=4, lw=0.9, color=look.colour, label=name)
-    axes.set(xscale="log", ylim=(-0.02, 1.05), xlabel="pseudo periods per 1 % of a sweep down", ylabel="share that jumps")
+        axes.errorbar(
+            aside * x,
+            y,
+            [y - low, high - y],
+            fmt=look.marker,
+            ls=look.dashes if k else "",
+            ms=4,
+            lw=0.9,
+            color=look.colour,
+            label=name,
+        )
+    axes.set(
+        xscale="log",
+        ylim=(-0.02, 1.05),
+        xlabel="pseudo periods per 1 % of a sweep down",
+        ylabel="share that jumps",
+    )
 
 
 said = partial(claim, LABEL)
@@ -252,17 +449,35 @@ said = partial(claim, LABEL)
 
 def _jump_claims(values: Json) -> list[Claim]:
     exact, step, finer = (
-        {row["periods_per_percent"]: row for row in values[f"jumps, {name}"]} for name in ("exact", "paper's step", "ten times finer")
+        {row["periods_per_percent"]: row for row in values[f"jumps, {name}"]}
+        for name in ("exact", "paper's step", "ten times finer")
     )
-    fast, slow, first, last = exact[725.0], exact[1450.0], *(values["jumps, exact"][k] for k in (0, -1))
+    fast, slow, first, last = (
+        exact[725.0],
+        exact[1450.0],
+        *(values["jumps, exact"][k] for k in (0, -1)),
+    )
     both, coarse = (rows[725.0]["share"] * (1 - rows[1450.0]["share"]) for rows in (exact, step))
     pair = [fast[low] * (1 - slow[high]) for low, high in (("low", "high"), ("high", "low"))]
-    own = [1e3 * max(values["sweeps"][name]["nominal_m"]) for name in ("down, paper's step", "down, half the rate, paper's step")]
-    cells = "; ".join(f"share at {n:g} exact {_share(exact[n])}, at the paper's step {_share(step[n])}" for n in (725.0, 1450.0))
+    own = [
+        1e3 * max(values["sweeps"][name]["nominal_m"])
+        for name in ("down, paper's step", "down, half the rate, paper's step")
+    ]
+    cells = "; ".join(
+        f"share at {n:g} exact {_share(exact[n])}, at the paper's step {_share(step[n])}"
+        for n in (725.0, 1450.0)
+    )
     some = ", ".join(f"{_share(finer[n])} at {n:g}" for n in (725.0, 1450.0) if n in finer)
-    back, none = (sum(row["reached"] - row["stayed"] for row in rows.values()) for rows in (step, exact))
-    drift = [spread(values["drift"][name]["drift_m"], "{:.3f}", 1e3) for name in ("paper's step", "ten times finer", "exact")]
-    dropped = ", ".join(f"{1 - row['share']:.2f} at {row['periods_per_percent']:g}" for row in (first, last))
+    back, none = (
+        sum(row["reached"] - row["stayed"] for row in rows.values()) for rows in (step, exact)
+    )
+    drift = [
+        spread(values["drift"][name]["drift_m"], "{:.3f}", 1e3)
+        for name in ("paper's step", "ten times finer", "exact")
+    ]
+    dropped = ", ".join(
+        f"{1 - row['share']:.2f} at {row['periods_per_percent']:g}" for row in (first, last)
+    )
     return [
         said("jump", chance(*pair), exact=both, step=coarse, pair=pair, cells=cells, own=own, finer=some, back=back, none=none, drift=drift,
              runs=sum(row["runs"] for row in step.values())),
@@ -278,36 +493,76 @@ def _claims(values: Json) -> list[Claim]:
 
     How long impacts last, where the response without them exists, is judged against the time that a sweep at the paper's rate takes for a percent.
     """
-    alone, rows = values["medium"]["linear"], values["levels"]
-    free = np.interp([row["omega_ratio"] for row in values["rates"]], alone["omega_ratio"], np.array(alone["alone"], dtype=float))
-    below = [row for row, height in zip(values["rates"], free, strict=True) if height < GAP and row["rate"]]
-    stay, (begin, end) = min(1 / row["rate"] for row in below), (below[k]["omega_ratio"] for k in (0, -1))
-    middles, slowness = [float(np.median(row["level_m"])) for row in rows], [row["periods_per_percent"] for row in rows]
-    shown = ", ".join(f"{n:g}: {spread(row['level_m'], '{:.2f}', 1e3)}" for n, row in zip(slowness, rows, strict=True))
-    over, worst = np.array(rows[0]["level_m"]) / min(middles[1:]), slowness[int(np.argmax(middles))]
+    alone = values["medium"]["linear"]
+    rows = values["levels"]
+    free = np.interp(
+        [row["omega_ratio"] for row in values["rates"]],
+        alone["omega_ratio"],
+        np.array(alone["alone"], dtype=float),
+    )
+    below = [
+        row
+        for row, height in zip(values["rates"], free, strict=True)
+        if height < GAP and row["rate"]
+    ]
+    stay, (begin, end) = (
+        min(1 / row["rate"] for row in below),
+        (below[k]["omega_ratio"] for k in (0, -1)),
+    )
+    middles = [float(np.median(row["level_m"])) for row in rows]
+    slowness = [row["periods_per_percent"] for row in rows]
+    shown = ", ".join(
+        f"{n:g}: {spread(row['level_m'], '{:.2f}', 1e3)}"
+        for n, row in zip(slowness, rows, strict=True)
+    )
+    over = np.array(rows[0]["level_m"]) / min(middles[1:])
+    worst = slowness[int(np.argmax(middles))]
     return [
         *_jump_claims(values),
-        said("modulation beyond sliding", judged(stay, stay, PAPER_PERIODS, INFINITY), stay=stay, begin=begin, end=end),
+        said(
+            "modulation beyond sliding",
+            judged(stay, stay, PAPER_PERIODS, INFINITY),
+            stay=stay,
+            begin=begin,
+            end=end,
+        ),
         said("fast may be worse", over, shown=shown, first=slowness[0], worst=worst),
         *_sweep_claims(values),
     ]
 
 
 def _sweep_claims(values: Json) -> list[Claim]:
-    sweeps, medium = values["sweeps"], values["medium"]
+    sweeps = values["sweeps"]
+    medium = values["medium"]
     alone = float(np.max(medium["linear"]["alone"]))
     smr = np.array(sweeps["down"]["at_resonance_m"])
     points = {name: [pair for curve in values[name]["exact"] for pair in zip(curve["omega_ratio"], curve["tip_max"], strict=True)] for name in
               ("medium", "high")}  # fmt: skip
     orbit = max(y for x, y in points["medium"] if y and 0.995 < x < 1.005)
-    branch = float(np.median([y for x, y in points["high"] if y and 0.935 < x < 0.945 and y > 1e-3]))  # of the high branch
+    branch = float(
+        np.median([y for x, y in points["high"] if y and 0.935 < x < 0.945 and y > 1e-3])
+    )  # of the high branch
     down, up = (np.array(sweeps[f"high force, {way}"]["on_branch_m"]) for way in ("down", "up"))
-    nominal, low = ({way: max(sweeps[f"high force, {way}"][key]) for way in ("down", "up")} for key in ("nominal_m", "low_m"))
+    nominal, low = (
+        {way: max(sweeps[f"high force, {way}"][key]) for way in ("down", "up")}
+        for key in ("nominal_m", "low_m")
+    )
     least = min(*nominal.values(), *low.values())
     return [
         said("sweeps follow branches", down / branch),
-        said("modulated maxima", judged(*middle(smr), orbit, MUCH * alone), value=1e3 * smr, orbit=1e3 * orbit, alone=1e3 * alone),
-        said("high force reaches it", judged(least, least, HIGH_BRANCH, 10e-3), down=1e3 * low["down"], up=1e3 * low["up"]),
+        said(
+            "modulated maxima",
+            judged(*middle(smr), orbit, MUCH * alone),
+            value=1e3 * smr,
+            orbit=1e3 * orbit,
+            alone=1e3 * alone,
+        ),
+        said(
+            "high force reaches it",
+            judged(least, least, HIGH_BRANCH, 10e-3),
+            down=1e3 * low["down"],
+            up=1e3 * low["up"],
+        ),
         said("hysteresis", np.median(up) < MUCH * np.median(down), down=1e3 * down, up=1e3 * up),
     ]
 

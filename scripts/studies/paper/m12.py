@@ -12,13 +12,45 @@ from numpy.typing import NDArray
 from impact_env import CurveCase, Moreau, Scene, beam_scene, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, friction_damper
 from optimisation.bounds import resonance_limit
-from optimisation.comparison import FRICTION, IMPACT, LTVA_PAPER, LTVA_PAPER_WIDE, LTVA_TUNED_WIDE, NONE, RESONANCES, compare, concepts
+from optimisation.comparison import (
+    FRICTION,
+    IMPACT,
+    LTVA_PAPER,
+    LTVA_PAPER_WIDE,
+    LTVA_TUNED_WIDE,
+    NONE,
+    RESONANCES,
+    compare,
+    concepts,
+)
 from optimisation.page import markdown
 from optimisation.progress import sweeps_bar
 from optimisation.report.design_figures import ORDINALS
 from studies.paper.claim import MUCH, Claim, claim, spread
-from studies.paper.curve import Curve, best_forces, curve_of, curves, draw_curve, force_grid, inset_of, level_axes, plain_curve
-from studies.paper.frame import LOOKS, MM, REFERENCE, Look, PaperFigure, PaperSettings, Size, in_turn, line, panels, shortened
+from studies.paper.curve import (
+    Curve,
+    best_forces,
+    curve_of,
+    curves,
+    draw_curve,
+    force_grid,
+    inset_of,
+    level_axes,
+    plain_curve,
+)
+from studies.paper.frame import (
+    LOOKS,
+    MM,
+    REFERENCE,
+    Look,
+    PaperFigure,
+    PaperSettings,
+    Size,
+    in_turn,
+    line,
+    panels,
+    shortened,
+)
 from studies.study import Array, Json, Steps, Table
 
 LABEL = "m12"
@@ -27,8 +59,12 @@ PAPER_LIMIT = 0.5  # N, the paper's friction damper
 
 
 def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
-    groups: dict[str, Callable[[], object]] = {f"resonance {r}": partial(_resonance, settings, r, size) for r in RESONANCES}
-    groups["low"] = partial(_near, settings, 2, size.low, (NONE, IMPACT, FRICTION, LTVA_PAPER), size.members)
+    groups: dict[str, Callable[[], object]] = {
+        f"resonance {r}": partial(_resonance, settings, r, size) for r in RESONANCES
+    }
+    groups["low"] = partial(
+        _near, settings, 2, size.low, (NONE, IMPACT, FRICTION, LTVA_PAPER), size.members
+    )
     groups["friction"] = partial(_limits, settings, size)
     groups |= {f"around {r}": partial(_around, settings, r, size) for r in RESONANCES}
     return in_turn(groups, known)
@@ -56,12 +92,23 @@ def _resonance(settings: PaperSettings, resonance: int, size: Size) -> Json:
 
 
 def _near(
-    settings: PaperSettings, resonance: int, forces: tuple[float, ...], keys: tuple[str, ...], members: int, method: Moreau | None = None
+    settings: PaperSettings,
+    resonance: int,
+    forces: tuple[float, ...],
+    keys: tuple[str, ...],
+    members: int,
+    method: Moreau | None = None,
 ) -> Json:
     """Return plain curves of the paper's concepts near a resonance."""
     model = modal_model(Beam())
-    cases = {own.key: CurveCase(Scene(model, own.absorber), np.array(forces), resonance, own.limits) for own in concepts(model) if own.key in keys}
-    found = settings.curves(f"{LABEL}, resonance {resonance}", list(cases.values()), members, method)
+    cases = {
+        own.key: CurveCase(Scene(model, own.absorber), np.array(forces), resonance, own.limits)
+        for own in concepts(model)
+        if own.key in keys
+    }
+    found = settings.curves(
+        f"{LABEL}, resonance {resonance}", list(cases.values()), members, method
+    )
     return {key: plain_curve(curve) for key, curve in zip(cases, found, strict=True)}
 
 
@@ -69,14 +116,20 @@ def _around(settings: PaperSettings, resonance: int, size: Size) -> Json:
     """Return the absorber's curve and that of no absorber around the paper's best force; ``step``: a single run at the paper's step."""
     forces = tuple(PAPERS_BEST[resonance] * ratio for ratio in size.around)
     step = _near(settings, resonance, forces, (IMPACT,), 1, Moreau())
-    return {"curves": _near(settings, resonance, forces, (NONE, IMPACT), size.members), "step": step}
+    return {
+        "curves": _near(settings, resonance, forces, (NONE, IMPACT), size.members),
+        "step": step,
+    }
 
 
 def _limits(settings: PaperSettings, size: Size) -> Json:
     """Return friction limits in N, and the members' levels in m of the damper with each of them at the paper's best force."""
     scenes = {f"{limit:g}": beam_scene(Beam(), friction_damper(limit)) for limit in size.limits}
     found = curves(settings, f"{LABEL}, friction limits", scenes, (PAPERS_BEST[1],), size.members)
-    return {"limit": list(size.limits), "level": [curve_of(found[name]).level[0].tolist() for name in scenes]}
+    return {
+        "limit": list(size.limits),
+        "level": [curve_of(found[name]).level[0].tolist() for name in scenes],
+    }
 
 
 def read(part: Json) -> dict[str, Curve]:
@@ -87,27 +140,57 @@ def read(part: Json) -> dict[str, Curve]:
 def span(forces: Array, inside: NDArray[np.bool_]) -> float:
     """Return the ratio of the ends of the longest unbroken range of forces (F,) that are ``inside``; 1 if there are none."""
     at = np.flatnonzero(inside)
-    return max((float(forces[run[-1]] / forces[run[0]]) for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1) if len(run)), default=1.0)
+    return max(
+        (
+            float(forces[run[-1]] / forces[run[0]])
+            for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
+            if len(run)
+        ),
+        default=1.0,
+    )
 
 
 def _words(values: Json) -> str:
-    rows, names, low = [], [f"resonance {r}" for r in RESONANCES], read(values["low"])
+    rows = []
+    names = [f"resonance {r}" for r in RESONANCES]
+    low = read(values["low"])
     labels = {concept.key: concept.label for concept in concepts(modal_model(Beam()))}
     for resonance, name in zip(RESONANCES, names, strict=True):
         found = read(values[name])
         none = found[NONE]
-        for key in (key for key in (IMPACT, FRICTION, LTVA_PAPER, LTVA_PAPER_WIDE, LTVA_TUNED_WIDE) if key in found):
-            relative, best, linear = found[key].relative(none), found[key].best(none), key not in (IMPACT, FRICTION)
-            force, there = none.forces[best], relative[best]
-            if best == 0 and not linear:  # the least force of the range: the damper's own lies below it
+        for key in (
+            key
+            for key in (IMPACT, FRICTION, LTVA_PAPER, LTVA_PAPER_WIDE, LTVA_TUNED_WIDE)
+            if key in found
+        ):
+            relative = found[key].relative(none)
+            best = found[key].best(none)
+            linear = key not in (IMPACT, FRICTION)
+            force = none.forces[best]
+            there = relative[best]
+            if (
+                best == 0 and not linear
+            ):  # the least force of the range: the damper's own lies below it
                 k = low[key].best(low[NONE])
-                force, there = low[NONE].forces[k], low[key].relative(low[NONE])[k]
+                force = low[NONE].forces[k]
+                there = low[key].relative(low[NONE])[k]
             at = spread(relative[none.nearest(PAPERS_BEST[resonance])], "{:.3f}")
-            rows.append((f"{resonance}: {labels[key]}", "any" if linear else f"{force:.3g}", spread(there, "{:.3f}"), at))
-    none, limits = read(values[names[0]])[NONE], ", ".join(f"{values[name]['design_force']:.3g} N" for name in names)
+            rows.append(
+                (
+                    f"{resonance}: {labels[key]}",
+                    "any" if linear else f"{force:.3g}",
+                    spread(there, "{:.3f}"),
+                    at,
+                )
+            )
+    none = read(values[names[0]])[NONE]
+    limits = ", ".join(f"{values[name]['design_force']:.3g} N" for name in names)
     blocks = [
         f"Ten modes, {none.level.shape[1]} members, {len(none.forces)} forces a resonance. The limit leaves zero at {limits}.",
-        markdown(("resonance, concept", "best force, N", "over no absorber there", "at 3.5 N and 35 N"), rows),
+        markdown(
+            ("resonance, concept", "best force, N", "over no absorber there", "at 3.5 N and 35 N"),
+            rows,
+        ),
         _beside_limit(values, names),
         shortened(_limits_table(values)),
     ]
@@ -116,21 +199,35 @@ def _words(values: Json) -> str:
 
 def _limits_table(values: Json) -> Table:
     """Return a row for each friction limit tried."""
-    tried, none = values["friction"], read(values["resonance 1"])[NONE]
+    tried = values["friction"]
+    none = read(values["resonance 1"])[NONE]
     alone = float(np.interp(PAPERS_BEST[1], none.forces, none.median))
-    lines = [(f"{x:.3g}", spread(np.array(row) / alone, "{:.3f}")) for x, row in zip(tried["limit"], tried["level"], strict=True)]
-    return Table(f"{LABEL}_limits", (f"friction limit of the damper at {PAPERS_BEST[1]:g} N, N", "level over no absorber"), lines)
+    lines = [
+        (f"{x:.3g}", spread(np.array(row) / alone, "{:.3f}"))
+        for x, row in zip(tried["limit"], tried["level"], strict=True)
+    ]
+    return Table(
+        f"{LABEL}_limits",
+        (f"friction limit of the damper at {PAPERS_BEST[1]:g} N, N", "level over no absorber"),
+        lines,
+    )
 
 
 def _beside_limit(values: Json, names: list[str]) -> str:
-    words, model = [], modal_model(Beam())
+    words = []
+    model = modal_model(Beam())
     for resonance, name in zip(RESONANCES, names, strict=True):
-        own, gap = read(values[name])[IMPACT], values[name]["gap"]
-        limit = resonance_limit(model, DEFAULT_MASS_RATIO * model.beam_mass, gap, own.forces, resonance)
+        own = read(values[name])[IMPACT]
+        gap = values[name]["gap"]
+        limit = resonance_limit(
+            model, DEFAULT_MASS_RATIO * model.beam_mass, gap, own.forces, resonance
+        )
         above = limit > 0.1 * gap
         if above.any():
             ratio = own.median[above] / limit[above]
-            words.append(f"resonance {resonance}, from {own.forces[above][0]:.3g} N: {np.max(ratio):.2f} falling to {np.min(ratio):.2f}")
+            words.append(
+                f"resonance {resonance}, from {own.forces[above][0]:.3g} N: {np.max(ratio):.2f} falling to {np.min(ratio):.2f}"
+            )
     return f"The impact absorber's median over the stationary limit of its mass and gap: {'; '.join(words)}."
 
 
@@ -138,15 +235,21 @@ def _best(part: Json) -> tuple[Array, float]:
     """Return the best forces in N of the members around the paper's, (M,), and that of the single runs at the paper's step."""
     own, none = (curve_of(part["curves"][key]) for key in (IMPACT, NONE))
     step = curve_of(part["step"][IMPACT])
-    return best_forces(own, none), float(step.forces[np.argmin(step.level[:, 0] / none.level[:, 0])])
+    return best_forces(own, none), float(
+        step.forces[np.argmin(step.level[:, 0] / none.level[:, 0])]
+    )
 
 
 def _first(values: Json) -> list[Claim]:
-    part, tried = values["resonance 1"], values["friction"]
+    part = values["resonance 1"]
+    tried = values["friction"]
     found = read(part)
-    none, impact, friction, ltva, tuned = (found[key] for key in (NONE, IMPACT, FRICTION, LTVA_PAPER, LTVA_TUNED_WIDE))
+    none, impact, friction, ltva, tuned = (
+        found[key] for key in (NONE, IMPACT, FRICTION, LTVA_PAPER, LTVA_TUNED_WIDE)
+    )
     best, at_step = _best(values["around 1"])
-    at, others = none.nearest(float(np.median(best))), np.minimum(impact.level, friction.level)
+    at = none.nearest(float(np.median(best)))
+    others = np.minimum(impact.level, friction.level)
     touched = np.median(none.tip, axis=1) > part["gap"]
     level = np.array(tried["level"])
     own = np.array(tried["limit"])[np.argmin(level, axis=0)]
@@ -155,7 +258,12 @@ def _first(values: Json) -> list[Claim]:
     return [
         said("m12_ltva_first", (ltva.level / others)[touched].ravel()),
         said("m12_ltva_tuned", (tuned.level / others)[touched].ravel()),
-        said("m12_almost_ltva", impact.level[at] / ltva.level[at], force=none.forces[at], tuned=impact.level[at] / tuned.level[at]),
+        said(
+            "m12_almost_ltva",
+            impact.level[at] / ltva.level[at],
+            force=none.forces[at],
+            tuned=impact.level[at] / tuned.level[at],
+        ),
         said("m12_optimum_first", best, at_step=at_step),
         said("m12_best_friction", own, tried=len(tried["limit"]), paper=paper),
         said("m12_wide_first", [_much_better(found)]),
@@ -164,23 +272,37 @@ def _first(values: Json) -> list[Claim]:
 
 def _much_better(found: dict[str, Curve]) -> float:
     """Return the ratio of the forces between which the absorber has much less than the damper's level."""
-    impact, friction = found[IMPACT], found[FRICTION]
+    impact = found[IMPACT]
+    friction = found[FRICTION]
     return span(impact.forces, (impact.median < MUCH * friction.median) & (impact.impacting > 0.5))
 
 
 def _second(values: Json) -> list[Claim]:
     part = values["resonance 2"]
-    found, low = read(part), read(values["low"])
+    found = read(part)
+    low = read(values["low"])
     none = found[NONE]
     best, at_step = _best(values["around 2"])
-    damper, near = best_forces(low[FRICTION], low[NONE]), none.nearest(PAPERS_BEST[2])
+    damper = best_forces(low[FRICTION], low[NONE])
+    near = none.nearest(PAPERS_BEST[2])
     at = low[NONE].nearest(float(np.median(damper)))
-    other, level = np.minimum(low[IMPACT].level[at], low[LTVA_PAPER].level[at]), found[IMPACT].relative(none)[near]
+    other = np.minimum(low[IMPACT].level[at], low[LTVA_PAPER].level[at])
+    level = found[IMPACT].relative(none)[near]
     said = partial(claim, LABEL)
     return [
-        said("m12_optimum_second", best, force=none.forces[near], level=level, rule=part["design_force"], at_step=at_step),
+        said(
+            "m12_optimum_second",
+            best,
+            force=none.forces[near],
+            level=level,
+            rule=part["design_force"],
+            at_step=at_step,
+        ),
         said("m12_wide_second", [_much_better(found)]),
-        said("m12_damper_below_ltva", [span(none.forces, found[FRICTION].median > found[LTVA_PAPER].median)]),
+        said(
+            "m12_damper_below_ltva",
+            [span(none.forces, found[FRICTION].median > found[LTVA_PAPER].median)],
+        ),
         said("m12_damper_low", damper / np.median(best), force=np.median(damper)),
         said("m12_damper_beats", low[FRICTION].level[at] / other),
     ]
@@ -191,7 +313,8 @@ def _both(values: Json) -> list[Claim]:
     each = [read(values[f"resonance {r}"]) for r in RESONANCES]
     best = np.concatenate([np.min(found[IMPACT].relative(found[NONE]), axis=0) for found in each])
     first, second = (_best(values[f"around {r}"])[0] for r in RESONANCES)
-    at, said = low[NONE].nearest(PAPERS_BEST[1]), partial(claim, LABEL)
+    at = low[NONE].nearest(PAPERS_BEST[1])
+    said = partial(claim, LABEL)
     return [
         said("m12_both", best),
         said("m12_not_at_once", low[IMPACT].relative(low[NONE])[at], force=low[NONE].forces[at]),
@@ -217,15 +340,37 @@ def _draw(values: Json) -> Figure:
     for axes, resonance in zip(grid[0], RESONANCES, strict=True):
         part = values[f"resonance {resonance}"]
         _curves(axes, read(part), DRAWN_TO[resonance])
-        force, level = part["limit"]["force"], np.maximum(MM * np.array(part["limit"]["level"]), 1e-9)
-        style: Any = {"facecolor": "0.93", "edgecolor": "0.7", "hatch": "////", "lw": 0.5, "zorder": 0.4}
-        axes.fill_between(force, 1e-9, level, label="out of reach of any mass in this cavity, stationary", **style)
+        force = part["limit"]["force"]
+        level = np.maximum(MM * np.array(part["limit"]["level"]), 1e-9)
+        style: Any = {
+            "facecolor": "0.93",
+            "edgecolor": "0.7",
+            "hatch": "////",
+            "lw": 0.5,
+            "zorder": 0.4,
+        }
+        axes.fill_between(
+            force, 1e-9, level, label="out of reach of any mass in this cavity, stationary", **style
+        )
         for key in (IMPACT, FRICTION):
             own = curve_of(part["step"][key])
-            axes.plot(own.forces, MM * own.level[:, 0], "x", color=DRAWN[key][0].colour, ms=3.5, mew=0.7, zorder=4)
+            axes.plot(
+                own.forces,
+                MM * own.level[:, 0],
+                "x",
+                color=DRAWN[key][0].colour,
+                ms=3.5,
+                mew=0.7,
+                zorder=4,
+            )
         axes.set_title(f"{ORDINALS[resonance]} resonance", fontsize=8.5)
     low = read(values["low"])
-    inset_of(grid[0, 1], (0.09, 0.62, 0.38, 0.3), low[NONE], {DRAWN[key][0]: low[key] for key in (FRICTION, LTVA_PAPER, IMPACT)})
+    inset_of(
+        grid[0, 1],
+        (0.09, 0.62, 0.38, 0.3),
+        low[NONE],
+        {DRAWN[key][0]: low[key] for key in (FRICTION, LTVA_PAPER, IMPACT)},
+    )
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=7, frameon=False)
     return figure

@@ -8,26 +8,47 @@ from matplotlib.figure import Figure
 from impact_env import Beam, CurveCase, beam_scene, impact_absorber
 from optimisation.page import markdown
 from studies.paper.claim import SAME, Claim, Verdict, bands, claim, interval
-from studies.paper.frame import LOOKS, NAME, PaperFigure, PaperSettings, Size, in_turn, legends, line, panels
+from studies.paper.frame import (
+    LOOKS,
+    NAME,
+    PaperFigure,
+    PaperSettings,
+    Size,
+    in_turn,
+    legends,
+    line,
+    panels,
+)
 from studies.study import Json
 
 LABEL = "modes_needed"
-FRICTION, RESTITUTION = 0.1, 0.7  # of the paper's best absorber
+# of the paper's best absorber
+FRICTION = 0.1
+RESTITUTION = 0.7
 OPTIMUM = {1: 3.5, 2: 35.0}  # N, the paper's
 NAMES = {1: "first", 2: "second"}
 PAPER_MODES = 10
 
 
 def _of_modes(modes: int, settings: PaperSettings, size: Size) -> Json:
-    beam, absorber = Beam(modes=modes), impact_absorber(restitution=RESTITUTION, friction_limit=FRICTION)
+    beam = Beam(modes=modes)
+    absorber = impact_absorber(restitution=RESTITUTION, friction_limit=FRICTION)
     scenes = beam_scene(beam), beam_scene(beam, absorber)
-    cases = [CurveCase(scene, np.array(forces), r) for r, forces in ((1, size.first), (2, size.second)) for scene in scenes]
+    cases = [
+        CurveCase(scene, np.array(forces), r)
+        for r, forces in ((1, size.first), (2, size.second))
+        for scene in scenes
+    ]
     curves = settings.curves(f"{LABEL}: {modes} modes", cases, size.members)
     found = {}
     for r, without, curve in zip(OPTIMUM, curves[0::2], curves[1::2], strict=True):
         relative = curve.relative_to(without)
         edges = dict(zip(("low", "relative", "high"), bands(relative).tolist(), strict=True))
-        found[str(r)] = {"forces_n": curve.forces.tolist(), **edges, "nominal": relative[:, 0].tolist()}
+        found[str(r)] = {
+            "forces_n": curve.forces.tolist(),
+            **edges,
+            "nominal": relative[:, 0].tolist(),
+        }
     return found
 
 
@@ -40,7 +61,10 @@ def read(values: Json) -> dict[tuple[int, int, float], Row]:
         (int(modes), int(resonance), force): row
         for modes, group in values.items()
         for resonance, found in group.items()
-        for force, *row in zip(*(found[name] for name in ("forces_n", "relative", "low", "high", "nominal")), strict=True)
+        for force, *row in zip(
+            *(found[name] for name in ("forces_n", "relative", "low", "high", "nominal")),
+            strict=True,
+        )
     }
 
 
@@ -48,7 +72,9 @@ def _words(values: Json) -> str:
     rows = read(values)
     columns = [(r, force) for r in OPTIMUM for force in forces_of(values, r) if force >= OPTIMUM[r]]
     header = ("modes", *(f"{NAMES[r]}, {force:g} N" for r, force in columns))
-    cells = [(f"{n}", *(_cell(rows[n, r, force]) for r, force in columns)) for n in map(int, values)]
+    cells = [
+        (f"{n}", *(_cell(rows[n, r, force]) for r, force in columns)) for n in map(int, values)
+    ]
     text = f"Level in % of no absorber with as many modes, median (5 to 95 %), from the paper's best force on; below: `{NAME}/{LABEL}.json.gz`."
     return f"{text}\n\n{markdown(header, cells)}"
 
@@ -59,25 +85,48 @@ def _cell(row: Row) -> str:
 
 def _claims(values: Json) -> list[Claim]:
     """Judge what ten modes are worth at either resonance by the force at which they are farthest from the most modes that were computed."""
-    claims, rows, most = [], read(values), max(map(int, values))
+    claims = []
+    rows = read(values)
+    most = max(map(int, values))
     for resonance, name in NAMES.items():
         off = _off(values, PAPER_MODES, resonance)
         force = max(off, key=lambda f: abs(off[f]))
         apart = _apart(rows[PAPER_MODES, resonance, force], rows[most, resonance, force])
-        found = Verdict.HOLDS if abs(off[force]) < SAME else Verdict.NOT if apart else Verdict.SPREAD
+        found = (
+            Verdict.HOLDS if abs(off[force]) < SAME else Verdict.NOT if apart else Verdict.SPREAD
+        )
         cells = "; ".join(
             f"{_cell(rows[PAPER_MODES, resonance, f])} with {PAPER_MODES}, {_cell(rows[most, resonance, f])} with {most} at {f:g} N"
             for f in dict.fromkeys((OPTIMUM[resonance], force))
         )
-        told: Json = {"least": 100 * min(off.values()), "greatest": max(off.values()), "bands": "are apart" if apart else "overlap"}
-        claims.append(claim(LABEL, f"modes_needed_{name}", found, cells=cells, ten=PAPER_MODES, most=most, force=force, **told))
+        told: Json = {
+            "least": 100 * min(off.values()),
+            "greatest": max(off.values()),
+            "bands": "are apart" if apart else "overlap",
+        }
+        claims.append(
+            claim(
+                LABEL,
+                f"modes_needed_{name}",
+                found,
+                cells=cells,
+                ten=PAPER_MODES,
+                most=most,
+                force=force,
+                **told,
+            )
+        )
     return claims
 
 
 def _off(values: Json, modes: int, resonance: int) -> dict[float, float]:
     """Return how far the level is from that with the most modes, by force."""
-    rows, most = read(values), max(map(int, values))
-    return {force: rows[modes, resonance, force][0] / rows[most, resonance, force][0] - 1 for force in forces_of(values, resonance)}
+    rows = read(values)
+    most = max(map(int, values))
+    return {
+        force: rows[modes, resonance, force][0] / rows[most, resonance, force][0] - 1
+        for force in forces_of(values, resonance)
+    }
 
 
 def _apart(one: Row, other: Row) -> bool:
@@ -87,10 +136,18 @@ def _apart(one: Row, other: Row) -> bool:
 
 def _answer(values: Json) -> str:
     """Say in a line from how many modes on all bands overlap those with the most, and how far ten modes are."""
-    modes, rows = sorted(map(int, values)), read(values)
-    few = max((n for n, r, force in rows if _apart(rows[n, r, force], rows[modes[-1], r, force])), default=0)
-    off = {name: [100 * x for x in _off(values, PAPER_MODES, r).values()] for r, name in NAMES.items()}
-    ten = " and ".join(f"{min(own):+.0f} to {max(own):+.0f} % at the {name}" for name, own in off.items())
+    modes = sorted(map(int, values))
+    rows = read(values)
+    few = max(
+        (n for n, r, force in rows if _apart(rows[n, r, force], rows[modes[-1], r, force])),
+        default=0,
+    )
+    off = {
+        name: [100 * x for x in _off(values, PAPER_MODES, r).values()] for r, name in NAMES.items()
+    }
+    ten = " and ".join(
+        f"{min(own):+.0f} to {max(own):+.0f} % at the {name}" for name, own in off.items()
+    )
     return (
         f"How many modes the second resonance needs: more than {few}; with {min(n for n in modes if n > few)} and more the bands overlap those with "
         f"{modes[-1]} at every force, at the first too. {PAPER_MODES} are off by {ten} resonance."
@@ -106,14 +163,23 @@ def _draw(values: Json) -> Figure:
     """Draw the relative level over the number of modes: the paper's best force at each resonance, and the second one's other forces."""
     figure, axes = panels(1, 2, 3.0)
     own, forces = axes[0]
-    modes, rows = list(map(int, values)), read(values)
-    drawn = [(own, r, OPTIMUM[r], look, f"{NAMES[r]} resonance, {OPTIMUM[r]:g} N") for r, look in ((1, LOOKS[1]), (2, LOOKS[0]))]
-    drawn += [(forces, 2, force, look, f"{force:g} N") for force, look in zip(forces_of(values, 2), LOOKS, strict=False)]
+    modes = list(map(int, values))
+    rows = read(values)
+    drawn = [
+        (own, r, OPTIMUM[r], look, f"{NAMES[r]} resonance, {OPTIMUM[r]:g} N")
+        for r, look in ((1, LOOKS[1]), (2, LOOKS[0]))
+    ]
+    drawn += [
+        (forces, 2, force, look, f"{force:g} N")
+        for force, look in zip(forces_of(values, 2), LOOKS, strict=False)
+    ]
     for panel, resonance, force, look, label in drawn:
         middle, low, high, nominal = 100 * np.array([rows[n, resonance, force] for n in modes]).T
         line(panel, modes, middle, look, label, band=(low, high), nominal=nominal)
     for panel in axes[0]:
-        panel.set(xlabel="modes $N_m$", ylabel="level in % of no absorber", ylim=(0, None), xticks=modes)
+        panel.set(
+            xlabel="modes $N_m$", ylabel="level in % of no absorber", ylim=(0, None), xticks=modes
+        )
     forces.set_title("second resonance")
     legends(axes)
     return figure

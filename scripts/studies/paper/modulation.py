@@ -16,7 +16,17 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
-from impact_env import Beam, Drive, Record, RigidWalls, Scene, beam_scene, constant_frequency, impact_absorber, simulate
+from impact_env import (
+    Beam,
+    Drive,
+    Record,
+    RigidWalls,
+    Scene,
+    beam_scene,
+    constant_frequency,
+    impact_absorber,
+    simulate,
+)
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members
 from impact_env.frequency import tip_response
@@ -24,16 +34,31 @@ from impact_env.periodic.case import start_from
 from impact_env.periodic.stationary import window_of
 from studies.paper.claim import Claim, claim, interval
 from studies.paper.curve import WATCHED, chaos
-from studies.paper.frame import LOOKS, PaperFigure, PaperSettings, Size, in_turn, legends, line, panels, shortened
+from studies.paper.frame import (
+    LOOKS,
+    PaperFigure,
+    PaperSettings,
+    Size,
+    in_turn,
+    legends,
+    line,
+    panels,
+    shortened,
+)
 from studies.study import Array, Json, Steps, Table, there
 
 LABEL = "modulation"
 Case = tuple[Scene, Json, float]  # a scene under a force in N, and what is said of that
 FORCE = 1.5  # N, the paper's for the strongly modulated response
 SETTLE = 200  # pseudo periods before the window
-ENDS = (0.05, 0.95)  # quantiles of the periods' peaks that the depth is taken between: a largest peak would grow with the window
+ENDS = (
+    0.05,
+    0.95,
+)  # quantiles of the periods' peaks that the depth is taken between: a largest peak would grow with the window
 
-BEGUN, ABOVE = (1, 3, 10), (1.01, 1.03, 1.1, 1.3)  # modes, and forces over that at which the first impacts come
+# modes, and forces over that at which the first impacts come
+BEGUN = (1, 3, 10)
+ABOVE = (1.01, 1.03, 1.1, 1.3)
 MOST_FOLLOWED = 14  # modes up to which a tangent vector is followed
 FAST = 4  # modes from which on most of what an impact scatters is gone before the next
 
@@ -49,13 +74,16 @@ def exchange(lane: Lane, periods: int) -> dict[str, float]:
 
     Of a window of ``periods`` after the lane's own run, at the frequency and phase that it ended with.
     """
-    scene, settled, schedule = lane.scene, lane.drive, lane.drive.schedule
+    scene = lane.scene
+    settled = lane.drive
+    schedule = lane.drive.schedule
     end = simulate(scene, settled, record=Record(events=True)).end_state
     omega = float(schedule.omegas[-1])
     phase = settled.phase + float(schedule.phase_at(float(schedule.times[-1])))
     drive = Drive(settled.amplitude, constant_frequency(omega, 1.0, periods), phase)
     response = simulate(scene, drive, initial=start_from(scene, end), record=WATCHED)
-    history, loss = there(response.history), there(response.energy)
+    history = there(response.history)
+    loss = there(response.energy)
     energy = mechanical_energy(scene, history)
     lost = float(np.sum(loss.modal_loss)) + loss.impact_loss
     taken = lost - float(loss.modal_loss[0])
@@ -79,9 +107,19 @@ def depth(peaks: Array) -> float:
 def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     many = [beam_scene(Beam(modes=n), impact_absorber()) for n in size.modes]
     equivalents = [max(equivalent_restitution(scene), 0.0) for scene in many]
-    same, one = ([beam_scene(Beam(modes=1), impact_absorber(restitution=e)) for e in each] for each in (equivalents, size.restitutions))
-    followed: list[Case] = [(scene, {}, FORCE) for scene in many if scene.model.modes <= MOST_FOLLOWED]  # from the paper's own phase
-    begun: list[Case] = [(scene, {"over": over}, over * _filling(scene)) for scene in many if scene.model.modes in BEGUN for over in ABOVE]
+    same, one = (
+        [beam_scene(Beam(modes=1), impact_absorber(restitution=e)) for e in each]
+        for each in (equivalents, size.restitutions)
+    )
+    followed: list[Case] = [
+        (scene, {}, FORCE) for scene in many if scene.model.modes <= MOST_FOLLOWED
+    ]  # from the paper's own phase
+    begun: list[Case] = [
+        (scene, {"over": over}, over * _filling(scene))
+        for scene in many
+        if scene.model.modes in BEGUN
+        for over in ABOVE
+    ]
     groups = {
         "modes": partial(_rows, settings, size, many, equivalents),
         "equivalent": partial(_rows, settings, size, same, equivalents),
@@ -94,20 +132,31 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
 
 def _filling(scene: Scene) -> float:
     """Return the force in N at which the free tip fills the gap."""
-    return RigidWalls.gap / float(np.abs(tip_response(scene.model, None, np.array([scene.model.resonance_omega(1)])))[0])
+    return RigidWalls.gap / float(
+        np.abs(tip_response(scene.model, None, np.array([scene.model.resonance_omega(1)])))[0]
+    )
 
 
 def _exponents(settings: PaperSettings, name: str, periods: int, cases: list[Case]) -> list[Json]:
     """Return the largest Lyapunov exponent of scenes under forces in N, which may be given as "over" that at which the free tip fills the gap."""
-    lanes = [Lane(scene, Drive(force, constant_frequency(scene.model.resonance_omega(1), 1.0, SETTLE))) for scene, _, force in cases]
+    lanes = [
+        Lane(scene, Drive(force, constant_frequency(scene.model.resonance_omega(1), 1.0, SETTLE)))
+        for scene, _, force in cases
+    ]
     found = settings.each(f"{LABEL}: {name}", lanes, partial(chaos, periods=periods))
     return [
-        {"modes": scene.model.modes, **(over and {**over, "force_n": force}), "exponent": list(exponent)}
+        {
+            "modes": scene.model.modes,
+            **(over and {**over, "force_n": force}),
+            "exponent": list(exponent),
+        }
         for (scene, over, force), exponent in zip(cases, found, strict=True)
     ]
 
 
-def _rows(settings: PaperSettings, size: Size, scenes: list[Scene], restitutions: Sequence[float]) -> list[Json]:
+def _rows(
+    settings: PaperSettings, size: Size, scenes: list[Scene], restitutions: Sequence[float]
+) -> list[Json]:
     """Return a row for each scene: medians and 5 and 95 % of its members, and the nominal member."""
     members = draw_members(size.members, settings.seed)
     lanes = []
@@ -118,7 +167,11 @@ def _rows(settings: PaperSettings, size: Size, scenes: list[Scene], restitutions
     rows = []
     for k, (scene, restitution) in enumerate(zip(scenes, restitutions, strict=True)):
         own = found[k * len(members) : (k + 1) * len(members)]
-        values = {name: [float(x) for x in np.quantile([one[name] for one in own], (0.5, *ENDS))] + [own[0][name]] for name in own[0]}
+        values = {
+            name: [float(x) for x in np.quantile([one[name] for one in own], (0.5, *ENDS))]
+            + [own[0][name]]
+            for name in own[0]
+        }
         rows.append({"modes": scene.model.modes, "restitution": restitution, **values})
     return rows
 
@@ -129,10 +182,19 @@ def _table(values: Json) -> Table:
         "modes", "$e_1$", "depth", "one mode with $e_1$", "taken from mode 1, %", "one mode with $e_1$", "absorber's energy, %", "impacts a period",
         "largest exponent a period (95 %)",
     )  # fmt: skip
-    body, exponents = [], {row["modes"]: interval(*row["exponent"]) for row in values["exponents"]}
+    body = []
+    exponents = {row["modes"]: interval(*row["exponent"]) for row in values["exponents"]}
     for row, other in zip(values["modes"], values["equivalent"], strict=True):
-        cells = (_interval(row["depth"]), _interval(other["depth"]), *(_interval(one["taken"], 100, 0) for one in (row, other)))
-        last = (_interval(row["absorber"], 100, 0), _interval(row["impacts"]), exponents.get(row["modes"], ""))
+        cells = (
+            _interval(row["depth"]),
+            _interval(other["depth"]),
+            *(_interval(one["taken"], 100, 0) for one in (row, other)),
+        )
+        last = (
+            _interval(row["absorber"], 100, 0),
+            _interval(row["impacts"]),
+            exponents.get(row["modes"], ""),
+        )
         body.append((f"{row['modes']}", f"{row['restitution']:.2f}", *cells, *last))
     return Table(f"{LABEL}_modes", header, body)
 
@@ -143,7 +205,9 @@ def _begun(values: Json) -> str:
     for modes in dict.fromkeys(row["modes"] for row in values["begins"]):
         own = [interval(*row["exponent"]) for row in values["begins"] if row["modes"] == modes]
         said.append(f"{', '.join(own)} with {modes} mode{'s' if modes > 1 else ''}")
-    shares = ", ".join(f"{over:g}" for over in dict.fromkeys(row["over"] for row in values["begins"]))
+    shares = ", ".join(
+        f"{over:g}" for over in dict.fromkeys(row["over"] for row in values["begins"])
+    )
     return f"How it begins: at {shares} times the force at which the free tip fills the gap the largest exponent is {'; '.join(said)}."
 
 
@@ -153,7 +217,10 @@ def _interval(found: list[float], scale: float = 1.0, digits: int = 2) -> str:
 
 def _worst(values: Json) -> tuple[Json, Json]:
     """Return the rows of many modes and of one mode with the equivalent restitution whose depths differ most."""
-    return max(zip(values["modes"], values["equivalent"], strict=True), key=lambda pair: abs(pair[0]["depth"][0] - pair[1]["depth"][0]))
+    return max(
+        zip(values["modes"], values["equivalent"], strict=True),
+        key=lambda pair: abs(pair[0]["depth"][0] - pair[1]["depth"][0]),
+    )
 
 
 def _compared(values: Json) -> str:
@@ -161,10 +228,19 @@ def _compared(values: Json) -> str:
     row, other = _worst(values)
     found = []
     for few in (1, FAST):
-        some = [pair for pair in zip(values["modes"], values["equivalent"], strict=True) if pair[0] is not row and pair[0]["modes"] >= few]
-        depths, shares = (max(abs(one[name][0] - same[name][0]) for one, same in some) for name in ("depth", "taken"))
+        some = [
+            pair
+            for pair in zip(values["modes"], values["equivalent"], strict=True)
+            if pair[0] is not row and pair[0]["modes"] >= few
+        ]
+        depths, shares = (
+            max(abs(one[name][0] - same[name][0]) for one, same in some)
+            for name in ("depth", "taken")
+        )
         level = max(abs(one["rms_m"][0] / same["rms_m"][0] - 1) for one, same in some)
-        found.append(f"the depths by {depths:.2f} at most, the shares taken by {100 * shares:.0f} points, the levels by {100 * level:.0f} %")
+        found.append(
+            f"the depths by {depths:.2f} at most, the shares taken by {100 * shares:.0f} points, the levels by {100 * level:.0f} %"
+        )
     return (
         f"They differ most at {row['modes']} modes, whose $e_1$ is {other['restitution']:.3f}: the depths are {_interval(row['depth'])} and "
         f"{_interval(other['depth'])}, and one mode has {_interval(other['impacts'])} impacts a period. Else {found[0]}, and from {FAST} modes on "
@@ -184,7 +260,12 @@ def _answer(values: Json) -> str:
 def _claims(values: Json) -> list[Claim]:
     """Return the paper's statement on the modulation, of which it leaves the reason open."""
     few, many = (values["modes"][k] for k in (0, -1))
-    told = {"few": _interval(few["depth"]), "fewest": few["modes"], "many": _interval(many["depth"]), "most": many["modes"]}
+    told = {
+        "few": _interval(few["depth"]),
+        "fewest": few["modes"],
+        "many": _interval(many["depth"]),
+        "most": many["modes"],
+    }
     return [claim(LABEL, "modulation_fades", many["depth"][2] < few["depth"][1], **told)]
 
 
@@ -195,9 +276,14 @@ def _draw(values: Json) -> Figure:
     """Draw depth and energies over the number of modes, beside one mode with the equivalent restitution; and the depth over that."""
     figure, axes = panels(1, 3, 2.9)
     depth, energy, over = axes[0]
-    many, other, one = values["modes"], values["equivalent"], values["one mode"]
+    many = values["modes"]
+    other = values["equivalent"]
+    one = values["one mode"]
     modes, restitutions = ([row[name] for row in many] for name in ("modes", "restitution"))
-    for rows, look, label in ((many, LOOKS[0], "$N_m$ modes, $e$ = 1"), (other, LOOKS[1], "one mode, $e_1$")):
+    for rows, look, label in (
+        (many, LOOKS[0], "$N_m$ modes, $e$ = 1"),
+        (other, LOOKS[1], "one mode, $e_1$"),
+    ):
         middle, low, high, nominal = _columns(rows, "depth")
         line(depth, modes, middle, look, label, band=(low, high), nominal=nominal)
     line(energy, modes, 100 * _columns(many, "taken")[0], LOOKS[0], "taken, $N_m$ modes")
@@ -205,20 +291,46 @@ def _draw(values: Json) -> Figure:
     line(energy, modes, 100 * _columns(many, "absorber")[0], LOOKS[2], "in the absorber")
     for panel in (depth, energy):
         panel.set(xscale="log", xlabel="modes $N_m$")
-        panel.set_xticks(modes, [f"{n}" if n in (1, 2, 3, 5, 10, 20, 30) else "" for n in modes], minor=False)
+        panel.set_xticks(
+            modes, [f"{n}" if n in (1, 2, 3, 5, 10, 20, 30) else "" for n in modes], minor=False
+        )
         panel.minorticks_off()
     middle, low, high, _ = _columns(one, "depth")
-    line(over, [row["restitution"] for row in one], middle, LOOKS[1], "one mode over $e$", band=(low, high))
+    line(
+        over,
+        [row["restitution"] for row in one],
+        middle,
+        LOOKS[1],
+        "one mode over $e$",
+        band=(low, high),
+    )
     line(over, restitutions, _columns(many, "depth")[0], LOOKS[0], marked=False)
     over.lines[-1].set(ls="", marker=LOOKS[0].marker, label="$N_m$ modes at their $e_1$")
     for e in dict.fromkeys(restitutions):
         own = [row for row in many if row["restitution"] == e]  # several that are set to 0
-        last, height = own[-1]["modes"], max(row["depth"][0] for row in own)
-        words, beside = (f"{own[0]['modes']} to {last}", (-6, 13)) if len(own) > 1 else (f"{last}" if last in NAMED else "", (3, -9))
-        over.annotate(words, (e, height), xytext=beside, textcoords="offset points", fontsize=6.5, color="0.35")
+        last = own[-1]["modes"]
+        height = max(row["depth"][0] for row in own)
+        words, beside = (
+            (f"{own[0]['modes']} to {last}", (-6, 13))
+            if len(own) > 1
+            else (f"{last}" if last in NAMED else "", (3, -9))
+        )
+        over.annotate(
+            words,
+            (e, height),
+            xytext=beside,
+            textcoords="offset points",
+            fontsize=6.5,
+            color="0.35",
+        )
     depth.set(ylabel="depth of the modulation", ylim=(0, 0.95))
     energy.set(ylabel="share in %", ylim=(0, 125), yticks=range(0, 101, 20))
-    over.set(xlabel="restitution of one mode, $e_1$", ylabel="depth of the modulation", xlim=(None, 1.09), ylim=(0, None))
+    over.set(
+        xlabel="restitution of one mode, $e_1$",
+        ylabel="depth of the modulation",
+        xlim=(None, 1.09),
+        ylim=(0, None),
+    )
     depth.legend(loc="upper right")
     over.legend(loc="lower right", fontsize=6.5)
     legends(axes)

@@ -13,8 +13,32 @@ from matplotlib.figure import Figure
 from impact_env import Beam, Moreau, StuckAbsorber, beam_scene, impact_absorber
 from optimisation.page import markdown
 from studies.paper.claim import SAME, Claim, bands, claim, spread
-from studies.paper.curve import Curve, Ranges, curve_of, curves, force_grid, inset_of, level_axes, ranges_of, slopes, watched_curve
-from studies.paper.frame import LOOKS, MM, REFERENCE, STUCK, PaperFigure, PaperSettings, Size, banded, in_turn, legends, line, panels
+from studies.paper.curve import (
+    Curve,
+    Ranges,
+    curve_of,
+    curves,
+    force_grid,
+    inset_of,
+    level_axes,
+    ranges_of,
+    slopes,
+    watched_curve,
+)
+from studies.paper.frame import (
+    LOOKS,
+    MM,
+    REFERENCE,
+    STUCK,
+    PaperFigure,
+    PaperSettings,
+    Size,
+    banded,
+    in_turn,
+    legends,
+    line,
+    panels,
+)
 from studies.study import Json, Steps, there
 
 LABEL = "oprange"
@@ -24,11 +48,16 @@ QUASI_LINEAR = 10.0  # N: up to here the secondary range is asked whether it is 
 
 def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     own = beam_scene(Beam(modes=1), impact_absorber(restitution=RESTITUTION))
-    linear = {"none": beam_scene(Beam(modes=1)), "stuck": beam_scene(Beam(modes=1), StuckAbsorber())}
+    linear = {
+        "none": beam_scene(Beam(modes=1)),
+        "stuck": beam_scene(Beam(modes=1), StuckAbsorber()),
+    }
     groups: dict[str, Callable[[], object]] = {
         "absorber": partial(watched_curve, settings, LABEL, own, size.forces, size.members),
         "linear": partial(curves, settings, LABEL, linear, size.forces, size.members),
-        "step": lambda: curves(settings, LABEL, {"absorber": own}, size.forces, 1, Moreau())["absorber"],
+        "step": lambda: curves(settings, LABEL, {"absorber": own}, size.forces, 1, Moreau())[
+            "absorber"
+        ],
     }
     return in_turn(groups, known)
 
@@ -36,12 +65,18 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
 def _read(values: Json) -> tuple[Curve, Curve, Curve, Ranges]:
     """Return the absorber's curve, those of no absorber and of a stuck one, and the ranges."""
     own = curve_of(values["absorber"])
-    return own, curve_of(values["linear"]["none"]), curve_of(values["linear"]["stuck"]), ranges_of(own)
+    return (
+        own,
+        curve_of(values["linear"]["none"]),
+        curve_of(values["linear"]["stuck"]),
+        ranges_of(own),
+    )
 
 
 def _words(values: Json) -> str:
     own, none, stuck, found = _read(values)
-    step, relative = curve_of(values["step"]), own.relative(none)
+    step = curve_of(values["step"])
+    relative = own.relative(none)
     rows = [
         (
             f"{own.forces[k]:.3g}",
@@ -54,7 +89,14 @@ def _words(values: Json) -> str:
         for k in range(0, len(own.forces), max(1, len(own.forces) // 12))
     ]
     first, last = (border or "not within these forces" for border in found)
-    header = ("force, N", "level, mm", "over no absorber", "at the paper's step", "impacts per pseudo period", "share with sustained impacts")
+    header = (
+        "force, N",
+        "level, mm",
+        "over no absorber",
+        "at the paper's step",
+        "impacts per pseudo period",
+        "share with sustained impacts",
+    )
     return (
         f"One mode, e = {RESTITUTION:g}, no friction, {own.level.shape[1]} members, {len(own.forces)} forces. Marked by what the contacts do in the "
         f"level's window: first impacts {first}, secondary range from {last}.\nThe best point lies at {own.forces[own.best(none)]:.3g} N. At "
@@ -65,19 +107,34 @@ def _words(values: Json) -> str:
 def _claims(values: Json) -> list[Claim]:
     """Return the verdicts on the operating ranges."""
     own, none, stuck, (begin, end) = _read(values)
-    step, first, last = curve_of(values["step"]), there(begin), there(end)
-    linear, secondary = own.forces <= first.low, own.forces >= last.high
+    step = curve_of(values["step"])
+    first = there(begin)
+    last = there(end)
+    linear = own.forces <= first.low
+    secondary = own.forces >= last.high
     primary = (own.forces >= first.high) & (own.forces <= last.low)
     straight = _straightness(own, secondary & (own.forces <= QUASI_LINEAR))
-    relative, grid = own.relative(none), last.high / last.low
+    relative = own.relative(none)
+    grid = last.high / last.low
     said = partial(claim, LABEL)
     return [
         said("oprange_linear_range", relative[linear], low=first.low),
-        said("oprange_saturation", slopes(own, primary), first=first.high, last=last.low, at_step=float(slopes(step, primary)[0])),
+        said(
+            "oprange_saturation",
+            slopes(own, primary),
+            first=first.high,
+            last=last.low,
+            at_step=float(slopes(step, primary)[0]),
+        ),
         said("oprange_quasi_linear", straight, low=last.high, high=QUASI_LINEAR),
         said("oprange_sustained", own.rate[secondary]),
         said("oprange_linear_limit", own.relative(stuck)[-1], force=own.forces[-1]),
-        said("oprange_optimum", own.forces[np.argmin(relative, axis=0)], (last.low / grid, last.high * grid), **last._asdict()),
+        said(
+            "oprange_optimum",
+            own.forces[np.argmin(relative, axis=0)],
+            (last.low / grid, last.high * grid),
+            **last._asdict(),
+        ),
         _steps(own, none, step),
     ]
 
@@ -88,7 +145,9 @@ def _steps(own: Curve, none: Curve, step: Curve) -> Claim:
     off = stepped / own.median - 1
     worst = int(np.argmax(np.abs(off)))
     beside = (stepped < (1 - SAME) * low) | (stepped > (1 + SAME) * high)
-    best, best_stepped = (own.forces[np.argmin(curve / none.median)] for curve in (own.median, stepped))
+    best, best_stepped = (
+        own.forces[np.argmin(curve / none.median)] for curve in (own.median, stepped)
+    )
     return claim(
         LABEL, "oprange_step", not beside.any(), least=100 * off.min(), most=off.max(), worst=own.forces[worst], best=best, best_stepped=best_stepped,
         stepped=stepped[worst] / none.median[worst], exact=own.median[worst] / none.median[worst], beside=np.count_nonzero(beside), forces=len(off),
@@ -110,16 +169,32 @@ def _draw(values: Json) -> Figure:
     """Draw level over force with the ranges shaded; inset: the same relative to no absorber up to the highest force."""
     own, none, stuck, found = _read(values)
     figure, grid = panels(1, 1, 4.2)
-    axes, step = grid[0, 0], curve_of(values["step"])
+    axes = grid[0, 0]
+    step = curve_of(values["step"])
     shown = own.forces <= 12.0
     draw_ranges(axes, found, 0.0, 12.0)
     line(axes, none.forces[shown], MM * none.median[shown], REFERENCE, "no absorber")
-    banded(axes, own.forces[shown], MM * own.level[shown], LOOKS[0], "impact absorber, 1 mode, e = 0.75")
-    axes.plot(step.forces[shown], MM * step.level[shown, 0], "x", color=LOOKS[1].colour, ms=4, label="one run at the paper's step")
+    banded(
+        axes,
+        own.forces[shown],
+        MM * own.level[shown],
+        LOOKS[0],
+        "impact absorber, 1 mode, e = 0.75",
+    )
+    axes.plot(
+        step.forces[shown],
+        MM * step.level[shown, 0],
+        "x",
+        color=LOOKS[1].colour,
+        ms=4,
+        label="one run at the paper's step",
+    )
     level_axes(axes, none, 12.0)
     axes.legend(loc="upper left")
     small = inset_of(axes, (0.62, 0.12, 0.36, 0.27), none, {LOOKS[0]: own, STUCK: stuck})
-    small.legend(small.lines[1:2], ["absorber stuck"], fontsize=6.5, loc="lower right", frameon=False)
+    small.legend(
+        small.lines[1:2], ["absorber stuck"], fontsize=6.5, loc="lower right", frameon=False
+    )
     legends(grid)
     return figure
 
@@ -132,8 +207,19 @@ def draw_ranges(axes: Axes, found: Ranges, low: float, high: float) -> None:
     words = ["linear"] + (["primary"] if primary else []) + (["secondary"] if last else [])
     for name, begin, end, shade in zip(words, edges, edges[1:], SHADES, strict=False):
         axes.axvspan(begin, end, color=shade, lw=0, zorder=0)
-        own, place = axes.get_xaxis_transform(), min((begin + end) / 2, begin + 4.5)
-        axes.text(place, 0.16, name, transform=own, ha="center", va="bottom", fontsize=8, color="0.3", rotation=90)
+        own = axes.get_xaxis_transform()
+        place = min((begin + end) / 2, begin + 4.5)
+        axes.text(
+            place,
+            0.16,
+            name,
+            transform=own,
+            ha="center",
+            va="bottom",
+            fontsize=8,
+            color="0.3",
+            rotation=90,
+        )
 
 
 FIGURE = PaperFigure(

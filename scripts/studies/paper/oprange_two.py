@@ -40,7 +40,11 @@ from studies.paper.frame import (
 from studies.study import Array, Json, Steps
 
 LABEL = "oprangeTWO"
-NONE, ONE, THREE, LOSSY, BOTH = "none", "1 mode, e = 1", "3 modes, e = 1", "1 mode, e = 0.75", "3 modes, e = 0.75"
+NONE = "none"
+ONE = "1 mode, e = 1"
+THREE = "3 modes, e = 1"
+LOSSY = "1 mode, e = 0.75"
+BOTH = "3 modes, e = 0.75"
 SWEPT = (ONE, THREE, LOSSY)  # panels b, c and d
 NEAR = 0.0065  # of omega_1: where the paper looks at the response near the resonance itself
 
@@ -48,21 +52,30 @@ NEAR = 0.0065  # of omega_1: where the paper looks at the response near the reso
 def scenes() -> dict[str, Scene]:
     """Return the scenes of the curves."""
     cases = {ONE: (1, 1.0), THREE: (3, 1.0), LOSSY: (1, 0.75), BOTH: (3, 0.75)}
-    return {name: beam_scene(Beam(modes=modes), impact_absorber(restitution=e)) for name, (modes, e) in cases.items()}
+    return {
+        name: beam_scene(Beam(modes=modes), impact_absorber(restitution=e))
+        for name, (modes, e) in cases.items()
+    }
 
 
 def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     every = scenes()
     found: Json = dict(known)
     groups: dict[str, Callable[[], object]] = {
-        name: partial(performance.watched_curve, settings, LABEL, scene, size.forces, size.members) for name, scene in every.items()
+        name: partial(performance.watched_curve, settings, LABEL, scene, size.forces, size.members)
+        for name, scene in every.items()
     }
-    groups[NONE] = lambda: performance.curves(settings, LABEL, {NONE: beam_scene(Beam(modes=3))}, size.forces, size.members)[NONE]
+    groups[NONE] = lambda: performance.curves(
+        settings, LABEL, {NONE: beam_scene(Beam(modes=3))}, size.forces, size.members
+    )[NONE]
     groups["step"] = lambda: performance.curves(settings, LABEL, every, size.forces, 1, Moreau())
     for found in in_turn(groups, known):
         yield found
     force = chosen_force({name: performance.curve_of(found[name]) for name in (NONE, *SWEPT)})
-    rest: dict[str, Callable[[], object]] = {f"sweeps, {name}": partial(_sweeps, settings, every[name], force, size.swept) for name in SWEPT}
+    rest: dict[str, Callable[[], object]] = {
+        f"sweeps, {name}": partial(_sweeps, settings, every[name], force, size.swept)
+        for name in SWEPT
+    }
     rest |= {f"orbits, {name}": partial(_orbits, every[name], force) for name in SWEPT}
     for more in in_turn(rest, known):
         yield {**found, "force_n": force, **more}
@@ -77,7 +90,8 @@ def chosen_force(read: dict[str, Curve]) -> float:
 
 def _sweeps(settings: PaperSettings, scene: Scene, force: float, members: int) -> Json:
     """Return envelopes of |q_tip| in m of the sweeps up and down, each member's, over frequency ratios."""
-    drawn, result = draw_members(members, settings.seed), {}
+    drawn = draw_members(members, settings.seed)
+    result = {}
     for name, schedule in zip(("up", "down"), performance.both_ways(scene), strict=True):
         own, rows = performance.envelopes(settings, LABEL, scene, drawn.drives(force, schedule))
         near = np.abs(np.array(own["ratio"]) - 1) <= NEAR
@@ -98,18 +112,45 @@ def _orbits(scene: Scene, force: float) -> Json:
         }
         for curve in exact_curves(scene, force, reference, low, high)
     ]
-    return {"branches": branches, "linear": {"ratio": linear.omega_ratio.tolist(), "alone": linear.alone.tolist(), "stuck": linear.stuck.tolist()}}
+    return {
+        "branches": branches,
+        "linear": {
+            "ratio": linear.omega_ratio.tolist(),
+            "alone": linear.alone.tolist(),
+            "stuck": linear.stuck.tolist(),
+        },
+    }
 
 
 def _words(values: Json) -> str:
-    none, force = performance.curve_of(values[NONE]), values["force_n"]
+    none = performance.curve_of(values[NONE])
+    force = values["force_n"]
     rows = []
     for name in scenes():
         own = performance.curve_of(values[name])
-        marks = [f"{border.low:.3g} to {border.high:.3g}" if border else "" for border in performance.ranges_of(own)]
+        marks = [
+            f"{border.low:.3g} to {border.high:.3g}" if border else ""
+            for border in performance.ranges_of(own)
+        ]
         at = own.nearest(force)
-        rows.append((name, *marks, *performance.best_of(own, none), spread(own.relative(none)[at]), f"{own.sustained[at]:.2f}"))
-    header = ("", "first impacts, N", "secondary from, N", "best force, N", "over no absorber there", "at f*", "sustained at f*")
+        rows.append(
+            (
+                name,
+                *marks,
+                *performance.best_of(own, none),
+                spread(own.relative(none)[at]),
+                f"{own.sustained[at]:.2f}",
+            )
+        )
+    header = (
+        "",
+        "first impacts, N",
+        "secondary from, N",
+        "best force, N",
+        "over no absorber there",
+        "at f*",
+        "sustained at f*",
+    )
     return (
         f"{none.level.shape[1]} members, {len(none.forces)} forces. f* = {force:.3g} N: the force at which the conservative absorber on one mode "
         f"stands highest above the two others.\n\n{markdown(header, rows)}"
@@ -122,12 +163,15 @@ def gap_of_isola(orbits: Json) -> float:
     others = [np.array(branch["ratio"]) for branch in orbits["branches"] if not branch["closed"]]
     if not closed or not others:
         return 0.0
-    return max(0.0, float(min(np.min(other) for other in others) - max(np.max(own) for own in closed)))
+    return max(
+        0.0, float(min(np.min(other) for other in others) - max(np.max(own) for own in closed))
+    )
 
 
 def _near(values: Json, name: str) -> Array:
     """Return each member's largest |q_tip| near omega_1 over that without absorber at the same force, (M,)."""
-    sweeps, alone = values[f"sweeps, {name}"], max(values[f"orbits, {name}"]["linear"]["alone"])
+    sweeps = values[f"sweeps, {name}"]
+    alone = max(values[f"orbits, {name}"]["linear"]["alone"])
     return np.maximum(sweeps["up"]["near"], sweeps["down"]["near"]) / alone
 
 
@@ -137,28 +181,54 @@ def _claims(values: Json) -> list[Claim]:
     relative = {name: read[name].relative(read[NONE]) for name in scenes()}
     step = {name: performance.curve_of(values["step"][name]) for name in scenes()}
     at = read[ONE].nearest(values["force_n"])
-    stepped = {name: float(step[name].level[at, 0] / read[NONE].level[at, 0]) for name in (THREE, LOSSY)}
-    down, near = np.where(read[ONE].down[at] > 0, read[ONE].at[at], np.nan), _near(values, ONE)
+    stepped = {
+        name: float(step[name].level[at, 0] / read[NONE].level[at, 0]) for name in (THREE, LOSSY)
+    }
+    down = np.where(read[ONE].down[at] > 0, read[ONE].at[at], np.nan)
+    near = _near(values, ONE)
     one, three = (values[f"orbits, {name}"] for name in (ONE, THREE))
-    said, (first, last) = partial(claim, LABEL, star=values["force_n"], near=NEAR), performance.ranges_of(read[ONE])
-    borders = " and ".join(str(border or "not found") for border in (first, last))  # of the linear and the primary range
+    said, (first, last) = (
+        partial(claim, LABEL, star=values["force_n"], near=NEAR),
+        performance.ranges_of(read[ONE]),
+    )
+    borders = " and ".join(
+        str(border or "not found") for border in (first, last)
+    )  # of the linear and the primary range
     return [
         said("oprangeTWO_noneffective", relative[ONE][read[ONE].impacting > 0.5]),
         said("oprangeTWO_maximum_at", down, at_step=float(step[ONE].at[at, 0])),
         said("oprangeTWO_resonance_itself", near),
-        said("oprangeTWO_lossy_not_high", relative[LOSSY][at], sustained=read[LOSSY].sustained[at], at_step=stepped[LOSSY]),
+        said(
+            "oprangeTWO_lossy_not_high",
+            relative[LOSSY][at],
+            sustained=read[LOSSY].sustained[at],
+            at_step=stepped[LOSSY],
+        ),
         said("oprangeTWO_lossy_first_impacts", read[LOSSY].tip[at] / RigidWalls.gap),
-        said("oprangeTWO_scattering", relative[THREE][at], sustained=read[THREE].sustained[at], at_step=stepped[THREE]),
+        said(
+            "oprangeTWO_scattering",
+            relative[THREE][at],
+            sustained=read[THREE].sustained[at],
+            at_step=stepped[THREE],
+        ),
         said("oprangeTWO_isola", [gap_of_isola(three)]),
         said("oprangeTWO_reduced_branch", [_highest(three) / _highest(one)]),
         said("oprangeTWO_single_frequency", near / relative[ONE][at].mean()),
-        said("oprangeTWO_no_primary", first is not None and last is not None and last.low <= first.high, borders=borders),
+        said(
+            "oprangeTWO_no_primary",
+            first is not None and last is not None and last.low <= first.high,
+            borders=borders,
+        ),
     ]
 
 
 def _highest(orbits: Json) -> float:
     """Return the largest displacement in m of all orbits."""
-    return float(np.nanmax([np.nanmax(np.array(branch["tip"], dtype=float)) for branch in orbits["branches"]]))
+    return float(
+        np.nanmax(
+            [np.nanmax(np.array(branch["tip"], dtype=float)) for branch in orbits["branches"]]
+        )
+    )
 
 
 def _draw(values: Json) -> Figure:
@@ -175,14 +245,22 @@ def _draw(values: Json) -> Figure:
 
 
 def _curves(axes: Axes, values: Json) -> None:
-    none, force = performance.curve_of(values[NONE]), values["force_n"]
+    none = performance.curve_of(values[NONE])
+    force = values["force_n"]
     line(axes, none.forces, MM * none.median, REFERENCE, "no absorber", marked=False)
     for look, name in zip(LOOKS, (*SWEPT, BOTH), strict=False):
         own = performance.curve_of(values[name])
         performance.draw_curve(axes, own, look, name, marked=False)
         border = performance.ranges_of(own).transition
         if border is not None:
-            axes.plot(border.force, np.interp(border.force, own.forces, MM * own.median), look.marker, color=look.colour, ms=5, zorder=4)
+            axes.plot(
+                border.force,
+                np.interp(border.force, own.forces, MM * own.median),
+                look.marker,
+                color=look.colour,
+                ms=5,
+                zorder=4,
+            )
     axes.axvline(force, ymax=0.6, color=FAINT, lw=0.9, ls=":")
     axes.text(force, 0.5, " f*", transform=axes.get_xaxis_transform(), fontsize=8)
     performance.level_axes(axes, none, 5.0)
@@ -191,15 +269,34 @@ def _curves(axes: Axes, values: Json) -> None:
 def _draw_sweeps(axes: Axes, values: Json, name: str, look: Look) -> None:
     for direction, shade in (("down", look.colour), ("up", FAINT)):
         own = values[f"sweeps, {name}"][direction]
-        ratio, (low, middle, high, nominal) = own["ratio"], (MM * np.array(own[k]) for k in ("low", "median", "high", "nominal"))
+        ratio, (low, middle, high, nominal) = (
+            own["ratio"],
+            (MM * np.array(own[k]) for k in ("low", "median", "high", "nominal")),
+        )
         axes.fill_between(ratio, low, high, color=shade, alpha=0.25, lw=0)
-        signal(axes, ratio, middle, Look(shade, "-" if direction == "down" else "--"), f"swept {direction}", 1.0)
+        signal(
+            axes,
+            ratio,
+            middle,
+            Look(shade, "-" if direction == "down" else "--"),
+            f"swept {direction}",
+            1.0,
+        )
         signal(axes, ratio, nominal, Look(shade), width=0.4)
     orbits = values[f"orbits, {name}"]
     draw_linear(axes, orbits["linear"]["ratio"], orbits["linear"], 0.8)
     for k, branch in enumerate(orbits["branches"]):
-        signal(axes, branch["ratio"], MM * np.array(branch["tip"], dtype=float), Look("black"), None if k else "periodic, two impacts", 0.8)
-    axes.set(xlim=(0.9, 1.06), xlabel="frequency over $\\omega_1$", ylabel="|tip displacement| in mm")
+        signal(
+            axes,
+            branch["ratio"],
+            MM * np.array(branch["tip"], dtype=float),
+            Look("black"),
+            None if k else "periodic, two impacts",
+            0.8,
+        )
+    axes.set(
+        xlim=(0.9, 1.06), xlabel="frequency over $\\omega_1$", ylabel="|tip displacement| in mm"
+    )
     axes.set_title(f"    {name}, {values['force_n']:.3g} N", loc="center", fontsize=8.5)
 
 

@@ -10,7 +10,18 @@ from impact_env import Beam, CurveCase, RigidWalls, Scene, impact_absorber, moda
 from optimisation.bounds import design_force, reach
 from optimisation.gap_check import sweep_limits
 from studies.paper.claim import MUCH, Claim, between, claim, interval, judged
-from studies.paper.frame import LOOKS, REFERENCE, PaperFigure, PaperSettings, Size, in_turn, legends, line, panels, shortened
+from studies.paper.frame import (
+    LOOKS,
+    REFERENCE,
+    PaperFigure,
+    PaperSettings,
+    Size,
+    in_turn,
+    legends,
+    line,
+    panels,
+    shortened,
+)
 from studies.study import Json, Table, there
 
 LABEL = "optimum"
@@ -18,17 +29,45 @@ LABEL = "optimum"
 
 def _of_mass(mass: float, settings: PaperSettings, size: Size) -> Json:
     model = modal_model(Beam())
-    kilograms, gap = mass * model.beam_mass, RigidWalls.gap
-    rule, limits = design_force(model, kilograms, gap), sweep_limits(model, kilograms)
+    kilograms = mass * model.beam_mass
+    gap = RigidWalls.gap
+    rule = design_force(model, kilograms, gap)
+    limits = sweep_limits(model, kilograms)
     forces = rule * np.array(size.factors)
-    scenes = [Scene(model), *(Scene(model, impact_absorber(gap, e, mass_ratio=mass)) for e in size.restitutions)]
-    without, *curves = settings.curves(f"{LABEL}: mass {mass:g}", [CurveCase(scene, forces, limits=limits) for scene in scenes], size.members)
+    scenes = [
+        Scene(model),
+        *(Scene(model, impact_absorber(gap, e, mass_ratio=mass)) for e in size.restitutions),
+    ]
+    without, *curves = settings.curves(
+        f"{LABEL}: mass {mass:g}",
+        [CurveCase(scene, forces, limits=limits) for scene in scenes],
+        size.members,
+    )
     rows = []
     for e, curve in zip(size.restitutions, curves, strict=True):
-        best, relative = there(curve.optimum(without)), curve.relative_to(without)
-        at_best = {"best_n": best.force, "best_band_n": list(best.force_band), "level": best.relative, "level_band": list(best.relative_band)}
-        rows.append({"restitution": e, **at_best, "relative": np.median(relative, axis=1).tolist(), "nominal": relative[:, 0].tolist()})
-    return {"mass": mass, "rule_n": rule, "reach": reach(model, kilograms), "forces_n": forces.tolist(), "rows": rows}
+        best = there(curve.optimum(without))
+        relative = curve.relative_to(without)
+        at_best = {
+            "best_n": best.force,
+            "best_band_n": list(best.force_band),
+            "level": best.relative,
+            "level_band": list(best.relative_band),
+        }
+        rows.append(
+            {
+                "restitution": e,
+                **at_best,
+                "relative": np.median(relative, axis=1).tolist(),
+                "nominal": relative[:, 0].tolist(),
+            }
+        )
+    return {
+        "mass": mass,
+        "rule_n": rule,
+        "reach": reach(model, kilograms),
+        "forces_n": forces.tolist(),
+        "rows": rows,
+    }
 
 
 def rows_of(values: Json) -> list[Json]:
@@ -40,13 +79,26 @@ def rows_of(values: Json) -> list[Json]:
             ratio = [x / group["rule_n"] for x in (row["best_n"], *row["best_band_n"])]
             at_rule = float(np.exp(np.interp(0, np.log(over), np.log(row["relative"]))))
             single = int(np.argmin(row["nominal"]))
-            nominal = [over[single], row["nominal"][single]]  # best force over the rule's, and the level there
-            found.append({**group, **row, "nominal_best": nominal, "ratio": ratio, "at_rule": at_rule})
+            nominal = [
+                over[single],
+                row["nominal"][single],
+            ]  # best force over the rule's, and the level there
+            found.append(
+                {**group, **row, "nominal_best": nominal, "ratio": ratio, "at_rule": at_rule}
+            )
     return found
 
 
 def _table(values: Json) -> Table:
-    header = ("mass ratio, %", "restitution", "rule's force, N", "best force, N", "best over rule's", "level there, %", "at the rule's, %")
+    header = (
+        "mass ratio, %",
+        "restitution",
+        "rule's force, N",
+        "best force, N",
+        "best over rule's",
+        "level there, %",
+        "at the rule's, %",
+    )
     body = [
         (
             f"{100 * row['mass']:g}",
@@ -65,8 +117,13 @@ def _table(values: Json) -> Table:
 def _summary(rows: list[Json]) -> str:
     """Say how far the best force lies from the rule's by mass ratio, and with which power of the mass both grow."""
     masses, restitutions = (sorted({row[name] for row in rows}) for name in ("mass", "restitution"))
-    said = [f"{between([row['ratio'][0] for row in rows if row['mass'] == mass], '{:.2f}')} at {100 * mass:g} %" for mass in masses]
-    powers = [_power([row for row in rows if row["restitution"] == e], "best_n") for e in restitutions]
+    said = [
+        f"{between([row['ratio'][0] for row in rows if row['mass'] == mass], '{:.2f}')} at {100 * mass:g} %"
+        for mass in masses
+    ]
+    powers = [
+        _power([row for row in rows if row["restitution"] == e], "best_n") for e in restitutions
+    ]
     return (
         f"Best force over the rule's, all restitutions: {', '.join(said)}. The rule's force grows with the mass to the power "
         f"{_power(rows, 'rule_n'):.2f}, the best one to {between(powers, '{:.2f}')}."
@@ -75,8 +132,12 @@ def _summary(rows: list[Json]) -> str:
 
 def _answer(values: Json) -> str:
     """Say in a line where the best force goes."""
-    rows, masses = rows_of(values), [group["mass"] for group in values.values()]
-    light, heavy = (between([row["ratio"][0] for row in rows if row["mass"] == pick(masses)], "{:.2f}") for pick in (min, max))
+    rows = rows_of(values)
+    masses = [group["mass"] for group in values.values()]
+    light, heavy = (
+        between([row["ratio"][0] for row in rows if row["mass"] == pick(masses)], "{:.2f}")
+        for pick in (min, max)
+    )
     return (
         f"Where the best operating point goes: with the mass as the design rule says, {light} times its force for the lightest and {heavy} times for "
         "the heaviest absorber; restitution moves that of light ones only."
@@ -85,7 +146,9 @@ def _answer(values: Json) -> str:
 
 def _power(rows: list[Json], name: str) -> float:
     """Return the slope of a force over the mass in logarithms, by least squares."""
-    return float(np.polyfit(np.log([row["mass"] for row in rows]), np.log([row[name] for row in rows]), 1)[0])
+    return float(
+        np.polyfit(np.log([row["mass"] for row in rows]), np.log([row[name] for row in rows]), 1)[0]
+    )
 
 
 def _claims(values: Json) -> list[Claim]:
@@ -93,12 +156,29 @@ def _claims(values: Json) -> list[Claim]:
     rows = rows_of(values)
     e = max(row["restitution"] for row in rows)
     own = [row for row in rows if row["restitution"] == e]
-    falls, light = all(after["level"] < before["level"] for before, after in pairwise(own)), own[0]
+    falls = all(after["level"] < before["level"] for before, after in pairwise(own))
+    light = own[0]
     low, high = light["level_band"]
-    levels = {row["mass"]: interval(row["level"], *row["level_band"], form="{:.0f}", factor=100) for row in own}
+    levels = {
+        row["mass"]: interval(row["level"], *row["level_band"], form="{:.0f}", factor=100)
+        for row in own
+    }
     return [
-        claim(LABEL, "optimum_mass", falls, e=e, each=", ".join(f"{100 * mass:g} %: {level}" for mass, level in levels.items())),
-        claim(LABEL, "optimum_light", judged(low, high, 0.0, MUCH), e=e, mass=light["mass"], level=levels[light["mass"]]),
+        claim(
+            LABEL,
+            "optimum_mass",
+            falls,
+            e=e,
+            each=", ".join(f"{100 * mass:g} %: {level}" for mass, level in levels.items()),
+        ),
+        claim(
+            LABEL,
+            "optimum_light",
+            judged(low, high, 0.0, MUCH),
+            e=e,
+            mass=light["mass"],
+            level=levels[light["mass"]],
+        ),
     ]
 
 
@@ -109,7 +189,8 @@ def _draw(values: Json) -> Figure:
     rows = rows_of(values)
     for e, look in zip(sorted({row["restitution"] for row in rows}), LOOKS, strict=False):
         own = [row for row in rows if row["restitution"] == e]
-        mass, single = [100 * row["mass"] for row in own], np.array([row["nominal_best"] for row in own]).T
+        mass = [100 * row["mass"] for row in own]
+        single = np.array([row["nominal_best"] for row in own]).T
         middle, low, high = np.array([row["ratio"] for row in own]).T
         line(force, mass, middle, look, f"$e$ = {e:g}", band=(low, high), nominal=single[0])
         middle, low, high = 100 * np.array([(row["level"], *row["level_band"]) for row in own]).T

@@ -16,29 +16,56 @@ from impact_env.response import DEFAULT_SAMPLES
 from studies.paper.account import accounted, critical, lanes_of, scene
 from studies.paper.claim import LEFT, MUCH, Claim, claim, spread
 from studies.paper.curve import WATCHED, curve_of, curves
-from studies.paper.frame import LOOKS, MM, PaperFigure, PaperSettings, Size, banded, in_turn, legends, level_of_nothing, panels, shortened, signal
+from studies.paper.frame import (
+    LOOKS,
+    MM,
+    PaperFigure,
+    PaperSettings,
+    Size,
+    banded,
+    in_turn,
+    legends,
+    level_of_nothing,
+    panels,
+    shortened,
+    signal,
+)
 from studies.study import Array, Json, Steps, Table, there
 
 LABEL = "scat"
-HIGH, LOW = 5.0, 1.5  # N
+# N
+HIGH = 5.0
+LOW = 1.5
 NEAR_PERIODS = 130  # pseudo periods around omega_1, 0.9935 to 1.0065 of it
 SIXTH = 5  # from this mode on, counted from 0, the paper sees complete dissipation and a uniform distribution
 MOST_AT_STEP = 10  # modes up to which the passage is also run at the paper's step
 
 
 def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
-    groups: dict[str, Callable[[], object]] = {f"level, {n}": partial(_level, settings, n, size.members) for n in size.modes}
-    groups |= {f"account, {n}": partial(_account, settings, n, size.members) for n in size.accounted}
+    groups: dict[str, Callable[[], object]] = {
+        f"level, {n}": partial(_level, settings, n, size.members) for n in size.modes
+    }
+    groups |= {
+        f"account, {n}": partial(_account, settings, n, size.members) for n in size.accounted
+    }
     groups |= {f"signal, {n}": partial(_signal, n, settings.seed) for n in size.shown}
     return in_turn(groups, known)
 
 
 def near_lanes(own: Scene, members: int, seed: int) -> list[Lane]:
     """Return each member's sweeps at 1.5 N, up and down, that end with the passage of omega_1."""
-    reference, (low, high), half = own.model.resonance_omega(1), PAPER_LIMITS, NEAR_PERIODS * PAPER_RATE / 100 / 100 / 2
+    reference, (low, high), half = (
+        own.model.resonance_omega(1),
+        PAPER_LIMITS,
+        NEAR_PERIODS * PAPER_RATE / 100 / 100 / 2,
+    )
     schedules = linear_sweep(reference, low, 1 + half), linear_sweep(reference, high, 1 - half)
     drawn = draw_members(members, seed)
-    return [Lane(own, drawn[m : m + 1].drives(LOW, schedule)[0]) for m in range(members) for schedule in schedules]
+    return [
+        Lane(own, drawn[m : m + 1].drives(LOW, schedule)[0])
+        for m in range(members)
+        for schedule in schedules
+    ]
 
 
 def passage(lane: Lane, method: Method | None = None) -> Array:
@@ -55,14 +82,22 @@ def near_level(lane: Lane, method: Method | None = None) -> tuple[float, float]:
 
 def _level(settings: PaperSettings, modes: int, members: int) -> Json:
     """Return the members' levels over no absorber: of the sweeps at 5 N, and of the passage of omega_1 at 1.5 N."""
-    own, label = scene(Beam(modes=modes)), f"{LABEL}, {modes} modes"
-    found = curves(settings, label, {"own": own, "none": beam_scene(Beam(modes=modes))}, (HIGH,), members)
+    own = scene(Beam(modes=modes))
+    label = f"{LABEL}, {modes} modes"
+    found = curves(
+        settings, label, {"own": own, "none": beam_scene(Beam(modes=modes))}, (HIGH,), members
+    )
     level, reference = (curve_of(found[name]).level[0] for name in ("own", "none"))
     near = np.array(settings.each(label, near_lanes(own, members, settings.seed), near_level))
-    beside, whole = (near[:, k].reshape(members, 2) / (reference * LOW / HIGH)[:, None] for k in (0, 1))
-    step, near_step = curve_of(curves(settings, label, {"own": own}, (HIGH,), 1, Moreau())["own"]).level[0, 0], None
+    beside, whole = (
+        near[:, k].reshape(members, 2) / (reference * LOW / HIGH)[:, None] for k in (0, 1)
+    )
+    step = curve_of(curves(settings, label, {"own": own}, (HIGH,), 1, Moreau())["own"]).level[0, 0]
+    near_step = None
     if modes <= MOST_AT_STEP:  # of one run
-        passages = settings.each(LABEL, near_lanes(own, 1, settings.seed), partial(near_level, method=Moreau()), Moreau())
+        passages = settings.each(
+            LABEL, near_lanes(own, 1, settings.seed), partial(near_level, method=Moreau()), Moreau()
+        )
         near_step = max(passages)[0] / (reference[0] * LOW / HIGH)
     return {
         "relative": (level / reference).tolist(),
@@ -78,7 +113,9 @@ def _level(settings: PaperSettings, modes: int, members: int) -> Json:
 def _account(settings: PaperSettings, modes: int, members: int) -> Json:
     """Return the members' accounts at 5 N, of the critical direction."""
     own = scene(Beam(modes=modes))
-    found = critical(settings.each(f"{LABEL}, energies", lanes_of(own, HIGH, members, settings.seed), accounted))
+    found = critical(
+        settings.each(f"{LABEL}, energies", lanes_of(own, HIGH, members, settings.seed), accounted)
+    )
     return {
         "shares": [account.shares.tolist() for account in found],
         "passed": [account.passed.tolist() for account in found],
@@ -101,13 +138,34 @@ def known_modes(values: Json, what: str) -> list[int]:
 
 def _levels(values: Json) -> Table:
     levels = {n: values[f"level, {n}"] for n in known_modes(values, "level")}
-    rows = [(f"{n}", spread(x["relative"], "{:.3f}"), f"{x['step']:.3f}", spread(x["near_rms"], "{:.3f}")) for n, x in levels.items()]
-    return Table(f"{LABEL}_levels", ("modes", "level at 5 N", "at the paper's step", "around omega_1 at 1.5 N, RMS of 130 periods"), rows)
+    rows = [
+        (
+            f"{n}",
+            spread(x["relative"], "{:.3f}"),
+            f"{x['step']:.3f}",
+            spread(x["near_rms"], "{:.3f}"),
+        )
+        for n, x in levels.items()
+    ]
+    return Table(
+        f"{LABEL}_levels",
+        (
+            "modes",
+            "level at 5 N",
+            "at the paper's step",
+            "around omega_1 at 1.5 N, RMS of 130 periods",
+        ),
+        rows,
+    )
 
 
 def _words(values: Json) -> str:
-    contacts = {n: np.median(values[f"account, {n}"]["contacts"]) for n in known_modes(values, "account")}
-    counts = ", ".join(f"{number:.1f} contacts a pseudo period with {n} modes" for n, number in contacts.items())
+    contacts = {
+        n: np.median(values[f"account, {n}"]["contacts"]) for n in known_modes(values, "account")
+    }
+    counts = ", ".join(
+        f"{number:.1f} contacts a pseudo period with {n} modes" for n, number in contacts.items()
+    )
     return (
         f"e = 1, no friction, {len(values['level, 1']['relative'])} members; levels over no absorber.\n\n{shortened(_levels(values))}\n\n"
         f"Where the energy goes at 5 N, {counts} (of what a contact gives to a mode above the tenth, a part is gone within it):"
@@ -120,12 +178,24 @@ def _energies(values: Json) -> Table:
     counts = known_modes(values, "account")
     omega = values[f"account, {max(counts)}"]["omega"]
     columns = ["mode", "omega_i/omega_1", "left after half a period, %"]
-    rows = [[str(i + 1), f"{ratio:.1f}", f"{100 * decayed(ratio):.1f}"] for i, ratio in enumerate(omega)]
+    rows = [
+        [str(i + 1), f"{ratio:.1f}", f"{100 * decayed(ratio):.1f}"] for i, ratio in enumerate(omega)
+    ]
     for n in counts:
-        columns += [f"{n} modes: dissipated, %", "net from a contact, % of mode 1", "left before the next, %"]
-        middles = [100 * np.median(np.array(values[f"account, {n}"][key]), axis=0) for key in ("shares", "passed", "left")]
+        columns += [
+            f"{n} modes: dissipated, %",
+            "net from a contact, % of mode 1",
+            "left before the next, %",
+        ]
+        middles = [
+            100 * np.median(np.array(values[f"account, {n}"][key]), axis=0)
+            for key in ("shares", "passed", "left")
+        ]
         for i, row in enumerate(rows):
-            row += [form.format(x[i]) if i < n else "" for x, form in zip(middles, ("{:.1f}", "{:.2f}", "{:.1f}"), strict=True)]
+            row += [
+                form.format(x[i]) if i < n else ""
+                for x, form in zip(middles, ("{:.1f}", "{:.2f}", "{:.1f}"), strict=True)
+            ]
     return Table(f"{LABEL}_energies", columns, rows)
 
 
@@ -136,30 +206,61 @@ def decayed(ratio: float) -> float:
 
 def _claims(values: Json) -> list[Claim]:
     """Return the verdicts on levels and losses over the number of modes."""
-    modes, accounts = known_modes(values, "level"), known_modes(values, "account")
-    relative, near = ({n: np.array(values[f"level, {n}"][key]) for n in modes} for key in ("relative", "near_rms"))
+    modes = known_modes(values, "level")
+    accounts = known_modes(values, "account")
+    relative, near = (
+        {n: np.array(values[f"level, {n}"][key]) for n in modes} for key in ("relative", "near_rms")
+    )
     step = {n: values[f"level, {n}"]["step"] for n in modes}
     many = [n for n in modes if n >= 2 / 3 * modes[-1]]
     gain = 100 * (1 - np.concatenate([relative[n] for n in many]) / np.median(relative[1]))
     stepped = 100 * (1 - float(np.mean([step[n] for n in many])) / step[1])
     own, largest = (values[f"account, {accounts[k]}"] for k in (0, -1))
     shares, left, passed, tip = (np.array(own[key]) for key in ("shares", "left", "passed", "tip"))
-    uneven = np.concatenate([_unevenness(np.array(values[f"account, {n}"]["shares"])) for n in accounts])
-    complete = [i + 1 for i, share in enumerate(np.median(np.array(largest["left"]), axis=0)) if i and share < LEFT]
-    less = f"of {accounts[-1]} modes it is as of mode {complete[0]} that less is left" if complete else f"no mode of {accounts[-1]} is left with less"
+    uneven = np.concatenate(
+        [_unevenness(np.array(values[f"account, {n}"]["shares"])) for n in accounts]
+    )
+    complete = [
+        i + 1
+        for i, share in enumerate(np.median(np.array(largest["left"]), axis=0))
+        if i and share < LEFT
+    ]
+    less = (
+        f"of {accounts[-1]} modes it is as of mode {complete[0]} that less is left"
+        if complete
+        else f"no mode of {accounts[-1]} is left with less"
+    )
     influence = np.array([np.median(near[n]) for n in modes]) / np.median(near[1])
-    said, ends = partial(claim, LABEL, modes=accounts[0]), Json(first=many[0], last=many[-1])
+    said = partial(claim, LABEL, modes=accounts[0])
+    ends = Json(first=many[0], last=many[-1])
     return [
         said("scat_one_mode", relative[1], at_step=step[1]),
         said("scat_reduction", gain, **ends, median=np.median(gain), at_step=stepped),
-        said("scat_stabilises", [np.median(relative[many[0]]) - np.median(relative[many[-1]])], **ends),
+        said(
+            "scat_stabilises",
+            [np.median(relative[many[0]]) - np.median(relative[many[-1]])],
+            **ends,
+        ),
         said("scat_resonant_most", shares[:, 0] / np.max(shares[:, 1:], axis=1)),
         said("scat_sum", 100 * (1 - shares[:, 0]), (100 * (1 - MUCH), 100)),
-        said("scat_sixth", left[:, SIXTH], decayed=decayed(own["omega"][SIXTH]), contacts=np.median(own["contacts"]), less=less),
+        said(
+            "scat_sixth",
+            left[:, SIXTH],
+            decayed=decayed(own["omega"][SIXTH]),
+            contacts=np.median(own["contacts"]),
+            less=less,
+        ),
         said("scat_uniform", uneven, accounts=" and ".join(map(str, accounts))),
         said("scat_passed", _unevenness(passed)),
         said("scat_near_one", near[1], periods=NEAR_PERIODS, burst=values["level, 1"]["near"]),
-        said("scat_near_all", influence, first=modes[0], last=modes[-1], least=np.min(influence), most=np.max(influence)),
+        said(
+            "scat_near_all",
+            influence,
+            first=modes[0],
+            last=modes[-1],
+            least=np.min(influence),
+            most=np.max(influence),
+        ),
         said("scat_off_resonant", np.max(tip[:, 1:], axis=1)),
     ]
 
@@ -180,7 +281,10 @@ def _draw(values: Json) -> Figure:
         tip = MM * np.array(values[f"signal, {modes}"])
         signal(axes, np.arange(len(tip)) / DEFAULT_SAMPLES - NEAR_PERIODS / 2, tip, LOOKS[0])
         axes.set(
-            xlim=(-NEAR_PERIODS / 2, NEAR_PERIODS / 2), ylim=(-1.35, 1.35), xlabel="pseudo periods from $\\omega_1$, 1.5 N, down", ylabel="tip, mm"
+            xlim=(-NEAR_PERIODS / 2, NEAR_PERIODS / 2),
+            ylim=(-1.35, 1.35),
+            xlabel="pseudo periods from $\\omega_1$, 1.5 N, down",
+            ylabel="tip, mm",
         )
         axes.set_title(f"{modes} mode{'s' * (modes > 1)}", fontsize=8.5)
     legends(grid)
@@ -189,12 +293,28 @@ def _draw(values: Json) -> Figure:
 
 def _draw_levels(axes: Axes, values: Json) -> None:
     modes = known_modes(values, "level")
-    for look, key, name in ((LOOKS[0], "relative", "5 N, whole sweep"), (LOOKS[1], "near_rms", "1.5 N, around $\\omega_1$")):
+    for look, key, name in (
+        (LOOKS[0], "relative", "5 N, whole sweep"),
+        (LOOKS[1], "near_rms", "1.5 N, around $\\omega_1$"),
+    ):
         banded(axes, modes, np.array([values[f"level, {n}"][key] for n in modes]), look, name)
     steps = [values[f"level, {n}"]["step"] for n in modes]
-    axes.plot(modes, steps, "x", color=LOOKS[3].colour, ms=4, zorder=5, label="5 N, one run, the paper's step")
+    axes.plot(
+        modes,
+        steps,
+        "x",
+        color=LOOKS[3].colour,
+        ms=4,
+        zorder=5,
+        label="5 N, one run, the paper's step",
+    )
     level_of_nothing(axes)
-    axes.set(xlim=(0, max(modes) + 1), ylim=(0, 1.5), xlabel="number of modes $N_m$", ylabel="level over no absorber")
+    axes.set(
+        xlim=(0, max(modes) + 1),
+        ylim=(0, 1.5),
+        xlabel="number of modes $N_m$",
+        ylabel="level over no absorber",
+    )
 
 
 def _losses(axes: Axes, values: Json) -> None:
@@ -203,7 +323,15 @@ def _losses(axes: Axes, values: Json) -> None:
         own = values[f"account, {modes}"]
         for place, key, first in ((axes, "shares", 0), (small, "left", 1)):
             rows = 100 * np.array(own[key]).T[first:]
-            banded(place, np.arange(first, modes) + 1, rows, look, f"{modes} modes", nominal=False, marked=place is axes)
+            banded(
+                place,
+                np.arange(first, modes) + 1,
+                rows,
+                look,
+                f"{modes} modes",
+                nominal=False,
+                marked=place is axes,
+            )
     axes.legend(loc="center right", bbox_to_anchor=(1, 0.31), ncols=2)
     axes.set(ylim=(0, None), xlabel="mode", ylabel="dissipated, % of all modes")
     small.set(yscale="log", ylim=(0.03, 150))

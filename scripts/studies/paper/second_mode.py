@@ -19,12 +19,29 @@ from optimisation.report.figures import force_axis
 from studies.paper.account import SAMPLES, accounted, critical, lanes_of, scene, window_around
 from studies.paper.claim import Claim, claim, spread
 from studies.paper.curve import curve_of, curves, level_at
-from studies.paper.frame import LOOKS, PaperFigure, PaperSettings, Size, banded, in_turn, legends, level_of_nothing, panels, shortened, signal
+from studies.paper.frame import (
+    LOOKS,
+    PaperFigure,
+    PaperSettings,
+    Size,
+    banded,
+    in_turn,
+    legends,
+    level_of_nothing,
+    panels,
+    shortened,
+    signal,
+)
 from studies.study import Array, Json, Steps, Table, there
 
 FORCE = 3.0
-TOLD = 0.75 * 0.02, 1.25 * 0.03  # of the first mode's energy: what an impact passes on by the paper, "about 2 to 3 %"
-SIGNAL_PERIODS, THINNED = 2.0, 8  # of the energies over time, and every which sample of it is kept
+TOLD = (
+    0.75 * 0.02,
+    1.25 * 0.03,
+)  # of the first mode's energy: what an impact passes on by the paper, "about 2 to 3 %"
+# of the energies over time, and every which sample of it is kept
+SIGNAL_PERIODS = 2.0
+THINNED = 8
 OWN = 6.27  # omega_2/omega_1 of the beam itself: 6.26690
 SHOWN = (OWN, 20.0)  # ratios whose energies are drawn over time
 SATURATED = 30.0  # a large ratio
@@ -36,7 +53,9 @@ def _point(settings: PaperSettings, label: str, beam: Beam, members: int) -> Jso
     """Return each member's level over no absorber and account, of the critical direction; ``step``: one run at the paper's step."""
     own = scene(beam)
     found = critical(settings.each(label, lanes_of(own, FORCE, members, settings.seed), accounted))
-    none = curve_of(curves(settings, label, {"none": beam_scene(beam)}, (FORCE,), members)["none"]).level[0]
+    none = curve_of(
+        curves(settings, label, {"none": beam_scene(beam)}, (FORCE,), members)["none"]
+    ).level[0]
     step = curve_of(curves(settings, label, {"own": own}, (FORCE,), 1, Moreau())["own"]).level[0, 0]
     return {
         "relative": [account.level / level for account, level in zip(found, none, strict=True)],
@@ -46,20 +65,33 @@ def _point(settings: PaperSettings, label: str, beam: Beam, members: int) -> Jso
         "share": [float(account.shares[1]) for account in found],
         "half": [float(account.passed[1] * account.contacts / 2) for account in found],
         "left": [float(account.left[1]) for account in found],
-        "single": np.quantile(np.concatenate([account.single for account in found]), (0.05, 0.25, 0.5, 0.75, 0.95)).tolist(),
-        "as_told": [float(np.mean((account.single >= TOLD[0]) & (account.single <= TOLD[1]))) for account in found],
+        "single": np.quantile(
+            np.concatenate([account.single for account in found]), (0.05, 0.25, 0.5, 0.75, 0.95)
+        ).tolist(),
+        "as_told": [
+            float(np.mean((account.single >= TOLD[0]) & (account.single <= TOLD[1])))
+            for account in found
+        ],
     }
 
 
 def _signal(own: Scene, seed: int) -> Json:
     """Return the energies in J of both modes and the absorber over two pseudo periods around the maximum of the first member's critical sweep."""
-    level, lane = max(((level_at(lane), lane) for lane in lanes_of(own, FORCE, 1, seed)), key=lambda pair: pair[0].value)
+    level, lane = max(
+        ((level_at(lane), lane) for lane in lanes_of(own, FORCE, 1, seed)),
+        key=lambda pair: pair[0].value,
+    )
     response = window_around(lane, level.time)
     history = there(response.history)
-    energy, time = mechanical_energy(own, history), history.time / response.drive.schedule.pseudo_period
+    energy = mechanical_energy(own, history)
+    time = history.time / response.drive.schedule.pseudo_period
     first = int(HALF_WINDOW_PERIODS * SAMPLES)
     kept = slice(first, first + int(SIGNAL_PERIODS * SAMPLES) + 1, THINNED)
-    return {"time": (time[kept] - time[first]).tolist(), "modal": energy.modal[kept].T.tolist(), "absorber": energy.absorber[kept].tolist()}
+    return {
+        "time": (time[kept] - time[first]).tolist(),
+        "modal": energy.modal[kept].T.tolist(),
+        "absorber": energy.absorber[kept].tolist(),
+    }
 
 
 def row(values: Json, number: float, key: str) -> Array:
@@ -94,8 +126,14 @@ class Changed:
     def measure(self, settings: PaperSettings, size: Size, known: Json) -> Steps:
         """Yield the results of all points, and the energies in time of those that are shown."""
         numbers = vars(size)[self.numbers]
-        groups: dict[str, Callable[[], object]] = {f"{x:g}": partial(_point, settings, self.label, self.beam(x), size.members) for x in numbers}
-        groups |= {f"signal, {x:g}": partial(_signal, scene(self.beam(x)), settings.seed) for x in self.shown}
+        groups: dict[str, Callable[[], object]] = {
+            f"{x:g}": partial(_point, settings, self.label, self.beam(x), size.members)
+            for x in numbers
+        }
+        groups |= {
+            f"signal, {x:g}": partial(_signal, scene(self.beam(x)), settings.seed)
+            for x in self.shown
+        }
         return in_turn(groups, known)
 
     def words(self, values: Json) -> str:
@@ -127,16 +165,52 @@ class Changed:
         """Draw level, shares and energy passed over what was changed, and below the energies over two pseudo periods at some of its values."""
         figure, grid = panels(2, 3, 5.2, "abdc e")
         (level, share, passed), left, numbers = grid[0], grid[1, 2], points(values)
-        at, single = [self.scale * x for x in numbers], 100 * np.array([values[f"{x:g}"]["single"] for x in numbers])
-        for axes, key, factor in ((level, "relative", 1), (share, "share", 100), (passed, "half", 100), (left, "left", 100)):
+        at = [self.scale * x for x in numbers]
+        single = 100 * np.array([values[f"{x:g}"]["single"] for x in numbers])
+        for axes, key, factor in (
+            (level, "relative", 1),
+            (share, "share", 100),
+            (passed, "half", 100),
+            (left, "left", 100),
+        ):
             label = "in half a period" if axes is passed else None
-            banded(axes, at, factor * np.array([row(values, x, key) for x in numbers]), LOOKS[0], label, nominal=label is None)
-        level.plot(at, [values[f"{x:g}"]["step"] for x in numbers], "x", color=LOOKS[1].colour, ms=4, label="one run, the paper's step")
+            banded(
+                axes,
+                at,
+                factor * np.array([row(values, x, key) for x in numbers]),
+                LOOKS[0],
+                label,
+                nominal=label is None,
+            )
+        level.plot(
+            at,
+            [values[f"{x:g}"]["step"] for x in numbers],
+            "x",
+            color=LOOKS[1].colour,
+            ms=4,
+            label="one run, the paper's step",
+        )
         level_of_nothing(level)
         level.set(ylabel="level over no absorber", ylim=(0.6, 1.1))
         share.set(ylabel="dissipated in mode 2, % of both", ylim=(0, None))
-        passed.fill_between(at, single[:, 1], single[:, 3], color="0.6", alpha=0.35, lw=0, label="half of all contacts")
-        passed.axhspan(2, 3, facecolor="none", edgecolor=LOOKS[1].colour, hatch="///", lw=0.5, label="the paper: 2 to 3 %")
+        passed.fill_between(
+            at,
+            single[:, 1],
+            single[:, 3],
+            color="0.6",
+            alpha=0.35,
+            lw=0,
+            label="half of all contacts",
+        )
+        passed.axhspan(
+            2,
+            3,
+            facecolor="none",
+            edgecolor=LOOKS[1].colour,
+            hatch="///",
+            lw=0.5,
+            label="the paper: 2 to 3 %",
+        )
         passed.set(ylabel="passed to mode 2, % of mode 1", ylim=(-2, 5))
         passed.legend(loc="upper left", fontsize=6.5, frameon=False)
         for axes, x in zip(grid[1], self.shown, strict=False):
@@ -150,7 +224,9 @@ class Changed:
         legends(grid)
         return figure
 
-    def figure(self, title: str, claims: Callable[[Json], list[Claim]], *sizes: Size) -> PaperFigure:
+    def figure(
+        self, title: str, claims: Callable[[Json], list[Claim]], *sizes: Size
+    ) -> PaperFigure:
         """Return the figure of the paper."""
         return PaperFigure(
             self.label, title, sizes=(sizes[0], sizes[1]), measure=self.measure, words=self.words, draw=self.draw, claims=claims,
@@ -163,8 +239,22 @@ def _energies(axes: Axes, own: Json, title: str) -> None:
     mean = np.mean(sum(energies))
     for look, energy, name in zip(LOOKS, energies, ("mode 1", "mode 2", "absorber"), strict=False):
         signal(axes, own["time"], 100 * energy / mean, look, name, 1.0)
-    axes.legend(loc="upper center", ncols=3, fontsize=5.5, columnspacing=0.5, handlelength=1.3, handletextpad=0.3, frameon=False)
-    axes.set(yscale="log", ylim=(0.1, 600), xlim=(0, own["time"][-1]), xlabel="pseudo periods", ylabel="energy, % of the mean total")
+    axes.legend(
+        loc="upper center",
+        ncols=3,
+        fontsize=5.5,
+        columnspacing=0.5,
+        handlelength=1.3,
+        handletextpad=0.3,
+        frameon=False,
+    )
+    axes.set(
+        yscale="log",
+        ylim=(0.1, 600),
+        xlim=(0, own["time"][-1]),
+        xlabel="pseudo periods",
+        ylabel="energy, % of the mean total",
+    )
     axes.set_title(title, fontsize=8.5)
 
 
@@ -173,15 +263,26 @@ def _frequency_claims(values: Json) -> list[Claim]:
     ratios = points(values)
     relative = {ratio: row(values, ratio, "relative") for ratio in ratios}
     high, falling = ([ratio for ratio in ratios if ratio >= least] for least in (SATURATED, 3.0))
-    orders = [float(spearmanr(falling, one).statistic) for one in np.array([relative[ratio] for ratio in falling]).T]
+    orders = [
+        float(spearmanr(falling, one).statistic)
+        for one in np.array([relative[ratio] for ratio in falling]).T
+    ]
     gain = 100 * (1 - np.concatenate([relative[ratio] for ratio in high]))
     stepped = 100 * (1 - float(np.mean([values[f"{ratio:g}"]["step"] for ratio in high])))
-    half, told = (np.concatenate([row(values, ratio, key) for ratio in SHOWN]) for key in ("half", "as_told"))
-    low, most = (100 * each(values[f"{ratio:g}"]["single"][k] for ratio in SHOWN) for each, k in ((min, 1), (max, 3)))
+    half, told = (
+        np.concatenate([row(values, ratio, key) for ratio in SHOWN]) for key in ("half", "as_told")
+    )
+    low, most = (
+        100 * each(values[f"{ratio:g}"]["single"][k] for ratio in SHOWN)
+        for each, k in ((min, 1), (max, 3))
+    )
     contacts = np.concatenate([row(values, ratio, "contacts") for ratio in ratios])
     shares = [100 * np.median(row(values, ratio, "share")) for ratio in falling]
-    medians = ", ".join(f"{share:.0f} % at {ratio:g}" for ratio, share in zip(falling, shares, strict=True))
-    said, shown = partial(claim, "varom"), " and ".join(f"{ratio:g}" for ratio in SHOWN)
+    medians = ", ".join(
+        f"{share:.0f} % at {ratio:g}" for ratio, share in zip(falling, shares, strict=True)
+    )
+    said = partial(claim, "varom")
+    shown = " and ".join(f"{ratio:g}" for ratio in SHOWN)
     return [
         said("varom_contacts", contacts),
         said("varom_falls", orders),
@@ -199,15 +300,28 @@ def _damping_claims(values: Json) -> list[Claim]:
     dampings = points(values)
     relative = {damping: row(values, damping, "relative") for damping in dampings}
     high = [damping for damping in dampings if damping >= 0.3]
-    left, contacts = (np.concatenate([row(values, damping, key) for damping in high]) for key in ("left", "contacts"))
+    left, contacts = (
+        np.concatenate([row(values, damping, key) for damping in high])
+        for key in ("left", "contacts")
+    )
     gain = np.concatenate([relative[FIRST] - relative[damping] for damping in high])
     stepped = 100 * (1 - float(np.mean([values[f"{d:g}"]["step"] for d in high])))
     said = partial(claim, "vard")
     return [
-        said("vard_improvement", 100 * (1 - np.concatenate([relative[d] for d in high])), low=high[0], at_step=stepped),
+        said(
+            "vard_improvement",
+            100 * (1 - np.concatenate([relative[d] for d in high])),
+            low=high[0],
+            at_step=stepped,
+        ),
         said("vard_lower", 100 * gain),
         said("vard_dissipated", left, contacts=np.median(contacts)),
-        said("vard_saturates", relative[high[0]] - relative[high[-1]], low=100 * high[0], high=100 * high[-1]),
+        said(
+            "vard_saturates",
+            relative[high[0]] - relative[high[-1]],
+            low=100 * high[0],
+            high=100 * high[-1],
+        ),
     ]
 
 
@@ -240,6 +354,25 @@ FREQUENCY = Changed(
 ).figure(
     "the second mode's frequency",
     _frequency_claims,
-    Size(ratios=(1.5, 2.0, 3.0, 4.0, 5.0, OWN, 8.0, 10.0, 12.5, 15.0, 20.0, SATURATED, 40.0, 60.0, 100.0), members=24),
+    Size(
+        ratios=(
+            1.5,
+            2.0,
+            3.0,
+            4.0,
+            5.0,
+            OWN,
+            8.0,
+            10.0,
+            12.5,
+            15.0,
+            20.0,
+            SATURATED,
+            40.0,
+            60.0,
+            100.0,
+        ),
+        members=24,
+    ),
     Size(ratios=(1.5, 3.0, OWN, 10.0, 20.0, SATURATED, 100.0), members=4),
 )

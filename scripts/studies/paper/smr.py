@@ -8,7 +8,17 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from impact_env import Beam, ModalModel, RigidWalls, Scene, beam_scene, constant_frequency, impact_absorber, modal_model, simulate
+from impact_env import (
+    Beam,
+    ModalModel,
+    RigidWalls,
+    Scene,
+    beam_scene,
+    constant_frequency,
+    impact_absorber,
+    modal_model,
+    simulate,
+)
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members
 from impact_env.frequency import tip_response
@@ -19,16 +29,34 @@ from impact_env.response import DEFAULT_SAMPLES
 from optimisation.page import markdown
 from studies.paper.claim import LEFT, Claim, about, claim, judged, middle, spread
 from studies.paper.curve import SERIES
-from studies.paper.frame import FAINT, LOOKS, MM, REFERENCE, Look, PaperFigure, PaperSettings, Size, in_turn, legends, panels, signal
+from studies.paper.frame import (
+    FAINT,
+    LOOKS,
+    MM,
+    REFERENCE,
+    Look,
+    PaperFigure,
+    PaperSettings,
+    Size,
+    in_turn,
+    legends,
+    panels,
+    signal,
+)
 from studies.study import Array, Json, Steps, there
 
 LABEL = "SMR"
 FORCE = 1.7  # N
-SETTLE, SHOWN, STRETCH = 500, 30, 25  # pseudo periods: left out, drawn, and in which the largest share is looked for
+# pseudo periods: left out, drawn, and in which the largest share is looked for
+SETTLE = 500
+SHOWN = 30
+STRETCH = 25
 HALF = 3  # pseudo periods to either side without a larger share than that of a transfer
 TRANSFER = 0.8  # of the energy: a share that counts as a transfer to the absorber
 METHODS: dict[str, Method] = {"exact": Exact(), "paper's step": Moreau()}
-RESONANCES, ANYWHERE = (1, 2, 3, 4), "other resonances"  # of a beam of `MODES`, each under `FORCE` times what its free tip asks for
+# of a beam of `MODES`, each under `FORCE` times what its free tip asks for
+RESONANCES = (1, 2, 3, 4)
+ANYWHERE = "other resonances"
 MODES = 10
 COUNTS = {  # what is counted in the periods of all members, over which edges
     "tip": np.linspace(0, 1.2e-3, 31),
@@ -51,20 +79,30 @@ def modulated(lane: Lane, method: Method, periods: int) -> Json:
     The thirds "high" and "low" are the periods with the largest and the smallest tip displacements.
     """
     response = simulate(lane.scene, lane.drive, method, record=SERIES)
-    history, first = there(response.history), SETTLE * DEFAULT_SAMPLES
+    history = there(response.history)
+    first = SETTLE * DEFAULT_SAMPLES
     rows = slice(first, first + periods * DEFAULT_SAMPLES)
-    energy, displacement = mechanical_energy(lane.scene, history), history.tip_displacement[rows]
-    lag, share, tip = (each.reshape(periods, -1) for each in (phase_lag(history)[rows], energy.absorber_share[rows], np.abs(displacement)))
+    energy = mechanical_energy(lane.scene, history)
+    displacement = history.tip_displacement[rows]
+    lag, share, tip = (
+        each.reshape(periods, -1)
+        for each in (phase_lag(history)[rows], energy.absorber_share[rows], np.abs(displacement))
+    )
     when = there(response.impacts).time / lane.drive.schedule.pseudo_period - SETTLE
     impacts = np.histogram(when, np.arange(periods + 1))[0]
-    lags, peaks, order = np.angle(np.exp(1j * lag).mean(axis=1)), tip.max(axis=1), np.argsort(tip.max(axis=1))
+    lags = np.angle(np.exp(1j * lag).mean(axis=1))
+    peaks = tip.max(axis=1)
+    order = np.argsort(tip.max(axis=1))
     thirds = {"low": order[: periods // 3], "high": order[-(periods // 3) :]}
     largest = _largest(share.ravel(), periods)
-    counted = {"tip": peaks, "share": np.array(largest)} | {f"lag, {name}": lags[k] for name, k in thirds.items()}
+    counted = {"tip": peaks, "share": np.array(largest)} | {
+        f"lag, {name}": lags[k] for name, k in thirds.items()
+    }
     counted |= {f"impacts, {name}": impacts[k] for name, k in thirds.items()}
     # size of the lag (rad) at the instants at which the absorber's energy is in its largest third, over that at all of them
     absorber = energy.absorber[rows]
-    size, most = np.abs(np.angle(np.exp(1j * lag.ravel()))), absorber > np.quantile(absorber, 2 / 3)
+    size = np.abs(np.angle(np.exp(1j * lag.ravel())))
+    most = absorber > np.quantile(absorber, 2 / 3)
     return {
         "depth": modulation_depth(peaks),
         "rms_m": float(np.sqrt(np.mean(displacement**2))),
@@ -87,51 +125,93 @@ def modulated(lane: Lane, method: Method, periods: int) -> Json:
 
 def _largest(share: Array, periods: int) -> list[float]:
     """Return the absorber's largest share in each `STRETCH` of so many pseudo periods."""
-    return share[: periods // STRETCH * STRETCH * DEFAULT_SAMPLES].reshape(-1, STRETCH * DEFAULT_SAMPLES).max(axis=1).tolist()
+    return (
+        share[: periods // STRETCH * STRETCH * DEFAULT_SAMPLES]
+        .reshape(-1, STRETCH * DEFAULT_SAMPLES)
+        .max(axis=1)
+        .tolist()
+    )
 
 
 def _waits(share: Array) -> list[int]:
     """Return the pseudo periods between transfers: the largest shares of `HALF` periods to either side, where they are above `TRANSFER`."""
     high = [int(k) for k in np.flatnonzero(share > TRANSFER)]
-    at = [k for k in high if k == max(0, k - HALF) + int(np.argmax(share[max(0, k - HALF) : k + HALF + 1]))]
+    at = [
+        k
+        for k in high
+        if k == max(0, k - HALF) + int(np.argmax(share[max(0, k - HALF) : k + HALF + 1]))
+    ]
     return [later - sooner for sooner, later in pairwise(at)]
 
 
 def _record(**rows: Array) -> Json:
     """Return the first periods, to 5 digits."""
-    return {name: [float(f"{x:.5g}") for x in values[: SHOWN * DEFAULT_SAMPLES]] for name, values in rows.items()}
+    return {
+        name: [float(f"{x:.5g}") for x in values[: SHOWN * DEFAULT_SAMPLES]]
+        for name, values in rows.items()
+    }
 
 
 def _members(settings: PaperSettings, size: Size, name: str) -> Json:
     """Return the numbers of all members by one of the `METHODS`, and the record of the first, the paper's own run."""
     own = scene()
     schedule = constant_frequency(own.model.resonance_omega(1), 1.0, SETTLE + size.periods)
-    lanes = [Lane(own, drive) for drive in draw_members(size.members, settings.seed).drives(FORCE, schedule)]
-    found = settings.each(f"{LABEL}: {name}", lanes, partial(modulated, method=METHODS[name], periods=size.periods), METHODS[name])
-    counts = {what: np.sum([one["counts"][what] for one in found], axis=0).tolist() for what in COUNTS}
+    lanes = [
+        Lane(own, drive)
+        for drive in draw_members(size.members, settings.seed).drives(FORCE, schedule)
+    ]
+    found = settings.each(
+        f"{LABEL}: {name}",
+        lanes,
+        partial(modulated, method=METHODS[name], periods=size.periods),
+        METHODS[name],
+    )
+    counts = {
+        what: np.sum([one["counts"][what] for one in found], axis=0).tolist() for what in COUNTS
+    }
     several = {key: [x for one in found for x in one[key]] for key in ("share", "waits")}
-    kept = {key: [one[key] for one in found] for key in found[0] if key not in ("counts", "record", *several)}
+    kept = {
+        key: [one[key] for one in found]
+        for key in found[0]
+        if key not in ("counts", "record", *several)
+    }
     return {**kept, **several, "counts": counts, "record": found[0]["record"]}
 
 
 def shares(lane: Lane, periods: int) -> list[float]:
     """Return the absorber's largest share of the energy in each `STRETCH` of a lane's ``periods`` after it has settled."""
     history = there(simulate(lane.scene, lane.drive, record=SERIES).history)
-    return _largest(mechanical_energy(lane.scene, history).absorber_share[SETTLE * DEFAULT_SAMPLES :], periods)
+    return _largest(
+        mechanical_energy(lane.scene, history).absorber_share[SETTLE * DEFAULT_SAMPLES :], periods
+    )
 
 
 def _elsewhere(settings: PaperSettings, size: Size) -> list[Json]:
     """Return the largest shares in the absorber with the resonant mode alone, at each of several resonances of the beam."""
     members, periods = size.elsewhere
-    whole, drawn, rows = modal_model(Beam(modes=MODES)), draw_members(members, settings.seed), []
+    whole = modal_model(Beam(modes=MODES))
+    drawn = draw_members(members, settings.seed)
+    rows = []
     for resonance in RESONANCES:
         k = slice(resonance - 1, resonance)
-        model = ModalModel(whole.omega[k], whole.damping_ratio[k], whole.force_shape[k], whole.tip_shape[k], whole.beam_mass)
+        model = ModalModel(
+            whole.omega[k],
+            whole.damping_ratio[k],
+            whole.force_shape[k],
+            whole.tip_shape[k],
+            whole.beam_mass,
+        )
         force = FORCE * _filling(model) / _filling(scene().model)
-        drives = drawn.drives(force, constant_frequency(model.resonance_omega(1), 1.0, SETTLE + periods))
+        drives = drawn.drives(
+            force, constant_frequency(model.resonance_omega(1), 1.0, SETTLE + periods)
+        )
         lanes = [Lane(Scene(model, impact_absorber()), drive) for drive in drives]
-        found = settings.each(f"{LABEL}: resonance {resonance}", lanes, partial(shares, periods=periods))
-        rows.append({"resonance": resonance, "force_n": force, "share": [x for one in found for x in one]})
+        found = settings.each(
+            f"{LABEL}: resonance {resonance}", lanes, partial(shares, periods=periods)
+        )
+        rows.append(
+            {"resonance": resonance, "force_n": force, "share": [x for one in found for x in one]}
+        )
     return rows
 
 
@@ -146,8 +226,12 @@ def _free_tip(model: ModalModel) -> float:
 
 
 def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
-    groups: dict[str, Callable[[], object]] = {"linear": lambda: {"amplitude_m": FORCE * _free_tip(scene().model), "gap_m": RigidWalls.gap}}
-    groups |= {name: partial(_members, settings, size, name) for name in METHODS} | {ANYWHERE: partial(_elsewhere, settings, size)}
+    groups: dict[str, Callable[[], object]] = {
+        "linear": lambda: {"amplitude_m": FORCE * _free_tip(scene().model), "gap_m": RigidWalls.gap}
+    }
+    groups |= {name: partial(_members, settings, size, name) for name in METHODS} | {
+        ANYWHERE: partial(_elsewhere, settings, size)
+    }
     return in_turn(groups, known)
 
 
@@ -155,8 +239,20 @@ def _words(values: Json) -> str:
     lines = []
     for name in METHODS:
         part = values[name]
-        thirds = [spread(_third(part, what, third)) for what in ("impacts", "lag") for third in ("high", "low")]
-        lines.append((name, *thirds, spread(part["share"]), spread(part["waits"], "{:.0f}"), spread(part["depth"])))
+        thirds = [
+            spread(_third(part, what, third))
+            for what in ("impacts", "lag")
+            for third in ("high", "low")
+        ]
+        lines.append(
+            (
+                name,
+                *thirds,
+                spread(part["share"]),
+                spread(part["waits"], "{:.0f}"),
+                spread(part["depth"]),
+            )
+        )
     columns = (
         "impacts a period, high third", "low third", "lag, rad, high third", "low third", "largest share in 25 periods", "periods between transfers",
     )  # fmt: skip
@@ -170,11 +266,16 @@ def _third(part: Json, what: str, name: str) -> list[float]:
 def _draw(values: Json) -> Figure:
     """Draw the paper's own run to the left, and distributions over all members to the right."""
     figure, axes = panels(4, 2, 8.0, "aebfcgdh", width_ratios=(2.4, 1))
-    exact, step = values["exact"], values["paper's step"]
+    exact = values["exact"]
+    step = values["paper's step"]
     _draw_record(axes[:, 0], exact["record"], values["linear"]["gap_m"])
-    methods, counts = {"exact": exact["counts"], "paper's step": step["counts"]}, exact["counts"]
+    methods = {"exact": exact["counts"], "paper's step": step["counts"]}
+    counts = exact["counts"]
     tips, shares = ({name: one[what] for name, one in methods.items()} for what in ("tip", "share"))
-    lags, impacts = ({f"{third} third": counts[f"{what}, {third}"] for third in ("high", "low")} for what in ("lag", "impacts"))
+    lags, impacts = (
+        {f"{third} third": counts[f"{what}, {third}"] for third in ("high", "low")}
+        for what in ("lag", "impacts")
+    )
     columns = (
         (1e3 * COUNTS["tip"], tips, "largest tip of a period, mm"),
         (COUNTS["lag, high"], lags, "lag of a period, rad"),
@@ -183,7 +284,14 @@ def _draw(values: Json) -> Figure:
     )
     for own, (edges, numbers, label) in zip(axes[:, 1], columns, strict=True):
         for look, (name, number) in zip(LOOKS, numbers.items(), strict=False):
-            own.stairs(np.array(number) / max(1, np.sum(number)), edges, color=look.colour, ls=look.dashes, lw=1.1, label=name)
+            own.stairs(
+                np.array(number) / max(1, np.sum(number)),
+                edges,
+                color=look.colour,
+                ls=look.dashes,
+                lw=1.1,
+                label=name,
+            )
         own.set(xlabel=label, ylabel="share of all", ylim=(0, 1.4 * own.dataLim.y1))
         own.legend(loc="upper left", fontsize=6.5)
     legends(axes[:, 0])
@@ -192,9 +300,18 @@ def _draw(values: Json) -> Figure:
 
 def _draw_record(axes: Any, record: Json, gap: float) -> None:
     period = np.arange(len(record["tip_m"])) / DEFAULT_SAMPLES
-    tip, absorber, modal, absorbed = (1e3 * np.array(record[name]) for name in ("tip_m", "absorber_m", "modal_j", "absorber_j"))
+    tip, absorber, modal, absorbed = (
+        1e3 * np.array(record[name]) for name in ("tip_m", "absorber_m", "modal_j", "absorber_j")
+    )
     for side in (-1, 1):
-        signal(axes[0], period, tip + side * MM * gap, Look(FAINT), "cavity walls" if side > 0 else None, 0.5)
+        signal(
+            axes[0],
+            period,
+            tip + side * MM * gap,
+            Look(FAINT),
+            "cavity walls" if side > 0 else None,
+            0.5,
+        )
     signal(axes[0], period, tip, LOOKS[0], "tip", 0.9)
     signal(axes[0], period, absorber, LOOKS[1], "absorber", 0.9)
     axes[0].set_ylabel("displacement, mm")
@@ -202,12 +319,30 @@ def _draw_record(axes: Any, record: Json, gap: float) -> None:
     shown = np.where(np.abs(np.diff(lag, prepend=lag[0])) > np.pi, np.nan, lag)
     signal(axes[1], period, shown, LOOKS[0], "Hilbert phase lag")
     turns = np.angle(np.exp(1j * lag).reshape(-1, DEFAULT_SAMPLES).mean(axis=1))
-    axes[1].plot(np.arange(len(turns)) + 0.5, turns, "o", ms=3, color=LOOKS[1].colour, label="mean of a period")
-    axes[1].set(ylabel="lag of the absorber, rad", ylim=(-np.pi, 1.5 * np.pi), yticks=(-np.pi, 0, np.pi), yticklabels=(r"$-\pi$", "0", r"$\pi$"))
-    for energy, look, name in ((modal, LOOKS[0], "first mode"), (absorbed, LOOKS[1], "absorber"), (modal + absorbed, REFERENCE, "both")):
+    axes[1].plot(
+        np.arange(len(turns)) + 0.5,
+        turns,
+        "o",
+        ms=3,
+        color=LOOKS[1].colour,
+        label="mean of a period",
+    )
+    axes[1].set(
+        ylabel="lag of the absorber, rad",
+        ylim=(-np.pi, 1.5 * np.pi),
+        yticks=(-np.pi, 0, np.pi),
+        yticklabels=(r"$-\pi$", "0", r"$\pi$"),
+    )
+    for energy, look, name in (
+        (modal, LOOKS[0], "first mode"),
+        (absorbed, LOOKS[1], "absorber"),
+        (modal + absorbed, REFERENCE, "both"),
+    ):
         signal(axes[2], period, energy, look, name, 0.9)
     axes[2].set_ylabel("energy, mJ")
-    axes[3].fill_between(period, absorbed / (modal + absorbed), color=LOOKS[1].colour, alpha=0.5, lw=0)
+    axes[3].fill_between(
+        period, absorbed / (modal + absorbed), color=LOOKS[1].colour, alpha=0.5, lw=0
+    )
     axes[3].axhline(0.9, color="black", ls=":", lw=0.8, label="90 %")
     axes[3].set(ylabel="absorber's share", ylim=(0, 1.2), xlabel="pseudo periods")
     for own in (axes[0], axes[2]):
@@ -220,13 +355,20 @@ def _draw_record(axes: Any, record: Json, gap: float) -> None:
 
 def _claims(values: Json) -> list[Claim]:
     """Return the statements that this figure decides."""
-    exact, step = values["exact"], values["paper's step"]
-    thirds = ([_third(exact, what, name) for name in ("high", "low")] for what in ("impacts", "lag", "lag_width"))
+    exact = values["exact"]
+    step = values["paper's step"]
+    thirds = (
+        [_third(exact, what, name) for name in ("high", "low")]
+        for what in ("impacts", "lag", "lag_width")
+    )
     (high, low), (lag, lags), (width, widths) = thirds
     relative = np.array(exact["rms_m"]) * np.sqrt(2) / values["linear"]["amplitude_m"]
-    near, rows = LEFT * np.pi, values[ANYWHERE]
+    near = LEFT * np.pi
+    rows = values[ANYWHERE]
     ends = np.array([middle(row["share"]) for row in rows])
-    each = ", ".join(f"{spread(row['share'], '{:.0f}', 100)} % at the {row['resonance']}." for row in rows)
+    each = ", ".join(
+        f"{spread(row['share'], '{:.0f}', 100)} % at the {row['resonance']}." for row in rows
+    )
     said = partial(claim, LABEL)
     return [
         said("two impacts in the burst", high, step=_third(step, "impacts", "high")),
@@ -235,8 +377,14 @@ def _claims(values: Json) -> list[Claim]:
         said("lag arbitrary", widths, about(0.9 * 2 * np.pi), size=lags),
         said("ninety per cent", exact["share"], step=step["share"]),
         said("every twelve periods", exact["waits"]),
-        said("transfer during capture", exact["lag_at_energy"], correlation=exact["energy_and_lag"]),
-        said("transfer at any frequency", judged(ends[:, 0].min(), ends[:, 1].max(), *about(0.9)), each=each),
+        said(
+            "transfer during capture", exact["lag_at_energy"], correlation=exact["energy_and_lag"]
+        ),
+        said(
+            "transfer at any frequency",
+            judged(ends[:, 0].min(), ends[:, 1].max(), *about(0.9)),
+            each=each,
+        ),
         said("effective at resonance", relative, depth=exact["depth"]),
     ]
 

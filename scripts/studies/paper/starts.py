@@ -13,7 +13,17 @@ from impact_env.drive import PAPER_LIMITS, Drive, linear_sweep
 from impact_env.ensemble import Lane, draw_members
 from studies.paper.claim import SAME, Claim, Verdict, bands, between, claim, interval
 from studies.paper.curve import Started
-from studies.paper.frame import LOOKS, PaperFigure, PaperSettings, Size, banded, in_turn, legends, panels, shortened
+from studies.paper.frame import (
+    LOOKS,
+    PaperFigure,
+    PaperSettings,
+    Size,
+    banded,
+    in_turn,
+    legends,
+    panels,
+    shortened,
+)
 from studies.study import Array, Json, Table, there
 
 LABEL = "starts"
@@ -23,7 +33,9 @@ CHOICES = ("paper's", "position", "frequency", "both")  # what is drawn at rando
 def scenes() -> dict[str, Scene]:
     """Return the absorbers, by name: the paper's best, one without losses, and its case of one mode whose level is that of the first impacts."""
     return {
-        "10 modes, e = 0.7, 0.1 N": beam_scene(Beam(), impact_absorber(restitution=0.7, friction_limit=0.1)),
+        "10 modes, e = 0.7, 0.1 N": beam_scene(
+            Beam(), impact_absorber(restitution=0.7, friction_limit=0.1)
+        ),
         "10 modes, e = 1": beam_scene(Beam(), impact_absorber()),
         "1 mode, e = 0.75": beam_scene(Beam(modes=1), impact_absorber(restitution=0.75)),
     }
@@ -37,20 +49,39 @@ def level_from(lane: Lane) -> float:
 
 def _of_scene(scene: Scene, settings: PaperSettings, size: Size) -> Json:
     """Return all levels: places are uniform in the cavity, first frequencies of sweeps uniform from the paper's limits to the resonance."""
-    forces, number = size.forces, size.members
-    members, generator, (low, high) = draw_members(number, settings.seed), np.random.default_rng([settings.seed, 15]), PAPER_LIMITS
-    place, first_up, first_down = generator.uniform(-1, 1, number), generator.uniform(low, 1.0, number), generator.uniform(1.0, high, number)
+    forces = size.forces
+    number = size.members
+    members, generator, (low, high) = (
+        draw_members(number, settings.seed),
+        np.random.default_rng([settings.seed, 15]),
+        PAPER_LIMITS,
+    )
+    place = generator.uniform(-1, 1, number)
+    first_up = generator.uniform(low, 1.0, number)
+    first_down = generator.uniform(1.0, high, number)
     lanes = []
     for choice in CHOICES:
         places = RigidWalls.gap * place if choice in ("position", "both") else np.zeros(number)
-        first = np.column_stack([first_up, first_down]) if choice in ("frequency", "both") else np.tile([low, high], (number, 1))
+        first = (
+            np.column_stack([first_up, first_down])
+            if choice in ("frequency", "both")
+            else np.tile([low, high], (number, 1))
+        )
         for force in forces:
             for m in range(number):
                 for start, stop in zip(first[m].tolist(), (high, low), strict=True):
                     schedule = linear_sweep(scene.model.resonance_omega(1), start, stop)
-                    drive = Drive(force * float(members.factors[m]), schedule, float(members.phases[m]))
-                    lanes.append(Started(scene, drive, InitialState(absorber_displacement=float(places[m]))))
-    levels = np.array(settings.each(LABEL, lanes, level_from)).reshape(len(CHOICES), len(forces), number, 2).max(axis=-1)
+                    drive = Drive(
+                        force * float(members.factors[m]), schedule, float(members.phases[m])
+                    )
+                    lanes.append(
+                        Started(scene, drive, InitialState(absorber_displacement=float(places[m])))
+                    )
+    levels = (
+        np.array(settings.each(LABEL, lanes, level_from))
+        .reshape(len(CHOICES), len(forces), number, 2)
+        .max(axis=-1)
+    )
     return {"forces_n": list(forces), "levels_m": dict(zip(CHOICES, levels.tolist(), strict=True))}
 
 
@@ -64,17 +95,25 @@ def _table(values: Json) -> Table:
     rows = []
     for name, group in values.items():
         found = [bands(relative(group, choice))[[1, 0, 2]].T for choice in CHOICES]
-        rows += [(name, f"{force:g}", *(interval(*own[k]) for own in found)) for k, force in enumerate(group["forces_n"])]
+        rows += [
+            (name, f"{force:g}", *(interval(*own[k]) for own in found))
+            for k, force in enumerate(group["forces_n"])
+        ]
     return Table(f"{LABEL}_levels", ("absorber", "force, N", *CHOICES), rows)
 
 
 def _words(values: Json) -> str:
-    blocks = ["Level over the median of the paper's start, median (5 to 95 %) of the members; what is named is drawn at random."]
+    blocks = [
+        "Level over the median of the paper's start, median (5 to 95 %) of the members; what is named is drawn at random."
+    ]
     blocks.append(shortened(_table(values)))
     for choice in CHOICES[1:]:
-        ratios, top = _ratios(values, choice, 1), max(_ratios(values, choice, 2))
+        ratios = _ratios(values, choice, 1)
+        top = max(_ratios(values, choice, 2))
         said = " to ".join("{:.2f} ({}, {:g} N)".format(*x) for x in (min(ratios), max(ratios)))
-        blocks.append(f"Random {choice}: medians {said} times the paper's, 95 % quantiles up to {top[0]:.2f} ({top[1]}, {top[2]:g} N).")
+        blocks.append(
+            f"Random {choice}: medians {said} times the paper's, 95 % quantiles up to {top[0]:.2f} ({top[1]}, {top[2]:g} N)."
+        )
     return "\n\n".join(blocks)
 
 
@@ -83,8 +122,16 @@ def _claims(values: Json) -> list[Claim]:
     ratios = _ratios(values, "position", 1)
     (worst, *_), (top, name, force) = max(ratios), max(_ratios(values, "position", 2))
     middles = " to ".join("{:.2f} ({}, {:g} N)".format(*one) for one in (min(ratios), max(ratios)))
-    verdict = Verdict.HOLDS if max(worst, top) < 1 + SAME else Verdict.SPREAD if worst < 1 + SAME else Verdict.NOT
-    return [claim(LABEL, "starts_position", verdict, middles=middles, top=top, name=name, force=force)]
+    verdict = (
+        Verdict.HOLDS
+        if max(worst, top) < 1 + SAME
+        else Verdict.SPREAD
+        if worst < 1 + SAME
+        else Verdict.NOT
+    )
+    return [
+        claim(LABEL, "starts_position", verdict, middles=middles, top=top, name=name, force=force)
+    ]
 
 
 def _answer(values: Json) -> str:
@@ -98,7 +145,9 @@ def _ratios(values: Json, choice: str, quantile: int) -> list[tuple[float, str, 
     found = []
     for name, group in values.items():
         own, paper = (bands(relative(group, each))[quantile] for each in (choice, CHOICES[0]))
-        found += [(float(x), name, force) for x, force in zip(own / paper, group["forces_n"], strict=True)]
+        found += [
+            (float(x), name, force) for x, force in zip(own / paper, group["forces_n"], strict=True)
+        ]
     return found
 
 
@@ -109,9 +158,18 @@ def _draw(values: Json) -> Figure:
         forces = group["forces_n"]
         for choice, look in zip(CHOICES, LOOKS, strict=False):
             paper = choice == CHOICES[0]  # whose first member is the paper's run: others are drawn
-            banded(panel, forces, relative(group, choice), look, f"{choice} start" if paper else f"random: {choice}", nominal=paper)
+            banded(
+                panel,
+                forces,
+                relative(group, choice),
+                look,
+                f"{choice} start" if paper else f"random: {choice}",
+                nominal=paper,
+            )
         panel.set(xscale="log", xlabel="force in N")
-        shown = [x for k, x in enumerate(forces) if x >= 1.4 * forces[k - 1] or k % 2 == 0]  # others would overlap
+        shown = [
+            x for k, x in enumerate(forces) if x >= 1.4 * forces[k - 1] or k % 2 == 0
+        ]  # others would overlap
         panel.set_xticks(forces, [f"{x:g}" if x in shown else "" for x in forces])
         panel.minorticks_off()
         panel.set_title(absorber, loc="right")

@@ -41,8 +41,11 @@ FIGURES: tuple[PaperFigure, ...] = (  # in the order of the page: the paper's ow
 LABELS = tuple(figure.label for figure in FIGURES)
 PACKAGE = __package__ + "."
 WORDS = (".claim", ".frame", ".study")
-OUT, QUICK_OUT = Path("results/paper"), Path("results/paper/quick")
-CLAIMED, SUMMARY, REFUTED = "claims", "summary", "refuted"
+OUT = Path("results/paper")
+QUICK_OUT = Path("results/paper/quick")
+CLAIMED = "claims"
+SUMMARY = "summary"
+REFUTED = "refuted"
 HEADER = ("the paper says", "section", "computed", "verdict", "figure")
 
 
@@ -54,8 +57,15 @@ def place(out: Path) -> Place:
 def sources(module: ModuleType, known: frozenset[str] = frozenset()) -> frozenset[str]:
     """Return the modules of this study that a module's numbers come from: itself and what it takes from others, but for what only words or draws."""
     known |= {module.__name__}
-    taken = {getattr(value, "__module__", None) or getattr(value, "__name__", "") for value in vars(module).values()}
-    for name in sorted(str(name) for name in taken if str(name).startswith(PACKAGE) and not str(name).endswith(WORDS)):
+    taken = {
+        getattr(value, "__module__", None) or getattr(value, "__name__", "")
+        for value in vars(module).values()
+    }
+    for name in sorted(
+        str(name)
+        for name in taken
+        if str(name).startswith(PACKAGE) and not str(name).endswith(WORDS)
+    ):
         if name not in known:
             known |= sources(sys.modules[name], known)
     return known
@@ -70,7 +80,11 @@ def key(name: str, settings: PaperSettings) -> Json:
     source = hashlib.sha256()
     for each in sorted(sources(sys.modules[figure.words.__module__])):
         source.update(Path(sys.modules[each].__file__ or "").read_bytes())
-    own = {"kernels": digest(), "source": source.hexdigest()[:16], "parameters": vars(settings.size(*figure.sizes))}
+    own = {
+        "kernels": digest(),
+        "source": source.hexdigest()[:16],
+        "parameters": vars(settings.size(*figure.sizes)),
+    }
     plain: Json = json.loads(json.dumps({"quick": settings.quick, "seed": settings.seed, **own}))
     return plain
 
@@ -87,10 +101,18 @@ def claims_part(figures: Sequence[PaperFigure]) -> Part[PaperSettings]:
 
 
 def _collected(settings: PaperSettings, _known: Json, figures: Sequence[PaperFigure]) -> Steps:
-    where, found, missing, answers = Place(settings.folder), list[Claim](), list[str](), dict[str, str]()
+    where = Place(settings.folder)
+    found = list[Claim]()
+    missing = list[str]()
+    answers = dict[str, str]()
     for figure in figures:
-        path, part = where.numbers(figure.label), figure.part()
-        measured = load(Study((part,)), part, where, "--out") if path is not None and path.exists() else None
+        path = where.numbers(figure.label)
+        part = figure.part()
+        measured = (
+            load(Study((part,)), part, where, "--out")
+            if path is not None and path.exists()
+            else None
+        )
         if measured is None or not measured.complete:
             missing.append(figure.label)
         else:
@@ -105,48 +127,82 @@ def _sections(measured: Measured) -> dict[str, str]:
     claims = [from_plain(plain) for plain in measured.values["claims"]]
     left = [claim for claim in claims if claim.verdict is not Verdict.HOLDS]
     rest = [claim for claim in claims if claim.verdict is Verdict.HOLDS]
-    rule = "\n".join(f"| {words} | {allowed} |" for words, allowed in (("words", "allowed"), ("---", "---"), *RULE))
+    rule = "\n".join(
+        f"| {words} | {allowed} |"
+        for words, allowed in (("words", "allowed"), ("---", "---"), *RULE)
+    )
     return {
         marker(SUMMARY): summary(claims, measured.values.get("answers", {})),
         marker(REFUTED): f"{table(left)}{reasons(left)}",
-        marker(CLAIMED): f"{folded(f'{len(rest)} statements that hold', table(rest))}\n\n{folded('The rule of tolerances', rule)}",
+        marker(
+            CLAIMED
+        ): f"{folded(f'{len(rest)} statements that hold', table(rest))}\n\n{folded('The rule of tolerances', rule)}",
     }
 
 
 def _counted(claims: Sequence[Claim]) -> str:
     """Return how many there are of each verdict, in words."""
     counts = Counter(claim.verdict for claim in claims)
-    many = {verdict: verdict.value.replace("holds", "hold").replace("does not", "do not") for verdict in Verdict}
-    return ", ".join(f"{counts[verdict]} {verdict.value if counts[verdict] == 1 else many[verdict]}" for verdict in Verdict if counts[verdict])
+    many = {
+        verdict: verdict.value.replace("holds", "hold").replace("does not", "do not")
+        for verdict in Verdict
+    }
+    return ", ".join(
+        f"{counts[verdict]} {verdict.value if counts[verdict] == 1 else many[verdict]}"
+        for verdict in Verdict
+        if counts[verdict]
+    )
 
 
 def summary(claims: Sequence[Claim], answers: dict[str, str]) -> str:
     """Return the page's first lines: counts, the substantive statements that do not hold, and the answer to each open question."""
-    own, given = ([claim for claim in claims if claim.definitional is definitional] for definitional in (False, True))
+    own, given = (
+        [claim for claim in claims if claim.definitional is definitional]
+        for definitional in (False, True)
+    )
     failed = "; ".join(claim.statement for claim in own if claim.verdict is Verdict.NOT)
     lines = [
         f"**{len(own)} substantive statements** were tested: {_counted(own)}.",
-        f"{len(given)} more follow from definitions or from the linear structure: {_counted(given)}." if given else "",
+        f"{len(given)} more follow from definitions or from the linear structure: {_counted(given)}."
+        if given
+        else "",
         f"**What does not hold:** {failed}." if failed else "",
         "**In single runs much is chance:** what holds within spread only is true of some members and not of others.",
-        *(f"**{answer.partition(': ')[0]}:** {answer.partition(': ')[2]}" for answer in answers.values()),
+        *(
+            f"**{answer.partition(': ')[0]}:** {answer.partition(': ')[2]}"
+            for answer in answers.values()
+        ),
     ]
     return "\n".join(f"{number}. {line}" for number, line in enumerate(filter(None, lines), 1))
 
 
 def table(claims: Sequence[Claim]) -> str:
     """Return a row for each claim."""
-    rows = [(claim.statement, claim.section, claim.computed, f"**{claim.verdict.value}**", claim.figure) for claim in claims]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in (HEADER, ("---",) * len(HEADER), *rows))
+    rows = [
+        (claim.statement, claim.section, claim.computed, f"**{claim.verdict.value}**", claim.figure)
+        for claim in claims
+    ]
+    return "\n".join(
+        "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
+        for row in (HEADER, ("---",) * len(HEADER), *rows)
+    )
 
 
 def reasons(claims: Sequence[Claim]) -> str:
     """Return a paragraph for each claim that does not simply hold."""
     left = [claim for claim in claims if claim.verdict is not Verdict.HOLDS]
-    return "".join(f"\n\n**{claim.statement[0].upper()}{claim.statement[1:]}: {claim.verdict.value}.** {claim.why}" for claim in left)
+    return "".join(
+        f"\n\n**{claim.statement[0].upper()}{claim.statement[1:]}: {claim.verdict.value}.** {claim.why}"
+        for claim in left
+    )
 
 
 STUDY: Study[PaperSettings] = Study(
-    tuple(figure.part() for figure in FIGURES), key=key, same=(), kept="finished figures are kept; the same command goes on from here."
+    tuple(figure.part() for figure in FIGURES),
+    key=key,
+    same=(),
+    kept="finished figures are kept; the same command goes on from here.",
 )
-CLAIMS: Study[PaperSettings] = Study((claims_part(FIGURES),))  # once all figures that are to be made are there
+CLAIMS: Study[PaperSettings] = Study(
+    (claims_part(FIGURES),)
+)  # once all figures that are to be made are there

@@ -19,7 +19,9 @@ from impact_env.periodic.residence import Approach, Range, exit_rate, jumps, sta
 from impact_env.periodic.stationary import QUANTILES, Kind, envelope, stationary_members
 from studies.study import there
 
-PAPER, STRIP, RECOMMENDED = "paper", "strip", "recommended"
+PAPER = "paper"
+STRIP = "strip"
+RECOMMENDED = "recommended"
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,13 +83,22 @@ class RegimeSettings:
             count(name, getattr(self, name), 1)
         count("seed", self.seed, 0)
         positive("silence", self.silence)
-        require(self.stay_periods > self.silence, "stay_periods", self.stay_periods, f"more than a silence, {self.silence}")
+        require(
+            self.stay_periods > self.silence,
+            "stay_periods",
+            self.stay_periods,
+            f"more than a silence, {self.silence}",
+        )
 
 
 def grid(first: float, last: float, points: int) -> tuple[float, ...]:
     """Return equidistant ratios, rounded so that they can be written down; at least 2."""
     count("points", points, 2)
-    return tuple(np.round(np.linspace(positive("first ratio", first), positive("last ratio", last), points), 6).tolist())
+    return tuple(
+        np.round(
+            np.linspace(positive("first ratio", first), positive("last ratio", last), points), 6
+        ).tolist()
+    )
 
 
 def strip_scene() -> Scene:
@@ -121,8 +132,13 @@ def cases() -> tuple[Case, ...]:
 
 Row = dict[str, Any]
 Key = tuple[str, str, float]
-STAY, SWEEP, RESPONSE, WAYS = "stay", "sweep", "response", ("down", "up")
-BEFORE, AFTER = 0.002, 0.012  # of the resonance, that sweeps either way begin before their range and go on after it
+STAY = "stay"
+SWEEP = "sweep"
+RESPONSE = "response"
+WAYS = ("down", "up")
+# of the resonance, that sweeps either way begin before their range and go on after it
+BEFORE = 0.002
+AFTER = 0.012
 BOTH_WAYS = 100.0, 300.0  # pseudo periods per percent
 
 
@@ -131,15 +147,35 @@ key = itemgetter("what", "case", "at")  # of a row: its case
 
 def jump_cases(settings: RegimeSettings) -> Mapping[Key, Callable[[], list[Row]]]:
     """Return the measurements: stays at each frequency and sweeps at each slowness."""
-    stay = {(STAY, case.name, ratio): partial(_stay, case, ratio, settings) for case in settings.cases for ratio in case.stay_ratios}
-    sweep = {(SWEEP, case.name, slow): partial(_sweep, case, slow, settings) for case in settings.cases if case.sweep for slow in case.slownesses}
+    stay = {
+        (STAY, case.name, ratio): partial(_stay, case, ratio, settings)
+        for case in settings.cases
+        for ratio in case.stay_ratios
+    }
+    sweep = {
+        (SWEEP, case.name, slow): partial(_sweep, case, slow, settings)
+        for case in settings.cases
+        if case.sweep
+        for slow in case.slownesses
+    }
     both = product((case for case in settings.cases if case.both_ways), BOTH_WAYS, WAYS)
-    return {**stay, **sweep, **{(way, case.name, slow): partial(_one_way, case, way, slow, settings) for case, slow, way in both}}
+    return {
+        **stay,
+        **sweep,
+        **{
+            (way, case.name, slow): partial(_one_way, case, way, slow, settings)
+            for case, slow, way in both
+        },
+    }
 
 
 def kind_cases(settings: RegimeSettings) -> Mapping[Key, Callable[[], list[Row]]]:
     """Return the measurements of the stationary responses at each frequency."""
-    return {(RESPONSE, case.name, ratio): partial(_responses, case, ratio, settings) for case in settings.cases for ratio in case.kind_ratios}
+    return {
+        (RESPONSE, case.name, ratio): partial(_responses, case, ratio, settings)
+        for case in settings.cases
+        for ratio in case.kind_ratios
+    }
 
 
 def _phases(members: int, seed: int) -> list[float]:
@@ -147,10 +183,14 @@ def _phases(members: int, seed: int) -> list[float]:
 
 
 def _stay(case: Case, ratio: float, settings: RegimeSettings) -> list[Row]:
-    drawn, length = _phases(settings.stay_members, settings.seed), settings.stay_periods
+    drawn = _phases(settings.stay_members, settings.seed)
+    length = settings.stay_periods
     at = (case.scene, case.force, case.approach, ratio)
-    found = stays(*at, length, drawn, settings.silence, threads=settings.threads, executor=settings.executor)
-    rate, late = exit_rate(found, settings.burn_in), exit_rate(found, settings.burn_in + length / 8)
+    found = stays(
+        *at, length, drawn, settings.silence, threads=settings.threads, executor=settings.executor
+    )
+    rate = exit_rate(found, settings.burn_in)
+    late = exit_rate(found, settings.burn_in + length / 8)
     pauses = found.longest_pauses
     return [
         {
@@ -164,21 +204,47 @@ def _stay(case: Case, ratio: float, settings: RegimeSettings) -> list[Row]:
 
 def _sweep(case: Case, slowness: float, settings: RegimeSettings) -> list[Row]:
     drawn = _phases(settings.sweep_members, settings.seed + 1)
-    at, limits = (case.scene, case.force, case.approach, there(case.sweep), slowness, drawn), (settings.silence, case.high_level)
+    at = (case.scene, case.force, case.approach, there(case.sweep), slowness, drawn)
+    limits = (settings.silence, case.high_level)
     found = jumps(*at, *limits, threads=settings.threads, executor=settings.executor)
     low, high = found.interval()
-    counts = {"runs": found.runs, "present": found.present, "jumped": found.jumped, "high_level": found.high}
-    return [{"what": SWEEP, "case": case.name, "at": slowness, **counts, "share": _plain(found.share), "low": low, "high": high}]
+    counts = {
+        "runs": found.runs,
+        "present": found.present,
+        "jumped": found.jumped,
+        "high_level": found.high,
+    }
+    return [
+        {
+            "what": SWEEP,
+            "case": case.name,
+            "at": slowness,
+            **counts,
+            "share": _plain(found.share),
+            "low": low,
+            "high": high,
+        }
+    ]
 
 
 def _one_way(case: Case, way: str, slowness: float, settings: RegimeSettings) -> list[Row]:
     """Return how many of twice the members leave between the two ratios in a sweep down or up; before one up they come down to its start."""
     high, low = there(case.both_ways)
-    over = Range(high + BEFORE, high, low, low - AFTER) if way == WAYS[0] else Range(low - BEFORE, low, high, high + AFTER)
+    over = (
+        Range(high + BEFORE, high, low, low - AFTER)
+        if way == WAYS[0]
+        else Range(low - BEFORE, low, high, high + AFTER)
+    )
     drawn = _phases(2 * settings.sweep_members, settings.seed + 2)
     at = (case.scene, case.force, case.approach, over, slowness, drawn)
     found = jumps(*at, settings.silence, threads=settings.threads, executor=settings.executor)
-    row: Row = {"what": way, "case": case.name, "at": slowness, "first": over.first, "last": over.last}
+    row: Row = {
+        "what": way,
+        "case": case.name,
+        "at": slowness,
+        "first": over.first,
+        "last": over.last,
+    }
     return [row | {"present": found.present, "left": len(found.left)}]
 
 
@@ -187,15 +253,47 @@ MEANS = ("impacts_per_period", "depth", "absorber_share", "impact_loss", "fricti
 
 def _responses(case: Case, ratio: float, settings: RegimeSettings) -> list[Row]:
     drawn = _phases(settings.kind_members, settings.seed)
-    at, lengths = (case.scene, case.force, case.approach, ratio), (settings.settle, settings.window)
-    members = stationary_members(*at, *lengths, drawn, threads=settings.threads, executor=settings.executor)
+    at = (case.scene, case.force, case.approach, ratio)
+    lengths = (settings.settle, settings.window)
+    members = stationary_members(
+        *at, *lengths, drawn, threads=settings.threads, executor=settings.executor
+    )
     kinds = {kind.value: sum(member.found.kind is kind for member in members) for kind in Kind}
-    multiples = [m for member in members if member.found.kind is Kind.PERIODIC and (m := member.found.multiple) is not None]
-    peaks = dict(zip((f"peak_{100 * q:g}" for q in QUANTILES), envelope(members).tolist(), strict=True))
-    each = [(m.found.impacts_per_period, m.found.depth, m.energies.absorber_mean, m.energies.impact, m.energies.friction) for m in members]
-    means = {name: float(np.mean(values)) for name, values in zip(MEANS, zip(*each, strict=True), strict=True)}
+    multiples = [
+        m
+        for member in members
+        if member.found.kind is Kind.PERIODIC and (m := member.found.multiple) is not None
+    ]
+    peaks = dict(
+        zip((f"peak_{100 * q:g}" for q in QUANTILES), envelope(members).tolist(), strict=True)
+    )
+    each = [
+        (
+            m.found.impacts_per_period,
+            m.found.depth,
+            m.energies.absorber_mean,
+            m.energies.impact,
+            m.energies.friction,
+        )
+        for m in members
+    ]
+    means = {
+        name: float(np.mean(values))
+        for name, values in zip(MEANS, zip(*each, strict=True), strict=True)
+    }
     counted = {str(multiple): multiples.count(multiple) for multiple in sorted(set(multiples))}
-    return [{"what": RESPONSE, "case": case.name, "at": ratio, "runs": len(members), **kinds, "multiples": counted, **means, **peaks}]
+    return [
+        {
+            "what": RESPONSE,
+            "case": case.name,
+            "at": ratio,
+            "runs": len(members),
+            **kinds,
+            "multiples": counted,
+            **means,
+            **peaks,
+        }
+    ]
 
 
 def _plain(value: float) -> float | None:

@@ -6,7 +6,18 @@ from functools import lru_cache
 
 import numpy as np
 
-from impact_env import Drive, FrequencySchedule, InitialState, ParameterError, Record, Response, RigidWalls, Scene, SlidingAbsorber, TunedAbsorber
+from impact_env import (
+    Drive,
+    FrequencySchedule,
+    InitialState,
+    ParameterError,
+    Record,
+    Response,
+    RigidWalls,
+    Scene,
+    SlidingAbsorber,
+    TunedAbsorber,
+)
 from impact_env.energy import stored_energy
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.sweep import IntegrationError, simulate
@@ -26,10 +37,16 @@ MAKE: dict[str, Callable[[int], Method]] = {
     "runge-kutta": lambda factor: RungeKutta(20 * factor, 20 * factor),
 }
 
-GOOD, WEAK, REFUSED, FAILED = "good", "fewer digits", "refused", "FAILED"
+GOOD = "good"
+WEAK = "fewer digits"
+REFUSED = "refused"
+FAILED = "FAILED"
 TEXTS = ("balance {:.1e}", "{:.1e} from the reference", "penetration {:.1e} of gap and motion")
 WRONG_BALANCE = 1e-6
-LIMITS = {FAILED: (WRONG_BALANCE, 1e-5, 1e-9), WEAK: (1e-9, 1e-9, 1e-12)}  # of an exact method: wrong, and more than rounding may take
+LIMITS = {
+    FAILED: (WRONG_BALANCE, 1e-5, 1e-9),
+    WEAK: (1e-9, 1e-9, 1e-12),
+}  # of an exact method: wrong, and more than rounding may take
 FAR = 0.3  # a stepping method must come closer than this with the finer step
 CLOSE = 1e-2  # a stepping method this near to the reference need not come nearer with a finer step
 GAIN = 0.5  # what a finer step must make of the deviation
@@ -84,9 +101,17 @@ def _samples(drive: Drive) -> int:
     return max(SAMPLES, int(np.ceil(LEAST_SAMPLES / drive.schedule.periods)))
 
 
-def _run(scene: Scene, drive: Drive, initial: InitialState, method: Method, samples: int) -> Response:
+def _run(
+    scene: Scene, drive: Drive, initial: InitialState, method: Method, samples: int
+) -> Response:
     return simulate(
-        scene, drive, method, initial=initial, record=Record(level=False, events=True, series=True, energy=True, samples_per_period=samples)
+        scene,
+        drive,
+        method,
+        initial=initial,
+        record=Record(
+            level=False, events=True, series=True, energy=True, samples_per_period=samples
+        ),
     )
 
 
@@ -94,14 +119,30 @@ def _cut(drive: Drive, end: float) -> Drive:
     """Return the drive up to a time in s."""
     schedule = drive.schedule
     times = np.append(schedule.times[schedule.times < end * (1 - 1e-12)], end)
-    return Drive(drive.amplitude, FrequencySchedule(times, schedule.omega_at(times), schedule.reference), drive.phase)
+    return Drive(
+        drive.amplitude,
+        FrequencySchedule(times, schedule.omega_at(times), schedule.reference),
+        drive.phase,
+    )
 
 
-def _fill(cell: Cell, case: Case, scene: Scene, drive: Drive, initial: InitialState, response: Response) -> None:
-    cell.impacts, cell.wall_s, cell.balance = response.impact_count, response.wall_time, there(response.energy).relative_error
+def _fill(
+    cell: Cell, case: Case, scene: Scene, drive: Drive, initial: InitialState, response: Response
+) -> None:
+    cell.impacts, cell.wall_s, cell.balance = (
+        response.impact_count,
+        response.wall_time,
+        there(response.energy).relative_error,
+    )
     if isinstance(response.method, Moreau):
         cell.identity = _left_over(scene, initial, response)
-    half = _run(scene, _cut(drive, 0.5 * float(drive.schedule.times[-1])), initial, response.method, _samples(drive))
+    half = _run(
+        scene,
+        _cut(drive, 0.5 * float(drive.schedule.times[-1])),
+        initial,
+        response.method,
+        _samples(drive),
+    )
     cell.drift = _drift(scene, response, half, case.conserved)
     cell.penetration = _penetration(scene, response)
     expected = _truth(case)
@@ -109,8 +150,21 @@ def _fill(cell: Cell, case: Case, scene: Scene, drive: Drive, initial: InitialSt
         cell.followed = float(expected.time[-1]) / drive.schedule.pseudo_period
         cell.deviation = _deviation(expected, response)
         if cell.method != EXACT:
-            factor = FINER[cell.method] if scene.model.omega[-1] < FAST * scene.model.omega[0] else FINER_FAST
-            cell.finer = _deviation(expected, _run(scene, _cut(drive, float(expected.time[-1])), initial, MAKE[cell.method](factor), _samples(drive)))
+            factor = (
+                FINER[cell.method]
+                if scene.model.omega[-1] < FAST * scene.model.omega[0]
+                else FINER_FAST
+            )
+            cell.finer = _deviation(
+                expected,
+                _run(
+                    scene,
+                    _cut(drive, float(expected.time[-1])),
+                    initial,
+                    MAKE[cell.method](factor),
+                    _samples(drive),
+                ),
+            )
 
 
 @lru_cache(maxsize=8)
@@ -151,24 +205,35 @@ def _left_over(scene: Scene, initial: InitialState, response: Response) -> float
 
     With the mean velocity of each step the scheme's balance closes exactly but for that term.
     """
-    n, model, account = scene.model.modes, scene.model, there(response.energy)
+    n = scene.model.modes
+    model = scene.model
+    account = there(response.energy)
     dt = float(response.drive.schedule.times[-1]) / response.steps
 
     def kinetic(state: np.ndarray) -> float:
         total = float(np.sum((model.omega * state[n + 1 : -1]) ** 2))
         if isinstance(scene.absorber, TunedAbsorber):
-            total += scene.absorber.stiffness * float(state[-1] - model.tip_shape @ state[n + 1 : -1]) ** 2
+            total += (
+                scene.absorber.stiffness
+                * float(state[-1] - model.tip_shape @ state[n + 1 : -1]) ** 2
+            )
         return total
 
     change = dt**2 / 8 * (kinetic(response.end_state) - kinetic(initial.vector(scene)))
-    error, scale = abs(account.balance_error + change), _scale(response)
+    error = abs(account.balance_error + change)
+    scale = _scale(response)
     return error / scale if scale > 0 else error
 
 
 def _scale(response: Response) -> float:
     """Return the largest term of the energy balance in J."""
     account = there(response.energy)
-    losses = float(np.sum(account.modal_loss)), account.friction_loss, account.impact_loss, account.absorber_damping
+    losses = (
+        float(np.sum(account.modal_loss)),
+        account.friction_loss,
+        account.impact_loss,
+        account.absorber_damping,
+    )
     return max(abs(account.work), account.stored_at_start, account.stored_at_end, *map(abs, losses))
 
 
@@ -186,16 +251,27 @@ def _judge(cell: Cell, case: Case) -> tuple[str, str]:
     """Return verdict and reason of a finished cell."""
     if case.must_refuse:
         return FAILED, "finished where there is no right answer"
-    wrong = [name for name, value in vars(cell).items() if isinstance(value, float) and not np.isfinite(value)]
+    wrong = [
+        name
+        for name, value in vars(cell).items()
+        if isinstance(value, float) and not np.isfinite(value)
+    ]
     if wrong:
         return FAILED, f"not finite: {', '.join(wrong)}"
     return _judge_exact(cell) if cell.method == EXACT else _judge_steps(cell)
 
 
 def _judge_exact(cell: Cell) -> tuple[str, str]:
-    found = [(value or 0.0, text) for value, text in zip((cell.balance, cell.deviation, cell.penetration), TEXTS, strict=True)]
+    found = [
+        (value or 0.0, text)
+        for value, text in zip((cell.balance, cell.deviation, cell.penetration), TEXTS, strict=True)
+    ]
     for verdict, most in LIMITS.items():
-        reasons = [text.format(value) for (value, text), limit in zip(found, most, strict=True) if value > limit]
+        reasons = [
+            text.format(value)
+            for (value, text), limit in zip(found, most, strict=True)
+            if value > limit
+        ]
         if reasons:
             return verdict, ", ".join(reasons)
     return GOOD, ""
@@ -207,7 +283,10 @@ def _judge_steps(cell: Cell) -> tuple[str, str]:
     if cell.finer > FAR:
         return FAILED, f"{cell.finer:.1e} from the reference even with a finer step"
     if cell.finer > max(GAIN * cell.deviation, CLOSE):
-        return FAILED, f"{cell.deviation:.1e} from the reference, {cell.finer:.1e} with a finer step: it does not converge"
+        return (
+            FAILED,
+            f"{cell.deviation:.1e} from the reference, {cell.finer:.1e} with a finer step: it does not converge",
+        )
     if cell.identity is not None and cell.identity > WRONG_BALANCE:
         return FAILED, f"balance {cell.identity:.1e} beside what the step explains"
     return GOOD, ""

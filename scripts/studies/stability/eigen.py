@@ -17,7 +17,9 @@ CHECKED = (1, 2, 10)  # modes
 WRONG = 1e-6  # relative error of a frequency from which on it is called wrong
 DIGITS = 50
 DIGITS_PER_ELEMENT = 3  # what the transfer matrix of an element loses at most
-HIGHEST_UP_TO = 200  # elements: the highest frequency needs as many digits as there are elements, and time
+HIGHEST_UP_TO = (
+    200  # elements: the highest frequency needs as many digits as there are elements, and time
+)
 
 Matrix = NDArray[Any]  # of Decimal
 
@@ -28,11 +30,18 @@ _M = ((156, 22, 54, -13), (22, 4, 13, -3), (54, 13, 156, -22), (-13, -3, -22, 4)
 
 def _transfer(square: Decimal) -> Matrix:
     """Return the matrix from deflection, slope and end forces at an element's start to those at its end, for omega^2 in units of the element."""
-    d = np.array([[Decimal(k) - square * m / 420 for k, m in zip(*rows, strict=True)] for rows in zip(_K, _M, strict=True)])
+    d = np.array(
+        [
+            [Decimal(k) - square * m / 420 for k, m in zip(*rows, strict=True)]
+            for rows in zip(_K, _M, strict=True)
+        ]
+    )
     (a, b), (c, e) = d[:2, 2:]
     inverse = np.array([[e, -b], [-c, a]]) / (a * e - b * c)
     end = np.hstack([-inverse @ d[:2, :2], inverse])  # deflection and slope
-    return np.vstack([end, -(np.hstack([d[2:, :2], np.full((2, 2), Decimal(0))]) + d[2:, 2:] @ end)])
+    return np.vstack(
+        [end, -(np.hstack([d[2:, :2], np.full((2, 2), Decimal(0))]) + d[2:, 2:] @ end)]
+    )
 
 
 def _end_forces(square: Decimal, elements: int) -> Decimal:
@@ -46,8 +55,10 @@ def exact_frequency(elements: int, near: float) -> Decimal:
     with localcontext() as context:
         context.prec = DIGITS + DIGITS_PER_ELEMENT * elements
         unit = Decimal(elements) ** 4
-        one, other = Decimal(near) ** 2 / unit, (Decimal(near) * (1 + Decimal("1e-9"))) ** 2 / unit
-        value, last = _end_forces(other, elements), _end_forces(one, elements)
+        one = Decimal(near) ** 2 / unit
+        other = (Decimal(near) * (1 + Decimal("1e-9"))) ** 2 / unit
+        value = _end_forces(other, elements)
+        last = _end_forces(one, elements)
         for _ in range(60):
             if value == last or value == 0:
                 break
@@ -61,7 +72,14 @@ def exact_frequency(elements: int, near: float) -> Decimal:
 def continuous_roots(count: int) -> np.ndarray:
     """Return the first roots of cos x cosh x = -1, (count,)."""
     ends = np.pi * np.arange(count + 1)
-    return np.array([scipy.optimize.brentq(lambda x: np.cos(x) + 1 / np.cosh(x), low, high, xtol=1e-15, rtol=1e-15) for low, high in pairwise(ends)])
+    return np.array(
+        [
+            scipy.optimize.brentq(
+                lambda x: np.cos(x) + 1 / np.cosh(x), low, high, xtol=1e-15, rtol=1e-15
+            )
+            for low, high in pairwise(ends)
+        ]
+    )
 
 
 def accuracy(elements: int) -> Json:
@@ -71,9 +89,25 @@ def accuracy(elements: int) -> Json:
     mode, None where it was not computed; ``tip``: of the first mode's tip amplitude against 2/sqrt(mass). ``wrong``: a frequency has lost so many
     digits that it is none of these elements. ``error`` tells why there are no numbers.
     """
-    found: Json = {"elements": elements, "rounding": {}, "discretisation": {}, "highest": None, "tip": None, "error": "", "wrong": False}
+    found: Json = {
+        "elements": elements,
+        "rounding": {},
+        "discretisation": {},
+        "highest": None,
+        "tip": None,
+        "error": "",
+        "wrong": False,
+    }
     try:
-        model = modal_model(Beam(length=1.0, bending_stiffness=1.0, mass_per_length=1.0, elements=elements, modes=2 * elements))
+        model = modal_model(
+            Beam(
+                length=1.0,
+                bending_stiffness=1.0,
+                mass_per_length=1.0,
+                elements=elements,
+                modes=2 * elements,
+            )
+        )
     except ParameterError as error:
         return found | {"error": str(error)}
     roots = continuous_roots(max(CHECKED)) ** 2

@@ -6,14 +6,25 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.optimize
 
-from impact_env import Beam, CompliantWalls, Drive, FrequencySchedule, InitialState, Scene, SlidingAbsorber, TunedAbsorber, beam_scene
+from impact_env import (
+    Beam,
+    CompliantWalls,
+    Drive,
+    FrequencySchedule,
+    InitialState,
+    Scene,
+    SlidingAbsorber,
+    TunedAbsorber,
+    beam_scene,
+)
 from impact_env.families import family
 from impact_env.frequency import joint_matrices
 from impact_env.kernels.motion.observers import DONE, Observe, Series, new_clock, new_counters
 from impact_env.methods import Method, Moreau, RungeKutta
 from studies.study import Array, Json
 
-MOREAU, RUNGE_KUTTA = "moreau", "runge-kutta"
+MOREAU = "moreau"
+RUNGE_KUTTA = "runge-kutta"
 MAKE: dict[str, type[Moreau | RungeKutta]] = {MOREAU: Moreau, RUNGE_KUTTA: RungeKutta}
 STEPS = 50_000
 GROWN = 100.0  # a run whose state is so many times larger at its end was not stable
@@ -42,7 +53,11 @@ class LimitCase:
         absorber = None
         if self.spring is not None:
             walls = SlidingAbsorber(walls=CompliantWalls(self.spring, 0.0))
-            absorber = TunedAbsorber(stiffness=self.spring, damping=self.damper) if self.method == MOREAU or self.damper else walls
+            absorber = (
+                TunedAbsorber(stiffness=self.spring, damping=self.damper)
+                if self.method == MOREAU or self.damper
+                else walls
+            )
         return beam_scene(Beam(modes=self.modes, damping_ratio=self.damping_ratio), absorber)
 
 
@@ -61,7 +76,8 @@ QUICK = tuple(case for case in CASES if case.damping_ratio in (0.0, 0.01, 1.0, 2
 def first_order(scene: Scene) -> Array:
     """Return the matrix of the linear scene with its spring closed, in displacements and velocities."""
     mass, damping, stiffness = _matrices(scene)
-    zero, inverse = np.zeros_like(mass), np.diag(1 / np.diag(mass))
+    zero = np.zeros_like(mass)
+    inverse = np.diag(1 / np.diag(mass))
     return np.block([[zero, np.eye(len(mass))], [-inverse @ stiffness, -inverse @ damping]])
 
 
@@ -70,7 +86,9 @@ def _matrices(scene: Scene) -> tuple[Array, Array, Array]:
     absorber = scene.absorber
     if isinstance(absorber, SlidingAbsorber):
         assert isinstance(absorber.walls, CompliantWalls)
-        return joint_matrices(scene.model, TunedAbsorber(absorber.mass_ratio, absorber.walls.stiffness, 0.0))
+        return joint_matrices(
+            scene.model, TunedAbsorber(absorber.mass_ratio, absorber.walls.stiffness, 0.0)
+        )
     assert absorber is None or isinstance(absorber, TunedAbsorber)
     return joint_matrices(scene.model, absorber)
 
@@ -83,14 +101,21 @@ def moreau_theory(scene: Scene) -> float:
     """
     model = scene.model
     if scene.absorber is None:
-        return float(np.min(2 * (np.sqrt(model.damping_ratio**2 + 1) - model.damping_ratio) / model.omega))
+        return float(
+            np.min(2 * (np.sqrt(model.damping_ratio**2 + 1) - model.damping_ratio) / model.omega)
+        )
     mass, damping, stiffness = _matrices(scene)
-    inverse, eye = np.diag(1 / np.diag(mass)), np.eye(len(mass))
+    inverse = np.diag(1 / np.diag(mass))
+    eye = np.eye(len(mass))
 
     def radius(dt: float) -> float:
         keep = eye - dt * inverse @ damping
         pull = -dt * inverse @ stiffness
-        return float(np.max(np.abs(np.linalg.eigvals(np.block([[eye + dt * pull, dt * keep], [pull, keep]])))))
+        return float(
+            np.max(
+                np.abs(np.linalg.eigvals(np.block([[eye + dt * pull, dt * keep], [pull, keep]])))
+            )
+        )
 
     return _crossing(radius, 1 / float(np.max(np.abs(np.linalg.eigvals(first_order(scene))))))
 
@@ -98,7 +123,9 @@ def moreau_theory(scene: Scene) -> float:
 def runge_kutta_theory(scene: Scene) -> float:
     """Return the step in s at which |1 + z + z^2/2 + z^3/6 + z^4/24| = 1 for an eigenvalue s, z = s h."""
     eigenvalues = np.linalg.eigvals(first_order(scene))
-    eigenvalues = eigenvalues[np.abs(eigenvalues) > 1e-9 * np.max(np.abs(eigenvalues))]  # the absorber's own rest
+    eigenvalues = eigenvalues[
+        np.abs(eigenvalues) > 1e-9 * np.max(np.abs(eigenvalues))
+    ]  # the absorber's own rest
 
     def radius(h: float) -> float:
         z = eigenvalues * h
@@ -119,8 +146,14 @@ def grows(case: LimitCase, scene: Scene, dt: float) -> bool:
     """Return whether a run of `STEPS` steps without a force ends far above its start."""
     reference = float(scene.model.omega[0])
     duration = dt * STEPS
-    drive = Drive(0.0, FrequencySchedule(np.array([0.0, duration]), np.full(2, reference), reference))
-    start = InitialState(1e-6 * np.ones(scene.model.modes) / scene.model.omega, 1e-6 * np.ones(scene.model.modes), absorber_velocity=1e-6)
+    drive = Drive(
+        0.0, FrequencySchedule(np.array([0.0, duration]), np.full(2, reference), reference)
+    )
+    start = InitialState(
+        1e-6 * np.ones(scene.model.modes) / scene.model.omega,
+        1e-6 * np.ones(scene.model.modes),
+        absorber_velocity=1e-6,
+    )
     state = start.vector(scene)
     weight = np.concatenate([scene.model.omega, [0.0], np.ones(len(state) // 2)])
     size = np.hypot(*np.split(weight * state, 2)).max()
@@ -128,7 +161,9 @@ def grows(case: LimitCase, scene: Scene, dt: float) -> bool:
     method = at_step(MAKE[case.method](), dt)
     status = family(scene, method).run(scene, drive, method, state, observe)
     end = weight * state
-    return status != DONE or not np.all(np.isfinite(end)) or bool(np.max(np.abs(end)) > GROWN * size)
+    return (
+        status != DONE or not np.all(np.isfinite(end)) or bool(np.max(np.abs(end)) > GROWN * size)
+    )
 
 
 def find_limit(case: LimitCase) -> Json:
@@ -138,11 +173,23 @@ def find_limit(case: LimitCase) -> Json:
     """
     scene = case.scene()
     fastest = float(np.max(np.abs(np.linalg.eigvals(first_order(scene)))))
-    low, high = 0.01 / fastest, 10.0 / fastest
+    low = 0.01 / fastest
+    high = 10.0 / fastest
     for _ in range(HALVINGS):
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if grows(case, scene, middle) else (middle, high)
     theory = moreau_theory(scene) if case.method == MOREAU else runge_kutta_theory(scene)
-    found, paper = float(np.sqrt(low * high)), MAKE[case.method]().step(scene)
-    own = {"method": case.method, "what": case.what, "damping_ratio": case.damping_ratio, "omega": float(np.max(scene.model.omega))}
-    return own | {"theory_s": theory, "found_s": found, "paper_s": paper, "agrees": abs(found / theory - 1) <= AGREE}
+    found = float(np.sqrt(low * high))
+    paper = MAKE[case.method]().step(scene)
+    own = {
+        "method": case.method,
+        "what": case.what,
+        "damping_ratio": case.damping_ratio,
+        "omega": float(np.max(scene.model.omega)),
+    }
+    return own | {
+        "theory_s": theory,
+        "found_s": found,
+        "paper_s": paper,
+        "agrees": abs(found / theory - 1) <= AGREE,
+    }

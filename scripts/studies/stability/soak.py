@@ -11,9 +11,13 @@ from studies.study import Json, there
 
 LENGTHS = (1_000, 10_000, 100_000, 1_000_000)  # pseudo periods
 QUICK_LENGTHS = (100, 1_000, 10_000)
-FORCE, RATIO = 2.0, 0.98  # N, and frequency over the first resonance
+# N, and frequency over the first resonance
+FORCE = 2.0
+RATIO = 0.98
 RECORD = Record(level=True, energy=True)
-MOST_GROWTH_MB = 20.0  # from the shortest run to the longest, far below what one number a period would take
+MOST_GROWTH_MB = (
+    20.0  # from the shortest run to the longest, far below what one number a period would take
+)
 MOST_BALANCE = 1e-9  # of the exact method
 MOST_FACTOR = 4.0  # from a stepping method's worst balance in shorter runs to that of the longest; a drift makes it ten times as large
 
@@ -31,10 +35,32 @@ class SoakCase:
 
 CASES = (
     SoakCase("3 modes, e = 0.8, exact", 3, lambda: impact_absorber(restitution=0.8), Exact()),
-    SoakCase("1 mode, e = 0.7, friction, exact", 1, lambda: impact_absorber(restitution=0.7, friction_limit=0.05), Exact(), 100_000),
-    SoakCase("1 mode, compliant walls, exact", 1, lambda: SlidingAbsorber(walls=CompliantWalls(1e5)), Exact(), 100_000),
-    SoakCase("1 mode, e = 0.7, friction, Moreau", 1, lambda: impact_absorber(restitution=0.7, friction_limit=0.05), Moreau()),
-    SoakCase("1 mode, compliant walls, Runge-Kutta", 1, lambda: SlidingAbsorber(walls=CompliantWalls(1e5)), RungeKutta()),
+    SoakCase(
+        "1 mode, e = 0.7, friction, exact",
+        1,
+        lambda: impact_absorber(restitution=0.7, friction_limit=0.05),
+        Exact(),
+        100_000,
+    ),
+    SoakCase(
+        "1 mode, compliant walls, exact",
+        1,
+        lambda: SlidingAbsorber(walls=CompliantWalls(1e5)),
+        Exact(),
+        100_000,
+    ),
+    SoakCase(
+        "1 mode, e = 0.7, friction, Moreau",
+        1,
+        lambda: impact_absorber(restitution=0.7, friction_limit=0.05),
+        Moreau(),
+    ),
+    SoakCase(
+        "1 mode, compliant walls, Runge-Kutta",
+        1,
+        lambda: SlidingAbsorber(walls=CompliantWalls(1e5)),
+        RungeKutta(),
+    ),
 )
 
 
@@ -45,7 +71,14 @@ def soak(case: SoakCase, lengths: tuple[int, ...]) -> Json:
     """
     scene = beam_scene(Beam(modes=case.modes), case.absorber())
     lengths = tuple(length for length in lengths if length <= case.longest)
-    found: Json = {"name": case.name, "lengths": list(lengths), "balance": [], "memory_mb": [], "us_per_period": [], "impacts_per_period": []}
+    found: Json = {
+        "name": case.name,
+        "lengths": list(lengths),
+        "balance": [],
+        "memory_mb": [],
+        "us_per_period": [],
+        "impacts_per_period": [],
+    }
     for length in lengths:
         schedule = constant_frequency(scene.model.resonance_omega(1), RATIO, float(length))
         response = simulate(scene, Drive(FORCE, schedule), case.method, record=RECORD)
@@ -59,8 +92,10 @@ def soak(case: SoakCase, lengths: tuple[int, ...]) -> Json:
 
 def wrong_with(found: Json, exact: bool) -> str:
     """Return the faults of a very long run, empty if there are none."""
-    memory, balance = found["memory_mb"], found["balance"]
-    growth, shorter = memory[-1] - memory[0], max([*balance[:-1], 1e-12])
+    memory = found["memory_mb"]
+    balance = found["balance"]
+    growth = memory[-1] - memory[0]
+    shorter = max([*balance[:-1], 1e-12])
     if growth > MOST_GROWTH_MB:
         return f"memory grew by {growth:.0f} MB"
     if exact and max(balance) > MOST_BALANCE:

@@ -12,8 +12,10 @@ from studies.stability import soak as soaks
 from studies.stability.cases import Case, cases
 from studies.study import Json
 
-CELL_LIMIT_S, QUICK_CELL_LIMIT_S = 90.0, 30.0
-LONG_LIMIT_S, OTHER_LIMIT_S = 400.0, 120.0
+CELL_LIMIT_S = 90.0
+QUICK_CELL_LIMIT_S = 30.0
+LONG_LIMIT_S = 400.0
+OTHER_LIMIT_S = 120.0
 
 
 @lru_cache(maxsize=1)
@@ -24,13 +26,18 @@ def _by_name() -> dict[tuple[str, str], Case]:
 def run_cell(group: str, name: str, method: str) -> Json:
     """Run a case with a method."""
     values = asdict(cells.measure(_by_name()[group, name], method))
-    return {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in values.items()}
+    return {
+        key: None if isinstance(value, float) and not math.isfinite(value) else value
+        for key, value in values.items()
+    }
 
 
 def run_limit(method: str, what: str, damping_ratio: float) -> Json:
     """Find a step limit."""
     own = (method, what, damping_ratio)
-    return limits.find_limit(next(case for case in limits.CASES if (case.method, case.what, case.damping_ratio) == own))
+    return limits.find_limit(
+        next(case for case in limits.CASES if (case.method, case.what, case.damping_ratio) == own)
+    )
 
 
 def run_soak(name: str, lengths: tuple[int, ...]) -> Json:
@@ -55,7 +62,11 @@ def _kind(case: Case, method: str) -> str:
     except ParameterError:
         return f"{method}, refused"
     absorber = scene.absorber
-    parts = (absorber.walls, absorber.friction) if isinstance(absorber, SlidingAbsorber) else (absorber,)
+    parts = (
+        (absorber.walls, absorber.friction)
+        if isinstance(absorber, SlidingAbsorber)
+        else (absorber,)
+    )
     wide = ", wide" if scene.model.modes > 60 else ""
     return f"{method}, {', '.join(type(part).__name__ for part in parts)}{wide}"
 
@@ -66,11 +77,27 @@ def tasks(quick: bool) -> list[Task]:
     limit = QUICK_CELL_LIMIT_S if quick else CELL_LIMIT_S
     searches = -(-(checks.QUICK_SEARCHES if quick else checks.SEARCHES) // len(checks.CASES))
     return [
-        *(Task(checks.check, (name, searches), f"check {name}", LONG_LIMIT_S) for name in checks.CASES),
-        *(Task(run_soak, (case.name, lengths), f"soak {case.name}", LONG_LIMIT_S) for case in soaks.CASES),
-        *(Task(run_cell, (case.group, case.name, method), _kind(case, method), limit) for case in cases(quick) for method in case.methods),
-        *(Task(run_limit, (x.method, x.what, x.damping_ratio), "limits", OTHER_LIMIT_S) for x in (limits.QUICK if quick else limits.CASES)),
-        *(Task(eigen.accuracy, (elements,), "eigenproblem", OTHER_LIMIT_S) for elements in (eigen.QUICK_ELEMENTS if quick else eigen.ELEMENTS)),
+        *(
+            Task(checks.check, (name, searches), f"check {name}", LONG_LIMIT_S)
+            for name in checks.CASES
+        ),
+        *(
+            Task(run_soak, (case.name, lengths), f"soak {case.name}", LONG_LIMIT_S)
+            for case in soaks.CASES
+        ),
+        *(
+            Task(run_cell, (case.group, case.name, method), _kind(case, method), limit)
+            for case in cases(quick)
+            for method in case.methods
+        ),
+        *(
+            Task(run_limit, (x.method, x.what, x.damping_ratio), "limits", OTHER_LIMIT_S)
+            for x in (limits.QUICK if quick else limits.CASES)
+        ),
+        *(
+            Task(eigen.accuracy, (elements,), "eigenproblem", OTHER_LIMIT_S)
+            for elements in (eigen.QUICK_ELEMENTS if quick else eigen.ELEMENTS)
+        ),
     ]
 
 
@@ -81,7 +108,8 @@ def failures(results: Json) -> Iterator[str]:
             yield f"{cell['group']}: {cell['case']}, {cell['method']}: {cell['reason']}"
     for limit in results["limits"]:
         if not limit["agrees"]:
-            found, theory = limit["found_s"], limit["theory_s"]
+            found = limit["found_s"]
+            theory = limit["theory_s"]
             yield f"step limit of {limit['method']}, {limit['what']}, D = {limit['damping_ratio']:g}: {found:.6g} s, theory {theory:.6g} s"
     for entry in results["eigen"]:
         if entry["wrong"] or entry["error"]:
@@ -99,13 +127,17 @@ def gather(outcomes: Sequence[Outcome], order: Sequence[Task]) -> Json:
     """Return the results of finished tasks by section, in the given order. A cell that was lost (time, crash) is a failed cell."""
     results: Json = {name: [] for name in ("cells", "limits", "eigen", "soaks", "checks", "lost")}
     place = {(task.function, task.arguments): number for number, task in enumerate(order)}
-    for outcome in sorted(outcomes, key=lambda outcome: place[outcome.task.function, outcome.task.arguments]):
+    for outcome in sorted(
+        outcomes, key=lambda outcome: place[outcome.task.function, outcome.task.arguments]
+    ):
         task, (section, _) = outcome.task, SECTIONS[outcome.task.function]
         if outcome.value is not None:
             results[section].append(outcome.value)
         elif task.function is run_cell:
             group, case, method = task.arguments
-            results["cells"].append(asdict(cells.Cell(group, case, method, cells.FAILED, outcome.error)))
+            results["cells"].append(
+                asdict(cells.Cell(group, case, method, cells.FAILED, outcome.error))
+            )
         else:
             results["lost"].append({"what": f"{section} {task.arguments}", "error": outcome.error})
     return results
@@ -117,5 +149,9 @@ def finished(order: Sequence[Task], known: Json) -> list[Outcome]:
     for task in order:
         section, keys = SECTIONS[task.function]
         own = list(task.arguments[: len(keys)])
-        found += [Outcome(task, entry, "", 0.0) for entry in known.get(section, ()) if [entry[name] for name in keys] == own][:1]
+        found += [
+            Outcome(task, entry, "", 0.0)
+            for entry in known.get(section, ())
+            if [entry[name] for name in keys] == own
+        ][:1]
     return found
