@@ -43,11 +43,12 @@ class SceneKind(Enum):
 
 @dataclass(frozen=True)
 class Key:
-    """A plain name: the attribute that it stands for, what it is, and its unit."""
+    """A plain name: the attribute that it stands for, what it is, its unit, and a value that is left out when values are listed."""
 
     attribute: str
     what: str
     unit: str = ""
+    usual: float | None = None
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,8 @@ class Law:
 
     def values(self, law: Any) -> dict[str, Any]:
         """Return a law's values by their plain names."""
-        return {name: getattr(law, key.attribute) for name, key in self.keys.items()}
+        listed = {name: getattr(law, key.attribute) for name, key in self.keys.items()}
+        return {name: value for name, value in listed.items() if value != self.keys[name].usual}
 
     def make(self, values: Values) -> Any:
         """Return the law of some values; those left out have the class's defaults. Raises ParameterError for one that has none."""
@@ -125,20 +127,28 @@ WALLS = (
         {
             "contact_stiffness": Key("stiffness", "Stiffness of walls that are springs", "N/m"),
             "gap": GAP,
+            "restitution": replace(RESTITUTION, usual=1.0),
         },
-        lambda w: f"gap {1e3 * w.gap:g} mm, contact stiffness {w.stiffness:g} N/m",
+        lambda w: (
+            f"gap {1e3 * w.gap:g} mm, contact stiffness {w.stiffness:g} N/m"
+            + (f", restitution {w.restitution:g}" if w.restitution < 1 else "")
+        ),
         "stepping.feedback.Stops",
         mark="contact_stiffness",
         stored=lambda w, y: 0.5 * w.stiffness * max(abs(y) - w.gap, 0.0) ** 2,
     ),
 )
 LIMIT = Key("limit", "Friction limit, 0 for none", "N")
+STATIC_RATIO = Key("static_ratio", "Static friction over sliding friction, 1 or above", usual=1.0)
 FRICTION = (
     Law(
         CoulombFriction,
         SceneKind.RIGID,
-        {"friction_limit": LIMIT},
-        lambda f: f"friction limit {f.limit:g} N",
+        {"friction_limit": LIMIT, "static_friction_ratio": STATIC_RATIO},
+        lambda f: (
+            f"friction limit {f.limit:g} N"
+            + (f", static {f.static_ratio:g} times that" if f.static_ratio > 1 else "")
+        ),
         "limit",
     ),
     Law(
@@ -306,7 +316,14 @@ def _friction(given: Values, walls: object) -> CoulombFriction | ElasticCoulombF
         require(
             limit is not None, "friction_stiffness", stiffness, "left out without a friction_limit"
         )
-    return friction_law(limit, stiffness)
+    ratio = given.get("static_friction_ratio", 1.0)
+    require(
+        limit is not None or ratio == 1,
+        "static_friction_ratio",
+        ratio,
+        "left out without a friction_limit",
+    )
+    return friction_law(limit, stiffness, ratio)
 
 
 def make(concept: str, given: Values, name: str = "absorber") -> Absorber | None:

@@ -10,6 +10,7 @@ from impact_env.loads import BASE, AnyDrive, Samples, largest
 from impact_env.modes import MOST_HEAVINESS, with_link
 from impact_env.parameters import (
     CompliantWalls,
+    CoulombFriction,
     ElasticCoulombFriction,
     NonlinearSink,
     StuckAbsorber,
@@ -188,6 +189,22 @@ def check_supported(scene: Scene, method: Method) -> None:
             pair in GENERAL, "gravity", heavy, f"0 with {method} and {scene.kind.value}; {WHERE}"
         )
     require(pair not in _REFUSED, "method", method, _REFUSED.get(pair, ""))
+    friction = getattr(scene.absorber, "friction", None)
+    if isinstance(friction, CoulombFriction):
+        require(
+            friction.static_ratio == 1 or isinstance(method, Exact),
+            "method",
+            method,
+            "Exact for static friction above sliding friction: Moreau's law has one limit",
+        )
+    walls = getattr(scene.absorber, "walls", None)
+    damped = isinstance(walls, CompliantWalls) and walls.restitution < 1
+    require(
+        not damped or isinstance(method, Exact),
+        "method",
+        method,
+        "Exact for compliant walls with a restitution below 1: their damper's force jumps at the touch",
+    )
 
 
 def check_mass(scene: Scene) -> None:

@@ -256,29 +256,102 @@ class YieldingWalls:
         object.__setattr__(self, "restitution", rigid.restitution)
 
 
+LEAST_RESTITUTION = 1e-6  # of walls that are springs: the damper is almost critical there
+MOST_LOSS_FACTOR = (
+    1.95  # the damping ratio is half of it, and its restitution must not be below LEAST_RESTITUTION
+)
+
+
 @dataclass(frozen=True)
 class CompliantWalls:
-    """Cavity walls that are unilateral springs (paper, Eq. elSignorini). ``gap`` in m, ``stiffness`` k_n in N/m."""
+    """Cavity walls that are unilateral springs (paper, Eq. elSignorini), with a damper beside each spring if ``restitution`` is below 1.
+
+    Parameters
+    ----------
+    stiffness
+        Spring k_n of a wall in N/m.
+    gap
+        Clearance to either wall in m.
+    restitution
+        Velocity after over velocity before a free impact, above 0 to 1. It sets the damper; 1 is the paper's spring without a
+        damper. The damper acts as long as the wall is overlapped, so that it may pull just before the contact ends (Kelvin-Voigt).
+    """
 
     stiffness: float
     gap: float = RigidWalls.gap
+    restitution: float = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "stiffness", positive("contact stiffness", self.stiffness))
         object.__setattr__(self, "gap", non_negative("gap", self.gap))
+        restitution = number(self.restitution)
+        require(
+            LEAST_RESTITUTION <= restitution <= 1,
+            "restitution",
+            self.restitution,
+            f"a number from {LEAST_RESTITUTION:g} to 1 with a contact stiffness: a damper lets every contact rebound",
+        )
+        object.__setattr__(self, "restitution", restitution)
+
+    @classmethod
+    def from_loss_factor(
+        cls, stiffness: float, loss_factor: float, gap: float = RigidWalls.gap
+    ) -> "CompliantWalls":
+        """Return walls whose contact has a loss factor (loss angle's tangent at the contact's own frequency), from 0 to below 2.
+
+        Examples
+        --------
+        >>> round(CompliantWalls.from_loss_factor(1e6, 0.2).restitution, 4)
+        0.7292
+        """
+        eta = non_negative("loss factor", loss_factor)
+        require(
+            eta < MOST_LOSS_FACTOR, "loss factor", eta, f"a number from 0 to {MOST_LOSS_FACTOR}"
+        )
+        zeta = eta / 2
+        return cls(stiffness, gap, math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2)))
+
+    @property
+    def damping_ratio(self) -> float:
+        """Damping ratio zeta of a free contact, from e = exp(-pi zeta / sqrt(1 - zeta^2))."""
+        decrement = -math.log(self.restitution)
+        return decrement / math.hypot(math.pi, decrement)
+
+    @property
+    def loss_factor(self) -> float:
+        """Loss factor of a contact at its own frequency, 2 zeta."""
+        return 2 * self.damping_ratio
 
 
 LEAST_LIMIT = 1e-300  # N: a tiny limit may stand for no friction
+MOST_STATIC_RATIO = 1e6  # far above any pair of materials
 
 
 @dataclass(frozen=True)
 class CoulombFriction:
-    """Rigid Coulomb friction (paper, Eq. coulomb). ``limit`` is mu f_N in N."""
+    """Rigid Coulomb friction (paper, Eq. coulomb).
+
+    Parameters
+    ----------
+    limit
+        Force of sliding friction mu f_N in N.
+    static_ratio
+        Force that breaks a sticking absorber loose over that of sliding friction, 1 or above; the paper has 1.
+    """
 
     limit: float
+    static_ratio: float = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "limit", positive("friction limit", self.limit, LEAST_LIMIT))
+        ratio = number(self.static_ratio)
+        require(
+            1 <= ratio <= MOST_STATIC_RATIO,
+            "static friction ratio",
+            self.static_ratio,
+            f"a number from 1 to {MOST_STATIC_RATIO:g}: static friction is never below sliding friction",
+        )
+        object.__setattr__(self, "static_ratio", ratio)
 
 
 @dataclass(frozen=True)
@@ -414,6 +487,13 @@ class SeveralAbsorbers:
                 absorber,
                 "among several only impact absorbers and friction dampers with rigid contact",
             )
+            require(
+                not isinstance(absorber.friction, CoulombFriction)
+                or absorber.friction.static_ratio == 1,
+                "static friction ratio",
+                getattr(absorber.friction, "static_ratio", None),
+                "1 among several absorbers",
+            )
             walls = absorber.walls
             touches = absorber.friction is not None or (
                 walls is not None and math.isfinite(walls.gap)
@@ -454,13 +534,20 @@ def weightless(absorber: Absorber | None, what: str) -> None:
 
 
 def friction_law(
-    limit: float | None, stiffness: float | None = None
+    limit: float | None, stiffness: float | None = None, static_ratio: float = 1.0
 ) -> CoulombFriction | ElasticCoulombFriction | None:
-    """Return friction of a ``limit`` in N, elastic if it has a ``stiffness`` (N/m); a limit of 0 or None is no friction."""
+    """Return friction of a ``limit`` in N, elastic if it has a ``stiffness`` (N/m); a limit of 0 or None is no friction.
+
+    ``static_ratio``: as in `CoulombFriction`; elastic friction has none.
+    """
     stiffness = None if stiffness is None else positive("friction stiffness", stiffness)
     if limit is None or non_negative("friction limit", limit) == 0:
         return None
-    return CoulombFriction(limit) if stiffness is None else ElasticCoulombFriction(limit, stiffness)
+    if stiffness is None:
+        return CoulombFriction(limit, static_ratio)
+    allowed = "left out with a friction stiffness: elastic friction has one limit"
+    require(static_ratio == 1, "static friction ratio", static_ratio, allowed)
+    return ElasticCoulombFriction(limit, stiffness)
 
 
 def impact_absorber(
@@ -477,9 +564,10 @@ def friction_damper(
     friction_limit: float = 0.5,
     mass_ratio: float = DEFAULT_MASS_RATIO,
     friction_stiffness: float | None = None,
+    static_friction_ratio: float = 1.0,
 ) -> SlidingAbsorber:
     """Return the pure friction damper, elastic if there is a ``friction_stiffness`` (N/m); the default limit is the paper's optimum for 3.5 N."""
-    friction = friction_law(friction_limit, friction_stiffness)
+    friction = friction_law(friction_limit, friction_stiffness, static_friction_ratio)
     allowed = "above 0 for a friction damper: without friction it would not touch the beam, so leave the absorber out"
     require(friction is not None, "friction limit", friction_limit, allowed)
     return SlidingAbsorber(mass_ratio, None, friction)

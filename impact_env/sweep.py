@@ -31,7 +31,14 @@ from impact_env.laws import SceneKind
 from impact_env.level import HALF_WINDOW_PERIODS, level_of, read_level, require_samples
 from impact_env.loads import AnyDrive, Loads
 from impact_env.methods import Exact, Method, check_load, check_mass, check_step
-from impact_env.parameters import SeveralAbsorbers, StuckAbsorber, count, instance, require
+from impact_env.parameters import (
+    CompliantWalls,
+    SeveralAbsorbers,
+    StuckAbsorber,
+    count,
+    instance,
+    require,
+)
 from impact_env.response import (
     ContactPhases,
     Envelope,
@@ -91,6 +98,12 @@ def integrate(scene: Scene, drive: AnyDrive, method: Method, state: Array, room:
         return family(scene, method).run(scene, drive, method, state, room)
 
 
+def needs_energy(scene: Scene, record: Record) -> bool:
+    """Return whether impacts are listed whose loss only the energies know: those on compliant walls with a damper."""
+    walls = getattr(scene.absorber, "walls", None)
+    return record.events and isinstance(walls, CompliantWalls) and walls.restitution < 1
+
+
 def _room(
     scene: Scene,
     drive: AnyDrive,
@@ -109,7 +122,7 @@ def _room(
         if record.events or record.reversals
         else None,
         series=Series(np.zeros((samples, 2 * (n + scene.places)))) if record.series else None,
-        energy=new_energy(n) if record.energy else None,
+        energy=new_energy(n) if record.energy or needs_energy(scene, record) else None,
     )
 
 
@@ -231,6 +244,7 @@ def _run(
         state,
         room,
         interval,
+        energies=record.energy,
         wall_time=wall_time,
         complete=status == observers.DONE,
     )
@@ -312,10 +326,11 @@ def _response(
     room: Observe,
     interval: float,
     *,
+    energies: bool,
     wall_time: float,
     complete: bool,
 ) -> Response:
-    """Return the response, up to the time reached if the run is not complete."""
+    """Return the response, with ``energies`` if they are wanted, up to the time reached if the run is not complete."""
     counts = room.counters.counts
     reached = float(drive.schedule.times[-1] if complete else counts["reached"])
     impacts = phases = reversals = None
@@ -350,7 +365,7 @@ def _response(
         impacts=impacts,
         phases=phases,
         history=_history(scene, room.series, interval, None if complete else reached),
-        energy=_energy(scene, room.energy, start, state),
+        energy=_energy(scene, room.energy, start, state) if energies else None,
         check=_check(room.counters.check),
         reversals=reversals,
     )

@@ -1,5 +1,6 @@
 """The families of the exact method: one rigid absorber (free or sliding, and joined), one on springs, scenes of one regime, several absorbers."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -33,7 +34,7 @@ from impact_env.kernels.motion.observers import Observe
 from impact_env.kernels.motion.segments import Regime
 from impact_env.loads import AnyDrive, Loads
 from impact_env.methods import Exact
-from impact_env.parameters import RigidWalls, SeveralAbsorbers, SlidingAbsorber
+from impact_env.parameters import CompliantWalls, RigidWalls, SeveralAbsorbers, SlidingAbsorber
 from impact_env.regime_sets import regime_sets
 from impact_env.regimes import (
     fastest,
@@ -161,6 +162,20 @@ def _springs(scene: Scene) -> Springs:
     )
 
 
+def wall_damper(scene: Scene) -> float:
+    """Return the damper beside the spring of compliant walls in N s/m, from their coefficient of restitution.
+
+    Two bodies that meet freely on a spring k and a damper c separate with e = exp(-pi zeta / sqrt(1 - zeta^2)) of their
+    velocity, where c = 2 zeta sqrt(k m) and 1/m = 1/m_a + sum phi_i^2 (Brogliato, Nonsmooth Mechanics, 2016, section 2.1).
+    """
+    absorber = scene.absorber
+    assert isinstance(absorber, SlidingAbsorber)
+    walls = absorber.walls
+    if not isinstance(walls, CompliantWalls):
+        return 0.0
+    return 2 * walls.damping_ratio * math.sqrt(walls.stiffness / contact_of(scene).compliance)
+
+
 @lru_cache(maxsize=256)
 def compliant_regimes(
     scene: Scene, wanted: float
@@ -173,11 +188,16 @@ def compliant_regimes(
     mass = scene.absorber_mass
     assert mass is not None
     wall, friction = _springs(scene)
-    springs = [wall or friction, friction or wall, wall + friction]
-    bounds = [fastest(model), *(fastest(model, mass, k) for k in springs)]
+    damper = wall_damper(scene)
+    springs = [
+        (wall, damper) if wall else (friction, 0.0),
+        (friction, 0.0) if friction else (wall, damper),
+        (wall + friction, damper),
+    ]
+    bounds = [fastest(model), *(fastest(model, mass, k, c) for k, c in springs)]
     size = padded_size(max(slots for _, slots in bounds))
     reach = table_reach(max(speed for speed, _ in bounds), wanted)
-    first, second, third = (sprung_regime(model, mass, k, 0.0, size, reach) for k in springs)
+    first, second, third = (sprung_regime(model, mass, k, c, size, reach) for k, c in springs)
     return (free_regime(model, size, reach), first, second, third), reach
 
 
@@ -193,8 +213,14 @@ def _laws_compliant(scene: Scene) -> tuple[float | None, float | None]:
 
 def _sprung(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> Taken:
     regimes, reach = compliant_regimes(scene, wanted)
+    losses = losses_of(scene)
     return Sprung(
-        regimes, contact_of(scene), _springs(scene), *_laws_compliant(scene), losses_of(scene)
+        regimes,
+        contact_of(scene),
+        _springs(scene),
+        *_laws_compliant(scene),
+        losses,
+        losses._replace(damper=wall_damper(scene)),
     ), reach
 
 

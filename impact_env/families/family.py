@@ -18,7 +18,7 @@ from impact_env.kernels.motion.segments import Losses, Schedule
 from impact_env.kernels.motion.vector import TERMS
 from impact_env.laws import entry
 from impact_env.loads import AnyDrive, Loads
-from impact_env.parameters import TunedAbsorber, gravity_of
+from impact_env.parameters import CoulombFriction, TunedAbsorber, gravity_of
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
@@ -148,6 +148,12 @@ def losses_of(scene: Scene) -> Losses:
     )
 
 
+def static_ratio_of(absorber: object) -> float:
+    """Return the limit of static over that of sliding friction, 1 where there is no rigid friction."""
+    friction = getattr(absorber, "friction", None)
+    return friction.static_ratio if isinstance(friction, CoulombFriction) else 1.0
+
+
 def contact_of(
     scene: Scene,
     walls: Walls | None = None,
@@ -165,4 +171,5 @@ def contact_of(
         walls,
         limit,
         gravity_in(scene, drive),
+        static_ratio_of(scene.absorber),
     )

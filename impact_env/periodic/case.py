@@ -15,6 +15,7 @@ from impact_env.modes import ModalModel
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
     CompliantWalls,
+    CoulombFriction,
     ElasticCoulombFriction,
     RigidWalls,
     SlidingAbsorber,
@@ -121,6 +122,9 @@ def case_of(scene: Scene, force: float, omega: float) -> Case:
     )
     assert isinstance(absorber, SlidingAbsorber)
     weightless(absorber, "periodic orbits")
+    friction = absorber.friction
+    ratio = friction.static_ratio if isinstance(friction, CoulombFriction) else 1.0
+    require(ratio == 1, "static friction ratio", ratio, "1 for periodic orbits")
     walls = absorber.walls
     assert walls is not None
     assert not isinstance(walls, CompliantWalls)

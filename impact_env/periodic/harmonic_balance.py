@@ -316,7 +316,11 @@ def _law(
     gap = None if walls is None else walls.gap
     limit = None if friction is None else friction.limit
     if isinstance(walls, CompliantWalls) or isinstance(friction, ElasticCoulombFriction):
-        stiffness = walls.stiffness if isinstance(walls, CompliantWalls) else None
+        stiffness = None
+        if isinstance(walls, CompliantWalls):
+            stiffness = walls.stiffness
+            allowed = "1 for harmonic balance, whose compliant walls have no damper"
+            require(walls.restitution == 1, "restitution", walls.restitution, allowed)
         return CompliantContact(
             gap,
             stiffness,
@@ -333,6 +337,9 @@ def _law(
         allowed = "1, for the dynamic Lagrangian method knows no impact law, only conservative contact (exact orbits take any restitution)"
         require(walls.restitution == 1, "restitution", walls.restitution, allowed)
     assert friction is None or isinstance(friction, CoulombFriction)
+    if friction is not None:
+        ratio = friction.static_ratio
+        require(ratio == 1, "static friction ratio", ratio, "1 for harmonic balance")
     first = float(np.min(model.omega))
     return RigidContact(gap, limit, weight * mass * first**2, friction_weight * mass * first)
 

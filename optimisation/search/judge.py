@@ -199,7 +199,9 @@ class Audit:
 def audit(
     study: DesignStudy, executor: Executor, designs: int = AUDITED, progress: Progress | None = None
 ) -> Audit:
-    """Run some of the designs that a study left behind in full, on fresh members beside the best found: what did the shortcut cost?
+    """Run some of the designs that a study left behind in full, on fresh members beside the best found.
+
+    It shows what the shortcut cost.
 
     Drawn at random from the better half of those that stopped on each rung, where a mistake is most likely.
     """

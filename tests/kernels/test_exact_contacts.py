@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import scipy.integrate
 import scipy.optimize
 from core import (
     PERIOD,
@@ -21,17 +22,20 @@ from core import (
 from impact_env import (
     Beam,
     CompliantWalls,
+    CoulombFriction,
     Drive,
     ElasticCoulombFriction,
     FrequencySchedule,
     InitialState,
     ModalModel,
+    Record,
     RungeKutta,
     Scene,
     SlidingAbsorber,
     StuckAbsorber,
     friction_damper,
     impact_absorber,
+    simulate,
 )
 from impact_env.kernels.motion.observers import HELD_LOWER, HELD_UPPER, STUCK_INSIDE
 from impact_env.parameters import Absorber
@@ -494,3 +498,168 @@ def test_stiff_friction_approaches_rigid_friction() -> None:
     ]
     assert far[2] < 1e-3 * np.abs(rigid.end_state[0])
     assert far[2] < far[1] < far[0]
+
+
+# --- static friction above sliding friction, and walls with a spring and a damper ---------------------------------------------------------------
+
+
+def stick_and_slip(sliding: float, static: float, until: float) -> tuple[list[float], list[float]]:
+    """Return begins and ends of sticking of a body on a plate that moves as -2 cos(t), from rest; accelerations that friction can give, in m/s^2.
+
+    The plate's velocity is 2 sin(t): the body slides at a constant acceleration, and sticks while |2 cos(t)| is below ``static``.
+    """
+    begins: list[float] = []
+    ends: list[float] = []
+    time = 0.0
+    speed = 0.0
+    sticks = static >= 2.0
+    while time < until:
+        if sticks:
+            begins.append(time)
+            later = np.arange(time, until + 1e-4, 1e-4)[1:]
+            beyond = later[np.abs(2 * np.cos(later)) > static]
+            if len(beyond) == 0:
+                ends.append(until)
+                break
+            time = scipy.optimize.brentq(
+                lambda t: abs(2 * np.cos(t)) - static, beyond[0] - 1e-4, beyond[0], xtol=1e-15
+            )
+            ends.append(time)
+            speed = 2 * np.sin(time)
+        push = np.sign(np.cos(time)) * sliding
+
+        def relative(t: float, at: tuple[float, float, float] = (time, speed, push)) -> float:
+            return at[1] + at[2] * (t - at[0]) - 2 * np.sin(t)
+
+        later = np.arange(time + 1e-3, until, 1e-4)
+        sign = np.sign(relative(later[0])) if len(later) else 0.0
+        turned = later[np.sign(relative(later)) == -sign]
+        if len(turned) == 0:
+            break
+        time = scipy.optimize.brentq(relative, turned[0] - 1e-4, turned[0], xtol=1e-15)
+        speed = 2 * np.sin(time)
+        sticks = abs(2 * np.cos(time)) <= static
+    return begins, ends
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize(
+    ("sliding", "ratio"), [(1.2, 1.0), (1.2, 1.5), (1.0, 1.0), (1.0, 1.7), (0.5, 3.0), (0.5, 3.2)]
+)
+def test_static_friction_holds_up_to_its_own_limit(sliding: float, ratio: float) -> None:
+    """Of a light body on a plate: phases of sticking as the plate's motion alone says."""
+    mass = 1e-13
+    friction = CoulombFriction(sliding * mass, ratio)
+    scene = Scene(
+        ModalModel([1.0], [0.0], [0.0], [1.0], 1.0), SlidingAbsorber(mass, friction=friction)
+    )
+    response = check(
+        run(scene, still(9.0, 1.0), initial=InitialState(np.array([-2.0]))), scale=1e-11
+    )
+    begins, ends = stick_and_slip(sliding, sliding * ratio, 9.0)
+    assert (
+        begins or ratio == 3.0
+    )  # there it slides all the time, turning where friction could only just hold it
+    np.testing.assert_allclose(response.phases.start, begins, atol=1e-9)
+    np.testing.assert_allclose(response.phases.end, ends, atol=1e-9)
+
+
+@pytest.mark.plain
+def test_a_static_limit_above_the_joint_force_holds_as_long_as_glue() -> None:
+    """A joint force that sliding friction alone could not carry: with static friction above it the absorber never moves."""
+    drive = drive_of(1.0, 0.98, periods=4.0)
+    glued = run(scene_of(StuckAbsorber(), modes=2), drive)
+    held, slides = (
+        run(scene_of(SlidingAbsorber(friction=CoulombFriction(0.02, ratio)), modes=2), drive)
+        for ratio in (100.0, 1.0)
+    )
+    assert held.stuck_time == pytest.approx(drive.schedule.times[-1], rel=1e-12)
+    assert slides.stuck_time < 0.9 * held.stuck_time
+    scale = np.max(np.abs(glued.end_state))
+    np.testing.assert_allclose(held.end_state[:2], glued.end_state[:2], atol=1e-9 * scale)
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize("restitution", [1.0, 0.8, 0.3, 0.01])
+def test_walls_with_a_damper_give_back_their_restitution(restitution: float) -> None:
+    """Two free bodies: the velocity after contact, what it lasts (half a damped period), the impulse and the loss are closed forms."""
+    stiffness = 1e5
+    mass = 3.0
+    speed = 1.0
+    reduced = mass / (1 + mass)  # of the absorber and of a base of 1 kg
+    rate = -np.log(restitution)
+    lasts = np.hypot(np.pi, rate) * np.sqrt(reduced / stiffness)
+    absorber = SlidingAbsorber(mass, CompliantWalls(stiffness, GAP, restitution))
+    response = check(
+        run(
+            Scene(ModalModel([1e-3], [0.0], [1.0], [1.0], 1.0), absorber),
+            still(GAP / speed + 1.1 * lasts, 2 * np.pi),
+            initial=InitialState(absorber_velocity=speed),
+        ),
+        error=1e-10,
+    )
+    tip, moving = response.end_state[2:]
+    assert moving - tip == pytest.approx(-restitution * speed, rel=1e-7)
+    assert mass * moving + tip == pytest.approx(mass * speed, rel=1e-9)
+    phases = response.phases
+    assert phases.end[0] - phases.start[0] == pytest.approx(lasts, rel=1e-9)
+    impacts = response.impacts
+    assert impacts.impulse[0] == pytest.approx(-reduced * (1 + restitution) * speed, rel=1e-7)
+    lost = 0.5 * reduced * (1 - restitution**2) * speed**2
+    assert impacts.energy_lost[0] == pytest.approx(lost, rel=1e-7, abs=1e-12)
+    assert response.energy.impact_loss == pytest.approx(lost, rel=1e-7, abs=1e-12)
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize("friction", [None, ElasticCoulombFriction(0.2, 3e4)])
+def test_walls_with_a_damper_against_small_steps(friction: ElasticCoulombFriction | None) -> None:
+    """Two modes under a force, by DOP853 in steps far shorter than a contact (own equations of motion)."""
+    absorber = SlidingAbsorber(0.05, CompliantWalls(5e4, 2e-4, 0.6), friction)
+    scene = scene_of(absorber, modes=2)
+    drive = drive_of(8.0, 0.98, periods=2.5)
+    response = check(run(scene, drive), error=1e-9)
+    assert response.impact_count > 3
+    model = scene.model
+    mass = scene.absorber_mass
+    reduced = 1 / (1 / mass + float(np.sum(model.tip_shape**2)))
+    zeta = -np.log(0.6) / np.hypot(np.pi, np.log(0.6))
+    damper = 2 * zeta * np.sqrt(5e4 * reduced)
+    omega = drive.schedule.omega_at(np.array([0.0]))[0]
+
+    def slope(time: float, state: np.ndarray) -> np.ndarray:
+        q, a, u, v, rest = state[:2], state[2], state[3:5], state[5], state[6]
+        y = a - model.tip_shape @ q
+        gamma = v - model.tip_shape @ u
+        push = 0.0
+        if abs(y) > 2e-4:
+            push = -5e4 * (y - np.sign(y) * 2e-4) - damper * gamma
+        moves = 0.0
+        if friction is not None:
+            stretch = y - rest
+            reach = friction.limit / friction.stiffness
+            push -= friction.stiffness * np.clip(stretch, -reach, reach)
+            if abs(stretch) >= reach and stretch * gamma > 0:
+                moves = gamma
+        force = 8.0 * np.cos(omega * time)
+        bend = model.force_shape * force - model.tip_shape * push
+        bend = bend - 2 * model.damping_ratio * model.omega * u - model.omega**2 * q
+        return np.concatenate([u, [v], bend, [push / mass], [moves]])
+
+    end = float(drive.schedule.times[-1])
+    steps = scipy.integrate.solve_ivp(
+        slope, (0, end), np.zeros(7), "DOP853", rtol=1e-9, atol=1e-13, max_step=end / 2e4
+    )
+    scale = np.max(np.abs(steps.y), axis=1)[[0, 1, 2, 3, 4, 5]]
+    np.testing.assert_allclose(
+        response.end_state / scale, steps.y[:6, -1] / scale, atol=1e-4 if friction else 2e-5
+    )
+
+
+def test_losses_of_damped_contacts_are_listed_without_an_energy_account() -> None:
+    """What an impact lost is known whether or not energies are recorded."""
+    absorber = SlidingAbsorber(0.05, CompliantWalls(5e4, 2e-4, 0.6))
+    scene = scene_of(absorber, modes=2)
+    drive = drive_of(8.0, 0.98, periods=2.5)
+    alone = simulate(scene, drive, record=Record(level=False, events=True))
+    assert alone.energy is None
+    np.testing.assert_array_equal(alone.impacts.energy_lost, run(scene, drive).impacts.energy_lost)

@@ -46,7 +46,25 @@ GIVEN: dict[str, dict[str, Any]] = {
         "friction_limit": 0.2,
         "friction_stiffness": 2e4,
     },
+    "impact, compliant, damped": {
+        "mass_ratio": 0.03,
+        "gap": 2e-3,
+        "contact_stiffness": 1e5,
+        "restitution": 0.7,
+    },
+    "impact, static friction": {
+        "mass_ratio": 0.03,
+        "gap": 2e-3,
+        "restitution": 0.8,
+        "friction_limit": 0.2,
+        "static_friction_ratio": 1.4,
+    },
     "friction": {"mass_ratio": 0.03, "friction_limit": 0.2},
+    "friction, static": {
+        "mass_ratio": 0.03,
+        "friction_limit": 0.2,
+        "static_friction_ratio": 1.4,
+    },
     "friction, elastic": {"mass_ratio": 0.03, "friction_limit": 0.2, "friction_stiffness": 2e4},
     "tuned": {"mass_ratio": 0.03, "stiffness": 650.0, "damping": 0.9},
     "sink": {"mass_ratio": 0.03, "cubic_stiffness": 5e7, "damping": 0.4},
@@ -85,7 +103,14 @@ def test_one_vocabulary(name: str) -> None:
 @pytest.mark.parametrize(
     ("concept", "given", "said"),
     [
-        ("impact", {"contact_stiffness": 1e5, "restitution": 0.5}, "restitution"),
+        ("impact", {"contact_stiffness": 1e5, "restitution": 0.0}, "restitution"),
+        ("impact", {"friction_limit": 0.1, "static_friction_ratio": 0.9}, "static_friction_ratio"),
+        ("impact", {"static_friction_ratio": 1.5}, "static_friction_ratio"),
+        (
+            "friction",
+            {"friction_limit": 0.1, "friction_stiffness": 1e4, "static_friction_ratio": 1.5},
+            "static_friction_ratio",
+        ),
         ("impact", {"yield_velocity": -1.0}, "yield_velocity"),
         ("impact", {"yield_velocity": 1.0, "contact_stiffness": 1e5}, None),
         ("impact", {"friction_stiffness": 1e4}, "friction_stiffness"),

@@ -12,7 +12,13 @@ from impact_env.kernels.compiling.jit import jit
 from impact_env.kernels.events.signals import HIT_HIGH, HIT_LOW
 from impact_env.kernels.exact.free_and_joined import joint_force, release
 from impact_env.kernels.exact.rigid import add_forced_part, solve_free, solve_joined
-from impact_env.kernels.exact.rigid_contact import FREE, JOINT_SLACK, joint_bounds, slide_on
+from impact_env.kernels.exact.rigid_contact import (
+    FREE,
+    JOINT_SLACK,
+    joint_bounds,
+    slide_on,
+    static_limit,
+)
 from impact_env.kernels.motion.segments import window_count, window_of
 from impact_env.kernels.motion.slots import copy
 
@@ -28,7 +34,7 @@ def hold_or_let_go(scene, window, room, state):
     f, scale = joint_force(
         scene.joined, room.joined_forced, window.omega, now.tau, scene.contact, work
     )
-    low, high = joint_bounds(scene.contact.limit, now.side)
+    low, high = joint_bounds(static_limit(scene.contact), now.side)
     slack = JOINT_SLACK * scale
     if low - slack <= f <= high + slack:
         copy(work.rows[1], work.z)  # to the last digit as if nobody had looked

@@ -130,7 +130,15 @@ def _each_rigid(scene, reach, batch, start, stop, desk, load, room, fresh):
         now_there = Rigid(
             free,
             joined,
-            Contact(contact.mass, contact.compliance, contact.tip_shape, walls, limit, None),
+            Contact(
+                contact.mass,
+                contact.compliance,
+                contact.tip_shape,
+                walls,
+                limit,
+                None,
+                contact.static_ratio,
+            ),
             losses,
         )
         stretches = lay_load(watch.beside, order, desk.times, load)

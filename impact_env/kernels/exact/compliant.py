@@ -24,8 +24,10 @@ from impact_env.kernels.exact.springs import (
     add_slider_energy,
     add_slider_loss,
     begin,
+    book_contact_loss,
     clearance,
     constant_force,
+    damper_loss,
     guard_bounds,
     list_contact,
     new_now,
@@ -66,7 +68,7 @@ class Sprung(NamedTuple):
     """A scene of one absorber with compliant contact.
 
     Regimes without a spring, with the wall's, with the friction's, with both; the contact, the springs, half-clearance (m) and limit of friction (N),
-    None where absent, and what the energy balance needs.
+    None where absent, and what the energy balance needs: ``wall_losses`` while a wall is touched, with the walls' damper, else ``losses``.
     """
 
     regimes: tuple[Regime, Regime, Regime, Regime]
@@ -75,6 +77,7 @@ class Sprung(NamedTuple):
     gap: float | None
     limit: float | None
     losses: Losses
+    wall_losses: Losses
 
 
 @jit
@@ -147,7 +150,10 @@ def run_to_event(regime, forced, scene, window, reach, room, observe):
     )
     sample_level(stretch, observe.clock, observe.level, observe.place)
     sample_state(stretch, observe.clock, observe.series)
-    add_energy(stretch, scene.losses, room.scratch, r, observe.energy)
+    if now.wall != 0.0:
+        add_energy(stretch, scene.wall_losses, room.scratch, r, observe.energy)
+    else:
+        add_energy(stretch, scene.losses, room.scratch, r, observe.energy)
     advance(slots.rows, slots.table, slots.scale, offset, work.z)
     if free:
         now.q += offset * (now.v + 0.5 * offset * now.a)
@@ -305,6 +311,8 @@ def finish(scene, room, state, end, observe):
     if now.sticks:
         push_phase(observe.events, now.stick_time, end, STUCK_INSIDE, 0)
     if now.wall != 0.0:
-        list_contact(end, state[-1], now, observe.events, contact.mass)
+        loss = damper_loss(scene.wall_losses.damper > 0.0, observe.energy)
+        list_contact(end, state[-1], loss, now, observe.events, contact.mass)
     add_slider_energy(scene, scene.limit, now, state, observe.energy)
+    book_contact_loss(observe.energy)
     last_sample(state, contact.tip_shape, end, observe.clock, observe.level, observe.series)

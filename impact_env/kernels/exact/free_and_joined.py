@@ -31,6 +31,7 @@ from impact_env.kernels.exact.rigid_contact import (
     joint_bounds,
     largest_kick,
     new_now,
+    static_limit,
     stay_at_wall,
     tip_motion,
     touch,
@@ -174,7 +175,7 @@ def try_join(scene, window, room, state):
     enter(joined, forced, window.omega, now, state, work.z)
     f, scale = joint_force(joined, forced, window.omega, now.tau, scene.contact, work)
     stay_at_wall(scene.contact.walls, now, q_tip)
-    low, high = joint_bounds(scene.contact.limit, now.side)
+    low, high = joint_bounds(static_limit(scene.contact), now.side)
     slack = (
         JOINT_SLACK * scale
     )  # at its bound the joint force decides in the joined regime, by its rate
@@ -244,7 +245,7 @@ def hold(scene, window, room, observe):
     """Advance the joined regime to where the joint force leaves its interval, or to the window's end; return the event."""
     joined = scene.joined
     forced = room.joined_forced
-    limit = scene.contact.limit
+    limit = static_limit(scene.contact)
     body = body_of(room)
     now = body.now
     slots = joined.slots

@@ -67,7 +67,9 @@ class Walls(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """Absorber mass (kg), G = 1/m_a + sum tip_shape^2 (1/kg), tip shape (N_m,); walls, and friction limit (N), None where absent.
+    """Absorber mass (kg), G = 1/m_a + sum tip_shape^2 (1/kg), tip shape (N_m,); walls, and limit of sliding friction (N), None where absent.
+
+    ``static_ratio``: the friction limit of an absorber that sticks over that of one that slides, 1 or above.
 
     ``gravity`` (m/s^2): weight of the absorber over its mass, towards the lower wall; None: across its motion.
     """
@@ -78,6 +80,7 @@ class Contact(NamedTuple):
     walls: Walls | None
     limit: float | None
     gravity: float | None
+    static_ratio: float
 
 
 class Body(NamedTuple):
@@ -140,12 +143,12 @@ def slide_on(slots, limit, sign, now, z):
 
 @jit
 def turn(slots, contact, limit, body, found):
-    """The relative velocity is zero: slide on the other way if friction cannot hold, and return False; else return True."""
+    """The relative velocity is zero: slide on the other way if static friction cannot hold, and return False; else return True."""
     if limit is None:
         return False
     # the constant force F alone bends the relative displacement by F G
     needed = body.now.force - found.bend / contact.compliance
-    if abs(needed) <= limit:
+    if abs(needed) <= limit * contact.static_ratio:
         return True
     body.now.at_rest = True
     slide_on(slots, limit, -1.0 if needed > 0.0 else 1.0, body.now, body.work.z)
@@ -153,8 +156,16 @@ def turn(slots, contact, limit, body, found):
 
 
 @jit
+def static_limit(contact):
+    """Return the friction limit (N) of an absorber that sticks, None without friction."""
+    if contact.limit is None:
+        return None
+    return contact.limit * contact.static_ratio
+
+
+@jit
 def joint_bounds(limit, side):
-    """Return the interval of the joint force on the absorber: friction, and what the wall touched can push."""
+    """Return the interval of the joint force on the absorber: friction up to its static limit (N), and what the wall touched can push."""
     low = 0.0
     high = 0.0
     if limit is not None:

@@ -59,6 +59,7 @@ def contact_of(scene, s, a, restitution):
         walls,
         absorbers.limit[a],
         None,
+        1.0,
     )
 
 

@@ -1,5 +1,7 @@
 """Compliant contact of one absorber (paper, appendix): a spring k_n at either wall, a spring k_t in series with a Coulomb slider.
 
+Beside a wall's spring there may be a damper (Kelvin-Voigt). A contact lasts as long as the wall is overlapped.
+
 What is known of it between two events (``now``), its regimes' guards, and its laws.
 """
 
@@ -30,7 +32,8 @@ class Springs(NamedTuple):
 
 # a lane between two events: time from the window's centre; absorber displacement, velocity, acceleration (used in the free regime); constant relative
 # force; wall touched (-1, 0, 1); whether the slider sticks; sign of sliding; slider's position; signal starts on the low or high guard (-1, 0, 1);
-# start of the contact, relative velocity and absorber velocity there; start of the stick; whether the relative velocity starts at zero
+# start of the contact, relative velocity and absorber velocity there, loss in the walls' damper up to it (J);
+# start of the stick; whether the relative velocity starts at zero
 NOW = record(
     tau=NUMBER,
     q=NUMBER,
@@ -45,6 +48,7 @@ NOW = record(
     contact_time=NUMBER,
     contact_rate=NUMBER,
     contact_v=NUMBER,
+    contact_loss=NUMBER,
     stick_time=NUMBER,
     at_rest=FLAG,
 )
@@ -121,9 +125,18 @@ def relative_motion(contact, state):
 
 
 @jit
-def start_contact(side, time, rate, absorber_velocity, now, counters):
-    """A wall is touched."""
+def damper_loss(damped, energy):
+    """Return the loss in the walls' damper since the run's start (J); not a number where it is not observed."""
+    if energy is None:
+        return np.nan if damped else 0.0
+    return energy.totals[0].absorber_damping
+
+
+@jit
+def start_contact(side, time, rate, absorber_velocity, loss, now, counters):
+    """A wall is touched; ``loss``: that in the walls' damper so far (J)."""
     now.wall = side
+    now.contact_loss = loss
     now.contact_time = time
     now.contact_rate = rate
     now.contact_v = absorber_velocity
@@ -131,33 +144,33 @@ def start_contact(side, time, rate, absorber_velocity, now, counters):
 
 
 @jit
-def list_contact(time, absorber_velocity, now, events, mass):
-    """List the contact that lasts up to ``time``."""
+def list_contact(time, absorber_velocity, loss, now, events, mass):
+    """List the contact that lasts up to ``time``; ``loss``: that in the walls' damper up to then (J)."""
     push_impact(
         events,
         now.contact_time,
         now.contact_rate,
         mass * (absorber_velocity - now.contact_v),
-        0.0,
+        loss - now.contact_loss,
         0,
     )
     push_phase(events, now.contact_time, time, HELD_UPPER if now.wall > 0.0 else HELD_LOWER, 0)
 
 
 @jit
-def touch(found, gap, now, time, absorber_velocity, mass, counters, events):
+def touch(found, gap, now, time, absorber_velocity, loss, mass, counters, events):
     """A wall's contact begins or ends; without clearance the end at one wall is the begin at the other."""
     if gap is None:
         return
     if now.wall == 0.0:
         side = 1.0 if found.kind == HIT_HIGH else -1.0
         now.side = -side
-        start_contact(side, time, found.rate, absorber_velocity, now, counters)
+        start_contact(side, time, found.rate, absorber_velocity, loss, now, counters)
         return
-    list_contact(time, absorber_velocity, now, events, mass)
+    list_contact(time, absorber_velocity, loss, now, events, mass)
     now.side = now.wall
     if gap == 0.0:
-        start_contact(-now.wall, time, found.rate, absorber_velocity, now, counters)
+        start_contact(-now.wall, time, found.rate, absorber_velocity, loss, now, counters)
     else:
         now.wall = 0.0
 
@@ -190,6 +203,7 @@ def switch(found, scene, reach, now, state, time, observe):
         now,
         time,
         state[2 * half - 1],
+        damper_loss(scene.wall_losses.damper > 0.0, observe.energy),
         scene.contact.mass,
         observe.counters,
         observe.events,
@@ -202,7 +216,7 @@ def begin(springs, gap, limit, now, state, contact, counters):
     r, v = relative_motion(contact, state)
     if gap is not None:
         if abs(r) > gap or gap == 0.0:
-            start_contact(1.0 if r >= 0.0 else -1.0, 0.0, v, state[-1], now, counters)
+            start_contact(1.0 if r >= 0.0 else -1.0, 0.0, v, state[-1], 0.0, now, counters)
             if r == 0.0:
                 now.side = -1.0
     if limit is not None:
@@ -231,6 +245,16 @@ def add_slider_energy(scene, limit, now, state, energy):
         r, _ = relative_motion(scene.contact, state)
         stretch = r - now.anchor
     energy.totals[0].friction_loss += 0.5 * scene.springs.friction * stretch * stretch
+
+
+@jit
+def book_contact_loss(energy):
+    """Count the loss in the walls' damper as one of impacts, at a lane's end."""
+    if energy is None:
+        return
+    totals = energy.totals[0]
+    totals.impact_loss += totals.absorber_damping
+    totals.absorber_damping = 0.0
 
 
 @jit
