@@ -4,7 +4,7 @@ import json
 import os
 import tomllib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -48,10 +48,18 @@ def read_plain(path: Path | str) -> dict[str, Any]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary path beside ``path`` with the same ending; it takes ``path``'s place at the end, or is removed on any error."""
+    """Give a temporary path beside ``path`` with the same ending; it takes ``path``'s place at the end, or is removed on any error.
+
+    An OSError meanwhile, such as that of a full disk, names ``path``.
+    """
     temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
     try:
         yield temporary
         temporary.replace(path)
+    except OSError as error:
+        if error.filename not in (None, temporary, str(temporary)):
+            raise  # about another file
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink()

@@ -4,25 +4,36 @@ import csv
 import gzip
 import json
 import math
-import os
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryFile
+from typing import Any, TextIO
 
 from impact_env.parameters import require
 from impact_env.plain_files import replacing as replacing
 
+STANDARD_OUTPUT = Path("standard output.json")  # this object itself stands for it; see `json_to`
+_TEXTS: ContextVar[list[str]] = ContextVar("_TEXTS")
+
+
+def is_writable(folder: Path) -> bool:
+    """Return whether a file can be made in a folder; tried, as permissions do not say what a file system allows."""
+    try:
+        TemporaryFile(dir=folder).close()
+    except OSError:
+        return False
+    return True
+
 
 def require_writable(name: str, folder: Path) -> None:
     """Make a folder, or raise ParameterError if nothing can be written there: better before a long run than after it."""
-    try:
+    with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
-        writable = os.access(folder, os.W_OK | os.X_OK)
-    except OSError:
-        writable = False
     require(
-        writable,
+        is_writable(folder),
         name,
         str(folder),
         "a folder that exists or can be made, and that can be written to",
@@ -37,8 +48,24 @@ def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object
         writer.writerows(rows)
 
 
+@contextmanager
+def json_to(stream: TextIO) -> Iterator[None]:
+    """Write what `write_json` is given last for `STANDARD_OUTPUT` to this stream at the end, also of what is interrupted."""
+    texts: list[str] = []
+    token = _TEXTS.set(texts)
+    try:
+        yield
+    finally:
+        _TEXTS.reset(token)
+        stream.writelines(texts[-1:])
+        stream.flush()
+
+
 def write_json(path: Path, content: object) -> None:
     """Write JSON, compressed if the name ends in .gz; a number that is not finite raises ValueError, as JSON has none."""
+    if path is STANDARD_OUTPUT:
+        _TEXTS.get().append(json.dumps(content, indent=2, allow_nan=False) + "\n")
+        return
     with replacing(path) as temporary:
         if path.suffix == ".gz":
             text = json.dumps(content, separators=(",", ":"), allow_nan=False)

@@ -204,7 +204,7 @@ def main(**given: Any) -> None:
             ),
             given["plot"]: lambda path: save_balance(path, exact, rows, given["growing"]),
         }
+        click.echo(text(exact, rows))
         files = write_files(contents)
-    click.echo(text(exact, rows))
     name_files(files)
     end_early(complete)

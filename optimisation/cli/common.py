@@ -1,12 +1,10 @@
 """Shared parts of the commands: errors in one line, exit codes, and checks of files to be written."""
 
-import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from functools import partial, reduce, wraps
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import click
@@ -14,13 +12,13 @@ import click
 from impact_env.extras import MissingExtraError
 from impact_env.parameters import ParameterError
 from impact_env.sweep import IntegrationError
+from optimisation.files import STANDARD_OUTPUT, is_writable, json_to
 from optimisation.machine import conditions, sources
 from optimisation.page import fill, require_markers
 
 INTERRUPTED = 130  # the shell's exit code after Ctrl-C
 FIGURES = (".png", ".pdf", ".svg")
 FILE = click.Path(dir_okay=False, path_type=Path)
-STANDARD_OUTPUT = "standard output.json"  # the file that stands for it while a command runs
 Command = Callable[..., Any]
 
 
@@ -32,10 +30,9 @@ class BadInput(click.ClickException):
 
 def check_target(option: str, target: Path | None, suffixes: tuple[str, ...] = ()) -> None:
     """Raise BadInput, before any work is done, if a file cannot be written or has a suffix other than ``suffixes``."""
-    if target is None:
+    if target is None or target is STANDARD_OUTPUT:
         return
-    folder = target.resolve().parent
-    if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
+    if not is_writable(target.resolve().parent):
         raise BadInput(
             f"{option} = {target} is not allowed: a file in a folder that exists and can be written to"
         )
@@ -139,14 +136,8 @@ def json_option(words: str, name: str = "json") -> Callable[[Command], Command]:
         def called(**given: Any) -> Any:
             if str(given[name]) != "-":
                 return command(**given)
-            with TemporaryDirectory() as folder:
-                file = Path(folder, STANDARD_OUTPUT)
-                try:
-                    with redirect_stdout(sys.stderr):
-                        return command(**given | {name: file})
-                finally:  # after Ctrl-C too: what is finished
-                    if file.exists():
-                        click.echo(file.read_text(encoding="utf-8"), nl=False)
+            with json_to(sys.stdout), redirect_stdout(sys.stderr):
+                return command(**given | {name: STANDARD_OUTPUT})
 
         return click.option("--json", name, type=FILE, metavar="FILE|-", help=words)(called)
 
@@ -228,6 +219,11 @@ class OneCommand(click.Command):
                 )
         return super().parse_args(ctx, args)
 
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; whatever it does not handle itself ends as `plain_errors` says."""
+        with plain_errors():
+            return super().invoke(ctx)
+
 
 uncertain_option = click.option(
     "--uncertain",
@@ -284,9 +280,7 @@ def name_files(files: Sequence[Path]) -> None:
         return
     click.echo(
         "\nwritten: "
-        + ", ".join(
-            "standard output" if file.name == STANDARD_OUTPUT else str(file) for file in files
-        )
+        + ", ".join("standard output" if file is STANDARD_OUTPUT else str(file) for file in files)
     )
 
 

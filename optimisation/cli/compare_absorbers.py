@@ -82,8 +82,8 @@ def write(
 
 def compared_under_loads(
     load: Path, structure: Structure | None, out: Path, given: dict[str, Any]
-) -> tuple[str, list[Path]]:
-    """Compare absorbers under the loads of a file, write figure, runs and summary, and return the table and the files."""
+) -> None:
+    """Compare absorbers under the loads of a file, print the table, and write figure, runs and summary."""
     scenes.refuse_beside_load(load, "force", "rate", "resonances")
     model = mounted(Beam() if structure is None else structure)
     chosen = {name: given[name] for name in ("mass_ratio", "gap", "members", "seed", "threads")}
@@ -93,7 +93,8 @@ def compared_under_loads(
         out / "summary.json": tables.load_summary(found),
         out / "comparison.png": lambda path: tables.save_load_figure(path, found),
     }
-    return tables.load_table(found), write_files(contents)
+    click.echo(tables.load_table(found))
+    name_files(write_files(contents))
 
 
 @command()
@@ -175,9 +176,7 @@ def main(
                 raise BadInput(
                     "--scene does not go with --load: there each absorber is at its own best; --structure takes the file of a structure"
                 )
-            table, written = compared_under_loads(load, own, out, given)
-            click.echo(table)
-            name_files(written)
+            compared_under_loads(load, own, out, given)
             return
         if scene is not None:
             own, given["device"] = scenes.read_device(
@@ -189,7 +188,7 @@ def main(
             with sweeps_bar("comparing") as show:
                 comparison = compare(own, progress=show, executor=executor, **given)
             impacts = None if scene is None else borne(comparison, executor)
+        click.echo(tables.text_table(comparison))
         files = write(out, comparison, conditions(started, threads, cluster), impacts)
-    click.echo(tables.text_table(comparison))
     name_files(files)
     end_early(comparison.complete, "the files hold the runs that were finished.")

@@ -340,6 +340,7 @@ def main(**given: Any) -> None:
             COLUMNS,
             [row for number, curve in enumerate(result.curves, 1) for row in curve.rows(number)],
         )
+        click.echo(text(result))
         files = write_files(
             {
                 given["json"]: result.to_plain(),
@@ -347,6 +348,5 @@ def main(**given: Any) -> None:
                 given["plot"]: lambda path: save_figure(path, result),
             }
         )
-    click.echo(text(result))
     common.name_files(files)
     common.end_early(result.complete)

@@ -74,7 +74,7 @@ def missing_extras(file: Path) -> dict[str, list[str]]:
     return {extra: packages for extra, packages in missing.items() if packages}
 
 
-def refuse(name: str, missing: dict[str, list[str]], **_options: object) -> None:
+def refuse(name: str, missing: dict[str, list[str]], /, **_options: object) -> None:
     """Raise ClickException with the command that installs the extras that a command lacks."""
     packages = ", ".join(package for names in missing.values() for package in names)
     raise click.ClickException(

@@ -131,6 +131,7 @@ def main(**given: Any) -> None:
         found = computed(given)
         cells = (found.own, *found.cells)
         rows = (COLUMNS, [row for cell in cells for row in cell.rows()])
+        click.echo(table(cells))
         files = write_files(
             {
                 given["json"]: found.to_plain(),
@@ -138,6 +139,5 @@ def main(**given: Any) -> None:
                 given["plot"]: lambda path: save_isolas(path, found),
             }
         )
-    click.echo(table(cells))
     common.name_files(files)
     common.end_early(found.complete)

@@ -145,6 +145,6 @@ def main(
                 model, ratios or RATIOS, tuple(dict.fromkeys(given.pop("resonances"))), given
             )
         table = text(found)
+        click.echo(table)
         files = fill_page(page, MARKER, table)
-    click.echo(table)
     name_files(files)

@@ -187,8 +187,8 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
         findings = explain(findings, given, executor)
     except KeyboardInterrupt:
         findings = replace(findings, finished=False)
-    files = write(out, findings, given)
     click.echo(tables.text(findings))
+    files = write(out, findings, given)
     name_files(files)
     click.echo()
     return findings

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
@@ -45,7 +45,7 @@ from optimisation.cli.scene_options import (
     scene_option,
     structure_option,
 )
-from optimisation.files import write_files, write_json
+from optimisation.files import write_files
 from optimisation.gap_check import rigid_walls
 from optimisation.mounting import mounted
 from optimisation.page import markdown
@@ -216,8 +216,16 @@ def two_parameters(
             yield curve.to_plain()
 
 
-def asked_curves(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
-    """Return the curves of bifurcations, as `run`, and write the CSV file and the figure."""
+class Result(NamedTuple):
+    """What a call prints, its ``files`` by their paths as `write_files` takes them, and whether the work came to its end."""
+
+    text: str
+    files: dict[Any, object]
+    complete: bool
+
+
+def bifurcations(case: Case, given: dict[str, Any]) -> Result:
+    """Return the curves of bifurcations over two parameters."""
     complete, (key, words, scale) = [True], UNITS[given["second"]]
     with stages_bar("orbits", leave=False) as told:
         curves = list(two_parameters(case, given, told, complete))
@@ -226,15 +234,14 @@ def asked_curves(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str,
         [key if name == "value" else name for name in report.CURVE_COLUMNS],
         report.curve_rows(curves),
     )
-    write_files(
-        {
-            given["csv"]: rows,
-            given["plot"]: lambda path: report.save_curves(
-                path, curves, f"{case.scene}{force}", words, scale
-            ),
-        }
-    )
-    return report.curve_text(curves, words, scale), curves, complete[0]
+    files = {
+        given["json"]: curves,
+        given["csv"]: rows,
+        given["plot"]: lambda path: report.save_curves(
+            path, curves, f"{case.scene}{force}", words, scale
+        ),
+    }
+    return Result(report.curve_text(curves, words, scale), files, complete[0])
 
 
 def check(given: dict[str, Any]) -> None:
@@ -334,8 +341,8 @@ def case_of(given: dict[str, Any]) -> Case:
     )
 
 
-def run(given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
-    """Return the text, the contents of the JSON file, and whether the work came to its end."""
+def run(given: dict[str, Any]) -> Result:
+    """Do what the options ask for."""
     check(given)
     case = case_of(given)
     if given["curve"]:
@@ -350,12 +357,12 @@ def run(given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
         return asked_for(case, given)
 
 
-def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
+def asked_for(case: Case, given: dict[str, Any]) -> Result:
     """Return folds, thresholds or orbits, as `run`."""
     low = given["start"]
     high = given["stop"]
     if given["curve"]:
-        return asked_curves(case, given)
+        return bifurcations(case, given)
     if given["thresholds"]:
         levels = thresholds(case, low, high)
         confirmed = [level for level in levels if isinstance(level.orbit, Orbit)]
@@ -363,7 +370,7 @@ def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, An
             {"kind": level.kind, "force_N": level.force, "omega_ratio": level.omega_ratio}
             for level in confirmed
         ]
-        return report.threshold_text(levels), plain, True
+        return Result(report.threshold_text(levels), {given["json"]: plain}, True)
     if given["folds"]:
         located = folds(case, low, high)
         pairs = [(fold, fold.orbit) for fold in located if isinstance(fold.orbit, Orbit)]
@@ -375,13 +382,15 @@ def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, An
             }
             for fold, orbit in pairs
         ]
-        return report.fold_text(located), plain, True
+        return Result(report.fold_text(located), {given["json"]: plain}, True)
     if given["along"] is not None:
         with stages_bar("orbits", leave=False) as told:
             curves = list(along(case, given, told))
         key = UNITS[given["along"]][0]
-        plain = [_renamed(curve.to_plain(), key) for curve in curves]
-        return along_text(curves, key), [{"omega_ratio": given["at"], **one} for one in plain], True
+        plain = [
+            {"omega_ratio": given["at"], **_renamed(curve.to_plain(), key)} for curve in curves
+        ]
+        return Result(along_text(curves, key), {given["json"]: plain}, True)
     complete = [True]
     with stages_bar("orbits", leave=False) as told:
         found = listed(case, given, told, complete)
@@ -393,7 +402,7 @@ def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, An
     text = "\n".join(
         [report.orbit_table(orbits), "", f"{len(orbits)} orbits, {stable} of them stable.", *notes]
     )
-    return text, [plain_orbit(orbit) for orbit in orbits], complete[0]
+    return Result(text, {given["json"]: [plain_orbit(orbit) for orbit in orbits]}, complete[0])
 
 
 @command()
@@ -510,9 +519,7 @@ def main(**given: Any) -> None:
     --curve follows folds, broken symmetry, doubled periods or tori, from where branches have them, over the frequency and a second parameter.
     """
     with plain_errors():
-        text, content, complete = run(given)
-        if given["json"] is not None:
-            write_json(given["json"].resolve(), content)
-    click.echo(text)
-    name_files([given[name] for name in ("csv", "plot") if given[name] is not None])
+        text, files, complete = run(given)
+        click.echo(text)
+        name_files(write_files(files))
     end_early(complete, "what was finished is shown.")

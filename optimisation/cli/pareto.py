@@ -163,8 +163,8 @@ def main(**given: Any) -> None:
         problem = make(given["against"], given)
         with executor_on(given["threads"], given["cluster"]) as executor:
             front = study(problem, given, design.journal_of(given, out), executor)
+        click.echo(fronts.front_text(front))
         files = write(out, front, given)
-    click.echo(fronts.front_text(front))
     name_files(files)
     end_early(front.finished, design.GOES_ON)
     end_without(bool(front.index))

@@ -151,11 +151,11 @@ def main(
             {name: value if np.isfinite(value) else None for name, value in row.items()}
             for row in rows(model)
         ]
+        click.echo("\n".join(said))
         files = write_files(
             {
                 json: {"mass_kg": model.beam_mass, "modes": modes},
                 plot: lambda path: save_structure(path, structure),
             }
         )
-    click.echo("\n".join(said))
     name_files(files)

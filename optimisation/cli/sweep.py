@@ -32,7 +32,7 @@ from optimisation.cli.common import (
 )
 from optimisation.executors import cluster_option, workers
 from optimisation.extremes import sweep_ratio
-from optimisation.files import replacing
+from optimisation.files import STANDARD_OUTPUT, replacing, write_json
 from optimisation.machine import Timed
 from optimisation.measures import SAMPLES, check_size, stress_shape
 from optimisation.progress import Bar
@@ -161,7 +161,9 @@ def measured(
 def write(result: Result, given: scenes.Options, beam: Beam | None) -> None:
     """Write the files asked for: all of them or none."""
     with ExitStack() as files:
-        if given["json"] is not None:
+        if given["json"] is STANDARD_OUTPUT:
+            write_json(STANDARD_OUTPUT, contract(result, beam))
+        elif given["json"] is not None:
             text = json.dumps(contract(result, beam), indent=1, allow_nan=False)
             files.enter_context(replacing(given["json"].resolve())).write_text(text + "\n")
         if given["plot"] is not None:
@@ -177,8 +179,11 @@ def write(result: Result, given: scenes.Options, beam: Beam | None) -> None:
             )
 
 
-def run(given: scenes.Options) -> str:
-    """Do what the options ask for and return the summary. Raises BadInput or ParameterError before anything is computed or written."""
+def run(given: scenes.Options) -> None:
+    """Do what the options ask for: print the summary, then write files.
+
+    Raises BadInput or ParameterError before anything is computed or written.
+    """
     scenes.refuse_parts(given)
     scenes.refuse_runs(given)
     given["force"] = (
@@ -211,8 +216,8 @@ def run(given: scenes.Options) -> str:
             scene.model, 1e4 * (high - low) / schedule.periods, given["resonance"], (low, high)
         )
         result = replace(result, sweep_ratio=ratio)
+    click.echo(summary(result, given["resonance"]))
     write(result, given, beam)
-    return summary(result, given["resonance"])
 
 
 def make_drive(given: scenes.Options, scene: Scene) -> AnyDrive:
@@ -360,4 +365,4 @@ def main(**given: Any) -> None:
     integration alone, compiled and with nothing observed.
     """
     with plain_errors():
-        click.echo(run(given))
+        run(given)

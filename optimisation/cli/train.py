@@ -79,18 +79,18 @@ def write(out: Path, task: str, baselines: dict[str, float], runs: list[Run]) ->
         table_rows,
     )  # matplotlib is slow to import
 
-    write_csv(out / f"learning_{task}.csv", COLUMNS, learning_rows(runs))
-    write_json(
-        out / f"learning_{task}.json", {"baselines": baselines, "agents": table_rows(runs, {})}
-    )
-    with replacing(out / f"learning_{task}.png") as temporary:
-        save_learning_curve(temporary, task, runs, baselines)
     unfinished = sum(not run.finished for run in runs)
     click.echo(markdown(HEADER, table_rows(runs, baselines)))
     click.echo(
         f"\n{task}; mean scores on the evaluation seeds"
         + (f"; {unfinished} of {len(runs)} runs are not finished" if unfinished else "")
     )
+    write_csv(out / f"learning_{task}.csv", COLUMNS, learning_rows(runs))
+    write_json(
+        out / f"learning_{task}.json", {"baselines": baselines, "agents": table_rows(runs, {})}
+    )
+    with replacing(out / f"learning_{task}.png") as temporary:
+        save_learning_curve(temporary, task, runs, baselines)
     click.echo(f"written: {out / f'learning_{task}.png'}, .csv, .json\n")
 
 

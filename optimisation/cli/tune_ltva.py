@@ -213,13 +213,13 @@ def main(**given: Any) -> None:
                 why="there is no range of frequencies to score, and nothing to prove",
             )
             found = tuned_under(model, scenes.loads_of(load, model, resonance), ratio)
+            click.echo(tuned_text(found))
             files = write_files({out / "summary.json": tuned_summary(found)})
-            told = tuned_text(found)
         else:
             check_page(page, MARKER)
             table = tuning_table(model, ratio, resonance, given["low"], given["high"])
             bounds = {} if given["quick"] else certificates(table)
             told = text(table, bounds)
+            click.echo(told)
             files = write(out, table, bounds) + fill_page(page, MARKER, told)
-    click.echo(told)
     name_files(files)

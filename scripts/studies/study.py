@@ -329,6 +329,10 @@ def measure(
 
 def publish(part: Part[S], measured: Measured, place: Place, written: Sequence[Path] = ()) -> None:
     """Write a part's CSV files, figures and sections of the page, and print the results and the names of all files ``written``."""
+    sections = part.sections(measured)
+    click.echo(
+        part.said(measured) if part.said else f"{part.title}\n\n" + "\n\n".join(sections.values())
+    )
     files = list(written)
     if place.folder is not None:
         for table in part.tables(measured):
@@ -338,13 +342,9 @@ def publish(part: Part[S], measured: Measured, place: Place, written: Sequence[P
             files.append(place.folder / (name if "." in name else f"{name}.png"))
             with replacing(files[-1]) as temporary:
                 save(temporary)
-    sections = part.sections(measured)
     if place.page is not None:
         files.append(place.page)
         fill(place.page, place.template or place.page, sections)
-    click.echo(
-        part.said(measured) if part.said else f"{part.title}\n\n" + "\n\n".join(sections.values())
-    )
     if files:
         name_files(files)
 

@@ -15,7 +15,7 @@ import numpy as np
 from impact_env.envs.evaluation import interval
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError
-from optimisation.cli.common import BadInput, check_target, command
+from optimisation.cli.common import check_target, command
 from optimisation.files import read_json, write_json
 from optimisation.page import DOCS, fill, markdown, require_markers
 from optimisation.progress import Bar
@@ -308,37 +308,32 @@ def main(
 ) -> None:
     """Find the best rules of each task, let planners look ahead, and print scores and room."""
     agents, target, page, rules = (files[name] for name in ("agents", "target", "page", "rules"))
-    try:
-        check_target("--json", target)
-        check_target("--page", page)
-        check_target("--rules", rules)
-        if page is not None:
-            require_markers(page, PAGE, MARKERS)
-        found = known(target or NUMBERS) if target is not None or redraw else {}
-        for task in tasks or [name for name, own in TASKS.items() if own.planned]:
-            effort = QUICK if quick else EFFORTS[task]
-            effort = replace(effort, judged=judged or effort.judged)
-            trained = [] if agents is None else find_agents(agents, FINAL, env_of(task))
-            if not redraw:
-                with Bar(
-                    total=tried(task, effort), desc=task, unit="candidate", leave=False
-                ) as bar:
-                    found[task] = admit(task, {}, effort, bar.update)
-            if task in found:
-                add_agents(task, found[task], trained)
-            found = {name: found[name] for name in TASKS if name in found}
-            if target is not None:
-                write_json(target, {"tasks": found})
-        click.echo(rooms(found))
-        if rules is not None:
-            write_json(rules, {name: one["rules"] for name, one in found.items()})
-        if page is not None:
-            for name in Bar(NAMES, desc="pictures", unit="task", leave=False):
-                save_picture(page.parent / PICTURES / f"{name}.png", name)
-            fill(
-                page,
-                PAGE,
-                {"admission": rooms(found), "rules": searches(found), "tasks": described()},
-            )
-    except ParameterError as error:
-        raise BadInput(str(error)) from error
+    check_target("--json", target)
+    check_target("--page", page)
+    check_target("--rules", rules)
+    if page is not None:
+        require_markers(page, PAGE, MARKERS)
+    found = known(target or NUMBERS) if target is not None or redraw else {}
+    for task in tasks or [name for name, own in TASKS.items() if own.planned]:
+        effort = QUICK if quick else EFFORTS[task]
+        effort = replace(effort, judged=judged or effort.judged)
+        trained = [] if agents is None else find_agents(agents, FINAL, env_of(task))
+        if not redraw:
+            with Bar(total=tried(task, effort), desc=task, unit="candidate", leave=False) as bar:
+                found[task] = admit(task, {}, effort, bar.update)
+        if task in found:
+            add_agents(task, found[task], trained)
+        found = {name: found[name] for name in TASKS if name in found}
+        if target is not None:
+            write_json(target, {"tasks": found})
+    click.echo(rooms(found))
+    if rules is not None:
+        write_json(rules, {name: one["rules"] for name, one in found.items()})
+    if page is not None:
+        for name in Bar(NAMES, desc="pictures", unit="task", leave=False):
+            save_picture(page.parent / PICTURES / f"{name}.png", name)
+        fill(
+            page,
+            PAGE,
+            {"admission": rooms(found), "rules": searches(found), "tasks": described()},
+        )
