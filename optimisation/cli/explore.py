@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from impact_env.parameters import Beam
-from optimisation.cli.common import BadInput, command, plain_errors
+from optimisation.cli.common import command, plain_errors
 from optimisation.cli.scene_options import read_structure, structure_option
 
 PORT = 8651
@@ -27,27 +27,30 @@ PORT = 8651
     "--host",
     default="127.0.0.1",
     show_default=True,
-    help="Address of the page. Any but this one lets others on the network use it.",
+    help="Address of the page. Any but this one lets others on the network use it; 0.0.0.0 or ::: all of this machine's.",
+)
+@click.option(
+    "--name",
+    "names",
+    multiple=True,
+    help="Another name under which browsers reach the page, as that of a proxy or of a container; may be repeated.",
 )
 @click.option(
     "--browser/--no-browser", default=True, show_default=True, help="Open the page in the browser."
 )
-def main(structure: Path | None, port: int, host: str, browser: bool) -> None:
+def main(
+    structure: Path | None, port: int, host: str, names: tuple[str, ...], browser: bool
+) -> None:
     """Explore absorbers on the paper's beam, or another structure, on a page of this machine, until Ctrl-C.
 
     The page needs no network. What a kind of absorber has to be compiled for is compiled once, while the page says so.
     """
     with plain_errors():
         own = Beam() if structure is None else read_structure(structure)
-        from optimisation.explore.server import bound, serve  # needs the extra
+        from optimisation.explore.server import bound, page_address, serve  # needs the extra
 
-        try:
-            listening = bound(host, port)
-        except OSError as error:
-            raise BadInput(
-                f"--port = {port} is not allowed: one that is free at {host} ({error.strerror})"
-            ) from error
-        place = f"http://{f'[{host}]' if ':' in host else host}:{listening.getsockname()[1]}/"
+        listening = bound(host, port)
+        place = page_address(listening)
 
         def started() -> None:
             click.echo(f"{place}  (Ctrl-C ends it)")
@@ -57,7 +60,7 @@ def main(structure: Path | None, port: int, host: str, browser: bool) -> None:
         serve(
             own,
             "the paper's beam" if structure is None else structure.name,
-            host,
+            (host, *names),
             listening,
             started,
         )

@@ -3,15 +3,18 @@
 # needs: env
 
 import csv
+import shutil
 import subprocess
 from pathlib import Path
 
 import click
 
 from impact_env.envs.evaluation import EPISODES, SPLITS, Evaluation, Scored, evaluate
+from impact_env.extras import DISTRIBUTION
 from impact_env.parameters import require
 from optimisation.cli.common import check_target, command, plain_errors
 from optimisation.files import write_csv
+from optimisation.machine import installed
 from optimisation.page import DOCS, ROOT, fill, markdown, require_markers
 from optimisation.progress import Bar
 from optimisation.rl.agents import Agent, load_agent, shipped
@@ -43,6 +46,21 @@ def judged(task: str, agents: list[Agent], split: str, episodes: int) -> Evaluat
     return Evaluation(**{**vars(found), "policy": Scored.of(name, found.scores)})
 
 
+def revision() -> str:
+    """Return the commit of the checkout that runs, else the version of the package."""
+    if shutil.which("git") is not None and (ROOT / ".git").exists():
+        found = subprocess.run(
+            ["git", "rev-parse", "--short", "HEAD"],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if found.returncode == 0:
+            return found.stdout.strip()
+    return installed([DISTRIBUTION]).get(DISTRIBUTION, "unknown")
+
+
 def write_board(path: Path, found: dict[str, Evaluation]) -> list[list[str]]:
     """Write the leaderboard and return its lines; those whose ``who`` is another stay, and those of tasks that were not judged."""
     rows: list[list[str]] = []
@@ -53,13 +71,6 @@ def write_board(path: Path, found: dict[str, Evaluation]) -> list[list[str]]:
                 for row in csv.DictReader(lines)
                 if row["who"] != OURS or row["task"] not in found
             ]
-    done = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
     for task, one in found.items():
         for scored in (one.policy, *one.others.values()):
             numbers = (f"{value:.4f}" for value in (scored.mean, *scored.interval))
@@ -68,7 +79,7 @@ def write_board(path: Path, found: dict[str, Evaluation]) -> list[list[str]]:
                     task,
                     scored.name,
                     OURS,
-                    done.stdout.strip(),
+                    revision(),
                     one.split,
                     str(len(one.seeds)),
                     *numbers,

@@ -1,13 +1,17 @@
 """The explorer's server: one page and a socket for each tab of it, on this machine only. A tab's newest setting is what its thread works on."""
 
 import asyncio
+import errno
 import json
 import logging
+import re
 import socket
 import threading
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +37,10 @@ with optional():
 
 LOG = logging.getLogger("optimisation.explore")
 ASSETS = Path(__file__).parent / "assets"
-LOOPBACK = "127.0.0.1"
+LOOPBACK = {"127.0.0.1", "::1", "localhost"}
+ALL_ADDRESSES = {"0.0.0.0", "::"}
+OWN_ADDRESS = "an address or a name of this machine"
+REFUSED = "this page answers only to names of its own; another one is allowed by impact-absorber explore --name NAME"
 # of a message
 MOST_TABS = 8
 MOST_BYTES = 16384
@@ -48,15 +55,43 @@ HEADERS = {
 }
 
 
+@dataclass(frozen=True)
+class Names:
+    """Names in a Host header under which the server answers, with any port, as a tunnel has one of its own.
+
+    ``anywhere``: also numeric addresses, which no name server can bind to this machine.
+    """
+
+    names: frozenset[str]
+    anywhere: bool
+
+    def hold(self, host: str) -> bool:
+        """Return whether a Host header has one of the names."""
+        found = re.fullmatch(r"(\[[0-9a-f:.]+\]|[^:\[\]/@]+)(:\d+)?", host.lower())
+        if found is None:
+            return False
+        name = found[1].strip("[]")
+        return name in self.names or (self.anywhere and is_numeric(name))
+
+
+def is_numeric(name: str) -> bool:
+    """Return whether a host's name is an IP address."""
+    try:
+        ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
 class Guard:
     """Lets through only what a browser asks of this server by a name of its own, and from its own page.
 
     Another site's page that reaches the port, by its address or by a name that was bound to it anew, has another Origin or Host.
     """
 
-    def __init__(self, app: ASGIApp, hosts: frozenset[str]) -> None:
+    def __init__(self, app: ASGIApp, names: Names) -> None:
         self.app = app
-        self.hosts = hosts
+        self.names = names
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass on, or refuse with 403."""
@@ -68,8 +103,8 @@ class Guard:
         origins = [value for name, value in headers if name == b"origin"]
         own = (
             len(hosts) == 1
-            and hosts[0].lower() in self.hosts
-            and origins in ([], [f"http://{hosts[0]}"])
+            and self.names.hold(hosts[0])
+            and origins in ([], [f"http://{hosts[0]}"], [f"https://{hosts[0]}"])
         )
         if scope["type"] == "websocket":
             if not own or not origins:
@@ -78,9 +113,7 @@ class Guard:
                 )  # before it is accepted: an answer 403
                 return
         elif not own:
-            await PlainTextResponse("this page answers only to its own address", 403)(
-                scope, receive, send
-            )
+            await PlainTextResponse(REFUSED, 403)(scope, receive, send)
             return
 
         async def with_headers(message: Any) -> None:
@@ -275,10 +308,10 @@ def command_of(values: Asked) -> str:
 def make_app(
     structure: Structure,
     name: str,
-    hosts: frozenset[str],
+    names: Names,
     started: Callable[[], object] = lambda: None,
 ) -> Starlette:
-    """Return the application for a structure of a ``name``; ``hosts``: what a Host header may say; ``started`` is called once it serves."""
+    """Return the application for a structure of a ``name``; ``names``: what a Host header may say; ``started`` is called once it serves."""
     kernels = Kernels()
     tabs = set[Tab]()
 
@@ -341,41 +374,67 @@ def make_app(
         Mount("/assets", StaticFiles(directory=ASSETS)),
     ]
     app = Starlette(routes=routes, lifespan=life)
-    app.add_middleware(Guard, hosts=hosts)
+    app.add_middleware(Guard, names=names)
     return app
 
 
 def bound(host: str, port: int) -> socket.socket:
-    """Return a socket that listens at an address; port 0 is any that is free. Raises OSError if it is taken."""
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    made = socket.socket(family, socket.SOCK_STREAM)
+    """Return a socket that listens at an address; port 0 is any that is free.
+
+    Raises ParameterError for an address that this machine does not have, and for a port that cannot be had there.
+    """
+    try:
+        family, kind, _, _, address = socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+    except (OSError, UnicodeError) as error:
+        raise ParameterError(f"--host = {host} is not allowed: {OWN_ADDRESS} ({error})") from error
+    made = socket.socket(family, kind)
     try:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        made.bind((host, port))
+        made.bind(address)
         made.listen(64)
-    except OSError:
+    except OSError as error:
         made.close()
-        raise
+        if error.errno in (errno.EADDRNOTAVAIL, errno.EAFNOSUPPORT, errno.ENETUNREACH):
+            raise ParameterError(
+                f"--host = {host} is not allowed: {OWN_ADDRESS} ({error.strerror})"
+            ) from error
+        raise ParameterError(
+            f"--port = {port} is not allowed: one that is free at {host} ({error.strerror})"
+        ) from error
     return made
 
 
-def hosts_of(host: str, port: int) -> frozenset[str]:
-    """Return the host names under which a browser may call the server."""
-    names = {host, "localhost", LOOPBACK} if host in (LOOPBACK, "localhost") else {host}
-    return frozenset(
-        f"[{name}]:{port}" if ":" in name else f"{name.lower()}:{port}" for name in names
-    )
+def page_address(listening: socket.socket) -> str:
+    """Return the address by which a browser of this machine reaches the server."""
+    host, port = listening.getsockname()[:2]
+    if host in ALL_ADDRESSES:
+        host = "::1" if ":" in host else "127.0.0.1"
+    return f"http://{f'[{host}]' if ':' in host else host}:{port}/"
+
+
+def names_of(*hosts: str) -> Names:
+    """Return the names for an address that the server listens at, and for further ones.
+
+    At an address of this machine alone these are its names; at any other one, all numeric addresses and the machine's name as well.
+    """
+    given = {host.lower().strip("[]") for host in hosts}
+    if hosts[0] in LOOPBACK:
+        return Names(frozenset(given | LOOPBACK), anywhere=False)
+    machine = {socket.gethostname().lower(), socket.getfqdn().lower()}
+    return Names(frozenset(given | machine | LOOPBACK), anywhere=True)
 
 
 def serve(
     structure: Structure,
     name: str,
-    host: str,
+    hosts: tuple[str, ...],
     listening: socket.socket,
     started: Callable[[], object],
 ) -> None:
-    """Serve until Ctrl-C, on a socket that listens."""
-    app = make_app(structure, name, hosts_of(host, listening.getsockname()[1]), started)
+    """Serve until Ctrl-C, on a socket that listens; ``hosts`` as `names_of` takes them."""
+    app = make_app(structure, name, names_of(*hosts), started)
     limits: dict[str, Any] = {
         "ws_max_size": MOST_BYTES,
         "timeout_graceful_shutdown": 1,

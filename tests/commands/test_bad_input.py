@@ -208,7 +208,8 @@ structure {steel}
 explore --no-browser
     --structure nowhere.toml -> nowhere.toml
     --structure bad.toml -> length
-    --host nowhere.invalid -> --port = 8651 is not allowed: one that is free at nowhere.invalid
+    --host nowhere.invalid -> --host = nowhere.invalid is not allowed: an address or a name of this machine
+    --host 192.0.2.1 -> --host = 192.0.2.1 is not allowed: an address or a name of this machine
 specialisation
     --redraw --out . -> --redraw
 stability

@@ -1,6 +1,7 @@
 """The explorer's server, without a browser: what it computes, what it refuses, who it answers to."""
 
 import json
+import socket
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -19,10 +20,18 @@ from starlette.websockets import WebSocketDisconnect
 from impact_env import Beam, Drive, Record, load_structure, performance_curve, simulate
 from impact_env.curve import CurveCase
 from impact_env.drive import constant_frequency
+from impact_env.parameters import ParameterError
 from impact_env.plain import to_scene
 from impact_env.plain_loads import to_loads
 from optimisation.cli.group import imported
-from optimisation.explore.server import MOST_BYTES, MOST_TABS, hosts_of, make_app
+from optimisation.explore.server import (
+    MOST_BYTES,
+    MOST_TABS,
+    bound,
+    make_app,
+    names_of,
+    page_address,
+)
 from optimisation.explore.settings import Refused, asked, controls, scene_of
 from optimisation.explore.waiting import Kernels
 from optimisation.explore.work import Work
@@ -44,7 +53,7 @@ def few() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def client() -> Iterator[TestClient]:
     with TestClient(
-        make_app(BEAM, "the paper's beam", hosts_of("127.0.0.1", 8651)), base_url=f"http://{HOST}"
+        make_app(BEAM, "the paper's beam", names_of("127.0.0.1")), base_url=f"http://{HOST}"
     ) as client:
         yield client
 
@@ -96,11 +105,22 @@ def test_the_page_brings_all_that_it_needs(client: TestClient) -> None:
     "headers",
     [
         {"host": "evil.example:8651"},
-        {"host": "127.0.0.1:9"},
+        {"host": "192.168.1.20:8651"},
+        {"host": "127.0.0.1.evil.example:8651"},
+        {"host": "evil.example@127.0.0.1:8651"},
         {"host": HOST, "origin": "http://evil.example"},
+        {"host": HOST, "origin": "http://127.0.0.1:9"},
         {"host": HOST},
     ],
-    ids=["rebound name", "other port", "foreign page", "no page"],
+    ids=[
+        "rebound name",
+        "other address",
+        "longer name",
+        "user",
+        "foreign page",
+        "other port",
+        "no page",
+    ],
 )
 def test_others_are_refused(client: TestClient, headers: dict[str, str]) -> None:
     for address in ("/", "/controls"):
@@ -109,6 +129,45 @@ def test_others_are_refused(client: TestClient, headers: dict[str, str]) -> None
         )  # a socket needs an origin
     with pytest.raises(WebSocketDisconnect), client.websocket_connect("/socket", headers=headers):
         pass
+
+
+@pytest.mark.parametrize(
+    ("listens", "host"),
+    [
+        ("127.0.0.1", "localhost:9000"),
+        ("127.0.0.1", "[::1]:9000"),
+        ("0.0.0.0", "192.168.1.20:8651"),
+        ("0.0.0.0", "127.0.0.1:9000"),
+        ("::", "[fe80::1]:8651"),
+        ("::", "192.168.1.20"),
+        ("0.0.0.0", f"{socket.gethostname()}:8651"),
+        ("192.168.1.20", "192.168.1.20:8651"),
+        ("0.0.0.0", "proxy.example"),
+    ],
+)
+def test_a_page_answers_to_every_address_that_leads_to_it(listens: str, host: str) -> None:
+    """Through a tunnel or a container, which have ports of their own, at all addresses, and under a name that was allowed."""
+    app = make_app(BEAM, "the paper's beam", names_of(listens, "proxy.example"))
+    headers = {"host": host, "origin": f"http://{host}"}
+    with TestClient(app, base_url=f"http://{HOST}") as client:
+        assert client.get("/", headers=headers).status_code == 200
+        with client.websocket_connect("/socket", headers=headers):
+            pass
+        strange = {"host": "evil.example:8651", "origin": "http://evil.example:8651"}
+        assert client.get("/", headers=strange).status_code == 403
+        with (
+            pytest.raises(WebSocketDisconnect),
+            client.websocket_connect("/socket", headers=strange),
+        ):
+            pass
+
+
+def test_all_addresses_are_bound_and_the_page_is_named_by_one_that_a_browser_takes() -> None:
+    with bound("0.0.0.0", 0) as listening:
+        port = listening.getsockname()[1]
+        assert page_address(listening) == f"http://127.0.0.1:{port}/"
+        with pytest.raises(ParameterError, match=f"--port = {port} is not allowed"):
+            bound("0.0.0.0", port)
 
 
 def test_what_is_drawn_is_what_the_library_computes(client: TestClient) -> None:

@@ -288,14 +288,18 @@ def test_what_is_no_agent_is_refused(tmp_path: Path) -> None:
 def test_recipes_are_written_in_the_form_of_rl_zoo3(tmp_path: Path) -> None:
     """A file for each algorithm, and but for what that library takes itself, only what stable-baselines3 knows."""
     assert train_command("--zoo", tmp_path / "zoo").exit_code == 0
-    kinds = {"ppo": PPO, "sac": SAC, "ppo_lstm": PPO}
+    recurrent = pytest.importorskip("sb3_contrib").RecurrentPPO
+    kinds = {"ppo": PPO, "sac": SAC, "ppo_lstm": recurrent}
     its_own = {"n_envs", "n_timesteps", "normalize", "policy"}
     assert {file.stem for file in (tmp_path / "zoo").iterdir()} == set(kinds)
     found = {name: yaml.safe_load((tmp_path / "zoo" / f"{name}.yml").read_text()) for name in kinds}
     for name, kind in kinds.items():
         for recipe in found[name].values():
             assert set(recipe) - its_own <= set(inspect.signature(kind).parameters)
-            assert eval(recipe["policy_kwargs"])["net_arch"] in ([64, 64], [128, 128])
+            of_policy = eval(recipe["policy_kwargs"])
+            policy = kind.policy_aliases[recipe["policy"]]
+            assert set(of_policy) <= set(inspect.signature(policy).parameters)
+            assert of_policy["net_arch"] in ([64, 64], [128, 128])
     own = found["sac"]["ImpactAbsorber/ActiveGap-v0"]
     chosen = settings_for("ImpactAbsorber/ActiveGap-v0", "sac")
     assert (own["n_envs"], own["n_timesteps"], own["learning_rate"]) == (

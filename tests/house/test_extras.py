@@ -9,6 +9,7 @@ import pytest
 from places import ROOT, SCRIPTS, fresh
 
 from impact_env.extras import DISTRIBUTION, EXTRAS, how_to_install
+from optimisation.cli.group import NEEDS, file_of, files
 
 SOLD_AS = {
     "stable_baselines3": "stable-baselines3",
@@ -102,6 +103,39 @@ def test_what_only_one_function_needs_is_named_by_it() -> None:
     )
     for line, package in zip(said(code), packages, strict=True):
         assert line == expected(package) or "h5py" in line
+
+
+COMMANDS = """
+import importlib.util
+own = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *given: None if name.partition(".")[0] in {packages} else own(name, *given)
+from click.testing import CliRunner
+from optimisation.cli.group import file_of, files, main, missing_extras
+for name in [name for commands in files().values() for name in commands]:
+    told = CliRunner().invoke(main, [name, "--help"])
+    print(name, told.exit_code, repr(told.exception), "Usage: " in told.output)
+    if missing_extras(file_of(name)):
+        refused = CliRunner().invoke(main, [name])
+        print(name, refused.exit_code, repr(refused.exception), " ".join(refused.stderr.split()))
+"""
+
+
+def test_every_command_tells_its_options_and_what_it_lacks() -> None:
+    """All packages of extras out of reach, but for Pillow, which matplotlib brings."""
+    packages = [package for package in EXTRAS if package != "PIL"]
+    lines = said(TRY.format(packages=packages, modules=[]) + COMMANDS.format(packages=packages))
+    helped = [line for line in lines if line.endswith("True")]
+    refused = [line for line in lines if line not in helped]
+    names = [name for commands in files().values() for name in commands]
+    assert helped == [f"{name} 0 None True" for name in names]
+    assert [line.split()[0] for line in refused] == [
+        name for name in names if NEEDS.search(file_of(name).read_text())
+    ]
+    for line in refused:
+        name = line.split()[0]
+        error = f"{name} 1 SystemExit(1) Error: {name} needs packages that are not installed ("
+        assert line.startswith(error)
+        assert f'); they come with: pip install "{DISTRIBUTION}[' in line
 
 
 def test_extras_are_those_of_the_package() -> None:
