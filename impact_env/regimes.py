@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.eigenvalues import all_eigen
-from impact_env.kernels.events.search import SCAN_NOISE
+from impact_env.kernels.events.search import HERMITE_SHARE, SCAN_NOISE
 from impact_env.kernels.events.steps import LEVEL_RATIO
 from impact_env.kernels.motion.segments import Regime
 from impact_env.kernels.motion.slots import REST, TAYLOR_REACH, TAYLOR_TERMS, Slots
@@ -493,7 +493,7 @@ def ladder(
         0, int(np.ceil(np.log(fastest * reach / COARSEST / FINEST_PHASE) / np.log(LEVEL_RATIO)))
     )
     h = reach / COARSEST / LEVEL_RATIO ** np.arange(count - 1, -1, -1.0)
-    share = (speeds * h[:, None]) ** 4 / 384
+    share = (speeds * h[:, None]) ** 4 * HERMITE_SHARE
     share[:, used:] = 0
     summed = np.sum(share[:, :used] < 1, axis=1)
     wave = np.exp(values[:, None] * (h[:, None, None] * np.arange(1, POINTS + 1)))

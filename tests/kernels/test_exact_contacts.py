@@ -33,6 +33,7 @@ from impact_env import (
     Scene,
     SlidingAbsorber,
     StuckAbsorber,
+    TunedAbsorber,
     friction_damper,
     impact_absorber,
     simulate,
@@ -663,3 +664,53 @@ def test_losses_of_damped_contacts_are_listed_without_an_energy_account() -> Non
     alone = simulate(scene, drive, record=Record(level=False, events=True))
     assert alone.energy is None
     np.testing.assert_array_equal(alone.impacts.energy_lost, run(scene, drive).impacts.energy_lost)
+
+
+@pytest.mark.plain
+def test_a_slider_that_holds_is_a_spring_about_the_place_where_it_began() -> None:
+    """Elastic friction that never slips moves as a tuned absorber without damper does, shifted by its start (forces ten digits apart)."""
+    stiffness = 3e4
+    drive = drive_of(1.0, 0.98, periods=3.0)
+    start = 1e-3
+    held = run(
+        scene_of(SlidingAbsorber(friction=ElasticCoulombFriction(1e6, stiffness)), modes=2),
+        drive,
+        initial=InitialState(absorber_displacement=start),
+    )
+    tuned = run(scene_of(TunedAbsorber(stiffness=stiffness, damping=0.0), modes=2), drive)
+    shifted = held.end_state - [0, 0, start, 0, 0, 0]
+    scale = np.max(np.abs(tuned.end_state[:3]))
+    np.testing.assert_allclose(shifted[:3], tuned.end_state[:3], atol=1e-10 * scale)
+
+
+@pytest.mark.plain
+def test_a_slider_holds_again_where_its_spring_carries_the_limit() -> None:
+    """On a base at rest: sliding ends at rest, then the body swings about the place where the slider stays (closed form)."""
+    limit = 0.02
+    stiffness = 50.0
+    speed = 0.05
+    rate = np.sqrt(stiffness)  # of a mass of 1 kg
+    first = (
+        np.arcsin(limit / (stiffness * speed / rate)) / rate
+    )  # until the spring carries the limit
+    left = speed * np.cos(rate * first)
+    slides = left / limit
+    rest = speed / rate * np.sin(rate * first) + left * slides / 2  # largest displacement
+    anchor = rest - limit / stiffness
+    later = 0.3
+    response = check(
+        run(
+            Scene(
+                steady_base(),
+                SlidingAbsorber(1.0, friction=ElasticCoulombFriction(limit, stiffness)),
+            ),
+            still(first + slides + later),
+            initial=InitialState(absorber_velocity=speed),
+        )
+    )
+    place = anchor + limit / stiffness * np.cos(rate * later)
+    assert response.end_state[1] == pytest.approx(place, rel=1e-11)
+    assert response.energy.friction_loss == pytest.approx(
+        limit * left * slides / 2 + 0.5 * limit**2 / stiffness * np.cos(rate * later) ** 2,
+        rel=1e-11,
+    )

@@ -8,6 +8,7 @@ import pytest
 
 from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, record
 from impact_env.kernels.motion.numbers import cos_sin, fma
+from impact_env.level import response_level
 
 KIND = record(flag=FLAG, number=NUMBER, count=INTEGER)
 
@@ -82,3 +83,16 @@ def test_a_product_and_a_sum_are_rounded_once() -> None:
         float(Fraction(a) * Fraction(b) + Fraction(c)) for a, b, c in zip(x, y, z, strict=True)
     ] == list(found)
     assert np.count_nonzero(found) > 400
+
+
+@pytest.mark.parametrize("at", [0, 17, 320, 1000, 1990])
+def test_the_level_of_a_sine_is_its_amplitude_over_the_root_of_two(at: int) -> None:
+    """Wherever the largest sample lies, the window around it holds whole or half periods, also where the run's start or end cuts it."""
+    samples = 32
+    phases = 2 * np.pi * (np.arange(2000) - at) / samples
+    sine = 3e-4 * np.cos(phases)
+    sine[at] *= 1 + 1e-12  # the largest
+    level, largest = response_level(sine, samples)
+    periods = (min(at, 10 * samples) + min(1999 - at, 10 * samples)) / samples
+    assert level == pytest.approx(3e-4 / np.sqrt(2), rel=1e-11 if periods % 0.5 == 0 else 0.02)
+    assert largest == pytest.approx(3e-4, rel=1e-9)

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+import scipy.interpolate
 import scipy.optimize
 from core import Array
 
 from impact_env import Beam, ModalModel, ParameterError
+from impact_env.kernels.events.search import SCAN_NOISE
 from impact_env.kernels.motion.segments import Regime
-from impact_env.kernels.motion.slots import DRIVE, GUARD, RELATIVE, REST, TIP
+from impact_env.kernels.motion.slots import DRIVE, GUARD, RELATIVE, REST, SPEED, TIP
 from impact_env.modes import modal_model
 from impact_env.regime_sets import set_modes
 from impact_env.regimes import fastest, free_regime, joined_regime, padded_size, sprung_regime
@@ -254,3 +256,21 @@ def test_what_has_no_digits_is_refused() -> None:
     model = custom(9, 3, 0.01)
     with pytest.raises(ParameterError, match=r"at most about .* N/m and .* N s/m"):
         sprung(model, 100.0, 1e22)
+
+
+def test_errors_of_the_event_search_bound_those_of_cubic_interpolation() -> None:
+    """Of a sine through both ends' values and slopes (SciPy's interpolation), at every level: the bound holds, and is no twice too large."""
+    slots = free(modal_model(Beam(modes=3, damping_ratio=0.0))).slots
+    speeds = np.abs(slots.rows[SPEED, :3])
+    seen = 0
+    for step, errors in zip(slots.steps[:, 0], slots.errors, strict=True):
+        for speed, error in zip(speeds, errors, strict=False):
+            if not 0.02 < speed * step < 0.3:
+                continue
+            ends = speed * step * np.array([-0.5, 0.5])  # about the sine's largest curvature
+            cubic = scipy.interpolate.CubicHermiteSpline(ends, np.cos(ends), -np.sin(ends))
+            between = np.linspace(*ends, 101)
+            found = float(np.max(np.abs(cubic(between) - np.cos(between))))
+            assert 0.5 * (error - SCAN_NOISE) < found <= error
+            seen += 1
+    assert seen > 3

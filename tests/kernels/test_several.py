@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from core import PERIOD, Array, check, drive_of, relative_displacement, run, still
+from core import OMEGA, PERIOD, Array, check, drive_of, relative_displacement, run, still
 from every_scene import SEVERAL
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -11,6 +11,7 @@ from impact_env import (
     Beam,
     Drive,
     InitialState,
+    ModalModel,
     ParameterError,
     RigidWalls,
     Scene,
@@ -215,6 +216,34 @@ def test_equal_absorbers_at_one_place_break_loose_at_once() -> None:
     assert response.steps < 2000
     for quantity in (response.end_state[10:12], response.end_state[22:24]):
         assert quantity[0] == pytest.approx(quantity[1], rel=1e-6)
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize(("share", "sticks"), [(1.001, True), (0.999, False)])
+def test_the_modes_damping_counts_where_absorbers_begin_to_stick(
+    share: float, sticks: bool
+) -> None:
+    """Two that rest on a beam which passes its middle position: its damping alone decelerates them (Newton's law of all three masses)."""
+    damping = 0.2
+    speed = 0.3
+    model = ModalModel(
+        [OMEGA], [damping], [1.0], [1.0], 1.0, absorber_shapes=[[1.0], [1.0]]
+    )  # a mass of 1 kg
+    slowing = 2 * damping * OMEGA * speed / (1 + 0.3 + 0.2)
+    absorbers = SeveralAbsorbers(
+        (friction_damper(share * 0.3 * slowing, 0.3), friction_damper(share * 0.2 * slowing, 0.2)),
+        (1.0, 1.0),
+    )
+    response = run(
+        Scene(model, absorbers),
+        still(1e-4 * PERIOD),
+        initial=InitialState(
+            modal_velocity=np.array([speed]),
+            absorber_displacement=[0.0, 0.0],
+            absorber_velocity=[speed, speed],
+        ),
+    )
+    assert len(response.phases.start) == (2 if sticks else 0)
 
 
 unit = st.floats(-1, 1)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from core import OMEGA, PERIOD, Array, drive_of, golden, run, scene_of
+from core import OMEGA, PERIOD, Array, drive_of, golden, run, scene_of, steady_base, still
 
 from impact_env import (
     Beam,
@@ -11,6 +11,7 @@ from impact_env import (
     ElasticCoulombFriction,
     Exact,
     FrequencySchedule,
+    InitialState,
     Moreau,
     ParameterError,
     RungeKutta,
@@ -309,3 +310,39 @@ def test_an_absorber_that_holds_the_tip_still_is_refused(method: Method) -> None
         simulate(scene_of(StuckAbsorber(1e6)), drive_of(1.0, 1.0, periods=1.0), method)
     model = beam_scene(Beam(modes=3)).model
     assert 8.3e5 * model.beam_mass * np.sum(model.tip_shape**2) == pytest.approx(1e7, rel=0.01)
+
+
+@pytest.mark.plain
+def test_friction_of_moreau_s_scheme_brakes_by_its_limit() -> None:
+    """A body of 1 kg on a base at rest loses the limit times the time of its velocity: exactly, since the scheme is exact for constant forces."""
+    limit = 0.02
+    response = run(
+        Scene(steady_base(), friction_damper(limit, 1.0)),
+        still(1.5),
+        Moreau(20),
+        InitialState(absorber_velocity=0.05),
+    )
+    assert response.end_state[3] == pytest.approx(0.05 - limit * 1.5, rel=1e-12)
+    assert response.energy.friction_loss == pytest.approx(
+        limit * (0.05 * 1.5 - limit * 1.5**2 / 2), rel=1e-6
+    )
+
+
+@pytest.mark.plain
+def test_friction_of_runge_kutta_s_scheme_brakes_by_its_limit() -> None:
+    """The same with a slider so stiff that its spring hardly counts: closed form with it."""
+    limit = 0.02
+    stiffness = 100.0
+    speed = 0.05
+    rate = np.sqrt(stiffness)
+    first = np.arcsin(limit / (stiffness * speed / rate)) / rate
+    left = speed * np.cos(rate * first) - limit * (1.5 - first)
+    response = run(
+        Scene(
+            steady_base(), SlidingAbsorber(1.0, friction=ElasticCoulombFriction(limit, stiffness))
+        ),
+        still(1.5),
+        RungeKutta(100, 2000),
+        InitialState(absorber_velocity=speed),
+    )
+    assert response.end_state[3] == pytest.approx(left, rel=1e-6)

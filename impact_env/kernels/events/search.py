@@ -59,6 +59,9 @@ from impact_env.kernels.motion.vector import (
     weighted_sizes,
 )
 
+HERMITE_SHARE = (
+    1.0 / 384.0
+)  # of h^4 times the largest fourth derivative: error of the cubic between two points [1]
 SCAN_NOISE = 1e-12  # of an amplitude: rounding of the sums and of the moving amplitudes
 SLOPE_ERROR = (
     1.03  # of E: 3.08/3, since a difference of two coefficients is a third of the slope times h
@@ -129,7 +132,7 @@ def steps_of(course, level):
     size = slots.errors.shape[1]
     e0, e1 = weighted_sizes(slots.errors, level * size, w, size)
     h = slots.steps[level, 0]
-    share = h * h * h * h / 384.0
+    share = h * h * h * h * HERMITE_SHARE
     e0 += share * bound[4] + bound[DERIVATIVES] + SCAN_NOISE * (bound[0] + abs(p[0]))
     e1 += share * bound[5] + bound[DERIVATIVES + 1] + SCAN_NOISE * (bound[1] + abs(p[1]))
     return Step(level, h, int(slots.steps[level, 1]), e0, e1)
