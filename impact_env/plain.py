@@ -37,6 +37,7 @@ from impact_env.scene import Scene, beam_scene
 from impact_env.shared_mass import shared_masses
 from impact_env.structures.checks import StructureWarning as StructureWarning
 from impact_env.structures.checks import warnings_of
+from impact_env.structures.modal import by_frequency
 
 Plain = dict[str, Any]
 INFINITY = "infinity"  # JSON has no infinite number
@@ -304,7 +305,8 @@ def _read(plain: dict[str, Any], path: Path) -> Structure:
             structure.response_position is None
         ):  # in every command: where the absorber was, also if a search moves it
             return replace(structure, response_position=structure.absorber_position)
-    return structure
+        return structure
+    return by_frequency(structure)
 
 
 def to_beam(plain: Mapping[str, Any]) -> Beam | None:

@@ -17,10 +17,27 @@ from impact_env.forms import NUMBER, ROW, WHOLE, Keys, Sort, form, tables
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam, ParameterError, Section, count, positive, require, row
 from impact_env.structures.checks import StructureWarning, warnings_of_matrix
-from impact_env.structures.matrices import checked, lowest_modes, proportional_damping, read_matrix
+from impact_env.structures.matrices import checked, lowest_modes, proportional_damping
+from impact_env.structures.matrix_files import (
+    DIRECTIONS as FREEDOMS,
+)
+from impact_env.structures.matrix_files import (
+    MatrixFile,
+    read_coordinates,
+    read_matrix,
+    with_freedoms,
+    without_freedoms,
+)
 from impact_env.structures.modal import DAMPING_RATIO, TEXT, model_beside, ratios_of, text
 from impact_env.structures.modal import MODEL as MODEL
-from impact_env.structures.universal import DIRECTIONS, at, read_modes
+from impact_env.structures.units import read_units
+from impact_env.structures.universal import (
+    DIRECTIONS,
+    MeasuredMode,
+    at,
+    read_modes,
+    require_global_directions,
+)
 
 PROFILES = {
     "rectangle": ("width", "height"),
@@ -87,10 +104,6 @@ class Profile:
 
 
 MODES = 10  # kept of matrices, unless told otherwise
-UNITS = {
-    "kg, m, s": 1.0,
-    "t, mm, s": 1e3,
-}  # of matrices -> kg of the unit of mass; lengths cancel in mass-normalised shapes
 
 
 def _ratios(path: str, plain: Any) -> dict[int, float]:
@@ -211,6 +224,20 @@ STRAINED_ROW = form(
 )
 
 
+def _read_row(path: str, plain: Any) -> Any:
+    """Return a row of the matrices, or a node and a direction where the matrices' file names them."""
+    return PLACE.read(path, plain) if isinstance(plain, Mapping) else WHOLE.read(path, plain)
+
+
+ROW_OR_PLACE = Sort(_read_row, WHOLE.write)
+STRAINED_ROW_OR_PLACE = Sort(
+    lambda path, plain: (
+        STRAINED if isinstance(plain, Mapping) and "node" in plain else STRAINED_ROW
+    ).read(path, plain),
+    list,
+)
+
+
 def _one_or_list(sort: Sort) -> Sort:
     """Return the sort of a list of things, or of one of them, which is a list of one."""
 
@@ -277,6 +304,32 @@ def _of_universal(
     folder: Path,
     *,
     file: str,
+    load_case: int | None = None,
+    **places: Any,
+) -> ModalModel:
+    path = folder / file
+    found = read_modes(path, None if load_case is None else count("load_case", load_case, 0))
+    used = {
+        name: part.node
+        for name in ("force", "absorber", "response", "stress")
+        for part in _listed(places.get(name))
+    }
+    require_global_directions(path, used)
+    return _of_modes(found, path, **places)
+
+
+def _listed(places: Any) -> list[_Place]:
+    """Return the places of a key: one, a list of them, or weighted ones."""
+    if places is None:
+        return []
+    parts = places if isinstance(places, list) else [places]
+    return [part[1] if isinstance(part, tuple) else part for part in parts]
+
+
+def _of_modes(
+    found: list[MeasuredMode],
+    path: Path,
+    *,
     force: _Place,
     absorber: list[_Place],
     mass: float,
@@ -287,8 +340,7 @@ def _of_universal(
     base_participation: list[float] | None = None,
     base_at_absorber: float = ModalModel.base_at_absorber,
 ) -> ModalModel:
-    path = folder / file
-    found = read_modes(path)
+    """Return the model of the modes of a file: the lowest ``modes`` of them, with their shapes at the places."""
     kept = found if modes is None else found[: count("modes", modes, 1, len(found))]
     measured = [mode.damping_ratio for mode in kept]
     ratios = ratios_of(damping_ratio, None if None in measured else measured, len(kept))
@@ -312,7 +364,7 @@ def _of_universal(
     )
 
 
-UNIVERSAL_KEYS: Keys = {
+MODE_KEYS: Keys = {
     "file": ("file", TEXT),
     "force": ("force", PLACE),
     "absorber": ("absorber", _one_or_list(PLACE)),
@@ -324,6 +376,7 @@ UNIVERSAL_KEYS: Keys = {
     "base_participation_sqrt_kg": ("base_participation", ROW),
     "base_at_absorber": ("base_at_absorber", NUMBER),
 }
+UNIVERSAL_KEYS: Keys = {**MODE_KEYS, "load_case": ("load_case", WHOLE)}
 
 
 MATRIX_KEYS: Keys = {
@@ -331,14 +384,14 @@ MATRIX_KEYS: Keys = {
     "stiffness": ("stiffness", TEXT),
     "damping": ("damping", TEXT),
     "units": ("units", TEXT),
-    "force": ("force", WHOLE),
-    "absorber": ("absorber", _one_or_list(WHOLE)),
-    "response": ("response", WHOLE),
+    "force": ("force", ROW_OR_PLACE),
+    "absorber": ("absorber", _one_or_list(ROW_OR_PLACE)),
+    "response": ("response", ROW_OR_PLACE),
     "mass_kg": ("structure_mass", NUMBER),
     "modes": ("modes", WHOLE),
     "damping_ratio": ("damping_ratio", DAMPING_RATIO),
     "suspension_frequency_hz": ("suspension_frequency", NUMBER),
-    "stress": ("stress", _one_or_list(STRAINED_ROW)),
+    "stress": ("stress", _one_or_list(STRAINED_ROW_OR_PLACE)),
     "base_vector": ("base_vector", VECTOR),
     "coordinates": ("coordinates", TEXT),
 }
@@ -350,36 +403,42 @@ def _of_matrices(
     mass: str,
     stiffness: str,
     units: str,
-    force: int,
-    absorber: list[int],
+    force: Any,
+    absorber: list[Any],
     structure_mass: float,
     damping: str | None = None,
-    response: int | None = None,
+    response: Any = None,
     modes: int = MODES,
     damping_ratio: Any = None,
     suspension_frequency: float | None = None,
     stress: Parts | None = None,
     base_vector: Any = None,
-    coordinates: str | None = None,  # noqa: ARG001 - of the rows, for who looks for one
+    coordinates: str | None = None,
 ) -> ModalModel:
-    require(
-        units in UNITS,
-        "units",
-        units,
-        f"one of {', '.join(repr(known) for known in UNITS)}, those of the matrices",
-    )
-    inertia = checked("mass", read_matrix(folder / mass, "mass", "M"))
+    system = read_units(units)
+    positive("mass_kg", structure_mass)
+    matrices = _read_matrices(folder, {"mass": mass, "stiffness": stiffness, "damping": damping})
+    inertia = checked("mass", matrices["mass"].matrix)
     size = inertia.shape[0]
-    elastic = checked("stiffness", read_matrix(folder / stiffness, "stiffness", "K"), size)
-    force = count("force", force, 0, size - 1)
-    absorber = [count("absorber", k, 0, size - 1) for k in absorber]
-    response = None if response is None else count("response", response, 0, size - 1)
-    rows = {"force": force, "absorber": absorber[0]} | (
-        {} if response is None else {"response": response}
+    elastic = checked("stiffness", matrices["stiffness"].matrix, size)
+    if coordinates is not None:
+        read_coordinates(folder / coordinates, size)
+
+    def find(name: str, place: Any) -> tuple[int, float]:
+        return _find_row(matrices["stiffness"], name, place, size)
+
+    places = [find("absorber", place) for place in absorber]
+    forced = find("force", force)
+    read = None if response is None else find("response", response)
+    rows = {"force": forced[0], "absorber": places[0][0]} | (
+        {} if read is None else {"response": read[0]}
     )
-    for line in warnings_of_matrix(inertia.diagonal() * UNITS[units], structure_mass, rows):
+    for line in warnings_of_matrix(inertia.diagonal() * system.mass, structure_mass, rows):
         warnings.warn(line, StructureWarning, stacklevel=2)
-    kept = lowest_modes(inertia, elastic, min(count("modes", modes, 1), size), suspension_frequency)
+    suspension = None
+    if suspension_frequency is not None:  # in the unit of time of the matrices
+        suspension = positive("suspension_frequency", suspension_frequency) * system.time
+    kept = lowest_modes(inertia, elastic, count("modes", modes, 1), suspension)
     found = None
     if damping is not None:
         require(
@@ -389,31 +448,74 @@ def _of_matrices(
             "left out beside a damping matrix",
         )
         found = proportional_damping(
-            checked("damping", read_matrix(folder / damping, "damping", "C"), size), kept
+            checked("damping", matrices["damping"].matrix, size), kept, inertia.diagonal() == 0
         )
-    ratios = ratios_of(damping_ratio, found, len(kept.omega))
-    shapes = kept.shapes / np.sqrt(UNITS[units])
-    places = [shapes[k] for k in absorber]
-    read = None if response is None else shapes[response]
-    strain = _strain(stress, lambda row: shapes[count("stress's row", row, 0, size - 1)])
-    if base_vector is None:
-        return _placed(kept.omega, ratios, shapes[force], places, read, structure_mass, strain)
-    rigid = _base_vector(folder, base_vector, size)
-    moved = rigid[absorber]
-    allowed = "the same displacement at all places for absorbers"
-    require(len(set(moved.tolist())) == 1, "base_vector", moved.tolist(), allowed)
-    base = np.sqrt(UNITS[units]) * (kept.shapes.T @ (inertia @ rigid))
+    omega = kept.omega / system.time
+    ratios = ratios_of(damping_ratio, found, len(omega))
+    shapes = kept.shapes / np.sqrt(system.mass)
+
+    def shape(place: tuple[int, float]) -> Any:
+        return place[1] * shapes[place[0]]
+
+    strain = _strain(stress, lambda place: shape(find("stress's row", place)))
+    base = None
+    moved = [ModalModel.base_at_absorber]
+    if base_vector is not None:
+        rigid = _base_vector(folder, base_vector, size)
+        moved = [sign * float(rigid[k]) for k, sign in places]
+        allowed = "the same displacement at all places for absorbers"
+        require(len(set(moved)) == 1, "base_vector", moved, allowed)
+        base = np.sqrt(system.mass) * (kept.shapes.T @ (inertia @ rigid))
     return _placed(
-        kept.omega,
+        omega,
         ratios,
-        shapes[force],
-        places,
-        read,
+        shape(forced),
+        [shape(place) for place in places],
+        None if read is None else shape(read),
         structure_mass,
         strain,
         base,
-        float(moved[0]),
+        moved[0],
     )
+
+
+def _read_matrices(folder: Path, names: Mapping[str, str | None]) -> dict[str, MatrixFile]:
+    """Return the matrices of files over the freedoms of the stiffness; those that a boundary condition holds have empty rows."""
+    letters = {"mass": "M", "stiffness": "K", "damping": "C"}
+    found = {
+        key: read_matrix(folder / file, key, letters[key])
+        for key, file in names.items()
+        if file is not None
+    }
+    held = found["stiffness"].held
+    return {
+        key: without_freedoms(with_freedoms(key, part, found["stiffness"].freedoms), held)
+        for key, part in found.items()
+    }
+
+
+def _find_row(file: MatrixFile, name: str, place: Any, size: int) -> tuple[int, float]:
+    """Return the row of the matrices at a place, counted from 0, and the sign of its direction."""
+    if not isinstance(place, _Place):
+        return count(name, place, 0, size - 1), 1.0
+    require(
+        file.freedoms is not None,
+        name,
+        f"node {place.node}",
+        "a row of the matrices, counted from 0: their file names no nodes",
+    )
+    assert file.freedoms is not None
+    axis = 1 + FREEDOMS.index(place.direction.lstrip("+-"))
+    nodes = sorted({node for node, _ in file.freedoms})
+    some = ", ".join(map(str, nodes[:12])) + (" ..." if len(nodes) > 12 else "")
+    require(
+        (place.node, axis) in file.freedoms,
+        name,
+        f"node {place.node}, {place.direction}",
+        f"a freedom of the stiffness matrix; its nodes: {some}",
+    )
+    sign = -1.0 if place.direction.startswith("-") else 1.0
+    return file.freedoms.index((place.node, axis)), sign
 
 
 def _base_vector(folder: Path, given: Any, size: int) -> Any:

@@ -31,6 +31,11 @@ DIAGONAL = (
 ROTATES = 1e-3  # of the upper quartile of the diagonal: a freedom with less is no displacement, or has no mass of its own
 
 
+STILL_TOL = (
+    1e-3  # |shape| sqrt(mass) of a place that a mode does not move; lively places have 1 to 3
+)
+
+
 class StructureWarning(UserWarning):
     """Something in a structure's file looks wrong, or limits what can be said about it."""
 
@@ -52,6 +57,22 @@ def warnings_of_matrix(diagonal: Real, mass: float, places: Mapping[str, int]) -
     return found
 
 
+def find_unmoved_resonances(model: ModalModel, rigid: int = 0) -> list[int]:
+    """Return the resonances (from 1) whose modes move none of the places in use: force, absorbers and response.
+
+    A place counts as unmoved where the mode's shape times the root of the structure's mass is below 1e-3. ``rigid``: how many of the
+    first modes are motions on a suspension, which are left out.
+
+    Examples:
+        >>> from impact_env.modes import ModalModel
+        >>> find_unmoved_resonances(ModalModel([10.0, 20.0], [0.01, 0.01], [1.0, 0.0], [1.0, 0.0], 1.0))
+        [2]
+    """
+    rows = np.vstack([model.force_shape, model.places, model.tip_shape, model.level_shape])
+    most = np.max(np.abs(rows), axis=0) * np.sqrt(model.beam_mass)
+    return [k + 1 for k in range(rigid, model.modes) if most[k] < STILL_TOL]
+
+
 def warnings_of(model: ModalModel, beam: Beam | None = None, rigid: int = 0) -> list[str]:
     """Return a sentence for everything that looks wrong in a model; ``rigid`` of its modes are motions on a suspension."""
     found = []
@@ -66,6 +87,11 @@ def warnings_of(model: ModalModel, beam: Beam | None = None, rigid: int = 0) -> 
             f"a damping ratio of {damping:.3g} is {100 * damping:.3g} %: was it given in percent?"
         )
     found += [*_scaling(model, rigid), *_doubles(model, rigid)]
+    for resonance in find_unmoved_resonances(model, rigid):
+        hertz = float(model.omega[resonance - 1]) / (2 * np.pi)
+        found.append(
+            f"resonance {resonance} at {hertz:.5g} Hz moves none of the places of force, absorber and response: are they the right ones?"
+        )
     for name, row in (
         ("force", model.force_shape),
         ("absorber", model.tip_shape),
@@ -87,8 +113,9 @@ def _scaling(model: ModalModel, rigid: int) -> list[str]:
     every = np.abs(np.array(rows))[:, rigid:] * np.sqrt(model.beam_mass)
     found = []
     most = np.max(every, axis=0)
-    if np.median(most) > HEAVIEST or np.median(most) < LIGHTEST:
-        share = 1 / float(np.median(most)) ** 2
+    median = float(np.median(most))
+    if median > 0 and not LIGHTEST <= median <= HEAVIEST:
+        share = 1 / median**2
         text = f"the modes move masses of {share:.2g} of the structure's at the places given, as a median of the modes"
         found.append(
             f"{text}: are the shapes mass-normalised, in 1/sqrt(kg), and is the mass right?"

@@ -1,14 +1,7 @@
-"""Mass, stiffness and damping matrices to a modal model: the lowest modes by the inverse problem, dense or sparse; and their files.
+"""Mass, stiffness and damping matrices to a modal model: the lowest modes by the inverse problem, dense or sparse."""
 
-Matrices are read from NumPy's and SciPy's .npz and from Matrix Market, columns of numbers from .csv.
-"""
-
-import csv
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 import scipy
@@ -17,82 +10,16 @@ from numpy.typing import NDArray
 
 from impact_env.parameters import ParameterError, positive, require, suspended
 
-
-def _npz(path: Path, letter: str) -> Any:
-    """Return a sparse matrix that SciPy saved, or the array that is named after the matrix, or the only one."""
-    with np.load(path, allow_pickle=False) as archive:
-        names = list(archive.files)
-        if {"indptr", "format"} <= set(names):
-            return scipy.sparse.load_npz(path)
-        if letter not in names and len(names) != 1:
-            raise ValueError(f"it has {', '.join(names) or 'nothing'}, and no {letter}")
-        return archive[letter if letter in names else names[0]]
-
-
-READERS: dict[str, Callable[[Path, str], Any]] = {
-    ".npz": _npz,
-    ".mtx": lambda path, _: scipy.io.mmread(path),
-}
-
-
-def read_matrix(path: Path, name: str, letter: str) -> Any:
-    """Return a matrix from a file, dense or sparse; of several arrays in a .npz that called ``letter``, one of M, K, C.
-
-    Raises ParameterError with the matrix's ``name`` if the file cannot be read.
-    """
-    require(
-        path.suffix.lower() in READERS,
-        name,
-        str(path),
-        f"a file that ends in {' or '.join(READERS)}",
-    )
-    try:
-        return READERS[path.suffix.lower()](path, letter)
-    except (OSError, ValueError, KeyError, BadZipFile, EOFError, TypeError) as error:
-        raise ParameterError(
-            f"{name} = {str(path)!r} is not allowed: a matrix that can be read ({error})"
-        ) from error
-
-
-def read_columns(path: Path, name: str) -> dict[str, list[float]]:
-    """Return the columns of a CSV file with a line of names, commas between, by name; raises ParameterError, which names file and line."""
-    allowed = "a .csv file: a line of names, then a line of numbers for each mode, commas between"
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = [
-                [cell.strip() for cell in line]
-                for line in csv.reader(file)
-                if any(cell.strip() for cell in line)
-            ]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ParameterError(
-            f"{name} = {str(path)!r} is not allowed: {allowed} ({error})"
-        ) from error
-    require(len(lines) > 1 and len(set(lines[0])) == len(lines[0]), name, str(path), allowed)
-    rows = []
-    for number, line in enumerate(lines[1:], 1):
-        try:
-            rows.append([float(cell) for cell in line])
-        except ValueError as error:
-            raise ParameterError(
-                f"{name} = {str(path)!r}, mode {number} is not allowed: {allowed} ({error})"
-            ) from error
-        require(
-            len(line) == len(lines[0]),
-            name,
-            f"{path}, mode {number}: {len(line)} numbers",
-            f"{len(lines[0])}, one a column",
-        )
-    return {
-        key: list(column) for key, column in zip(lines[0], zip(*rows, strict=True), strict=True)
-    }
-
-
 Real = NDArray[np.float64]
 
 DENSE = 1200  # freedoms up to which all modes are computed, by a dense solver
 SHIFT = 1e-10  # of the usual ratio of stiffness to mass: makes the stiffness of a free structure regular
-ASYMMETRY = 1e-8  # of a matrix's largest entry
+SYMMETRY_TOL = 1e-8  # of the root of the product of the two diagonal entries: rounding in an export
+# a positive semidefinite matrix has no entry above the root of that product; exports have 5 digits or more
+DIAGONAL_TOL = 1e-4
+PIVOT_TOL = (
+    1e-14  # of a factor's pivot over the matrix's diagonal entry: below it the matrix is singular
+)
 NOISE = 1e3  # times the rounding of the stiffness energy: squares of frequencies below that are taken as 0
 COUPLING = 1e-6  # of the modal damping: what a damping matrix may have beside its diagonal
 RIGID = (
@@ -122,9 +49,8 @@ def checked(name: str, matrix: Any, size: int | None = None) -> Any:
         "a square matrix" if size is None else f"{size} by {size}, as the mass matrix",
     )
     values = found.data if scipy.sparse.issparse(found) else found
-    real = np.issubdtype(found.dtype, np.number) and not np.iscomplexobj(values)
     require(
-        real and bool(np.all(np.isfinite(values))),
+        found.dtype.kind in "iuf" and bool(np.all(np.isfinite(values))),
         name,
         shape,
         "finite real numbers in all entries",
@@ -132,28 +58,61 @@ def checked(name: str, matrix: Any, size: int | None = None) -> Any:
     found = found.astype(np.float64)
     largest = float(abs(found).max())
     require(largest > 0, name, "a matrix of zeros", "entries other than 0")
-    difference = float(abs(found - found.T).max())
-    require(
-        difference <= ASYMMETRY * largest,
-        name,
-        f"a matrix with entries {difference / largest:.1e} from symmetry",
-        "a symmetric matrix",
-    )
+    row, column, difference = _entries(found - found.T)
+    diagonal = np.abs(found.diagonal())
+    usual = np.sqrt(diagonal[row] * diagonal[column])
+    allowed = SYMMETRY_TOL * usual + 4 * np.finfo(float).eps * largest
+    wrong = np.flatnonzero(np.abs(difference) > allowed)
+    if len(wrong):
+        i = int(row[wrong[0]])
+        j = int(column[wrong[0]])
+        require(
+            False,
+            name,
+            f"a matrix with {found[i, j]:.6g} in row {i}, column {j}, and {found[j, i]:.6g} in row {j}, column {i}",
+            "a symmetric matrix, both triangles given (rows and columns are counted from 0)",
+        )
     return (found + found.T) / 2
+
+
+def _entries(matrix: Any) -> tuple[NDArray[np.int64], NDArray[np.int64], Real]:
+    """Return rows, columns and values of the entries that are not zero."""
+    found = scipy.sparse.coo_matrix(matrix)
+    return found.row, found.col, found.data
+
+
+def _require_semidefinite(name: str, matrix: Any) -> None:
+    """Raise ParameterError for entries that no positive semidefinite matrix has; it may be indefinite all the same."""
+    diagonal = matrix.diagonal()
+    allowed = "a positive semidefinite matrix"
+    least = int(np.argmin(diagonal))
+    what = f"a matrix with {diagonal[least]:.6g} on its diagonal, in row {least} (from 0)"
+    require(bool(diagonal[least] >= 0), name, what, allowed)
+    row, column, value = _entries(matrix)
+    wrong = value**2 > (1 + DIAGONAL_TOL) * diagonal[row] * diagonal[column]
+    if np.any(wrong):
+        i = int(row[wrong][0])
+        j = int(column[wrong][0])
+        what = (
+            f"a matrix with {value[wrong][0]:.6g} in row {i}, column {j} (from 0), more than the "
+            f"diagonal entries {diagonal[i]:.6g} and {diagonal[j]:.6g} allow"
+        )
+        require(False, name, what, allowed)
 
 
 def lowest_modes(
     mass: Any, stiffness: Any, modes: int, suspension_frequency: float | None = None
 ) -> Modes:
-    """Return the lowest ``modes`` modes of a structure without damping.
+    """Return the lowest ``modes`` modes of a structure without damping, or as many as its mass matrix has.
 
-    The inverse problem M v = (1/omega^2) K v is solved: its largest eigenvalues are the modes that matter, and a mass matrix may have freedoms
-    without mass. A structure with rigid-body motions is solved as K + s M with a small s; these motions get the ``suspension_frequency`` in Hz.
+    The inverse problem M v = (1/omega^2) K v is solved: its largest eigenvalues are the modes that matter. Freedoms without mass
+    follow the others statically, exactly (Guyan's condensation without its approximation); those with neither mass nor stiffness do not move.
+    A structure with rigid-body motions is solved as K + s M with a small s; these motions get the ``suspension_frequency`` in Hz.
     Raises ParameterError for matrices that have no such modes, and for rigid-body motions without a suspension.
     """
-    size = mass.shape[0]
-    require(modes <= size, "modes", modes, f"at most the {size} freedoms of the matrices")
-    omega, shapes = _eigen(mass, stiffness, min(modes, size))
+    _require_semidefinite("mass", mass)
+    _require_semidefinite("stiffness", stiffness)
+    omega, shapes = _eigen(mass, stiffness, modes)
     noise = (
         NOISE
         * np.finfo(float).eps
@@ -180,7 +139,7 @@ def lowest_modes(
         "a singular matrix",
         RIGID.format(number=rigid),
     )
-    require(rigid < modes, "modes", modes, f"more than the {rigid} rigid-body motions")
+    require(rigid < len(omega), "modes", modes, f"more than the {rigid} rigid-body motions")
     own = (
         2
         * np.pi
@@ -198,32 +157,68 @@ def lowest_modes(
 def _eigen(mass: Any, stiffness: Any, modes: int) -> tuple[Real, Real]:
     """Return squares of frequencies, rising, and mass-normalised shapes; the squares of rigid-body motions are 0 within rounding."""
     diagonal = stiffness.diagonal(), mass.diagonal()
-    require(
-        bool(np.all(diagonal[1] >= 0)),
-        "mass",
-        "a matrix with a negative mass",
-        "positive semidefinite",
-    )
-    shift = (
-        SHIFT * float(np.median(diagonal[0][diagonal[1] > 0] / diagonal[1][diagonal[1] > 0]))
-        if np.any(diagonal[1] > 0)
-        else 0.0
-    )
-    if mass.shape[0] > DENSE and modes < mass.shape[0] // 4:
-        values, vectors = _sparse(mass, stiffness, modes, shift)
+    inertial = np.flatnonzero(diagonal[1] > 0)
+    massless = np.flatnonzero((diagonal[1] <= 0) & (diagonal[0] > 0))
+    modes = min(modes, len(inertial))
+    ratios = diagonal[0][inertial] / diagonal[1][inertial]
+    shift = SHIFT * float(np.median(ratios))
+    kept = np.union1d(inertial, massless)
+    vectors = np.zeros((mass.shape[0], modes))
+    if len(kept) > DENSE and modes < len(inertial) // 4:
+        squares, found = _sparse(
+            _part(mass, kept, kept), _part(stiffness, kept, kept), modes, shift
+        )
+        vectors[kept] = found
     else:
-        full = [m.toarray() if scipy.sparse.issparse(m) else m for m in (mass, stiffness)]
-        values, vectors = _dense(full[0], full[1], modes, shift)
+        condensed, follow = _condensed(stiffness, inertial, massless)
+        squares, found = _dense(_dense_part(mass, inertial, inertial), condensed, modes, shift)
+        vectors = vectors[:, : len(squares)]
+        vectors[inertial] = found
+        vectors[massless] = follow @ found
     norms = np.einsum("ij,ij->j", vectors, mass @ vectors)
-    require(
-        bool(np.all(norms > 0)),
-        "mass",
-        "a matrix without mass in one of the lowest modes",
-        "positive semidefinite, with mass in all modes kept",
-    )
-    order = np.argsort(values)
+    order = np.argsort(squares)
     vectors = (vectors / np.sqrt(norms))[:, order]
-    return _sharper(values[order], vectors, stiffness), vectors
+    return _sharper(squares[order], vectors, stiffness), vectors
+
+
+def _part(matrix: Any, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Any:
+    if scipy.sparse.issparse(matrix):
+        return matrix[rows][:, columns]
+    return matrix[np.ix_(rows, columns)]
+
+
+def _dense_part(matrix: Any, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Real:
+    part = _part(matrix, rows, columns)
+    return np.asarray(part.toarray() if scipy.sparse.issparse(part) else part)
+
+
+def _condensed(
+    stiffness: Any, inertial: NDArray[np.int64], massless: NDArray[np.int64]
+) -> tuple[Real, Real]:
+    """Return the stiffness of the freedoms with mass, and the motion of those without per unit motion of the former."""
+    own = _dense_part(stiffness, inertial, inertial)
+    if len(massless) == 0:
+        return own, np.zeros((0, len(inertial)))
+    link = _dense_part(stiffness, massless, inertial)
+    held = _dense_part(stiffness, massless, massless)
+    # scaled to a unit diagonal, so that a pivot shows how far the matrix is from singular in any units
+    scale = 1 / np.sqrt(np.diag(held))
+    try:
+        factor = scipy.linalg.cholesky(scale[:, None] * held * scale, lower=True)
+    except np.linalg.LinAlgError:
+        factor = np.zeros((1, 1))
+    if np.min(np.diag(factor)) ** 2 < PIVOT_TOL:
+        _refuse_mechanism(len(massless))
+    follow = -scale[:, None] * scipy.linalg.cho_solve((factor, True), scale[:, None] * link)
+    condensed = own + link.T @ follow
+    return (condensed + condensed.T) / 2, follow
+
+
+def _refuse_mechanism(number: int) -> None:
+    raise ParameterError(
+        f"stiffness = 'a matrix with {number} freedoms without mass, which it does not hold' is not allowed: "
+        "positive definite on the freedoms without mass, so that they follow the others"
+    )
 
 
 def _sharper(squares: Real, shapes: Real, stiffness: Any) -> Real:
@@ -241,7 +236,17 @@ def _sharper(squares: Real, shapes: Real, stiffness: Any) -> Real:
     )
 
 
+INDEFINITE = "stiffness = 'a matrix that is indefinite' is not allowed: positive semidefinite, and regular together with the mass"
+
+
 def _dense(mass: Real, stiffness: Real, modes: int, shift: float) -> tuple[Real, Real]:
+    least = float(scipy.linalg.eigvalsh(mass, subset_by_index=[0, 0])[0])
+    require(
+        bool(least >= -NOISE * np.finfo(float).eps * np.max(np.diag(mass))),
+        "mass",
+        f"a matrix with the eigenvalue {least:.3g}",
+        "none below 0: positive semidefinite",
+    )
     for s in (0.0, shift):  # the unshifted problem has the most digits
         try:
             inverse, vectors = scipy.linalg.eigh(
@@ -249,40 +254,72 @@ def _dense(mass: Real, stiffness: Real, modes: int, shift: float) -> tuple[Real,
             )
         except np.linalg.LinAlgError:
             continue
-        if np.all(inverse > 0) and (s > 0 or inverse[-1] * shift < 1):
-            return 1 / inverse - s, vectors
-    raise ParameterError(
-        "stiffness = 'a matrix that is indefinite' is not allowed: positive semidefinite, and regular together with the mass"
-    )
+        if inverse[-1] > 0 and (s > 0 or inverse[-1] * shift < 1):
+            # a combination of freedoms may be without mass too: its frequency is infinite
+            finite = inverse > NOISE * np.finfo(float).eps * inverse[-1]
+            return 1 / inverse[finite] - s, vectors[:, finite]
+    raise ParameterError(INDEFINITE)
 
 
 def _sparse(mass: Any, stiffness: Any, modes: int, shift: float) -> tuple[Real, Real]:
     start = np.random.default_rng(0).standard_normal(
         mass.shape[0]
     )  # the solver's own start differs from call to call
+    mass = scipy.sparse.csc_matrix(mass)
+    shifted = scipy.sparse.csc_matrix(stiffness + shift * mass)
     try:
+        factor = _symmetric_factor(shifted)
         values, vectors = scipy.sparse.linalg.eigsh(
             scipy.sparse.csc_matrix(stiffness),
             modes,
-            scipy.sparse.csc_matrix(mass),
+            mass,
             sigma=-shift,
             which="LM",
             v0=start,
             tol=0,
+            OPinv=scipy.sparse.linalg.LinearOperator(shifted.shape, factor.solve),
         )
     except (RuntimeError, scipy.sparse.linalg.ArpackError) as error:
         raise ParameterError(
             f"stiffness = 'a sparse matrix' is not allowed: one whose lowest modes can be computed ({error})"
         ) from error
-    return values, vectors
+    # one step of the inverse iteration: freedoms without mass follow the others exactly
+    return values, factor.solve(mass @ vectors) * (values + shift)
 
 
-def proportional_damping(damping: Any, modes: Modes) -> Real:
+def _symmetric_factor(matrix: Any) -> Any:
+    """Return the factors of a positive definite sparse matrix; raises ParameterError where their pivots show that it is indefinite or singular."""
+    factor = scipy.sparse.linalg.splu(
+        matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )
+    if np.array_equal(factor.perm_r, factor.perm_c):
+        order = np.argsort(factor.perm_c)
+        pivots = factor.U.diagonal() / matrix.diagonal()[order]
+        if np.any(pivots < -PIVOT_TOL):
+            raise ParameterError(INDEFINITE)
+        if np.any(pivots < PIVOT_TOL):
+            raise ParameterError(
+                "stiffness = 'a singular sparse matrix' is not allowed: regular together with the mass"
+            )
+    return factor
+
+
+def proportional_damping(damping: Any, modes: Modes, massless: NDArray[np.bool_]) -> Real:
     """Return the damping ratios (N_m,) that a damping matrix stands for; raises ParameterError unless it leaves the modes uncoupled.
 
-    Rigid-body motions that it does not damp have the ratio 0.
+    Rigid-body motions that it does not damp have the ratio 0. ``massless`` (freedoms,): those without mass. They follow the others
+    statically only if no damping force acts on them in any mode, as with C = a M + b K.
     """
-    projected = modes.shapes.T @ (damping @ modes.shapes)
+    forces = damping @ modes.shapes
+    largest = abs(damping) @ abs(modes.shapes)
+    free = np.abs(forces) <= COUPLING * np.max(largest, axis=0)
+    require(
+        bool(np.all(free[massless])),
+        "damping",
+        "a matrix that damps freedoms without mass",
+        "modal or proportional damping, as C = a M + b K, or a mass at these freedoms",
+    )
+    projected = modes.shapes.T @ forces
     own = np.diag(projected)
     scale = np.sqrt(np.maximum(np.outer(own, own), 0)) + COUPLING * np.max(np.abs(own))
     coupling = np.abs(projected - np.diag(own)) / np.maximum(scale, np.finfo(float).tiny)

@@ -1,7 +1,9 @@
 """Modes as plain numbers: the table ``model`` of a file, whose rows may be the columns of a CSV file."""
 
 import math
+import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,8 @@ import numpy as np
 from impact_env.forms import NUMBER, ROW, ROWS, Keys, Sort, form
 from impact_env.modes import ModalModel
 from impact_env.parameters import non_negative, require
-from impact_env.structures.matrices import read_columns
+from impact_env.structures.checks import StructureWarning
+from impact_env.structures.matrix_files import read_columns
 
 # one number for all modes, or one each
 DAMPING_RATIO = Sort(
@@ -69,6 +72,35 @@ SHAPES: Keys = {
 }
 
 
+ROWS_OF_MODES = (
+    "omega",
+    "damping_ratio",
+    "force_shape",
+    "tip_shape",
+    "absorber_shapes",
+    "response_shape",
+    "stress_shape",
+    "base_participation",
+)
+
+
+def by_frequency(model: ModalModel) -> ModalModel:
+    """Return a model with its modes by rising frequency, so that resonance 1 is the lowest; warns where they were not."""
+    order = np.argsort(model.omega, kind="stable")
+    if np.array_equal(order, np.arange(model.modes)):
+        return model
+    given = ", ".join(str(k + 1) for k in order)
+    warnings.warn(
+        f"the modes are not listed by rising frequency; they are sorted: {given}",
+        StructureWarning,
+        stacklevel=2,
+    )
+    rows = {name: getattr(model, name) for name in ROWS_OF_MODES}
+    return replace(
+        model, **{name: row[..., order] for name, row in rows.items() if row is not None}
+    )
+
+
 HELD = "above 0: a motion that bends nothing has the frequency of its suspension, and cannot be left out, since it carries the absorber too"
 
 
@@ -99,9 +131,11 @@ def _model(
     if "absorber_shapes" in more:
         more["absorber_shapes"] = np.array(more["absorber_shapes"])
     ratios = ratios_of(damping_ratio, None, len(omega))
-    return ModalModel(
+    model = ModalModel(
         np.array(omega), ratios, np.array(force_shape), np.array(tip_shape), beam_mass, **more
     )
+    # omega_rad_s is what a scene is written with, whose order is kept
+    return model if frequencies is None else by_frequency(model)
 
 
 COLUMNS: Keys = {

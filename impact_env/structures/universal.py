@@ -1,6 +1,6 @@
-"""Modes from a Universal File, its datasets 55 with normal modes or complex ones that are nearly real, and a record, its dataset 58."""
+"""Modes and nodes from a Universal File, its datasets 55, 15 and 2411 with their units and coordinate systems; and a record, its dataset 58."""
 
-import math
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,15 +10,30 @@ from numpy.typing import NDArray
 
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, require
+from impact_env.structures.checks import StructureWarning
+from impact_env.structures.universal_file import Dataset, read_datasets
 
 Real = NDArray[np.float64]
 
-# kinds of analysis in a dataset 55
-NORMAL = 2
+# fields of a dataset 55
+NORMAL = 2  # kinds of analysis
 COMPLEX = (3, 7)
-SI = 1  # code of the units in a dataset 164
+REAL_DATA = 2
+COMPLEX_DATA = 5
+VALUES_A_NODE = (3, 6)
+DISPLACEMENT = (0, 1, 8)  # quantities: unknown, general, displacement
+MOTION = {11: "velocity", 12: "acceleration"}
+UNITS = 164
 COLLINEAR = 0.95  # least modal phase collinearity of a complex shape that is read as a real one
+SAME_SHAPE = 1e-3  # of two listings of a mode, whose numbers have six digits
+SAME_MODE = 0.95  # modal assurance criterion of two estimates of one mode
 NODES = (15, 2411)  # datasets with coordinates
+SYSTEMS = (18, 2420)  # datasets with coordinate systems
+GLOBAL = (
+    0,
+    1,
+)  # coordinate systems that are the global one, unless a dataset defines them otherwise
+IDENTITY_TOL = 1e-9
 TIME_HISTORIES = (0, 1)  # kinds of function in a dataset 58: general, time response
 DIRECTIONS = {"x": "r1", "y": "r2", "z": "r3"}
 
@@ -32,6 +47,9 @@ class MeasuredMode:
     nodes: NDArray[np.int64]
     shape: Real
     normalised_by_mass: bool
+    number: int = 0  # in the file; 0: not given
+    load_case: int = 0
+    conjugated: bool = False  # listed with the eigenvalue of negative imaginary part
 
 
 def _datasets(path: Path, *kinds: int) -> tuple[list[dict[str, Any]], list[int]]:
@@ -49,47 +67,162 @@ def _datasets(path: Path, *kinds: int) -> tuple[list[dict[str, Any]], list[int]]
         ) from error
 
 
-def read_modes(path: Path) -> list[MeasuredMode]:
-    """Return the modes of a Universal File by rising frequency.
+def read_modes(path: Path, load_case: int | None = None) -> list[MeasuredMode]:
+    """Return the modes of a Universal File by rising frequency, in SI units; those of one ``load_case`` where it is given.
 
-    A shape is divided by the root of its modal mass, if the file has one. Raises ParameterError for a file that cannot be read or has no modes,
-    for units other than SI, and for shapes that are far from real.
+    A shape is divided by the root of its modal mass, if the file has one. Of a complex mode and its conjugate one is returned, and one
+    of a mode that is listed twice with the same numbers. Raises ParameterError for a file that is cut or has no modes, for fields
+    whose meaning does not fit, for two different listings of one mode, and for shapes that are far from real.
     """
-    sets, kinds = _datasets(path, 55, 164)
-    for units in (part for part in sets if part["type"] == 164):
-        code = int(units["units_code"])
-        require(code == SI, "file", f"{path}, units {code}", "SI units (code 1 in dataset 164)")
+    datasets = read_datasets(path)
+    mass_unit = _units(datasets)[1]
     modes = [
-        _mode(path, part)
-        for part in sets
-        if part["type"] == 55 and part["analysis_type"] in (NORMAL, *COMPLEX)
+        mode
+        for part in datasets
+        if part.kind == 55
+        and (mode := _mode(part, mass_unit)) is not None
+        and load_case in (None, mode.load_case)
     ]
-    found = ", ".join(str(kind) for kind in sorted(set(kinds))) or "none"
+    found = ", ".join(str(kind) for kind in sorted({part.kind for part in datasets})) or "none"
+    of_case = "" if load_case is None else f" of load case {load_case}"
     require(
         len(modes) > 0,
         "file",
         str(path),
-        f"a Universal File with modes in datasets 55; it has datasets {found}",
+        f"a Universal File with modes{of_case} in datasets 55; it has datasets {found}",
     )
-    return sorted(modes, key=lambda mode: mode.omega)
+    modes = _without_repeats(path, sorted(modes, key=lambda mode: mode.omega))
+    by_mass = {mode.normalised_by_mass for mode in modes}
+    require(len(by_mass) == 1, "file", str(path), "a modal mass for all modes, or 0 (none) for all")
+    if by_mass == {False}:
+        warnings.warn(
+            f"{path.name}: no modal mass is given; the shapes are taken as mass-normalised",
+            StructureWarning,
+            stacklevel=2,
+        )
+    return modes
 
 
-def _mode(path: Path, part: dict[str, Any]) -> MeasuredMode:
-    rows = [np.asarray(part[name]) for name in DIRECTIONS.values() if name in part]
-    shape = np.column_stack(rows)
-    number = int(part.get("mode_n", 0))
-    name = f"{path}, mode {number}"
-    require(bool(np.all(np.isfinite(shape))), "file", name, "finite numbers in all shapes")
-    if part["analysis_type"] == NORMAL:
-        omega = 2 * np.pi * float(part["freq"])
-        mass = float(part["modal_m"])
-        damping = float(part["modal_damp_vis"]) or float(part["modal_damp_his"]) / 2 or None
+def _units(datasets: list[Dataset]) -> tuple[float, float]:
+    """Return the length unit in m and the mass unit in kg of the datasets 164: SI without one."""
+    found = set()
+    for part in datasets:
+        if part.kind == UNITS:
+            factors = [part.numbers(1, 3, 25)[k] for k in (0, 1)]  # of a length and a force over SI
+            if min(factors) <= 0:
+                raise part.refuse(1, "factors above 0 for length and force")
+            found.add((1 / factors[0], factors[0] / factors[1]))
+    if not found:
+        return 1.0, 1.0
+    require(
+        len(found) == 1,
+        "file",
+        str(datasets[0].path),
+        "one system of units in all datasets 164",
+    )
+    return found.pop()
+
+
+def _without_repeats(path: Path, modes: list[MeasuredMode]) -> list[MeasuredMode]:
+    """Return modes without those that repeat another with the same numbers; raises ParameterError for two listings of a mode that differ."""
+    kept: list[MeasuredMode] = []
+    dropped = []
+    for mode in modes:
+        repeated = False
+        for other in kept:
+            distance = abs(mode.omega - other.omega)
+            if not np.array_equal(mode.nodes, other.nodes):
+                assurance = 1.0 if mode.number and mode.number == other.number else 0.0
+            else:
+                assurance = _assurance(mode.shape, other.shape)
+            sign = -1.0 if np.sum(mode.shape * other.shape) < 0 else 1.0
+            same = (
+                distance <= SAME_SHAPE * other.omega
+                and mode.damping_ratio == other.damping_ratio
+                and mode.shape.shape == other.shape.shape
+                and np.max(np.abs(mode.shape - sign * other.shape))
+                <= SAME_SHAPE * np.max(np.abs(other.shape))
+            )
+            width = (mode.damping_ratio or 0.0) + (other.damping_ratio or 0.0)
+            one_number = mode.number == other.number != 0
+            close = distance <= max(width, SAME_SHAPE) * other.omega
+            if same:
+                repeated = True
+                break
+            require(
+                not (assurance > SAME_MODE and (close or one_number))
+                and not (one_number and mode.load_case == other.load_case),
+                "file",
+                f"{path}, mode {mode.number} of load case {mode.load_case} and mode {other.number} of load case {other.load_case}",
+                "each mode once: choose one listing by load_case, or remove one of them",
+            )
+        if not repeated:
+            kept.append(mode)
+        elif not (mode.conjugated or other.conjugated):
+            dropped.append(mode)
+    if dropped:
+        numbers = ", ".join(str(mode.number) for mode in dropped)
+        warnings.warn(
+            f"{path.name}: mode {numbers} is listed again with the same numbers; it counts once",
+            StructureWarning,
+            stacklevel=2,
+        )
+    return kept
+
+
+def _assurance(a: Real, b: Real) -> float:
+    """Return the modal assurance criterion of two real shapes of one size."""
+    scale = float(np.sum(a * a) * np.sum(b * b))
+    return 0.0 if scale == 0 else float(np.sum(a * b)) ** 2 / scale
+
+
+def _mode(part: Dataset, mass_unit: float) -> MeasuredMode | None:
+    """Return the mode of a dataset 55, its shape in 1/sqrt(kg), or None for results of another kind or a conjugate."""
+    _, analysis, _, quantity, data, values = part.whole(5, 6)
+    if analysis != NORMAL and analysis not in COMPLEX:
+        return None
+    if quantity in MOTION:
+        raise part.refuse(
+            5, f"shapes of displacement (8 in the fourth field), not {MOTION[quantity]}"
+        )
+    if quantity not in DISPLACEMENT:
+        return None
+    if values not in VALUES_A_NODE:
+        raise part.refuse(5, "3 or 6 values a node (sixth field): x, y, z, and rotations")
+    if data not in (REAL_DATA, COMPLEX_DATA):
+        raise part.refuse(5, "real (2) or complex (5) values (fifth field)")
+    integers, reals, load_case, number = part.whole(6, 4, 3)
+    name = f"{part.path}, mode {number} (line {part.start})"
+    needed = 4 if analysis == NORMAL else 6
+    if integers < 1 or not 1 <= reals <= 12:
+        raise part.refuse(6, "the numbers of whole and of real values that follow")
+    header = part.numbers(7, reals)
+    header += [0.0] * (needed - len(header))
+    nodes, shape = _values(part, 7 + -(-reals // 6), values, data == COMPLEX_DATA)
+    mass = 0.0
+    conjugated = False
+    damping: float | None
+    if analysis == NORMAL:
+        omega = 2 * np.pi * header[0]
+        mass = header[1]
+        damping = _damping(name, header[2], header[3])
     else:
-        value = complex(part["eig"])
-        mass = 0.0
+        value = complex(header[0], header[1])
+        modal_a = complex(header[2], header[3])
+        require(
+            value.imag != 0 and value.real <= 0,
+            "file",
+            f"{name}, eigenvalue {value:.6g}",
+            "a mode that oscillates and does not grow: an imaginary part other than 0, a real part of 0 or below",
+        )
+        conjugated = value.imag < 0
+        if conjugated:
+            # the same motion as its conjugate, which `_without_repeats` finds where both are listed
+            value = value.conjugate()
+            modal_a = modal_a.conjugate()
+            shape = shape.conjugate()
         omega = abs(value)
-        damping = -value.real / max(abs(value), np.finfo(float).tiny)
-        modal_a = complex(part["modal_a"])
+        damping = -value.real / abs(value)
         require(
             modal_a != 0,
             "file",
@@ -106,19 +239,47 @@ def _mode(path: Path, part: dict[str, Any]) -> MeasuredMode:
         name,
         "a frequency above 0: a rigid-body motion needs that of its suspension",
     )
-    require(
-        math.isfinite(mass) and mass >= 0,
-        "file",
-        f"{name}, modal mass {mass}",
-        "a modal mass of 0 (none) or above",
-    )
-    return MeasuredMode(
-        omega,
-        damping,
-        np.asarray(part["node_nums"], dtype=np.int64),
-        shape / np.sqrt(mass or 1.0),
-        mass > 0,
-    )
+    require(mass >= 0, "file", f"{name}, modal mass {mass}", "a modal mass of 0 (none) or above")
+    shape = shape / np.sqrt((mass or 1.0) * mass_unit)
+    by_mass = mass > 0 or analysis != NORMAL
+    return MeasuredMode(omega, damping, nodes, shape, by_mass, number, load_case, conjugated)
+
+
+def _damping(name: str, viscous: float, hysteretic: float) -> float | None:
+    """Return the damping ratio of a normal mode: the viscous one, or half of the loss factor; None where neither is given, or they disagree."""
+    for value in (viscous, hysteretic):
+        require(value >= 0, "file", f"{name}, damping {value:g}", "damping of 0 (none) or above")
+    if viscous and hysteretic and abs(hysteretic - 2 * viscous) > 0.01 * hysteretic:
+        warnings.warn(
+            f"{name}: viscous damping {viscous:g} and hysteretic damping {hysteretic:g} disagree (a loss factor is twice the ratio); neither is used",
+            StructureWarning,
+            stacklevel=2,
+        )
+        return None
+    return viscous or hysteretic / 2 or None
+
+
+def _values(
+    part: Dataset, line: int, number: int, complex_data: bool
+) -> tuple[NDArray[np.int64], NDArray[Any]]:
+    """Return nodes (N,) and their first three values (N, 3) from a line of a dataset 55 on, real or complex."""
+    wanted = number * (2 if complex_data else 1)
+    lines_a_node = -(-wanted // 6)
+    nodes = []
+    rows = []
+    while line < len(part.lines):
+        if not part.lines[line].strip() and not any(text.strip() for text in part.lines[line:]):
+            break
+        nodes.append(part.whole(line, 1)[0])
+        row = part.numbers(line + 1, wanted)
+        rows.append(row)
+        line += 1 + lines_a_node
+    if not nodes:
+        raise part.refuse(line, "values at one node or more")
+    require(len(set(nodes)) == len(nodes), "file", part.name(), "each node once in a dataset 55")
+    table = np.array(rows)
+    found = table[:, 0::2] + 1j * table[:, 1::2] if complex_data else table
+    return np.array(nodes, dtype=np.int64), found[:, :3]
 
 
 def _real(name: str, shape: NDArray[np.complex128]) -> Real:
@@ -131,37 +292,125 @@ def _real(name: str, shape: NDArray[np.complex128]) -> Real:
 
 
 def at(modes: list[MeasuredMode], path: Path, name: str, place: tuple[int, str]) -> Real:
-    """Return the shapes at a node in a direction, one of x, y, z with a sign or without, (N_m,) in 1/sqrt(kg)."""
+    """Return the shapes at a node in a direction, one of x, y, z with a sign or without, (N_m,) in 1/sqrt(kg).
+
+    A mode that leaves out a node which others have does not move it: the format lets zeros be left out.
+    """
     node, direction = place
     sign, axis = (
         (-1.0, direction[1:]) if direction.startswith("-") else (1.0, direction.removeprefix("+"))
     )
+    column = list(DIRECTIONS).index(axis)
+    every = np.unique(np.concatenate([mode.nodes for mode in modes]))
+    nodes = ", ".join(str(n) for n in every[:12]) + (" ..." if len(every) > 12 else "")
+    require(node in every, name, node, f"a node of {path.name}: {nodes}")
     values = []
     for mode in modes:
         where = np.flatnonzero(mode.nodes == node)
-        nodes = ", ".join(str(n) for n in mode.nodes[:12]) + (
-            " ..." if len(mode.nodes) > 12 else ""
-        )
-        require(len(where) == 1, name, node, f"a node of {path.name}: {nodes}")
-        column = list(DIRECTIONS).index(axis)
-        require(column < mode.shape.shape[1], name, direction, f"a direction that {path.name} has")
-        values.append(sign * mode.shape[where[0], column])
+        values.append(sign * mode.shape[where[0], column] if len(where) else 0.0)
     return np.array(values)
+
+
+def _global_systems(datasets: list[Dataset], rows: int) -> set[int]:
+    """Return the numbers of the coordinate systems that are Cartesian and turned as the global one.
+
+    ``rows`` of the transformation are compared: three have the directions, the fourth has the origin.
+    """
+    found = set(GLOBAL)
+    for part in datasets:
+        if part.kind == 2420:
+            for line in range(2, len(part.lines), 6):
+                if not part.lines[line].strip():
+                    continue
+                label, kind = part.whole(line, 2)
+                matrix = np.array([part.numbers(line + 2 + k, 3, 25) for k in range(4)])
+                difference = np.abs(matrix - np.eye(4, 3))[:rows]
+                same = kind == 0 and np.max(difference) < IDENTITY_TOL
+                found = found | {label} if same else found - {label}
+        elif (
+            part.kind == 18
+        ):  # all systems of the older dataset count as local: their form has many variants
+            found -= {part.whole(line, 1)[0] for line in range(0, len(part.lines), 4)}
+    return found
+
+
+def _nodes(datasets: list[Dataset]) -> dict[int, tuple[int, int, list[float]]]:
+    """Return for each node of the datasets 15 and 2411: definition and displacement system, and coordinates in the file's unit."""
+    found: dict[int, tuple[int, int, list[float]]] = {}
+    for part in datasets:
+        if part.kind not in NODES:
+            continue
+        lines = [k for k, text in enumerate(part.lines) if text.strip()]
+        for line in lines if part.kind == 15 else lines[::2]:
+            if part.kind == 15:
+                label, definition, displacement = _node_15(part, line)
+                point = _point_15(part, line)
+            else:
+                label, definition, displacement, _ = part.whole(line, 4, 3)
+                point = part.numbers(line + 1, 3, 25)
+            node = (definition, displacement, point)
+            if found.setdefault(label, node) != node:
+                raise part.refuse(line, f"node {label} once, or each time with the same numbers")
+    return found
+
+
+def _node_15(part: Dataset, line: int) -> tuple[int, int, int]:
+    label, definition, displacement, _ = part.whole(line, 4)
+    return label, definition, displacement
+
+
+def _point_15(part: Dataset, line: int) -> list[float]:
+    """Return the coordinates of a line of a dataset 15, which follow four whole numbers in 40 columns."""
+    text = part.lines[line].rstrip()
+    cells = text.split()[4:]
+    if len(cells) != 3:
+        cells = [text[k : k + 13].strip() for k in range(40, len(text), 13)]
+    try:
+        point = [float(cell.replace("D", "E").replace("d", "e")) for cell in cells]
+    except ValueError:
+        point = []
+    if len(point) != 3 or not np.all(np.isfinite(point)):
+        raise part.refuse(line, "four whole numbers and three coordinates")
+    return point
+
+
+def require_global_directions(path: Path, places: dict[str, int]) -> None:
+    """Raise ParameterError for a node in use whose displacements the file lists in a local coordinate system."""
+    datasets = read_datasets(path)
+    systems = _global_systems(datasets, 3)
+    nodes = _nodes(datasets)
+    for name, node in places.items():
+        system = nodes[node][1] if node in nodes else 0
+        require(
+            system in systems,
+            name,
+            f"node {node} with displacements in the coordinate system {system}",
+            f"nodes of {path.name} with displacements in the global coordinate system: export the modes in it",
+        )
 
 
 def read_nodes(path: Path) -> tuple[NDArray[np.int64], Real]:
     """Return numbers (N,) and coordinates (N, 3) in m of the nodes of a Universal File, its datasets 15 or 2411; raises ParameterError for none."""
-    sets, _ = _datasets(path, *NODES)
+    datasets = read_datasets(path)
+    nodes = _nodes(datasets)
     require(
-        len(sets) > 0,
+        len(nodes) > 0,
         "file",
         str(path),
         "a Universal File with the coordinates of its nodes, in datasets 15 or 2411",
     )
-    numbers = np.concatenate([np.asarray(part["node_nums"]) for part in sets]).astype(np.int64)
-    return numbers, np.concatenate(
-        [np.column_stack([part[axis] for axis in DIRECTIONS]) for part in sets]
-    ).astype(np.float64)
+    systems = _global_systems(datasets, 4)
+    local = [label for label, node in nodes.items() if node[0] not in systems]
+    require(
+        not local,
+        "file",
+        f"{path}, node {local[0] if local else 0}",
+        "coordinates in the global coordinate system",
+    )
+    unit = _units(datasets)[0]
+    return np.array(list(nodes), dtype=np.int64), unit * np.array(
+        [point for _, _, point in nodes.values()]
+    )
 
 
 def read_record(path: Path) -> tuple[Real, Real]:

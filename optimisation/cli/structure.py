@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
 from impact_env.plain_files import read_plain
-from impact_env.structures.matrices import read_columns
+from impact_env.structures.matrix_files import read_coordinates
 from impact_env.structures.universal import read_nodes
 from optimisation.cli.common import (
     FILE,
@@ -28,7 +28,6 @@ from optimisation.page import markdown
 from optimisation.report.figures import save_structure
 
 Array = NDArray[np.float64]
-AXES = ("x_m", "y_m", "z_m")
 NEAREST = 3  # nodes told
 
 
@@ -107,12 +106,7 @@ def coordinates(path: Path) -> tuple[str, NDArray[np.int64], Array]:
         raise BadInput(
             "--near is for a Universal File with nodes, or matrices with the key coordinates"
         )
-    columns = read_columns(path.parent / name, "coordinates")
-    if missing := [axis for axis in AXES if axis not in columns]:
-        raise BadInput(
-            f"coordinates = {name} is not allowed: the columns {', '.join(AXES)}, a line for each row of the matrices; missing {missing}"
-        )
-    places = np.column_stack([columns[axis] for axis in AXES])
+    places = read_coordinates(path.parent / name)
     return "row", np.arange(len(places)), places
 
 
