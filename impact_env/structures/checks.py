@@ -63,10 +63,11 @@ def find_unmoved_resonances(model: ModalModel, rigid: int = 0) -> list[int]:
     A place counts as unmoved where the mode's shape times the root of the structure's mass is below 1e-3. ``rigid``: how many of the
     first modes are motions on a suspension, which are left out.
 
-    Examples:
-        >>> from impact_env.modes import ModalModel
-        >>> find_unmoved_resonances(ModalModel([10.0, 20.0], [0.01, 0.01], [1.0, 0.0], [1.0, 0.0], 1.0))
-        [2]
+    Examples
+    --------
+    >>> from impact_env.modes import ModalModel
+    >>> find_unmoved_resonances(ModalModel([10.0, 20.0], [0.01, 0.01], [1.0, 0.0], [1.0, 0.0], 1.0))
+    [2]
     """
     rows = np.vstack([model.force_shape, model.places, model.tip_shape, model.level_shape])
     most = np.max(np.abs(rows), axis=0) * np.sqrt(model.beam_mass)
