@@ -1,7 +1,11 @@
 """Validation of single values: a check returns an allowed value and raises `ParameterError`, with name and value, for any other."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Set
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from contextlib import contextmanager, suppress
+from functools import partial
+from itertools import islice
 from numbers import Integral, Real
 from typing import Any, TypeVar, get_args
 
@@ -9,85 +13,159 @@ import numpy as np
 from numpy.typing import NDArray
 
 T = TypeVar("T")
+Check = Callable[[str, Any], Any]  # (name, value) -> the value that is used
+
+LARGEST_WRITTEN = 10**300  # Python refuses to write whole numbers of more than 4,300 digits
+# products of several such numbers, and powers of order five, are still numbers
+SMALL = 1e-30
+LARGE = 1e30
+MOST_NUMBERS = 2**25  # of an array, 0.27 GB
+MOST_ITEMS = 10**6  # of a list, whose items are Python objects
 
 
 class ParameterError(ValueError):
-    """A parameter is out of range; the message names it, its value and what is allowed."""
+    """A parameter is out of range; the message names it, its value and what is allowed.
+
+    Attributes
+    ----------
+    name : str or None
+        The parameter as the message calls it; None if the message is about several.
+    value : object
+        Its value; None after the error has been pickled.
+    allowed : str or None
+        What is allowed, in words.
+    argument : str or None
+        The argument of the constructor or function, without an index.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        name: str | None = None,
+        value: object = None,
+        allowed: str | None = None,
+        argument: str | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.name = name
+        self.value = value
+        self.allowed = allowed
+        if argument is None and name is not None:
+            argument = re.split(r"[\['.]", name)[0].replace(" ", "_")
+        self.argument = argument
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # a value that cannot be pickled must not keep a worker's error from its parent
+        return type(self), (str(self), self.name, None, self.allowed, self.argument)
+
+    def at_key(self, path: str, keys: Mapping[str, str]) -> "ParameterError":
+        """Return the error of a table of a file at ``path``.
+
+        ``keys`` maps arguments to keys of the table. The key takes the place of the argument's name; an error of several arguments, or of one
+        without a key, has the path before its message.
+        """
+        key = None if self.name is None or self.argument is None else keys.get(self.argument)
+        if key is None:
+            message = f"{path}: {self}"
+            return type(self)(message, self.name, self.value, self.allowed, self.argument)
+        index = re.search(r"[\['].*", self.name or "")
+        return _describe_error(
+            f"{path}.{key}{index[0] if index else ''}", self.value, self.allowed or ""
+        )
 
 
-def require(ok: bool, name: str, value: object, allowed: str) -> None:
-    """Raise ParameterError unless ``ok``."""
+def _describe_error(
+    name: str, value: object, allowed: str, argument: str | None = None
+) -> ParameterError:
+    message = f"{name} = {_written(value)} is not allowed: {allowed}"
+    return ParameterError(message, name, value, allowed, argument)
+
+
+def require(ok: bool, name: str, value: object, allowed: str, argument: str | None = None) -> None:
+    """Raise ParameterError unless ``ok``; ``argument`` is that of the caller where ``name`` is more than its name."""
     if not ok:
-        raise ParameterError(f"{name} = {_shown(value)} is not allowed: {allowed}")
+        raise _describe_error(name, value, allowed, argument)
 
 
-def _shown(value: object) -> str:
-    """Return a value as text for an error; Python refuses to write whole numbers of more than 4,300 digits."""
-    if isinstance(value, int) and abs(value) >= MOST_SHOWN:
+@contextmanager
+def arguments_called(names: Mapping[str, str]) -> Iterator[None]:
+    """Rename the argument of an error: a function's arguments are not always called as those of the class that it makes."""
+    try:
+        yield
+    except ParameterError as error:
+        error.argument = names.get(error.argument or "", error.argument)
+        raise
+
+
+def _written(value: object) -> str:
+    """Return a value as text for an error."""
+    if isinstance(value, int) and abs(value) >= LARGEST_WRITTEN:
         return "a whole number of very many digits"
     try:
         return repr(value)
     except ValueError:
         return f"{type(value).__name__} with a whole number of very many digits"
+    except Exception:  # a repr of somebody else's class
+        return f"an object of the kind {type(value).__name__}"
 
 
-MOST_SHOWN = 10**300
-# products of several such numbers, and powers of order five, are still numbers
-SMALL = 1e-30
-LARGE = 1e30
+def _is_number(kind: type) -> bool:
+    """Return whether objects of a class are real numbers: bools and NumPy's time spans are not."""
+    return issubclass(kind, Real) and not issubclass(kind, bool | np.timedelta64)
 
 
 def number(value: object) -> float:
     """Return a real number of any type as a float, NaN for anything else and for what is too large; a bool is not a number."""
-    if not isinstance(value, Real) or isinstance(value, bool):
+    if not _is_number(type(value)):
         return math.nan
     try:
-        return float(value)
+        return float(value)  # type: ignore[arg-type]
     except OverflowError:
         return math.nan
 
 
 def positive(name: str, value: object, least: float = SMALL, most: float = LARGE) -> float:
     """Return ``value`` as a float if it lies from ``least`` to ``most``."""
-    require(
-        least <= number(value) <= most,
-        name,
-        value,
-        f"a finite number above 0, from {least:g} to {most:g}",
-    )
-    return number(value)
+    allowed = f"a finite number above 0, from {least:g} to {most:g}"
+    return within(name, value, least, most, allowed)
 
 
 def non_negative(name: str, value: object, most: float = LARGE) -> float:
     """Return ``value`` as a float if it lies from 0 to ``most``."""
-    require(
-        0 <= number(value) <= most, name, value, f"a finite number, 0 or above and at most {most:g}"
-    )
-    return number(value)
+    return within(name, value, 0.0, most, f"a finite number, 0 or above and at most {most:g}")
 
 
 def finite(name: str, value: object) -> float:
     """Return ``value`` as a float if it lies from -1e30 to 1e30."""
-    require(
-        abs(number(value)) <= LARGE, name, value, f"a finite number, from -{LARGE:g} to {LARGE:g}"
-    )
-    return number(value)
+    allowed = f"a finite number, from -{LARGE:g} to {LARGE:g}"
+    return within(name, value, -LARGE, LARGE, allowed)
 
 
 def fraction(name: str, value: object) -> float:
     """Return ``value`` as a float if it lies in (0, 1]."""
-    require(0 < number(value) <= 1, name, value, "a number in (0, 1]")
-    return number(value)
+    # the smallest float above 0
+    return within(name, value, math.ulp(0.0), 1.0, "a number in (0, 1]")
 
 
-def count(name: str, value: object, low: int, high: int | None = None) -> int:
-    """Return ``value`` as an int if it is a whole number in [low, high]."""
-    allowed = (
-        f"a whole number, {low} or more" if high is None else f"a whole number from {low} to {high}"
-    )
-    ok = isinstance(value, Integral) and not isinstance(value, bool)
-    require(ok and value >= low and (high is None or value <= high), name, value, allowed)  # type: ignore[operator]
-    return int(value)  # type: ignore[call-overload]
+def within(name: str, value: object, least: float, most: float, allowed: str) -> float:
+    """Return ``value`` as a float if it lies from ``least`` to ``most``; ``allowed`` says so in words."""
+    found = number(value)
+    require(least <= found <= most, name, value, allowed)
+    return found
+
+
+def count(
+    name: str, value: object, low: int, high: int | None = None, allowed: str | None = None
+) -> int:
+    """Return ``value`` as an int if it is a whole number in [low, high]; ``allowed`` says so in words."""
+    if allowed is None:
+        allowed = f"a whole number, {low} or more"
+        if high is not None:
+            allowed = f"a whole number from {low} to {high}"
+    require(isinstance(value, Integral) and _is_number(type(value)), name, value, allowed)
+    found = int(value)  # type: ignore[call-overload]
+    require(found >= low and (high is None or found <= high), name, value, allowed)
+    return int(found)
 
 
 def flag(name: str, value: object) -> bool:
@@ -116,21 +194,25 @@ def one_of(name: str, value: object, allowed: Iterable[str]) -> str:
 
 
 def listed(name: str, values: Iterable[T]) -> tuple[T, ...]:
-    """Return the items of a list, a tuple or another sequence that is no text."""
+    """Return the items of a list, a tuple or another ordered collection that is neither text nor bytes."""
     ok = (
         isinstance(values, Iterable)
-        and not isinstance(values, str | bytes | Mapping | Set)
+        and not isinstance(values, str | BYTES | Mapping | Set)
         and getattr(values, "ndim", 1) == 1
+        and not _has_masked(values)
     )
     require(ok, name, values, "a list or tuple")
-    return tuple(values)
+    items = tuple(islice(values, MOST_ITEMS + 1))
+    require(len(items) <= MOST_ITEMS, f"length of {name}", len(items), f"at most {MOST_ITEMS}")
+    return items
 
 
 def two(name: str, values: Iterable[float]) -> tuple[float, float]:
     """Return a range (low, high) of two finite numbers, low below high, as floats."""
-    low, high = (*map(number, listed(name, values)), math.nan, math.nan)[:2]
+    given = listed(name, values)
+    low, high = (*map(number, given), math.nan, math.nan)[:2]
     require(
-        len(listed(name, values)) == 2 and -LARGE <= low < high <= LARGE,
+        len(given) == 2 and -LARGE <= low < high <= LARGE,
         name,
         values,
         "(low, high), two finite numbers with low below high",
@@ -138,18 +220,44 @@ def two(name: str, values: Iterable[float]) -> tuple[float, float]:
     return low, high
 
 
+BYTES = bytes | bytearray | memoryview
+
+
+def _has_masked(values: object) -> bool:
+    """Return whether a NumPy array has masked entries, which a plain array would show as numbers."""
+    return isinstance(values, np.ma.MaskedArray) and bool(np.ma.getmaskarray(values).any())
+
+
+def _has_numbers_only(values: object) -> bool:
+    """Return whether nested lists have only real numbers as their items; NumPy takes True for 1 among numbers."""
+    if isinstance(values, np.ndarray):
+        return values.dtype.kind in "iuf" and not _has_masked(values)
+    if isinstance(values, str | BYTES | bool | np.bool_ | np.timedelta64):
+        return False
+    if isinstance(values, Sequence):
+        kinds = set(map(type, values)) if len(values) <= MOST_NUMBERS else {object}
+        inner = any(issubclass(kind, Sequence | np.ndarray) for kind in kinds)
+        return all(map(_has_numbers_only, values)) if inner else all(map(_is_number, kinds))
+    return True  # the data type of its array says the rest
+
+
 def row(name: str, values: object, allowed: str, axes: int = 1) -> NDArray[np.float64]:
     """Return a read-only copy of an array of that many axes, of numbers from -1e30 to 1e30; one number is a row of one."""
-    try:
-        array = np.array(values, ndmin=1)
-    except (
-        ValueError,
-        OverflowError,
-    ):  # rows of several lengths, or huge whole numbers among others
-        array = np.array(None)
+    size = getattr(values, "size", 0)
+    require(
+        not isinstance(size, int) or size <= MOST_NUMBERS,
+        f"size of {name}",
+        size,
+        f"at most {MOST_NUMBERS} numbers",
+    )
+    array = np.array(None)
+    if _has_numbers_only(values):
+        # rows of several lengths, or huge numbers
+        with suppress(ValueError, TypeError, OverflowError):
+            array = np.array(values, ndmin=1)
     ok = (
         array.ndim == axes
-        and (array.dtype.kind in "iuf" or array.size == 0)
+        and array.dtype.kind in "iuf"
         and bool(np.all(np.abs(array.astype(float)) <= LARGE))
     )
     require(ok, name, values, allowed)
@@ -158,13 +266,55 @@ def row(name: str, values: object, allowed: str, axes: int = 1) -> NDArray[np.fl
     return array
 
 
-def check_each(group: object, **checks: Callable[[str, Any], object]) -> None:
-    """Check attributes of an object, each by one of the functions above."""
-    for name, check in checks.items():
-        check(name, getattr(group, name))
+def count_from(low: int, high: int | None = None) -> Check:
+    """Return the check of a whole number in [low, high]."""
+    return partial(count, low=low, high=high)
 
 
-def keep_checked(group: object, **checks: Callable[[str, Any], object]) -> None:
+def word_of(allowed: Iterable[str]) -> Check:
+    """Return the check of one of the words ``allowed``."""
+    return partial(one_of, allowed=allowed)
+
+
+def kind_of(kinds: object) -> Check:
+    """Return the check of an object of a class, or of one of those that are joined by ``|``."""
+    return partial(instance, kinds=kinds)
+
+
+def or_none(check: Check) -> Check:
+    """Return a check that accepts None, for what is absent, beside what ``check`` accepts."""
+    return lambda name, value: None if value is None else check(name, value)
+
+
+def each_of(check: Check) -> Check:
+    """Return the check of a list or tuple whose items all pass ``check``; the value is a tuple."""
+    return lambda name, values: tuple(check(name, value) for value in listed(name, values))
+
+
+def table_of(check: Check) -> Check:
+    """Return the check of a mapping whose values all pass ``check``; the value is a dict."""
+    return lambda name, values: {
+        key: check(f"{name}[{key}]", value)
+        for key, value in instance(name, values, Mapping).items()
+    }
+
+
+def row_of(allowed: str, axes: int = 1) -> Check:
+    """Return the check of an array of that many axes, see `row`."""
+    return partial(row, allowed=allowed, axes=axes)
+
+
+def labelled(label: str, check: Check) -> Check:
+    """Return a check whose error calls the parameter by a label."""
+    return lambda _name, value: check(label, value)
+
+
+def keep_checked(group: object, /, **checks: Check) -> None:
     """Replace attributes of a frozen dataclass by what their checks return, in its ``__post_init__``."""
     for name, check in checks.items():
-        object.__setattr__(group, name, check(name, getattr(group, name)))
+        try:
+            value = check(name, getattr(group, name))
+        except ParameterError as error:
+            error.argument = name
+            raise
+        object.__setattr__(group, name, value)

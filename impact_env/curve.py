@@ -33,7 +33,18 @@ from impact_env.ensemble import (
 from impact_env.laws import SceneKind
 from impact_env.loads import AnyDrive, Member, member_of
 from impact_env.methods import Exact, Method
-from impact_env.parameters import count, instance, keep_checked, listed, positive, require, row, two
+from impact_env.parameters import (
+    count,
+    count_from,
+    instance,
+    keep_checked,
+    kind_of,
+    listed,
+    positive,
+    require,
+    row_of,
+    two,
+)
 from impact_env.plots import plot_curve, table
 from impact_env.response import DEFAULT_SAMPLES, Record
 from impact_env.scene import Scene
@@ -66,21 +77,18 @@ class CurveCase:
     load: Callable[[float, FrequencySchedule], AnyDrive] = Drive
 
     def __post_init__(self) -> None:
-        instance("scene", self.scene, Scene)
-        forces = row("forces", self.forces, "a row of finite forces in N, 0 or above")
-        require(
-            forces.size > 0 and bool(np.all(forces >= 0)),
-            "forces",
-            self.forces,
-            "a row of finite forces in N, 0 or above",
-        )
-        object.__setattr__(self, "forces", forces)
-        keep_checked(self, limits=two)
+        allowed = "a row of finite forces in N, 0 or above"
+        keep_checked(self, scene=kind_of(Scene), forces=row_of(allowed), limits=two)
+        ok = self.forces.size > 0 and bool(np.all(self.forces >= 0))
+        require(ok, "forces", self.forces.tolist(), allowed)
+        model = self.scene.model
+        keep_checked(self, resonance=lambda _name, value: model.check_resonance(value))
         require(callable(self.load), "load", self.load, "a function of a force in N and a schedule")
         if self.percent_per_100_periods is None:
             object.__setattr__(
-                self, "percent_per_100_periods", default_rate(self.scene.model, (self.resonance,))
+                self, "percent_per_100_periods", default_rate(model, (self.resonance,))
             )
+        keep_checked(self, percent_per_100_periods=positive)
         self.schedules()
 
     def schedules(self) -> tuple[FrequencySchedule, FrequencySchedule]:
@@ -336,9 +344,8 @@ class Pass:
 
     def __post_init__(self) -> None:
         if self.forces is not None:
-            count("forces", self.forces, 1)
-        keep_checked(self, faster=positive)
-        count("members", self.members, 1, MOST_MEMBERS)
+            keep_checked(self, forces=count_from(1))
+        keep_checked(self, faster=positive, members=count_from(1, MOST_MEMBERS))
 
 
 TOLD_EACH = 0.05  # s between two partial curves of a pass
@@ -371,7 +378,8 @@ def curve_passes(
     takes the place of the response level: of a lane and an order to stop it makes the numbers of `LaneLevels`. ``both_ways`` False:
     the load is the same up and down, as a random one is, and each run stands for both. Raises ParameterError and IntegrationError as `simulate` does.
     """
-    instance("case", case, CurveCase), instance("stop", stop, Stop | None)
+    case = instance("case", case, CurveCase)
+    stop = instance("stop", stop, Stop | None)
     passes = [instance("passes", one, Pass) for one in listed("passes", passes)]
     method = Exact() if method is None else method
     workers = available_cores() if threads is None else count("threads", threads, 1)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +12,14 @@ from impact_env.parameters import (
     Beam,
     finite,
     instance,
+    keep_checked,
+    kind_of,
+    labelled,
     listed,
     non_negative,
     positive,
     require,
-    row,
+    row_of,
 )
 
 PAPER_RATE = 1.0  # percent of the resonance frequency per 100 pseudo periods
@@ -43,26 +47,19 @@ class FrequencySchedule:
 
     def __post_init__(self) -> None:
         allowed = "two or more finite times in s, strictly rising from 0"
-        times = row("times", self.times, allowed)
-        require(
-            len(times) >= 2 and times[0] == 0 and bool(np.all(np.diff(times) > 0)),
-            "times",
-            self.times,
-            allowed,
-        )
+        keep_checked(self, times=row_of(allowed))
+        times = self.times
+        ok = len(times) >= 2 and times[0] == 0 and bool(np.all(np.diff(times) > 0))
+        require(ok, "times", times, allowed)
         allowed = f"a finite frequency in rad/s, 0 or above, for each of the {len(times)} times"
-        omegas = row("omegas", self.omegas, allowed)
-        require(
-            omegas.shape == times.shape and bool(np.all(omegas >= 0)),
-            "omegas",
-            self.omegas,
-            allowed,
+        reference = partial(positive, least=SLOWEST, most=FASTEST)
+        keep_checked(
+            self,
+            omegas=row_of(allowed),
+            reference=labelled("reference frequency", reference),
         )
-        object.__setattr__(
-            self, "reference", positive("reference frequency", self.reference, SLOWEST, FASTEST)
-        )
-        for name, values in (("times", times), ("omegas", omegas)):
-            object.__setattr__(self, name, values)
+        ok = self.omegas.shape == times.shape and bool(np.all(self.omegas >= 0))
+        require(ok, "omegas", self.omegas, allowed)
         allowed = f"at most {MOST_PERIODS:g} pseudo periods of the reference frequency, not {self.periods:g}"
         require(self.periods <= MOST_PERIODS * (1 + 1e-12), "times", self.times, allowed)
 
@@ -128,11 +125,10 @@ def default_rate(model: ModalModel, resonances: Iterable[int] = (1,)) -> float:
     damping; it is never faster than the paper's, since impacts have times of their own that no damping shortens. Of several resonances the least
     damped one counts, and a damping ratio below 1e-4 counts as 1e-4. Raises ParameterError for a resonance that the model lacks.
     """
-    instance("model", model, ModalModel)
+    model = instance("model", model, ModalModel)
     ratios = [
-        float(model.damping_ratio[k - 1])
+        float(model.damping_ratio[model.check_resonance(k) - 1])
         for k in listed("resonances", resonances)
-        if model.resonance_omega(k)
     ]
     require(len(ratios) > 0, "resonances", ratios, "one or more")
     return PAPER_RATE * min(1.0, max(min(ratios), LEAST_DAMPING) / PAPER_DAMPING) ** 2
@@ -158,6 +154,9 @@ class Drive:
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "amplitude", finite("force amplitude", self.amplitude))
-        object.__setattr__(self, "phase", finite("phase", self.phase))
-        instance("schedule", self.schedule, FrequencySchedule)
+        keep_checked(
+            self,
+            amplitude=labelled("force amplitude", finite),
+            phase=finite,
+            schedule=kind_of(FrequencySchedule),
+        )

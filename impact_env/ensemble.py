@@ -21,7 +21,18 @@ from impact_env.drive import Drive, FrequencySchedule
 from impact_env.families import kernel_key
 from impact_env.loads import AnyDrive, Member, amplitude_in_words, member_of
 from impact_env.methods import Exact, Method
-from impact_env.parameters import ParameterError, count, instance, listed, one_of, require, row
+from impact_env.parameters import (
+    ParameterError,
+    count,
+    count_from,
+    instance,
+    keep_checked,
+    kind_of,
+    listed,
+    one_of,
+    require,
+    row_of,
+)
 from impact_env.response import DEFAULT_SAMPLES, Record
 from impact_env.scene import Scene
 from impact_env.sweep import IntegrationError, Stopped, simulate
@@ -60,7 +71,7 @@ class Threads:
 
     def __post_init__(self) -> None:
         if self.threads is not None:
-            count("threads", self.threads, 1)
+            keep_checked(self, threads=count_from(1))
 
     def each(
         self, function: Callable[[T], R], items: Sequence[T], _kinds: Sequence[Hashable]
@@ -85,7 +96,7 @@ class Lane:
     drive: Any  # Drive, or Loads
 
     def __post_init__(self) -> None:
-        instance("scene", self.scene, Scene), instance("drive", self.drive, AnyDrive)
+        keep_checked(self, scene=kind_of(Scene), drive=kind_of(AnyDrive))
 
     def __str__(self) -> str:
         return f"{amplitude_in_words(self.drive)}, absorber {self.scene.absorber}"
@@ -116,10 +127,8 @@ class Members:
     factors: Array
 
     def __post_init__(self) -> None:
-        for name in ("phases", "factors"):
-            object.__setattr__(
-                self, name, row(name, getattr(self, name), "a row of finite numbers")
-            )
+        numbers = row_of("a row of finite numbers")
+        keep_checked(self, phases=numbers, factors=numbers)
         require(
             len(self.phases) == len(self.factors),
             "members",
@@ -159,14 +168,14 @@ def draw_members(members: int, seed: int, kind: MemberKind = "both") -> Members:
     by a share uniform within `PERTURBATION`, which is far above rounding. ``kind`` "phase" and "force" vary one of them
     alone. More members with the same seed continue the same lists, and a kind's list does not depend on the other.
     """
-    count("members", members, 1, MOST_MEMBERS)
-    one_of("kind", kind, get_args(MemberKind))
+    members = count("members", members, 1, MOST_MEMBERS)
+    varied = one_of("kind", kind, get_args(MemberKind))
     own = np.random.SeedSequence(count("seed", seed, 0))
     phases = np.zeros(members)
     factors = np.ones(members)
-    if kind != "force":
+    if varied != "force":
         phases[1:] = np.random.default_rng(own).uniform(0, 2 * np.pi, members - 1)
-    if kind != "phase":
+    if varied != "phase":
         factors[1:] += np.random.default_rng(own.spawn(1)[0]).uniform(
             -PERTURBATION, PERTURBATION, members - 1
         )
@@ -206,14 +215,16 @@ def run_lanes(
         threads,
         "None with an executor, which has its own",
     )
+    stop = instance("stop", stop, Stop | None)
     require(
-        instance("stop", stop, Stop | None) is None or executor is None,
+        stop is None or executor is None,
         "stop",
         stop,
         "None with an executor, which it does not reach",
     )
     lanes = [instance("lanes", lane, Lane) for lane in listed("lanes", lanes)]
-    instance("progress", progress, Callable | None), instance("executor", executor, Executor | None)
+    progress = instance("progress", progress, Callable | None)
+    executor = instance("executor", executor, Executor | None)
     budget = None if most_events is None else count("most_events", most_events, 1)
     measure = LevelOf(method, Record(samples_per_period=samples_per_period), budget, stop)
     values = np.full((6, len(lanes)), np.nan)

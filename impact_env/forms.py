@@ -4,7 +4,6 @@ A sort is a pair of functions, ``read(path, plain)`` and ``write(value)``; ``pat
 """
 
 import inspect
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -92,7 +91,7 @@ def form(make: Callable[..., Any], keys: Keys) -> Sort:
         try:
             return make(**given)
         except ParameterError as error:
-            raise _at(path, keys, error) from error
+            raise error.at_key(path, {name: key for key, (name, _) in keys.items()}) from error
 
     def write(value: Any) -> dict[str, Any]:
         found = {key: (getattr(value, name), sort) for key, (name, sort) in keys.items()}
@@ -115,16 +114,6 @@ def tables(make: Callable[..., Any], keys: Keys) -> Sort:
         return tuple(one.read(f"{path}[{i}]", part) for i, part in enumerate(plain))
 
     return Sort(read, lambda values: [one.write(value) for value in values])
-
-
-def _at(path: str, keys: Keys, error: ParameterError) -> ParameterError:
-    """Return a class's error with the key path in the place of the argument's name, or before the message if it is about several arguments."""
-    name, _, rest = str(error).partition(" = ")
-    for key, (argument, _sort) in keys.items():
-        named = re.fullmatch(rf"(?:\w+ |number of )?{argument}(?: \w+)?((?:\[|').*)?", name)
-        if named is not None:
-            return ParameterError(f"{path}.{key}{named[1] or ''} = {rest}")
-    return ParameterError(f"{path}: {error}")
 
 
 def optional(sort: Sort) -> Sort:

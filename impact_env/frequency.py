@@ -232,7 +232,7 @@ def state_space(
     mass, damping, stiffness = joint_matrices(model, absorber)
     size = len(mass)
     inverse = np.linalg.inv(mass)
-    positive("reference", reference)
+    reference = positive("reference", reference)
     force, tip = (
         np.pad(row, (0, size - model.modes)) for row in (model.force_shape, model.level_shape)
     )

@@ -10,7 +10,7 @@ from dataclasses import MISSING, dataclass, fields, replace
 from enum import Enum
 from typing import Any
 
-from impact_env.checks import ParameterError, instance, one_of, require
+from impact_env.checks import arguments_called, instance, one_of, require
 from impact_env.parameters import (
     Absorber,
     CompliantWalls,
@@ -84,9 +84,15 @@ class Law:
                 None,
                 "given: it has no default",
             )
-        return self.of(
-            **{key.attribute: values[name] for name, key in self.keys.items() if name in values}
-        )
+        with arguments_called(self.plain_names):
+            return self.of(
+                **{key.attribute: values[name] for name, key in self.keys.items() if name in values}
+            )
+
+    @property
+    def plain_names(self) -> dict[str, str]:
+        """Plain names by the attributes that they stand for."""
+        return {key.attribute: name for name, key in self.keys.items()}
 
 
 GAP = Key("gap", "Clearance to either wall", "m")
@@ -165,6 +171,7 @@ FRICTION = (
         mark="friction_stiffness",
     ),
 )
+FRICTION_NAMES = {key.attribute: name for law in FRICTION for name, key in law.keys.items()}
 STUCK = Law(StuckAbsorber, SceneKind.LINEAR, MASS, lambda _: "", None)
 TUNED = Law(
     TunedAbsorber,
@@ -323,7 +330,8 @@ def _friction(given: Values, walls: object) -> CoulombFriction | ElasticCoulombF
         ratio,
         "left out without a friction_limit",
     )
-    return friction_law(limit, stiffness, ratio)
+    with arguments_called(FRICTION_NAMES):
+        return friction_law(limit, stiffness, ratio)
 
 
 def make(concept: str, given: Values, name: str = "absorber") -> Absorber | None:
@@ -344,21 +352,15 @@ def make(concept: str, given: Values, name: str = "absorber") -> Absorber | None
     present = {key: value for key, value in given.items() if value is not None}
     if GRAVITY in present:
         gravity = present.pop(GRAVITY)
-        return replace(make(concept, present, name), gravity=gravity)  # type: ignore[type-var]
+        with arguments_called({"gravity": GRAVITY}):
+            return replace(make(concept, present, name), gravity=gravity)  # type: ignore[type-var]
     if concept in WHOLE:
         return WHOLE[concept].make(present)
     mass = {key: present[key] for key in MASS if key in present}
     if concept == "friction":
-        return friction_damper(**present)
+        with arguments_called(FRICTION_NAMES):
+            return friction_damper(**present)
     if concept == "none":
         return None
     walls = _chosen(WALLS, present).make(present)
     return SlidingAbsorber(**mass, walls=walls, friction=_friction(present, walls))
-
-
-def argument(error: ParameterError, concept: str) -> str | None:
-    """Return the plain name of the value that an error of `make` is about, None if it is about several."""
-    said = str(error).partition(" = ")[0].removeprefix("absorber ").replace(" ", "_")
-    if said == "gravity":
-        return GRAVITY
-    return said if said in CONCEPTS[concept] else None

@@ -42,8 +42,8 @@ def response_level(
     """Return (response level, largest |q_tip|) in m of equidistant samples (S,) in m, S >= 2; the window is cut at the ends of the series."""
     values = row("tip_displacement", tip_displacement, "two or more finite samples")
     require(len(values) >= 2, "tip_displacement", values, "two or more finite samples")
-    count("samples_per_period", samples_per_period, 1, MOST_SAMPLES)
-    count("half_window_periods", half_window_periods, 1, MOST_SAMPLES)
+    samples_per_period = count("samples_per_period", samples_per_period, 1, MOST_SAMPLES)
+    half_window_periods = count("half_window_periods", half_window_periods, 1, MOST_SAMPLES)
     rms, _, largest = close_level(level_of(values, samples_per_period, half_window_periods))
     return float(rms), float(largest)
 

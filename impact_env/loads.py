@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import ClassVar
 
 import numpy as np
@@ -16,14 +16,17 @@ from numpy.typing import NDArray
 
 from impact_env.drive import FASTEST, SLOWEST, Drive, FrequencySchedule
 from impact_env.parameters import (
-    count,
-    instance,
+    count_from,
+    each_of,
+    finite,
     keep_checked,
-    listed,
-    one_of,
+    kind_of,
+    labelled,
     positive,
     require,
     row,
+    row_of,
+    word_of,
 )
 from impact_env.scene import InitialState, Scene
 from impact_env.turning_loads import BASE as BASE
@@ -63,7 +66,7 @@ class Samples(Load):
     sizes: ClassVar[tuple[str, ...]] = ("values",)
 
     def __post_init__(self) -> None:
-        one_of("quantity", self.quantity, QUANTITIES)
+        keep_checked(self, quantity=word_of(QUANTITIES))
         size = np.size(self.times)
         allowed = f"at most {MOST_SAMPLES} samples, {80 * MOST_SAMPLES / 2**20:.0f} MiB, not {size}: cut the record, or take every second one"
         require(size <= MOST_SAMPLES, "samples", size, allowed)
@@ -139,28 +142,30 @@ class Random(Load):
     factor: float = 1.0
 
     def __post_init__(self) -> None:
-        one_of("quantity", self.quantity, QUANTITIES)
-        keep_checked(self, length=positive)
-        count("seed", self.seed, 0)
         allowed = "two or more pairs [Hz, value], frequencies strictly rising from above 0, values above 0"
-        spectrum = row("spectrum", self.spectrum, allowed, axes=2)
-        require(
-            spectrum.shape[1] == 2 and len(spectrum) >= 2 and bool(np.all(spectrum > 0)),
-            "spectrum",
-            self.spectrum,
-            allowed,
+        keep_checked(
+            self,
+            quantity=word_of(QUANTITIES),
+            length=positive,
+            seed=count_from(0),
+            number=count_from(0),
+            factor=finite,
+            spectrum=row_of(allowed, axes=2),
         )
-        require(bool(np.all(np.diff(spectrum[:, 0]) > 0)), "spectrum", self.spectrum, allowed)
-        object.__setattr__(self, "spectrum", spectrum)
+        spectrum = self.spectrum
+        ok = spectrum.shape[1] == 2 and len(spectrum) >= 2 and bool(np.all(spectrum > 0))
+        require(ok, "spectrum", spectrum.tolist(), allowed)
+        require(bool(np.all(np.diff(spectrum[:, 0]) > 0)), "spectrum", spectrum.tolist(), allowed)
+        # before `lines`, which is an array of as many numbers
+        samples = RANDOM_SAMPLES * float(spectrum[-1, 0]) * self.length
+        allowed = f"at most {MOST_SAMPLES} samples, {80 * MOST_SAMPLES / 2**20:.0f} MiB, not {samples:.0f}: a shorter one, or a lower band"
+        require(samples <= MOST_SAMPLES, "length", self.length, allowed)
         require(
             len(self.lines) > 0,
             "spectrum",
-            self.spectrum.tolist(),
+            spectrum.tolist(),
             f"a band with a multiple of {1 / self.length:g} Hz, one over the duration",
         )
-        samples = self._samples
-        allowed = f"at most {MOST_SAMPLES} samples, {80 * MOST_SAMPLES / 2**20:.0f} MiB, not {samples}: a shorter one, or a lower band"
-        require(samples <= MOST_SAMPLES, "length", self.length, allowed)
 
     @property
     def _samples(self) -> int:
@@ -231,11 +236,7 @@ class Loads:
     start: str | InitialState = STARTS[0]
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self,
-            "parts",
-            tuple(instance("loads", part, Load) for part in listed("loads", self.parts)),
-        )
+        keep_checked(self, parts=labelled("loads", each_of(kind_of(Load))))
         require(len(self.parts) > 0, "loads", self.parts, "one or more")
         durations = [part.duration for part in self.parts]
         ok = max(durations) - min(durations) <= SAME_TIME * max(durations)
@@ -246,11 +247,14 @@ class Loads:
                 len(known) > 0, "reference", None, "given, in rad/s, for loads without a schedule"
             )
             object.__setattr__(self, "reference", known[0].reference)
-        object.__setattr__(
-            self, "reference", positive("reference frequency", self.reference, SLOWEST, FASTEST)
+        keep_checked(
+            self,
+            reference=labelled(
+                "reference frequency", partial(positive, least=SLOWEST, most=FASTEST)
+            ),
         )
         if not isinstance(self.start, InitialState):
-            one_of("start", self.start, STARTS)
+            keep_checked(self, start=word_of(STARTS))
 
     @property
     def schedule(self) -> FrequencySchedule:

@@ -15,9 +15,10 @@ from impact_env.parameters import (
     NonlinearSink,
     StuckAbsorber,
     TunedAbsorber,
-    count,
+    count_from,
     gravity_of,
     instance,
+    keep_checked,
     require,
 )
 from impact_env.scene import Scene
@@ -65,7 +66,7 @@ class Moreau:
     steps_per_period: int = PAPER_STEPS
 
     def __post_init__(self) -> None:
-        count("steps_per_period", self.steps_per_period, LEAST_STEPS, MOST_STEPS)
+        keep_checked(self, steps_per_period=count_from(LEAST_STEPS, MOST_STEPS))
 
     def step(self, scene: Scene) -> float:
         """Return the time step in s."""
@@ -82,8 +83,11 @@ class RungeKutta:
     steps_per_contact: int = PAPER_STEPS
 
     def __post_init__(self) -> None:
-        count("steps_per_period", self.steps_per_period, LEAST_STEPS, MOST_STEPS)
-        count("steps_per_contact", self.steps_per_contact, LEAST_STEPS, MOST_STEPS)
+        keep_checked(
+            self,
+            steps_per_period=count_from(LEAST_STEPS, MOST_STEPS),
+            steps_per_contact=count_from(LEAST_STEPS, MOST_STEPS),
+        )
 
     def step(self, scene: Scene) -> float:
         """Return the time step in s, the smallest of the two conditions of the paper.
@@ -182,7 +186,8 @@ def _check_general(scene: Scene, method: Method, loads: list[str], moves_base: b
 
 def check_supported(scene: Scene, method: Method) -> None:
     """Raise ParameterError if a method cannot do a scene."""
-    instance("scene", scene, Scene), instance("method", method, Method)
+    scene = instance("scene", scene, Scene)
+    method = instance("method", method, Method)
     pair = scene.kind, method_class(method)
     if (heavy := gravity_of(scene.absorber)) != 0:
         require(

@@ -13,13 +13,17 @@ from impact_env.parameters import (
     MOST_DAMPING,
     SMALL,
     Beam,
+    count,
     finite,
     instance,
     keep_checked,
+    kind_of,
     listed,
+    number,
     positive,
     require,
     row,
+    row_of,
     suspended,
 )
 
@@ -206,11 +210,8 @@ class ModalModel:
             if getattr(self, name) is not None
         )
         rows = ("omega", "damping_ratio", "force_shape", "tip_shape", *optional)
-        for name in rows:
-            object.__setattr__(
-                self, name, row(name, getattr(self, name), "a row of finite numbers")
-            )
-        keep_checked(self, beam_mass=positive, base_at_absorber=finite)
+        keep_checked(self, **dict.fromkeys(rows, row_of("a row of finite numbers")))
+        keep_checked(self, beam_mass=positive, base_at_absorber=finite, beam=kind_of(Beam | None))
         lengths = {len(getattr(self, name)) for name in rows}
         require(
             len(lengths) == 1 and min(lengths) > 0,
@@ -220,11 +221,9 @@ class ModalModel:
         )
         if self.absorber_shapes is not None:
             allowed = f"a row of {len(self.omega)} finite numbers for each absorber"
-            shapes = row("absorber_shapes", self.absorber_shapes, allowed, axes=2)
-            require(
-                shapes.shape[1] == len(self.omega), "absorber_shapes", self.absorber_shapes, allowed
-            )
-            object.__setattr__(self, "absorber_shapes", shapes)
+            keep_checked(self, absorber_shapes=row_of(allowed, axes=2))
+            shapes = self.absorber_shapes
+            require(shapes.shape[1] == len(self.omega), "absorber_shapes", shapes, allowed)
         require(
             bool(np.all(self.omega >= SMALL)),
             "omega",
@@ -233,7 +232,6 @@ class ModalModel:
         )
         ok = bool(np.all((self.damping_ratio >= 0) & (self.damping_ratio <= MOST_DAMPING)))
         require(ok, "damping_ratio", self.damping_ratio, f"0 or above and at most {MOST_DAMPING}")
-        instance("beam", self.beam, Beam | None)
 
     @property
     def modes(self) -> int:
@@ -250,15 +248,12 @@ class ModalModel:
         """Mode shapes (n, N_m) at the places for absorbers, which are counted from 1: `absorber_shapes`, or the tip's alone."""
         return self.tip_shape[None, :] if self.absorber_shapes is None else self.absorber_shapes
 
-    def _place(self, number: float) -> int:
+    def _place(self, place: float) -> int:
         n = len(self.places)
-        require(
-            number in range(1, n + 1),
-            "position",
-            number,
-            f"the number of one of the structure's places for absorbers, 1 to {n}",
-        )
-        return int(number) - 1
+        found = number(place)
+        allowed = f"the number of one of the structure's places for absorbers, 1 to {n}"
+        require(found in range(1, n + 1), "position", place, allowed)
+        return int(found) - 1
 
     def with_absorber_at(self, place: float) -> ModalModel:
         """Return the model for one absorber at a place (counted from 1) of `places`; the level is read where it was."""
@@ -273,11 +268,16 @@ class ModalModel:
 
     def with_absorbers_at(self, places: Iterable[float]) -> ModalModel:
         """Return the model for several absorbers at places (counted from 1) of `places`; the level is read where it was."""
-        return replace(self, absorber_shapes=self.places[[self._place(place) for place in places]])
+        return replace(
+            self,
+            absorber_shapes=self.places[
+                [self._place(place) for place in listed("positions", places)]
+            ],
+        )
 
     def detuned(self, share: float) -> ModalModel:
         """Return the model with all frequencies shifted by a share."""
-        return replace(self, omega=self.omega * (1 + share))
+        return replace(self, omega=self.omega * (1 + finite("share", share)))
 
     def pseudo_period(self, resonance: int = 1) -> float:
         """Return 2 pi / omega of a resonance (counted from 1) in s (paper, section 3.1)."""
@@ -285,13 +285,12 @@ class ModalModel:
 
     def resonance_omega(self, resonance: int) -> float:
         """Return a resonance's circular frequency in rad/s; raises ParameterError if the model lacks that mode."""
-        ok = (
-            isinstance(resonance, int | np.integer)
-            and not isinstance(resonance, bool)
-            and 1 <= resonance <= self.modes
-        )
-        require(ok, "resonance", resonance, f"a mode of the model, 1 to {self.modes}")
-        return float(self.omega[resonance - 1])
+        return float(self.omega[self.check_resonance(resonance) - 1])
+
+    def check_resonance(self, resonance: int) -> int:
+        """Return a resonance (counted from 1) as an int; raises ParameterError if the model lacks that mode."""
+        allowed = f"a mode of the model, 1 to {self.modes}"
+        return count("resonance", resonance, 1, self.modes, allowed)
 
 
 Structure = Beam | ModalModel  # what a structure is given as
@@ -312,7 +311,7 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
             "for beams only: a modal model has shapes at the places of its absorbers, and no others",
         )
         return beam
-    instance("beam", beam, Beam | ModalModel)
+    beam = instance("beam", beam, Beam | ModalModel)
     if positions is not None:
         positions = listed("positions", positions)
         require(len(positions) > 0, "positions", positions, "one or more shares of the length")
@@ -349,7 +348,7 @@ def mode_shapes(beam: Beam, positions: ArrayLike) -> NDArray[np.float64]:
 
     They are what `modal_model` has at the force and the absorber, also at ends that are held.
     """
-    instance("beam", beam, Beam)
+    beam = instance("beam", beam, Beam)
     allowed = "one or more shares of the length, 0 to 1"
     places = row("positions", positions, allowed)
     require(

@@ -1,47 +1,73 @@
 """Validated, frozen parameters in SI units. The defaults are the paper's Table 1, and this is the only place that states them."""
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from impact_env.checks import (
     LARGE,
     SMALL,
+    Check,
     ParameterError,
-    check_each,
     count,
+    count_from,
+    each_of,
     finite,
     flag,
     fraction,
     instance,
     keep_checked,
+    kind_of,
+    labelled,
     listed,
     non_negative,
     number,
     one_of,
+    or_none,
     positive,
     require,
     row,
+    row_of,
+    table_of,
     two,
+    within,
+    word_of,
 )
 
 __all__ = [
     "LARGE",
     "SMALL",
+    "Check",
     "ParameterError",
-    "check_each",
     "count",
+    "count_from",
+    "each_of",
     "finite",
     "flag",
     "fraction",
     "instance",
+    "keep_checked",
+    "kind_of",
+    "labelled",
     "listed",
     "non_negative",
     "number",
+    "one_of",
+    "or_none",
+    "positive",
+    "require",
+    "row",
+    "row_of",
+    "table_of",
+    "two",
+    "within",
+    "word_of",
 ]
-__all__ += ["keep_checked", "one_of", "positive", "require", "row", "two"]
 
 SUSPENSION_STEP = 0.1  # by this share the next rigid-body motion's frequency is higher: shapes of equal frequencies would be undetermined
 
@@ -78,8 +104,12 @@ class Section:
     mass_per_length: float
 
     def __post_init__(self) -> None:
-        count("section's elements", self.elements, 1, MOST_ELEMENTS)
-        keep_checked(self, bending_stiffness=positive, mass_per_length=positive)
+        keep_checked(
+            self,
+            elements=labelled("section's elements", count_from(1, MOST_ELEMENTS)),
+            bending_stiffness=positive,
+            mass_per_length=positive,
+        )
 
 
 @dataclass(frozen=True)
@@ -110,45 +140,50 @@ class Beam:
     suspension_frequency: float | None = None  # Hz
 
     def __post_init__(self) -> None:
-        for name, scale in (
-            ("length", 1e9),
-            ("bending_stiffness", 1e20),
-            ("mass_per_length", 1e20),
-        ):  # so that omega is a number whatever they are
-            object.__setattr__(self, name, positive(name, getattr(self, name), 1 / scale, scale))
-        count("elements", self.elements, 1, MOST_ELEMENTS)
-        one_of("ends", self.ends, ENDS)
+        # the ranges are such that omega is a number whatever they are
+        keep_checked(
+            self,
+            length=partial(positive, least=1e-9, most=1e9),
+            bending_stiffness=partial(positive, least=1e-20, most=1e20),
+            mass_per_length=partial(positive, least=1e-20, most=1e20),
+            elements=count_from(1, MOST_ELEMENTS),
+            ends=word_of(ENDS),
+        )
         self._check_parts()
-        for name in ("force_position", "absorber_position", "response_position"):
-            if getattr(self, name) is not None or name != "response_position":
-                object.__setattr__(self, name, self.place(name, getattr(self, name)))
-        count("modes", self.modes, 1, self.freedoms)
+        keep_checked(
+            self,
+            force_position=self.place,
+            absorber_position=self.place,
+            response_position=or_none(self.place),
+            modes=count_from(1, self.freedoms),
+            damping_ratio=self._check_damping_ratio,
+            modal_frequency_ratio=self._check_frequency_ratios,
+        )
+
+    def _check_damping_ratio(self, name: str, value: Any) -> float | tuple[float, ...]:
         allowed = f"one number, or one for each of the {self.modes} modes, from 0 to {MOST_DAMPING}"
-        ratios = row("damping_ratio", self.damping_ratio, allowed)
-        single = np.ndim(self.damping_ratio) == 0
+        ratios = row(name, value, allowed)
+        single = np.ndim(value) == 0
         ok = (single or len(ratios) == self.modes) and bool(
             np.all((ratios >= 0) & (ratios <= MOST_DAMPING))
         )
-        require(ok, "damping_ratio", self.damping_ratio, allowed)
-        object.__setattr__(
-            self, "damping_ratio", float(ratios[0]) if single else tuple(ratios.tolist())
-        )
-        for mode, ratio in instance(
-            "modal_frequency_ratio", self.modal_frequency_ratio, Mapping
-        ).items():
-            count("modal_frequency_ratio's mode", mode, 2, self.modes)
-            positive(f"modal_frequency_ratio[{mode}]", ratio)
+        require(ok, name, value, allowed)
+        return float(ratios[0]) if single else tuple(ratios.tolist())
+
+    def _check_frequency_ratios(self, name: str, value: Any) -> dict[int, float]:
+        return {
+            count(f"{name}'s mode", mode, 2, self.modes): positive(f"{name}[{mode}]", ratio)
+            for mode, ratio in instance(name, value, Mapping).items()
+        }
 
     def _check_parts(self) -> None:
-        keep_checked(self, tip_mass=non_negative, sections=listed)
+        keep_checked(self, tip_mass=non_negative, sections=each_of(kind_of(Section)))
         require(
             self.tip_mass == 0 or self.ends.endswith("-free"),
             "tip_mass",
             self.tip_mass,
             f"0 with {self.ends} ends, where the tip does not move",
         )
-        for section in self.sections:
-            instance("sections", section, Section)
         taken = sum(section.elements for section in self.sections)
         require(
             taken <= self.elements,
@@ -218,17 +253,17 @@ class RigidWalls:
     restitution: float = 1.0
 
     def __post_init__(self) -> None:
-        require(
-            number(self.gap) >= 0, "gap", self.gap, "a number in m, 0 or above (infinity: no wall)"
+        allowed = "a number in m, 0 or above (infinity: no wall)"
+        keep_checked(
+            self,
+            gap=partial(within, least=0.0, most=math.inf, allowed=allowed),
+            restitution=check_restitution,
         )
-        require(
-            0 <= number(self.restitution) <= 1,
-            "restitution",
-            self.restitution,
-            "a number from 0 to 1",
-        )
-        object.__setattr__(self, "gap", number(self.gap))
-        object.__setattr__(self, "restitution", number(self.restitution))
+
+
+def check_restitution(name: str, value: object) -> float:
+    """Return a coefficient of restitution as a float."""
+    return within(name, value, 0.0, 1.0, "a number from 0 to 1")
 
 
 @dataclass(frozen=True)
@@ -244,16 +279,14 @@ class YieldingWalls:
     restitution: float = RigidWalls.restitution
 
     def __post_init__(self) -> None:
-        keep_checked(self, yield_velocity=positive)
-        rigid = RigidWalls(self.gap, self.restitution)
-        require(
-            0 < rigid.gap < math.inf,
-            "gap",
-            self.gap,
-            "a number in m above 0, and finite, with a yield_velocity",
+        allowed = "a number in m above 0, and finite, with a yield_velocity"
+        most = sys.float_info.max
+        keep_checked(
+            self,
+            yield_velocity=positive,
+            gap=partial(within, least=math.ulp(0.0), most=most, allowed=allowed),
+            restitution=check_restitution,
         )
-        object.__setattr__(self, "gap", rigid.gap)
-        object.__setattr__(self, "restitution", rigid.restitution)
 
 
 LEAST_RESTITUTION = 1e-6  # of walls that are springs: the damper is almost critical there
@@ -282,16 +315,13 @@ class CompliantWalls:
     restitution: float = 1.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "stiffness", positive("contact stiffness", self.stiffness))
-        object.__setattr__(self, "gap", non_negative("gap", self.gap))
-        restitution = number(self.restitution)
-        require(
-            LEAST_RESTITUTION <= restitution <= 1,
-            "restitution",
-            self.restitution,
-            f"a number from {LEAST_RESTITUTION:g} to 1 with a contact stiffness: a damper lets every contact rebound",
+        allowed = f"a number from {LEAST_RESTITUTION:g} to 1 with a contact stiffness: a damper lets every contact rebound"
+        keep_checked(
+            self,
+            stiffness=labelled("contact stiffness", positive),
+            gap=non_negative,
+            restitution=partial(within, least=LEAST_RESTITUTION, most=1.0, allowed=allowed),
         )
-        object.__setattr__(self, "restitution", restitution)
 
     @classmethod
     def from_loss_factor(
@@ -343,15 +373,13 @@ class CoulombFriction:
     static_ratio: float = 1.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "limit", positive("friction limit", self.limit, LEAST_LIMIT))
-        ratio = number(self.static_ratio)
-        require(
-            1 <= ratio <= MOST_STATIC_RATIO,
-            "static friction ratio",
-            self.static_ratio,
-            f"a number from 1 to {MOST_STATIC_RATIO:g}: static friction is never below sliding friction",
+        allowed = f"a number from 1 to {MOST_STATIC_RATIO:g}: static friction is never below sliding friction"
+        ratio = partial(within, least=1.0, most=MOST_STATIC_RATIO, allowed=allowed)
+        keep_checked(
+            self,
+            limit=labelled("friction limit", partial(positive, least=LEAST_LIMIT)),
+            static_ratio=labelled("static friction ratio", ratio),
         )
-        object.__setattr__(self, "static_ratio", ratio)
 
 
 @dataclass(frozen=True)
@@ -362,8 +390,11 @@ class ElasticCoulombFriction:
     stiffness: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "limit", positive("friction limit", self.limit, LEAST_LIMIT))
-        object.__setattr__(self, "stiffness", positive("friction stiffness", self.stiffness))
+        keep_checked(
+            self,
+            limit=labelled("friction limit", partial(positive, least=LEAST_LIMIT)),
+            stiffness=labelled("friction stiffness", positive),
+        )
 
 
 DEFAULT_MASS_RATIO = 0.02
@@ -393,9 +424,13 @@ class TunedAbsorber:
     gravity: float = 0.0
 
     def __post_init__(self) -> None:
-        keep_checked(self, gravity=finite, mass_ratio=positive)
-        object.__setattr__(self, "stiffness", positive("absorber stiffness", self.stiffness))
-        object.__setattr__(self, "damping", non_negative("absorber damping", self.damping))
+        keep_checked(
+            self,
+            gravity=finite,
+            mass_ratio=positive,
+            stiffness=labelled("absorber stiffness", positive),
+            damping=labelled("absorber damping", non_negative),
+        )
 
 
 @dataclass(frozen=True)
@@ -409,8 +444,12 @@ class NonlinearSink:
     damping: float = TunedAbsorber.damping
 
     def __post_init__(self) -> None:
-        keep_checked(self, mass_ratio=positive, cubic_stiffness=positive)
-        object.__setattr__(self, "damping", non_negative("absorber damping", self.damping))
+        keep_checked(
+            self,
+            mass_ratio=positive,
+            cubic_stiffness=positive,
+            damping=labelled("absorber damping", non_negative),
+        )
 
 
 @dataclass(frozen=True)
@@ -427,9 +466,13 @@ class SlidingAbsorber:
     gravity: float = 0.0
 
     def __post_init__(self) -> None:
-        keep_checked(self, mass_ratio=positive, gravity=finite)
-        instance("walls", self.walls, RigidWalls | YieldingWalls | CompliantWalls | None)
-        instance("friction", self.friction, CoulombFriction | ElasticCoulombFriction | None)
+        keep_checked(
+            self,
+            mass_ratio=positive,
+            gravity=finite,
+            walls=kind_of(RigidWalls | YieldingWalls | CompliantWalls | None),
+            friction=kind_of(CoulombFriction | ElasticCoulombFriction | None),
+        )
         present = [part for part in (self.walls, self.friction) if part is not None]
         require(
             present != [],
@@ -458,11 +501,7 @@ class SeveralAbsorbers:
 
     def __post_init__(self) -> None:
         keep_checked(self, absorbers=listed)
-        object.__setattr__(
-            self,
-            "positions",
-            tuple(fraction("positions", x) for x in listed("positions", self.positions)),
-        )
+        keep_checked(self, positions=each_of(fraction))
         n = len(self.absorbers)
         require(
             2 <= n <= MOST_ABSORBERS,

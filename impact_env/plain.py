@@ -15,7 +15,7 @@ from typing import Any
 
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.forms import NUMBER, ROW, WHOLE, Keys, Sort, form, optional, require_keys
-from impact_env.laws import CONCEPTS, GRAVITY, HEAVY, argument, concept, make, values
+from impact_env.laws import CONCEPTS, GRAVITY, HEAVY, concept, make, values
 from impact_env.methods import METHODS, Exact, Method, Moreau, RungeKutta
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import (
@@ -88,10 +88,7 @@ def _read_one(
     try:
         return make(concept, found), beside
     except ParameterError as error:
-        said = argument(error, concept)
-        raise ParameterError(
-            f"{path}.{said} = {str(error).partition(' = ')[2]}" if said else f"{path}: {error}"
-        ) from error
+        raise error.at_key(path, {name: name for name in (*CONCEPTS[concept], GRAVITY)}) from error
 
 
 def _write_one(absorber: Absorber | None) -> Plain:
@@ -127,7 +124,7 @@ def _read_several(path: str, plain: Mapping[str, Any]) -> SeveralAbsorbers:
         every.append(one)
         beside.append(
             {"position": fraction(f"{where}.position", more["position"])}
-            | ({"share": more["share"]} if "share" in more else {})
+            | ({"share": fraction(f"{where}.share", more["share"])} if "share" in more else {})
         )
     own = [member.get("mass_ratio") for member in members]
     shares = [more.get("share") for more in beside]
@@ -148,18 +145,14 @@ def _read_several(path: str, plain: Mapping[str, Any]) -> SeveralAbsorbers:
     )
     try:
         if every and not alone:
-            parts = (
-                None
-                if shares[0] is None
-                else [float(share) for share in shares if share is not None]
-            )
+            parts = None if shares[0] is None else [share for share in shares if share is not None]
             masses = shared_masses(
                 len(every), plain.get("mass_ratio", DEFAULT_MASS_RATIO), shares=parts
             )
             every = [replace(one, mass_ratio=mass) for one, mass in zip(every, masses, strict=True)]
         return SeveralAbsorbers(tuple(every), tuple(more["position"] for more in beside))
     except ParameterError as error:
-        raise ParameterError(f"{path}: {error}") from error
+        raise error.at_key(path, {}) from error
 
 
 def _read_absorber(path: str, plain: Any) -> Absorber | None:
@@ -167,8 +160,8 @@ def _read_absorber(path: str, plain: Any) -> Absorber | None:
     require("kind" in plain, f"{path}.kind", None, f"one of {', '.join((*KINDS, SEVERAL))}")
     if plain["kind"] == SEVERAL:
         return _read_several(path, {key: value for key, value in plain.items() if key != "kind"})
-    one_of(f"{path}.kind", plain["kind"], (*KINDS, SEVERAL))
-    return _read_one(path, plain)[0]
+    kind = one_of(f"{path}.kind", plain["kind"], (*KINDS, SEVERAL))
+    return _read_one(path, {**plain, "kind": kind})[0]
 
 
 def _write_absorber(absorber: Absorber) -> Plain:
@@ -224,7 +217,7 @@ def to_scene(plain: Mapping[str, Any], folder: Path | None = None) -> Scene:
     try:
         return beam_scene(structure, absorber)
     except ParameterError as error:
-        raise ParameterError(f"scene: {error}") from error
+        raise error.at_key("scene", {}) from error
 
 
 def to_structure(
@@ -262,7 +255,7 @@ def load_structure(path: Path | str) -> Structure:
     try:
         structure = _read(plain, path)
     except ParameterError as error:
-        raise ParameterError(f"{path}: {error}") from error
+        raise error.at_key(str(path), {}) from error
     beam = structure if isinstance(structure, Beam) else None
     model = modal_model(structure)
     own = plain.get("matrices", {}).get("suspension_frequency_hz")

@@ -148,7 +148,7 @@ def _read_samples(path: str, plain: Mapping[str, Any], quantity: str, folder: Pa
             f"{path}.file = {plain['file']!r} is not allowed: a file that can be read ({error.strerror or error})"
         ) from error
     except ParameterError as error:
-        raise ParameterError(f"{path}: {error}") from error
+        raise error.at_key(path, {}) from error
 
 
 def _row(file: Path, sample: int) -> int:

@@ -15,7 +15,20 @@ import numpy as np
 
 from impact_env.forms import NUMBER, ROW, WHOLE, Keys, Sort, form, tables
 from impact_env.modes import ModalModel
-from impact_env.parameters import Beam, ParameterError, Section, count, positive, require, row
+from impact_env.parameters import (
+    Beam,
+    ParameterError,
+    Section,
+    count,
+    count_from,
+    keep_checked,
+    labelled,
+    non_negative,
+    positive,
+    require,
+    row,
+    word_of,
+)
 from impact_env.structures.checks import StructureWarning, warnings_of_matrix
 from impact_env.structures.matrices import checked, lowest_modes, proportional_damping
 from impact_env.structures.matrix_files import (
@@ -59,7 +72,12 @@ class Profile:
     web: float = 0.0
 
     def __post_init__(self) -> None:
-        require(self.kind in PROFILES, "kind", self.kind, f"one of {', '.join(PROFILES)}")
+        sizes = sorted({key for keys in PROFILES.values() for key in keys})
+        keep_checked(
+            self,
+            kind=word_of(PROFILES),
+            **{key: labelled(f"{key}_m", non_negative) for key in sizes},
+        )
         for name in PROFILES:
             for key in PROFILES[name]:
                 value = getattr(self, key)
@@ -201,7 +219,7 @@ class _Place:
     direction: str
 
     def __post_init__(self) -> None:
-        count("node", self.node, 0)
+        keep_checked(self, node=count_from(0))
         allowed = f"one of {', '.join(DIRECTIONS)}, with - before it for the other sense"
         require(
             self.direction.lstrip("+-") in DIRECTIONS and len(self.direction) <= 2,

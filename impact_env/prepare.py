@@ -161,7 +161,7 @@ def prepare(
 
 
 def _checked(scene: Scene, method: Method | None, record: Record | None) -> None:
-    instance("record", record, Record | None)
+    record = instance("record", record, Record | None)
     kernel_key(
         instance("scene", scene, Scene),
         Exact() if method is None else instance("method", method, Method),

@@ -12,7 +12,7 @@ from impact_env.energy import EnergyAccount
 from impact_env.level import MOST_SAMPLES, ResponseLevel
 from impact_env.loads import amplitude_in_words
 from impact_env.methods import Method
-from impact_env.parameters import count, finite, flag, keep_checked, require
+from impact_env.parameters import count_from, finite, flag, keep_checked, labelled, require
 from impact_env.plots import plot_response, table
 from impact_env.scene import Scene
 
@@ -32,8 +32,11 @@ class Window:
     end: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "start", finite("start of the window", self.start))
-        object.__setattr__(self, "end", finite("end of the window", self.end))
+        keep_checked(
+            self,
+            start=labelled("start of the window", finite),
+            end=labelled("end of the window", finite),
+        )
         require(
             self.start < self.end,
             "end of the window",
@@ -61,16 +64,18 @@ class Record:
     reversals: bool = False
 
     def __post_init__(self) -> None:
-        count("samples_per_period", self.samples_per_period, 4, MOST_SAMPLES)
+        keep_checked(self, samples_per_period=count_from(4, MOST_SAMPLES))
         if self.envelope is not None:
-            object.__setattr__(self, "envelope", count("envelope", self.envelope, 1, MOST_BINS))
+            keep_checked(self, envelope=count_from(1, MOST_BINS))
         keep_checked(
             self,
             level=flag,
             events=flag,
             series=lambda name, given: given if isinstance(given, Window) else flag(name, given),
+            energy=flag,
+            check=flag,
+            reversals=flag,
         )
-        keep_checked(self, energy=flag, check=flag, reversals=flag)
 
 
 @dataclass(frozen=True, eq=False)

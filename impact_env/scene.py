@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from impact_env.parameters import (
     StuckAbsorber,
     YieldingWalls,
     instance,
+    keep_checked,
+    kind_of,
     require,
     row,
 )
@@ -31,8 +34,7 @@ class Scene:
     absorber: Absorber | None = None
 
     def __post_init__(self) -> None:
-        instance("model", self.model, ModalModel)
-        instance("absorber", self.absorber, Absorber | None)
+        keep_checked(self, model=kind_of(ModalModel), absorber=kind_of(Absorber | None))
         shapes = self.model.absorber_shapes
         several = self.absorber if isinstance(self.absorber, SeveralAbsorbers) else None
         if (
@@ -136,6 +138,14 @@ def beam_scene(beam: Structure | None = None, absorber: Absorber | None = None) 
     return Scene(modal_model(beam, absorber.positions), absorber)
 
 
+def _check_state(name: str, value: Any) -> float | NDArray[np.float64]:
+    """Return displacements or velocities as an array, those of one absorber as a float."""
+    allowed = "finite numbers: one for each mode, or of an absorber one, or one for each"
+    values = row(name, value, allowed)
+    single = np.ndim(value) == 0 and not name.startswith("modal")
+    return float(values[0]) if single else values
+
+
 @dataclass(frozen=True, eq=False)
 class InitialState:
     """State at time 0: modal displacement (N_m,) and velocity (N_m,), absorber displacement (m) and velocity (m/s). None is rest.
@@ -156,18 +166,8 @@ class InitialState:
             "absorber_displacement",
             "absorber_velocity",
         ):
-            given = getattr(self, name)
-            if given is not None or name == "absorber_velocity":
-                values = row(
-                    name,
-                    given,
-                    "finite numbers: one for each mode, or of an absorber one, or one for each",
-                )
-                object.__setattr__(
-                    self,
-                    name,
-                    values if np.ndim(given) > 0 or name.startswith("modal") else float(values[0]),
-                )
+            if getattr(self, name) is not None or name == "absorber_velocity":
+                keep_checked(self, **{name: _check_state})
 
     def vector(self, scene: Scene) -> NDArray[np.float64]:
         """Return (2 N_m + 2 n,): modal displacements, displacements of the n absorbers, modal velocities, velocities of the absorbers.

@@ -151,12 +151,10 @@ def simulate(
     """
     method = Exact() if method is None else method
     record = Record() if record is None else instance("record", record, Record)
-    (
-        instance("scene", scene, Scene),
-        instance("drive", drive, AnyDrive),
-        instance("progress", progress, Callable | None),
-    )
-    instance("stop", stop, Stop | None)
+    scene = instance("scene", scene, Scene)
+    drive = instance("drive", drive, AnyDrive)
+    progress = instance("progress", progress, Callable | None)
+    stop = instance("stop", stop, Stop | None)
     usual = drive.initial(scene) if isinstance(drive, Loads) else InitialState()
     initial = usual if initial is None else instance("initial", initial, InitialState)
     check_load(scene, drive, method)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar, Self
 
 import numpy as np
@@ -12,14 +13,14 @@ from numpy.typing import NDArray
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.modes import ModalModel
 from impact_env.parameters import (
+    each_of,
     finite,
-    instance,
     keep_checked,
-    listed,
+    kind_of,
     non_negative,
-    one_of,
     positive,
     require,
+    word_of,
 )
 
 Array = NDArray[np.float64]
@@ -121,8 +122,14 @@ class Shock(Load):
     sizes: ClassVar[tuple[str, ...]] = ("peak",)
 
     def __post_init__(self) -> None:
-        one_of("pulse", self.pulse, PULSES), one_of("quantity", self.quantity, QUANTITIES)
-        keep_checked(self, peak=finite, width=positive, length=positive)
+        keep_checked(
+            self,
+            pulse=word_of(PULSES),
+            quantity=word_of(QUANTITIES),
+            peak=finite,
+            width=positive,
+            length=positive,
+        )
         require(
             self.width <= self.length,
             "length",
@@ -136,7 +143,7 @@ class Shock(Load):
             "given for a trapezoid, else left out",
         )
         if self.rise is not None:
-            object.__setattr__(self, "rise", non_negative("rise", self.rise, self.width / 2))
+            keep_checked(self, rise=partial(non_negative, most=self.width / 2))
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces."""
@@ -168,8 +175,7 @@ class Strike(Load):
     sizes: ClassVar[tuple[str, ...]] = ("velocity",)
 
     def __post_init__(self) -> None:
-        keep_checked(self, velocity=finite, length=positive)
-        one_of("place", self.place, PLACES)
+        keep_checked(self, velocity=finite, length=positive, place=word_of(PLACES))
 
     @property
     def width(self) -> float:
@@ -233,7 +239,7 @@ class Force(Load):
     drive: Drive
 
     def __post_init__(self) -> None:
-        instance("drive", self.drive, Drive)
+        keep_checked(self, drive=kind_of(Drive))
 
     @property
     def schedule(self) -> FrequencySchedule:
@@ -276,8 +282,7 @@ class Unbalance(Load):
     sizes: ClassVar[tuple[str, ...]] = ("unbalance",)
 
     def __post_init__(self) -> None:
-        keep_checked(self, unbalance=finite, phase=finite)
-        instance("schedule", self.schedule, FrequencySchedule)
+        keep_checked(self, unbalance=finite, phase=finite, schedule=kind_of(FrequencySchedule))
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces."""
@@ -299,7 +304,7 @@ class ShakenBase(Load):
     sizes: ClassVar[tuple[str, ...]] = ("acceleration", "displacement")
 
     def __post_init__(self) -> None:
-        instance("schedule", self.schedule, FrequencySchedule)
+        keep_checked(self, schedule=kind_of(FrequencySchedule))
         given = [
             name for name in ("acceleration", "displacement") if getattr(self, name) is not None
         ]
@@ -373,14 +378,9 @@ class Tones(Load):
     quantity: str = FORCE
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self,
-            "tones",
-            tuple(instance("tones", tone, Tone) for tone in listed("tones", self.tones)),
-        )
+        keep_checked(self, tones=each_of(kind_of(Tone)))
         require(len(self.tones) > 0, "tones", self.tones, "one or more")
-        one_of("quantity", self.quantity, QUANTITIES)
-        instance("schedule", self.schedule, FrequencySchedule | None)
+        keep_checked(self, quantity=word_of(QUANTITIES), schedule=kind_of(FrequencySchedule | None))
         for tone in self.tones:
             require(
                 (tone.order is None) == (self.schedule is None),

@@ -194,7 +194,7 @@ class Comparison:
 
 def force_grid(design: float, forces: int = DEFAULT_FORCES) -> Array:
     """Return rising forces in N, (forces,), over `FORCE_SPAN` times the design force (N), denser around it; at least 2."""
-    count("forces", forces, 2, MOST_FORCES)
+    forces = count("forces", forces, 2, MOST_FORCES)
     design = positive("design force", design)
     marks = np.log([FORCE_SPAN[0], OPTIMUM_SPAN[0], OPTIMUM_SPAN[1], FORCE_SPAN[1]])
     return np.asarray(

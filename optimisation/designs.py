@@ -18,13 +18,18 @@ from impact_env.parameters import (
     Beam,
     ParameterError,
     TunedAbsorber,
+    each_of,
     finite,
     friction_damper,
     impact_absorber,
     instance,
+    keep_checked,
+    kind_of,
+    labelled,
     listed,
     one_of,
     require,
+    table_of,
     two,
 )
 from impact_env.scene import Scene
@@ -70,17 +75,9 @@ class Design:
 
     def __post_init__(self) -> None:
         names = _known(self.concept)
-        require(
-            set(instance("values", self.values, Mapping)) == set(names),
-            "values",
-            dict(self.values),
-            f"one for each of {', '.join(names)}",
-        )
-        object.__setattr__(
-            self,
-            "values",
-            {name: finite(f"values[{name}]", value) for name, value in self.values.items()},
-        )
+        keep_checked(self, values=table_of(finite))
+        allowed = f"one for each of {', '.join(names)}"
+        require(set(self.values) == set(names), "values", dict(self.values), allowed)
 
     def absorber(self) -> Absorber:
         """Return the absorber; a friction limit of 0 leaves friction out."""
@@ -138,11 +135,13 @@ class DesignSpace:
 
     def __post_init__(self) -> None:
         known = _known(self.concept)
-        instance("fixed", self.fixed, Mapping), instance("units", self.units, Units | None)
-        names = [
-            instance("free variables", variable, Variable).name
-            for variable in listed("free variables", self.free)
-        ]
+        keep_checked(
+            self,
+            free=labelled("free variables", each_of(kind_of(Variable))),
+            fixed=table_of(finite),
+            units=kind_of(Units | None),
+        )
+        names = [variable.name for variable in self.free]
         require(len(names) > 0, "free variables", names, f"one or more of {', '.join(known)}")
         require(len(set(names)) == len(names), "free variables", names, "each of them once")
         for name in [*names, *self.fixed]:
@@ -154,15 +153,8 @@ class DesignSpace:
             )
         both = sorted(set(names) & set(self.fixed))
         require(not both, "variables", both, "free or fixed, not both")
-        object.__setattr__(
-            self,
-            "fixed",
-            {
-                name: finite(f"fixed[{name}]", self.fixed[name])
-                for name in known
-                if name in self.fixed
-            },
-        )
+        in_order = {name: self.fixed[name] for name in known if name in self.fixed}
+        object.__setattr__(self, "fixed", in_order)
         for share in (
             0.0,
             1.0,

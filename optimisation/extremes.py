@@ -1,5 +1,6 @@
 """Which forces, masses and rates a study can use, refused with a reason before anything runs; and what a sweep shows of the stationary response."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from impact_env.drive import MOST_PERIODS, PAPER_LIMITS, Drive, linear_sweep
 from impact_env.modes import ModalModel
-from impact_env.parameters import number, positive, require
+from impact_env.parameters import positive, require, within
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.tuned import highest_amplitude
@@ -19,8 +20,8 @@ LEAST_PERIODS = 5.0  # of a sweep: in fewer the response has not begun to build 
 
 def usable_force(name: str, value: float) -> float:
     """Return a force in N; raises ParameterError unless it is above 0 and at most `MOST_FORCE`."""
-    require(0 < number(value) <= MOST_FORCE, name, value, f"above 0 and at most {MOST_FORCE:g} N")
-    return positive(name, value)
+    allowed = f"above 0 and at most {MOST_FORCE:g} N"
+    return positive(name, within(name, value, math.ulp(0.0), MOST_FORCE, allowed))
 
 
 def usable_mass_ratio(name: str, value: float) -> float:

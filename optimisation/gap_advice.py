@@ -381,7 +381,7 @@ def advise(
         f"from 0 to {MOST_TOLERANCE:g}, a share of the force",
     )
     wanted = [one_of("free", name, tuple(FREE)) for name in listed("free", free)]
-    count("members", members, 1)
+    members = count("members", members, 1)
     own = scaled_absorber(model, force, resonance) if absorber is None else absorber
     walls = rigid_walls(own)
     mass = own.mass_ratio * model.beam_mass

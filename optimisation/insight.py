@@ -87,7 +87,7 @@ def member_levels(
     rate: float | None = None,
 ) -> tuple[Array, Array]:
     """Return single members' levels in m, (designs, members, conditions), and that without absorber, (members, conditions)."""
-    count("members", members, 1)
+    members = count("members", members, 1)
     wider = replace(
         problem,
         conditions=tuple(conditions),

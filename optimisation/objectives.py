@@ -14,6 +14,7 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +25,17 @@ from impact_env.drive import PAPER_LIMITS
 from impact_env.loads import Loads, amplitude_in_words
 from impact_env.parameters import (
     ParameterError,
-    count,
-    finite,
+    count_from,
     fraction,
-    one_of,
+    keep_checked,
+    kind_of,
+    labelled,
+    or_none,
     positive,
     require,
     two,
+    within,
+    word_of,
 )
 from optimisation.designs import Design
 from optimisation.extremes import usable_force
@@ -100,6 +105,11 @@ def _is_own(name: object) -> bool:
     return isinstance(name, str) and ":" in name
 
 
+def _check_limits(_name: str, value: Any) -> tuple[float, float]:
+    low, high = two("limits of the sweep", value)
+    return positive("lower end of the sweep", low), high
+
+
 @dataclass(frozen=True)
 class Condition:
     """What a design must bear: a resonance (counted from 1) swept through ``limits`` times its frequency by a force in N.
@@ -116,21 +126,18 @@ class Condition:
     loads: Loads | None = None
 
     def __post_init__(self) -> None:
-        count("resonance", self.resonance, 1)
-        object.__setattr__(self, "force", usable_force("force", self.force))
-        low, high = two("limits of the sweep", self.limits)
-        object.__setattr__(self, "limits", (positive("lower end of the sweep", low), high))
-        require(
-            abs(finite("detuning", self.detuning)) < 0.5,
-            "detuning",
-            self.detuning,
-            "above -0.5 and below 0.5",
-        )
-        require(
-            self.loads is None or isinstance(self.loads, Loads),
-            "loads",
-            self.loads,
-            "Loads, or None",
+        keep_checked(
+            self,
+            resonance=count_from(1),
+            force=usable_force,
+            limits=_check_limits,
+            detuning=partial(
+                within,
+                least=math.nextafter(-0.5, 0),
+                most=math.nextafter(0.5, 0),
+                allowed="above -0.5 and below 0.5",
+            ),
+            loads=kind_of(Loads | None),
         )
 
     def describe(self) -> dict[str, object]:
@@ -228,15 +235,13 @@ class Objective:
         if _is_own(self.kind):
             function_of(self.kind)
         else:
-            one_of("objective", self.kind, KINDS)
-        one_of("over", self.over, (WORST, MEAN))
-        object.__setattr__(self, "quantile", fraction("quantile", self.quantile))
+            keep_checked(self, kind=labelled("objective", word_of(KINDS)))
+        keep_checked(self, over=word_of((WORST, MEAN)), quantile=fraction)
         if self.kind == "range":
-            object.__setattr__(self, "limit", positive("limit of the relative level", self.limit))
+            keep_checked(self, limit=labelled("limit of the relative level", positive))
         else:
             require(self.limit is None, "limit", self.limit, "for the objective range only")
-        if self.resonance is not None:
-            count("resonance", self.resonance, 1)
+        keep_checked(self, resonance=or_none(count_from(1)))
 
     @property
     def maximise(self) -> bool:
@@ -369,8 +374,8 @@ class Constraint:
         if _is_own(self.name):
             function_of(self.name)
         else:
-            one_of("constraint", self.name, LIMITABLE)
-        object.__setattr__(self, "limit", positive(f"limit of {self.name}", self.limit))
+            keep_checked(self, name=labelled("constraint", word_of(LIMITABLE)))
+        keep_checked(self, limit=labelled(f"limit of {self.name}", positive))
 
     def value(self, design: Design, measured: dict[str, Array]) -> float:
         """Return the name of the limited quantity."""

@@ -1,7 +1,7 @@
 """A design problem: a space, conditions, objectives and constraints; how a design becomes runs, and runs become a score."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -14,7 +14,17 @@ from impact_env.ensemble import Lane, Members, draw_members
 from impact_env.loads import Loads, Member
 from impact_env.methods import Exact, check_load
 from impact_env.modes import ModalModel, Structure
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, count, positive, require
+from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
+    Beam,
+    count_from,
+    each_of,
+    keep_checked,
+    kind_of,
+    labelled,
+    positive,
+    require,
+)
 from impact_env.scene import Scene
 from optimisation.bounds import design_force
 from optimisation.designs import Design, DesignSpace
@@ -76,13 +86,20 @@ class Problem:
     uncertain: Given = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        keep_checked(
+            self,
+            space=kind_of(DesignSpace),
+            conditions=each_of(kind_of(Condition)),
+            objectives=each_of(kind_of(Objective)),
+            constraints=each_of(kind_of(Constraint)),
+            beam=kind_of(Structure),
+            uncertain=kind_of(Mapping),
+            members=count_from(1),
+            seed=count_from(0),
+            fatigue_exponent=labelled("fatigue exponent", positive),
+        )
         require(len(self.conditions) > 0, "conditions", self.conditions, "one or more")
         require(len(self.objectives) > 0, "objectives", self.objectives, "one or more")
-        count("members", self.members, 1)
-        count("seed", self.seed, 0)
-        object.__setattr__(
-            self, "fatigue_exponent", positive("fatigue exponent", self.fatigue_exponent)
-        )
         self._place()
         for condition in self.conditions:
             self.model.resonance_omega(condition.resonance)

@@ -82,7 +82,7 @@ def spreads(uncertain: Given) -> tuple[Spread, ...]:
     """Return the distributions that are given by name, in the order of `NAMES`; raises ParameterError for what is no distribution."""
     found = {}
     for name, given in uncertain.items():
-        one_of("uncertain", name, NAMES)
+        name = one_of("uncertain", name, NAMES)
         path = f"uncertain {name}"
         words = [given] if isinstance(given, str) else list(given)
         require(len(words) in (1, 2), path, given, FORM)

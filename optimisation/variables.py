@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from typing import Any
 
 from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import (
@@ -20,7 +21,12 @@ from impact_env.parameters import (
     CoulombFriction,
     RigidWalls,
     TunedAbsorber,
+    count,
+    finite,
+    flag,
     friction_damper,
+    instance,
+    keep_checked,
     number,
     require,
 )
@@ -63,13 +69,19 @@ class Variable:
     whole: bool = False
 
     def __post_init__(self) -> None:
-        ok = -LARGE <= number(self.low) < number(self.high) <= LARGE
-        require(
-            ok,
-            f"bounds of {self.name}",
-            (self.low, self.high),
-            "two finite numbers, the first below the second",
+        given = self.low, self.high
+        keep_checked(
+            self,
+            low=lambda _name, value: number(value),
+            high=lambda _name, value: number(value),
+            default=finite,
+            log=flag,
+            scaled=flag,
+            whole=flag,
         )
+        allowed = "two finite numbers, the first below the second"
+        ok = -LARGE <= self.low < self.high <= LARGE
+        require(ok, f"bounds of {self.name}", given, allowed)
         require(
             not self.log or self.low > 0,
             f"bounds of {self.name}",
@@ -83,8 +95,6 @@ class Variable:
             ends,
             "whole numbers: it is a choice among them",
         )
-        for name in ("low", "high"):
-            object.__setattr__(self, name, float(getattr(self, name)))
         if not self.scaled:
             object.__setattr__(self, "si", self.unit)
 
@@ -240,6 +250,13 @@ def parts_of(name: str) -> tuple[str, int | None]:
     return (kind, int(which)) if which.isdigit() else (name, None)
 
 
+def _check_forces(name: str, value: Any) -> dict[int, float]:
+    """Return a force in N for each resonance, counted from 1."""
+    given = instance(name, value, Mapping)
+    require(len(given) > 0, name, dict(given), "at least one resonance with its force in N")
+    return {count("resonance", k, 1): finite(f"{name}[{k}]", force) for k, force in given.items()}
+
+
 @dataclass(frozen=True, eq=False)
 class Units:
     """Units of a ``beam`` under ``forces`` in N, one for each resonance (counted from 1)."""
@@ -248,12 +265,7 @@ class Units:
     forces: Mapping[int, float]
 
     def __post_init__(self) -> None:
-        require(
-            len(self.forces) > 0,
-            "forces",
-            dict(self.forces),
-            "at least one resonance with its force in N",
-        )
+        keep_checked(self, forces=_check_forces)
 
     @cached_property
     def _kept(self) -> dict[tuple[str, float, float], float]:

@@ -32,7 +32,7 @@ from impact_env.envs.settings import FORCES, Range, TaskSettings, pair, span
 from impact_env.envs.task import Array, Mask, Task
 from impact_env.kernels.control.interval import spread
 from impact_env.level import require_samples
-from impact_env.parameters import check_each, non_negative, positive
+from impact_env.parameters import keep_checked, non_negative, positive
 
 CYCLE = (
     Feature("tip displacement", True, "displacement of the tip", LENGTH),
@@ -58,8 +58,13 @@ class Cycle:
     price: float = 0.0
 
     def __post_init__(self) -> None:
-        pair(self, "frequency_ratio", "ratios to the resonance")
-        check_each(self, time_budget=positive, fatigue_exponent=positive, price=non_negative)
+        keep_checked(
+            self,
+            frequency_ratio=pair("ratios to the resonance"),
+            time_budget=positive,
+            fatigue_exponent=positive,
+            price=non_negative,
+        )
 
 
 class ActiveTask(Task):
@@ -200,7 +205,7 @@ class Drive(Cavity):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_each(self, gap_speed=positive, gap_lag=non_negative)
+        keep_checked(self, gap_speed=positive, gap_lag=non_negative)
 
     def towards(self, wanted: Array, gap: Array, interval: float) -> Array:
         """Return the half-clearances (L,) an interval (pseudo periods) later: a lag of first order, no faster than the speed."""

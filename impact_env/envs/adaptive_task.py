@@ -30,10 +30,10 @@ from impact_env.parameters import (
     Absorber,
     RigidWalls,
     SlidingAbsorber,
-    check_each,
-    one_of,
+    keep_checked,
     positive,
     require,
+    word_of,
 )
 
 WIDEST = (1e-9, 1e9)  # of the range, in its unit
@@ -46,7 +46,7 @@ class Cavity:
     gap_limits: Range = (0.1e-3, 3e-3)
 
     def __post_init__(self) -> None:
-        pair(self, "gap_limits", "half-clearances in m")
+        keep_checked(self, gap_limits=pair("half-clearances in m"))
 
 
 def require_cavity(absorber: Absorber | None) -> None:
@@ -124,15 +124,11 @@ class Grip:
     friction_range: Range = (0.02, 20.0)
 
     def __post_init__(self) -> None:
-        low, high = span("friction_range", self.friction_range)
+        keep_checked(self, friction_range=span)
+        low, high = self.friction_range
         ok = WIDEST[0] <= low < high <= WIDEST[1]
-        require(
-            ok,
-            "friction_range",
-            self.friction_range,
-            f"(low, high) with {WIDEST[0]} <= low < high <= {WIDEST[1]}",
-        )
-        object.__setattr__(self, "friction_range", (low, high))
+        allowed = f"(low, high) with {WIDEST[0]} <= low < high <= {WIDEST[1]}"
+        require(ok, "friction_range", self.friction_range, allowed)
 
 
 class VariableFrictionTask(Task):
@@ -206,14 +202,15 @@ class GapControl:
     fatigue_exponent: float = 5.0
 
     def __post_init__(self) -> None:
-        one_of("objective", self.objective, OBJECTIVES)
-        for name, unit in (
-            ("gap_limits", "half-clearances in m"),
-            ("hold", "pseudo periods"),
-            ("frequency_ratio", "ratios to the resonance"),
-        ):
-            pair(self, name, unit)
-        check_each(self, time_budget=positive, fatigue_exponent=positive)
+        keep_checked(
+            self,
+            objective=word_of(OBJECTIVES),
+            gap_limits=pair("half-clearances in m"),
+            hold=pair("pseudo periods"),
+            frequency_ratio=pair("ratios to the resonance"),
+            time_budget=positive,
+            fatigue_exponent=positive,
+        )
 
 
 class GapTask(ChosenGapTask):

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,16 +31,27 @@ from impact_env.parameters import (
     Beam,
     RigidWalls,
     SlidingAbsorber,
-    check_each,
-    count,
+    count_from,
+    flag,
+    keep_checked,
     non_negative,
-    one_of,
     positive,
     require,
+    word_of,
 )
 from impact_env.scene import Scene
 
 DIGITS = 1e-12
+
+
+def _span_within(
+    name: str, value: Any, *, lowest: float, highest: float = math.inf
+) -> tuple[float, float]:
+    """Return (low, high) as floats if both lie from ``lowest`` to ``highest``."""
+    low, high = span(name, value)
+    allowed = f"(low, high), from {lowest:g} to {highest:g}"
+    require(lowest <= low and high <= highest, name, value, allowed)
+    return low, high
 
 
 @dataclass(frozen=True)
@@ -57,21 +69,17 @@ class Drawn:
     fatigue_exponent: float = Passage.fatigue_exponent
 
     def __post_init__(self) -> None:
-        for name, lowest, highest in (
-            ("limits", DIGITS, math.inf),
-            ("gap_starts", DIGITS, math.inf),
-            ("damping", 1e-4, 0.5),
-            ("restitution", 0.0, 1.0),
-        ):
-            low, high = span(name, getattr(self, name))
-            require(
-                lowest <= low and high <= highest,
-                name,
-                getattr(self, name),
-                f"(low, high), from {lowest:g} to {highest:g}",
-            )
-            object.__setattr__(self, name, (low, high))
-        non_negative("start_spread", self.start_spread)
+        keep_checked(
+            self,
+            limits=partial(_span_within, lowest=DIGITS),
+            gap_starts=partial(_span_within, lowest=DIGITS),
+            damping=partial(_span_within, lowest=1e-4, highest=0.5),
+            restitution=partial(_span_within, lowest=0.0, highest=1.0),
+            scenes=count_from(1, 1000),
+            price=non_negative,
+            fatigue_exponent=positive,
+            start_spread=non_negative,
+        )
         room = 0.5 * (self.limits[1] - self.limits[0])
         require(
             self.start_spread < room,
@@ -79,11 +87,7 @@ class Drawn:
             self.start_spread,
             f"less than half the width of limits, {room:g}",
         )
-        object.__setattr__(
-            self, "sweep_rates", speeds("sweep_rates", self.sweep_rates, self.limits)
-        )
-        count("scenes", self.scenes, 1, 1000)
-        check_each(self, price=non_negative, fatigue_exponent=positive)
+        keep_checked(self, sweep_rates=partial(speeds, limits=self.limits))
 
     def pool(self, scene: Scene) -> list[Scene]:
         """Return the scenes that episodes draw from: another damping and another restitution each, the same ones always."""
@@ -347,13 +351,11 @@ class Pool:
     observe_structure: bool = True
 
     def __post_init__(self) -> None:
-        one_of("split", self.split, SPLITS)
-        count("structures", self.structures, 1, 1000)
-        require(
-            isinstance(self.observe_structure, bool),
-            "observe_structure",
-            self.observe_structure,
-            "True or False",
+        keep_checked(
+            self,
+            split=word_of(SPLITS),
+            structures=count_from(1, 1000),
+            observe_structure=flag,
         )
 
     def models(self, standard: ModalModel) -> list[ModalModel]:

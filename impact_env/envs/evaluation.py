@@ -237,7 +237,7 @@ def evaluate(
     its defaults are not comparable with those that are published. Needs gymnasium. Raises ParameterError for what is not allowed.
     """
     require(env_id in ENVIRONMENTS, "env_id", env_id, f"one of {', '.join(ENVIRONMENTS)}")
-    one_of("split", split, SPLITS)
+    split = one_of("split", split, SPLITS)
     seeds = SPLITS[split][: count("episodes", episodes, 2, len(SPLITS[split]))]
     given = ({"split": split} if ENVIRONMENTS[env_id].has_split else {}) | dict(arguments or {})
     own = Scored.of(

@@ -18,16 +18,21 @@ from impact_env.modes import Structure, modal_model
 from impact_env.parameters import (
     MOST_ELEMENTS,
     Beam,
+    Check,
     RigidWalls,
     SlidingAbsorber,
-    count,
+    count_from,
     finite,
     flag,
     instance,
+    keep_checked,
+    listed,
     non_negative,
     one_of,
+    or_none,
     positive,
     require,
+    word_of,
 )
 from impact_env.plain import from_scene, load_structure, to_beam, to_scene
 from impact_env.plain_loads import to_loads
@@ -63,23 +68,24 @@ def known(name: str, value: Mapping[str, Any], allowed: set[str]) -> dict[str, A
 
 def span(name: str, value: Any) -> Range:
     """Return (low, high) for a finite number, or for a pair of them with low not above high."""
-    if (
-        isinstance(value, Sequence | np.ndarray)
-        and not isinstance(value, str)
-        and getattr(value, "ndim", 1) > 0
-    ):
-        require(len(value) == 2, name, value, "a number, or a pair (low, high)")
-        low, high = (finite(name, float(x) if isinstance(x, np.floating) else x) for x in value)
+    if isinstance(value, Sequence | np.ndarray) and getattr(value, "ndim", 1) > 0:
+        given = listed(name, value)
+        require(len(given) == 2, name, value, "a number, or a pair (low, high)")
+        low, high = (finite(name, x) for x in given)
         require(low <= high, name, value, "a pair (low, high) with low not above high")
         return low, high
     return (finite(name, value),) * 2
 
 
-def pair(group: object, name: str, what: str) -> None:
-    """Make an argument of a group, a frozen dataclass, a pair (low, high) of numbers above 0."""
-    value = getattr(group, name)
-    require(span(name, value)[0] > 0, name, value, f"(low, high), {what} above 0")
-    object.__setattr__(group, name, span(name, value))
+def pair(what: str) -> Check:
+    """Return the check of a pair (low, high) of numbers above 0, or of one number for both."""
+
+    def check(name: str, value: Any) -> Range:
+        low, high = span(name, value)
+        require(low > 0, name, value, f"(low, high), {what} above 0")
+        return low, high
+
+    return check
 
 
 def make_method(name: str, steps_per_period: int | None) -> Method:
@@ -217,14 +223,15 @@ class TaskSettings:
     moves_base: bool = False
 
     def __post_init__(self) -> None:
-        known(
-            "absorber_options",
-            self.absorber_options,
-            set(CONCEPTS[one_of("absorber", self.absorber, CONCEPTS)]),
+        keep_checked(
+            self,
+            absorber=word_of(CONCEPTS),
+            modes=count_from(1, 2 * MOST_ELEMENTS),
+            threads=or_none(count_from(1)),
+            raw_state=flag,
+            moves_base=flag,
         )
-        count("modes", self.modes, 1, 2 * MOST_ELEMENTS)
-        if self.threads is not None:
-            count("threads", self.threads, 1)
+        known("absorber_options", self.absorber_options, set(CONCEPTS[self.absorber]))
         beam = known("beam", self.beam, {f.name for f in fields(Beam)})
         require(
             "modes" not in beam, "beam", self.beam, "no key modes: that is an argument of its own"
@@ -245,12 +252,12 @@ class TaskSettings:
                 "left out beside a structure, whose file says what it is",
             )
         check_supported(self.scene, self.integrator)
-        self.scene.model.resonance_omega(self.resonance)
+        model = self.scene.model
+        keep_checked(self, resonance=lambda _name, value: model.check_resonance(value))
         low, high = self.forces
         allowed = f"a force in N from {FORCES[0]:g} to {FORCES[1]:g}, or a pair (low, high) of such to draw from"
         require(FORCES[0] <= low <= high <= FORCES[1], "force", self.force, allowed)
-        count("samples_per_period", self.samples_per_period, 8, MOST_SAMPLES)
-        positive("interval", self.interval)
+        keep_checked(self, samples_per_period=count_from(8, MOST_SAMPLES), interval=positive)
         samples = self.interval * self.samples_per_period
         whole = abs(samples - round(samples)) < 1e-9 and round(samples) >= 4
         require(
@@ -259,11 +266,12 @@ class TaskSettings:
             self.interval,
             f"a multiple of 1/{self.samples_per_period} pseudo periods (one sample), four samples or more",
         )
-        non_negative("observation_noise", self.observation_noise)
-        count("observation_delay", self.observation_delay, 0)
-        positive("impacts_limit", self.impacts_limit)
-        for name in ("raw_state", "moves_base"):
-            object.__setattr__(self, name, flag(name, getattr(self, name)))
+        keep_checked(
+            self,
+            observation_noise=non_negative,
+            observation_delay=count_from(0),
+            impacts_limit=positive,
+        )
         check_general(self.scene, self.integrator, self.record, moves_base=self.moves_base)
 
     def _check_whole_scene(self) -> None:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from impact_env.envs.task import FREQUENCY_SCALE, Array, Mask, Task
 from impact_env.kernels.control.episodes import Way, go_on, pay_for_damage, pay_for_level
 from impact_env.kernels.control.interval import spread
 from impact_env.level import require_samples
-from impact_env.parameters import check_each, non_negative, one_of, positive, require
+from impact_env.parameters import keep_checked, non_negative, positive, require, word_of
 
 DIRECTIONS = ("up", "down", "random")
 BUDGET_ENDS = ("truncated", "terminated")
@@ -27,7 +28,8 @@ PER_PERIOD = 1e-4  # a rate of 1 % in 100 pseudo periods, as change of the frequ
 
 def speeds(name: str, value: Any, limits: Range) -> Range:
     """Return (slowest, fastest) of rates at which the range of frequencies takes a pseudo period at least: faster ones would leave no response."""
-    (slow, fast), most = span(name, value), (limits[1] - limits[0]) / PER_PERIOD
+    slow, fast = span(name, value)
+    most = (limits[1] - limits[0]) / PER_PERIOD
     allowed = f"in % per 100 pseudo periods, above 0 and at most {most:.6g}, at which the whole of limits takes one pseudo period"
     require(slow > 0 and fast <= most * (1 + 1e-9), name, value, allowed)
     return slow, fast
@@ -52,29 +54,25 @@ class Passage:
     level_unit: str = "reference"
 
     def __post_init__(self) -> None:
-        one_of("direction", self.direction, DIRECTIONS)
-        one_of("objective", self.objective, OBJECTIVES)
-        low, high = span("limits", self.limits)
-        require(
-            0 < low < high,
-            "limits",
-            self.limits,
-            "(low, high) frequency ratios with 0 < low < high",
-        )
-        object.__setattr__(self, "limits", (low, high))
-        object.__setattr__(self, "rates", speeds("rates", self.rates, (low, high)))
-        check_each(
+        keep_checked(self, limits=span)
+        low, high = self.limits
+        allowed = "(low, high) frequency ratios with 0 < low < high"
+        require(0 < low < high, "limits", self.limits, allowed)
+        keep_checked(
             self,
+            direction=word_of(DIRECTIONS),
+            objective=word_of(OBJECTIVES),
+            rates=partial(speeds, limits=self.limits),
             backward_rate=non_negative,
             time_budget=positive,
             time_price=non_negative,
             unfinished_price=non_negative,
+            fatigue_exponent=positive,
+            budget_end=word_of(BUDGET_ENDS),
+            frequency_origin=word_of(ORIGINS),
+            frequency_unit=positive,
+            level_unit=word_of(LEVEL_UNITS),
         )
-        check_each(self, fatigue_exponent=positive)
-        one_of("budget_end", self.budget_end, BUDGET_ENDS)
-        one_of("frequency_origin", self.frequency_origin, ORIGINS)
-        positive("frequency_unit", self.frequency_unit)
-        one_of("level_unit", self.level_unit, LEVEL_UNITS)
 
 
 class SweepTask(Task):

@@ -19,8 +19,12 @@ from impact_env.parameters import (
     ElasticCoulombFriction,
     RigidWalls,
     SlidingAbsorber,
+    check_restitution,
     finite,
     impact_absorber,
+    keep_checked,
+    kind_of,
+    labelled,
     non_negative,
     positive,
     require,
@@ -50,14 +54,16 @@ class Case:
     mass_ratio: float = DEFAULT_MASS_RATIO
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "omega", positive("frequency", self.omega))
-        object.__setattr__(self, "force", finite("force amplitude", self.force))
-        object.__setattr__(self, "gap", positive("gap", self.gap))
-        object.__setattr__(self, "restitution", RigidWalls(self.gap, self.restitution).restitution)
-        object.__setattr__(
-            self, "friction_limit", non_negative("friction limit", self.friction_limit)
+        keep_checked(
+            self,
+            omega=labelled("frequency", positive),
+            force=labelled("force amplitude", finite),
+            model=kind_of(ModalModel),
+            gap=positive,
+            restitution=check_restitution,
+            friction_limit=labelled("friction limit", non_negative),
+            mass_ratio=positive,
         )
-        object.__setattr__(self, "mass_ratio", positive("mass_ratio", self.mass_ratio))
 
     @property
     def scene(self) -> Scene:

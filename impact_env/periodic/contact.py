@@ -16,8 +16,9 @@ from impact_env.parameters import (
     CompliantWalls,
     CoulombFriction,
     ElasticCoulombFriction,
-    check_each,
+    keep_checked,
     non_negative,
+    or_none,
     positive,
     require,
 )
@@ -202,11 +203,13 @@ class RigidContact:
     friction_weight: float
 
     def __post_init__(self) -> None:
-        if self.gap is not None:
-            non_negative("gap", self.gap)
-        if self.friction_limit is not None:
-            CoulombFriction(self.friction_limit)
-        check_each(self, weight=positive, friction_weight=positive)
+        keep_checked(
+            self,
+            gap=or_none(non_negative),
+            friction_limit=or_none(lambda _name, value: CoulombFriction(value).limit),
+            weight=positive,
+            friction_weight=positive,
+        )
 
     def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> Contact:
         """See `Law`."""
@@ -277,9 +280,14 @@ class CompliantContact:
 
     def __post_init__(self) -> None:
         if self.gap is not None or self.stiffness is not None:
-            CompliantWalls(self.stiffness, self.gap)  # type: ignore[arg-type]  # refuses one without the other, and so does friction
+            # refuses one without the other, and so does friction
+            walls = CompliantWalls(self.stiffness, self.gap)  # type: ignore[arg-type]
+            object.__setattr__(self, "stiffness", walls.stiffness)
+            object.__setattr__(self, "gap", walls.gap)
         if self.friction_limit is not None or self.friction_stiffness is not None:
-            ElasticCoulombFriction(self.friction_limit, self.friction_stiffness)  # type: ignore[arg-type]
+            friction = ElasticCoulombFriction(self.friction_limit, self.friction_stiffness)  # type: ignore[arg-type]
+            object.__setattr__(self, "friction_limit", friction.limit)
+            object.__setattr__(self, "friction_stiffness", friction.stiffness)
 
     def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> Contact:  # noqa: ARG002 - no law of the dynamics
         """See `Law`."""

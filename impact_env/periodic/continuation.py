@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from impact_env.parameters import count, finite, positive, require
+from impact_env.parameters import count_from, finite, keep_checked, positive, require
 from impact_env.periodic.branch import (
     CLOSED,
     COUNT,
@@ -49,16 +49,22 @@ class Steps:
     iterations: int = 9
 
     def __post_init__(self) -> None:
-        for name in ("first", "least", "most", "turn", "tolerance"):
-            positive(name, getattr(self, name))
+        keep_checked(
+            self,
+            first=positive,
+            least=positive,
+            most=positive,
+            turn=positive,
+            tolerance=positive,
+            points=count_from(2),
+            iterations=count_from(2),
+        )
         require(
             self.least <= self.first <= self.most,
             "first",
             self.first,
             f"from least = {self.least} to most = {self.most}",
         )
-        count("points", self.points, 2)
-        count("iterations", self.iterations, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +104,7 @@ class Problem:
     def __post_init__(self) -> None:
         low, high = self.limits
         require(low < high, "limits", self.limits, "two numbers, the lower one first")
-        positive("parameter_scale", self.parameter_scale)
+        keep_checked(self, parameter_scale=positive)
         require(bool(np.all(np.asarray(self.scale) > 0)), "scale", self.scale, "numbers above 0")
 
     def system(self, n: int, steps: Steps) -> System:
@@ -128,7 +134,7 @@ def start(
         z,
         "a row of finite unknowns",
     )
-    finite("parameter", parameter)
+    parameter = finite("parameter", parameter)
     low, high = problem.limits
     require(
         low <= parameter <= high,

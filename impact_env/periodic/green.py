@@ -23,7 +23,7 @@ from impact_env.kernels.periodic.newton import (
     newton,
 )
 from impact_env.kernels.periodic.structure import Point
-from impact_env.parameters import require
+from impact_env.parameters import keep_checked, require, word_of
 from impact_env.periodic.case import Case
 from impact_env.periodic.schedule import EventSchedule
 
@@ -166,12 +166,7 @@ class Conditions:
     parameter: str = "omega"
 
     def __post_init__(self) -> None:
-        require(
-            self.parameter in PARAMETERS,
-            "parameter",
-            self.parameter,
-            f"one of {', '.join(PARAMETERS)}",
-        )
+        keep_checked(self, parameter=word_of(PARAMETERS))
 
     def __call__(self, z: Array, value: float) -> tuple[Array, Array]:
         """Return the conditions (m,) at unknowns (m,), and their derivatives (m, m + 1) by the unknowns and by the parameter."""

@@ -30,8 +30,12 @@ from impact_env.parameters import (
     ElasticCoulombFriction,
     RigidWalls,
     SlidingAbsorber,
-    count,
+    count_from,
     finite,
+    flag,
+    keep_checked,
+    kind_of,
+    labelled,
     non_negative,
     positive,
     require,
@@ -80,10 +84,14 @@ class JointOfMass:
     multiple: int = 1
 
     def __post_init__(self) -> None:
-        positive("mass", self.mass)
-        count("harmonics", self.harmonics, 1)
-        count("multiple", self.multiple, 1, self.harmonics)
-        non_negative("grounded_damper", self.grounded_damper)
+        keep_checked(
+            self,
+            model=kind_of(ModalModel),
+            mass=positive,
+            harmonics=count_from(1),
+            grounded_damper=non_negative,
+        )
+        keep_checked(self, multiple=count_from(1, self.harmonics))
 
     def dynamics(self, omega: float) -> Dynamics:
         """Return the dynamics at the drive's frequency in rad/s; raises ParameterError where an undamped mode is met exactly."""
@@ -171,8 +179,13 @@ class Balance:
     centring: float = 0.0
 
     def __post_init__(self) -> None:
-        positive(OMEGA, self.omega)
-        finite(FORCE, self.force)
+        keep_checked(
+            self,
+            omega=labelled(OMEGA, positive),
+            force=labelled(FORCE, finite),
+            symmetric=flag,
+            centring=finite,
+        )
 
     @property
     def kept(self) -> NDArray[np.intp]:
@@ -373,8 +386,8 @@ def harmonic_balance(
     )
     assert isinstance(absorber, SlidingAbsorber)
     weightless(absorber, "harmonic balance")
-    positive("weight", weight)
-    positive("friction_weight", friction_weight)
+    weight = positive("weight", weight)
+    friction_weight = positive("friction_weight", friction_weight)
     require(
         not symmetric or multiple % 2 == 1,
         "multiple",

@@ -256,7 +256,7 @@ class IsolaMap:
 
 def truncated(model: ModalModel, modes: int) -> ModalModel:
     """Return the model with its first ``modes`` modes; raises ParameterError if it has fewer."""
-    count("modes", modes, 1, model.modes)
+    modes = count("modes", modes, 1, model.modes)
     level = None if model.response_shape is None else model.response_shape[:modes]
     rows = (
         model.omega[:modes],

@@ -271,7 +271,7 @@ def overview(
 
     ``keep`` takes finished pieces and gives them back. Ctrl-C ends it with what is known so far. Raises ParameterError for bad values.
     """
-    finite("force", force)
+    force = finite("force", force)
     require(
         0 < low < high,
         "frequency range",

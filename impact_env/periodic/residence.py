@@ -19,7 +19,16 @@ from numpy.typing import NDArray
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.ensemble import Executor, Lane, Progress, each_lane
 from impact_env.methods import Exact, Method
-from impact_env.parameters import count, non_negative, positive, require
+from impact_env.parameters import (
+    count,
+    finite,
+    keep_checked,
+    labelled,
+    non_negative,
+    or_none,
+    positive,
+    require,
+)
 from impact_env.response import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
@@ -43,11 +52,13 @@ class Approach:
     ramp: float = 50.0
 
     def __post_init__(self) -> None:
-        positive("reference frequency", self.reference)
-        if self.ratio is not None:
-            non_negative("approach ratio", self.ratio)
-        positive("approach periods", self.periods)
-        positive("approach ramp", self.ramp)
+        keep_checked(
+            self,
+            reference=labelled("reference frequency", positive),
+            ratio=or_none(labelled("approach ratio", non_negative)),
+            periods=labelled("approach periods", positive),
+            ramp=labelled("approach ramp", positive),
+        )
 
     @property
     def lead(self) -> float:
@@ -176,7 +187,7 @@ def stays(
     ``executor`` makes the runs elsewhere, as for `ensemble.run_lanes`.
     Raises ParameterError for a bad value, IntegrationError if a lane breaks down.
     """
-    positive("periods", periods)
+    periods = positive("periods", periods)
     require(
         0 < silence < periods,
         "silence",
@@ -225,7 +236,7 @@ def exit_rate(observed: Stays, burn_in: float = 0.0, level: float = LEVEL) -> Ex
     ``burn_in``: pseudo periods at a stay's start that are left out, with what ended in them. The interval is Garwood's for a Poisson count
     (F. Garwood, Biometrika 28, 1936). Without any time at risk rate and interval are NaN.
     """
-    non_negative("burn_in", burn_in)
+    burn_in = non_negative("burn_in", burn_in)
     require(0 < level < 1, "level", level, "a number between 0 and 1")
     rest = observed.after(burn_in)
     exits = int(np.sum(rest.ended))
@@ -370,6 +381,7 @@ class Range:
     stop: float
 
     def __post_init__(self) -> None:
+        keep_checked(self, start=finite, first=finite, last=finite, stop=finite)
         row = np.array([self.start, self.first, self.last, self.stop])
         ok = bool(np.all(np.diff(row) < 0) or np.all(np.diff(row) > 0))
         require(

@@ -11,7 +11,16 @@ from functools import cached_property
 import numpy as np
 
 from impact_env.kernels.periodic.structure import Order
-from impact_env.parameters import ParameterError, count, require
+from impact_env.parameters import (
+    ParameterError,
+    count,
+    count_from,
+    each_of,
+    flag,
+    keep_checked,
+    kind_of,
+    require,
+)
 
 
 class Regime(Enum):
@@ -64,7 +73,7 @@ class Event:
 
 def turn_of(symmetric: bool, period_multiple: int) -> float:
     """Return the phase of the force in rad after which an orbit's state comes back, mirrored where it is ``symmetric``."""
-    count("period_multiple", period_multiple, 1)
+    period_multiple = count("period_multiple", period_multiple, 1)
     odd = period_multiple % 2 == 1
     require(
         odd or not symmetric,
@@ -87,7 +96,12 @@ class EventSchedule:
     period_multiple: int = 1
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "events", tuple(self.events))
+        keep_checked(
+            self,
+            events=each_of(kind_of(Event)),
+            symmetric=flag,
+            period_multiple=count_from(1),
+        )
         require(len(self.events) > 0, "events", self.events, "one or more")
         turn_of(self.symmetric, self.period_multiple)  # raises where there is no such orbit
         require(

@@ -179,7 +179,7 @@ def largest_exponent(scene: Scene, settled: Drive, periods: int) -> Exponent:
 
     Raises ParameterError for fewer than a stretch a block, or a scene without one impact absorber; PassageError where a motion has no derivative.
     """
-    count("periods", periods, STRETCH * BLOCKS)
+    periods = count("periods", periods, STRETCH * BLOCKS)
     schedule = settled.schedule
     case = case_of(scene, settled.amplitude, float(schedule.omegas[-1]))
     state = simulate(scene, settled, record=RECORD).end_state

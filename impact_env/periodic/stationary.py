@@ -17,7 +17,15 @@ from numpy.typing import NDArray
 from impact_env.drive import Drive, constant_frequency
 from impact_env.energy import EnergyAccount, mechanical_energy
 from impact_env.ensemble import Executor, Lane, Progress, draw_members, each_lane
-from impact_env.parameters import check_each, count, fraction, non_negative, positive
+from impact_env.parameters import (
+    count,
+    count_from,
+    fraction,
+    keep_checked,
+    non_negative,
+    or_none,
+    positive,
+)
 from impact_env.periodic.case import start_from
 from impact_env.periodic.residence import Approach, finished, hold
 from impact_env.response import History, Record, Response
@@ -53,9 +61,9 @@ class Criteria:
     depth: float = 0.5
 
     def __post_init__(self) -> None:
-        positive("tolerance", self.tolerance)
-        count("most_multiple", self.most_multiple, 1)
-        check_each(self, pause=positive, depth=fraction)
+        keep_checked(
+            self, tolerance=positive, most_multiple=count_from(1), pause=positive, depth=fraction
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +245,7 @@ def stationary(
 
     An elastic slider begins the window without force. Raises as `simulate` does, and ParameterError for fewer than two periods.
     """
-    count("window periods", periods, 2)
+    periods = count("window periods", periods, 2)
     omega = positive("settled frequency", float(settled.schedule.omegas[-1]))
     end = simulate(scene, settled, initial=initial, record=Record(events=True)).end_state
     phase = settled.phase + float(settled.schedule.phase_at(float(settled.schedule.times[-1])))
@@ -342,13 +350,16 @@ class StationaryRuns:
     executor: Executor | None = None
 
     def __post_init__(self) -> None:
-        count("points", self.points, 2)
-        count("members", self.members, 1)
-        positive("settle", self.settle)
-        count("window", self.window, 2)
-        count("seed", self.seed, 0)
-        if self.approach is not None:
-            non_negative("approach", self.approach)
+        keep_checked(
+            self,
+            points=count_from(2),
+            members=count_from(1),
+            settle=positive,
+            window=count_from(2),
+            seed=count_from(0),
+            approach=or_none(non_negative),
+            threads=or_none(count_from(1)),
+        )
 
     @property
     def settings(self) -> dict[str, Any]:

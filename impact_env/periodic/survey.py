@@ -51,7 +51,7 @@ def orbit_of_simulation(
     The run is then taken to have the smallest period, of up to ``most_multiple`` of the force's, after which it comes as close to itself as `CLOSE`;
     Newton's method does the rest. Only an attracting orbit is found so.
     """
-    count("most_multiple", most_multiple, 1)
+    most_multiple = count("most_multiple", most_multiple, 1)
     state, here = state_after(case, settle, initial, phase)
     symmetric, multiple, miss = _return_of(case, state, here, most_multiple)
     if multiple == 0:

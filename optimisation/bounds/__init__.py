@@ -473,13 +473,14 @@ def share_reached(
     Raises ParameterError for numbers out of range, a force of 0, and an undamped resonance in the range.
     """
     low, high = frequency_range(low, high)
+    force = non_negative("force", force)
     require(
-        non_negative("force", force) > 0,
+        force > 0,
         "force",
         force,
         "above 0 N, since nothing is to be reduced",
     )
-    without = float(force) * highest_amplitude(model, None, resonance, low, high)[0] / np.sqrt(2)
+    without = force * highest_amplitude(model, None, resonance, low, high)[0] / np.sqrt(2)
     require(
         bool(np.isfinite(without)),
         "damping_ratio",

@@ -287,7 +287,7 @@ def check(given: dict[str, Any]) -> None:
         raise BadInput(
             f"--at = {given['at']} is not allowed: a ratio from --from = {given['start']} to --to = {given['stop']}"
         )
-    count("points", given["points"], 2)
+    given["points"] = count("points", given["points"], 2)
     check_targets(given, ".json", ".gz")
 
 

@@ -494,8 +494,9 @@ def _number(control: Control, value: object) -> float:
     slack = 1e-9 * high
     shown = value if isinstance(value, int | float) else f"{value!r:.40}"
     allowed = f"{low * control.per:g} to {high * control.per:g} {control.unit}".rstrip()
-    require(low - slack <= number(value) <= high + slack, control.label, shown, allowed)
-    return min(max(number(value), low), high)
+    found = number(value)
+    require(low - slack <= found <= high + slack, control.label, shown, allowed)
+    return min(max(found, low), high)
 
 
 def structure_of(values: Asked, structure: Structure) -> Structure:

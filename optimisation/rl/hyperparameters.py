@@ -1,5 +1,6 @@
 """Hyperparameters of the agents: read from YAML by environment and algorithm, and checked before anything is trained."""
 
+import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -9,9 +10,40 @@ from typing import Any
 
 from impact_env.envs import ENVIRONMENTS
 from impact_env.extras import optional
-from impact_env.parameters import count, finite, fraction, non_negative, positive, require
+from impact_env.parameters import (
+    Check,
+    count,
+    count_from,
+    finite,
+    flag,
+    fraction,
+    keep_checked,
+    non_negative,
+    positive,
+    require,
+    within,
+)
 
-# how the hyperparameters of any algorithm are checked: whole numbers from 1 on, and others
+WIDTHS = "a list of widths, as [64, 64]"
+
+
+def _check_widths(name: str, value: Any) -> tuple[int, ...]:
+    require(isinstance(value, Sequence) and not isinstance(value, str), name, value, WIDTHS)
+    return tuple(count(name, width, 1) for width in value)
+
+
+def _check_noise_steps(name: str, value: Any) -> int:
+    allowed = "a number of steps of each lane, 1 or more, or -1 for a whole round"
+    found = count(name, value, -1, allowed=allowed)
+    require(found != 0, name, value, allowed)
+    return found
+
+
+def _check_action(name: str, value: Any) -> float:
+    most = math.nextafter(1.0, 0.0)
+    return within(name, value, -most, most, "a number between -1 and 1")
+
+
 WHOLE = (
     "steps",
     "legs",
@@ -24,12 +56,18 @@ WHOLE = (
     "train_freq",
     "gradient_steps",
 )
-NUMBERS = {
+# how the hyperparameters of any algorithm are checked
+CHECKS: dict[str, Check] = {
+    **dict.fromkeys(WHOLE, count_from(1)),
     **dict.fromkeys(
         ("reward_scale", "learning_rate", "final_learning_rate", "clip_range"), positive
     ),
     **dict.fromkeys(("gamma", "gae_lambda", "tau"), fraction),
     **dict.fromkeys(("log_std_init", "target_entropy", "initial_value"), finite),
+    "hidden": _check_widths,
+    "initial_action": _check_action,
+    "use_sde": flag,
+    "sde_sample_freq": _check_noise_steps,
 }
 PACKAGED = Path(__file__).with_name("hyperparameters.yaml")
 
@@ -56,34 +94,10 @@ class Hyperparameters(ABC):
     initial_action: float
 
     def __post_init__(self) -> None:
-        own = dict(vars(self))
-        for name in (name for name in WHOLE if name in own):
-            count(name, own[name], 1)
-        for name in (name for name in NUMBERS if name in own):
-            object.__setattr__(self, name, NUMBERS[name](name, own[name]))
+        own = vars(self)
+        keep_checked(self, **{name: check for name, check in CHECKS.items() if name in own})
         require(self.legs <= self.steps, "legs", self.legs, f"not more than steps = {self.steps}")
-        listed = (
-            isinstance(self.hidden, Sequence)
-            and not isinstance(self.hidden, str)
-            and len(self.hidden) > 0
-        )
-        require(listed, "hidden", self.hidden, "a list of widths, as [64, 64]")
-        object.__setattr__(
-            self, "hidden", tuple(count("hidden", width, 1) for width in self.hidden)
-        )
-        inside = -1 < finite("initial_action", self.initial_action) < 1
-        require(inside, "initial_action", self.initial_action, "a number between -1 and 1")
-        require(isinstance(own["use_sde"], bool), "use_sde", own["use_sde"], "true or false")
-        lasts = own["sde_sample_freq"]
-        allowed = (
-            isinstance(lasts, int) and not isinstance(lasts, bool) and (lasts == -1 or lasts > 0)
-        )
-        require(
-            allowed,
-            "sde_sample_freq",
-            lasts,
-            "a number of steps of each lane, 1 or more, or -1 for a whole round",
-        )
+        require(len(self.hidden) > 0, "hidden", self.hidden, WIDTHS)
 
     def rate_of(self, leg: int) -> float:
         """Return the learning rate of a leg, counted from 0."""
@@ -134,7 +148,7 @@ class PPOSettings(Hyperparameters):
             self.batch_size,
             f"a divisor of n_steps * lanes = {self.n_steps * self.lanes}, above 1",
         )
-        object.__setattr__(self, "ent_coef", non_negative("ent_coef", self.ent_coef))
+        keep_checked(self, ent_coef=non_negative)
 
     @property
     def round(self) -> int:
@@ -174,7 +188,7 @@ class SACSettings(Hyperparameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        count("learning_starts", self.learning_starts, 0)
+        keep_checked(self, learning_starts=count_from(0))
         require(
             self.buffer_size >= self.lanes,
             "buffer_size",
@@ -190,7 +204,7 @@ class SACSettings(Hyperparameters):
                 "a number, auto, or auto_ and the value to start from, as auto_0.1",
             )
         else:
-            object.__setattr__(self, "ent_coef", non_negative("ent_coef", self.ent_coef))
+            keep_checked(self, ent_coef=non_negative)
 
     @property
     def round(self) -> int:

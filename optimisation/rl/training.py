@@ -21,7 +21,7 @@ from filelock import FileLock, Timeout
 from impact_env.envs.evaluation import interquartile_mean, play
 from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
-from impact_env.parameters import ParameterError, count, require
+from impact_env.parameters import ParameterError, count_from, keep_checked, kind_of, require
 from optimisation.executors import Pool, Task
 from optimisation.files import require_writable, write_json
 from optimisation.machine import difference, installed
@@ -85,8 +85,14 @@ class Job:
     demonstrations: Path | None = None
 
     def __post_init__(self) -> None:
-        count("seed", self.seed, 0)
-        count("episodes", self.episodes, 1)
+        keep_checked(
+            self,
+            seed=count_from(0),
+            hyperparameters=kind_of(PPOSettings | SACSettings),
+            arguments=kind_of(Mapping),
+            episodes=count_from(1),
+            demonstrations=kind_of(Path | None),
+        )
         memory = self.algorithm == "rppo"
         require(
             not memory or self.demonstrations is None,

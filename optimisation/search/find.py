@@ -60,7 +60,7 @@ def smooth_search(
     False if a KeyboardInterrupt ended it early. Raises ParameterError
     for several objectives and for impact absorbers.
     """
-    count("designs", designs, 2)
+    designs = count("designs", designs, 2)
     require(
         problem.space.concept not in WITH_IMPACTS,
         "sampler",

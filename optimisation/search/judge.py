@@ -135,7 +135,7 @@ def verdict(
 
     Raises ParameterError if there are no candidates; of those that break constraints those that break them least are taken.
     """
-    count("finalists", finalists, 1)
+    finalists = count("finalists", finalists, 1)
     require(len(candidates) > 0, "candidates", 0, "one design or more")
     best = sorted(candidates, key=lambda e: (problem.penalised_cost(e.score), e.number))[:finalists]
     again = judged(

@@ -14,7 +14,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env.extras import how_to_install
-from impact_env.parameters import count, fraction, positive, require
+from impact_env.parameters import (
+    count,
+    count_from,
+    each_of,
+    flag,
+    fraction,
+    keep_checked,
+    kind_of,
+    labelled,
+    positive,
+    require,
+)
 from optimisation.designs import Design
 from optimisation.objectives import Score
 from optimisation.problem import Problem
@@ -81,9 +92,12 @@ class Rung:
     keep: float = 1.0
 
     def __post_init__(self) -> None:
-        count("members of a rung", self.members, 1)
-        object.__setattr__(self, "speed", positive("speed of a rung", self.speed))
-        object.__setattr__(self, "keep", fraction("share kept on a rung", self.keep))
+        keep_checked(
+            self,
+            members=labelled("members of a rung", count_from(1)),
+            speed=labelled("speed of a rung", positive),
+            keep=labelled("share kept on a rung", fraction),
+        )
 
 
 @dataclass(frozen=True)
@@ -100,8 +114,13 @@ class SearchSettings:
     from_scratch: bool = False
 
     def __post_init__(self) -> None:
-        count("batch", self.batch, 2)
-        count("seed", self.seed, 0)
+        keep_checked(
+            self,
+            batch=count_from(2),
+            rungs=each_of(kind_of(Rung)),
+            seed=count_from(0),
+            from_scratch=flag,
+        )
 
     @property
     def members_a_design(self) -> float:
@@ -175,7 +194,7 @@ class SearchSettings:
 
     def whole_batches(self, designs: int) -> int:
         """Return a number of designs rounded up to whole batches; the first batch has the paper's design as one more."""
-        count("designs", designs, 1)
+        designs = count("designs", designs, 1)
         return 1 + self.batch * max(1, -(-(designs - 1) // self.batch))
 
 

@@ -1,0 +1,97 @@
+"""No check of a value is called for its error alone: what a check returns is the value that is used."""
+
+import ast
+import inspect
+from collections.abc import Iterator
+
+import pytest
+
+from impact_env import checks
+from optimisation.page import ROOT
+
+# functions of `impact_env.checks` that return the checked value
+CHECKS = frozenset(
+    name
+    for name, function in inspect.getmembers(checks, inspect.isfunction)
+    if function.__module__ == checks.__name__
+    and not name.startswith("_")
+    and inspect.signature(function).return_annotation is not None
+)
+
+
+def name_of(call: ast.expr) -> str:
+    """Return the name of the function that an expression calls, "" for another expression."""
+    if not isinstance(call, ast.Call):
+        return ""
+    return getattr(call.func, "attr", getattr(call.func, "id", ""))
+
+
+def dropped(value: ast.expr) -> Iterator[ast.expr]:
+    """Yield the expressions whose values a statement drops."""
+    match value:
+        case ast.Tuple() | ast.List() | ast.Set():
+            for part in value.elts:
+                yield from dropped(part)
+        case ast.BoolOp():
+            for part in value.values:
+                yield from dropped(part)
+        case ast.IfExp():
+            yield from dropped(value.body)
+            yield from dropped(value.orelse)
+        case ast.ListComp() | ast.SetComp() | ast.GeneratorExp():
+            yield from dropped(value.elt)
+        case _:
+            yield value
+
+
+def faults(source: str) -> list[str]:
+    """Return the places where the result of a check is dropped, or computed within a condition."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        lost: list[ast.expr] = []
+        assigned = isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) != "_"
+        if isinstance(node, ast.Expr | ast.Assign) and not assigned:
+            lost = list(dropped(node.value))
+        elif isinstance(node, ast.Call) and name_of(node) == "require" and node.args:
+            lost = list(ast.walk(node.args[0]))
+        found += [
+            f"line {node.lineno}: {ast.unparse(one)}" for one in lost if name_of(one) in CHECKS
+        ]
+    return found
+
+
+def test_every_checked_value_is_used() -> None:
+    assert {"count", "positive", "instance", "row"} <= CHECKS
+    assert not {"require", "keep_checked"} & CHECKS
+    files = [
+        file
+        for package in ("impact_env", "optimisation")
+        for file in (ROOT / package).rglob("*.py")
+    ]
+    assert len(files) > 100
+    problems = {
+        str(file.relative_to(ROOT)): faults(file.read_text(encoding="utf-8")) for file in files
+    }
+    assert {file: found for file, found in problems.items() if found} == {}
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "count('n', n, 1)",
+        "checks.count('n', n, 1)",
+        "positive('a', a), positive('b', b)",
+        "_ = count('n', n, 1)",
+        "[count('n', n, 1) for n in every]",
+        "n is not None and count('n', n, 1)",
+        "count('n', n, 1) if n is not None else None",
+        "require(0 < number(x) < 1, 'x', x, 'between 0 and 1')",
+    ],
+)
+def test_a_dropped_value_is_found(source: str) -> None:
+    assert len(faults(source)) >= 1
+
+
+def test_a_used_value_is_no_fault() -> None:
+    source = "n = count('n', n, 1)\nf(count('n', n, 1))\nrequire(n < 3, 'n', n, 'below 3')"
+    assert faults(source) == []
