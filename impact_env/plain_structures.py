@@ -434,7 +434,7 @@ def _of_matrices(
     coordinates: str | None = None,
 ) -> ModalModel:
     system = read_units(units)
-    positive("mass_kg", structure_mass)
+    structure_mass = positive("mass_kg", structure_mass)
     matrices = _read_matrices(folder, {"mass": mass, "stiffness": stiffness, "damping": damping})
     inertia = checked("mass", matrices["mass"].matrix)
     size = inertia.shape[0]
