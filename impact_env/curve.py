@@ -67,6 +67,7 @@ class CurveCase:
 
     The rate is `impact_env.drive.default_rate` of the scene's model unless given. ``load`` makes of a force and a schedule what acts, by default a
     `Drive`; one that gives `Loads` proportional to their first argument makes ``forces`` amplitudes in its unit, as m/s^2 of a base.
+    ``steady_start``: sweeps start from the steady state of the linear structure, not from rest as the paper's do, see `Lane`.
     """
 
     scene: Scene
@@ -75,6 +76,7 @@ class CurveCase:
     limits: tuple[float, float] = PAPER_LIMITS
     percent_per_100_periods: float = None  # type: ignore[assignment]  # replaced by `default_rate`
     load: Callable[[float, FrequencySchedule], AnyDrive] = Drive
+    steady_start: bool = False
 
     def __post_init__(self) -> None:
         allowed = "a row of finite forces in N, 0 or above"
@@ -259,7 +261,7 @@ def performance_curves(
     drawn = draw_members(members, seed)
     sweeps = [(case, case.schedules(), case.amplitudes()) for case in cases]
     lanes = [
-        Lane(case.scene, case.drive(drawn, member, float(amplitude), schedule))
+        Lane(case.scene, case.drive(drawn, member, float(amplitude), schedule), case.steady_start)
         for member in range(members)
         for case, schedules, amplitudes in sweeps
         for schedule in schedules
@@ -441,6 +443,7 @@ def _one_pass(
             Lane(
                 case.scene,
                 case.drive(drawn, m, 1.0 if linear else float(case.forces[k]), schedules[d]),
+                case.steady_start,
             )
         )
 

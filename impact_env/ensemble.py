@@ -34,7 +34,8 @@ from impact_env.parameters import (
     row_of,
 )
 from impact_env.response import DEFAULT_SAMPLES, Record
-from impact_env.scene import Scene
+from impact_env.scene import InitialState, Scene
+from impact_env.steady_start import find_steady_start
 from impact_env.sweep import IntegrationError, Stopped, simulate
 
 Array = NDArray[np.float64]
@@ -90,16 +91,28 @@ class Threads:
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    """One run of an ensemble, from rest, or from its loads' start."""
+    """One run of an ensemble, from rest, or from its loads' start.
+
+    ``steady_start``: under a harmonic force it starts from the steady state of the linear structure (`find_steady_start`), without the transient
+    of a force that appears at once.
+    """
 
     scene: Scene
     drive: Any  # Drive, or Loads
+    steady_start: bool = False
 
     def __post_init__(self) -> None:
         keep_checked(self, scene=kind_of(Scene), drive=kind_of(AnyDrive))
 
     def __str__(self) -> str:
         return f"{amplitude_in_words(self.drive)}, absorber {self.scene.absorber}"
+
+    @property
+    def initial(self) -> InitialState | None:
+        """State at time 0, an argument of `simulate`; None is rest, or the loads' start."""
+        if self.steady_start and isinstance(self.drive, Drive):
+            return find_steady_start(self.scene, self.drive)
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,6 +265,7 @@ class LevelOf:
             lane.scene,
             lane.drive,
             self.method,
+            initial=lane.initial,
             record=self.record,
             most_events=self.most_events,
             stop=self.stop,

@@ -179,7 +179,7 @@ def drawn(
         )
     elif isinstance(absorber, SlidingAbsorber):
         absorber = _absorber(absorber, every, share)
-    return Lane(Scene(moved.scene.model, absorber), moved.drive)
+    return replace(moved, scene=Scene(moved.scene.model, absorber))
 
 
 def on_another_structure(lane: Lane, damping: float, frequency: float, force: float = 1.0) -> Lane:
@@ -194,8 +194,10 @@ def on_another_structure(lane: Lane, damping: float, frequency: float, force: fl
     moved = FrequencySchedule(
         schedule.times / frequency, schedule.omegas * frequency, schedule.reference * frequency
     )
-    return Lane(
-        Scene(other, lane.scene.absorber), Drive(drive.amplitude * force, moved, drive.phase)
+    return replace(
+        lane,
+        scene=Scene(other, lane.scene.absorber),
+        drive=Drive(drive.amplitude * force, moved, drive.phase),
     )
 
 

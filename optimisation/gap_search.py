@@ -1,0 +1,241 @@
+"""The search for a gap: which gaps to run with how many members, and which of them are the answers. It runs nothing itself.
+
+Gaps are counted in steps of ``STEP`` of ln gap from a reference gap. On the narrow side of the best gap the level climbs a cliff, on the wide side
+it is in proportion to the gap, and members part by chance, so that a single run misleads.
+
+1. Single runs at four gaps around the start, and at the reference gap; further ones outwards while the lowest level is at an end.
+2. The interval around the lowest level is halved down to ``NEAR`` steps, the wider side first. A second basin is refined too if its level is within
+   ``SECOND_BASIN`` of the lowest.
+3. Whichever gap is the best so far runs with one member more, until it has all of them; then the gaps on which the answer for a tolerance of the
+   force rests. A gap that one lucky run made the best is so replaced by another before the runs are spent.
+4. The answers are chosen among gaps that ran with all members.
+
+By the scaling law a device under k times the force is the device with a k-th of the gap under the force, k times as large: level(k f, g) = k
+level(f, g/k), with a friction limit in proportion to the gap. So the level over a tolerance of the force is in the samples already. A quantity that
+is no length scales with another ``power`` of k: a decay time with 0.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+STEP = 0.05  # of ln gap
+FIRST_LOOKS = (0, -8, 8, 16)  # steps from the start
+WIDE = 8  # steps between the first looks
+NEAR = 2  # steps between the lowest level and its neighbours after step 2
+NARROWEST = -32
+WIDEST = 32
+SECOND_BASIN = 1.15  # times the lowest level
+# pairs of sweeps, up and down, that a search takes at most: with one without absorber 40 sweeps
+PAIRS = 19
+# (step, number of members) -> the members' levels, the first ones of the ensemble
+RunGap = Callable[[float, int], Array]
+
+
+@dataclass
+class LevelSamples:
+    """The members' levels by step of the gap, a whole number in a search; ``power`` see above.
+
+    ``excess`` has, by step, the ln of how far a gap is beyond the limits on other quantities, 0 or less within them (see `limited`).
+    """
+
+    levels: dict[float, Array] = field(default_factory=dict)
+    power: float = 1.0
+    excess: dict[float, float] = field(default_factory=dict)
+
+    def known(self) -> tuple[Array, Array]:
+        """Return (steps, ln of median levels)."""
+        steps = np.array(sorted(self.levels))
+        return steps, np.log([float(np.median(self.levels[n])) for n in steps])
+
+    def is_allowed(self, step: float) -> bool:
+        """Return whether a gap keeps the limits."""
+        return self.excess.get(step, 0.0) <= 0
+
+    def cost(self, step: float) -> float:
+        """Return ln of the median level of a gap, raised where it breaks a limit."""
+        return math.log(float(np.median(self.levels[step]))) + PENALTY * max(
+            0.0, self.excess.get(step, 0.0)
+        )
+
+
+PENALTY = 10.0  # on ln of the level, times ln of the quantity over its limit
+
+
+def level_between(ln_gaps: Array, ln_levels: Array, at: ArrayLike, power: float = 1.0) -> Array:
+    """Return levels at ln gaps, straight lines in ln of both; beyond the widest as the gap's ``power``, beyond the narrowest NaN."""
+    x = np.asarray(at, dtype=np.float64)
+    beyond = np.where(x < ln_gaps[0] - 1e-9, np.nan, power * np.maximum(x - ln_gaps[-1], 0))
+    return np.asarray(np.exp(np.interp(x, ln_gaps, ln_levels) + beyond))
+
+
+def worst_level(
+    ln_gaps: Array, ln_levels: Array, at: ArrayLike, tolerance: float, power: float = 1.0
+) -> Array:
+    """Return the largest level over force times (1 - tolerance), 1 and (1 + tolerance) of gaps at ln gaps; NaN where a neighbour is not known."""
+    x = np.asarray(at, dtype=np.float64)
+    every = [
+        k**power * level_between(ln_gaps, ln_levels, x - np.log(k), power)
+        for k in (1 - tolerance, 1.0, 1 + tolerance)
+    ]
+    return np.asarray(np.max(every, axis=0))
+
+
+def find_best(
+    samples: LevelSamples, tolerance: float, members: int = 1, between: bool = False
+) -> tuple[float, float]:
+    """Return the steps with the lowest level (sharp) and with the lowest `worst_level` (robust) of the gaps that ran with ``members`` or more.
+
+    ``between``: the robust one may be a gap between those that were run. Gaps that break a limit count only where no other is left. Raises
+    ValueError where no gap has so many members.
+    """
+    steps, levels = samples.known()
+    ran = [n for n in steps.tolist() if len(samples.levels[n]) >= members]
+    allowed = [n for n in ran if samples.is_allowed(n)] or ran
+    sharp = min(allowed, key=samples.cost)
+    candidates = np.array(allowed)
+    if between and all(samples.is_allowed(n) for n in steps.tolist()):
+        whole = np.arange(math.ceil(steps[0]), math.floor(steps[-1]) + 1)
+        candidates = np.union1d(candidates, whole)
+    robust = worst_level(STEP * steps, levels, STEP * candidates, tolerance, samples.power)
+    if np.isnan(robust).all():
+        return float(sharp), float(max(allowed))
+    penalty = [
+        PENALTY * max(0.0, samples.excess.get(n, 0.0)) for n in candidates.tolist()
+    ]
+    return float(sharp), float(candidates[np.nanargmin(np.log(robust) + penalty)])
+
+
+def bracket(look: Callable[[int], float], start: int, widest: int = WIDEST) -> dict[int, float]:
+    """Return the costs (ln of levels) by step around the lowest, whose neighbours are then `NEAR`, from `FIRST_LOOKS` on; steps 1 and 2 above."""
+    found: dict[int, float] = {}
+
+    def cost_at(n: int) -> float:
+        if n not in found:
+            found[n] = look(n)
+        return found[n]
+
+    first = [min(max(start + n, NARROWEST), widest) for n in FIRST_LOOKS]
+    for n in dict.fromkeys(first):
+        cost_at(n)
+    while True:
+        best = min(found, key=lambda n: found[n])
+        narrower = max(best - WIDE, NARROWEST)
+        wider = min(best + WIDE, widest)
+        if best == min(found) and narrower < best:
+            cost_at(narrower)
+        elif best == max(found) and wider > best:
+            cost_at(wider)
+        else:
+            break
+    basins = _local_minima(found)
+    _refine(found, cost_at, basins[0], NEAR)
+    lowest = min(found.values())
+    if len(basins) > 1 and found[basins[1]] <= lowest + math.log(SECOND_BASIN):
+        _refine(found, cost_at, basins[1], NEAR)
+    return found
+
+
+def _local_minima(found: dict[int, float]) -> list[int]:
+    """Return the steps whose neighbours both cost more, the cheapest first."""
+    steps = sorted(found)
+    minima = [
+        n
+        for k, n in enumerate(steps)
+        if all(found[n] < found[m] for m in steps[max(k - 1, 0) : k + 2] if m != n)
+    ]
+    return sorted(minima, key=lambda n: found[n])
+
+
+def _refine(
+    found: dict[int, float], cost_at: Callable[[int], float], basin: int, near: int
+) -> None:
+    """Halve the intervals beside a local minimum, the wider first, until both are ``near``; a lower gap that is found takes its place."""
+    best = basin
+    while True:
+        steps = sorted(found)
+        at = steps.index(best)
+        below = best - steps[at - 1] if at > 0 else 0
+        above = steps[at + 1] - best if at + 1 < len(steps) else 0
+        if max(below, above) <= near:
+            return
+        middle = best - below // 2 if below >= above else best + above // 2
+        if cost_at(middle) < found[best]:
+            best = middle
+
+
+def gaps_to_run(samples: LevelSamples, tolerance: float, members: int) -> list[float]:
+    """Return the gaps on which the answers rest and that lack members, the most important first."""
+    sharp, robust = find_best(samples, tolerance, between=True)
+    wanted = [sharp, robust]
+    if tolerance > 0:
+        steps = np.array(sorted(samples.levels))
+        narrower = robust - np.log1p(tolerance) / STEP  # the device under a larger force
+        wanted.append(float(steps[np.argmin(np.abs(steps - narrower))]))
+    return [n for n in dict.fromkeys(wanted) if len(samples.levels.get(n, ())) < members]
+
+
+def search_gaps(
+    run: RunGap,
+    start: int,
+    tolerance: float,
+    members: int,
+    pairs: int,
+    samples: LevelSamples,
+    widest: int = WIDEST,
+    reference: bool = True,
+) -> None:
+    """Fill ``samples`` from a step on, see above; ``pairs``: of sweeps, up and down, after which no runs are added.
+
+    ``widest``: step of the widest gap that is allowed; ``reference``: run the gap of step 0 too.
+    """
+
+    def run_members(n: float, number: int) -> float:
+        samples.levels[n] = run(n, number)
+        return samples.cost(n)
+
+    if reference and widest >= 0:
+        run_members(0, 1)
+    found = bracket(lambda n: run_members(n, 1), start, widest)
+    best = min(found, key=lambda n: found[n])
+    if best > NARROWEST:
+        run_members(best - 1, 1)  # is the foot of the cliff there?
+
+    while True:
+        spent = sum(len(levels) for levels in samples.levels.values())
+        missing = gaps_to_run(samples, tolerance, members)
+        if not missing:
+            missing = _beside(samples, tolerance, members, widest)
+        if not missing or spent >= pairs:
+            break
+        n = missing[0]
+        run_members(n, len(samples.levels.get(n, ())) + 1)
+    _complete_one(run_members, samples, tolerance, members)
+
+
+def _beside(samples: LevelSamples, tolerance: float, members: int, widest: int) -> list[float]:
+    """Return the neighbours of the answers that lack members."""
+    sharp, robust = find_best(samples, tolerance, members)
+    near = [sharp - 1, sharp + 1, robust - 1, robust + 1]
+    return [
+        n
+        for n in dict.fromkeys(near)
+        if NARROWEST <= n <= widest and len(samples.levels.get(n, ())) < members
+    ]
+
+
+def _complete_one(
+    run_members: Callable[[float, int], float],
+    samples: LevelSamples,
+    tolerance: float,
+    members: int,
+) -> None:
+    """Run the best gap with all members if no gap has them."""
+    if any(len(levels) >= members for levels in samples.levels.values()):
+        return
+    sharp, _ = find_best(samples, tolerance)
+    run_members(sharp, members)
