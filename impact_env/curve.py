@@ -319,10 +319,11 @@ def performance_curve(
     samples_per_period: int = DEFAULT_SAMPLES,
     progress: Progress | None = None,
     most_events: int | None = None,
+    steady_start: bool = False,
 ) -> PerformanceCurve:
     """Compute one curve; see `CurveCase` and `performance_curves`."""
     rate: Any = percent_per_100_periods
-    case = CurveCase(scene, forces, resonance, limits, rate)  # type: ignore[arg-type]  # made an array there
+    case = CurveCase(scene, forces, resonance, limits, rate, steady_start=steady_start)  # type: ignore[arg-type]  # made an array there
     (curve,) = performance_curves(
         [case],
         members,

@@ -94,12 +94,13 @@ class Lane:
     """One run of an ensemble, from rest, or from its loads' start.
 
     ``steady_start``: under a harmonic force it starts from the steady state of the linear structure (`find_steady_start`), without the transient
-    of a force that appears at once.
+    of a force that appears at once. ``initial``: a state of its own at time 0.
     """
 
     scene: Scene
     drive: Any  # Drive, or Loads
     steady_start: bool = False
+    initial: InitialState | None = None
 
     def __post_init__(self) -> None:
         keep_checked(self, scene=kind_of(Scene), drive=kind_of(AnyDrive))
@@ -108,8 +109,10 @@ class Lane:
         return f"{amplitude_in_words(self.drive)}, absorber {self.scene.absorber}"
 
     @property
-    def initial(self) -> InitialState | None:
-        """State at time 0, an argument of `simulate`; None is rest, or the loads' start."""
+    def start(self) -> InitialState | None:
+        """State at time 0, the argument ``initial`` of `simulate`; None is rest, or the loads' start."""
+        if self.initial is not None:
+            return self.initial
         if self.steady_start and isinstance(self.drive, Drive):
             return find_steady_start(self.scene, self.drive)
         return None
@@ -265,7 +268,7 @@ class LevelOf:
             lane.scene,
             lane.drive,
             self.method,
-            initial=lane.initial,
+            initial=lane.start,
             record=self.record,
             most_events=self.most_events,
             stop=self.stop,

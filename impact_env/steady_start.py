@@ -9,7 +9,7 @@ The structure is linear there: an absorber whose friction can carry its inertia 
 """
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from impact_env.drive import Drive
 from impact_env.modes import with_link, with_masses
@@ -112,10 +112,10 @@ def _tuned_start(
     return InitialState(motion.real[:n], rate[:n], float(motion.real[n]), float(rate[n]))
 
 
-def _solve(matrix: Complex, force: Complex) -> Complex | None:
+def _solve(matrix: ArrayLike, force: ArrayLike) -> Complex | None:
     """Return the solution of a linear system; None if it is not finite."""
     try:
-        motion = np.linalg.solve(matrix, force)
+        motion = np.linalg.solve(np.asarray(matrix), np.asarray(force))
     except np.linalg.LinAlgError:
         return None
-    return np.asarray(motion) if np.isfinite(motion).all() else None
+    return np.asarray(motion, dtype=np.complex128) if np.isfinite(motion).all() else None

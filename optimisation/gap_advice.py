@@ -2,187 +2,102 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from impact_env.curve import CurveCase, PerformanceCurve
 from impact_env.drive import PAPER_RATE, default_rate
-from impact_env.ensemble import Executor, Lane, LaneLevels, Progress, draw_members, run_lanes
+from impact_env.ensemble import (
+    Executor,
+    Lane,
+    LaneLevels,
+    Progress,
+    draw_members,
+    each_lane,
+    run_lanes,
+)
+from impact_env.methods import Exact
 from impact_env.modes import ModalModel
 from impact_env.parameters import (
     CoulombFriction,
+    ParameterError,
     SlidingAbsorber,
     count,
     friction_law,
     listed,
     one_of,
+    positive,
     require,
 )
+from impact_env.response import Record
 from impact_env.scene import Scene
-from optimisation.bounds import design_gap, require_reach
+from impact_env.sweep import simulate
+from optimisation.bounds import design_gap, free_amplitude, reach
 from optimisation.extremes import usable_force, usable_rate
-from optimisation.gap_check import GapCheck, rigid_walls, scaled_absorber, sweep_limits
-
-# The search for a gap by simulation: the best one is bracketed by one member at a time, then more run where the answers rest.
-#
-# Gaps are counted in steps of ``STEP`` of ln gap from the design rule's. On the narrow side of the best gap the level climbs a cliff, on the wide one
-# it is in proportion to the gap, and small dips between them are noise. So steps are wide and go towards lower levels until they are bracketed; then
-# the wider neighbouring interval is halved, the narrow side first.
-#
-# By the scaling law a device under k times the force is the device with a k-th of the gap under the force, k times as large: level(k f, g) = k
-# level(f, g/k), with a friction limit in proportion to the gap. So what a tolerance of the force does is in the table of levels already. What is no
-# length scales with another ``power`` of k: a decay time with 0.
-
+from optimisation.gap_check import GapCheck, rigid_walls, scaled_absorber
+from optimisation.gap_search import (
+    NARROWEST,
+    PAIRS,
+    STEP,
+    WIDEST,
+    LevelSamples,
+    bracket,
+    find_best,
+    level_between,
+    search_gaps,
+    worst_level,
+)
+from optimisation.statistics import Prediction, predict
+from optimisation.sweep_range import find_sweep_range
 
 Array = NDArray[np.float64]
-STEP = 0.05  # of ln gap
-# steps of a bracket at first and at last, and how far it goes from the rule's gap
-WIDE = 8
-NEAR = 2
-LEAST = -32
-MOST = 32
-PAIRS = 18  # of sweeps, up and down, that a search takes at most: with those of the rule's gap and of no absorber 40 sweeps
 MEMBERS = 3
-# (step, number of members) -> the members' levels, the first ones of the ensemble
-Look = Callable[[float, int], Array]
-
-
-@dataclass
-class Table:
-    """The members' levels by step of the gap, a whole number in a search; ``power`` see above."""
-
-    levels: dict[float, Array] = field(default_factory=dict)
-    power: float = 1.0
-
-    def known(self) -> tuple[Array, Array]:
-        """Return (steps, ln of median levels)."""
-        steps = np.array(sorted(self.levels))
-        return steps, np.log([float(np.median(self.levels[n])) for n in steps])
-
-
-def level_between(ln_gaps: Array, ln_levels: Array, at: ArrayLike, power: float = 1.0) -> Array:
-    """Return levels at ln gaps, straight lines in ln of both; beyond the widest as the gap's ``power``, beyond the narrowest NaN."""
-    x = np.asarray(at, dtype=np.float64)
-    beyond = np.where(x < ln_gaps[0] - 1e-9, np.nan, power * np.maximum(x - ln_gaps[-1], 0))
-    return np.asarray(np.exp(np.interp(x, ln_gaps, ln_levels) + beyond))
-
-
-def worst(
-    ln_gaps: Array, ln_levels: Array, at: ArrayLike, tolerance: float, power: float = 1.0
-) -> Array:
-    """Return the largest level over force times (1 - tolerance), 1 and (1 + tolerance) of gaps at ln gaps; NaN where a neighbour is not known."""
-    x = np.asarray(at, dtype=np.float64)
-    every = [
-        k**power * level_between(ln_gaps, ln_levels, x - np.log(k), power)
-        for k in (1 - tolerance, 1.0, 1 + tolerance)
-    ]
-    return np.asarray(np.max(every, axis=0))
-
-
-def bracket(look: Callable[[int], float], start: int) -> dict[int, float]:
-    """Return the levels looked at, by step, around the lowest, whose neighbours then are `NEAR` (or at the ends `LEAST`, `MOST`)."""
-    seen: dict[int, float] = {}
-
-    def at(n: int) -> float:
-        if n not in seen:
-            seen[n] = look(n)
-        return seen[n]
-
-    low = start
-    high = start + WIDE
-    while at(low) <= at(high) and low - WIDE >= LEAST and at(low - WIDE) < at(low):
-        low, high = low - WIDE, low
-    while at(high) < at(low) and high + WIDE <= MOST and at(high + WIDE) < at(high):
-        low = high
-        high = high + WIDE
-    while True:
-        best = min(seen, key=lambda n: seen[n])
-        below = max((n for n in seen if n < best), default=best)
-        above = min((n for n in seen if n > best), default=best)
-        if max(best - below, above - best) <= NEAR:
-            return seen
-        at((best + below) // 2 if best - below >= above - best else (best + above) // 2)
-
-
-def answers(table: Table, tolerance: float, members: int = 0) -> tuple[float, float]:
-    """Return the steps with the lowest level and with the lowest of `worst`, as far as is known.
-
-    ``members``: only of gaps that so many ran. Raises ValueError if there are none.
-    """
-    steps, levels = table.known()
-    whole = np.arange(np.ceil(steps[0]), np.floor(steps[-1]) + 1)
-    every = (
-        np.array([n for n, x in table.levels.items() if len(x) >= members])
-        if members
-        else np.union1d(whole, steps)
-    )
-    lowest = level_between(STEP * steps, levels, STEP * every)
-    robust = worst(STEP * steps, levels, STEP * every, tolerance, table.power)
-    return float(every[np.argmin(lowest)]), float(
-        every[np.argmin(np.where(np.isnan(robust), np.inf, robust))]
-    )
-
-
-def asked(table: Table, tolerance: float, beside: bool) -> list[float]:
-    """Return the steps that the answers rest on: their own, and the narrower neighbour of a larger force; ``beside``: those beside them too."""
-    sharp, robust = answers(table, tolerance)
-    near = [robust - round(np.log1p(tolerance) / STEP)] if tolerance > 0 else []
-    return list(
-        dict.fromkeys(
-            (sharp, robust, *near, *((sharp - 1, sharp + 1, robust - 1) if beside else ()))
-        )
-    )
-
-
-def search(
-    look: Look, start: int, tolerance: float, members: int, pairs: int, table: Table
-) -> None:
-    """Fill a table, from a step on, see above; ``pairs``: of sweeps, up and down, after which no runs are added.
-
-    Answers and the gaps beside them run with one member, then two, so that a lucky one does not take all runs; then the answers with all members, and
-    what pairs are left go to the gaps beside them.
-    """
-
-    def levels(n: float, number: int) -> float:
-        table.levels[n] = look(n, number)
-        return float(table.levels[n][0])
-
-    seen = bracket(lambda n: levels(n, 1), start)
-    levels(min(seen, key=lambda n: seen[n]) - 1, 1)  # is the foot of the cliff there?
-    spent = len(table.levels)
-    for number, beside in ((1, True), (min(2, members), True), (members, False), (members, True)):
-        while True:
-            open_ = [
-                n for n in asked(table, tolerance, beside) if len(table.levels.get(n, ())) < number
-            ]
-            cost = number - len(table.levels.get(open_[0], ())) if open_ else 0
-            if not open_ or spent + cost > pairs:
-                break
-            levels(open_[0], number)
-            spent += cost
-
-
 TOLERANCE = 0.1  # of the force
 MOST_TOLERANCE = 0.3
-FASTER = 4.0  # times the rate of the answers: that of looks at free variables
+FASTER = 4.0  # times the rate of the answers: that of single runs for free variables
 FREE = {
     "restitution": (0.5, 0.35, 0.2),
     "friction_limit": (0.0, 0.5, 2.0),
 }  # what is tried of a free variable; friction as shares of the usual
+LOW_REACH = (
+    1.0  # free amplitude over the rule's gap, below which a search starts from the free amplitude
+)
+LOW_REACH_START = 0.4  # of the free amplitude
+USELESS = 0.85  # of the level without absorber: a device that leaves more does not help
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits that a device must keep; None for none: ``stroke`` in m from the middle of the cavity, ``impact_speed`` in m/s (the largest)."""
+
+    stroke: float | None = None
+    impact_speed: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("stroke", "impact_speed"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, positive(f"limit of {name}", value))
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """A device that was simulated: its absorber, its level (median and 5 to 95 %, m) at the force, and the ``worst`` median over the tolerance."""
+    """A device that was simulated: its absorber, its median ``level`` in m at the force, and the ``worst`` median over the tolerance.
+
+    ``members``: number of runs, each up and down. ``prediction``: of a fresh run's level; None where no gap ran twice. ``frequency_ratio``: where
+    the level was read, over the resonance (the median of the runs); NaN under loads. ``impact_speed``: the largest in m/s; None if not recorded.
+    """
 
     absorber: SlidingAbsorber
     level: float
-    low: float
-    high: float
     worst: float
+    members: int
+    prediction: Prediction | None
+    frequency_ratio: float = math.nan
+    impact_speed: float | None = None
 
     @property
     def gap(self) -> float:
@@ -194,28 +109,42 @@ class Answer:
         """Friction limit in N, 0 for none."""
         return 0.0 if self.absorber.friction is None else self.absorber.friction.limit
 
+    @property
+    def low(self) -> float:
+        """Lower end of the interval in m that holds 90 % of fresh runs; NaN where no gap ran twice."""
+        return math.nan if self.prediction is None else self.prediction.interval()[0]
+
+    @property
+    def high(self) -> float:
+        """Upper end of the interval in m that holds 90 % of fresh runs; NaN where no gap ran twice."""
+        return math.nan if self.prediction is None else self.prediction.interval()[1]
+
 
 @dataclass(frozen=True, eq=False)
 class Advice:
     """The answers and what they rest on.
 
-    ``check`` has the runs, ``table`` their levels by steps from the rule's gap. ``sweeps`` counts all runs, one member and one direction each.
-    ``tried`` has what was tried of free variables: name, value, the lowest level of a look there and its gap (m). The answers are None where
-    nothing was finished.
+    ``check`` has the runs; ``samples`` has their levels by steps from the gap ``reference`` (m). ``sweeps`` counts all runs, one member and one
+    direction each. ``tried`` has what was tried of free variables: name, value, the lowest level of a single run there and its gap (m). The answers
+    are None where nothing was finished. ``widest``: step of the widest gap that was allowed.
     """
 
     check: GapCheck
-    table: Table
+    samples: LevelSamples
+    reference: float
     tolerance: float
     members: int
     sweeps: int
     sharp: Answer | None
     recommended: Answer | None
     complete: bool
+    limits: Limits = Limits()
+    narrowest: int = NARROWEST
+    widest: int = WIDEST
     tried: tuple[tuple[str, float, float, float], ...] = ()
 
     @property
-    def looks(self) -> tuple[tuple[float, float], ...]:
+    def single_runs(self) -> tuple[tuple[float, float], ...]:
         """Gaps that only one of several members ran, and its levels, in m."""
         every = zip(self.check.gaps, self.check.curves, strict=True)
         return tuple(
@@ -226,13 +155,24 @@ class Advice:
 
     @cached_property
     def curve(self) -> tuple[Array, Array]:
-        """Steps and ln of levels that are known, see `Table.known`."""
-        return self.table.known()
+        """Steps and ln of levels that are known, see `LevelSamples.known`."""
+        return self.samples.known()
+
+    @cached_property
+    def band(self) -> Array:
+        """Ends in m of the interval that holds 90 % of fresh runs at each gap of ``check``, (2, G); NaN where no gap ran twice."""
+        ends = []
+        for gap, curve in zip(self.check.gaps, self.check.curves, strict=True):
+            values = curve.combined[0][~np.isnan(curve.combined[0])]
+            step = math.log(float(gap) / self.reference) / STEP
+            found = predict(values, self.samples.groups_near(step)) if values.size else None
+            ends.append((math.nan, math.nan) if found is None else found.interval())
+        return np.array(ends).reshape(-1, 2).T
 
     def at_force(self, answer: Answer, factor: float) -> float:
         """Return the median level in m of a device under ``factor`` times the force, by the scaling law; NaN where no such gap was simulated."""
         steps, levels = self.curve
-        at = math.log(answer.gap / self.check.rule) - math.log(factor)
+        at = math.log(answer.gap / self.reference) - math.log(factor)
         return (
             math.nan
             if at > STEP * (steps[-1] + 1)
@@ -241,32 +181,64 @@ class Advice:
 
     @property
     def at_end(self) -> bool:
-        """Whether the best gap is the narrowest or the widest that may be tried."""
-        return self.sharp is not None and round(
-            math.log(self.sharp.gap / self.check.rule) / STEP
-        ) in (LEAST, MOST)
+        """Whether the best gap is the narrowest or the widest that may be tried, other than by a limit."""
+        if self.sharp is None:
+            return False
+        step = round(math.log(self.sharp.gap / self.reference) / STEP)
+        return step == self.narrowest or (step == self.widest and self.limits.stroke is None)
+
+    @property
+    def keeps_limits(self) -> bool:
+        """Whether the recommended device keeps the limits."""
+        answer = self.recommended
+        most = self.limits.impact_speed
+        return (
+            answer is None
+            or most is None
+            or answer.impact_speed is None
+            or answer.impact_speed <= most
+        )
 
 
 class _Stopped(Exception):  # noqa: N818 - no error: what is finished is kept
     """A search was interrupted."""
 
 
+def measure_level_and_speed(lane: Lane) -> tuple[float, ...]:
+    """Run a lane; return the numbers of `LaneLevels` and the largest impact speed in m/s."""
+    response = simulate(lane.scene, lane.drive, initial=lane.start, record=Record(events=True))
+    level = response.level
+    impacts = response.impacts
+    assert level is not None
+    assert impacts is not None
+    return (
+        level.value,
+        level.time,
+        level.frequency_ratio,
+        level.max_tip,
+        float(response.impact_count),
+        response.stuck_time,
+        float(np.max(np.abs(impacts.relative_velocity), initial=0.0)),
+    )
+
+
 @dataclass(eq=False)
 class _Runs:
-    """Runs at gaps by steps from the rule's, kept and continued member by member."""
+    """Runs at gaps by steps from the absorber's own gap, kept and continued member by member."""
 
     model: ModalModel
     force: float
     resonance: int
     absorber: SlidingAbsorber
-    limits: tuple[float, float]
+    range: tuple[float, float]
     seed: int
     friction_goes: bool
-    run: Callable[[Sequence[Lane], int], LaneLevels]
+    run: Callable[[Sequence[Lane], int], tuple[LaneLevels, Array | None]]
     sweeps: int = 0
 
     def __post_init__(self) -> None:
-        self.kept: dict[tuple[float | None, float], PerformanceCurve] = {}
+        self.curves: dict[tuple[float | None, float], PerformanceCurve] = {}
+        self.speeds: dict[tuple[float | None, float], float] = {}
 
     def device(self, step: float) -> SlidingAbsorber:
         """Return the absorber of a gap; friction goes with it unless it was given."""
@@ -281,33 +253,38 @@ class _Runs:
 
     def curve(self, step: float | None, members: int, rate: float) -> PerformanceCurve:
         """Return the levels of the first members at a gap, None for no absorber; those that were run before are not run again."""
-        known = self.kept.get((step, rate))
+        known = self.curves.get((step, rate))
         have = 0 if known is None else len(known.members)
-        if known is None or have < members:
-            scene = Scene(self.model, None if step is None else self.device(step))
-            every = draw_members(members, self.seed)
-            case = CurveCase(scene, np.array([self.force]), self.resonance, self.limits, rate)
-            single = [every[m : m + 1] for m in range(have, members)]
-            lanes = [
-                Lane(scene, drive)
-                for one in single
-                for schedule in case.schedules()
-                for drive in one.drives(self.force, schedule)
-            ]
-            found = self.run(lanes, self.sweeps)
-            if not found.complete:
-                raise _Stopped
-            self.sweeps += len(lanes)
-            names = [f.name for f in fields(LaneLevels) if f.name != "complete"]
-            arrays = {name: getattr(found, name).reshape(1, members - have, 2) for name in names}
-            if known is not None:
-                arrays = {
-                    name: np.concatenate([getattr(known.lanes, name), arrays[name]], axis=1)
-                    for name in names
-                }
-            known = PerformanceCurve(case.forces, every, LaneLevels(**arrays, complete=True))
-            self.kept[step, rate] = known
-        return known
+        if known is not None and have >= members:
+            return known
+        scene = Scene(self.model, None if step is None else self.device(step))
+        every = draw_members(members, self.seed)
+        case = CurveCase(
+            scene, np.array([self.force]), self.resonance, self.range, rate, steady_start=True
+        )
+        lanes = [
+            Lane(scene, drive, steady_start=True)
+            for m in range(have, members)
+            for schedule in case.schedules()
+            for drive in every[m : m + 1].drives(self.force, schedule)
+        ]
+        found, speeds = self.run(lanes, self.sweeps)
+        if not found.complete:
+            raise _Stopped
+        self.sweeps += len(lanes)
+        names = [f.name for f in fields(LaneLevels) if f.name != "complete"]
+        arrays = {name: getattr(found, name).reshape(1, members - have, 2) for name in names}
+        if known is not None:
+            arrays = {
+                name: np.concatenate([getattr(known.lanes, name), arrays[name]], axis=1)
+                for name in names
+            }
+        curve = PerformanceCurve(case.forces, every, LaneLevels(**arrays, complete=True))
+        self.curves[step, rate] = curve
+        if speeds is not None:
+            before = self.speeds.get((step, rate), 0.0)
+            self.speeds[step, rate] = max(before, float(np.max(speeds)))
+        return curve
 
     def levels(self, step: float, members: int, rate: float) -> Array:
         """Return the members' levels in m at a gap."""
@@ -318,22 +295,21 @@ class _Runs:
         return dict(
             sorted(
                 (step, curve)
-                for (step, of), curve in self.kept.items()
+                for (step, of), curve in self.curves.items()
                 if of == rate and step is not None
             )
         )
 
-    def check(self, rule: float, reach: float, rate: float) -> GapCheck:
-        """Return the runs at a rate over the ``rule``'s gap in m; levels without an absorber that were not finished are NaN."""
-        gaps = rule * np.exp(STEP * np.array([*self.at_rate(rate)], dtype=float))
+    def check(self, rule: float, free_over_rule: float, rate: float) -> GapCheck:
+        """Return the runs at a rate; levels without an absorber that were not finished are NaN."""
+        reference = rigid_walls(self.absorber).gap
+        gaps = reference * np.exp(STEP * np.array([*self.at_rate(rate)], dtype=float))
         none = np.full((1, 1, 2), np.nan)
         nothing = PerformanceCurve(
             np.array([self.force]),
             draw_members(1, 0),
             LaneLevels(none, none, none, none, none, none, complete=False),
         )
-        curves = tuple(self.at_rate(rate).values())
-        without = self.kept.get((None, rate), nothing)
         return GapCheck(
             self.model,
             self.resonance,
@@ -341,12 +317,17 @@ class _Runs:
             self.absorber,
             rule,
             gaps,
-            self.limits,
-            curves,
-            without,
-            reach,
+            self.range,
+            tuple(self.at_rate(rate).values()),
+            self.curves.get((None, rate), nothing),
+            free_over_rule,
             rate,
         )
+
+    def forget_gaps(self) -> None:
+        """Forget the runs with an absorber, whose other numbers have changed."""
+        self.curves = {key: curve for key, curve in self.curves.items() if key[0] is None}
+        self.speeds = {key: speed for key, speed in self.speeds.items() if key[0] is None}
 
 
 def advise(
@@ -362,16 +343,18 @@ def advise(
     members: int = MEMBERS,
     seed: int = 0,
     percent_per_100_periods: float | None = None,
+    limits: Limits | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
     executor: Executor | None = None,
 ) -> Advice:
-    """Search the gap of an impact absorber for a ``force`` in N near a resonance by simulation, see `optimisation.gap_advice`.
+    """Search the gap of an impact absorber for a ``force`` in N near a resonance by simulation, see `optimisation.gap_search`.
 
     ``absorber`` gives mass, restitution and friction (default: `scaled_absorber`); its friction limit belongs to the rule's gap and goes with the
     gap, unless it is ``friction_given``. ``tolerance``: share of the force. ``free``: names of `FREE`. ``factors``: further gaps to run, over the
-    rule's. Interruption and the other arguments as in `impact_env.curve.performance_curves`; raises ParameterError as
-    `optimisation.gap_check.check_gap` does.
+    rule's. ``limits`` that the answers keep, if a gap that ran does. Interruption and the other arguments as in
+    `impact_env.curve.performance_curves`. Raises ParameterError for numbers out of range, for an absorber without rigid walls, and where no gap that
+    was simulated leaves less than `USELESS` of the level without absorber.
     """
     force = usable_force("force", force)
     require(
@@ -380,93 +363,183 @@ def advise(
         tolerance,
         f"from 0 to {MOST_TOLERANCE:g}, a share of the force",
     )
+    limits = Limits() if limits is None else limits
     wanted = [one_of("free", name, tuple(FREE)) for name in listed("free", free)]
     members = count("members", members, 1)
     own = scaled_absorber(model, force, resonance) if absorber is None else absorber
     walls = rigid_walls(own)
     mass = own.mass_ratio * model.beam_mass
-    found = require_reach(model, mass, force, resonance)
-    limits = sweep_limits(model, mass, resonance)
+    free_over_rule = reach(model, mass, resonance)
+    sweep_range = find_sweep_range(model, own.mass_ratio, resonance)
     rule = design_gap(model, mass, force, resonance)
     rate = usable_rate(
         "rate",
         default_rate(model, (resonance,))
         if percent_per_100_periods is None
         else percent_per_100_periods,
-        [limits],
+        [sweep_range],
     )
     pairs = PAIRS if members <= MEMBERS else 10 + 5 * members
 
-    def run(lanes: Sequence[Lane], before: int) -> LaneLevels:
+    def run(lanes: Sequence[Lane], before: int) -> tuple[LaneLevels, Array | None]:
         show = (
             None
             if progress is None
-            else lambda done, _all: progress(before + done, max(2 * pairs + 4, before + len(lanes)))
+            else lambda done, _all: progress(before + done, max(2 * pairs + 2, before + len(lanes)))
         )
-        return run_lanes(lanes, threads=threads, progress=show, executor=executor)
+        if limits.impact_speed is None:
+            return run_lanes(lanes, threads=threads, progress=show, executor=executor), None
+        found = each_lane(
+            lanes,
+            measure_level_and_speed,
+            Exact(),
+            threads=threads,
+            progress=show,
+            executor=executor,
+        )
+        rows = np.array([(math.nan,) * 7 if one is None else one for one in found]).T
+        complete = not np.isnan(rows[0]).any()
+        level, time, ratio, tip, impacts, stuck, speeds = rows
+        return LaneLevels(level, time, ratio, tip, impacts, stuck, complete=complete), speeds
 
+    # the stroke limit is a gap that can be run itself
+    reference = rule if limits.stroke is None else limits.stroke
+    rule_step = math.log(rule / reference) / STEP
+    friction = own.friction
+    if friction is not None and not friction_given:
+        friction = CoulombFriction(friction.limit * reference / rule)
     runs = _Runs(
         model,
         force,
         resonance,
-        replace(own, walls=replace(walls, gap=rule)),
-        limits,
+        replace(own, walls=replace(walls, gap=reference), friction=friction),
+        sweep_range,
         seed,
         not friction_given,
         run,
     )
-    # a search begins where a fit to simulations of other structures has the best gap over the rule's, by the free amplitude over that
-    start = round(math.log(1.57 / (1 + 1.14 / found)) / STEP)
-    table = Table()
+    start = round(math.log(rule / reference * expected_factor(free_over_rule)) / STEP)
+    widest = start + WIDEST if limits.stroke is None else min(start + WIDEST, 0)
+    start = min(start, widest)
+    narrowest = start + NARROWEST
+    samples = LevelSamples()
     complete = True
     tried: list[tuple[str, float, float, float]] = []
+
+    def levels(step: float, number: int) -> Array:
+        found = runs.levels(step, number, rate)
+        if limits.impact_speed is not None:
+            samples.excess[step] = math.log(
+                max(runs.speeds[step, rate], 1e-300) / limits.impact_speed
+            )
+        return found
+
     try:
         runs.curve(None, 1, rate)
         for name in wanted:
-            start = _freed(runs, name, start, max(rate, min(PAPER_RATE, FASTER * rate)), tried)
-        search(lambda n, m: runs.levels(n, m, rate), start, tolerance, members, pairs, table)
-        runs.curve(0, 1, rate)
+            fast = max(rate, min(PAPER_RATE, FASTER * rate))
+            start = _choose_free(runs, name, start, widest, fast, tried)
+        search_gaps(
+            levels, start, tolerance, members, pairs, samples, (narrowest, widest), rule_step
+        )
         for factor in factors:
-            runs.curve(math.log(factor) / STEP, members, rate)
+            step = rule_step + math.log(factor) / STEP
+            if step <= widest:
+                samples.levels[step] = levels(step, members)
     except _Stopped:
         complete = False
-    table.levels |= {step: curve.combined[0] for step, curve in runs.at_rate(rate).items()}
-    ran = max((len(levels) for levels in table.levels.values()), default=0)
-    both = answers(table, tolerance, min(2, ran)) if ran else ()
-    sharp, recommended = (
-        (answer_at(runs.device(step), table, step, tolerance) for step in both)
-        if both
-        else (None, None)
-    )
+    samples.levels |= {step: curve.combined[0] for step, curve in runs.at_rate(rate).items()}
+    ran = max((len(levels) for levels in samples.levels.values()), default=0)
+    sharp = recommended = None
+    if ran:
+        best = find_best(samples, tolerance, min(members, ran))
+        sharp, recommended = in_order(
+            *(_answer(runs, samples, step, tolerance, rate) for step in best)
+        )
+    check = runs.check(rule, free_over_rule, rate)
+    if complete and sharp is not None:
+        _require_help(sharp, check, free_amplitude(model, mass, force, resonance))
     return Advice(
-        runs.check(rule, found, rate),
-        table,
+        check,
+        samples,
+        reference,
         tolerance,
         members,
         runs.sweeps,
         sharp,
         recommended,
         complete,
+        limits,
+        narrowest,
+        widest,
         tuple(tried),
     )
 
 
-def answer_at(absorber: SlidingAbsorber, table: Table, step: float, tolerance: float) -> Answer:
-    """Return a device of the table with its level, or what else is measured."""
-    low, level, high = np.quantile(table.levels[step], (0.05, 0.5, 0.95)).tolist()
-    steps, levels = table.known()
-    largest = (
-        float(np.maximum(level, worst(STEP * steps, levels, STEP * step, tolerance, table.power)))
-        if tolerance > 0
-        else level
+def expected_factor(free_over_rule: float) -> float:
+    """Return where a search starts, over the rule's gap, for the free amplitude over the rule's gap: a fit to simulations of other structures."""
+    if free_over_rule < LOW_REACH:
+        return max(LOW_REACH_START * free_over_rule, 1e-9)
+    return 1.57 / (1 + 1.14 / free_over_rule)
+
+
+def _require_help(sharp: Answer, check: GapCheck, free: float) -> None:
+    """Raise ParameterError where even the best gap leaves more than `USELESS` of the level without absorber; ``free`` amplitude in m."""
+    share = sharp.level / float(check.without.median[0])
+    if share > USELESS:
+        raise ParameterError(
+            f"no gap helps for {check.force:g} N near resonance {check.resonance}: at best {100 * share:.0f} % of the level without absorber, with "
+            f"{1e3 * sharp.gap:.4g} mm to either wall; without it its place moves {1e3 * free:.4g} mm, {check.reach:.3g} of the rule's gap (choose "
+            "another place, a heavier absorber, or a structure with less damping)"
+        )
+
+
+def _answer(
+    runs: _Runs, samples: LevelSamples, step: float, tolerance: float, rate: float
+) -> Answer:
+    """Return a device that ran, with where its level was read and its impact speed."""
+    lanes = runs.curves[step, rate].lanes
+    worse = np.argmax(lanes.level[0], axis=1)
+    ratios = np.take_along_axis(lanes.frequency_ratio[0], worse[:, None], axis=1)
+    found = answer_at(runs.device(step), samples, step, tolerance)
+    return replace(
+        found,
+        frequency_ratio=float(np.median(ratios)),
+        impact_speed=runs.speeds.get((step, rate)),
     )
-    return Answer(absorber, level, low, high, largest)
 
 
-def _freed(
-    runs: _Runs, name: str, start: int, rate: float, tried: list[tuple[str, float, float, float]]
+def in_order(sharp: Answer, recommended: Answer) -> tuple[Answer, Answer]:
+    """Return the two answers so that their medians do not contradict their names, as gaps are chosen by means."""
+    lower = min(sharp, recommended, key=lambda answer: answer.level)
+    steadier = min(recommended, sharp, key=lambda answer: answer.worst)
+    return lower, steadier
+
+
+def answer_at(
+    absorber: SlidingAbsorber, samples: LevelSamples, step: float, tolerance: float
+) -> Answer:
+    """Return a device of the samples with its level, or what else is measured."""
+    values = samples.levels[step]
+    level = float(np.median(values))
+    steps, levels = samples.known()
+    largest = level
+    if tolerance > 0:
+        over = worst_level(STEP * steps, levels, STEP * step, tolerance, samples.power)
+        largest = float(np.maximum(level, over))
+    prediction = predict(values, samples.groups_near(step))
+    return Answer(absorber, level, largest, len(values), prediction)
+
+
+def _choose_free(
+    runs: _Runs,
+    name: str,
+    start: int,
+    widest: int,
+    rate: float,
+    tried: list[tuple[str, float, float, float]],
 ) -> int:
-    """Put the value of a free variable with the lowest look into the runs' absorber, the gap found anew for each; return the step of its gap."""
+    """Put the value of a free variable with the lowest single run into the runs' absorber, the gap searched for each; return the step of its gap."""
     usual = runs.absorber
     walls = rigid_walls(usual)
     friction = usual.friction
@@ -479,22 +552,24 @@ def _freed(
             runs.absorber = replace(
                 usual, friction=None if friction is None else friction_law(value * friction.limit)
             )
-        runs.kept = {key: curve for key, curve in runs.kept.items() if key[0] is None}
-        seen = bracket(lambda n: float(runs.levels(n, 1, rate)[0]), start)
-        step = min(seen, key=lambda n: seen[n])
-        told = value if name == "restitution" else runs.device(step).friction
-        tried.append(
-            (
-                name,
-                told if isinstance(told, float) else 0.0 if told is None else told.limit,
-                seen[step],
-                rigid_walls(runs.device(step)).gap,
-            )
+        runs.forget_gaps()
+        found = bracket(
+            lambda n: math.log(float(runs.levels(n, 1, rate)[0])),
+            start,
+            (start + NARROWEST, widest),
+            wide_looks=False,
         )
-        if best is None or seen[step] < best[0]:
-            best = (seen[step], step, runs.absorber)
+        step = min(found, key=lambda n: found[n])
+        level = math.exp(found[step])
+        device = runs.device(step)
+        number = value
+        if name == "friction_limit":
+            number = 0.0 if device.friction is None else device.friction.limit
+        tried.append((name, number, level, rigid_walls(device).gap))
+        if best is None or level < best[0]:
+            best = (level, step, runs.absorber)
         start = step
     assert best is not None
     runs.absorber = best[2]
-    runs.kept = {key: curve for key, curve in runs.kept.items() if key[0] is None}
+    runs.forget_gaps()
     return best[1]

@@ -1,6 +1,6 @@
 """The recommended device beside what else could be done, and what it bears: what the card of `design_gap` tells. SI units."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,22 +10,33 @@ from impact_env.curve import CurveCase, performance_curves
 from impact_env.drive import Drive
 from impact_env.ensemble import Executor, Lane, draw_members, each_lane, run_lanes
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import ParameterError, non_negative, positive, require
+from impact_env.parameters import (
+    Absorber,
+    ParameterError,
+    TunedAbsorber,
+    friction_damper,
+    non_negative,
+    positive,
+    require,
+)
 from impact_env.response import Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
+from optimisation.bounds import free_amplitude
 from optimisation.friction_rule import best_friction
 from optimisation.gap_advice import Advice, Answer
+from optimisation.gap_check import GapCheck
 from optimisation.mounting import with_more_modes
-from optimisation.tuned import HIGH, LOW, highest_amplitude, minimax
+from optimisation.tuned import smallest_amplitude
 from optimisation.uncertain import Spread, drawn, shares
 
 Array = NDArray[np.float64]
 # of what is uncertain; the seed of members that no search has seen
 DRAWS = 64
 UNSEEN = 1
+DAMPER_STEP = float(np.log(2.2))  # of ln friction limit
 FACTORS = np.geomspace(0.25, 4.0, 97)  # of the force
-HALVED = 0.5  # of the level without absorber, which a device that works is below
+EFFECTIVE_RATIO = 0.5  # of the level without absorber, which a device that works is below
 
 
 @dataclass(frozen=True)
@@ -43,20 +54,21 @@ class Impacts:
 
 
 @dataclass(frozen=True)
-class Rivals:
-    """Levels in m (RMS) with other absorbers of the same mass.
+class Baselines:
+    """Levels in m (RMS) with other absorbers of the same mass, from sweeps over the same range; NaN where an absorber does nothing.
 
-    ``tuned``: the smallest peak of a tuned absorber, stationary, over the wide range; ``damper``: a friction damper with its best limit, both by the
-    energy of a cycle, ``damper_limit`` in N; NaN where it does nothing.
+    ``tuned``: the tuned absorber with the smallest largest amplitude in the range. ``damper``: the best of the friction dampers that were simulated,
+    with its limit ``damper_limit`` in N.
     """
 
     tuned: float
     damper: float
     damper_limit: float
+    tuned_absorber: TunedAbsorber | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Bearing:
+class ServiceLoads:
     """What a device bears and what else there is: levels in m (RMS).
 
     ``works`` and ``helps``: lowest and highest force in N of those known where it at least halves the level, and where it lowers it; NaN for none.
@@ -68,55 +80,128 @@ class Bearing:
     impacts: Impacts
     works: tuple[float, float]
     helps: tuple[float, float]
-    rivals: Rivals
+    baselines: Baselines
 
 
-def bearing(found: Advice, answer: Answer, executor: Executor) -> Bearing:
-    """Run a device once up and once down with its impacts recorded, and its rivals; raises KeyboardInterrupt if that is stopped."""
+def service_loads(found: Advice, answer: Answer, executor: Executor) -> ServiceLoads:
+    """Run a device once up and once down with its impacts recorded, and other absorbers; raises KeyboardInterrupt if that is stopped."""
     check = found.check
-    case = CurveCase(
-        Scene(check.model, answer.absorber),
-        np.array([check.force]),
-        check.resonance,
-        check.limits,
-        check.rate,
-    )
-    impacts = impacts_of(case, executor)
+    impacts = impacts_of(case_of(check, answer.absorber), executor)
     forces = check.force * FACTORS
     without = float(check.without.median[0]) / check.force
     levels = np.array([found.at_force(answer, float(factor)) for factor in FACTORS])
     works, helps = (
-        stretch(forces, levels < share * without * forces, len(forces) // 2)
-        for share in (HALVED, 1.0)
+        contiguous_range(forces, levels < share * without * forces, len(forces) // 2)
+        for share in (EFFECTIVE_RATIO, 1.0)
     )
-    return Bearing(
-        answer,
-        forces,
-        levels,
-        impacts,
-        works,
-        helps,
-        rivals(check.model, check.absorber.mass_ratio, check.force, check.resonance),
+    baselines = simulate_baselines(
+        check.model,
+        check.absorber.mass_ratio,
+        (check.force, check.resonance),
+        check.limits,
+        check.rate,
+        executor,
+    )
+    return ServiceLoads(answer, forces, levels, impacts, works, helps, baselines)
+
+
+def case_of(
+    check: GapCheck, absorber: Absorber | None, model: ModalModel | None = None
+) -> CurveCase:
+    """Return the sweeps of a check with another absorber, or on another model too."""
+    return CurveCase(
+        Scene(check.model if model is None else model, absorber),
+        np.array([check.force]),
+        check.resonance,
+        check.limits,
+        check.rate,
+        steady_start=True,
     )
 
 
-def rivals(model: ModalModel, mass_ratio: float, force: float, resonance: int) -> Rivals:
-    """Return the relative levels of other absorbers of a mass under a force in N near a resonance."""
+def simulate_baselines(
+    model: ModalModel,
+    mass_ratio: float,
+    condition: tuple[float, int],
+    sweep_range: tuple[float, float],
+    rate: float,
+    executor: Executor,
+) -> Baselines:
+    """Return the levels of other absorbers of a mass; ``condition``: force in N and resonance. Raises KeyboardInterrupt if it is stopped.
+
+    All of them are swept over one range, in units of the resonance, at one rate in % per 100 pseudo periods.
+    """
+    force, resonance = condition
+
+    def level(absorber: Absorber) -> float:
+        case = CurveCase(
+            Scene(model, absorber),
+            np.array([force]),
+            resonance,
+            sweep_range,
+            rate,
+            steady_start=True,
+        )
+        (curve,) = performance_curves([case], 1, executor=executor)
+        if not curve.complete:
+            raise KeyboardInterrupt
+        return float(curve.median[0])
+
+    tuned = None
+    tuned_level = float("nan")
     try:
-        limit, damper = best_friction(model, mass_ratio * model.beam_mass, force, resonance)
+        tuned = smallest_amplitude(model, mass_ratio, resonance, *sweep_range)
+        tuned_level = level(tuned)
     except (
         ParameterError
-    ):  # no such damper where the resonance's own mode does not move the place, or the force
-        limit = float("nan")
-        damper = float("nan")
-    peak = highest_amplitude(model, minimax(model, mass_ratio, resonance), resonance, LOW, HIGH)[0]
-    return Rivals(force * peak / float(np.sqrt(2)), damper, limit)
+    ):  # nothing can be tuned where the resonance's mode does not move the place
+        pass
+
+    limit, damper_level = find_best_damper(
+        lambda limit: level(friction_damper(limit, mass_ratio)),
+        estimate_damper(model, mass_ratio * model.beam_mass, force, resonance),
+    )
+    return Baselines(tuned_level, damper_level, limit, tuned)
+
+
+def estimate_damper(model: ModalModel, mass: float, force: float, resonance: int) -> float:
+    """Return a friction limit in N from which to search a damper's: by the energy of a cycle, or by the free amplitude where that says nothing."""
+    try:
+        return best_friction(model, mass, force, resonance)[0]
+    except ParameterError:
+        free = free_amplitude(model, mass, force, resonance)
+        return 0.2 * mass * model.resonance_omega(resonance) ** 2 * free
+
+
+def find_best_damper(level: Callable[[float], float], estimate: float) -> tuple[float, float]:
+    """Return (friction limit, level) of the best of four dampers: the estimate, one to either side, and one by the parabola through them.
+
+    ``level``: of a limit in N. Where the best of three is the weakest or the strongest, the fourth goes on outwards.
+    """
+    if not (np.isfinite(estimate) and estimate > 0):
+        return float("nan"), float("nan")
+    shifts = [-DAMPER_STEP, 0.0, DAMPER_STEP]
+    levels = [level(estimate * float(np.exp(shift))) for shift in shifts]
+    best = int(np.argmin(levels))
+    if best == 1:
+        left, middle, right = np.log(levels)
+        curvature = left - 2 * middle + right
+        fourth = DAMPER_STEP * (left - right) / (2 * curvature) if curvature > 0 else 0.0
+        if abs(fourth) < 0.05:  # the estimate is the best already
+            fourth = 0.3
+    else:
+        fourth = 2 * shifts[best]
+    shifts.append(float(fourth))
+    levels.append(level(estimate * float(np.exp(fourth))))
+    best = int(np.argmin(levels))
+    return estimate * float(np.exp(shifts[best])), levels[best]
 
 
 def impacts_of(case: CurveCase, executor: Executor) -> Impacts:
     """Run a case's first force once up and once down with its impacts recorded; raises KeyboardInterrupt if that is stopped."""
     lanes = [
-        Lane(case.scene, Drive(float(case.forces[0]), schedule)) for schedule in case.schedules()
+        Lane(case.scene, Drive(float(case.forces[0]), schedule), case.steady_start)
+        for schedule in case.schedules()
     ]
     pairs = each_lane(lanes, _impacts, executor=executor)
     seen = [one for one in pairs if one is not None]
@@ -136,13 +221,7 @@ def change_with_modes(
     check = found.check
     if beam is None:
         return ""
-    case = CurveCase(
-        Scene(modal_model(beam), answer.absorber),
-        np.array([check.force]),
-        check.resonance,
-        check.limits,
-        check.rate,
-    )
+    case = case_of(check, answer.absorber, modal_model(beam))
     (curve,) = performance_curves([case], found.members, seed, executor=executor)
     return f"; with {beam.modes} the level is {1e3 * curve.median[0]:.4g} mm, {curve.median[0] / answer.level:.2f} times as high"
 
@@ -152,19 +231,15 @@ def uncertain_levels(
 ) -> tuple[float, float, float]:
     """Return the 5, 50 and 95 % quantiles of a device's level in m with all that is uncertain drawn; raises KeyboardInterrupt if it is stopped."""
     check = found.check
-    case = CurveCase(
-        Scene(check.model, answer.absorber),
-        np.array([check.force]),
-        check.resonance,
-        check.limits,
-        check.rate,
-    )
+    case = case_of(check, answer.absorber)
     ensemble = draw_members(DRAWS + 1, UNSEEN)[1:]
     pairs = zip(
         *(ensemble.drives(check.force, schedule) for schedule in case.schedules()), strict=True
     )
     lanes = [
-        drawn(Lane(case.scene, drive), every, share, check.resonance, check.force)
+        drawn(
+            Lane(case.scene, drive, case.steady_start), every, share, check.resonance, check.force
+        )
         for pair, share in zip(pairs, shares(every, ensemble), strict=True)
         for drive in pair
     ]
@@ -177,7 +252,7 @@ def uncertain_levels(
 
 def _impacts(lane: Lane) -> tuple[float, ...]:
     """Return a lane's `impact_numbers`, and the frequency of its level over the resonance's."""
-    response = simulate(lane.scene, lane.drive, record=Record(events=True))
+    response = simulate(lane.scene, lane.drive, initial=lane.start, record=Record(events=True))
     assert response.level is not None
     return *impact_numbers(response), response.level.frequency_ratio
 
@@ -197,7 +272,7 @@ def impact_numbers(response: Response) -> tuple[float, float, float, float]:
     )
 
 
-def stretch(forces: Array, good: NDArray[np.bool_], middle: int) -> tuple[float, float]:
+def contiguous_range(forces: Array, good: NDArray[np.bool_], middle: int) -> tuple[float, float]:
     """Return the lowest and highest force of the stretch around a force, by its index, that is good; NaN where that is not."""
     if not good[middle]:
         return float("nan"), float("nan")
@@ -259,6 +334,17 @@ def estimate(first: str, second: str, radius: float, mass: float, speed: float) 
     force = 4 / 3 * stiff * np.sqrt(radius) * depth**1.5
     time = 2.87 * (mass**2 / (radius * stiff**2 * speed)) ** 0.2
     return Contact(float(time), float(force), float(3 * force / (2 * np.pi * radius * depth)), mass)
+
+
+YIELD_PRESSURE = 1.6  # times the yield stress: the peak pressure at which yield begins below the surface (Johnson 1985)
+
+
+def speed_for_pressure(
+    first: str, second: str, radius: float, mass: float, pressure: float
+) -> float:
+    """Return the relative speed in m/s at which `estimate` gives a peak ``pressure`` in Pa: it goes with the speed to the power of 2/5."""
+    one = estimate(first, second, radius, mass, 1.0)
+    return (positive("pressure", pressure) / one.pressure) ** 2.5
 
 
 def meeting_mass(model: ModalModel, absorber_mass: float) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, performance_curves
-from impact_env.drive import PAPER_LIMITS, default_rate
+from impact_env.drive import default_rate
 from impact_env.ensemble import Executor, Progress
 from impact_env.modes import ModalModel
 from impact_env.parameters import (
@@ -22,9 +22,7 @@ from impact_env.scene import Scene
 from optimisation.bounds import (
     design_gap,
     gap_unit,
-    near_range,
     reach,
-    require_reach,
     resonance_limit,
     share_reached,
 )
@@ -36,12 +34,12 @@ from optimisation.extremes import (
     usable_rate,
 )
 from optimisation.friction_rule import scaled_friction
+from optimisation.sweep_range import find_sweep_range
 
 Array = NDArray[np.float64]
 
 RESTITUTION = 0.7  # of the paper's best absorber
 SPAN = 2.5  # gaps reach from the rule's over this to the rule's times this
-BELOW = 0.97  # of the lower end of the rule's range: where a sweep begins for a mass heavier than the paper's
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,11 +134,6 @@ class GapCheck:
         return None if np.isnan(self.level).all() else int(np.nanargmin(self.level))
 
 
-def sweep_limits(model: ModalModel, mass: float, resonance: int = 1) -> tuple[float, float]:
-    """Return the limits of the sweep over omega_r: the paper's, begun lower for a mass in kg that lowers the resonance further."""
-    return min(PAPER_LIMITS[0], BELOW * near_range(model, mass, resonance)[0]), PAPER_LIMITS[1]
-
-
 def gap_factors(number: int) -> Array:
     """Return an odd number of factors of the rule's gap, geometric, 1 in the middle."""
     require(
@@ -188,7 +181,6 @@ def check_gap(
     members: int = DEFAULT_MEMBERS,
     seed: int = 0,
     percent_per_100_periods: float | None = None,
-    everywhere: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
     executor: Executor | None = None,
@@ -197,8 +189,7 @@ def check_gap(
 
     ``absorber`` gives mass, restitution and friction (default: `scaled_absorber`); its gap is replaced. ``factors`` of the rule's gap must
     contain 1. ``percent_per_100_periods``: None is `default_rate`. Interruption and the other arguments as in `performance_curves`.
-    Raises ParameterError for numbers out of range, for an absorber without rigid walls, and where the rule says nothing (`require_reach`), unless it
-    is ``everywhere`` that is asked for.
+    Raises ParameterError for numbers out of range, and for an absorber without rigid walls.
     """
     force = usable_force("force", force)
     rate = (
@@ -209,13 +200,9 @@ def check_gap(
     absorber = scaled_absorber(model, force, resonance) if absorber is None else absorber
     walls = rigid_walls(absorber)
     mass = absorber.mass_ratio * model.beam_mass
-    found = (
-        reach(model, mass, resonance)
-        if everywhere
-        else require_reach(model, mass, force, resonance)
-    )
+    found = reach(model, mass, resonance)
     rule = design_gap(model, mass, force, resonance)
-    limits = sweep_limits(model, mass, resonance)
+    limits = find_sweep_range(model, absorber.mass_ratio, resonance)
     multiples = np.sort(
         np.asarray(gap_factors(11) if factors is None else factors, dtype=np.float64)
     )
@@ -231,7 +218,7 @@ def check_gap(
     ]
     rate = usable_rate("rate", rate, [limits])
     cases = [
-        CurveCase(scene, np.array([force]), resonance, limits, rate)
+        CurveCase(scene, np.array([force]), resonance, limits, rate, steady_start=True)
         for scene in [Scene(model), *scenes]
     ]
     without, *curves = performance_curves(

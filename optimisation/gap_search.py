@@ -27,6 +27,7 @@ STEP = 0.05  # of ln gap
 FIRST_LOOKS = (0, -8, 8, 16)  # steps from the start
 WIDE = 8  # steps between the first looks
 NEAR = 2  # steps between the lowest level and its neighbours after step 2
+# steps from the start: the narrowest and the widest gap that are tried
 NARROWEST = -32
 WIDEST = 32
 SECOND_BASIN = 1.15  # times the lowest level
@@ -52,17 +53,32 @@ class LevelSamples:
         steps = np.array(sorted(self.levels))
         return steps, np.log([float(np.median(self.levels[n])) for n in steps])
 
+    def means(self) -> tuple[Array, Array]:
+        """Return (steps, means of ln levels), by which gaps are chosen: one run on a higher branch counts, which a median of three leaves out."""
+        steps = np.array(sorted(self.levels))
+        return steps, np.array([float(np.mean(np.log(self.levels[n]))) for n in steps])
+
+    def groups_near(self, step: float) -> list[Array]:
+        """Return the levels of the gaps whose spread stands for that of a gap: those within `POOLED` steps, or all if these have few runs.
+
+        Far down the cliff the spread is another one: members part between two regimes.
+        """
+        near = [levels for n, levels in self.levels.items() if abs(n - step) <= POOLED]
+        freedoms = sum(len(levels) - 1 for levels in near)
+        return near if freedoms >= LEAST_FREEDOMS else list(self.levels.values())
+
     def is_allowed(self, step: float) -> bool:
         """Return whether a gap keeps the limits."""
         return self.excess.get(step, 0.0) <= 0
 
     def cost(self, step: float) -> float:
-        """Return ln of the median level of a gap, raised where it breaks a limit."""
-        return math.log(float(np.median(self.levels[step]))) + PENALTY * max(
-            0.0, self.excess.get(step, 0.0)
-        )
+        """Return the mean ln level of a gap, raised where it breaks a limit."""
+        excess = max(0.0, self.excess.get(step, 0.0))
+        return float(np.mean(np.log(self.levels[step]))) + PENALTY * excess
 
 
+POOLED = 3.0  # steps
+LEAST_FREEDOMS = 4
 PENALTY = 10.0  # on ln of the level, times ln of the quantity over its limit
 
 
@@ -93,7 +109,7 @@ def find_best(
     ``between``: the robust one may be a gap between those that were run. Gaps that break a limit count only where no other is left. Raises
     ValueError where no gap has so many members.
     """
-    steps, levels = samples.known()
+    steps, levels = samples.means()
     ran = [n for n in steps.tolist() if len(samples.levels[n]) >= members]
     allowed = [n for n in ran if samples.is_allowed(n)] or ran
     sharp = min(allowed, key=samples.cost)
@@ -104,14 +120,21 @@ def find_best(
     robust = worst_level(STEP * steps, levels, STEP * candidates, tolerance, samples.power)
     if np.isnan(robust).all():
         return float(sharp), float(max(allowed))
-    penalty = [
-        PENALTY * max(0.0, samples.excess.get(n, 0.0)) for n in candidates.tolist()
-    ]
+    penalty = [PENALTY * max(0.0, samples.excess.get(n, 0.0)) for n in candidates.tolist()]
     return float(sharp), float(candidates[np.nanargmin(np.log(robust) + penalty)])
 
 
-def bracket(look: Callable[[int], float], start: int, widest: int = WIDEST) -> dict[int, float]:
-    """Return the costs (ln of levels) by step around the lowest, whose neighbours are then `NEAR`, from `FIRST_LOOKS` on; steps 1 and 2 above."""
+def bracket(
+    look: Callable[[int], float],
+    start: int,
+    ends: tuple[int, int] | None = None,
+    wide_looks: bool = True,
+) -> dict[int, float]:
+    """Return the costs (ln of levels) by step around the lowest, whose neighbours are then `NEAR`; parts 1 and 2 of the search above.
+
+    ``ends``: the narrowest and the widest step; ``wide_looks`` False: from the start and its neighbours alone, in one basin.
+    """
+    narrowest, widest = ends or (start + NARROWEST, start + WIDEST)
     found: dict[int, float] = {}
 
     def cost_at(n: int) -> float:
@@ -119,24 +142,17 @@ def bracket(look: Callable[[int], float], start: int, widest: int = WIDEST) -> d
             found[n] = look(n)
         return found[n]
 
-    first = [min(max(start + n, NARROWEST), widest) for n in FIRST_LOOKS]
-    for n in dict.fromkeys(first):
-        cost_at(n)
-    while True:
-        best = min(found, key=lambda n: found[n])
-        narrower = max(best - WIDE, NARROWEST)
-        wider = min(best + WIDE, widest)
-        if best == min(found) and narrower < best:
-            cost_at(narrower)
-        elif best == max(found) and wider > best:
-            cost_at(wider)
-        else:
-            break
-    basins = _local_minima(found)
-    _refine(found, cost_at, basins[0], NEAR)
-    lowest = min(found.values())
-    if len(basins) > 1 and found[basins[1]] <= lowest + math.log(SECOND_BASIN):
-        _refine(found, cost_at, basins[1], NEAR)
+    looks = FIRST_LOOKS if wide_looks else FIRST_LOOKS[:2]
+    for n in looks:
+        cost_at(min(max(start + n, narrowest), widest))
+    ends = (narrowest, widest)
+    best = min(found, key=lambda n: found[n])
+    _refine(found, cost_at, best, ends)
+    best = min(found, key=lambda n: found[n])
+    others = [n for n in _local_minima(found) if abs(n - best) >= WIDE]
+    lowest = found[best]
+    if wide_looks and others and found[others[0]] <= lowest + math.log(SECOND_BASIN):
+        _refine(found, cost_at, others[0], ends)
     return found
 
 
@@ -152,20 +168,28 @@ def _local_minima(found: dict[int, float]) -> list[int]:
 
 
 def _refine(
-    found: dict[int, float], cost_at: Callable[[int], float], basin: int, near: int
+    found: dict[int, float],
+    cost_at: Callable[[int], float],
+    basin: int,
+    ends: tuple[int, int],
 ) -> None:
-    """Halve the intervals beside a local minimum, the wider first, until both are ``near``; a lower gap that is found takes its place."""
+    """Bracket a local minimum that lies at an end of what was run; then halve the intervals beside it, the wider first, down to `NEAR`."""
     best = basin
     while True:
         steps = sorted(found)
         at = steps.index(best)
-        below = best - steps[at - 1] if at > 0 else 0
-        above = steps[at + 1] - best if at + 1 < len(steps) else 0
-        if max(below, above) <= near:
-            return
-        middle = best - below // 2 if below >= above else best + above // 2
-        if cost_at(middle) < found[best]:
-            best = middle
+        if at == 0 and best > ends[0]:
+            neighbour = max(best - WIDE, ends[0])
+        elif at == len(steps) - 1 and best < ends[1]:
+            neighbour = min(best + WIDE, ends[1])
+        else:
+            below = best - steps[at - 1] if at > 0 else 0
+            above = steps[at + 1] - best if at + 1 < len(steps) else 0
+            if max(below, above) <= NEAR:
+                return
+            neighbour = best - below // 2 if below >= above else best + above // 2
+        if cost_at(neighbour) < found[best]:
+            best = neighbour
 
 
 def gaps_to_run(samples: LevelSamples, tolerance: float, members: int) -> list[float]:
@@ -186,56 +210,47 @@ def search_gaps(
     members: int,
     pairs: int,
     samples: LevelSamples,
-    widest: int = WIDEST,
-    reference: bool = True,
+    ends: tuple[int, int] | None = None,
+    also: float | None = None,
 ) -> None:
     """Fill ``samples`` from a step on, see above; ``pairs``: of sweeps, up and down, after which no runs are added.
 
-    ``widest``: step of the widest gap that is allowed; ``reference``: run the gap of step 0 too.
+    ``ends``: steps of the narrowest and the widest gap; ``also``: a further step that competes, that of the design rule's gap, if it lies between.
     """
+    narrowest, widest = ends or (start + NARROWEST, start + WIDEST)
 
     def run_members(n: float, number: int) -> float:
         samples.levels[n] = run(n, number)
         return samples.cost(n)
 
-    if reference and widest >= 0:
-        run_members(0, 1)
-    found = bracket(lambda n: run_members(n, 1), start, widest)
+    if also is not None and narrowest <= also <= widest:
+        run_members(also, 1)
+    found = bracket(lambda n: run_members(n, 1), start, (narrowest, widest))
     best = min(found, key=lambda n: found[n])
-    if best > NARROWEST:
+    if best > narrowest:
         run_members(best - 1, 1)  # is the foot of the cliff there?
 
     while True:
         spent = sum(len(levels) for levels in samples.levels.values())
         missing = gaps_to_run(samples, tolerance, members)
-        if not missing:
-            missing = _beside(samples, tolerance, members, widest)
+        if not missing and any(len(levels) >= members for levels in samples.levels.values()):
+            missing = _neighbours(samples, tolerance, members, (narrowest, widest))
         if not missing or spent >= pairs:
             break
         n = missing[0]
         run_members(n, len(samples.levels.get(n, ())) + 1)
-    _complete_one(run_members, samples, tolerance, members)
+    if not any(len(levels) >= members for levels in samples.levels.values()):
+        run_members(find_best(samples, tolerance)[0], members)
 
 
-def _beside(samples: LevelSamples, tolerance: float, members: int, widest: int) -> list[float]:
+def _neighbours(
+    samples: LevelSamples, tolerance: float, members: int, ends: tuple[int, int]
+) -> list[float]:
     """Return the neighbours of the answers that lack members."""
     sharp, robust = find_best(samples, tolerance, members)
     near = [sharp - 1, sharp + 1, robust - 1, robust + 1]
     return [
         n
         for n in dict.fromkeys(near)
-        if NARROWEST <= n <= widest and len(samples.levels.get(n, ())) < members
+        if ends[0] <= n <= ends[1] and len(samples.levels.get(n, ())) < members
     ]
-
-
-def _complete_one(
-    run_members: Callable[[float, int], float],
-    samples: LevelSamples,
-    tolerance: float,
-    members: int,
-) -> None:
-    """Run the best gap with all members if no gap has them."""
-    if any(len(levels) >= members for levels in samples.levels.values()):
-        return
-    sharp, _ = find_best(samples, tolerance)
-    run_members(sharp, members)

@@ -14,7 +14,7 @@ from impact_env.ensemble import Executor, Lane, Members
 from impact_env.parameters import count, fraction, require
 from optimisation.designs import Design, DesignSpace
 from optimisation.evaluation import Progress, evaluate, measured_chunks
-from optimisation.gap_card import stretch
+from optimisation.gap_card import contiguous_range
 from optimisation.measures import (
     ACCELERATION,
     FRICTION_HEAT,
@@ -410,7 +410,7 @@ def service(
             executor,
             progress,
         )
-        forces[:, c] = stretch(
+        forces[:, c] = contiguous_range(
             condition.force * FORCES, part.relative[0] <= HALVED, len(FORCES) // 2
         )
     names = tolerances(design)

@@ -35,19 +35,9 @@ from impact_env.scene import Scene
 from impact_env.turning_loads import Force
 from optimisation.bounds import design_gap
 from optimisation.friction_rule import scaled_friction
-from optimisation.gap_advice import (
-    MEMBERS,
-    MOST_TOLERANCE,
-    PAIRS,
-    STEP,
-    TOLERANCE,
-    Answer,
-    Table,
-    answer_at,
-    answers,
-    search,
-)
+from optimisation.gap_advice import MEMBERS, MOST_TOLERANCE, TOLERANCE, Answer, answer_at, in_order
 from optimisation.gap_check import RESTITUTION
+from optimisation.gap_search import PAIRS, STEP, LevelSamples, find_best, search_gaps
 from optimisation.measures import DECAY, START, check_size, free_size, measure_of, measured
 from optimisation.signals import band_levels, edges_of
 from optimisation.tuned import minimax
@@ -260,7 +250,7 @@ def compare_loads(
 
 # What `design_gap --load` answers: the gap with the least measure under loads, and the one that is best over a tolerance of their intensity.
 #
-# The search is that of `optimisation.gap_advice`, on the measure that belongs to the loads (`optimisation.measures`). It begins at the design
+# The search is that of `optimisation.gap_search`, on the measure that belongs to the loads (`optimisation.measures`). It begins at the design
 # rule's gap where the loads are one swept force, else, where there is no rule, at `START` times the free motion's RMS at the absorber, see
 # `measures.free_size`.
 
@@ -269,14 +259,14 @@ def compare_loads(
 class LoadAdvice:
     """The answers under ``loads``, whose measure they are told by, and what they rest on.
 
-    ``start``: the gap (m) from which ``table`` counts; ``rule``: the design rule's gap (m), None where there is no rule; ``without`` (M,): the
+    ``start``: the gap (m) from which ``samples`` counts; ``rule``: the design rule's gap (m), None where there is no rule; ``without`` (M,): the
     measure without absorber, member by member; ``mass`` in kg.
     """
 
     loads: Loads
     measure: str
     mass: float
-    table: Table
+    samples: LevelSamples
     start: float
     rule: float | None
     free_rms: float
@@ -288,7 +278,7 @@ class LoadAdvice:
     @property
     def gaps(self) -> Array:
         """Gaps that were run, in m, rising."""
-        return np.asarray(self.start * np.exp(STEP * np.array(sorted(self.table.levels))))
+        return np.asarray(self.start * np.exp(STEP * np.array(sorted(self.samples.levels))))
 
     @property
     def size_of(self) -> str:
@@ -298,7 +288,7 @@ class LoadAdvice:
     @property
     def runs(self) -> list[Array]:
         """The members' measures at each of the gaps."""
-        return [self.table.levels[step] for step in sorted(self.table.levels)]
+        return [self.samples.levels[step] for step in sorted(self.samples.levels)]
 
 
 def rule_gap(model: ModalModel, mass: float, loads: Loads, resonance: int) -> float | None:
@@ -357,26 +347,27 @@ def advise_for_loads(
             mass_ratio,
         )
 
-    table = Table(power=0.0 if measure_of(loads) == DECAY else 1.0)
+    samples = LevelSamples(power=0.0 if measure_of(loads) == DECAY else 1.0)
     pairs = PAIRS if members <= MEMBERS else 10 + 5 * members
 
-    def look(step: float, number: int) -> Array:
+    def run_gap(step: float, number: int) -> Array:
         if progress is not None:
-            progress(sum(map(len, table.levels.values())), pairs)
-        kept = table.levels.get(step, np.empty(0))
-        return np.append(kept, runs_of(model, [device(step)], drives[len(kept) : number], threads))
+            progress(sum(map(len, samples.levels.values())), pairs)
+        known = samples.levels.get(step, np.empty(0))
+        added = runs_of(model, [device(step)], drives[len(known) : number], threads)
+        return np.append(known, added)
 
-    search(look, 0, tolerance, members, pairs, table)
-    sharp, recommended = (
-        answer_at(device(step), table, step, tolerance)
-        for step in answers(table, tolerance, min(2, members))
+    search_gaps(run_gap, 0, tolerance, members, pairs, samples)
+    best = find_best(samples, tolerance, members)
+    sharp, recommended = in_order(
+        *(answer_at(device(step), samples, step, tolerance) for step in best)
     )
     without = runs_of(model, [None], drives, threads)[0]
     return LoadAdvice(
         loads,
         measure_of(loads),
         mass,
-        table,
+        samples,
         start,
         rule,
         rms,

@@ -110,9 +110,7 @@ def read(response: Response) -> float:
 
 def measured(lane: Lane) -> float:
     """Return the measure of a lane's loads."""
-    return read(
-        simulate(lane.scene, lane.drive, initial=lane.initial, record=record_of(lane.drive))
-    )
+    return read(simulate(lane.scene, lane.drive, initial=lane.start, record=record_of(lane.drive)))
 
 
 def fingerprint_of(loads: Loads) -> str:
@@ -242,7 +240,7 @@ def measure(chunk: Chunk) -> Array:
     rows = np.full((len(chunk.lanes), len(chunk.measures)), np.nan)
     for row, lane in zip(rows, chunk.lanes, strict=True):
         try:
-            response = simulate(lane.scene, lane.drive, initial=lane.initial, record=chunk.record)
+            response = simulate(lane.scene, lane.drive, initial=lane.start, record=chunk.record)
         except IntegrationError:
             continue
         except ParameterError as error:

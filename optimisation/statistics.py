@@ -4,6 +4,7 @@ Runs part after some impacts, so the same members (phases, roundings) of two des
 measured as -0.17. Pairing them buys nothing, and the interval resamples each design's members on its own.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from impact_env.parameters import require
 
 Array = NDArray[np.float64]
 COVERED = 0.95
+PREDICTED = 0.9  # share of fresh runs in a prediction interval, 5 to 95 %
 RESAMPLES = 2000
 
 
@@ -33,6 +35,43 @@ def _members(name: str, values: ArrayLike) -> Array:
     array = np.asarray(values, dtype=np.float64)
     require(array.ndim == 1 and array.size > 0, name, array.shape, "a row of one value or more")
     return array
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Where a fresh run's value is expected: ln of it follows Student's distribution around ``centre`` with a ``scale`` and ``freedoms``."""
+
+    centre: float
+    scale: float
+    freedoms: int
+
+    def interval(self, share: float = PREDICTED) -> tuple[float, float]:
+        """Return the two values between which a fresh run lies with a probability of ``share``."""
+        half = float(scipy.stats.t.ppf((1 + share) / 2, self.freedoms)) * self.scale
+        return float(np.exp(self.centre - half)), float(np.exp(self.centre + half))
+
+    def probability_below(self, limit: float) -> float:
+        """Return the probability that a fresh run's value is at most ``limit``, above 0."""
+        require(limit > 0, "limit", limit, "above 0")
+        if self.scale == 0:
+            return float(np.log(limit) >= self.centre)
+        return float(scipy.stats.t.cdf((np.log(limit) - self.centre) / self.scale, self.freedoms))
+
+
+def predict(values: ArrayLike, groups: Sequence[ArrayLike]) -> Prediction | None:
+    """Return the prediction of a fresh run of a design from its own ``values`` (M,), the spread pooled over all designs that ran.
+
+    ``groups`` has the values of each of these designs, those of this one among them. Their logarithms have means of their own and one spread in
+    common; for M values the mean's own uncertainty adds 1/M. None where no design ran twice.
+    """
+    own = np.log(_members("values", values))
+    rows = [np.log(_members("groups", group)) for group in groups]
+    freedoms = sum(row.size - 1 for row in rows)
+    if freedoms == 0:
+        return None
+    square = sum(float(np.sum((row - row.mean()) ** 2)) for row in rows) / freedoms
+    scale = float(np.sqrt(square * (1 + 1 / own.size)))
+    return Prediction(float(own.mean()), scale, freedoms)
 
 
 def ratio_of_quantiles(first: ArrayLike, second: ArrayLike, quantile: float = 0.5) -> Gain:

@@ -269,7 +269,8 @@ NEAR = (
     0.93,
     1.06,
 )  # of the resonance frequency, where `design_force` asks for the limit to be zero, for a mass like the paper's
-# free amplitude over the rule's gap: below the first no answer, below the second the best gap is narrower, above the third it is wider
+# free amplitude over the rule's gap: below the first the rule's cavity is not filled, below the second the best gap is narrower, above the third it
+# is wider
 LEAST_REACH = 1.0
 SMALL_REACH = 1.5
 LARGE_REACH = 6.0
@@ -366,31 +367,10 @@ def free_amplitude(model: ModalModel, mass: float, force: float, resonance: int 
 def reach(model: ModalModel, mass: float, resonance: int = 1) -> float:
     """Return `free_amplitude` over `design_gap`, at any force: both are proportional to it.
 
-    Below 1 the free structure does not fill the rule's cavity, so that an absorber without friction never touches a wall: at a node, with little
-    motion, with much damping or a very light mass. Then the rule says nothing. Raises ParameterError as `design_gap` does.
+    Below 1 the free structure does not fill the rule's cavity, so that an absorber without friction never touches a wall there: at a node, with
+    little motion, with much damping or a very light mass. A narrower gap may help. Raises ParameterError as `design_gap` does.
     """
     return free_amplitude(model, mass, 1.0, resonance) / design_gap(model, mass, 1.0, resonance)
-
-
-def require_reach(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
-    """Return `reach`; raises ParameterError, with gap and free amplitude, where it is below `LEAST_REACH`."""
-    found = reach(model, mass, resonance)
-    if found < LEAST_REACH:
-        gap, free = (
-            1e3 * x
-            for x in (
-                design_gap(model, mass, force, resonance),
-                free_amplitude(model, mass, force, resonance),
-            )
-        )
-        require(
-            False,
-            f"gap by the rule for {force:g} N at resonance {resonance}, in mm",
-            float(f"{gap:.4g}"),
-            f"where the place of the absorber moves as far without it, and here that is {free:.4g} mm ({found:.3g} of the gap): no wall would be "
-            "touched (choose another place, a heavier absorber, or a structure with less damping)",
-        )
-    return found
 
 
 def expected_gap(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:

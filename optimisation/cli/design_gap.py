@@ -16,6 +16,7 @@ from impact_env.parameters import (
     SlidingAbsorber,
     friction_law,
     non_negative,
+    positive,
     require,
 )
 from optimisation.cli import common
@@ -25,8 +26,17 @@ from optimisation.executors import executor as executor_on
 from optimisation.extremes import usable_force, usable_rate
 from optimisation.files import require_writable, write_files
 from optimisation.friction_rule import PAPER_FRICTION
-from optimisation.gap_advice import FREE, MEMBERS, TOLERANCE, Advice, advise
-from optimisation.gap_card import ALLOWED, bearing, change_with_modes, material, uncertain_levels
+from optimisation.gap_advice import FREE, MEMBERS, TOLERANCE, Advice, Limits, advise
+from optimisation.gap_card import (
+    ALLOWED,
+    YIELD_PRESSURE,
+    change_with_modes,
+    material,
+    meeting_mass,
+    service_loads,
+    speed_for_pressure,
+    uncertain_levels,
+)
 from optimisation.gap_check import RESTITUTION, gap_factors, rigid_walls, scaled_absorber
 from optimisation.load_comparison import advise_for_loads
 from optimisation.mounting import mounted
@@ -38,8 +48,9 @@ from optimisation.report.gap_report import (
     COLUMNS,
     Unsure,
     answer,
+    baselines,
     card,
-    rivals,
+    probability,
     rows,
     save_figure,
     summary,
@@ -54,6 +65,11 @@ MEMBERS_HELP = (
 )
 FRICTION_HELP = f"Friction limit in N at any gap; 0: none.  [default: the paper's {PAPER_FRICTION} N by the scaling law, in proportion to the gap]"
 CONTACT_HELP = f"Estimate contact time and force: of absorber and wall {ALLOWED}; radius in m of the rounder one."
+CONSTRAINTS = ("stroke", "impact_speed", "yield_stress")
+CONSTRAINT_HELP = (
+    "Answer within a limit, in SI units; may be repeated: stroke (m, from the middle of the cavity), impact_speed (m/s, the largest), yield_stress "
+    f"(Pa, of the softer body of --contact, whose peak pressure stays below {YIELD_PRESSURE:g} times it)."
+)
 OF_SCENE = (
     "structure",
     "modes",
@@ -90,10 +106,27 @@ def simulated(
             friction_given=given["friction_limit"] is not None,
             factors=() if given["gaps"] is None else tuple(map(float, gap_factors(given["gaps"]))),
             percent_per_100_periods=rate,
+            limits=limits_of(given, model, absorber),
             progress=show,
             executor=executor,
             **runs_of(given),
         )
+
+
+def limits_of(given: dict[str, Any], model: ModalModel, absorber: SlidingAbsorber) -> Limits:
+    """Return the limits that the options give: a yield stress as the impact speed at which yield begins."""
+    found = {name: positive(f"constraint {name}", value) for name, value in given["constraint"]}
+    speeds = [found["impact_speed"]] if "impact_speed" in found else []
+    if "yield_stress" in found:
+        if not given["contact"]:
+            raise common.BadInput(
+                "--constraint yield_stress needs --contact: materials and radius that touch"
+            )
+        first, second, radius = given["contact"]
+        mass = meeting_mass(model, absorber.mass_ratio * model.beam_mass)
+        pressure = YIELD_PRESSURE * found["yield_stress"]
+        speeds.append(speed_for_pressure(first, second, radius, mass, pressure))
+    return Limits(found.get("stroke"), min(speeds, default=None))
 
 
 def structure_in(given: dict[str, Any]) -> Structure:
@@ -170,6 +203,8 @@ def under_load(given: dict[str, Any]) -> None:
         "cluster",
         "uncertain",
         "contact",
+        "constraint",
+        "limit_level",
         why="there the gap alone is searched, in this process",
     )
     structure = structure_in(given)
@@ -257,6 +292,18 @@ def under_load(given: dict[str, Any]) -> None:
 @click.option(
     "--contact", type=(str, str, float), metavar="MATERIAL MATERIAL RADIUS", help=CONTACT_HELP
 )
+@click.option(
+    "--constraint",
+    multiple=True,
+    type=(click.Choice(CONSTRAINTS), float),
+    metavar="NAME LIMIT",
+    help=CONSTRAINT_HELP,
+)
+@click.option(
+    "--limit-level",
+    type=float,
+    help="Print the probability that the level of the recommended device stays below this, in m.",
+)
 @common.rate_option
 @click.option(
     "--damping",
@@ -315,6 +362,9 @@ def main(**given: Any) -> None:
             else usable_rate("--rate", given["rate"], [PAPER_LIMITS])
         )
         every = distributions(given, absorber)
+        limits_of(given, model, absorber)
+        if given["limit_level"] is not None:
+            positive("limit_level", given["limit_level"])
         for name in given["contact"][:2] if given["contact"] else ():
             material(name)
         with executor_on(given["threads"], given["cluster"]) as executor:
@@ -332,16 +382,17 @@ def main(**given: Any) -> None:
             told = warnings(found)
             beside = list[str]()
             if best is not None and not given["no_card"]:
-                borne = bearing(found, best, executor)
+                service = service_loads(found, best, executor)
                 more = change_with_modes(found, best, structure, given["seed"], executor)
-                own = card(found, borne, unsure, given["contact"], more)
-                beside = [rivals(borne)]
+                own = card(found, service, unsure, given["contact"], more)
+                beside = [baselines(service)]
                 files += write_card(given["out"], own)
                 told += ["", as_text(own)]
     click.echo(
         "\n".join(
             [
                 *answer(found),
+                *probability(found, given["limit_level"]),
                 *beside,
                 *([] if unsure is None else [unsure.words]),
                 "",

@@ -15,7 +15,7 @@ from pathlib import Path
 from impact_env.modes import ModalModel
 from impact_env.parameters import SlidingAbsorber
 from optimisation.files import replacing, write_json
-from optimisation.gap_card import Impacts, Rivals
+from optimisation.gap_card import Baselines, Impacts
 
 Json = dict[str, object]
 # colours in card.html; a curve of fewer points shows them
@@ -211,11 +211,12 @@ def device_rows(absorber: SlidingAbsorber, model: ModalModel) -> Rows:
     )
 
 
-def rival_rows(rivals: Rivals) -> Rows:
+def baseline_rows(baselines: Baselines) -> Rows:
     """Return the lines about other absorbers of the same mass."""
-    damper = f"best friction damper of this mass, {rivals.damper_limit:.4g} N (estimate)"
-    return Row("best tuned absorber of this mass (stationary)", 1e3 * rivals.tuned, "mm"), Row(
-        damper, 1e3 * rivals.damper, "mm"
+    damper = f"best friction damper of this mass, {baselines.damper_limit:.4g} N"
+    return (
+        Row("best tuned absorber of this mass", 1e3 * baselines.tuned, "mm"),
+        Row(damper, 1e3 * baselines.damper, "mm"),
     )
 
 

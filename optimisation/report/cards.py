@@ -6,12 +6,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.ensemble import Threads
 from impact_env.frequency import coupled_receptance, tip_response
 from impact_env.parameters import Absorber, SlidingAbsorber, TunedAbsorber
 from optimisation.comparison import IMPACT, NONE, Comparison, ResonanceComparison
 from optimisation.extremes import LEAST_RATIO
 from optimisation.files import numbers
-from optimisation.gap_card import HALVED, Impacts, rivals, stretch
+from optimisation.gap_card import (
+    EFFECTIVE_RATIO,
+    Impacts,
+    contiguous_range,
+    simulate_baselines,
+)
 from optimisation.insight import Levels
 from optimisation.measures import SHOWN, TOLD
 from optimisation.problem import Problem
@@ -22,11 +28,11 @@ from optimisation.report.card import (
     Curve,
     Row,
     assumed_rows,
+    baseline_rows,
     between,
     borne_rows,
     device_rows,
     mass_rows,
-    rival_rows,
 )
 from optimisation.report.design_tables import (
     PAPER,
@@ -122,7 +128,9 @@ def _levels(part: ResonanceComparison, labels: dict[str, str], k: int) -> tuple[
                 labels[key], f"{level:.4g} mm ({low:.4g} to {high:.4g}), {100 * level / none:.3g} %"
             )
         )
-    halves = stretch(part.forces, part.curves[IMPACT].median < HALVED * part.curves[NONE].median, k)
+    halves = contiguous_range(
+        part.forces, part.curves[IMPACT].median < EFFECTIVE_RATIO * part.curves[NONE].median, k
+    )
     return (
         *rows,
         Row(NO_DEVICE, MM * float(part.limit[k]), "mm"),
@@ -312,9 +320,14 @@ def _condition_rows(found: Findings, k: int) -> tuple[Row, ...]:
     if condition.loads is None:
         assert found.verdict is not None
         design = found.verdict.winner.design
-        rows += rival_rows(
-            rivals(
-                found.problem.model, design.values[MASS_RATIO], condition.force, condition.resonance
+        rows += baseline_rows(
+            simulate_baselines(
+                found.problem.model,
+                design.values[MASS_RATIO],
+                (condition.force, condition.resonance),
+                condition.limits,
+                found.problem.rate,
+                Threads(),
             )
         )
         bound = limit(found.problem, design, condition)

@@ -11,8 +11,7 @@ from optimisation.bounds import LARGE_REACH, SMALL_REACH
 from optimisation.extremes import LEAST_RATIO
 from optimisation.files import numbers
 from optimisation.gap_advice import Advice, Answer
-from optimisation.gap_card import DRAWS, Bearing, estimate, meeting_mass, reaches_beyond
-from optimisation.gap_check import GapCheck
+from optimisation.gap_card import DRAWS, ServiceLoads, estimate, meeting_mass, reaches_beyond
 from optimisation.page import markdown
 from optimisation.report.card import (
     NO_DEVICE,
@@ -21,10 +20,10 @@ from optimisation.report.card import (
     Curve,
     Row,
     assumed_rows,
+    baseline_rows,
     between,
     borne_rows,
     device_rows,
-    rival_rows,
 )
 from optimisation.report.figures import (
     BLUE,
@@ -43,7 +42,7 @@ HEADER = (
     "gap, mm",
     "of the rule's",
     "level, mm",
-    "5 to 95 %, mm",
+    "90 % of runs, mm",
     "of no absorber, %",
     "limit, mm",
     "share of the possible, %",
@@ -55,6 +54,25 @@ def _percent(answer: Answer, found: Advice, factor: float) -> str:
     """Return how much more a device's level is under so many times the force, in words."""
     change = 100 * (found.at_force(answer, factor) / answer.level - 1)
     return "not known" if math.isnan(change) else f"{change:+.0f} %"
+
+
+def band_in_words(answer: Answer, factor: float = 1e3) -> str:
+    """Return the interval that holds 90 % of fresh runs in brackets, times a factor; nothing where it is not known."""
+    if answer.prediction is None:
+        return ""
+    return f" (90 % of runs: {factor * answer.low:.4g} to {factor * answer.high:.4g})"
+
+
+def _ratio(answer: Answer) -> str:
+    """Return the frequency at which a level was read, in words."""
+    return f"{answer.frequency_ratio:.4g} of the resonance"
+
+
+def is_read_at_end(found: Advice, answer: Answer) -> bool:
+    """Return whether a level was read at an end of the sweeps: within the half window of 10 periods, or 1 % of the range."""
+    low, high = found.check.limits
+    near = max(1e-3 * found.check.rate, 0.01 * (high - low))
+    return not low + near < answer.frequency_ratio < high - near
 
 
 def device(answer: Answer, mass: float) -> str:
@@ -79,14 +97,14 @@ def answer(found: Advice) -> list[str]:
     lines = [
         f"Recommended: {device(best, check.mass)}, for {force}.",
         (
-            f"  Level {1e3 * best.level:.4g} mm ({1e3 * best.low:.4g} to {1e3 * best.high:.4g}), {100 * best.level / without:.1f} % of no absorber; "
+            f"  Level {1e3 * best.level:.4g} mm{band_in_words(best)}, {100 * best.level / without:.1f} % of no absorber, read at {_ratio(best)}; "
             f"at most {1e3 * best.worst:.4g} mm from {(1 - t) * check.force:.4g} to {(1 + t) * check.force:.4g} N."
         ),
     ]
     if sharp.gap != best.gap:
         lines.append(
             f"Lowest level: {1e3 * sharp.gap:.4g} mm, "
-            f"level {1e3 * sharp.level:.4g} mm ({1e3 * sharp.low:.4g} to {1e3 * sharp.high:.4g}), "
+            f"level {1e3 * sharp.level:.4g} mm{band_in_words(sharp)}, "
             f"{100 * sharp.level / without:.1f} % of no absorber; at most {1e3 * sharp.worst:.4g} mm over that range."
         )
     rows = [
@@ -98,6 +116,8 @@ def answer(found: Advice) -> list[str]:
         + "; ".join(rows)
         + "."
     )
+    runs = len(check.curves[check.at_rule].members) if check.gaps.size else 0
+    single = "" if runs >= best.members else f" ({runs} of {best.members} runs)"
     rule = f"Design rule (no simulation): {1e3 * check.rule:.4g} mm"
     at_rule = (
         float(check.level[check.at_rule])
@@ -105,13 +125,40 @@ def answer(found: Advice) -> list[str]:
         else math.nan
     )
     lines.append(
-        f"{rule}{'' if math.isnan(at_rule) else f', level {at_rule / best.level:.2f} times that of the recommended'}."
+        f"{rule}{'' if math.isnan(at_rule) else f', level {at_rule / best.level:.2f} times that of the recommended{single}'}."
     )
     lines.append(
         f"Free amplitude over the rule's gap: {check.reach:.3g}. Friction goes with the gap and the first frequency: docs/which_gap.md."
     )
+    lines += _limit_lines(found)
     lines += _tried(found.tried)
     return lines
+
+
+def probability(found: Advice, limit: float | None) -> list[str]:
+    """Return the line about the probability that the recommended device's level stays below a limit in m; none without a limit."""
+    best = found.recommended
+    if limit is None or best is None:
+        return []
+    if best.prediction is None:
+        return [f"Probability of a level below {1e3 * limit:.4g} mm: not known from single runs."]
+    share = best.prediction.probability_below(limit)
+    return [
+        f"Probability of a level below {1e3 * limit:.4g} mm at this force: {100 * share:.0f} %."
+    ]
+
+
+def _limit_lines(found: Advice) -> list[str]:
+    """Return the line about what the recommended device keeps; none without limits."""
+    best = found.recommended
+    words = []
+    if found.limits.stroke is not None and best is not None:
+        words.append(f"stroke {1e3 * best.gap:.4g} of at most {1e3 * found.limits.stroke:.4g} mm")
+    if found.limits.impact_speed is not None and best is not None and best.impact_speed is not None:
+        words.append(
+            f"impact speed {best.impact_speed:.4g} of at most {found.limits.impact_speed:.4g} m/s"
+        )
+    return [f"Limits at this force: {'; '.join(words)}."] if words else []
 
 
 def _tried(tried: Sequence[tuple[str, float, float, float]]) -> list[str]:
@@ -141,51 +188,59 @@ def warnings(found: Advice) -> list[str]:
     useless = found.recommended is not None and found.recommended.level >= float(
         check.without.median[0]
     )
-    seen = {
-        f"the free amplitude is {check.reach:.3g} of the rule's gap; below {SMALL_REACH:g} the absorber does little": check.reach
+    best = found.recommended
+    read_at_end = best is not None and is_read_at_end(found, best)
+    conditions = {
+        f"the level was read at an end of the sweeps, {_ratio(best) if best else ''}: a resonance beside this one, or an absorber too heavy for the "
+        "range, decides": read_at_end,
+        "no gap that ran keeps the limits; the recommended one breaks them least": not found.keeps_limits,
+        f"the free amplitude is {check.reach:.3g} of the rule's gap; below {SMALL_REACH:g} the rule's gap is too wide": check.reach
         < SMALL_REACH,
         f"free amplitude over the rule's gap above {LARGE_REACH:g}: the rule's gap is too narrow, on the steep side": check.reach
         > LARGE_REACH,
         "the best gap is the narrowest or widest that was tried: another mass or place may suit better": found.at_end,
         "no gap brings the level below that without absorber: another place may suit better": useless,
     }
-    lines = [f"Warning: {words}." for words, so in seen.items() if so]
+    lines = [f"Warning: {words}." for words, so in conditions.items() if so]
+    low, high = check.limits
     lines.append(
-        f"Sweeps at {check.rate:.3g} % per 100 pseudo periods show {ratio:.3f} of the stationary level without absorber."
+        f"Sweeps from {low:.3g} to {high:.3g} of the resonance at {check.rate:.3g} % per 100 pseudo periods "
+        f"show {ratio:.3f} of the stationary level without absorber."
     )
     if ratio < LEAST_RATIO:
         lines.append(
             f"Warning: below {LEAST_RATIO:g} shares of the possible are left out; sweep more slowly."
         )
     lines.append(
-        f"{found.sweeps} sweeps{f'; {len(found.looks)} gaps with one run are left out of the table' if found.looks else ''}."
+        f"{found.sweeps} sweeps{f'; {len(found.single_runs)} gaps with one run are left out of the table' if found.single_runs else ''}."
     )
     return lines
 
 
-def rivals(bearing: Bearing) -> str:
+def baselines(service: ServiceLoads) -> str:
     """Return the lines about other absorbers of the same mass."""
-    other = bearing.rivals
-    alone = ", for this resonance alone" if other.tuned < bearing.answer.level else ""
-    tuned = f"the best tuned absorber leaves {1e3 * other.tuned:.4g} mm{alone} (stationary)"
-    return f"Of the same mass, {tuned}; the best friction damper {1e3 * other.damper:.4g} mm (estimate)."
+    other = service.baselines
+    alone = ", for this resonance alone" if other.tuned < service.answer.level else ""
+    tuned = f"the best tuned absorber leaves {1e3 * other.tuned:.4g} mm{alone}"
+    return f"Of the same mass and over the same range, {tuned}; the best friction damper {1e3 * other.damper:.4g} mm."
 
 
 def text(found: Advice) -> str:
     """Return a line for the rule's gap, and for each that more than one member ran."""
     check = found.check
     lines = []
-    single = {gap for gap, _ in found.looks}
+    single = {gap for gap, _ in found.single_runs}
+    band = 1e3 * found.band
     for k, gap in enumerate(check.gaps):
         if gap in single and gap != check.rule:
             continue
-        low, high = 1e3 * check.band[:, k]
+        interval = "-" if np.isnan(band[0, k]) else f"{band[0, k]:.4g} to {band[1, k]:.4g}"
         share = "-" if math.isnan(check.share[k]) else f"{100 * check.share[k]:.1f}"
         cells = (
             f"{1e3 * gap:.4g}",
             f"{gap / check.rule:.3g}",
             f"{1e3 * check.level[k]:.4g}",
-            f"{low:.4g} to {high:.4g}",
+            interval,
         )
         more = (
             f"{100 * check.relative[k]:.1f}",
@@ -228,20 +283,20 @@ class Unsure:
 
 
 def _contact(
-    found: Advice, bearing: Bearing, given: tuple[str, str, float]
+    found: Advice, service: ServiceLoads, given: tuple[str, str, float]
 ) -> tuple[tuple[Row, ...], list[str]]:
     """Return the estimate of an impact at the largest speed, and a warning if it reaches modes that were left out."""
     model, (first, second, radius) = found.check.model, given
-    if not bearing.impacts.largest > 0:
+    if not service.impacts.largest > 0:
         return (Row("contact", "no impact"),), []
     one = estimate(
-        first, second, radius, meeting_mass(model, found.check.mass), bearing.impacts.largest
+        first, second, radius, meeting_mass(model, found.check.mass), service.impacts.largest
     )
     top = float(model.omega.max()) / (2 * math.pi)
     rows = (
         Row(
             "of",
-            f"{first} and {second}, radius {1e3 * radius:.4g} mm, {one.mass:.4g} kg at {bearing.impacts.largest:.4g} m/s",
+            f"{first} and {second}, radius {1e3 * radius:.4g} mm, {one.mass:.4g} kg at {service.impacts.largest:.4g} m/s",
         ),
         Row("contact time", 1e3 * one.time, "ms"),
         Row("peak force", one.force, "N"),
@@ -255,7 +310,7 @@ def _contact(
 
 def card(
     found: Advice,
-    bearing: Bearing,
+    service: ServiceLoads,
     unsure: Unsure | None = None,
     contact: tuple[str, str, float] | None = None,
     more: str = "",
@@ -265,19 +320,20 @@ def card(
     ``contact``: two materials of `optimisation.gap_card` and the radius in m of the rounder one; ``more``: what more modes change, in words.
     """
     check = found.check
-    best = bearing.answer
+    best = service.answer
     model = found.check.model
     t = found.tolerance
     without = float(check.without.median[0])
     low = (1 - t) * check.force
     high = (1 + t) * check.force
     level: tuple[Row, ...] = (
-        Row(f"at {check.force:g} N, median of {found.members} runs", 1e3 * best.level, "mm RMS"),
-        Row("5 to 95 % of the runs", f"{1e3 * best.low:.4g} to {1e3 * best.high:.4g} mm"),
+        Row(f"at {check.force:g} N, median of {best.members} runs", 1e3 * best.level, "mm RMS"),
+        Row("90 % of further runs", _interval(best)),
+        Row("read at", best.frequency_ratio, "of the resonance"),
         Row(f"at most, {low:.4g} to {high:.4g} N", 1e3 * best.worst, "mm"),
         Row("of no absorber", 100 * best.level / without, "%"),
         Row("no absorber", 1e3 * without, "mm"),
-        *rival_rows(bearing.rivals),
+        *baseline_rows(service.baselines),
         Row(NO_DEVICE, 1e3 * check.limit_at(best.gap), "mm"),
     )
     if unsure is not None:
@@ -288,10 +344,10 @@ def card(
                 f"{1e3 * unsure.median:.4g} mm ({1e3 * unsure.low:.4g} to {1e3 * unsure.high:.4g})",
             ),
         )
-    there = bearing.forces[~np.isnan(bearing.levels)]
+    there = service.forces[~np.isnan(service.levels)]
     forces = (
-        Row("halves the level", between(*bearing.works)),
-        Row("lowers the level", between(*bearing.helps)),
+        Row("halves the level", between(*service.works)),
+        Row("lowers the level", between(*service.helps)),
         Row("known by the scaling law", between(there[0], there[-1])),
     )
     assumed = (
@@ -301,34 +357,41 @@ def card(
         Row("sweeps taken", f"{found.sweeps}, and two with impacts recorded"),
     )
     title = f"Impact absorber for {check.force:g} N near resonance {check.resonance}"
-    touch, reached = ((), []) if contact is None else _contact(found, bearing, contact)
+    touch, reached = ((), []) if contact is None else _contact(found, service, contact)
     groups = (
         ("Device", device_rows(best.absorber, model)),
         ("Response level", level),
         ("Forces", forces),
-        ("What it bears", borne_rows(best.gap, bearing.impacts, best.level)),
+        ("What it bears", borne_rows(best.gap, service.impacts, best.level)),
         *((("Contact, estimated after Hertz, without loss", touch),) if touch else ()),
         ("Assumptions", assumed),
     )
     told = [line.removeprefix("Warning: ") for line in warnings(found) if line[:4] == "Warn"]
-    return Card(title, groups, _charts(found, bearing), (*told, *reached))
+    return Card(title, groups, _charts(found, service), (*told, *reached))
 
 
-def _charts(found: Advice, bearing: Bearing) -> tuple[Chart, ...]:
+def _interval(answer: Answer) -> str | None:
+    """Return the interval that holds 90 % of fresh runs; None where it is not known."""
+    if answer.prediction is None:
+        return None
+    return f"{1e3 * answer.low:.4g} to {1e3 * answer.high:.4g} mm"
+
+
+def _charts(found: Advice, service: ServiceLoads) -> tuple[Chart, ...]:
     """Return the level over the gap, and that of the recommended device over the force."""
     check = found.check
     mm = 1e3
     gaps = numbers(mm * check.gaps)
     full = Curve(
-        "median, 5 to 95 %",
+        "median, 90 % of runs",
         gaps,
         numbers(mm * check.level),
-        numbers(mm * check.band[0]),
-        numbers(mm * check.band[1]),
+        numbers(mm * found.band[0]),
+        numbers(mm * found.band[1]),
     )
     curves = [full]
-    if found.looks:
-        at, level = zip(*found.looks, strict=True)
+    if found.single_runs:
+        at, level = zip(*found.single_runs, strict=True)
         curves.append(
             Curve(
                 "one run",
@@ -337,7 +400,7 @@ def _charts(found: Advice, bearing: Bearing) -> tuple[Chart, ...]:
                 points=True,
             )
         )
-    marks = [("design rule", mm * check.rule), ("recommended", mm * bearing.answer.gap)]
+    marks = [("design rule", mm * check.rule), ("recommended", mm * service.answer.gap)]
     if found.sharp is not None:
         marks.append(("lowest level", mm * found.sharp.gap))
     over_gap = Chart(
@@ -348,15 +411,15 @@ def _charts(found: Advice, bearing: Bearing) -> tuple[Chart, ...]:
         tuple(marks),
         log_x=True,
     )
-    force = bearing.forces
+    force = service.forces
     without = float(check.without.median[0]) / check.force
     both = (
-        Curve("recommended device", numbers(force), numbers(mm * bearing.levels)),
+        Curve("recommended device", numbers(force), numbers(mm * service.levels)),
         Curve("no absorber", numbers(force), numbers(mm * without * force)),
         Curve(
             "best tuned absorber",
             numbers(force),
-            numbers(mm * bearing.rivals.tuned / check.force * force),
+            numbers(mm * service.baselines.tuned / check.force * force),
         ),
     )
     mark = (("the force", check.force),)
@@ -382,13 +445,14 @@ def rows(found: Advice) -> Iterator[tuple[object, ...]]:
     """Yield one row of `COLUMNS` for each gap that was run in full; an empty cell where nothing is known."""
     for k, gap in enumerate(found.check.gaps):
         yield tuple(
-            "" if value is None else value for value in _values(found.check, k, float(gap)).values()
+            "" if value is None else value for value in _values(found, k, float(gap)).values()
         )
 
 
-def _values(check: GapCheck, k: int, gap: float) -> dict[str, float | None]:
+def _values(found: Advice, k: int, gap: float) -> dict[str, float | None]:
+    check = found.check
     members = int(np.sum(~np.isnan(check.curves[k].combined)))
-    levels = (check.level[k], *check.band[:, k], check.relative[k])
+    levels = (check.level[k], *found.band[:, k], check.relative[k])
     cells = (
         gap,
         gap / check.rule,
@@ -419,6 +483,13 @@ def answer_values(
             f"{measure}{name}_{unit}": value if math.isfinite(value) else None
             for name, value in levels.items()
         },
+        "members": answer.members,
+        **(
+            {}
+            if math.isnan(answer.frequency_ratio)
+            else {"frequency_ratio": answer.frequency_ratio}
+        ),
+        **({} if answer.impact_speed is None else {"impact_speed_m_s": answer.impact_speed}),
     }
 
 
@@ -428,13 +499,13 @@ def summary(found: Advice) -> Json:
     points = {}
     if check.gaps.size:
         points["at_rule"] = (
-            _values(check, check.at_rule, check.rule)
+            _values(found, check.at_rule, check.rule)
             if check.gaps[check.at_rule] == check.rule
             else None
         )
     if found.sharp is not None:
         points["best"] = _values(
-            check, int(np.argmin(np.abs(check.gaps - found.sharp.gap))), found.sharp.gap
+            found, int(np.argmin(np.abs(check.gaps - found.sharp.gap))), found.sharp.gap
         )
     device = found.recommended.absorber if found.recommended is not None else check.absorber
     without = float(check.without.median[0])
@@ -447,7 +518,7 @@ def summary(found: Advice) -> Json:
         "level_without_absorber_m": None if math.isnan(without) else without,
         "sweep_over_stationary_level": None if math.isnan(without) else check.sweep_ratio,
         **points,
-        "looks": [{"gap_m": gap, "level_m": level} for gap, level in found.looks],
+        "single_runs": [{"gap_m": gap, "level_m": level} for gap, level in found.single_runs],
         "tried": [
             dict(zip(("name", "value", "level_m", "gap_m"), one, strict=True))
             for one in found.tried
@@ -464,7 +535,15 @@ def summary(found: Advice) -> Json:
             "sweep_limits": list(check.limits),
             "members": found.members,
             "sweeps": found.sweeps,
-            "level": "larger of sweep up and sweep down; median and 5 to 95 % over the members",
+            "level": "larger of sweep up and sweep down; median, and the interval that holds 90 % of further runs",
+            "limits": {
+                name: value
+                for name, value in (
+                    ("stroke_m", found.limits.stroke),
+                    ("impact_speed_m_s", found.limits.impact_speed),
+                )
+                if value is not None
+            },
         },
     }
 
@@ -473,7 +552,7 @@ def save_figure(path: Path, found: Advice) -> None:
     """Draw level and limit over the gap, with the answers; the ending of ``path`` chooses the format."""
     check = found.check
     figure, axes = figure_of(8, 5.2)
-    gaps, (low, high) = MM * check.gaps, MM * check.band.reshape(2, -1)
+    gaps, (low, high) = MM * check.gaps, MM * found.band
     every = [*check.gaps] or [check.rule]
     fine = np.geomspace(0.95 * min(every), 1.05 * max(every), 120)
     limit = MM * np.array([check.limit_at(float(gap)) for gap in fine])
@@ -488,10 +567,10 @@ def save_figure(path: Path, found: Advice) -> None:
         color=BLUE,
         lw=2.2,
         ms=5,
-        label=f"median and 5 to 95 % of up to {found.members} runs",
+        label=f"median of up to {found.members} runs, 90 % of further runs",
     )
-    if found.looks:
-        at, level = MM * np.array(found.looks).T
+    if found.single_runs:
+        at, level = MM * np.array(found.single_runs).T
         axes.plot(at, level, "o", ms=5, mfc="white", mec=BLUE, ls="", label="one run")
     axes.axvline(
         MM * check.rule,
@@ -515,7 +594,7 @@ def save_figure(path: Path, found: Advice) -> None:
     without = MM * float(check.without.median[0])
     stopped = "" if found.complete else " (stopped early)"
     axes.set_xscale("log")
-    top = max(float(np.nanmax(high, initial=0)), float(limit.max()))
+    top = max(float(np.nanmax([*high, *(MM * check.level)], initial=0)), float(limit.max()))
     axes.set(xlim=(MM * fine[0], MM * fine[-1]), ylim=(0, 1.6 * top if top > 0 else 1))
     force_axis(axes.xaxis, SUBS)
     axes.set_xlabel("clearance to either wall in mm", fontsize=11)

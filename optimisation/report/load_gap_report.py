@@ -12,7 +12,7 @@ from optimisation.load_comparison import LoadAdvice
 from optimisation.measures import SHOWN, START, TOLD, UNITS
 from optimisation.report.comparison_tables import LOAD_BAND
 from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of, force_axis, write_figure
-from optimisation.report.gap_report import SUBS, answer_values, device
+from optimisation.report.gap_report import SUBS, answer_values, band_in_words, device
 
 Json = dict[str, object]
 COLUMNS = ("gap_m", "member", "value")
@@ -54,7 +54,7 @@ def text(found: LoadAdvice) -> str:
     what = TOLD[found.measure]
 
     def level(answer: Answer) -> str:
-        band = f"{factor * answer.level:.4g} {unit} ({factor * answer.low:.4g} to {factor * answer.high:.4g})"
+        band = f"{factor * answer.level:.4g} {unit}{band_in_words(answer, factor)}"
         worst = (
             "not known"
             if math.isnan(answer.worst)

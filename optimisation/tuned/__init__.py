@@ -3,6 +3,7 @@
 `optimisation.tuned.certificate` proves a largest amplitude between grid points; it needs cvxpy and is imported on its own.
 """
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -366,6 +367,11 @@ def _integrated(matrix: Real, c: Real, weighted: Real, low: float, high: float) 
     return float(np.real(1j / (2 * np.pi) * c @ (logs[1] - logs[0]) @ weighted))
 
 
+# shifts of ln stiffness and ln damping from the closed form at which a search may start too, and how many of them it takes
+START_SHIFTS = tuple(
+    itertools.product((-1.2, -0.8, -0.4, 0.0, 0.3, 0.6, 1.0), (-1.5, -0.5, 0.5, 1.5))
+)
+GRID_STARTS = 4
 _REFUSED = 1e3  # objective (log of the score) of a design that the range cannot score
 
 Array = NDArray[np.float64]
@@ -396,6 +402,32 @@ def minimax(
     )
 
 
+def smallest_amplitude(
+    model: ModalModel, mass_ratio: float, resonance: int, low: float, high: float
+) -> TunedAbsorber:
+    """Return the stiffness and damping with the smallest `highest_amplitude` over low..high times omega_r, flanks and other resonances included.
+
+    It is judged as other absorbers are whose sweeps go over the range. Where the range is too narrow for both peaks of the split resonance, as it
+    is beside a close resonance, a peak outside does not count.
+    """
+    exact = undamped_minimax(model, mass_ratio, resonance)
+    rule = den_hartog(model, mass_ratio, resonance)
+    wide = True
+    try:
+        require_wide_range(model, mass_ratio, resonance, low, high)
+    except ParameterError:
+        wide = False
+    return _smallest(
+        lambda absorber: highest_amplitude(model, absorber, resonance, low, high)[0],
+        (exact, rule),
+        model,
+        resonance,
+        low,
+        high,
+        inside=wide,
+    )
+
+
 def minimum_h2(
     model: ModalModel,
     mass_ratio: float = DEFAULT_MASS_RATIO,
@@ -423,19 +455,25 @@ def _smallest(
     resonance: int,
     low: float,
     high: float,
+    inside: bool = True,
 ) -> TunedAbsorber:
-    """Return the absorber with the smallest score: Nelder-Mead in the logarithms of k and c from two known tunings and two detuned ones.
+    """Return the absorber with the smallest score: Nelder-Mead in the logarithms of k and c from several starts.
 
-    The search is repeated from the best, because the optimum of a largest peak is a kink (two equal peaks).
+    They are two known tunings, two detuned ones, and the best of a grid (`START_SHIFTS`): with close modes there are several local optima. The
+    search is repeated from the best, because the optimum of a largest peak is a kink (two equal peaks). ``inside``: only designs whose natural
+    frequencies around the resonance lie within the range.
     """
     mass_ratio = known[0].mass_ratio
-    require_wide_range(model, mass_ratio, resonance, low, high)
+    if inside:
+        require_wide_range(model, mass_ratio, resonance, low, high)
 
     def absorber_at(logs: Array) -> TunedAbsorber:
         return TunedAbsorber(mass_ratio, *np.exp(logs).tolist())
 
     def objective(logs: Array) -> float:
         absorber = absorber_at(logs)
+        if not inside:
+            return float(np.log(score(absorber)))
         first, second = natural_frequencies(model, absorber)[
             resonance - 1 : resonance + 1
         ] / model.resonance_omega(resonance)
@@ -445,6 +483,8 @@ def _smallest(
 
     starts = [np.log([a.stiffness, a.damping]) for a in known]
     starts += [starts[0] + np.array([-0.15, 0.5]), starts[0] + np.array([0.15, -0.5])]
+    grid = [starts[0] + np.array(shift) for shift in START_SHIFTS]
+    starts += sorted(grid, key=objective)[:GRID_STARTS]
 
     def descend(start: Array, size: float, steps: float, gain: float) -> Array:
         options = {

@@ -12,7 +12,7 @@ from impact_env.curve import performance_curve
 from impact_env.ensemble import Threads
 from impact_env.scene import Scene
 from optimisation.gap_advice import advise
-from optimisation.gap_card import bearing
+from optimisation.gap_card import service_loads
 from optimisation.report.card import Card, Chart, Curve, Row, content, page, text, write_card
 from optimisation.report.cards import tuning_card
 from optimisation.report.gap_report import card as gap_card
@@ -112,7 +112,7 @@ def test_card_of_a_gap_is_of_the_recommended_device() -> None:
     model = modal_model(Beam(modes=2))
     found = advise(model, 3.5, members=1, percent_per_100_periods=40.0)
     best = found.recommended
-    seen = bearing(found, best, Threads(1))
+    seen = service_loads(found, best, Threads(1))
     told = {
         row["label"]: row["value"]
         for rows in content(gap_card(found, seen))["groups"].values()
@@ -126,6 +126,7 @@ def test_card_of_a_gap_is_of_the_recommended_device() -> None:
         members=1,
         limits=found.check.limits,
         percent_per_100_periods=40.0,
+        steady_start=True,
     )
     assert told["at 3.5 N, median of 1 runs"] == pytest.approx(1e3 * curve.median[0])
     impacts = curve.lanes.impacts[0, 0]

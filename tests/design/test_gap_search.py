@@ -9,12 +9,22 @@ import numpy as np
 import pytest
 from commands import done
 
-from impact_env import Beam, modal_model
+from impact_env import Beam, ParameterError, modal_model
 from impact_env.curve import performance_curve
 from impact_env.scene import Scene
+from optimisation.bounds import free_amplitude
 from optimisation.friction_rule import scaled_friction
-from optimisation.gap_advice import PAIRS, STEP, Advice, Table, advise, answers, search, worst
+from optimisation.gap_advice import Advice, advise
 from optimisation.gap_check import scaled_absorber
+from optimisation.gap_search import (
+    PAIRS,
+    STEP,
+    LevelSamples,
+    find_best,
+    search_gaps,
+    worst_level,
+)
+from optimisation.statistics import predict
 from studies.cli import check_gaps
 from studies.cli.check_gaps import judged
 from studies.structures import CASES, frame, plate, storeys
@@ -37,18 +47,87 @@ def test_search_finds_the_edge_of_a_noisy_cliff(seed: int) -> None:
         nonlocal runs
         if n not in kept:
             kept[n] = level(STEP * n) * np.exp(generator.normal(0, 0.02, 3))
-        runs += members - len(table.levels.get(n, ()))
+        runs += members - len(samples.levels.get(n, ()))
         return kept[n][:members]
 
-    table = Table()
-    search(look, 0, 0.1, 3, PAIRS, table)
-    sharp, robust = answers(table, 0.1, 2)
+    samples = LevelSamples()
+    search_gaps(look, 0, 0.1, 3, PAIRS, samples)
+    sharp, robust = find_best(samples, 0.1, 3)
     fine = np.arange(edge - 0.5, edge + 0.5, 0.002)
     exact = [max(k * level(x - math.log(k)) for k in (0.9, 1.0, 1.1)) for x in fine]
     own = max(k * level(STEP * robust - math.log(k)) for k in (0.9, 1.0, 1.1))
     assert level(STEP * sharp) <= 1.17 * math.exp(edge)  # three steps of 5 % at most, off the edge
     assert own <= 1.17 * min(exact)
     assert runs <= PAIRS
+
+
+def test_a_second_basin_that_is_nearly_as_low_is_searched_too() -> None:
+    """A deep narrow basin beside a wide one: single runs 8 steps apart see it 1.1 times as high as the wide one."""
+
+    def level(n: float, members: int) -> np.ndarray:
+        wide = 1.0 + 0.01 * abs(n - 8) ** 1.5
+        deep = 0.5 * math.exp(0.2 * abs(n + 12)) * 1.1 / (0.5 * math.exp(0.2 * 4))
+        return np.full(members, min(wide, deep))
+
+    samples = LevelSamples()
+    search_gaps(level, 0, 0.0, 1, PAIRS, samples)
+    assert find_best(samples, 0.0)[0] == pytest.approx(-12, abs=2)
+
+
+def test_only_gaps_with_all_members_are_answers() -> None:
+    """One lucky run at a step, and all runs at another: the answer is the other."""
+    levels = {-2.0: [2.0], 0.0: [0.5], 1.0: [1.0, 1.1, 1.0], 4.0: [1.4, 1.4, 1.4]}
+    samples = LevelSamples({n: np.array(x) for n, x in levels.items()})
+    assert find_best(samples, 0.0, 3) == (1.0, 1.0)
+    assert find_best(samples, 0.0)[0] == 0.0
+
+
+def test_the_rules_gap_competes() -> None:
+    """The lowest level at a gap between the steps of the search, which runs it first."""
+
+    def level(n: float, members: int) -> np.ndarray:
+        return np.full(members, 0.5 if n == -0.7 else 1.0 + 0.02 * abs(n))
+
+    samples = LevelSamples()
+    search_gaps(level, 3, 0.0, 3, PAIRS, samples, also=-0.7)
+    assert find_best(samples, 0.0, 3)[0] == -0.7
+
+
+def test_interval_holds_as_many_fresh_runs_as_it_says() -> None:
+    """Runs of five gaps that share one spread, three of each: the 90 % interval of one of them, and the probability below a limit."""
+    generator = np.random.default_rng(3)
+    inside = []
+    below = []
+    for _ in range(400):
+        groups = [np.exp(generator.normal(k, 0.15, 3)) for k in range(5)]
+        found = predict(groups[2], groups)
+        low, high = found.interval()
+        fresh = np.exp(generator.normal(2.0, 0.15, 50))
+        inside.append(np.mean((fresh > low) & (fresh < high)))
+        high = found.interval(0.6)[1]
+        assert found.probability_below(high) == pytest.approx(0.8)
+        below.append(np.mean(fresh <= high))
+    assert np.mean(inside) == pytest.approx(0.9, abs=0.015)
+    assert np.mean(below) == pytest.approx(0.8, abs=0.02)
+    assert predict([1.0], [[1.0], [2.0]]) is None
+
+
+def test_a_narrow_gap_helps_where_the_rules_is_not_reached() -> None:
+    """The free amplitude is a tenth of the rule's gap: a gap of 0.4 to 0.8 of it leaves less than 70 %."""
+    model = modal_model(Beam(modes=3, damping_ratio=0.003, absorber_position=0.72))
+    absorber = scaled_absorber(model, 10.0, 2, 0.05)
+    found = advise(model, 10.0, 2, absorber, members=1, percent_per_100_periods=1.0)
+    assert found.check.reach < 0.2
+    free = free_amplitude(model, found.check.mass, 10.0, 2)
+    assert 0.2 < found.sharp.gap / free < 0.9
+    assert found.sharp.level < 0.7 * found.check.without.median[0]
+
+
+def test_no_gap_helps_is_an_answer_of_the_simulation() -> None:
+    model = modal_model(Beam(modes=3, damping_ratio=0.1))
+    light = scaled_absorber(model, 5.0, 1, 0.005)
+    with pytest.raises(ParameterError, match=r"no gap helps .* at best 9\d %"):
+        advise(model, 5.0, 1, light, members=1, percent_per_100_periods=20.0)
 
 
 def test_a_tolerance_is_that_of_neighbouring_gaps() -> None:
@@ -73,7 +152,7 @@ def test_a_tolerance_is_that_of_neighbouring_gaps() -> None:
         assert k * here[0] == pytest.approx(there[0], rel=1e-3)
         levels[step] = here[0]
     steps = np.array(sorted(levels))
-    found = worst(STEP * steps, np.log([levels[n] for n in steps]), 0.0, 0.1)
+    found = worst_level(STEP * steps, np.log([levels[n] for n in steps]), 0.0, 0.1)
     assert found == pytest.approx(max(k * levels[step] for k, step in changes.items()))
 
 
@@ -92,9 +171,11 @@ def test_answers_are_runs(advice: Advice) -> None:
             members=2,
             limits=advice.check.limits,
             percent_per_100_periods=20.0,
+            steady_start=True,
         )
         assert curve.median[0] == pytest.approx(answer.level, rel=1e-9)
-        np.testing.assert_allclose(curve.band[:, 0], (answer.low, answer.high), rtol=1e-9)
+        assert answer.members == 2
+        assert 0.8 < answer.frequency_ratio < 1.15
         assert answer.friction_limit == pytest.approx(
             scaled_friction(MODEL, advice.check.mass, answer.gap)
         )

@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env import InitialState, Scene, simulate
+from impact_env import Scene, simulate
 from impact_env.curve import DOWN, CurveCase, PerformanceCurve
 from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule, linear_sweep
 from impact_env.ensemble import Lane, draw_members
@@ -33,13 +33,6 @@ from studies.study import Array, Json, there
 
 WATCHED = Record(level=False, events=True, series=True, energy=True)
 SERIES = Record(level=False, events=True, series=True)
-
-
-@dataclass(frozen=True, eq=False)
-class Started(Lane):
-    """A lane that begins at a state of its own."""
-
-    initial: InitialState
 
 
 class Seen(NamedTuple):

@@ -33,7 +33,7 @@ from impact_env.periodic.stationary import Kind, Stationary, stationary
 from optimisation.page import markdown
 from studies.paper.branches import HARMONICS, balance, draw, responses
 from studies.paper.claim import INFINITY, OFTEN, Claim, between, chance, claim, interval, judged
-from studies.paper.curve import Started, chaos
+from studies.paper.curve import chaos
 from studies.paper.frame import (
     FAINT,
     MM,
@@ -129,8 +129,7 @@ def _stationary(settings: PaperSettings, size: Size) -> Json:
 
 
 def _kind_from(lane: Lane) -> str:
-    """Return the kind of what a `Started` lane settles to."""
-    assert isinstance(lane, Started)
+    """Return the kind of what a lane with a state of its own settles to."""
     return stationary(lane.scene, lane.drive, WINDOW, initial=lane.initial).found.kind.value
 
 
@@ -159,7 +158,8 @@ def _basin(settings: PaperSettings, size: Size) -> Json:
         tip = float(own.model.tip_shape @ q)
         speed = float(own.model.tip_shape @ v)
         drive = Drive(FORCES["medium"], constant_frequency(omega, 1.0, SETTLE), float(phase))
-        lanes.append(Started(own, drive, InitialState(q, v, tip + GAP * float(place), speed)))
+        state = InitialState(q, v, tip + GAP * float(place), speed)
+        lanes.append(Lane(own, drive, initial=state))
     kinds = settings.each(f"{LABEL}: basin", lanes, _kind_from)
     return {kind: kinds.count(kind) for kind in sorted(set(kinds))}
 

@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from impact_env import Beam, CurveCase, RigidWalls, Scene, impact_absorber, modal_model
-from optimisation.bounds import design_force, reach
-from optimisation.gap_check import sweep_limits
+from impact_env.drive import PAPER_LIMITS
+from optimisation.bounds import design_force, near_range, reach
 from studies.paper.claim import MUCH, Claim, between, claim, interval, judged
 from studies.paper.frame import (
     LOOKS,
@@ -32,7 +32,8 @@ def _of_mass(mass: float, settings: PaperSettings, size: Size) -> Json:
     kilograms = mass * model.beam_mass
     gap = RigidWalls.gap
     rule = design_force(model, kilograms, gap)
-    limits = sweep_limits(model, kilograms)
+    # the paper's range, begun lower for a mass that lowers the resonance further
+    limits = (min(PAPER_LIMITS[0], 0.97 * near_range(model, kilograms)[0]), PAPER_LIMITS[1])
     forces = rule * np.array(size.factors)
     scenes = [
         Scene(model),

@@ -12,7 +12,6 @@ from impact_env import Beam, InitialState, RigidWalls, Scene, beam_scene, impact
 from impact_env.drive import PAPER_LIMITS, Drive, linear_sweep
 from impact_env.ensemble import Lane, draw_members
 from studies.paper.claim import SAME, Claim, Verdict, bands, between, claim, interval
-from studies.paper.curve import Started
 from studies.paper.frame import (
     LOOKS,
     PaperFigure,
@@ -42,8 +41,7 @@ def scenes() -> dict[str, Scene]:
 
 
 def level_from(lane: Lane) -> float:
-    """Return the response level in m of a `Started` lane."""
-    assert isinstance(lane, Started)
+    """Return the response level in m of a lane with a state of its own."""
     return there(simulate(lane.scene, lane.drive, initial=lane.initial).level).value
 
 
@@ -75,7 +73,11 @@ def _of_scene(scene: Scene, settings: PaperSettings, size: Size) -> Json:
                         force * float(members.factors[m]), schedule, float(members.phases[m])
                     )
                     lanes.append(
-                        Started(scene, drive, InitialState(absorber_displacement=float(places[m])))
+                        Lane(
+                            scene,
+                            drive,
+                            initial=InitialState(absorber_displacement=float(places[m])),
+                        )
                     )
     levels = (
         np.array(settings.each(LABEL, lanes, level_from))

@@ -1,0 +1,57 @@
+"""The range of frequencies over which every command reads levels: one range for all absorbers that are compared.
+
+An absorber of some mass changes a resonance within a few times the shift of its frequency by the stuck mass (`optimisation.bounds.near_range`), and a
+tuned absorber splits it into two peaks, which lie between the natural frequencies of the undamped system with Den Hartog's tuning. The range holds
+both, but for the peaks it goes no further than half-way (geometric mean) to the neighbouring resonances, which are not the absorber's task.
+"""
+
+import numpy as np
+
+from impact_env.drive import PAPER_LIMITS
+from impact_env.modes import ModalModel
+from impact_env.parameters import positive
+from optimisation.bounds import near_range
+
+BELOW = 0.97  # of the lower end of `near_range`: where a range begins
+MARGIN = 0.01  # beyond the natural frequencies of the tuned system
+LOWEST = 0.3  # of the resonance
+
+
+def find_sweep_range(
+    model: ModalModel, mass_ratio: float, resonance: int = 1
+) -> tuple[float, float]:
+    """Return (low, high) in units of omega_r for absorbers up to a mass ratio (of the structure's mass) near a resonance.
+
+    It holds the paper's range, 0.9 to 1.06, the resonance with the mass stuck to the structure, and both peaks of a tuned absorber. Raises
+    ParameterError for a resonance that the model lacks.
+    """
+    mass = positive("mass_ratio", mass_ratio) * model.beam_mass
+    omega_r = model.resonance_omega(resonance)
+    low = min(PAPER_LIMITS[0], BELOW * near_range(model, mass, resonance)[0])
+    high = PAPER_LIMITS[1]
+
+    modal_mass_ratio = mass * float(model.tip_shape[resonance - 1]) ** 2
+    first, second = split_frequencies(modal_mass_ratio)
+    lower, upper = np.sqrt(neighbouring_ratios(model, omega_r))
+    low = min(low, max((1 - MARGIN) * first, float(lower), LOWEST))
+    high = max(high, min((1 + MARGIN) * second, float(upper)))
+    return low, high
+
+
+def split_frequencies(modal_mass_ratio: float) -> tuple[float, float]:
+    """Return the two natural frequencies, over that of the resonance, of a resonance with an undamped absorber by Den Hartog's tuning.
+
+    ``modal_mass_ratio``: absorber mass over the effective modal mass. The damped peaks lie between them.
+    """
+    square = 1 / (1 + modal_mass_ratio) ** 2  # of the absorber's frequency
+    half = (1 + (1 + modal_mass_ratio) * square) / 2
+    second = half + np.sqrt(half**2 - square)
+    return float(np.sqrt(square / second)), float(np.sqrt(second))
+
+
+def neighbouring_ratios(model: ModalModel, omega_r: float) -> tuple[float, float]:
+    """Return the next lower and next higher natural frequency over omega_r; 0 and infinity where there is none."""
+    ratios = model.omega / omega_r
+    lower = ratios[ratios < 1 - 1e-9]
+    upper = ratios[ratios > 1 + 1e-9]
+    return float(np.max(lower, initial=0.0)), float(np.min(upper, initial=np.inf))
