@@ -93,6 +93,7 @@ def simulated(
     absorber: SlidingAbsorber,
     given: dict[str, Any],
     rate: float,
+    limits: Limits,
     executor: Executor,
 ) -> Advice:
     """Search the gap as the options say, under a bar."""
@@ -106,7 +107,7 @@ def simulated(
             friction_given=given["friction_limit"] is not None,
             factors=() if given["gaps"] is None else tuple(map(float, gap_factors(given["gaps"]))),
             percent_per_100_periods=rate,
-            limits=limits_of(given, model, absorber),
+            limits=limits,
             progress=show,
             executor=executor,
             **runs_of(given),
@@ -362,13 +363,13 @@ def main(**given: Any) -> None:
             else usable_rate("--rate", given["rate"], [PAPER_LIMITS])
         )
         every = distributions(given, absorber)
-        limits_of(given, model, absorber)
+        limits = limits_of(given, model, absorber)
         if given["limit_level"] is not None:
-            positive("limit_level", given["limit_level"])
+            given["limit_level"] = positive("limit_level", given["limit_level"])
         for name in given["contact"][:2] if given["contact"] else ():
             material(name)
         with executor_on(given["threads"], given["cluster"]) as executor:
-            found = simulated(model, absorber, given, rate, executor)
+            found = simulated(model, absorber, given, rate, limits, executor)
             best = found.recommended if found.complete else None
             unsure = (
                 None
