@@ -184,6 +184,8 @@ search_methods --quick
 friction_branches --quick
 your_structure
     --page none.md -> none.md
+mutation_test
+    --only nothing -> --only = nothing is not allowed
 check_gaps --quick
     --rate 0 -> rate = 0.0 is not allowed
 error_vs_runtime
