@@ -15,6 +15,7 @@ from impact_env.frequency import (
     natural_frequencies,
     poles,
     receptance,
+    receptance_slope,
     tip_response,
 )
 from impact_env.modes import ModalModel, modal_model
@@ -160,3 +161,17 @@ def test_conservative_run_keeps_the_sum_of_energies() -> None:
     np.testing.assert_allclose(energy.total, stored_energy(scene, start.vector(scene)), rtol=1e-10)
     assert np.ptp(energy.absorber_share) > 0.01
     assert np.all((energy.absorber_share >= 0) & (energy.absorber_share < 1))
+
+
+def test_the_slope_of_a_receptance_is_that_of_differences() -> None:
+    """Fourth-order central differences of the receptance, beside and at a resonance."""
+    model = modal_model(Beam(modes=3, damping_ratio=(0.01, 0.3, 2.0)))
+    omegas = model.omega[0] * np.array([0.3, 0.99, 1.0, 5.0])
+    step = 1e-4 * omegas
+
+    def at(shift: float) -> np.ndarray:
+        return receptance(model, omegas + shift * step, model.tip_shape, model.force_shape)
+
+    wanted = (8 * (at(1) - at(-1)) - (at(2) - at(-2))) / (12 * step)
+    found = receptance_slope(model, omegas, model.tip_shape, model.force_shape)
+    np.testing.assert_allclose(found, wanted, rtol=1e-6)
