@@ -59,8 +59,9 @@ from impact_env.kernels.motion.vector import (
     weighted_sizes,
 )
 
-# of h^4 times the largest fourth derivative: error of the cubic between two points [1]
-HERMITE_SHARE = 1.0 / 384.0
+HERMITE_SHARE = (
+    1.0 / 384.0
+)  # of h^4 times the largest fourth derivative: error of the cubic between two points [1]
 SCAN_NOISE = 1e-12  # of an amplitude: rounding of the sums and of the moving amplitudes
 SLOPE_ERROR = (
     1.03  # of E: 3.08/3, since a difference of two coefficients is a third of the slope times h
