@@ -28,6 +28,7 @@ from impact_env.parameters import (
     row_of,
     word_of,
 )
+from impact_env.sampling_times import EVEN_TOL, even_times, find_uneven, is_even
 from impact_env.scene import InitialState, Scene
 from impact_env.turning_loads import BASE as BASE
 from impact_env.turning_loads import FORCE as FORCE
@@ -47,9 +48,9 @@ from impact_env.turning_loads import schedule_in as schedule_in
 
 Array = NDArray[np.float64]
 MOST_SAMPLES = 2**22  # of a record: a piece of each is 80 bytes
+LINE_TOL = 1e-12  # of a frequency: a line of a random load is at a point of its spectrum
 RANDOM_SAMPLES = 20  # of a random record, in a period of its highest frequency
 SAME_TIME = 1e-12  # of the duration: breakpoints closer than this are one
-EVEN = 1e-6  # of the sampling interval
 STARTS = ("middle", "lower-wall", "base-mean-rest")
 GAUSS = np.polynomial.legendre.leggauss(
     4
@@ -85,15 +86,17 @@ class Samples(Load):
             times[: min(4, len(times))].tolist(),
             "strictly rising from 0",
         )
-        step = float(times[-1]) / len(steps)
-        odd = np.flatnonzero(np.abs(times - step * np.arange(len(times))) > EVEN * step)
-        where = int(odd[0]) if len(odd) else 0
-        require(
-            len(odd) == 0,
-            f"times[{where}]",
-            float(times[where]),
-            f"even steps of {step:g} s, here {where * step:g}: resample the record",
-        )
+        even = even_times(len(times), float(times[-1]))
+        if np.max(np.abs(times - even)) > EVEN_TOL * even[1]:
+            where = find_uneven(times)
+            require(
+                is_even(times),
+                f"times[{where}]",
+                float(times[where]),
+                f"even steps of {even[1]:g} s, here {even[where]:g}: resample the record",
+            )
+            times = even
+            times.setflags(write=False)
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "values", values)
 
@@ -129,6 +132,8 @@ class Samples(Load):
 class Random(Load):
     """A random record of a one-sided ``spectrum`` (P, 2): Hz, and N^2/Hz or (m/s^2)^2/Hz; between points log-log straight, outside zero.
 
+    Two points of one frequency are a vertical step; a line at that frequency has their mean density.
+
     A Gaussian record that repeats after its ``duration`` in s: lines at whole multiples of 1/duration, whose amplitudes and phases are drawn by
     ``seed`` and ``number`` of the record. It is sampled at `RANDOM_SAMPLES` times its highest frequency; straight lines between samples lower a line
     of frequency f by sinc(f/rate)^2, by which each is raised.
@@ -142,7 +147,10 @@ class Random(Load):
     factor: float = 1.0
 
     def __post_init__(self) -> None:
-        allowed = "two or more pairs [Hz, value], frequencies strictly rising from above 0, values above 0"
+        allowed = (
+            "two or more pairs [Hz, value], frequencies strictly rising from above 0 but for two of "
+            "one frequency, a step, between others; values above 0"
+        )
         keep_checked(
             self,
             quantity=word_of(QUANTITIES),
@@ -155,7 +163,12 @@ class Random(Load):
         spectrum = self.spectrum
         ok = spectrum.shape[1] == 2 and len(spectrum) >= 2 and bool(np.all(spectrum > 0))
         require(ok, "spectrum", spectrum.tolist(), allowed)
-        require(bool(np.all(np.diff(spectrum[:, 0]) > 0)), "spectrum", spectrum.tolist(), allowed)
+        widths = np.diff(spectrum[:, 0])
+        steps = np.flatnonzero(widths == 0)
+        inside = not len(steps) or (steps[0] > 0 and steps[-1] < len(widths) - 1)
+        single = bool(np.all(np.diff(steps) > 1))
+        rising = bool(np.all(widths >= 0)) and inside and single
+        require(rising, "spectrum", spectrum.tolist(), allowed)
         # before `lines`, which is an array of as many numbers
         samples = RANDOM_SAMPLES * float(spectrum[-1, 0]) * self.length
         allowed = f"at most {MOST_SAMPLES} samples, {80 * MOST_SAMPLES / 2**20:.0f} MiB, not {samples:.0f}: a shorter one, or a lower band"
@@ -175,15 +188,20 @@ class Random(Load):
     def lines(self) -> NDArray[np.int64]:
         """Return the numbers of the lines, multiples of 1/duration."""
         low, high = self.spectrum[[0, -1], 0] * self.length
-        return np.arange(int(np.ceil(low * (1 - 1e-12))), int(np.floor(high * (1 + 1e-12))) + 1)
+        first = int(np.ceil(low * (1 - LINE_TOL)))
+        return np.arange(first, int(np.floor(high * (1 + LINE_TOL))) + 1)
 
     @property
     def density(self) -> Array:
         """Return the spectrum at each line, in N^2/Hz or (m/s^2)^2/Hz."""
-        frequency = np.clip(self.lines / self.length, self.spectrum[0, 0], self.spectrum[-1, 0])
-        return np.asarray(
-            self.factor**2 * np.exp(np.interp(np.log(frequency), *np.log(self.spectrum.T)))
-        )
+        hertz, values = self.spectrum.T
+        frequency = np.clip(self.lines / self.length, hertz[0], hertz[-1])
+        found = np.exp(np.interp(np.log(frequency), np.log(hertz), np.log(values)))
+        for k in np.flatnonzero(np.diff(hertz) == 0):
+            found[np.isclose(frequency, hertz[k], rtol=LINE_TOL, atol=0)] = np.mean(
+                values[k : k + 2]
+            )
+        return np.asarray(self.factor**2 * found)
 
     def amplitudes(self) -> NDArray[np.complex128]:
         """Return the complex amplitude of each line."""

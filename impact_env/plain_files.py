@@ -37,7 +37,7 @@ def read_plain(path: Path | str) -> dict[str, Any]:
             f"file = {str(path)!r} is not allowed: a name that ends in {' or '.join(READERS)}"
         )
     try:
-        plain = reader(path.read_text(encoding="utf-8"))
+        plain = reader(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:
         raise ParameterError(
             f"file = {str(path)!r} is not allowed: {path.suffix.lower()[1:].upper()} that can be read ({error})"

@@ -28,7 +28,7 @@ FORCE = "force"
 BASE = "base_acceleration"
 QUANTITIES = (FORCE, BASE)  # N at the structure's force place, m/s^2 of its base
 PLACES = ("force", "absorber")
-PULSES = ("half-sine", "triangle", "trapezoid")
+PULSES = ("half-sine", "triangle", "trapezoid", "sawtooth")
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,8 @@ def lines_between(times: Array, values: Array, moves_base: bool) -> Pieces:
 class Shock(Load):
     """A pulse of a ``peak`` in N or m/s^2 that takes ``width`` seconds, then nothing until ``length``; a trapezoid rises and falls in ``rise`` s.
 
-    A base is at rest before it.
+    A sawtooth has its peak at its end (terminal-peak sawtooth, IEC 60068-2-27): it rises in a
+    straight line over its width and drops to zero at once. A base is at rest before a pulse.
     """
 
     pulse: str
@@ -156,6 +157,9 @@ class Shock(Load):
             rows = np.zeros((len(times) - 1, 9))
             rows[0, :4] = np.pi / width, 0.0, -np.pi / 2, peak
             return [Pieces(times, rows, base)]
+        if self.pulse == "sawtooth":
+            times = np.array([0.0, width, width, end])
+            return [lines_between(times, np.array([0.0, peak, 0.0, 0.0]), base)]
         rise = width / 2 if self.rise is None else self.rise
         times = np.array([0.0, rise, width - rise, width, end])
         return [lines_between(times, np.array([0.0, peak, peak, 0.0, 0.0]), base)]

@@ -1,4 +1,4 @@
-"""Modes and nodes from a Universal File, its datasets 55, 15 and 2411 with their units and coordinate systems; and a record, its dataset 58."""
+"""Modes and nodes from a Universal File, its datasets 55, 15 and 2411 with their units and coordinate systems."""
 
 import warnings
 from dataclasses import dataclass
@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.extras import optional
-from impact_env.parameters import ParameterError, require
+from impact_env.parameters import require
 from impact_env.structures.checks import StructureWarning
 from impact_env.structures.universal_file import Dataset, read_datasets
 
@@ -34,7 +33,6 @@ GLOBAL = (
     1,
 )  # coordinate systems that are the global one, unless a dataset defines them otherwise
 IDENTITY_TOL = 1e-9
-TIME_HISTORIES = (0, 1)  # kinds of function in a dataset 58: general, time response
 DIRECTIONS = {"x": "r1", "y": "r2", "z": "r3"}
 
 
@@ -50,21 +48,6 @@ class MeasuredMode:
     number: int = 0  # in the file; 0: not given
     load_case: int = 0
     conjugated: bool = False  # listed with the eigenvalue of negative imaginary part
-
-
-def _datasets(path: Path, *kinds: int) -> tuple[list[dict[str, Any]], list[int]]:
-    """Return the datasets of some kinds in a file, as the library has them, and the kinds of all; raises ParameterError if it cannot be read."""
-    with optional():
-        import pyuff
-    require(path.is_file(), "file", str(path), "a Universal File that exists")
-    try:
-        reader = pyuff.UFF(str(path))
-        every = [int(kind) for kind in reader.get_set_types()]
-        return [reader.read_sets(k) for k, kind in enumerate(every) if kind in kinds], every
-    except Exception as error:  # the library raises bare exceptions
-        raise ParameterError(
-            f"file = {str(path)!r} is not allowed: a Universal File that can be read ({error})"
-        ) from error
 
 
 def read_modes(path: Path, load_case: int | None = None) -> list[MeasuredMode]:
@@ -411,18 +394,3 @@ def read_nodes(path: Path) -> tuple[NDArray[np.int64], Real]:
     return np.array(list(nodes), dtype=np.int64), unit * np.array(
         [point for _, _, point in nodes.values()]
     )
-
-
-def read_record(path: Path) -> tuple[Real, Real]:
-    """Return times in s and values of the one time history of a Universal File. Raises ParameterError where there is none, or more."""
-    sets, _ = _datasets(path, 58)
-    histories = [part for part in sets if int(part["func_type"]) in TIME_HISTORIES]
-    require(
-        len(histories) == 1,
-        f"{path.name}: time histories",
-        len(histories),
-        "one dataset 58 with a response over time",
-    )
-    return np.asarray(histories[0]["x"], dtype=np.float64), np.real(
-        np.asarray(histories[0]["data"])
-    ).astype(np.float64)

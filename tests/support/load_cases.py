@@ -99,7 +99,7 @@ def tables_of(omega: float, folder: Path) -> dict[str, str]:
     length = 8 * period
     times = np.linspace(0, 8 * period, 321)
     (folder / "record.csv").write_text(
-        "time_s,g\n" + "".join(f"{t:.9f},{np.sin(omega * t):.9f}\n" for t in times)
+        "time_s,value\n" + "".join(f"{t:.9f},{np.sin(omega * t):.9f}\n" for t in times)
     )
     up = f"schedule = {{ times_s = [0, {length}], omegas_rad_s = [{0.5 * omega}, {7 * omega}], reference_rad_s = {omega} }}"
     swept = f"schedule = {{ times_s = [0, {length}], omegas_rad_s = [{0.95 * omega}, {1.05 * omega}], reference_rad_s = {omega} }}"

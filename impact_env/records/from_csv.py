@@ -1,0 +1,208 @@
+"""Records from tables of text: separated by commas, semicolons, tabs or spaces, with a header, decimal points or commas."""
+
+import codecs
+import csv
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from impact_env.parameters import ParameterError, require
+from impact_env.records.channels import Channel
+from impact_env.records.columns import channel_of_columns
+from impact_env.records.options import RecordOptions
+from impact_env.records.units import find_unit
+
+BYTE_ORDER_MARKS = (
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF32_LE, "utf-32-le"),
+    (codecs.BOM_UTF32_BE, "utf-32-be"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF16_BE, "utf-16-be"),
+)  # UTF-32 before UTF-16, whose mark begins alike
+COMMENTS = ("#", "%", "//")
+NUMERIC_LINE = re.compile(r"[\s\d.,;:+\-eEdD\"']*\d[\s\d.,;:+\-eEdD\"']*")
+DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?|[+-]?\d+,(?:[eE][+-]?\d+)?")
+SEPARATOR_LINE = re.compile(r"sep=(.)", re.IGNORECASE)  # of spreadsheets, in the first line
+NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+HEADER = "a header, as time_s,value"
+
+
+def decode_text(file: Path) -> list[str]:
+    """Return the lines of a text file in UTF-8, UTF-16 or UTF-32 with a byte order mark, or else Latin-1."""
+    content = file.read_bytes()
+    mark, encoding = next(
+        ((mark, name) for mark, name in BYTE_ORDER_MARKS if content.startswith(mark)),
+        (b"", "utf-8"),
+    )
+    content = content[len(mark) :]
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError as error:
+        if mark:
+            raise ParameterError(
+                f"file = {file.name!r} is not allowed: text in {encoding.upper()}, as its byte order mark says ({error.reason})"
+            ) from error
+        text = content.decode("cp1252", errors="replace")
+    if "\0" in text:
+        raise ParameterError(
+            f"file = {file.name!r} is not allowed: text, in UTF-8 or with a byte order mark; it has bytes of zero"
+        )
+    return re.split(r"\r\n|\n|\r", text)
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """The parts of a table.
+
+    Its ``header``, ``units`` in a row of their own, its ``separator`` (None: spaces), and the index
+    of the ``first`` line of numbers.
+    """
+
+    header: list[str]
+    units: list[str] | None
+    separator: str | None
+    first: int
+
+
+def split_line(file: Path, row: int, line: str, separator: str | None) -> list[str]:
+    """Return the cells of a line, without spaces around them."""
+    if separator is None:
+        return line.split()
+    try:
+        return [
+            cell.strip()
+            for cell in next(
+                csv.reader([line], delimiter=separator, strict=True, skipinitialspace=True)
+            )
+        ]
+    except csv.Error as error:
+        raise ParameterError(
+            f"{file.name}: row {row} = {line[:60]!r} is not allowed: cells whose quotes are closed ({error})"
+        ) from error
+
+
+def _find_separator(line: str) -> str | None:
+    return next((mark for mark in (";", "\t", ",") if mark in line), None)
+
+
+def _is_numeric(line: str) -> bool:
+    return NUMERIC_LINE.fullmatch(line) is not None
+
+
+def _read_head(file: Path, lines: Sequence[str], options: RecordOptions) -> TextTable:
+    """Return header and separator of a table; raises ParameterError for what stands before the numbers and is no header."""
+    first = next((k for k, line in enumerate(lines) if _is_numeric(line)), None)
+    if first is None:
+        raise ParameterError(
+            f"{file.name}: rows of numbers = 0 is not allowed: {HEADER}, and two samples or more"
+        )
+    given = SEPARATOR_LINE.fullmatch(lines[0].strip())
+    separator = given[1] if given else _find_separator(lines[first])
+    if separator is None and len(lines[first].split()) == 1:
+        separator = ","
+    rows = [
+        (k, line.strip())
+        for k, line in enumerate(lines[:first])
+        if line.strip() and not (given and k == 0)
+    ]
+    comments = [(k, line.lstrip("#%/ \t")) for k, line in rows if line.startswith(COMMENTS)]
+    titles = [(k, line) for k, line in rows if not line.startswith(COMMENTS)]
+    width = len(split_line(file, first + 1, lines[first], separator))
+    if (
+        not titles
+        and comments
+        and len(split_line(file, comments[-1][0] + 1, comments[-1][1], separator)) == width
+    ):
+        titles = [comments.pop()]
+    for k, line in comments:
+        if options.unit is None and re.search(r"\bunits?\b", line, re.IGNORECASE):
+            raise ParameterError(
+                f"{file.name}: row {k + 1} = {line[:60]!r} is not allowed: units in the header, or the load's unit beside such a comment"
+            )
+    if not titles:
+        cells = split_line(file, first + 1, lines[first], separator)
+        raise ParameterError(f"{file.name}: row {first + 1} = {cells!r} is not allowed: {HEADER}")
+    heads = [split_line(file, k + 1, line, separator) for k, line in titles]
+    units: list[str] | None = None
+    if len(heads) == 2:
+        texts = [re.sub(r"^[(\[{<]|[)\]}>]$", "", cell).strip() for cell in heads[1]]
+        units = texts if all(not text or find_unit(text) for text in texts) else None
+    if len(heads) > (2 if units is not None else 1):
+        row = titles[-1][0] + 1
+        raise ParameterError(
+            f"{file.name}: row {row} = {heads[-1]!r} is not allowed: numbers after one header, or a row of units such as s,m/s^2"
+        )
+    return TextTable(heads[0], units, separator, first)
+
+
+def _to_number(cell: str, decimal: str) -> float:
+    """Return a cell's number, NaN for anything else."""
+    text = cell.replace(",", ".") if decimal == "," else cell
+    return float(text) if NUMBER.fullmatch(text) else math.nan
+
+
+def _read_rows(file: Path, lines: Sequence[str], table: TextTable) -> Iterator[list[float]]:
+    """Yield the numbers of each row; raises ParameterError for a row that has others, more or fewer."""
+    width = len(table.header)
+    last = max(k for k, line in enumerate(lines) if line.strip())
+    decimal = ""
+    for k in range(table.first, last + 1):
+        cells = split_line(file, k + 1, lines[k], table.separator)
+        row = f"{file.name}: row {k + 1}"
+        shown = cells if len(cells) <= 8 else [*cells[:8], "..."]
+        require(
+            len(cells) == width, row, shown, f"{width} cells, as the header has; numbers, no gap"
+        )
+        for cell in cells:
+            mark = "," if "," in cell else "." if "." in cell else ""
+            if mark and mark != decimal:
+                ok = not decimal and (mark == "." or DECIMAL_COMMA.fullmatch(cell) is not None)
+                require(
+                    ok,
+                    row,
+                    shown,
+                    "numbers with one decimal mark throughout, and no marks of thousands",
+                )
+                decimal = mark
+        numbers = [_to_number(cell, decimal) for cell in cells]
+        require(all(map(math.isfinite, numbers)), row, shown, "finite numbers, no gap")
+        yield numbers
+
+
+def _refuse_cut(file: Path, lines: Sequence[str], decimal_places: int = 3) -> None:
+    """Raise ParameterError where the last line, without an end, has fewer decimals than all lines before it: the file was cut there."""
+    last = lines[-1].strip()
+    before = [line for line in lines[-12:-1] if line.strip()]
+    if not last or len(before) < 8:
+        return
+    lengths = {len(re.split(r"[.,]", line.rstrip())[-1]) for line in before}
+    if len(lengths) == 1 and not any("e" in line.lower() for line in before):
+        (usual,) = lengths
+        ok = usual < decimal_places or len(re.split(r"[.,]", last)[-1]) >= usual
+        require(
+            ok,
+            f"{file.name}: row {len(lines)}",
+            last[:60],
+            f"{usual} decimals and the end of a line, as in the rows before: the file is cut",
+        )
+
+
+def read_csv(file: Path, options: RecordOptions) -> Channel:
+    """Return a channel of a table with a header: a column of times and one or more of values, or values alone."""
+    lines = decode_text(file)
+    table = _read_head(file, lines, options)
+    rows = np.array(list(_read_rows(file, lines, table)))
+    _refuse_cut(file, lines)
+    header = table.header
+    if table.units is not None:
+        allowed = "as many units as columns, and none in the header beside them"
+        require(len(table.units) == len(header), f"{file.name}: units", table.units, allowed)
+        header = [
+            f"{name} ({unit})" if unit else name
+            for name, unit in zip(header, table.units, strict=True)
+        ]
+    return channel_of_columns(file, options, list(rows.T), header, table.first + 1)

@@ -1,0 +1,65 @@
+"""Records from NumPy's ``.npy`` files: values, columns of times and values, or a structured array with named columns."""
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.parameters import ParameterError, require
+from impact_env.records.channels import Channel
+from impact_env.records.columns import channel_of_columns
+from impact_env.records.options import RecordOptions
+
+REAL = "iuf"  # kinds of numbers that a record may have
+SHAPES = "(K,) values, (K, 2) times and values, (K, n) times and several channels, one row a sample"
+
+
+def _load(file: Path) -> NDArray[Any]:
+    """Return the one array of a file; raises ParameterError if it is not whole, or followed by more."""
+    try:
+        with file.open("rb") as source, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = np.load(source, allow_pickle=False)
+            more = len(source.read(1))
+    except (ValueError, EOFError, TypeError, SyntaxError, MemoryError, OverflowError) as error:
+        words = " ".join(str(error).split())
+        raise ParameterError(
+            f"file = {file.name!r} is not allowed: an array of numbers, whole ({words})"
+        ) from error
+    if not isinstance(found, np.ndarray):
+        raise ParameterError(
+            f"file = {file.name!r} is not allowed: one array, not an archive of several"
+        )
+    require(not more, "file", file.name, "one array; the file has more bytes after it")
+    return found
+
+
+def read_npy(file: Path, options: RecordOptions) -> Channel:
+    """Return the values of a file, with times if it has them."""
+    found = _load(file)
+    names = found.dtype.names
+    if names is not None:
+        require(
+            found.ndim == 1,
+            f"{file.name}: shape",
+            found.shape,
+            "(K,) for an array with named columns",
+        )
+        kinds = [found.dtype[name] for name in names]
+    else:
+        require(found.ndim in (1, 2), f"{file.name}: shape", found.shape, SHAPES)
+        kinds = [found.dtype]
+    allowed = "real numbers: whole numbers or floats"
+    for kind in kinds:
+        ok = kind.kind in REAL and not kind.subdtype
+        require(ok, f"{file.name}: data type", str(kind), allowed)
+    require(found.size > 0, f"{file.name}: shape", found.shape, "two samples or more")
+    if names is not None:
+        columns = [found[name].astype(np.float64) for name in names]
+        return channel_of_columns(file, options, columns, names, 1)
+    if found.ndim == 2:
+        require(found.shape[0] >= found.shape[1], f"{file.name}: shape", found.shape, SHAPES)
+    columns = list(found.reshape(len(found), -1).astype(np.float64).T)
+    return channel_of_columns(file, options, columns, [""] * len(columns), 1)

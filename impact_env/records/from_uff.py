@@ -1,0 +1,339 @@
+"""Records from Universal Files: time histories in datasets 58, with the units of dataset 164."""
+
+import math
+import re
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from impact_env.extras import optional
+from impact_env.parameters import ParameterError, require
+from impact_env.records.channels import Channel, choose_channel, require_finite
+from impact_env.records.options import RecordOptions
+from impact_env.records.units import (
+    ACCELERATION,
+    FORCE,
+    OTHER,
+    POUND_FORCE,
+    STANDARD_GRAVITY,
+    TIME,
+    Unit,
+    find_unit,
+    name_unit,
+)
+
+Dataset = dict[str, Any]
+DELIMITER = re.compile(rb"    -1(?= {74}|\r|\n|\Z)")  # after binary data it begins no line
+GENERAL = 0  # kinds of function in a dataset 58
+TIME_RESPONSE = 1
+FUNCTIONS = {
+    0: "general", 1: "time response", 2: "auto spectrum", 3: "cross spectrum",
+    4: "frequency response function", 5: "transmissibility", 6: "coherence", 7: "auto correlation",
+    8: "cross correlation", 9: "power spectral density", 10: "energy spectral density",
+    11: "probability density function", 12: "spectrum", 13: "cumulative frequency distribution",
+    14: "peaks valley", 15: "stress/cycles", 16: "strain/cycles", 17: "orbit",
+    18: "mode indicator function", 19: "force pattern", 20: "partial power",
+    21: "partial coherence", 22: "eigenvalue", 23: "eigenvector", 24: "shock response spectrum",
+    25: "finite impulse response filter", 26: "multiple coherence", 27: "order function",
+}  # fmt: skip
+# kinds of data on an axis
+UNKNOWN_DATA = 0
+GENERAL_DATA = 1
+ACCELERATION_DATA = 12
+FORCE_DATA = (9, 13)  # reaction force, excitation force
+TIME_DATA = 17
+DATA = {
+    0: "unknown", 1: "general", 2: "stress", 3: "strain", 5: "temperature", 6: "heat flux", 8: "displacement", 9: "reaction force", 11: "velocity",
+    12: "acceleration", 13: "excitation force", 15: "pressure", 16: "mass", 17: "time", 18: "frequency", 19: "rpm", 20: "order",
+}  # fmt: skip
+REAL_DATA = (2, 4)  # ordinate data types: single and double precision; 5 and 6 are complex
+BYTE_ORDERS = (1, 2)  # little endian, big endian
+IEEE = 2  # floating point format
+ROTATIONS = (4, 5, 6)
+AXES = ("", "X", "Y", "Z", "RX", "RY", "RZ")
+FOOT = 0.3048
+# code of a system of units -> metres and newtons in its units of length and force; of others the file says
+UNIT_SYSTEMS = {
+    1: (1.0, 1.0), 2: (FOOT, POUND_FORCE), 3: (1.0, STANDARD_GRAVITY), 4: (FOOT, POUND_FORCE * FOOT / STANDARD_GRAVITY), 5: (1e-3, 1e-3),
+    6: (1e-2, 1e-2), 7: (0.0254, POUND_FORCE), 8: (1e-3, STANDARD_GRAVITY),
+}  # fmt: skip
+USER_DEFINED = 9
+FACTOR_TOL = 1e-4  # relative: factors in files have five digits or more
+ABSENT = ("", "NONE", "NULL")
+
+
+@dataclass(frozen=True)
+class UnitSystem:
+    """Metres in a file's unit of ``length``, newtons in its unit of ``force``, and its ``name``."""
+
+    length: float
+    force: float
+    name: str
+
+    @property
+    def is_si(self) -> bool:
+        """Return whether these are metre and newton."""
+        return self.length == self.force == 1
+
+
+def _require_whole(file: Path) -> None:
+    """Raise ParameterError unless every dataset of a file that begins also ends."""
+    delimiters = len(DELIMITER.findall(file.read_bytes()))
+    allowed = "a whole Universal File, each of whose datasets begins and ends with a line -1"
+    require(delimiters > 0 and delimiters % 2 == 0, f"{file.name}: lines -1", delimiters, allowed)
+
+
+def _read_datasets(file: Path) -> list[tuple[int, Dataset]]:
+    """Return number, from 1, and content of the datasets 58 and 164 of a file."""
+    with optional():
+        import pyuff
+    _require_whole(file)
+    found = []
+    number = 0
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            reader = pyuff.UFF(str(file))
+            for number, kind in enumerate(reader.get_set_types(), 1):
+                if kind in (58, 164):
+                    found.append((number, reader.read_sets(number - 1)))
+    except Exception as error:  # the library raises bare exceptions
+        words = " ".join(str(error).split())
+        where = f"{file.name}: dataset {number}" if number else file.name
+        raise ParameterError(
+            f"file = {where!r} is not allowed: a Universal File that can be read ({words})"
+        ) from error
+    return found
+
+
+def _unit_system(file: Path, datasets: Sequence[tuple[int, Dataset]]) -> UnitSystem | None:
+    """Return the system of units that a file declares, None if it declares none."""
+    systems = []
+    for number, part in datasets:
+        if part["type"] != 164:
+            continue
+        code = int(part["units_code"])
+        where = f"{file.name}: dataset {number} (164)"
+        allowed = f"a code of units from 1 to {USER_DEFINED}"
+        require(code in UNIT_SYSTEMS or code == USER_DEFINED, f"{where}: units", code, allowed)
+        factors = (float(part["length"]), float(part["force"]))
+        positive = all(math.isfinite(factor) and factor > 0 for factor in factors)
+        require(
+            positive,
+            f"{where}: factors",
+            factors,
+            "numbers above 0: units of length and force in a metre and a newton",
+        )
+        length, force = UNIT_SYSTEMS.get(code, (1 / factors[0], 1 / factors[1]))
+        same = all(
+            math.isclose(a * b, 1, rel_tol=FACTOR_TOL)
+            for a, b in zip(factors, (length, force), strict=True)
+        )
+        require(
+            same,
+            f"{where}: factors",
+            factors,
+            f"{1 / length:.7g} and {1 / force:.7g}, as its code of units {code} says",
+        )
+        systems.append(
+            UnitSystem(
+                length, force, str(part.get("units_description", "")).strip() or f"code {code}"
+            )
+        )
+    for system in systems[1:]:
+        same = (system.length, system.force) == (systems[0].length, systems[0].force)
+        require(
+            same, f"{file.name}: datasets 164", [one.name for one in systems], "one system of units"
+        )
+    return systems[0] if systems else None
+
+
+def _label(part: Dataset, name: str) -> str | None:
+    text = str(part.get(f"{name}_axis_units_lab", "")).strip()
+    return None if text.upper() in ABSENT else text
+
+
+def _unit_of_system(where: str, part: Dataset, system: UnitSystem | None) -> Unit | None:
+    """Return the unit of the values that a kind of data has in a system of units; None where the file does not say."""
+    kind = int(part["ordinate_spec_data_type"])
+    exponents = [int(part[f"ordinate_{name}_unit_exp"]) for name in ("len", "force", "temp")]
+    if kind == GENERAL_DATA:
+        if exponents == [0, 1, 0]:
+            kind = FORCE_DATA[0]
+        elif exponents == [1, 0, 0]:  # also of velocities and displacements: times are not told
+            require(
+                system is None or system.length == 1,
+                f"{where}: ordinate",
+                "general data, length to the power 1",
+                "acceleration (12), in a system of units that is not SI",
+            )
+            return None
+        else:
+            require(
+                exponents == [0, 0, 0],
+                f"{where}: units exponents",
+                exponents,
+                "those of a force, 0 1 0, or of an acceleration, 1 0 0",
+            )
+    if kind in (UNKNOWN_DATA, GENERAL_DATA):
+        return None
+    if kind == ACCELERATION_DATA:
+        factor = 1.0 if system is None else system.length
+        return name_unit(ACCELERATION, factor)
+    if kind in FORCE_DATA:
+        factor = 1.0 if system is None else system.force
+        return name_unit(FORCE, factor)
+    return Unit(DATA.get(kind, f"kind {kind}"), OTHER, math.nan)
+
+
+def _values_unit(
+    where: str, part: Dataset, system: UnitSystem | None, options: RecordOptions
+) -> tuple[Unit | None, str | None]:
+    """Return the unit of the values, and the label where it is no unit that is known."""
+    by_system = _unit_of_system(where, part, system)
+    label = _label(part, "ordinate")
+    by_label = None if label is None else find_unit(label)
+    if by_system is None:
+        named = by_label is not None or options.unit is not None
+        ok = system is None or system.is_si or named
+        require(
+            ok,
+            f"{where}: ordinate",
+            DATA.get(int(part["ordinate_spec_data_type"])),
+            f"acceleration or force, as dataset 164 has units other than SI ({system.name if system else ''}); or unit given",
+        )
+        return by_label, label if by_label is None else None
+    if label is None:
+        return by_system, None
+    if by_label is None:
+        require(
+            options.unit is not None,
+            f"{where}: unit of the ordinate",
+            label,
+            "a unit that is known, or the load's unit beside it",
+        )
+        return (by_system if system is not None else None), None
+    if by_label.dimension != by_system.dimension:
+        raise ParameterError(
+            f"{where}: unit of the ordinate = {label!r} is not allowed: a unit of its kind of data, {by_system.dimension}"
+        )
+    if system is not None and not by_label.is_same_as(by_system):
+        raise ParameterError(
+            f"{where}: unit of the ordinate = {label!r} is not allowed: {by_system.name}, as dataset 164 says ({system.name})"
+        )
+    return by_label, None
+
+
+def _describe(part: Dataset) -> str:
+    """Return response node and direction of a dataset 58, as 12:+Z."""
+    direction = int(part.get("rsp_dir", 0))
+    sign = "" if direction == 0 else "-" if direction < 0 else "+"
+    axis = AXES[abs(direction)] if abs(direction) < len(AXES) else "?"
+    return f"{int(part.get('rsp_node', 0))}:{sign}{axis}"
+
+
+def _require_time_history(where: str, part: Dataset, options: RecordOptions) -> None:
+    """Raise ParameterError for a dataset 58 whose header says that it is no translation or force over time, or not whole."""
+    kind = int(part["abscissa_spec_data_type"])
+    is_time = kind == TIME_DATA or (
+        kind == UNKNOWN_DATA and int(part["func_type"]) == TIME_RESPONSE
+    )
+    require(
+        is_time,
+        f"{where}: abscissa",
+        f"{kind} ({DATA.get(kind, 'no known kind')})",
+        f"time ({TIME_DATA})",
+    )
+    precision = int(part["ord_data_type"])
+    require(
+        precision in REAL_DATA,
+        f"{where}: ordinate data type",
+        precision,
+        "2 or 4, real numbers; 5 and 6 are complex",
+    )
+    below = int(part["orddenom_spec_data_type"])
+    require(
+        below == 0,
+        f"{where}: ordinate denominator",
+        f"{below} ({DATA.get(below, 'no known kind')})",
+        "0, none: a ratio is no load",
+    )
+    direction = int(part.get("rsp_dir", 0))
+    require(
+        abs(direction) not in ROTATIONS,
+        f"{where}: response direction",
+        direction,
+        "a translation, 1 to 3, or 0",
+    )
+    require(abs(direction) < len(AXES), f"{where}: response direction", direction, "from -3 to 3")
+    turned = direction < 0 and options.scale is None
+    require(
+        not turned,
+        f"{where}: response direction",
+        _describe(part),
+        "a scale beside a negative direction, -1 or 1, which says what sign the load has",
+    )
+    spacing = int(part["abscissa_spacing"])
+    require(spacing in (0, 1), f"{where}: abscissa spacing", spacing, "0 or 1, uneven or even")
+    if part.get("binary"):
+        order, form = int(part["byte_ordering"]), int(part["fp_format"])
+        require(order in BYTE_ORDERS, f"{where}: byte order", order, "1 or 2, little or big endian")
+        require(form == IEEE, f"{where}: floating point format", form, f"{IEEE}, IEEE 754")
+        bytes_each = {2: 4, 4: 8}[precision] * (2 - spacing)
+        size = int(part["n_bytes"])
+        expected = int(part["num_pts"]) * bytes_each
+        require(
+            size == expected, f"{where}: bytes", size, f"{expected}, {bytes_each} for each point"
+        )
+    increment = float(part["abscissa_inc"])
+    require(spacing == 0 or increment > 0, f"{where}: abscissa increment", increment, "above 0 s")
+    announced = int(part["num_pts"])
+    there = len(part["data"])
+    require(
+        there == announced,
+        f"{where}: points",
+        f"{there} of {announced}",
+        "all that the header announces",
+    )
+
+
+def read_uff(file: Path, options: RecordOptions) -> Channel:
+    """Return a time history of a Universal File, with its times, in the file's units."""
+    datasets = _read_datasets(file)
+    system = _unit_system(file, datasets)
+    functions = [(number, part) for number, part in datasets if part["type"] == 58]
+    histories = [
+        (number, part)
+        for number, part in functions
+        if int(part["func_type"]) in (GENERAL, TIME_RESPONSE)
+    ]
+    kinds = sorted({int(part["func_type"]) for _, part in functions})
+    others = (
+        ", ".join(f"{kind} ({FUNCTIONS.get(kind, 'no known function')})" for kind in kinds)
+        or "no dataset 58"
+    )
+    allowed = f"one or more, datasets 58 with a time response (1); the file has {others}"
+    require(len(histories) > 0, f"{file.name}: time histories", 0, allowed)
+    index = choose_channel(file, options, [_describe(part) for _, part in histories])
+    number, part = histories[index]
+    where = f"{file.name}: dataset {number} (58)"
+    _require_time_history(where, part, options)
+    unit, unknown = _values_unit(where, part, system, options)
+    label = _label(part, "abscissa")
+    time_unit = None if label is None else find_unit(label)
+    wrong = time_unit is not None and time_unit.dimension != TIME
+    require(not wrong, f"{where}: unit of the abscissa", label, "a unit of time")
+    values = require_finite(file, np.asarray(part["data"], dtype=np.float64))
+    times = require_finite(file, np.asarray(part["x"], dtype=np.float64))
+    return Channel(
+        values,
+        unit,
+        times,
+        time_unit,
+        unit_unknown=unknown,
+        time_unit_unknown=label if time_unit is None else None,
+    )

@@ -1,0 +1,176 @@
+"""Units of time, acceleration and force as files write them, and the factor of each to SI units."""
+
+import math
+import re
+import unicodedata
+from dataclasses import dataclass
+
+from impact_env.parameters import ParameterError
+
+STANDARD_GRAVITY = 9.80665  # m/s^2
+POUND_FORCE = 4.4482216152605  # N
+TIME = "time"
+ACCELERATION = "acceleration"
+FORCE = "force"
+OTHER = "other"  # a unit that is known, of a quantity that no record here may have
+EXAMPLES = {
+    TIME: "s, ms, us, min, h",
+    ACCELERATION: "m/s^2, mm/s^2, cm/s^2, g",
+    FORCE: "N, mN, kN, lbf, kgf",
+}
+AGREEMENT_TOL = 1e-6  # of a factor: units written in two places of a file are one unit
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit: its ``name`` as written, its ``dimension``, one of those above, and its ``factor`` to s, m/s^2 or N."""
+
+    name: str
+    dimension: str
+    factor: float
+
+    def is_same_as(self, other: "Unit") -> bool:
+        """Return whether two units are one."""
+        same = math.isclose(self.factor, other.factor, rel_tol=AGREEMENT_TOL)
+        return self.dimension == other.dimension and same
+
+
+LENGTHS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "inch": 0.0254, "ft": 0.3048}
+TIMES = {
+    "s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0,
+    "ms": 1e-3, "msec": 1e-3, "millisecond": 1e-3, "milliseconds": 1e-3,
+    "us": 1e-6, "usec": 1e-6, "microsecond": 1e-6, "microseconds": 1e-6,
+    "ns": 1e-9, "nsec": 1e-9, "nanosecond": 1e-9, "nanoseconds": 1e-9,
+    "min": 60.0, "minute": 60.0, "minutes": 60.0, "h": 3600.0, "hr": 3600.0, "hour": 3600.0, "hours": 3600.0,
+}  # fmt: skip
+ACCELERATIONS = {
+    "g": STANDARD_GRAVITY, "gn": STANDARD_GRAVITY, "g0": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY, "ug": 1e-6 * STANDARD_GRAVITY,
+    "gal": 1e-2, "mgal": 1e-5,
+}  # fmt: skip
+FORCES = {
+    "N": 1.0, "uN": 1e-6, "mN": 1e-3, "cN": 1e-2, "daN": 10.0, "kN": 1e3, "MN": 1e6, "newton": 1.0, "newtons": 1.0,
+    "lbf": POUND_FORCE, "klbf": 1e3 * POUND_FORCE, "kip": 1e3 * POUND_FORCE, "ozf": POUND_FORCE / 16,
+    "kgf": STANDARD_GRAVITY, "kp": STANDARD_GRAVITY, "gf": 1e-3 * STANDARD_GRAVITY, "pdl": POUND_FORCE * 0.3048 / STANDARD_GRAVITY, "dyn": 1e-5,
+}  # fmt: skip
+OTHERS = (
+    "m", "mm", "cm", "um", "nm", "in", "inch", "ft", "mil", "m/s", "mm/s", "cm/s", "in/s", "ft/s",
+    "km/h", "Hz", "kHz", "MHz", "rpm", "rad/s", "rad", "deg", "°", "%", "V", "mV", "uV", "kV", "A",
+    "mA", "C", "pC", "Pa", "kPa", "MPa", "GPa", "bar", "psi", "Nm", "N*m", "ue", "strain", "dB",
+    "K", "°C", "rad/s2", "m/s3", "N/m", "kg", "lb", "lbs", "W", "J", "Ohm", "T", "(m/s2)2/Hz",
+    "g2/Hz", "N2/Hz", "m2/s4/Hz", "counts", "lsb",
+)  # fmt: skip
+LENGTH_OVER_TIME_SQUARED = re.compile(
+    r"(mm|cm|m|inch|in|ft)(?:/\(?s(?:ec)?2\)?|/s(?:ec)?/s(?:ec)?|[.*/]?s(?:ec)?-2)", re.IGNORECASE
+)
+
+
+MULTIPLE = re.compile(r"(\d+\.?\d*(?:[eE][+-]?\d+)?)([a-zA-Z].*)")  # as in 0.1 g
+
+
+def _plain_text(text: str) -> str:
+    """Return a unit's text in one form: superscripts as digits, the sign of micro as u, without spaces, powers' signs and outer brackets."""
+    found = (
+        unicodedata.normalize("NFKC", text.strip()).replace("\u03bc", "u").replace("\u2212", "-")
+    )
+    found = found.replace("**", "").replace("^", "").replace("·", "*").replace("⋅", "*")
+    return "".join(found.split()).replace("_", "/")
+
+
+def _in_table(table: dict[str, float], text: str) -> float | None:
+    """Return a unit's factor by its exact name, else by its name in other letters where only one unit has it."""
+    if text in table:
+        return table[text]
+    alike = [factor for name, factor in table.items() if name.casefold() == text.casefold()]
+    return alike[0] if len(alike) == 1 else None
+
+
+def find_unit(text: str) -> Unit | None:
+    """Return the unit that a text is, None if it is none that is known."""
+    plain = _plain_text(text)
+    for dimension, table in ((TIME, TIMES), (ACCELERATION, ACCELERATIONS), (FORCE, FORCES)):
+        factor = _in_table(table, plain)
+        if factor is not None:
+            return Unit(text.strip(), dimension, factor)
+    known = LENGTH_OVER_TIME_SQUARED.fullmatch(plain)
+    if known is not None:
+        return Unit(text.strip(), ACCELERATION, LENGTHS[known[1].lower()])
+    multiple = MULTIPLE.fullmatch(plain)
+    if multiple is not None and float(multiple[1]) > 0:
+        unit = find_unit(multiple[2])
+        return unit and Unit(text.strip(), unit.dimension, float(multiple[1]) * unit.factor)
+    if plain in OTHERS or plain.casefold() in {name.casefold() for name in OTHERS if len(name) > 1}:
+        return Unit(text.strip(), OTHER, math.nan)
+    return None
+
+
+def name_unit(dimension: str, factor: float) -> Unit:
+    """Return the unit of acceleration or force that has a factor, as one that `find_unit` knows."""
+    base = "m/s^2" if dimension == ACCELERATION else "N"
+    names = [f"{length}/s^2" for length in LENGTHS] if dimension == ACCELERATION else list(FORCES)
+    for name in (base, *names):
+        unit = find_unit(name)
+        if unit is not None and math.isclose(unit.factor, factor, rel_tol=AGREEMENT_TOL):
+            return Unit(name, dimension, factor)
+    return Unit(f"{factor!r} {base}", dimension, factor)
+
+
+def require_unit(name: str, text: object, dimension: str) -> Unit:
+    """Return the unit of a dimension that a text is; raises ParameterError for any other."""
+    found = find_unit(text) if isinstance(text, str) else None
+    if found is None or found.dimension != dimension:
+        allowed = f"a unit of {dimension}, as {EXAMPLES[dimension]}"
+        raise ParameterError(f"{name} = {text!r} is not allowed: {allowed}")
+    return found
+
+
+def require_density_unit(name: str, text: object, dimension: str) -> float:
+    """Return the factor from a unit of a spectral density, as g^2/Hz, to (m/s^2)^2/Hz or N^2/Hz; raises ParameterError for any other."""
+    plain = _plain_text(text) if isinstance(text, str) else ""
+    squared = DENSITY.fullmatch(plain)
+    unit = None if squared is None else find_unit(squared[1] or squared[2])
+    if unit is None or unit.dimension != dimension:
+        allowed = "N^2/Hz" if dimension == FORCE else "(m/s^2)^2/Hz or g^2/Hz"
+        raise ParameterError(f"{name} = {text!r} is not allowed: a unit of density, as {allowed}")
+    return unit.factor**2
+
+
+DENSITY = re.compile(
+    r"(?:\(([^()]+)\)|([a-zA-Z]+))2/Hz", re.IGNORECASE
+)  # powers without their sign
+BRACKETS = re.compile(r"(.*?)[(\[{<]\s*([^()\[\]{}<>]*(?:\([^()]*\)[^()\[\]{}<>]*)?)\s*[)\]}>]\s*")
+SEPARATOR = re.compile(r"[\s_,;:/|-]+")
+
+
+@dataclass(frozen=True)
+class Label:
+    """The label of a column.
+
+    Its ``text``, its ``name`` without unit, its ``unit`` (None: it has none), and the text in its ``brackets``, if it has them.
+    """
+
+    text: str
+    name: str
+    unit: Unit | None
+    brackets: str | None = None
+
+
+def read_label(text: str) -> Label:
+    """Return a column's label: ``acc (g)``, ``time [ms]``, ``force_kN``, ``a / m/s^2``, ``Time ms`` and ``g`` alone have units.
+
+    >>> read_label("time (ms)").unit.factor
+    0.001
+    """
+    label = text.strip()
+    bracketed = BRACKETS.fullmatch(label)
+    if bracketed is not None:
+        name, inside = bracketed[1].strip(" _"), bracketed[2].strip()
+        return Label(label, name or label, find_unit(inside), inside)
+    alone = find_unit(label)
+    if alone is not None:
+        return Label(label, label, alone)
+    for separator in SEPARATOR.finditer(label):  # the longest tail first: m/s^2 before s^2
+        tail = label[separator.end() :].strip()
+        found = find_unit(tail) if tail and separator.start() > 0 else None
+        if found is not None:
+            return Label(label, label[: separator.start()], found)
+    return Label(label, label, None)
