@@ -132,7 +132,7 @@ def _to_even_times(
         f"{step:g} s: straight lines would bridge a gap or leave out samples"
     )
     require(len(outside) == 0, row, float(times[k]), allowed)
-    even = even_times(1 + round(duration / usual), duration)
+    even = even_times(len(times), duration)
     return even, np.asarray(np.interp(even, times - times[0], values))
 
 

@@ -132,6 +132,14 @@ BAD = {  # a load, or the file of its record, and the message
     "b.txt": r"load\.file = 'b\.txt' .*ends in \.csv",
     "[load]\nkind = 'shock'\nvelocity_m_s = 1\nduration_s = 1\nplace = 'base'": r"load\.place = 'base' .*force, absorber",
     "[load]\nkind = 'random'\nspectrum = [[1.1, 1], [1.2, 1]]\nduration_s = 1.0": r"spectrum = .*a multiple of 1 Hz",
+    "[load]\nkind = 'random'\nspectrum = [[1, 1], [2, 1]]\nduration_s = 1.0\nunit = 'g^2/Hz'": r"load\.unit = 'g\^2/Hz' .*N\^2/Hz",
+    "[load]\nkind = 'base'\nspectrum = [[1, 1], [2, 1]]\nduration_s = 1.0\nunit = 'g'": r"load\.unit = 'g' .*g\^2/Hz",
+    "[load]\nkind = 'random'\nspectrum = [[1, 1], [1, 2], [2, 1]]\nduration_s = 1.0": r"spectrum = .*a step, between others",
+    "[load]\nkind = 'random'\nspectrum = [[1, 1], [2, 1], [2, 2], [2, 3], [3, 1]]\nduration_s = 1.0": r"spectrum = .*a step, between others",
+    "[load]\nkind = 'base'\npulse = 'sawtooth'\npeak_g = 'high'\npulse_s = 0.1\nduration_s = 1.0": r"load\.peak_g = 'high'",
+    "[load]\nkind = 'shock'\npulse = 'sawtooth'\npeak_g = 1.0\npulse_s = 0.1\nduration_s = 1.0": r"load\.peak_g = 1\.0 .*peak_n",
+    "[load]\nkind = 'base'\nacceleration_g = 1.0\nacceleration_m_s2 = 1.0\n"
+    + SCHEDULE.format(1): r"load\.acceleration_m_s2 = 1\.0",
     "[load]\nkind = 'random'\nspectrum = [[2, 1], [1, 1]]\nduration_s = 1.0": r"spectrum = .*strictly rising",
     "[load]\nkind = 'random'\nspectrum = [[1, 0], [2, 1]]\nduration_s = 1.0": r"spectrum = .*above 0",
     "[load]\nkind = 'random'\nspectrum = [[1, 1], [2e3, 1]]\nduration_s = 1e4": r"duration_s = 10000\.0 .*320 MiB",
@@ -227,6 +235,33 @@ def test_common_loads_in_short() -> None:
     assert random.spectrum.tolist() == [[20.0, 0.05], [60.0, 0.05]]
 
 
+TONE = "tones = [{{ {} = {}, frequency_hz = 40.0 }}]\nduration_s = 1.0"
+G = 9.80665
+SAWTOOTH = "pulse = 'sawtooth'\npulse_s = 0.011\nduration_s = 1.0\n{} = {}"
+SPECTRUM = "duration_s = 1.0\nunit = '{0}'\nspectrum = [[20, {1}], [40, {2}]]"
+SHAKEN = SCHEDULE.format(1.0) + "\n"
+IN_G = {  # a load of a base with values in g, and the same in m/s^2
+    SAWTOOTH.format("peak_g", 15.0): SAWTOOTH.format("peak_m_s2", 15 * G),
+    SHAKEN + "acceleration_g = 2.0": SHAKEN + f"acceleration_m_s2 = {2 * G}",
+    TONE.format("amplitude_g", 3.0): TONE.format("amplitude_m_s2", 3 * G),
+    SPECTRUM.format("g^2/Hz", 0.01, 0.02): SPECTRUM.format(
+        "(m/s^2)^2/Hz", 0.01 * G**2, 0.02 * G**2
+    ),
+    SPECTRUM.format("g²/Hz", 0.01, 0.02): SPECTRUM.format("(mm/s^2)^2/Hz", 1e4 * G**2, 2e4 * G**2),
+}
+
+
+@pytest.mark.parametrize("text", IN_G)
+def test_accelerations_and_spectra_in_g(text: str, tmp_path: Path) -> None:
+    found = []
+    for plain in (text, IN_G[text]):
+        (tmp_path / "load.toml").write_text("[load]\nkind = 'base'\n" + plain, encoding="utf-8")
+        (part,) = read_loads(tmp_path / "load.toml", 250.0).parts
+        found.append([piece.rows for piece in part.pieces()])
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12)
+
+
 def test_what_lies_above_the_modes_of_a_record_and_units_that_must_be_wrong() -> None:
     times = np.arange(2000) / 2000.0
     two = Samples(times, 3 * np.sin(2 * np.pi * 50 * times) + 4 * np.sin(2 * np.pi * 300 * times))
@@ -320,6 +355,11 @@ MOVED = {  # place and velocity
         ShakenBase(RUN, displacement=0.2, phase=0.4),
         0.2 * (np.cos(PHASE) - np.cos(0.4)),
         -0.2 * (40.0 + 50.0 * TIMES) * np.sin(PHASE),
+    ),
+    "a sawtooth": (
+        Shock("sawtooth", 5.0, 0.5, 1.0, quantity=BASE),
+        np.where(TIMES < 0.5, 5 * TIMES**3 / 3, 5 * 0.5**3 / 3 + 5 * 0.5 / 2 * (TIMES - 0.5)),
+        np.where(TIMES < 0.5, 5 * TIMES**2, 5 * 0.5 / 2),
     ),
     "a jump": (Shock("trapezoid", 5.0, 1.0, 1.0, 0.0, BASE), 2.5 * TIMES**2, 5.0 * TIMES),
 }

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from core import EVERYTHING
-from load_cases import cantilever, chirp, record_of
+from load_cases import PARTICIPATION, cantilever, chirp, record_of
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
@@ -86,6 +86,10 @@ def trapezoid(times: Array) -> Array:
     return np.interp(times, [0.0, 0.001, 0.005, 0.006, 1.0], [0.0, 60.0, 60.0, 0.0, 0.0])
 
 
+def sawtooth(times: Array) -> Array:
+    return np.where(times < 0.011, 60 * times / 0.011, 0.0)
+
+
 BASE = ShakenBase(SWEEP, displacement=2e-4, phase=0.3)
 RECORD = Samples(CLOCK, 3 * NOISE, "base_acceleration")
 ORDERS = Tones((Tone(6.0, order=1.0, phase=0.5), Tone(2.0, order=2.9)), schedule=SWEEP)
@@ -110,6 +114,10 @@ CASES: dict[str, tuple[tuple[Load, ...], Inputs]] = {
             Shock("trapezoid", 60.0, 0.006, 0.25, 0.001),
         ),
         Inputs(trapezoid, half_sine, np.array([0.001, 0.005, 0.006, 0.01]), 314.2),
+    ),
+    "sawtooth": (
+        (Shock("sawtooth", 60.0, 0.011, 0.25),),
+        Inputs(sawtooth, np.zeros_like, np.array([0.011]), W1),
     ),
 }
 
@@ -247,6 +255,34 @@ def test_records_of_members_are_gaussian_with_the_spectrum_s_size() -> None:
     )  # of a squared Gaussian amplitude
 
 
+def test_lines_of_a_random_record_have_the_spectrum_s_density() -> None:
+    """Log-log straight between points, with a step at 40 Hz; the squares of the lines average to twice the density over the duration."""
+    spectrum = np.array([[20.0, 2.0], [40.0, 8.0], [40.0, 1.0], [60.0, 1.0]])
+    load = Random(spectrum, 5.0, seed=7, factor=3.0)
+    hertz = load.lines / 5.0
+    density = 9 * np.where(hertz < 40, 2 * (hertz / 20) ** 2, 1.0)
+    density[hertz == 40] = 9 * (8.0 + 1.0) / 2
+    np.testing.assert_allclose(load.density, density, rtol=1e-10)
+    squares = [np.abs(replace(load, number=k).amplitudes()) ** 2 for k in range(3000)]
+    # 3,000 records of 201 lines, each exponentially distributed: a spread of 0.13 %
+    assert np.mean(squares / (2 * density / 5.0)) == pytest.approx(1.0, abs=0.005)
+
+
+def test_straight_lines_between_samples_of_a_random_record_have_its_lines() -> None:
+    """Fourier coefficients of the straight lines themselves, by Gauss quadrature in each interval."""
+    load = Random(np.array([[20.0, 2.0], [60.0, 3.0]]), 0.5, seed=3)
+    record = load.record()
+    step = record.times[1]
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    shares = (1 + nodes) / 2
+    times = record.times[:-1, None] + step * shares
+    values = record.values[:-1, None] * (1 - shares) + record.values[1:, None] * shares
+    for line, amplitude in zip(load.lines, load.amplitudes(), strict=True):
+        turned = values * np.exp(-2j * np.pi * line * times / 0.5)
+        found = 2 / 0.5 * np.sum(turned @ (weights / 2)) * step
+        assert abs(found) == pytest.approx(abs(amplitude), rel=1e-9)
+
+
 def test_a_sampled_chirp_tends_to_the_chirp_with_the_square_of_its_step() -> None:
     drive = Drive(5.0, SWEEP, 0.4)
     errors = []
@@ -271,14 +307,54 @@ def test_starts_in_the_middle_and_on_the_lower_walls() -> None:
         assert vector.tolist() == [0, 0, 0, *places, 0, 0, 0, *np.zeros(len(places))]
 
 
-def test_with_the_base_s_mean_at_rest_the_absorber_stays_where_it_is_in_space() -> None:
-    """A free absorber then follows minus the base's displacement, and does not drift; the structure's momentum is that of the base."""
-    steady = FrequencySchedule(np.array([0.0, 0.5]), np.full(2, W1), W1)
-    base = ShakenBase(steady, displacement=1e-4, phase=1.0)
+def moved_by(load: Load, times: Array) -> tuple[float, Array]:
+    """Velocity at time 0, and displacement from there on, of a base whose mean velocity is zero, in closed form."""
+    if isinstance(load, Samples):  # a cubic between samples
+        step = load.times[1]
+        low, high = load.values[:-1], load.values[1:]
+        velocity = np.concatenate([[0.0], np.cumsum(step * (low + high) / 2)])
+        gain = step * velocity[:-1] + step**2 * (low / 3 + high / 6)
+        place = np.concatenate([[0.0], np.cumsum(gain)])
+        start = -float(place[-1]) / load.duration
+        k = np.clip((times / step).astype(int), 0, len(low) - 1)
+        u = times - load.times[k]
+        bend = low[k] / 2 + (high - low)[k] / step * u / 6
+        return start, start * times + place[k] + (velocity[k] + bend * u) * u
+    if isinstance(load, Tones):
+        parts = [(tone.amplitude, 2 * np.pi * tone.frequency, tone.phase) for tone in load.tones]
+    else:
+        assert isinstance(load, ShakenBase)
+        size = load.acceleration
+        parts = [(-load.displacement * W1**2 if size is None else size, W1, load.phase)]
+    start = sum(a / w * np.sin(p) for a, w, p in parts)
+    return start, sum(a / w**2 * (np.cos(p) - np.cos(w * times + p)) for a, w, p in parts)
+
+
+STEADY_SWEEP = FrequencySchedule(np.array([0.0, 0.25]), np.full(2, W1), W1)
+AT_REST: dict[str, Load] = {
+    "displacement": ShakenBase(STEADY_SWEEP, displacement=1e-4, phase=1.0),
+    "acceleration": ShakenBase(STEADY_SWEEP, acceleration=7.0, phase=-0.6),
+    "tones": Tones(
+        (Tone(3.0, frequency=40.0, phase=0.7), Tone(2.0, frequency=96.0, phase=-2.0)),
+        0.25,
+        quantity="base_acceleration",
+    ),
+    "record": Samples(CLOCK, 3 * NOISE, "base_acceleration"),
+}
+
+
+@pytest.mark.parametrize("name", AT_REST)
+def test_a_base_about_a_mean_at_rest_leaves_the_absorber_where_it_is_in_space(name: str) -> None:
+    """A free absorber follows minus the base's displacement; structure and absorber have the base's velocity with the other sign."""
+    load = AT_REST[name]
     scene = Scene(cantilever(), SlidingAbsorber(0.02, RigidWalls(1.0, 0.7)))
-    found = simulate(scene, Loads((base,), start="base-mean-rest"), record=EVERYTHING)
-    moved = -1e-4 * (np.cos(W1 * found.history.time + 1.0) - np.cos(1.0))
-    np.testing.assert_allclose(found.history.absorber_displacement, moved, atol=1e-15)
+    loads = Loads((load,), W1, "base-mean-rest")
+    found = simulate(scene, loads, record=EVERYTHING)
+    start, moved = moved_by(load, found.history.time)
+    np.testing.assert_allclose(found.history.absorber_displacement, -moved, atol=1e-13)
+    initial = loads.initial(scene)
+    np.testing.assert_allclose(initial.modal_velocity, -start * np.array(PARTICIPATION), rtol=1e-12)
+    assert loads.base_velocity() == pytest.approx(start, rel=1e-12)
 
 
 STEPPED = {"moreau": (SMOOTH, Moreau), "runge-kutta": (SOFT, RungeKutta)}
@@ -320,6 +396,7 @@ EACH: dict[str, Load] = {
     "random base": Random(SPECTRUM, 0.25, quantity="base_acceleration"),
     "shock": Shock("triangle", 60.0, 0.01, 0.25),
     "shock of the base": Shock("trapezoid", 60.0, 0.01, 0.25, 0.001, quantity="base_acceleration"),
+    "sawtooth": Shock("sawtooth", 60.0, 0.011, 0.25),
     "strike": Strike(0.5, 0.25),
 }
 EVERY_ABSORBER = LINEAR | {

@@ -295,6 +295,12 @@ def test_bad_files_are_named(name: str, text: str | bytes, message: str, tmp_pat
         read_plain(tmp_path / name)
 
 
+@pytest.mark.parametrize(("name", "text"), [("a.toml", "beam = 1\n"), ("a.json", '{"beam": 1}')])
+def test_a_byte_order_mark_is_no_key(name: str, text: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert read_plain(tmp_path / name) == {"beam": 1}
+
+
 # Whatever is handed in to what is public: refused by name, or right.
 
 
