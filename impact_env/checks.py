@@ -69,14 +69,15 @@ class ParameterError(ValueError):
             message = f"{path}: {self}"
             return type(self)(message, self.name, self.value, self.allowed, self.argument)
         index = re.search(r"[\['].*", self.name or "")
-        return _describe_error(
+        return describe_error(
             f"{path}.{key}{index[0] if index else ''}", self.value, self.allowed or ""
         )
 
 
-def _describe_error(
+def describe_error(
     name: str, value: object, allowed: str, argument: str | None = None
 ) -> ParameterError:
+    """Return the error of a value that is not allowed; `require` raises it."""
     message = f"{name} = {_written(value)} is not allowed: {allowed}"
     return ParameterError(message, name, value, allowed, argument)
 
@@ -84,7 +85,7 @@ def _describe_error(
 def require(ok: bool, name: str, value: object, allowed: str, argument: str | None = None) -> None:
     """Raise ParameterError unless ``ok``; ``argument`` is that of the caller where ``name`` is more than its name."""
     if not ok:
-        raise _describe_error(name, value, allowed, argument)
+        raise describe_error(name, value, allowed, argument)
 
 
 @contextmanager

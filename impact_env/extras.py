@@ -14,6 +14,8 @@ OF_EXTRAS = {  # extras of pyproject.toml: the packages that they bring, as they
     "optimise": ("cvxpy", "optuna", "cmaes"),
     "cluster": ("distributed",),
     "files": ("pyuff",),
+    "nastran": ("pyNastran", "cpylog"),
+    "ansys": ("ansys",),
     "explore": ("starlette", "uvicorn", "websockets"),
     "peers": ("heyoka", "mpmath"),
 }

@@ -69,7 +69,7 @@ def require_keys(
         require(key in plain, path, dict(plain), f"the key {key} must be given: it has no default")
 
 
-def form(make: Callable[..., Any], keys: Keys) -> Sort:
+def form(make: Callable[..., Any], keys: Keys, more_needed: tuple[str, ...] = ()) -> Sort:
     """Return the sort of a dict that stands for what ``make``, a class or a function, returns.
 
     A key that is left out has the default of ``make``; one whose argument has none must be given. Attributes that are None are not written.
@@ -78,7 +78,8 @@ def form(make: Callable[..., Any], keys: Keys) -> Sort:
     needed = tuple(
         key
         for key, (name, _) in keys.items()
-        if name in arguments and arguments[name].default is inspect.Parameter.empty
+        if key in more_needed
+        or (name in arguments and arguments[name].default is inspect.Parameter.empty)
     )
 
     def read(path: str, plain: Any) -> Any:

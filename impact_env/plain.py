@@ -244,11 +244,12 @@ NEEDED = ("length_m", "bending_stiffness_n_m2", "mass_per_length_kg_m")  # of a 
 
 
 def load_structure(path: Path | str) -> Structure:
-    """Return the structure that a TOML or JSON file describes: a `Beam`, or the `ModalModel` of modal data, a Universal File or matrices.
+    """Return the structure that a TOML or JSON file describes: a `Beam`, or the `ModalModel` of what the other tables name.
 
-    The file has one of the tables ``beam``, ``model``, ``universal`` and ``matrices``, and no absorber (`docs/scenes.md`). Level and limits are read
-    at the response's place, or at the absorber's if it names none. Raises ParameterError that names file, key, value and what is
-    allowed; warns with a StructureWarning about what looks wrong: shapes that are not mass-normalised, frequencies that coincide, units.
+    The file has one of the tables ``beam``, ``model``, ``universal``, ``matrices``, ``nastran`` and ``ansys``, and no absorber
+    (`docs/scenes.md`). Level and limits are read at the response's place, or at the absorber's if it names none. Raises
+    ParameterError that names file, key, value and what is allowed; warns with a StructureWarning about what looks wrong: shapes that
+    are not mass-normalised, frequencies that coincide, units, resonances that move no place in use.
     """
     path = Path(instance("path", path, str | Path))
     plain = read_plain(path)
@@ -271,7 +272,7 @@ def load_structure(path: Path | str) -> Structure:
 
 
 def _read(plain: dict[str, Any], path: Path) -> Structure:
-    kinds = [kind for kind in ("beam", "model", "universal", "matrices") if kind in plain]
+    kinds = [kind for kind in STRUCTURES if kind in plain]
     require(
         "absorber" not in plain,
         "absorber",
@@ -283,7 +284,7 @@ def _read(plain: dict[str, Any], path: Path) -> Structure:
         len(kinds) == 1,
         "structure",
         list(plain),
-        "a file with one of the tables beam, model, universal, matrices",
+        f"a file with one of the tables {', '.join(STRUCTURES)}",
     )
     if isinstance(structure, Beam):
         missing = [

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from impact_env.checks import describe_error
 from impact_env.forms import NUMBER, ROW, WHOLE, Keys, Sort, form, tables
 from impact_env.modes import ModalModel
 from impact_env.parameters import (
     Beam,
-    ParameterError,
     Section,
     count,
     count_from,
@@ -29,8 +29,9 @@ from impact_env.parameters import (
     row,
     word_of,
 )
+from impact_env.structures import ansys, nastran, universal
 from impact_env.structures.checks import StructureWarning, warnings_of_matrix
-from impact_env.structures.matrices import checked, lowest_modes, proportional_damping
+from impact_env.structures.matrices import Modes, checked, lowest_modes, proportional_damping
 from impact_env.structures.matrix_files import (
     DIRECTIONS as FREEDOMS,
 )
@@ -43,7 +44,7 @@ from impact_env.structures.matrix_files import (
 )
 from impact_env.structures.modal import DAMPING_RATIO, TEXT, model_beside, ratios_of, text
 from impact_env.structures.modal import MODEL as MODEL
-from impact_env.structures.units import read_units
+from impact_env.structures.units import Units, read_units
 from impact_env.structures.universal import (
     DIRECTIONS,
     MeasuredMode,
@@ -318,22 +319,29 @@ def _strain(parts: Parts | None, shape: Callable[[Any], Any]) -> Any:
     return None if parts is None else np.sum([weight * shape(of) for weight, of in parts], axis=0)
 
 
-def _of_universal(
+def _modes_of_universal(
     folder: Path,
     *,
     file: str,
     load_case: int | None = None,
-    **places: Any,
-) -> ModalModel:
+    modes: int | None = None,
+    **_places: Any,
+) -> tuple[Path, list[MeasuredMode], int | None]:
+    """Return the file, its modes, and how many of them are kept."""
     path = folder / file
     found = read_modes(path, None if load_case is None else count("load_case", load_case, 0))
+    return path, found, modes
+
+
+def _of_universal(folder: Path, **values: Any) -> ModalModel:
+    path, found, _ = _modes_of_universal(folder, **values)
     used = {
         name: part.node
         for name in ("force", "absorber", "response", "stress")
-        for part in _listed(places.get(name))
+        for part in _listed(values.get(name))
     }
     require_global_directions(path, used)
-    return _of_modes(found, path, **places)
+    return _of_modes(found, path, **values)
 
 
 def _listed(places: Any) -> list[_Place]:
@@ -357,6 +365,7 @@ def _of_modes(
     stress: Parts | None = None,
     base_participation: list[float] | None = None,
     base_at_absorber: float = ModalModel.base_at_absorber,
+    **_file: Any,
 ) -> ModalModel:
     """Return the model of the modes of a file: the lowest ``modes`` of them, with their shapes at the places."""
     kept = found if modes is None else found[: count("modes", modes, 1, len(found))]
@@ -394,6 +403,46 @@ MODE_KEYS: Keys = {
     "base_participation_sqrt_kg": ("base_participation", ROW),
     "base_at_absorber": ("base_at_absorber", NUMBER),
 }
+
+
+def _modes_of_nastran(
+    folder: Path,
+    *,
+    file: str,
+    units: str,
+    bdf: str | None = None,
+    subcase: int | None = None,
+    modes: int | None = None,
+    **_places: Any,
+) -> tuple[Path, list[MeasuredMode], int | None]:
+    path = folder / file
+    case = None if subcase is None else count("subcase", subcase, 0)
+    found = nastran.read_modes(path, None if bdf is None else folder / bdf, read_units(units), case)
+    return path, found, modes
+
+
+def _of_nastran(folder: Path, **values: Any) -> ModalModel:
+    path, found, _ = _modes_of_nastran(folder, **values)
+    return _of_modes(found, path, **values)
+
+
+def _modes_of_ansys(
+    folder: Path, *, file: str, units: str, modes: int | None = None, **_places: Any
+) -> tuple[Path, list[MeasuredMode], int | None]:
+    path = folder / file
+    return path, ansys.read_modes(path, read_units(units), units), modes
+
+
+def _of_ansys(folder: Path, **values: Any) -> ModalModel:
+    path, found, _ = _modes_of_ansys(folder, **values)
+    return _of_modes(found, path, **values)
+
+
+RESULT_KEYS: Keys = {**MODE_KEYS, "units": ("units", TEXT)}
+NASTRAN_KEYS: Keys = {**RESULT_KEYS, "bdf": ("bdf", TEXT), "subcase": ("subcase", WHOLE)}
+# keys without a default, which the functions above pass on
+NEEDED_OF_MODES = ("file", "force", "absorber", "mass_kg")
+NEEDED_OF_RESULTS = (*NEEDED_OF_MODES, "units")
 UNIVERSAL_KEYS: Keys = {**MODE_KEYS, "load_case": ("load_case", WHOLE)}
 
 
@@ -415,35 +464,76 @@ MATRIX_KEYS: Keys = {
 }
 
 
-def _of_matrices(
+NEEDED_OF_MATRICES = ("mass", "stiffness", "units", "force", "absorber", "mass_kg")
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """Modes of matrices: ``omega`` (N_m,) in rad/s and ``shapes`` (rows, N_m) in 1/sqrt(kg), with what they come from."""
+
+    omega: Any
+    shapes: Any
+    kept: Modes
+    inertia: Any
+    stiffness: MatrixFile
+    damping: Any
+    units: Units
+
+
+def _solve_matrices(
     folder: Path,
     *,
     mass: str,
     stiffness: str,
     units: str,
-    force: Any,
-    absorber: list[Any],
-    structure_mass: float,
     damping: str | None = None,
-    response: Any = None,
     modes: int = MODES,
-    damping_ratio: Any = None,
     suspension_frequency: float | None = None,
-    stress: Parts | None = None,
-    base_vector: Any = None,
     coordinates: str | None = None,
-) -> ModalModel:
+    **_places: Any,
+) -> _Solved:
     system = read_units(units)
-    structure_mass = positive("mass_kg", structure_mass)
     matrices = _read_matrices(folder, {"mass": mass, "stiffness": stiffness, "damping": damping})
     inertia = checked("mass", matrices["mass"].matrix)
     size = inertia.shape[0]
     elastic = checked("stiffness", matrices["stiffness"].matrix, size)
+    resistance = None if damping is None else checked("damping", matrices["damping"].matrix, size)
     if coordinates is not None:
         read_coordinates(folder / coordinates, size)
+    suspension = None
+    if suspension_frequency is not None:  # in the unit of time of the matrices
+        suspension = positive("suspension_frequency", suspension_frequency) * system.time
+    kept = lowest_modes(inertia, elastic, count("modes", modes, 1), suspension)
+    omega = kept.omega / system.time
+    shapes = kept.shapes / np.sqrt(system.mass)
+    return _Solved(omega, shapes, kept, inertia, matrices["stiffness"], resistance, system)
+
+
+def _of_matrices(
+    folder: Path,
+    *,
+    force: Any,
+    absorber: list[Any],
+    structure_mass: float,
+    response: Any = None,
+    damping_ratio: Any = None,
+    stress: Parts | None = None,
+    base_vector: Any = None,
+    **files: Any,
+) -> ModalModel:
+    structure_mass = positive("mass_kg", structure_mass)
+    require(
+        files.get("damping") is None or damping_ratio is None,
+        "damping_ratio",
+        damping_ratio,
+        "left out beside a damping matrix",
+    )
+    solved = _solve_matrices(folder, **files)
+    inertia = solved.inertia
+    size = inertia.shape[0]
 
     def find(name: str, place: Any) -> tuple[int, float]:
-        return _find_row(matrices["stiffness"], name, place, size)
+        return _find_row(solved.stiffness, name, place, size)
 
     places = [find("absorber", place) for place in absorber]
     forced = find("force", force)
@@ -451,29 +541,15 @@ def _of_matrices(
     rows = {"force": forced[0], "absorber": places[0][0]} | (
         {} if read is None else {"response": read[0]}
     )
-    for line in warnings_of_matrix(inertia.diagonal() * system.mass, structure_mass, rows):
+    for line in warnings_of_matrix(inertia.diagonal() * solved.units.mass, structure_mass, rows):
         warnings.warn(line, StructureWarning, stacklevel=2)
-    suspension = None
-    if suspension_frequency is not None:  # in the unit of time of the matrices
-        suspension = positive("suspension_frequency", suspension_frequency) * system.time
-    kept = lowest_modes(inertia, elastic, count("modes", modes, 1), suspension)
     found = None
-    if damping is not None:
-        require(
-            damping_ratio is None,
-            "damping_ratio",
-            damping_ratio,
-            "left out beside a damping matrix",
-        )
-        found = proportional_damping(
-            checked("damping", matrices["damping"].matrix, size), kept, inertia.diagonal() == 0
-        )
-    omega = kept.omega / system.time
-    ratios = ratios_of(damping_ratio, found, len(omega))
-    shapes = kept.shapes / np.sqrt(system.mass)
+    if solved.damping is not None:
+        found = proportional_damping(solved.damping, solved.kept, inertia.diagonal() == 0)
+    ratios = ratios_of(damping_ratio, found, len(solved.omega))
 
     def shape(place: tuple[int, float]) -> Any:
-        return place[1] * shapes[place[0]]
+        return place[1] * solved.shapes[place[0]]
 
     strain = _strain(stress, lambda place: shape(find("stress's row", place)))
     base = None
@@ -483,9 +559,9 @@ def _of_matrices(
         moved = [sign * float(rigid[k]) for k, sign in places]
         allowed = "the same displacement at all places for absorbers"
         require(len(set(moved)) == 1, "base_vector", moved, allowed)
-        base = np.sqrt(system.mass) * (kept.shapes.T @ (inertia @ rigid))
+        base = np.sqrt(solved.units.mass) * (solved.kept.shapes.T @ (inertia @ rigid))
     return _placed(
-        omega,
+        solved.omega,
         ratios,
         shape(forced),
         [shape(place) for place in places],
@@ -543,18 +619,78 @@ def _base_vector(folder: Path, given: Any, size: int) -> Any:
         try:
             given = np.loadtxt(folder / given, ndmin=1).tolist()
         except (OSError, ValueError) as error:
-            raise ParameterError(
-                f"base_vector = {given!r} is not allowed: {allowed} ({error})"
-            ) from error
+            raise describe_error("base_vector", given, f"{allowed} ({error})") from error
     found = row("base_vector", given, allowed)
     require(len(found) == size, "base_vector", f"{len(found)} numbers", allowed)
     return found
+
+
+def read_structure_nodes(folder: Path, plain: Mapping[str, Any]) -> tuple[Any, Any] | None:
+    """Return numbers (N,) and coordinates (N, 3) in m of the nodes in the file of a structure's plain form; None for one without nodes."""
+    if "universal" in plain:
+        return universal.read_nodes(folder / plain["universal"]["file"])
+    if "nastran" in plain:
+        table = plain["nastran"]
+        bdf = None if "bdf" not in table else folder / table["bdf"]
+        return nastran.read_nodes(folder / table["file"], bdf, read_units(table["units"]))
+    if "ansys" in plain:
+        table = plain["ansys"]
+        units = read_units(table["units"])
+        return ansys.read_nodes(folder / table["file"], units, table["units"])
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class NodalShapes:
+    """Modes of a file at all its places: ``omega`` (N_m,) in rad/s and ``shapes`` (N_m, n) in 1/sqrt(kg).
+
+    ``freedoms``: node and freedom, 1 to 6, of each place, or the row of the matrices and 0.
+    """
+
+    omega: Any
+    freedoms: tuple[tuple[int, int], ...]
+    shapes: Any
+
+
+def read_structure_shapes(folder: Path, plain: Mapping[str, Any]) -> NodalShapes:
+    """Return the modes of a structure's plain form at all places of its file; raises ParameterError for one without."""
+    kinds = {
+        "universal": (_modes_of_universal, UNIVERSAL_KEYS),
+        "nastran": (_modes_of_nastran, NASTRAN_KEYS),
+        "ansys": (_modes_of_ansys, RESULT_KEYS),
+    }
+    for kind, (read, keys) in kinds.items():
+        if kind in plain:
+            _path, found, limit = form(partial(read, folder), keys).read(kind, plain[kind])
+            kept = found if limit is None else found[: count("modes", limit, 1, len(found))]
+            nodes = sorted({int(node) for mode in kept for node in mode.nodes})
+            freedoms = tuple((node, axis) for node in nodes for axis in (1, 2, 3))
+            rows = {node: k for k, node in enumerate(nodes)}
+            shapes = np.zeros((len(kept), len(nodes), 3))
+            for k, mode in enumerate(kept):
+                shapes[k, [rows[int(node)] for node in mode.nodes]] = mode.shape
+            omega = np.array([mode.omega for mode in kept])
+            return NodalShapes(omega, freedoms, shapes.reshape(len(kept), -1))
+    require(
+        "matrices" in plain,
+        "structure",
+        list(plain),
+        "a file with nodes: one of the tables universal, nastran, ansys, matrices",
+    )
+    found = form(partial(_solve_matrices, folder), MATRIX_KEYS).read("matrices", plain["matrices"])
+    own = found.stiffness.freedoms
+    freedoms = own or tuple((k, 0) for k in range(len(found.shapes)))
+    return NodalShapes(found.omega, freedoms, found.shapes.T)
 
 
 # kinds of structure -> the form of their table, for the folder in which the files lie that it names
 STRUCTURES: dict[str, Callable[[Path], Sort]] = {
     "beam": lambda _: BEAM,
     "model": model_beside,
-    "universal": lambda folder: form(partial(_of_universal, folder), UNIVERSAL_KEYS),
-    "matrices": lambda folder: form(partial(_of_matrices, folder), MATRIX_KEYS),
+    "universal": lambda folder: form(
+        partial(_of_universal, folder), UNIVERSAL_KEYS, NEEDED_OF_MODES
+    ),
+    "matrices": lambda folder: form(partial(_of_matrices, folder), MATRIX_KEYS, NEEDED_OF_MATRICES),
+    "nastran": lambda folder: form(partial(_of_nastran, folder), NASTRAN_KEYS, NEEDED_OF_RESULTS),
+    "ansys": lambda folder: form(partial(_of_ansys, folder), RESULT_KEYS, NEEDED_OF_RESULTS),
 }

@@ -8,7 +8,8 @@ import scipy
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-from impact_env.parameters import ParameterError, positive, require, suspended
+from impact_env.checks import describe_error
+from impact_env.parameters import positive, require, suspended
 
 Real = NDArray[np.float64]
 
@@ -215,9 +216,10 @@ def _condensed(
 
 
 def _refuse_mechanism(number: int) -> None:
-    raise ParameterError(
-        f"stiffness = 'a matrix with {number} freedoms without mass, which it does not hold' is not allowed: "
-        "positive definite on the freedoms without mass, so that they follow the others"
+    raise describe_error(
+        "stiffness",
+        f"a matrix with {number} freedoms without mass, which it does not hold",
+        "positive definite on the freedoms without mass, so that they follow the others",
     )
 
 
@@ -236,7 +238,7 @@ def _sharper(squares: Real, shapes: Real, stiffness: Any) -> Real:
     )
 
 
-INDEFINITE = "stiffness = 'a matrix that is indefinite' is not allowed: positive semidefinite, and regular together with the mass"
+INDEFINITE = "positive semidefinite, and regular together with the mass"
 
 
 def _dense(mass: Real, stiffness: Real, modes: int, shift: float) -> tuple[Real, Real]:
@@ -258,7 +260,7 @@ def _dense(mass: Real, stiffness: Real, modes: int, shift: float) -> tuple[Real,
             # a combination of freedoms may be without mass too: its frequency is infinite
             finite = inverse > NOISE * np.finfo(float).eps * inverse[-1]
             return 1 / inverse[finite] - s, vectors[:, finite]
-    raise ParameterError(INDEFINITE)
+    raise describe_error("stiffness", "a matrix that is indefinite", INDEFINITE)
 
 
 def _sparse(mass: Any, stiffness: Any, modes: int, shift: float) -> tuple[Real, Real]:
@@ -280,9 +282,8 @@ def _sparse(mass: Any, stiffness: Any, modes: int, shift: float) -> tuple[Real, 
             OPinv=scipy.sparse.linalg.LinearOperator(shifted.shape, factor.solve),
         )
     except (RuntimeError, scipy.sparse.linalg.ArpackError) as error:
-        raise ParameterError(
-            f"stiffness = 'a sparse matrix' is not allowed: one whose lowest modes can be computed ({error})"
-        ) from error
+        allowed = f"one whose lowest modes can be computed ({error})"
+        raise describe_error("stiffness", "a sparse matrix", allowed) from error
     # one step of the inverse iteration: freedoms without mass follow the others exactly
     return values, factor.solve(mass @ vectors) * (values + shift)
 
@@ -296,10 +297,10 @@ def _symmetric_factor(matrix: Any) -> Any:
         order = np.argsort(factor.perm_c)
         pivots = factor.U.diagonal() / matrix.diagonal()[order]
         if np.any(pivots < -PIVOT_TOL):
-            raise ParameterError(INDEFINITE)
+            raise describe_error("stiffness", "a matrix that is indefinite", INDEFINITE)
         if np.any(pivots < PIVOT_TOL):
-            raise ParameterError(
-                "stiffness = 'a singular sparse matrix' is not allowed: regular together with the mass"
+            raise describe_error(
+                "stiffness", "a singular sparse matrix", "regular together with the mass"
             )
     return factor
 

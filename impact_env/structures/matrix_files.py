@@ -15,7 +15,10 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from impact_env.parameters import ParameterError, require
+from impact_env.checks import describe_error
+from impact_env.extras import MissingExtraError
+from impact_env.parameters import require
+from impact_env.structures.ansys import read_full
 
 # Abaqus writes this on the diagonal of a freedom that a boundary condition holds
 ABAQUS_HELD = 1e36
@@ -207,11 +210,20 @@ def _read_calculix(path: Path, _letter: str) -> MatrixFile:
     return MatrixFile(matrix, tuple(freedoms))
 
 
+def _read_full(path: Path, letter: str) -> MatrixFile:
+    """Return the stiffness or mass of an Ansys file."""
+    found, freedoms = read_full(path, letter)
+    rows = found.row.astype(np.int64)
+    columns = found.col.astype(np.int64)
+    return MatrixFile(_symmetric(rows, columns, found.data, found.shape[0]), freedoms)
+
+
 READERS: dict[str, Callable[[Path, str], MatrixFile]] = {
     ".npz": _read_npz,
     ".mtx": _read_mtx,
     ".sti": _read_calculix,
     ".mas": _read_calculix,
+    ".full": _read_full,
 }
 
 
@@ -228,9 +240,11 @@ def read_matrix(path: Path, name: str, letter: str) -> MatrixFile:
     )
     try:
         return READERS[path.suffix.lower()](path, letter)
+    except MissingExtraError:
+        raise
     except Exception as error:  # of damaged files NumPy, SciPy and zipfile raise many kinds
-        raise ParameterError(
-            f"{name} = {str(path)!r} is not allowed: a matrix that can be read ({_first_line(error)})"
+        raise describe_error(
+            name, str(path), f"a matrix that can be read ({_first_line(error)})"
         ) from error
 
 
@@ -311,9 +325,7 @@ def read_columns(path: Path, name: str) -> dict[str, list[float]]:
                 if any(cell.strip() for cell in line)
             ]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ParameterError(
-            f"{name} = {str(path)!r} is not allowed: {allowed} ({error})"
-        ) from error
+        raise describe_error(name, str(path), f"{allowed} ({error})") from error
     require(len(lines) > 1 and len(set(lines[0])) == len(lines[0]), name, str(path), allowed)
     rows = []
     for number, line in enumerate(lines[1:], 1):
@@ -326,9 +338,7 @@ def read_columns(path: Path, name: str) -> dict[str, list[float]]:
         try:
             rows.append([_number(cell) for cell in line])
         except ValueError as error:
-            raise ParameterError(
-                f"{name} = {str(path)!r}, mode {number} is not allowed: {allowed} ({error})"
-            ) from error
+            raise describe_error(name, f"{path}, mode {number}", f"{allowed} ({error})") from error
     return {
         key: list(column) for key, column in zip(lines[0], zip(*rows, strict=True), strict=True)
     }

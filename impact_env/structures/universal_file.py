@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from impact_env.checks import describe_error
 from impact_env.parameters import ParameterError, require
 
 END = "-1"
@@ -33,7 +34,7 @@ class Dataset:
     def refuse(self, line: int, allowed: str) -> ParameterError:
         """Return the error of a line, counted from 0 in the dataset."""
         found = self.lines[line].strip() if line < len(self.lines) else "(the dataset ends)"
-        return ParameterError(f"file = '{self.name(line)}: {found}' is not allowed: {allowed}")
+        return describe_error("file", f"{self.name(line)}: {found}", allowed)
 
     def whole(self, line: int, number: int, least: int | None = None) -> list[int]:
         """Return the first ``number`` whole numbers of a line in fields of 10 columns; ``least`` of them must be there, others are 0."""
@@ -85,9 +86,8 @@ def read_datasets(path: Path) -> list[Dataset]:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise ParameterError(
-            f"file = {str(path)!r} is not allowed: a Universal File that can be read ({error})"
-        ) from error
+        allowed = f"a Universal File that can be read ({error})"
+        raise describe_error("file", str(path), allowed) from error
     lines = content.splitlines(keepends=True)
     found = []
     k = 0
@@ -113,8 +113,10 @@ def _text(line: bytes) -> str:
 
 def _dataset(path: Path, lines: list[bytes], k: int) -> tuple[int, Dataset]:
     """Return the line after a dataset whose first line (its kind) is ``k``, and the dataset."""
-    cut = ParameterError(
-        f"file = '{path}, line {k}' is not allowed: a complete Universal File; its last dataset has no end (a line with -1)"
+    cut = describe_error(
+        "file",
+        f"{path}, line {k}",
+        "a complete Universal File; its last dataset has no end (a line with -1)",
     )
     if k >= len(lines):
         raise cut
@@ -134,9 +136,8 @@ def _dataset(path: Path, lines: list[bytes], k: int) -> tuple[int, Dataset]:
             skipped = int(cells[BINARY_LINES])
             left = int(cells[BINARY_BYTES])
         except (IndexError, ValueError) as error:
-            raise ParameterError(
-                f"file = '{path}, line {k + 1}' is not allowed: the header of a binary dataset"
-            ) from error
+            name = f"{path}, line {k + 1}"
+            raise describe_error("file", name, "the header of a binary dataset") from error
         k = start + skipped
         while left > 0 and k < len(lines):
             left -= len(lines[k])

@@ -6,11 +6,12 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.assurance import Comparison, compare_modes
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
 from impact_env.plain_files import read_plain
+from impact_env.plain_structures import read_structure_nodes
 from impact_env.structures.matrix_files import read_coordinates
-from impact_env.structures.universal import read_nodes
 from optimisation.cli.common import (
     FILE,
     BadInput,
@@ -99,12 +100,13 @@ def text(model: ModalModel, structure: Beam | ModalModel) -> str:
 def coordinates(path: Path) -> tuple[str, NDArray[np.int64], Array]:
     """Return the word for rows or nodes, their numbers (N,) and their places (N, 3) in m; raises BadInput if the file has none."""
     plain = read_plain(path)
-    if "universal" in plain:
-        return ("node", *read_nodes(path.parent / plain["universal"]["file"]))
+    found = read_structure_nodes(path.parent, plain)
+    if found is not None:
+        return ("node", *found)
     name = plain.get("matrices", {}).get("coordinates")
     if name is None:
         raise BadInput(
-            "--near is for a Universal File with nodes, or matrices with the key coordinates"
+            "--near is for files with nodes (universal, nastran, ansys), or matrices with the key coordinates"
         )
     places = read_coordinates(path.parent / name)
     return "row", np.arange(len(places)), places
@@ -121,6 +123,33 @@ def nearest(path: Path, point: tuple[float, float, float]) -> str:
     return "\n".join(lines)
 
 
+def assurance_text(comparison: Comparison) -> str:
+    """Return a table of the modal assurance criterion, a line for each mode of the first file, and the mode of the second that is most alike."""
+    header = ("mode", "Hz", *(f"{hertz:.5g} Hz" for hertz in comparison.second), "most alike")
+    lines = []
+    for k, hertz in enumerate(comparison.first):
+        row = comparison.assurance[k]
+        best = int(np.argmax(row))
+        shift = 100 * (comparison.second[best] / hertz - 1)
+        alike = f"mode {best + 1}, {shift:+.2f} %"
+        lines.append((str(k + 1), f"{hertz:.5g}", *(f"{value:.3f}" for value in row), alike))
+    note = (
+        f"Modal assurance criterion at {comparison.places} places and directions that move in both files, "
+        "1: the same shape; columns: modes of the second file. Last column: its frequency over that of the first."
+    )
+    return "\n".join([markdown(header, lines), "", note])
+
+
+def assurance_data(comparison: Comparison) -> dict[str, object]:
+    """Return the comparison as plain data."""
+    return {
+        "places": comparison.places,
+        "first_frequencies_hz": comparison.first.tolist(),
+        "second_frequencies_hz": comparison.second.tolist(),
+        "assurance": comparison.assurance.tolist(),
+    }
+
+
 @command()
 @click.argument("file", type=FILE)
 @click.option(
@@ -130,10 +159,20 @@ def nearest(path: Path, point: tuple[float, float, float]) -> str:
     metavar="X Y Z",
     help="Tell the nodes, or rows of matrices, nearest to this point in m.",
 )
+@click.option(
+    "--mac",
+    "second",
+    type=FILE,
+    help="Compare the mode shapes with those of this structure file, by the modal assurance criterion.",
+)
 @file_option("--plot", "Draw the shapes and the places: .png, .pdf or .svg.")
 @json_option("Write mass and modes, in SI units.")
 def main(
-    file: Path, near: tuple[float, float, float] | None, plot: Path | None, json: Path | None
+    file: Path,
+    near: tuple[float, float, float] | None,
+    second: Path | None,
+    plot: Path | None,
+    json: Path | None,
 ) -> None:
     """Show the structure of FILE: modes, shapes at force, absorber and response, masses; and the node nearest to a point."""
     with plain_errors():
@@ -141,6 +180,9 @@ def main(
         structure = read_structure(file)
         model = mounted(structure)
         said = [text(model, structure), *(["", nearest(file, near)] if near is not None else [])]
+        comparison = None if second is None else compare_modes(file, second)
+        if comparison is not None:
+            said += ["", assurance_text(comparison)]
         modes = [
             {name: value if np.isfinite(value) else None for name, value in row.items()}
             for row in rows(model)
@@ -148,7 +190,11 @@ def main(
         click.echo("\n".join(said))
         files = write_files(
             {
-                json: {"mass_kg": model.beam_mass, "modes": modes},
+                json: {
+                    "mass_kg": model.beam_mass,
+                    "modes": modes,
+                    **({} if comparison is None else {"mac": assurance_data(comparison)}),
+                },
                 plot: lambda path: save_structure(path, structure),
             }
         )

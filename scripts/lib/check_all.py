@@ -41,6 +41,8 @@ LAYERS = (
     "main",
     "test",
     "files",
+    "nastran",
+    "ansys",
     "optimise",
     "env",
     "docs",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import Result
+from click.testing import CliRunner, Result
 from commands import done, load
 from places import EXAMPLES, ROOT
 
@@ -41,6 +41,12 @@ def quickly_tuned(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def call(name: str, monkeypatch: pytest.MonkeyPatch, line: str) -> Result:
     return done(load(name, monkeypatch), *shlex.split(line))
+
+
+def call_wrong(name: str, monkeypatch: pytest.MonkeyPatch, line: str) -> Result:
+    result = CliRunner().invoke(load(name, monkeypatch), shlex.split(line))
+    assert result.exit_code != 0
+    return result
 
 
 @pytest.mark.parametrize("structure", [FRAME, MEASURED])
@@ -113,6 +119,21 @@ def test_periodic_motions_are_of_the_structure_and_at_the_force_of_the_rule(
         )
         known = [o.motion.tip_max for o in closed_form_orbits(case).orbits]
         assert min(abs(orbit["tip_max_m"] / tip - 1) for tip in known) < 1e-6
+
+
+def test_mode_shapes_are_compared_with_a_second_file(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    target = tmp_path / "mac.json"
+    printed = call("structure", monkeypatch, f"{FRAME} --mac {FRAME} --json {target}").output
+    found = json.loads(target.read_text())["mac"]
+    assurance = np.array(found["assurance"])
+    np.testing.assert_allclose(np.diag(assurance), 1.0)
+    np.testing.assert_allclose(assurance, assurance.T, atol=1e-12)
+    assert f"{assurance[0, 1]:.3f}" in printed
+    assert "mode 1, +0.00 %" in printed
+    refused = call_wrong("structure", monkeypatch, f"{FRAME} --mac {STEEL}")
+    assert "a file with nodes" in refused.output
 
 
 def test_a_search_takes_the_structure_and_its_forces(

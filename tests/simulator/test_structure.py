@@ -566,7 +566,7 @@ def test_columns_are_the_rows_of_a_model(tmp_path: Path) -> None:
         (
             TABLE.replace("0.9", "high"),
             "damping_ratio = 0.01",
-            "mode 1 is not allowed: a .csv file",
+            "mode 1' is not allowed: a .csv file",
         ),
         (TABLE.replace("tip", "top"), "damping_ratio = 0.01", "top_shape_per_sqrt_kg"),
         (

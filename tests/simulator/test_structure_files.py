@@ -579,6 +579,20 @@ def test_a_field_that_does_not_fit_is_refused_with_the_file(case: str, tmp_path:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("key", ["file", "force", "absorber", "mass_kg"])
+def test_a_key_that_has_no_default_is_asked_for(key: str, tmp_path: Path) -> None:
+    (tmp_path / "a.uff").write_text(PLAIN)
+    keys = {name: value for name, value in PLACES.items() if name != key}
+    with pytest.raises(ParameterError, match=f"the key {key} must be given"):
+        loaded(tmp_path, "universal", **keys)
+    matrices = {"mass": "m.npz", "stiffness": "m.npz", **KEYS}
+    chain(tmp_path)
+    given = {name: value for name, value in matrices.items() if name != key}
+    if key != "file":
+        with pytest.raises(ParameterError, match=f"the key {key} must be given"):
+            loaded(tmp_path, **given)
+
+
 def test_coordinate_systems_that_are_the_global_one_are_read(tmp_path: Path) -> None:
     plain = universal(tmp_path, PLAIN)
     text = PLAIN + system_2420(7, LEVEL) + nodes_2411(system=7)
