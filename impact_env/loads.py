@@ -51,6 +51,7 @@ MOST_SAMPLES = 2**22  # of a record: a piece of each is 80 bytes
 LINE_TOL = 1e-12  # of a frequency: a line of a random load is at a point of its spectrum
 RANDOM_SAMPLES = 20  # of a random record, in a period of its highest frequency
 SAME_TIME = 1e-12  # of the duration: breakpoints closer than this are one
+DRIFT = 6.0  # root mean squares of a velocity: more is no oscillation and no pulse, but an offset
 STARTS = ("middle", "lower-wall", "base-mean-rest")
 GAUSS = np.polynomial.legendre.leggauss(
     4
@@ -114,6 +115,22 @@ class Samples(Load):
         sizes = np.abs(np.fft.rfft(self.values)) ** 2
         above = np.fft.rfftfreq(len(self.values), self.times[1]) > frequency
         return float(np.sum(sizes[above]) / max(np.sum(sizes), 1e-300))
+
+    def drift(self) -> float | None:
+        """Return the offset (m/s^2) of a base's record that makes its displacement drift, None for a force or a record without.
+
+        An offset drifts where it changes the velocity by more than `DRIFT` times the root mean
+        square of the velocity without it; an oscillation that is cut anywhere changes it by less
+        than 2.9 times, a pulse by 3.5 times.
+        """
+        if self.quantity == FORCE:
+            return None
+        step = self.times[1]
+        steps = step * (self.values[1:] + self.values[:-1]) / 2
+        offset = float(np.sum(steps)) / self.duration
+        velocity = np.append(0.0, np.cumsum(steps - step * offset))
+        drifts = abs(offset) * self.duration > DRIFT * float(np.std(velocity))
+        return offset if drifts and offset != 0 else None
 
     def base_velocity(self) -> float:
         """Return the base's velocity in m/s at time 0 with which its mean velocity is zero."""

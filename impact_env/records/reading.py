@@ -27,7 +27,7 @@ DIMENSIONS = {"force": FORCE, "base_acceleration": ACCELERATION}
 CLIPPED = 8  # samples in a row at a record's largest or smallest value: what a converter gives beyond its range
 LONGEST_STEP = 1.5  # usual steps: a longer one has lost a sample
 SHORTEST_STEP = (
-    0.5  # usual steps: with shorter ones straight lines at usual steps leave samples out
+    0.5  # usual steps: with shorter ones, straight lines at usual steps leave samples out
 )
 
 

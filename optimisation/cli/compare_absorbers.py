@@ -183,6 +183,7 @@ def main(
                 scene, "structure", "mass_ratio", "mass_kg", "gap"
             )
             given |= {"mass_ratio": DEFAULT_MASS_RATIO}
+        scenes.warn_of_nodes(mounted(Beam() if own is None else own), *given["resonances"])
         threads = given.pop("threads")
         with executor_on(threads, cluster) as executor:
             with sweeps_bar("comparing") as show:

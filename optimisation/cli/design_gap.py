@@ -352,6 +352,7 @@ def main(**given: Any) -> None:
         usable_force("--force", given["force"])
         structure = structure_in(given)
         model = model_on(structure)
+        scenes.warn_of_nodes(model, given["resonance"])
         absorber = absorber_on(model, given)
         if given["gaps"] is not None:
             gap_factors(given["gaps"])

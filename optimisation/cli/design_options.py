@@ -260,7 +260,9 @@ def forces_at(
             raise ParameterError(
                 f"--resonances = {given['resonances']} is not allowed: beside --at, which names resonances with their forces"
             )
-        return list(given["at"])
+        at = list(given["at"])
+        scenes.warn_of_nodes(mounted(structure_of(given)), *(resonance for resonance, _ in at))
+        return at
     if given["structure"] is None and given["scene"] is None and not scenes.is_given("resonances"):
         return list(usual)
     model = mounted(structure_of(given))
@@ -273,6 +275,7 @@ def forces_at(
         force / design_force(paper, DEFAULT_MASS_RATIO * paper.beam_mass, RigidWalls.gap, resonance)
         for resonance, force in usual
     ]
+    scenes.warn_of_nodes(model, *given["resonances"])
     for k in dict.fromkeys(given["resonances"]):
         if (found := reach(model, mass, k)) < LEAST_REACH:
             click.echo(

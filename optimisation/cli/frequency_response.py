@@ -16,7 +16,13 @@ from impact_env.periodic.response_curve import COLUMNS
 from impact_env.periodic.stationary import QUANTILES, StationaryRuns
 from impact_env.plain import from_scene
 from optimisation.cli import common
-from optimisation.cli.scene_options import is_given, make_scene, refuse_parts, scene_options
+from optimisation.cli.scene_options import (
+    is_given,
+    make_scene,
+    refuse_parts,
+    scene_options,
+    warn_of_nodes,
+)
 from optimisation.executors import cluster_option, workers
 from optimisation.files import write_files
 from optimisation.kept import Kept
@@ -49,6 +55,7 @@ def computed(given: dict[str, Any], executor: Executor | None = None) -> Overvie
     """
     scene, _ = make_scene(given)
     reference = scene.model.resonance_omega(given["resonance"])
+    warn_of_nodes(scene.model, given["resonance"])
     walls = sliding(scene).walls
     low = positive("--from", given["start"])
     high = positive("--to", given["stop"])

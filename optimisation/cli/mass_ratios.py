@@ -28,6 +28,7 @@ from optimisation.cli.scene_options import (
     read_device,
     scene_option,
     structure_option,
+    warn_of_nodes,
 )
 from optimisation.comparison import RESONANCES
 from optimisation.executors import cluster_option, workers
@@ -161,6 +162,7 @@ def main(
         given["percent_per_100_periods"] = given.pop("rate")
         if given["percent_per_100_periods"] is not None:
             usable_rate("--rate", given["percent_per_100_periods"], [PAPER_LIMITS])
+        warn_of_nodes(model, *given["resonances"])
         with workers(given["threads"], cluster) as given["executor"]:
             found = checks(
                 model, ratios or RATIOS, tuple(dict.fromkeys(given.pop("resonances"))), given

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 from click.core import ParameterSource
 
 from impact_env.drive import FrequencySchedule, constant_frequency, default_rate, linear_sweep
@@ -208,6 +209,7 @@ load_option = file_option(
     + ", ".join(":".join((kind, *names)).upper() for kind, names in SHORT.items())
     + ".",
 )
+NODE_TOL = 1e-6  # of the largest of a place's mode shapes: finite elements have such noise at nodes
 TOLD = 1e-3  # of a load's mean square: from there on it is told that it lies above the modes
 
 
@@ -237,6 +239,30 @@ def _in_short(text: str, model: ModalModel, resonance: int) -> dict[str, Any] | 
     return {"kind": kind, **found, "schedule": schedule}
 
 
+def warn_of_nodes(model: ModalModel, *resonances: int, moves_base: bool = False) -> None:
+    """Print a warning for each resonance whose mode does not move a place in use, at a node of which nothing is excited, absorbed or read."""
+    places = {
+        "the base's motion": model.base_participation if moves_base else None,
+        "the force's place": None if moves_base else model.force_shape,
+        "the absorber's place": np.max(np.abs(model.places), axis=0),
+        "the place of the level": model.level_shape,
+    }
+    for resonance in dict.fromkeys(resonances):
+        if not 1 <= resonance <= model.modes:  # refused where it is used
+            continue
+        hertz = model.resonance_omega(resonance) / (2 * math.pi)
+        still = [
+            name
+            for name, shape in places.items()
+            if shape is not None and abs(shape[resonance - 1]) <= NODE_TOL * np.max(np.abs(shape))
+        ]
+        if still:
+            click.echo(
+                f"warning: resonance {resonance}, at {hertz:.4g} Hz, has a node at {' and '.join(still)}",
+                err=True,
+            )
+
+
 def loads_of(path: Path, model: ModalModel, resonance: int = 1) -> Loads:
     """Return the loads of a file, or of a short form; tell of what lies above the modes."""
     reference = model.resonance_omega(resonance)
@@ -250,6 +276,14 @@ def loads_of(path: Path, model: ModalModel, resonance: int = 1) -> Loads:
                 f"warning: {100 * share:.3g} % of the {name}'s mean square lies above the highest mode, {highest:.4g} Hz",
                 err=True,
             )
+        if isinstance(part, Samples) and (offset := part.drift()) is not None:
+            moved = abs(offset) * part.duration**2 / 2
+            click.echo(
+                f"warning: the base's record has an offset of {offset:.3g} m/s^2: from rest its displacement drifts by {moved:.3g} m, "
+                "and a free absorber is pushed to one wall; subtract the mean",
+                err=True,
+            )
+    warn_of_nodes(model, resonance, moves_base=loads.moves_base)
     return loads
 
 

@@ -223,6 +223,7 @@ def run(given: scenes.Options) -> None:
 def make_drive(given: scenes.Options, scene: Scene) -> AnyDrive:
     """Return the force, or the loads of a file."""
     if given["load"] is None:
+        scenes.warn_of_nodes(scene.model, given["resonance"])
         return Drive(given["force"], scenes.make_schedule(given, scene), given["phase"])
     loads = scenes.loads_of(given["load"], scene.model, given["resonance"])
     check_size(scene, loads)

@@ -217,6 +217,7 @@ def main(**given: Any) -> None:
             files = write_files({out / "summary.json": tuned_summary(found)})
         else:
             check_page(page, MARKER)
+            scenes.warn_of_nodes(model, resonance)
             table = tuning_table(model, ratio, resonance, given["low"], given["high"])
             bounds = {} if given["quick"] else certificates(table)
             told = text(table, bounds)

@@ -1,8 +1,10 @@
 """Golden cases and every kind of load through the command sweep, from files; and what a file of loads is refused for."""
 
 import json
+import re
 import warnings
 import wave
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -273,6 +275,48 @@ def test_what_lies_above_the_modes_of_a_record_and_units_that_must_be_wrong() ->
     for factor in (1e-9, 1e12):
         with pytest.raises(ParameterError, match=r"gap = 0\.001 .*look at the load's units"):
             check_size(scene, loads.member(Member(factor=factor)))
+
+
+def test_an_offset_of_a_base_s_record_is_told_from_oscillations_and_pulses() -> None:
+    times = np.linspace(0.0, 4.0, 4001)
+    noise = np.convolve(np.random.default_rng(3).standard_normal(4101), np.hanning(101), "valid")
+    whole = [np.sin(2 * np.pi * f * times + p) for f in (0.3, 1.7, 40.0) for p in (0.0, 0.7, 1.6)]
+    pulse = np.where(times < 0.011, np.sin(np.pi * times / 0.011), 0.0)
+    for values in (*whole, noise - np.mean(noise), pulse, np.zeros(4001)):
+        assert Samples(times, values, BASE).drift() is None
+    for values in (*whole[6:], np.zeros(4001)):
+        offset = Samples(times, values + 0.05, BASE).drift()
+        assert offset == pytest.approx(0.05 + np.trapezoid(values, times) / 4.0)
+        assert Samples(times, values + 0.05).drift() is None  # a force
+
+
+def test_a_drifting_base_and_a_resonance_at_a_node_are_warned_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    times = np.linspace(0.0, 4.0, 4001)
+    np.save(tmp_path / "a.npy", np.column_stack([times, np.sin(250 * times) + 0.05]))
+    text = "[load]\nkind = 'base'\nfile = 'a.npy'\n"
+    (tmp_path / "load.toml").write_text(text)
+    loads_of(tmp_path / "load.toml", cantilever())
+    (line,) = capsys.readouterr().err.splitlines()
+    assert re.search(r"offset of 0\.05\d* m/s\^2: .* drifts by 0\.40\d m", line)
+    np.save(tmp_path / "a.npy", np.column_stack([times, np.sin(250 * times)]))
+    loads_of(tmp_path / "load.toml", cantilever())
+    assert capsys.readouterr().err == ""
+    still = replace(cantilever(), base_participation=np.array([0.5, 0.0, 0.1]))
+    loads_of(tmp_path / "load.toml", still, 2)
+    assert "resonance 2, at 251.7 Hz, has a node at the base's motion" in capsys.readouterr().err
+
+
+def test_a_sweep_through_a_resonance_at_nodes_is_warned_of(tmp_path: Path) -> None:
+    nodes = model(2, 0.01).replace(str(FORCE_SHAPE[1]), "1e-9").replace(str(TIP_SHAPE[1]), "0.0")
+    (tmp_path / "scene.toml").write_text(nodes)
+    steady = ("--from", 1, "--to", 1, "--periods", 3, "--force", 1.0)
+    places = "the force's place and the absorber's place and the place of the level"
+    for resonance in (1, 2):
+        found = sweep("--scene", tmp_path / "scene.toml", "--resonance", resonance, *steady)
+        warned = f"warning: resonance 2, at 251.7 Hz, has a node at {places}" in found.output
+        assert warned == (resonance == 2)
 
 
 # What sweep --measures tells, against closed forms: sines, Gaussian noise, transfer functions, and what an impact loses.

@@ -249,6 +249,7 @@ def test_rounded_times_are_even_in_files_and_in_python(name: str, tmp_path: Path
 JITTER = np.random.default_rng(0).uniform(-1e-4, 1e-4, 100)
 UNEVEN = {
     "jitter": np.round(TIMES + JITTER, 6),
+    "a little jitter": np.round(TIMES + 0.05 * JITTER, 9),
     "a sample less": np.delete(np.round(TIMES, 6), 50),
     "a sample less at the end": np.delete(np.round(TIMES, 6), 98),
     "another rate from the middle on": np.concatenate([TIMES[:50], TIMES[50] + 1.01 * (TIMES[50:] - TIMES[50])]),
