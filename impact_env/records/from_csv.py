@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_env.parameters import ParameterError, require
 from impact_env.records.channels import Channel
@@ -173,6 +174,24 @@ def _read_rows(file: Path, lines: Sequence[str], table: TextTable) -> Iterator[l
         yield numbers
 
 
+def _read_plain_rows(lines: Sequence[str], table: TextTable) -> NDArray[np.float64] | None:
+    """Return the numbers of rows in which nothing is unusual, in a tenth of the time of `_read_rows`; None for others."""
+    last = max(k for k, line in enumerate(lines) if line.strip())
+    body = lines[table.first : last + 1]
+    if table.separator != "," and any("," in line for line in body):
+        if any("." in line for line in body):
+            return None
+        body = [line.replace(",", ".") for line in body]
+    try:
+        rows = np.loadtxt(
+            body, delimiter=table.separator, quotechar='"', comments=None, ndmin=2, encoding=None
+        )
+    except ValueError:
+        return None
+    plain = rows.shape == (len(body), len(table.header)) and bool(np.all(np.isfinite(rows)))
+    return rows if plain else None
+
+
 def _refuse_cut(file: Path, lines: Sequence[str], decimal_places: int = 3) -> None:
     """Raise ParameterError where the last line, without an end, has fewer decimals than all lines before it: the file was cut there."""
     last = lines[-1].strip()
@@ -195,7 +214,9 @@ def read_csv(file: Path, options: RecordOptions) -> Channel:
     """Return a channel of a table with a header: a column of times and one or more of values, or values alone."""
     lines = decode_text(file)
     table = _read_head(file, lines, options)
-    rows = np.array(list(_read_rows(file, lines, table)))
+    rows = _read_plain_rows(lines, table)
+    if rows is None:
+        rows = np.array(list(_read_rows(file, lines, table)))
     _refuse_cut(file, lines)
     header = table.header
     if table.units is not None:
