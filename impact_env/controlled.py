@@ -20,7 +20,8 @@ from impact_env.first_use import compiling_for
 from impact_env.kernels.compiling.jit import COMPILED
 from impact_env.kernels.control.crew import new_board
 from impact_env.kernels.control.interval import ORDER, REPORT, Batch, Beside, Watch, new_lanes
-from impact_env.kernels.motion.observers import DONE
+from impact_env.kernels.motion.observers import DONE, ORDER_REFUSED
+from impact_env.laws import SceneKind
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.loads import BASE, Samples
 from impact_env.methods import Exact, Method, check_general
@@ -38,6 +39,13 @@ from impact_env.sweep import REASONS, IntegrationError
 Array = NDArray[np.float64]
 FEWEST = 64  # lanes a thread must have to be worth its start
 NOTHING = 10.0  # intervals: the step of a record that is not there
+SAMPLES_TOL = 1e-9  # of an interval's samples: rounding of a product, and of a quotient that gave the interval
+# what orders can change in some scenes only, and where
+CHANGED_ORDERS = {
+    "gap": "walls that move are for rigid walls, and the exact method or Moreau's",
+    "limit": "a friction limit that changes is for rigid friction, and the exact method or Moreau's",
+    "place": "there is no record beside the force",
+}
 PARTS = 4  # of a thread, since lanes differ in their number of impacts
 
 
@@ -69,12 +77,13 @@ class ControlledRuns:
     ``orders`` (L,) is what the next `advance` does, ``reports`` (L,) what the last one saw: records, whose fields `kernels.control.interval`
     names. Lanes in the mask ``idle`` (L,) rest: they cost nothing and keep state and report. ``reference`` is the circular
     frequency (rad/s) that defines the pseudo period, ``interval`` the longest interval in pseudo periods, ``exponent`` that of the reports' damage
-    (0: not computed) with displacements in ``unit`` (m). The result is the same for any number of ``threads`` (default: all cores).
+    (0: not computed) with displacements in ``unit`` (m). The result is the same for any number of ``threads`` (default: all cores). An interval is a
+    whole number of samples, ``samples_per_period`` in a pseudo period; an ordered ``duration`` is at most ``duration`` (s) of the longest one.
 
     ``record`` acts beside the orders' force and repeats, its last value taken for its first; the orders' ``place`` says where in it, in steps, a lane
     goes on. ``moves_base``: that force is the base's acceleration in m/s^2. Both are for the exact method and rigid contact, as in `Loads`.
 
-    Raises ParameterError if the method cannot do the scene in intervals.
+    Raises ParameterError if the method cannot do the scene in intervals, and for orders that its kernels do not read.
     """
 
     def __init__(
@@ -112,7 +121,7 @@ class ControlledRuns:
         self.threads = available_cores() if threads is None else count("threads", threads, 1)
         period = 2 * np.pi / positive("reference", reference)
         modes = scene.model.modes
-        samples = round(interval * samples_per_period)
+        samples = whole_samples(interval, count("samples_per_period", samples_per_period, 1))
         self.duration = samples * period / samples_per_period
         self.orders, self.reports = np.zeros(lanes, ORDER), np.zeros(lanes, REPORT)
         self.status = np.zeros(lanes, dtype=np.int64)
@@ -150,6 +159,11 @@ class ControlledRuns:
         if cavity is not None:
             self.orders["gap"] = cavity.gap
         self.orders["limit"] = friction_limit(scene)
+        self._unread = {
+            name: (self.orders[name][0].item(), where)
+            for name, where in CHANGED_ORDERS.items()
+            if name not in _changeable(scene, record)
+        }
         self.restart(np.arange(lanes))
 
     def _new_crew(self) -> Crew:
@@ -189,7 +203,12 @@ class ControlledRuns:
         self.orders["fresh"][which] = True
 
     def advance(self) -> None:
-        """Advance all lanes but idle ones by the intervals in ``orders``; raise IntegrationError, naming the first lane, if one breaks down."""
+        """Advance all lanes but idle ones by the intervals in ``orders``.
+
+        Raises ParameterError for an order that the scene's kernels do not read or cannot do, and IntegrationError, naming the first lane, if a run
+        breaks down.
+        """
+        self._check_orders()
         workers = (
             max(1, min(self.threads, self.lanes // FEWEST)) if COMPILED and self._compiled else 1
         )  # in plain Python threads only take turns
@@ -203,13 +222,35 @@ class ControlledRuns:
         else:
             with compiling_for(self.scene, self.method, "environments"):
                 self._crew.work(parts, 0)
-            self._crew.take = _looked_up(self._crew.take)
+            self._crew.take = bind_kernel(self._crew.take)
             self._compiled = True
 
+    def _check_orders(self) -> None:
+        """Raise ParameterError for an order whose change the scene's kernels would ignore."""
+        for name, (value, where) in self._unread.items():
+            wanted = self.orders[name]
+            changed = np.flatnonzero(wanted != value)
+            for lane in changed[:1].tolist():
+                require(
+                    False,
+                    f'orders["{name}"][{lane}]',
+                    wanted[lane].item(),
+                    f"{value:g} in this scene: {where}",
+                )
+
     def _check(self) -> None:
-        """Raise IntegrationError, naming the first lane, if one broke down."""
+        """Raise ParameterError or IntegrationError, naming the first lane, if one refused its order or broke down."""
         if self.status.any():
             lane = int(np.flatnonzero(self.status != DONE)[0])
+            order = self.orders[lane]
+            place = float(order["place"])
+            require(math.isfinite(place), f'orders["place"][{lane}]', place, "steps, finite")
+            require(
+                self.status[lane] != ORDER_REFUSED,
+                f'orders["duration"][{lane}]',
+                float(order["duration"]),
+                f"above 0 s, and at most the longest interval's {self.duration:g} s",
+            )
             raise IntegrationError(
                 f"lane {lane}, {self.method} on {self.scene.absorber}: {REASONS[int(self.status[lane])]}"
             )
@@ -245,16 +286,50 @@ class ControlledRuns:
         self._crew.close()
 
 
-def _looked_up(kernel: Any) -> Callable[[int, int], bool]:
-    """Return a compiled kernel with its arguments as the machine code itself: numba looks at their types at every call, 8 of 12 us."""
-    return (
-        partial(
-            kernel.func.overloads[tuple(map(typeof, (*kernel.args, 0, 0)))].entry_point,
-            *kernel.args,
-        )
-        if COMPILED
-        else kernel
+def _changeable(scene: Scene, record: Samples | None) -> set[str]:
+    """Return which of `CHANGED_ORDERS` the kernels of a scene read."""
+    found = set() if record is None else {"place"}
+    absorber = scene.absorber
+    if scene.kind is SceneKind.RIGID and isinstance(absorber, SlidingAbsorber):
+        found |= {"gap"} if absorber.walls is not None else set()
+        found |= {"limit"} if absorber.friction is not None else set()
+    return found
+
+
+def whole_samples(interval: float, samples_per_period: int) -> int:
+    """Return the number of samples in an interval (pseudo periods), which is whole; raises ParameterError where it is not."""
+    samples = positive("interval", interval) * samples_per_period
+    require(
+        round(samples) >= 1 and abs(samples - round(samples)) <= SAMPLES_TOL * samples,
+        "interval",
+        interval,
+        f"a multiple of 1/{samples_per_period} pseudo periods, one sample",
     )
+    return round(samples)
+
+
+def bind_kernel(kernel: Any) -> Callable[[int, int], bool]:
+    """Return a compiled kernel with its arguments as the machine code itself: numba looks at their types at every call, 8 of 12 us.
+
+    The machine code trusts the memory that it is given, so its types are compared here, once: raises TypeError where no code is for them.
+    """
+    if not COMPILED:
+        return kernel
+    types = tuple(map(typeof, (*kernel.args, 0, 0)))
+    found = kernel.func.overloads.get(types)
+    if found is None:
+        raise TypeError(f"{kernel.func.__name__} is not compiled for {types}")
+    for values in _arrays(kernel.args):
+        if not (values.flags.c_contiguous and values.flags.aligned):
+            raise TypeError(f"{kernel.func.__name__} takes arrays that are contiguous and aligned")
+    return partial(found.entry_point, *kernel.args)
+
+
+def _arrays(values: Any) -> list[NDArray[Any]]:
+    """Return all arrays in nested tuples."""
+    if isinstance(values, tuple):
+        return [array for value in values for array in _arrays(value)]
+    return [values] if isinstance(values, np.ndarray) else []
 
 
 def _stretches(cuts: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -329,7 +404,8 @@ class PooledRuns(ControlledRuns):
         return np.asarray(self._memory.state[self._rows])
 
     def advance(self) -> None:
-        """Advance all lanes but idle ones, scene by scene."""
+        """Advance all lanes but idle ones, scene by scene; errors as of `ControlledRuns.advance`."""
+        self._check_orders()
         if not np.array_equal(self._laid, self.which):
             self._lay(np.argsort(self.which, kind="stable"))
             self._laid[...], self._still = self.which, None

@@ -125,7 +125,7 @@ def _maps(modes: SetModes, joined: list[int], shapes: Real, size: int) -> tuple[
 def _rows(
     model: ModalModel, modes: SetModes, joined: list[int], masses: Real, shapes: Real, size: int
 ) -> Real:
-    """Return the rows of weights (n + 1, 29, J) of a set."""
+    """Return the rows of weights (n + 1, ROWS, J) of a set."""
     s = modes.values
     every = []
     there = modes.shapes @ np.vstack([shapes, model.tip_shape]).T

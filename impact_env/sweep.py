@@ -82,6 +82,8 @@ REASONS = {
     observers.NOT_FINITE: "the state is not finite: the step is above its stability limit, or a parameter is extreme",
     observers.NO_PROGRESS: "events pile up without progress in time",
     observers.STOPPED: "it was told to stop",
+    observers.JOINTS_UNSOLVED: "no forces of the absorbers' joints meet the contact laws up to rounding",
+    observers.STEP_TOO_LONG: "the step is too long for the stiffness of the nonlinear spring at the stretch that it reaches",
 }
 ADVICE = {
     observers.TOO_MANY_EVENTS: "raise most_events; a lower restitution, more friction or more damping has fewer events",
@@ -89,6 +91,8 @@ ADVICE = {
     observers.SEARCH_GAVE_UP: "change a parameter a little, or take fewer modes",
     observers.NOT_FINITE: "take a shorter step, or milder parameters",
     observers.NO_PROGRESS: "change a parameter a little, or take another method",
+    observers.JOINTS_UNSOLVED: "take lighter absorbers, or places further apart",
+    observers.STEP_TOO_LONG: "raise steps_per_period",
 }
 
 

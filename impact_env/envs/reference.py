@@ -49,7 +49,8 @@ def passage(
     """
     omega = scene.model.resonance_omega(resonance)
     percent = default_rate(scene.model, (resonance,))
-    chunk = CHUNK * PAPER_RATE / percent
+    # a whole number of samples, as all control intervals are
+    chunk = max(1, round(CHUNK * PAPER_RATE / percent * samples_per_period)) / samples_per_period
     driven = (
         replace(scene.model, force_shape=drive_shape(scene.model, True))
         if moves_base
@@ -95,12 +96,19 @@ def stationary_amplitude(model: ModalModel, omega: float, moves_base: bool = Fal
         drive.tolist(),
         strict=True,
     )
-    return abs(
-        sum(
-            level * force / complex(own * own - omega * omega, 2 * damping * own * omega)
-            for own, damping, level, force in rows
+    total = 0j
+    for own, damping, level, force in rows:
+        share = level * force
+        denominator = complex(own * own - omega * omega, 2 * damping * own * omega)
+        require(
+            denominator != 0 or share == 0,
+            "omega",
+            float(omega),
+            "a frequency in rad/s off the undamped resonances (the response is infinite)",
         )
-    )
+        if share != 0:
+            total += share / denominator
+    return abs(total)
 
 
 def mean_power_of_cosine(exponent: float) -> float:

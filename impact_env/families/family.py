@@ -15,7 +15,6 @@ from impact_env.kernels.exact.rigid_contact import Contact, Walls
 from impact_env.kernels.motion import loads
 from impact_env.kernels.motion.observers import Observe
 from impact_env.kernels.motion.segments import Losses, Schedule
-from impact_env.kernels.motion.vector import TERMS
 from impact_env.laws import entry
 from impact_env.loads import AnyDrive, Loads
 from impact_env.parameters import CoulombFriction, TunedAbsorber, gravity_of
@@ -92,13 +91,8 @@ def schedule_of(scene: Scene, drive: AnyDrive, reach: float) -> Schedule:
     """Return a drive as the exact kernels take it, in windows of at most ``reach`` (s)."""
     if isinstance(drive, Loads):
         times, pieces, which, moves_base = drive.on_one_clock()
-        load = loads.Load(
-            pieces,
-            which,
-            moves_base,
-            np.zeros((2, TERMS)),
-            base_of(scene) if moves_base.any() else None,
-            np.zeros(1, np.bool_),
+        load = loads.LoadPieces(
+            pieces, which, moves_base, base_of(scene) if moves_base.any() else None
         )
         return Schedule(times, np.zeros(len(times)), np.zeros(len(times)), 0.0, reach, load)
     breaks = drive.schedule
@@ -113,13 +107,12 @@ def schedule_of(scene: Scene, drive: AnyDrive, reach: float) -> Schedule:
     )
 
 
-def base_of(scene: Scene) -> loads.Base:
+def base_of(scene: Scene) -> loads.BaseShare:
     """Return the participations of a scene's modes and absorber in a base that moves."""
     model = scene.model
     mass = scene.absorber_mass or 0.0
     assert model.base_participation is not None
-    return loads.Base(
-        np.zeros((2, TERMS)),
+    return loads.BaseShare(
         np.array(model.base_participation),
         model.base_at_absorber,
         mass * model.base_at_absorber,

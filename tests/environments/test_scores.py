@@ -15,13 +15,16 @@ from impact_env import (
     Drive,
     FrequencySchedule,
     Moreau,
+    ParameterError,
+    Record,
     Scene,
     TunedAbsorber,
     load_structure,
     simulate,
 )
 from impact_env.controlled import ControlledRuns
-from impact_env.envs.reference import passage
+from impact_env.drive import default_rate
+from impact_env.envs.reference import passage, stationary_amplitude
 from impact_env.frequency import LinearAbsorber, receptance, tip_response
 from impact_env.methods import Method
 from impact_env.modes import modal_model
@@ -97,7 +100,13 @@ def test_rewards_add_up_to_the_score_which_is_the_papers_level() -> None:
 
 @pytest.mark.parametrize("ends", [(0.96, 0.98), (0.98, 0.96)])
 @pytest.mark.parametrize(
-    ("model", "slower"), [(modal_model(Beam(modes=2)), 1), (MODEL, 4)], ids=["paper", "steel"]
+    ("model", "slower"),
+    [
+        (modal_model(Beam(modes=2)), 1),
+        (MODEL, 4),
+        (modal_model(Beam(modes=1, damping_ratio=0.007)), 1 / 0.49),
+    ],
+    ids=["paper", "steel", "a rate that gives no whole samples"],
 )
 def test_the_reference_is_the_beam_without_absorber_at_the_rate_of_its_damping(
     model: Any, slower: float, ends: tuple[float, float]
@@ -108,6 +117,35 @@ def test_the_reference_is_the_beam_without_absorber_at_the_rate_of_its_damping(
     assert passage(Scene(model), 1, *ends, 32, 0.0, 1e-3)[0] == pytest.approx(
         simulate(Scene(model), drive).level.value, rel=1e-9
     )
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize(("damping", "periods"), [(0.0095, 24.01), (0.007, 42.01)])
+def test_the_damage_of_a_reference_has_all_its_samples(damping: float, periods: float) -> None:
+    """The rates of these dampings give intervals that are no whole number of samples by themselves."""
+    scene = Scene(modal_model(Beam(modes=1, damping_ratio=damping)))
+    omega = scene.model.resonance_omega(1)
+    ends = np.array([0.97, 0.97 + periods * default_rate(scene.model) / 1e4])
+    times = np.array([0.0, periods * 2 * np.pi / omega])
+    drive = Drive(1.0, FrequencySchedule(times, ends * omega, omega))
+    record = Record(series=True, samples_per_period=32)
+    tip = simulate(scene, drive, record=record).history.tip_displacement
+    damage = passage(scene, 1, *ends, 32, 4.0, 1e-3)[1]
+    assert damage == pytest.approx(np.sum(np.abs(tip / 1e-3) ** 4), rel=1e-9)
+
+
+@pytest.mark.plain
+def test_a_reference_at_an_undamped_resonance_is_refused() -> None:
+    model = modal_model(Beam(modes=2, damping_ratio=0.0))
+    with pytest.raises(ParameterError, match=r"omega = 252\.3.* rad/s off the undamped resonances"):
+        stationary_amplitude(model, model.omega[0])
+    off = 0.9 * model.omega[0]
+    assert stationary_amplitude(model, off) == pytest.approx(
+        abs(receptance(model, off, model.level_shape, model.force_shape)), rel=1e-12
+    )
+    env = gymnasium.make(RUBBING, beam={"damping_ratio": 0.0}, frequency_ratio=1.0)
+    with pytest.raises(ParameterError, match="undamped resonances"):
+        env.reset(seed=0)
 
 
 @pytest.mark.parametrize(

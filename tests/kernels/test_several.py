@@ -6,11 +6,13 @@ from core import OMEGA, PERIOD, Array, check, drive_of, relative_displacement, r
 from every_scene import SEVERAL
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
 
 from impact_env import (
     Beam,
     Drive,
     InitialState,
+    IntegrationError,
     ModalModel,
     ParameterError,
     RigidWalls,
@@ -25,6 +27,10 @@ from impact_env import (
     linear_sweep,
     simulate,
 )
+from impact_env.kernels.exact import settle
+from impact_env.kernels.exact.rigid_contact import new_now
+from impact_env.kernels.exact.sets import Absorbers
+from impact_env.kernels.exact.settle import Joints, balance, new_joints
 from optimisation.designs import design_space
 from optimisation.measures import FRICTION_HEAT, STROKE, of_motion
 
@@ -330,3 +336,73 @@ def test_measures_of_a_design_see_every_absorber() -> None:
     assert of_motion(FRICTION_HEAT, response) == pytest.approx(
         0.05 * np.mean(np.abs(speed)), rel=1e-12
     )
+
+
+def at_one_place(
+    model: ModalModel, masses: Array, limits: Array, generator: np.random.Generator
+) -> tuple[Absorbers, Array, Joints, Array]:
+    """Return absorbers at the tip without relative velocity, some of them on a wall, under random accelerations; their compliance."""
+    n = len(masses)
+    shapes = np.tile(model.tip_shape, (n, 1))
+    compliance = shapes @ shapes.T + np.diag(1 / masses)
+    absorbers = Absorbers(
+        masses, np.ones(n), np.ones(n), limits, shapes, model.tip_shape, model.omega**2
+    )
+    now = new_now(n)
+    now["side"] = generator.choice([-1.0, 0.0, 1.0], n)
+    joints = new_joints(n)
+    joints.waits[:] = True
+    joints.start[:] = compliance @ generator.normal(0, 1.5, n) * limits
+    joints.slack[:] = np.abs(joints.start)
+    return absorbers, compliance, joints, now
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize("ratio", [0.02, 0.5, 2.0, 10.0])
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_joint_forces_are_those_of_a_bounded_least_squares_problem(n: int, ratio: float) -> None:
+    """With 60 modes: SciPy's active-set solver has the same minimum of f G f/2 + c f between bounds."""
+    model = beam_scene(Beam(modes=60)).model
+    generator = np.random.default_rng(n)
+    seen = set()
+    for _ in range(20):
+        masses = ratio * model.beam_mass * generator.uniform(0.5, 1, n)
+        limits = generator.uniform(0.1, 1.0, n)
+        absorbers, compliance, joints, now = at_one_place(model, masses, limits, generator)
+        balance(absorbers, compliance, now, joints)
+        assert not joints.unsolved[0]
+        root = np.linalg.cholesky(compliance)
+        low = np.where(now["side"] > 0, -np.inf, -limits)
+        high = np.where(now["side"] < 0, np.inf, limits)
+        wanted = lsq_linear(
+            root.T, -np.linalg.solve(root, joints.start), (low, high), method="bvls", tol=1e-14
+        ).x
+        np.testing.assert_allclose(joints.force, wanted, atol=1e-9 * np.max(np.abs(wanted)))
+        seen |= set(joints.case.tolist())
+    assert seen == {0, 1, 2}
+
+
+def test_heavy_absorbers_that_never_move_at_one_place_are_a_stuck_one() -> None:
+    """Ten times the beam's mass each, with 60 modes: their forces are a hundredth of a percent of the sum that holds them."""
+    stuck = tuple(
+        SlidingAbsorber(10.0, RigidWalls(1e-3, 0.5), friction_damper(1e6).friction)
+        for _ in range(2)
+    )
+    drive = drive_of(3.0, 0.9, periods=0.2)
+    beam = Beam(modes=60, elements=60)
+    several = run(beam_scene(beam, SeveralAbsorbers(stuck, (1.0, 1.0))), drive)
+    single = run(beam_scene(beam, StuckAbsorber(20.0)), drive)
+    assert several.stuck_time == pytest.approx(2 * drive.schedule.times[-1], rel=1e-12)
+    np.testing.assert_allclose(
+        several.end_state[:60],
+        single.end_state[:60],
+        atol=1e-9 * np.max(np.abs(single.end_state[:60])),
+    )
+
+
+@pytest.mark.plain
+def test_joint_forces_that_meet_no_conditions_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(settle, "COMPLEMENTARITY_TOL", -1.0)
+    scene, force, ratio, periods = SEVERAL["sticking beside impacts"]
+    with pytest.raises(IntegrationError, match=r"absorbers' joints meet .* lighter absorbers"):
+        simulate(scene, drive_of(force, ratio, periods=periods))

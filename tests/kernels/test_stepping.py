@@ -12,7 +12,9 @@ from impact_env import (
     Exact,
     FrequencySchedule,
     InitialState,
+    IntegrationError,
     Moreau,
+    NonlinearSink,
     ParameterError,
     RungeKutta,
     Scene,
@@ -24,8 +26,10 @@ from impact_env import (
     impact_absorber,
     simulate,
 )
+from impact_env.kernels.stepping import runge_kutta
 from impact_env.kernels.stepping.chirp import fill_phases
-from impact_env.kernels.stepping.grid import Force
+from impact_env.kernels.stepping.feedback import STRIDE, CompliantLaws, Q, new_table
+from impact_env.kernels.stepping.grid import Force, Modes
 from impact_env.methods import LEAST_STEPS, Method, check_mass, check_step
 from impact_env.parameters import Absorber
 from impact_env.response import Response
@@ -346,3 +350,58 @@ def test_friction_of_runge_kutta_s_scheme_brakes_by_its_limit() -> None:
         InitialState(absorber_velocity=speed),
     )
     assert response.end_state[3] == pytest.approx(left, rel=1e-6)
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("depth", [0.1, 0.01])
+def test_a_wall_that_is_touched_within_a_step_only_is_listed(side: float, depth: float) -> None:
+    """A tip turns at the wall of an absorber at rest; at a depth of a hundredth even the cubic through the step's ends stays short of it."""
+    scene = scene_of(SlidingAbsorber(0.02, CompliantWalls(100.0, 1e-3)), modes=1)
+    model = scene.model
+    method = RungeKutta(6)
+    dt = method.step(scene)
+    # undisturbed, the distance of the tip at the middle of the first step is the gap and a share of what it gains in half a step
+    turn = 0.5 * dt * OMEGA
+    amplitude = side * 1e-3 / (1 - depth * (1 - np.cos(turn))) / model.tip_shape[0]
+    start = InitialState([amplitude * np.cos(turn)], [amplitude * OMEGA * np.sin(turn)], 0.0, 0.0)
+    response = run(scene, still(dt), method, start)
+    assert response.steps == 1
+    impacts = response.impacts
+    assert response.impact_count == len(impacts.time) == 1
+    assert 0 < impacts.time[0] < dt
+    assert impacts.impulse[0] == pytest.approx(
+        scene.absorber_mass * response.end_state[-1], rel=1e-12
+    )
+    assert np.sign(impacts.impulse[0]) == side
+    phases = response.phases
+    assert phases.start[0] == impacts.time[0] <= phases.end[0] < dt
+    assert np.sign(impacts.relative_velocity[0]) in (-side, 0)
+
+
+@pytest.mark.plain
+def test_a_step_too_long_for_a_nonlinear_spring_where_it_is_ends_the_run() -> None:
+    """Four steps in a period of the tangent stiffness 3 k y^2, as of a mode, at the largest stretch of a run with short steps."""
+    sink = NonlinearSink(1e9, 0.02, 0.0)
+    scene = scene_of(sink, modes=1)
+    start = InitialState([0.0], absorber_displacement=2e-3)
+    fine = run(scene, still(PERIOD), RungeKutta(400), start)
+    stretch = fine.history.absorber_displacement - fine.history.tip_displacement
+    stiffness = 3 * sink.cubic_stiffness * np.max(np.abs(stretch)) ** 2
+    mobility = 1 / scene.absorber_mass + float(np.sum(scene.model.tip_shape**2))
+    needed = 4 * np.sqrt(stiffness * mobility) / OMEGA
+    assert needed > 10
+    run(scene, still(PERIOD), RungeKutta(int(1.02 * needed) + 1), start)
+    with pytest.raises(IntegrationError, match=r"stiffness of the nonlinear spring.*steps_per_per"):
+        run(scene, still(PERIOD), RungeKutta(int(0.95 * needed)), start)
+
+
+@pytest.mark.plain
+def test_an_absorber_that_is_not_finite_is_seen_as_a_mode_is() -> None:
+    modes = Modes(np.array([1.0]), np.zeros(1), np.ones(1), np.zeros(1))
+    laws = CompliantLaws(0.1, None, None, None, None, None)
+    for place in (0, 1):
+        table = new_table(modes, laws, 1.0, np.zeros(4), 0.1, None)
+        assert runge_kutta._is_finite(table)
+        table.cells[Q * STRIDE + place] = np.nan
+        assert not runge_kutta._is_finite(table)

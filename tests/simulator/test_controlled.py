@@ -6,9 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from core import run, scene_of
+from core import OMEGA, run, scene_of
 from load_cases import record_of
 from numpy.lib.recfunctions import structured_to_unstructured
+from numpy.typing import DTypeLike
 
 from impact_env import (
     Beam,
@@ -18,6 +19,7 @@ from impact_env import (
     Exact,
     FrequencySchedule,
     Moreau,
+    ParameterError,
     Response,
     RungeKutta,
     Scene,
@@ -28,7 +30,7 @@ from impact_env import (
     impact_absorber,
     simulate,
 )
-from impact_env.controlled import ControlledRuns
+from impact_env.controlled import ControlledRuns, bind_kernel
 from impact_env.crew import Crew
 from impact_env.kernels.compiling.jit import jit
 from impact_env.kernels.control.crew import all_done, first_part, new_board, next_part
@@ -189,6 +191,17 @@ def count_up(counts, board, parts, patience):
     return all_done(board, parts)
 
 
+@pytest.mark.parametrize("dtype", [np.float64, np.int32])
+def test_memory_of_another_type_is_not_handed_to_machine_code(dtype: DTypeLike) -> None:
+    counts = np.zeros(40, dtype=np.int64)
+    board = new_board(40)
+    count_up(counts, board, 0, 0)
+    bind_kernel(partial(count_up, counts, board))(0, 0)
+    for wrong in (np.zeros(40, dtype), np.zeros(80, np.int64)[::2]):
+        with pytest.raises(TypeError, match="count_up"):
+            bind_kernel(partial(count_up, wrong, board))
+
+
 @pytest.mark.parametrize("helpers", [0, 1, 3])
 def test_every_part_is_done_once_in_every_call(helpers: int) -> None:
     counts = np.zeros(40, dtype=np.int64)
@@ -242,7 +255,7 @@ def test_a_call_that_breaks_off_leaves_nobody_at_work(
 def test_amplitudes_are_those_of_the_linear_response() -> None:
     scene = scene_of()
     omega = scene.model.resonance_omega(1)
-    runs, _ = controlled(scene, Exact(), 1.0, [0.95] * 121, 20.0 / 0.95)
+    runs, _ = controlled(scene, Exact(), 1.0, [0.95] * 121, 20.0)
     model = scene.model
     steady = np.sum(
         model.force_shape
@@ -344,3 +357,76 @@ def test_idle_lanes_rest_and_the_others_go_on_as_before(threads: int) -> None:
     np.testing.assert_array_equal(partly.state[~idle], free.state[~idle])
     np.testing.assert_array_equal(partly.reports[~idle], free.reports[~idle])
     assert not np.array_equal(free.state[idle], before[idle])
+
+
+FAMILIES: dict[str, tuple[SlidingAbsorber | TunedAbsorber | None, Method]] = {
+    "rigid": (impact_absorber(friction_limit=0.1), Exact()),
+    "without friction": (impact_absorber(), Exact()),
+    "linear": (None, Exact()),
+    "compliant": (SlidingAbsorber(walls=CompliantWalls(1e5)), Exact()),
+    "Moreau": (impact_absorber(), Moreau()),
+    "Runge-Kutta": (SlidingAbsorber(walls=CompliantWalls(1e5)), RungeKutta()),
+}
+
+
+def orderly(name: str) -> ControlledRuns:
+    absorber, method = FAMILIES[name]
+    runs = ControlledRuns(
+        scene_of(absorber, modes=1), 2, OMEGA, 1.25, method, samples_per_period=8, threads=1
+    )
+    runs.orders["omega_start"] = runs.orders["omega_stop"] = OMEGA
+    return runs
+
+
+@pytest.mark.parametrize(
+    "interval", [1.3, 0.01, 20.0 / 0.95, 0.0, -1.0, np.nan, np.inf], ids="{:.3g}".format
+)
+def test_an_interval_is_a_whole_number_of_samples(interval: float) -> None:
+    with pytest.raises(ParameterError, match="interval"):
+        ControlledRuns(scene_of(), 1, OMEGA, interval, samples_per_period=8)
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize("name", FAMILIES)
+def test_an_interval_that_is_longer_than_the_longest_is_refused(name: str) -> None:
+    """The memory for its samples is as long as that one's; the other lane goes on, and this one does nothing."""
+    runs = orderly(name)
+    for duration in (runs.duration * (1 + 1e-6), 3 * runs.duration, 0.0, -1.0, np.nan, np.inf):
+        before = runs.state[1].copy()
+        runs.orders["duration"] = runs.duration, duration
+        with pytest.raises(ParameterError, match=r'orders\["duration"\]\[1\] = .*at most the long'):
+            runs.advance()
+        np.testing.assert_array_equal(runs.state[1], before)
+    runs.orders["duration"] = runs.duration, 0.3 * runs.duration
+    runs.advance()
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize(
+    ("name", "order"),
+    [
+        ("without friction", "limit"),
+        ("linear", "gap"),
+        ("linear", "limit"),
+        ("linear", "place"),
+        ("compliant", "gap"),
+        ("compliant", "limit"),
+        ("Moreau", "limit"),
+        ("Runge-Kutta", "gap"),
+    ],
+)
+def test_an_order_that_a_scene_would_ignore_is_refused(name: str, order: str) -> None:
+    runs = orderly(name)
+    runs.advance()
+    runs.orders[order][1] = 0.5
+    with pytest.raises(ParameterError, match=rf'orders\["{order}"\]\[1\] = 0.5 .* in this scene'):
+        runs.advance()
+
+
+@pytest.mark.plain
+def test_a_place_in_a_record_is_a_number() -> None:
+    record = Random(np.array([[20.0, 0.02], [60.0, 0.02]]), 0.05).record()
+    runs = ControlledRuns(scene_of(), 1, OMEGA, 1.0, samples_per_period=8, record=record)
+    runs.orders["place"] = np.nan
+    with pytest.raises(ParameterError, match="place"):
+        runs.advance()

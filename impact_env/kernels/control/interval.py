@@ -24,12 +24,12 @@ from impact_env.kernels.motion.loads import (
     OMEGA,
     PHASE,
     POLYNOMIAL,
-    Base,
-    Load,
+    BaseShare,
+    LoadPieces,
+    new_load,
 )
 from impact_env.kernels.motion.observers import CLOCK, COUNTS, Counters, Observe
-from impact_env.kernels.motion.segments import last_sample
-from impact_env.kernels.motion.vector import TERMS
+from impact_env.kernels.motion.segments import last_sample, samples_before
 
 Array = NDArray[np.float64]
 
@@ -105,7 +105,7 @@ class Beside(NamedTuple):
     record: Array
     step: float
     moves_base: NDArray[np.bool_]
-    base: Base | None
+    base: BaseShare | None
 
 
 class Watch(NamedTuple):
@@ -179,7 +179,7 @@ def most_stretches(watch):
 
 
 @jit_room
-def new_load(watch):
+def new_interval_load(watch):
     """Return room of one thread for what acts in an interval, None where that is one force."""
     beside = watch.beside
     if beside is None:
@@ -187,16 +187,7 @@ def new_load(watch):
     most = most_stretches(watch)
     pieces = np.zeros((1 + most, NUMBERS))
     which = np.zeros((most, 2), np.int64)
-    base = new_base(beside.base)
-    return Load(pieces, which, beside.moves_base, np.zeros((2, TERMS)), base, np.zeros(1, np.bool_))
-
-
-@jit_room
-def new_base(base):
-    """Return a base with terms of its own, None where none moves."""
-    if base is None:
-        return None
-    return Base(np.zeros((2, TERMS)), base.participation, base.at_absorber, base.carried)
+    return new_load(LoadPieces(pieces, which, beside.moves_base, beside.base))
 
 
 @jit
@@ -250,6 +241,14 @@ def observe_lane(desk, watch, lanes, i):
         energy=None,
         place=watch.place,
     )
+
+
+@jit
+def can_do(watch, order):
+    """Return whether an interval fits the scratch memory: above 0 and no longer than the samples of a whole one, from a place in the record."""
+    if not order.duration > 0.0 or not np.isfinite(order.place):
+        return False
+    return samples_before(order.duration, watch.sample_dt) <= watch.samples
 
 
 @jit

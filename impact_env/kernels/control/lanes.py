@@ -12,10 +12,11 @@ from impact_env.kernels.compiling.jit import jit, jit_room, jit_view
 from impact_env.kernels.control.change import take_change
 from impact_env.kernels.control.crew import all_done, first_part, next_part
 from impact_env.kernels.control.interval import (
+    can_do,
     close_interval,
     lay_load,
     new_desk,
-    new_load,
+    new_interval_load,
     observe_lane,
     open_interval,
     possible_gap,
@@ -28,7 +29,7 @@ from impact_env.kernels.exact import rigid as exact
 from impact_env.kernels.exact.free_and_joined import Rigid, new_room
 from impact_env.kernels.exact.rigid_contact import FREE, Contact, new_now, tip_motion
 from impact_env.kernels.motion.level import push_block
-from impact_env.kernels.motion.observers import DONE, Observe, Series
+from impact_env.kernels.motion.observers import DONE, ORDER_REFUSED, Observe, Series
 from impact_env.kernels.motion.segments import Schedule, samples_before, to_slots, to_state
 from impact_env.kernels.motion.slots import copy
 from impact_env.kernels.stepping.grid import Force
@@ -102,7 +103,7 @@ def rigid_lanes(scene, reach, batch, board, parts, patience):
     board before a thread leaves. Walls' gap and friction limit are those of a lane's order.
     """
     desk = new_desk(batch.watch)
-    load = new_load(batch.watch)
+    load = new_interval_load(batch.watch)
     fresh = new_now(1)
     room = new_room(scene.free, scene.joined, load, batch.lanes.state[0])
     fresh[0] = room.now[0]
@@ -123,6 +124,9 @@ def _each_rigid(scene, reach, batch, start, stop, desk, load, room, fresh):
         order = orders[i]
         report = reports[i]
         state = lanes.state[i]
+        if not can_do(watch, order):
+            status[i] = ORDER_REFUSED
+            continue
         open_interval(desk, watch, lanes, i, order)
         begins = take_up(contact.walls, lanes, i, order, report.distance, fresh, room)
         walls = with_gap(contact.walls, order.gap)
@@ -166,7 +170,7 @@ def _each_rigid(scene, reach, batch, start, stop, desk, load, room, fresh):
 def linear_lanes(scene, reach, batch, board, parts, patience):
     """Take parts and advance the lanes of a scene with one linear regime, as `rigid_lanes`."""
     desk = new_desk(batch.watch)
-    load = new_load(batch.watch)
+    load = new_interval_load(batch.watch)
     room = linear.new_room(scene.regime, load, batch.lanes.state[0])
     part = first_part(board, parts, patience)
     while part >= 0:
@@ -186,6 +190,9 @@ def _each_linear(scene, reach, batch, start, stop, desk, load, room):
         order = orders[i]
         report = reports[i]
         state = lanes.state[i]
+        if not can_do(watch, order):
+            status[i] = ORDER_REFUSED
+            continue
         open_interval(desk, watch, lanes, i, order)
         if order.fresh:
             to_slots(regime.into, state, work.z)
@@ -239,6 +246,9 @@ def _each_compliant(scene, reach, batch, start, stop, desk, room, fresh):
         order = orders[i]
         report = reports[i]
         state = lanes.state[i]
+        if not can_do(watch, order):
+            status[i] = ORDER_REFUSED
+            continue
         open_interval(desk, watch, lanes, i, order)
         schedule = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach, None)
         observe = observe_lane(desk, watch, lanes, i)
@@ -319,6 +329,9 @@ def _each_moreau(modes, laws, step, batch, start, stop, desk, series):
         order = orders[i]
         report = reports[i]
         state = lanes.state[i]
+        if not can_do(watch, order):
+            status[i] = ORDER_REFUSED
+            continue
         open_interval(desk, watch, lanes, i, order)
         observe = observe_lane(desk, watch, lanes, i)
         close_walls(laws.walls, lanes, i, order, report.distance)
@@ -359,6 +372,9 @@ def _each_runge_kutta(modes, laws, step, batch, start, stop, desk, series):
         order = orders[i]
         report = reports[i]
         state = lanes.state[i]
+        if not can_do(watch, order):
+            status[i] = ORDER_REFUSED
+            continue
         open_interval(desk, watch, lanes, i, order)
         observe = observe_lane(desk, watch, lanes, i)
         force = Force(desk.times, desk.omegas, desk.phases, order.force, 0.0, None)

@@ -1,6 +1,6 @@
 """Loops over slots and over velocities that the energies of a stretch need, as vector code (vector_code.py).
 
-Arrays are seen flat: ``rows`` (29, size) of `slots.Slots`, ``slots`` (4, TERMS, size) of `forced.Forced`, slots ``z`` and ``w`` (2, size) at begin
+Arrays are seen flat: ``rows`` (ROWS, size) of `slots.Slots`, ``slots`` (4, TERMS, size) of `forced.Forced`, slots ``z`` and ``w`` (2, size) at begin
 and end of a stretch, powers of time (., WIDTH) of `account.RegimeAccount`. What a slot does in powers of time is two polynomials A and B, one on the
 force's carrier, one on its conjugate, or two series of moments; ``powers`` (4, TERMS, size) holds Re (A + B), Im (A - B), Re (A - B) and Im (A + B),
 so that v A + conj(v B) takes four products. ``shape`` holds the weights v of slots in velocities, ``partner`` (2, TERMS, size) the velocities'

@@ -101,9 +101,10 @@ def sample_guard(check, slots, forced, window, signal, tau, offset, guard):
     margin = max(DEPTH * unit, (ROUNDING + slack) * scale)
     rate_margin = ROUNDING * speed_scale
     moment = TIME_ROUNDING * time_resolution(slots.rows, omega, window.half)
-    count = int(
-        min(8.0 + DENSITY * offset * active_speed(slots, omega, signal.u), float(MOST_SAMPLES))
-    )
+    wanted = 8.0 + DENSITY * offset * active_speed(slots, omega, signal.u)
+    if not np.isfinite(wanted):  # the run ends with its state
+        return
+    count = int(min(wanted, float(MOST_SAMPLES)))
     deepest = 0.0
     deepest_at = 0.0
     wrong = 0.0

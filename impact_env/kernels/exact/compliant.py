@@ -54,6 +54,7 @@ from impact_env.kernels.motion.segments import (
     Work,
     last_sample,
     new_work,
+    own_schedule,
     sample_level,
     sample_state,
     to_slots,
@@ -280,11 +281,12 @@ def compliant_stretch(scene, schedule, k, room, state, observe):
 
 
 @jit_room
-def compliant_lane(scene, schedule, state, observe):
+def compliant_lane(scene, plan, state, observe):
     """Integrate one lane of a `Sprung` scene and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end.
 
     The friction loss contains what the slider's spring holds at the end.
     """
+    schedule = own_schedule(plan)
     room = new_room(scene.regimes, schedule.load, state)
     status = DONE
     counts = observe.counters.counts

@@ -25,6 +25,7 @@ from impact_env.kernels.motion.segments import (
     is_due,
     last_sample,
     new_work,
+    own_schedule,
     sample_level,
     sample_state,
     to_slots,
@@ -135,8 +136,9 @@ def linear_stretch(scene, schedule, k, room, observe):
 
 
 @jit_room
-def linear_lane(scene, schedule, state, observe):
+def linear_lane(scene, plan, state, observe):
     """Propagate one lane of a `Linear` scene and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end."""
+    schedule = own_schedule(plan)
     regime = scene.regime
     room = new_room(scene.regime, schedule.load, state)
     status = DONE

@@ -35,7 +35,13 @@ from impact_env.kernels.exact.rigid_contact import (
 from impact_env.kernels.motion.forced import add_forced
 from impact_env.kernels.motion.lines import solve_window
 from impact_env.kernels.motion.observers import DONE, NOT_FINITE, push_reversal
-from impact_env.kernels.motion.segments import last_sample, to_state, window_count, window_of
+from impact_env.kernels.motion.segments import (
+    last_sample,
+    own_schedule,
+    to_state,
+    window_count,
+    window_of,
+)
 from impact_env.kernels.motion.slots import REST, add, copy
 
 
@@ -151,8 +157,9 @@ def exact_stretch(scene, schedule, k, started, room, state, observe):
 
 
 @jit_room
-def exact_lane(scene, schedule, state, observe):
+def exact_lane(scene, plan, state, observe):
     """Integrate one lane of a `free_and_joined.Rigid` scene and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end."""
+    schedule = own_schedule(plan)
     room = new_room(scene.free, scene.joined, schedule.load, state)
     status = DONE
     limit_searches(room.signal.memory, observe.counters)

@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 class Sets(NamedTuple):
     """The regimes of n absorbers, stacked: the first axis of all arrays is the set, 2^n long.
 
-    ``rows`` (2^n, n + 1, 29, J) is Slots.rows for each absorber: GUARD its signal, TIP the beam at its place, RELATIVE and REST a force on it; the
+    ``rows`` (2^n, n + 1, ROWS, J) is Slots.rows for each absorber: GUARD its signal, TIP the beam at its place, RELATIVE and REST a force on it; the
     last for the level's place, without such forces. ``table`` to ``errors``: as in `slots.Slots`; ``out``, ``into``: as in `segments.Regime`.
     ``bent`` (2^n, n + 1, n): displacement (m/N) at each place under a unit constant force on absorber b; ``compliance`` (2^n, n, n): relative
     acceleration (1/kg) of absorber a by a unit force on absorber b.

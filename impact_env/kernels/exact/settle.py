@@ -2,8 +2,9 @@
 
 With the forces f of their joints the relative accelerations are c + G f, G being symmetric and positive definite (masses, and the beam's mobility
 between the places). Each force lies in the interval that friction and the wall touched can give. Inside it the relative acceleration is zero; at its
-upper end the absorber lags, at its lower end it leads. These are the conditions for the minimum of f G f/2 + c f in a box, which is unique,
-so that no set of absorbers needs to be tried: Gauss-Seidel, force by force, converges to it. For one absorber it is `free_and_joined.try_join`.
+upper end the absorber lags, at its lower end it leads. These are the conditions for the minimum of f G f/2 + c f in a box, which is unique. With at
+most four absorbers there are at most 3^4 cases of inside, upper end and lower end: each is solved directly, and the one that meets all conditions is
+the solution. For one absorber it is `free_and_joined.try_join`.
 """
 
 from __future__ import annotations
@@ -25,13 +26,21 @@ from impact_env.kernels.exact.rigid_contact import (
 )
 from impact_env.kernels.motion.loads import value_of
 
-MOST_ROUNDS = 1000
-SETTLED = 1e-15  # of the largest force: change in a round that ends it
+# of the sum of the sizes of a condition's terms: the rounding of four additions and of a direct solution is below 1e-14 of it, the smallest gap
+# between two cases that are not one is far above
+COMPLEMENTARITY_TOL = 1e-11
+# cases of a joint force
+INSIDE = 0
+UPPER = 1
+LOWER = 2
 
 
 class Joints(NamedTuple):
     """Scratch for the complementarity problem, (n,) each: relative acceleration without joint forces (m/s^2), its slack, joint force (N),
-    displacement and velocity of the beam at the absorber's place, who has no relative velocity.
+    displacement and velocity of the beam at the absorber's place, who has no relative velocity, and the case of its force.
+
+    ``system`` (n, n + 1): matrix and right-hand side of the forces inside their intervals, whose absorbers are ``inside`` (n,). ``unsolved`` (1,):
+    whether a problem had no solution up to rounding.
     """  # noqa: D205
 
     start: NDArray[np.float64]
@@ -40,13 +49,26 @@ class Joints(NamedTuple):
     place: NDArray[np.float64]
     speed: NDArray[np.float64]
     waits: NDArray[np.bool_]
+    case: NDArray[np.int64]
+    inside: NDArray[np.int64]
+    system: NDArray[np.float64]
+    unsolved: NDArray[np.bool_]
 
 
 @jit_room
 def new_joints(n):
     """Return scratch for n absorbers."""
     return Joints(
-        np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, np.bool_)
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n, np.bool_),
+        np.zeros(n, np.int64),
+        np.zeros(n, np.int64),
+        np.zeros((n, n + 1)),
+        np.zeros(1, np.bool_),
     )
 
 
@@ -101,7 +123,7 @@ def see_accelerations(absorbers, losses, window, now, state, joints):
 
 
 @jit
-def wanted_force(absorbers, compliance, joints, a):
+def wanted_force(compliance, joints, a):
     """Return the force on absorber a that would leave it without relative acceleration, the other joint forces being what they are."""
     r = joints.start[a]
     for b in range(joints.force.shape[0]):
@@ -111,22 +133,104 @@ def wanted_force(absorbers, compliance, joints, a):
 
 
 @jit
-def balance(absorbers, compliance, now, joints):
-    """Find the joint forces of those that wait by Gauss-Seidel."""
+def set_case(absorbers, now, joints, number):
+    """Set the case of each joint force from a number in base 3, and the forces at their bounds; return whether these are finite."""
+    rest = number
+    for a in range(joints.force.shape[0]):
+        joints.force[a] = 0.0
+        joints.case[a] = INSIDE
+        if joints.waits[a]:
+            joints.case[a] = rest % 3
+            rest = rest // 3
+            low, high = joint_bounds(absorbers.limit[a], now[a].side)
+            if joints.case[a] == UPPER:
+                joints.force[a] = high
+            elif joints.case[a] == LOWER:
+                joints.force[a] = low
+            if not np.isfinite(joints.force[a]):
+                return False
+    return True
+
+
+@jit
+def solve_inside(compliance, joints):
+    """Solve for the forces inside their intervals, the others being at their bounds: Gaussian elimination of a positive definite matrix."""
+    system = joints.system
+    inside = joints.inside
     n = joints.force.shape[0]
-    joints.force[:] = 0.0
-    for _ in range(MOST_ROUNDS):
-        change = 0.0
-        largest = 0.0
-        for a in range(n):
-            if joints.waits[a]:
-                low, high = joint_bounds(absorbers.limit[a], now[a].side)
-                f = min(max(wanted_force(absorbers, compliance, joints, a), low), high)
-                change = max(change, abs(f - joints.force[a]))
-                largest = max(largest, abs(f))
-                joints.force[a] = f
-        if change <= SETTLED * largest:
-            break
+    m = 0
+    for a in range(n):
+        if joints.waits[a] and joints.case[a] == INSIDE:
+            inside[m] = a
+            m += 1
+    for i in range(m):
+        a = inside[i]
+        for k in range(m):
+            system[i, k] = compliance[a, inside[k]]
+        r = joints.start[a]
+        for b in range(n):
+            if joints.waits[b] and joints.case[b] != INSIDE:
+                r += compliance[a, b] * joints.force[b]
+        system[i, m] = -r
+    for i in range(m):
+        for k in range(i + 1, m):
+            factor = system[k, i] / system[i, i]
+            for j in range(i + 1, m + 1):
+                system[k, j] -= factor * system[i, j]
+    for back in range(m):
+        i = m - 1 - back
+        r = system[i, m]
+        for k in range(i + 1, m):
+            r -= system[i, k] * joints.force[inside[k]]
+        joints.force[inside[i]] = r / system[i, i]
+
+
+@jit
+def violation(absorbers, compliance, now, joints):
+    """Return by how much the forces break a condition of their case, of the sum of the sizes of its terms."""
+    largest = 0.0
+    for a in range(joints.force.shape[0]):
+        if joints.waits[a]:
+            low, high = joint_bounds(absorbers.limit[a], now[a].side)
+            r = joints.start[a]
+            size = joints.slack[a]
+            for b in range(joints.force.shape[0]):
+                if joints.waits[b]:
+                    r += compliance[a, b] * joints.force[b]
+                    size += abs(compliance[a, b] * joints.force[b])
+            beyond = max(low - joints.force[a], joints.force[a] - high) * compliance[a, a]
+            if joints.case[a] == INSIDE:
+                broken = max(abs(r), beyond)
+            elif joints.case[a] == UPPER:
+                broken = r
+            else:
+                broken = -r
+            if broken > 0.0:
+                largest = max(largest, broken / size)
+    return largest
+
+
+@jit
+def balance(absorbers, compliance, now, joints):
+    """Find the joint forces of those that wait, case by case; note in ``joints.unsolved`` where no case meets all conditions up to rounding."""
+    count = 1
+    for a in range(joints.force.shape[0]):
+        if joints.waits[a]:
+            count *= 3
+    best = np.inf
+    found = 0
+    for number in range(count):
+        if set_case(absorbers, now, joints, number):
+            solve_inside(compliance, joints)
+            broken = violation(absorbers, compliance, now, joints)
+            if broken <= COMPLEMENTARITY_TOL:
+                return
+            if broken < best:
+                best = broken
+                found = number
+    set_case(absorbers, now, joints, found)
+    solve_inside(compliance, joints)
+    joints.unsolved[0] = True
 
 
 @jit
@@ -143,7 +247,7 @@ def settle(absorbers, losses, compliance, window, now, state, joints, events):
     for a in range(now.shape[0]):
         if joints.waits[a]:
             low, high = joint_bounds(absorbers.limit[a], now[a].side)
-            f = wanted_force(absorbers, compliance, joints, a)
+            f = wanted_force(compliance, joints, a)
             slack = JOINT_SLACK * joints.slack[a] / compliance[a, a]
             if low - slack <= f <= high + slack:
                 join(now[a], joints.place[a], time)

@@ -45,13 +45,14 @@ from impact_env.kernels.exact.sets import (
 from impact_env.kernels.exact.settle import Joints, new_joints
 from impact_env.kernels.exact.several_events import begin, hit, release, reverse, write_from
 from impact_env.kernels.motion.forced import add_forced
-from impact_env.kernels.motion.observers import DONE, MOTION, NOT_FINITE
+from impact_env.kernels.motion.observers import DONE, JOINTS_UNSOLVED, MOTION, NOT_FINITE
 from impact_env.kernels.motion.segments import (
     Losses,
     Stretch,
     Work,
     last_sample,
     new_work,
+    own_schedule,
     sample_level,
     sample_state,
     window_count,
@@ -73,7 +74,7 @@ class Several(NamedTuple):
 class Room(NamedTuple):
     """What a lane of n absorbers carries from stretch to stretch, and scratch.
 
-    ``now`` (n,): a `rigid_contact.NOW` record for each absorber; ``own`` (2^n, 29, J): rows of weights of the level's place, with the rest part of
+    ``now`` (n,): a `rigid_contact.NOW` record for each absorber; ``own`` (2^n, ROWS, J): rows of weights of the level's place, with the rest part of
     all forces; ``bent`` (n + 1,): displacement of the places under them; ``motion`` (n,) as in `segments.Stretch`, and from one set to another the
     motion relative to the beam; ``kicks`` (2^n, n).
     """
@@ -260,6 +261,8 @@ def several_stretch(scene, schedule, k, started, room, state, observe):
         while now[0].tau < window.half:
             pass_event(scene, window, state, room, observe)
             stalled, status = progress(observe.counters, window, now[0].tau, last, stalled)
+            if room.joints.unsolved[0]:
+                status = JOINTS_UNSOLVED
             if status != DONE:
                 add_forced(flow.slots[joined_set(now)], window.omega, now[0].tau, 1.0, z)
                 return status
@@ -271,8 +274,9 @@ def several_stretch(scene, schedule, k, started, room, state, observe):
 
 
 @jit_room
-def several_lane(scene, schedule, state, observe):
+def several_lane(scene, plan, state, observe):
     """Integrate one lane of a `Several` scene of n absorbers and return a status code; ``state`` (2 N_m + 2 n,) is the start and becomes the end."""
+    schedule = own_schedule(plan)
     sets = scene.sets
     room = new_room(scene.sets, scene.absorbers, state)
     status = DONE

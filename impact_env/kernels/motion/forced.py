@@ -38,7 +38,6 @@ BEYOND = 1.25  # of half a window: up to there bounds hold
 # moves; those of the scan are together
 GUARD_SIGNALS = (0, 1, 2, 4, 5, 6)
 TIP_SIGNAL = 3
-OWN_SIGNAL = 7
 THIRD, FOURTH, FIFTH = GUARD_SIGNALS[3:]
 
 

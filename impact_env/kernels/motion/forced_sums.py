@@ -1,7 +1,8 @@
 """Loops over a regime's slots that its forced part and its maps need, and the forced part's polynomials, as vector code (vector_code.py).
 
-Arrays are seen flat: ``rows`` (29, size) of `slots.Slots`, ``slots`` (4, TERMS, size) and ``signals`` (2, TERMS, 2, 4) of `forced.Forced`, amplitudes
-``z`` (2, size), maps ``out`` and ``into`` (2, count, size) of `segments.Regime`. Signal m has the coefficients signals[m // 4, :, :, m % 4].
+Arrays are seen flat: ``rows`` (ROWS, size) of `slots.Slots`, ``slots`` (4, TERMS, size) and ``signals`` (2, TERMS, 2, 4) of `forced.Forced`,
+amplitudes ``z`` (2, size), maps ``out`` and ``into`` (2, count, size) of `segments.Regime`. Signal m has the coefficients
+signals[m // 4, :, :, m % 4].
 """
 
 from __future__ import annotations
@@ -10,11 +11,8 @@ from typing import Any
 
 from impact_env.kernels.compiling.jit import NUMBER, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Number
+from impact_env.kernels.motion.slot_rows import BASE, DRIVE, S
 from impact_env.kernels.motion.vector import TERMS, signal_place
-
-# rows of Slots.rows
-_DRIVE = 4
-_BASE = 29
 
 
 def _spread_pair(
@@ -32,7 +30,7 @@ def _solve_down(
     turn = omega * sign
     plane = size * TERMS
     for j in code.slots(size):
-        (s_r, s_i), drives = (code.vector(rows, size * row + j) for row in (0, 1)), []
+        (s_r, s_i), drives = (code.vector(rows, size * row + j) for row in (S, S + 1)), []
         for row, _ in driven:
             drives.append(Complex(*(code.vector(rows, size * (row + part) + j) for part in (0, 1))))
         l_r = -s_r
@@ -65,7 +63,7 @@ def back_substitute(
 
     ``terms`` (2, TERMS); ``sign`` -1 takes the conjugate terms.
     """
-    _solve_down(code, rows, size, omega, sign, ((_DRIVE, terms),), at, out)
+    _solve_down(code, rows, size, omega, sign, ((DRIVE, terms),), at, out)
 
 
 @vector_code()
@@ -73,7 +71,7 @@ def back_substitute_both(
     code: Code, rows, size: Index, omega: Number, sign: Number, terms, base, at: Index, out
 ):
     """Solve as `back_substitute` does for a force's ``terms`` and for those of a ``base`` that moves, which has a response of its own."""
-    _solve_down(code, rows, size, omega, sign, ((_DRIVE, terms), (_BASE, base)), at, out)
+    _solve_down(code, rows, size, omega, sign, ((DRIVE, terms), (BASE, base)), at, out)
 
 
 @vector_code()

@@ -123,7 +123,8 @@ def close_level(level):
     ring, state, _ = level
     width = ring.shape[0] - 1
     if state.next < 2:
-        return abs(state.largest), 0.0, abs(state.largest)
+        only = max(state.largest, 0.0)  # of one sample; 0 without any
+        return only, 0.0, only
     at = state.at
     first = max(0, at - width)
     last = min(state.next - 1, at + width)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_inline
+from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
 from impact_env.kernels.motion.numbers import cos_sin
 from impact_env.kernels.motion.vector import TERMS
 
@@ -33,12 +33,33 @@ POLYNOMIAL = 4
 NUMBERS = 10
 
 
-class Base(NamedTuple):
-    """A base that moves: its acceleration in the current window, ``terms`` as in `Load`; what a unit of it does to the modes.
+class BaseShare(NamedTuple):
+    """What a unit acceleration of the base does to a scene.
 
     ``participation`` Gamma (N_m,) in sqrt(kg); ``at_absorber``: displacement of the absorber's place for a unit rigid motion; ``carried``:
     absorber mass times that (kg).
     """
+
+    participation: Array
+    at_absorber: float
+    carried: float
+
+
+class LoadPieces(NamedTuple):
+    """Loads that act together, as a run is given them: nothing in it is written, so that runs in several threads may share it.
+
+    ``pieces`` (P, NUMBERS), ``which`` (K - 1, sources) the piece of each source in each stretch of time. ``moves_base`` (sources,): whether a source
+    is the base's acceleration (m/s^2), else a force (N). ``base`` None: it does not move.
+    """
+
+    pieces: Array
+    which: NDArray[np.int64]
+    moves_base: NDArray[np.bool_]
+    base: BaseShare | None
+
+
+class Base(NamedTuple):
+    """A base that moves: its acceleration in the current window, ``terms`` as in `Load`, and its `BaseShare`."""
 
     terms: Array
     participation: Array
@@ -47,11 +68,10 @@ class Base(NamedTuple):
 
 
 class Load(NamedTuple):
-    """Loads that act together: ``pieces`` (P, NUMBERS), ``which`` (K - 1, sources) the piece of each source in each stretch of time.
+    """`LoadPieces`, and a lane's own scratch memory for them.
 
-    ``moves_base`` (sources,): whether a source is the base's acceleration (m/s^2), else a force (N). ``terms`` (2, TERMS): Taylor coefficients, in
-    the time from the centre of the current window, of half the complex force without its carrier. ``base`` None: it does not move. ``straight``
-    (1,): whether all is straight lines in a window as long as the one before; only the first two terms, real, are not zero then.
+    ``terms`` (2, TERMS): Taylor coefficients, in the time from the centre of the current window, of half the complex force without its carrier.
+    ``straight`` (1,): whether all is straight lines in a window as long as the one before; only the first two terms, real, are not zero then.
     """
 
     pieces: Array
@@ -60,6 +80,29 @@ class Load(NamedTuple):
     terms: Array
     base: Base | None
     straight: NDArray[np.bool_]
+
+
+@jit_room
+def new_base(share):
+    """Return a base with scratch memory of its own, None where none moves."""
+    if share is None:
+        return None
+    return Base(np.zeros((2, TERMS)), share.participation, share.at_absorber, share.carried)
+
+
+@jit_room
+def new_load(pieces):
+    """Return loads with scratch memory of their own, None for the chirp of one force."""
+    if pieces is None:
+        return None
+    return Load(
+        pieces.pieces,
+        pieces.which,
+        pieces.moves_base,
+        np.zeros((2, TERMS)),
+        new_base(pieces.base),
+        np.zeros(1, np.bool_),
+    )
 
 
 @jit

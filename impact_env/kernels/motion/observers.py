@@ -28,6 +28,9 @@ PULLED = 2
 DONE, TOO_MANY_EVENTS, NOT_FINITE, NO_PROGRESS, TOO_MANY_EVALUATIONS, SEARCH_GAVE_UP, STOPPED = (
     range(7)
 )
+JOINTS_UNSOLVED = 7  # no joint forces of several absorbers meet the contact laws
+STEP_TOO_LONG = 8  # for the stiffness of a nonlinear spring where it is
+ORDER_REFUSED = 9  # of a lane under control, which did nothing
 
 # what has been done: impacts, time in joined phases (s), steps or stretches between events, evaluations, events, time reached (s), which another
 # thread reads while the run goes on; ``stop`` is its order to end it. What may be used (budget.py): events and evaluations at once, and for each

@@ -15,9 +15,10 @@ from impact_env.kernels.motion.level import push_block, push_level
 from impact_env.kernels.motion.loads import (
     CHIRP_REMAINDER,
     MOST_PHASE,
-    Load,
+    LoadPieces,
     count_windows,
     enter_load,
+    new_load,
 )
 from impact_env.kernels.motion.sampling import Samples, fill_samples
 from impact_env.kernels.motion.slots import REST, TIP, Slots, add, advance, copy, weigh
@@ -42,7 +43,7 @@ class Regime(NamedTuple):
 class Schedule(NamedTuple):
     """Breakpoints of the drive: times (s), circular frequencies (rad/s), phases (rad), each (K,); force amplitude (N); longest window (s).
 
-    ``load``: other loads than the chirp of one force; of the rest only the times then say something.
+    ``load``: other loads than the chirp of one force, in a lane as a `loads.Load`; of the rest only the times then say something.
     """
 
     times: Array
@@ -50,7 +51,20 @@ class Schedule(NamedTuple):
     phases: Array
     amplitude: float
     reach: float
-    load: Load | None
+    load: LoadPieces | None
+
+
+@jit_room
+def own_schedule(schedule):
+    """Return a lane's schedule, whose load has scratch memory that no other lane writes."""
+    return Schedule(
+        schedule.times,
+        schedule.omegas,
+        schedule.phases,
+        schedule.amplitude,
+        schedule.reach,
+        new_load(schedule.load),
+    )
 
 
 class Losses(NamedTuple):

@@ -1,6 +1,6 @@
 """Loops over a regime's slots as vector code (vector_code.py): propagation, weights, sums and bounds.
 
-Arrays are seen flat: ``rows`` (29, size) and ``table`` (2, 3, base, size) of `slots.Slots`, amplitudes ``u``, ``z`` and ``out`` (2, size). A time
+Arrays are seen flat: ``rows`` (ROWS, size) and ``table`` (2, 3, base, size) of `slots.Slots`, amplitudes ``u``, ``z`` and ``out`` (2, size). A time
 offset is given by its three ``digits`` d1, d2, d3 in the tables and the rest ``x``.
 """
 
@@ -11,13 +11,7 @@ from typing import Any
 
 from impact_env.kernels.compiling.jit import NUMBER, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Number
-
-# rows of Slots.rows that the sums know; slots.py has them all
-_S = 0
-_SQUARE = 2
-_TAYLOR = 14
-_SPEED = 26
-_TAYLOR_ROWS = 6
+from impact_env.kernels.motion.slot_rows import SPEED, SQUARE, TAYLOR, TAYLOR_ROWS, S
 
 
 class SlotsAt:
@@ -52,9 +46,9 @@ class SlotsAt:
     def taylor(self, j: Any) -> Complex:
         """Return exp(s x) for the rest of the offset."""
         x = self.code.spread(self.x)
-        total = self.pair(_TAYLOR + 2 * (_TAYLOR_ROWS - 1), j)
-        for k in range(_TAYLOR_ROWS - 2, -1, -1):
-            next_one = self.pair(_TAYLOR + 2 * k, j)
+        total = self.pair(TAYLOR + 2 * (TAYLOR_ROWS - 1), j)
+        for k in range(TAYLOR_ROWS - 2, -1, -1):
+            next_one = self.pair(TAYLOR + 2 * k, j)
             total = Complex(total.real.fma(x, next_one.real), total.imag.fma(x, next_one.imag))
         return Complex(total.real.fma(x, self.code.repeated(1.0)), total.imag * x)
 
@@ -116,8 +110,8 @@ def _sum(orders: int) -> Any:
             turned = slots.turned(u, j)
             totals[0] += turned.real
             if orders > 1:
-                speed = slots.pair(_S, j)
-                square = slots.pair(_SQUARE, j)
+                speed = slots.pair(S, j)
+                square = slots.pair(SQUARE, j)
                 totals[1] += turned.real_of_product(speed)
                 totals[2] += turned.real_of_product(square)
                 totals[3] += turned.times(speed).real_of_product(square)
@@ -144,10 +138,10 @@ def sum_and_bounds(
     )
     for j in code.slots(size):
         turned = slots.turned(u, j)
-        speed = slots.row(_SPEED, j)
+        speed = slots.row(SPEED, j)
         y0 += turned.real
-        y1 += turned.real_of_product(slots.pair(_S, j))
-        y2 += turned.real_of_product(slots.pair(_SQUARE, j))
+        y1 += turned.real_of_product(slots.pair(S, j))
+        y2 += turned.real_of_product(slots.pair(SQUARE, j))
         second = turned.real.fma(turned.real, turned.imag * turned.imag).root() * (speed * speed)
         b2 += second
         b3 += second * speed
@@ -163,7 +157,7 @@ def third_to_fifth(code: Code, rows, size: Index, u):
     fifth = code.sum()
     for j in code.slots(size):
         s, square = (
-            code.complex(rows, size * row + j, size * (row + 1) + j) for row in (_S, _SQUARE)
+            code.complex(rows, size * row + j, size * (row + 1) + j) for row in (S, SQUARE)
         )
         bend = code.complex(u, j, j + size).times(square)
         third += bend.real_of_product(s)

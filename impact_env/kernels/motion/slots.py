@@ -17,6 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_inline
+from impact_env.kernels.motion.slot_rows import BASE as BASE
+from impact_env.kernels.motion.slot_rows import DRIVE as DRIVE
+from impact_env.kernels.motion.slot_rows import GUARD as GUARD
+from impact_env.kernels.motion.slot_rows import RELATIVE as RELATIVE
+from impact_env.kernels.motion.slot_rows import REST as REST
+from impact_env.kernels.motion.slot_rows import SPEED as SPEED
+from impact_env.kernels.motion.slot_rows import SPEED_CUBE as SPEED_CUBE
+from impact_env.kernels.motion.slot_rows import SPEED_SQUARE as SPEED_SQUARE
+from impact_env.kernels.motion.slot_rows import TAYLOR_ROWS
+from impact_env.kernels.motion.slot_rows import TIP as TIP
+from impact_env.kernels.motion.slot_rows import S as S
 from impact_env.kernels.motion.slot_sums import (
     add_row,
     copy_slots,
@@ -28,22 +39,9 @@ from impact_env.kernels.motion.slot_sums import (
     turn_to,
 )
 
-TAYLOR_TERMS = 7  # |s h3|^7 / 7! below 1e-16 for TAYLOR_REACH
+TAYLOR_TERMS = 1 + TAYLOR_ROWS  # |s h3|^7 / 7! below 1e-16 for TAYLOR_REACH
 TAYLOR_REACH = 0.04  # of |s h3|, and half of that is used
 
-# rows of Slots.rows: real part, then imaginary part
-S = 0
-SQUARE = 2
-DRIVE = 4
-RELATIVE = 6
-REST = 8
-GUARD = 10
-TIP = 12
-TAYLOR = 14
-SPEED = 26
-SPEED_SQUARE = 27
-SPEED_CUBE = 28
-BASE = 29
 # entries of Slots.scale
 BITS, FINEST, PER_FINEST, FASTEST = range(4)
 
@@ -51,9 +49,7 @@ BITS, FINEST, PER_FINEST, FASTEST = range(4)
 class Slots(NamedTuple):
     """One regime: J slots sorted by |s_j| and padded with empty ones. Few arrays, because each costs time at every call.
 
-    ``rows`` (31, J), real and imaginary parts in turn: S eigenvalues in 1/s; SQUARE their squares; DRIVE, RELATIVE response to unit forces;
-    REST -relative/s; GUARD weights of the regime's guard signal; TIP weights of the tip displacement; TAYLOR s^n/n! for n = 1 ... 6; SPEED |s|,
-    SPEED_SQUARE and SPEED_CUBE; BASE response to a unit acceleration of the base, which a regime without a base has no rows of (29, J).
+    ``rows`` (ROWS, J), or (ROWS_WITH_BASE, J) under a base that moves: see slot_rows.py.
     ``table`` (2, 3, base, J): exp(s h), real and imaginary. ``scale`` (4,): log2 of the base, h3 (s), 1/h3, largest |s|.
 
     For the event search, at levels L of time steps h_L (search.py): ``steps`` (L, 2) h_L in s and the number of slots to sum; ``waves``
@@ -72,12 +68,12 @@ class Slots(NamedTuple):
 @jit_inline
 def digits(scale, delta):
     """Return (d1, d2, d3, rest) of a time offset within the tables' reach; the rest is at most h3/2 in size, and 0 on the grid of h3."""
-    n = np.int64(delta * scale[PER_FINEST] + 0.5)
     bits = np.int64(scale[BITS])
     mask = (np.int64(1) << bits) - 1
-    n = max(
-        min(n, (np.int64(1) << (3 * bits)) - 1), 0
-    )  # also where delta is not a number: the rest then says so
+    x = delta * scale[PER_FINEST] + 0.5
+    # limited before the conversion, which is undefined beyond the integers; not a number becomes 0, and the rest is then not a number
+    x = x if x > 0.0 else 0.0
+    n = np.int64(min(x, float((np.int64(1) << (3 * bits)) - 1)))
     return n >> (2 * bits), (n >> bits) & mask, n & mask, delta - n * scale[FINEST]
 
 

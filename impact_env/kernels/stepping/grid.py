@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit
-from impact_env.kernels.motion.loads import Load
+from impact_env.kernels.motion.loads import LoadPieces
 from impact_env.kernels.motion.observers import push_phase
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ class Force(NamedTuple):
     phases: Array
     amplitude: float
     phase: float
-    load: Load | None
+    load: LoadPieces | None
 
 
 class Step(NamedTuple):

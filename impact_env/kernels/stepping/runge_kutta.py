@@ -25,6 +25,7 @@ from impact_env.kernels.motion.observers import (
     HELD_LOWER,
     HELD_UPPER,
     NOT_FINITE,
+    STEP_TOO_LONG,
     STUCK_INSIDE,
     push_impact,
     push_phase,
@@ -54,29 +55,72 @@ from impact_env.kernels.stepping.runge_kutta_step import (
 )
 
 _BLOCK = 16  # steps between two checks for values that are not finite
+STEPS_PER_SWING = 4  # least in a period of a nonlinear spring's tangent stiffness, as of a mode (`methods.LEAST_STEPS`)
 # a contact with a wall's spring: wall (-1, 0, 1), time and relative velocity at its start, impulse so far
 TOUCH = record(side=NUMBER, time=NUMBER, rate=NUMBER, impulse=NUMBER)
 
 
-@jit
-def _crossing(left, right, level, h):
-    """Return (time into the step, relative velocity) where the cubic through both ends' values and slopes passes ``level``."""
+@jit_inline
+def _cubic(s, left, right, h):
+    """Return value and rate, at the share ``s`` of a step, of the cubic through both ends' values and slopes."""
     (d0, g0), (d1, g1) = left, right
-    low = 0.0
-    high = 1.0
-    rising = d1 > d0
+    d = (1 - s) * (1 - s) * ((1 + 2 * s) * d0 + s * h * g0) + s * s * (
+        (3 - 2 * s) * d1 - (1 - s) * h * g1
+    )
+    g = 6 * s * (1 - s) * (d1 - d0) / h + (1 - s) * (1 - 3 * s) * g0 + s * (3 * s - 2) * g1
+    return d, g
+
+
+@jit
+def _crossing(left, right, level, h, rising, low, high):
+    """Return (share of the step, relative velocity) where the cubic passes ``level`` between two shares of the step, ``rising`` or falling."""
     for _ in range(52):
         s = 0.5 * (low + high)
-        d = (1 - s) * (1 - s) * ((1 + 2 * s) * d0 + s * h * g0) + s * s * (
-            (3 - 2 * s) * d1 - (1 - s) * h * g1
-        )
-        if (d < level) == rising:
+        if (_cubic(s, left, right, h)[0] < level) == rising:
             low = s
         else:
             high = s
-    return low * h, 6 * low * (1 - low) * (d1 - d0) / h + (1 - low) * (1 - 3 * low) * g0 + low * (
-        3 * low - 2
-    ) * g1
+    return low, _cubic(low, left, right, h)[1]
+
+
+@jit
+def _turning(left, right, side, h):
+    """Return the share of the step at which the cubic, which approaches a wall at its start and leaves it at its end, turns."""
+    low = 0.0
+    high = 1.0
+    for _ in range(52):
+        s = 0.5 * (low + high)
+        if side * _cubic(s, left, right, h)[1] > 0.0:
+            low = s
+        else:
+            high = s
+    return low
+
+
+@jit
+def _list_short_contact(stops, left, right, seen, span, observe):
+    """List a contact with a wall's spring that begins and ends within a step, if its stages have met one.
+
+    Its impulse is what acts in the step. It lasts while the cubic through the step's ends is beyond the wall; one that stays short of it has its
+    contact where it turns.
+    """
+    h = span[1]
+    impulse = h / 6.0 * (2.0 * stop_force(seen[1], stops) + 2.0 * stop_force(seen[2], stops))
+    impulse += h / 6.0 * (stop_force(seen[0], stops) + stop_force(seen[3], stops))
+    if impulse == 0.0:
+        return
+    side = -1.0 if impulse > 0.0 else 1.0
+    turning = _turning(left, right, side, h)
+    begin = turning
+    end = turning
+    rate = 0.0
+    if side * _cubic(turning, left, right, h)[0] > stops.gap:
+        begin, rate = _crossing(left, right, side * stops.gap, h, side > 0.0, 0.0, turning)
+        end, _ = _crossing(left, right, side * stops.gap, h, side < 0.0, turning, 1.0)
+    observe.counters.counts.impacts += 1
+    push_impact(observe.events, span[0] + begin * h, rate, impulse, 0.0, 0)
+    kind = HELD_UPPER if side > 0.0 else HELD_LOWER
+    push_phase(observe.events, span[0] + begin * h, span[0] + end * h, kind, 0)
 
 
 @jit
@@ -106,6 +150,8 @@ def _track_stops(stops, touches, before, y, seen, span, observe):
     t = span[0]
     h = span[1]
     if touch.side == 0.0 and not abs(y[0]) > stops.gap:
+        if max(abs(seen[1]), abs(seen[2]), abs(seen[3])) > stops.gap:
+            _list_short_contact(stops, _slope(before, h), _slope(y, h), seen, span, observe)
         return
     touch.impulse += (
         h
@@ -122,13 +168,14 @@ def _track_stops(stops, touches, before, y, seen, span, observe):
         return
     left = _slope(before, h)
     right = _slope(y, h)
+    rising = right[0] > left[0]
     if touch.side != 0.0:
-        tau, _ = _crossing(left, right, touch.side * stops.gap, h)
-        _end_touch(touches, t + tau, observe)
+        share, _ = _crossing(left, right, touch.side * stops.gap, h, rising, 0.0, 1.0)
+        _end_touch(touches, t + share * h, observe)
     touch.side = side
     if side != 0.0:
-        tau, gamma = _crossing(left, right, side * stops.gap, h)
-        touch.time = t + tau
+        share, gamma = _crossing(left, right, side * stops.gap, h, rising, 0.0, 1.0)
+        touch.time = t + share * h
         touch.rate = gamma
 
 
@@ -163,6 +210,24 @@ def _tip(table):
     for j in range(table.modes):
         tip += cells[TIP * stride + j] * cells[Q * stride + j]
     return tip
+
+
+@jit
+def _is_finite(table):
+    """Return whether the displacements of all oscillators, modes and absorber, are finite."""
+    total = 0.0
+    for j in range(table.lanes):
+        total += abs(table.cells[Q * stride_of(table.wide) + j])
+    return np.isfinite(total)
+
+
+@jit
+def _too_stiff(cubic, compliance, largest, h):
+    """Return whether a step (s) is too long for a nonlinear spring's tangent stiffness at its largest stretch (m)."""
+    if cubic is None:
+        return False
+    square = 3.0 * cubic.cubic_stiffness * largest * largest * compliance
+    return square * h * h > (2.0 * np.pi / STEPS_PER_SWING) ** 2
 
 
 @jit
@@ -217,6 +282,17 @@ def _joined_mass(added_mass, tip_shape):
 
 
 @jit
+def _compliance(mass, tip_shape):
+    """Return the relative acceleration (1/kg) of absorber and tip by a unit force between them, 0 without an absorber that moves."""
+    if mass is None:
+        return 0.0
+    total = 1.0 / mass
+    for i in range(tip_shape.shape[0]):
+        total += tip_shape[i] * tip_shape[i]
+    return total
+
+
+@jit
 def _close_stuck(added_mass, end, counters, events):
     """Note the phase of a stuck absorber, which is the whole run."""
     if added_mass is not None:
@@ -224,13 +300,14 @@ def _close_stuck(added_mass, end, counters, events):
 
 
 class Absorber(NamedTuple):
-    """What the loop carries of the absorber: the four stages' observations and relative velocities as far as they follow from the state, and the
-    slider's place.
+    """What the loop carries of the absorber: the four stages' observations and relative velocities as far as they follow from the state, the
+    slider's place, and the largest stretch of a nonlinear spring so far (m).
     """  # noqa: D205
 
     y: tuple[float, float, float, float]
     rest: float
     v: tuple[float, float, float, float]
+    largest: float
 
 
 class Kit(NamedTuple):
@@ -268,7 +345,10 @@ def _watched_step(kit, absorber, forces, at, time, observe):
     )
     y = swing_watched(table, forces, at, push)
     _track_stops(laws.stops, kit.touches, before, y, seen, (time, table.h), observe)
-    return Absorber(y, move_slider(y[0], absorber.rest, laws.slider), relative_velocities(table))
+    largest = absorber.largest if laws.cubic is None else max(absorber.largest, abs(y[0]))
+    return Absorber(
+        y, move_slider(y[0], absorber.rest, laws.slider), relative_velocities(table), largest
+    )
 
 
 @jit_inline
@@ -313,7 +393,8 @@ def runge_kutta_lane(modes, laws, force, state, step, observe):
     offset = state[table.modes] - _tip(table)
     y = observations(table)
     _begin_touch(laws.stops, touches, y, dt)
-    absorber = Absorber(y, y[0], relative_velocities(table))
+    absorber = Absorber(y, y[0], relative_velocities(table), abs(y[0]))
+    compliance = _compliance(laws.mass, modes.tip_shape)
     rows = rows_wanted(observe.level, observe.series, end, sample_dt)
     row = 0
     row_step = step_of_row(row, rows, sample_dt, dt, steps)
@@ -340,7 +421,12 @@ def runge_kutta_lane(modes, laws, force, state, step, observe):
                 row += 1
                 row_step = step_of_row(row, rows, sample_dt, dt, steps)
             i += 1
-        status = note_time(counters, i * dt) if np.isfinite(_tip(table)) else NOT_FINITE
+        if _too_stiff(laws.cubic, compliance, absorber.largest, dt):
+            status = STEP_TOO_LONG
+        elif not _is_finite(table):
+            status = NOT_FINITE
+        else:
+            status = note_time(counters, i * dt)
         if status != DONE:
             break
     _finish(kit, offset, state, i * dt, observe)
