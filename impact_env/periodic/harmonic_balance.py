@@ -54,9 +54,12 @@ PAPER_DAMPER = 0.001  # N s/m between absorber and ground (paper, section 2.5)
 # in absorber mass times omega_1^2, and times omega_1
 WEIGHT = 100.0
 FRICTION_WEIGHT = 10.0
-# of the frequency, in which exponents are looked for; relative: as far apart are copies of one in both kinds at its edge
+# of the frequency, in which exponents are looked for: a little more than the half that holds each once, since truncation may put one that is at its
+# edge on either side
 STRIP = 0.6
-COPY = 0.1
+# relative: a multiplier at the strip's edge is found in both kinds of order, as two values that truncation keeps apart by less. Two that are closer
+# and of one kind are two multipliers, and stay
+MULTIPLIER_TOL = 0.1
 CENTRING = 1e-9  # of the weight: a spring that chooses the mean of r where no wall does
 
 
@@ -428,7 +431,8 @@ def hill_multipliers(balance: Balance, z: Real) -> Complex:
     taken: list[tuple[float, complex, int]] = []
     for one in sorted(found, key=lambda each: each[0]):
         if all(
-            one[2] == other[2] or abs(one[1] - other[1]) > COPY * abs(one[1]) for other in taken
+            one[2] == other[2] or abs(one[1] - other[1]) > MULTIPLIER_TOL * abs(one[1])
+            for other in taken
         ):
             taken.append(one)
     return np.array(

@@ -1,6 +1,10 @@
 """Loads other than one force, and gravity, against dense matrix exponentials, closed forms, and what must follow as they are refined."""
 
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -9,6 +13,7 @@ from load_cases import PARTICIPATION, cantilever, chirp, record_of
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
+from impact_env.families import exact
 from impact_env.laws import SceneKind
 from impact_env.loads import (
     Force,
@@ -462,3 +467,25 @@ def test_a_struck_structure_is_one_that_a_short_blow_has_left() -> None:
     assert model.force_shape @ Loads((Strike(0.5, 0.1),), W1).initial(
         Scene(model)
     ).modal_velocity == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("record", [noise, shaken], ids=["record", "base"])
+def test_runs_in_two_threads_may_share_what_a_load_is_for_the_kernels(
+    record: Callable[[Array], Array], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its expansion in the current window belongs to each run: threads in different windows of one load write none of the other's."""
+    monkeypatch.setattr(exact, "schedule_of", lru_cache(exact.schedule_of))
+    scene = Scene(cantilever(), BOTH)
+    part = ShakenBase(SWEEP, displacement=2e-4) if record is shaken else Samples(CLOCK, NOISE)
+    loads = Loads((part,), W1)
+    alone = simulate(scene, loads, record=record_of(scene))
+    together = threading.Barrier(2)
+
+    def again(_: int) -> Response:
+        together.wait(60.0)
+        return simulate(scene, loads, record=record_of(scene))
+
+    with ThreadPoolExecutor(2) as pool:
+        for response in pool.map(again, range(8)):
+            np.testing.assert_array_equal(response.end_state, alone.end_state)
+            np.testing.assert_array_equal(response.impacts.time, alone.impacts.time)

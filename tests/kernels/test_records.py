@@ -1,5 +1,6 @@
 """Records: named numbers at the border to the kernels."""
 
+import math
 from fractions import Fraction
 
 import numba
@@ -7,8 +8,12 @@ import numpy as np
 import pytest
 
 from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, record
+from impact_env.kernels.motion import slot_rows
+from impact_env.kernels.motion.level import close_level, new_level
 from impact_env.kernels.motion.numbers import cos_sin, fma
+from impact_env.kernels.motion.slots import digits
 from impact_env.level import response_level
+from impact_env.regimes import slot_rows as slot_rows_of
 
 KIND = record(flag=FLAG, number=NUMBER, count=INTEGER)
 
@@ -70,6 +75,54 @@ def test_cosine_and_sine_are_exact_to_rounding() -> None:
             for f, t in zip(row, both, strict=True)
         )
     assert error < ROUNDING
+
+
+@numba.njit
+def _digits_of(scale, x, out):
+    for i in range(len(x)):
+        out[i] = digits(scale, x[i])
+
+
+def test_a_time_that_is_no_number_or_beyond_the_tables_stays_within_them() -> None:
+    """Not a number stays one, in the rest and in cosine and sine; digits are places of tables of 2^2 entries."""
+    scale = np.array([2.0, 0.25, 4.0, 1.0])
+    x = np.array([np.nan, np.inf, -np.inf, 1e300, -1.0, 0.0, 0.3, 15.75, 17.0])
+    found = np.empty((len(x), 4))
+    _digits_of(scale, x, found)
+    assert np.all((found[:, :3] >= 0) & (found[:, :3] < 4))
+    assert np.isnan(found[0, 3])
+    within = found[5:8]
+    np.testing.assert_array_equal(within[:, :3] @ [4.0, 1.0, 0.25] + within[:, 3], x[5:8])
+    turns = np.empty((2, 2))
+    _each(x[:2], turns)
+    assert np.all(np.isnan(turns))
+
+
+def test_rows_of_slots_do_not_overlap_and_are_those_that_regimes_fill() -> None:
+    """Of two eigenvalues with numbers of their own in each row."""
+    s = np.array([-0.5 + 2.0j, -0.1 + 1.0j])
+    given = {
+        name: np.array([k + 0.25j, k + 0.5 + 0.75j])
+        for k, name in enumerate(("DRIVE", "RELATIVE", "GUARD", "TIP"), 1)
+    }
+    rows = slot_rows_of(s, given["DRIVE"], given["RELATIVE"], given["GUARD"], given["TIP"], 4)
+    assert rows.shape == (slot_rows.ROWS, 4)
+    s = s[::-1]  # by size
+    wanted = {name: values[::-1] for name, values in given.items()}
+    wanted |= {"S": s, "SQUARE": s**2, "REST": -wanted["RELATIVE"] / s}
+    wanted |= {"SPEED": abs(s), "SPEED_SQUARE": abs(s) ** 2, "SPEED_CUBE": abs(s) ** 3}
+    for name, values in wanted.items():
+        row = getattr(slot_rows, name)
+        parts = [values] if name.startswith("SPEED") else [values.real, values.imag]
+        np.testing.assert_allclose(rows[row : row + len(parts), :2], parts, rtol=1e-15)
+    for n in range(1, slot_rows.TAYLOR_ROWS + 1):
+        row = slot_rows.TAYLOR + 2 * (n - 1)
+        term = s**n / math.factorial(n)
+        np.testing.assert_allclose(rows[row : row + 2, :2], [term.real, term.imag], rtol=1e-15)
+
+
+def test_a_level_of_no_samples_is_zero() -> None:
+    assert close_level(new_level(8)) == (0.0, 0.0, 0.0)
 
 
 def test_a_product_and_a_sum_are_rounded_once() -> None:

@@ -14,7 +14,7 @@ from impact_env.kernels.exact.free_and_joined import joint_force, release
 from impact_env.kernels.exact.rigid import add_forced_part, solve_free, solve_joined
 from impact_env.kernels.exact.rigid_contact import (
     FREE,
-    JOINT_SLACK,
+    JOINT_FORCE_TOL,
     joint_bounds,
     slide_on,
     static_limit,
@@ -35,7 +35,7 @@ def hold_or_let_go(scene, window, room, state):
         scene.joined, room.joined_forced, window.omega, now.tau, scene.contact, work
     )
     low, high = joint_bounds(static_limit(scene.contact), now.side)
-    slack = JOINT_SLACK * scale
+    slack = JOINT_FORCE_TOL * scale
     if low - slack <= f <= high + slack:
         copy(work.rows[1], work.z)  # to the last digit as if nobody had looked
         return

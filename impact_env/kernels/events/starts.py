@@ -20,10 +20,10 @@ from impact_env.kernels.motion.slots import FASTEST, SPEED, high_derivatives
 MICRO_REACH = 0.01
 FINEST = 2.0**-20  # of the reach
 RATE_NOISE = 16.0 * NOISE  # rounding of a computed rate, relative to its scale
-BEND_NOISE = 1e-11  # of a second derivative's scale: above the rounding of a change of basis
-WALL_NOISE = (
-    10.0 * BEND_NOISE
-)  # the same where a wall pushes: what is released there near critical damping has more
+# of the sizes of a second derivative's terms: what the change to a regime's basis may be off (`regimes.SOUND`); below it the derivative has no sign
+ACCELERATION_TOL = 1e-11
+# the same where a wall pushes: near critical damping a mode is three slots, of larger amplitudes than its own, which cancel (`secular.raised`)
+WALL_ACCELERATION_TOL = 10.0 * ACCELERATION_TOL
 
 
 @jit_inline
@@ -142,7 +142,7 @@ def first_reversal(guards, now, high, reach, noise):
     direction, (j, s, c) = guards.direction, high
     if guards.zero_rate:
         bend = direction * now.a
-        if -BEND_NOISE * now.b2 <= bend < 0.0:
+        if -ACCELERATION_TOL * now.b2 <= bend < 0.0:
             bend = 0.0
         return micro_root(
             bend,
@@ -152,7 +152,7 @@ def first_reversal(guards, now, high, reach, noise):
             0.0,
             0.0,
             reach,
-            BEND_NOISE * now.b2,
+            ACCELERATION_TOL * now.b2,
         )
     return micro_root(
         direction * now.v,
@@ -179,7 +179,7 @@ def first_hit(guards, now, v, high, reach, noise):
         return -1.0, NOTHING
     if side != 0:
         bend = -side * now.a
-        if guards.zero_rate and -WALL_NOISE * now.b2 <= bend < 0.0:
+        if guards.zero_rate and -WALL_ACCELERATION_TOL * now.b2 <= bend < 0.0:
             bend = 0.0
         back = micro_root(
             -side * v, bend / 2, -side * j / 3, -side * s / 4, -side * c / 5, 0.0, reach, noise

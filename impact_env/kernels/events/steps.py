@@ -14,8 +14,11 @@ from impact_env.kernels.motion.vector import BEND, POINTS, RATE, VALUE
 
 START_ERROR = 64.0 / 27.0  # of E: what a summed slot's share becomes when it is divided by t/h
 START_JUMP = 9.0 / 8.0  # of an unsummed slot's amplitude: largest (1 - (1 - x)^2 (1 + 2 x))/x
-SHARP = 5e-2  # of the way across a step: E where an event is accepted
-STEADY = 0.05  # of the way across a step: least fall between two coefficients where an event is accepted, so that Newton's method starts well
+# of the signal's fall over a step, where an event in it is accepted: the error E is below the first, and the fall between any two coefficients above
+# the second. Then E moves the root by a third of a step at most, and usually by a twentieth, and Newton's method goes on with the signal itself.
+# Both only decide whether a step is halved first: an event that is found does not depend on them
+ROOT_ERROR_TOL = 0.05
+ROOT_SLOPE_TOL = 0.05
 LEVEL_RATIO = 4.0
 
 
@@ -91,8 +94,8 @@ def sharp_root(d0, d1, d2, d3, error, slope_error):
     if not (
         d0 > error
         and d3 < -error
-        and least > max(slope_error * error, STEADY * (d0 - d3))
-        and error < SHARP * (d0 - d3)
+        and least > max(slope_error * error, ROOT_SLOPE_TOL * (d0 - d3))
+        and error < ROOT_ERROR_TOL * (d0 - d3)
     ):
         return -1.0
     return d0 / (d0 - d3)

@@ -13,7 +13,7 @@ import numpy as np
 
 from impact_env.kernels.compiling.jit import jit
 from impact_env.kernels.events.signals import NOISE, at_offset, signal_scale, time_resolution
-from impact_env.kernels.exact.rigid_contact import JOINT_SLACK, joint_bounds
+from impact_env.kernels.exact.rigid_contact import JOINT_FORCE_TOL, joint_bounds
 from impact_env.kernels.exact.sets import forced_of, is_joined, signal_of, slots_with
 from impact_env.kernels.motion.observers import PASSED, PULLED, TURNED
 from impact_env.kernels.motion.slots import SPEED
@@ -157,7 +157,7 @@ def check_hold(check, slots, forced, window, limit, body, offset):
         body.signal,
         body.now.tau,
         offset,
-        Guard(low, high, 0.0, JOINT_SLACK, 0.0, PULLED),
+        Guard(low, high, 0.0, JOINT_FORCE_TOL, 0.0, PULLED),
     )
 
 
@@ -177,7 +177,7 @@ def check_set(check, scene, window, s, offset, room):
         signal = signal_of(room.signals, a)
         if is_joined(s, a):
             low, high = joint_bounds(limit, now.side)
-            guard = Guard(low, high, 0.0, JOINT_SLACK, 0.0, PULLED)
+            guard = Guard(low, high, 0.0, JOINT_FORCE_TOL, 0.0, PULLED)
         else:
             guard = Guard(
                 -gap,

@@ -21,7 +21,7 @@ from impact_env.kernels.exact.next_event import end_of_flight, end_of_hold
 from impact_env.kernels.exact.rigid_contact import (
     FREE,
     JOINED,
-    JOINT_SLACK,
+    JOINT_FORCE_TOL,
     Body,
     Contact,
     add_friction_loss,
@@ -177,7 +177,7 @@ def try_join(scene, window, room, state):
     stay_at_wall(scene.contact.walls, now, q_tip)
     low, high = joint_bounds(static_limit(scene.contact), now.side)
     slack = (
-        JOINT_SLACK * scale
+        JOINT_FORCE_TOL * scale
     )  # at its bound the joint force decides in the joined regime, by its rate
     now.v = v_tip
     now.offset = now.q - q_tip

@@ -34,7 +34,9 @@ from impact_env.kernels.motion.slots import GUARD, RELATIVE, REST, SPEED, add, w
 
 FREE = 0
 JOINED = 1
-JOINT_SLACK = 1e-9  # of the joint force's scale: above the rounding of the change of basis
+# of the sizes of a joint force's terms: a hundred times what the change to the joined modes' basis may be off (`regimes.SOUND`), so that an absorber
+# that a bound just holds is not released by rounding; one is held beyond its bound by no more than that share
+JOINT_FORCE_TOL = 1e-9
 SLOWEST_DECAY = 0.1  # 1 - e counts as at least this where a chatter is completed
 ROUNDING = 16.0 * NOISE  # of a signal: above what the search takes for zero distance
 

@@ -19,7 +19,7 @@ from impact_env.kernels.compiling.jit import jit, jit_room
 from impact_env.kernels.exact.rigid_contact import (
     FREE,
     JOINED,
-    JOINT_SLACK,
+    JOINT_FORCE_TOL,
     end_phase,
     friction_force,
     joint_bounds,
@@ -248,7 +248,7 @@ def settle(absorbers, losses, compliance, window, now, state, joints, events):
         if joints.waits[a]:
             low, high = joint_bounds(absorbers.limit[a], now[a].side)
             f = wanted_force(compliance, joints, a)
-            slack = JOINT_SLACK * joints.slack[a] / compliance[a, a]
+            slack = JOINT_FORCE_TOL * joints.slack[a] / compliance[a, a]
             if low - slack <= f <= high + slack:
                 join(now[a], joints.place[a], time)
             else:
