@@ -78,11 +78,15 @@ class Record:
         )
 
 
+INSTANT_TOL = 1e-13  # of the time: what the rounding of two events' times may put between impacts at one instant
+
+
 @dataclass(frozen=True, eq=False)
 class Impacts:
     """Impacts, (K,) each: time (s), relative velocity absorber - tip before (m/s), impulse on the absorber (N s), energy lost (J).
 
-    ``absorber`` says which absorber it was, counted from 0.
+    ``absorber`` says which absorber it was, counted from 0. Impacts of several absorbers at one instant have no unique outcome in rigid-body
+    mechanics: they are taken one after the other, in the order of the absorbers, and stand in that order (`simultaneous`).
     """
 
     time: Array
@@ -90,6 +94,13 @@ class Impacts:
     impulse: Array
     energy_lost: Array
     absorber: NDArray[np.int64]
+
+    @property
+    def simultaneous(self) -> NDArray[np.bool_]:
+        """Whether an impact (K,) is at the same instant, up to `INSTANT_TOL`, as one of another absorber before or behind it in the list."""
+        close = np.diff(self.time) <= INSTANT_TOL * self.time[1:]
+        close &= np.diff(self.absorber) != 0
+        return np.append(False, close) | np.append(close, False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,8 +213,16 @@ class Response:
             words.append(
                 f"level {1e3 * level.value:.4g} mm at {level.frequency_ratio:.4f} of the resonance"
             )
-        words.append(f"{self.impact_count} impact{'s' * (self.impact_count != 1)}")
+        words.append(
+            f"{self.impact_count} impact{'s' * (self.impact_count != 1)}{self._simultaneous}"
+        )
         return f"Response({self.scene}\n         {', '.join(words)})"
+
+    @property
+    def _simultaneous(self) -> str:
+        """Return a note on impacts of several absorbers at one instant, if any are recorded."""
+        number = 0 if self.impacts is None else int(np.sum(self.impacts.simultaneous))
+        return f" ({number} at one instant with another absorber's, in their order)" * (number > 0)
 
     def _repr_html_(self) -> str:
         """Return the HTML table of a notebook."""
@@ -211,7 +230,7 @@ class Response:
         rows = [
             ("scene", str(self.scene)),
             ("run", run),
-            ("impacts", str(self.impact_count)),
+            ("impacts", f"{self.impact_count}{self._simultaneous}"),
             ("time stuck or held", f"{self.stuck_time:.4g} s"),
         ]
         if self.level is not None:

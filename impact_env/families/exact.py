@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from impact_env.families.family import (
     schedule_of,
     window_of,
 )
+from impact_env.families.regime_cache import cache_regimes
 from impact_env.kernels.control.crew import Board
 from impact_env.kernels.control.interval import Batch
 from impact_env.kernels.control.lanes import compliant_lanes, linear_lanes, rigid_lanes
@@ -97,7 +98,7 @@ class ExactFamily(Family):
 FAR_AWAY = Walls(1e300, 1.0, None)
 
 
-@lru_cache(maxsize=256)
+@cache_regimes
 def rigid_regimes(scene: Scene, wanted: float, moves: bool = False) -> tuple[Regime, Regime, float]:
     """Return the free and the joined regime, and the reach of their tables in s: ``wanted`` or less. ``moves``: whether the base does."""
     assert scene.absorber_mass is not None
@@ -176,7 +177,7 @@ def wall_damper(scene: Scene) -> float:
     return 2 * walls.damping_ratio * math.sqrt(walls.stiffness / contact_of(scene).compliance)
 
 
-@lru_cache(maxsize=256)
+@cache_regimes
 def compliant_regimes(
     scene: Scene, wanted: float
 ) -> tuple[tuple[Regime, Regime, Regime, Regime], float]:
@@ -238,7 +239,7 @@ COMPLIANT = ExactFamily(
 # Scenes of one linear regime: no absorber, a stuck one, a tuned one. The exact method is a closed form, without events.
 
 
-@lru_cache(maxsize=256)
+@cache_regimes
 def linear_regime(scene: Scene, wanted: float, moves: bool = False) -> tuple[Regime, float]:
     """Return the regime and the reach of its tables in s: ``wanted`` or less. ``moves``: whether the base does."""
     model = scene.model
@@ -279,7 +280,7 @@ LINEAR = ExactFamily(
 # The lane does a single absorber as well, which serves as a check: that has a family of its own, with other kernels.
 
 
-@lru_cache(maxsize=64)
+@cache_regimes
 def _sets(scene: Scene, wanted: float) -> tuple[Sets, float]:
     return regime_sets(scene.model, scene.absorber_shapes, scene.absorber_masses, wanted)
 

@@ -31,11 +31,9 @@ from impact_env.parameters import (
     weightless,
 )
 from impact_env.scene import InitialState, Scene
+from impact_env.secular import SPLIT, raised
 
 Array = NDArray[np.float64]
-CRITICAL = (
-    1e-11  # a damping ratio this close to 1 is moved so far away: the two exponentials must differ
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,17 +146,28 @@ def scene_of(
 
 @lru_cache(maxsize=64)
 def structure_of(model: ModalModel, mass_ratio: float) -> Structure:
-    """Return the exponentials of a model's modes, and the absorber's share: one complex exponential a mode, two real ones above critical damping."""
+    """Return the exponentials of a model's modes, and the absorber's share.
+
+    A mode has one complex exponential, two real ones above critical damping, and near it the three complex ones of `secular.raised`, as the exact
+    method's regimes have.
+    """
     omega = np.array(model.omega)
     damping = np.array(model.damping_ratio)
     tip = np.array(model.tip_shape)
-    moved = np.where(np.abs(damping - 1) < CRITICAL, 1 + CRITICAL, damping)
+    square = omega**2 * (1 - damping) * (1 + damping)
+    near = np.abs(square) < (SPLIT * omega) ** 2
+    heights = raised(omega, square)
     s: list[complex] = []
     weight: list[complex] = []
     mode: list[int] = []
-    for i, (w, d) in enumerate(zip(omega, moved, strict=True)):
+    for i, (w, d) in enumerate(zip(omega, damping, strict=True)):
         root = np.sqrt(complex(1 - d * d))
-        if d < 1:
+        if near[i]:
+            for height, share in heights:
+                s = [*s, -d * w + 1j * height[i]]
+                weight = [*weight, share[i] / (1j * height[i])]
+                mode = [*mode, i]
+        elif d < 1:
             s = [*s, w * (-d + 1j * root.real)]
             weight = [*weight, 1 / (1j * w * root.real)]
             mode = [*mode, i]

@@ -38,6 +38,7 @@ from impact_env import (
     impact_absorber,
     simulate,
 )
+from impact_env.kernels.events import steps
 from impact_env.kernels.motion.observers import HELD_LOWER, HELD_UPPER, STUCK_INSIDE
 from impact_env.parameters import Absorber
 
@@ -714,3 +715,20 @@ def test_a_slider_holds_again_where_its_spring_carries_the_limit() -> None:
         limit * left * slides / 2 + 0.5 * limit**2 / stiffness * np.cos(rate * later) ** 2,
         rel=1e-11,
     )
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize(("error", "slope"), [(0.0125, 0.05), (0.2, 0.05), (0.05, 0.0125)])
+def test_events_do_not_depend_on_when_a_step_is_halved(
+    error: float, slope: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = scene_of(impact_absorber(3e-4, 0.6, 0.1), modes=2)
+    drive = drive_of(6.0, 0.98, periods=0.4)
+    start = InitialState(absorber_velocity=0.4)
+    usual = run(scene, drive, initial=start)
+    monkeypatch.setattr(steps, "ROOT_ERROR_TOL", error)
+    monkeypatch.setattr(steps, "ROOT_SLOPE_TOL", slope)
+    other = run(scene, drive, initial=start)
+    assert len(usual.impacts.time) > 2
+    np.testing.assert_allclose(other.impacts.time, usual.impacts.time, rtol=1e-11)
+    np.testing.assert_allclose(other.end_state, usual.end_state, rtol=1e-9)

@@ -6,13 +6,31 @@ import scipy.interpolate
 import scipy.optimize
 from core import Array
 
-from impact_env import Beam, ModalModel, ParameterError
+from impact_env import Beam, ModalModel, ParameterError, Scene
+from impact_env.families.exact import linear_regime
+from impact_env.families.regime_cache import (
+    MOST_BYTES,
+    RegimeCache,
+    cache_regimes,
+    count_bytes,
+)
+from impact_env.kernels.events import starts
 from impact_env.kernels.events.search import SCAN_NOISE
+from impact_env.kernels.exact import rigid_contact
 from impact_env.kernels.motion.segments import Regime
 from impact_env.kernels.motion.slots import DRIVE, GUARD, RELATIVE, REST, SPEED, TIP
 from impact_env.modes import modal_model
 from impact_env.regime_sets import set_modes
-from impact_env.regimes import fastest, free_regime, joined_regime, padded_size, sprung_regime
+from impact_env.regimes import (
+    SOUND,
+    basis_error,
+    checked_modes,
+    fastest,
+    free_regime,
+    joined_regime,
+    padded_size,
+    sprung_regime,
+)
 
 pytest.importorskip("mpmath")
 from reference.motion import joined_motion, sprung_motion, swinging_tip
@@ -274,3 +292,50 @@ def test_errors_of_the_event_search_bound_those_of_cubic_interpolation() -> None
             assert 0.5 * (error - SCAN_NOISE) < found <= error
             seen += 1
     assert seen > 3
+
+
+def test_regimes_are_held_up_to_a_number_of_bytes() -> None:
+    """The one used least recently goes first; one that is larger than all together is held alone."""
+    cache = RegimeCache(8 * 100)
+    computed: list[int] = []
+
+    @cache
+    def rows(size: int, wide: bool = False) -> tuple[Array, tuple[Array, float]]:
+        computed.append(size)
+        return np.zeros(size), (np.zeros(size), float(wide))
+
+    for size in (10, 20, 10, 30, 10, 20):
+        assert rows(size)[0].size == size
+    assert computed == [10, 20, 30, 20]
+    assert cache.bytes == 8 * 2 * 30  # of 10 and 20: 30 has gone
+    assert rows(10) is rows(10)
+    rows(10, wide=True)
+    rows(60)
+    assert cache.bytes == 8 * 2 * 60
+    assert computed[-2:] == [10, 60]
+
+
+def test_the_regimes_of_many_scenes_do_not_add_up() -> None:
+    reach = 0.05
+    regimes = [
+        linear_regime(Scene(modal_model(Beam(modes=60, damping_ratio=d))), reach)
+        for d in np.linspace(0.01, 0.02, 80)
+    ]
+    assert count_bytes(tuple(regimes)) > MOST_BYTES
+    assert cache_regimes.bytes <= MOST_BYTES
+
+
+@pytest.mark.parametrize("mass_ratio", [1e-3, 0.02, 1.0])
+@pytest.mark.parametrize("modes", [1, 3, 10, 40])
+def test_bases_are_complete_far_within_the_tolerances_of_joint_forces_and_accelerations(
+    modes: int, mass_ratio: float
+) -> None:
+    """What a change of basis may be off is what these are made for: usual scenes are below it, and a joint force has a hundred times as much."""
+    assert starts.ACCELERATION_TOL == SOUND
+    assert pytest.approx(100 * SOUND) == rigid_contact.JOINT_FORCE_TOL
+    for damping in (0.0, 0.01, 0.3, 1.0, 1.5):
+        model = modal_model(Beam(modes=modes, damping_ratio=damping))
+        scale = np.concatenate([model.omega, [0.0], np.ones(modes), [0.0]])
+        states = np.flatnonzero(scale)
+        basis = checked_modes(model, mass_ratio * model.beam_mass, None, 0.0)
+        assert basis_error(basis.out[states], basis.into[:, states], scale[states]) < SOUND

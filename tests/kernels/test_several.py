@@ -406,3 +406,15 @@ def test_joint_forces_that_meet_no_conditions_end_the_run(monkeypatch: pytest.Mo
     scene, force, ratio, periods = SEVERAL["sticking beside impacts"]
     with pytest.raises(IntegrationError, match=r"absorbers' joints meet .* lighter absorbers"):
         simulate(scene, drive_of(force, ratio, periods=periods))
+
+
+@pytest.mark.plain
+def test_a_response_says_which_impacts_of_two_absorbers_are_at_one_instant() -> None:
+    """Two that are alike at one place hit together, and are taken in their order; with another gap they hit one after the other."""
+    start = InitialState(absorber_velocity=(0.1, 0.1))
+    for gaps, together in (((1e-4, 1e-4), True), ((1e-4, 1.1e-4), False)):
+        scene = beam_scene(ONE_MODE, impact_absorbers(gaps, (1.0, 1.0), 0.7))
+        response = run(scene, still(2e-3), initial=start)
+        assert response.impacts.absorber[:2].tolist() == [0, 1]
+        assert response.impacts.simultaneous[:2].tolist() == [together, together]
+        assert ("at one instant" in repr(response)) == together

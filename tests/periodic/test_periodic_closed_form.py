@@ -6,7 +6,7 @@ from orbit_cases import model_of
 from periodic_truth import Truth, matched
 
 from impact_env import Beam, ModalModel, modal_model
-from impact_env.periodic.case import Case
+from impact_env.periodic.case import Case, structure_of
 from impact_env.periodic.green import Conditions, NoOrbit, Solution, residual_and_jacobian, solve
 from impact_env.periodic.motion import motion_of, stability_of
 from impact_env.periodic.schedule import EventSchedule, flying_schedule
@@ -21,6 +21,9 @@ from impact_env.periodic.symmetric import (
     map_frequencies,
     symmetric_schedule,
 )
+from impact_env.regimes import own_modes
+
+mpmath = pytest.importorskip("mpmath")
 
 
 def other_model() -> ModalModel:
@@ -123,6 +126,32 @@ def test_greens_function_finds_the_closed_form_again(case: Case) -> None:
             assert abs(np.exp(1j * solution.phases[0]) - np.exp(1j * branch.phase)) < 1e-10
         assert whole.impulses[1] == pytest.approx(-branch.impulse, rel=1e-10)
         assert abs(whole.offset) < 1e-10 * case.gap
+
+
+@pytest.mark.parametrize("excess", [0.0, 1e-12, -1e-12, 1e-9, -1e-7, 1e-6, -1.2e-5, 1e-4])
+def test_orbits_and_runs_have_one_response_near_critical_damping(excess: float) -> None:
+    """To an impulse, exp(-D w t) sinh(r t)/r with r^2 = w^2 (D^2 - 1), against 40 digits: of the orbits' exponentials and of the regimes' slots."""
+    omega = 31.0
+    model = ModalModel([omega], [1.0 + excess], [0.8], [1.1], 1.4)
+    structure = structure_of(model, 0.02)
+    slots = own_modes(model, np.array([0]))
+    times = np.linspace(0.0, 0.3, 7)
+    with mpmath.workdps(40):
+        ratio = mpmath.mpf(1.0 + excess)
+        rate = omega * mpmath.sqrt(ratio**2 - 1)
+        truth = [
+            float(
+                mpmath.re(
+                    mpmath.exp(-ratio * omega * t) * t * mpmath.hyp0f1(1.5, (rate * t) ** 2 / 4)
+                )
+            )
+            for t in map(mpmath.mpf, times.tolist())
+        ]
+    turning = np.exp(structure.s * times[:, None])
+    orbits = np.sum(structure.weight * turning, axis=1).real
+    runs = (np.exp(slots.values * times[:, None]) @ (slots.tip * slots.relative)).real
+    np.testing.assert_allclose(orbits, truth, rtol=0, atol=2e-13 / omega)
+    np.testing.assert_allclose(runs, -(1.1**2) * np.array(truth), rtol=0, atol=4e-13 / omega)
 
 
 SCHEDULES = [

@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike
 from orbit_cases import paper_case
 
 from impact_env.controlled import ControlledRuns
+from impact_env.laws import SceneKind
+from impact_env.loads import Force, Loads, Samples
 from impact_env.methods import Method, Moreau, RungeKutta
 from impact_env.parameters import (
     Absorber,
@@ -133,7 +135,20 @@ def swept(
     return lambda: of_response(simulate(scene_of(absorber, modes=2), DRIVE, method, record=record))
 
 
-def controlled(absorber: Absorber, method: Method | None = None) -> Callable[[], Bits]:
+def under_loads(absorber: Absorber | None) -> Callable[[], Bits]:
+    """Return a run under a record and a harmonic force."""
+
+    def run() -> Bits:
+        end = float(DRIVE.schedule.times[-1])
+        record = Samples(np.linspace(0.0, end, 9), np.cos(np.arange(9.0) ** 2))
+        return of_response(
+            simulate(scene_of(absorber, modes=2), Loads((Force(DRIVE), record), OMEGA), record=ALL)
+        )
+
+    return run
+
+
+def controlled(absorber: Absorber | None, method: Method | None = None) -> Callable[[], Bits]:
     """Return a run of two lanes in intervals, as an environment makes."""
 
     def run() -> Bits:
@@ -153,7 +168,8 @@ def controlled(absorber: Absorber, method: Method | None = None) -> Callable[[],
         for k in range(3):
             runs.advance()
             named += [(f"report {k}", np.array(runs.reports)), (f"state {k}", runs.state.copy())]
-            runs.orders["gap"] *= 1.1
+            if runs.scene.kind is SceneKind.RIGID:
+                runs.orders["gap"] *= 1.1
             runs.orders["fresh"] = False
         runs.close()
         return bits(named)
@@ -202,6 +218,12 @@ EVERY: dict[str, Callable[[], Bits]] = {
     "level, no absorber": swept(None, record=LEVEL),
     "level, Moreau": swept(impact_absorber(), Moreau(100), LEVEL),
     "intervals": controlled(impact_absorber(restitution=0.7, friction_limit=0.1)),
+    "intervals, no absorber": controlled(None),
+    "intervals, compliant walls": controlled(SlidingAbsorber(walls=CompliantWalls(1e5))),
     "intervals, Moreau": controlled(impact_absorber(restitution=0.7), Moreau(100)),
+    "intervals, Runge-Kutta": controlled(
+        SlidingAbsorber(walls=CompliantWalls(1e5)), RungeKutta(20)
+    ),
+    "loads": under_loads(impact_absorber(5e-4, 0.3, 0.1)),
     "orbits": orbits,
 }

@@ -66,12 +66,14 @@ HOST = "IMPACT_ENV_KERNELS"  # a variable; with the value "host" kernels that ca
 
 
 def digest(package: Path = PACKAGE) -> str:
-    """Return the hash of all sources below ``package`` and of the compiler's versions: the name of the folder."""
+    """Return the hash of all sources below ``package``, of the compiler's versions and of whether it checks bounds: the name of the folder."""
     known = hashlib.sha256()
     for source in sorted(package.rglob("*.py")):
         known.update(source.relative_to(package).as_posix().encode() + source.read_bytes())
     for module in (numba, llvmlite):
         known.update(module.__version__.encode())
+    if numba.config.BOUNDSCHECK:
+        known.update(b"BOUNDSCHECK")
     return known.hexdigest()[:16]
 
 

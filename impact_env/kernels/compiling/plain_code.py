@@ -134,6 +134,13 @@ def opened(value: Any) -> Any:
     return PlainNumber(np.float64(value)) if isinstance(value, float) else value
 
 
+def _within(pointer: Any, index: int, count: int) -> slice:
+    """Return the places of ``count`` numbers from an index on; machine code would read or write whatever is beyond the array."""
+    if not 0 <= index <= len(pointer) - count:
+        raise IndexError(f"{count} numbers from {index} on are not in an array of {len(pointer)}")
+    return slice(index, index + count)
+
+
 class PlainCode(Code):
     """Numbers and vectors, computed at once."""
 
@@ -157,16 +164,16 @@ class PlainCode(Code):
         return PlainVariable(first)
 
     def vector(self, pointer: Any, index: int, size: int | None = None) -> PlainNumber:
-        return PlainNumber(pointer[index : index + (size or self.lanes)].copy())
+        return PlainNumber(pointer[_within(pointer, index, size or self.lanes)].copy())
 
     def store(self, vector: Number, pointer: Any, index: int) -> None:
-        pointer[index : index + vector.count] = vector.value
+        pointer[_within(pointer, index, vector.count)] = vector.value
 
     def number(self, pointer: Any, index: int) -> PlainNumber:
-        return PlainNumber(pointer[index])
+        return PlainNumber(pointer[_within(pointer, index, 1)][0])
 
     def put(self, number: Number, pointer: Any, index: int) -> None:
-        pointer[index] = number.value
+        pointer[_within(pointer, index, 1)] = number.value
 
     def repeated(self, number: float, size: int | None = None) -> PlainNumber:
         return PlainNumber(np.float64(number) if size == 0 else np.full(size or self.lanes, number))

@@ -1,0 +1,50 @@
+"""Access to arrays within their bounds: kernels compiled with NUMBA_BOUNDSCHECK=1; test_plain_python.py runs every kind of scene."""
+
+import json
+
+import numpy as np
+import pytest
+from every_scene import EVERY
+from places import fresh
+
+from impact_env.kernels.compiling.plain_code import PlainCode, PlainNumber
+
+# rigid contact under control has most scratch memory whose size depends on orders
+KINDS = ("intervals", "orbits")
+CHECKED = """
+import every_scene, json, sys
+import numpy as np
+from impact_env.kernels.compiling.jit import jit
+
+@jit
+def beyond(values, place):
+    values[place] = 1.0
+
+try:
+    beyond(np.zeros(3), 3)
+except IndexError:
+    print(json.dumps({name: every_scene.EVERY[name]() for name in sys.argv[1:]}))
+"""
+
+
+def test_kernels_that_check_bounds_stay_within_them_and_have_the_same_bits() -> None:
+    result = fresh("-c", CHECKED, *KINDS, NUMBA_BOUNDSCHECK=1)
+    assert json.loads(result.stdout) == {name: EVERY[name]() for name in KINDS}
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize("index", [-1, 1, 2**40])
+def test_vector_code_in_plain_python_stays_within_an_array(index: int) -> None:
+    code = PlainCode()
+    array = np.zeros(code.lanes)
+    vector = code.vector(array, 0)
+    single = index if index < 0 else index + code.lanes - 1
+    for access in (
+        lambda: code.vector(array, index),
+        lambda: code.store(vector, array, index),
+        lambda: code.number(array, single),
+        lambda: code.put(PlainNumber(np.float64(1.0)), array, single),
+    ):
+        with pytest.raises(IndexError, match="numbers from"):
+            access()
+    assert not array.any()
