@@ -260,10 +260,8 @@ def test_the_level_is_the_one_that_a_single_run_reads_there(
 def advanced(
     absorber: LinearAbsorber | None, method: Method | None, ratio: float, intervals: int
 ) -> Any:
-    """Return the last report of a controlled run of one newton, in intervals of 20 periods of the force."""
-    runs = ControlledRuns(
-        Scene(MODEL, absorber), 1, OMEGA, 20.0 / ratio, method, samples_per_period=32
-    )
+    """Return the last report of a controlled run of one newton, in intervals of 20 pseudo periods."""
+    runs = ControlledRuns(Scene(MODEL, absorber), 1, OMEGA, 20.0, method, samples_per_period=32)
     runs.orders["force"], runs.orders["omega_start"], runs.orders["omega_stop"] = (
         1.0,
         ratio * OMEGA,

@@ -9,8 +9,8 @@ from places import fresh
 
 from impact_env.kernels.compiling.plain_code import PlainCode, PlainNumber
 
-# rigid contact under control has most scratch memory whose size depends on orders
-KINDS = ("intervals", "orbits")
+# under control scratch memory has sizes that depend on orders; these kinds take a minute to compile
+KINDS = ("intervals", "intervals, no absorber", "intervals, Moreau")
 CHECKED = """
 import every_scene, json, sys
 import numpy as np

@@ -80,7 +80,7 @@ def test_cosine_and_sine_are_exact_to_rounding() -> None:
 @numba.njit
 def _digits_of(scale, x, out):
     for i in range(len(x)):
-        out[i] = digits(scale, x[i])
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = digits(scale, x[i])
 
 
 def test_a_time_that_is_no_number_or_beyond_the_tables_stays_within_them() -> None:
