@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from typing import TypeVar
 
+from impact_env.kernels.compiling.parts import abandon_compilations
 from impact_env.kernels.exact.budget import EVALUATIONS_PER_EVENT, EVENTS_PER_PERIOD, FIRST_EVENTS
 from impact_env.kernels.motion.observers import Check, Counters, new_counters
 from impact_env.loads import AnyDrive
@@ -88,7 +89,7 @@ def onwards(progress: Watcher) -> Watcher:
 def watched(work: Callable[[], T], counters: Counters, end: float, progress: Watcher) -> T:
     """Do ``work`` in a thread and call ``progress`` ten times a second with the time reached.
 
-    A KeyboardInterrupt, or an error in ``progress``, ends the kernel at its next event and is passed on.
+    A KeyboardInterrupt, or an error in ``progress``, ends the kernel at its next event and is passed on; one that is being compiled is left behind.
     """
     with ThreadPoolExecutor(1) as pool:
         try:
@@ -97,5 +98,7 @@ def watched(work: Callable[[], T], counters: Counters, end: float, progress: Wat
                 progress(float(counters.counts["reached"]), end)
         except BaseException:
             counters.counts["stop"] = True
+            with abandon_compilations():
+                pool.shutdown()
             raise
     return running.result()

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from impact_env.budget import Stop
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.families import kernel_key
+from impact_env.kernels.compiling.parts import abandon_compilations
 from impact_env.loads import AnyDrive, Member, amplitude_in_words, member_of
 from impact_env.methods import Exact, Method
 from impact_env.parameters import (
@@ -77,7 +78,7 @@ class Threads:
     def each(
         self, function: Callable[[T], R], items: Sequence[T], _kinds: Sequence[Hashable]
     ) -> Generator[tuple[int, R], None, None]:
-        """See `Executor`. Items under way are finished before a closed call returns."""
+        """See `Executor`. Items under way are finished before a closed call returns; a KeyboardInterrupt does not wait for compilations."""
         pool = ThreadPoolExecutor(self.threads or available_cores())
         try:
             futures: dict[Future[R], int] = {
@@ -85,6 +86,10 @@ class Threads:
             }
             for future in as_completed(futures):
                 yield futures[future], future.result()
+        except KeyboardInterrupt:
+            with abandon_compilations():
+                pool.shutdown(wait=True, cancel_futures=True)
+            raise
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 
@@ -403,7 +408,10 @@ def _run_all(
             [pool.submit(run, k) for k in range(total) if k not in set(first)]
         ):
             finished(future)
-    except KeyboardInterrupt:
-        pass  # what is finished is in its slots; a second interrupt reaches the caller from the wait below
+    except (
+        KeyboardInterrupt
+    ):  # what is finished is in its slots; a second interrupt reaches the caller from this wait
+        with abandon_compilations():
+            pool.shutdown(wait=True, cancel_futures=True)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)

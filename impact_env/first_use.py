@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,9 +20,8 @@ LOG = logging.getLogger("impact_env")
 PATIENCE = 1.0  # s of compiling before anything is said
 HINT = "python -m impact_env.warm_up"
 
-_thread = (
-    threading.local()
-)  # ``purpose``: what this thread compiles for, if it has to compile at all
+# what is compiled for, if it has to be: scene, method and words
+_purpose: ContextVar[tuple[object, object, str]] = ContextVar("_purpose", default=(None, None, ""))
 
 
 @dataclass(frozen=True)
@@ -63,12 +63,11 @@ def compiling_for(scene: object, method: object, words: str = "") -> Iterator[No
 
     Scene and method are turned into text only if there is something to say, since every run passes here.
     """
-    before = getattr(_thread, "purpose", None)
-    _thread.purpose = (scene, method, words)
+    token = _purpose.set((scene, method, words))
     try:
         yield
     finally:
-        _thread.purpose = before
+        _purpose.reset(token)
 
 
 class _SeldomCollected(event.Listener):
@@ -89,7 +88,7 @@ class _Announcer(event.Listener):
     silent = False
 
     def on_start(self, event: event.Event) -> None:  # noqa: ARG002 - numba's interface
-        scene, method, words = getattr(_thread, "purpose", None) or (None, None, "")
+        scene, method, words = _purpose.get()
         self._what = "kernels" if scene is None else f"the kernels of: {scene}, {method}"
         self._began = time.perf_counter()
         self._timer = threading.Timer(PATIENCE, _say, [self._what, words])

@@ -6,12 +6,13 @@ kernels brings. Any other is compiled, and cached, when it is first used. Each c
 there are cores.
 """
 
+import signal
 import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 
 from impact_env.ensemble import available_cores
 from impact_env.envs import ENVIRONMENTS, first_step
@@ -100,11 +101,21 @@ def warm_up(jobs: Jobs, say: Callable[[str], None], processes: int) -> None:
         for k, (name, job) in enumerate(jobs, 1):
             say(_line(k, len(jobs), name, timed(job)))
         return
+    before = active_children()
     # spawned: a process that is forked from one with numba's threads may hang
-    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
-        names = {pool.submit(timed, job): name for name, job in jobs}
-        for k, done in enumerate(as_completed(names), 1):
-            say(_line(k, len(jobs), names[done], done.result()))
+    with ProcessPoolExecutor(
+        processes, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN)
+    ) as pool:
+        try:
+            names = {pool.submit(timed, job): name for name, job in jobs}
+            for k, done in enumerate(as_completed(names), 1):
+                say(_line(k, len(jobs), names[done], done.result()))
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in active_children():
+                if process not in before:
+                    process.terminate()  # kernels are kept whole or not at all
+            raise
 
 
 def _line(k: int, total: int, name: str, seconds: float) -> str:

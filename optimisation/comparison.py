@@ -191,6 +191,15 @@ class Comparison:
             curve.complete for resonance in self.resonances for curve in resonance.curves.values()
         )
 
+    @property
+    def empty(self) -> bool:
+        """Whether no run was finished."""
+        return all(
+            bool(np.isnan(curve.lanes.level).all())
+            for resonance in self.resonances
+            for curve in resonance.curves.values()
+        )
+
 
 def force_grid(design: float, forces: int = DEFAULT_FORCES) -> Array:
     """Return rising forces in N, (forces,), over `FORCE_SPAN` times the design force (N), denser around it; at least 2."""

@@ -188,6 +188,8 @@ def main(
         with executor_on(threads, cluster) as executor:
             with sweeps_bar("comparing") as show:
                 comparison = compare(own, progress=show, executor=executor, **given)
+            if comparison.empty:
+                raise KeyboardInterrupt
             impacts = None if scene is None else borne(comparison, executor)
         click.echo(tables.text_table(comparison))
         files = write(out, comparison, conditions(started, threads, cluster), impacts)

@@ -371,6 +371,8 @@ def main(**given: Any) -> None:
             material(name)
         with executor_on(given["threads"], given["cluster"]) as executor:
             found = simulated(model, absorber, given, rate, limits, executor)
+            if found.recommended is None:
+                raise KeyboardInterrupt
             best = found.recommended if found.complete else None
             unsure = (
                 None

@@ -1,8 +1,12 @@
 """Where commands begin: Ctrl-C while packages are still being imported ends with one line, as it does later."""
 
+import atexit
+import os
 import sys
+from threading import Thread
 
 INTERRUPTED = 130  # the shell's exit code after Ctrl-C
+PATIENCE = 0.3  # s for what is to be done at the end of a process that leaves a compilation behind
 
 
 def main(name: str = "impact-absorber") -> None:
@@ -13,4 +17,21 @@ def main(name: str = "impact-absorber") -> None:
         command(prog_name=name)
     except KeyboardInterrupt:
         print("Broken off.", file=sys.stderr)
-        sys.exit(INTERRUPTED)
+        leave(INTERRUPTED)
+    except SystemExit as end:
+        if end.code == INTERRUPTED:
+            leave(INTERRUPTED)
+        raise
+
+
+def leave(code: int) -> None:
+    """End the process with an exit code, at once where a kernel is being compiled, which holds LLVM's locks and heeds no signal."""
+    parts = sys.modules.get("impact_env.kernels.compiling.parts")
+    if parts is not None and parts.is_compiling():
+        ending = Thread(target=atexit._run_exitfuncs, daemon=True)
+        ending.start()
+        ending.join(PATIENCE)
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+        os._exit(code)
+    sys.exit(code)

@@ -1,5 +1,6 @@
 """Ctrl-C at a command: exit code 130 and one line, what is finished is kept, and the same command goes on from there or starts anew."""
 
+import hashlib
 import importlib
 import inspect
 import os
@@ -14,6 +15,7 @@ from typing import Any, NamedTuple
 
 import pytest
 from commands import call, done, load
+from filelock import FileLock
 from places import ROOT
 
 from optimisation.cli.group import file_of, missing_extras
@@ -238,3 +240,104 @@ def test_during_imports_it_is_one_line(tmp_path: Path) -> None:
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert (process.returncode, out, err) == (130, "", "Broken off.\n")
+
+
+ENDLESS = """
+import ctypes, pathlib, sys
+from impact_env.kernels.compiling import parts
+def compile_endlessly(*_):
+    pathlib.Path("compiling").touch()
+    while True:
+        ctypes.CDLL(None).sleep(100)  # as LLVM it heeds no signal
+parts._WholeCompiler._compile_core = compile_endlessly
+"""
+SCENE = """
+import impact_env as i
+scene = i.beam_scene(absorber=i.impact_absorber())
+load = i.Drive(1.0, i.linear_sweep(scene.model.resonance_omega(1)))
+"""
+COMPILING = {
+    "sweep": CONSOLE,
+    "sweep --members 2": CONSOLE,
+    "compare_absorbers --quick": CONSOLE,
+    "design_gap --force 3.5": CONSOLE,
+    "mass_ratios": CONSOLE,
+    "orbits --at 0.95": CONSOLE,
+    "optimise_design --quick": CONSOLE,
+    "judge --task GapChoice-v1": CONSOLE,
+    "simulate": SCENE + "i.simulate(scene, load)",
+    "run_lanes": SCENE
+    + "from impact_env.ensemble import Lane, run_lanes\nassert not run_lanes([Lane(scene, load)] * 2).complete\nraise KeyboardInterrupt",
+    "environment": "import gymnasium, impact_env.envs\nenv = gymnasium.make('ImpactAbsorber/GapChoice-v1')\nenv.reset(seed=0)\n"
+    "env.step(env.action_space.sample())",
+    "warm_up": "import time\nfrom functools import partial\nfrom pathlib import Path\nfrom impact_env.warm_up import warm_up\n"
+    "warm_up([('a', Path('compiling').touch), *[('b', partial(time.sleep, 1000))] * 2], print, 2)",
+}
+NEEDED = {"optimise_design": "optuna", "judge": "gymnasium", "environment": "gymnasium"}
+
+
+def interrupted(code: str, words: str, folder: Path, mark: Path) -> tuple[int, str]:
+    """Return exit code and standard error of a process that gets a terminal's signal once a file is there."""
+    cache = folder / "cache"
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(cache)}
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, *shlex.split(words)],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=heed_interrupts,
+    )
+    until = time.monotonic() + 120
+    while not mark.exists() and process.poll() is None and time.monotonic() < until:
+        time.sleep(0.05)
+    time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    try:
+        _, err = process.communicate(timeout=60)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        raise
+    return process.returncode, err
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="sends a signal as a terminal does")
+@pytest.mark.parametrize("words", COMPILING)
+def test_a_compiler_that_never_ends_is_left_behind(words: str, tmp_path: Path) -> None:
+    if words.split()[0] in NEEDED:
+        pytest.importorskip(NEEDED[words.split()[0]])
+    command = COMPILING[words] == CONSOLE
+    code, err = interrupted(
+        ENDLESS + COMPILING[words], words if command else "", tmp_path, tmp_path / "compiling"
+    )
+    if command:
+        assert (code, err.splitlines()[-1].partition(":")[0]) in (
+            (130, "Broken off."),
+            (130, "Stopped early"),
+        )
+        assert "Traceback" not in err
+    else:
+        assert code == -signal.SIGINT  # what Python does with a KeyboardInterrupt that nobody takes
+        assert err.splitlines()[-1] == "KeyboardInterrupt"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="sends a signal as a terminal does")
+def test_kernels_are_whole_after_a_compilation_that_was_left_behind(tmp_path: Path) -> None:
+    """The compiler is numba's own: what the cache holds is whole, its lock is free, and no file of its making is left."""
+    started = "from impact_env import on_compile\nfrom pathlib import Path\n"
+    started += "on_compile(lambda about: Path('compiling').touch())\n" + SCENE
+    code, err = interrupted(
+        started + "i.simulate(scene, load)", "", tmp_path, tmp_path / "compiling"
+    )
+    assert (code, err.splitlines()[-1]) == (-signal.SIGINT, "KeyboardInterrupt")
+    (cache,) = (tmp_path / "cache").iterdir()
+    with FileLock(cache / "lock", timeout=0):
+        pass
+    files = [file for file in cache.rglob("*") if file.is_file() and file.name != "lock"]
+    for file in files:
+        assert file.suffix in (".nbi", ".nbc")
+        content = file.read_bytes()
+        assert hashlib.sha256(content[:-32]).digest() == content[-32:]

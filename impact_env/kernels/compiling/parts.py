@@ -16,8 +16,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from contextvars import ContextVar
-from functools import cached_property
+from contextvars import ContextVar, copy_context
+from functools import cached_property, partial
+from threading import Thread
 from typing import Any, TypeVar
 
 from numba.core import event, sigutils, types
@@ -36,6 +37,7 @@ _nested = 0  # kernels under way, one within the other
 _spares = False  # whether the outermost of them is inlined sparingly
 _only_kept = ContextVar("_only_kept", default=False)
 _Group = TypeVar("_Group", bound=type)
+_Result = TypeVar("_Result")
 _SPARING: set[type] = set()
 
 
@@ -49,6 +51,57 @@ def _is_sparing(kind: Any) -> bool:
     if isinstance(kind, types.BaseNamedTuple) and kind.instance_class in _SPARING:
         return True
     return isinstance(kind, types.BaseTuple) and any(_is_sparing(element) for element in kind)
+
+
+class Abandoned(Exception):  # noqa: N818 - no error: the program was interrupted
+    """A thread does not wait any longer for a kernel that another one compiles."""
+
+
+_POLL_S = 0.05  # how often a thread that waits for a compilation notices signals and `abandon_compilations`
+_compiling_threads: set[Thread] = set()
+_abandoning = 0  # how many callers of `abandon_compilations` there are
+
+
+@contextmanager
+def abandon_compilations() -> Iterator[None]:
+    """While this is entered, threads that wait for a kernel to be compiled, or begin to, raise `Abandoned`; what is compiled goes on."""
+    global _abandoning
+    _abandoning += 1
+    try:
+        yield
+    finally:
+        _abandoning -= 1
+
+
+def is_compiling() -> bool:
+    """Return whether a kernel is being compiled, also one that nobody waits for."""
+    return any(thread.is_alive() for thread in tuple(_compiling_threads))
+
+
+def _run_apart(work: Callable[[], _Result]) -> _Result:
+    """Return what ``work`` does in a thread of its own, which an interrupt leaves behind: LLVM heeds no signal for up to a minute."""
+    results: list[_Result] = []
+    errors: list[BaseException] = []
+    context = copy_context()
+
+    def run() -> None:
+        try:
+            results.append(context.run(work))
+        except BaseException as error:
+            errors.append(error)
+        finally:
+            _compiling_threads.discard(thread)
+
+    thread = Thread(target=run, daemon=True)
+    _compiling_threads.add(thread)
+    thread.start()
+    while thread.is_alive():
+        thread.join(_POLL_S)
+        if _abandoning and thread.is_alive():
+            raise Abandoned
+    if errors:
+        raise errors[0]
+    return results[0]
 
 
 class NotKept(Exception):  # noqa: N818 - no error: an answer
@@ -230,7 +283,15 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         return self.sparing_part if _spares else self.part
 
     def compile(self, signature: Any) -> Any:
-        """Compile for a caller in Python, or in a function that is no kernel, or load what another process has compiled."""
+        """Compile for a caller in Python, or in a function that is no kernel, or load what another process has compiled.
+
+        That is done by a thread of its own, unless this one compiles something already.
+        """
+        if global_compiler_lock.is_locked():
+            return self._compile(signature)
+        return _run_apart(partial(self._compile, signature))
+
+    def _compile(self, signature: Any) -> Any:
         if self.wait is not None:
             self.wait()
         with _compiling(sigutils.normalize_signature(signature)[0]):
