@@ -9,13 +9,14 @@ ratios are paired.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from impact_env.ensemble import Lane, Progress, draw_members, drives_of, each_lane
+from impact_env.ensemble import Executor, Lane, Progress, draw_members, drives_of, each_lane
 from impact_env.frequency import receptance
 from impact_env.loads import BASE, AnyDrive, Loads, Member, Random
 from impact_env.methods import Exact, check_load
@@ -87,12 +88,16 @@ def runs_of(
     drives: Sequence[AnyDrive],
     threads: int | None = None,
     measure: Callable[[Lane], Any] = measured,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
 ) -> Array:
     """Return the measure of each absorber under each drive, (absorbers, drives, ...); raises KeyboardInterrupt where it was interrupted."""
     found = each_lane(
         [Lane(Scene(model, absorber), drive) for absorber in absorbers for drive in drives],
         measure,
         threads=threads,
+        executor=executor,
+        progress=progress,
     )
     if any(one is None for one in found):
         raise KeyboardInterrupt
@@ -101,16 +106,21 @@ def runs_of(
 
 
 Left = Callable[[Sequence[Absorber]], Array]
+Stages = Callable[[str, int, int], None]
 
 
-def _left(model: ModalModel, drives: Sequence[AnyDrive], threads: int | None) -> Left:
-    """Return a function of absorbers: the mean over the drives of each one's largest relative measure in any band, (absorbers,)."""
-    free = runs_of(model, [None], drives, threads, _in_bands)[0]
-    return lambda absorbers: np.asarray(
-        np.mean(
-            np.max(runs_of(model, absorbers, drives, threads, _in_bands) / free, axis=2), axis=1
-        )
-    )
+def _left(run: Callable[..., Array], drives: Sequence[AnyDrive]) -> Left:
+    """Return a function of absorbers: the mean over the drives of each one's largest relative measure in any band, (absorbers,).
+
+    ``run`` is `runs_of` on a model.
+    """
+    free = run([None], drives, measure=_in_bands)[0]
+
+    def left(absorbers: Sequence[Absorber]) -> Array:
+        every = run(absorbers, drives, measure=_in_bands) / free
+        return np.asarray(np.mean(np.max(every, axis=2), axis=1))
+
+    return left
 
 
 def _best(left: Left, make: Callable[[float], Absorber], sizes: Array) -> Absorber:
@@ -150,13 +160,20 @@ def expected_rms(model: ModalModel, tuned: TunedAbsorber | None, load: Random) -
 
 
 def tuned_for(
-    model: ModalModel, mass_ratio: float, drives: Sequence[AnyDrive], threads: int | None = None
+    model: ModalModel,
+    mass_ratio: float,
+    drives: Sequence[AnyDrive],
+    run: Callable[..., Array] | None = None,
 ) -> TunedAbsorber:
-    """Return the spring and damper that leave least of the measure; the search begins at the tuning for the first resonance's peak."""
+    """Return the spring and damper that leave least of the measure; the search begins at the tuning for the first resonance's peak.
+
+    ``run`` is `runs_of` on the model, as it is to be done (None: in threads on all cores).
+    """
+    run = partial(runs_of, model) if run is None else run
     first = minimax(model, mass_ratio)
     parts = drives[0].parts if isinstance(drives[0], Loads) else ()
     randoms = [part for part in parts if isinstance(part, Random)]
-    left = _left(model, drives, threads) if len(randoms) < max(len(parts), 1) else None
+    left = _left(run, drives) if len(randoms) < max(len(parts), 1) else None
 
     def of(shifts: Array) -> TunedAbsorber:
         stiffness, damping = np.exp(shifts) * [first.stiffness, first.damping]
@@ -212,8 +229,13 @@ def compare_loads(
     members: int,
     seed: int,
     threads: int | None = None,
+    executor: Executor | None = None,
+    progress: Stages | None = None,
 ) -> LoadComparison:
-    """Return the comparison over a number of ``factors`` of the loads' intensity; a ``gap`` in m is taken instead of the best one."""
+    """Return the comparison over a number of ``factors`` of the loads' intensity; a ``gap`` in m is taken instead of the best one.
+
+    ``progress`` takes what is looked for, the number of runs so far, and how many there will be (0: not known). An ``executor`` runs them elsewhere.
+    """
     none = Scene(model, None)
     check_load(none, loads, Exact())
     drives = drives_of(draw_members(count("members", members, 1), seed), loads)
@@ -222,7 +244,16 @@ def compare_loads(
     if gap is not None:
         check_size(Scene(model, impact_absorber(gap, RESTITUTION, None, mass_ratio)), loads)
     gaps = size * GAPS if gap is None else np.array([gap])
-    left = _left(model, drives, threads)
+    done = 0
+
+    def run(absorbers: Sequence[Absorber | None], drives: Sequence[AnyDrive], **how: Any) -> Array:
+        nonlocal done
+        before = done
+        done += len(absorbers) * len(drives)
+        show = None if progress is None else lambda k, _: progress("runs", before + k, 0)
+        return runs_of(model, absorbers, drives, threads, executor=executor, progress=show, **how)
+
+    left = _left(run, drives)
     impact = _best(left, lambda gap: impact_absorber(gap, RESTITUTION, None, mass_ratio), gaps)
     scale = mass * float(model.omega[0]) ** 2 * size
     friction = _best(left, lambda limit: friction_damper(limit, mass_ratio), scale * LIMITS)
@@ -230,7 +261,7 @@ def compare_loads(
         "none": None,
         "impact": impact,
         "friction": friction,
-        "tuned": tuned_for(model, mass_ratio, drives, threads),
+        "tuned": tuned_for(model, mass_ratio, drives, run),
     }
     found = np.geomspace(*SPAN, factors)
     grid = [
@@ -240,7 +271,7 @@ def compare_loads(
         if isinstance(drive, Loads)
     ]
     values = {
-        name: runs_of(model, [one], grid, threads, _in_bands).reshape(factors, members, -1)
+        name: run([one], grid, measure=_in_bands).reshape(factors, members, -1)
         for name, one in absorbers.items()
     }
     return LoadComparison(
@@ -315,11 +346,12 @@ def advise_for_loads(
     seed: int = 0,
     threads: int | None = None,
     progress: Progress | None = None,
+    executor: Executor | None = None,
 ) -> LoadAdvice:
     """Search the gap of an impact absorber under ``factor`` times the loads.
 
     ``friction_limit`` in N at any gap; None: the paper's by the scaling law, in proportion to the gap. ``tolerance``: share of the intensity.
-    ``progress`` is told finished runs and about how many there will be.
+    ``progress`` is told finished runs and about how many there will be. An ``executor`` makes them elsewhere.
     Raises ParameterError for what is out of range and for loads that a structure cannot have, and where nothing moves at the absorber.
     """
     require(
@@ -354,15 +386,15 @@ def advise_for_loads(
         if progress is not None:
             progress(sum(map(len, samples.levels.values())), pairs)
         known = samples.levels.get(step, np.empty(0))
-        added = runs_of(model, [device(step)], drives[len(known) : number], threads)
-        return np.append(known, added)
+        more = drives[len(known) : number]
+        return np.append(known, runs_of(model, [device(step)], more, threads, executor=executor))
 
     search_gaps(run_gap, 0, tolerance, members, pairs, samples)
     best = find_best(samples, tolerance, members)
     sharp, recommended = in_order(
         *(answer_at(device(step), samples, step, tolerance) for step in best)
     )
-    without = runs_of(model, [None], drives, threads)[0]
+    without = runs_of(model, [None], drives, threads, executor=executor)[0]
     return LoadAdvice(
         loads,
         measure_of(loads),

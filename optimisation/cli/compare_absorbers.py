@@ -25,14 +25,14 @@ from optimisation.cli.common import (
     threads_option,
 )
 from optimisation.comparison import DEFAULT_FORCES, IMPACT, RESONANCES, Comparison, compare
-from optimisation.executors import cluster_option
+from optimisation.executors import cluster_option, workers
 from optimisation.executors import executor as executor_on
 from optimisation.files import require_writable, write_files
 from optimisation.gap_card import Impacts, impacts_of
 from optimisation.load_comparison import compare_loads
 from optimisation.machine import installed, peak_memory
 from optimisation.mounting import mounted
-from optimisation.progress import sweeps_bar
+from optimisation.progress import stages_bar, sweeps_bar
 from optimisation.report import comparison_tables as tables
 from optimisation.report.card import write_card
 from optimisation.report.cards import comparison_card
@@ -81,13 +81,23 @@ def write(
 
 
 def compared_under_loads(
-    load: Path, structure: Structure | None, out: Path, given: dict[str, Any]
+    load: Path, structure: Structure | None, out: Path, cluster: str | None, given: dict[str, Any]
 ) -> None:
     """Compare absorbers under the loads of a file, print the table, and write figure, runs and summary."""
     scenes.refuse_beside_load(load, "force", "rate", "resonances")
     model = mounted(Beam() if structure is None else structure)
-    chosen = {name: given[name] for name in ("mass_ratio", "gap", "members", "seed", "threads")}
-    found = compare_loads(model, scenes.loads_of(load, model), factors=given["forces"], **chosen)
+    chosen = {name: given[name] for name in ("mass_ratio", "gap", "members", "seed")}
+    loads = scenes.loads_of(load, model)
+    with workers(given["threads"], cluster) as executor, stages_bar("comparing") as show:
+        found = compare_loads(
+            model,
+            loads,
+            factors=given["forces"],
+            threads=given["threads"],
+            executor=executor,
+            progress=show,
+            **chosen,
+        )
     contents = {
         out / "runs.csv": (tables.LOAD_COLUMNS, tables.load_rows(found)),
         out / "summary.json": tables.load_summary(found),
@@ -166,23 +176,25 @@ def main(
     given["percent_per_100_periods"] = given.pop("rate")
     with plain_errors():
         require_writable("--out", out)
-        own = None if structure is None else scenes.read_structure(structure)
-        own_mass = mounted(Beam() if own is None else own).beam_mass
-        given["mass_ratio"] = scenes.mass_ratio_of(
-            given["mass_ratio"], given.pop("mass_kg"), own_mass
-        )
-        if load is not None:
-            if scene is not None:
-                raise BadInput(
-                    "--scene does not go with --load: there each absorber is at its own best; --structure takes the file of a structure"
-                )
-            compared_under_loads(load, own, out, given)
-            return
+        if load is not None and scene is not None:
+            raise BadInput(
+                "--scene does not go with --load: there each absorber is at its own best; --structure takes the file of a structure"
+            )
+        mass_kg = given.pop("mass_kg")
+        own: Structure | None = None
         if scene is not None:
             own, given["device"] = scenes.read_device(
                 scene, "structure", "mass_ratio", "mass_kg", "gap"
             )
             given |= {"mass_ratio": DEFAULT_MASS_RATIO}
+        else:
+            if structure is not None:
+                own = scenes.read_structure(structure)
+            own_mass = mounted(Beam() if own is None else own).beam_mass
+            given["mass_ratio"] = scenes.mass_ratio_of(given["mass_ratio"], mass_kg, own_mass)
+        if load is not None:
+            compared_under_loads(load, own, out, cluster, given)
+            return
         scenes.warn_of_nodes(mounted(Beam() if own is None else own), *given["resonances"])
         threads = given.pop("threads")
         with executor_on(threads, cluster) as executor:

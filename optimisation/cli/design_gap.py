@@ -21,7 +21,7 @@ from impact_env.parameters import (
 )
 from optimisation.cli import common
 from optimisation.cli import scene_options as scenes
-from optimisation.executors import cluster_option
+from optimisation.executors import cluster_option, workers
 from optimisation.executors import executor as executor_on
 from optimisation.extremes import usable_force, usable_rate
 from optimisation.files import require_writable, write_files
@@ -40,7 +40,7 @@ from optimisation.gap_card import (
 from optimisation.gap_check import RESTITUTION, gap_factors, rigid_walls, scaled_absorber
 from optimisation.load_comparison import advise_for_loads
 from optimisation.mounting import mounted
-from optimisation.progress import sweeps_bar
+from optimisation.progress import runs_bar, sweeps_bar
 from optimisation.report import load_gap_report as report
 from optimisation.report.card import text as as_text
 from optimisation.report.card import write_card
@@ -201,31 +201,37 @@ def under_load(given: dict[str, Any]) -> None:
         given["load"],
         "free",
         "gaps",
-        "cluster",
         "uncertain",
         "contact",
         "constraint",
         "limit_level",
-        why="there the gap alone is searched, in this process",
+        "no_card",
+        why="there the gap alone is searched, and there is no card",
     )
     structure = structure_in(given)
     require_writable("--out", given["out"])
     common.check_target("--device", given["device"], (".json",))
     model = model_on(structure)
-    found = advise_for_loads(
-        model,
-        scenes.loads_of(given["load"], model, given["resonance"]),
-        given["resonance"],
-        factor=1.0 if given["force"] is None else given["force"],
-        threads=given["threads"],
-        **runs_of(given),
-        mass_ratio=scenes.mass_ratio_of(given["mass_ratio"], given["mass_kg"], model.beam_mass),
-        restitution=given["restitution"],
-        friction_limit=given["friction_limit"],
-    )
+    loads = scenes.loads_of(given["load"], model, given["resonance"])
+    ratio = scenes.mass_ratio_of(given["mass_ratio"], given["mass_kg"], model.beam_mass)
+    with workers(given["threads"], given["cluster"]) as executor, runs_bar("simulating") as show:
+        found = advise_for_loads(
+            model,
+            loads,
+            given["resonance"],
+            factor=1.0 if given["force"] is None else given["force"],
+            threads=given["threads"],
+            **runs_of(given),
+            mass_ratio=ratio,
+            restitution=given["restitution"],
+            friction_limit=given["friction_limit"],
+            progress=show,
+            executor=executor,
+        )
     out = given["out"]
     table = (report.COLUMNS, report.rows(found))
     figure = partial(report.save_figure, found=found)
+    click.echo(report.text(found))
     files = write_files(
         {
             out / "runs.csv": table,
@@ -236,7 +242,6 @@ def under_load(given: dict[str, Any]) -> None:
     if given["device"] is not None:
         scenes.write_device(given["device"], structure, found.recommended.absorber)
         files.append(given["device"])
-    click.echo(report.text(found))
     common.name_files(files)
 
 
@@ -379,31 +384,20 @@ def main(**given: Any) -> None:
                 if best is None or not every
                 else Unsure(every, *uncertain_levels(found, best, every, executor))
             )
-            files = write(given["out"], found, unsure)
-            if given["device"] is not None and found.recommended is not None:
-                scenes.write_device(given["device"], structure, found.recommended.absorber)
-                files.append(given["device"])
-            told = warnings(found)
-            beside = list[str]()
+            own, beside = None, list[str]()
             if best is not None and not given["no_card"]:
                 service = service_loads(found, best, executor)
                 more = change_with_modes(found, best, structure, given["seed"], executor)
                 own = card(found, service, unsure, given["contact"], more)
                 beside = [baselines(service)]
-                files += write_card(given["out"], own)
-                told += ["", as_text(own)]
-    click.echo(
-        "\n".join(
-            [
-                *answer(found),
-                *probability(found, given["limit_level"]),
-                *beside,
-                *([] if unsure is None else [unsure.words]),
-                "",
-                text(found),
-                *(["", *told] if told else []),
-            ]
-        )
-    )
+        told = [*answer(found), *probability(found, given["limit_level"]), *beside]
+        told += [*([] if unsure is None else [unsure.words]), "", text(found)]
+        told += ["", *warnings(found), *([] if own is None else ["", as_text(own)])]
+        click.echo("\n".join(told))
+        files = write(given["out"], found, unsure)
+        if given["device"] is not None and found.recommended is not None:
+            scenes.write_device(given["device"], structure, found.recommended.absorber)
+            files.append(given["device"])
+        files += [] if own is None else write_card(given["out"], own)
     common.name_files(files)
     common.end_early(found.complete, "the files hold the runs that were finished.")

@@ -2,6 +2,7 @@
 
 # needs: optimise
 
+import math
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -53,7 +54,6 @@ HEADER = (
 
 def text(table: TuningTable, bounds: dict[str, float]) -> str:
     """Return a line for each tuning with its ``bounds`` (m/N) where there are any, and how to read them."""
-    without = table.tunings[0].peak
     lines = []
     for tuning in table.tunings:
         values = ["", "", "", ""]
@@ -70,13 +70,18 @@ def text(table: TuningTable, bounds: dict[str, float]) -> str:
             f"{tuning.peak_ratio:.4f}",
             f"{100 * table.relative_h2(tuning):.2f}",
         ]
-        proved = f"{100 * bounds[tuning.key] / without:.3f}" if tuning.key in bounds else ""
+        proved = f"{100 * bounds[tuning.key] / table.reference:.3f}" if tuning.key in bounds else ""
         lines.append([tuning.label, *values, *scores, proved])
     by_key = {tuning.key: tuning for tuning in table.tunings}
     paper = by_key[PAPER_VALUES]
     best = by_key[MINIMAX]
+    relative = (
+        "peaks in % of the static deflection, H2 norms in % of the smallest"
+        if table.undamped
+        else "relative to no absorber"
+    )
     notes = [
-        f"Scored over {table.low:g} to {table.high:g} times omega_{table.resonance} = {table.omega:.6g} rad/s, relative to no absorber.",
+        f"Scored over {table.low:g} to {table.high:g} times omega_{table.resonance} = {table.omega:.6g} rad/s, {relative}.",
         f"Mistuning: {paper.label} leave{'s' if paper.label.endswith('rule') else ''} a peak {paper.peak / best.peak:.2f} times the smallest one.",
     ]
     if bounds:
@@ -97,7 +102,8 @@ def certificates(table: TuningTable) -> dict[str, float]:
     from optimisation.tuned.certificate import certify
 
     bounds = {}
-    for tuning in Bar(table.tunings, desc="proving", bar_format=BAR, leave=False):
+    finite = [tuning for tuning in table.tunings if math.isfinite(tuning.peak)]
+    for tuning in Bar(finite, desc="proving", bar_format=BAR, leave=False):
         try:
             bounds[tuning.key] = certify(
                 table.model, tuning.absorber, table.resonance, table.low, table.high

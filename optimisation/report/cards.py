@@ -160,16 +160,12 @@ def tuning_card(table: TuningTable, bounds: dict[str, float]) -> Card:
     """Return all tunings with their peaks, what the one with the smallest peak bears, and the amplitude over the frequency."""
     rows = []
     curves = []
-    ratios = np.unique(
-        np.concatenate(
-            [np.linspace(table.low, table.high, POINTS), [t.peak_ratio for t in table.tunings]]
-        )
-    )
+    ratios = table.ratios_drawn(POINTS)
     for tuning in table.tunings:
         own = tuning.absorber
         what = "" if own is None else f", {own.stiffness:.6g} N/m, {own.damping:.4g} N s/m"
         proved = (
-            f", proved {100 * bounds[tuning.key] / table.tunings[0].peak:.4g} %"
+            f", proved {100 * bounds[tuning.key] / table.reference:.4g} %"
             if tuning.key in bounds
             else ""
         )
@@ -180,9 +176,7 @@ def tuning_card(table: TuningTable, bounds: dict[str, float]) -> Card:
             )
         )
         amplitude = (
-            100
-            * np.abs(tip_response(table.model, own, ratios * table.omega))
-            / table.tunings[0].peak
+            100 * np.abs(tip_response(table.model, own, ratios * table.omega)) / table.reference
         )
         curves.append(Curve(tuning.label, numbers(ratios), numbers(amplitude)))
     assumed = (
@@ -192,7 +186,7 @@ def tuning_card(table: TuningTable, bounds: dict[str, float]) -> Card:
     chart = Chart(
         "Amplitude",
         "frequency over the resonance's",
-        "% of the peak without absorber",
+        f"% of {table.of_what}",
         tuple(curves),
         log_y=True,
     )

@@ -1,16 +1,19 @@
 """All tunings of one absorber mass and one resonance, scored over one range: as a table, rows, JSON and a figure. SI units, unless named."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_env.drive import PAPER_LIMITS
 from impact_env.frequency import tip_response
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, TunedAbsorber
-from optimisation.files import Table
+from optimisation.files import Table, number
 from optimisation.report.figures import (
     BLACK,
     BLUE,
@@ -75,13 +78,39 @@ class TuningTable:
         """Resonance frequency of the free beam in rad/s."""
         return self.model.resonance_omega(self.resonance)
 
+    @property
+    def undamped(self) -> bool:
+        """Whether the peak without absorber is infinite."""
+        return not math.isfinite(self.tunings[0].peak)
+
+    @cached_property
+    def reference(self) -> float:
+        """Amplitude in m/N that peaks are told by: the peak without absorber, of an undamped structure the static deflection."""
+        if not self.undamped:
+            return self.tunings[0].peak
+        return float(np.abs(tip_response(self.model, None, np.zeros(1)))[0])
+
+    @property
+    def of_what(self) -> str:
+        """What peaks are told in % of."""
+        return "the static deflection" if self.undamped else "the peak without absorber"
+
     def relative_peak(self, tuning: Tuning) -> float:
-        """Return the peak over that without absorber."""
-        return tuning.peak / self.tunings[0].peak
+        """Return the peak over `reference`."""
+        return tuning.peak / self.reference
 
     def relative_h2(self, tuning: Tuning) -> float:
-        """Return the H2 norm over that without absorber."""
-        return tuning.h2 / self.tunings[0].h2
+        """Return the H2 norm over that without absorber, of an undamped structure over the smallest one."""
+        least = min(known.h2 for known in self.tunings)
+        return tuning.h2 / (least if self.undamped else self.tunings[0].h2)
+
+    def ratios_drawn(self, points: int) -> NDArray[np.float64]:
+        """Return frequencies over omega_r to draw: so many over the range, and those of the peaks, but none where one is infinite."""
+        endless = [tuning.peak_ratio for tuning in self.tunings if not math.isfinite(tuning.peak)]
+        every = np.union1d(
+            np.linspace(self.low, self.high, points), [t.peak_ratio for t in self.tunings]
+        )
+        return every[~np.isclose(every[:, None], endless, rtol=1e-9).any(axis=1)]
 
     def ratios(self, absorber: TunedAbsorber) -> tuple[float, float]:
         """Return omega_a/omega_r and c/(2 m_a omega_a) of an absorber."""
@@ -111,8 +140,8 @@ def tuning_table(
 ) -> TuningTable:
     """Return all tunings of an absorber of ``mass_ratio`` (to the beam's mass), tuned to a resonance and scored over low..high times omega_r.
 
-    Raises ParameterError for numbers out of range, a mode without damping, a node at the absorber, and a scoring range that cannot hold both split
-    peaks (`require_wide_range`).
+    An undamped structure has an infinite peak and H2 norm without absorber. Raises ParameterError for numbers out of range,
+    a mode that nothing damps, a node at the absorber, and a scoring range that cannot hold both split peaks (`require_wide_range`).
     """
     require_wide_range(model, mass_ratio, resonance, low, high)
     case = (mass_ratio, resonance)
@@ -126,17 +155,13 @@ def tuning_table(
         (MINIMAX, "smallest peak, all modes", minimax(model, *case, low, high)),
         (MINIMUM_H2, "smallest H2 norm, all modes", minimum_h2(model, *case, low, high)),
     ]
-    tunings = tuple(
-        Tuning(
-            key,
-            label,
-            absorber,
-            *peak(model, absorber, resonance, low, high),
-            h2_norm(model, absorber, resonance, low, high),
-        )
-        for key, label, absorber in absorbers
-    )
-    return TuningTable(model, mass_ratio, resonance, low, high, tunings)
+    tunings = []
+    for key, label, absorber in absorbers:
+        height, ratio = peak(model, absorber, resonance, low, high)
+        endless = absorber is None and not math.isfinite(height)
+        variance = math.inf if endless else h2_norm(model, absorber, resonance, low, high)
+        tunings.append(Tuning(key, label, absorber, height, ratio, variance))
+    return TuningTable(model, mass_ratio, resonance, low, high, tuple(tunings))
 
 
 Json = dict[str, object]
@@ -169,11 +194,11 @@ def _values(table: TuningTable, tuning: Tuning, bounds: Bounds) -> dict[str, flo
         "damping_n_s_m": None if absorber is None else absorber.damping,
         "frequency_ratio": frequency,
         "damping_ratio": damping,
-        "peak_m_n": tuning.peak,
+        "peak_m_n": number(tuning.peak),
         "peak_frequency_ratio": tuning.peak_ratio,
-        "peak_relative": table.relative_peak(tuning),
-        "h2_norm_m_n_sqrt_s": tuning.h2,
-        "h2_relative": table.relative_h2(tuning),
+        "peak_relative": number(table.relative_peak(tuning)),
+        "h2_norm_m_n_sqrt_s": number(tuning.h2),
+        "h2_relative": number(table.relative_h2(tuning)),
         "certified_amplitude_m_n": bounds.get(tuning.key),
     }
 
@@ -187,6 +212,7 @@ def summary(table: TuningTable, bounds: Bounds) -> Json:
             "mass_ratio": table.mass_ratio,
             "modes": table.model.modes,
             "scoring_range": [table.low, table.high],
+            "peaks_relative_to": table.of_what,
         },
         "tunings": {
             tuning.key: {"label": tuning.label, **_values(table, tuning, bounds)}
@@ -198,17 +224,13 @@ def summary(table: TuningTable, bounds: Bounds) -> Json:
 def save_figure(path: Path, table: TuningTable) -> None:
     """Draw the amplitude over the scoring range, relative to the peak without absorber; the ending of ``path`` chooses the format."""
     figure, axes = figure_of(9, 5.4)
-    ratio = np.unique(
-        np.concatenate(
-            [np.linspace(table.low, table.high, 2001), [t.peak_ratio for t in table.tunings]]
-        )
-    )
+    ratio = table.ratios_drawn(2001)
     shown = [tuning for tuning in table.tunings if tuning.key in LOOKS]
     for tuning in shown:
         colour, style, width = LOOKS[tuning.key]
         amplitude = (
             np.abs(tip_response(table.model, tuning.absorber, ratio * table.omega))
-            / table.tunings[0].peak
+            / table.reference
         )
         label = f"{tuning.label}: peak {100 * table.relative_peak(tuning):.1f} %"
         axes.plot(ratio, 100 * amplitude, color=colour, ls=style, lw=width, label=label)
@@ -234,7 +256,7 @@ def save_figure(path: Path, table: TuningTable) -> None:
         f"frequency over that of resonance {table.resonance}, {table.omega / (2 * np.pi):.1f} Hz",
         fontsize=11,
     )
-    axes.set_ylabel("amplitude of the tip in %\nof the peak without absorber", fontsize=11)
+    axes.set_ylabel(f"amplitude of the tip in %\nof {table.of_what}", fontsize=11)
     force_axis(axes.yaxis)
     draw_grid(axes)
     axes.legend(loc="upper right", fontsize=9.5, framealpha=0.95)

@@ -70,6 +70,7 @@ compare_absorbers
     --structure {steel} --gap 1e-3 --force 1 -> gap = 0.001 is not allowed: left out beside a force
     --structure {steel} --resonances 1 99 -> resonance = 99 is not allowed: a mode of the model, 1 to 10
     --scene good.toml --gap 1e-3 -> --gap does not go with --scene
+    --scene good.toml --mass-kg 5 -> --mass-kg does not go with --scene
     --structure {steel} --load shock:20:0.01:1 --rate 1 -> --rate does not go with --load
     --cluster 127.0.0.1:1 -> --cluster = 127.0.0.1:1 is not allowed: an address
 render_episode --gif a.gif
@@ -94,6 +95,8 @@ design_gap --force 3
     --structure {frame} --position 0.5 -> position = 0.5 is not allowed: the number of one of the structure's places
     --structure {steel} --load shock:20:0.01:1 --rate 1 -> --rate does not go with --load
     --structure {steel} --load shock:20:0.01:1 --free restitution -> --free does not go with --load
+    --structure {steel} --load shock:20:0.01:1 --no-card -> --no-card does not go with --load
+    --scene good.toml --mass-kg 5 -> --mass-kg does not go with --scene
     --uncertain gap 5% --uncertain gap 6% -> --uncertain gap is given twice
     --uncertain gap 1e-3 2e-3 -> in %, as the number itself is searched
     --uncertain friction 5% --friction-limit 0 -> uncertain friction

@@ -4,15 +4,16 @@ import contextlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import scipy.linalg
-from commands import done, read
+from commands import done, load, read
 from load_cases import KINDS, MASS, OMEGA, chain, tables_of
 
 from impact_env import Beam
-from impact_env.ensemble import Lane
+from impact_env.ensemble import Lane, Threads
 from impact_env.loads import Loads, Shock
 from impact_env.modes import ModalModel, modal_model
 from impact_env.scene import Scene
@@ -200,3 +201,35 @@ def test_each_kind_goes_through_sweep_and_comparison(
     for band, (low, high) in enumerate(found["without_absorber"]):
         assert high / low == pytest.approx(1.0 if found["measure"] == "decay" else 25.0, rel=1e-6)
         assert np.ptp([bands[1] for bands in found["ratio_5_50_95"]["tuned"][band]]) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("name", "more"), [("compare_absorbers", ["--forces", 2]), ("design_gap", [])]
+)
+def test_runs_under_loads_go_to_the_cluster(
+    name: str, more: list[object], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Workers in the place of a scheduler's get every run, and the numbers are those of threads."""
+    for size, value in (("GAPS", load_comparison.GAPS[:1]), ("LIMITS", load_comparison.LIMITS[:1])):
+        monkeypatch.setattr(load_comparison, size, value)
+    monkeypatch.setattr(load_comparison, "MOST_TRIALS", 2)
+    here = []
+
+    class Workers(Threads):
+        def each(self, function: Any, items: Any, kinds: Any) -> Any:
+            here.append(len(items))
+            return super().each(function, items, kinds)
+
+    @contextlib.contextmanager
+    def workers(_threads: int | None, cluster: str | None) -> Iterator[Workers | None]:
+        yield None if cluster is None else Workers(1)
+
+    command = load(name, monkeypatch)
+    monkeypatch.setattr(command, "workers", workers)
+    given = ["--load", "shock:20:0.01:1", "--members", 1, *more]
+    done(command, *given, "--out", tmp_path / "threads")
+    assert not here
+    done(command, *given, "--cluster", "127.0.0.1:8786", "--out", tmp_path / "cluster")
+    assert sum(here) > 5
+    texts = [(tmp_path / where / "runs.csv").read_text() for where in ("threads", "cluster")]
+    assert texts[0] == texts[1]

@@ -10,7 +10,13 @@ from scipy.integrate import quad
 from impact_env.frequency import poles, state_space, tip_response
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, StuckAbsorber, TunedAbsorber
-from optimisation.report.tuning_report import NONE, PAPER_VALUES, paper_tuning, tuning_table
+from optimisation.report.tuning_report import (
+    NONE,
+    PAPER_VALUES,
+    paper_tuning,
+    summary,
+    tuning_table,
+)
 from optimisation.tuned import (
     PAPER,
     den_hartog,
@@ -222,3 +228,24 @@ def test_table_shows_the_mistuning() -> None:
     assert table.ratios(PAPER)[0] == pytest.approx(
         np.sqrt(701.8 / (0.02 * MODEL.beam_mass)) / MODEL.omega[0]
     )
+
+
+@pytest.mark.parametrize("mass_ratio", [0.01, 0.05])
+def test_an_undamped_structure_has_the_values_of_the_textbook(mass_ratio: float) -> None:
+    """Den Hartog's fixed points: both as high as sqrt(1 + 2/mu) times the static deflection, whatever the damping."""
+    model = modal_model(Beam(modes=1, damping_ratio=0.0))
+    table = tuning_table(model, mass_ratio)
+    by_key = {tuning.key: tuning for tuning in table.tunings}
+    mu = mass_ratio * model.beam_mass * float(model.tip_shape[0]) ** 2
+    rule = by_key["den_hartog"]
+    assert rule.absorber is not None
+    assert table.ratios(rule.absorber) == pytest.approx(
+        (1 / (1 + mu), np.sqrt(3 * mu / 8 / (1 + mu)))
+    )
+    height = np.sqrt(1 + 2 / mu)
+    assert height <= table.relative_peak(rule) < 1.01 * height
+    assert height <= table.relative_peak(by_key["minimax"]) <= table.relative_peak(rule)
+    assert by_key[NONE].peak == by_key[NONE].h2 == np.inf
+    plain = summary(table, {})["tunings"][NONE]
+    assert plain["peak_m_n"] is None
+    assert plain["h2_relative"] is None
