@@ -336,14 +336,16 @@ def design_space(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     fixed: Values | None = None,
 ) -> DesignSpace:
-    """Return a concept's space with the named variables free (default: those of `FREE`), in ``bounds`` (SI) where given, else in the concept's own.
+    """Return a concept's space with the named variables free, in ``bounds`` (SI) where given, else in the concept's own.
+
+    Without names those of `FREE` are free that are not fixed.
 
     What is neither free nor fixed has the paper's value, scaled to the structure. Raises ParameterError for a name that the concept
     lacks, and for bounds that are empty or inverted.
     """
     known = _known(concept)
     names = (
-        FREE[concept]
+        tuple(name for name in FREE[concept] if fixed is None or name not in fixed)
         if free is None
         else tuple(one_of("free variables", name, known) for name in listed("free variables", free))
     )

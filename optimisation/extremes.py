@@ -15,6 +15,8 @@ from optimisation.tuned import highest_amplitude
 
 MOST_FORCE = 1e12  # N: far above what any structure bears, and far below where squares of displacements overflow
 MOST_MASS = 1.0  # of the structure's: design rule, limit and tunings are those of an absorber, not of what it would hang on
+LEAST_GAP = 1e-6  # m: a tenth of what a fine fit of two parts leaves
+MOST_GAP = 10.0  # m
 LEAST_PERIODS = 5.0  # of a sweep: in fewer the response has not begun to build up
 
 
@@ -22,6 +24,13 @@ def usable_force(name: str, value: float) -> float:
     """Return a force in N; raises ParameterError unless it is above 0 and at most `MOST_FORCE`."""
     allowed = f"above 0 and at most {MOST_FORCE:g} N"
     return positive(name, within(name, value, math.ulp(0.0), MOST_FORCE, allowed))
+
+
+def usable_gap(name: str, value: object, rule: str, gap: float) -> None:
+    """Raise ParameterError if a rule gives a gap in m for a value that nobody can build, as of numbers in other units; ``value`` with its unit."""
+    words = f"{1e3 * gap:.3g} mm"
+    allowed = f"one for which {rule} gives a gap from {1e3 * LEAST_GAP:g} mm to {MOST_GAP:g} m, and not {words}: are all numbers in SI units?"
+    require(LEAST_GAP <= gap <= MOST_GAP, name, value, allowed)
 
 
 def usable_mass_ratio(name: str, value: float) -> float:

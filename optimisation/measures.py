@@ -167,12 +167,12 @@ STRESS = "stress"
 MEASURES = {
     LEVEL: "response level in m (paper, Eq. barqtip) where it is read, on a cantilever the free end; of loads the measure that belongs to them",
     STROKE: "largest distance of the absorber from the middle of its cavity in m",
-    IMPACT_POWER: "energy lost in impacts over the sweep, per second, in W",
+    IMPACT_POWER: "energy lost in impacts over the sweep, or after the start (`settled_after`), per second, in W",
     IMPACT_SPEED: "largest relative velocity before an impact in m/s",
-    IMPACT_RMS: "root of the mean square of the relative velocities before impacts in m/s",
-    FRICTION_HEAT: "energy lost in dry friction over the sweep, per second, in W, from the mean relative speed at the samples",
+    IMPACT_RMS: "root of the mean square of the relative velocities before impacts in m/s, after the start",
+    FRICTION_HEAT: "energy lost in dry friction over the sweep, or after the start, per second, in W, from the mean relative speed at the samples",
     DAMAGE: "sum over the rainflow cycles of the bending moment at the clamp, or of a modal model's stress, to the power of the fatigue exponent",
-    IMPACT_RATE: "impacts per second over the sweep",
+    IMPACT_RATE: "impacts per second over the sweep, or after the start",
     ACCELERATION: "largest change of velocity where the level is read from sample to sample, over the time between, in m/s^2, impacts included",
     STRESS: "largest bending moment at the clamp in N m, or of a modal model's stress in the file's unit",
     RMS: "root of the mean square of the free end's displacement in m over the second half of the run",
@@ -258,14 +258,14 @@ def _value(name: str, chunk: Chunk, response: Response) -> float:
         assert impacts is not None
         if name == IMPACT_SPEED:
             return float(np.max(np.abs(impacts.relative_velocity), initial=0.0))
+        start = settled_after(response)
+        late = impacts.time >= start
         if name == IMPACT_RMS:
             return (
-                float(np.sqrt(np.mean(impacts.relative_velocity**2))) if len(impacts.time) else 0.0
+                float(np.sqrt(np.mean(impacts.relative_velocity[late] ** 2))) if late.any() else 0.0
             )
-        total = (
-            float(np.sum(impacts.energy_lost)) if name == IMPACT_POWER else float(len(impacts.time))
-        )
-        return total / float(response.drive.schedule.times[-1])
+        total = float(np.sum(impacts.energy_lost[late] if name == IMPACT_POWER else late))
+        return total / (float(response.drive.schedule.times[-1]) - start)
     assert history is not None
     if name == RMS:
         return float(
@@ -318,6 +318,7 @@ def of_motion(name: str, response: Response) -> float:
             )
         )
     speed = np.abs(history.absorber_velocity.reshape(samples, -1) - history.modal_velocity @ shapes)
+    speed = speed[history.time >= settled_after(response)]
     every = absorber.absorbers if isinstance(absorber, SeveralAbsorbers) else (absorber,)
     limits = [
         a.friction.limit if isinstance(a, SlidingAbsorber) and a.friction is not None else 0.0

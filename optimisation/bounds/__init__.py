@@ -324,6 +324,14 @@ def design_force(
         default[0] if low is None else low, default[1] if high is None else high
     )
     stuck = _stuck_ratio(model, mass, resonance)
+    if default == (low, high):
+        require(
+            low <= stuck,
+            "absorber mass",
+            f"{mass:.4g} kg",
+            f"less beside the {1 / model.tip_shape[resonance - 1] ** 2:.4g} kg that mode {resonance} moves at its place: stuck there it takes "
+            f"the resonance to {stuck:.4f} of its frequency; are the mass in kg and the shapes in 1/sqrt(kg)?",
+        )
     require(
         low <= stuck <= high,
         "range (low, high)",

@@ -23,7 +23,7 @@ from optimisation.cli import common
 from optimisation.cli import scene_options as scenes
 from optimisation.executors import cluster_option, workers
 from optimisation.executors import executor as executor_on
-from optimisation.extremes import usable_force, usable_rate
+from optimisation.extremes import usable_force, usable_gap, usable_rate
 from optimisation.files import require_writable, write_files
 from optimisation.friction_rule import PAPER_FRICTION
 from optimisation.gap_advice import FREE, MEMBERS, TOLERANCE, Advice, Limits, advise
@@ -162,6 +162,28 @@ def absorber_on(model: ModalModel, given: dict[str, Any]) -> SlidingAbsorber:
         if limit is None
         else replace(absorber, friction=friction_law(non_negative("friction_limit", limit)))
     )
+
+
+def refuse_contradictions(given: dict[str, Any], absorber: SlidingAbsorber) -> None:
+    """Raise BadInput or ParameterError for options that say two things of one quantity, or need what is left out."""
+    for name in given["free"]:
+        if scenes.is_given(name):
+            option = scenes.option_name(name)
+            raise common.BadInput(
+                f"--free {name} does not go with {option}: it is searched, or has the value that is given"
+            )
+    if "friction_limit" in given["free"] and absorber.friction is None:
+        raise common.BadInput(
+            "--free friction_limit does not go with a device that has no friction: shares of its limit are tried"
+        )
+    if given["contact"] is None:
+        return
+    if given["no_card"]:
+        raise common.BadInput("--contact does not go with --no-card: its estimate is on the card")
+    first, second, radius = given["contact"]
+    for name in (first, second):
+        material(name)
+    positive("radius of --contact in m", radius)
 
 
 def model_on(structure: Structure) -> ModalModel:
@@ -359,6 +381,8 @@ def main(**given: Any) -> None:
         model = model_on(structure)
         scenes.warn_of_nodes(model, given["resonance"])
         absorber = absorber_on(model, given)
+        usable_gap("--force", f"{given['force']:g} N", "the design rule", rigid_walls(absorber).gap)
+        refuse_contradictions(given, absorber)
         if given["gaps"] is not None:
             gap_factors(given["gaps"])
         require_writable("--out", given["out"])
@@ -372,8 +396,6 @@ def main(**given: Any) -> None:
         limits = limits_of(given, model, absorber)
         if given["limit_level"] is not None:
             given["limit_level"] = positive("limit_level", given["limit_level"])
-        for name in given["contact"][:2] if given["contact"] else ():
-            material(name)
         with executor_on(given["threads"], given["cluster"]) as executor:
             found = simulated(model, absorber, given, rate, limits, executor)
             if found.recommended is None:

@@ -39,6 +39,7 @@ from optimisation.cli.common import (
     plain_errors,
 )
 from optimisation.cli.scene_options import (
+    is_given,
     model_of,
     read_device,
     refuse_beside,
@@ -245,7 +246,15 @@ def bifurcations(case: Case, given: dict[str, Any]) -> Result:
 
 
 def check(given: dict[str, Any]) -> None:
-    """Raise BadInput or ParameterError, before any work is done, if options do not go together or a file cannot be written."""
+    """Raise BadInput or ParameterError, before any work is done, if options do not go together or a file cannot be written.
+
+    The range's usual ends go with a single frequency beyond them.
+    """
+    if given["at"] is not None and positive("--at", given["at"]):
+        if not is_given("start"):
+            given["start"] = min(given["start"], max(given["at"] - RANGE, given["at"] / 2))
+        if not is_given("stop"):
+            given["stop"] = max(given["stop"], given["at"] + RANGE)
     if given["folds"] and given["thresholds"]:
         raise BadInput("--folds does not go with --thresholds: the JSON file has one list")
     if given["curve"]:

@@ -251,6 +251,15 @@ def assumed_rows(
     return *rows, Row("modes kept", f"{model.modes}{more or '; more are not tried'}"), *swept
 
 
+def with_band(
+    value: float, low: float, high: float, pattern: str = "{:.4g}", unit: str = ""
+) -> str:
+    """Return a value with its unit, and in brackets the band of its members; without it where there is one, or all agree to the digits shown."""
+    ends = pattern.format(low), pattern.format(high)
+    text = f"{pattern.format(value)} {unit}".rstrip()
+    return text if ends[0] == ends[1] else f"{text} ({ends[0]} to {ends[1]})"
+
+
 def between(low: float, high: float) -> str:
     """Return a range of forces in words."""
     return "at no force that is known" if math.isnan(low) else f"{low:.3g} to {high:.3g} N"

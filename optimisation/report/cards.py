@@ -33,6 +33,7 @@ from optimisation.report.card import (
     borne_rows,
     device_rows,
     mass_rows,
+    with_band,
 )
 from optimisation.report.design_tables import (
     PAPER,
@@ -125,7 +126,8 @@ def _levels(part: ResonanceComparison, labels: dict[str, str], k: int) -> tuple[
         )
         rows.append(
             Row(
-                labels[key], f"{level:.4g} mm ({low:.4g} to {high:.4g}), {100 * level / none:.3g} %"
+                labels[key],
+                f"{with_band(level, low, high, unit='mm')}, {100 * level / none:.3g} %",
             )
         )
     halves = contiguous_range(
@@ -252,8 +254,7 @@ def findings_card(found: Findings) -> Card:
         judged = [
             Row(
                 f"{name}'s design",
-                "{:.4g} ({:.4g} to {:.4g})".format(one.score.values[0], *one.bands[0])
-                + kept(problem, one.score),
+                with_band(one.score.values[0], *one.bands[0]) + kept(problem, one.score),
             )
             for name, one in compared(verdict).items()
         ]
@@ -308,7 +309,8 @@ def _condition_rows(found: Findings, k: int) -> tuple[Row, ...]:
     for who in (WINNER, PAPER):
         one: dict[str, Any] = values[who]  # type: ignore[assignment]
         low, high = (scale * x for x in one[f"{name}_5_to_95_percent_{unit}"])
-        level = f"{scale * one[f'{name}_{unit}']:.4g} {shown} ({low:.4g} to {high:.4g}), {100 * one['relative']:.3g} % of no absorber"
+        level = with_band(scale * one[f"{name}_{unit}"], low, high, unit=shown)
+        level += f", {100 * one['relative']:.3g} % of no absorber"
         rows.append(Row(f"{who}'s design", level))
     rows.append(Row("no absorber", scale * float(found.own.without[k]), shown))
     if condition.loads is None:

@@ -18,6 +18,7 @@ from optimisation.comparison import IMPACT, NONE, Comparison, Concept, Resonance
 from optimisation.files import number, numbers
 from optimisation.load_comparison import LoadComparison, TunedUnder
 from optimisation.measures import TOLD, UNITS
+from optimisation.report.card import with_band
 from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of, write_figure
 
 Json = dict[str, object]
@@ -182,8 +183,7 @@ def _with_band(value: float, band: tuple[float, float], pattern: str) -> str:
     """Return a value with its band in brackets, without it if all members agree to the digits shown."""
     if math.isnan(value):
         return "-"
-    low, high = (pattern.format(x) for x in band)
-    return pattern.format(value) if low == high else f"{pattern.format(value)} ({low} to {high})"
+    return with_band(value, *band, pattern)
 
 
 def _row(comparison: Comparison, part: ResonanceComparison, concept: Concept) -> list[str]:
@@ -332,7 +332,7 @@ def load_table(comparison: LoadComparison) -> str:
         lines.append("  intensity" + "".join(f"{LOAD_LOOKS[name][0]:>24}" for name in LOAD_LOOKS))
         for k, factor in enumerate(comparison.factors):
             cells = (
-                f"{middle:.3f} ({low:.2f} to {high:.2f})"
+                f"{middle:.3f}" + (f" ({low:.2f} to {high:.2f})" if high > low else "")
                 for low, middle, high in (bands[name][:, k, band] for name in LOAD_LOOKS)
             )
             lines.append(f"  {factor:9.3g}" + "".join(f"{cell:>24}" for cell in cells))
@@ -358,7 +358,7 @@ def tuned_text(found: TunedUnder) -> str:
         ("best for it", "least peak"), (found.best, found.peak), ratios, strict=True
     ):
         lines.append(
-            f"  {name}: {np.median(row):.4g} ({row.min():.4g} to {row.max():.4g}), {words(absorber)}"
+            f"  {name}: {with_band(np.median(row), row.min(), row.max())}, {words(absorber)}"
         )
     return "\n".join(lines)
 

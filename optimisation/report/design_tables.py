@@ -25,6 +25,7 @@ from optimisation.measures import (
 from optimisation.mounting import detuned
 from optimisation.objectives import Condition, Objective, Score
 from optimisation.problem import Problem
+from optimisation.report.card import with_band
 from optimisation.search.judge import Findings, Judged, Verdict
 from optimisation.search.settings import Evaluated
 from optimisation.statistics import COVERED, Branches, Gain, branches
@@ -345,7 +346,7 @@ def _design_lines(problem: Problem, verdict: Verdict) -> Iterator[str]:
         yield f"  {v.name:<{width}}  {mine:10.4g}  (paper {paper:.4g}, rule {rule:.4g}) {v.si}".rstrip()
     for name, judged in every.items():
         (low, high), *_ = judged.bands
-        yield f"  {name} on fresh members: {judged.score.values[0]:.4g} ({low:.4g} to {high:.4g}){kept(problem, judged.score)}"
+        yield f"  {name} on fresh members: {with_band(judged.score.values[0], low, high)}{kept(problem, judged.score)}"
     if not verdict.feasible:
         yield "  no feasible design: the winner is the one that breaks the constraints least; loosen them, or search longer"
     elif verdict.winner in (verdict.paper, verdict.rule):
@@ -460,8 +461,8 @@ def borne_pairs(watched: dict[str, NDArray[np.float64]], c: int) -> Iterator[tup
     """Yield a design's loads in service under a condition, by its index (`Service.watched`): name, and median with band in words."""
     for name, values in watched.items():
         word, unit, scale = WORDS[name]
-        low, middle, high = (f"{scale * x:.3g}" for x in values[:, c])
-        yield word, f"{middle} {unit} ({low} to {high})"
+        low, middle, high = (scale * x for x in values[:, c])
+        yield word, with_band(middle, low, high, "{:.3g}", unit)
 
 
 def service_pairs(found: Service, c: int) -> Iterator[tuple[str, str]]:

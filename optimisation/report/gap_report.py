@@ -84,6 +84,12 @@ def device(answer: Answer, mass: float) -> str:
     return f"a clearance of {1e3 * answer.gap:.4g} mm to either wall, {friction}, restitution {restitution:g}, mass {mass:.4g} kg"
 
 
+def _worst(answer: Answer) -> str:
+    """Return a device's largest level over the tolerance of the force, in words."""
+    known = math.isfinite(answer.worst)
+    return f"at most {1e3 * answer.worst:.4g} mm" if known else "not known"
+
+
 def answer(found: Advice) -> list[str]:
     """Return the recommended device, the one with the lowest level, and what both do when the force changes."""
     check = found.check
@@ -98,14 +104,14 @@ def answer(found: Advice) -> list[str]:
         f"Recommended: {device(best, check.mass)}, for {force}.",
         (
             f"  Level {1e3 * best.level:.4g} mm{band_in_words(best)}, {100 * best.level / without:.1f} % of no absorber, read at {_ratio(best)}; "
-            f"at most {1e3 * best.worst:.4g} mm from {(1 - t) * check.force:.4g} to {(1 + t) * check.force:.4g} N."
+            f"{_worst(best)} from {(1 - t) * check.force:.4g} to {(1 + t) * check.force:.4g} N."
         ),
     ]
     if sharp.gap != best.gap:
         lines.append(
             f"Lowest level: {1e3 * sharp.gap:.4g} mm, "
             f"level {1e3 * sharp.level:.4g} mm{band_in_words(sharp)}, "
-            f"{100 * sharp.level / without:.1f} % of no absorber; at most {1e3 * sharp.worst:.4g} mm over that range."
+            f"{100 * sharp.level / without:.1f} % of no absorber; {_worst(sharp)} over that range."
         )
     rows = [
         f"{100 * (factor - 1):+.0f} % force: {_percent(best, found, factor)}, {_percent(sharp, found, factor)}"
@@ -330,7 +336,7 @@ def card(
         Row(f"at {check.force:g} N, median of {best.members} runs", 1e3 * best.level, "mm RMS"),
         Row("90 % of further runs", _interval(best)),
         Row("read at", best.frequency_ratio, "of the resonance"),
-        Row(f"at most, {low:.4g} to {high:.4g} N", 1e3 * best.worst, "mm"),
+        Row(f"at most, {low:.4g} to {high:.4g} N", _worst(best).removeprefix("at most ")),
         Row("of no absorber", 100 * best.level / without, "%"),
         Row("no absorber", 1e3 * without, "mm"),
         *baseline_rows(service.baselines),

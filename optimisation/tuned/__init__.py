@@ -171,6 +171,15 @@ def require_wide_range(
     square = half + np.sqrt(half**2 - tuning)
     first = float(np.sqrt(tuning / square))
     second = float(np.sqrt(square))
+    if (low, high) == (LOW, HIGH):
+        mass = mass_ratio * model.beam_mass
+        require(
+            low <= first and high >= second,
+            "absorber mass",
+            f"{mass:.4g} kg",
+            f"less beside the {mass / mu:.4g} kg that mode {resonance} moves at its place: the peaks would lie at {first:.4f} and {second:.4f} "
+            "of the resonance, out of the scoring range; are the mass in kg and the shapes in 1/sqrt(kg)?",
+        )
     allowed = f"a scoring range that holds both peaks of the split resonance: low at most {first:.4f}, high at least {second:.4f} (of the resonance)"
     require(low <= first and high >= second, "scoring range (low, high)", (low, high), allowed)
 

@@ -129,7 +129,8 @@ orbits --modes 1
     --modes 0 -> modes = 0
     --gap 0 -> gap = 0
     --from 1 --to 0.9 -> --from = 1
-    --at 2 -> --at = 2
+    --from 0.9 --to 1 --at 2 -> --at = 2
+    --at 0 -> --at = 0
     --along force --at 0.95 -> --along, --over and --at go together
     --along force --over 2 2 --at 0.95 -> --over = (2.0, 2.0) is not allowed
     --folds --thresholds -> --folds does not go with --thresholds
