@@ -105,13 +105,22 @@ class GapCheck:
             resonance_limit(self.model, self.mass, gap, self.force, self.resonance, *self.limits)
         )
 
+    @property
+    def out_of_reach(self) -> Array:
+        """Gaps whose limit is not below the stationary level without absorber, (G,): the response is near a node of the resonance."""
+        without = self.force * stationary_level(self.model, self.resonance, self.limits)
+        return np.asarray(self.limit >= without)
+
     @cached_property
     def share(self) -> Array:
-        """Share of the possible reduction that each gap reached, (G,); NaN where nothing is finished, and all NaN for sweeps too fast to tell."""
+        """Share of the possible reduction that each gap reached, (G,).
+
+        NaN where nothing is finished or nothing is possible (`out_of_reach`), and all NaN for sweeps too fast to tell.
+        """
         shares = np.full(len(self.gaps), np.nan)
         if not self.sweep_ratio >= LEAST_RATIO:
             return shares
-        for k in np.flatnonzero(~np.isnan(self.level)):
+        for k in np.flatnonzero(~np.isnan(self.level) & ~self.out_of_reach):
             shares[k] = share_reached(
                 self.model,
                 self.mass,

@@ -206,6 +206,9 @@ def warnings(found: Advice) -> list[str]:
         > LARGE_REACH,
         "the best gap is the narrowest or widest that was tried: another mass or place may suit better": found.at_end,
         "no gap brings the level below that without absorber: another place may suit better": useless,
+        "in some gaps no device can be sure to lower the level: the response is near a node of the resonance, or other modes decide there": bool(
+            check.out_of_reach.any()
+        ),
     }
     lines = [f"Warning: {words}." for words, so in conditions.items() if so]
     low, high = check.limits

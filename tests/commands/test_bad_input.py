@@ -1,6 +1,8 @@
 """What commands refuse: a table of lines, and what the one message to each holds. Exit code 2, nothing computed, nothing written."""
 
+import errno
 import gzip
+import json
 import os
 import re
 import shlex
@@ -22,6 +24,8 @@ GIVEN = {  # files that lie in the folder of the call
     "kept.json": '{"form": "another"}',
     "good.toml": '[beam]\nmodes = 2\n[absorber]\nkind = "impact"\nrestitution = 0.7\n',
     "bad.toml": "[beam]\nlength = 2\n",
+    "grams.toml": "[model]\nomega_rad_s = [252.0, 1580.0]\ndamping_ratio = [0.01, 0.01]\nforce_shape_per_sqrt_kg = [0.5, -0.4]\n"
+    "tip_shape_per_sqrt_kg = [2.66, -2.66]\nbeam_mass_kg = 563.7\n",
     "other/jumps.json.gz": '{"part": "cost", "rows": []}',
     "paper/paper/jump.json.gz": '{"rows": []}',
 }
@@ -91,7 +95,14 @@ design_gap --force 3
     --device nowhere/a.json -> --device = nowhere/a.json is not allowed
     --scene {steel} -> a scene with one impact absorber between rigid walls
     --scene good.toml --mass-ratio 0.01 -> --mass-ratio does not go with --scene
-    --force 35 --resonance 2 --position 0.8 -> in mm = 4.937 is not allowed
+    --force 1e-9 -> --force = '1e-09 N' is not allowed: one for which the design rule gives a gap from 0.001 mm to 10 m
+    --force 1e9 -> are all numbers in SI units?
+    --contact steel pom -1 -> radius of --contact in m = -1.0 is not allowed
+    --contact steel pom 0.01 --no-card -> --contact does not go with --no-card
+    --free restitution --restitution 0.2 -> --free restitution does not go with --restitution
+    --free friction_limit --friction-limit 0 -> --free friction_limit does not go with --friction-limit
+    --scene good.toml --free friction_limit -> --free friction_limit does not go with a device that has no friction
+    --structure grams.toml -> absorber mass = '11.27 kg' is not allowed: less beside the 0.1413 kg that mode 1 moves at its place
     --structure {frame} --position 0.5 -> position = 0.5 is not allowed: the number of one of the structure's places
     --structure {steel} --load shock:20:0.01:1 --rate 1 -> --rate does not go with --load
     --structure {steel} --load shock:20:0.01:1 --free restitution -> --free does not go with --load
@@ -123,6 +134,7 @@ mass_ratios
 tune_ltva --quick
     --low 0.9 --high 1.06 -> scoring range (low, high) = (0.9, 1.06) is not allowed: a scoring range that holds both peaks
     --structure {steel} --damping 0.1 -> --damping does not go with --structure
+    --structure grams.toml -> absorber mass = '11.27 kg' is not allowed: less beside the 0.1413 kg that mode 1 moves at its place
     --scene good.toml --mass-ratio 0.1 -> --mass-ratio does not go with --scene
     --structure {steel} --load shock:20:0.01:1 --low 0.8 -> --low does not go with --load
 orbits --modes 1
@@ -150,7 +162,7 @@ frequency_response --modes 2 --method balance --no-sweeps --envelope 2
     --harmonics 0 -> harmonics = 0
     --hill -> --hill = True is not allowed: with harmonic balance and --contact-stiffness
     --absorber friction --gap 1e-3 -> --gap does not go with --absorber friction
-    --restitution 0.7 --contact-stiffness 1e4 -> left out with contact_stiffness
+    --restitution 0.7 --contact-stiffness 1e4 -> 1 for harmonic balance
     --envelope 1 -> points = 1
     --rate 0 -> --rate = 0.0 is not allowed
     --resume kept.json -> --resume = kept.json
@@ -290,6 +302,53 @@ def test_what_cannot_be_done_is_one_message(
         if find_spec("distributed") or "--cluster" not in line
     )
     assert not list(filter(None, found))
+
+
+FULL = {  # a word of the answer, by the line
+    "structure {frame} --json a.json": "mass at the absorber",
+    "doctor --json a.json": "numba",
+    "sweep --modes 2 --from 0.98 --to 1 --rate 10 --json a.json": "response level",
+    "isola --modes 1 --from 0.93 --csv a.csv": "restitution",
+    "tune_ltva --quick --modes 2 --out .": "Den Hartog",
+}
+
+
+@pytest.mark.parametrize("line", FULL)
+def test_an_answer_is_printed_though_the_disk_is_full(
+    line: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """And the error names the file that was asked for, not the one that was to become it."""
+
+    def full(self: Path, _target: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(self))
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Path, "replace", full)
+    name, *words = shlex.split(line.format(**PLACES))
+    if missing_extras(file_of(name)):
+        pytest.skip("a package that it needs is not installed")
+    result = call(imported(name), *words)
+    assert result.exit_code == 1
+    assert FULL[line] in result.stdout
+    file = "tunings.csv" if name == "tune_ltva" else words[-1]
+    assert re.fullmatch(
+        rf"Error: (\S*/)?{re.escape(file)}: No space left on device", result.stderr.splitlines()[-1]
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_json_for_standard_output_needs_no_folder(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise OSError(errno.EROFS, "Read-only file system", "/tmp/tmpabcdef")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("tempfile.mkdtemp", fails)
+    monkeypatch.setattr("tempfile.TemporaryFile", fails)
+    result = call(imported("structure"), str(PLACES["frame"]), "--json", "-")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["mass_kg"] > 0
 
 
 @pytest.mark.slow

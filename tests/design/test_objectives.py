@@ -328,3 +328,35 @@ def test_worked_examples_find_a_quiet_design(
     found = runpy.run_path(str(EXAMPLES / f"optimise_with_{package}.py"))["main"](*sizes, rate=40.0)
     assert 0.05 < np.min(np.atleast_2d(found)[:, 0]) < 0.6
     assert told in capsys.readouterr().out
+
+
+def test_means_of_a_constant_frequency_leave_its_start_out() -> None:
+    """Counted here from the recorded impacts and motion, from five time constants 1/(D omega) on."""
+    scene = Scene(modal_model(Beam(modes=2)), impact_absorber(0.5e-3, 0.7, 0.1))
+    omega = float(scene.model.omega[0])
+    drive = Drive(3.5, constant_frequency(omega, 0.95, 300.0))
+    response = simulate(scene, drive, record=Record(events=True, series=True))
+    impacts, history = response.impacts, response.history
+    assert impacts is not None
+    assert history is not None
+    start = 5 / (0.01 * omega)
+    end = 300 * 2 * np.pi / omega
+    late = impacts.time >= start
+    assert 0 < np.sum(late) < len(late)
+    place = history.modal_velocity @ scene.model.tip_shape
+    speed = np.abs(history.absorber_velocity - place)[history.time >= start]
+    wanted = {
+        "impact_rate": np.sum(late) / (end - start),
+        "impact_power": np.sum(impacts.energy_lost[late]) / (end - start),
+        "impact_rms_speed": np.sqrt(np.mean(impacts.relative_velocity[late] ** 2)),
+        "impact_speed": np.max(np.abs(impacts.relative_velocity)),
+        "friction_heat": 0.1 * np.mean(speed),
+    }
+    chunk = Chunk((), tuple(wanted), None, 5.0)
+    assert {name: _value(name, chunk, response) for name in wanted} == pytest.approx(wanted)
+
+
+def test_a_variable_that_is_fixed_alone_is_not_free() -> None:
+    space = design_space("impact", fixed={"friction_limit": 0.0})
+    assert "friction_limit" not in {variable.name for variable in space.free}
+    assert space.default.values["friction_limit"] == 0.0
