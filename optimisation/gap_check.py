@@ -106,7 +106,7 @@ class GapCheck:
         )
 
     @property
-    def out_of_reach(self) -> Array:
+    def out_of_reach(self) -> NDArray[np.bool_]:
         """Gaps whose limit is not below the stationary level without absorber, (G,): the response is near a node of the resonance."""
         without = self.force * stationary_level(self.model, self.resonance, self.limits)
         return np.asarray(self.limit >= without)
