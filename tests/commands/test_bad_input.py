@@ -222,7 +222,7 @@ regimes --out no
 structure
     -> Missing argument 'FILE'
 structure {steel}
-    --near 0 0 0 -> --near is for a Universal File with nodes, or matrices with the key coordinates
+    --near 0 0 0 -> --near is for files with nodes
 explore --no-browser
     --structure nowhere.toml -> nowhere.toml
     --structure bad.toml -> length
