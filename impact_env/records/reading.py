@@ -12,7 +12,14 @@ from impact_env.records.from_npy import read_npy
 from impact_env.records.from_uff import read_uff
 from impact_env.records.from_wav import read_wav
 from impact_env.records.options import RecordOptions
-from impact_env.records.units import ACCELERATION, FORCE, TIME, Unit, require_unit
+from impact_env.records.units import (
+    ACCELERATION,
+    EXAMPLES,
+    FORCE,
+    TIME,
+    Unit,
+    require_unit,
+)
 from impact_env.sampling_times import even_times, find_uneven, is_even
 
 Reader = Callable[[Path, RecordOptions], Channel]
@@ -45,7 +52,8 @@ def _choose_unit(
             )
         return own
     if unknown is not None and wanted is None:
-        require_unit(f"{file.name}: unit", unknown, dimension)
+        allowed = f"a unit of {dimension} at the end, as {EXAMPLES[dimension]}, or the load's {key}"
+        raise ParameterError(f"{file.name}: unit = {unknown!r} is not allowed: {allowed}")
     return wanted
 
 

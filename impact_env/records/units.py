@@ -137,8 +137,11 @@ def require_density_unit(name: str, text: object, dimension: str) -> float:
 DENSITY = re.compile(
     r"(?:\(([^()]+)\)|([a-zA-Z]+))2/Hz", re.IGNORECASE
 )  # powers without their sign
-BRACKETS = re.compile(r"(.*?)[(\[{<]\s*([^()\[\]{}<>]*(?:\([^()]*\)[^()\[\]{}<>]*)?)\s*[)\]}>]\s*")
 SEPARATOR = re.compile(r"[\s_,;:/|-]+")
+CLOSING = {"(": ")", "[": "]", "{": "}", "<": ">"}
+POWERS = "^*/²0123456789"  # after a bracket: it is a part of a unit
+MOST_WORDS = 3  # of a unit whose parts are separated, as m_s2
+LOADS = (TIME, ACCELERATION, FORCE)
 
 
 @dataclass(frozen=True)
@@ -154,23 +157,56 @@ class Label:
     brackets: str | None = None
 
 
+def _bracketed(label: str) -> list[str]:
+    """Return the texts in the outer brackets of a label; of brackets that are a part of a unit the whole label."""
+    found = []
+    expected: list[str] = []
+    start = 0
+    for k, letter in enumerate(label):
+        if letter in CLOSING:
+            start = start if expected else k + 1
+            expected.append(CLOSING[letter])
+        elif expected and letter == expected[-1]:
+            expected.pop()
+            if not expected:
+                is_part = label[k + 1 : k + 2] in tuple(POWERS)
+                found.append(label if is_part else label[start:k].strip())
+    return found if not expected else [label]
+
+
+def _unit_between(label: str) -> str | None:
+    """Return a unit of times or loads that stands in a label before other words, None without one."""
+    words = [word for word in SEPARATOR.split(label) if word]
+    for first in range(len(words)):
+        for last in range(min(first + MOST_WORDS, len(words) - 1), first, -1):
+            found = find_unit("_".join(words[first:last]))
+            if found is not None and found.dimension in LOADS:
+                return found.name
+    return None
+
+
 def read_label(text: str) -> Label:
     """Return a column's label: ``acc (g)``, ``time [ms]``, ``force_kN``, ``a / m/s^2``, ``Time ms`` and ``g`` alone have units.
+
+    A unit that stands elsewhere, or is not known, is in ``brackets``.
 
     >>> read_label("time (ms)").unit.factor
     0.001
     """
     label = text.strip()
-    bracketed = BRACKETS.fullmatch(label)
-    if bracketed is not None:
-        name, inside = bracketed[1].strip(" _"), bracketed[2].strip()
-        return Label(label, name or label, find_unit(inside), inside)
+    inside = _bracketed(label)
+    if inside:
+        units = [unit for unit in map(find_unit, inside) if unit is not None]
+        name = re.split(r"[(\[{<]", label)[0].strip(" _/") or label
+        if len(units) == 1:
+            return Label(label, name, units[0], units[0].name)
+        return Label(label, name, None, " and ".join(inside))
     alone = find_unit(label)
     if alone is not None:
         return Label(label, label, alone)
     for separator in SEPARATOR.finditer(label):  # the longest tail first: m/s^2 before s^2
         tail = label[separator.end() :].strip()
-        found = find_unit(tail) if tail and separator.start() > 0 else None
-        if found is not None:
-            return Label(label, label[: separator.start()], found)
-    return Label(label, label, None)
+        unit = find_unit(tail) if tail and separator.start() > 0 else None
+        if unit is not None:
+            return Label(label, label[: separator.start()], unit)
+    return Label(label, label, None, _unit_between(label))
