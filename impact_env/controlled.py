@@ -229,8 +229,9 @@ class ControlledRuns:
         """Raise ParameterError for an order whose change the scene's kernels would ignore."""
         for name, (value, where) in self._unread.items():
             wanted = self.orders[name]
-            changed = np.flatnonzero(wanted != value)
-            for lane in changed[:1].tolist():
+            changed = wanted != value
+            if changed.any():
+                lane = int(np.argmax(changed))
                 require(
                     False,
                     f'orders["{name}"][{lane}]',

@@ -156,7 +156,7 @@ class ActiveTask(Task):
         phase = self.runs.orders["phase"]
         modes = self.scene.model.modes
         both = state.reshape(self.lanes, 2, modes + 1)
-        shapes = self.tip_shapes()[..., None]
+        shapes = self.level_shapes()[..., None]
         tip = sum(
             (shapes[..., mode, :] * both[:, :, mode] for mode in range(modes)),
             np.zeros((self.lanes, 2)),
@@ -166,7 +166,7 @@ class ActiveTask(Task):
         values[:, 5], values[:, 6] = np.cos(phase), np.sin(phase)
         return values
 
-    def tip_shapes(self) -> Array:
+    def level_shapes(self) -> Array:
         """Return the modes' shapes where the level is read, (N_m,) or, for each lane, (L, N_m)."""
         return np.asarray(self.scene.model.level_shape)
 

@@ -421,7 +421,7 @@ class StructuresTask(PooledTask, ActiveFrictionTask):
         """Return the force in N that moves a lane's structure at resonance as far as the one that is drawn moves the standard."""
         return super().draw_force(lane, generator) * self._force_unit[self.which[lane]]
 
-    def tip_shapes(self) -> NDArray[np.float64]:
+    def level_shapes(self) -> NDArray[np.float64]:
         """Return the lanes' shapes (L, 2)."""
         return np.asarray(self._shapes[self.which])
 
