@@ -18,6 +18,7 @@ SHIFT = 1e-10  # of the usual ratio of stiffness to mass: makes the stiffness of
 SYMMETRY_TOL = 1e-8  # of the root of the product of the two diagonal entries: rounding in an export
 # a positive semidefinite matrix has no entry above the root of that product; exports have 5 digits or more
 DIAGONAL_TOL = 1e-4
+LARGEST_ENTRY = 1e60  # products of a few entries are still numbers
 PIVOT_TOL = (
     1e-14  # of a factor's pivot over the matrix's diagonal entry: below it the matrix is singular
 )
@@ -59,6 +60,12 @@ def checked(name: str, matrix: Any, size: int | None = None) -> Any:
     found = found.astype(np.float64)
     largest = float(abs(found).max())
     require(largest > 0, name, "a matrix of zeros", "entries other than 0")
+    require(
+        1 / LARGEST_ENTRY < largest < LARGEST_ENTRY,
+        name,
+        f"a matrix with the largest entry {largest:.3g}",
+        f"a largest entry from {1 / LARGEST_ENTRY:g} to {LARGEST_ENTRY:g}",
+    )
     row, column, difference = _entries(found - found.T)
     diagonal = np.abs(found.diagonal())
     usual = np.sqrt(diagonal[row] * diagonal[column])
@@ -201,6 +208,11 @@ def _condensed(
     if len(massless) == 0:
         return own, np.zeros((0, len(inertial)))
     link = _dense_part(stiffness, massless, inertial)
+    if scipy.sparse.issparse(stiffness):
+        held = _symmetric_factor(scipy.sparse.csc_matrix(_part(stiffness, massless, massless)))
+        follow = -held.solve(link)
+        condensed = own + link.T @ follow
+        return (condensed + condensed.T) / 2, follow
     held = _dense_part(stiffness, massless, massless)
     # scaled to a unit diagonal, so that a pivot shows how far the matrix is from singular in any units
     scale = 1 / np.sqrt(np.diag(held))
@@ -290,18 +302,24 @@ def _sparse(mass: Any, stiffness: Any, modes: int, shift: float) -> tuple[Real, 
 
 def _symmetric_factor(matrix: Any) -> Any:
     """Return the factors of a positive definite sparse matrix; raises ParameterError where their pivots show that it is indefinite or singular."""
-    factor = scipy.sparse.linalg.splu(
-        matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    )
+    singular = "a singular sparse matrix"
+    allowed = "regular together with the mass, and on the freedoms without mass"
+    try:
+        factor = scipy.sparse.linalg.splu(
+            matrix,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError as error:
+        raise describe_error("stiffness", singular, allowed) from error
     if np.array_equal(factor.perm_r, factor.perm_c):
         order = np.argsort(factor.perm_c)
         pivots = factor.U.diagonal() / matrix.diagonal()[order]
         if np.any(pivots < -PIVOT_TOL):
             raise describe_error("stiffness", "a matrix that is indefinite", INDEFINITE)
         if np.any(pivots < PIVOT_TOL):
-            raise describe_error(
-                "stiffness", "a singular sparse matrix", "regular together with the mass"
-            )
+            raise describe_error("stiffness", singular, allowed)
     return factor
 
 

@@ -324,7 +324,7 @@ def read_columns(path: Path, name: str) -> dict[str, list[float]]:
                 for line in csv.reader(file)
                 if any(cell.strip() for cell in line)
             ]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise describe_error(name, str(path), f"{allowed} ({error})") from error
     require(len(lines) > 1 and len(set(lines[0])) == len(lines[0]), name, str(path), allowed)
     rows = []

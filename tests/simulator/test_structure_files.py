@@ -98,6 +98,20 @@ def test_many_freedoms_without_mass_follow_too() -> None:
     np.testing.assert_allclose(found.shapes[2:-2:2], between, atol=1e-9)
 
 
+def test_few_masses_on_many_freedoms_are_condensed() -> None:
+    """Four masses on a string of 40,000 springs: the flexibilities of the string between its ends."""
+    joints = 39_999
+    ones = np.ones(joints)
+    stiffness = 1e6 * scipy.sparse.diags([-ones[1:], 2 * ones, -ones[1:]], [-1, 0, 1]).tocsc()
+    places = np.array([8_000, 16_000, 24_000, 32_000])
+    mass = scipy.sparse.coo_matrix((np.full(4, 0.5), (places - 1, places - 1)), (joints, joints))
+    found = lowest_modes(mass.tocsc(), stiffness, 10)
+    share = places / 40_000
+    flexible = np.minimum.outer(share, share) - np.outer(share, share)
+    wanted = np.sort(1 / np.sqrt(np.linalg.eigvalsh(0.5 * flexible * 40_000 / 1e6)))
+    np.testing.assert_allclose(found.omega, wanted, rtol=1e-6)
+
+
 def test_a_combination_of_freedoms_without_mass_has_no_mode() -> None:
     mass = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 2.0]])  # u1 - u2 moves no mass
     stiffness = np.array([[3e4, -1e4, 0.0], [-1e4, 2e4, -1e4], [0.0, -1e4, 1e4]])
@@ -335,6 +349,8 @@ def test_a_wrong_matrix_is_one_line_with_the_file(case: str, tmp_path: Path) -> 
         ({"K": np.eye(3).astype("m8[s]")}, "finite real numbers"),
         ({"K": np.eye(3)[:2]}, "3 by 3"),
         ({"K": np.ones(3)}, "3 by 3"),
+        ({"K": 1e200 * np.eye(3)}, "a largest entry from"),
+        ({"K": np.array(1.0)}, "3 by 3"),
         ({"K": np.array([["1", "2"]])}, "3 by 3"),
     ],
 )
@@ -479,6 +495,30 @@ def test_rotations_and_left_out_zeros_of_a_universal_file(tmp_path: Path) -> Non
     found = universal(tmp_path, text)
     np.testing.assert_allclose(found.tip_shape, plain.tip_shape, rtol=1e-12)
     np.testing.assert_allclose(np.abs(found.force_shape), [0.5, 0.0], rtol=1e-12)
+
+
+def test_forms_of_numbers_and_binary_datasets_of_a_universal_file(tmp_path: Path) -> None:
+    plain = universal(tmp_path, PLAIN)
+    assert universal(tmp_path, PLAIN.replace("\n", "\r\n")).modes == 2
+    touching = PLAIN.replace("  0.00000e+00  0.00000e+00", " -0.00000D+00 -0.00000D+00")
+    touching = touching.replace(" -0.00000D+00 -0.00000D+00 ", "-10.00000D+00-10.00000D+00 ")
+    found = universal(tmp_path, touching)
+    np.testing.assert_array_equal(found.tip_shape, plain.tip_shape)
+    # six complex values a node, on two lines
+    rows = [(node, [0.0] * 4 + [x[2], 0.0] + [0.1] * 6) for node, x in FIRST]
+    value = complex(-2.0, 200.0)
+    header = (value.real, value.imag, 0.0, 2 * value.imag, 0.0, 0.0)
+    model = universal(tmp_path, set_55(rows, header, about=(1, 3, 3, 8, 5, 6)))
+    np.testing.assert_allclose(model.tip_shape, [1.0], rtol=1e-5)
+    # a record in bytes, among them line feeds and an end mark, is passed over
+    record = b"".join([b"\n    -1\n", bytes(range(256)), b"    -1"])
+    head = f"    58b{1:6d}{2:6d}{11:12d}{len(record):12d}{0:6d}{0:6d}{0:12d}{0:12d}\n"
+    binary = b"    -1\n" + head.encode() + b"NONE\n" * 11 + record + b"    -1\n"
+    (tmp_path / "a.uff").write_bytes(binary + PLAIN.encode() + binary)
+    assert len(read_modes(tmp_path / "a.uff")) == 2
+    (tmp_path / "a.uff").write_bytes(PLAIN.encode() + binary[:-100])
+    with pytest.raises(ParameterError, match="complete Universal File"):
+        read_modes(tmp_path / "a.uff")
 
 
 def complex_mode(sign: int, load_case: int = 0, scale: float = 1.0) -> str:
