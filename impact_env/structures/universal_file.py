@@ -12,6 +12,7 @@ from impact_env.checks import describe_error
 from impact_env.parameters import ParameterError, require
 
 END = "-1"
+LARGEST_WHOLE = 10**10  # in ten columns
 # numbers of the header of a binary dataset 58: lines of text, and bytes after them
 BINARY_LINES = 3
 BINARY_BYTES = 4
@@ -49,6 +50,8 @@ class Dataset:
             found = [int(cell) for cell in cells[:number]]
         except ValueError as error:
             raise self.refuse(line, allowed) from error
+        if any(abs(value) >= LARGEST_WHOLE for value in found):
+            raise self.refuse(line, allowed)
         if len(found) < (number if least is None else least):
             raise self.refuse(line, allowed)
         return found + [0] * (number - len(found))

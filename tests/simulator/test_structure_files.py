@@ -577,6 +577,7 @@ WRONG = {
     "double precision": (set_55(FIRST, about=(1, 2, 2, 8, 4, 3)), "real .2. or complex .5."),
     "not a number": (PLAIN.replace("8.00000e-01", "        nan"), "3 finite numbers"),
     "a node twice": (set_55([*FIRST, FIRST[0]]), "each node once"),
+    "a huge node": (PLAIN.replace(f"{2:10d}\n", "9" * 30 + "\n", 1), "10 columns each"),
     "no nodes": (set_55([]), "values at one node or more"),
     "some modal masses": (
         set_55(FIRST) + set_55(SECOND, (90.0, 0.0, 0.01, 0.0), mode=2),
