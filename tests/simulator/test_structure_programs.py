@@ -228,7 +228,6 @@ def test_a_wrong_ansys_file_is_one_line(
     (tmp_path / "file.rst").write_bytes(whole)
     (tmp_path / "cut.rst").write_bytes(whole[:5000])
     (tmp_path / "late.rst").write_bytes(whole[: len(whole) * 9 // 10])
-    (tmp_path / "late.rst").write_bytes(whole[: len(whole) * 9 // 10])
     (tmp_path / "text.rst").write_text("a text\n" * 300)
     keys = PLACES | {"file": "file.rst", "units": "kg, m, s"} | change
     with pytest.raises(ParameterError, match=message) as caught:
