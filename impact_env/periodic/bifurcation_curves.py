@@ -15,6 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import require
+from impact_env.periodic.bifurcations import (
+    PERIOD_DOUBLING,
+    SYMMETRY_BREAKING,
+    TORUS,
+    confirmed_bifurcation,
+    halves_apart,
+    kinds_of_birth,
+    multipliers_of,
+    unlike,
+)
 from impact_env.periodic.branch import (
     FOLD,
     KINK,
@@ -37,8 +47,7 @@ from impact_env.periodic.green import (
     solution_of,
     unknowns_of,
 )
-from impact_env.periodic.motion import derivative_of, motion_of
-from impact_env.periodic.offspring import halves_apart, unlike
+from impact_env.periodic.motion import Motion, derivative_of, motion_of
 from impact_env.periodic.orbit import (
     Orbit,
     confirmed,
@@ -50,10 +59,7 @@ from impact_env.periodic.orbit import (
 from impact_env.periodic.orbit_branches import (
     GRAZING,
     PARAMETER_SHARE,
-    PERIOD_DOUBLING,
     PULLING,
-    SYMMETRY_BREAKING,
-    TORUS,
     OrbitBranch,
     Scheduled,
     Walk,
@@ -75,6 +81,9 @@ RANGE = "end of the frequencies"
 STEPS = Steps(first=0.02, least=1e-7, most=0.2, points=600)
 SAME = 0.9  # of a curve's points: with so many on another one it is that, begun from another order of reversals
 ALIKE = 0.02  # in rad, and of the largest impulse: halves of an orbit that differ less get equal where a step cannot be made any more
+DOUBLE = (
+    1e-4  # how close to 1 or -1 two multipliers are that meet there: the root of their rounding
+)
 DIFFERENCE = 1e-6  # of the unknowns' scales, for the derivatives of A
 
 
@@ -184,7 +193,8 @@ class CurveWalk(Walk):
             ),
         )
         alike = tuple(
-            Monitor(kind, partial(self._along_start, side)) for side, kind in _sides(self.schedule)
+            Monitor(kind, partial(self._along_start, side))
+            for side, kind in kinds_of_birth(self.schedule)
         )
         return (
             (*watched, *alike, Monitor(RESONANCE, self._apart, ends=True))
@@ -249,17 +259,28 @@ class BifurcationCurve(Scheduled):
 
     @cached_property
     def orbits(self) -> tuple[Orbit | NoOrbit, ...]:
-        """Each point's orbit, confirmed by the exact method, or why it is none."""
-        return tuple(confirmed(motion_of(self.solution(k))) for k in range(len(self.schedules)))
+        """Each point's orbit, confirmed by the exact method and with a multiplier on the unit circle, or why it is none."""
+        return tuple(
+            self._confirmed(motion_of(self.solution(k))) for k in range(len(self.schedules))
+        )
 
     @cached_property
     def located(self) -> tuple[tuple[str, Orbit | NoOrbit], ...]:
         """Kind and orbit, or why it is none, of each place located on the curve."""
         return tuple(
-            (kind, confirmed(motion_of(solution)))
+            (kind, self._confirmed(motion_of(solution)))
             for kind, solution in self.places()
             if kind != KINK
         )
+
+    def _confirmed(self, motion: Motion) -> Orbit | NoOrbit:
+        """Return the orbit at a point of the curve, or why there is none; a torus ends where its two multipliers meet at 1 or -1."""
+        values = multipliers_of(motion)
+        if self.kind == TORUS and values is not None:
+            ends = [np.sum(np.abs(values - side) < DOUBLE) for side in (1.0, -1.0)]
+            if max(ends) > 1:
+                return confirmed(motion)
+        return confirmed_bifurcation(self.kind, motion)
 
     def critical(self, k: int) -> complex:
         """Return the multiplier on the unit circle at point ``k``, over the schedule's span: 1, -1, or of a torus's pair the one above."""
@@ -367,21 +388,12 @@ def bifurcation_curve(
     return BifurcationCurve(solution.case, *to_both_sides(one_way), kind)
 
 
-def _sides(schedule: EventSchedule) -> tuple[tuple[float, str], ...]:
-    """Return the bifurcations on whose curve one of these orbits may begin, each with the sign between halves that are alike there."""
-    if schedule.symmetric:
-        return ()
-    return ((-1.0, SYMMETRY_BREAKING), (1.0, PERIOD_DOUBLING))[
-        : 1 if schedule.period_multiple % 2 else 2
-    ]
-
-
 def _explained(way: Branch, case: Case, schedules: Sequence[EventSchedule]) -> Branch:
     """Return a way that ends where both halves of its orbits get alike, on the curve of the bifurcation there.
 
     It breaks down there, or passes over to the orbits' mirror images.
     """
-    for side, kind in _sides(schedules[0]):
+    for side, kind in kinds_of_birth(schedules[0]):
         at = {"omega": float(way.points[-1][-1]), way.parameter: float(way.parameters[-1])}
         if (
             way.ended == MINIMUM_STEP
@@ -430,12 +442,13 @@ def bifurcation_curves(
 ) -> Iterator[BifurcationCurve]:
     """Yield the curves of ``kinds`` through what was located on branches in frequency, each once; see `bifurcation_curve`.
 
-    The last one has ended as `STOPPED` after Ctrl-C. A place from which Newton's method does not come to a curve is left out.
+    The last one has ended as `STOPPED` after Ctrl-C. A place from which Newton's method does not come to a curve is left out, and so is a curve on
+    which no point is an orbit.
     """
     known: list[tuple[BifurcationCurve, Array]] = []
     for branch in branches:
         for kind in kinds:
-            for solution in (motion.solution for motion in branch.of(kind)):
+            for solution in branch.starts(kind):
                 size = PARAMETER_SHARE * size_of(
                     parameter, getattr(solution.case, parameter), limits
                 )
@@ -462,13 +475,16 @@ def bifurcation_curves(
                     if other.kind == kind and like(other, solution)
                 ]
                 known.append((curve, np.array([[*place(found), value] for found, value in at])))
+                stopped = curve.branch.ended == STOPPED
+                if not stopped and not any(isinstance(orbit, Orbit) for orbit in curve.orbits):
+                    continue
                 if any(
                     np.mean([mirrors(places, found, value) for found, value in at]) > SAME
                     for places in others
                 ):
                     continue
                 yield curve
-                if curve.branch.ended == STOPPED:
+                if stopped:
                     return
 
 

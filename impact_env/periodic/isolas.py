@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from impact_env.kernels.periodic.closed_form import line_of, phase_of
 from impact_env.modes import ModalModel
 from impact_env.parameters import count, require
+from impact_env.periodic.bifurcations import confirmed_bifurcation
 from impact_env.periodic.branch import FOLD, STOPPED, NoConvergenceError
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Steps
 from impact_env.periodic.folds import Fold, fold_near, level_fold, reordered_fold
 from impact_env.periodic.green import NoOrbit, Solution, solution_of
 from impact_env.periodic.keeping import Keep, anew
-from impact_env.periodic.orbit import Orbit, confirmed, consistent, reordered
+from impact_env.periodic.orbit import Orbit, consistent, reordered
 from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch, orbit_branches
 from impact_env.periodic.symmetric import (
     BIRTH,
@@ -158,7 +159,7 @@ def thresholds(case: Case, low: float, high: float) -> tuple[Threshold, ...]:
 
 
 def _orbit_of(fold: Fold | NoOrbit) -> Orbit | NoOrbit:
-    return fold if isinstance(fold, NoOrbit) else confirmed(fold.motion)
+    return fold if isinstance(fold, NoOrbit) else confirmed_bifurcation(FOLD, fold.motion)
 
 
 @dataclass(frozen=True)
@@ -359,7 +360,8 @@ def _folds_over_force(solution: Solution, low: float, high: float) -> list[Fold]
     return [
         fold
         for fold in branch.folds()
-        if isinstance(fold, Fold) and not isinstance(confirmed(fold.motion), NoOrbit)
+        if isinstance(fold, Fold)
+        and not isinstance(confirmed_bifurcation(FOLD, fold.motion), NoOrbit)
     ]
 
 

@@ -13,6 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import require
+from impact_env.periodic.bifurcations import (
+    LEAST,
+    PERIOD_DOUBLING,
+    SYMMETRY_BREAKING,
+    unlike,
+)
 from impact_env.periodic.branch import BRANCH_POINT, STOPPED, Located, NoConvergenceError
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Problem, Steps, switched
@@ -21,8 +27,6 @@ from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.orbit_branches import (
     COARSE,
     PARAMETER_SHARE,
-    PERIOD_DOUBLING,
-    SYMMETRY_BREAKING,
     OrbitBranch,
     in_units,
     mirrors,
@@ -40,7 +44,6 @@ from impact_env.periodic.survey import (
     joined_by,
 )
 
-LEAST = 1e-4  # of what tells the two halves apart: below it is the orbit that was left
 BACK = "it is back on the branch that it left"
 SIZES = (
     0.02,
@@ -70,10 +73,9 @@ def leaving(orbits: OrbitBranch, kind: str) -> Iterator[Solution]:
         f"{SYMMETRY_BREAKING} or {PERIOD_DOUBLING}",
     )
     side = -1.0 if kind == SYMMETRY_BREAKING else 1.0
-    for motion in orbits.of(kind):
+    for one in orbits.starts(kind):
         # listed twice: its events and, behind them, what they are a span later
-        one = motion.solution
-        old = motion.solution.schedule
+        old = one.schedule
         later = (event.mirrored if side < 0 else event for event in old.events)
         schedule = EventSchedule(
             (*old.events, *later), False, old.period_multiple * (1 if side < 0 else 2)
@@ -106,24 +108,6 @@ def _beside(solution: Solution, side: float, parameter: str) -> Solution | None:
         if not isinstance(found, NoOrbit) and unlike(found, side) > LEAST:
             return found
     return None
-
-
-def halves_apart(solution: Solution, side: float) -> Array:
-    """Return the second half less the first one times ``side``: phases in rad, and shares of the largest impulse; infinite for an odd number."""
-    half = len(solution.phases) // 2
-    if len(solution.phases) % 2:
-        return np.array([np.inf])
-    late = solution.phases[half:] - solution.phases[:half] - solution.schedule.turn / 2
-    return np.append(
-        late,
-        (solution.impulses[half:] - side * solution.impulses[:half])
-        / np.max(np.abs(solution.impulses)),
-    )
-
-
-def unlike(solution: Solution, side: float) -> float:
-    """Return the largest difference of `halves_apart`."""
-    return float(np.max(np.abs(halves_apart(solution, side))))
 
 
 def _tangent_alike(jacobian: Array, solution: Solution, side: float) -> Array:
@@ -234,8 +218,11 @@ def _until_back(orbits: OrbitBranch, side: float) -> OrbitBranch:
         ended=BACK,
         message=BACK,
     )
-    return OrbitBranch(
-        orbits.case, whole, orbits.schedules[kept], tuple(schedule for _, schedule in pairs)
+    return replace(
+        orbits,
+        branch=whole,
+        schedules=orbits.schedules[kept],
+        located_schedules=tuple(schedule for _, schedule in pairs),
     )
 
 

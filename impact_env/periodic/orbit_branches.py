@@ -5,18 +5,47 @@ The events' conditions are the residual, in another order of events where the mo
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import require
-from impact_env.periodic.branch import CLOSED, FOLD, STOPPED, Branch, Located, Monitor, Residual
+from impact_env.periodic.bifurcations import (
+    LOST_BIRTH,
+    NEAR_BIRTH,
+    PERIOD_DOUBLING,
+    SYMMETRY_BREAKING,
+    TORUS,
+    confirmed_bifurcation,
+    minus_one_test,
+    objection_to,
+    parent_at_birth,
+    torus_test,
+)
+from impact_env.periodic.branch import (
+    BRANCH_POINT,
+    CLOSED,
+    FOLD,
+    KINK,
+    STOPPED,
+    Branch,
+    Located,
+    Monitor,
+    Residual,
+)
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Chart, Problem, Progress, Steps, continuation
 from impact_env.periodic.folds import Fold, fold_near
-from impact_env.periodic.green import Conditions, NoOrbit, Solution, solution_of, unknowns_of
+from impact_env.periodic.green import (
+    Conditions,
+    NoOrbit,
+    Solution,
+    solution_of,
+    solve,
+    unknowns_of,
+)
 from impact_env.periodic.motion import Motion, motion_of
 from impact_env.periodic.orbit import Orbit, consistent, held_orbit, is_held, reordered
 from impact_env.periodic.schedule import EventSchedule
@@ -25,16 +54,13 @@ from impact_env.periodic.symmetric import closed_folds, closed_form, symmetric_s
 Array = NDArray[np.float64]
 GRAZING = "grazing"
 PULLING = "pulling"
-# a multiplier of -1, of half a period and of a whole one
-SYMMETRY_BREAKING = "symmetry breaking"
-PERIOD_DOUBLING = "period doubling"
-TORUS = "torus"  # a pair of complex multipliers on the unit circle (Neimark and Sacker)
-ON_CIRCLE = 1e-6  # how close to it the modulus of such a pair must be: real pairs whose product is 1 are as well zeros of what is monitored
+CHECKED = (FOLD, BRANCH_POINT, SYMMETRY_BREAKING, PERIOD_DOUBLING, TORUS)  # by a multiplier
 PARAMETER_SHARE = (
     0.02  # of the parameter: a change that counts as much as a radian of an event's phase
 )
 STEPS = Steps(first=0.005, least=1e-8, most=0.03)  # fine enough to be drawn
 COARSE = Steps(first=0.01, least=1e-8, most=0.1, points=1000)
+INSIDE = (1e-3, 1e-2, 0.1, 1.0)  # of the last step: how far from an end at a wall an orbit is tried
 SEEDS = 24  # frequencies at which branches are begun
 BESIDE = 1e-3  # relative: how far from a fold a branch that no other frequency shows is begun
 NEAR = 0.01  # of phases in rad, scaled impulses, and the frequency in its share: a start this close to a known branch lies on it
@@ -64,12 +90,25 @@ class Scheduled:
 
 
 @dataclass(frozen=True, eq=False)
+class Unconfirmed:
+    """A place located on a branch that is no bifurcation of an orbit: its ``kind``, the ``solution`` there, and the ``reason``."""
+
+    kind: str
+    solution: Solution
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
 class OrbitBranch(Scheduled):
     """A branch of orbits in one parameter.
 
     Points are solutions of the events' conditions; where friction would hold the absorber for a moment they only bridge the way, and `orbits` has the
-    orbits with a joined phase that shooting finds next to them.
+    orbits with a joined phase that shooting finds next to them. Folds, broken symmetry, doubled periods and tori in ``branch.located`` are confirmed
+    by the exact method and by a multiplier on the unit circle; ``unconfirmed`` has the others. Where a branch without symmetry, or of a doubled
+    period, is born, the kind is the bifurcation of the orbit that it leaves, and the solution located is that orbit, over half of the span.
     """
+
+    unconfirmed: tuple[Unconfirmed, ...] = ()
 
     def orbits(self) -> Iterator[Orbit | NoOrbit]:
         """Yield each point's orbit, confirmed by the exact method, or why it is none."""
@@ -77,28 +116,123 @@ class OrbitBranch(Scheduled):
             yield held_orbit(motion_of(self.solution(k)))
 
     def folds(self) -> tuple[Fold | NoOrbit, ...]:
-        """Return the folds located on the branch, finished by Newton's method."""
+        """Return the folds located on the branch, the unconfirmed ones too, finished by Newton's method."""
         return tuple(
             fold_near(solution, self.branch.parameter)
-            for kind, solution in self.places()
-            if kind == FOLD
+            for solution in (
+                *(solution for kind, solution in self.places() if kind == FOLD),
+                *(each.solution for each in self.unconfirmed if each.kind == FOLD),
+            )
         )
 
     def of(self, kind: str) -> tuple[Motion, ...]:
-        """Return the motions at the places located of a kind, such as `GRAZING`."""
-        found = tuple(motion_of(solution) for each, solution in self.places() if each == kind)
-        return (
-            tuple(
-                motion for motion in found if np.any(np.abs(np.abs(_upper(motion)) - 1) < ON_CIRCLE)
-            )
-            if kind == TORUS
-            else found
+        """Return the motions at the places located of a kind, such as `GRAZING`; births on the branch of another orbit are not among them."""
+        return tuple(
+            motion_of(solution)
+            for each, solution in self.places()
+            if each == kind and not self.is_birth(solution)
         )
 
+    def starts(self, kind: str) -> tuple[Solution, ...]:
+        """Return the solutions from which what leaves a bifurcation of a kind is followed.
 
-def _upper(motion: Motion) -> NDArray[np.complex128]:
-    multipliers = np.linalg.eigvals(motion.derivative)
-    return np.asarray(multipliers[multipliers.imag > 0])
+        Those which the exact method refuses, but with a multiplier in its place, are among them: what leaves there may be an orbit farther on.
+        """
+        return (
+            *(motion.solution for motion in self.of(kind)),
+            *(
+                each.solution
+                for each in self.unconfirmed
+                if each.kind == kind and objection_to(kind, motion_of(each.solution)) is None
+            ),
+        )
+
+    def is_birth(self, solution: Solution) -> bool:
+        """Return whether a solution located is the orbit that this branch leaves."""
+        own = self.schedules[0]
+        other = solution.schedule
+        return (own.symmetric, own.period_multiple) != (other.symmetric, other.period_multiple)
+
+
+def confirmed_places(orbits: OrbitBranch) -> OrbitBranch:
+    """Return a branch with the places located that are bifurcations of orbits, births under their own kind, and the others as unconfirmed.
+
+    At a birth the determinant of the conditions vanishes too: a branch point or kink on the same step of the branch is that birth again.
+    """
+    good: list[tuple[Located, EventSchedule]] = []
+    refused: list[Unconfirmed] = []
+    born: list[Located] = []
+    for event, schedule in zip(orbits.branch.located, orbits.located_schedules, strict=True):
+        if event.kind in (GRAZING, PULLING):
+            reason = _objection_to_end(orbits, event.parameter)
+            if reason is None:
+                good.append((event, schedule))
+            else:
+                solution = orbits.at(schedule, event.point, event.parameter)
+                refused.append(Unconfirmed(event.kind, solution, reason))
+            continue
+        if event.kind not in CHECKED:
+            good.append((event, schedule))
+            continue
+        birth = _birth(orbits, event, schedule)
+        if birth is not None:
+            if not any(other.after == event.after for other in born):
+                good.append(birth)
+            born.append(event)
+            continue
+        solution = orbits.at(schedule, event.point, event.parameter)
+        found = confirmed_bifurcation(event.kind, motion_of(solution))
+        if isinstance(found, NoOrbit):
+            refused.append(Unconfirmed(event.kind, solution, found.reason))
+        else:
+            good.append((event, schedule))
+    steps = {event.after for event in born}
+    good = [pair for pair in good if pair[0].kind != KINK or pair[0].after not in steps]
+    return replace(
+        orbits,
+        branch=replace(orbits.branch, located=tuple(event for event, _ in good)),
+        located_schedules=tuple(schedule for _, schedule in good),
+        unconfirmed=tuple(refused),
+    )
+
+
+def _objection_to_end(orbits: OrbitBranch, value: float) -> str | None:
+    """Return why the branch next to its end at a wall, at a ``value`` of the parameter, is no orbit, None where it is one."""
+    branch = orbits.branch
+    last = len(branch) - 1
+    at_end = abs(branch.parameters[last] - value) < abs(branch.parameters[0] - value)
+    k, inner = (last, last - 1) if at_end else (0, 1)
+    reason = "the branch has no other point"
+    if last == 0 or len(branch.points[k]) != len(branch.points[inner]):
+        return reason
+    for share in INSIDE:
+        z = branch.points[k] + share * (branch.points[inner] - branch.points[k])
+        near = branch.parameters[k] + share * (branch.parameters[inner] - branch.parameters[k])
+        start = orbits.at(orbits.schedules[k], z, float(near))
+        found = solve(start.case, start.schedule, unknowns_of(start))
+        orbit = found if isinstance(found, NoOrbit) else held_orbit(motion_of(found))
+        if isinstance(orbit, Orbit):
+            return None
+        reason = orbit.reason
+    return reason
+
+
+def _birth(
+    orbits: OrbitBranch, event: Located, schedule: EventSchedule
+) -> tuple[Located, EventSchedule] | None:
+    """Return what is located at a birth, the orbit that is left in the units of the branch's own case; None where it is no confirmed birth."""
+    if event.kind not in (FOLD, BRANCH_POINT):
+        return None
+    solution = orbits.at(schedule, event.point, event.parameter)
+    parameter = orbits.branch.parameter
+    at_one = objection_to(event.kind, motion_of(solution)) is None
+    birth = parent_at_birth(solution, parameter, NEAR_BIRTH if at_one else LOST_BIRTH)
+    if birth is None or isinstance(confirmed_bifurcation(birth[0], motion_of(birth[1])), NoOrbit):
+        return None
+    kind, parent = birth
+    point = in_units(orbits.case, parent.schedule, unknowns_of(parent), parent.case)
+    value = float(getattr(parent.case, parameter))
+    return replace(event, kind=kind, point=point, parameter=value), parent.schedule
 
 
 def solution_in(
@@ -163,24 +297,12 @@ class Walk:
         )
 
     def _on_circle(self, z: Array, value: float) -> float:
-        """Return a monitor that is zero where the product of two multipliers is 1: the sign and the geometric mean of all of them, each less 1."""
-        matrix = self.motion(z, value).derivative
-        if not np.all(np.isfinite(matrix)):
-            return np.nan
-        multipliers = np.linalg.eigvals(matrix)
-        first, second = np.triu_indices(len(multipliers), 1)
-        factors = multipliers[first] * multipliers[second] - 1
-        sizes = np.abs(factors)
-        if not np.all(sizes > 0):
-            return 0.0
-        turned = float(np.cos(np.sum(np.angle(factors))))
-        return float(np.sign(turned) * np.exp(np.mean(np.log(sizes))))
+        """Return a monitor that is zero where the product of two multipliers is 1."""
+        return torus_test(self.motion(z, value))
 
     def _turning_back(self, z: Array, value: float) -> float:
-        """Return a monitor that is zero where a multiplier is -1: the product of all of them, each plus 1."""
-        matrix = self.motion(z, value).derivative
-        with np.errstate(all="ignore"):  # where an impact is next to grazing it has no number
-            return float(np.linalg.det(matrix + np.eye(len(matrix))))
+        """Return a monitor that is zero where a multiplier is -1."""
+        return minus_one_test(self.motion(z, value))
 
     def weakest(self, z: Array, _value: float) -> float:
         """Return the least of the impulses, above 0 where all walls push."""
@@ -284,12 +406,13 @@ def orbit_branch(
     """Return the branch through a solution, to both sides, in a parameter of `PARAMETERS` (SI units) within ``limits``.
 
     It ends at its limits, where the absorber grazes a wall or a wall would have to pull, or where it is back at its start; Ctrl-C ends it with what
-    is known so far. Folds are located on the way.
+    is known so far. Bifurcations are located on the way, and confirmed in the end.
     """
-    return OrbitBranch(
+    found = OrbitBranch(
         solution.case,
         *to_both_sides(partial(_one_way, solution, parameter, limits, steps, progress)),
     )
+    return confirmed_places(found)
 
 
 def to_both_sides(

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import require
-from impact_env.periodic.branch import FOLD, Branch
+from impact_env.periodic.bifurcations import ON_CIRCLE, confirmed_bifurcation, critical_multipliers
+from impact_env.periodic.branch import FOLD, KINK, Branch
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.harmonic_balance import OMEGA, Balance, hill_multipliers
-from impact_env.periodic.motion import Motion, stability_of
-from impact_env.periodic.orbit import confirmed, packed
-from impact_env.periodic.orbit_branches import ON_CIRCLE, OrbitBranch
+from impact_env.periodic.motion import Motion, motion_of, stability_of
+from impact_env.periodic.orbit import packed
+from impact_env.periodic.orbit_branches import CHECKED, OrbitBranch
 
 Real = NDArray[np.float64]
 EXACT = "exact orbits"
@@ -275,7 +276,7 @@ def orbit_curve(
             kind,
             getattr(motion.solution.case, orbits.branch.parameter) / reference,
             motion.tip_max,
-            _critical(motion),
+            _critical(kind, motion),
         )
         if not any(
             mark.kind == known.kind and abs(mark.omega_ratio - known.omega_ratio) < SAME
@@ -301,18 +302,25 @@ def orbit_curve(
     )
 
 
-def _critical(motion: Motion) -> tuple[complex, ...]:
-    """Return the multipliers over the schedule's span that lie on the unit circle, none where they are not finite."""
-    found = stability_of(motion).multipliers
-    return tuple(complex(m) for m in found[np.abs(np.abs(found) - 1) < ON_CIRCLE])
+def _critical(kind: str, motion: Motion) -> tuple[complex, ...]:
+    """Return the multipliers over the schedule's span that make the bifurcation, none at a place that is no bifurcation."""
+    if kind not in CHECKED:
+        return ()
+    found = critical_multipliers(kind, stability_of(motion).multipliers)
+    return tuple(complex(m) for m in found)
 
 
 def _marks(orbits: OrbitBranch, folds: Iterable[Motion] | None) -> Iterator[tuple[str, Motion]]:
-    """Yield kind and motion of what was located and is an orbit; folds as Newton's method finishes them."""
+    """Yield kind and motion of what was located and is an orbit, births too; folds as Newton's method finishes them."""
     if folds is None:
         met = (fold for fold in orbits.folds() if not isinstance(fold, NoOrbit))
-        folds = (fold.motion for fold in met if not isinstance(confirmed(fold.motion), NoOrbit))
+        folds = (
+            fold.motion
+            for fold in met
+            if not isinstance(confirmed_bifurcation(FOLD, fold.motion), NoOrbit)
+        )
     yield from ((FOLD, motion) for motion in folds)
-    for kind in sorted({event.kind for event in orbits.branch.located} - {FOLD, "kink"}):
-        for motion in orbits.of(kind):
-            yield kind, motion
+    places = sorted(orbits.places(), key=lambda place: place[0])
+    for kind, solution in places:
+        if kind not in (FOLD, KINK):
+            yield kind, motion_of(solution)

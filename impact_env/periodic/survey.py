@@ -53,17 +53,17 @@ def orbit_of_simulation(
     """
     most_multiple = count("most_multiple", most_multiple, 1)
     state, here = state_after(case, settle, initial, phase)
-    symmetric, multiple, miss = _return_of(case, state, here, most_multiple)
+    symmetric, multiple, miss = return_of(case, state, here, most_multiple)
     if multiple == 0:
         return _none(
             case, f"the run does not come again within {most_multiple} periods (miss {miss:.1e})"
         )
-    found = _orbit_from(case, here, state, symmetric, multiple)
+    found = orbit_next_to(case, here, state, symmetric, multiple)
     shorter = multiple if isinstance(found, NoOrbit) else least_multiple(found)
-    return found if shorter == multiple else _orbit_from(case, here, state, symmetric, shorter)
+    return found if shorter == multiple else orbit_next_to(case, here, state, symmetric, shorter)
 
 
-def _orbit_from(
+def orbit_next_to(
     case: Case, phase: float, state: Array, symmetric: bool, multiple: int
 ) -> Orbit | NoOrbit:
     """Return the orbit next to a ``state`` (2 N_m + 2,) at a ``phase`` (rad), by its events or else by shooting from its longest flight."""
@@ -115,7 +115,7 @@ def least_multiple(orbit: Orbit) -> int:
     return whole
 
 
-def _return_of(case: Case, first: Array, phase: float, most: int) -> tuple[bool, int, float]:
+def return_of(case: Case, first: Array, phase: float, most: int) -> tuple[bool, int, float]:
     """Return whether the motion mirrors itself after half of its period, the multiple of the force's period (0: none), and the least miss.
 
     The state ``first`` (2 N_m + 2,) at a ``phase`` (rad) is compared with those after each half period of the force.

@@ -9,8 +9,8 @@ import click
 from impact_env.drive import default_rate
 from impact_env.ensemble import Executor
 from impact_env.parameters import CompliantWalls, RigidWalls, positive, require
+from impact_env.periodic.bifurcations import PERIOD_DOUBLING, SYMMETRY_BREAKING, TORUS
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT, harmonic_balance
-from impact_env.periodic.orbit_branches import PERIOD_DOUBLING, SYMMETRY_BREAKING, TORUS
 from impact_env.periodic.overview import Asked, Overview, overview, sliding
 from impact_env.periodic.response_curve import COLUMNS
 from impact_env.periodic.stationary import QUANTILES, StationaryRuns

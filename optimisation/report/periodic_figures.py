@@ -12,17 +12,12 @@ from numpy.typing import NDArray
 
 from impact_env.parameters import CompliantWalls, RigidWalls, SlidingAbsorber
 from impact_env.periodic.balance_branches import BalanceRow, Exact
+from impact_env.periodic.bifurcations import PERIOD_DOUBLING, SYMMETRY_BREAKING, TORUS
 from impact_env.periodic.branch import FOLD
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.isolas import IsolaMap, Threshold
 from impact_env.periodic.orbit import Orbit
-from impact_env.periodic.orbit_branches import (
-    GRAZING,
-    PERIOD_DOUBLING,
-    PULLING,
-    SYMMETRY_BREAKING,
-    TORUS,
-)
+from impact_env.periodic.orbit_branches import GRAZING, PULLING
 from impact_env.periodic.overview import Overview
 from impact_env.periodic.response_curve import EXACT, ResponseCurve
 from impact_env.periodic.stationary import QUANTILES
@@ -463,7 +458,7 @@ def save_curves(
         axes.plot(ratio, np.where(beside, value, np.nan), color=colour, lw=1.8)
         axes.plot(ratio, np.where(good, np.nan, value), color=colour, lw=1.0, ls=":")
         for mark in curve["located"]:
-            if mark["kind"] in TURNS:
+            if _is_turn(mark):
                 axes.plot(
                     mark["omega_ratio"],
                     scale * mark["value"],
@@ -475,7 +470,7 @@ def save_curves(
     for kind in dict.fromkeys(curve["kind"] for curve in curves):
         axes.plot([], [], color=KIND_COLOURS[kind], lw=1.8, label=kind)
     for kind in sorted(
-        {mark["kind"] for curve in curves for mark in curve["located"]} & set(TURNS)
+        {mark["kind"] for curve in curves for mark in curve["located"] if _is_turn(mark)}
     ):
         label = f"{parameter} least or greatest" if kind == FOLD else kind
         axes.plot([], [], TURNS[kind], color="black", mfc="white", ms=5, label=label)
@@ -486,6 +481,11 @@ def save_curves(
     draw_grid(axes)
     figure.legend(loc="outside right upper", fontsize=8.5)  # beside the curves, not over them
     write_figure(figure, path)
+
+
+def _is_turn(mark: dict[str, Any]) -> bool:
+    """Return whether a place located on a curve of bifurcations is marked: an end at a wall, or a least or greatest value at a true orbit."""
+    return mark["kind"] in TURNS and (mark["kind"] != FOLD or mark["orbit"] == "yes")
 
 
 CURVE_COLUMNS = (
@@ -616,7 +616,7 @@ def curve_text(curves: list[dict[str, Any]], words: str, scale: float) -> str:
         turns = [
             f"{scale * mark['value']:.7g} at {mark['omega_ratio']:.6f}"
             for mark in curve["located"]
-            if mark["kind"] == FOLD
+            if mark["kind"] == FOLD and _is_turn(mark)
         ]
         ends = [f"{np.min(row):.6g} to {np.max(row):.6g}" for row in (ratio, value)]
         what = ("symmetric" if curve["symmetric"] else "one-sided") + (

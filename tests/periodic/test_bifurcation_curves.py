@@ -15,21 +15,25 @@ from impact_env.periodic.bifurcation_curves import (
     bifurcation_curve,
     bifurcation_curves,
 )
+from impact_env.periodic.bifurcations import (
+    PERIOD_DOUBLING,
+    SYMMETRY_BREAKING,
+    TORUS,
+    minus_one_test,
+    torus_test,
+)
 from impact_env.periodic.branch import FOLD
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.continuation import Steps
-from impact_env.periodic.green import NoOrbit
+from impact_env.periodic.green import NoOrbit, solution_of, unknowns_of
 from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.periodic.isolas import thresholds
-from impact_env.periodic.motion import motion_of, stability_of
+from impact_env.periodic.motion import Motion, motion_of, stability_of
 from impact_env.periodic.offspring import descendants
 from impact_env.periodic.orbit import Orbit, confirmed, orbit_of, unpacked
 from impact_env.periodic.orbit_branches import (
     GRAZING,
-    PERIOD_DOUBLING,
     PULLING,
-    SYMMETRY_BREAKING,
-    TORUS,
     OrbitBranch,
     orbit_branch,
     orbit_branches,
@@ -116,14 +120,115 @@ def test_friction_changes_the_order_of_events_along_a_curve() -> None:
     curves = list(
         bifurcation_curves([branch], (FOLD,), "force", (1.4, 3.0), (0.925 * first, first))
     )
-    assert (
-        len(curves) < len(branch.of(FOLD)) == 3
-    )  # one through both ends of the isola, one through the fold where reversals set in
-    curve = curves[0]
+    assert len(branch.of(FOLD)) == 2
+    assert all(any(isinstance(orbit, Orbit) for orbit in curve.orbits) for curve in curves)
+    curve = curves[0]  # through both ends of the isola
     assert len({schedule.reversals for schedule in curve.schedules}) > 1
     turns = [orbit.case.force for kind, orbit in curve.located if kind == FOLD]
     assert min(abs(turn - 2.37028402) for turn in turns) < 1e-6
     assert np.mean([isinstance(orbit, Orbit) for orbit in curve.orbits]) > 0.9
+
+
+@cache
+def losses() -> list[OrbitBranch]:
+    """N_m = 1, e = 0.75, 1.5 N: two of the branches end where the impulse vanishes."""
+    case = Case(model_of(1), FIRST, 1.5, restitution=0.75)
+    limits = (0.8 * FIRST, 1.06 * FIRST)
+    symmetric = list(orbit_branches(case, *limits))
+    return [
+        *symmetric,
+        *(found for found in descendants(symmetric, limits) if isinstance(found, OrbitBranch)),
+    ]
+
+
+def on_the_circle_by_reference(kind: str, motion: Motion) -> bool:
+    values = multipliers_by_reference(motion)
+    if kind == TORUS:
+        return bool(np.any((np.abs(np.abs(values) - 1) < 2e-3) & (values.imag > 1e-2)))
+    return bool(np.min(np.abs(values - (1 if kind == FOLD else -1))) < 2e-3)
+
+
+def test_every_bifurcation_located_has_its_multiplier_in_an_own_propagation() -> None:
+    """A vanishing impulse turns the sign of det(M + I): 1.01618 is no broken symmetry."""
+    branches = losses()
+    assert sum(PULLING in branch.branch.ended for branch in branches) == 2
+    located = [place for branch in branches for place in branch.places() if place[0] in KINDS]
+    assert len(located) >= 8
+    for kind, solution in located:
+        assert on_the_circle_by_reference(kind, motion_of(solution)), (
+            kind,
+            solution.case.omega_ratio,
+        )
+        assert isinstance(confirmed(motion_of(solution)), Orbit)
+
+
+def test_births_are_the_bifurcations_of_the_orbits_that_are_left() -> None:
+    symmetric, *_, pair = losses()
+    breaking = sorted(motion.solution.case.omega for motion in symmetric.of(SYMMETRY_BREAKING))
+    born = [event for event in pair.branch.located if event.kind == SYMMETRY_BREAKING]
+    assert not pair.schedules[0].symmetric
+    assert sorted(event.parameter for event in born) == pytest.approx(breaking, rel=1e-10)
+    assert pair.of(SYMMETRY_BREAKING) == ()
+    folds = [motion.solution.case.omega_ratio for motion in pair.of(FOLD)]
+    assert folds == pytest.approx([0.944891285] * 2, abs=1e-8)
+    pair_of_two, doubled = one_mode_cascade()
+    doubling = [motion.solution.case.omega for motion in pair_of_two.of(PERIOD_DOUBLING)]
+    for event in doubled.branch.located:
+        assert event.kind != FOLD or min(abs(event.parameter / at - 1) for at in doubling) > 1e-7
+    births = [e.parameter for e in doubled.branch.of(PERIOD_DOUBLING)]
+    assert any(min(abs(at / x - 1) for x in births) < 1e-9 for at in doubling)
+
+
+def one_mode_cascade() -> tuple[OrbitBranch, OrbitBranch]:
+    """N_m = 1, e = 0.8, 1.5 N: the pair, and the branch of its doubled period."""
+    symmetric = list(orbit_branches(Case(model_of(1), 0.9 * FIRST, 1.5, restitution=0.8), *RANGE))
+    found = [
+        branch
+        for branch in descendants(symmetric, RANGE, longest=2)
+        if isinstance(branch, OrbitBranch)
+    ]
+    pair = next(branch for branch in found if branch.schedules[0].period_multiple == 1)
+    doubled = next(branch for branch in found if branch.schedules[0].period_multiple == 2)
+    return pair, doubled
+
+
+def test_the_test_functions_pass_a_vanishing_impulse_without_a_change_of_sign() -> None:
+    """Behind it the solution is none that pushes, and the determinant of M + I has another sign."""
+    branch = next(
+        each for each in losses() if each.of(PULLING) and each.branch.parameters[0] > FIRST
+    )
+    place = branch.of(PULLING)[0].solution
+    z = unknowns_of(place)
+    values = []
+    for impulse in (1e-7, -1e-7):
+        z[1] = impulse
+        at = solution_of(place.case, place.schedule, z, 0.0)
+        motion = motion_of(at)
+        determinant = np.linalg.det(motion.derivative + np.eye(4))
+        values.append((determinant, minus_one_test(motion), torus_test(motion)))
+    before, behind = np.array(values)
+    assert before[0] * behind[0] < 0
+    assert np.all(before[1:] * behind[1:] > 0)
+    assert before[1:] == pytest.approx(behind[1:], rel=1e-2)
+
+
+def test_where_friction_would_hold_the_absorber_nothing_is_located() -> None:
+    """N_m = 3, muN = 0.01 N, 3 N: 0.966794 and 0.971903 lie in such windows."""
+    case = paper_case(3, 1.0, 3.0, friction=0.01)
+    first = float(case.model.omega[0])
+    places = [
+        place
+        for branch in orbit_branches(case, 0.95 * first, 0.98 * first)
+        for place in branch.places()
+        if place[0] in KINDS
+    ]
+    assert places
+    for kind, solution in places:
+        assert isinstance(confirmed(motion_of(solution)), Orbit)
+        assert on_the_circle_by_reference(kind, motion_of(solution)), (
+            kind,
+            solution.case.omega_ratio,
+        )
 
 
 def test_behind_grazing_a_curve_is_no_orbits() -> None:

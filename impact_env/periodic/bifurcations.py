@@ -1,0 +1,196 @@
+"""Bifurcations of orbits: their kinds, test functions that vanish there, and their confirmation.
+
+A multiplier on the unit circle makes a bifurcation: 1 at a fold, -1 where the symmetry breaks (over half a period) or the period doubles, a complex
+pair at a torus (Kuznetsov, Elements of Applied Bifurcation Theory, 2004). Determinants of the return map's derivative M have poles where an impact
+gets infinitely slow, and change their sign there. The test functions here are products of one bounded factor for each multiplier, or pair of them,
+times signs of the impacts' velocities and the reversals' accelerations: they pass a pole without a change of sign.
+"""
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import NDArray
+
+from impact_env.parameters import ParameterError
+from impact_env.periodic.branch import BRANCH_POINT, FOLD
+from impact_env.periodic.case import Case
+from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
+from impact_env.periodic.motion import AnyMotion, Motion, motion_of
+from impact_env.periodic.orbit import Orbit, confirmed
+from impact_env.periodic.schedule import EventSchedule
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+# a multiplier of -1, of half a period and of a whole one
+SYMMETRY_BREAKING = "symmetry breaking"
+PERIOD_DOUBLING = "period doubling"
+TORUS = "torus"  # a pair of complex multipliers on the unit circle (Neimark and Sacker)
+ON_CIRCLE = 1e-6  # a multiplier this close to the unit circle lies on it; located places have 1e-9
+TARGETS = {FOLD: 1.0, BRANCH_POINT: 1.0, SYMMETRY_BREAKING: -1.0, PERIOD_DOUBLING: -1.0}
+LEAST = 1e-4  # of what tells the two halves apart: below it they are the same
+NEAR_BIRTH = (
+    1e-3  # the same next to a birth, and where the root search broke down on its way to one
+)
+LOST_BIRTH = 0.05
+# share of the parameter: how far from a birth on a branch the orbit is sought that it leaves, and how sharply
+BIRTH_REACH = 1e-6
+BIRTH_TOL = 1e-14
+
+
+def critical_multipliers(kind: str, multipliers: Complex, tolerance: float = ON_CIRCLE) -> Complex:
+    """Return the multipliers over the schedule's span that make a bifurcation of a ``kind``; empty where there is none.
+
+    That is one next to 1 or -1, or for a torus the upper one of a complex pair with a modulus next to 1.
+    """
+    values = np.asarray(multipliers, dtype=complex)
+    if kind == TORUS:
+        upper = values[values.imag > tolerance]
+        return upper[np.abs(np.abs(upper) - 1) < tolerance]
+    return values[np.abs(values - TARGETS[kind]) < tolerance]
+
+
+def multipliers_of(motion: AnyMotion) -> Complex | None:
+    """Return the multipliers (2 N_m + 2,) over the schedule's span, None where an impact has no speed at all."""
+    matrix = motion.derivative
+    return np.linalg.eigvals(matrix).astype(complex) if np.all(np.isfinite(matrix)) else None
+
+
+def objection_to(kind: str, motion: AnyMotion) -> str | None:
+    """Return why a motion has no bifurcation of a ``kind``, None where it has a multiplier for it."""
+    multipliers = multipliers_of(motion)
+    if multipliers is None:
+        return "an impact without speed has no multipliers"
+    if len(critical_multipliers(kind, multipliers)) > 0:
+        return None
+    if kind == TORUS:
+        return "no pair of complex multipliers lies on the unit circle"
+    return f"no multiplier is {TARGETS[kind]:g}"
+
+
+def confirmed_bifurcation(kind: str, motion: AnyMotion) -> Orbit | NoOrbit:
+    """Return the orbit at a bifurcation of a ``kind`` if the exact method confirms it and a multiplier is in its place, or why there is none."""
+    reason = objection_to(kind, motion)
+    if reason is not None:
+        solution = motion.solution
+        return NoOrbit(solution.case, solution.schedule, reason, solution.phases)
+    return confirmed(motion)
+
+
+def _orientation_of_impacts(motion: Motion) -> float:
+    """Return 1 or -1: the sign of the product of the relative velocities, towards their walls, before all impacts."""
+    solution = motion.solution
+    wall = solution.schedule.order.wall
+    return float(np.prod(np.where(wall * solution.impulses > 0, -1.0, 1.0)))
+
+
+def _orientation_of_reversals(motion: Motion) -> float:
+    """Return 1 or -1: the sign of the product of the relative accelerations before all reversals, over what friction changes them by."""
+    return float(np.prod(np.where(motion.turning > 0, -1.0, 1.0)))
+
+
+def minus_one_test(motion: Motion) -> float:
+    """Return a function from -1 to 1 that is zero where a multiplier is -1, without a pole; NaN where an impact has no speed."""
+    values = multipliers_of(motion)
+    if values is None:
+        return np.nan
+    factors = (values + 1) / (1 + np.abs(values))
+    sign = _orientation_of_impacts(motion) * _orientation_of_reversals(motion)
+    return sign * float(np.prod(factors).real)
+
+
+def torus_test(motion: Motion) -> float:
+    """Return a function from -1 to 1 that is zero where two multipliers have the product 1, without a pole; NaN where an impact has no speed.
+
+    A slow impact leaves the determinant of M as it is: with one multiplier that grows without bounds another vanishes, their product stays, and an
+    even number of products change their sign. At a reversal the determinant grows too, and an odd number does.
+    """
+    values = multipliers_of(motion)
+    if values is None:
+        return np.nan
+    first, second = np.triu_indices(len(values), 1)
+    products = values[first] * values[second]
+    factors = (products - 1) / (1 + np.abs(products))
+    return _orientation_of_reversals(motion) * float(np.prod(factors).real)
+
+
+def halves_apart(solution: Solution, side: float) -> Array:
+    """Return the second half less the first one times ``side``: phases in rad, and shares of the largest impulse; infinite for an odd number."""
+    half = len(solution.phases) // 2
+    if len(solution.phases) % 2:
+        return np.array([np.inf])
+    late = solution.phases[half:] - solution.phases[:half] - solution.schedule.turn / 2
+    return np.append(
+        late,
+        (solution.impulses[half:] - side * solution.impulses[:half])
+        / np.max(np.abs(solution.impulses)),
+    )
+
+
+def unlike(solution: Solution, side: float) -> float:
+    """Return the largest difference of `halves_apart`."""
+    return float(np.max(np.abs(halves_apart(solution, side))))
+
+
+def kinds_of_birth(schedule: EventSchedule) -> tuple[tuple[float, str], ...]:
+    """Return the bifurcations at which one of these orbits may be born, each with the sign between halves that are alike there."""
+    if schedule.symmetric:
+        return ()
+    return (
+        ((-1.0, SYMMETRY_BREAKING),) if schedule.period_multiple % 2 else ((1.0, PERIOD_DOUBLING),)
+    )
+
+
+def parent_at_birth(
+    solution: Solution, parameter: str, apart: float = NEAR_BIRTH
+) -> tuple[str, Solution] | None:
+    """Return the kind of bifurcation and the orbit at which orbits without symmetry, or of a doubled period, are born next to a solution.
+
+    The orbit is the one that is left, over half of the span, where its multiplier is -1 in the ``parameter``. None where both halves differ by more
+    than ``apart`` (rad and shares of the largest impulse), or no such orbit is found.
+    """
+    for side, kind in kinds_of_birth(solution.schedule):
+        if not unlike(solution, side) < apart:
+            continue
+        half = len(solution.phases) // 2
+        old = solution.schedule
+        multiple = old.period_multiple if side < 0 else old.period_multiple // 2
+        try:
+            schedule = EventSchedule(old.events[:half], side < 0, multiple)
+        except ParameterError:  # reversals of friction in another order in the other half
+            return None
+        start = Solution(
+            solution.case,
+            schedule,
+            solution.phases[:half],
+            solution.impulses[:half],
+            0.0 if side < 0 else solution.offset,
+            solution.error,
+            solution.steps,
+        )
+        found = _solved_for_minus_one(start, parameter)
+        return None if found is None else (kind, found)
+    return None
+
+
+def _solved_for_minus_one(start: Solution, parameter: str) -> Solution | None:
+    """Return the orbit next to a solution at which `minus_one_test` vanishes in the parameter, None if the secant method does not come to one."""
+    last = [start]
+
+    def test(value: float) -> float:
+        case: Case = start.case.changed(**{parameter: value})
+        near = solve(case, start.schedule, unknowns_of(last[-1]))
+        if isinstance(near, NoOrbit):
+            raise RuntimeError(near.reason)
+        last.append(near)
+        return minus_one_test(motion_of(near))
+
+    value = float(getattr(start.case, parameter))
+    unit = abs(value) if value != 0 else 1.0
+    try:
+        scipy.optimize.newton(
+            test, value, x1=value + BIRTH_REACH * unit, tol=BIRTH_TOL * unit, maxiter=30
+        )
+    except (RuntimeError, ValueError):
+        return None
+    found = last[-1]
+    away = abs(float(getattr(found.case, parameter)) - value) / unit
+    return found if away < LEAST else None
