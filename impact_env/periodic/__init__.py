@@ -9,11 +9,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from impact_env.periodic.basins import Basins, Share, find_basins
     from impact_env.periodic.bifurcation_curves import (
         BifurcationCurve,
         bifurcation_curve,
         bifurcation_curves,
     )
+    from impact_env.periodic.bifurcations import confirmed_bifurcation, critical_multipliers
     from impact_env.periodic.case import Case, case_of
     from impact_env.periodic.green import NoOrbit
     from impact_env.periodic.harmonic_balance import hill_multipliers
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Approach",
+    "Basins",
     "BifurcationCurve",
     "Case",
     "Exponent",
@@ -49,6 +52,7 @@ __all__ = [
     "Orbit",
     "OrbitBranch",
     "Range",
+    "Share",
 ]
 __all__ += [
     "bifurcation_curve",
@@ -56,8 +60,11 @@ __all__ += [
     "case_of",
     "closed_form_orbits",
     "confirmed",
+    "confirmed_bifurcation",
+    "critical_multipliers",
     "descendants",
     "exit_rate",
+    "find_basins",
     "hazard",
 ]
 __all__ += [
@@ -72,6 +79,8 @@ __all__ += [
 ]
 __all__ += ["shot_orbit", "stays", "unpacked"]
 _MODULES = {
+    "basins": ("Basins", "Share", "find_basins"),
+    "bifurcations": ("confirmed_bifurcation", "critical_multipliers"),
     "bifurcation_curves": ("BifurcationCurve", "bifurcation_curve", "bifurcation_curves"),
     "case": ("Case", "case_of"),
     "green": ("NoOrbit",),

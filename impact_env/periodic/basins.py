@@ -70,8 +70,8 @@ class Share:
 class Basins:
     """On what runs from random initial states ended after so many ``periods`` of the force, or before that at a stable orbit.
 
-    ``orbits`` with impacts, all of them stable, and ``ended`` (as many): the runs on each. ``without_impacts``: runs whose impacts had come to an end.
-    ``nothing_periodic``: all others, which are chaotic, quasi-periodic, of a longer period, or still on their way.
+    ``orbits`` with impacts, all of them stable, and ``ended`` (as many): the runs on each. ``without_impacts``: runs whose impacts had come to an
+    end. ``nothing_periodic``: all others, which are chaotic, quasi-periodic, of a longer period, or still on their way.
     """
 
     orbits: tuple[Orbit, ...]
@@ -168,12 +168,12 @@ def find_basins(
     progress
         Called with the number of finished runs and of all.
 
-    Returns
+    Returns:
     -------
     Basins
         Orbits, and the shares of the runs that end on each, without impacts, and on nothing periodic.
 
-    Raises
+    Raises:
     ------
     ParameterError
         For numbers out of range.

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import require
+from impact_env.periodic.basins import STARTS, find_basins
 from impact_env.periodic.bifurcations import (
     LEAST,
     PERIOD_DOUBLING,
@@ -232,11 +233,15 @@ def all_orbits_over(
     progress: Progress | None = None,
     longest: int = MOST_MULTIPLE,
     settle: bool = True,
+    starts: int = STARTS,
+    seed: int = 0,
 ) -> Iterator[Found]:
     """Yield the orbits of a case at each of rising frequency ratios (M,): symmetric, without symmetry, and of up to ``longest`` periods of the force.
 
-    ``settle``: where none of them is stable runs show what is, one from rest and one from beside each orbit; those with impacts count, and their
-    branches are followed. Ctrl-C yields what is known so far and goes on to the caller. Raises ParameterError for ratios that do not rise.
+    ``settle``: runs from ``starts`` random initial states at each ratio (`find_basins`, with a ``seed``) add the stable orbits that no branch leads
+    to, and `Found.basins` has the shares of all. Where no orbit is stable one run from rest and one from beside each orbit come before. Orbits with
+    impacts count, and their branches are followed. Ctrl-C yields what is known so far and goes on to the caller. Raises ParameterError for ratios
+    that do not rise.
     """
     search = _Search(case, ratios, longest, progress)
     try:
@@ -244,6 +249,7 @@ def all_orbits_over(
         search.leave(search.branches)
         if settle:
             search.settle()
+            search.draw(starts, seed)
     except KeyboardInterrupt:
         yield from search.groups
         raise
@@ -319,6 +325,18 @@ class _Search:
             if not any(orbit.stability.stable for orbit in group.orbits):
                 for found in attractors(group.case, group.orbits, most_multiple=self.longest):
                     self._add(k, found)
+
+    def draw(self, starts: int, seed: int) -> None:
+        """Run from random initial states at each frequency, and follow what is found."""
+        for k in range(len(self.groups)):
+            self._tell("random starts", k, len(self.groups))
+            group = self.groups[k]
+            basins = find_basins(
+                group.case, group.orbits, starts, seed=seed, most_multiple=self.longest
+            )
+            self.groups[k] = replace(group, basins=basins)
+            for orbit in basins.orbits:
+                self._add(k, orbit)
 
     def _add(self, k: int, found: Orbit | NoOrbit) -> None:
         group = self.groups[k]

@@ -1,7 +1,10 @@
 """Orbits of a case at a frequency or over a range: from the closed form, along its branches, and from runs that come to one."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +20,9 @@ from impact_env.periodic.shooting import shot
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
 from impact_env.scene import InitialState
 from impact_env.sweep import simulate
+
+if TYPE_CHECKING:
+    from impact_env.periodic.basins import Basins
 
 Array = NDArray[np.float64]
 ALIKE = 1e-8  # of the largest entry of a state: two states that are one
@@ -135,11 +141,15 @@ def return_of(case: Case, first: Array, phase: float, most: int) -> tuple[bool, 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What a search found at one frequency: confirmed ``orbits``, and ``refused`` solutions with the reason why they are none."""
+    """What a search found at one frequency: confirmed ``orbits``, and ``refused`` solutions with the reason why they are none.
+
+    ``basins``: on what runs from random initial states end, None where there were none.
+    """
 
     case: Case
     orbits: tuple[Orbit, ...]
     refused: tuple[NoOrbit, ...]
+    basins: Basins | None = None
 
 
 def closed_form_orbits(case: Case) -> Found:
@@ -246,7 +256,8 @@ def joined_by(group: Found, branches: Iterable[OrbitBranch]) -> Found:
     refused = (
         tuple(orbit for orbit in more if isinstance(orbit, NoOrbit)) if more else group.refused
     )
-    return Found(group.case, tuple(different([*group.orbits, *good, *images])), refused)
+    orbits = tuple(different([*group.orbits, *good, *images]))
+    return replace(group, orbits=orbits, refused=refused)
 
 
 def orbits_over(case: Case, ratios: Array, progress: Progress | None = None) -> Iterator[Found]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, count, positive, require
+from impact_env.periodic.basins import STARTS, find_basins
 from impact_env.periodic.bifurcation_curves import KINDS, bifurcation_curves
 from impact_env.periodic.branch import STOPPED
 from impact_env.periodic.case import Case
@@ -85,12 +86,20 @@ def kept(complete: list[bool]) -> Iterator[None]:
 
 
 def searched(
-    case: Case, ratios: Array, symmetric: bool, told: Told, settle: bool = True
+    case: Case,
+    ratios: Array,
+    symmetric: bool,
+    told: Told,
+    settle: bool = True,
+    starts: int = STARTS,
+    seed: int = 0,
 ) -> Iterator[Found]:
-    """Yield the orbits at each ratio (M,): the symmetric ones only, or also what leaves their branches and, with ``settle``, what runs come to."""
+    """Yield the orbits at each ratio (M,): the symmetric ones only, or also what leaves their branches and, with ``settle``, what runs end on."""
     if symmetric:
         return orbits_over(case, ratios, lambda done, total: told("frequencies", done, total))
-    return all_orbits_over(case, ratios, told, settle=settle)
+    return all_orbits_over(
+        case, ratios, told, settle=settle and starts > 0, starts=starts, seed=seed
+    )
 
 
 def listed(case: Case, given: dict[str, Any], told: Told, complete: list[bool]) -> list[Found]:
@@ -103,6 +112,8 @@ def listed(case: Case, given: dict[str, Any], told: Told, complete: list[bool]) 
                 np.linspace(given["start"], given["stop"], given["points"]),
                 given["symmetric"],
                 told,
+                starts=given["starts"],
+                seed=given["seed"],
             )
             return found
         around(case, given, told, found)
@@ -112,7 +123,23 @@ def listed(case: Case, given: dict[str, Any], told: Told, complete: list[bool]) 
                 found[0] = replace(found[0], refused=(*found[0].refused, settled))
             else:
                 found[0] = replace(found[0], orbits=tuple(different([*found[0].orbits, settled])))
+        if not given["symmetric"] and given["starts"] > 0:
+            draw(found, given, told)
     return found
+
+
+def draw(found: list[Found], given: dict[str, Any], told: Told) -> None:
+    """Add what runs from random initial states end on at the single frequency asked for."""
+    here = found[0]
+    basins = find_basins(
+        here.case,
+        here.orbits,
+        given["starts"],
+        seed=given["seed"],
+        progress=lambda done, total: told("random starts", done, total),
+    )
+    orbits = tuple(different([*here.orbits, *basins.orbits]))
+    found[0] = replace(here, orbits=orbits, basins=basins)
 
 
 def around(case: Case, given: dict[str, Any], told: Told, found: list[Found]) -> None:
@@ -297,6 +324,8 @@ def check(given: dict[str, Any]) -> None:
             f"--at = {given['at']} is not allowed: a ratio from --from = {given['start']} to --to = {given['stop']}"
         )
     given["points"] = count("points", given["points"], 2)
+    given["starts"] = count("starts", given["starts"], 0)
+    given["seed"] = count("seed", given["seed"], 0)
     check_targets(given, ".json", ".gz")
 
 
@@ -408,10 +437,22 @@ def asked_for(case: Case, given: dict[str, Any]) -> Result:
         [orbit for group in found for orbit in group.refused], "solutions or runs are"
     )
     stable = sum(orbit.stability.stable for orbit in orbits)
-    text = "\n".join(
-        [report.orbit_table(orbits), "", f"{len(orbits)} orbits, {stable} of them stable.", *notes]
-    )
-    return Result(text, {given["json"]: [plain_orbit(orbit) for orbit in orbits]}, complete[0])
+    lines = [
+        report.orbit_table(found),
+        "",
+        f"{len(orbits)} orbits, {stable} of them stable.",
+        *report.basin_lines(found),
+        *notes,
+    ]
+    plain = [
+        {
+            **plain_orbit(orbit),
+            "basin": None if group.basins is None else group.basins.to_plain(orbit),
+        }
+        for group in found
+        for orbit in group.orbits
+    ]
+    return Result("\n".join(lines), {given["json"]: plain}, complete[0])
 
 
 @command()
@@ -469,7 +510,7 @@ def asked_for(case: Case, given: dict[str, Any]) -> Result:
 @click.option(
     "--at",
     type=float,
-    help="One frequency only; also what runs settle to there, of any period up to eight of the force's.",
+    help="One frequency only; also what runs beside its orbits settle to, of any period up to eight of the force's.",
 )
 @click.option(
     "--along",
@@ -502,6 +543,16 @@ def asked_for(case: Case, given: dict[str, Any]) -> Result:
     show_default=True,
     help="Frequencies listed from the first to the last.",
 )
+@click.option(
+    "--starts",
+    type=int,
+    default=STARTS,
+    show_default=True,
+    help="Runs from random initial states at each frequency; 0: none.",
+)
+@click.option(
+    "--seed", type=int, default=0, show_default=True, help="Of the random initial states."
+)
 @click.option("--symmetric", is_flag=True, help="Symmetric orbits only, which is quicker.")
 @click.option(
     "--folds", is_flag=True, help="The folds of the branches at this force instead of orbits."
@@ -520,8 +571,7 @@ def main(**given: Any) -> None:
     It is on the paper's beam, or on another structure.
 
     Symmetric orbits with one impact a wall are found in closed form, with all reversals of friction, and along their branches. What leaves these
-    where the symmetry breaks and where periods double, up to eight of the force's, is followed too, and where nothing is stable, what runs settle to.
-
+    where the symmetry breaks and XX
     Multipliers of symmetric orbits are those of half a period: +1 is a fold, -1 breaks the symmetry. Columns slow and fast: the largest of the pair
     that lives as long as the beam's vibration, and of all others. Held: friction or a wall holds the absorber for a while.
 

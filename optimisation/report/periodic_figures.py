@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from impact_env.parameters import CompliantWalls, RigidWalls, SlidingAbsorber
 from impact_env.periodic.balance_branches import BalanceRow, Exact
+from impact_env.periodic.basins import Share
 from impact_env.periodic.bifurcations import PERIOD_DOUBLING, SYMMETRY_BREAKING, TORUS
 from impact_env.periodic.branch import FOLD
 from impact_env.periodic.green import NoOrbit
@@ -21,6 +22,7 @@ from impact_env.periodic.orbit_branches import GRAZING, PULLING
 from impact_env.periodic.overview import Overview
 from impact_env.periodic.response_curve import EXACT, ResponseCurve
 from impact_env.periodic.stationary import QUANTILES
+from impact_env.periodic.survey import Found
 from impact_env.periodic.symmetric import BIRTH
 from optimisation.page import markdown
 from optimisation.report.figures import (
@@ -502,10 +504,40 @@ CURVE_COLUMNS = (
 )
 
 
-def orbit_table(orbits: list[Orbit]) -> str:
+def share_text(share: Share) -> str:
+    """Return the number of runs that ended on a motion, and the interval of their share in percent."""
+    return f"{share.ended} of {share.runs} ({100 * share.low:.0f}-{100 * share.high:.0f} %)"
+
+
+def basin_lines(found: list[Found]) -> list[str]:
+    """Return a line for each frequency at which runs from random initial states ended on no orbit with impacts; of a single frequency always."""
+    lines = []
+    for group in found:
+        basins = group.basins
+        if basins is None:
+            continue
+        shares = (
+            (basins.share_of_nothing_periodic, "on nothing periodic"),
+            (basins.share_without_impacts, "without impacts"),
+        )
+        parts = [
+            f"{share_text(share)} end {where}"
+            for share, where in shares
+            if share.ended or len(found) == 1
+        ]
+        if parts:
+            runs = f"runs from random initial states over {basins.periods} periods of the force"
+            lines.append(f"At {group.case.omega_ratio:.6f}, {runs}: {', '.join(parts)}.")
+    return lines
+
+
+def orbit_table(found: list[Found]) -> str:
     """Return a line for each orbit."""
     rows = []
-    for orbit in orbits:
+    for basins, orbit in ((group.basins, orbit) for group in found for orbit in group.orbits):
+        basin = ""
+        if basins is not None and orbit.stability.stable:
+            basin = share_text(basins.share_of(orbit))
         slow, fast = (
             float(np.max(np.abs(values)))
             for values in (orbit.stability.slow_multipliers, orbit.stability.fast_multipliers)
@@ -519,7 +551,8 @@ def orbit_table(orbits: list[Orbit]) -> str:
         rows.append(
             [
                 f"{orbit.case.omega_ratio:.6f}", kind, str(len(orbit.impacts)), str(sides * schedule.reversals), f"{1e3 * orbit.motion.tip_max:.6f}",
-                f"{1e3 * orbit.motion.tip_rms:.6f}", f"{slow:.4f}", f"{fast:.4f}", "yes" if orbit.stability.stable else "no", f"{orbit.residual:.0e}",
+                f"{1e3 * orbit.motion.tip_rms:.6f}", f"{slow:.4f}", f"{fast:.4f}", "yes" if orbit.stability.stable else "no", basin,
+                f"{orbit.residual:.0e}",
             ]
         )  # fmt: skip
     header = (
@@ -532,6 +565,7 @@ def orbit_table(orbits: list[Orbit]) -> str:
         "slow",
         "fast",
         "stable",
+        "basin",
         "residual",
     )
     return markdown(header, rows)

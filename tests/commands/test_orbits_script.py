@@ -27,7 +27,7 @@ KEYS = {
     "stable",
     "residual",
 }
-KEYS |= {"scene", "force_N", "omega_rad_s", "period_s", "events", "held_rad", "start"}
+KEYS |= {"basin", "scene", "force_N", "omega_rad_s", "period_s", "events", "held_rad", "start"}
 PAPER = ["--modes", "3", "--friction-limit", "0.01", "--restitution", "1", "--force", "1.5"]
 ONE_MODE = ["--modes", "1", "--restitution", "0.75", "--force", "1.5"]
 
