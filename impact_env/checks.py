@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager, suppress
+from dataclasses import is_dataclass
 from functools import partial
 from itertools import islice
 from numbers import Integral, Real
@@ -102,12 +103,22 @@ def _written(value: object) -> str:
     """Return a value as text for an error."""
     if isinstance(value, int) and abs(value) >= LARGEST_WRITTEN:
         return "a whole number of very many digits"
+    if is_dataclass(value) and type(value).__module__ == "impact_env.parameters":
+        with suppress(Exception):  # one that is not valid yet has no description
+            return _described(value)
     try:
         return repr(value)
     except ValueError:
         return f"{type(value).__name__} with a whole number of very many digits"
     except Exception:  # a repr of somebody else's class
         return f"an object of the kind {type(value).__name__}"
+
+
+def _described(value: Any) -> str:
+    """Return an absorber or a contact law in words, as commands print it."""
+    from impact_env.laws import describe  # which checks its values by functions of this module
+
+    return describe(value)
 
 
 def _is_number(kind: type) -> bool:

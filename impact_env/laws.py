@@ -299,6 +299,13 @@ def words(absorber: Absorber | None) -> str:
     return ", ".join(word for word in told if word)
 
 
+def describe(value: Any) -> str:
+    """Return an absorber or a contact law of the table for people; KeyError for anything else."""
+    if isinstance(value, Absorber):
+        return words(value)
+    return f"{type(value).__name__} ({_ENTRIES[type(value)].words(value)})"
+
+
 def _chosen(laws: tuple[Law, ...], given: Values) -> Law:
     """Return the law of a group that the given names belong to."""
     law = next((law for law in laws if law.mark in given), laws[0])

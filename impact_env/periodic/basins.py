@@ -168,12 +168,12 @@ def find_basins(
     progress
         Called with the number of finished runs and of all.
 
-    Returns:
+    Returns
     -------
     Basins
         Orbits, and the shares of the runs that end on each, without impacts, and on nothing periodic.
 
-    Raises:
+    Raises
     ------
     ParameterError
         For numbers out of range.

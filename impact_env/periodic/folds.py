@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 MOST_STEPS = 25
 DIFFERENCE = 1e-5
 CLOSE = 1e-12
+# of the unknowns and of the scaled conditions of a fold: beyond them Newton's method has not come to one
+STEP_TOL = 1e-8
+RESIDUAL_TOL = 1e-9
 APART = (
     1.001,
     1.004,
@@ -95,18 +98,19 @@ def fold_near(solution: Solution, parameter: str = "omega") -> Fold | NoOrbit:
         error = float(np.max(np.abs(step)))
         if not np.isfinite(error) or error > 1e3 or value <= 0 or error < CLOSE:
             break
-    if not error < 1e-8:
+    left = np.inf
+    if np.isfinite(error) and value > 0:
+        residual, jacobian = conditions(z, value)  # behind the last step
+        left = float(max(np.max(np.abs(residual)), np.max(np.abs(jacobian[:, :m] @ v))))
+    if not (error < STEP_TOL and left < RESIDUAL_TOL):
         return NoOrbit(
             case,
             schedule,
-            f"no fold in {parameter} near here (last step {error:.1e})",
+            f"no fold in {parameter} near here (residual {left:.1e}, last step {error:.1e})",
             z[: len(schedule.events)],
         )
-    return _fold_of(
-        solution_of(
-            case.changed(**{parameter: value}), schedule, z, float(np.max(np.abs(residual)))
-        )
-    )
+    at = case.changed(**{parameter: value})
+    return _fold_of(solution_of(at, schedule, z, float(np.max(np.abs(residual)))))
 
 
 def _fold_of(solution: Solution) -> Fold | NoOrbit:

@@ -132,7 +132,15 @@ def test_branches_over_the_force_hold_both_ends_of_an_s(tmp_path: Path) -> None:
 
 
 def test_one_frequency_has_what_runs_settle_to_as_well(tmp_path: Path) -> None:
-    _, found = listed(tmp_path, *ONE_MODE, "--at", "0.93")
+    output, found = listed(tmp_path, *ONE_MODE, "--at", "0.93")
+    shares = [orbit["basin"] for orbit in found]
+    assert {share["runs"] for share in shares} == {16}
+    assert sum(share["ended"] for share in shares) == 16
+    assert {share["nothing_periodic"]["ended"] for share in shares} == {0}
+    for share in shares:
+        assert share["low"] <= share["share"] == share["ended"] / 16 <= share["high"]
+        assert share["ended"] == 0 or f"{share['ended']} of 16 (" in output
+    assert "over 2000 periods of the force: 0 of 16 (0-19 %) end on nothing periodic" in output
     assert {orbit["omega_ratio"] for orbit in found} == {0.93}
     sided = [orbit for orbit in found if not orbit["symmetric"]]
     assert len(sided) == 2

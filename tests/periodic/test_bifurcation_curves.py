@@ -25,7 +25,8 @@ from impact_env.periodic.bifurcations import (
 from impact_env.periodic.branch import FOLD
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.continuation import Steps
-from impact_env.periodic.green import NoOrbit, solution_of, unknowns_of
+from impact_env.periodic.folds import Fold
+from impact_env.periodic.green import NoOrbit, residual_and_jacobian, solution_of, unknowns_of
 from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.periodic.isolas import thresholds
 from impact_env.periodic.motion import Motion, motion_of, stability_of
@@ -190,6 +191,15 @@ def one_mode_cascade() -> tuple[OrbitBranch, OrbitBranch]:
     pair = next(branch for branch in found if branch.schedules[0].period_multiple == 1)
     doubled = next(branch for branch in found if branch.schedules[0].period_multiple == 2)
     return pair, doubled
+
+
+def test_a_fold_has_the_residual_behind_newtons_last_step() -> None:
+    branch = losses()[0]
+    for fold in branch.folds():
+        assert isinstance(fold, Fold)
+        solution = fold.motion.solution
+        residual, _ = residual_and_jacobian(solution.case, solution.schedule, unknowns_of(solution))
+        assert solution.error == pytest.approx(np.max(np.abs(residual)), rel=0, abs=3e-15)
 
 
 def test_the_test_functions_pass_a_vanishing_impulse_without_a_change_of_sign() -> None:
