@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import done, read
+from commands import call, done, read
 
 from impact_env import Drive, InitialState, constant_frequency, simulate
 from impact_env.frequency import tip_response
@@ -158,6 +158,18 @@ def test_one_frequency_has_what_runs_settle_to_as_well(tmp_path: Path) -> None:
     for (wall, phase, impulse), (_, there, back) in zip(one, other[::-1], strict=True):
         assert back == pytest.approx(-impulse, rel=1e-8), wall
         assert np.exp(1j * there) == pytest.approx(-np.exp(1j * phase), abs=1e-8)
+
+
+def test_two_absorbers_are_refused_in_one_line(tmp_path: Path) -> None:
+    scene = tmp_path / "two.toml"
+    places = "".join(f"[[absorber.absorbers]]\nposition = {at}\n" for at in (1.0, 0.6))
+    scene.write_text(f'[beam]\nmodes = 2\n[absorber]\nkind = "several"\n{places}', "utf-8")
+    for name in ("frequency_response", "isola"):
+        result = call(imported(name), "--scene", scene)
+        assert result.exit_code == 2
+        error = result.output.strip().splitlines()[-1]
+        assert error.startswith("Error: absorber = at 1 of the length impact absorber")
+        assert "(" not in error
 
 
 def test_a_range_has_pairs_and_doubled_periods(tmp_path: Path) -> None:

@@ -25,8 +25,11 @@ from impact_env import (
     Moreau,
     ParameterError,
     Record,
+    RigidWalls,
     Scene,
+    SeveralAbsorbers,
     SlidingAbsorber,
+    StuckAbsorber,
     beam_scene,
     constant_frequency,
     impact_absorber,
@@ -39,7 +42,7 @@ from impact_env.ensemble import Lane, Members, draw_members, run_lanes
 from impact_env.envs.settings import TaskSettings
 from impact_env.frequency import joint_matrices, tip_response
 from impact_env.level import response_level
-from impact_env.parameters import friction_law
+from impact_env.parameters import friction_law, require
 from impact_env.periodic.contact import CompliantContact, RigidContact
 from impact_env.plain import from_drive, from_scene, to_drive, to_method, to_scene
 from impact_env.plain_files import read_plain
@@ -55,6 +58,25 @@ ONE_MODE: dict[str, Any] = {
 }
 LANE = Lane(SCENE, Drive(1.0, constant_frequency(252.0, 1.0, 1.0)))
 RUN: dict[str, Any] = {"scene": SCENE, "drive": LANE.drive}
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        impact_absorber(restitution=0.7),
+        SeveralAbsorbers((impact_absorber(), impact_absorber()), (1.0, 0.6)),
+        RigidWalls(),
+        CoulombFriction(0.1),
+        StuckAbsorber(),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_an_error_describes_an_absorber_in_words(value: object) -> None:
+    with pytest.raises(ParameterError) as caught:
+        require(False, "absorber", value, "another one")
+    text = str(caught.value)
+    assert "\n" not in text
+    assert not any(f"{name}=" in text for name in ("walls", "mass_ratio", "gap", "limit"))
 
 
 NAMED: list[

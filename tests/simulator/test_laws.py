@@ -9,7 +9,6 @@ from scipy.integrate import solve_ivp
 
 from impact_env import (
     Beam,
-    CoulombFriction,
     Drive,
     Moreau,
     NonlinearSink,
@@ -19,17 +18,14 @@ from impact_env import (
     RungeKutta,
     SeveralAbsorbers,
     SlidingAbsorber,
-    StuckAbsorber,
     YieldingWalls,
     beam_scene,
     constant_frequency,
-    impact_absorber,
     linear_sweep,
     simulate,
 )
 from impact_env.envs.settings import TaskSettings
 from impact_env.laws import argument, make, values
-from impact_env.parameters import require
 from impact_env.periodic.case import case_of
 from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.plain import from_scene, to_scene
@@ -242,24 +238,3 @@ def test_a_nonlinear_sink_is_integrated_as_an_independent_solver_does() -> None:
     assert errors[2] < 1e-6
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.5)  # fourth order
     assert found.energy.relative_error < 1e-9
-
-
-@pytest.mark.parametrize(
-    "value",
-    [
-        impact_absorber(restitution=0.7),
-        SeveralAbsorbers((impact_absorber(), impact_absorber()), (1.0, 0.6)),
-        RigidWalls(),
-        YieldingWalls(),
-        CoulombFriction(0.1),
-        StuckAbsorber(),
-    ],
-    ids=lambda value: type(value).__name__,
-)
-def test_an_error_describes_an_absorber_in_words(value: object) -> None:
-    with pytest.raises(ParameterError) as caught:
-        require(False, "absorber", value, "another one")
-    assert "=RigidWalls(" not in str(caught.value)
-    assert "mass_ratio=" not in str(caught.value)
-    assert "gap=" not in str(caught.value)
-    assert "limit=" not in str(caught.value)
