@@ -19,8 +19,10 @@ from impact_env.parameters import (
     positive,
     require,
 )
+from impact_env.scene import Scene
 from optimisation.cli import common
 from optimisation.cli import scene_options as scenes
+from optimisation.duration import LONG_S, announce_duration
 from optimisation.executors import cluster_option, workers
 from optimisation.executors import executor as executor_on
 from optimisation.extremes import usable_force, usable_gap, usable_rate
@@ -57,9 +59,13 @@ from optimisation.report.gap_report import (
     text,
     warnings,
 )
+from optimisation.sweep_range import find_sweep_range
 from optimisation.uncertain import FRICTION, GAP, Spread, require_parts, spreads
 
 QUICK_MEMBERS = 1
+SWEEPS = 40  # of a search, about
+COARSER = 10.0  # times the rate: of the answer that comes first where a search is long
+COARSE_PERIODS = 200.0  # of a sweep, at least, for such an answer
 MEMBERS_HELP = (
     f"Runs for each gap of an answer, other in phase and 1e-6 of force.  [default: {MEMBERS}]"
 )
@@ -96,22 +102,45 @@ def simulated(
     limits: Limits,
     executor: Executor,
 ) -> Advice:
-    """Search the gap as the options say, under a bar."""
-    with sweeps_bar("simulating") as show:
-        return advise(
-            model,
-            given["force"],
-            given["resonance"],
-            absorber,
-            free=given["free"],
-            friction_given=given["friction_limit"] is not None,
-            factors=() if given["gaps"] is None else tuple(map(float, gap_factors(given["gaps"]))),
-            percent_per_100_periods=rate,
-            limits=limits,
-            progress=show,
-            executor=executor,
-            **runs_of(given),
-        )
+    """Search the gap as the options say, under a bar; a long search says how long, and answers from fast sweeps first."""
+    low, high = find_sweep_range(model, absorber.mass_ratio, given["resonance"])
+    periods = 1e4 * (high - low) / rate
+
+    def search(rate: float, factors: tuple[float, ...], **how: Any) -> Advice:
+        with sweeps_bar("simulating", leave="members" not in how) as show:
+            return advise(
+                model,
+                given["force"],
+                given["resonance"],
+                absorber,
+                free=given["free"],
+                friction_given=given["friction_limit"] is not None,
+                factors=factors,
+                percent_per_100_periods=rate,
+                limits=limits,
+                progress=show,
+                executor=executor,
+                **runs_of(given) | how,
+            )
+
+    scene = Scene(model, absorber)
+    force, resonance = given["force"], given["resonance"]
+    long = (
+        given["cluster"] is None
+        and announce_duration(scene, force, resonance, periods, SWEEPS, given["threads"]) > LONG_S
+    )
+    if long and periods > COARSER * COARSE_PERIODS:
+        coarse = search(COARSER * rate, (), members=1)
+        if not coarse.complete:
+            return coarse
+        best = coarse.recommended
+        if best is not None:
+            click.echo(
+                f"Coarse answer, of one run a gap {COARSER:g} times as fast: a gap of {1e3 * best.gap:.3g} mm, level {1e3 * best.level:.3g} mm.",
+                err=True,
+            )
+    factors = () if given["gaps"] is None else tuple(map(float, gap_factors(given["gaps"])))
+    return search(rate, factors)
 
 
 def limits_of(given: dict[str, Any], model: ModalModel, absorber: SlidingAbsorber) -> Limits:

@@ -15,7 +15,7 @@ from impact_env.ensemble import Executor, Lane, draw_members, drives_of, each_la
 from impact_env.laws import words
 from impact_env.level import MOST_SAMPLES
 from impact_env.loads import AnyDrive
-from impact_env.methods import PAPER_STEPS, Method, check_load, check_supported
+from impact_env.methods import PAPER_STEPS, Exact, Method, check_load, check_supported
 from impact_env.parameters import Beam, RigidWalls, TunedAbsorber, count
 from impact_env.response import Record, Response
 from impact_env.scene import Scene
@@ -30,6 +30,7 @@ from optimisation.cli.common import (
     json_option,
     plain_errors,
 )
+from optimisation.duration import announce_duration
 from optimisation.executors import cluster_option, workers
 from optimisation.extremes import sweep_ratio
 from optimisation.files import STANDARD_OUTPUT, replacing, write_json
@@ -207,6 +208,10 @@ def run(given: scenes.Options) -> None:
             "--measures", scene, schedule, count("measures", given["measures"], 4, MOST_SAMPLES)
         )
     drives = drives_of(draw_members(given["members"], given["seed"]), first)
+    if isinstance(first, Drive) and isinstance(method, Exact) and given["cluster"] is None:
+        announce_duration(
+            scene, first.amplitude, given["resonance"], schedule.periods, len(drives), None
+        )
     with workers(None, given["cluster"]) as executor:
         result = compute(given, scene, drives, method, executor)
         result = replace(result, measures=measured(given, scene, beam, drives, executor))

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from pathlib import Path
 from types import ModuleType
 
@@ -19,6 +20,7 @@ from optimisation.bounds import design_gap, reach
 from optimisation.cli import mass_ratios
 from optimisation.cli.common import plain_errors
 from optimisation.designs import design_space
+from optimisation.duration import duration_in_words
 from optimisation.gap_check import check_gap, scaled_absorber
 from optimisation.insight import sensitivity
 from optimisation.objectives import Condition
@@ -369,3 +371,32 @@ def test_sobol_indices_find_what_matters() -> None:
     assert found.total[0] > 0.8
     assert abs(found.total[1]) < 0.05
     assert (found.low[0], found.high[0]) == pytest.approx((496.0, 744.0))
+
+
+def test_a_long_search_says_how_long_and_answers_coarsely_first(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Every run counts as long; the coarse answer is one that the command gives alone, at ten times the rate."""
+    command = load("design_gap", monkeypatch)
+    monkeypatch.setattr(command, "LONG_S", 0.0)
+    monkeypatch.setattr("optimisation.duration.LONG_S", 0.0)
+    monkeypatch.setattr(command, "COARSE_PERIODS", 1.0)
+    given = ["--force", 3.5, "--modes", 2, "--members", 1, "--no-card"]
+    result = done(command, *given, "--rate", 10, "--out", tmp_path / "both")
+    assert "About " in result.stderr
+    assert "40 runs of" in result.stderr
+    found = re.search(r"a gap of (\S+) mm, level (\S+) mm", result.stderr)
+    assert found is not None
+    monkeypatch.setattr(command, "LONG_S", math.inf)
+    done(command, *given, "--rate", 100, "--out", tmp_path / "alone")
+    alone = json.loads((tmp_path / "alone" / "summary.json").read_text())["recommended"]
+    assert float(found[1]) == pytest.approx(1e3 * alone["gap_m"], rel=1e-2)
+    assert float(found[2]) == pytest.approx(1e3 * alone["level_m"], rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(20.4, "20 s"), (119.0, "120 s"), (150.0, "2.5 min"), (7300.0, "2 h"), (1e6, "12 days")],
+)
+def test_a_duration_is_in_words(seconds: float, words: str) -> None:
+    assert duration_in_words(seconds) == words
