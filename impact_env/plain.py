@@ -37,7 +37,7 @@ from impact_env.scene import Scene, beam_scene
 from impact_env.shared_mass import shared_masses
 from impact_env.structures.checks import StructureWarning as StructureWarning
 from impact_env.structures.checks import warnings_of
-from impact_env.structures.modal import by_frequency
+from impact_env.structures.modal import by_frequency, require_modes_once
 
 Plain = dict[str, Any]
 INFINITY = "infinity"  # JSON has no infinite number
@@ -300,6 +300,8 @@ def _read(plain: dict[str, Any], path: Path) -> Structure:
         ):  # in every command: where the absorber was, also if a search moves it
             return replace(structure, response_position=structure.absorber_position)
         return structure
+    if "model" in plain:
+        require_modes_once(structure)
     return by_frequency(structure)
 
 

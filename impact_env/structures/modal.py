@@ -101,6 +101,21 @@ def by_frequency(model: ModalModel) -> ModalModel:
     )
 
 
+def require_modes_once(model: ModalModel) -> None:
+    """Raise ParameterError for a mode that is listed again with the same numbers, but for its sign: it would count twice."""
+    rows = np.vstack([model.force_shape, model.level_shape, model.places])
+    for i in range(model.modes):
+        for j in range(i):
+            sign = -1.0 if rows[:, i] @ rows[:, j] < 0 else 1.0
+            same = np.array_equal(rows[:, i], sign * rows[:, j])
+            require(
+                not (same and model.omega[i] == model.omega[j] and np.any(rows[:, i])),
+                "model",
+                f"the mode of {model.omega[i] / (2 * math.pi):.6g} Hz twice with the same shapes",
+                "each mode once",
+            )
+
+
 HELD = "above 0: a motion that bends nothing has the frequency of its suspension, and cannot be left out, since it carries the absorber too"
 
 

@@ -20,6 +20,12 @@ COMPLEX = (3, 7)
 REAL_DATA = 2
 COMPLEX_DATA = 5
 VALUES_A_NODE = (3, 6)
+STRUCTURAL = (0, 1)  # kinds of model: unknown, structural
+VECTORS = {
+    0: None,
+    2: 3,
+    3: 6,
+}  # kinds of data, unknown or a vector, with the values a node of each
 DISPLACEMENT = (0, 1, 8)  # quantities: unknown, general, displacement
 MOTION = {11: "velocity", 12: "acceleration"}
 UNITS = 164
@@ -161,7 +167,7 @@ def _assurance(a: Real, b: Real) -> float:
 
 def _mode(part: Dataset, mass_unit: float) -> MeasuredMode | None:
     """Return the mode of a dataset 55, its shape in 1/sqrt(kg), or None for results of another kind or a conjugate."""
-    _, analysis, _, quantity, data, values = part.whole(5, 6)
+    model, analysis, kind, quantity, data, values = part.whole(5, 6)
     if analysis != NORMAL and analysis not in COMPLEX:
         return None
     if quantity in MOTION:
@@ -172,6 +178,13 @@ def _mode(part: Dataset, mass_unit: float) -> MeasuredMode | None:
         return None
     if values not in VALUES_A_NODE:
         raise part.refuse(5, "3 or 6 values a node (sixth field): x, y, z, and rotations")
+    if kind not in VECTORS or VECTORS[kind] not in (None, values):
+        raise part.refuse(
+            5,
+            "displacements (third field 2 with 3 values a node, or 3 with 6), no scalar or tensor",
+        )
+    if model not in STRUCTURAL:
+        raise part.refuse(5, "modes of a structure (first field 0 or 1)")
     if data not in (REAL_DATA, COMPLEX_DATA):
         raise part.refuse(5, "real (2) or complex (5) values (fifth field)")
     integers, reals, load_case, number = part.whole(6, 4, 3)

@@ -571,6 +571,15 @@ WRONG = {
         set_55([(1, [0.5]), (2, [1.0])], about=(1, 2, 1, 8, 2, 1)),
         "3 or 6 values a node",
     ),
+    "a tensor": (
+        set_55([(n, [*x, 0.0, 0.0, 0.0]) for n, x in FIRST], about=(1, 2, 4, 8, 2, 6)),
+        "no scalar or tensor",
+    ),
+    "three values of a vector of six": (
+        set_55(FIRST, about=(1, 2, 3, 8, 2, 3)),
+        "no scalar or tensor",
+    ),
+    "heat": (set_55(FIRST, about=(2, 2, 2, 8, 2, 3)), "modes of a structure"),
     "acceleration": (set_55(FIRST, about=(1, 2, 2, 12, 2, 3)), "not acceleration"),
     "stress only": (set_55(FIRST, about=(1, 2, 2, 2, 2, 3)), "with modes in datasets 55"),
     "static only": (set_55(FIRST, about=(1, 1, 2, 8, 2, 3)), "with modes in datasets 55"),
@@ -688,6 +697,21 @@ def test_resonance_1_is_the_lowest_however_the_modes_are_listed(key: str, tmp_pa
     np.testing.assert_array_equal(model.force_shape, [0.6, 0.7, -1.8])
     np.testing.assert_array_equal(model.absorber_shapes, [[2.5, -2.4, 2.6], [2.0, 3.0, 1.0]])
     np.testing.assert_array_equal(model.base_participation, [0.5, 0.3, 0.1])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_mode_that_is_listed_twice_as_numbers_is_refused(sign: float, tmp_path: Path) -> None:
+    keys = {
+        "frequencies_hz": [40.0, 90.0, 40.0],
+        "damping_ratio": 0.01,
+        "force_shape_per_sqrt_kg": [0.6, 0.7, sign * 0.6],
+        "tip_shape_per_sqrt_kg": [2.5, 2.4, sign * 2.5],
+        "beam_mass_kg": 0.56,
+    }
+    with pytest.raises(ParameterError, match="the mode of 40 Hz twice with the same shapes"):
+        loaded(tmp_path, "model", **keys)
+    other = keys | {"force_shape_per_sqrt_kg": [0.6, 0.7, 0.5]}  # two modes of one frequency
+    assert loaded(tmp_path, "model", **other).modes == 3
 
 
 def test_a_scene_is_written_and_read_in_its_own_order() -> None:
