@@ -15,7 +15,7 @@ from impact_env.checks import describe_error
 from impact_env.extras import optional
 from impact_env.parameters import require
 from impact_env.structures.units import UNITS, Units
-from impact_env.structures.universal import MeasuredMode
+from impact_env.structures.universal import MeasuredMode, without_repeats
 
 Real = NDArray[np.float64]
 
@@ -104,7 +104,7 @@ def read_modes(path: Path, units: Units, units_name: str) -> list[MeasuredMode]:
         omega = 2 * np.pi * hertz / units.time
         shape = shapes[k] / np.sqrt(units.mass)
         modes.append(MeasuredMode(omega, None, nodes[filled], shape, True, k + 1))
-    return sorted(modes, key=lambda mode: mode.omega)
+    return without_repeats(path, sorted(modes, key=lambda mode: mode.omega))
 
 
 def read_nodes(path: Path, units: Units, units_name: str) -> tuple[NDArray[np.int64], Real]:

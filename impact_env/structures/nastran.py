@@ -13,7 +13,7 @@ from impact_env.checks import describe_error
 from impact_env.extras import optional
 from impact_env.parameters import require
 from impact_env.structures.units import Units
-from impact_env.structures.universal import MeasuredMode
+from impact_env.structures.universal import MeasuredMode, without_repeats
 
 Real = NDArray[np.float64]
 
@@ -128,7 +128,7 @@ def read_modes(
         )
         shape = np.einsum("nij,ni->nj", turned, local) / np.sqrt(masses[number] * units.mass)
         modes.append(MeasuredMode(np.sqrt(value) / units.time, None, nodes, shape, True, number))
-    return sorted(modes, key=lambda mode: mode.omega)
+    return without_repeats(path, sorted(modes, key=lambda mode: mode.omega))
 
 
 def _case(key: Any) -> int:

@@ -80,7 +80,7 @@ def read_modes(path: Path, load_case: int | None = None) -> list[MeasuredMode]:
         str(path),
         f"a Universal File with modes{of_case} in datasets 55; it has datasets {found}",
     )
-    modes = _without_repeats(path, sorted(modes, key=lambda mode: mode.omega))
+    modes = without_repeats(path, sorted(modes, key=lambda mode: mode.omega))
     by_mass = {mode.normalised_by_mass for mode in modes}
     require(len(by_mass) == 1, "file", str(path), "a modal mass for all modes, or 0 (none) for all")
     if by_mass == {False}:
@@ -112,7 +112,7 @@ def _units(datasets: list[Dataset]) -> tuple[float, float]:
     return found.pop()
 
 
-def _without_repeats(path: Path, modes: list[MeasuredMode]) -> list[MeasuredMode]:
+def without_repeats(path: Path, modes: list[MeasuredMode]) -> list[MeasuredMode]:
     """Return modes without those that repeat another with the same numbers; raises ParameterError for two listings of a mode that differ."""
     kept: list[MeasuredMode] = []
     dropped = []
@@ -143,7 +143,7 @@ def _without_repeats(path: Path, modes: list[MeasuredMode]) -> list[MeasuredMode
                 and not (one_number and mode.load_case == other.load_case),
                 "file",
                 f"{path}, mode {mode.number} of load case {mode.load_case} and mode {other.number} of load case {other.load_case}",
-                "each mode once: choose one listing by load_case, or remove one of them",
+                "each mode once: choose one listing by load_case, where the file has some, or remove one of them",
             )
         if not repeated:
             kept.append(mode)
@@ -213,7 +213,7 @@ def _mode(part: Dataset, mass_unit: float) -> MeasuredMode | None:
         )
         conjugated = value.imag < 0
         if conjugated:
-            # the same motion as its conjugate, which `_without_repeats` finds where both are listed
+            # the same motion as its conjugate, which `without_repeats` finds where both are listed
             value = value.conjugate()
             modal_a = modal_a.conjugate()
             shape = shape.conjugate()

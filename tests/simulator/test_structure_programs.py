@@ -135,6 +135,16 @@ def _turned_absorber(model: ModalModel) -> ModalModel:
     return replace(model, force_shape=-model.force_shape)
 
 
+def test_a_mode_that_a_program_lists_twice_counts_once(tmp_path: Path) -> None:
+    pytest.importorskip("pyNastran")
+    omega, shapes = lowest(tmp_path)
+    twice = [0, 0, 1]
+    write_op2(tmp_path, omega[twice], shapes[:, twice], np.ones(3), nodes=True)
+    keys = PLACES | {"file": "job.op2", "units": "t, mm, s"}
+    found = loaded(written(tmp_path, "op2", "nastran", **keys))
+    np.testing.assert_allclose(found.omega, omega[:2], rtol=1e-6)
+
+
 NASTRAN = {
     "no units": ({"units": None}, r"the key units must be given"),
     "no damping": ({"damping_ratio": None}, r"damping_ratio = None is not allowed: given"),
