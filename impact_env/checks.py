@@ -253,29 +253,32 @@ def _has_numbers_only(values: object) -> bool:
     return True  # the data type of its array says the rest
 
 
-def row(name: str, values: object, allowed: str, axes: int = 1) -> NDArray[np.float64]:
-    """Return a read-only copy of an array of that many axes, of numbers from -1e30 to 1e30; one number is a row of one."""
+def numbers(name: str, values: object, allowed: str) -> NDArray[np.float64]:
+    """Return an array of floats of any shape, NaN and infinity among them; raises ParameterError for what is not made of real numbers."""
     size = getattr(values, "size", 0)
-    require(
-        not isinstance(size, int) or size <= MOST_NUMBERS,
-        f"size of {name}",
-        size,
-        f"at most {MOST_NUMBERS} numbers",
-    )
+    most = f"at most {MOST_NUMBERS} numbers"
+    require(not isinstance(size, int) or size <= MOST_NUMBERS, f"size of {name}", size, most)
     array = np.array(None)
     if _has_numbers_only(values):
         # rows of several lengths, or huge numbers
         with suppress(ValueError, TypeError, OverflowError):
-            array = np.array(values, ndmin=1)
-    ok = (
-        array.ndim == axes
-        and array.dtype.kind in "iuf"
-        and bool(np.all(np.abs(array.astype(float)) <= LARGE))
-    )
-    require(ok, name, values, allowed)
-    array = array.astype(np.float64)
+            array = np.array(values)
+    require(array.dtype.kind in "iuf", name, values, allowed)
+    return array.astype(np.float64)
+
+
+def row(name: str, values: object, allowed: str, axes: int = 1) -> NDArray[np.float64]:
+    """Return a read-only copy of an array of that many axes, of numbers from -1e30 to 1e30; one number is a row of one."""
+    array = np.atleast_1d(numbers(name, values, allowed))
+    require(array.ndim == axes and bool(np.all(np.abs(array) <= LARGE)), name, values, allowed)
     array.setflags(write=False)
     return array
+
+
+def text(name: str, value: object) -> str:
+    """Return ``value`` as a str if it is text."""
+    require(isinstance(value, str), name, value, "text")
+    return str(value)
 
 
 def count_from(low: int, high: int | None = None) -> Check:

@@ -40,8 +40,10 @@ from impact_env.parameters import (
     keep_checked,
     kind_of,
     listed,
+    numbers,
     positive,
     require,
+    row,
     row_of,
     two,
 )
@@ -233,12 +235,15 @@ class PerformanceCurve:
 
 def quantiles(values: ArrayLike, wanted: Sequence[float]) -> Array:
     """Return quantiles over the last axis, NaN left out, with the quantile as the first axis; NaN where nothing is left."""
-    rows = np.asarray(values, dtype=np.float64)
+    rows = np.atleast_1d(numbers("values", values, "numbers, NaN for what is missing"))
+    allowed = "a row of numbers from 0 to 1"
+    wanted = row("wanted", wanted, allowed).tolist()
+    require(all(0 <= q <= 1 for q in wanted), "wanted", wanted, allowed)
     result = np.full((len(wanted), *rows.shape[:-1]), np.nan)
     for index in np.ndindex(rows.shape[:-1]):
-        row = rows[index][~np.isnan(rows[index])]
-        if row.size:
-            result[(slice(None), *index)] = np.quantile(row, wanted)
+        present = rows[index][~np.isnan(rows[index])]
+        if present.size:
+            result[(slice(None), *index)] = np.quantile(present, wanted)
     return result
 
 

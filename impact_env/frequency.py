@@ -14,7 +14,15 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env.modes import ModalModel, with_link, with_masses
-from impact_env.parameters import StuckAbsorber, TunedAbsorber, finite, positive, require
+from impact_env.parameters import (
+    StuckAbsorber,
+    TunedAbsorber,
+    finite,
+    instance,
+    numbers,
+    positive,
+    require,
+)
 
 LinearAbsorber = TunedAbsorber | StuckAbsorber
 Complex = NDArray[np.complex128]
@@ -30,25 +38,19 @@ def frequency_range(low: float, high: float) -> tuple[float, float]:
 
 
 def _frequencies(omega: ArrayLike) -> Real:
-    values = np.asarray(omega, dtype=np.float64)
-    require(
-        bool(np.all(np.isfinite(values) & (values >= 0))),
-        "omega",
-        omega,
-        "finite frequencies in rad/s, 0 or above",
-    )
+    allowed = "finite frequencies in rad/s, 0 or above"
+    values = numbers("omega", omega, allowed)
+    require(bool(np.all(np.isfinite(values) & (values >= 0))), "omega", omega, allowed)
     return values
 
 
 def _shape(model: ModalModel, name: str, row: ArrayLike) -> Real:
-    values = np.asarray(row, dtype=np.float64)
-    ok = values.shape == (model.modes,) and bool(np.all(np.isfinite(values)))
-    require(
-        ok,
-        name,
-        row,
-        f"{model.modes} finite modal amplitudes in 1/sqrt(kg), one per mode (e.g. model.tip_shape)",
+    allowed = (
+        f"{model.modes} finite modal amplitudes in 1/sqrt(kg), one per mode (e.g. model.tip_shape)"
     )
+    values = numbers(name, row, allowed)
+    ok = values.shape == (model.modes,) and bool(np.all(np.isfinite(values)))
+    require(ok, name, row, allowed)
     return values
 
 
@@ -76,6 +78,7 @@ def scaled_receptances(
     d is the smallest modal denominator (rad^2/s^2) among the modes that move the tip. Products d G stay finite where G does not, and
     every response at the tip is a quotient of such products.
     """
+    model = instance("model", model, ModalModel)
     moves = model.tip_shape != 0
     require(
         bool(np.any(moves)), "tip_shape", model.tip_shape, "at least one mode that moves the tip"
@@ -101,6 +104,7 @@ def receptance(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: ArrayLike) 
     the stationary solution of the paper's modal equations (Eq. eqmmod). Raises ParameterError for bad frequencies or rows, and
     where the response is infinite (an undamped mode at its own frequency).
     """
+    model = instance("model", model, ModalModel)
     w = _frequencies(omega)
     row_a = _shape(model, "a", a)
     row_b = _shape(model, "b", b)
@@ -111,6 +115,7 @@ def receptance(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: ArrayLike) 
 
 def receptance_slope(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: ArrayLike) -> Complex:
     """Return the derivative of `receptance` by omega in m s/(N rad), complex, of omega's shape; arguments and errors as there."""
+    model = instance("model", model, ModalModel)
     w = _frequencies(omega)
     row_a = _shape(model, "a", a)
     row_b = _shape(model, "b", b)
@@ -147,6 +152,7 @@ def tip_response(model: ModalModel, absorber: LinearAbsorber | None, omega: Arra
     omega in rad/s; ``absorber`` a TunedAbsorber (spring and damper between tip and mass), a StuckAbsorber (added mass) or None.
     Raises ParameterError for bad frequencies, another kind of absorber, and where the response is infinite (no damping anywhere).
     """
+    model = instance("model", model, ModalModel)
     w = _frequencies(omega)
     if model.response_shape is not None:
         rows = model.response_shape, model.force_shape
@@ -171,6 +177,7 @@ def coupled_receptance(
     Arguments as in `receptance` and `tip_response`. The general Sherman-Morrison form: it loses digits next to a free resonance
     that is hardly damped, where `tip_response` does not.
     """
+    model = instance("model", model, ModalModel)
     w = _frequencies(omega)
     n, denominator = _attachment(model, absorber, w)
     free = receptance(model, w, a, b)
@@ -186,6 +193,7 @@ def joint_matrices(model: ModalModel, absorber: LinearAbsorber | None) -> tuple[
 
     Size N_m, or N_m + 1 with a tuned absorber, whose displacement (m) is then the last coordinate.
     """
+    model = instance("model", model, ModalModel)
     rate = 2 * model.damping_ratio * model.omega
     square = model.omega**2
     if absorber is None:
@@ -218,6 +226,7 @@ def natural_frequencies(model: ModalModel, absorber: LinearAbsorber | None) -> R
     A stuck mass lowers each: number r lies between omega_{r-1} and omega_r. A tuned absorber splits each: numbers r and r + 1 (from 1)
     enclose omega_r, because its spring is a rank-one addition to the free beam beside the free mass.
     """
+    model = instance("model", model, ModalModel)
     mass, _, stiffness = joint_matrices(model, absorber)
     return np.asarray(np.sqrt(np.maximum(scipy.linalg.eigvalsh(stiffness, mass), 0.0)))
 
@@ -229,6 +238,7 @@ def state_space(
 
     The state holds the coordinates of `joint_matrices`, then their rates; ``reference`` is a frequency in rad/s.
     """
+    model = instance("model", model, ModalModel)
     mass, damping, stiffness = joint_matrices(model, absorber)
     size = len(mass)
     inverse = np.linalg.inv(mass)
@@ -251,5 +261,6 @@ def state_space(
 
 def poles(model: ModalModel, absorber: LinearAbsorber | None) -> Complex:
     """Return the oscillating poles s in rad/s, those with positive imaginary part, of beam and absorber."""
+    model = instance("model", model, ModalModel)
     s = np.linalg.eigvals(state_space(model, absorber, 1.0)[0])
     return np.asarray(s[s.imag > 0], dtype=np.complex128)

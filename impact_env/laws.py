@@ -10,7 +10,7 @@ from dataclasses import MISSING, dataclass, fields, replace
 from enum import Enum
 from typing import Any
 
-from impact_env.checks import arguments_called, instance, one_of, require
+from impact_env.checks import arguments_called, instance, one_of, require, text
 from impact_env.parameters import (
     Absorber,
     CompliantWalls,
@@ -346,6 +346,7 @@ def make(concept: str, given: Values, name: str = "absorber") -> Absorber | None
 
     Raises ParameterError for an unknown concept or name, which it calls ``name``.
     """
+    name = text("name", name)
     known = set(CONCEPTS[one_of(name, concept, CONCEPTS)]) | (
         {GRAVITY} if concept in HEAVY else set()
     )

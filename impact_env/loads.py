@@ -7,6 +7,7 @@ Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), u the time since 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import ClassVar
@@ -22,6 +23,7 @@ from impact_env.parameters import (
     keep_checked,
     kind_of,
     labelled,
+    non_negative,
     positive,
     require,
     row,
@@ -69,7 +71,9 @@ class Samples(Load):
 
     def __post_init__(self) -> None:
         keep_checked(self, quantity=word_of(QUANTITIES))
-        size = np.size(self.times)
+        size = getattr(self.times, "size", None)
+        size = len(self.times) if size is None and isinstance(self.times, Sequence) else size
+        size = size if isinstance(size, int) else 0
         allowed = f"at most {MOST_SAMPLES} samples, {80 * MOST_SAMPLES / 2**20:.0f} MiB, not {size}: cut the record, or take every second one"
         require(size <= MOST_SAMPLES, "samples", size, allowed)
         times = row("times", self.times, "two or more finite times in s")
@@ -112,6 +116,7 @@ class Samples(Load):
 
     def share_above(self, frequency: float) -> float:
         """Return which share of the mean square lies above a frequency in Hz, 0 for a record of zeros."""
+        frequency = non_negative("frequency", frequency)
         sizes = np.abs(np.fft.rfft(self.values)) ** 2
         above = np.fft.rfftfreq(len(self.values), self.times[1]) > frequency
         return float(np.sum(sizes[above]) / max(np.sum(sizes), 1e-300))
@@ -245,6 +250,7 @@ class Random(Load):
 
     def share_above(self, frequency: float) -> float:
         """Return which share of the mean square lies above a frequency in Hz."""
+        frequency = non_negative("frequency", frequency)
         sizes = np.abs(self.amplitudes()) ** 2
         return float(np.sum(sizes[self.lines > frequency * self.length]) / np.sum(sizes))
 

@@ -30,6 +30,7 @@ from impact_env.parameters import (
     one_of,
     require,
     suspended,
+    text,
 )
 from impact_env.plain_files import read_plain
 from impact_env.plain_structures import BEAM, MODEL, STRUCTURES
@@ -212,6 +213,7 @@ def to_scene(plain: Mapping[str, Any], folder: Path | None = None) -> Scene:
     >>> str(to_scene({"beam": {"modes": 3}, "absorber": {"kind": "stuck", "mass_ratio": 0.05}}))
     '3 modes, stuck absorber, mass ratio 0.05'
     """
+    folder = instance("folder", folder, Path | None)
     structure = to_structure(plain, folder)
     absorber = optional(ABSORBER).read("scene.absorber", plain.get("absorber"))
     try:
@@ -227,6 +229,8 @@ def to_structure(
 
     ``path``: what an error names before the key.
     """
+    folder = instance("folder", folder, Path | None)
+    path = text("path", path)
     require_keys(path.rstrip(".") or "structure", plain, dict.fromkeys(SCENE_KEYS))
     given = [kind for kind in STRUCTURES if kind in plain]
     allowed = "left out beside another structure: a scene has one of them"
@@ -266,8 +270,8 @@ def load_structure(path: Path | str) -> Structure:
             math.isclose(a, 2 * math.pi * b, rel_tol=1e-12)
             for a, b in zip(model.omega, suspended(own, model.modes), strict=True)
         )
-    for text in warnings_of(model, beam, rigid):
-        warnings.warn(f"{path}: {text}", StructureWarning, stacklevel=2)
+    for warning in warnings_of(model, beam, rigid):
+        warnings.warn(f"{path}: {warning}", StructureWarning, stacklevel=2)
     return structure
 
 
@@ -321,6 +325,8 @@ def from_scene(scene: Scene, beam: Beam | None = None) -> Plain:
     A scene knows its modes and not the beam they came from, so the form has the modal model; with the ``beam`` of the scene it has the beam
     instead, which is shorter. Raises ParameterError if that is not the scene's beam.
     """
+    scene = instance("scene", scene, Scene)
+    beam = instance("beam", beam, Beam | None)
     absorber = {} if scene.absorber is None else {"absorber": ABSORBER.write(scene.absorber)}
     model = MODEL.write(scene.model)
     if beam is None:

@@ -29,7 +29,7 @@ from impact_env.loads import (
     Unbalance,
     schedule_in,
 )
-from impact_env.parameters import ParameterError, finite, flag, one_of, positive, require
+from impact_env.parameters import ParameterError, finite, flag, instance, one_of, positive, require
 from impact_env.plain import SCHEDULE
 from impact_env.plain_files import read_plain
 from impact_env.records import READERS, RecordOptions, read_record
@@ -252,6 +252,7 @@ def to_loads(plain: Mapping[str, Any], reference: float, folder: Path | None = N
 
     ``reference``: frequency in rad/s of the pseudo period where no load has a schedule. Raises ParameterError for all that does not fit.
     """
+    folder = instance("folder", folder, Path | None)
     require_keys("load file", plain, dict.fromkeys(("load", "start")), ("load",))
     several = isinstance(plain["load"], list | tuple)
     every = plain["load"] if several else [plain["load"]]

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
+    MOST_ABSORBERS,
     RigidWalls,
     SeveralAbsorbers,
     count,
@@ -19,7 +20,7 @@ def shared_masses(
     number: int, mass_ratio: float = DEFAULT_MASS_RATIO, shares: Iterable[float] | None = None
 ) -> tuple[float, ...]:
     """Return the mass ratio of each of several absorbers that share one: ``mass_ratio`` is that of all together, ``shares`` are equal by default."""
-    number = count("number", number, 1)
+    number = count("number", number, 1, MOST_ABSORBERS)
     shares = (
         (1 / number,) * number
         if shares is None

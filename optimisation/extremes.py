@@ -8,7 +8,7 @@ import numpy as np
 
 from impact_env.drive import MOST_PERIODS, PAPER_LIMITS, Drive, linear_sweep
 from impact_env.modes import ModalModel
-from impact_env.parameters import positive, require, within
+from impact_env.parameters import instance, positive, require, two, within
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.tuned import highest_amplitude
@@ -68,6 +68,8 @@ def stationary_level(
 
     Infinite if undamped.
     """
+    model = instance("model", model, ModalModel)
+    limits = two("limits", limits)
     return highest_amplitude(model, None, resonance, *limits)[0] / float(np.sqrt(2))
 
 
@@ -78,6 +80,8 @@ def sweep_ratio(
 
     ``rate`` in % of the resonance per 100 pseudo periods, ``limits`` over omega_r. Raises ParameterError for numbers out of range.
     """
+    model = instance("model", model, ModalModel)
+    limits = two("limits", limits)
     stationary = stationary_level(model, resonance, limits)
     if np.isinf(stationary):
         return 0.0

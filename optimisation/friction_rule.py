@@ -16,7 +16,7 @@ from functools import cache
 import numpy as np
 
 from impact_env.modes import ModalModel, modal_model
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, positive, require
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, instance, positive, require
 
 PAPER_FRICTION = 0.1  # mu f_N in N of the paper's best impact absorber (section 6)
 
@@ -35,6 +35,7 @@ def scaled_friction(model: ModalModel, mass: float, gap: float) -> float:
 
     It is the first frequency, near whichever resonance the absorber works, as in the paper, whose 0.1 N serve two resonances.
     """
+    model = instance("model", model, ModalModel)
     return (
         paper_share()
         * positive("mass", mass)
@@ -51,6 +52,7 @@ def best_friction(
     ``mass`` m_a in kg. Only the resonance's own mode counts. Raises ParameterError for numbers out of range, and where the mode does not move the
     tip or the force does not reach it.
     """
+    model = instance("model", model, ModalModel)
     omega = model.resonance_omega(resonance)
     k = resonance - 1
     tip = float(model.tip_shape[k])

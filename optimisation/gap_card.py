@@ -15,9 +15,11 @@ from impact_env.parameters import (
     ParameterError,
     TunedAbsorber,
     friction_damper,
+    instance,
     non_negative,
     positive,
     require,
+    text,
 )
 from impact_env.response import Record, Response
 from impact_env.scene import Scene
@@ -313,6 +315,7 @@ class Contact:
 
 def material(name: str) -> tuple[float, float]:
     """Return Young's modulus in Pa and Poisson's ratio of a name of `MATERIALS` or of E:NU; raises ParameterError for all else."""
+    name = text("material", name)
     if name in MATERIALS:
         return MATERIALS[name]
     try:
@@ -349,6 +352,7 @@ def speed_for_pressure(
 
 def meeting_mass(model: ModalModel, absorber_mass: float) -> float:
     """Return the mass in kg with which an absorber and the place of the structure meet, by the modes kept."""
+    model = instance("model", model, ModalModel)
     return 1 / (
         1 / positive("absorber mass", absorber_mass)
         + non_negative("mobility", float(np.sum(model.tip_shape**2)))

@@ -15,7 +15,9 @@ from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
     RigidWalls,
     SlidingAbsorber,
+    count,
     impact_absorber,
+    instance,
     require,
 )
 from impact_env.scene import Scene
@@ -143,14 +145,14 @@ class GapCheck:
         return None if np.isnan(self.level).all() else int(np.nanargmin(self.level))
 
 
+FACTORS = "an odd number, 3 or more (the rule's gap is the middle one)"
+MOST_GAPS = 1001  # a curve is simulated for each
+
+
 def gap_factors(number: int) -> Array:
     """Return an odd number of factors of the rule's gap, geometric, 1 in the middle."""
-    require(
-        number >= 3 and number % 2 == 1,
-        "gaps",
-        number,
-        "an odd number, 3 or more (the rule's gap is the middle one)",
-    )
+    number = count("gaps", number, 3, MOST_GAPS, FACTORS)
+    require(number % 2 == 1, "gaps", number, FACTORS)
     half = np.geomspace(1, SPAN, number // 2 + 1)
     return np.concatenate([1 / half[:0:-1], half])
 
@@ -163,6 +165,7 @@ def scaled_absorber(
     restitution: float = RESTITUTION,
 ) -> SlidingAbsorber:
     """Return an impact absorber with the rule's gap for a force in N, and the paper's friction by the scaling law (`scaled_friction`)."""
+    model = instance("model", model, ModalModel)
     mass = usable_mass_ratio("mass_ratio", mass_ratio) * model.beam_mass
     friction = scaled_friction(model, mass, gap_unit(model, mass, force, resonance))
     return impact_absorber(
@@ -172,6 +175,7 @@ def scaled_absorber(
 
 def rigid_walls(absorber: SlidingAbsorber) -> RigidWalls:
     """Return an absorber's rigid walls; raises ParameterError for one that has none."""
+    absorber = instance("absorber", absorber, SlidingAbsorber)
     if not isinstance(absorber.walls, RigidWalls):
         require(
             False, "absorber", absorber, "one with rigid walls, since the rule is about their gap"

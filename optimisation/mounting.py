@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import Absorber, Beam, SeveralAbsorbers
+from impact_env.parameters import Absorber, Beam, SeveralAbsorbers, finite, instance
 from impact_env.scene import Scene, beam_scene
 
 FIRST_PLACE = 1  # of a modal model's places for absorbers
@@ -29,6 +29,7 @@ def mounted(structure: Structure, position: float | None = None) -> ModalModel:
 
     On a modal model a ``position`` is the number of one of its `places`, counted from 1, and the first is its own.
     """
+    structure = instance("structure", structure, Structure)
     found = watched(structure)
     if isinstance(found, ModalModel):
         own = position is None and found.absorber_shapes is None
@@ -53,6 +54,7 @@ def scene_on(structure: Structure, absorber: Absorber | None, *positions: float)
 
     On a beam several absorbers know their positions, and these are not looked at.
     """
+    structure = instance("structure", structure, Structure)
     if not isinstance(absorber, SeveralAbsorbers):
         return Scene(mounted(structure, *positions), absorber)
     if isinstance(structure, ModalModel):
@@ -62,6 +64,8 @@ def scene_on(structure: Structure, absorber: Absorber | None, *positions: float)
 
 def detuned(structure: Structure, share: float) -> Structure:
     """Return a structure whose frequencies are shifted by a share, a beam by its stiffness."""
+    share = finite("share", share)
+    structure = instance("structure", structure, Structure)
     if isinstance(structure, ModalModel):
         return structure.detuned(share) if share else structure
     stiffer = (1 + share) ** 2

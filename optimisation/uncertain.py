@@ -20,6 +20,7 @@ from impact_env.parameters import (
     SeveralAbsorbers,
     SlidingAbsorber,
     finite,
+    instance,
     one_of,
     require,
 )
@@ -80,6 +81,7 @@ def _number(path: str, word: float | str) -> tuple[float, bool]:
 
 def spreads(uncertain: Given) -> tuple[Spread, ...]:
     """Return the distributions that are given by name, in the order of `NAMES`; raises ParameterError for what is no distribution."""
+    uncertain = instance("uncertain", uncertain, Mapping)
     found = {}
     for name, given in uncertain.items():
         name = one_of("uncertain", name, NAMES)

@@ -27,8 +27,10 @@ from impact_env.parameters import (
     friction_damper,
     instance,
     keep_checked,
+    kind_of,
     number,
     require,
+    text,
 )
 from optimisation.bounds import free_amplitude, gap_unit
 from optimisation.friction_rule import PAPER_FRICTION, scaled_friction
@@ -75,6 +77,9 @@ class Variable:
             low=lambda _name, value: number(value),
             high=lambda _name, value: number(value),
             default=finite,
+            name=text,
+            unit=text,
+            si=text,
             log=flag,
             scaled=flag,
             whole=flag,
@@ -265,7 +270,7 @@ class Units:
     forces: Mapping[int, float]
 
     def __post_init__(self) -> None:
-        keep_checked(self, forces=_check_forces)
+        keep_checked(self, beam=kind_of(Structure), forces=_check_forces)
 
     @cached_property
     def _kept(self) -> dict[tuple[str, float, float], float]:

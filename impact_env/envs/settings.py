@@ -77,6 +77,12 @@ def span(name: str, value: Any) -> Range:
     return (finite(name, value),) * 2
 
 
+def _check_force(name: str, value: Any) -> float | Range:
+    """Return a force as a float, or a pair (low, high) of them."""
+    low, high = span(name, value)
+    return (low, high) if isinstance(value, Sequence | np.ndarray) else low
+
+
 def pair(what: str) -> Check:
     """Return the check of a pair (low, high) of numbers above 0, or of one number for both."""
 
@@ -226,6 +232,8 @@ class TaskSettings:
         keep_checked(
             self,
             absorber=word_of(CONCEPTS),
+            force=_check_force,
+            method=word_of(METHODS),
             modes=count_from(1, 2 * MOST_ELEMENTS),
             threads=or_none(count_from(1)),
             raw_state=flag,

@@ -22,6 +22,7 @@ from impact_env.parameters import (
     check_restitution,
     finite,
     impact_absorber,
+    instance,
     keep_checked,
     kind_of,
     labelled,
@@ -113,6 +114,7 @@ class Case:
 
 def case_of(scene: Scene, force: float, omega: float) -> Case:
     """Return the case of a scene with one impact absorber, rigid walls and rigid friction or none; ParameterError for any other scene."""
+    scene = instance("scene", scene, Scene)
     absorber = scene.absorber
     allowed = (
         "one impact absorber with rigid walls at a finite distance, and rigid friction or none"

@@ -19,6 +19,7 @@ from impact_env.parameters import (
     flag,
     keep_checked,
     kind_of,
+    listed,
     require,
 )
 
@@ -71,9 +72,12 @@ class Event:
         return self.wall != 0 and self.sign != 0
 
 
+MOST_PERIODS = 10**6  # of an orbit: more are never computed
+
+
 def turn_of(symmetric: bool, period_multiple: int) -> float:
     """Return the phase of the force in rad after which an orbit's state comes back, mirrored where it is ``symmetric``."""
-    period_multiple = count("period_multiple", period_multiple, 1)
+    period_multiple = count("period_multiple", period_multiple, 1, MOST_PERIODS)
     odd = period_multiple % 2 == 1
     require(
         odd or not symmetric,
@@ -100,7 +104,7 @@ class EventSchedule:
             self,
             events=each_of(kind_of(Event)),
             symmetric=flag,
-            period_multiple=count_from(1),
+            period_multiple=count_from(1, MOST_PERIODS),
         )
         require(len(self.events) > 0, "events", self.events, "one or more")
         turn_of(self.symmetric, self.period_multiple)  # raises where there is no such orbit
@@ -183,16 +187,14 @@ def flying_schedule(
     walls: Sequence[int], friction: bool, symmetric: bool = False, period_multiple: int = 1
 ) -> EventSchedule:
     """Return the schedule of impacts on ``walls`` in this order, 0 standing for a reversal; the first is an impact."""
-    require(
-        len(walls) > 0 and walls[0] != 0,
-        "walls",
-        list(walls),
-        "a row of -1, 0 and 1 that begins with an impact",
-    )
+    allowed = "a row of -1, 0 and 1 that begins with an impact"
+    walls = [count("walls", wall, -1, 1, allowed) for wall in listed("walls", walls)]
+    friction = flag("friction", friction)
+    require(len(walls) > 0 and walls[0] != 0, "walls", walls, allowed)
     regime = Regime.SLIDING if friction else Regime.FREE
     sign = 0
     events = []
     for wall in walls:
         sign = -wall if wall != 0 else -sign
-        events.append(Event(regime, int(wall), int(sign)))
+        events.append(Event(regime, wall, sign))
     return EventSchedule(tuple(events), symmetric, period_multiple)

@@ -22,6 +22,7 @@ from impact_env.parameters import (
     count_from,
     fraction,
     keep_checked,
+    kind_of,
     non_negative,
     or_none,
     positive,
@@ -359,6 +360,7 @@ class StationaryRuns:
             seed=count_from(0),
             approach=or_none(non_negative),
             threads=or_none(count_from(1)),
+            executor=kind_of(Executor | None),
         )
 
     @property

@@ -12,7 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_env.frequency import frequency_range
 from impact_env.modes import ModalModel, with_masses
-from impact_env.parameters import DEFAULT_MASS_RATIO, non_negative, positive, require
+from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
+    finite,
+    instance,
+    non_negative,
+    numbers,
+    positive,
+    require,
+    table_of,
+)
 from optimisation.tuned import highest_amplitude
 
 # The spectral line of a beam that carries masses in cavities: what the limits are made of.
@@ -61,7 +70,7 @@ def strokes_of(model: ModalModel, gap: ArrayLike) -> Real:
 
 
 def _each(model: ModalModel, name: str, values: ArrayLike) -> Real:
-    given = np.asarray(values, dtype=np.float64)
+    given = numbers(name, values, "numbers above 0")
     wanted = len(places(model))
     require(
         given.shape == (wanted,) or (wanted == 1 and given.shape == ()),
@@ -74,7 +83,7 @@ def _each(model: ModalModel, name: str, values: ArrayLike) -> Real:
 
 def watched(model: ModalModel, at: ArrayLike | None) -> Real:
     """Return the mode shape (N_m,) of the place where the level is read: ``at``, or where the model says."""
-    row = model.level_shape if at is None else np.asarray(at, dtype=np.float64)
+    row = model.level_shape if at is None else numbers("tip_shape", at, "finite modal amplitudes")
     ok = row.shape == (model.modes,) and bool(np.all(np.isfinite(row)) and np.any(row != 0))
     require(
         ok,
@@ -87,7 +96,7 @@ def watched(model: ModalModel, at: ArrayLike | None) -> Real:
 
 def lines(model: ModalModel, masses: Real, omega: ArrayLike, at: Real) -> Lines:
     """Return the line at a place with mode shape ``at`` (N_m,), for ``masses`` (n,) in kg and frequencies in rad/s of any shape."""
-    w = np.asarray(omega, dtype=np.float64)
+    w = numbers("omega", omega, "finite frequencies in rad/s, 0 or above")
     require(
         bool(np.all(np.isfinite(w) & (w >= 0))),
         "omega",
@@ -163,7 +172,7 @@ GRID = 321
 
 
 def _amplitudes(name: str, values: ArrayLike, allowed: str = "finite numbers, 0 or above") -> Real:
-    array = np.asarray(values, dtype=np.float64)
+    array = numbers(name, values, allowed)
     require(bool(np.all(np.isfinite(array) & (array >= 0))), name, values, allowed)
     return array
 
@@ -207,6 +216,7 @@ def stroke_limit_rms(
     derivation and the assumptions. Multiplying gaps and force by one factor multiplies the bound by it. Raises ParameterError for numbers out of
     range.
     """
+    model = instance("model", model, ModalModel)
     return _rms(
         _amplitudes("force_amplitude", force_amplitude), line_terms(model, mass, gap, omega, at)
     )
@@ -227,6 +237,7 @@ def resonance_limit(
     ``force`` in N; the other arguments as in `stroke_limit_rms`. No device keeps the largest of its stationary levels over the range
     below it; a sweep's level is a windowed RMS in passing and is only expected to follow it.
     """
+    model = instance("model", model, ModalModel)
     forces = _amplitudes("force", force)
     omega_r, (low, high) = model.resonance_omega(resonance), frequency_range(low, high)
     stuck = stuck_frequencies(model, masses_of(model, mass)) / omega_r
@@ -318,6 +329,7 @@ def design_force(
     the level is read elsewhere: there the absorber gets its motion from. Raises ParameterError for numbers out of range, and for a
     range without the resonance of the beam with the mass stuck to it, around which the limit is largest.
     """
+    model = instance("model", model, ModalModel)
     omega_r = model.resonance_omega(resonance)
     default = near_range(model, mass, resonance)
     low, high = frequency_range(
@@ -357,6 +369,7 @@ def design_force(
 
 def design_gap(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
     """Return the half-clearance g0 in m whose `design_force` is ``force`` (N): f* is proportional to the gap, so no simulation is needed."""
+    model = instance("model", model, ModalModel)
     return positive("force", force) / design_force(model, mass, 1.0, resonance)
 
 
@@ -416,6 +429,8 @@ def common_gap(model: ModalModel, mass: float, forces: Mapping[int, float]) -> f
     ``forces`` gives the force in N for each resonance (counted from 1). It is the largest of the single gaps: a smaller one lets the limit
     leave zero at one of the resonances, a larger one costs level at all of them, since levels below f* are proportional to the gap.
     """
+    model = instance("model", model, ModalModel)
+    forces = table_of(finite)("forces", forces)
     require(len(forces) > 0, "forces", dict(forces), "at least one resonance with its force in N")
     return max(design_gap(model, mass, force, resonance) for resonance, force in forces.items())
 

@@ -25,6 +25,7 @@ from impact_env.parameters import (
     labelled,
     positive,
     require,
+    word_of,
 )
 from optimisation.designs import Design
 from optimisation.objectives import Score
@@ -116,6 +117,7 @@ class SearchSettings:
     def __post_init__(self) -> None:
         keep_checked(
             self,
+            sampler=word_of(SAMPLERS),
             batch=count_from(2),
             rungs=each_of(kind_of(Rung)),
             seed=count_from(0),

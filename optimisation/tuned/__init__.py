@@ -226,6 +226,7 @@ def peaks(
 
     Arguments and errors as in `peak`; an undamped pole in the range raises ParameterError.
     """
+    model = instance("model", model, ModalModel)
     omega_r = _scored(model, absorber, resonance, low, high)
     grid = _grid(model, absorber, omega_r, low, high)
     if grid is None:
@@ -290,6 +291,7 @@ def peak(
     for a resonance that the model lacks and, with a TunedAbsorber, for a range that cannot hold both split peaks (see
     `require_wide_range`).
     """
+    model = instance("model", model, ModalModel)
     return _highest(model, absorber, _scored(model, absorber, resonance, low, high), low, high)
 
 
@@ -399,6 +401,7 @@ def minimax(
     Designs with a natural frequency next to omega_r outside the range are excluded, so no peak can be pushed out of sight. Raises
     ParameterError if the range is too narrow for a tuned absorber of this mass.
     """
+    model = instance("model", model, ModalModel)
     exact = undamped_minimax(model, mass_ratio, resonance)
     rule = den_hartog(model, mass_ratio, resonance)
     return _smallest(
