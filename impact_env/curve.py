@@ -36,6 +36,7 @@ from impact_env.methods import Exact, Method
 from impact_env.parameters import (
     count,
     count_from,
+    flag,
     instance,
     keep_checked,
     kind_of,
@@ -82,7 +83,9 @@ class CurveCase:
 
     def __post_init__(self) -> None:
         allowed = "a row of finite forces in N, 0 or above"
-        keep_checked(self, scene=kind_of(Scene), forces=row_of(allowed), limits=two)
+        keep_checked(
+            self, scene=kind_of(Scene), forces=row_of(allowed), limits=two, steady_start=flag
+        )
         ok = self.forces.size > 0 and bool(np.all(self.forces >= 0))
         require(ok, "forces", self.forces.tolist(), allowed)
         model = self.scene.model

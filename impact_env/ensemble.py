@@ -26,6 +26,7 @@ from impact_env.parameters import (
     ParameterError,
     count,
     count_from,
+    flag,
     instance,
     keep_checked,
     kind_of,
@@ -108,7 +109,13 @@ class Lane:
     initial: InitialState | None = None
 
     def __post_init__(self) -> None:
-        keep_checked(self, scene=kind_of(Scene), drive=kind_of(AnyDrive))
+        keep_checked(
+            self,
+            scene=kind_of(Scene),
+            drive=kind_of(AnyDrive),
+            initial=kind_of(InitialState | None),
+            steady_start=flag,
+        )
 
     def __str__(self) -> str:
         return f"{amplitude_in_words(self.drive)}, absorber {self.scene.absorber}"

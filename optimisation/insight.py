@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from impact_env.curve import BAND
 from impact_env.drive import constant_frequency
 from impact_env.ensemble import Executor, Lane, Members
-from impact_env.parameters import count, fraction, require
+from impact_env.parameters import count, fraction, instance, require, row
 from optimisation.designs import Design, DesignSpace
 from optimisation.evaluation import Progress, evaluate, measured_chunks
 from optimisation.gap_card import contiguous_range
@@ -106,18 +106,30 @@ def member_levels(
 
 def over_force(condition: Condition, forces: ArrayLike) -> list[Condition]:
     """Return a condition with other forces (F,) in N."""
-    return [replace(condition, force=float(force)) for force in np.asarray(forces)]
+    condition = instance("condition", condition, Condition)
+    return [
+        replace(condition, force=float(force))
+        for force in row("forces", forces, "a row of forces in N")
+    ]
 
 
 def detuned(condition: Condition, shares: ArrayLike) -> list[Condition]:
     """Return a condition with the beam's frequencies shifted by shares (D,)."""
-    return [replace(condition, detuning=float(share)) for share in np.asarray(shares)]
+    condition = instance("condition", condition, Condition)
+    return [
+        replace(condition, detuning=float(share))
+        for share in row("shares", shares, "a row of numbers")
+    ]
 
 
 def with_gaps(design: Design, gaps: ArrayLike) -> list[Design]:
     """Return a design of an impact absorber with other gaps (G,) in m."""
+    design = instance("design", design, Design)
     require(GAP in design.values, "design", str(design), "an impact absorber: only that has a gap")
-    return [Design(design.concept, {**design.values, GAP: float(gap)}) for gap in np.asarray(gaps)]
+    return [
+        Design(design.concept, {**design.values, GAP: float(gap)})
+        for gap in row("gaps", gaps, "a row of gaps in m")
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +160,8 @@ def neighbourhood(
     space: DesignSpace, design: Design, spread: float = SPREAD
 ) -> tuple[Array, Array]:
     """Return the ends (variables,) of a box around a design: its `varied` values (SI) times 1 -+ spread, cut to the space's bounds at the design."""
+    space = instance("space", space, DesignSpace)
+    design = instance("design", design, Design)
     share = fraction("spread", spread)
     free = varied(space)
     at = space.coordinates(design)

@@ -14,6 +14,7 @@ from impact_env.frequency import frequency_range
 from impact_env.modes import ModalModel, with_masses
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
+    LARGE,
     finite,
     instance,
     non_negative,
@@ -69,6 +70,9 @@ def strokes_of(model: ModalModel, gap: ArrayLike) -> Real:
     return 4 * _each(model, "gap", gap) / np.pi
 
 
+MOST_MASSES = 1e6  # of the structure's: beyond that its matrices have no digits left
+
+
 def _each(model: ModalModel, name: str, values: ArrayLike) -> Real:
     given = numbers(name, values, "numbers above 0")
     wanted = len(places(model))
@@ -78,7 +82,8 @@ def _each(model: ModalModel, name: str, values: ArrayLike) -> Real:
         values,
         f"{wanted} of them, one for each absorber of the model",
     )
-    return np.array([positive(name, value) for value in given.ravel()])
+    most = MOST_MASSES * model.beam_mass if name == "mass" else LARGE
+    return np.array([positive(name, value, most=most) for value in given.ravel()])
 
 
 def watched(model: ModalModel, at: ArrayLike | None) -> Real:

@@ -164,7 +164,7 @@ def require_wide_range(
 
     Measured by the undamped natural frequencies of the Den Hartog tuning, which lie outside the two damped peaks.
     """
-    frequency_range(low, high)
+    low, high = frequency_range(low, high)
     mu = effective_mass_ratio(model, mass_ratio, resonance)
     tuning = 1 / (1 + mu) ** 2
     half = (1 + (1 + mu) * tuning) / 2
@@ -189,7 +189,7 @@ def _scored(
 ) -> float:
     """Return omega_r; raises ParameterError unless the range can score an absorber."""
     omega_r = model.resonance_omega(resonance)
-    frequency_range(low, high)
+    low, high = frequency_range(low, high)
     if isinstance(absorber, TunedAbsorber):
         require_wide_range(model, absorber.mass_ratio, resonance, low, high)
     return omega_r
@@ -226,6 +226,7 @@ def peaks(
 
     Arguments and errors as in `peak`; an undamped pole in the range raises ParameterError.
     """
+    low, high = frequency_range(low, high)
     model = instance("model", model, ModalModel)
     omega_r = _scored(model, absorber, resonance, low, high)
     grid = _grid(model, absorber, omega_r, low, high)
@@ -291,6 +292,7 @@ def peak(
     for a resonance that the model lacks and, with a TunedAbsorber, for a range that cannot hold both split peaks (see
     `require_wide_range`).
     """
+    low, high = frequency_range(low, high)
     model = instance("model", model, ModalModel)
     return _highest(model, absorber, _scored(model, absorber, resonance, low, high), low, high)
 
@@ -308,7 +310,7 @@ def highest_amplitude(
     width may be asked for. Infinite if an undamped pole lies in the range.
     """
     omega_r = model.resonance_omega(resonance)
-    frequency_range(low, high)
+    low, high = frequency_range(low, high)
     ends = np.array([low, high])
     grid = _grid(model, absorber, omega_r, low, high)
     if grid is None:

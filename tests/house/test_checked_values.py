@@ -19,6 +19,10 @@ CHECKS = frozenset(
 )
 
 
+CHECKS |= {"check_resonance", "check_restitution", "frequency_range", "span"}
+CHECKS -= {"text"}  # drawing libraries have methods of that name
+
+
 def name_of(call: ast.expr) -> str:
     """Return the name of the function that an expression calls, "" for another expression."""
     if not isinstance(call, ast.Call):
