@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 
 import numpy as np
-from core import ALL, OMEGA, drive_of, scene_of
+from core import ALL, EVERYTHING, OMEGA, drive_of, scene_of
 from numpy.typing import ArrayLike
 from orbit_cases import paper_case
 
@@ -142,7 +142,9 @@ def under_loads(absorber: Absorber | None) -> Callable[[], Bits]:
         end = float(DRIVE.schedule.times[-1])
         record = Samples(np.linspace(0.0, end, 9), np.cos(np.arange(9.0) ** 2))
         return of_response(
-            simulate(scene_of(absorber, modes=2), Loads((Force(DRIVE), record), OMEGA), record=ALL)
+            simulate(
+                scene_of(absorber, modes=2), Loads((Force(DRIVE), record), OMEGA), record=EVERYTHING
+            )
         )
 
     return run
