@@ -212,7 +212,7 @@ def refuse_contradictions(given: dict[str, Any], absorber: SlidingAbsorber) -> N
     first, second, radius = given["contact"]
     for name in (first, second):
         material(name)
-    positive("radius of --contact in m", radius)
+    given["contact"] = (first, second, positive("radius of --contact in m", radius))
 
 
 def model_on(structure: Structure) -> ModalModel:
