@@ -74,18 +74,6 @@ def counters_for(drive: AnyDrive, most_events: int | None, check: Check | None =
     )
 
 
-def onwards(progress: Watcher) -> Watcher:
-    """Return a watcher that is never told an earlier time, for a run that is repeated with more room."""
-    furthest = 0.0
-
-    def tell(time: float, end: float) -> None:
-        nonlocal furthest
-        furthest = max(furthest, time)
-        progress(furthest, end)
-
-    return tell
-
-
 def watched(work: Callable[[], T], counters: Counters, end: float, progress: Watcher) -> T:
     """Do ``work`` in a thread and call ``progress`` ten times a second with the time reached.
 

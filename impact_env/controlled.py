@@ -22,7 +22,8 @@ from impact_env.kernels.control.crew import new_board
 from impact_env.kernels.control.interval import ORDER, REPORT, Batch, Beside, Watch, new_lanes
 from impact_env.kernels.motion.observers import DONE, ORDER_REFUSED
 from impact_env.laws import SceneKind
-from impact_env.level import HALF_WINDOW_PERIODS
+from impact_env.level import HALF_WINDOW_PERIODS, LEAST_A_CYCLE, require_samples
+from impact_env.level_sampling import require_spectrum, response_spectrum
 from impact_env.loads import BASE, Samples
 from impact_env.methods import Exact, Method, check_general
 from impact_env.parameters import (
@@ -131,12 +132,16 @@ class ControlledRuns:
         self._memory = new_lanes(
             lanes, slots, 2 * modes + 2, HALF_WINDOW_PERIODS * samples_per_period
         )
+        self._samples_per_period = samples_per_period
+        if record is not None:
+            found = response_spectrum(scene.model, record)
+            require_spectrum(samples_per_period, reference, record, *found)
         mass = 0.0 if scene.absorber_mass is None else scene.absorber_mass
         omega, tip, read = (
             np.array(row)
             for row in (scene.model.omega, scene.model.tip_shape, scene.model.level_shape)
         )
-        place = None if scene.model.response_shape is None else read
+        place = np.zeros(0) if scene.model.response_shape is None else read
         watch = Watch(
             period / samples_per_period,
             samples,
@@ -205,15 +210,26 @@ class ControlledRuns:
     def advance(self) -> None:
         """Advance all lanes but idle ones by the intervals in ``orders``.
 
-        Raises ParameterError for an order that the scene's kernels do not read or cannot do, and IntegrationError, naming the first lane, if a run
-        breaks down.
+        Raises ParameterError for an order that the scene's kernels do not read or cannot do, or a force that is too fast for the samples of the
+        level, and IntegrationError, naming the first lane, if a run breaks down.
         """
         self._check_orders()
+        self._require_samples()
         workers = (
             max(1, min(self.threads, self.lanes // FEWEST)) if COMPILED and self._compiled else 1
         )  # in plain Python threads only take turns
         self._do(self._parts(workers), workers)
         self._check()
+
+    def _require_samples(self) -> None:
+        """Raise ParameterError where a lane's force is too fast for the samples of the level."""
+        start = self.orders["omega_start"]
+        stop = self.orders["omega_stop"]
+        fastest = max(float(start.max()), float(stop.max()))
+        if LEAST_A_CYCLE * fastest * self._watch.sample_dt > 2 * np.pi * (1 + 1e-9):
+            acts = (self.orders["force"] != 0) & ~self.idle
+            ratio = np.maximum(start, stop)[acts].max(initial=0.0) * self._period / (2 * np.pi)
+            require_samples(self._samples_per_period, float(ratio))
 
     def _do(self, parts: NDArray[np.int64], workers: int = 1) -> None:
         """Advance the lanes of stretches, rows [low, high), with so many threads."""
@@ -407,6 +423,7 @@ class PooledRuns(ControlledRuns):
     def advance(self) -> None:
         """Advance all lanes but idle ones, scene by scene; errors as of `ControlledRuns.advance`."""
         self._check_orders()
+        self._require_samples()
         if not np.array_equal(self._laid, self.which):
             self._lay(np.argsort(self.which, kind="stable"))
             self._laid[...], self._still = self.which, None

@@ -355,15 +355,24 @@ class Loads:
 
     def initial(self, scene: Scene) -> InitialState:
         """Return the state at time 0 that ``start`` and strikes say. Raises ParameterError where a scene has no such start."""
-        found = self._start(scene)
-        struck = [
+        return self.struck(scene, self._start(scene))
+
+    def struck(self, scene: Scene, state: InitialState) -> InitialState:
+        """Return a state with the modal velocities that strikes add to it."""
+        strikes = [
             part.modal_velocity(scene.model) for part in self.parts if isinstance(part, Strike)
         ]
-        own = found.modal_velocity
-        return (
-            replace(found, modal_velocity=np.sum(struck if own is None else [own, *struck], axis=0))
-            if struck
-            else found
+        if not strikes:
+            return state
+        own = state.modal_velocity
+        require(
+            own is None or len(own) == scene.model.modes,
+            "modal_velocity",
+            own,
+            f"{scene.model.modes} finite numbers, one per mode",
+        )
+        return replace(
+            state, modal_velocity=np.sum(strikes if own is None else [own, *strikes], axis=0)
         )
 
     def _start(self, scene: Scene) -> InitialState:
@@ -430,20 +439,39 @@ class Loads:
 AnyDrive = Drive | Loads
 
 
+def start_of(scene: Scene, drive: AnyDrive, initial: InitialState | None) -> InitialState:
+    """Return the state at time 0 of a run: ``initial``, or where that is None the start of the loads, with what strikes add to it.
+
+    Raises ParameterError where a start is given twice, or a scene has no such start.
+    """
+    if not isinstance(drive, Loads):
+        return InitialState() if initial is None else initial
+    if initial is None:
+        return drive.initial(scene)
+    require(
+        isinstance(drive.start, str) and drive.start == STARTS[0],
+        "initial",
+        initial,
+        f"None under loads that start at {drive.start!r}: one state at time 0",
+    )
+    return drive.struck(scene, initial)
+
+
 def largest(drive: AnyDrive) -> float:
     """Return the highest frequency (rad/s) of a drive's harmonic parts that are not zero, 0 without any."""
     if isinstance(drive, Drive):
         return float(np.max(drive.schedule.omegas)) if drive.amplitude != 0 else 0.0
-    highest = 0.0
-    for piece in drive._pieces:
-        steps = np.diff(piece.times)
-        rows = piece.rows
-        if not rows[:, :2].any():  # a record
-            continue
-        acts = np.any(rows[:, 3:] != 0, axis=1)
-        ends = np.maximum(rows[:, 0], rows[:, 0] + rows[:, 1] * steps)
-        highest = max(highest, float(np.max(ends[acts], initial=0.0)))
-    return highest
+    return max(map(highest_in, drive._pieces), default=0.0)
+
+
+def highest_in(pieces: Pieces) -> float:
+    """Return the highest frequency (rad/s) of a load's harmonic pieces that are not zero, 0 without any."""
+    rows = pieces.rows
+    if not rows[:, :2].any():  # a record
+        return 0.0
+    acts = np.any(rows[:, 3:] != 0, axis=1)
+    ends = np.maximum(rows[:, 0], rows[:, 0] + rows[:, 1] * np.diff(pieces.times))
+    return float(np.max(ends[acts], initial=0.0))
 
 
 def member_of(drive: AnyDrive, member: Member) -> AnyDrive:

@@ -71,7 +71,8 @@ def columns(response: Response) -> tuple[Any, Any, Any]:
     assert history is not None
     shape = response.scene.model.level_shape
     values = history.modal_displacement @ shape
-    pieces = np.array_split(np.arange(len(values)), min(BINS, len(values)))
+    bins = min(BINS, len(values))
+    pieces = np.array_split(np.arange(len(values)), bins) if bins > 0 else []
     return tuple(
         np.array([reduce(of[piece]) for piece in pieces])
         for reduce, of in ((np.mean, history.time), (np.min, values), (np.max, values))

@@ -3,19 +3,19 @@
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import replace
 from functools import partial
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.budget import Stop, Watcher, counters_for, onwards, watched
-from impact_env.drive import Drive
+from impact_env.budget import Stop, Watcher, counters_for, watched
 from impact_env.energy import EnergyAccount, stored_energy
+from impact_env.event_lists import EventLists
 from impact_env.families import family
 from impact_env.first_use import compiling_for
 from impact_env.kernels.motion import observers
-from impact_env.kernels.motion.level import new_level
+from impact_env.kernels.motion.level import Level, new_envelope, new_level
 from impact_env.kernels.motion.observers import (
     Check,
     Counters,
@@ -25,11 +25,11 @@ from impact_env.kernels.motion.observers import (
     new_check,
     new_clock,
     new_energy,
-    new_events,
 )
 from impact_env.laws import SceneKind
-from impact_env.level import HALF_WINDOW_PERIODS, level_of, read_level, require_samples
-from impact_env.loads import AnyDrive, Loads
+from impact_env.level import HALF_WINDOW_PERIODS, read_level
+from impact_env.level_sampling import require_sampling
+from impact_env.loads import AnyDrive, start_of
 from impact_env.methods import Exact, Method, check_load, check_mass, check_step
 from impact_env.parameters import (
     CompliantWalls,
@@ -40,13 +40,10 @@ from impact_env.parameters import (
     require,
 )
 from impact_env.response import (
-    ContactPhases,
     Envelope,
     History,
-    Impacts,
     Record,
     Response,
-    Reversals,
     SearchCheck,
     Window,
 )
@@ -54,7 +51,6 @@ from impact_env.scene import InitialState, Scene
 
 Array = NDArray[np.float64]
 MOST_EVENTS = 10**15  # of a budget: more than a run of a year has
-FIRST_CAPACITY = 65536  # of the lists of events: enough for a sweep at the paper's rate, and for the reversals of a thousand periods
 
 
 class IntegrationError(RuntimeError):
@@ -108,25 +104,71 @@ def needs_energy(scene: Scene, record: Record) -> bool:
     return record.events and isinstance(walls, CompliantWalls) and walls.restitution < 1
 
 
-def _room(
+def _sample_count(drive: AnyDrive, interval: float) -> int:
+    """Return the number of samples of a whole run, one each ``interval`` (s) from 0 to its end."""
+    return int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
+
+
+def _first_sample(time: Array, interval: float, *, after: bool = False) -> NDArray[np.int64]:
+    """Return the number of the first sample at times (B,) in s or later, or later than them."""
+    guess = np.maximum(np.floor(time / interval) - 1, 0)
+    return (
+        guess
+        + sum(
+            (guess + k) * interval <= time if after else (guess + k) * interval < time
+            for k in range(4)
+        )
+    ).astype(np.int64)
+
+
+def _series_range(drive: AnyDrive, record: Record, interval: float) -> tuple[int, int]:
+    """Return the first sample of the series and their number, 0 where none is recorded."""
+    every = _sample_count(drive, interval)
+    if not isinstance(record.series, Window):
+        return 0, every if record.series else 0
+    ends = np.array([record.series.start, record.series.end])
+    first = int(_first_sample(ends[:1], interval)[0])
+    stop = int(_first_sample(ends[1:], interval, after=True)[0])
+    return first, max(min(stop, every) - first, 0)
+
+
+def _level(scene: Scene, drive: AnyDrive, record: Record, interval: float) -> Level:
+    """Return the observer of level and envelope."""
+    ends = None
+    if record.envelope is not None:
+        ends = _first_sample(_envelope_edges(drive, record.envelope)[1:], interval)
+    return new_level(
+        record.samples_per_period,
+        HALF_WINDOW_PERIODS,
+        scene.model.response_shape,
+        None if ends is None else new_envelope(ends),
+    )
+
+
+def _envelope_edges(drive: AnyDrive, bins: int) -> Array:
+    return np.linspace(0.0, float(drive.schedule.times[-1]), bins + 1)
+
+
+def _observers(
     scene: Scene,
     drive: AnyDrive,
     record: Record,
     interval: float,
-    capacity: int,
+    lists: EventLists,
     counters: Counters,
 ) -> Observe:
-    n = scene.model.modes
-    samples = int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
+    first, rows = _series_range(drive, record, interval)
     return Observe(
-        new_clock(interval),
+        new_clock(interval, first, record.level or record.envelope is not None),
         counters,
-        level=new_level(record.samples_per_period, HALF_WINDOW_PERIODS) if record.level else None,
-        events=new_events(capacity, record.reversals)
-        if record.events or record.reversals
+        level=_level(scene, drive, record, interval),
+        events=lists.events,
+        series=Series(np.zeros((rows, 2 * (scene.model.modes + scene.places))))
+        if record.series
         else None,
-        series=Series(np.zeros((samples, 2 * (n + scene.places)))) if record.series else None,
-        energy=new_energy(n) if record.energy or needs_energy(scene, record) else None,
+        energy=new_energy(scene.model.modes)
+        if record.energy or needs_energy(scene, record)
+        else None,
     )
 
 
@@ -159,31 +201,11 @@ def simulate(
     drive = instance("drive", drive, AnyDrive)
     progress = instance("progress", progress, Callable | None)
     stop = instance("stop", stop, Stop | None)
-    usual = drive.initial(scene) if isinstance(drive, Loads) else InitialState()
-    initial = usual if initial is None else instance("initial", initial, InitialState)
+    initial = instance("initial", initial, InitialState | None)
+    start = start_of(scene, drive, initial).vector(scene)
     check_load(scene, drive, method)
-    again = partial(
-        simulate,
-        scene,
-        drive,
-        method,
-        initial=initial,
-        most_events=most_events,
-        progress=progress,
-        stop=stop,
-    )
-    if record.envelope is not None or isinstance(record.series, Window):
-        return _reduced(again(record=replace(record, envelope=None, series=True)), record)
-    if record.level and isinstance(drive, Drive) and drive.amplitude != 0:
-        require_samples(
-            record.samples_per_period, float(drive.schedule.omegas.max()) / drive.schedule.reference
-        )
-    if (
-        record.level
-        and scene.model.response_shape is not None
-        and not isinstance(scene.absorber, SeveralAbsorbers)
-    ):
-        return _read_elsewhere(again(record=replace(record, level=False, series=True)), record)
+    if record.level or record.envelope is not None:
+        require_sampling(scene, drive, record.samples_per_period, start)
     family(scene, method)  # refuses what the method cannot do
     if record.reversals:
         allowed = isinstance(method, Exact) and scene.kind in {SceneKind.RIGID, SceneKind.SEVERAL}
@@ -200,10 +222,10 @@ def simulate(
         scene,
         drive,
         method,
-        initial.vector(scene),
+        start,
         record,
         budget,
-        None if progress is None else onwards(progress),
+        progress,
         stop,
     )
 
@@ -218,24 +240,20 @@ def _run(
     tell: Watcher | None,
     stop: Stop | None,
 ) -> Response:
-    """Run from a state (2 N_m + 2 n,), and again with longer lists where there are more impacts or phases than they hold; errors as `simulate`."""
+    """Run from a state (2 N_m + 2 n,); errors as `simulate`."""
     interval = drive.schedule.pseudo_period / record.samples_per_period
     searched = family(scene, method).searched
     end = float(drive.schedule.times[-1])
-    capacity = FIRST_CAPACITY
-    while True:
-        counters = counters_for(drive, budget, new_check() if record.check and searched else None)
-        room = _room(scene, drive, record, interval, capacity, counters)
-        state = start.copy()
-        work = partial(integrate, scene, drive, method, state, room)
-        began = time.perf_counter()
-        with nullcontext() if stop is None else stop.reaching(counters):
-            status = work() if tell is None else watched(work, counters, end, tell)
-        wall_time = time.perf_counter() - began
-        needed = 0 if room.events is None else max(room.events.counts.item())
-        if needed <= capacity:
-            break
-        capacity = needed
+    counters = counters_for(drive, budget, new_check() if record.check and searched else None)
+    lists = EventLists(record.events or record.reversals, record.reversals, counters)
+    observe = _observers(scene, drive, record, interval, lists, counters)
+    state = start.copy()
+    work = partial(integrate, scene, drive, method, state, observe)
+    began = time.perf_counter()
+    with nullcontext() if stop is None else stop.reaching(counters):
+        status = work() if tell is None else watched(work, counters, end, tell)
+    wall_time = time.perf_counter() - began
+    lists.close()
     if tell is not None and status == observers.DONE:
         tell(end, end)
     response = _response(
@@ -244,58 +262,15 @@ def _run(
         method,
         start,
         state,
-        room,
-        interval,
-        energies=record.energy,
+        record,
+        observe,
+        lists,
         wall_time=wall_time,
         complete=status == observers.DONE,
     )
     if status != observers.DONE:
         raise _failure(response, counters, status)
     return response
-
-
-def _read_elsewhere(response: Response, record: Record) -> Response:
-    """Return a sampled response with the level of a place other than the absorber's: the kernels stream that of the absorber's place only."""
-    history = response.history
-    schedule = response.drive.schedule
-    assert history is not None
-    level = level_of(
-        history.modal_displacement @ response.scene.model.level_shape, record.samples_per_period
-    )
-    found = read_level(level, response.drive, schedule.pseudo_period / record.samples_per_period)
-    return replace(response, level=found, history=history if record.series else None)
-
-
-def _reduced(response: Response, record: Record) -> Response:
-    """Return a sampled response with what is wanted of its samples: an envelope, a window of them, all or none."""
-    history = response.history
-    envelope = None
-    assert history is not None
-    if record.envelope is not None:
-        edges = np.linspace(0.0, float(response.drive.schedule.times[-1]), record.envelope + 1)
-        values = history.modal_displacement @ response.scene.model.level_shape
-        bins = np.minimum(
-            np.searchsorted(edges, history.time, side="right") - 1, record.envelope - 1
-        )
-        low = np.full(record.envelope, np.nan)
-        high = np.full(record.envelope, np.nan)
-        np.fmin.at(low, bins, values)
-        np.fmax.at(high, bins, values)
-        envelope = Envelope(edges, low, high)
-    if isinstance(record.series, Window):
-        kept = slice(
-            *np.searchsorted(
-                history.time, (record.series.start, np.nextafter(record.series.end, np.inf))
-            )
-        )
-        sampled = {
-            name: values[kept].copy()
-            for name, values in vars(history).items()
-            if name != "tip_shape"
-        }
-        history = History(**sampled, tip_shape=history.tip_shape)
-    return replace(response, envelope=envelope, history=history if record.series else None)
 
 
 def _failure(response: Response, counters: Counters, status: int) -> IntegrationError:
@@ -325,32 +300,26 @@ def _response(
     method: Method,
     start: Array,
     state: Array,
-    room: Observe,
-    interval: float,
+    record: Record,
+    observe: Observe,
+    lists: EventLists,
     *,
-    energies: bool,
     wall_time: float,
     complete: bool,
 ) -> Response:
-    """Return the response, with ``energies`` if they are wanted, up to the time reached if the run is not complete."""
-    counts = room.counters.counts
+    """Return the response, up to the time reached if the run is not complete."""
+    counts = observe.counters.counts
+    interval = float(observe.clock.interval)
     reached = float(drive.schedule.times[-1] if complete else counts["reached"])
-    impacts = phases = reversals = None
-    if room.events is not None:
-        rows = room.events.impacts[: room.events.counts["impacts"]]
-        impacts = Impacts(
-            *(
-                rows[name].copy()
-                for name in ("time", "relative_velocity", "impulse", "loss", "absorber")
-            )
-        )
-        rows = room.events.phases[: room.events.counts["phases"]]
-        phases = ContactPhases(
-            *(rows[name].copy() for name in ("start", "end", "kind", "absorber"))
-        )
-        if room.events.reversals is not None:
-            rows = room.events.reversals[: room.events.counts["reversals"]]
-            reversals = Reversals(rows["time"].copy(), rows["absorber"].copy())
+    impacts, phases, reversals = lists.found()
+    sampled = cast("Level", observe.level)
+    level = None
+    if record.level and (complete or sampled.state["next"] > 0):
+        level = read_level(sampled, drive, interval)
+    envelope = None
+    if record.envelope is not None:
+        edges = _envelope_edges(drive, record.envelope)
+        envelope = Envelope(edges, sampled.envelope.low, sampled.envelope.high)
     return Response(
         scene,
         drive,
@@ -361,14 +330,13 @@ def _response(
         int(counts["steps"]),
         int(counts["evaluations"]),
         wall_time,
-        level=read_level(room.level, drive, interval)
-        if complete or (room.level is not None and room.level.state["next"] > 0)
-        else None,
+        level=level,
         impacts=impacts,
         phases=phases,
-        history=_history(scene, room.series, interval, None if complete else reached),
-        energy=_energy(scene, room.energy, start, state) if energies else None,
-        check=_check(room.counters.check),
+        history=_history(scene, observe, None if complete else reached) if record.series else None,
+        energy=_energy(scene, observe.energy, start, state) if record.energy else None,
+        check=_check(observe.counters.check),
+        envelope=envelope,
         reversals=reversals,
     )
 
@@ -386,17 +354,15 @@ def _check(check: Check | None) -> SearchCheck | None:
     )
 
 
-def _history(
-    scene: Scene, series: Series | None, interval: float, reached: float | None
-) -> History | None:
+def _history(scene: Scene, observe: Observe, reached: float | None) -> History:
     """Return the samples, without those after the time reached (s) if that is not the end."""
-    if series is None:
-        return None
     n = scene.model.modes
-    rows = series.states
+    rows = cast("Series", observe.series).states
+    first = int(observe.clock.first)
+    interval = float(observe.clock.interval)
     if reached is not None:
-        rows = rows[: int(np.ceil(reached / interval * (1 - 1e-9)))]
-    times = interval * np.arange(len(rows))
+        rows = rows[: max(int(np.ceil(reached / interval * (1 - 1e-9))) - first, 0)]
+    times = interval * np.arange(first, first + len(rows))
     half = n + scene.places
     absorber = rows[:, n:half], rows[:, half + n :]
     if not isinstance(scene.absorber, SeveralAbsorbers):

@@ -5,7 +5,7 @@ the same numbers.
 """
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane
+from impact_env.level_sampling import require_sampled
 from impact_env.loads import AnyDrive, Loads, Shock, Strike, schedule_in
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import ParameterError, SeveralAbsorbers, SlidingAbsorber, require
@@ -108,8 +109,18 @@ def read(response: Response) -> float:
     )
 
 
+def check_sampling(lane: Lane, measures: Container[str] = ()) -> None:
+    """Raise ParameterError where the samples of a lane's run are too few for the measure of its loads, or for others of its motion."""
+    loads = lane.drive if isinstance(lane.drive, Loads) else None
+    record = Record() if loads is None else record_of(loads)
+    rms = loads is not None and measure_of(loads) == RMS
+    if rms or any(name in measures for name in _OF_SAMPLES):
+        require_sampled(lane.scene, lane.drive, record.samples_per_period, lane.start)
+
+
 def measured(lane: Lane) -> float:
     """Return the measure of a lane's loads."""
+    check_sampling(lane)
     return read(simulate(lane.scene, lane.drive, initial=lane.start, record=record_of(lane.drive)))
 
 
@@ -127,6 +138,7 @@ def free_size(lane: Lane) -> float:
 
     Of a shock, whose mean square depends on how long it is looked at, it is the largest displacement over the root of two.
     """
+    check_sampling(lane)
     found = simulate(lane.scene, lane.drive, record=OF_LOADS[RMS][1]).history
     assert found is not None
     motion = found.tip_displacement
@@ -240,6 +252,7 @@ def measure(chunk: Chunk) -> Array:
     rows = np.full((len(chunk.lanes), len(chunk.measures)), np.nan)
     for row, lane in zip(rows, chunk.lanes, strict=True):
         try:
+            check_sampling(lane, chunk.measures)
             response = simulate(lane.scene, lane.drive, initial=lane.start, record=chunk.record)
         except IntegrationError:
             continue

@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 
 from impact_env.ensemble import Lane
 from impact_env.kernels.motion.level import close_level
-from impact_env.level import HALF_WINDOW_PERIODS, level_of
+from impact_env.level import HALF_WINDOW_PERIODS, LEAST_A_CYCLE, level_of
+from impact_env.level_sampling import highest_tone, require_sampled
 from impact_env.loads import Loads, Tones
 from impact_env.modes import ModalModel
 from impact_env.parameters import require
@@ -234,8 +235,11 @@ def edges_of(model: ModalModel, loads: Loads) -> Array:
 
 def band_levels(lane: Lane) -> tuple[float, ...]:
     """Run a lane, and return response level (with a schedule) or RMS of the displacement in each of the bands of `edges_of`, in m."""
+    ratio = highest_tone(lane.drive) / lane.drive.schedule.reference
+    samples = max(SAMPLES, int(np.ceil(LEAST_A_CYCLE * ratio)))
+    require_sampled(lane.scene, lane.drive, samples)
     response = simulate(
-        lane.scene, lane.drive, record=Record(level=False, series=True, samples_per_period=SAMPLES)
+        lane.scene, lane.drive, record=Record(level=False, series=True, samples_per_period=samples)
     )
     history = response.history
     model = response.scene.model
@@ -248,7 +252,7 @@ def band_levels(lane: Lane) -> tuple[float, ...]:
         displacement[(hertz >= low) & (hertz < high)]
         for low, high in pairwise(edges_of(model, lane.drive))
     )
-    return tuple(float(close_level(level_of(part, SAMPLES))[0]) for part in parts)
+    return tuple(float(close_level(level_of(part, samples))[0]) for part in parts)
 
 
 def bands_of(response: Response, displacement: Array) -> list[dict[str, float]]:

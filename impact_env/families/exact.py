@@ -69,10 +69,6 @@ class ExactFamily(Family):
         taken, reach = self.take(
             scene, window_of(drive), isinstance(drive, Loads) and drive.moves_base, drive
         )
-        if not self.searched:
-            observe = observe._replace(
-                events=None
-            )  # there are none, and a list would be one more variant to compile
         return int(self.lane(taken, schedule_of(scene, drive, reach), state, observe))
 
     def control(

@@ -422,6 +422,11 @@ class Code:
             self.builder.atomic_rmw(change, self._at(words, place), value.value, "seq_cst"),
         )
 
+    def call(self, address: Any) -> None:
+        """Call a function without arguments and result at an address in memory."""
+        kind = ir.FunctionType(ir.VoidType(), [])
+        self.builder.call(self.builder.inttoptr(address.value, kind.as_pointer()), [])
+
     def _at(self, pointer: Any, index: Any) -> Any:
         return self.builder.gep(pointer, [self.index(index).value])
 

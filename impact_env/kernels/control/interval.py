@@ -16,7 +16,7 @@ from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, record
 from impact_env.kernels.exact import rigid_contact, springs
 from impact_env.kernels.exact.budget import EVALUATIONS_PER_EVENT, FIRST_EVENTS
 from impact_env.kernels.exact.rigid_contact import Walls
-from impact_env.kernels.motion.level import LEVEL, Level, clear_level, close_level
+from impact_env.kernels.motion.level import LEVEL, Envelope, Level, clear_level, close_level
 from impact_env.kernels.motion.loads import (
     ALPHA,
     BEGINS,
@@ -111,7 +111,7 @@ class Beside(NamedTuple):
 class Watch(NamedTuple):
     """What all lanes share: sampling interval (s), samples of a whole interval, exponent of the damage (0: none), its unit of length (m),
     circular frequencies of the modes (N_m,), tip shape (N_m,), absorber mass (kg, 0 without one), mode shape (N_m,) where level and amplitudes are
-    read, and again in ``place`` if that is not the tip, else None; what acts beside one force, None where that is all.
+    read, and again in ``place`` if that is not the tip, else of size 0; what acts beside one force, None where that is all.
     """  # noqa: D205
 
     sample_dt: float
@@ -122,7 +122,7 @@ class Watch(NamedTuple):
     tip_shape: Array
     mass: float
     level_shape: Array
-    place: Array | None
+    place: Array
     beside: Beside | None
 
 
@@ -140,7 +140,7 @@ class Desk(NamedTuple):
     """Scratch of one thread: the interval's breakpoints in time (K,), frequencies and phases at its ends (2,), samples of the interval, a CLOCK and a
     COUNTS record, (1,) each.
 
-    ``budget`` (1,): counters at zero, with what an interval may use.
+    ``budget`` (1,): counters at zero, with what an interval may use. ``none`` and ``nobody`` (0,): of the envelope, which lanes do not have.
     """  # noqa: D205
 
     times: Array
@@ -150,6 +150,8 @@ class Desk(NamedTuple):
     clock: NDArray[Any]
     counts: NDArray[Any]
     budget: NDArray[Any]
+    none: Array
+    nobody: NDArray[np.int64]
 
 
 @jit_room
@@ -166,6 +168,8 @@ def new_desk(watch):
         np.zeros(1, CLOCK),
         np.zeros(1, COUNTS),
         budget,
+        np.zeros(0),
+        np.zeros(0, np.int64),
     )
 
 
@@ -229,17 +233,27 @@ def _lay_record(beside, order, times, load):
 
 
 @jit_view
+def lane_level(desk, watch, lanes, i):
+    """Return the level of lane i."""
+    return Level(
+        lanes.ring[i],
+        lanes.level[i],
+        desk.block,
+        watch.place,
+        Envelope(desk.none, desk.none, desk.nobody),
+    )
+
+
+@jit_view
 def observe_lane(desk, watch, lanes, i):
     """Return the observers of lane i, of which there is the level."""
-    level = Level(lanes.ring[i], lanes.level[i], desk.block)
     return Observe(
         clock=desk.clock[0],
         counters=Counters(desk.counts[0], None),
-        level=level,
+        level=lane_level(desk, watch, lanes, i),
         events=None,
         series=None,
         energy=None,
-        place=watch.place,
     )
 
 
@@ -262,9 +276,10 @@ def open_interval(desk, watch, lanes, i, order):
     clock.level = 0
     clock.interval = watch.sample_dt
     clock.series = 0
+    clock.first = 0
     desk.counts[0] = desk.budget[0]
     if order.fresh:
-        clear_level(Level(lanes.ring[i], lanes.level[i], desk.block))
+        clear_level(lane_level(desk, watch, lanes, i))
 
 
 @jit

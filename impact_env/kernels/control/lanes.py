@@ -304,7 +304,6 @@ def observe_steps(seen, series):
         events=None,
         series=series,
         energy=None,
-        place=None,
     )
 
 

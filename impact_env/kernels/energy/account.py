@@ -129,7 +129,6 @@ def observe_with(observe, account):
         events=observe.events,
         series=observe.series,
         energy=account,
-        place=observe.place,
     )
 
 

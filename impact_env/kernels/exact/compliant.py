@@ -149,7 +149,7 @@ def run_to_event(regime, forced, scene, window, reach, room, observe):
     stretch = Stretch(
         regime, forced, window, work, now.force, regime.tip_rest * now.force, room.motion, tau, end
     )
-    sample_level(stretch, observe.clock, observe.level, observe.place)
+    sample_level(stretch, observe.clock, observe.level)
     sample_state(stretch, observe.clock, observe.series)
     if now.wall != 0.0:
         add_energy(stretch, scene.wall_losses, room.scratch, r, observe.energy)

@@ -193,7 +193,7 @@ def try_join(scene, window, room, state):
 @jit_inline
 def observe_stretch(scene, stretch, r, scratch, observe):
     """Let the observers of samples and energies see a stretch, which lies in regime r."""
-    sample_level(stretch, observe.clock, observe.level, observe.place)
+    sample_level(stretch, observe.clock, observe.level)
     sample_state(stretch, observe.clock, observe.series)
     add_energy(stretch, scene.losses, scratch, r, observe.energy)
 

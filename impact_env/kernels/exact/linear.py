@@ -110,7 +110,7 @@ def pass_window(scene, window, room, observe):
         -window.half,
         window.half,
     )
-    sample_level(stretch, observe.clock, observe.level, observe.place)
+    sample_level(stretch, observe.clock, observe.level)
     sample_state(stretch, observe.clock, observe.series)
     add_energy(stretch, scene.losses, room.scratch, 0, observe.energy)
     advance(slots.rows, slots.table, slots.scale, 2.0 * window.half, work.z)

@@ -172,7 +172,7 @@ def observe_stretch(scene, window, s, offset, room, observe):
     stretch = Stretch(
         regime, forced, window, room.work, 1.0, room.bent[n], room.motion, tau, tau + offset
     )
-    sample_level(stretch, observe.clock, observe.level, observe.place)
+    sample_level(stretch, observe.clock, observe.level)
     sample_state(stretch, observe.clock, observe.series)
     add_energy(stretch, scene.losses, room.scratch, s, observe.energy)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, one, rec
 
 BLOCK = 64
 # next sample, running sum of squares, largest |q| and its sample, running sums at the first and last sample of the window, neighbours of the maximum,
-# last |q|, whether the right neighbour is due
+# last |q|, whether the right neighbour is due, bin of the envelope
 LEVEL = record(
     next=INTEGER,
     total=NUMBER,
@@ -24,7 +25,20 @@ LEVEL = record(
     right=NUMBER,
     previous=NUMBER,
     due=FLAG,
+    bin=INTEGER,
 )
+OFF = 2**62  # number of the next sample of a level that is not computed
+
+
+class Envelope(NamedTuple):
+    """Least and largest displacement ``low`` and ``high`` (B,) in m of each bin of a run, NaN without a sample; B = 0: not computed.
+
+    ``ends`` (B,): number of the first sample after each bin.
+    """
+
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    ends: NDArray[np.int64]
 
 
 class Level(NamedTuple):
@@ -32,19 +46,38 @@ class Level(NamedTuple):
 
     ``ring`` (W + 1,) holds the last running sums of q^2, W samples being half the window; ``state`` is a LEVEL record. ``block`` (any size) is where
     samples are computed before they are pushed: sample n of a run goes to place n modulo its size, so the last ones can be read there.
+    ``place`` (N_m,): mode shape where the displacement is sampled, of size 0: at the absorber. ``envelope``: extremes of the same samples.
     """
 
     ring: NDArray[np.float64]
     state: Any
     block: NDArray[np.float64]
+    place: NDArray[np.float64]
+    envelope: Envelope
 
 
-def new_level(samples_per_period: int, half_window_periods: int = 10) -> Level:
-    """Return an empty level observer for a window of +- ``half_window_periods`` pseudo periods."""
+def new_envelope(ends: Sequence[int] | NDArray[np.int64] = ()) -> Envelope:
+    """Return an envelope without samples whose bins end before the samples of numbers ``ends`` (B,)."""
+    last = np.array(ends, dtype=np.int64)
+    return Envelope(np.full(len(last), np.nan), np.full(len(last), np.nan), last)
+
+
+def new_level(
+    samples_per_period: int,
+    half_window_periods: int = 10,
+    place: NDArray[np.float64] | None = None,
+    envelope: Envelope | None = None,
+) -> Level:
+    """Return an empty level observer for a window of +- ``half_window_periods`` pseudo periods.
+
+    ``place`` (N_m,): mode shape where the level is read, None: at the absorber.
+    """
     return Level(
         np.zeros(half_window_periods * samples_per_period + 1),
         one(LEVEL, largest=-1.0),
         np.zeros(BLOCK),
+        np.zeros(0) if place is None else np.array(place, dtype=np.float64),
+        new_envelope() if envelope is None else envelope,
     )
 
 
@@ -62,6 +95,7 @@ def clear_level(level):
     state.left = 0.0
     state.right = 0.0
     state.previous = 0.0
+    state.bin = 0
 
 
 @jit
@@ -72,9 +106,33 @@ def push_level(level, q):
 
 
 @jit
+def widen_envelope(level, first, count):
+    """Take the next ``count`` samples (m), which lie in the block from place ``first`` on, into the envelope."""
+    block = level.block
+    low, high, ends = level.envelope
+    n = level.state.next
+    last = low.shape[0] - 1
+    b = level.state.bin
+    for k in range(first, first + count):
+        while b < last and n >= ends[b]:
+            b += 1
+        q = block[k]
+        if not low[b] <= q:
+            low[b] = q
+        if not high[b] >= q:
+            high[b] = q
+        n += 1
+    level.state.bin = b
+
+
+@jit
 def push_block(level, first, count):
     """Take the next ``count`` samples of the tip displacement (m), which lie in the block from place ``first`` on."""
-    ring, state, block = level
+    ring = level.ring
+    state = level.state
+    block = level.block
+    if level.envelope.low.shape[0] > 0:
+        widen_envelope(level, first, count)
     size = ring.shape[0]
     width = size - 1
     n = state.next
@@ -120,7 +178,8 @@ def close_level(level):
 
     The window is cut where the run starts or ends. The RMS is the mean of the samples after the window's first.
     """
-    ring, state, _ = level
+    ring = level.ring
+    state = level.state
     width = ring.shape[0] - 1
     if state.next < 2:
         only = max(state.largest, 0.0)  # of one sample; 0 without any

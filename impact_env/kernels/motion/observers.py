@@ -11,10 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit
+from impact_env.kernels.compiling.jit import jit, vector_code
 from impact_env.kernels.compiling.parts import sparing
 from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, one, record
-from impact_env.kernels.motion.level import Level
+from impact_env.kernels.compiling.vector_code import Code, Index
+from impact_env.kernels.motion.level import OFF, Level
 
 # kinds of contact phase
 STUCK_INSIDE = 0
@@ -49,15 +50,15 @@ COUNTS = record(
     evaluations_per_s=NUMBER,
     searched=INTEGER,
 )
-CLOCK = record(
-    level=INTEGER, series=INTEGER, interval=NUMBER
-)  # next sample of level and series, and the time between two (s)
+# next sample of the level (`level.OFF`: none is wanted) and of the series, first sample of the series, and the time between two (s)
+CLOCK = record(level=INTEGER, series=INTEGER, first=INTEGER, interval=NUMBER)
 IMPACT = record(
     time=NUMBER, relative_velocity=NUMBER, impulse=NUMBER, loss=NUMBER, absorber=INTEGER
 )
 PHASE = record(start=NUMBER, end=NUMBER, kind=INTEGER, absorber=INTEGER)
 REVERSED = record(time=NUMBER, absorber=INTEGER)
-LISTED = record(impacts=INTEGER, phases=INTEGER, reversals=INTEGER)
+# used places of the lists of events, and the address of the function that empties them
+LISTED = record(impacts=INTEGER, phases=INTEGER, reversals=INTEGER, empty=INTEGER)
 TOTALS = record(work=NUMBER, friction_loss=NUMBER, impact_loss=NUMBER, absorber_damping=NUMBER)
 CHECKED = record(searches=INTEGER, misses=INTEGER)
 MISS = record(time=NUMBER, kind=INTEGER, share=NUMBER)
@@ -90,18 +91,22 @@ class Counters(NamedTuple):
 class Events(NamedTuple):
     """What happened at the contacts: ``impacts``, ``phases`` and ``reversals`` (capacity,), IMPACT, PHASE and REVERSED records.
 
-    ``counts``, a LISTED record, goes on counting when the capacity is used up, so that the caller can run again with enough of it.
+    Of size 0: not listed. ``counts``, a LISTED record: when a list is full, the function at its address ``empty`` is called, which takes the records
+    out of all three lists and sets their numbers to 0.
     """
 
     impacts: NDArray[Any]
     phases: NDArray[Any]
     counts: Any
-    reversals: NDArray[Any] | None = None
+    reversals: NDArray[Any]
 
 
 @sparing
 class Series(NamedTuple):
-    """``states`` (samples, 2 N_m + 2): modal displacements, absorber displacement, modal velocities, absorber velocity."""
+    """``states`` (samples, 2 N_m + 2): modal displacements, absorber displacement, modal velocities, absorber velocity.
+
+    The first row is sample ``clock.first`` of the run.
+    """
 
     states: NDArray[np.float64]
 
@@ -119,8 +124,8 @@ class Energy(NamedTuple):
 class Observe(NamedTuple):
     """All observers of a lane; ``clock`` is a CLOCK record, and None is not observed.
 
-    ``energy`` is what the caller reads, an `Energy`; between the stretches of an exact lane it is the `energy.account.Account` that fills it.
-    ``place`` (N_m,): mode shape where the level is read; None: at the tip.
+    Lists of size 0 are not filled, so that one kernel serves runs with and without events, at any place, with and without an envelope. ``energy`` is
+    what the caller reads, an `Energy`; between the stretches of an exact lane it is the `energy.account.Account` that fills it.
     """
 
     clock: Any
@@ -129,7 +134,6 @@ class Observe(NamedTuple):
     events: Events | None = None
     series: Series | None = None
     energy: Any = None
-    place: NDArray[np.float64] | None = None
 
 
 def new_counters(
@@ -150,18 +154,18 @@ def new_counters(
     return Counters(counts, check)
 
 
-def new_clock(interval: float) -> Any:
-    """Return the clock of a run that begins; ``interval`` (s) between samples."""
-    return one(CLOCK, interval=interval)
+def new_clock(interval: float, first: int = 0, level: bool = True) -> Any:
+    """Return the clock of a run that begins; ``interval`` (s) between samples, number of the ``first`` one of the series."""
+    return one(CLOCK, interval=interval, series=first, first=first, level=0 if level else OFF)
 
 
-def new_events(capacity: int, reversals: bool = False) -> Events:
-    """Return empty lists of impacts and phases, and if wanted of reversals."""
+def new_events(contacts: int, reversals: int, empty: int) -> Events:
+    """Return empty lists with these numbers of places, and the address of the function that empties them."""
     return Events(
-        np.zeros(capacity, IMPACT),
-        np.zeros(capacity, PHASE),
-        one(LISTED),
-        np.zeros(capacity, REVERSED) if reversals else None,
+        np.zeros(contacts, IMPACT),
+        np.zeros(contacts, PHASE),
+        one(LISTED, empty=empty),
+        np.zeros(reversals, REVERSED),
     )
 
 
@@ -175,20 +179,39 @@ def new_check() -> Check:
     return Check(one(CHECKED), np.zeros(3), np.zeros(FIRST_MISSES, MISS))
 
 
+@vector_code()
+def call_function(code: Code, address: Index):
+    """Call a function without arguments at an address in memory."""
+    code.call(address)
+
+
+@jit
+def place_in(listed, used, counts):
+    """Return the place of a list's next record, ``used`` of them being taken, or -1 if the list has none; a full list is emptied before."""
+    if used < listed.shape[0]:
+        return used
+    if used == 0:
+        return -1
+    call_function(counts.empty)
+    return 0
+
+
 @jit
 def push_impact(events, time, relative_velocity, impulse, loss, absorber):
     """Append an impact of an absorber (its number) to the list, if one is kept."""
     if events is None:
         return
-    k = events.counts.impacts
-    if k < events.impacts.shape[0]:
-        row = events.impacts[k]
-        row.time = time
-        row.relative_velocity = relative_velocity
-        row.impulse = impulse
-        row.loss = loss
-        row.absorber = absorber
-    events.counts.impacts = k + 1
+    counts = events.counts
+    k = place_in(events.impacts, counts.impacts, counts)
+    if k < 0:
+        return
+    row = events.impacts[k]
+    row.time = time
+    row.relative_velocity = relative_velocity
+    row.impulse = impulse
+    row.loss = loss
+    row.absorber = absorber
+    counts.impacts = k + 1
 
 
 @jit
@@ -196,14 +219,16 @@ def push_phase(events, start, end, kind, absorber):
     """Append a contact phase of an absorber (its number) to the list, if one is kept."""
     if events is None:
         return
-    k = events.counts.phases
-    if k < events.phases.shape[0]:
-        row = events.phases[k]
-        row.start = start
-        row.end = end
-        row.kind = kind
-        row.absorber = absorber
-    events.counts.phases = k + 1
+    counts = events.counts
+    k = place_in(events.phases, counts.phases, counts)
+    if k < 0:
+        return
+    row = events.phases[k]
+    row.start = start
+    row.end = end
+    row.kind = kind
+    row.absorber = absorber
+    counts.phases = k + 1
 
 
 @jit
@@ -211,11 +236,11 @@ def push_reversal(events, time, absorber):
     """Append a time (s) at which an absorber (its number) has no relative velocity and friction may turn, if such are listed."""
     if events is None:
         return
-    if events.reversals is None:
+    counts = events.counts
+    k = place_in(events.reversals, counts.reversals, counts)
+    if k < 0:
         return
-    k = events.counts.reversals
-    if k < events.reversals.shape[0]:
-        row = events.reversals[k]
-        row.time = time
-        row.absorber = absorber
-    events.counts.reversals = k + 1
+    row = events.reversals[k]
+    row.time = time
+    row.absorber = absorber
+    counts.reversals = k + 1

@@ -175,8 +175,8 @@ def samples_before(end, interval):
 
 
 @jit_inline
-def sample_level(stretch, clock, level, place):
-    """Push the displacement at the samples in [tau, end) to the level: that of the tip, or at the ``place`` of this mode shape (N_m,)."""
+def sample_level(stretch, clock, level):
+    """Push the displacement at the samples in [tau, end) to the level: that of the absorber's place, or at the level's ``place``."""
     if level is None:
         return
     slots = stretch.regime.slots
@@ -198,10 +198,10 @@ def sample_level(stretch, clock, level, place):
         count = min(int(stop - n), level.block.shape[0] - first)
         x = n * interval - window.centre
         samples = Samples(max(x - tau, 0.0), x, interval, first, count)
-        if place is None:
+        if level.place.shape[0] == 0:
             fill_samples(slots, signals, window.omega, u, stretch.bent, samples, level.block)
-        if place is not None:
-            fill_places(stretch, place, samples, level.block)
+        else:
+            fill_places(stretch, level.place, samples, level.block)
         push_block(level, first, count)
         n += count
     clock.level = n
@@ -210,11 +210,13 @@ def sample_level(stretch, clock, level, place):
 @jit_inline
 def is_due(window, clock, level, series, energy):
     """Return whether anything is observed in a window."""
-    if series is not None:
-        return True
     if energy is not None:
         return True
+    if series is not None:
+        return True
     if level is not None:
+        if level.place.shape[0] + level.envelope.low.shape[0] > 0:
+            return True
         return clock.level * clock.interval - window.centre < window.half
     return False
 
@@ -264,9 +266,10 @@ def sample_state(stretch, clock, series):
     x = n * interval - window.centre
     half = series.states.shape[1] // 2
     absorbers = motion.shape[0]
-    while x < end and n < series.states.shape[0]:
+    stop = clock.first + series.states.shape[0]
+    while x < end and n < stop:
         t = max(x - tau, 0.0)
-        row = series.states[n]
+        row = series.states[n - clock.first]
         state_at(stretch, work.z, tau, t, work.rows[0], row)
         for a in range(absorbers):
             own = motion[a]
@@ -294,12 +297,22 @@ def last_sample(state, tip_shape, end, clock, level, series):
     interval = clock.interval
     if series is not None:
         n = clock.series
-        if n < series.states.shape[0] and abs(n * interval - end) < 1e-6 * interval:
+        row = n - clock.first
+        if row < series.states.shape[0] and abs(n * interval - end) < 1e-6 * interval:
             for i in range(state.shape[0]):
-                series.states[n, i] = state[i]
+                series.states[row, i] = state[i]
     if level is not None:
         if abs(clock.level * interval - end) < 1e-6 * interval:
-            q = 0.0
-            for i in range(tip_shape.shape[0]):
-                q += tip_shape[i] * state[i]
-            push_level(level, q)
+            if level.place.shape[0] == 0:
+                push_level(level, weighted_sum(tip_shape, state))
+            else:
+                push_level(level, weighted_sum(level.place, state))
+
+
+@jit
+def weighted_sum(shape, state):
+    """Return the displacement in m of the place of a mode shape (N_m,)."""
+    q = 0.0
+    for i in range(shape.shape[0]):
+        q += shape[i] * state[i]
+    return q

@@ -1,4 +1,4 @@
-"""What the two time-stepping kernels share: which step holds which sample, and the end of a contact phase."""
+"""What the two time-stepping kernels share: samples between the steps, and the end of a contact phase."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit
+from impact_env.kernels.compiling.jit import jit, jit_inline
+from impact_env.kernels.motion.level import OFF
 from impact_env.kernels.motion.loads import LoadPieces
 from impact_env.kernels.motion.observers import push_phase
 
@@ -46,12 +47,15 @@ class Step(NamedTuple):
 
 
 @jit
-def rows_wanted(level, series, duration, sample_dt):
-    """Return the number of samples that the observers want."""
-    if level is None:
-        if series is None:
-            return 0
-    return int(duration / sample_dt + 1e-9) + 1
+def sample_range(clock, level, series, duration):
+    """Return the first sample that an observer wants, and the one after the last."""
+    every = int(duration / clock.interval + 1e-9) + 1
+    if level is not None:
+        if clock.level != OFF:
+            return 0, every
+    if series is not None:
+        return clock.first, min(every, clock.first + series.states.shape[0])
+    return 0, 0
 
 
 @jit
@@ -60,6 +64,47 @@ def step_of_row(row, rows, sample_dt, dt, steps):
     if row >= rows:
         return -1
     return min(max(int(np.ceil(row * sample_dt / dt - 1e-9)) - 1, 0), steps - 1)
+
+
+@jit
+def wants_modes(level, series):
+    """Return whether a sample needs all modes, and not the motion of the absorber's place alone."""
+    if series is not None:
+        return True
+    if level is not None:
+        return level.place.shape[0] > 0
+    return False
+
+
+@jit
+def row_of_series(clock, series, sample):
+    """Return the row of the series for a sample of the run, -1 where the series does not hold it."""
+    row = sample - clock.first
+    return row if 0 <= row < series.states.shape[0] else -1
+
+
+@jit_inline
+def displacement_between(start, end, part, h):
+    """Return the displacement at ``part`` (0 to 1) of a step of h (s): the cubic through displacements and velocities (q, v) at its ends."""
+    q0, v0 = start
+    q1, v1 = end
+    left = 1.0 - part
+    return left * left * ((1.0 + 2.0 * part) * q0 + part * h * v0) + part * part * (
+        (3.0 - 2.0 * part) * q1 - left * h * v1
+    )
+
+
+@jit_inline
+def velocity_between(start, end, part, h):
+    """Return the velocity of the cubic of `displacement_between`."""
+    q0, v0 = start
+    q1, v1 = end
+    left = 1.0 - part
+    return (
+        6.0 * part * left * (q1 - q0) / h
+        + left * (1.0 - 3.0 * part) * v0
+        + part * (3.0 * part - 2.0) * v1
+    )
 
 
 @jit

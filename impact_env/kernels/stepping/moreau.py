@@ -16,10 +16,19 @@ from numpy.typing import NDArray
 from impact_env.kernels.compiling.jit import NUMBER, jit, jit_inline, jit_room, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Index, Number
 from impact_env.kernels.exact.budget import note_time
-from impact_env.kernels.motion.level import push_level
+from impact_env.kernels.motion.level import OFF, push_level
 from impact_env.kernels.motion.observers import DONE, NOT_FINITE, push_impact
 from impact_env.kernels.stepping.chirp import RESET, force_or, phasor, stretch_at, turns_left
-from impact_env.kernels.stepping.grid import FREE, close_phase, rows_wanted, step_of_row
+from impact_env.kernels.stepping.grid import (
+    FREE,
+    close_phase,
+    displacement_between,
+    row_of_series,
+    sample_range,
+    step_of_row,
+    velocity_between,
+    wants_modes,
+)
 from impact_env.kernels.stepping.moreau_law import solve_contact
 
 Array = NDArray[np.float64]
@@ -140,13 +149,10 @@ def _keep_before(table):
 
 
 @jit_inline
-def _keep_for(energy, series, due, table):
-    """Keep the modes at the step's start where an observer wants them; ``due``: a sample is."""
-    if energy is not None:
+def _keep_for(energy, due, table):
+    """Keep the modes at the step's start where an observer wants them; ``due``: a sample does."""
+    if energy is not None or due:
         _keep_before(table)
-    elif series is not None:
-        if due:
-            _keep_before(table)
 
 
 @jit_inline
@@ -202,47 +208,70 @@ def _note_impact(normal, distance, before, after, time, observe):
 
 
 @jit_inline
-def _at_start(body, dt):
-    """Return tip displacement, absorber displacement and velocity at the start of the step."""
-    return body.tip_q - 0.5 * dt * body.tip_u, body.q - 0.5 * dt * body.v, body.v
+def _tip_at_start(body, dt):
+    """Return displacement and velocity of the tip at the start of the step."""
+    return body.tip_q - 0.5 * dt * body.tip_u, body.tip_u
 
 
 @jit_inline
-def _take_level(level, part, start, end):
-    if level is not None:
-        push_level(level, start + part * (end - start))
-
-
-@jit_inline
-def _take_row(series, row, part, start, end, table):
-    if series is None:
-        return
-    n = table.modes
-    target = series.states[row]
-    _store_row(target, table, part)
-    target[n] = start[1] + part * (end[1] - start[1])
-    target[2 * n + 1] = start[2] + part * (end[2] - start[2])
-
-
-@jit_inline
-def _take_sample(row, part, start, end, table, observe):
-    """Take a sample at ``part`` (0 to 1) of a step from what `_at_start` says of its two ends."""
-    _take_level(observe.level, part, start[0], end[0])
-    _take_row(observe.series, row, part, start, end, table)
+def _absorber_at_start(body, dt):
+    """Return displacement and velocity of the absorber at the start of the step."""
+    return body.q - 0.5 * dt * body.v, body.v
 
 
 @jit
-def _store_row(target, table, part):
-    """Write the modes' state at ``part`` (0 to 1) of the step into a row of the series."""
-    cells = table.cells
-    n = table.modes
+def _mode_before(table, j):
+    """Return displacement and velocity of a mode at the start of the step."""
     stride = _stride(table.wide)
+    return table.cells[_Q_BEFORE * stride + j], table.cells[_U_BEFORE * stride + j]
+
+
+@jit
+def _mode_after(table, j):
+    """Return displacement and velocity of a mode at the end of the step."""
+    stride = _stride(table.wide)
+    u = table.cells[_U * stride + j]
+    return table.cells[_Q * stride + j] - 0.5 * table.dt * u, u
+
+
+@jit_inline
+def _take_level(level, clock, part, before, after, table):
+    if level is None:
+        return
+    if clock.level == OFF:
+        return
+    if level.place.shape[0] == 0:
+        start = _tip_at_start(before, table.dt)
+        end = _tip_at_start(after, table.dt)
+        push_level(level, displacement_between(start, end, part, table.dt))
+    else:
+        q = 0.0
+        for j in range(table.modes):
+            start = _mode_before(table, j)
+            end = _mode_after(table, j)
+            q += level.place[j] * displacement_between(start, end, part, table.dt)
+        push_level(level, q)
+
+
+@jit_inline
+def _take_row(series, clock, sample, part, before, after, table):
+    if series is None:
+        return
+    row = row_of_series(clock, series, sample)
+    if row < 0:
+        return
+    n = table.modes
+    dt = table.dt
+    target = series.states[row]
     for j in range(n):
-        q = cells[_Q_BEFORE * stride + j]
-        u = cells[_U_BEFORE * stride + j]
-        u_after = cells[_U * stride + j]
-        target[j] = q + part * (cells[_Q * stride + j] - 0.5 * table.dt * u_after - q)
-        target[n + 1 + j] = u + part * (u_after - u)
+        start = _mode_before(table, j)
+        end = _mode_after(table, j)
+        target[j] = displacement_between(start, end, part, dt)
+        target[n + 1 + j] = velocity_between(start, end, part, dt)
+    start = _absorber_at_start(before, dt)
+    end = _absorber_at_start(after, dt)
+    target[n] = displacement_between(start, end, part, dt)
+    target[2 * n + 1] = velocity_between(start, end, part, dt)
 
 
 @jit
@@ -355,8 +384,8 @@ def moreau_lane(modes, laws, force, state, step, observe):
     table = _new_table(modes, force.amplitude, state, dt, step.wide)
     body, compliance = _start(laws.mass, modes.tip_shape, state, dt)
     bounds = (laws.walls, _scaled(laws.limit, dt), compliance)
-    rows = rows_wanted(observe.level, observe.series, times[-1], sample_dt)
-    row = 0
+    row, rows = sample_range(observe.clock, observe.level, observe.series, times[-1])
+    modal = wants_modes(observe.level, observe.series)
     row_step = step_of_row(row, rows, sample_dt, dt, steps)
     held = FREE
     held_since = 0.0
@@ -368,8 +397,8 @@ def moreau_lane(modes, laws, force, state, step, observe):
         stop = i + turns_left(times, k, (i + 0.5) * dt, dt, min(RESET, steps - i))
         c, s, turn_c, turn_s, change_c, change_s = phasor(force, k, (i + 0.5) * dt, dt)
         while i < stop:
-            _keep_for(observe.energy, observe.series, i == row_step, table)
-            start = _at_start(body, dt)
+            _keep_for(observe.energy, modal and i == row_step, table)
+            before = body
             now = force_or(force.load, k, (i + 0.5) * dt, c)
             body, kind = _advance(i, table, laws, bounds, body, now, observe)
             if kind != held:
@@ -378,7 +407,8 @@ def moreau_lane(modes, laws, force, state, step, observe):
                 held_since = i * dt
             while i == row_step:
                 part = min(max(row * sample_dt / dt - i, 0.0), 1.0)
-                _take_sample(row, part, start, _at_start(body, dt), table, observe)
+                _take_level(observe.level, observe.clock, part, before, body, table)
+                _take_row(observe.series, observe.clock, row, part, before, body, table)
                 row += 1
                 row_step = step_of_row(row, rows, sample_dt, dt, steps)
             c, s = c * turn_c - s * turn_s, c * turn_s + s * turn_c

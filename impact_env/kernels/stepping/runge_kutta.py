@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
 from impact_env.kernels.compiling.records import NUMBER, record
 from impact_env.kernels.exact.budget import note_time
-from impact_env.kernels.motion.level import push_level
+from impact_env.kernels.motion.level import OFF, push_level
 from impact_env.kernels.motion.observers import (
     DONE,
     HELD_LOWER,
@@ -44,7 +44,15 @@ from impact_env.kernels.stepping.feedback import (
     stop_force,
     stride_of,
 )
-from impact_env.kernels.stepping.grid import Modes, close_phase, rows_wanted, step_of_row
+from impact_env.kernels.stepping.grid import (
+    Modes,
+    close_phase,
+    displacement_between,
+    row_of_series,
+    sample_range,
+    step_of_row,
+    velocity_between,
+)
 from impact_env.kernels.stepping.runge_kutta_step import (
     account_step,
     observations,
@@ -203,13 +211,15 @@ def _keep_before(table):
 
 @jit
 def _tip(table):
-    """Return the tip's displacement."""
+    """Return displacement and velocity of the tip."""
     cells = table.cells
     stride = stride_of(table.wide)
-    tip = 0.0
+    q = 0.0
+    u = 0.0
     for j in range(table.modes):
-        tip += cells[TIP * stride + j] * cells[Q * stride + j]
-    return tip
+        q += cells[TIP * stride + j] * cells[Q * stride + j]
+        u += cells[TIP * stride + j] * cells[U * stride + j]
+    return q, u
 
 
 @jit
@@ -239,10 +249,10 @@ def _store(target, table, part, m_a, added_mass, offset):
     tip_q = 0.0
     tip_u = 0.0
     for j in range(n + 1):
-        q = cells[Q_BEFORE * stride + j]
-        u = cells[U_BEFORE * stride + j]
-        q = q + part * (cells[Q * stride + j] - q)
-        u = u + part * (cells[U * stride + j] - u)
+        before = cells[Q_BEFORE * stride + j], cells[U_BEFORE * stride + j]
+        after = cells[Q * stride + j], cells[U * stride + j]
+        q = displacement_between(before, after, part, table.h)
+        u = velocity_between(before, after, part, table.h)
         if j < n:
             target[j], target[n + 1 + j] = q, u
             tip_q += cells[TIP * stride + j] * q
@@ -253,16 +263,38 @@ def _store(target, table, part, m_a, added_mass, offset):
         target[n], target[2 * n + 1] = tip_q + offset, tip_u
 
 
-@jit_inline
-def _take_level(level, part, start, table):
-    if level is not None:
-        push_level(level, start + part * (_tip(table) - start))
+@jit
+def _at_place(place, part, table):
+    """Return the displacement at ``part`` (0 to 1) of the step of the place of a mode shape (N_m,)."""
+    cells = table.cells
+    stride = stride_of(table.wide)
+    total = 0.0
+    for j in range(table.modes):
+        before = cells[Q_BEFORE * stride + j], cells[U_BEFORE * stride + j]
+        after = cells[Q * stride + j], cells[U * stride + j]
+        total += place[j] * displacement_between(before, after, part, table.h)
+    return total
 
 
 @jit_inline
-def _take_row(series, row, part, table, laws, offset, state):
+def _take_level(level, clock, part, start, table):
+    if level is None:
+        return
+    if clock.level == OFF:
+        return
+    if level.place.shape[0] == 0:
+        push_level(level, displacement_between(start, _tip(table), part, table.h))
+    else:
+        push_level(level, _at_place(level.place, part, table))
+
+
+@jit_inline
+def _take_row(series, clock, sample, part, table, laws, offset, state):
     """Write a row of the series; where there is no absorber its place keeps what ``state`` has there."""
     if series is None:
+        return
+    row = row_of_series(clock, series, sample)
+    if row < 0:
         return
     n = table.modes
     target = series.states[row]
@@ -390,19 +422,18 @@ def runge_kutta_lane(modes, laws, force, state, step, observe):
     kit = Kit(
         modes, laws, table, force.amplitude, _joined_mass(laws.added_mass, modes.tip_shape), touches
     )
-    offset = state[table.modes] - _tip(table)
+    offset = state[table.modes] - _tip(table)[0]
     y = observations(table)
     _begin_touch(laws.stops, touches, y, dt)
     absorber = Absorber(y, y[0], relative_velocities(table), abs(y[0]))
     compliance = _compliance(laws.mass, modes.tip_shape)
-    rows = rows_wanted(observe.level, observe.series, end, sample_dt)
-    row = 0
+    row, rows = sample_range(observe.clock, observe.level, observe.series, end)
     row_step = step_of_row(row, rows, sample_dt, dt, steps)
     forces = np.empty(2 * _BLOCK + 1)
     i = 0
     k = 0
     status = DONE
-    tip_start = 0.0
+    tip_start = _tip(table)
     while i < steps:
         start = i
         stop = min(i + _BLOCK, steps)
@@ -416,8 +447,8 @@ def runge_kutta_lane(modes, laws, force, state, step, observe):
             )
             while i == row_step:
                 part = min(max(row * sample_dt / dt - i, 0.0), 1.0)
-                _take_level(observe.level, part, tip_start, table)
-                _take_row(observe.series, row, part, table, laws, offset, state)
+                _take_level(observe.level, observe.clock, part, tip_start, table)
+                _take_row(observe.series, observe.clock, row, part, table, laws, offset, state)
                 row += 1
                 row_step = step_of_row(row, rows, sample_dt, dt, steps)
             i += 1
