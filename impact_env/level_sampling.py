@@ -26,6 +26,7 @@ from impact_env.turning_loads import Load
 
 Array = NDArray[np.float64]
 SHARE_ABOVE = 0.05  # of the mean square of the displacement: the level is at most 2.5 % off
+WORDS = {Samples: "a record", Random: "a random load", Shock: "a shock", Strike: "a strike"}
 
 
 def require_sampling(scene: Scene, drive: AnyDrive, samples_per_period: int, start: Array) -> None:
@@ -75,9 +76,8 @@ def require_spectrum(
         return
     highest = float(omega[np.flatnonzero(above > SHARE_ABOVE * above[0])[-1]])
     needed = LEAST_A_CYCLE * highest / reference * (1 - 1e-9)
-    kind = type(load).__name__.lower()
     allowed = (
-        f"{int(np.ceil(needed))} or more for the level under a {kind} load: "
+        f"{int(np.ceil(needed))} or more for the level under {WORDS[type(load)]}: "
         f"{100 * SHARE_ABOVE:g} % of the displacement's mean square lies at {highest / (2 * np.pi):.4g} Hz or above, "
         f"and needs {LEAST_A_CYCLE} samples a cycle"
     )

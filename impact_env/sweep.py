@@ -185,7 +185,7 @@ def simulate(
 ) -> Response:
     """Integrate a scene under a drive from an initial state and return what ``record`` asks for (default: the level).
 
-    Without a state it starts at rest, or as its loads say.
+    Without a state it starts at rest, or as its loads say. Strikes add to a state that is given.
 
     The exact method may use ``most_events`` events (default: a million, and 5,000 for each pseudo period that has passed), and 40 evaluations for
     each of them and for each pseudo period, so that no run goes on for ever. ``progress`` is told the time reached and the end time in s, ten times

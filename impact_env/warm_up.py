@@ -32,9 +32,8 @@ ABSORBERS: dict[str, Callable[[], Absorber | None]] = {
     "impact absorber": impact_absorber,
     "linear scenes": lambda: None,
 }
-RECORDS = {"level": Record()}
+RECORDS = {"level, impacts": Record()}  # one kernel lists impacts or does not
 MORE = {
-    "impacts": Record(events=True),
     "impacts, motion": Record(events=True, series=True),
     "impacts, energy": Record(events=True, energy=True),
     "impacts, motion, energy": Record(events=True, series=True, energy=True),

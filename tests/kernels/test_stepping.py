@@ -2,7 +2,18 @@
 
 import numpy as np
 import pytest
-from core import OMEGA, PERIOD, Array, drive_of, golden, run, scene_of, steady_base, still
+from core import (
+    EVERYTHING,
+    OMEGA,
+    PERIOD,
+    Array,
+    drive_of,
+    golden,
+    run,
+    scene_of,
+    steady_base,
+    still,
+)
 
 from impact_env import (
     Beam,
@@ -13,6 +24,7 @@ from impact_env import (
     FrequencySchedule,
     InitialState,
     IntegrationError,
+    ModalModel,
     Moreau,
     NonlinearSink,
     ParameterError,
@@ -26,10 +38,12 @@ from impact_env import (
     impact_absorber,
     simulate,
 )
+from impact_env.controlled import ControlledRuns
 from impact_env.kernels.stepping import runge_kutta
 from impact_env.kernels.stepping.chirp import fill_phases
 from impact_env.kernels.stepping.feedback import STRIDE, CompliantLaws, Q, new_table
 from impact_env.kernels.stepping.grid import Force, Modes
+from impact_env.level import response_level
 from impact_env.methods import LEAST_STEPS, Method, check_mass, check_step
 from impact_env.parameters import Absorber
 from impact_env.response import Response
@@ -52,10 +66,7 @@ Stepping = type[Moreau] | type[RungeKutta]
 
 
 def deviation(response: Response, exact: Response) -> float:
-    """Largest difference of the modal displacements relative to the largest: over the run, or for linear scenes at the end.
-
-    Samples lie on straight lines between the steps, which hides the order of a linear scene.
-    """
+    """Largest difference of the modal displacements relative to the largest: over the run, or for linear scenes at the end."""
     scale = np.max(np.abs(exact.history.modal_displacement))
     modes = exact.scene.model.modes
     if not isinstance(exact.scene.absorber, SlidingAbsorber):
@@ -107,6 +118,67 @@ def test_linear_scenes(absorber: Absorber | None) -> None:
     error, order = converge(absorber, [Moreau(100), Moreau(10_000)], 1e-4)
     assert error < 1e-4
     assert order > 0.8
+
+
+def driven_from_rest(
+    ratio: float, damping: float, time: Array, natural: float
+) -> tuple[Array, Array]:
+    """Return displacement and velocity of one mode under cos(ratio natural t), from rest, in closed form."""
+    force = ratio * natural
+    gain = 1 / (natural**2 - force**2 + 2j * damping * natural * force)
+    rate = -damping * natural + 1j * natural * np.sqrt(1 - damping**2)
+    steady = gain * np.exp(1j * force * time)
+    # free motion a exp(rate t) that cancels the steady one at time 0
+    q = -gain.real
+    v = -(1j * force * gain).real
+    free = (q + 1j * (rate.real * q - v) / rate.imag) * np.exp(rate * time)
+    return (steady + free).real, (1j * force * steady + rate * free).real
+
+
+SAMPLED = [(RungeKutta, 0.01, 4.0), (Moreau, 0.01, 1.0), (Moreau, 0.0, 2.0)]
+
+
+@pytest.mark.parametrize(("method", "damping", "order"), SAMPLED, ids=str)
+def test_level_and_samples_between_steps_converge_at_the_order_of_the_method(
+    method: Stepping, damping: float, order: float
+) -> None:
+    """Steps and samples fall together nowhere but at the ends of periods."""
+    scene = Scene(ModalModel([OMEGA], [damping], [1.0], [1.0], 1.0))
+    drive = drive_of(1.0, 0.93, periods=40.0)
+    time = PERIOD / 32 * np.arange(40 * 32 + 1)
+    displacement, velocity = driven_from_rest(0.93, damping, time, OMEGA)
+    at = int(np.argmax(np.abs(displacement)))
+    level = np.sqrt(np.mean(displacement[max(at - 320, 0) + 1 : at + 321] ** 2))
+    errors = []
+    for steps in (45, 180):
+        found = simulate(scene, drive, method(steps), record=EVERYTHING)
+        motion = found.history
+        errors.append(
+            [
+                abs(found.level.value / level - 1),
+                np.max(np.abs(motion.modal_displacement[:, 0] - displacement)) / level,
+                np.max(np.abs(motion.modal_velocity[:, 0] - velocity)) / level / OMEGA,
+            ]
+        )
+    orders = np.log(np.divide(*errors)) / np.log(4)
+    # the velocity of a cubic is of one order less
+    assert np.all(orders > np.array([order, order, min(order, 3.0)]) - 0.3), (orders, errors)
+
+
+def test_controlled_intervals_sample_between_steps_as_a_run_does() -> None:
+    scene = Scene(ModalModel([OMEGA], [0.01], [1.0], [0.5], 1.0, response_shape=[2.0]))
+    runs = ControlledRuns(scene, 1, OMEGA, 1.0, RungeKutta(45), samples_per_period=32, threads=1)
+    runs.orders["force"] = 1.0
+    runs.orders["omega_start"] = runs.orders["omega_stop"] = 0.93 * OMEGA
+    for _ in range(40):
+        runs.advance()
+    time = PERIOD / 32 * np.arange(40 * 32)
+    displacement = 2.0 * driven_from_rest(0.93, 0.01, time, OMEGA)[0]
+    mean_square = np.mean(displacement[-32:] ** 2)
+    assert runs.reports["mean_square"][0] == pytest.approx(mean_square, rel=2e-4)
+    level = response_level(displacement, 32)[0]
+    assert runs.reports["level"][0] == pytest.approx(level, rel=2e-4)
+    runs.close()
 
 
 def test_moreau_without_damping_is_of_second_order() -> None:
