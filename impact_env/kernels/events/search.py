@@ -59,9 +59,8 @@ from impact_env.kernels.motion.vector import (
     weighted_sizes,
 )
 
-HERMITE_SHARE = (
-    1.0 / 384.0
-)  # of h^4 times the largest fourth derivative: error of the cubic between two points [1]
+# of h^4 times the largest fourth derivative: error of the cubic between two points [1]
+HERMITE_SHARE = 1.0 / 384.0
 SCAN_NOISE = 1e-12  # of an amplitude: rounding of the sums and of the moving amplitudes
 SLOPE_ERROR = (
     1.03  # of E: 3.08/3, since a difference of two coefficients is a third of the slope times h

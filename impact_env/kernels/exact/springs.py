@@ -158,19 +158,19 @@ def list_contact(time, absorber_velocity, loss, now, events, mass):
 
 
 @jit
-def touch(found, gap, now, time, absorber_velocity, loss, mass, counters, events):
+def touch(found, gap, now, time, absorber_velocity, loss, mass, observe):
     """A wall's contact begins or ends; without clearance the end at one wall is the begin at the other."""
     if gap is None:
         return
     if now.wall == 0.0:
         side = 1.0 if found.kind == HIT_HIGH else -1.0
         now.side = -side
-        start_contact(side, time, found.rate, absorber_velocity, loss, now, counters)
+        start_contact(side, time, found.rate, absorber_velocity, loss, now, observe.counters)
         return
-    list_contact(time, absorber_velocity, loss, now, events, mass)
+    list_contact(time, absorber_velocity, loss, now, observe.events, mass)
     now.side = now.wall
     if gap == 0.0:
-        start_contact(-now.wall, time, found.rate, absorber_velocity, loss, now, counters)
+        start_contact(-now.wall, time, found.rate, absorber_velocity, loss, now, observe.counters)
     else:
         now.wall = 0.0
 
@@ -205,8 +205,7 @@ def switch(found, scene, reach, now, state, time, observe):
         state[2 * half - 1],
         damper_loss(scene.wall_losses.damper > 0.0, observe.energy),
         scene.contact.mass,
-        observe.counters,
-        observe.events,
+        observe,
     )
 
 
