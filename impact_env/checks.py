@@ -4,7 +4,6 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager, suppress
-from dataclasses import is_dataclass
 from functools import partial
 from itertools import islice
 from numbers import Integral, Real
@@ -99,13 +98,17 @@ def arguments_called(names: Mapping[str, str]) -> Iterator[None]:
         raise
 
 
+# how errors write the values of some classes: `describe_in_errors`
+_DESCRIPTIONS: dict[type, Callable[[Any], str]] = {}
+
+
 def _written(value: object) -> str:
     """Return a value as text for an error."""
     if isinstance(value, int) and abs(value) >= LARGEST_WRITTEN:
         return "a whole number of very many digits"
-    if is_dataclass(value) and type(value).__module__ == "impact_env.parameters":
-        with suppress(Exception):  # one that is not valid yet has no description
-            return _described(value)
+    if type(value) in _DESCRIPTIONS:
+        with suppress(Exception):  # a value that is not valid yet has no description
+            return _DESCRIPTIONS[type(value)](value)
     try:
         return repr(value)
     except ValueError:
@@ -114,11 +117,9 @@ def _written(value: object) -> str:
         return f"an object of the kind {type(value).__name__}"
 
 
-def _described(value: Any) -> str:
-    """Return an absorber or a contact law in words, as commands print it."""
-    from impact_env.laws import describe  # which checks its values by functions of this module
-
-    return describe(value)
+def describe_in_errors(kind: type[T], describe: Callable[[T], str]) -> None:
+    """Let errors write the values of a class in words, not as Python would."""
+    _DESCRIPTIONS[kind] = describe
 
 
 def _is_number(kind: type) -> bool:

@@ -8,9 +8,16 @@ the table is an error. CONTRIBUTING.md says how to add one.
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 from enum import Enum
-from typing import Any
+from typing import Any, get_args
 
-from impact_env.checks import arguments_called, instance, one_of, require, text
+from impact_env.checks import (
+    arguments_called,
+    describe_in_errors,
+    instance,
+    one_of,
+    require,
+    text,
+)
 from impact_env.parameters import (
     Absorber,
     CompliantWalls,
@@ -304,6 +311,10 @@ def describe(value: Any) -> str:
     if isinstance(value, Absorber):
         return words(value)
     return f"{type(value).__name__} ({_ENTRIES[type(value)].words(value)})"
+
+
+for _kind in (*_ENTRIES, *get_args(Absorber)):
+    describe_in_errors(_kind, describe)
 
 
 def _chosen(laws: tuple[Law, ...], given: Values) -> Law:

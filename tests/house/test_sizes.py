@@ -46,7 +46,7 @@ def test_functions_take_few_arguments_by_place() -> None:
 # Results are not source: what is committed of them stays small.
 
 
-FILES_RESULTS = 685
+FILES_RESULTS = 760
 DOCS_BYTES = 8e6
 SDIST_BYTES = 8e6
 
