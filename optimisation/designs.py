@@ -160,8 +160,8 @@ class DesignSpace:
             1.0,
         ):  # bounds and fixed values that the simulator refuses are named now, not in the middle of a search
             design = self.at([share] * len(self.free))
-            design.absorber()
-            usable_mass_ratio(MASS_RATIO, design.values[MASS_RATIO])
+            mass_ratio = usable_mass_ratio(MASS_RATIO, design.values[MASS_RATIO])
+            replace(design, values={**design.values, MASS_RATIO: mass_ratio}).absorber()
             for x in design.positions:  # 0 is the left end, which a structure may hold or not; 2, 3, ... are places of a modal model
                 Beam(absorber_position=1.0 if x == 0 or (x > 1 and x == round(x)) else x)
 

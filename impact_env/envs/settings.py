@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -239,8 +239,12 @@ class TaskSettings:
             raw_state=flag,
             moves_base=flag,
         )
-        known("absorber_options", self.absorber_options, set(CONCEPTS[self.absorber]))
-        beam = known("beam", self.beam, {f.name for f in fields(Beam)})
+        keep_checked(
+            self,
+            absorber_options=partial(known, allowed=set(CONCEPTS[self.absorber])),
+            beam=partial(known, allowed={f.name for f in fields(Beam)}),
+        )
+        beam = self.beam
         require(
             "modes" not in beam, "beam", self.beam, "no key modes: that is an argument of its own"
         )

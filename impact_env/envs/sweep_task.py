@@ -204,10 +204,10 @@ class OneRate:
             if self.rate is None
             else positive("rate", self.rate)
         )
-        speeds("rate", rate, (low, high))
-        budget = abs(high - low) / (rate * PER_PERIOD)
+        rates = speeds("rate", rate, (low, high))
+        budget = abs(high - low) / (rates[0] * PER_PERIOD)
         own = {name: value for name, value in vars(self).items() if name != "rate"}
-        return Passage(rates=(rate, rate), time_budget=1.01 * budget + 1, **own)
+        return Passage(rates=rates, time_budget=1.01 * budget + 1, **own)
 
 
 class PassiveTask(SweepTask):

@@ -99,6 +99,7 @@ def simulated(
     absorber: SlidingAbsorber,
     given: dict[str, Any],
     rate: float,
+    factors: tuple[float, ...],
     limits: Limits,
     executor: Executor,
 ) -> Advice:
@@ -139,7 +140,6 @@ def simulated(
                 f"Coarse answer, of one run a gap {COARSER:g} times as fast: a gap of {1e3 * best.gap:.3g} mm, level {1e3 * best.level:.3g} mm.",
                 err=True,
             )
-    factors = () if given["gaps"] is None else tuple(map(float, gap_factors(given["gaps"])))
     return search(rate, factors)
 
 
@@ -405,15 +405,14 @@ def main(**given: Any) -> None:
             raise common.BadInput(
                 "--force is missing: the amplitude of the harmonic force in N, or --load FILE"
             )
-        usable_force("--force", given["force"])
+        given["force"] = usable_force("--force", given["force"])
         structure = structure_in(given)
         model = model_on(structure)
         scenes.warn_of_nodes(model, given["resonance"])
         absorber = absorber_on(model, given)
         usable_gap("--force", f"{given['force']:g} N", "the design rule", rigid_walls(absorber).gap)
         refuse_contradictions(given, absorber)
-        if given["gaps"] is not None:
-            gap_factors(given["gaps"])
+        factors = () if given["gaps"] is None else tuple(map(float, gap_factors(given["gaps"])))
         require_writable("--out", given["out"])
         common.check_target("--device", given["device"], (".json",))
         rate = (
@@ -426,7 +425,7 @@ def main(**given: Any) -> None:
         if given["limit_level"] is not None:
             given["limit_level"] = positive("limit_level", given["limit_level"])
         with executor_on(given["threads"], given["cluster"]) as executor:
-            found = simulated(model, absorber, given, rate, limits, executor)
+            found = simulated(model, absorber, given, rate, factors, limits, executor)
             if found.recommended is None:
                 raise KeyboardInterrupt
             best = found.recommended if found.complete else None

@@ -161,7 +161,9 @@ def main(
         )
         given["percent_per_100_periods"] = given.pop("rate")
         if given["percent_per_100_periods"] is not None:
-            usable_rate("--rate", given["percent_per_100_periods"], [PAPER_LIMITS])
+            given["percent_per_100_periods"] = usable_rate(
+                "--rate", given["percent_per_100_periods"], [PAPER_LIMITS]
+            )
         warn_of_nodes(model, *given["resonances"])
         with workers(given["threads"], cluster) as given["executor"]:
             found = checks(

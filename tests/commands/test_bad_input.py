@@ -42,6 +42,7 @@ COMMON = """
     --members 0 -> 0 is not
     --scene x.toml --structure {steel} -> does not go with --s
     --cluster 127.0.0.1:1 --threads 2 -> --threads = 2 is not allowed: with --cluster
+    --load random:20:60:0.05:1e9 -> load.duration_s = 1000000000.0 is not allowed: at most 4194304 samples
 """
 # a command with what its lines begin with, and behind each line what its message holds
 REFUSED = """
@@ -132,6 +133,7 @@ pareto
 mass_ratios
     --mass-ratio 100 -> mass_ratio = 100.0 is not allowed
 tune_ltva --quick
+    --load random:20:60:0.05:1e9 -> --quick does not go with --load
     --low 0.9 --high 1.06 -> scoring range (low, high) = (0.9, 1.06) is not allowed: a scoring range that holds both peaks
     --structure {steel} --damping 0.1 -> --damping does not go with --structure
     --structure grams.toml -> absorber mass = '11.27 kg' is not allowed: less beside the 0.1413 kg that mode 1 moves at its place

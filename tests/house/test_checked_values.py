@@ -3,23 +3,30 @@
 import ast
 import inspect
 from collections.abc import Iterator
+from types import ModuleType
 
 import pytest
 
 from impact_env import checks
+from optimisation import extremes
 from optimisation.page import ROOT
 
-# functions of `impact_env.checks` that return the checked value
-CHECKS = frozenset(
-    name
-    for name, function in inspect.getmembers(checks, inspect.isfunction)
-    if function.__module__ == checks.__name__
-    and not name.startswith("_")
-    and inspect.signature(function).return_annotation is not None
-)
+
+def returning_checks(module: ModuleType, prefix: str = "") -> frozenset[str]:
+    """Return the names of a module's public functions that begin with a prefix and return a value."""
+    return frozenset(
+        name
+        for name, function in inspect.getmembers(module, inspect.isfunction)
+        if function.__module__ == module.__name__
+        and name.startswith(prefix)
+        and not name.startswith("_")
+        and inspect.signature(function).return_annotation not in (None, "None")
+    )
 
 
-CHECKS |= {"check_resonance", "check_restitution", "frequency_range", "span"}
+CHECKS = returning_checks(checks) | returning_checks(extremes, "usable_")
+CHECKS |= {"check_resonance", "check_restitution", "frequency_range", "gap_factors", "span"}
+CHECKS |= {"known", "speeds"}  # of the environments' settings
 CHECKS -= {"text"}  # drawing libraries have methods of that name
 
 
@@ -66,7 +73,8 @@ def faults(source: str) -> list[str]:
 
 def test_every_checked_value_is_used() -> None:
     assert {"count", "positive", "instance", "row"} <= CHECKS
-    assert not {"require", "keep_checked"} & CHECKS
+    assert {"usable_force", "usable_mass_ratio", "usable_rate"} <= CHECKS
+    assert not {"require", "keep_checked", "usable_gap"} & CHECKS
     files = [
         file
         for package in ("impact_env", "optimisation")
@@ -85,6 +93,7 @@ def test_every_checked_value_is_used() -> None:
         "count('n', n, 1)",
         "checks.count('n', n, 1)",
         "positive('a', a), positive('b', b)",
+        "usable_force('force', force)",
         "_ = count('n', n, 1)",
         "[count('n', n, 1) for n in every]",
         "n is not None and count('n', n, 1)",

@@ -77,7 +77,7 @@ def test_without_asserts_a_small_scene_runs_the_same_and_bad_values_are_refused(
 from impact_env import *
 scene = beam_scene(Beam(modes=2), impact_absorber(restitution=0.7))
 drive = Drive(3.5, constant_frequency(scene.model.resonance_omega(1), 0.98, 2.0))
-print(repr(simulate(scene, drive, record=Record(level=False)).end_state.tolist()))
+print(repr(simulate(scene, drive).end_state.tolist()))
 try:
     Beam(modes=0)
 except ParameterError as error:

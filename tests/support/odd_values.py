@@ -48,7 +48,7 @@ from impact_env.frequency import (
 from impact_env.laws import make
 from impact_env.level import response_level
 from impact_env.loads import Loads, Random, Samples
-from impact_env.methods import Exact, Moreau, RungeKutta
+from impact_env.methods import Moreau, RungeKutta
 from impact_env.modes import ModalModel, modal_model, mode_shapes
 from impact_env.parameters import (
     Beam,
@@ -397,7 +397,6 @@ def targets() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         (random.share_above, {"frequency": 30.0}),
         (InitialState, {}),
         # runs
-        (Exact, {}),
         (Moreau, {}),
         (RungeKutta, {}),
         (Record, {}),
