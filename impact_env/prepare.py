@@ -4,6 +4,7 @@ import pickle
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -99,7 +100,7 @@ class Preparation:
 
     def __init__(self, job: Callable[[], object]) -> None:
         self._began = time.monotonic()
-        self._took: float | None = None
+        self._ended: float | None = None
         code = CHILD.format(path=[str(folder) for folder in sys.path])
         self._process = subprocess.Popen(
             [sys.executable, "-c", code],
@@ -110,33 +111,34 @@ class Preparation:
         assert self._process.stdin is not None
         with self._process.stdin as pipe:
             pipe.write(pickle.dumps(job))
+        self._watcher = threading.Thread(target=self._record_end, daemon=True)
+        self._watcher.start()
+
+    def _record_end(self) -> None:
+        self._process.wait()
+        self._ended = time.monotonic()
 
     @property
     def elapsed(self) -> float:
-        """Time in s since it began, to its end at most."""
-        if self._took is None and self.done:
-            self._took = time.monotonic() - self._began
-        return time.monotonic() - self._began if self._took is None else self._took
+        """Time in s since it began, until the process ended at most."""
+        ended = self._ended
+        return (time.monotonic() if ended is None else ended) - self._began
 
     @property
     def done(self) -> bool:
         """Whether it has ended, in whatever way."""
-        return self._process.poll() is not None
+        return self._ended is not None
 
     def wait(self, timeout: float | None = None) -> bool:
         """Wait for its end, ``timeout`` s at most (None: as long as it takes); return whether the kernels are there."""
-        try:
-            return (
-                self._process.wait(None if timeout is None else non_negative("timeout", timeout))
-                == 0
-            )
-        except subprocess.TimeoutExpired:
-            return False
+        seconds = None if timeout is None else non_negative("timeout", timeout)
+        self._watcher.join(None if seconds is None else min(seconds, threading.TIMEOUT_MAX))
+        return self.done and self._process.returncode == 0
 
     def cancel(self) -> None:
         """End it. Kernels are kept whole or not at all."""
         self._process.terminate()
-        self._process.wait()
+        self._watcher.join()
 
 
 def prepare(

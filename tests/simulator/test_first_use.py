@@ -1,6 +1,8 @@
 """What is told of compiling at a first use, kernels that another process compiles, and what validations of orbits compile."""
 
 import gc
+import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -14,6 +16,7 @@ from impact_env.modes import modal_model
 from impact_env.periodic.case import Case
 from impact_env.periodic.survey import orbits_over
 from impact_env.periodic.validation import shortest_validation
+from impact_env.prepare import Preparation
 
 STARTED = """
 import os
@@ -107,6 +110,22 @@ def test_a_preparation_can_be_ended() -> None:
     assert not work.wait(0.0)
     with pytest.raises(ParameterError, match="method = RungeKutta"):
         prepare(beam_scene(Beam(), impact_absorber()), RungeKutta())
+
+
+@pytest.mark.parametrize("way", ["wait", "done"])
+def test_elapsed_is_the_time_until_the_process_ended(way: str) -> None:
+    """Also where it is looked at long after the end."""
+    began = time.monotonic()
+    work = Preparation(partial(time.sleep, 0.3))
+    if way == "wait":
+        assert work.wait()
+    while not work.done:
+        time.sleep(0.01)
+    latest = time.monotonic() - began
+    time.sleep(0.3)
+    assert 0.3 < work.elapsed <= latest
+    assert work.elapsed == work.elapsed
+    assert work.wait(1e30)
 
 
 def test_what_is_compiled_is_told_once_and_callbacks_hear_of_our_kernels_until_they_are_taken_out(
