@@ -314,7 +314,7 @@ def each_lane(
     method = Exact() if method is None else method
     kind = getattr(measure, "func", type(measure))
     workers = available_cores() if threads is None else count("threads", threads, 1)
-    keys = [kernel_key(lane.scene, method) for lane in lanes]
+    keys = [kernel_key(lane.scene, method, lane.drive) for lane in lanes]
     found: list[R | None] = [None] * len(lanes)
     if executor is not None:
         _run_elsewhere(lanes, keys, measure, executor, found, progress)

@@ -60,7 +60,10 @@ def run_chunks(
     for k, values in executor.each(
         measure,
         chunks,
-        [(kernel_key(chunk.lanes[0].scene, Exact()), chunk.record) for chunk in chunks],
+        [
+            (kernel_key(chunk.lanes[0].scene, Exact(), chunk.lanes[0].drive), chunk.record)
+            for chunk in chunks
+        ],
     ):
         done += len(values)
         if progress is not None:

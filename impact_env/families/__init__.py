@@ -4,6 +4,7 @@ from impact_env.families.exact import COMPLIANT, LINEAR, RIGID, SEVERAL
 from impact_env.families.family import Family
 from impact_env.families.stepping import MOREAU, RUNGE_KUTTA
 from impact_env.laws import SceneKind
+from impact_env.loads import AnyDrive
 from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported, method_class
 from impact_env.scene import Scene
 
@@ -27,6 +28,6 @@ def family(scene: Scene, method: Method) -> Family:
     return FAMILIES[scene.kind, method_class(method)]
 
 
-def kernel_key(scene: Scene, method: Method) -> tuple[object, ...]:
-    """Return a key, equal for two scenes that the same compiled kernels simulate; raises ParameterError as `family` does."""
-    return family(scene, method).key(scene)
+def kernel_key(scene: Scene, method: Method, drive: AnyDrive | None = None) -> tuple[object, ...]:
+    """Return the key of a run's kernels, see `Family.key`; raises ParameterError as `family` does."""
+    return family(scene, method).key(scene, drive)

@@ -175,9 +175,8 @@ class Work:
         """Yield messages about compilation until a scene's kernels are ready."""
         record = self.loading.record if self.loading.measure else record
         key = (
-            kernel_key(scene, Exact()),
+            kernel_key(scene, Exact(), self.loads),
             record,
-            scene.model.response_shape is None,
             self.values.load,
         )
         seconds = None

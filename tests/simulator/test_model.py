@@ -24,15 +24,20 @@ from impact_env.drive import Drive, constant_frequency
 from impact_env.families import FAMILIES, family, kernel_key
 from impact_env.kernels.motion.observers import DONE
 from impact_env.laws import SceneKind
+from impact_env.loads import BASE, AnyDrive, Force, Loads, Samples
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.modes import deflection_row, matrices
 from impact_env.parameters import (
     Absorber,
     Beam,
+    CompliantWalls,
+    CoulombFriction,
     NonlinearSink,
     ParameterError,
+    RigidWalls,
     SlidingAbsorber,
     StuckAbsorber,
+    TunedAbsorber,
     YieldingWalls,
 )
 from impact_env.scene import Scene, beam_scene
@@ -165,6 +170,53 @@ def drive(of: Scene, force: float = 1e-3, periods: float = 1.0) -> Drive:
     return Drive(force, constant_frequency(of.model.resonance_omega(1), 1.0, periods))
 
 
+# scenes whose arguments of the kernels are None where those of `ABSORBERS` are not, or the other way round
+HEAVY: dict[str, Absorber] = {
+    f"{name}, gravity": replace(absorber, gravity=9.81)
+    for name, absorber in ABSORBERS.items()
+    if isinstance(absorber, SlidingAbsorber | StuckAbsorber | TunedAbsorber)
+}
+RUBBING = SlidingAbsorber(walls=RigidWalls(1e-3), friction=CoulombFriction(0.1, 1.5))
+OTHERS = HEAVY | {
+    "static friction": RUBBING,
+    "static friction, gravity": replace(RUBBING, gravity=9.81),
+    "springs and dampers": SlidingAbsorber(walls=CompliantWalls(3e5, restitution=0.7)),
+}
+
+
+def every_scene() -> dict[str, Scene]:
+    """Return the table's scenes, and some whose level is read at another place than the absorber's."""
+    found = {name: scene(name) for name in ABSORBERS}
+    found |= {name: beam_scene(Beam(modes=2), absorber) for name, absorber in OTHERS.items()}
+    model = replace(modal_model(Beam(modes=2)), response_shape=[1.0, -0.5])
+    absorbers = {
+        "none": None,
+        "impacts": ABSORBERS["impacts"],
+        "heavy": HEAVY["impacts, gravity"],
+        "springs": ABSORBERS["springs"],
+    }
+    return found | {
+        f"{name}, level elsewhere": Scene(model, own) for name, own in absorbers.items()
+    }
+
+
+def drives(of: Scene) -> tuple[AnyDrive, ...]:
+    """Return a force, the same as a load, and a base that moves."""
+    force = drive(of)
+    base = Samples(force.schedule.times[[0, -1]], np.array([1.0, 1.0]), BASE)
+    loads = ((Force(force),), (Force(force), base))
+    return force, *(Loads(parts, force.schedule.reference) for parts in loads)
+
+
+def refusal(of: Scene, load: AnyDrive, method: Method) -> str | None:
+    """Return the name of the argument that a run is refused for, None if it is made."""
+    try:
+        simulate(of, load, method)
+    except ParameterError as error:
+        return error.name
+    return None
+
+
 @pytest.mark.parametrize("method", METHODS, ids=str)
 def test_each_pair_is_in_the_table_or_refused_and_has_one_key_exactly_where_it_shares_kernels(
     method: Method, monkeypatch: pytest.MonkeyPatch
@@ -179,17 +231,21 @@ def test_each_pair_is_in_the_table_or_refused_and_has_one_key_exactly_where_it_s
 
     for pair, own in FAMILIES.items():
         monkeypatch.setitem(FAMILIES, pair, replace(own, lane=partial(watched, own.name)))
-    for name in ABSORBERS:
-        present = scene(name)
-        if (present.kind, type(method)) in FAMILIES:
+    for name, present in every_scene().items():
+        if (present.kind, type(method)) not in FAMILIES:
+            with pytest.raises(ParameterError, match=r"(method|gravity) = .* is not allowed"):
+                simulate(present, drive(present), method)
+            continue
+        for load in drives(present):
+            refused = refusal(present, load, method)
+            if refused is not None:
+                assert refused in {"gravity", "loads", "method"}
+                assert name not in ABSORBERS or isinstance(load, Loads)
+                continue
             assert FAMILIES[present.kind, type(method)] is family(present, method)
             assert (family(present, method).lanes is None) == (present.kind is SceneKind.SEVERAL)
-            simulate(present, drive(present), method)
-            seen.append((kernel_key(present, method), calls[-1]))
-        else:
-            with pytest.raises(ParameterError, match=r"method = .* is not allowed"):
-                simulate(present, drive(present), method)
-    assert len(calls) == len(seen) > 3
+            seen.append((kernel_key(present, method, load), calls[-1]))
+    assert len(calls) == len(seen) > 15
     for (key, call), (other_key, other_call) in itertools.combinations(seen, 2):
         assert (key == other_key) == (call == other_call), (key, other_key)
 
