@@ -35,6 +35,9 @@ REACH = 95.0  # pixels that the largest expected displacement gets
 STRIPS = ((285.0, 335.0), (360.0, 410.0))  # top and bottom of the strips
 STRIP_LEFT = 60.0
 STRIP_RIGHT = 620.0
+NODE_SHARE = (
+    0.05  # of the largest mode shape at a place: less is a node, whose band would fill the picture
+)
 UNKNOWN_PLACE = 0.5  # of the force, as a share of the length, where it is not known
 PAPER = "white"
 INK = "#303030"
@@ -48,6 +51,18 @@ MASS = 9.0  # half the side of the absorber in pixels
 def straight_shapes(model: ModalModel) -> Array:
     """Return shapes where only the modes are known, (POSITIONS + 1, N_m): a straight line from the support to the absorber's place."""
     return np.linspace(0, 1, POSITIONS + 1)[:, None] * np.array(model.tip_shape)
+
+
+def relative_amplitudes(shapes: Array, level_shape: Array, resonance: int) -> Array:
+    """Return the amplitude of a mode at each place over that where the level is read, (POSITIONS + 1,); ``shapes`` (POSITIONS + 1, N_m).
+
+    It is the resonance's mode; where that has a node at the level's place (N_m,), the mode that moves this place most.
+    """
+    moved = np.abs(level_shape)
+    mode = resonance - 1
+    if moved[mode] <= NODE_SHARE * moved.max():
+        mode = int(np.argmax(moved))
+    return np.abs(shapes[:, mode]) / moved[mode] if moved[mode] > 0 else np.zeros(len(shapes))
 
 
 class Strip:
@@ -199,8 +214,9 @@ class Screen:
         model = task.model(lane)
         shapes = self.shapes if model is task.scene.model else straight_shapes(model)
         y = MIDDLE - scale * (shapes @ state[:modes])
-        first = shapes[:, 0] / model.tip_shape[0]
-        band = scale * np.hypot(report["in_phase"], report["quadrature"]) * np.abs(first)
+        amplitude = float(np.hypot(report["in_phase"], report["quadrature"]))
+        resonance = task.settings.resonance
+        band = scale * amplitude * relative_amplitudes(shapes, model.level_shape, resonance)
         upper = list(zip(x, MIDDLE - band, strict=True))
         lower = list(zip(x, MIDDLE + band, strict=True))
         picture.polygon([*upper, *reversed(lower)], PALE)

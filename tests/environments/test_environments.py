@@ -3,7 +3,7 @@
 import pickle
 import re
 import warnings
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import pairwise
 from typing import Any
 
@@ -31,9 +31,10 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from places import fresh
 
-from impact_env import ParameterError
-from impact_env.envs import ENVIRONMENTS, register_environments
+from impact_env import Beam, ParameterError, Scene, impact_absorber, modal_model
+from impact_env.envs import ENVIRONMENTS, drawing, register_environments
 from impact_env.envs.settings import TaskSettings
+from impact_env.modes import mode_shapes
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore:.*-v0 is out of date"
@@ -169,6 +170,34 @@ def test_a_window_shows_what_rgb_array_gives(monkeypatch: pytest.MonkeyPatch) ->
     np.testing.assert_array_equal(shown, picture.render())
     window.close()
     assert pygame.display.get_surface() is None
+
+
+def test_amplitudes_along_the_beam_are_those_of_the_mode_that_moves_the_place_of_the_level() -> (
+    None
+):
+    """The modes of a pinned beam are sines; at a quarter of its length the fourth has a node and the second is largest."""
+    beam = Beam(ends="pinned-pinned", modes=4, elements=60, absorber_position=0.25)
+    x = np.linspace(0, 1, drawing.POSITIONS + 1)
+    shapes = mode_shapes(beam, x)
+    level_shape = modal_model(beam).level_shape
+    for resonance, sine in ((1, 1), (2, 2), (3, 3), (4, 2)):
+        found = drawing.relative_amplitudes(shapes, level_shape, resonance)
+        expected = np.abs(np.sin(sine * np.pi * x) / np.sin(sine * np.pi / 4))
+        np.testing.assert_allclose(found, expected, atol=1e-4)
+    np.testing.assert_array_equal(drawing.relative_amplitudes(shapes, np.zeros(4), 1), 0.0)
+
+
+@pytest.mark.parametrize("tip_shape", [[0.0, 2.0], [1e-13, 2.0]])
+def test_an_absorber_at_a_node_can_be_drawn(tip_shape: list[float]) -> None:
+    model = replace(modal_model(Beam(modes=2)), tip_shape=tip_shape, beam=None)
+    scene = Scene(model, impact_absorber(friction_limit=0.025))
+    env = make(V1, render_mode="rgb_array", whole_scene=scene)
+    env.reset(seed=0)
+    env.step(np.array([0.5], np.float32))
+    frame = env.render()
+    pale = np.all(frame == (0xD8, 0xE4, 0xF0), axis=2)
+    assert np.any(frame[:, :, 2] > 200)
+    assert np.mean(pale) < 0.2  # the band leaves the picture where a shape is divided by nearly 0
 
 
 # Calls in a wrong order, and impossible actions, arguments and resets.
