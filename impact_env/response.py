@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import describe_error
 from impact_env.energy import EnergyAccount
 from impact_env.level import MOST_SAMPLES, ResponseLevel
 from impact_env.loads import amplitude_in_words
@@ -43,6 +44,23 @@ class Window:
             self.end,
             f"above its start, {self.start:g} s",
         )
+
+
+# how to record the parts of a response that a run leaves out unless it is asked for them
+RECORDING = {
+    "level": "Record(level=True)",
+    "impacts": "Record(events=True)",
+    "history": "Record(series=True)",
+}
+Part = TypeVar("Part")
+
+
+def recorded(name: str, part: Part | None) -> Part:
+    """Return a part of a response, by its name in `Response`; raises ParameterError if the run did not record it."""
+    if part is None:
+        allowed = f"recorded: simulate(..., record={RECORDING[name]})"
+        raise describe_error(name, part, allowed)
+    return part
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from impact_env.level_sampling import require_sampled
 from impact_env.loads import AnyDrive, Loads, Shock, Strike, schedule_in
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import ParameterError, SeveralAbsorbers, SlidingAbsorber, require
-from impact_env.response import Record, Response
+from impact_env.response import Record, Response, recorded
 from impact_env.scene import Scene
 from impact_env.sweep import IntegrationError, simulate
 
@@ -50,8 +50,7 @@ def measure_of(loads: Loads) -> str:
 
 
 def _level(response: Response) -> float:
-    assert response.level is not None
-    return response.level.value
+    return recorded("level", response.level).value
 
 
 def settled_after(response: Response) -> float:
@@ -66,8 +65,7 @@ def settled_after(response: Response) -> float:
 
 
 def _rms(response: Response) -> float:
-    history = response.history
-    assert history is not None
+    history = recorded("history", response.history)
     late = (history.modal_displacement @ response.scene.model.level_shape)[
         history.time >= settled_after(response)
     ]
@@ -76,8 +74,7 @@ def _rms(response: Response) -> float:
 
 def after_pulse(response: Response) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the times (S,) in s from the end of the last pulse on, and the energy in J of each mode then, (S, N_m)."""
-    history = response.history
-    assert history is not None
+    history = recorded("history", response.history)
     late = history.time >= max(
         part.width for part in response.drive.parts if isinstance(part, Shock | Strike)
     )
@@ -265,10 +262,8 @@ def measure(chunk: Chunk) -> Array:
 def _value(name: str, chunk: Chunk, response: Response) -> float:
     if name == LEVEL:
         return read(response)
-    impacts = response.impacts
-    history = response.history
     if name in _OF_IMPACTS:
-        assert impacts is not None
+        impacts = recorded("impacts", response.impacts)
         if name == IMPACT_SPEED:
             return float(np.max(np.abs(impacts.relative_velocity), initial=0.0))
         start = settled_after(response)
@@ -279,7 +274,7 @@ def _value(name: str, chunk: Chunk, response: Response) -> float:
             )
         total = float(np.sum(impacts.energy_lost[late] if name == IMPACT_POWER else late))
         return total / (float(response.drive.schedule.times[-1]) - start)
-    assert history is not None
+    history = recorded("history", response.history)
     if name == RMS:
         return float(
             np.sqrt(
@@ -308,14 +303,7 @@ def _value(name: str, chunk: Chunk, response: Response) -> float:
 
 def of_motion(name: str, response: Response) -> float:
     """Return the stroke, the largest of all absorbers, or the friction heat of them all (`MEASURES`) of a run with samples of the state."""
-    history = response.history
-    require(
-        history is not None,
-        "history",
-        history,
-        "recorded: this measure is read from samples of the state",
-    )
-    assert history is not None
+    history = recorded("history", response.history)
     absorber = response.scene.absorber
     if absorber is None:
         return 0.0

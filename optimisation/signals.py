@@ -34,7 +34,7 @@ from impact_env.level_sampling import highest_tone, require_sampled
 from impact_env.loads import Loads, Tones
 from impact_env.modes import ModalModel
 from impact_env.parameters import require
-from impact_env.response import Record, Response
+from impact_env.response import Record, Response, recorded
 from impact_env.sweep import simulate
 from optimisation.measures import (
     DECAY,
@@ -78,11 +78,9 @@ class Told:
 
 def told_of(response: Response, told: Told) -> dict[str, Any]:
     """Return the measures of a run with its samples and impacts, as JSON values in SI units."""
-    history = response.history
-    impacts = response.impacts
+    history = recorded("history", response.history)
+    impacts = recorded("impacts", response.impacts)
     model = response.scene.model
-    assert history is not None
-    assert impacts is not None
     start = settled_after(response)
     interval = float(history.time[1])
     late = history.time >= start
@@ -120,9 +118,8 @@ def told_of(response: Response, told: Told) -> dict[str, Any]:
 
 def signals_of(response: Response, told: Told) -> dict[str, Array]:
     """Return displacement (m), acceleration (m/s^2) and, if it is known, stress at the samples of a run."""
-    history = response.history
+    history = recorded("history", response.history)
     model = response.scene.model
-    assert history is not None
     displacement = history.modal_displacement @ model.level_shape
     velocity = history.modal_velocity @ model.level_shape
     if told.absolute:
@@ -241,9 +238,8 @@ def band_levels(lane: Lane) -> tuple[float, ...]:
     response = simulate(
         lane.scene, lane.drive, record=Record(level=False, series=True, samples_per_period=samples)
     )
-    history = response.history
+    history = recorded("history", response.history)
     model = response.scene.model
-    assert history is not None
     displacement = history.modal_displacement @ model.level_shape
     if bands := bands_of(response, displacement):
         return tuple(band.get("level_m", band.get("rms_m", 0.0)) for band in bands)
@@ -258,10 +254,9 @@ def band_levels(lane: Lane) -> tuple[float, ...]:
 def bands_of(response: Response, displacement: Array) -> list[dict[str, float]]:
     """Return response level (loads with a schedule) or RMS in the band of each of several tones, none for other loads."""
     drive = response.drive
-    history = response.history
     if not isinstance(drive, Loads) or len(edges := band_edges(drive)) < 3:
         return []
-    assert history is not None
+    history = recorded("history", response.history)
     spectrum = np.fft.rfft(displacement)
     interval = float(history.time[1])
     frequencies = np.fft.rfftfreq(len(displacement), interval)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
+from impact_env.checks import describe_error
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.ensemble import Lane, Members
 from impact_env.parameters import (
@@ -188,8 +189,10 @@ def on_another_structure(lane: Lane, damping: float, frequency: float, force: fl
     """Return a lane with damping, frequencies and force times factors; the sweep follows the structure's own frequency."""
     model = lane.scene.model
     drive = lane.drive
-    schedule = lane.drive.schedule
-    assert isinstance(drive, Drive)
+    if not isinstance(drive, Drive):
+        allowed = "one force, whose sweep follows the structure's frequencies"
+        raise describe_error("drive", drive, allowed)
+    schedule = drive.schedule
     other = replace(
         model, omega=model.omega * frequency, damping_ratio=model.damping_ratio * damping
     )

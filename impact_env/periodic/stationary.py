@@ -29,7 +29,7 @@ from impact_env.parameters import (
 )
 from impact_env.periodic.case import start_from
 from impact_env.periodic.residence import Approach, finished, hold
-from impact_env.response import History, Record, Response
+from impact_env.response import History, Record, Response, recorded
 from impact_env.scene import InitialState, Scene
 from impact_env.sweep import simulate
 
@@ -192,10 +192,8 @@ def window_of(scene: Scene, response: Response, omega: float) -> Window:
 
     Its samples lie a whole fraction of the force's period apart.
     """
-    history = response.history
-    impacts = response.impacts
-    assert history is not None
-    assert impacts is not None
+    history = recorded("history", response.history)
+    impacts = recorded("impacts", response.impacts)
     period = 2 * np.pi / omega
     periods = round(float(response.drive.schedule.times[-1]) / period)
     each = (len(history.time) - 1) // periods

@@ -16,7 +16,7 @@ from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.loads import Loads, amplitude_in_words
 from impact_env.parameters import Beam, NonlinearSink, SlidingAbsorber, TunedAbsorber
 from impact_env.plain import from_scene
-from impact_env.response import History, Response
+from impact_env.response import History, Response, recorded
 from optimisation.extremes import LEAST_RATIO
 from optimisation.report.figures import MM, figure_of, write_figure
 
@@ -38,18 +38,16 @@ class Result:
     @property
     def levels(self) -> list[float]:
         """Response levels of all members in m."""
-        assert self.response.level is not None
         return [
-            self.response.level.value,
+            recorded("level", self.response.level).value,
             *([] if self.others is None else self.others.level.tolist()),
         ]
 
     @property
     def ratios(self) -> list[float]:
         """Frequencies of the levels over that of the resonance."""
-        assert self.response.level is not None
         return [
-            self.response.level.frequency_ratio,
+            recorded("level", self.response.level).frequency_ratio,
             *([] if self.others is None else self.others.frequency_ratio.tolist()),
         ]
 
@@ -57,11 +55,9 @@ class Result:
 def contract(result: Result, beam: Beam | None) -> dict[str, object]:
     """Return the content of the JSON file; the scene is written with its ``beam``, or with its modes if that is None."""
     response = result.response
-    level = response.level
-    impacts = response.impacts
+    level = recorded("level", response.level)
+    impacts = recorded("impacts", response.impacts)
     energy = response.energy
-    assert level is not None
-    assert impacts is not None
     return {
         "impact_time_s": impacts.time.tolist(),
         "impact_relative_velocity_m_s": impacts.relative_velocity.tolist(),
@@ -100,10 +96,9 @@ def summary(result: Result, resonance: int) -> str:
     response = result.response
     levels = 1e3 * np.array(result.levels)
     ratios = result.ratios
-    level = response.level
+    level = recorded("level", response.level)
     energy = response.energy
     schedule = response.drive.schedule
-    assert level is not None
     rows = [
         ("response level", f"{levels[0]:.4g} mm", f"around {ratios[0]:.4f} times the resonance")
     ]
@@ -225,10 +220,7 @@ class _Axis:
 
 def save_figure(path: Path, title: str, response: Response, resonance: int) -> None:
     """Draw a response that has its level, events and history recorded, and its energies if it has them; save it."""
-    history = response.history
-    level = response.level
-    assert history is not None
-    assert level is not None
+    history = recorded("history", response.history)
     axis = _Axis(response, resonance)
     # several move at places of their own, away from the tip
     moving = isinstance(response.scene.absorber, SlidingAbsorber | TunedAbsorber | NonlinearSink)
@@ -293,9 +285,8 @@ def _headroom(ax: Axes, below: float = 0.0) -> None:
 
 
 def _displacement(ax: Axes, response: Response, history: History, axis: _Axis) -> None:
-    level = response.level
+    level = recorded("level", response.level)
     period = response.drive.schedule.pseudo_period
-    assert level is not None
     _envelope(ax, response, history, axis, MM * history.tip_displacement, TIP, "tip")
     window = np.clip(
         level.time + np.array([-1, 1]) * HALF_WINDOW_PERIODS * period,
@@ -340,8 +331,7 @@ def _displacement(ax: Axes, response: Response, history: History, axis: _Axis) -
 
 def _around_maximum(ax: Axes, response: Response, history: History) -> tuple[slice, Array]:
     """Return the samples around the maximum and their time from it in pseudo periods; draw the impacts there."""
-    assert response.level is not None
-    start = response.level.time
+    start = recorded("level", response.level).time
     period = response.drive.schedule.pseudo_period
     at = (history.time - start) / period
     inside = np.flatnonzero(np.abs(at) <= DETAIL_PERIODS)

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from filelock import FileLock, Timeout
 
+from impact_env.checks import describe_error
 from impact_env.envs.evaluation import interquartile_mean, play
 from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
@@ -107,7 +108,9 @@ class Job:
             self.env_id, num_envs=1, vectorization_mode="vector_entry_point", **self.arguments
         )
         try:
-            assert isinstance(env, TaskVectorEnv)
+            if not isinstance(env, TaskVectorEnv):
+                allowed = "one of the environments of impact_env"
+                raise describe_error("env_id", self.env_id, allowed)
             environment = env.task.describe()
         finally:
             env.close()

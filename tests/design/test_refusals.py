@@ -1,6 +1,8 @@
 """What design refuses: one table of calls, and what the message of each holds: the parameter, its value or what is allowed."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,10 +10,22 @@ from core import STEEL
 from design_studies import problem as study_problem
 from design_studies import settings
 
-from impact_env import Beam, ModalModel, ParameterError, friction_damper, modal_model
-from impact_env.ensemble import Threads
+from impact_env import (
+    Beam,
+    Drive,
+    ModalModel,
+    ParameterError,
+    Response,
+    Scene,
+    constant_frequency,
+    friction_damper,
+    modal_model,
+    simulate,
+)
+from impact_env.ensemble import Lane, Threads
 from impact_env.loads import Loads, Random, Shock
 from impact_env.parameters import TunedAbsorber
+from impact_env.periodic.stationary import window_of
 from optimisation.bounds import (
     common_gap,
     design_force,
@@ -24,16 +38,19 @@ from optimisation.cli.design_options import load_conditions
 from optimisation.comparison import compare
 from optimisation.designs import DesignSpace, design_space
 from optimisation.gap_advice import advise
-from optimisation.gap_card import estimate, material
+from optimisation.gap_card import estimate, impact_numbers, material
 from optimisation.gap_check import check_gap
 from optimisation.load_comparison import advise_for_loads
+from optimisation.measures import STROKE, of_motion
 from optimisation.mounting import scene_on
 from optimisation.objectives import Condition, Constraint, Objective
 from optimisation.problem import Problem
+from optimisation.report.sweep_report import Result, contract, save_figure, summary
 from optimisation.report.tuning_report import tuning_table
 from optimisation.search.settings import Rung, SearchSettings, default_settings
+from optimisation.signals import Told, told_of
 from optimisation.tuned import PAPER, minimax, peak, peaks
-from optimisation.uncertain import require_parts, spreads
+from optimisation.uncertain import on_another_structure, require_parts, spreads
 
 pytest.importorskip("cvxpy")
 MODEL = modal_model(Beam())
@@ -68,6 +85,11 @@ def problem(
 
 def under(loads: Loads, **more: object) -> Problem:
     return problem(MODEL, design_space("impact", ["gap"]), load_conditions(loads), **more)
+
+
+def response() -> Response:
+    """Return a short run that records its level only."""
+    return simulate(Scene(TWO), Drive(1.0, constant_frequency(TWO.omega[0], 1.0, 4.0)))
 
 
 def space(*given: object) -> Callable[[], DesignSpace]:
@@ -216,6 +238,15 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
         for name in ("wood", "1e9", "-1:0.3", "1e9:0.7", "a:b")
     ),
     (lambda: estimate("steel", "steel", 0.0, 1.0, 1.0), "radius"),
+    (lambda: on_another_structure(Lane(Scene(TWO), NOISE), 1.1, 1.0), "one force"),
+    # responses that lack what is read from them
+    (lambda: impact_numbers(response()), "impacts = None is not allowed: recorded: simulate(..."),
+    (lambda: of_motion(STROKE, response()), "history = None"),
+    (lambda: told_of(response(), Told(8, False, None)), "history = None"),
+    (lambda: save_figure(Path("no.png"), "", response(), 1), "history = None"),
+    (lambda: summary(Result(replace(response(), level=None), None), 1), "level = None"),
+    (lambda: contract(Result(response(), None), None), "impacts = None"),
+    (lambda: window_of(Scene(TWO), response(), 250.0), "history = None"),
 ]
 
 

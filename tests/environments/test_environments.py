@@ -187,17 +187,20 @@ def test_amplitudes_along_the_beam_are_those_of_the_mode_that_moves_the_place_of
     np.testing.assert_array_equal(drawing.relative_amplitudes(shapes, np.zeros(4), 1), 0.0)
 
 
-@pytest.mark.parametrize("tip_shape", [[0.0, 2.0], [1e-13, 2.0]])
-def test_an_absorber_at_a_node_can_be_drawn(tip_shape: list[float]) -> None:
-    model = replace(modal_model(Beam(modes=2)), tip_shape=tip_shape, beam=None)
-    scene = Scene(model, impact_absorber(friction_limit=0.025))
-    env = make(V1, render_mode="rgb_array", whole_scene=scene)
-    env.reset(seed=0)
-    env.step(np.array([0.5], np.float32))
-    frame = env.render()
-    pale = np.all(frame == (0xD8, 0xE4, 0xF0), axis=2)
-    assert np.any(frame[:, :, 2] > 200)
-    assert np.mean(pale) < 0.2  # the band leaves the picture where a shape is divided by nearly 0
+def test_an_absorber_at_a_node_can_be_drawn() -> None:
+    """The band is that of the second mode, with the first's shape 0 at the absorber, or next to nothing."""
+    frames = []
+    for first in (0.0, 1e-9):
+        model = replace(modal_model(Beam(modes=2)), tip_shape=[first, 2.0], beam=None)
+        scene = Scene(model, impact_absorber(friction_limit=0.025))
+        env = make(V1, render_mode="rgb_array", whole_scene=scene)
+        env.reset(seed=0)
+        for _ in range(3):
+            env.step(np.array([0.5], np.float32))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            frames.append(env.render())
+    np.testing.assert_array_equal(*frames)
 
 
 # Calls in a wrong order, and impossible actions, arguments and resets.

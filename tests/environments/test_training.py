@@ -187,6 +187,12 @@ def test_damaged_checkpoint_costs_one_leg(tmp_path: Path) -> None:
     assert len(evaluations) == 3
 
 
+def test_another_librarys_environment_is_refused() -> None:
+    job = replace(small_job("ppo"), env_id="CartPole-v1", arguments={})
+    with pytest.raises(ParameterError, match="env_id = 'CartPole-v1' is not allowed"):
+        job.describe()
+
+
 def test_folder_of_other_settings_is_refused(tmp_path: Path) -> None:
     job = small_job("ppo", steps=128, legs=1, gamma=0.98)
     train(job, tmp_path)
