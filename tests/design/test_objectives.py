@@ -169,12 +169,13 @@ def test_measures_agree_with_the_energy_account_and_the_events() -> None:
         ([0.5, 0.5, 0.5], 0.3, 0.0),
         ([0.2, 0.4, 0.2], 0.3, 0.5),
         ([0.4, 0.2, 0.4], 0.3, 1.0),
+        ([0.2, 0.2, 0.4, 0.2, 0.4], 0.3, 1.5),  # the longer of two
+        ([0.4, 0.2, 0.4, 0.2, 0.2, 0.4], 0.3, 2.0),
     ],
 )
 def test_width_of_a_range(levels: list[float], limit: float, decades: float) -> None:
-    assert range_width(np.array([1.0, 10.0, 100.0]), np.array(levels), limit) == pytest.approx(
-        decades
-    )
+    forces = 10.0 ** np.arange(len(levels))
+    assert range_width(forces, np.array(levels), limit) == pytest.approx(decades)
 
 
 def test_conditions_directions_and_members_join_as_told() -> None:

@@ -109,7 +109,7 @@ def test_lanes_rest_until_they_are_reset() -> None:
 
 
 def test_interquartile_mean_leaves_the_outer_quarters_out() -> None:
-    assert interquartile_mean(np.array([[-100.0, 1.0, 2.0, 3.0], [4.0, 5.0, 6.0, 900.0]])) == 3.5
+    assert interquartile_mean(np.array([[-100.0, 0.0, 2.0, 3.0], [4.0, 5.0, 60.0, 900.0]])) == 3.5
 
 
 def test_interval_of_a_mean_covers_as_often_as_it_says() -> None:

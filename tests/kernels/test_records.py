@@ -149,3 +149,11 @@ def test_the_level_of_a_sine_is_its_amplitude_over_the_root_of_two(at: int) -> N
     periods = (min(at, 10 * samples) + min(1999 - at, 10 * samples)) / samples
     assert level == pytest.approx(3e-4 / np.sqrt(2), rel=1e-11 if periods % 0.5 == 0 else 0.02)
     assert largest == pytest.approx(3e-4, rel=1e-9)
+
+
+@pytest.mark.parametrize("shift", [-0.4, 0.0, 0.3, 0.5])
+def test_the_largest_displacement_between_samples_is_the_top_of_their_parabola(
+    shift: float,
+) -> None:
+    _, largest = response_level(2.0 - 1e-3 * (np.arange(40) - 20 - shift) ** 2, 8)
+    assert largest == pytest.approx(2.0, rel=1e-14)

@@ -7,6 +7,7 @@ from periodic_truth import Truth, matched
 
 from impact_env import Beam, ModalModel, modal_model
 from impact_env.periodic.case import Case, structure_of
+from impact_env.periodic.folds import Fold, fold_near
 from impact_env.periodic.green import Conditions, NoOrbit, Solution, residual_and_jacobian, solve
 from impact_env.periodic.motion import motion_of, stability_of
 from impact_env.periodic.schedule import EventSchedule, flying_schedule
@@ -221,6 +222,22 @@ def test_the_level_set_of_the_fold_force_has_the_folds_and_its_valleys_the_birth
         beside = fold_force(case, omega * np.array([1 - 1e-3, 1 + 1e-3]))
         assert np.all(beside > force) if kind == BIRTH else np.all(beside < force)
     assert [kind for kind, _, _ in level_places(case, 0.85, 1.2)] == [BIRTH, MERGER, BIRTH]
+
+
+@pytest.mark.parametrize("case", CASES[:3])
+def test_the_slope_of_a_fold_is_that_of_the_fold_force_of_dense_matrices(case: Case) -> None:
+    force = Truth(case).fold_force()
+    near = case.changed(force=1.0001 * force)
+    large = closed_form(near)[-1]
+    schedule = symmetric_schedule(case.friction_limit > 0)
+    solution = solve(near, schedule, [large.phase, large.impulse / near.scale.impulse])
+    assert isinstance(solution, Solution)
+    fold = fold_near(solution, "force")
+    assert isinstance(fold, Fold)
+    assert fold.case.force == pytest.approx(force, rel=1e-9)
+    step = 1e-5 * case.omega
+    low, high = (Truth(case.changed(omega=case.omega + d)).fold_force() for d in (-step, step))
+    assert fold.slope == pytest.approx((high - low) / (2 * step), rel=1e-5)
 
 
 def test_below_the_fold_force_there_is_no_orbit_and_newton_says_so() -> None:

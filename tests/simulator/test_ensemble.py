@@ -105,6 +105,8 @@ def test_members_follow_from_the_seed() -> None:
     drawn = draw_members(400, 3)
     assert (drawn.phases[0], drawn.factors[0]) == (0, 1)
     assert np.all((drawn.phases[1:] > 0) & (drawn.phases[1:] < 2 * np.pi))
+    # evenly, as many in each quarter of a turn
+    assert np.histogram(drawn.phases[1:], 4, (0, 2 * np.pi))[0] == pytest.approx(100, abs=30)
     change = (drawn.factors[1:] - 1) / PERTURBATION
     assert np.all((np.abs(change) <= 1) & (change != 0))
     assert (change.min(), change.max()) == pytest.approx(

@@ -25,7 +25,7 @@ from impact_env import (
     simulate,
 )
 from impact_env.envs.settings import TaskSettings
-from impact_env.laws import argument, make, values
+from impact_env.laws import make, values
 from impact_env.periodic.case import case_of
 from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.plain import from_scene, to_scene
@@ -123,7 +123,7 @@ def test_one_vocabulary(name: str) -> None:
 def test_an_error_names_the_value(concept: str, given: dict[str, float], said: str | None) -> None:
     with pytest.raises(ParameterError, match="is not allowed") as error:
         make(concept, given)
-    assert said is None or argument(error.value, concept) == said
+    assert said is None or error.value.argument == said
 
 
 def test_an_older_form_is_read_with_a_notice() -> None:

@@ -70,6 +70,20 @@ def test_free_absorber_rests_between_its_walls() -> None:
     assert start.absorber_velocity == pytest.approx(MODEL.tip_shape @ start.modal_velocity)
 
 
+@pytest.mark.parametrize("share", [1.01, 0.99])
+def test_friction_holds_an_absorber_at_the_start_if_it_carries_its_inertia(share: float) -> None:
+    """The force that the absorber's mass takes along the structure is m omega^2 times the displacement of the structure with this mass."""
+    omega = 0.9 * MODEL.resonance_omega(2)
+    mass = 0.02 * MODEL.beam_mass
+    drive = Drive(5.0, constant_frequency(MODEL.resonance_omega(2), 0.9, 6.0), 1.0)
+    joined = 5.0 * amplitude(mass, omega)
+    limit = share * mass * omega**2 * abs(joined)
+    start = find_steady_start(Scene(MODEL, friction_damper(limit, 0.02)), drive)
+    motion = joined * np.exp(1j) if share > 1 else 0.0
+    assert start.absorber_displacement == pytest.approx(motion.real, rel=1e-9)
+    assert start.absorber_velocity == pytest.approx((1j * omega * motion).real, rel=1e-9)
+
+
 def test_rest_where_there_is_no_steady_state() -> None:
     undamped = modal_model(Beam(modes=2, damping_ratio=0.0))
     at_resonance = Drive(1.0, constant_frequency(undamped.resonance_omega(1), 1.0, 5.0))

@@ -3,6 +3,7 @@
 # needs: test, files, optimise, env
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -63,18 +64,32 @@ class Outcome:
 def read_faults(file: Path = FAULTS) -> list[Fault]:
     """Return the faults of a TOML file; raises ParameterError if one does not fit the sources."""
     kernels = "impact_env/kernels/"
-    rows = tomllib.loads(file.read_text(encoding="utf-8"))["fault"]
-    faults = [Fault(**{"plain": row["file"].startswith(kernels), **row}) for row in rows]
+    try:
+        rows = tomllib.loads(file.read_text(encoding="utf-8"))["fault"]
+        faults = [Fault(**{"plain": row["file"].startswith(kernels), **row}) for row in rows]
+    except (tomllib.TOMLDecodeError, KeyError, TypeError) as error:
+        raise ParameterError(
+            f"{file} is not allowed: TOML with the keys of a fault ({error})"
+        ) from error
     names = [fault.name for fault in faults]
     if len(set(names)) < len(names):
         raise ParameterError(f"{file} is not allowed: faults with names of their own")
     for fault in faults:
-        found = (ROOT / fault.file).read_text(encoding="utf-8").count(fault.old)
-        if found != 1 or fault.old == fault.new:
-            raise ParameterError(
-                f"fault {fault.name!r} is not allowed: a text that stands once in {fault.file}, not {found} times"
-            )
+        reason = _misfit(fault)
+        if reason:
+            raise ParameterError(f"fault {fault.name!r} is not allowed: {reason}")
     return faults
+
+
+def _misfit(fault: Fault) -> str:
+    """Return what a fault must be and is not, empty if it fits the sources."""
+    source = ROOT / fault.file
+    if not source.is_file():
+        return f"a file of the checkout, not {fault.file!r}"
+    found = source.read_text(encoding="utf-8").count(fault.old)
+    if found != 1:
+        return f"a text that stands once in {fault.file}, not {found} times"
+    return "" if fault.old != fault.new else "a new text other than old"
 
 
 @contextmanager
@@ -101,7 +116,7 @@ def run_tests(folder: Path, tests: str, plain: bool) -> tuple[bool, str]:
         "IMPACT_ENV_CACHE": str((cache_folder() or ROOT).parent),
         "PYTHONDONTWRITEBYTECODE": "1",
     }
-    words = ["-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", *tests.split()]
+    words = ["-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", *shlex.split(tests)]
     try:
         done = subprocess.run(
             [sys.executable, *words],
