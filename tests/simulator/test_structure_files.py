@@ -521,6 +521,14 @@ def test_forms_of_numbers_and_binary_datasets_of_a_universal_file(tmp_path: Path
         read_modes(tmp_path / "a.uff")
 
 
+@pytest.mark.parametrize(("viscous", "hysteretic"), [(0.015, 0.0), (0.0, 0.03), (0.015, 0.03)])
+def test_a_loss_factor_of_a_universal_file_is_twice_the_damping_ratio(
+    viscous: float, hysteretic: float, tmp_path: Path
+) -> None:
+    model = universal(tmp_path, set_55(FIRST, (30.0, 1.0, viscous, hysteretic)))
+    np.testing.assert_allclose(model.damping_ratio, [0.015])
+
+
 def complex_mode(sign: int, load_case: int = 0, scale: float = 1.0) -> str:
     """Return a lightly damped mode of shape 0.5, 1 by its eigenvalue or the conjugate, scaled by modal A."""
     omega = 200.0

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 from places import ROOT
-from studies.cli import mutation_test
-from studies.cli.mutation_test import CAUGHT, EXPECTED, SURVIVES, Fault, judge_fault, read_faults
 
 from impact_env.parameters import ParameterError
+from studies.cli import mutation_test
+from studies.cli.mutation_test import CAUGHT, EXPECTED, SURVIVES, Fault, judge_fault, read_faults
 
 FAULT = Fault("half", "sums", "sums.py", "return a + b", "return a - b", "tests/test_sums.py")
 TEXT = "[[fault]]\n" + "\n".join(
