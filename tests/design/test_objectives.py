@@ -320,7 +320,11 @@ def test_failures_are_nan_with_a_reason_and_leave_the_others() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("package", "sizes", "told"),
-    [("pymoo", (8, 3, 2), "mW lost in impacts"), ("botorch", (6, 1, 2, 2), "on fresh members")],
+    [
+        ("pymoo", (8, 3, 2), "mW lost in impacts"),
+        ("botorch", (6, 1, 2, 2), "on fresh members"),
+        ("openmdao", (6, 2), "of no absorber, impact speed"),
+    ],
 )
 def test_worked_examples_find_a_quiet_design(
     package: str, sizes: tuple[int, ...], told: str, capsys: pytest.CaptureFixture[str]
