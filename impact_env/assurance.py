@@ -49,7 +49,7 @@ def modal_assurance(first: ArrayLike, second: ArrayLike) -> Real:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class ModeComparison:
     """Two structures' modes: frequencies ``first`` (N_a,) and ``second`` (N_b,) in Hz, ``assurance`` (N_a, N_b), ``places`` compared."""
 
     first: Real
@@ -58,7 +58,7 @@ class Comparison:
     places: int
 
 
-def compare_modes(first: Path | str, second: Path | str) -> Comparison:
+def compare_modes(first: Path | str, second: Path | str) -> ModeComparison:
     """Return the modal assurance criterion between the modes of two structure files.
 
     The shapes are compared at the nodes and directions that both files have, and in which both have a mode that moves: a test that
@@ -93,7 +93,7 @@ def compare_modes(first: Path | str, second: Path | str) -> Comparison:
         index = {place: k for k, place in enumerate(part.freedoms)}
         rows.append(part.shapes[:, [index[place] for place in common]])
     hertz = [part.omega / (2 * np.pi) for part in shapes]
-    return Comparison(hertz[0], hertz[1], modal_assurance(rows[0], rows[1]), len(common))
+    return ModeComparison(hertz[0], hertz[1], modal_assurance(rows[0], rows[1]), len(common))
 
 
 def _shapes(path: Path) -> NodalShapes:

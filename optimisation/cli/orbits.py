@@ -244,7 +244,7 @@ def two_parameters(
             yield curve.to_plain()
 
 
-class Result(NamedTuple):
+class FoundOrbits(NamedTuple):
     """What a call prints, its ``files`` by their paths as `write_files` takes them, and whether the work came to its end."""
 
     text: str
@@ -252,7 +252,7 @@ class Result(NamedTuple):
     complete: bool
 
 
-def bifurcations(case: Case, given: dict[str, Any]) -> Result:
+def bifurcations(case: Case, given: dict[str, Any]) -> FoundOrbits:
     """Return the curves of bifurcations over two parameters."""
     complete, (key, words, scale) = [True], UNITS[given["second"]]
     with stages_bar("orbits", leave=False) as told:
@@ -269,7 +269,7 @@ def bifurcations(case: Case, given: dict[str, Any]) -> Result:
             path, curves, f"{case.scene}{force}", words, scale
         ),
     }
-    return Result(report.curve_text(curves, words, scale), files, complete[0])
+    return FoundOrbits(report.curve_text(curves, words, scale), files, complete[0])
 
 
 def check(given: dict[str, Any]) -> None:
@@ -379,7 +379,7 @@ def case_of(given: dict[str, Any]) -> Case:
     )
 
 
-def run(given: dict[str, Any]) -> Result:
+def run(given: dict[str, Any]) -> FoundOrbits:
     """Do what the options ask for."""
     check(given)
     case = case_of(given)
@@ -395,7 +395,7 @@ def run(given: dict[str, Any]) -> Result:
         return asked_for(case, given)
 
 
-def asked_for(case: Case, given: dict[str, Any]) -> Result:
+def asked_for(case: Case, given: dict[str, Any]) -> FoundOrbits:
     """Return folds, thresholds or orbits, as `run`."""
     low = given["start"]
     high = given["stop"]
@@ -408,7 +408,7 @@ def asked_for(case: Case, given: dict[str, Any]) -> Result:
             {"kind": level.kind, "force_N": level.force, "omega_ratio": level.omega_ratio}
             for level in confirmed
         ]
-        return Result(report.threshold_text(levels), {given["json"]: plain}, True)
+        return FoundOrbits(report.threshold_text(levels), {given["json"]: plain}, True)
     if given["folds"]:
         located = folds(case, low, high)
         pairs = [(fold, fold.orbit) for fold in located if isinstance(fold.orbit, Orbit)]
@@ -420,7 +420,7 @@ def asked_for(case: Case, given: dict[str, Any]) -> Result:
             }
             for fold, orbit in pairs
         ]
-        return Result(report.fold_text(located), {given["json"]: plain}, True)
+        return FoundOrbits(report.fold_text(located), {given["json"]: plain}, True)
     if given["along"] is not None:
         with stages_bar("orbits", leave=False) as told:
             curves = list(along(case, given, told))
@@ -428,7 +428,7 @@ def asked_for(case: Case, given: dict[str, Any]) -> Result:
         plain = [
             {"omega_ratio": given["at"], **_renamed(curve.to_plain(), key)} for curve in curves
         ]
-        return Result(along_text(curves, key), {given["json"]: plain}, True)
+        return FoundOrbits(along_text(curves, key), {given["json"]: plain}, True)
     complete = [True]
     with stages_bar("orbits", leave=False) as told:
         found = listed(case, given, told, complete)
@@ -452,7 +452,7 @@ def asked_for(case: Case, given: dict[str, Any]) -> Result:
         for group in found
         for orbit in group.orbits
     ]
-    return Result("\n".join(lines), {given["json"]: plain}, complete[0])
+    return FoundOrbits("\n".join(lines), {given["json"]: plain}, complete[0])
 
 
 @command()

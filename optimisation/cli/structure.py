@@ -6,7 +6,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.assurance import Comparison, compare_modes
+from impact_env.assurance import ModeComparison, compare_modes
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
 from impact_env.plain_files import read_plain
@@ -123,7 +123,7 @@ def nearest(path: Path, point: tuple[float, float, float]) -> str:
     return "\n".join(lines)
 
 
-def assurance_text(comparison: Comparison) -> str:
+def assurance_text(comparison: ModeComparison) -> str:
     """Return a table of the modal assurance criterion, a line for each mode of the first file, and the mode of the second that is most alike."""
     header = ("mode", "Hz", *(f"{hertz:.5g} Hz" for hertz in comparison.second), "most alike")
     lines = []
@@ -140,7 +140,7 @@ def assurance_text(comparison: Comparison) -> str:
     return "\n".join([markdown(header, lines), "", note])
 
 
-def assurance_data(comparison: Comparison) -> dict[str, object]:
+def assurance_data(comparison: ModeComparison) -> dict[str, object]:
     """Return the comparison as plain data."""
     return {
         "places": comparison.places,
