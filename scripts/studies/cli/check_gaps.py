@@ -1,7 +1,7 @@
-"""Put the answers of design_gap to the test on twenty structures and ten drawn ones, beside fine scans over the gap."""
+"""Put the answers of design_gap to the test on thirty structures, beside a scan of gaps by brute force."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
@@ -10,17 +10,15 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 
-from impact_env import CoulombFriction, Scene, SlidingAbsorber
-from impact_env.curve import CurveCase, performance_curves
-from impact_env.drive import PAPER_RATE
-from impact_env.ensemble import Executor
-from optimisation.bounds import expected_gap
+from impact_env import CoulombFriction, Drive, Scene, SlidingAbsorber, simulate
+from impact_env.drive import linear_sweep
+from impact_env.ensemble import Executor, Lane, each_lane
 from optimisation.cli.common import command, plain_errors
 from optimisation.executors import cluster_option, workers
-from optimisation.gap_advice import FASTER, MEMBERS, TOLERANCE, Advice, advise
+from optimisation.gap_advice import MEMBERS, TOLERANCE, Advice, Answer, advise, expected_factor
 from optimisation.gap_check import scaled_absorber
 from optimisation.machine import sources
-from studies.structures import CASES, DRAWN, Case
+from studies.structures import CASES, HARD_CASES, Case
 from studies.study import (
     Array,
     Json,
@@ -35,28 +33,66 @@ from studies.study import (
 )
 
 FORCE = 1.0  # N; it does not matter, as gap and friction are in proportion to it
-# of ln (gap over the rule's); half a step off the gaps that a search tries
-STEP = 0.05
+FACTORS = (1 - TOLERANCE, 1.0, 1 + TOLERANCE)  # of the force, each simulated
+# of ln gap from where a search starts; half a step off the gaps that a search tries
+STEP = 0.1
 FROM = -1.225
 TO = 1.1
-# gaps are run in full where a look is within this of the lowest, and so many beside
-WITHIN = 1.5
-BESIDE = 2
-# members by which the scan's lowest gap is judged anew, and their seed
-FRESH = 12
-UNSEEN = 1
+CANDIDATES = 5  # gaps of the scan that are run again
+CANDIDATE_RUNS = 5
+JUDGES = 16  # runs with new phases for each gap that is compared
+SEED = 2026
 
 
 class GapSettings(NamedTuple):
-    """The cases, runs for each gap, the scan's step of ln gap, the sweeps' rate (None: the default), and runs that judge (None: the search's)."""
+    """The cases, runs for each gap of the search, the scan's step of ln gap, the sweeps' rate (None: the default), and runs that judge."""
 
     cases: tuple[Case, ...]
     members: int = MEMBERS
     step: float = STEP
     rate: float | None = None
-    judges: int | None = None
+    judges: int = JUDGES
     threads: int | None = None
     executor: Executor | None = None
+
+
+def level_of(lane: Lane) -> float:
+    """Return the response level of a lane in m."""
+    return there(simulate(lane.scene, lane.drive, initial=lane.start).level).value
+
+
+@dataclass
+class BruteForce:
+    """Levels by sweeps up and down with phases of its own; ``where``: threads and executor."""
+
+    found: Advice
+    generator: np.random.Generator
+    where: dict[str, Any]
+
+    def levels(
+        self, absorbers: Sequence[SlidingAbsorber], factors: Sequence[float], runs: int
+    ) -> Array:
+        """Return the larger level of up and down in m, (absorbers, factors, runs); raises KeyboardInterrupt if it is stopped."""
+        check = self.found.check
+        omega = check.model.resonance_omega(check.resonance)
+        low, high = check.limits
+        schedules = [
+            linear_sweep(omega, start, stop, check.rate)
+            for start, stop in ((low, high), (high, low))
+        ]
+        lanes = []
+        for absorber in absorbers:
+            scene = Scene(check.model, absorber)
+            for factor in factors:
+                for phase in self.generator.uniform(0, 2 * np.pi, runs):
+                    for schedule in schedules:
+                        drive = Drive(factor * FORCE, schedule, float(phase))
+                        lanes.append(Lane(scene, drive, steady_start=True))
+        values = each_lane(lanes, level_of, **self.where)
+        if any(value is None for value in values):
+            raise KeyboardInterrupt
+        shape = (len(absorbers), len(factors), runs, 2)
+        return np.asarray(np.array(values, dtype=float).reshape(shape).max(axis=-1))
 
 
 def row(case: Case, given: GapSettings) -> list[Json]:
@@ -73,114 +109,90 @@ def row(case: Case, given: GapSettings) -> list[Json]:
         percent_per_100_periods=given.rate,
         **where,
     )
-    if not found.complete or found.sharp is None or found.recommended is None:
+    if not found.complete:
         raise KeyboardInterrupt
-    check = found.check
-    fit = float(expected_gap(model, check.mass, FORCE, case.resonance))
-    best = found.recommended.gap  # and what it is under more and less force
-    told = np.log(
-        np.array(
-            [found.sharp.gap, best / (1 + TOLERANCE), best, best / (1 - TOLERANCE), check.rule, fit]
-        )
-        / check.rule
-    )
-    grid = np.arange(FROM, TO, given.step)
-    own = {
-        told[0]: found.sharp.absorber,
-        told[2]: found.recommended.absorber,
-    }  # the very devices: runs part from those of other last digits
-
-    def levels(
-        at: Sequence[float] | Array, number: int, speed: float, first: int = 0, seed: int = 0
-    ) -> Array:
-        scenes = [
-            Scene(model, own[x] if x in own else scaled(check.absorber, float(np.exp(x))))
-            for x in at
-        ]
-        cases = [
-            CurveCase(scene, np.array([FORCE]), case.resonance, check.limits, speed)
-            for scene in scenes
-        ]
-        curves = performance_curves(cases, number, seed, **where)
-        if not all(curve.complete for curve in curves):
-            raise KeyboardInterrupt
-        return np.array([np.median(curve.combined[0, first:]) for curve in curves])
-
-    looked = levels(grid, 1, min(PAPER_RATE, FASTER * check.rate))
-    near = grid[
-        np.convolve(looked <= WITHIN * looked.min(), np.ones(2 * BESIDE + 1), "same") > 0
-    ]  # and those beside
-    at = np.union1d(near, told)
-    full = levels(at, given.judges or given.members, check.rate)
-    again = levels(
-        [told[0], at[np.argmin(full)]], FRESH + 1, check.rate, 1, UNSEEN
-    )  # the first member of all ensembles is one and the same run
-    return [judged(case, found, at, full, fit / check.rule, float(again[0] / again[1]))]
+    scan = BruteForce(found, np.random.default_rng([SEED, case.resonance]), where)
+    start = np.log(expected_factor(found.check.reach))
+    gaps = found.check.rule * np.exp(start + np.arange(FROM, TO, given.step))
+    return [judged(case, found, gaps, scan.levels, given.judges)]
 
 
-def scaled(absorber: SlidingAbsorber, factor: float) -> SlidingAbsorber:
-    """Return an absorber with a multiple of its gap and of its friction limit."""
+def scaled(absorber: SlidingAbsorber, gap: float) -> SlidingAbsorber:
+    """Return an absorber with another gap in m, its friction limit in proportion."""
     walls = absorber.walls
     friction = absorber.friction
     assert walls is not None
     return replace(
         absorber,
-        walls=replace(walls, gap=walls.gap * factor),
-        friction=None if friction is None else CoulombFriction(friction.limit * factor),
+        walls=replace(walls, gap=gap),
+        friction=None if friction is None else CoulombFriction(friction.limit * gap / walls.gap),
     )
 
 
-def judged(
-    case: Case, found: Advice, at: Array, full: Array, expected: float, fresh: float
-) -> Json:
-    """Return the row of medians ``full`` (m) at ``at``, ln of gaps over the rule's, rising. Its levels are medians over the lowest of the scan.
+LevelsOf = Callable[[Sequence[SlidingAbsorber], Sequence[float], int], Array]
 
-    ``recommended`` is the worst over the tolerance, over the lowest such. ``fresh``: the level of `sharp` over that at the scan's lowest gap, both
-    with members that neither was chosen by. ``best`` is the best gap over the rule's; ``rule``, ``expected``: the levels at the rule's gap and at
-    the fit of `expected_gap`. ``relative``: the lowest level over that without absorber.
+
+def judged(case: Case, found: Advice, gaps: Array, levels: LevelsOf, judges: int) -> Json:
+    """Return a case's row.
+
+    ``recommended``: the largest median level of the recommended device over three forces, over the lowest such of the scan; ``sharp``: its median
+    level over the lowest of the scan. Both are of ``judges`` fresh runs, also of the scan's own gaps. ``coverage``: share of the fresh runs of both
+    devices in their 90 % intervals. ``best`` is the scan's best gap for three forces over the rule's; ``relative``: its level over that without absorber.
     """
+    sharp = there(found.sharp)
+    recommended = there(found.recommended)
+    devices = [scaled(found.check.absorber, float(gap)) for gap in gaps]
 
-    def between(x: Array | float) -> Array:
-        beyond = np.maximum(np.asarray(x) - at[-1], 0.0)  # in proportion to the gap
-        return np.asarray(np.exp(np.interp(x, at, np.log(full)) + beyond))
+    def best_of(single: Array, worst: bool) -> SlidingAbsorber:
+        """Return the device with the lowest median, first by single runs, then by `CANDIDATE_RUNS` of the best."""
+        order = np.argsort(single)[:CANDIDATES]
+        chosen = [devices[k] for k in order]
+        runs = levels(chosen, FACTORS if worst else (1.0,), CANDIDATE_RUNS)
+        medians = np.median(runs, axis=2).max(axis=1)
+        return chosen[int(np.argmin(medians))]
 
-    shares = (1 - TOLERANCE, 1.0, 1 + TOLERANCE)
-    inside = at[at - np.log1p(TOLERANCE) >= at[0]]
-    worst = np.max([k * between(inside - np.log(k)) for k in shares], axis=0)
-    sharp, robust = (
-        np.log(there(answer).gap / found.check.rule) for answer in (found.sharp, found.recommended)
-    )
-    lowest = full.min()
+    single = levels(devices, FACTORS, 1)[..., 0]
+    best_robust = best_of(single.max(axis=1), worst=True)
+    best_sharp = best_of(single[:, 1], worst=False)
+
+    robust = levels([recommended.absorber, best_robust], FACTORS, judges)
+    at_force = levels([sharp.absorber, best_sharp], (1.0,), judges)[:, 0]
+    over_forces = np.median(robust, axis=2).max(axis=1)
+    medians = np.median(at_force, axis=1)
+    inside = np.concatenate([within(recommended, robust[0, 1]), within(sharp, at_force[0])])
+    check = found.check
+    assert best_robust.walls is not None
     return {
-        "name": case.name, "resonance": case.resonance, "damping": float(case.model().damping_ratio[case.resonance - 1]),
-        "mass_ratio": case.mass_ratio, "reach": found.check.reach, "best": float(np.exp(at[np.argmin(full)])),
-        "relative": float(lowest / found.check.without.median[0]), "sharp": float(between(sharp) / lowest), "fresh": fresh,
-        "recommended": float(max(k * between(robust - np.log(k)) for k in shares) / worst.min()), "rule": float(between(0.0) / lowest),
-        "expected": float(between(np.log(expected)) / lowest), "sweeps": found.sweeps, "gaps": len(at),
-    }  # fmt: skip
-
-
-# also the page's markers
-NAME = "check_gaps"
-HELD_OUT = "check_gaps_held_out"
-QUICK_CASES = (12, 19)
-QUICK_STEP = 0.2
-TOLERATED = 1.1
-
-
-def tables(measured: Measured) -> dict[str, str]:
-    """Return a table of the cases beside which the search was made, and one of those drawn, as far as there are any."""
-    found = measured.values["rows"]
-    drawn = {case.name for case in DRAWN}
-    parts = {
-        name: [r for r in found if (r["name"] in drawn) is own]
-        for name, own in ((NAME, False), (HELD_OUT, True))
+        "name": case.name,
+        "resonance": case.resonance,
+        "damping": float(check.model.damping_ratio[case.resonance - 1]),
+        "mass_ratio": case.mass_ratio,
+        "reach": check.reach,
+        "best": best_robust.walls.gap / check.rule,
+        "relative": float(np.median(robust[1, 1]) / check.without.median[0]),
+        "recommended": float(over_forces[0] / over_forces[1]),
+        "sharp": float(medians[0] / medians[1]),
+        "coverage": float(np.mean(inside)),
+        "sweeps": found.sweeps,
     }
-    return {name: _table(rows) for name, rows in parts.items() if rows}
 
 
-def _table(found: list[Json]) -> str:
+def within(answer: Answer, runs: Array) -> Array:
+    """Return which fresh levels lie in an answer's interval."""
+    return np.asarray((runs >= answer.low) & (runs <= answer.high))
+
+
+NAME = "check_gaps"  # also the page's marker
+QUICK_CASES = (12, 19)
+QUICK_STEP = 0.3
+QUICK_JUDGES = 4
+TOLERATED = 1.1
+SHARP_TOLERATED = 1.15
+
+
+def table(measured: Measured) -> str:
     """Return a line for each case, how many are good, and the worst."""
+    found = measured.values["rows"]
     columns = {
         "structure": "{name}",
         "resonance": "{resonance}",
@@ -189,61 +201,45 @@ def _table(found: list[Json]) -> str:
         "reach": "{reach:.3g}",
         "best gap over rule's": "{best:.2f}",
         "level there, %": "{percent[2]:.1f}",
-        "`sharp`": "{sharp:.2f}",
-        "`sharp`, fresh": "{fresh:.2f}",
         "`recommended`": "{recommended:.2f}",
-        **{name: f"{{{name}:.2f}}" for name in ("rule", "expected")},
+        "`sharp`": "{sharp:.2f}",
+        "in the 90 % interval, %": "{percent[3]:.0f}",
         "sweeps": "{sweeps}",
     }
-    table = lines(
-        columns,
-        (
-            {**r, "percent": [100 * r[name] for name in ("damping", "mass_ratio", "relative")]}
-            for r in found
-        ),
-    )
+    names = ("damping", "mass_ratio", "relative", "coverage")
+    rows = ({**r, "percent": [100 * r[name] for name in names]} for r in found)
     words = []
-    known = {
-        "sharp": "`sharp`",
-        "fresh": "`sharp` on fresh members",
-        "recommended": "`recommended`",
-        "rule": "the rule's gap",
-    }
-    for name, word in (known | {"expected": "the expected gap"}).items():
-        worst = max(found, key=lambda r: float(r[name]))
-        good = sum(r[name] <= TOLERATED for r in found)
+    for name, most in (("recommended", TOLERATED), ("sharp", SHARP_TOLERATED)):
+        worst = max(found, key=lambda r, name=name: float(r[name]))  # type: ignore[misc]
+        good = sum(r[name] <= most for r in found)
         words.append(
-            f"{word}: {good} of {len(found)}, worst {worst[name]:.2f} ({worst['name']}, resonance {worst['resonance']})"
+            f"`{name}` within {most:g} of the scan's best: {good} of {len(found)}, worst {worst[name]:.2f} "
+            f"({worst['name']}, resonance {worst['resonance']})"
         )
-    return f"{table}\n\nWithin {TOLERATED:g} of the scan's lowest: {'; '.join(words)}."
-
-
-def _said(measured: Measured) -> str:
-    return "\n\n".join(tables(measured).values())
+    coverage = 100 * float(np.mean([r["coverage"] for r in found]))
+    words.append(f"fresh runs in the 90 % intervals: {coverage:.0f} %")
+    return f"{lines(columns, rows)}\n\n{'; '.join(words)}."
 
 
 STUDY: Study[GapSettings] = Study(
     (
         rows_part(
             NAME,
-            "the answers of design_gap beside fine scans",
+            "the answers of design_gap beside scans by brute force",
             cases=lambda given: {
                 (case.name, case.resonance, case.mass_ratio): partial(row, case, given)
                 for case in given.cases
             },
             key=itemgetter("name", "resonance", "mass_ratio"),
-            text=_said,
+            text=table,
             told=lambda given: {
                 "members": given.members,
                 "step": given.step,
                 "rate": given.rate,
                 "judges": given.judges,
             },
-            sections=lambda found: {
-                name: f"{table}\n\n{sources(found.conditions)}"
-                for name, table in tables(found).items()
-            },
-            said=_said,
+            sections=lambda found: {NAME: f"{table(found)}\n\n{sources(found.conditions)}"},
+            said=table,
         ),
     ),
     kept="with --json the same command goes on from here.",
@@ -255,12 +251,12 @@ STUDY: Study[GapSettings] = Study(
 @click.option(
     "--members",
     type=click.IntRange(min=1),
-    help="Runs for each gap.  [default: those of design_gap]",
+    help="Runs for each gap of the search.  [default: those of design_gap]",
 )
 @click.option(
     "--judges",
     type=click.IntRange(min=1),
-    help="Runs for each gap by which all are judged.  [default: those of the search]",
+    help=f"Fresh runs by which a gap is judged.  [default: {JUDGES}]",
 )
 @click.option(
     "--rate",
@@ -277,18 +273,19 @@ STUDY: Study[GapSettings] = Study(
 def main(
     quick: bool, cluster: str | None, target: Path | None, page: Path | None, **given: Any
 ) -> None:
-    """Print, for twenty structures and ten drawn ones, what the answers of design_gap lose against a scan with gaps 5 % apart.
+    """Print, for thirty structures, what the answers of design_gap lose against a scan of gaps by brute force.
 
-    A scan is judged by what each answer minimises. Ctrl-C prints, and writes, what is finished; with --json the same
-    command goes on from there.
+    The scan simulates levels at 0.9, 1 and 1.1 of the force with phases of its own; its best gaps and the answers are judged by fresh runs. Ctrl-C
+    prints, and writes, what is finished; with --json the same command goes on from there.
     """
     with plain_errors(), workers(given["threads"], cluster) as found:
         given |= {
             "members": given["members"] or MEMBERS,
+            "judges": given["judges"] or (QUICK_JUDGES if quick else JUDGES),
             "threads": given["threads"] if found is None else None,
         }
         settings = GapSettings(
-            tuple(CASES[k] for k in QUICK_CASES) if quick else CASES + DRAWN,
+            tuple(CASES[k] for k in QUICK_CASES) if quick else CASES + HARD_CASES,
             step=QUICK_STEP if quick else STEP,
             executor=found,
             **given,
