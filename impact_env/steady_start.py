@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from impact_env.drive import Drive
 from impact_env.modes import with_link, with_masses
 from impact_env.parameters import (
+    CoulombFriction,
     SeveralAbsorbers,
     SlidingAbsorber,
     StuckAbsorber,
@@ -46,7 +47,10 @@ def find_steady_start(scene: Scene, drive: Drive) -> InitialState | None:
     if isinstance(scene.absorber, StuckAbsorber):
         limits[:] = np.inf
     for k, absorber in enumerate(sliding):
-        limits[k] = 0.0 if absorber.friction is None else absorber.friction.limit
+        friction = absorber.friction
+        if friction is not None:
+            static_ratio = friction.static_ratio if isinstance(friction, CoulombFriction) else 1.0
+            limits[k] = friction.limit * static_ratio
     stuck = limits > 0
     while True:
         motion = _modal_motion(scene, omega, force, shapes[stuck], masses[stuck])

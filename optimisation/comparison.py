@@ -6,7 +6,7 @@ splits the resonance into two peaks that lie outside the paper's sweep, so both 
 they are tuned: only there is the comparison a fair one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -34,12 +34,14 @@ from impact_env.parameters import (
     require,
 )
 from impact_env.scene import Scene
+from optimisation.baselines import estimate_damper, find_best_damper
 from optimisation.bounds import design_force, design_gap, reach, resonance_limit
 from optimisation.extremes import stationary_level, usable_force, usable_mass_ratio, usable_rate
-from optimisation.friction_rule import best_friction, scaled_friction
+from optimisation.friction_rule import scaled_friction
 from optimisation.gap_check import rigid_walls
 from optimisation.mounting import mounted
-from optimisation.tuned import HIGH, LOW, minimax
+from optimisation.sweep_range import find_sweep_range
+from optimisation.tuned import HIGH, LOW, minimax, smallest_amplitude
 
 Array = NDArray[np.float64]
 WIDE_LIMITS = (LOW, HIGH)
@@ -91,25 +93,33 @@ def concepts(model: ModalModel) -> tuple[Concept, ...]:
 
 
 def scaled_concepts(
-    model: ModalModel, mass_ratio: float, gap: float, resonance: int, force: float
+    model: ModalModel,
+    mass_ratio: float,
+    gap: float,
+    resonance: int,
+    force: float,
+    damper_level: Callable[[SlidingAbsorber], float],
 ) -> tuple[Concept, ...]:
     """Return the concepts for any structure: what the paper chose for its beam, by the rules behind it, for a ``force`` (N) near a ``resonance``.
 
-    The friction of the impact absorber follows the scaling law, that of the damper the energy of a cycle; the LTVA is tuned to the resonance. All
-    have the mass ratio, and the impact absorber has the ``gap`` in m.
+    The friction of the impact absorber follows the scaling law; the damper is the best of those that are simulated (`find_best_damper`), by the
+    function ``damper_level`` of a damper in m; the LTVA is tuned to the resonance. All have the mass ratio, and the impact absorber has the ``gap``
+    in m.
     """
     mass = mass_ratio * model.beam_mass
     absorber = impact_absorber(gap, RESTITUTION, scaled_friction(model, mass, gap), mass_ratio)
-    damper = friction_damper(best_friction(model, mass, force, resonance)[0], mass_ratio)
-    tuned = minimax(model, mass_ratio, resonance)
+    limit, _ = find_best_damper(
+        lambda limit: damper_level(friction_damper(limit, mass_ratio)),
+        estimate_damper(model, mass, force, resonance),
+    )
+    damper = friction_damper(limit, mass_ratio)
+    sweep_range = find_sweep_range(model, mass_ratio, resonance)
+    tuned = smallest_amplitude(model, mass_ratio, resonance, *sweep_range)
     return (
         Concept(NONE, "no absorber", None),
         Concept(IMPACT, "impact absorber", absorber),
         Concept(FRICTION, "friction damper", damper),
         Concept(LTVA_TUNED, f"LTVA, tuned to resonance {resonance}", tuned),
-        Concept(
-            LTVA_TUNED_WIDE, f"LTVA, tuned to resonance {resonance}, {WIDE}", tuned, WIDE_LIMITS
-        ),
     )
 
 
@@ -117,7 +127,8 @@ def scaled_concepts(
 class ResonanceComparison:
     """Curves near one resonance, by the concepts' keys. ``forces`` (F,) in N, ``design_force`` in N; the absorbers' ``mass`` (kg) and ``gap`` (m).
 
-    ``own_force``: that of the forces (N) at which the concepts are told beside each other; None for the impact absorber's best.
+    ``limits`` of the sweeps over the resonance, but for concepts with wider ones of their own. ``own_force``: that of the forces (N) at which the
+    concepts are compared; None for the impact absorber's best.
     """
 
     model: ModalModel
@@ -128,6 +139,7 @@ class ResonanceComparison:
     mass: float
     gap: float
     own_force: float | None = None
+    limits: tuple[float, float] = PAPER_LIMITS
 
     @property
     def omega(self) -> float:
@@ -136,7 +148,9 @@ class ResonanceComparison:
 
     def limit_at(self, forces: Array) -> Array:
         """Return the limit in m at forces in N: no device of this mass and gap has a smaller stationary maximum (`optimisation.bounds`)."""
-        return resonance_limit(self.model, self.mass, self.gap, forces, self.resonance)
+        return resonance_limit(
+            self.model, self.mass, self.gap, forces, self.resonance, *self.limits
+        )
 
     @cached_property
     def limit(self) -> Array:
@@ -152,7 +166,9 @@ class ResonanceComparison:
     def sweep_ratio(self) -> float:
         """Level of the sweeps without absorber over the stationary one; NaN if nothing is finished."""
         none = self.curves[NONE]
-        return float(none.median[0] / self.forces[0]) / stationary_level(self.model, self.resonance)
+        return float(none.median[0] / self.forces[0]) / stationary_level(
+            self.model, self.resonance, self.limits
+        )
 
     @property
     def best(self) -> int | None:
@@ -276,13 +292,33 @@ def compare(
         and gap is None
         and mass_ratio == DEFAULT_MASS_RATIO
     )
-    compared = (
-        concepts(model)
-        if usual
-        else scaled_concepts(
-            model, mass_ratio, clearance, every[0], design[0] if own is None else own
+    # the paper's study has the paper's range and start
+    ranges = {
+        resonance: PAPER_LIMITS if usual else find_sweep_range(model, mass_ratio, resonance)
+        for resonance in every
+    }
+    rate = usable_rate("rate", rate, [*ranges.values(), *([WIDE_LIMITS] if usual else [])])
+
+    def case_of(absorber: Absorber | None, at: NDArray[np.float64], resonance: int) -> CurveCase:
+        return CurveCase(
+            Scene(model, absorber), at, resonance, ranges[resonance], rate, steady_start=not usual
         )
-    )
+
+    def damper_level(damper: SlidingAbsorber) -> float:
+        at = np.array([design[0] if own is None else own])
+        case = case_of(damper, at, every[0])
+        (curve,) = performance_curves([case], 1, seed, method, threads=threads, executor=executor)
+        if not curve.complete:
+            raise KeyboardInterrupt
+        return float(curve.median[0])
+
+    if usual:
+        compared = concepts(model)
+    else:
+        force_of_damper = design[0] if own is None else own
+        compared = scaled_concepts(
+            model, mass_ratio, clearance, every[0], force_of_damper, damper_level
+        )
     if device is not None:
         compared = tuple(
             replace(concept, absorber=device) if concept.key == IMPACT else concept
@@ -291,15 +327,12 @@ def compare(
     grids = [force_grid(f, forces) for f in design]
     if own is not None:
         grids[0] = np.union1d(grids[0], own)
-    # a sweep that is wide enough for the peaks of a tuned absorber tells nothing of a resonance that it is not tuned to
-    kept = [
-        (r, c) for r in every for c in compared if usual or c.limits != WIDE_LIMITS or r == every[0]
-    ]
+    kept = [(r, c) for r in every for c in compared]
     grid_of = dict(zip(every, grids, strict=True))
-    rate = usable_rate("rate", rate, [concept.limits for _, concept in kept])
     cases = [
-        CurveCase(
-            Scene(model, concept.absorber), grid_of[resonance], resonance, concept.limits, rate
+        replace(
+            case_of(concept.absorber, grid_of[resonance], resonance),
+            limits=concept.limits if usual else ranges[resonance],
         )
         for resonance, concept in kept
     ]
@@ -319,6 +352,7 @@ def compare(
             mass,
             clearance,
             own if resonance == every[0] else None,
+            ranges[resonance],
         )
         for resonance, grid, f in zip(every, grids, design, strict=True)
     )

@@ -22,7 +22,6 @@ from impact_env.ensemble import (
 from impact_env.methods import Exact
 from impact_env.modes import ModalModel
 from impact_env.parameters import (
-    CoulombFriction,
     ParameterError,
     SlidingAbsorber,
     count,
@@ -245,7 +244,7 @@ class _Runs:
         factor = math.exp(STEP * step)
         friction = self.absorber.friction
         if friction is not None and self.friction_goes:
-            friction = CoulombFriction(friction.limit * factor)
+            friction = replace(friction, limit=friction.limit * factor)
         walls = rigid_walls(self.absorber)
         return replace(
             self.absorber, walls=replace(walls, gap=walls.gap * factor), friction=friction
@@ -407,7 +406,7 @@ def advise(
     rule_step = math.log(rule / reference) / STEP
     friction = own.friction
     if friction is not None and not friction_given:
-        friction = CoulombFriction(friction.limit * reference / rule)
+        friction = replace(friction, limit=friction.limit * reference / rule)
     runs = _Runs(
         model,
         force,

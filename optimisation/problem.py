@@ -37,6 +37,7 @@ from optimisation.measures import (
     LEVEL,
     MEASURES,
     STRESS,
+    STROKE,
     Chunk,
     design_gap_for,
     measure,
@@ -57,12 +58,21 @@ from optimisation.uncertain import (
     shares,
     spreads,
 )
-from optimisation.variables import MASS_RATIO, POSITION, SEVERAL, TUNED, Units
+from optimisation.variables import (
+    GAP,
+    MASS_RATIO,
+    POSITION,
+    SEVERAL,
+    TUNED,
+    Units,
+    parts_of,
+)
 
 Array = NDArray[np.float64]
-FORMAT = 2  # of the description: raised when the meaning of a problem changes
+FORMAT = 3  # of the description: raised when the meaning of a problem changes
 FATIGUE_EXPONENT = 5.0
 MEMBERS_A_CHUNK = 4
+GAP_MARGIN = 1e-9  # below a limit on the stroke: an impact is found to rounding
 FAILED = 1e6  # what a design costs whose runs the integrator gives up
 PENALTY = 1e3  # what a broken constraint costs where a method knows no constraints, and more the worse it is broken
 
@@ -104,6 +114,7 @@ class Problem:
         for condition in self.conditions:
             self.model.resonance_omega(condition.resonance)
         object.__setattr__(self, "space", replace(self.space, units=self.units))
+        self._cut_gaps_by_stroke()
         limits = [condition.limits for condition in self.conditions]
         object.__setattr__(
             self,
@@ -131,6 +142,26 @@ class Problem:
                 name,
                 FATIGUES,
             )
+
+    def _cut_gaps_by_stroke(self) -> None:
+        """Leave gaps out of the space that are wider than a limit on the stroke, which between rigid walls is the gap."""
+        strokes = [c.limit for c in self.constraints if c.name == STROKE]
+        if not strokes:
+            return
+        most = strokes[0] * (1 - GAP_MARGIN)
+        values = self.space.default.values
+        free = []
+        for variable in self.space.free:
+            is_gap = parts_of(variable.name)[0] == GAP
+            unit = 1.0
+            if is_gap and variable.scaled:
+                unit = self.units.of(self.space.concept, variable.name, values)
+            if is_gap and most < variable.high * unit:
+                lowest = min(variable.low * unit, most / 4)
+                free.append(variable.within(lowest, most))
+            else:
+                free.append(variable)
+        object.__setattr__(self, "space", replace(self.space, free=tuple(free)))
 
     def _require_uncertain(self) -> None:
         """Raise ParameterError if what is uncertain is not there, or is given as two numbers where there is no one number that they stand for."""
@@ -335,7 +366,11 @@ class Problem:
             ensemble.drives(force, linear_sweep(omega, *ends, rate))
             for ends in ((low, high), (high, low))
         )
-        lanes = tuple(Lane(scene, drive) for pair in zip(up, down, strict=True) for drive in pair)
+        lanes = tuple(
+            Lane(scene, drive, steady_start=True)
+            for pair in zip(up, down, strict=True)
+            for drive in pair
+        )
         if self.spreads:
             own = [share for share in shares(self.spreads, ensemble) for _ in range(2)]
             lanes = tuple(

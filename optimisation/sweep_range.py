@@ -5,6 +5,8 @@ tuned absorber splits it into two peaks, which lie between the natural frequenci
 both, but for the peaks it goes no further than half-way (geometric mean) to the neighbouring resonances, which are not the absorber's task.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from impact_env.drive import PAPER_LIMITS
@@ -36,6 +38,14 @@ def find_sweep_range(
     low = min(low, max((1 - MARGIN) * first, float(lower), LOWEST))
     high = max(high, min((1 + MARGIN) * second, float(upper)))
     return low, high
+
+
+def find_common_range(
+    models: Sequence[ModalModel], mass_ratio: float, resonance: int = 1
+) -> tuple[float, float]:
+    """Return the range that holds those of several models, as of a structure with the absorber at several places."""
+    every = [find_sweep_range(model, mass_ratio, resonance) for model in models]
+    return min(low for low, _ in every), max(high for _, high in every)
 
 
 def split_frequencies(modal_mass_ratio: float) -> tuple[float, float]:

@@ -8,10 +8,9 @@ import click
 import numpy as np
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import available_cores
 from impact_env.loads import Loads
-from impact_env.modes import Structure, modal_model
+from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, positive
 from optimisation.bounds import LEAST_REACH, design_force, reach
 from optimisation.cli import scene_options as scenes
@@ -23,19 +22,21 @@ from optimisation.cli.common import (
     uncertain_of,
     uncertain_option,
 )
-from optimisation.comparison import RESONANCES, WIDE_LIMITS
+from optimisation.comparison import RESONANCES
 from optimisation.designs import DesignSpace, design_space
 from optimisation.executors import cluster_option
 from optimisation.machine import conditions, peak_memory
 from optimisation.mounting import mounted
 from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
 from optimisation.problem import Problem
+from optimisation.sweep_range import find_common_range, split_frequencies
 from optimisation.variables import (
     FREE,
     FRICTION_LIMIT,
     GAP,
     IMPACT,
     MASS_RATIO,
+    POSITION,
     RESTITUTION,
     TUNED,
     VARIABLES,
@@ -53,16 +54,45 @@ def load_conditions(loads: Loads, spread: bool = False) -> tuple[Condition, ...]
 
 
 def make_conditions(
-    concept: str, at: list[tuple[int, float]], spread: bool = False
+    space: DesignSpace,
+    structure: Structure,
+    at: list[tuple[int, float]],
+    spread: bool = False,
 ) -> tuple[Condition, ...]:
-    """Return conditions; a tuned absorber is swept so wide that both of its peaks are seen."""
-    limits = WIDE_LIMITS if concept == TUNED else PAPER_LIMITS
+    """Return conditions that are swept over one range for all absorbers up to the heaviest of the space, see `optimisation.sweep_range`."""
     factors = np.geomspace(1 / 3, 3, RANGE_FORCES) if spread else np.ones(1)
+    ranges = {resonance: range_of(space, structure, resonance) for resonance, _ in at}
     return tuple(
-        Condition(resonance, force * float(factor), limits)
+        Condition(resonance, force * float(factor), ranges[resonance])
         for resonance, force in at
         for factor in factors
     )
+
+
+PLACES = 9  # of a free position, for which the range is found
+
+
+def range_of(space: DesignSpace, structure: Structure, resonance: int) -> tuple[float, float]:
+    """Return the range of the sweeps near a resonance, for the heaviest absorber of a space at any of its places.
+
+    A tuned absorber has to have both its peaks in it, also where other resonances are close.
+    """
+    free = {variable.name: variable for variable in space.free}
+    heaviest = free[MASS_RATIO].high if MASS_RATIO in free else space.default.values[MASS_RATIO]
+    models = [mounted(structure)]
+    if isinstance(structure, ModalModel) and POSITION in free:
+        models = [mounted(structure, k + 1) for k in range(len(structure.places))]
+    elif POSITION in free:
+        places = np.linspace(free[POSITION].low, free[POSITION].high, PLACES)
+        models = [mounted(structure, float(place)) for place in places]
+    low, high = find_common_range(models, heaviest, resonance)
+    if space.concept == TUNED:
+        ratio = heaviest * models[0].beam_mass
+        for model in models:
+            first, second = split_frequencies(ratio * float(model.tip_shape[resonance - 1]) ** 2)
+            low = min(low, 0.99 * first)
+            high = max(high, 1.01 * second)
+    return low, high
 
 
 KEPT = "Broken off; the study keeps what is finished."

@@ -164,7 +164,12 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
     loads = design.loads_in(given)
     spread = given["objective"] == "range"
     conditions = (
-        design.make_conditions(concept, design.forces_at(given, USUAL), spread)
+        design.make_conditions(
+            design.make_space(concept, given),
+            design.structure_of(given),
+            design.forces_at(given, USUAL),
+            spread,
+        )
         if loads is None
         else design.load_conditions(loads, spread)
     )

@@ -65,7 +65,9 @@ def make(against: str, given: dict[str, Any]) -> Problem:
     given["members"] = given["members"] or (QUICK_MEMBERS if given["quick"] else MEMBERS)
     return design.make_problem(
         IMPACT,
-        design.make_conditions(IMPACT, pairs) if loads is None else design.load_conditions(loads),
+        design.make_conditions(design.make_space(IMPACT, given), design.structure_of(given), pairs)
+        if loads is None
+        else design.load_conditions(loads),
         objectives,
         given,
     )

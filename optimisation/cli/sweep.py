@@ -16,7 +16,7 @@ from impact_env.laws import words
 from impact_env.level import MOST_SAMPLES
 from impact_env.loads import AnyDrive
 from impact_env.methods import PAPER_STEPS, Exact, Method, check_load, check_supported
-from impact_env.parameters import Beam, RigidWalls, TunedAbsorber, count
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbsorber, count
 from impact_env.response import Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
@@ -39,6 +39,7 @@ from optimisation.measures import SAMPLES, check_size, stress_shape
 from optimisation.progress import Bar
 from optimisation.report.sweep_report import Result, contract, describe_run, save_figure, summary
 from optimisation.signals import Told
+from optimisation.sweep_range import find_sweep_range
 
 FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
 SHORT = 2.0  # s: a run below this is timed three times
@@ -229,10 +230,21 @@ def make_drive(given: scenes.Options, scene: Scene) -> AnyDrive:
     """Return the force, or the loads of a file."""
     if given["load"] is None:
         scenes.warn_of_nodes(scene.model, given["resonance"])
-        return Drive(given["force"], scenes.make_schedule(given, scene), given["phase"])
+        wide = wide_range_of(scene, given["resonance"])
+        return Drive(given["force"], scenes.make_schedule(given | wide, scene), given["phase"])
     loads = scenes.loads_of(given["load"], scene.model, given["resonance"])
     check_size(scene, loads)
     return loads
+
+
+def wide_range_of(scene: Scene, resonance: int) -> dict[str, float]:
+    """Return the range of a sweep with an absorber heavier than the paper's, which the paper's range may miss; nothing where a range was given."""
+    absorber = scene.absorber
+    heavy = absorber is not None and absorber.mass_ratio > 1.05 * DEFAULT_MASS_RATIO
+    if absorber is None or not heavy or scenes.is_given("start") or scenes.is_given("stop"):
+        return {}
+    start, stop = find_sweep_range(scene.model, absorber.mass_ratio, resonance)
+    return {"start": start, "stop": stop}
 
 
 def default(text: str, value: object) -> str:
@@ -298,7 +310,7 @@ MEASURES_HELP = (
     type=float,
     default=PAPER_LIMITS[0],
     show_default=True,
-    help="First frequency over the resonance frequency.",
+    help="First frequency over the resonance frequency; with a heavier absorber than the paper's lower, and --to higher.",
 )
 @click.option("--to", "stop", type=float, default=PAPER_LIMITS[1], show_default=True, help=TO_HELP)
 @click.option("--periods", type=float, help="Length in pseudo periods at a constant frequency.")

@@ -14,8 +14,9 @@ from pathlib import Path
 
 from impact_env.modes import ModalModel
 from impact_env.parameters import SlidingAbsorber
+from optimisation.baselines import Baselines
 from optimisation.files import replacing, write_json
-from optimisation.gap_card import Baselines, Impacts
+from optimisation.gap_card import Impacts
 
 Json = dict[str, object]
 # colours in card.html; a curve of fewer points shows them

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from impact_env.ensemble import Threads
 from impact_env.frequency import coupled_receptance, tip_response
 from impact_env.parameters import Absorber, SlidingAbsorber, TunedAbsorber
+from optimisation.baselines import simulate_baselines
 from optimisation.comparison import IMPACT, NONE, Comparison, ResonanceComparison
 from optimisation.extremes import LEAST_RATIO
 from optimisation.files import numbers
@@ -16,7 +17,6 @@ from optimisation.gap_card import (
     EFFECTIVE_RATIO,
     Impacts,
     contiguous_range,
-    simulate_baselines,
 )
 from optimisation.insight import Levels
 from optimisation.measures import SHOWN, TOLD

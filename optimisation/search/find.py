@@ -27,7 +27,16 @@ from optimisation.evaluation import Clocked, evaluate
 from optimisation.machine import SEARCHING, fingerprint
 from optimisation.problem import Problem
 from optimisation.progress import Bar, runs_bar
-from optimisation.search.judge import AUDITED, Cost, Findings, Verdict, audit, more_modes, verdict
+from optimisation.search.judge import (
+    AUDITED,
+    Cost,
+    Findings,
+    Verdict,
+    audit,
+    more_modes,
+    verdict,
+    with_repaired,
+)
 from optimisation.search.ledger import Ledger, remembering
 from optimisation.search.noisy import NOISY, noisy_search
 from optimisation.search.settings import CMA, Evaluated, SearchSettings, default_settings
@@ -290,6 +299,7 @@ def _judged(
     problem = findings.problem
     concept = findings.problem.space.concept
     with bars.runs(f"{concept}: judging on fresh members") as show:
+        candidates = with_repaired(problem, candidates, executor, show)
         found: Verdict = verdict(problem, candidates, executor, progress=show)
     findings = replace(findings, verdict=found)
     if not plan.modes:

@@ -29,6 +29,7 @@ from optimisation.objectives import Condition, Score
 from optimisation.problem import Problem
 from optimisation.search.settings import Evaluated, seed_of
 from optimisation.statistics import Gain, ratio_of_quantiles
+from optimisation.variables import FRICTION_LIMIT, GAP, parts_of
 
 if TYPE_CHECKING:
     from optimisation.search.study import DesignStudy
@@ -153,6 +154,51 @@ def verdict(
         every, key=lambda one: (problem.penalised_cost(one.score), every.index(one))
     )  # of equal ones the search's
     return Verdict(best[chosen], winner, every[1], every[2], problem.objectives[0].share)
+
+
+REPAIRS = 8  # gaps that are tried for a design that breaks a constraint
+# of the gap that the scaling law gives for the broken constraint: the narrowest that is tried, and of the design's own the widest
+REPAIR_SPAN = (0.8, 1.05)
+
+
+def repaired(problem: Problem, candidates: Sequence[Evaluated]) -> list[Design]:
+    """Return designs to try where no candidate keeps the constraints: the one that breaks them least, with other gaps.
+
+    By the scaling law stroke and speeds go with the gap, so that a quantity s times its limit asks for a gap 1/s times as wide; friction limits go
+    with it. Empty where a candidate keeps all constraints, and for concepts without walls.
+    """
+    best = min(candidates, key=lambda e: (problem.penalised_cost(e.score), e.number))
+    gaps = [name for name in best.design.values if parts_of(name)[0] == GAP]
+    if best.score.feasible or best.score.failed or not gaps:
+        return []
+    factor = 1 / (1 + max(best.score.violations))
+    designs = []
+    for scale in np.geomspace(REPAIR_SPAN[0] * factor, REPAIR_SPAN[1], REPAIRS):
+        values = dict(best.design.values)
+        for name in values:
+            if parts_of(name)[0] in (GAP, FRICTION_LIMIT) and name not in problem.space.fixed:
+                values[name] *= float(scale)
+        designs.append(Design(best.design.concept, values))
+    return designs
+
+
+def with_repaired(
+    problem: Problem,
+    candidates: Sequence[Evaluated],
+    executor: Executor,
+    progress: Progress | None = None,
+) -> list[Evaluated]:
+    """Return the candidates and the `repaired` designs, run on the members of the search."""
+    designs = repaired(problem, candidates)
+    if not designs:
+        return list(candidates)
+    ensemble = problem.ensemble
+    number = 1 + max(e.number for e in candidates)
+    added = []
+    for k, measured in evaluate(problem, designs, ensemble, problem.rate, executor, progress):
+        score = problem.score(designs[k], measured, ensemble, problem.rate)
+        added.append(Evaluated(number + k, designs[k], score, 1))
+    return [*candidates, *sorted(added, key=lambda e: e.number)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -384,7 +384,7 @@ def _integrated(matrix: Real, c: Real, weighted: Real, low: float, high: float) 
 START_SHIFTS = tuple(
     itertools.product((-1.2, -0.8, -0.4, 0.0, 0.3, 0.6, 1.0), (-1.5, -0.5, 0.5, 1.5))
 )
-GRID_STARTS = 4
+GRID_STARTS = 2
 _REFUSED = 1e3  # objective (log of the score) of a design that the range cannot score
 
 Array = NDArray[np.float64]

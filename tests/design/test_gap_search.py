@@ -7,14 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 from commands import done
 
-from impact_env import Beam, ParameterError, modal_model
+from impact_env import Beam, ParameterError, SlidingAbsorber, modal_model
 from impact_env.curve import performance_curve
 from impact_env.scene import Scene
+from optimisation.baselines import find_best_damper
 from optimisation.bounds import free_amplitude
 from optimisation.friction_rule import scaled_friction
-from optimisation.gap_advice import Advice, advise
+from optimisation.gap_advice import Advice, Limits, advise
+from optimisation.gap_card import estimate, speed_for_pressure
 from optimisation.gap_check import scaled_absorber
 from optimisation.gap_search import (
     PAIRS,
@@ -25,9 +28,11 @@ from optimisation.gap_search import (
     worst_level,
 )
 from optimisation.statistics import predict
+from optimisation.sweep_range import find_sweep_range
+from optimisation.tuned import den_hartog, peaks, smallest_amplitude
 from studies.cli import check_gaps
 from studies.cli.check_gaps import judged
-from studies.structures import CASES, frame, plate, storeys
+from studies.structures import CASES, HARD_CASES, Case, frame, plate, storeys
 
 MODEL = modal_model(Beam(modes=3))
 
@@ -130,6 +135,101 @@ def test_no_gap_helps_is_an_answer_of_the_simulation() -> None:
         advise(model, 5.0, 1, light, members=1, percent_per_100_periods=20.0)
 
 
+def test_answers_keep_limits_on_stroke_and_impact_speed() -> None:
+    model = modal_model(Beam(modes=2))
+    settings = {"members": 1, "percent_per_100_periods": 40.0}
+    free = advise(model, 3.5, **settings)
+    stroke = 0.9 * free.recommended.gap
+    narrow = advise(model, 3.5, limits=Limits(stroke=stroke), **settings)
+    assert max(narrow.check.gaps) <= stroke * (1 + 1e-12)
+    assert narrow.recommended.gap <= stroke * (1 + 1e-12)
+    fast = advise(model, 3.5, limits=Limits(impact_speed=10.0), **settings)
+    most = 0.9 * fast.recommended.impact_speed
+    slow = advise(model, 3.5, limits=Limits(impact_speed=most), **settings)
+    assert fast.recommended.gap == free.recommended.gap
+    if slow.keeps_limits:
+        assert slow.recommended.impact_speed <= most
+    else:  # no gap that ran keeps it
+        assert min(slow.samples.excess.values()) > 0
+
+
+def test_a_limit_leaves_gaps_out() -> None:
+    """The lowest level breaks the limit; of the others the lowest is chosen."""
+    levels = {0.0: [1.0], 2.0: [1.2], 4.0: [1.5]}
+    samples = LevelSamples({n: np.array(x) for n, x in levels.items()}, excess={0.0: 0.1})
+    assert find_best(samples, 0.0) == (2.0, 2.0)
+    samples.excess = {0.0: 0.1, 2.0: 0.4, 4.0: 0.3}
+    assert find_best(samples, 0.0)[0] == 0.0  # breaks it least
+
+
+def test_a_damper_is_found_beside_a_poor_estimate() -> None:
+    for offset in (-0.6, 0.0, 0.3, 1.2):
+
+        def level(limit: float, offset: float = offset) -> float:
+            return 1.0 + 0.2 * (math.log(limit) - offset) ** 2
+
+        limit, found = find_best_damper(level, 1.0)
+        assert found <= 1.03
+        assert level(limit) == found
+
+
+def test_impact_speed_of_a_pressure_is_the_estimates_inverse() -> None:
+    speed = speed_for_pressure("steel", "pom", 0.05, 0.03, 80e6)
+    assert estimate("steel", "pom", 0.05, 0.03, speed).pressure == pytest.approx(80e6)
+
+
+@pytest.mark.parametrize("case", HARD_CASES[:1], ids=lambda case: case.name)
+def test_tuned_absorber_beside_a_close_resonance_is_the_best_of_a_grid(case: Case) -> None:
+    """Largest amplitude over the common range against a grid of springs and dampers, each solved as two bodies more."""
+    model = case.model()
+    low, high = find_sweep_range(model, case.mass_ratio, case.resonance)
+    mass = case.mass_ratio * model.beam_mass
+    omega_r = model.resonance_omega(case.resonance)
+    omega = omega_r * np.linspace(low, high, 1500)
+    terms = (
+        model.omega**2
+        - omega[:, None] ** 2
+        + 2j * model.damping_ratio * model.omega * omega[:, None]
+    )
+
+    def receptance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.sum(a * b / terms, axis=1)
+
+    tip, read, force = model.tip_shape, model.level_shape, model.force_shape
+    own, to_read, from_force, free = (
+        receptance(*pair) for pair in ((tip, tip), (read, tip), (tip, force), (read, force))
+    )
+
+    def largest(stiffness: float, damping: float) -> float:
+        spring = stiffness + 1j * omega * damping
+        inertia = mass * omega**2
+        reaction = spring * inertia / (spring - inertia)
+        return float(np.max(np.abs(free + to_read * reaction * from_force / (1 - own * reaction))))
+
+    found = smallest_amplitude(model, case.mass_ratio, case.resonance, low, high)
+    grid = [
+        largest(mass * (ratio * omega_r) ** 2, 2 * mass * ratio * omega_r * share)
+        for ratio in np.linspace(0.7, 1.3, 31)
+        for share in np.geomspace(0.01, 0.6, 22)
+    ]
+    assert largest(found.stiffness, found.damping) <= 1.01 * min(grid)
+
+
+def test_range_holds_the_stuck_resonance_and_both_peaks() -> None:
+    model = modal_model(Beam())
+    for mass_ratio, resonance in ((0.02, 1), (0.08, 1), (0.1, 2)):
+        low, high = find_sweep_range(model, mass_ratio, resonance)
+        added = mass_ratio * model.beam_mass * np.outer(model.tip_shape, model.tip_shape)
+        stiffness = np.diag(model.omega**2)
+        squares = scipy.linalg.eigh(stiffness, np.eye(model.modes) + added, eigvals_only=True)
+        stuck = np.sqrt(squares[resonance - 1]) / model.omega[resonance - 1]
+        assert low < stuck < high
+        tuned = den_hartog(model, mass_ratio, resonance)
+        for _, ratio in peaks(model, tuned, resonance, 0.3, 1.7):
+            assert low < ratio < high
+    assert find_sweep_range(model, 0.001) == pytest.approx((0.9, 1.06), abs=0.005)
+
+
 def test_a_tolerance_is_that_of_neighbouring_gaps() -> None:
     """level(k f, g) = k level(f, g/k), by simulation of a device under 0.9 and 1.1 times the force."""
     absorber = scaled_absorber(MODEL, 6.0)
@@ -206,13 +306,21 @@ def test_structures_of_the_study_are_those_of_the_books() -> None:
     np.testing.assert_allclose(chain.omega, np.sqrt(np.linalg.eigvalsh(stiffness) / 1e3))
 
 
-def test_a_scan_judges_both_answers_by_their_own_criteria(advice: Advice) -> None:
-    at = np.arange(-0.5, 0.6, 0.05)
-    row = judged(CASES[0], advice, at, np.where(at < -0.01, 3.0, 1.0) * np.exp(at), 1.2, 1.0)
-    assert row["best"] == pytest.approx(1.0)
-    assert row["expected"] == pytest.approx(1.2, rel=1e-6)
-    sharp = advice.sharp.gap / advice.check.rule
-    assert row["sharp"] == pytest.approx((3.0 if sharp < 0.99 else 1.0) * sharp, rel=0.06)
+def test_a_scan_judges_both_answers_by_fresh_runs(advice: Advice) -> None:
+    """Levels that are known: in proportion to the gap above the rule's, three times as high below; every run alike."""
+
+    def levels(devices: list[SlidingAbsorber], factors: list[float], runs: int) -> np.ndarray:
+        gaps = np.array([device.walls.gap for device in devices]) / advice.check.rule
+        ratio = gaps[:, None] / np.array(factors)
+        level = np.where(ratio < 0.999, 3.0, 1.0) * ratio * np.array(factors)
+        return np.repeat(level[:, :, None], runs, axis=2)
+
+    gaps = advice.check.rule * np.exp(np.arange(-0.5, 0.6, 0.05))
+    row = judged(CASES[0], advice, gaps, levels, 4)
+    assert row["best"] == pytest.approx(math.exp(0.1))  # the next above 1.1 times the rule's
+    assert 0 <= row["coverage"] <= 1
+    (own,) = levels([advice.sharp.absorber], [1.0], 1)
+    assert row["sharp"] == pytest.approx(float(own[0, 0]))
 
 
 def test_the_table_stands_on_its_page(tmp_path: Path) -> None:
@@ -235,8 +343,6 @@ def test_the_table_stands_on_its_page(tmp_path: Path) -> None:
     done(check_gaps, *line)
     rows = json.loads(numbers.read_text())["rows"]
     assert [row["name"] for row in rows] == ["floor panel, simply supported", "measured bracket"]
-    assert all(
-        row["sweeps"] <= 40 and min(row["sharp"], row["recommended"]) > 1 - 1e-9 for row in rows
-    )
+    assert all(row["sweeps"] <= 40 and min(row["sharp"], row["recommended"]) > 0.3 for row in rows)
     assert "old" not in page.read_text()
     assert "of 2, worst" in page.read_text()

@@ -36,8 +36,10 @@ from optimisation.measures import (
     turning_points,
 )
 from optimisation.mounting import mounted
-from optimisation.objectives import Condition, Constraint, Objective, range_width
+from optimisation.objectives import Condition, Constraint, Objective, Score, range_width
 from optimisation.problem import FAILED, PENALTY, Problem
+from optimisation.search.judge import repaired, with_repaired
+from optimisation.search.settings import Evaluated
 
 FIRST = Condition(1, 3.5)
 BOTH = (FIRST, Condition(2, 35.0))
@@ -206,7 +208,7 @@ def test_best_gap_scales_with_the_force_and_lies_at_the_rule() -> None:
     found = []
     for scale in (1, 2):
         problem = small(
-            conditions=(Condition(1, 3.5 * scale),), beam=Beam(modes=3), members=1, rate=10.0
+            conditions=(Condition(1, 3.5 * scale),), beam=Beam(modes=3), members=1, rate=3.0
         )
         values = {
             "restitution": 0.7,
@@ -223,7 +225,7 @@ def test_best_gap_scales_with_the_force_and_lies_at_the_rule() -> None:
             ]
         )
     np.testing.assert_allclose(found[1], found[0], rtol=1e-9)
-    assert 0.75 < factors[np.argmin(found[0])] < 1.35
+    assert 0.75 < factors[np.argmin(found[0])] < 1.7
     assert min(found[0]) < 0.6 * max(found[0])
 
 
@@ -241,6 +243,36 @@ def test_constraints_are_the_worst_of_all_runs() -> None:
     )
     assert failed.failed
     assert problem.penalised_cost(failed) > problem.penalised_cost(score)
+
+
+def test_a_stroke_limit_cuts_the_space_of_gaps() -> None:
+    """Between rigid walls the stroke is the gap: the widest gap of the space is the limit, also where the rule's gap is wider."""
+    problem = small(constraints=(Constraint("stroke", 0.6e-3),))
+    gap = [v.name for v in problem.space.free].index("gap")
+    shares = [0.5] * len(problem.space.free)
+    shares[gap] = 1.0
+    assert problem.space.at(shares).values["gap"] == pytest.approx(0.6e-3)
+    assert problem.space.default.values["gap"] <= 0.6e-3
+    assert small().space.at(shares).values["gap"] > 0.6e-3
+
+
+def test_the_least_bad_design_is_tried_with_other_gaps() -> None:
+    """A quantity at 1.5 times its limit: gaps around 1/1.5 of the design's, friction in proportion; a design that keeps all is left alone."""
+    problem = small(constraints=(Constraint("impact_speed", 0.5),), members=1, rate=40.0)
+    design = problem.space.default
+    bad = Evaluated(3, design, Score((0.5,), (0.5,)), 1)
+    worse = Evaluated(4, problem.space.paper, Score((0.2,), (0.9,)), 1)
+    designs = repaired(problem, [worse, bad])
+    scales = np.array([one.values["gap"] / design.values["gap"] for one in designs])
+    assert scales.min() < 1 / 1.5 < scales.max()
+    np.testing.assert_allclose(
+        [one.values["friction_limit"] for one in designs],
+        scales * design.values["friction_limit"],
+    )
+    every = with_repaired(problem, [worse, bad], Threads(1))
+    assert [one.number for one in every[2:]] == list(range(5, 5 + len(designs)))
+    good = Evaluated(5, design, Score((0.5,), (-0.1,)), 1)
+    assert repaired(problem, [bad, good]) == []
 
 
 # Designs in arrays for other people's optimisers, and the worked examples with those, where they are installed.

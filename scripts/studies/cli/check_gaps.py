@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 
-from impact_env import CoulombFriction, Drive, Scene, SlidingAbsorber, simulate
-from impact_env.drive import linear_sweep
+from impact_env import Drive, Scene, SlidingAbsorber, simulate
+from impact_env.drive import default_rate, linear_sweep
 from impact_env.ensemble import Executor, Lane, each_lane
 from optimisation.cli.common import command, plain_errors
 from optimisation.executors import cluster_option, workers
@@ -36,11 +36,11 @@ FORCE = 1.0  # N; it does not matter, as gap and friction are in proportion to i
 FACTORS = (1 - TOLERANCE, 1.0, 1 + TOLERANCE)  # of the force, each simulated
 # of ln gap from where a search starts; half a step off the gaps that a search tries
 STEP = 0.1
-FROM = -1.225
-TO = 1.1
-CANDIDATES = 5  # gaps of the scan that are run again
-CANDIDATE_RUNS = 5
-JUDGES = 16  # runs with new phases for each gap that is compared
+FROM = -0.725
+TO = 0.8
+CANDIDATES = 4  # gaps of the scan that are run again
+CANDIDATE_RUNS = 4
+JUDGES = 12  # runs with new phases for each gap that is compared
 SEED = 2026
 
 
@@ -125,7 +125,9 @@ def scaled(absorber: SlidingAbsorber, gap: float) -> SlidingAbsorber:
     return replace(
         absorber,
         walls=replace(walls, gap=gap),
-        friction=None if friction is None else CoulombFriction(friction.limit * gap / walls.gap),
+        friction=None
+        if friction is None
+        else replace(friction, limit=friction.limit * gap / walls.gap),
     )
 
 
@@ -137,7 +139,8 @@ def judged(case: Case, found: Advice, gaps: Array, levels: LevelsOf, judges: int
 
     ``recommended``: the largest median level of the recommended device over three forces, over the lowest such of the scan; ``sharp``: its median
     level over the lowest of the scan. Both are of ``judges`` fresh runs, also of the scan's own gaps. ``coverage``: share of the fresh runs of both
-    devices in their 90 % intervals. ``best`` is the scan's best gap for three forces over the rule's; ``relative``: its level over that without absorber.
+    devices in their 90 % intervals. ``best`` is the scan's best gap for three forces over the rule's; ``relative``: its level over that without
+    absorber.
     """
     sharp = there(found.sharp)
     recommended = there(found.recommended)
@@ -192,7 +195,11 @@ SHARP_TOLERATED = 1.15
 
 def table(measured: Measured) -> str:
     """Return a line for each case, how many are good, and the worst."""
-    found = measured.values["rows"]
+    order = [(case.name, case.resonance, case.mass_ratio) for case in CASES + HARD_CASES]
+    rows_by_name = {
+        (r["name"], r["resonance"], r["mass_ratio"]): r for r in measured.values["rows"]
+    }
+    found = [rows_by_name[key] for key in order if key in rows_by_name]
     columns = {
         "structure": "{name}",
         "resonance": "{resonance}",
@@ -246,6 +253,11 @@ STUDY: Study[GapSettings] = Study(
 )
 
 
+def by_run_time(cases: Sequence[Case]) -> tuple[Case, ...]:
+    """Return cases with the shortest sweeps first."""
+    return tuple(sorted(cases, key=lambda case: -default_rate(case.model(), (case.resonance,))))
+
+
 @command()
 @click.option("--quick", is_flag=True, help="A look: two structures, with a coarse scan.")
 @click.option(
@@ -285,7 +297,7 @@ def main(
             "threads": given["threads"] if found is None else None,
         }
         settings = GapSettings(
-            tuple(CASES[k] for k in QUICK_CASES) if quick else CASES + HARD_CASES,
+            tuple(CASES[k] for k in QUICK_CASES) if quick else by_run_time(CASES + HARD_CASES),
             step=QUICK_STEP if quick else STEP,
             executor=found,
             **given,

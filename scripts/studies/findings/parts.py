@@ -11,18 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from impact_env.drive import PAPER_RATE
+from impact_env.drive import PAPER_LIMITS, PAPER_RATE
 from impact_env.ensemble import Executor, Threads
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, RigidWalls
 from optimisation.bounds import design_force, design_gap
-from optimisation.cli.design_options import make_conditions
+from optimisation.comparison import WIDE_LIMITS
 from optimisation.designs import Design, design_space
 from optimisation.evaluation import evaluate
 from optimisation.files import number, read_json
 from optimisation.friction_rule import best_friction
 from optimisation.insight import Levels, detuned, levels, member_levels, over_force, with_gaps
 from optimisation.machine import peak_memory
+from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.progress import Bar, runs_bar
 from optimisation.report.design_tables import limit, summary
@@ -63,6 +64,12 @@ DENSE = 60
 LEAST = 2
 PAIRS = 1.5  # times the designs for a pair of absorbers: with as many as for one its search ends above two equal halves
 SPAN = 5.0  # curves reach from a force over this to the force times this
+
+
+def make_conditions(concept: str, at: Sequence[Point]) -> tuple[Condition, ...]:
+    """Return conditions over the paper's range; a tuned absorber is swept so wide that both of its peaks are seen."""
+    limits = WIDE_LIMITS if concept == TUNED else PAPER_LIMITS
+    return tuple(Condition(resonance, force, limits) for resonance, force in at)
 
 
 @dataclass(frozen=True)
