@@ -93,7 +93,7 @@ def test_study_holds_every_concept_near_both_resonances(study: Comparison) -> No
     assert impact["absorber"] == {
         "mass_ratio": 0.02,
         "walls": {"gap": 1e-3, "restitution": 0.7},
-        "friction": {"limit": 0.1},
+        "friction": {"limit": 0.1, "static_ratio": 1.0},
         "gravity": 0.0,
     }
     assert impact["optimum"]["force_n"] in part["forces_n"]

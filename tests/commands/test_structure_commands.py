@@ -198,7 +198,7 @@ def test_a_device_goes_to_other_commands(monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert impact == {
         "mass_ratio": 0.015,
         "walls": {"gap": 7e-4, "restitution": 0.55},
-        "friction": {"limit": 0.03},
+        "friction": {"limit": 0.03, "static_ratio": 1.0},
         "gravity": 0.0,
     }
     model, (first, second) = mounted(beam), (found["resonances"][k]["concepts"] for k in ("1", "2"))
