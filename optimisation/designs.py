@@ -344,8 +344,9 @@ def design_space(
     lacks, and for bounds that are empty or inverted.
     """
     known = _known(concept)
+    fixed = {} if fixed is None else instance("fixed", fixed, Mapping)
     names = (
-        tuple(name for name in FREE[concept] if fixed is None or name not in fixed)
+        tuple(name for name in FREE[concept] if name not in fixed)
         if free is None
         else tuple(one_of("free variables", name, known) for name in listed("free variables", free))
     )
@@ -367,4 +368,4 @@ def design_space(
         v.within(*two(f"bounds of {v.name}", bounds[v.name])) if v.name in bounds else v
         for v in variables
     )
-    return DesignSpace(concept, chosen, {} if fixed is None else fixed)
+    return DesignSpace(concept, chosen, fixed)
