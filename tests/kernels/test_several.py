@@ -333,8 +333,10 @@ def test_measures_of_a_design_see_every_absorber() -> None:
     )
     assert of_motion(STROKE, response) == np.max(np.abs(relative_displacement(response)))
     speed = response.history.absorber_velocity[:, 0] - response.history.tip_velocity
+    time = response.history.time
+    late = time >= time[-1] / 2  # of so short a run the first half is left out
     assert of_motion(FRICTION_HEAT, response) == pytest.approx(
-        0.05 * np.mean(np.abs(speed)), rel=1e-12
+        0.05 * np.mean(np.abs(speed[late])), rel=1e-12
     )
 
 
