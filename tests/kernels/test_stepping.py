@@ -405,6 +405,20 @@ def test_friction_of_moreau_s_scheme_brakes_by_its_limit() -> None:
 
 
 @pytest.mark.plain
+def test_an_impact_of_moreau_s_scheme_has_the_restitution_of_its_wall() -> None:
+    """A body of 1 kg on a base at rest turns at a wall with a share of its velocity and loses the rest of its energy."""
+    response = run(
+        Scene(steady_base(), impact_absorber(1e-3, 0.7, mass_ratio=1.0)),
+        still(0.06),
+        Moreau(2000),
+        InitialState(absorber_velocity=0.05),
+    )
+    assert response.impact_count == 1
+    assert response.end_state[3] == pytest.approx(-0.7 * 0.05, rel=1e-12)
+    assert response.energy.impact_loss == pytest.approx((1 - 0.7**2) * 0.05**2 / 2, rel=1e-9)
+
+
+@pytest.mark.plain
 def test_friction_of_runge_kutta_s_scheme_brakes_by_its_limit() -> None:
     """The same with a slider so stiff that its spring hardly counts: closed form with it."""
     limit = 0.02

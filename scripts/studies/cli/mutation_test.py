@@ -27,7 +27,7 @@ from studies.study import lines
 FAULTS = ROOT / "tests" / "mutations.toml"
 COPIED = ("impact_env", "optimisation", "scripts", "tests", "docs", "pyproject.toml", "README.md")
 MARKER = "mutations"
-MOST_SECONDS = 300  # of one run of the tests: a fault that makes a run endless counts as caught
+MOST_SECONDS = 100  # of one run of the tests: a fault that makes a run endless counts as caught
 CAUGHT = "caught"
 SURVIVES = "SURVIVES"
 EXPECTED = "survives, as explained"
