@@ -29,6 +29,7 @@ from impact_env import (
     InitialState,
     ModalModel,
     Record,
+    RigidWalls,
     RungeKutta,
     Scene,
     SlidingAbsorber,
@@ -87,6 +88,14 @@ def test_bouncing_between_fixed_walls(restitution: float) -> None:
     np.testing.assert_allclose(
         impacts.energy_lost, (1 - restitution**2) * speeds**2 / 2, rtol=1e-12, atol=1e-20
     )
+
+
+@pytest.mark.plain
+def test_a_free_absorber_falls_by_its_weight() -> None:
+    absorber = SlidingAbsorber(1.0, RigidWalls(1.0, 0.7), gravity=9.81)
+    response = run(Scene(steady_base(), absorber), still(0.1), initial=InitialState())
+    assert response.end_state[1] == pytest.approx(-9.81 * 0.1**2 / 2, rel=1e-12)
+    assert response.end_state[3] == pytest.approx(-9.81 * 0.1, rel=1e-12)
 
 
 def test_an_impact_shares_momentum_with_a_free_base() -> None:
