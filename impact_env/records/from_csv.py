@@ -98,6 +98,12 @@ def _read_head(file: Path, lines: Sequence[str], options: RecordOptions) -> Text
     """Return header and separator of a table; raises ParameterError for what stands before the numbers and is no header."""
     first = next((k for k, line in enumerate(lines) if _is_numeric(line)), None)
     if first is None:
+        filled = [k for k, line in enumerate(lines) if line.strip()]
+        if len(filled) > 1 and re.search(r"\d", lines[filled[-1]]):
+            k = filled[-1]
+            raise ParameterError(
+                f"{file.name}: row {k + 1} = {lines[k].strip()[:60]!r} is not allowed: rows of real numbers alone below the header, no dates"
+            )
         raise ParameterError(
             f"{file.name}: rows of numbers = 0 is not allowed: {HEADER}, and two samples or more"
         )

@@ -52,7 +52,7 @@ def _choose_unit(
             )
         return own
     if unknown is not None and wanted is None:
-        allowed = f"a unit of {dimension} at the end, as {EXAMPLES[dimension]}, or the load's {key}"
+        allowed = f"a unit of {dimension} in brackets or at the end, as {EXAMPLES[dimension]}, or the load's {key}"
         raise ParameterError(f"{file.name}: unit = {unknown!r} is not allowed: {allowed}")
     return wanted
 

@@ -35,7 +35,10 @@ class Unit:
         return self.dimension == other.dimension and same
 
 
-LENGTHS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "inch": 0.0254, "ft": 0.3048}
+LENGTHS = {
+    "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "inch": 0.0254, "ft": 0.3048,
+    "um": 1e-6, "nm": 1e-9, "km": 1e3,
+}  # fmt: skip
 TIMES = {
     "s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0,
     "ms": 1e-3, "msec": 1e-3, "millisecond": 1e-3, "milliseconds": 1e-3,
@@ -60,17 +63,23 @@ OTHERS = (
     "g2/Hz", "N2/Hz", "m2/s4/Hz", "counts", "lsb",
 )  # fmt: skip
 LENGTH_OVER_TIME_SQUARED = re.compile(
-    r"(mm|cm|m|inch|in|ft)(?:/\(?s(?:ec)?2\)?|/s(?:ec)?/s(?:ec)?|[.*/]?s(?:ec)?-2)", re.IGNORECASE
+    r"(mm|cm|um|nm|km|m|inch|in|ft)"
+    r"(?:/\(?s(?:ec)?2\)?|/s(?:ec)?/s(?:ec)?|[.*/]?s(?:ec)?-2|ps2)",
+    re.IGNORECASE,
 )
-
-
+PER = re.compile(r"[\s_]+per[\s_]+", re.IGNORECASE)
 MULTIPLE = re.compile(r"(\d+\.?\d*(?:[eE][+-]?\d+)?)([a-zA-Z].*)")  # as in 0.1 g
 
 
 def _plain_text(text: str) -> str:
-    """Return a unit's text in one form: superscripts as digits, the sign of micro as u, without spaces, powers' signs and outer brackets."""
+    """Return a unit's text in one form.
+
+    Superscripts are digits, the sign of micro is u and per a slash; spaces and powers' signs are left out.
+    """
     found = (
-        unicodedata.normalize("NFKC", text.strip()).replace("\u03bc", "u").replace("\u2212", "-")
+        unicodedata.normalize("NFKC", PER.sub("/", text.strip()))
+        .replace("\u03bc", "u")
+        .replace("\u2212", "-")
     )
     found = found.replace("**", "").replace("^", "").replace("·", "*").replace("⋅", "*")
     return "".join(found.split()).replace("_", "/")
@@ -82,6 +91,13 @@ def _in_table(table: dict[str, float], text: str) -> float | None:
         return table[text]
     alike = [factor for name, factor in table.items() if name.casefold() == text.casefold()]
     return alike[0] if len(alike) == 1 else None
+
+
+def _has_two_meanings(text: str) -> bool:
+    """Return whether a text, in other letters, is two units, as mn is millinewton and meganewton."""
+    plain = _plain_text(text)
+    alike = [name for name in FORCES if name.casefold() == plain.casefold()]
+    return plain not in FORCES and len(alike) > 1
 
 
 def find_unit(text: str) -> Unit | None:
@@ -139,6 +155,9 @@ DENSITY = re.compile(
 )  # powers without their sign
 SEPARATOR = re.compile(r"[\s_,;:/|-]+")
 CLOSING = {"(": ")", "[": "]", "{": "}", "<": ">"}
+PREFIX = re.compile(  # of a unit, in a word of its own
+    r"(?<![a-z])(?:nano|micro|milli|centi|deca|kilo|mega)$", re.IGNORECASE
+)
 POWERS = "^*/²0123456789"  # after a bracket: it is a part of a unit
 MOST_WORDS = 3  # of a unit whose parts are separated, as m_s2
 LOADS = (TIME, ACCELERATION, FORCE)
@@ -206,7 +225,17 @@ def read_label(text: str) -> Label:
         return Label(label, label, alone)
     for separator in SEPARATOR.finditer(label):  # the longest tail first: m/s^2 before s^2
         tail = label[separator.end() :].strip()
-        unit = find_unit(tail) if tail and separator.start() > 0 else None
+        if not tail or separator.start() == 0:
+            continue
+        before = label[: separator.start()]
+        unit = find_unit(tail)
+        prefix = PREFIX.search(before)
+        if unit is not None and prefix is not None:
+            return Label(label, before, None, label[prefix.start() :])
+        # a number is a factor after a slash, as in t / 0.1 ms; the 2 of "Ch 2 g" may be a channel's
+        is_factor = MULTIPLE.fullmatch(_plain_text(tail)) is None or "/" in separator[0]
         if unit is not None:
-            return Label(label, label[: separator.start()], unit)
+            return Label(label, before, unit if is_factor else None, None if is_factor else tail)
+        if _has_two_meanings(tail):
+            return Label(label, before, None, tail)
     return Label(label, label, None, _unit_between(label))

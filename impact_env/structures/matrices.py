@@ -50,13 +50,12 @@ def checked(name: str, matrix: Any, size: int | None = None) -> Any:
         shape,
         "a square matrix" if size is None else f"{size} by {size}, as the mass matrix",
     )
-    values = found.data if scipy.sparse.issparse(found) else found
-    require(
-        found.dtype.kind in "iuf" and bool(np.all(np.isfinite(values))),
-        name,
-        shape,
-        "finite real numbers in all entries",
-    )
+    finite = "finite real numbers in all entries"
+    require(found.dtype.kind in "iuf", name, shape, finite)
+    rows, columns, values = _entries(found)
+    for i in np.flatnonzero(~np.isfinite(values))[:1]:
+        place = f"a matrix with {values[i]} in row {rows[i]}, column {columns[i]}"
+        require(False, name, place, f"{finite} (rows and columns are counted from 0)")
     found = found.astype(np.float64)
     largest = float(abs(found).max())
     require(largest > 0, name, "a matrix of zeros", "entries other than 0")

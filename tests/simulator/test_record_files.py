@@ -72,6 +72,10 @@ READ_TABLES: dict[
     "a row of units": (table("Time,Channel A\n(ms),(g)\n", 1e3 * TIMES), G),
     "a multiple": (table("time (s),acc (0.1 g)"), 0.1 * G),
     "negative powers": (table("time (s),acc (m·s⁻²)"), 1.0),
+    "micrometres": (table("time (s),acc µm/s²"), 1e-6),
+    "per": (table("time_s,acc_mm_per_s2"), 1e-3),
+    "ps2": (table("time_s,acc_mmps2"), 1e-3),
+    "a factor after a slash": (table("t / 0.1 ms,a / m/s²", 1e4 * TIMES), 1.0),
     "units first": (table("(ms) time,(g) acc", 1e3 * TIMES), G),
     "units between": (table("time (ms) from start,acc (g) front", 1e3 * TIMES), G),
     "two brackets": (table("time (s),acc (front) [g]"), G),
@@ -106,6 +110,14 @@ def refuse(folder: Path, content: object, name: str, message: str, more: str = "
     with pytest.raises(ParameterError, match=message) as caught:
         record(folder, content, name, more)
     assert "\n" not in str(caught.value)
+
+
+def test_small_letters_do_not_make_a_meganewton_a_millinewton(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(table("t_s,force_mn"), encoding="utf-8")
+    load = "[load]\nkind = 'samples'\nfile = 'a.csv'\n"
+    (tmp_path / "load.toml").write_text(load, encoding="utf-8")
+    with pytest.raises(ParameterError, match="unit = 'mn'"):
+        read_loads(tmp_path / "load.toml", 250.0)
 
 
 def test_forces_have_units_too(tmp_path: Path) -> None:
@@ -159,7 +171,7 @@ REFUSED_TABLES: dict[str, tuple[bytes | str, str, str]] = {  # a table, keys of 
     "a displacement by name": (table("t_s,displacement"), "", "column = 'displacement'"),
     "volts": (table("Time,A\n(ms),(V)\n"), "", "unit = 'V'"),
     "an unknown unit": (table("t_s,a (foo)"), "", "unit = 'foo'"),
-    "an unknown unit of time": (table("time (tick),a"), "", "unit = 'tick' .*time at the end, as s, ms"),
+    "an unknown unit of time": (table("time (tick),a"), "", "unit = 'tick' .*time in brackets or at the end, as s, ms"),
     "a unit among words": (table("t_s,acc_g_front"), "", "unit = 'g'"),
     "a unit of two words": (table("t_s,acc m_s2 front"), "", "unit = 'm_s2'"),
     "a unit of time among words": (table("time ms rel,a"), "", "unit = 'ms'"),
@@ -174,6 +186,11 @@ REFUSED_TABLES: dict[str, tuple[bytes | str, str, str]] = {  # a table, keys of 
     "a unit that is none": (PLAIN, "unit = 'N'", r"load\.unit = 'N'"),
     "a unit of time that is none": (PLAIN, "time_unit = 'g'", r"load\.time_unit = 'g'"),
     "a unit in a comment": ("# unit: g\n" + PLAIN, "", "row 1 = 'unit: g'"),
+    "a channel's number before a unit": (table("t_s,Accel 2 m/s^2"), "", r"unit = '2 m/s\^2' .*in brackets"),
+    "a range before a unit": (table("t_s,acc_50g"), "", "unit = '50g'"),
+    "a prefix in a word of its own": (table("t_s,acc milli-g"), "", "unit = 'milli-g'"),
+    "dates of ISO 8601": ("time,a\n2020-01-01T00:00:00,1\n2020-01-01T00:00:01,2\n", "", "row 3 = '2020-.*no dates"),
+    "complex numbers": ("t_s,a\n0,1+2j\n1,1-2j\n", "", r"row 3 = '1,1-2j' .*real numbers"),
     "no channel": (THREE, "", r"load\.channel = None .*1 'a \(g\)', 2 'b \(mm/s2\)'"),
     "no such channel": (THREE, "channel = 3", r"load\.channel = 3 .*1 'a \(g\)', 2"),
     "no such name": (THREE, "channel = 'c'", r"load\.channel = 'c'"),

@@ -347,6 +347,7 @@ def test_a_wrong_matrix_is_one_line_with_the_file(case: str, tmp_path: Path) -> 
         ({"K": np.eye(3, dtype=complex)}, "finite real numbers"),
         ({"K": np.eye(3, dtype=bool)}, "finite real numbers"),
         ({"K": np.eye(3).astype("m8[s]")}, "finite real numbers"),
+        ({"K": np.diag([1.0, np.nan, 1.0])}, "nan in row 1, column 1"),
         ({"K": np.eye(3)[:2]}, "3 by 3"),
         ({"K": np.ones(3)}, "3 by 3"),
         ({"K": 1e200 * np.eye(3)}, "a largest entry from"),
