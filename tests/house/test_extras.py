@@ -88,11 +88,11 @@ def test_what_only_one_function_needs_is_named_by_it() -> None:
         "task_of('', {})": "gymnasium",
         "read()": "yaml",
         "evolve(*[None] * 7)": "cmaes",
-        "read_record(Path('.'))": "pyuff",
+        "_read_datasets(Path('.'))": "pyuff",
     }
     code = "from pathlib import Path\nfrom optimisation.rl.models import recurrent\nfrom optimisation.rl.demonstrations import _minari\n"
     code += "from optimisation.rl.families import task_of\nfrom optimisation.rl.hyperparameters import read\n"
-    code += "from studies.admission import evolve\nfrom impact_env.structures.universal import read_record\n"
+    code += "from studies.admission import evolve\nfrom impact_env.records.from_uff import _read_datasets\n"
     packages = list(calls.values())
     code += (
         TRY.format(packages=packages, modules=[])
