@@ -382,7 +382,7 @@ class CoulombFriction:
         keep_checked(
             self,
             limit=labelled("friction limit", partial(positive, least=LEAST_LIMIT)),
-            static_ratio=labelled("static friction ratio", ratio),
+            static_ratio=ratio,
         )
 
 
@@ -533,7 +533,7 @@ class SeveralAbsorbers:
             require(
                 not isinstance(absorber.friction, CoulombFriction)
                 or absorber.friction.static_ratio == 1,
-                "static friction ratio",
+                "static_ratio",
                 getattr(absorber.friction, "static_ratio", None),
                 "1 among several absorbers",
             )
@@ -589,7 +589,7 @@ def friction_law(
     if stiffness is None:
         return CoulombFriction(limit, static_ratio)
     allowed = "left out with a friction stiffness: elastic friction has one limit"
-    require(static_ratio == 1, "static friction ratio", static_ratio, allowed)
+    require(static_ratio == 1, "static_ratio", static_ratio, allowed)
     return ElasticCoulombFriction(limit, stiffness)
 
 

@@ -17,7 +17,7 @@ from impact_env.kernels.motion.observers import Observe
 from impact_env.kernels.motion.segments import Losses, Schedule
 from impact_env.laws import entry
 from impact_env.loads import AnyDrive, Loads
-from impact_env.parameters import CoulombFriction, SeveralAbsorbers, TunedAbsorber, gravity_of
+from impact_env.parameters import CoulombFriction, TunedAbsorber, gravity_of
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
@@ -44,17 +44,14 @@ class Family(ABC):
     def key(self, scene: Scene, drive: AnyDrive | None = None) -> tuple[object, ...]:
         """Return a key, equal exactly for runs with one record that the same compiled kernels simulate (``drive`` None: one force).
 
-        It holds all that is None or not in the kernels' arguments: laws, gravity, loads, a base that moves, a place of the level.
+        It holds all that is None or not in the kernels' arguments: laws, gravity, loads, a base that moves.
         """
         loads = (drive.moves_base,) if isinstance(drive, Loads) else None
-        several = isinstance(scene.absorber, SeveralAbsorbers)
-        at_tip = scene.model.response_shape is None or several
         return (
             self.name,
             absent(self.laws(scene)),
             gravity_in(scene, drive) is None,
             loads,
-            at_tip,
         )
 
     @abstractmethod

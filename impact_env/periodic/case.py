@@ -130,7 +130,7 @@ def case_of(scene: Scene, force: float, omega: float) -> Case:
     weightless(absorber, "periodic orbits")
     friction = absorber.friction
     ratio = friction.static_ratio if isinstance(friction, CoulombFriction) else 1.0
-    require(ratio == 1, "static friction ratio", ratio, "1 for periodic orbits")
+    require(ratio == 1, "static_ratio", ratio, "1 for periodic orbits")
     walls = absorber.walls
     assert walls is not None
     assert not isinstance(walls, CompliantWalls)

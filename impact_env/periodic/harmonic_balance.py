@@ -355,7 +355,7 @@ def _law(
     assert friction is None or isinstance(friction, CoulombFriction)
     if friction is not None:
         ratio = friction.static_ratio
-        require(ratio == 1, "static friction ratio", ratio, "1 for harmonic balance")
+        require(ratio == 1, "static_ratio", ratio, "1 for harmonic balance")
     first = float(np.min(model.omega))
     return RigidContact(gap, limit, weight * mass * first**2, friction_weight * mass * first)
 

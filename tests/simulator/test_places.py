@@ -102,7 +102,12 @@ def test_a_place_of_the_file_is_that_of_the_beam(number: int, structure: ModalMo
     assert model.absorber_shapes is None
     np.testing.assert_allclose(np.abs(model.tip_shape), np.abs(truth.tip_shape), rtol=1e-9)
     np.testing.assert_allclose(np.abs(model.level_shape), np.abs(truth.level_shape), rtol=1e-9)
-    np.testing.assert_allclose(values_of(own, found), values_of(beam, known), rtol=1e-6)
+    # in a cavity so wide that no wall is touched: impacts would amplify the last digits of the shapes
+    wide, truth = (
+        p.space.decoded({"gap": 4.0, "position": x})
+        for p, x in ((own, float(number)), (beam, PLACES[number - 1]))
+    )
+    np.testing.assert_allclose(values_of(own, wide), values_of(beam, truth), rtol=1e-6)
 
 
 def test_several_absorbers_are_at_the_chosen_places_and_the_level_where_the_file_says(
@@ -173,13 +178,14 @@ def test_damage_of_the_files_strain_is_that_of_the_moment_at_the_clamp(
     objective = (Objective("damage"),)
     own, beam = (problem(s, objectives=objective) for s in (structure, BEAM))
     F, G = (
-        p.evaluate([list(p.space.coordinates(p.space.default).values())], executor=THREADS).F
+        p.evaluate(
+            [list((p.space.coordinates(p.space.default) | {"gap": 4.0}).values())], executor=THREADS
+        ).F
         for p in (own, beam)
     )
-    np.testing.assert_allclose(
-        F, G, rtol=1e-4
-    )  # impacts amplify rounding; relative to no absorber: the strain's unit and scale do not matter
-    assert 0 < F[0, 0] < 1
+    # no wall is touched, since impacts amplify rounding; relative to no absorber: the strain's unit and scale do not matter
+    np.testing.assert_allclose(F, G, rtol=1e-6)
+    assert F[0, 0] > 0
 
 
 def test_strain_of_a_universal_file_is_a_weighted_sum_of_its_shapes(tmp_path: Path) -> None:

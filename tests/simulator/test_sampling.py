@@ -93,7 +93,7 @@ EXCITATIONS: dict[str, AnyDrive] = {
     "strike": loads(Strike(0.1, LENGTH, "absorber"), reference=SLOWLY),
 }  # fmt: skip
 FEW = 8
-ENOUGH = 40
+ENOUGH = 250  # four a cycle of the second mode, which a short shock moves, in a pseudo period of a ninth of the first frequency
 REFUSED = "samples_per_period = 8 is not allowed: .* or more for the level"
 
 
