@@ -5,7 +5,7 @@ import csv
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -216,10 +216,35 @@ def _refuse_cut(file: Path, lines: Sequence[str], decimal_places: int = 3) -> No
         )
 
 
+def _without_last_separator(
+    file: Path, lines: list[str], table: TextTable
+) -> tuple[list[str], TextTable]:
+    """Return lines and table without the separator that ends each row of numbers in files of some loggers."""
+    mark = table.separator
+    first = lines[table.first].rstrip(" ")
+    if mark is None or not first.endswith(mark):
+        return lines, table
+    width = len(split_line(file, table.first + 1, first, mark))
+    header = table.header[:-1] if table.header[-1] == "" else table.header
+    if len(header) != width - 1:
+        return lines, table
+    found = list(lines)
+    for k in range(table.first, len(lines)):
+        line = lines[k].rstrip(" ")
+        ok = not line.strip() or line.endswith(mark)
+        require(ok, f"{file.name}: row {k + 1}", line[:60], f"{mark!r} at the end, as in all rows")
+        found[k] = line.removesuffix(mark)
+    units = table.units
+    if units is not None and len(units) == width and units[-1] == "":
+        units = units[:-1]
+    return found, replace(table, header=header, units=units)
+
+
 def read_csv(file: Path, options: RecordOptions) -> Channel:
     """Return a channel of a table with a header: a column of times and one or more of values, or values alone."""
     lines = decode_text(file)
     table = _read_head(file, lines, options)
+    lines, table = _without_last_separator(file, lines, table)
     rows = _read_plain_rows(lines, table)
     if rows is None:
         rows = np.array(list(_read_rows(file, lines, table)))

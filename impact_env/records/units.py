@@ -158,6 +158,8 @@ CLOSING = {"(": ")", "[": "]", "{": "}", "<": ">"}
 PREFIX = re.compile(  # of a unit, in a word of its own
     r"(?<![a-z])(?:nano|micro|milli|centi|deca|kilo|mega)$", re.IGNORECASE
 )
+# T is a time, and A and C are channels, not tesla, ampere and coulomb
+CHANNEL = re.compile(r"T|(?:ch|chan|channel|kanal)[\s_.:-]*[AC]", re.IGNORECASE)
 POWERS = "^*/²0123456789"  # after a bracket: it is a part of a unit
 MOST_WORDS = 3  # of a unit whose parts are separated, as m_s2
 LOADS = (TIME, ACCELERATION, FORCE)
@@ -220,6 +222,8 @@ def read_label(text: str) -> Label:
         if len(units) == 1:
             return Label(label, name, units[0], units[0].name)
         return Label(label, name, None, " and ".join(inside))
+    if CHANNEL.fullmatch(label):
+        return Label(label, label, None)
     alone = find_unit(label)
     if alone is not None:
         return Label(label, label, alone)

@@ -143,6 +143,8 @@ def _model(
     else:
         require(frequencies is None, "frequencies", frequencies, "left out beside omega_rad_s")
         require(min(omega) > 0, "omega", omega, HELD)
+    for name, row in (("force_shape", force_shape), ("tip_shape", tip_shape)):
+        require(len(row) == len(omega), name, row, f"{len(omega)} numbers, one for each mode")
     if "absorber_shapes" in more:
         more["absorber_shapes"] = np.array(more["absorber_shapes"])
     ratios = ratios_of(damping_ratio, None, len(omega))

@@ -413,7 +413,11 @@ WRONG = [
         {"frequencies_hz": [0.0, 50.0]},
         r"model.frequencies_hz = .*a motion that bends nothing has the frequency of its suspension",
     ),
-    ("model", {"tip_shape_per_sqrt_kg": [1.0]}, r"model: modal model = .*arrays of one length"),
+    (
+        "model",
+        {"tip_shape_per_sqrt_kg": [1.0]},
+        r"model\.tip_shape_per_sqrt_kg = \[1\.0\] .*2 numbers, one for each mode",
+    ),
     (
         "universal",
         {"file": "none.uff"},
