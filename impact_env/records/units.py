@@ -237,7 +237,8 @@ def read_label(text: str) -> Label:
         if unit is not None and prefix is not None:
             return Label(label, before, None, label[prefix.start() :])
         # a number is a factor after a slash, as in t / 0.1 ms; the 2 of "Ch 2 g" may be a channel's
-        is_factor = MULTIPLE.fullmatch(_plain_text(tail)) is None or "/" in separator[0]
+        is_divided = "/" in separator[0] and not before[-1].isdigit()
+        is_factor = is_divided or MULTIPLE.fullmatch(_plain_text(tail)) is None
         if unit is not None:
             return Label(label, before, unit if is_factor else None, None if is_factor else tail)
         if _has_two_meanings(tail):

@@ -194,6 +194,7 @@ REFUSED_TABLES: dict[str, tuple[bytes | str, str, str]] = {  # a table, keys of 
     "a unit of time that is none": (PLAIN, "time_unit = 'g'", r"load\.time_unit = 'g'"),
     "a unit in a comment": ("# unit: g\n" + PLAIN, "", "row 1 = 'unit: g'"),
     "a channel's number before a unit": (table("t_s,Accel 2 m/s^2"), "", r"unit = '2 m/s\^2' .*in brackets"),
+    "channels' numbers before a unit": (table("t_s,Ch1/2 g"), "", "unit = '2 g'"),
     "a range before a unit": (table("t_s,acc_50g"), "", "unit = '50g'"),
     "a prefix in a word of its own": (table("t_s,acc milli-g"), "", "unit = 'milli-g'"),
     "dates of ISO 8601": ("time,a\n2020-01-01T00:00:00,1\n2020-01-01T00:00:01,2\n", "", "row 3 = '2020-.*no dates"),
