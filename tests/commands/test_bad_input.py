@@ -117,7 +117,7 @@ design_gap --force 3
     --mass-kg 5 -> mass_kg = 5.0 is not allowed: above 0 and at most the structure's 0.5637 kg
 optimise_design
     --at 1:1e300 --at 2:1 -> force = 1e+300 is not allowed: above 0 and at most 1e+12 N
-    --rate 1e-9 -> rate = 1e-09 is not allowed: from 1.6e-06 to 320 %
+    --rate 1e-9 -> rate = 1e-09 is not allowed: from 2.92e-06 to 583.2 %
     --fix mass_ratio 100 -> at most 1: an absorber no heavier than the structure
     --study nowhere/a.journal -> study file = nowhere/a.journal is not allowed: a file that can be written to, in a folder that exists
     --study /dev/full -> study file = /dev/full is not allowed

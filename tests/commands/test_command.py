@@ -247,13 +247,11 @@ def test_what_is_not_declared_is_refused(installed: Path, tmp_path: Path) -> Non
     assert result.stderr.endswith(
         'they come with: pip install "impact-absorber-workbench[optimise]"\n'
     )
-    result = run(
-        installed,
-        tmp_path,
-        "sweep",
-        "--structure",
-        str(ROOT / "docs" / "examples" / "measured.toml"),
+    (tmp_path / "record.uff").write_text("    -1\n    58\n    -1\n")
+    (tmp_path / "load.toml").write_text(
+        '[load]\nkind = "samples"\nquantity = "force"\nfile = "record.uff"\n'
     )
+    result = run(installed, tmp_path, "sweep", "--load", str(tmp_path / "load.toml"))
     assert (result.returncode, result.stdout) == (1, "")
     assert (
         result.stderr
@@ -300,9 +298,9 @@ def test_a_quick_form_needs_no_more_than_what_is_declared(
 def test_what_scripts_need_are_extras() -> None:
     for commands in command.files().values():
         for name, file in commands.items():
-            assert set(declared(file)) <= {*command.EXTRAS.values(), "browser"}, (
+            assert set(declared(file)) <= {*command.EXTRAS.values(), "browser", "test"}, (
                 name
-            )  # the browser of tests is no extra
+            )  # what tests need is no extra
 
 
 OTHER = "0123456789abcdef"
