@@ -167,7 +167,7 @@ class ControlledRuns:
         self._unread = {
             name: (self.orders[name][0].item(), where)
             for name, where in CHANGED_ORDERS.items()
-            if name not in _changeable(scene, record)
+            if name not in _changeable(scene, beside is not None)
         }
         self.restart(np.arange(lanes))
 
@@ -303,9 +303,9 @@ class ControlledRuns:
         self._crew.close()
 
 
-def _changeable(scene: Scene, record: Samples | None) -> set[str]:
-    """Return which of `CHANGED_ORDERS` the kernels of a scene read."""
-    found = set() if record is None else {"place"}
+def _changeable(scene: Scene, beside: bool) -> set[str]:
+    """Return which of `CHANGED_ORDERS` the kernels of a scene read; ``beside``: whether a record or a moving base acts beside one force."""
+    found = {"place"} if beside else set()
     absorber = scene.absorber
     if scene.kind is SceneKind.RIGID and isinstance(absorber, SlidingAbsorber):
         found |= {"gap"} if absorber.walls is not None else set()

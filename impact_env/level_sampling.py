@@ -29,6 +29,11 @@ SHARE_ABOVE = 0.05  # of the mean square of the displacement: the level is at mo
 WORDS = {Samples: "a record", Random: "a random load", Shock: "a shock", Strike: "a strike"}
 
 
+def _kind_of_load(load: Load) -> str:
+    """Return what a load is in words, also of a class that is derived from one of the library's."""
+    return next(words for kind, words in WORDS.items() if isinstance(load, kind))
+
+
 def require_sampling(scene: Scene, drive: AnyDrive, samples_per_period: int, start: Array) -> None:
     """Raise ParameterError where a level, or an envelope, has too few samples a pseudo period for what acts.
 
@@ -77,7 +82,7 @@ def require_spectrum(
     highest = float(omega[np.flatnonzero(above > SHARE_ABOVE * above[0])[-1]])
     needed = LEAST_A_CYCLE * highest / reference * (1 - 1e-9)
     allowed = (
-        f"{int(np.ceil(needed))} or more for the level under {WORDS[type(load)]}: "
+        f"{int(np.ceil(needed))} or more for the level under {_kind_of_load(load)}: "
         f"{100 * SHARE_ABOVE:g} % of the displacement's mean square lies at {highest / (2 * np.pi):.4g} Hz or above, "
         f"and needs {LEAST_A_CYCLE} samples a cycle"
     )

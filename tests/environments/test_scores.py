@@ -143,7 +143,7 @@ def test_a_reference_at_an_undamped_resonance_is_refused() -> None:
     assert stationary_amplitude(model, off) == pytest.approx(
         abs(receptance(model, off, model.level_shape, model.force_shape)), rel=1e-12
     )
-    env = gymnasium.make(RUBBING, beam={"damping_ratio": 0.0}, frequency_ratio=1.0)
+    env = make(GAP, beam={"damping_ratio": 0.0}, frequency_ratio=1.0)
     with pytest.raises(ParameterError, match="undamped resonances"):
         env.reset(seed=0)
 
