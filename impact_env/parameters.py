@@ -361,6 +361,14 @@ LEAST_LIMIT = 1e-300  # N: a tiny limit may stand for no friction
 MOST_STATIC_RATIO = 1e6  # far above any pair of materials
 
 
+def check_static_ratio(name: str, value: object) -> float:
+    """Return a ratio of static to sliding friction as a float if it is possible."""
+    allowed = (
+        f"a number from 1 to {MOST_STATIC_RATIO:g}: static friction is never below sliding friction"
+    )
+    return within(name, value, 1.0, MOST_STATIC_RATIO, allowed)
+
+
 @dataclass(frozen=True)
 class CoulombFriction:
     """Rigid Coulomb friction (paper, Eq. coulomb).
@@ -377,12 +385,10 @@ class CoulombFriction:
     static_ratio: float = 1.0
 
     def __post_init__(self) -> None:
-        allowed = f"a number from 1 to {MOST_STATIC_RATIO:g}: static friction is never below sliding friction"
-        ratio = partial(within, least=1.0, most=MOST_STATIC_RATIO, allowed=allowed)
         keep_checked(
             self,
             limit=labelled("friction limit", partial(positive, least=LEAST_LIMIT)),
-            static_ratio=ratio,
+            static_ratio=check_static_ratio,
         )
 
 
@@ -610,7 +616,8 @@ def friction_damper(
     static_friction_ratio: float = 1.0,
 ) -> SlidingAbsorber:
     """Return the pure friction damper, elastic if there is a ``friction_stiffness`` (N/m); the default limit is the paper's optimum for 3.5 N."""
-    friction = friction_law(friction_limit, friction_stiffness, static_friction_ratio)
+    ratio = check_static_ratio("static_friction_ratio", static_friction_ratio)
+    friction = friction_law(friction_limit, friction_stiffness, ratio)
     allowed = "above 0 for a friction damper: without friction it would not touch the beam, so leave the absorber out"
     require(friction is not None, "friction limit", friction_limit, allowed)
     return SlidingAbsorber(mass_ratio, None, friction)
