@@ -199,8 +199,32 @@ class Advice:
         )
 
 
-class _Stopped(Exception):  # noqa: N818 - no error: what is finished is kept
+class SearchStopped(Exception):  # noqa: N818 - no error: what is finished is kept
     """A search was interrupted."""
+
+
+def run_with_speeds(
+    lanes: Sequence[Lane],
+    speeds: bool,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    executor: Executor | None = None,
+) -> tuple[LaneLevels, Array | None]:
+    """Run lanes; return their levels and, with ``speeds``, the largest impact speed of each in m/s, (L,). Arguments as in `run_lanes`."""
+    if not speeds:
+        return run_lanes(lanes, threads=threads, progress=progress, executor=executor), None
+    found = each_lane(
+        lanes,
+        measure_level_and_speed,
+        Exact(),
+        threads=threads,
+        progress=progress,
+        executor=executor,
+    )
+    rows = np.array([(math.nan,) * 7 if one is None else one for one in found]).T
+    level, time, ratio, tip, impacts, stuck, largest = rows
+    complete = not np.isnan(level).any()
+    return LaneLevels(level, time, ratio, tip, impacts, stuck, complete=complete), largest
 
 
 def measure_level_and_speed(lane: Lane) -> tuple[float, ...]:
@@ -222,8 +246,12 @@ def measure_level_and_speed(lane: Lane) -> tuple[float, ...]:
 
 
 @dataclass(eq=False)
-class _Runs:
-    """Runs at gaps by steps from the absorber's own gap, kept and continued member by member."""
+class GapRuns:
+    """Runs at gaps by steps from the absorber's own gap, kept and continued member by member.
+
+    ``range`` of the sweeps over the resonance; ``friction_goes``: the friction limit is in proportion to the gap; ``run`` returns the levels of
+    lanes, and their impact speeds where these are wanted, for the lanes and the number of sweeps before (see `run_with_speeds`).
+    """
 
     model: ModalModel
     force: float
@@ -269,7 +297,7 @@ class _Runs:
         ]
         found, speeds = self.run(lanes, self.sweeps)
         if not found.complete:
-            raise _Stopped
+            raise SearchStopped
         self.sweeps += len(lanes)
         names = [f.name for f in fields(LaneLevels) if f.name != "complete"]
         arrays = {name: getattr(found, name).reshape(1, members - have, 2) for name in names}
@@ -386,20 +414,7 @@ def advise(
             if progress is None
             else lambda done, _all: progress(before + done, max(2 * pairs + 2, before + len(lanes)))
         )
-        if limits.impact_speed is None:
-            return run_lanes(lanes, threads=threads, progress=show, executor=executor), None
-        found = each_lane(
-            lanes,
-            measure_level_and_speed,
-            Exact(),
-            threads=threads,
-            progress=show,
-            executor=executor,
-        )
-        rows = np.array([(math.nan,) * 7 if one is None else one for one in found]).T
-        complete = not np.isnan(rows[0]).any()
-        level, time, ratio, tip, impacts, stuck, speeds = rows
-        return LaneLevels(level, time, ratio, tip, impacts, stuck, complete=complete), speeds
+        return run_with_speeds(lanes, limits.impact_speed is not None, threads, show, executor)
 
     # the stroke limit is a gap that can be run itself
     reference = rule if limits.stroke is None else limits.stroke
@@ -407,7 +422,7 @@ def advise(
     friction = own.friction
     if friction is not None and not friction_given:
         friction = replace(friction, limit=friction.limit * reference / rule)
-    runs = _Runs(
+    runs = GapRuns(
         model,
         force,
         resonance,
@@ -445,7 +460,7 @@ def advise(
             step = rule_step + math.log(factor) / STEP
             if step <= widest:
                 samples.levels[step] = levels(step, members)
-    except _Stopped:
+    except SearchStopped:
         complete = False
     samples.levels |= {step: curve.combined[0] for step, curve in runs.at_rate(rate).items()}
     ran = max((len(levels) for levels in samples.levels.values()), default=0)
@@ -494,7 +509,7 @@ def _require_help(sharp: Answer, check: GapCheck, free: float) -> None:
 
 
 def _answer(
-    runs: _Runs, samples: LevelSamples, step: float, tolerance: float, rate: float
+    runs: GapRuns, samples: LevelSamples, step: float, tolerance: float, rate: float
 ) -> Answer:
     """Return a device that ran, with where its level was read and its impact speed."""
     lanes = runs.curves[step, rate].lanes
@@ -531,7 +546,7 @@ def answer_at(
 
 
 def _choose_free(
-    runs: _Runs,
+    runs: GapRuns,
     name: str,
     start: int,
     widest: int,
