@@ -1,0 +1,100 @@
+"""The pages and tables of studies are what today's code writes of their published numbers: nothing is measured here."""
+
+import csv
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from places import ROOT
+
+from optimisation.files import read_json
+from studies.cli import (
+    error_vs_runtime,
+    findings,
+    friction_branches,
+    load_answers,
+    regimes,
+    search_methods,
+    specialisation,
+    stability,
+)
+from studies.paper import study as paper
+from studies.study import Measured, Part, Place, Study, load
+
+DOCS = ROOT / "docs"
+# studies that publish their numbers: the page, and the folder or the file of the numbers
+PUBLISHED: tuple[tuple[Study[Any], str, str], ...] = (
+    (paper.STUDY, "paper.md", "paper"),
+    (error_vs_runtime.STUDY, "methods.md", "methods"),
+    (stability.STUDY, "methods.md", "methods"),
+    (findings.STUDY, "findings.md", "findings"),
+    (friction_branches.STUDY, "findings.md", "findings/friction_branches.json"),
+    (load_answers.STUDY, "loads.md", "."),
+    (regimes.STUDY, "regimes.md", "regimes"),
+    (search_methods.STUDY, "search_methods.md", "."),
+    (specialisation.STUDY, "internals/specialisation.md", "internals"),
+)
+
+
+def published() -> list[Any]:
+    """Return each part with published numbers, its study, its page and the place of its numbers."""
+    return [
+        pytest.param(study, part, DOCS / page, place_of(DOCS / name), id=part.name)
+        for study, page, name in PUBLISHED
+        for part in study.parts
+    ]
+
+
+def place_of(path: Path) -> Place:
+    """Return the place of a folder of numbers, or of one JSON file."""
+    return Place(json=path) if path.suffix == ".json" else Place(path)
+
+
+def section(page: Path, marker: str) -> str:
+    """Return the text of a page between the markers of a name."""
+    text = page.read_text(encoding="utf-8")
+    found = re.search(
+        f"<!-- {re.escape(marker)} -->\n(.*?)<!-- /{re.escape(marker)} -->", text, re.S
+    )
+    assert found, f"{page.name} has no markers {marker}"
+    return found[1].strip()
+
+
+def rows_of(columns: Any, rows: Any) -> list[list[str]]:
+    """Return a table as a CSV file has it."""
+    file = io.StringIO()
+    csv.writer(file).writerows([columns, *rows])
+    return list(csv.reader(io.StringIO(file.getvalue())))
+
+
+@pytest.mark.parametrize(("study", "part", "page", "place"), published())
+def test_pages_have_what_their_numbers_give(
+    study: Study[Any], part: Part[Any], page: Path, place: Place
+) -> None:
+    measured: Measured = load(study, part, place)
+    for marker, text in part.sections(measured).items():
+        assert section(page, marker) == text.strip(), marker
+    for table in part.tables(measured):
+        assert place.folder is not None
+        with (place.folder / f"{table.name}.csv").open(newline="", encoding="utf-8") as file:
+            assert list(csv.reader(file)) == rows_of(table.columns, table.rows), table.name
+
+
+def test_claims_are_those_that_the_published_figures_decide() -> None:
+    kept = read_json(DOCS / "paper" / "claims.json.gz")
+    place = Place(DOCS / "paper")
+    claims = list[dict[str, Any]]()
+    answers = dict[str, str]()
+    for figure, part in zip(paper.FIGURES, paper.STUDY.parts, strict=True):
+        values = load(paper.STUDY, part, place).values
+        claims += [claim.to_plain() for claim in figure.claims(values)]
+        if figure.answer:
+            answers[figure.label] = figure.answer(values)
+    assert claims == kept["claims"]
+    assert answers == kept["answers"]
+    assert kept["missing"] == []
+    part = paper.CLAIMS.parts[0]
+    for marker, text in part.sections(load(paper.CLAIMS, part, place)).items():
+        assert section(DOCS / "paper.md", marker) == text.strip(), marker
