@@ -4,6 +4,7 @@ A lane's run is that of `simulate` with the same schedule; see `impact_env.kerne
 """
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -84,6 +85,8 @@ class ControlledRuns:
     ``record`` acts beside the orders' force and repeats, its last value taken for its first; the orders' ``place`` says where in it, in steps, a lane
     goes on. ``moves_base``: that force is the base's acceleration in m/s^2. Both are for the exact method and rigid contact, as in `Loads`.
 
+    ``wall_time`` is the time in s that the last `advance` took.
+
     Raises ParameterError if the method cannot do the scene in intervals, and for orders that its kernels do not read.
     """
 
@@ -158,6 +161,7 @@ class ControlledRuns:
         self._period = period
         self._crew = self._new_crew()
         self._compiled = False
+        self.wall_time = 0.0
         self._shares: dict[int, NDArray[np.int64]] = {}
         self.orders["duration"] = self.duration
         cavity = scene.cavity(0)
@@ -213,6 +217,7 @@ class ControlledRuns:
         Raises ParameterError for an order that the scene's kernels do not read or cannot do, or a force that is too fast for the samples of the
         level, and IntegrationError, naming the first lane, if a run breaks down.
         """
+        began = time.perf_counter()
         self._check_orders()
         self._require_samples()
         workers = (
@@ -220,6 +225,7 @@ class ControlledRuns:
         )  # in plain Python threads only take turns
         self._do(self._parts(workers), workers)
         self._check()
+        self.wall_time = time.perf_counter() - began
 
     def _require_samples(self) -> None:
         """Raise ParameterError where a lane's force is too fast for the samples of the level."""
@@ -294,6 +300,18 @@ class ControlledRuns:
         """Go on from a snapshot of runs that were made with the same arguments."""
         for values, kept in zip(self._variables(), snapshot, strict=True):
             values[...] = kept
+
+    def copy_from(self, source: "ControlledRuns", times: int = 1) -> None:
+        """Go on from the runs of another group, each of which is taken ``times`` times, one after the other.
+
+        Both groups were made with the same arguments but for the number of lanes; raises ParameterError unless that is ``times`` as many as those
+        of ``source``.
+        """
+        times = count("times", times, 1)
+        allowed = f"{times} times the {source.lanes} lanes of the source"
+        require(self.lanes == times * source.lanes, "lanes", self.lanes, allowed)
+        for own, values in zip(self._variables(), source._variables(), strict=True):
+            own[...] = np.repeat(values, times, axis=0)
 
     def _variables(self) -> list[NDArray[Any]]:
         return [self.orders, self.reports, self.status, *self._memory]

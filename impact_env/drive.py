@@ -88,6 +88,25 @@ class FrequencySchedule:
         slope = np.diff(self.omegas)[k] / steps[k]
         return np.asarray(starts[k] + (self.omegas[k] + slope * tau / 2) * tau)
 
+    def between(self, start: float, stop: float) -> "FrequencySchedule":
+        """Return the schedule between two times in s of this one, 0 <= start < stop <= its end, with its times counted from ``start``.
+
+        Raises ParameterError for times outside of the schedule or out of order.
+        """
+        end = float(self.times[-1])
+        start = finite("start of the part", start)
+        stop = finite("end of the part", stop)
+        require(0 <= start < end, "start of the part", start, f"from 0 s to below {end:g} s")
+        require(
+            start < stop <= end * (1 + 1e-12),
+            "end of the part",
+            stop,
+            f"above {start:g} s and at most {end:g} s",
+        )
+        inside = (self.times > start) & (self.times < stop)
+        times = np.concatenate([[start], self.times[inside], [stop]])
+        return FrequencySchedule(times - start, self.omega_at(times), self.reference)
+
 
 def linear_sweep(
     reference: float,
@@ -160,3 +179,30 @@ class Drive:
             phase=finite,
             schedule=kind_of(FrequencySchedule),
         )
+
+    def between(self, start: float, stop: float) -> "Drive":
+        """Return the force between two times in s of this drive as a drive of its own, which begins at time 0.
+
+        A run over ``between(0, t)``, and one over ``between(t, end)`` that starts from the first run's `Response.final_state`, are the whole run
+        up to rounding.
+
+        Raises ParameterError for times outside of the schedule or out of order.
+
+        Examples
+        --------
+        >>> from impact_env import Drive, linear_sweep
+        >>> sweep = Drive(2.0, linear_sweep(100.0, 0.9, 1.1))
+        >>> second_half = sweep.between(sweep.schedule.times[-1] / 2, sweep.schedule.times[-1])
+        >>> float(second_half.schedule.omegas[0])
+        100.0
+        """
+        schedule = self.schedule.between(start, stop)
+        return Drive(self.amplitude, schedule, self._phase_at(start))
+
+    def followed_by(self, schedule: FrequencySchedule) -> "Drive":
+        """Return the force that goes on over ``schedule`` after this drive, with its amplitude and with the phase at its end."""
+        return Drive(self.amplitude, schedule, self._phase_at(float(self.schedule.times[-1])))
+
+    def _phase_at(self, time: float) -> float:
+        """Return the phase in rad at a time in s."""
+        return self.phase + float(self.schedule.phase_at(time))

@@ -15,7 +15,7 @@ from impact_env.loads import amplitude_in_words
 from impact_env.methods import Method
 from impact_env.parameters import count_from, finite, flag, keep_checked, labelled, require
 from impact_env.plots import plot_response, table
-from impact_env.scene import Scene
+from impact_env.scene import InitialState, Scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,7 +50,12 @@ class Window:
 RECORDING = {
     "level": "Record(level=True)",
     "impacts": "Record(events=True)",
+    "phases": "Record(events=True)",
     "history": "Record(series=True)",
+    "energy": "Record(energy=True)",
+    "check": "Record(check=True), by the exact method in a scene with contact",
+    "envelope": "Record(envelope=100)",
+    "reversals": "Record(reversals=True)",
 }
 Part = TypeVar("Part")
 
@@ -193,9 +198,61 @@ class SearchCheck:
     sizes: Array
 
 
+class RecordedParts:
+    """The parts of a response without None: each attribute has the name of one in `Response`.
+
+    Raises ParameterError for a part that the run has not recorded, with the `Record` that records it.
+    """
+
+    def __init__(self, response: Response) -> None:
+        self._response = response
+
+    @property
+    def level(self) -> ResponseLevel:
+        """Response level."""
+        return recorded("level", self._response.level)
+
+    @property
+    def impacts(self) -> Impacts:
+        """Impacts."""
+        return recorded("impacts", self._response.impacts)
+
+    @property
+    def phases(self) -> ContactPhases:
+        """Joined phases of the absorbers."""
+        return recorded("phases", self._response.phases)
+
+    @property
+    def history(self) -> History:
+        """State at the samples."""
+        return recorded("history", self._response.history)
+
+    @property
+    def energy(self) -> EnergyAccount:
+        """Energy balance."""
+        return recorded("energy", self._response.energy)
+
+    @property
+    def check(self) -> SearchCheck:
+        """Check of the exact method's event search."""
+        return recorded("check", self._response.check)
+
+    @property
+    def envelope(self) -> Envelope:
+        """Least and largest displacements."""
+        return recorded("envelope", self._response.envelope)
+
+    @property
+    def reversals(self) -> Reversals:
+        """Times without relative velocity."""
+        return recorded("reversals", self._response.reversals)
+
+
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Result of a run; what was not recorded is None. ``end_state`` as in `InitialState.vector`, ``stuck_time`` and ``wall_time`` in s.
+    """Result of a run; what was not recorded is None, and refused by name in `recorded`.
+
+    ``end_state`` as in `InitialState.vector` (`final_state` starts another run), ``stuck_time`` and ``wall_time`` in s.
 
     ``check`` is None as well where there is no search: in scenes without contact, and with other methods.
 
@@ -221,6 +278,16 @@ class Response:
     check: SearchCheck | None = None
     envelope: Envelope | None = None
     reversals: Reversals | None = None
+
+    @property
+    def recorded(self) -> RecordedParts:
+        """The recorded parts without None: ``response.recorded.history.time``; raises ParameterError for a part that was not recorded."""
+        return RecordedParts(self)
+
+    @property
+    def final_state(self) -> InitialState:
+        """State at the end of the run, with which another run of the scene goes on: ``simulate(scene, drive, initial=response.final_state)``."""
+        return InitialState.from_vector(self.scene, self.end_state)
 
     def __repr__(self) -> str:
         level = self.level

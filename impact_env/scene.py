@@ -169,6 +169,31 @@ class InitialState:
             if getattr(self, name) is not None or name == "absorber_velocity":
                 keep_checked(self, **{name: _check_state})
 
+    @classmethod
+    def from_vector(cls, scene: Scene, vector: NDArray[np.float64]) -> "InitialState":
+        """Return the state of a vector as `vector` gives it, (2 N_m + 2 n,), such as the end state of a run.
+
+        An absorber that rounding put beyond a rigid wall is put on it. The force of an elastic slider is no part of a state: it starts at 0.
+        Raises ParameterError for a vector of another length.
+        """
+        n, places = scene.model.modes, scene.places
+        half = n + places
+        allowed = (
+            f"{2 * half} finite numbers for {n} modes and {places} absorber{'s' * (places > 1)}"
+        )
+        state = row("state vector", vector, allowed)
+        require(len(state) == 2 * half, "state vector", vector, allowed)
+        displacements = np.empty(places)
+        for k, shape in enumerate(scene.absorber_shapes):
+            cavity = scene.cavity(k)
+            gap = np.inf if cavity is None else cavity.gap
+            beam = float(shape @ state[:n])
+            displacements[k] = beam + float(np.clip(state[n + k] - beam, -gap, gap))
+        velocities = state[half + n :]
+        if places == 1:
+            return cls(state[:n], state[half : half + n], displacements[0], velocities[0])
+        return cls(state[:n], state[half : half + n], displacements, velocities)
+
     def vector(self, scene: Scene) -> NDArray[np.float64]:
         """Return (2 N_m + 2 n,): modal displacements, displacements of the n absorbers, modal velocities, velocities of the absorbers.
 

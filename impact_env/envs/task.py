@@ -88,6 +88,16 @@ class Task(ABC):
         )
         self._period = 2 * np.pi / self.omega
 
+    def copy_from(self, source: "Task", times: int = 1) -> None:
+        """Go on from the episodes of another task with the same settings, each of which is taken ``times`` times, one after the other.
+
+        The sensors' delays and noise are not copied. Raises ParameterError unless this task has ``times`` as many lanes as ``source``.
+        """
+        self.runs.copy_from(source.runs, times)
+        for name, values in vars(source).items():
+            if isinstance(values, np.ndarray) and values.shape[:1] == (source.lanes,):
+                setattr(self, name, np.repeat(values, times, axis=0))
+
     def model(self, lane: int) -> ModalModel:  # noqa: ARG002 - all lanes have one, unless a task says otherwise
         """Return a lane's structure."""
         return self.scene.model

@@ -9,7 +9,7 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from impact_env.parameters import count, positive
-from impact_env.periodic.case import Case, start_from
+from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.orbit import Orbit, mirrored
 from impact_env.periodic.passage import RECORD
@@ -22,6 +22,7 @@ from impact_env.periodic.survey import (
     return_of,
     same,
 )
+from impact_env.scene import InitialState
 from impact_env.sweep import simulate
 
 Array = NDArray[np.float64]
@@ -226,7 +227,7 @@ def _end_of_run(
         response = simulate(
             case.scene,
             case.drive(span * case.period, phase),
-            initial=start_from(case.scene, state),
+            initial=InitialState.from_vector(case.scene, state),
             record=RECORD,
         )
         state = response.end_state

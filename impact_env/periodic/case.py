@@ -31,7 +31,7 @@ from impact_env.parameters import (
     require,
     weightless,
 )
-from impact_env.scene import InitialState, Scene
+from impact_env.scene import Scene
 from impact_env.secular import SPLIT, raised
 
 Array = NDArray[np.float64]
@@ -200,18 +200,4 @@ def structure_of(model: ModalModel, mass_ratio: float) -> Structure:
         mass,
         1 / mass + float(np.sum(tip**2)),
         static,
-    )
-
-
-def start_from(scene: Scene, state: Array) -> InitialState:
-    """Return a state (2 N_m + 2,) as a start; one that rounding put beyond a wall is put on it."""
-    n = scene.model.modes
-    cavity = scene.cavity(0)
-    tip = float(scene.model.tip_shape @ state[:n])
-    gap = np.inf if cavity is None else cavity.gap
-    return InitialState(
-        state[:n],
-        state[n + 1 : -1],
-        tip + float(np.clip(state[n] - tip, -gap, gap)),
-        float(state[-1]),
     )

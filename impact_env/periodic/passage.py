@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from impact_env.kernels.periodic.monodromy import leap_over
 from impact_env.modes import ModalModel
 from impact_env.parameters import ParameterError
-from impact_env.periodic.case import Case, start_from
+from impact_env.periodic.case import Case
 from impact_env.periodic.schedule import Event, Regime
 from impact_env.regimes import Modes, checked_modes, own_modes
 from impact_env.response import Record, Response
+from impact_env.scene import InitialState
 from impact_env.sweep import IntegrationError, simulate
 
 Array = NDArray[np.float64]
@@ -207,7 +208,7 @@ def passage(case: Case, phase: float, state: Array, span: float) -> Passage:
     walk = _Walk(case, phase, span)
     if not (np.all(np.isfinite(walk.free.up)) and np.all(np.isfinite(walk.joined.up))):
         raise PassageError("a mode without damping is driven at its resonance")
-    initial = start_from(case.scene, state)
+    initial = InitialState.from_vector(case.scene, state)
     try:
         run = simulate(case.scene, case.drive(span, phase), initial=initial, record=RECORD)
     except (IntegrationError, ParameterError) as error:

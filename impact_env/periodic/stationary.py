@@ -27,9 +27,8 @@ from impact_env.parameters import (
     or_none,
     positive,
 )
-from impact_env.periodic.case import start_from
 from impact_env.periodic.residence import Approach, finished, hold
-from impact_env.response import History, Record, Response, recorded
+from impact_env.response import History, Record, Response
 from impact_env.scene import InitialState, Scene
 from impact_env.sweep import simulate
 
@@ -192,8 +191,8 @@ def window_of(scene: Scene, response: Response, omega: float) -> Window:
 
     Its samples lie a whole fraction of the force's period apart.
     """
-    history = recorded("history", response.history)
-    impacts = recorded("impacts", response.impacts)
+    history = response.recorded.history
+    impacts = response.recorded.impacts
     period = 2 * np.pi / omega
     periods = round(float(response.drive.schedule.times[-1]) / period)
     each = (len(history.time) - 1) // periods
@@ -246,17 +245,14 @@ def stationary(
     """
     periods = count("window periods", periods, 2)
     omega = positive("settled frequency", float(settled.schedule.omegas[-1]))
-    end = simulate(scene, settled, initial=initial, record=Record(events=True)).end_state
-    phase = settled.phase + float(settled.schedule.phase_at(float(settled.schedule.times[-1])))
-    drive = Drive(settled.amplitude, constant_frequency(omega, 1.0, periods), phase)
+    end = simulate(scene, settled, initial=initial, record=Record(events=True)).final_state
+    drive = settled.followed_by(constant_frequency(omega, 1.0, periods))
     record = Record(level=False, events=True, series=True, energy=True, samples_per_period=SAMPLES)
-    response = simulate(scene, drive, initial=start_from(scene, end), record=record)
-    assert response.history is not None
-    assert response.energy is not None
+    response = simulate(scene, drive, initial=end, record=record)
     window = window_of(scene, response, omega)
     return Stationary(
         classify(window, criteria),
-        _energies(scene, response.history, response.energy),
+        _energies(scene, response.recorded.history, response.recorded.energy),
         window.peaks,
     )
 

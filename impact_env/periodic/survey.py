@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import count, positive, require
-from impact_env.periodic.case import Case, start_from
+from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.orbit import Orbit, mirrored, orbit_at, shot_orbit
 from impact_env.periodic.orbit_branches import COARSE, OrbitBranch, orbit_branches
@@ -130,7 +130,7 @@ def return_of(case: Case, first: Array, phase: float, most: int) -> tuple[bool, 
     state = first
     least = np.inf
     for half in range(1, 2 * most + 1):
-        state, phase = state_after(case, 0.5, start_from(case.scene, state), phase)
+        state, phase = state_after(case, 0.5, InitialState.from_vector(case.scene, state), phase)
         symmetric = half % 2 == 1
         miss = np.abs((-1.0 if symmetric else 1.0) * state - first) / case.gap
         least = min(least, float(max(np.max(miss[:n]), np.max(miss[n:]) / case.omega)))
@@ -287,7 +287,7 @@ def attractors(
         if not orbit.stability.stable:
             phase, state = orbit.motion.mid_flight()
             state[-1] += NUDGE * case.gap * case.omega
-            starts.append((start_from(case.scene, state), phase))
+            starts.append((InitialState.from_vector(case.scene, state), phase))
     for initial, phase in starts:
         found = orbit_of_simulation(case, settle, most_multiple, initial, phase)
         yield found

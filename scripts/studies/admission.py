@@ -182,15 +182,6 @@ class Planner:
         ]
 
 
-def copy_lanes(source: Task, target: Task, times: int) -> None:
-    """Put each lane of a task ``times`` times, one after the other, into a task of as many lanes. There must be no delay and no noise."""
-    for name, values in vars(source).items():
-        if isinstance(values, np.ndarray) and values.shape[:1] == (source.lanes,):
-            setattr(target, name, np.repeat(values, times, axis=0))
-    for own, values in zip(target.runs._variables(), source.runs._variables(), strict=True):
-        own[...] = np.repeat(values, times, axis=0)
-
-
 @dataclass(frozen=True)
 class Lanes:
     """The lanes of an environment, and what a rule of a number of families does in them."""
@@ -257,7 +248,7 @@ def plan(
         over = np.zeros(lanes, dtype=np.bool_)
         generator = np.random.default_rng(0)
         while not over.all():
-            copy_lanes(own.task, other.task, times)
+            other.task.copy_from(own.task, times)
             if not planner.exact:
                 disturb(other.task, planner.copies, generator)
             gained = np.zeros(lanes * times)

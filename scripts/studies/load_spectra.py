@@ -19,7 +19,7 @@ from optimisation.friction_rule import scaled_friction
 from optimisation.load_comparison import expected_rms, runs_of, tuned_for
 from optimisation.measures import SAMPLES
 from optimisation.page import markdown
-from studies.study import Array, Json, there
+from studies.study import Array, Json
 
 MODES = 5
 MASS_RATIO = 0.02
@@ -210,8 +210,8 @@ def _shock(model: ModalModel, width: float) -> Loads:
 
 def _high_share(lane: Lane) -> float:
     """Return the share of the modes above the first in the structure's energy after the tenth impact; not a number where there are fewer."""
-    impacts = there(simulate(lane.scene, lane.drive, record=Record(events=True)).impacts)
-    history = there(simulate(lane.scene, lane.drive, record=SERIES).history)
+    impacts = simulate(lane.scene, lane.drive, record=Record(events=True)).recorded.impacts
+    history = simulate(lane.scene, lane.drive, record=SERIES).recorded.history
     if len(impacts.time) < TENTH:
         return float("nan")
     modal = mechanical_energy(lane.scene, history).modal[
@@ -224,7 +224,7 @@ def shock_rows(case: Case, width: float, settings: SpectrumSettings) -> list[Jso
     """Return decay times over that without absorber, and the share of the higher modes, over the peak; members begin elsewhere in the cavity."""
     model = case.model
     unit = _shock(case.model, width)
-    history = there(simulate(Scene(model), unit, record=SERIES).history)
+    history = simulate(Scene(model), unit, record=SERIES).recorded.history
     per_newton = float(np.max(np.abs(history.tip_displacement)))
     tuned = tuned_for(model, MASS_RATIO, [unit])
     places = np.random.default_rng(0).uniform(-0.95, 0.95, settings.members) * GAP

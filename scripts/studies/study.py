@@ -39,8 +39,8 @@ S = TypeVar("S")
 T = TypeVar("T")
 
 
-def there(value: T | None) -> T:
-    """Return a recorded part of a run, which is None only where it was not asked for."""
+def not_none(value: T | None) -> T:
+    """Return a value that the caller knows to be there; raises AssertionError for None."""
     assert value is not None
     return value
 

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from impact_env import ParameterError
+
 gymnasium = pytest.importorskip("gymnasium")
 pytest.importorskip("cmaes")
 from commands import call
@@ -17,7 +19,7 @@ from optimisation.files import read_json, write_json
 from optimisation.rl.agents import FINAL, load_agent, save_agent
 from optimisation.rl.families import FamilyPolicy
 from optimisation.rl.rules import TASKS, Switch, chosen
-from studies.admission import FIRST_JUDGED, QUICK, Held, Planner, admit, copy_lanes, disturb, plan
+from studies.admission import FIRST_JUDGED, QUICK, Held, Planner, admit, disturb, plan
 from studies.cli import admit_tasks
 
 RULE = (-0.22, -0.14, -0.6, 0.4, -0.29, 0.09, 2.3, 0.09)
@@ -58,12 +60,14 @@ def test_copies_do_what_the_lane_does(name: str) -> None:
     given = generator.uniform(-1, 1, (12, *few.action_space.shape)).astype(np.float32)
     for action in given[:5]:
         few.step(action)
-    copy_lanes(few.unwrapped.task, many.unwrapped.task, 3)
+    many.unwrapped.task.copy_from(few.unwrapped.task, 3)
     for action in given[5:]:
         seen, rewards, *_ = few.step(action)
         others, gained, *_ = many.step(np.repeat(action, 3, axis=0))
         np.testing.assert_array_equal(np.repeat(rewards, 3), gained)
         np.testing.assert_array_equal(np.repeat(seen, 3, axis=0), others)
+    with pytest.raises(ParameterError, match="2 times the 5 lanes"):
+        many.unwrapped.task.copy_from(few.unwrapped.task, 2)
 
 
 def test_copies_are_off_by_little_and_to_both_sides() -> None:

@@ -6,11 +6,11 @@ from support.orbit_cases import multipliers_by_reference, paper_case
 
 from impact_env.parameters import ParameterError
 from impact_env.periodic.basins import Share, distance_to, find_basins, random_start
-from impact_env.periodic.case import start_from
 from impact_env.periodic.motion import Motion
 from impact_env.periodic.offspring import all_orbits_over
 from impact_env.periodic.orbit import Orbit, mirrored
 from impact_env.periodic.survey import same, state_after
+from impact_env.scene import InitialState
 
 
 def test_an_orbit_over_three_periods_attracts_runs_where_no_branch_leads_to_it() -> None:
@@ -52,7 +52,7 @@ def test_a_run_ends_on_the_orbit_that_it_is_counted_for() -> None:
     ended = [0] * len(basins.orbits)
     for k in range(4):
         state, phase = random_start(case, 2e-3, np.random.default_rng([3, k]))
-        end, after = state_after(case, 601.0, start_from(case.scene, state), phase)
+        end, after = state_after(case, 601.0, InitialState.from_vector(case.scene, state), phase)
         miss = [distance_to(orbit, end, after) for orbit in basins.orbits]
         ended[int(np.argmin(miss))] += 1
         assert min(miss) < 1e-6

@@ -17,8 +17,8 @@ from orbit_cases import (
 )
 from periodic_truth import matched
 
-from impact_env import ModalModel
-from impact_env.periodic.case import Case, start_from
+from impact_env import InitialState, ModalModel
+from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Steps
 from impact_env.periodic.green import NoOrbit, unknowns_of
 from impact_env.periodic.motion import Motion, ShotMotion
@@ -128,7 +128,7 @@ def test_held_phases_and_slip_are_those_of_forty_digits(name: str) -> None:
     true = digits.follow(
         case.scene,
         case.drive(orbit.schedule.turn / case.omega, start),
-        start_from(case.scene, state),
+        InitialState.from_vector(case.scene, state),
     )
     half = len(state) // 2
     for end, begin in zip(
@@ -237,7 +237,7 @@ def test_a_passage_repeats_the_exact_methods_run_from_any_state() -> None:
             simulate(
                 case.scene,
                 case.drive(2 * case.period, 0.3),
-                initial=start_from(case.scene, state),
+                initial=InitialState.from_vector(case.scene, state),
                 record=RECORD,
             ).end_state
             / unit
@@ -285,7 +285,9 @@ def test_a_slow_approach_is_not_taken_for_a_long_period() -> None:
     case = paper_case(1, 0.912, 1.5, 0.75)
     phase, state = high_orbit(case).motion.mid_flight()
     state[-1] *= 1.001
-    found = orbit_of_simulation(case, settle=80, initial=start_from(case.scene, state), phase=phase)
+    found = orbit_of_simulation(
+        case, settle=80, initial=InitialState.from_vector(case.scene, state), phase=phase
+    )
     assert isinstance(found, Orbit)
     assert found.schedule.period_multiple == 1
     assert not found.schedule.symmetric

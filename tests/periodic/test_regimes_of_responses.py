@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from impact_env import Beam, beam_scene, impact_absorber
+from impact_env import Beam, InitialState, beam_scene, impact_absorber
 from impact_env.drive import Drive, constant_frequency
 from impact_env.ensemble import draw_members
-from impact_env.periodic.case import case_of, start_from
+from impact_env.periodic.case import case_of
 from impact_env.periodic.passage import RECORD
 from impact_env.periodic.residence import (
     Approach,
@@ -305,7 +305,9 @@ def test_chaos_parts_runs_as_its_exponent_says() -> None:
         for periods in (2.0, 12.0):  # the first two turn the difference into the fastest direction
             run = Drive(1.7, constant_frequency(omega, 1.0, periods))
             one, two = (
-                simulate(scene, run, initial=start_from(scene, start), record=RECORD).end_state
+                simulate(
+                    scene, run, initial=InitialState.from_vector(scene, start), record=RECORD
+                ).end_state
                 for start in (state, other)
             )
             ends.append(np.linalg.norm((two - one) / np.array([1.0, 1.0, omega, omega])))

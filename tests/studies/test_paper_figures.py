@@ -30,10 +30,8 @@ from studies.paper.curve import (
     envelope,
     envelope_ratios,
     operating_ranges,
-    part_of,
     plain_curve,
     ranges_of,
-    sampled_level,
     slopes,
     watched_curve,
 )
@@ -116,7 +114,7 @@ def test_contacts_count_by_hand() -> None:
     one = lane(force=4.0)
     seen = contacts(one)
     response = simulate(one.scene, one.drive, record=WATCHED)
-    level = sampled_level(response)
+    level = response.recorded.level
     period = one.drive.schedule.pseudo_period
     inside = [t for t in response.impacts.time if abs(t - level.time) <= 10 * period]
     assert seen.rate == pytest.approx(len(inside) / 20)
@@ -133,20 +131,6 @@ def test_envelope_of_a_slow_linear_sweep_is_the_frequency_response() -> None:
     inside = (ratio > 0.91) & (ratio < 0.97)
     still = np.abs(tip_response(scene.model, None, ratio[inside] * scene.model.resonance_omega(1)))
     assert found[inside] == pytest.approx(still, rel=0.06)
-
-
-def test_part_of_a_drive_has_its_frequency_and_phase() -> None:
-    drive = lane().drive
-    start = 0.2 * drive.schedule.times[-1]
-    stop = 0.7 * drive.schedule.times[-1]
-    own = part_of(drive, start, stop)
-    times = np.linspace(start, stop, 7)
-    assert own.schedule.omega_at(times - start) == pytest.approx(
-        drive.schedule.omega_at(times), rel=1e-12
-    )
-    assert own.phase + own.schedule.phase_at(times - start) == pytest.approx(
-        drive.phase + drive.schedule.phase_at(times), rel=1e-12
-    )
 
 
 def test_the_window_is_that_of_the_level() -> None:

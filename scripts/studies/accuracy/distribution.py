@@ -21,7 +21,7 @@ from optimisation.page import markdown
 from optimisation.report.figures import force_axis
 from studies.accuracy import cases as shared
 from studies.accuracy.cases import AccuracySettings, Cases, Kind, Row
-from studies.study import Array, there
+from studies.study import Array
 
 NAME = "distribution"
 KINDS = (
@@ -49,7 +49,7 @@ def _levels(
         if budget is not None and member >= FEWEST and time.perf_counter() - began > budget:
             return
         response = simulate(scene, drive, method)
-        yield member, there(response.level).value, response.wall_time
+        yield member, response.recorded.level.value, response.wall_time
 
 
 key = itemgetter("scene", "modes")  # of a row: its case

@@ -28,7 +28,7 @@ from studies.accuracy.cases import (
     shown_rows,
     unique,
 )
-from studies.study import Array, lines, there
+from studies.study import Array, lines
 
 NAME = "growth"
 KINDS = (
@@ -104,7 +104,7 @@ class _Continued:
             initial=self.initial(state),
             record=WATCHED,
         )
-        return there(response.impacts).time[:FOLLOWED]
+        return response.recorded.impacts.time[:FOLLOWED]
 
 
 def _direction(run: _Continued, generator: np.random.Generator) -> Array:

@@ -15,7 +15,6 @@ from impact_env.methods import Exact, Method, Moreau
 from optimisation.page import markdown
 from optimisation.report.figures import figure_of
 from studies.accuracy.cases import MARKERS, AccuracySettings, Cases, Row, named, plain, unique
-from studies.study import there
 
 NAME = "jumps"
 # N
@@ -55,7 +54,7 @@ def _measured(slowness: float, method: Method, settings: AccuracySettings) -> li
     )
     found = []
     for member, drive in enumerate(members.drives(FORCE, schedule)):
-        level = there(simulate(scene, drive, method).level).value
+        level = simulate(scene, drive, method).recorded.level.value
         found.append(
             {"periods_per_percent": slowness, **_names(method), "member": member, "level_m": level}
         )

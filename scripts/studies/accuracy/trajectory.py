@@ -22,7 +22,7 @@ from optimisation.page import markdown
 from studies.accuracy import cases as shared
 from studies.accuracy.cases import AccuracySettings, Case, Cases, Kind, Row
 from studies.accuracy.event_driven import PeerFailedError, PeerRun, follow, scipy_integrator
-from studies.study import Array, there
+from studies.study import Array
 from studies.timing import median_time
 
 if TYPE_CHECKING:
@@ -147,8 +147,8 @@ def own_row(starts: list[Start], method: Method, settings: AccuracySettings) -> 
                     each,
                     true,
                     response.end_state,
-                    there(response.impacts).time,
-                    there(response.energy).relative_error,
+                    response.recorded.impacts.time,
+                    response.recorded.energy.relative_error,
                 )
             )
             if time.perf_counter() - began > settings.patience:

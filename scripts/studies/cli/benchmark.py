@@ -35,7 +35,6 @@ from studies.study import (
     table_options,
     table_place,
     table_study,
-    there,
 )
 from studies.timing import (
     Advance,
@@ -200,7 +199,7 @@ def measure_record(
     recorded = Record(level=False, series=True, samples_per_period=PERIOD)
     exact = Timed(scene, loads, Exact(), record=BARE)
     seen = Timed(scene, loads, Exact(), record=recorded)
-    history = there(seen.run().history)
+    history = seen.run().recorded.history
     row: Json = {
         "name": name,
         "samples": samples,

@@ -30,7 +30,6 @@ from studies.study import (
     table_options,
     table_place,
     table_study,
-    there,
 )
 from studies.timing import Advance, TimingSettings, all_cases, each_and_median, in_turn, sweep_up
 
@@ -90,7 +89,7 @@ def measure(case: Case, given: TimingSettings, advance: Advance) -> Json:
     times = each_and_median(in_turn(runs, given.repeats, advance))
     return {
         "name": case.name, "pseudo_periods": periods, "stretches_per_period": response.steps / periods, **times,
-        "balance": there(response.energy).relative_error, "ratio": times["energies_us"] / times["bare_us"],
+        "balance": response.recorded.energy.relative_error, "ratio": times["energies_us"] / times["bare_us"],
     }  # fmt: skip
 
 

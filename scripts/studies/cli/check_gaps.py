@@ -25,11 +25,11 @@ from studies.study import (
     Measured,
     Study,
     lines,
+    not_none,
     rows_part,
     run,
     table_options,
     table_place,
-    there,
 )
 
 FORCE = 1.0  # N; it does not matter, as gap and friction are in proportion to it
@@ -58,7 +58,7 @@ class GapSettings(NamedTuple):
 
 def level_of(lane: Lane) -> float:
     """Return the response level of a lane in m."""
-    return there(simulate(lane.scene, lane.drive, initial=lane.start).level).value
+    return simulate(lane.scene, lane.drive, initial=lane.start).recorded.level.value
 
 
 @dataclass
@@ -142,8 +142,8 @@ def judged(case: Case, found: Advice, gaps: Array, levels: LevelsOf, judges: int
     devices in their 90 % intervals. ``best`` is the scan's best gap for three forces over the rule's; ``relative``: its level over that without
     absorber.
     """
-    sharp = there(found.sharp)
-    recommended = there(found.recommended)
+    sharp = not_none(found.sharp)
+    recommended = not_none(found.recommended)
     devices = [scaled(found.check.absorber, float(gap)) for gap in gaps]
 
     def best_of(single: Array, worst: bool) -> SlidingAbsorber:

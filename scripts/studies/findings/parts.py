@@ -52,7 +52,7 @@ from optimisation.variables import (
     TUNED,
     VARIABLES,
 )
-from studies.study import Json, there
+from studies.study import Json, not_none
 from studies.timing import in_turn, seconds
 
 AT = ((1, 3.5), (2, 35.0))  # resonance and force in N: the paper's optimum at either
@@ -130,7 +130,7 @@ def _numbers(values: np.ndarray) -> list[Any]:
 
 
 def _found(found: Findings) -> Json:
-    verdict = there(found.verdict)
+    verdict = not_none(found.verdict)
     members = {
         "members_winner": _numbers(verdict.winner.members[0]),
         "members_paper": _numbers(verdict.paper.members[0]),
@@ -157,7 +157,7 @@ def concepts(study: FindingsSettings) -> Json:
             problem,
             round((PAIRS if concept == SEVERAL else 1) * study.designs),
         )
-        both = [there(found.verdict).winner.design, there(found.verdict).paper.design]
+        both = [not_none(found.verdict).winner.design, not_none(found.verdict).paper.design]
         curves = []
         for condition in problem.conditions:
             conditions = over_force(
@@ -461,7 +461,7 @@ def front(study: FindingsSettings) -> Json:
         "labels": [o.label for o in problem.objectives],
         "front_scores": [list(e.score.values) for e in found.members],
         "searched": [list(e.score.values) for e in found.told],
-        "fresh": [list(judged.score.values) for judged in there(found.fresh)],
+        "fresh": [list(judged.score.values) for judged in not_none(found.fresh)],
         "bound": bounds_of(found).tolist(),
     }
     return front_summary(found) | arrays

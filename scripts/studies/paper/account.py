@@ -9,9 +9,8 @@ from impact_env import Beam, Response, Scene, beam_scene, impact_absorber, simul
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members
 from impact_env.level import HALF_WINDOW_PERIODS
-from impact_env.periodic.case import start_from
-from studies.paper.curve import WATCHED, both_ways, level_at, part_of
-from studies.study import Array, there
+from studies.paper.curve import WATCHED, both_ways, level_at
+from studies.study import Array
 
 SAMPLES = 4096  # per pseudo period: what a mode dissipates between an impact and the next sample is small up to the tenth mode
 APART = 0.05  # pseudo periods: impacts that follow each other more closely are one contact, in which high modes bounce
@@ -47,9 +46,9 @@ def accounted(lane: Lane) -> Account:
     level = level_at(lane)
     response = window_around(lane, level.time)
     contacts, passed, left, single = _contacts(response)
-    history = there(response.history)
+    history = response.recorded.history
     tip = np.sqrt(np.mean((history.modal_displacement * history.tip_shape) ** 2, axis=0))
-    loss = there(response.energy).modal_loss
+    loss = response.recorded.energy.modal_loss
     contacts_each = contacts / response.drive.schedule.periods
     return Account(
         level.value, level.frequency_ratio, loss, contacts_each, passed, left, single, tip
@@ -60,26 +59,19 @@ def window_around(lane: Lane, time: float, samples: int = SAMPLES) -> Response:
     """Return the run of a lane within the level's window around a time in s, with ``samples`` for each pseudo period."""
     schedule = lane.drive.schedule
     half = HALF_WINDOW_PERIODS * schedule.pseudo_period
-    end = float(schedule.times[-1])
     begin = max(0.0, time - half)
-    initial = (
-        start_from(lane.scene, simulate(lane.scene, part_of(lane.drive, 0.0, begin)).end_state)
-        if begin > 0
-        else None
-    )
+    end = min(float(schedule.times[-1]), time + half)
+    initial = None
+    if begin > 0:
+        initial = simulate(lane.scene, lane.drive.between(0.0, begin)).final_state
     record = replace(WATCHED, samples_per_period=samples)
-    return simulate(
-        lane.scene,
-        part_of(lane.drive, begin, min(end, time + half)),
-        initial=initial,
-        record=record,
-    )
+    return simulate(lane.scene, lane.drive.between(begin, end), initial=initial, record=record)
 
 
 def _contacts(response: Response) -> tuple[int, Array, Array, Array]:
     """Return the number of contacts, and what they pass on, leave, and each give to the second mode (`Account`)."""
-    energy = mechanical_energy(response.scene, there(response.history)).modal
-    samples = there(response.impacts).time / (response.drive.schedule.pseudo_period / SAMPLES)
+    energy = mechanical_energy(response.scene, response.recorded.history).modal
+    samples = response.recorded.impacts.time / (response.drive.schedule.pseudo_period / SAMPLES)
     new = np.flatnonzero(
         np.diff(samples) >= APART * SAMPLES
     )  # after these impacts the next contact begins

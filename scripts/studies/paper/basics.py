@@ -56,7 +56,7 @@ from studies.paper.frame import (
     panels,
     signal,
 )
-from studies.study import Array, Json, Steps, there
+from studies.study import Array, Json, Steps, not_none
 
 GAP = RigidWalls.gap
 ENTRY_FORCES = (3.5, 5.0, 10.0, 20.0)  # N, at which the first impact of a sweep is looked for
@@ -173,7 +173,7 @@ def linear_numbers() -> Json:
 
 
 def _impact_times(lane: Lane) -> Array:
-    return there(simulate(lane.scene, lane.drive, record=Record(events=True)).impacts).time
+    return simulate(lane.scene, lane.drive, record=Record(events=True)).recorded.impacts.time
 
 
 def _entry() -> list[Json]:
@@ -194,7 +194,7 @@ def _entry() -> list[Json]:
 def both_windows(lane: Lane) -> tuple[float, float]:
     """Return the level in m of a lane with the paper's window and with one twice as long."""
     record = WATCHED if lane.scene.absorber is not None else Record(level=False, series=True)
-    tip = there(simulate(lane.scene, lane.drive, record=record).history).tip_displacement
+    tip = simulate(lane.scene, lane.drive, record=record).recorded.history.tip_displacement
     one, two = (response_level(tip, DEFAULT_SAMPLES, k * HALF_WINDOW_PERIODS)[0] for k in (1, 2))
     return one, two
 
@@ -314,7 +314,7 @@ def squares(
         runs.orders["omega_start"], runs.orders["omega_stop"] = omega[k : k + 2]
         runs.orders["fresh"] = True  # a piece begins at the state as it is left here
         runs.advance()
-        runs.state[:, -1] *= np.exp(-damper * runs.duration / there(scene.absorber_mass))
+        runs.state[:, -1] *= np.exp(-damper * runs.duration / not_none(scene.absorber_mass))
         found[k] = runs.reports["mean_square"]
     runs.close()
     return found

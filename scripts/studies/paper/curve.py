@@ -20,18 +20,18 @@ from impact_env import Scene, simulate
 from impact_env.curve import DOWN, CurveCase, PerformanceCurve
 from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule, linear_sweep
 from impact_env.ensemble import Lane, draw_members
-from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel, level_of, read_level
+from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel
 from impact_env.methods import Method
 from impact_env.parameters import require
 from impact_env.periodic.shooting import largest_exponent
 from impact_env.periodic.stationary import Criteria, longest_pause
-from impact_env.response import DEFAULT_SAMPLES, Record, Response
+from impact_env.response import DEFAULT_SAMPLES, Record
 from optimisation.report.figures import force_axis
 from studies.paper.claim import bands, spread
 from studies.paper.frame import MM, Look, PaperSettings, banded, level_of_nothing
-from studies.study import Array, Json, there
+from studies.study import Array, Json
 
-WATCHED = Record(level=False, events=True, series=True, energy=True)
+WATCHED = Record(events=True, series=True, energy=True)
 SERIES = Record(level=False, events=True, series=True)
 
 
@@ -51,7 +51,7 @@ class Seen(NamedTuple):
 
 def level_at(lane: Lane) -> ResponseLevel:
     """Return the response level of a lane by the exact method."""
-    return there(simulate(lane.scene, lane.drive).level)
+    return simulate(lane.scene, lane.drive).recorded.level
 
 
 def level_in(lane: Lane) -> float:
@@ -65,30 +65,12 @@ def both_ways(scene: Scene, resonance: int = 1) -> tuple[FrequencySchedule, Freq
     return linear_sweep(omega, low, high), linear_sweep(omega, high, low)
 
 
-def sampled_level(response: Response) -> ResponseLevel:
-    """Return the level of a run that was recorded as samples."""
-    level = level_of(there(response.history).tip_displacement, DEFAULT_SAMPLES)
-    return there(
-        read_level(level, response.drive, response.drive.schedule.pseudo_period / DEFAULT_SAMPLES)
-    )
-
-
-def part_of(drive: Drive, start: float, stop: float) -> Drive:
-    """Return a drive between two of its times in s, as one that begins at 0."""
-    schedule = drive.schedule
-    times = np.concatenate(
-        [[start], schedule.times[(schedule.times > start) & (schedule.times < stop)], [stop]]
-    )
-    own = FrequencySchedule(times - start, schedule.omega_at(times), schedule.reference)
-    return Drive(drive.amplitude, own, drive.phase + float(schedule.phase_at(start)))
-
-
 def contacts(lane: Lane, method: Method | None = None) -> Seen:
     """Return a lane's `Seen` with a method (None: the exact one)."""
     response = simulate(lane.scene, lane.drive, method, record=WATCHED)
-    level = sampled_level(response)
+    level = response.recorded.level
     period = lane.drive.schedule.pseudo_period
-    times = there(response.impacts).time / period
+    times = response.recorded.impacts.time / period
     middle = level.time / period
     begin = max(0.0, middle - HALF_WINDOW_PERIODS)
     length = min(lane.drive.schedule.periods, middle + HALF_WINDOW_PERIODS) - begin
@@ -111,7 +93,7 @@ def chaos(lane: Lane, periods: int) -> tuple[float, float, float]:
 
 def envelope(lane: Lane, periods: int = 4) -> Array:
     """Return a lane's largest |q_tip| in m in each stretch of so many pseudo periods, (stretches,); the last one may be shorter."""
-    history = there(simulate(lane.scene, lane.drive, record=WATCHED).history)
+    history = simulate(lane.scene, lane.drive, record=WATCHED).recorded.history
     return np.asarray(
         np.maximum.reduceat(
             np.abs(history.tip_displacement),

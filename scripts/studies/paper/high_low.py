@@ -44,7 +44,7 @@ from studies.paper.frame import (
     legend_below,
     panels,
 )
-from studies.study import Json, Steps, there
+from studies.study import Json, Steps
 
 LABEL = "high_low"
 # N: limit of friction, and the paper's two forces
@@ -94,7 +94,7 @@ def _levels_of_isolas() -> list[Json]:
 def rhythm(lane: Lane, method: Method) -> tuple[float, float]:
     """Return impacts, and visits to a wall, in each of the last `WINDOW` periods at a constant frequency; a visit ends with one to the other."""
     schedule = lane.drive.schedule
-    impacts = there(simulate(lane.scene, lane.drive, method, record=Record(events=True)).impacts)
+    impacts = simulate(lane.scene, lane.drive, method, record=Record(events=True)).recorded.impacts
     since = schedule.times[-1] - WINDOW * 2 * np.pi / schedule.omegas[-1]
     walls = np.sign(impacts.impulse[impacts.time > since])
     return len(walls) / WINDOW, np.count_nonzero(np.diff(walls)) / WINDOW

@@ -60,7 +60,7 @@ from studies.paper.frame import (
     legends,
     panels,
 )
-from studies.study import Json, Steps, there
+from studies.study import Json, Steps, not_none
 
 LABEL = "jump"
 # N
@@ -116,9 +116,9 @@ def scene() -> Scene:
 def followed(lane: Lane, method: Method) -> tuple[list[float], float, float]:
     """Return the largest |q_tip| in m between `EDGES`, the median of the periods' largest on the high branch, and the largest at resonance."""
     schedule: FrequencySchedule = lane.drive.schedule
-    history = there(
-        simulate(lane.scene, lane.drive, method, record=Record(level=False, series=True)).history
-    )
+    history = simulate(
+        lane.scene, lane.drive, method, record=Record(level=False, series=True)
+    ).recorded.history
     first = np.flatnonzero(np.diff(np.floor(history.time / schedule.pseudo_period), prepend=-1))
     largest = np.maximum.reduceat(np.abs(history.tip_displacement), first)
     ratio = np.asarray(schedule.omega_at(history.time[first])) / schedule.reference
@@ -197,7 +197,7 @@ def _jumps(settings: PaperSettings, size: Size, name: str) -> list[Json]:
                 progress=show,
                 **to,
             )
-        high = there(found.high)
+        high = not_none(found.high)
         low, most = Jumps(high, found.runs, found.runs).interval()
         share = {"share": high / found.runs, "low": low, "high": most}
         rows.append(
@@ -218,7 +218,9 @@ def drifted(lane: Lane, method: Method) -> tuple[float, int]:
     Without impacts the friction of whole periods should leave the place where it is.
     """
     response = simulate(lane.scene, lane.drive, method, record=Record(level=False, series=True))
-    place = there(response.history).absorber_displacement - there(response.history).tip_displacement
+    place = (
+        response.recorded.history.absorber_displacement - response.recorded.history.tip_displacement
+    )
     each = DEFAULT_SAMPLES * BLOCK
     means = place[: len(place) // each * each].reshape(-1, each).mean(axis=1)
     return float(np.ptp(means)), response.impact_count

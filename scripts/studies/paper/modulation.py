@@ -30,7 +30,6 @@ from impact_env import (
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members
 from impact_env.frequency import tip_response
-from impact_env.periodic.case import start_from
 from impact_env.periodic.stationary import window_of
 from studies.paper.claim import Claim, claim, interval
 from studies.paper.curve import WATCHED, chaos
@@ -45,7 +44,7 @@ from studies.paper.frame import (
     panels,
     shortened,
 )
-from studies.study import Array, Json, Steps, Table, there
+from studies.study import Array, Json, Steps, Table, not_none
 
 LABEL = "modulation"
 Case = tuple[Scene, Json, float]  # a scene under a force in N, and what is said of that
@@ -65,7 +64,7 @@ FAST = 4  # modes from which on most of what an impact scatters is gone before t
 
 def equivalent_restitution(scene: Scene, restitution: float = 1.0) -> float:
     """Return e_1 of the module's head for a scene with an absorber; below 0 the absorber is struck again at once."""
-    compliances = 1 / there(scene.absorber_mass) + np.cumsum(scene.model.tip_shape**2)
+    compliances = 1 / not_none(scene.absorber_mass) + np.cumsum(scene.model.tip_shape**2)
     return float((1 + restitution) * compliances[0] / compliances[-1] - 1)
 
 
@@ -76,14 +75,12 @@ def exchange(lane: Lane, periods: int) -> dict[str, float]:
     """
     scene = lane.scene
     settled = lane.drive
-    schedule = lane.drive.schedule
-    end = simulate(scene, settled, record=Record(events=True)).end_state
-    omega = float(schedule.omegas[-1])
-    phase = settled.phase + float(schedule.phase_at(float(schedule.times[-1])))
-    drive = Drive(settled.amplitude, constant_frequency(omega, 1.0, periods), phase)
-    response = simulate(scene, drive, initial=start_from(scene, end), record=WATCHED)
-    history = there(response.history)
-    loss = there(response.energy)
+    omega = float(settled.schedule.omegas[-1])
+    start = simulate(scene, settled, record=Record(events=True)).final_state
+    drive = settled.followed_by(constant_frequency(omega, 1.0, periods))
+    response = simulate(scene, drive, initial=start, record=WATCHED)
+    history = response.recorded.history
+    loss = response.recorded.energy
     energy = mechanical_energy(scene, history)
     lost = float(np.sum(loss.modal_loss)) + loss.impact_loss
     taken = lost - float(loss.modal_loss[0])

@@ -39,7 +39,7 @@ from studies.paper.frame import (
     line,
     panels,
 )
-from studies.study import Json, Steps, there
+from studies.study import Json, Steps, not_none
 
 LABEL = "oprange"
 RESTITUTION = 0.75
@@ -108,8 +108,8 @@ def _claims(values: Json) -> list[Claim]:
     """Return the verdicts on the operating ranges."""
     own, none, stuck, (begin, end) = _read(values)
     step = curve_of(values["step"])
-    first = there(begin)
-    last = there(end)
+    first = not_none(begin)
+    last = not_none(end)
     linear = own.forces <= first.low
     secondary = own.forces >= last.high
     primary = (own.forces >= first.high) & (own.forces <= last.low)

@@ -22,7 +22,7 @@ from studies.paper.frame import (
     panels,
     shortened,
 )
-from studies.study import Json, Table, there
+from studies.study import Json, Table, not_none
 
 LABEL = "optimum"
 
@@ -46,7 +46,7 @@ def _of_mass(mass: float, settings: PaperSettings, size: Size) -> Json:
     )
     rows = []
     for e, curve in zip(size.restitutions, curves, strict=True):
-        best = there(curve.optimum(without))
+        best = not_none(curve.optimum(without))
         relative = curve.relative_to(without)
         at_best = {
             "best_n": best.force,

@@ -30,7 +30,7 @@ from studies.paper.frame import (
     shortened,
     signal,
 )
-from studies.study import Array, Json, Steps, Table, there
+from studies.study import Array, Json, Steps, Table
 
 LABEL = "scat"
 # N
@@ -70,7 +70,7 @@ def near_lanes(own: Scene, members: int, seed: int) -> list[Lane]:
 
 def passage(lane: Lane, method: Method | None = None) -> Array:
     """Return the tip's displacement in m at the samples of the last `NEAR_PERIODS` of a sweep."""
-    history = there(simulate(lane.scene, lane.drive, method, record=WATCHED).history)
+    history = simulate(lane.scene, lane.drive, method, record=WATCHED).recorded.history
     return history.tip_displacement[-(NEAR_PERIODS * DEFAULT_SAMPLES + 1) :]
 
 

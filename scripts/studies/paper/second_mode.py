@@ -32,7 +32,7 @@ from studies.paper.frame import (
     shortened,
     signal,
 )
-from studies.study import Array, Json, Steps, Table, there
+from studies.study import Array, Json, Steps, Table
 
 FORCE = 3.0
 TOLD = (
@@ -82,7 +82,7 @@ def _signal(own: Scene, seed: int) -> Json:
         key=lambda pair: pair[0].value,
     )
     response = window_around(lane, level.time)
-    history = there(response.history)
+    history = response.recorded.history
     energy = mechanical_energy(own, history)
     time = history.time / response.drive.schedule.pseudo_period
     first = int(HALF_WINDOW_PERIODS * SAMPLES)

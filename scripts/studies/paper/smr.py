@@ -43,7 +43,7 @@ from studies.paper.frame import (
     panels,
     signal,
 )
-from studies.study import Array, Json, Steps, there
+from studies.study import Array, Json, Steps
 
 LABEL = "SMR"
 FORCE = 1.7  # N
@@ -79,7 +79,7 @@ def modulated(lane: Lane, method: Method, periods: int) -> Json:
     The thirds "high" and "low" are the periods with the largest and the smallest tip displacements.
     """
     response = simulate(lane.scene, lane.drive, method, record=SERIES)
-    history = there(response.history)
+    history = response.recorded.history
     first = SETTLE * DEFAULT_SAMPLES
     rows = slice(first, first + periods * DEFAULT_SAMPLES)
     energy = mechanical_energy(lane.scene, history)
@@ -88,7 +88,7 @@ def modulated(lane: Lane, method: Method, periods: int) -> Json:
         each.reshape(periods, -1)
         for each in (phase_lag(history)[rows], energy.absorber_share[rows], np.abs(displacement))
     )
-    when = there(response.impacts).time / lane.drive.schedule.pseudo_period - SETTLE
+    when = response.recorded.impacts.time / lane.drive.schedule.pseudo_period - SETTLE
     impacts = np.histogram(when, np.arange(periods + 1))[0]
     lags = np.angle(np.exp(1j * lag).mean(axis=1))
     peaks = tip.max(axis=1)
@@ -180,7 +180,7 @@ def _members(settings: PaperSettings, size: Size, name: str) -> Json:
 
 def shares(lane: Lane, periods: int) -> list[float]:
     """Return the absorber's largest share of the energy in each `STRETCH` of a lane's ``periods`` after it has settled."""
-    history = there(simulate(lane.scene, lane.drive, record=SERIES).history)
+    history = simulate(lane.scene, lane.drive, record=SERIES).recorded.history
     return _largest(
         mechanical_energy(lane.scene, history).absorber_share[SETTLE * DEFAULT_SAMPLES :], periods
     )

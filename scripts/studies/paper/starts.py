@@ -23,7 +23,7 @@ from studies.paper.frame import (
     panels,
     shortened,
 )
-from studies.study import Array, Json, Table, there
+from studies.study import Array, Json, Table
 
 LABEL = "starts"
 CHOICES = ("paper's", "position", "frequency", "both")  # what is drawn at random
@@ -42,7 +42,7 @@ def scenes() -> dict[str, Scene]:
 
 def level_from(lane: Lane) -> float:
     """Return the response level in m of a lane with a state of its own."""
-    return there(simulate(lane.scene, lane.drive, initial=lane.initial).level).value
+    return simulate(lane.scene, lane.drive, initial=lane.initial).recorded.level.value
 
 
 def _of_scene(scene: Scene, settings: PaperSettings, size: Size) -> Json:

@@ -17,7 +17,7 @@ from impact_env.ensemble import Executor, draw_members
 from impact_env.parameters import Beam, count, finite, impact_absorber, positive, require
 from impact_env.periodic.residence import Approach, Range, exit_rate, jumps, stays
 from impact_env.periodic.stationary import QUANTILES, Kind, envelope, stationary_members
-from studies.study import there
+from studies.study import not_none
 
 PAPER = "paper"
 STRIP = "strip"
@@ -204,7 +204,7 @@ def _stay(case: Case, ratio: float, settings: RegimeSettings) -> list[Row]:
 
 def _sweep(case: Case, slowness: float, settings: RegimeSettings) -> list[Row]:
     drawn = _phases(settings.sweep_members, settings.seed + 1)
-    at = (case.scene, case.force, case.approach, there(case.sweep), slowness, drawn)
+    at = (case.scene, case.force, case.approach, not_none(case.sweep), slowness, drawn)
     limits = (settings.silence, case.high_level)
     found = jumps(*at, *limits, threads=settings.threads, executor=settings.executor)
     low, high = found.interval()
@@ -229,7 +229,7 @@ def _sweep(case: Case, slowness: float, settings: RegimeSettings) -> list[Row]:
 
 def _one_way(case: Case, way: str, slowness: float, settings: RegimeSettings) -> list[Row]:
     """Return how many of twice the members leave between the two ratios in a sweep down or up; before one up they come down to its start."""
-    high, low = there(case.both_ways)
+    high, low = not_none(case.both_ways)
     over = (
         Range(high + BEFORE, high, low, low - AFTER)
         if way == WAYS[0]

@@ -30,7 +30,6 @@ from impact_env.parameters import (
     friction_damper,
     impact_absorber,
 )
-from studies.study import there
 
 STATIC = Beam().static_tip_stiffness  # 3 EI / l^3 in N/m
 GAP = RigidWalls.gap
@@ -359,11 +358,9 @@ def _at(_scene: Scene, displacement: float = 0.0, velocity: float = 0.0) -> Init
 def _peak_per_newton(modes: int, periods: float) -> float:
     """Return the largest tip displacement of the bare beam per newton (m/N)."""
     scene = beam_scene(Beam(modes=modes))
-    return there(
-        simulate(
-            scene, Drive(1.0, _constant(scene, periods)), record=Record(samples_per_period=512)
-        ).level
-    ).max_tip
+    return simulate(
+        scene, Drive(1.0, _constant(scene, periods)), record=Record(samples_per_period=512)
+    ).recorded.level.max_tip
 
 
 def _peak_at(scene: Scene, displacement: float) -> Drive:

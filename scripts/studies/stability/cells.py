@@ -24,7 +24,6 @@ from impact_env.sweep import IntegrationError, simulate
 from optimisation.machine import peak_memory
 from reference.dense import Truth, follow
 from studies.stability.cases import EXACT, MOREAU, Case
-from studies.study import there
 
 SAMPLES = 32  # per pseudo period
 LEAST_SAMPLES = 33
@@ -132,7 +131,7 @@ def _fill(
     cell.impacts, cell.wall_s, cell.balance = (
         response.impact_count,
         response.wall_time,
-        there(response.energy).relative_error,
+        response.recorded.energy.relative_error,
     )
     if isinstance(response.method, Moreau):
         cell.identity = _left_over(scene, initial, response)
@@ -176,7 +175,7 @@ def _truth(case: Case) -> Truth:
 
 
 def _deviation(expected: Truth, response: Response) -> float:
-    history = there(response.history)
+    history = response.recorded.history
     count = min(len(expected.time), len(history.time))
     tip = history.tip_displacement[:count]
     distance = np.abs(tip - expected.tip[:count])
@@ -194,7 +193,7 @@ def _penetration(scene: Scene, response: Response) -> float | None:
     walls = scene.absorber.walls if isinstance(scene.absorber, SlidingAbsorber) else None
     if not isinstance(walls, RigidWalls):
         return None
-    history = there(response.history)
+    history = response.recorded.history
     relative = history.absorber_displacement - history.tip_displacement
     depth = max(0.0, float(np.max(np.abs(relative))) - walls.gap)
     return depth / (walls.gap + float(np.max(np.abs(history.absorber_displacement))))
@@ -207,7 +206,7 @@ def _left_over(scene: Scene, initial: InitialState, response: Response) -> float
     """
     n = scene.model.modes
     model = scene.model
-    account = there(response.energy)
+    account = response.recorded.energy
     dt = float(response.drive.schedule.times[-1]) / response.steps
 
     def kinetic(state: np.ndarray) -> float:
@@ -227,7 +226,7 @@ def _left_over(scene: Scene, initial: InitialState, response: Response) -> float
 
 def _scale(response: Response) -> float:
     """Return the largest term of the energy balance in J."""
-    account = there(response.energy)
+    account = response.recorded.energy
     losses = (
         float(np.sum(account.modal_loss)),
         account.friction_loss,
@@ -243,7 +242,7 @@ def _drift(scene: Scene, response: Response, half: Response, conserved: bool) ->
     if conserved:
         change = stored_energy(scene, response.end_state) - stored_energy(scene, half.end_state)
     else:
-        change = there(response.energy).balance_error - there(half.energy).balance_error
+        change = response.recorded.energy.balance_error - half.recorded.energy.balance_error
     return abs(change) / (scale if scale > 0 else 1.0) / (0.5 * response.drive.schedule.periods)
 
 

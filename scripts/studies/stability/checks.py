@@ -19,7 +19,7 @@ from impact_env.parameters import Absorber
 from impact_env.response import Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import IntegrationError, simulate
-from studies.study import Json, there
+from studies.study import Json
 
 # of all cases together
 SEARCHES = 1_000_000
@@ -153,11 +153,11 @@ def check(name: str, searches: int, seed: int | None = None) -> Json:
         stop = start + WIDTH * float(generator.choice([-1, 1]))
         drive = Drive(force, linear_sweep(omega, start, stop, RATE), phase)
         try:
-            found = there(simulate(scene, drive, record=RECORD, most_events=searches).check)
+            found = simulate(scene, drive, record=RECORD, most_events=searches).recorded.check
         except IntegrationError as error:
             if "budget" not in str(error) or error.response is None:
                 raise
-            found = there(error.response.check)
+            found = error.response.recorded.check
         result["searches"] += found.searches
         result["misses"] += found.misses
         result["worst"] = max(result["worst"], found.worst)

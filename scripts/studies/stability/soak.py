@@ -7,7 +7,7 @@ from impact_env import Drive, Record, beam_scene, constant_frequency, simulate
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.parameters import Absorber, Beam, CompliantWalls, SlidingAbsorber, impact_absorber
 from optimisation.machine import peak_memory
-from studies.study import Json, there
+from studies.study import Json
 
 LENGTHS = (1_000, 10_000, 100_000, 1_000_000)  # pseudo periods
 QUICK_LENGTHS = (100, 1_000, 10_000)
@@ -82,7 +82,7 @@ def soak(case: SoakCase, lengths: tuple[int, ...]) -> Json:
     for length in lengths:
         schedule = constant_frequency(scene.model.resonance_omega(1), RATIO, float(length))
         response = simulate(scene, Drive(FORCE, schedule), case.method, record=RECORD)
-        found["balance"].append(there(response.energy).relative_error)
+        found["balance"].append(response.recorded.energy.relative_error)
         found["memory_mb"].append(1e-6 * peak_memory())
         found["us_per_period"].append(1e6 * response.wall_time / length)
         found["impacts_per_period"].append(response.impact_count / length)
