@@ -14,6 +14,7 @@ from typing import Any
 
 import llvmlite.binding
 
+import impact_env
 from impact_env.drive import Drive, constant_frequency
 from impact_env.ensemble import available_cores
 from impact_env.kernels.compiling.cache import digest
@@ -61,6 +62,7 @@ def conditions(packages: Iterable[str] = PACKAGES) -> dict[str, Any]:
     """Return date, machine and versions of a measurement."""
     return {
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "release": impact_env.__version__,
         "processor": processor(),
         "cores": available_cores(),
         "system": f"{platform.system()} {platform.machine()}",
@@ -78,12 +80,15 @@ def machine(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def sources(values: Mapping[str, Any]) -> str:
-    """Say in a sentence when, where and from which sources something was measured: what `conditions` returned then."""
+    """Return a sentence with date, release, machine and versions of a measurement, from its `conditions`."""
     named = ", ".join(
         f"{'Python' if name == 'python' else name} {number}"
         for name, number in values["versions"].items()
+        if name != "kernels"
     )
-    where = (values["date"], values["processor"], f"{values['cores']} cores", values.get("system"))
+    release = f"with version {values['release']}" if "release" in values else None
+    cores = f"{values['cores']} core{'' if values['cores'] == 1 else 's'}"
+    where = (values["date"], release, values["processor"], cores, values.get("system"))
     return f"Measured on {', '.join(part for part in where if part)}; {named}."
 
 

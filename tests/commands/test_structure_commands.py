@@ -9,7 +9,7 @@ import pytest
 from click.testing import Result
 from commands import call as call_command
 from commands import done, load
-from places import EXAMPLES, ROOT
+from places import EXAMPLES
 
 from impact_env import Beam, beam_scene, impact_absorber, load_structure, modal_model
 from impact_env.curve import performance_curve
@@ -18,12 +18,10 @@ from impact_env.periodic.survey import closed_form_orbits
 from impact_env.plain import from_scene
 from impact_env.scene import Scene
 from optimisation.bounds import design_force, design_gap
-from optimisation.cli.group import file_of
 from optimisation.friction_rule import best_friction
 from optimisation.mounting import mounted
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import den_hartog, undamped_h2
-from studies.cli.your_structure import BLOCK, PAGES
 
 STEEL, FRAME, MEASURED = (
     str(EXAMPLES / f"{name}.toml") for name in ("steel_beam_tip", "frame", "measured")
@@ -167,22 +165,6 @@ def test_an_environment_takes_a_structure() -> None:
     )
     with pytest.raises(ValueError, match="is not allowed"):
         TaskSettings(structure=STEEL, beam={"length": 1.0})
-
-
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
-def test_pages_have_what_their_commands_print(path: Path) -> None:
-    page = path.read_text(encoding="utf-8")
-    blocks = list(BLOCK.finditer(page))
-    assert len(blocks) >= 3
-    assert len(blocks) == page.count("```text")
-    for block in blocks:
-        _, name, *arguments = shlex.split(block["command"])
-        assert file_of(name) is not None
-        assert (
-            "--structure" not in arguments
-            or (ROOT / arguments[arguments.index("--structure") + 1]).is_file()
-        )
-        assert block["printed"].strip()
 
 
 def test_a_device_goes_to_other_commands(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -14,9 +14,8 @@ DOCS = [*sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "interna
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS, KERNELS / "README.md"]
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 MARKED = {
-    "README.md": ["benchmark"],
     "docs/tasks.md": ["admission", "rules", "leaderboard"],
-    "docs/methods.md": ["levels"],
+    "docs/methods.md": ["benchmark", "levels"],
     "docs/internals/cost.md": ["cost"],
     "docs/method.md": ["benchmark_energies"],
     "docs/environments.md": ["speeds"],

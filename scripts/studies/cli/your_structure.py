@@ -1,13 +1,10 @@
-"""Run the commands of docs/which_gap.md and docs/your_structure.md and write what they print into these pages."""
+"""Run the commands and examples of pages and write what they print into these pages."""
 
 
 # needs: optimise
 
-import re
-import shlex
-import shutil
-import subprocess
-import sys
+import contextlib
+import tempfile
 import time
 from pathlib import Path
 
@@ -16,50 +13,34 @@ import click
 from optimisation.cli.common import command, plain_errors
 from optimisation.files import replacing
 from optimisation.machine import conditions, sources
-from optimisation.page import ROOT, fill, require_markers
+from optimisation.page import ROOT, fill, has_markers
 from optimisation.progress import BAR, Bar
+from studies.printed_blocks import find_blocks, run_source, select_paragraphs, write_files
 
 PRINTED = "printed"  # the section that says when and where the commands ran
-PAGES = tuple(ROOT / "docs" / f"{name}.md" for name in ("which_gap", "your_structure"))
-# a command and what it prints: all, or the paragraphs that begin with what stands behind ```text, several apart by ;
-BLOCK = re.compile(
-    r"```sh\n(?P<command>scripts/run [^\n]+)\n```\n\n```text(?P<shown>[^\n]*)\n(?P<printed>(?:(?!```).*\n)*?)```\n"
-)
+NAMES = ("which_gap", "your_structure", "tutorial", "sweep", "periodic_python")
+PAGES = (ROOT / "README.md", *(ROOT / "docs" / f"{name}.md" for name in NAMES))
 
 
-def printed_by(command: str, shown: str = "") -> str:
-    """Return the output of a page's command, warnings and errors included: of it the paragraphs that begin with one of ``shown``."""
-    _, name, *arguments = shlex.split(command)
-    call = [sys.executable, "-m", "optimisation.cli.group", name, *arguments]
-    found = subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=False)
-    told = [
-        line for line in found.stderr.splitlines() if line.lower().startswith(("warning", "error"))
-    ]  # not progress
-    text = "\n".join(line.rstrip() for line in [*told, *found.stdout.strip().splitlines()])
-    starts = tuple(start.strip() for start in shown.split(";") if start.strip())
-    return (
-        "\n\n".join(part for part in text.split("\n\n") if part.startswith(starts))
-        if starts
-        else text
-    )
+def update_page(page: Path) -> int:
+    """Run the blocks of a page in order and write what they print into it; return their number.
 
-
-def bring_up_to_date(page: Path) -> int:
-    """Run the commands of a page in turn, write what they print into it, and return their number; the page stays as it is until all have run."""
-    text = require_markers(page, page, (PRINTED,))
-    blocks = list(BLOCK.finditer(text))
-    shutil.rmtree(
-        ROOT / "results" / page.stem, ignore_errors=True
-    )  # a study goes on where it was left, and would print something else
-    results = [
-        printed_by(block["command"], block["shown"])
-        for block in Bar(blocks, desc=page.stem, bar_format=BAR)
-    ]
+    The page stays as it is until all have run.
+    """
+    text = page.read_text(encoding="utf-8")
+    blocks = find_blocks(text)
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        write_files(text, Path(folder))
+        results = [
+            select_paragraphs(run_source(block.language, block.source), block.starts)
+            for block in Bar(blocks, desc=page.stem, bar_format=BAR)
+        ]
     for block, result in reversed(list(zip(blocks, results, strict=True))):
-        text = f"{text[: block.start('printed')]}{result}\n{text[block.end('printed') :]}"
+        text = f"{text[: block.place[0]]}{result}\n{text[block.place[1] :]}"
     with replacing(page) as temporary:
         temporary.write_text(text, encoding="utf-8")
-    fill(page, page, {PRINTED: sources(conditions())})
+    if has_markers(text, PRINTED):
+        fill(page, page, {PRINTED: sources(conditions())})
     return len(blocks)
 
 
@@ -67,20 +48,19 @@ def bring_up_to_date(page: Path) -> int:
 @click.option(
     "--page",
     "pages",
-    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    type=click.Path(path_type=Path, dir_okay=False, exists=True, resolve_path=True),
     multiple=True,
     default=PAGES,
-    show_default=True,
-    help="Page to bring up to date; may be repeated.",
+    help="Page to bring up to date; may be repeated.  [default: all pages with printed blocks]",
 )
 def main(pages: tuple[Path, ...]) -> None:
-    """Run the commands of docs/which_gap.md and docs/your_structure.md, and write what they print into these pages.
+    """Run the commands and examples of pages, and write what they print into these pages.
 
     Ctrl-C leaves a page as it was.
     """
     started = time.perf_counter()
     with plain_errors("Broken off; the page is as it was."):
-        number = sum(bring_up_to_date(page) for page in pages)
+        number = sum(update_page(page) for page in pages)
     click.echo(
-        f"{number} commands in {(time.perf_counter() - started) / 60:.1f} minutes, written: {', '.join(map(str, pages))}"
+        f"{number} blocks in {(time.perf_counter() - started) / 60:.1f} minutes, written: {', '.join(map(str, pages))}"
     )

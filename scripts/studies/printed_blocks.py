@@ -1,0 +1,127 @@
+"""Blocks of pages that show what a command or a Python example prints: found, run again and compared."""
+
+import contextlib
+import io
+import re
+import shlex
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from click.testing import CliRunner
+
+from optimisation.cli.group import imported
+from optimisation.page import ROOT
+
+EXAMPLES = Path("docs", "examples")
+# a command or Python code and what it prints: all of it, or, where words stand behind ```text, the
+# paragraphs that begin with one of them; several are separated by semicolons
+BLOCK = re.compile(
+    r"```(?P<language>sh|python)\n(?P<source>(?:(?!```).*\n)+?)```\n\n"
+    r"```text(?P<starts>[^\n]*)\n(?P<printed>(?:(?!```).*\n)*?)```\n"
+)
+FILE = re.compile(r"```toml\n# (?P<name>[\w.]+\.toml)\n(?P<text>(?:(?!```).*\n)*?)```\n")
+NUMBER = re.compile(r"[-+]?(?:\d{1,3}(?:,\d{3})+|\d+)(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A command or Python example of a page, and the text that the page shows as its output."""
+
+    language: str
+    source: str
+    starts: tuple[str, ...]
+    printed: str
+    place: tuple[int, int]
+
+    @property
+    def command(self) -> str:
+        """Return the name of the command, empty for a Python example."""
+        return shlex.split(self.source)[1] if self.language == "sh" else ""
+
+
+def find_blocks(text: str) -> list[Block]:
+    """Return the blocks of a page in order."""
+    return [
+        Block(
+            found["language"],
+            found["source"],
+            tuple(start.strip() for start in found["starts"].split(";") if start.strip()),
+            found["printed"],
+            found.span("printed"),
+        )
+        for found in BLOCK.finditer(text)
+    ]
+
+
+def write_files(text: str, folder: Path) -> None:
+    """Write the files that a page shows (TOML blocks whose first line is ``# NAME.toml``) and the examples into a folder."""
+    for found in FILE.finditer(text):
+        (folder / found["name"]).write_text(found["text"], encoding="utf-8")
+    shutil.copytree(ROOT / EXAMPLES, folder / EXAMPLES, dirs_exist_ok=True)
+
+
+def run_source(language: str, source: str) -> str:
+    """Return what a command or a Python example prints in the current folder: warnings and errors first, without progress."""
+    if language == "python":
+        output = io.StringIO()
+        with contextlib.redirect_stdout(output):
+            exec(compile(source, "<example>", "exec"), {"__name__": "__example__"})
+        return output.getvalue()
+    _, name, *arguments = shlex.split(source)
+    result = CliRunner().invoke(imported(name).main, arguments)
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    warnings = [
+        line for line in result.stderr.splitlines() if line.lower().startswith(("warning", "error"))
+    ]
+    return "\n".join([*warnings, result.stdout])
+
+
+def select_paragraphs(text: str, starts: tuple[str, ...]) -> str:
+    """Return the paragraphs of an output that begin with one of ``starts``, or all of them if there are none."""
+    whole = "\n".join(line.rstrip() for line in text.strip().splitlines())
+    if not starts:
+        return whole
+    return "\n\n".join(part for part in whole.split("\n\n") if part.startswith(starts))
+
+
+def _pattern(line: str) -> str:
+    """Return a line with ``#`` for each number, and one space for a run of spaces and rules of tables."""
+    return re.sub(r"[ \-:]+", " ", NUMBER.sub("#", line)).strip()
+
+
+def _numbers(line: str) -> list[float]:
+    return [float(number.replace(",", "")) for number in NUMBER.findall(line)]
+
+
+def _by_pattern(text: str) -> dict[str, list[str]]:
+    lines: dict[str, list[str]] = {}
+    for line in text.splitlines():
+        if line.strip():
+            lines.setdefault(_pattern(line), []).append(line)
+    return lines
+
+
+def find_differences(page: str, output: str, tolerance: float) -> Iterator[str]:
+    """Yield how an output differs from what a page shows: in words, or in a number by more than a relative ``tolerance``.
+
+    A table may have other rows, as long as they have the form of those on the page: which gaps a
+    search runs depends on the last bits of chaotic runs. Then its numbers are not compared.
+    """
+    shown, found = _by_pattern(page), _by_pattern(output)
+    for pattern in [*shown, *found]:
+        if pattern not in found:
+            yield f"the page shows '{shown[pattern][0]}', which is not printed"
+        elif pattern not in shown:
+            yield f"'{found[pattern][0]}' is printed, which the page does not show"
+    for pattern in shown.keys() & found.keys():
+        if len(shown[pattern]) != len(found[pattern]):
+            continue
+        for old, new in zip(shown[pattern], found[pattern], strict=True):
+            if any(
+                abs(a - b) > tolerance * max(abs(a), abs(b))
+                for a, b in zip(_numbers(old), _numbers(new), strict=True)
+            ):
+                yield f"the page shows '{old}', printed is '{new}'"

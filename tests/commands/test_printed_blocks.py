@@ -1,0 +1,97 @@
+"""Pages show what their commands and Python examples print today."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from places import ROOT
+
+from studies.printed_blocks import (
+    Block,
+    find_blocks,
+    find_differences,
+    run_source,
+    select_paragraphs,
+    write_files,
+)
+
+LINEAR = {"structure"}  # commands without impacts
+LINEAR_TOL = 2e-3  # numbers have four digits
+# relative change of a number after impacts, where another processor or library gives other last
+# bits: levels of single runs are random, tests of physics judge them
+CHAOTIC_TOL = 0.35
+PAGES = {
+    "README.md": 2,
+    "docs/tutorial.md": 5,
+    "docs/sweep.md": 2,
+    "docs/your_structure.md": 3,
+    "docs/periodic_python.md": 1,
+}
+EXTRAS = {"optimise_design": "optuna"}  # what a command needs beyond the main packages
+
+
+@pytest.fixture(scope="module")
+def outputs() -> dict[str, str]:
+    """Return what commands of other pages printed, by command: each runs once."""
+    return {}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder that the commands of all pages share, as a reader's would."""
+    return tmp_path_factory.mktemp("pages")
+
+
+def print_block(block: Block, outputs: dict[str, str]) -> str:
+    if block.source not in outputs:
+        shutil.rmtree("results/optimise_design", ignore_errors=True)
+        outputs[block.source] = run_source(block.language, block.source)
+    return select_paragraphs(outputs[block.source], block.starts)
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_shows_what_its_blocks_print(
+    name: str, folder: Path, outputs: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (ROOT / name).read_text(encoding="utf-8")
+    blocks = find_blocks(text)
+    assert len(blocks) == text.count("```text")
+    assert len(blocks) >= PAGES[name]
+    write_files(text, folder)
+    monkeypatch.chdir(folder)
+    found = [
+        difference
+        for block in blocks
+        for difference in find_differences(
+            block.printed,
+            print_block(block, outputs),
+            LINEAR_TOL if block.command in LINEAR else CHAOTIC_TOL,
+        )
+    ]
+    assert not found, "\n".join(found)
+
+
+def test_a_difference_in_a_word_a_number_or_a_line_is_found() -> None:
+    page = "level 1.20 mm of 16 members\n\n| gap |\n| --- |\n| 1.0 |\n"
+    assert not list(find_differences(page, page.replace("1.20", "1.201"), 1e-2))
+    for old, new in (("1.20", "1.25"), ("mm", "m"), ("| gap |", ""), ("| gap |", "| gap |\nmore")):
+        assert list(find_differences(page, page.replace(old, new), 1e-2)), new
+    other_rows = page.replace("| 1.0 |", "| 1.1 |\n| 2.0 |")
+    assert not list(find_differences(page, other_rows, 1e-2))
+    assert list(find_differences(page, other_rows.replace("| 2.0 |", "| - |"), 1e-2))
+
+
+def test_a_block_of_a_page_is_found_with_the_files_it_needs(tmp_path: Path) -> None:
+    page = (
+        "```toml\n# beam.toml\n[beam]\nmodes = 2\n```\n\n"
+        "```sh\nscripts/run structure beam.toml\n```\n\n```text mass; Shapes\nmass 1 kg\n```\n\n"
+        '```python\nprint("one")\n```\n\n```text\none\n```\n'
+    )
+    command, code = find_blocks(page)
+    assert (command.command, command.starts) == ("structure", ("mass", "Shapes"))
+    assert page[slice(*command.place)] == command.printed == "mass 1 kg\n"
+    assert run_source(code.language, code.source) == code.printed
+    write_files(page, tmp_path)
+    assert (tmp_path / "beam.toml").read_text() == "[beam]\nmodes = 2\n"
+    assert (tmp_path / "docs" / "examples" / "arm.toml").is_file()
+    assert select_paragraphs("mass 2 kg\n\nelse\n\nShapes", command.starts) == "mass 2 kg\n\nShapes"
