@@ -131,11 +131,11 @@ def _said(measured: Measured) -> str:
     periods = cases[0]["pseudo_periods"]
     return (
         f"{table(cases)}\n\n"
-        f"All per pseudo period; median of {repeats} runs on one core, of the integration alone, with compiled kernels. Sweep up from\n"
-        f"{START:g} times the first resonance at {PAPER_RATE:g} % per 100 pseudo periods over {periods:g} of them. Events are impacts and reversals of\n"
-        f"the relative velocity; one evaluation samples eight instants or refines one event. The Moreau scheme has {PAPER_STEPS} steps per\n"
-        "period of the highest mode and, with 30 modes, runs over at most 200 pseudo periods. The ratio is that of the times of Moreau\n"
-        "and exact method."
+        f"All per pseudo period; median of {repeats} runs on one core, of the integration alone, with compiled kernels.\n"
+        f"Sweep up from {START:g} times the first resonance at {PAPER_RATE:g} % per 100 pseudo periods over {periods:g} of them.\n"
+        "Events are impacts and reversals of the relative velocity; one evaluation samples eight instants or refines one\n"
+        f"event. The Moreau scheme has {PAPER_STEPS} steps per period of the highest mode and, with 30 modes, runs over at\n"
+        "most 200 pseudo periods. The ratio is that of the times of Moreau and exact method."
     )
 
 
