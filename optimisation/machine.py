@@ -86,9 +86,13 @@ def sources(values: Mapping[str, Any]) -> str:
         for name, number in values["versions"].items()
         if name != "kernels"
     )
-    release = f"with version {values['release']}" if "release" in values else None
+    date = (
+        f"{values['date']} with version {values['release']}"
+        if "release" in values
+        else values["date"]
+    )
     cores = f"{values['cores']} core{'' if values['cores'] == 1 else 's'}"
-    where = (values["date"], release, values["processor"], cores, values.get("system"))
+    where = (date, values["processor"], cores, values.get("system"))
     return f"Measured on {', '.join(part for part in where if part)}; {named}."
 
 

@@ -221,7 +221,7 @@ def warnings(found: Advice) -> list[str]:
             f"Warning: below {LEAST_RATIO:g} shares of the possible are left out; sweep more slowly."
         )
     lines.append(
-        f"{found.sweeps} sweeps{f'; {len(found.single_runs)} gaps with one run are left out of the table' if found.single_runs else ''}."
+        f"{found.sweeps} sweeps{f'; {len(found.single_runs)} other gaps, with one run each, are left out of the table' if found.single_runs else ''}."
     )
     return lines
 
