@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from commands import done, load, read
+from drawing import line, saved_figures
 from load_cases import KINDS, MASS, OMEGA, chain, tables_of
 
 from impact_env import Beam
@@ -187,13 +188,17 @@ def test_each_kind_goes_through_sweep_and_comparison(
     found = json.loads((tmp_path / "out.json").read_text())
     assert found["response_level_m"][0] > 0
     assert found["pseudo_periods"] == pytest.approx(8, rel=1e-6)
+    drawn = saved_figures(monkeypatch)
     result = done(
         compare_absorbers, *given, "--members", 1, "--forces", 2, "--out", tmp_path / "out"
     )
     found = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert len(read(tmp_path / "out" / "runs.csv")) >= 4 * 2
     assert f"{found['ratio_5_50_95']['impact'][0][0][1]:.3f}" in result.output
-    assert (tmp_path / "out" / "comparison.png").stat().st_size > 0
+    for band, panel in enumerate(drawn[0].axes):
+        for name, label in (("impact", "impact absorber"), ("tuned", "tuned absorber")):
+            median = [ratios[1] for ratios in found["ratio_5_50_95"][name][band]]
+            np.testing.assert_allclose(line(panel, label)[1], median, rtol=1e-9)
     bands = (
         2 if kind in ("tones", "orders") else np.sum(omegas < 7 * omega) if kind == "base" else 1
     )
@@ -206,13 +211,14 @@ def test_each_kind_goes_through_sweep_and_comparison(
 @pytest.mark.parametrize(
     ("name", "more"), [("compare_absorbers", ["--forces", 2]), ("design_gap", [])]
 )
-def test_runs_under_loads_go_to_the_cluster(
+def test_runs_under_loads_go_to_the_cluster_and_show_progress(
     name: str, more: list[object], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Workers in the place of a scheduler's get every run, and the numbers are those of threads."""
     for size, value in (("GAPS", load_comparison.GAPS[:1]), ("LIMITS", load_comparison.LIMITS[:1])):
         monkeypatch.setattr(load_comparison, size, value)
     monkeypatch.setattr(load_comparison, "MOST_TRIALS", 2)
+    monkeypatch.setattr("optimisation.progress.EVERY", 0.0)  # s between two lines
     here = []
 
     class Workers(Threads):
@@ -227,8 +233,9 @@ def test_runs_under_loads_go_to_the_cluster(
     command = load(name, monkeypatch)
     monkeypatch.setattr(command, "workers", workers)
     given = ["--load", "shock:20:0.01:1", "--members", 1, *more]
-    done(command, *given, "--out", tmp_path / "threads")
+    result = done(command, *given, "--out", tmp_path / "threads")
     assert not here
+    assert {"compare_absorbers": "comparing: ", "design_gap": "simulating: "}[name] in result.stderr
     done(command, *given, "--cluster", "127.0.0.1:8786", "--out", tmp_path / "cluster")
     assert sum(here) > 5
     texts = [(tmp_path / where / "runs.csv").read_text() for where in ("threads", "cluster")]

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from commands import FAST, call, done, load, read
+from drawing import labelled_lines, saved_figures
 
 from impact_env.ensemble import Threads
 from impact_env.modes import modal_model
@@ -264,11 +265,26 @@ def test_full_disk_is_one_message_and_exit_code_1() -> None:
     assert result.output == "Error: results/study.journal: No space left on device\n"
 
 
+def levels_drawn(rows: list[dict[str, str]], name: str, design: str) -> np.ndarray:
+    """Return what a figure shows of a table of levels, (2, K): over the force in mm, over a detuning in % of no absorber."""
+    own = [row for row in rows if row["design"] == design]
+    x = np.array([float(row[name]) for row in own])
+    level = np.array([float(row["level_median_m"]) for row in own])
+    if name == "force_n":
+        return np.array([x, 1e3 * level])
+    return np.array([100 * x, 100 * level / [float(row["without_m"]) for row in own]])
+
+
+def same_points(one: np.ndarray, other: np.ndarray) -> bool:
+    return one.shape == other.shape and np.allclose(one, other, rtol=1e-9, atol=1e-12)
+
+
 def test_concepts_write_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("optimisation.insight.FREQUENCIES", 2)
     monkeypatch.setattr("optimisation.insight.FORCES", np.array([0.5, 1.0, 2.0]))
     optimise = load("optimise_design", monkeypatch)
     monkeypatch.setattr(optimise, "VARIABLES", dict.fromkeys(("impact", "tuned")))
+    drawn = saved_figures(monkeypatch)
     before = optimise.design.conditions_of({"cluster": None, "threads": 1})[
         "memory_bytes"
     ]  # of all that these tests have loaded and compiled
@@ -292,7 +308,6 @@ def test_concepts_write_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
         assert {file.name for file in folder.iterdir()} == common | own | {"study.journal"} | (
             {"study.journal.optuna"} if concept == "impact" else set()
         )
-        assert all(file.read_bytes().startswith(b"\x89PNG") for file in folder.glob("*.png"))
         content = json.loads((folder / "summary.json").read_text())
         assert content["finished"] is True
         assert before <= content["memory_bytes"] < before + 2**30
@@ -308,6 +323,15 @@ def test_concepts_write_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
         assert card["Winner"]["absorber mass"]["value"] == pytest.approx(mass)
         assert len(read(folder / "designs.csv")) == content["designs"]
         assert tuple(read(folder / "curves.csv")[0]) == LEVEL_COLUMNS
+        for file, name in (("curves.csv", "force_n"), ("detuned.csv", "detuning")):
+            rows = read(folder / file)
+            wanted = [levels_drawn(rows, name, design) for design in ("winner", "paper")]
+            found = [
+                [points for points, label in labelled if label in ("winner", "paper's design")]
+                for figure in drawn
+                for labelled in [labelled_lines(figure.axes[0])]
+            ]
+            assert any(len(own) == 2 and all(map(same_points, own, wanted)) for own in found), file
     (condition,) = json.loads((tmp_path / "impact" / "summary.json").read_text())["conditions"]
     assert 0 < condition["winner"]["level_m"] < condition["without_m"]
     assert len(read(tmp_path / "impact" / "map.csv")) == 9

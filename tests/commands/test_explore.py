@@ -170,6 +170,27 @@ def test_all_addresses_are_bound_and_the_page_is_named_by_one_that_a_browser_tak
             bound("0.0.0.0", port)
 
 
+@pytest.mark.parametrize(
+    ("address", "page"),
+    [
+        (("::", 8651, 0, 0), "http://[::1]:8651/"),
+        (("::1", 8651, 0, 0), "http://[::1]:8651/"),
+        (("fe80::2", 80, 0, 3), "http://[fe80::2]:80/"),
+        (("192.168.1.20", 8651), "http://192.168.1.20:8651/"),
+    ],
+)
+def test_a_page_of_another_address_family_is_named_in_brackets(
+    address: tuple[object, ...], page: str
+) -> None:
+    class Listening:
+        """A socket that listens at an address."""
+
+        def getsockname(self) -> tuple[object, ...]:
+            return address
+
+    assert page_address(Listening()) == page
+
+
 def test_what_is_drawn_is_what_the_library_computes(client: TestClient) -> None:
     with client.websocket_connect("/socket", headers=OWN) as session:
         session.send_text(json.dumps({"number": 1, "values": VALUES}))

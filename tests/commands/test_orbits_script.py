@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import call, done, read
+from drawing import bands, line, lines, saved_figures
 
 from impact_env import Drive, InitialState, constant_frequency, simulate
 from impact_env.frequency import tip_response
@@ -213,7 +214,10 @@ def test_folds_and_thresholds(tmp_path: Path) -> None:
     )  # birth and merger with reversals
 
 
-def test_curves_over_two_parameters_are_in_all_files(tmp_path: Path) -> None:
+def test_curves_over_two_parameters_are_in_all_files(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    drawn = saved_figures(monkeypatch)
     table = tmp_path / "curves.csv"
     figure = tmp_path / "curves.png"
     options = [
@@ -245,7 +249,15 @@ def test_curves_over_two_parameters_are_in_all_files(tmp_path: Path) -> None:
     rows = table.read_text(encoding="utf-8").splitlines()
     assert rows[0].split(",")[5] == "force_N"
     assert len(rows) == 1 + len(curve["value"]) + len(curve["located"])
-    assert figure.stat().st_size > 5000
+    (panel,) = drawn[0].axes
+    solid, dotted = lines(panel)[:2]
+    value = np.where(np.isnan(solid[1]), dotted[1], solid[1])
+    np.testing.assert_allclose(solid[0], curve["omega_ratio"])
+    np.testing.assert_allclose(value, curve["value"])
+    true = np.array(curve["orbit"]) == "yes"
+    assert np.isfinite(solid[1][true]).all()
+    np.testing.assert_array_equal(np.isfinite(dotted[1]), ~true)
+    assert panel.get_ylabel() == "force in N"
     assert "Curve 1: " in output
 
 
@@ -255,7 +267,10 @@ def test_curves_over_two_parameters_are_in_all_files(tmp_path: Path) -> None:
 ISOLA = ("--modes", 3, "--friction-limit", 0.01)
 
 
-def test_the_papers_isola_by_both_methods_in_all_files(tmp_path: Path) -> None:
+def test_the_papers_isola_by_both_methods_in_all_files(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    drawn = saved_figures(monkeypatch)
     files = [tmp_path / name for name in ("response.json", "response.csv", "response.png")]
     limits = ("--from", 0.92, "--to", 0.962, "--rate", 20)
     done(
@@ -305,14 +320,29 @@ def test_the_papers_isola_by_both_methods_in_all_files(tmp_path: Path) -> None:
             for row in rows
             if row["curve"] == str(number) and not row["located"]
         ] == kept
-    assert files[2].stat().st_size > 10_000
+    (panel,) = drawn[0].axes
+    for name, label in (("alone_m", "no absorber"), ("stuck_m", "absorber stuck")):
+        np.testing.assert_allclose(
+            line(panel, label), [ratio, 1e3 * np.array(found["linear"][name])]
+        )
+    for sweep, way in zip(found["sweeps"], ("up", "down"), strict=True):
+        tips = 1e3 * np.array(sweep["tip_max_m"])
+        np.testing.assert_allclose(line(panel, f"sweep {way}"), [sweep["omega_ratio"], tips])
+    drawn_points = {
+        (round(x, 9), round(y, 6)) for points in lines(panel) for x, y in points.T.tolist()
+    }
+    for curve in found["curves"]:
+        points = zip(curve["omega_ratio"], curve["tip_max_m"], strict=True)
+        shown = [(round(x, 9), round(1e3 * y, 6)) in drawn_points for x, y in points if y]
+        assert np.mean(shown) > 0.99
     assert sorted(tmp_path.iterdir()) == sorted(files)
 
 
 def test_balance_at_springs_loses_its_stability_where_the_absorber_first_touches_them(
-    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """With a contact stiffness: up to the fold the absorber floats and the beam is that without one, beyond it each solution is a saddle."""
+    drawn = saved_figures(monkeypatch)
     file = tmp_path / "found.json"
     figure = tmp_path / "found.png"
     given = (
@@ -347,7 +377,12 @@ def test_balance_at_springs_loses_its_stability_where_the_absorber_first_touches
     floats = np.isclose(curve["tip_max_m"], alone, rtol=1e-9)
     assert 5 < np.sum(floats) < len(floats) - 5
     np.testing.assert_array_equal(curve["stable"], floats)
-    assert figure.stat().st_size > 10_000
+    tips = 1e3 * np.array(curve["tip_max_m"])
+    for wanted in (np.where(floats, tips, np.nan), np.where(floats, np.nan, tips)):
+        assert any(
+            len(points[1]) == len(tips) and np.allclose(points[1], wanted, equal_nan=True)
+            for points in lines(drawn[0].axes[0])
+        )
 
 
 def test_both_commands_list_the_same_folds(tmp_path: Path) -> None:
@@ -375,8 +410,11 @@ def test_both_commands_list_the_same_folds(tmp_path: Path) -> None:
     assert drawn == pytest.approx([0.9032099017, 0.9032184151], abs=1e-10)
 
 
-def test_the_envelope_has_quantiles_of_runs_that_settled(tmp_path: Path) -> None:
+def test_the_envelope_has_quantiles_of_runs_that_settled(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """The paper's two-mode case at 0.9 is linear but for sliding friction: all members alike, between the linear curves, without an impact."""
+    drawn = saved_figures(monkeypatch)
     files = [tmp_path / name for name in ("response.json", "response.png")]
     run = (
         "--modes",
@@ -408,10 +446,15 @@ def test_the_envelope_has_quantiles_of_runs_that_settled(tmp_path: Path) -> None
     assert all(0.95 * min(ends) < tip < 1.05 * max(ends) for tip in first["tip_max_m"])
     assert first["tip_max_m"][0] == pytest.approx(first["tip_max_m"][2], rel=1e-2)
     assert last["tip_max_m"][1] > 1.02 * first["tip_max_m"][1]
-    assert files[1].stat().st_size > 10_000
+    tips = 1e3 * np.array([first["tip_max_m"], last["tip_max_m"]]).T
+    (panel,) = drawn[0].axes
+    np.testing.assert_allclose(line(panel, "stationary runs, median"), [[0.9, 0.905], tips[1]])
+    (band,) = bands(panel)
+    np.testing.assert_allclose(band, [[0.9, 0.905], tips[0], tips[2]])
 
 
-def test_births_and_mergers_and_their_map(tmp_path: Path) -> None:
+def test_births_and_mergers_and_their_map(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    drawn = saved_figures(monkeypatch)
     files = [tmp_path / name for name in ("isola.json", "isola.csv", "isola.png")]
     given = (
         "--json",
@@ -443,10 +486,30 @@ def test_births_and_mergers_and_their_map(tmp_path: Path) -> None:
     inside = (ratio > 0.94) & (ratio < 0.95)
     assert np.min(force[inside]) == pytest.approx(1.221955, abs=1e-4)
     assert len(read(files[1])) == len(found["thresholds"]) + len(found["map"])
-    assert files[2].stat().st_size > 10_000
+    panel, by_restitution = drawn[0].axes
+    np.testing.assert_allclose(lines(panel)[0], [ratio, force])
+    for row in found["thresholds"]:
+        marked = np.ravel(line(panel, row["kind"]))
+        np.testing.assert_allclose(marked, [row["omega_ratio"], row["force_N"]])
+    for modes in (1, 3):
+        for kind in ("birth", "merger"):
+            cells = sorted(
+                (row["restitution"], row["force_N"])
+                for row in found["map"]
+                if (row["modes"], row["kind"]) == (modes, kind)
+            )
+            known = {
+                (round(x, 9), round(y, 9))
+                for points in lines(by_restitution)
+                for x, y in points.T.tolist()
+            }
+            assert {(round(x, 9), round(y, 9)) for x, y in cells} <= known
 
 
-def test_error_of_harmonic_balance_falls_with_the_harmonics(tmp_path: Path) -> None:
+def test_error_of_harmonic_balance_falls_with_the_harmonics(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    drawn = saved_figures(monkeypatch)
     file = tmp_path / "error.json"
     figure = tmp_path / "error.png"
     done(
@@ -469,4 +532,8 @@ def test_error_of_harmonic_balance_falls_with_the_harmonics(tmp_path: Path) -> N
     assert 0 < second["tip_max_error"] < first["tip_max_error"] / 3
     assert first["first_fold_ratio"] == pytest.approx(0.926, abs=6e-4)
     assert abs(second["first_fold_ratio"] - 0.93361) < abs(first["first_fold_ratio"] - 0.93361) / 2
-    assert figure.read_bytes()[:4] == b"\x89PNG"
+    error, folds, _ = drawn[0].axes
+    shown = [[20, 40], 100 * np.array([first["tip_max_error"], second["tip_max_error"]])]
+    np.testing.assert_allclose(line(error, "weight 100"), shown)
+    shown = [[20, 40], [first["first_fold_ratio"], second["first_fold_ratio"]]]
+    np.testing.assert_allclose(line(folds, "weight 100"), shown)

@@ -5,10 +5,13 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from commands import SHORT, done
 from commands import sweep as call
+from drawing import line, saved_figures
 
+from impact_env import Drive, Record, simulate
 from impact_env.drive import PAPER_LIMITS
 from impact_env.methods import Exact, Moreau, RungeKutta
 from impact_env.parameters import Beam, StuckAbsorber
@@ -169,7 +172,27 @@ def test_plot_is_written(
     monkeypatch.chdir(tmp_path)
     target = tmp_path / arguments[1]
     target.write_text("an older figure")
+    drawn = saved_figures(monkeypatch)
     done(sweep, "--absorber", "none", *arguments)
+    (figure,) = drawn
+    given = options("--absorber", "none", *map(str, arguments[2:]))
+    force = sweep.FORCE if given["force"] is None else given["force"]
+    scene, _ = scene_options.make_scene(given)
+    run = simulate(
+        scene,
+        Drive(force, scene_options.make_schedule(given, scene)),
+        record=Record(series=True),
+    )
+    time = run.recorded.history.time
+    x, y = line(figure.axes[0], "tip")
+    np.testing.assert_allclose(
+        y, 1e3 * run.recorded.history.tip_displacement, rtol=1e-9, atol=1e-12
+    )
+    schedule = run.drive.schedule
+    if schedule.omegas[0] == schedule.omegas[1]:
+        np.testing.assert_allclose(x, time / schedule.pseudo_period, rtol=1e-9)
+    else:
+        np.testing.assert_allclose(x, schedule.omega_at(time) / schedule.reference, rtol=1e-9)
     assert target.read_bytes()[:5] == (b"\x89PNG\r" if target.suffix == ".png" else b"<?xml")
     assert list(tmp_path.iterdir()) == [target]
 

@@ -9,12 +9,15 @@ from pathlib import Path
 import distributed
 import pytest
 from cluster_check import problem
-from commands import done
+from commands import SHORT, done, load
 from places import ROOT, SUPPORT, fresh
 
+from impact_env import Beam
 from optimisation.cli import frequency_response
+from optimisation.comparison import compare
 from optimisation.evaluation import run_chunks
 from optimisation.search.cluster import ClusterError, Workers
+from optimisation.tuned import den_hartog
 
 pytest.importorskip("distributed")
 pytest.importorskip("optuna")
@@ -125,3 +128,47 @@ def test_a_command_gives_with_a_cluster_what_it_gives_without(address: str, tmp_
     here, there = (json.loads(file.read_text()) for file in files)
     assert here == there
     assert [point["omega_ratio"] for point in here["stationary"]] == [1.02, 1.04]
+
+
+LINES: dict[str, list[object]] = {
+    "design_gap": ["--force", 3.5, "--modes", 2, "--rate", 40, "--gaps", 3, "--no-card"],
+    "compare_absorbers": ["--forces", 2],
+    "mass_ratios": ["--mass-ratio", 0.02, "--resonances", 1, 1, "--rate", 100],
+    "sweep": [*SHORT, "--absorber", "impact", "--force", 3.5],
+}
+RESULTS = {"design_gap": "levels.csv", "compare_absorbers": "runs.csv"}
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_each_command_sends_its_runs_to_the_cluster_and_gives_the_same_numbers(
+    name: str, address: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    sent = []
+    each = Workers.each
+
+    def counted(self, function, items, kinds):
+        sent.append(len(items))
+        return each(self, function, items, kinds)
+
+    monkeypatch.setattr(Workers, "each", counted)
+    monkeypatch.setattr("optimisation.comparison.minimax", den_hartog)
+    command = load(name, monkeypatch)
+    if name == "compare_absorbers":
+        monkeypatch.setattr(
+            command,
+            "compare",
+            lambda *_own, **given: compare(
+                Beam(modes=2), **(given | {"percent_per_100_periods": 40.0})
+            ),
+        )
+    texts = []
+    members = ["--members", 2]
+    for where in ([], ["--cluster", address]):
+        folder = tmp_path / f"{len(where)}"
+        folder.mkdir()
+        files: list[object] = ["--out", folder] if name in RESULTS else []
+        files = ["--json", "-"] if name == "sweep" else files
+        result = done(command, *LINES[name], *members, *where, *files)
+        texts.append((folder / RESULTS[name]).read_text() if name in RESULTS else result.stdout)
+        assert bool(sent) == bool(where)
+    assert texts[0] == texts[1]

@@ -187,3 +187,19 @@ def test_whatever_is_handed_in_is_refused_by_name_or_right(make: object) -> None
         )
     )
     assert not [problem for problem in found if problem is not None]
+
+
+def test_values_at_a_bound_are_named_with_it() -> None:
+    space = design_space("impact", ["gap", "restitution", "position"])
+    inside = {"gap": 1e-3, "restitution": 0.6, "position": 0.7}
+    assert space.at_bounds(space.design(inside)) == []
+    for k, variable in enumerate(space.free):
+        for share, word, bound in ((0.0, "lower", variable.low), (1.0, "upper", variable.high)):
+            shares = [0.5] * len(space.free)
+            shares[k] = share
+            found = space.at_bounds(space.at(shares))
+            if (variable.name, word) == ("position", "upper"):  # the beam's end
+                assert found == []
+            else:
+                line = f"{variable.name} at its {word} bound of {bound:g} {variable.unit}"
+                assert found == [line.rstrip()]

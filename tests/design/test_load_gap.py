@@ -7,20 +7,21 @@ import numpy as np
 import pytest
 import scipy.optimize
 from commands import done, read
+from drawing import line, saved_figures
 from load_cases import MASS, OMEGA, file_of_one_mode
 from numpy.typing import NDArray
 
 from impact_env.ensemble import draw_members, drives_of
-from impact_env.loads import Loads, Random, Shock
+from impact_env.loads import BASE, FORCE, Loads, Random, Shock
 from impact_env.modes import ModalModel
-from impact_env.parameters import impact_absorber
+from impact_env.parameters import TunedAbsorber, impact_absorber
 from impact_env.response import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.cli.group import imported
 from optimisation.designs import GAP, IMPACT, design_space
 from optimisation.evaluation import evaluate_arrays
-from optimisation.load_comparison import advise_for_loads, tuned_under
+from optimisation.load_comparison import advise_for_loads, expected_rms, tuned_under
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 
@@ -30,6 +31,7 @@ NOISE, SHORT_NOISE = (
     Loads((Random(np.array(BAND), length, 1),), OMEGA[0]) for length in (20.0, 4.0)
 )
 SHOCK = Loads((Shock("half-sine", 20.0, 0.0125, 0.5),), OMEGA[0])
+CHAIN = 900.0 * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
 DAMPED = ModalModel(*(np.array([x]) for x in (OMEGA[0], 0.02, 0.6, 2.6)), MASS)
 
 
@@ -51,7 +53,6 @@ def of_members(gap: float) -> float:
     )
 
 
-@pytest.mark.nightly
 def test_the_gap_under_noise_is_among_the_best_of_a_scan() -> None:
     found = advise_for_loads(MODEL, NOISE, friction_limit=0.0)
     scan = [of_members(float(gap)) for gap in found.free_rms * np.geomspace(0.5, 4, 9)]
@@ -85,6 +86,43 @@ def exact_rms(stiffness: float, damping: float) -> float:
     return float(np.sqrt(np.trapezoid(0.5 * np.abs(2.6 * 0.6 / own) ** 2, omega / (2 * np.pi))))
 
 
+@pytest.mark.parametrize("quantity", [FORCE, BASE])
+@pytest.mark.parametrize("tuned", [None, TunedAbsorber(0.05, 900.0, 2.0)])
+def test_the_expected_rms_is_that_of_the_matrices(
+    quantity: str, tuned: TunedAbsorber | None
+) -> None:
+    """Three masses on a chain whose foot moves, or is fixed with a force at the first mass, with an absorber on the last: solved densely."""
+    omega, vectors = scipy.linalg.eigh(CHAIN, np.eye(3))
+    omega = np.sqrt(omega)
+    model = ModalModel(
+        omega,
+        np.full(3, 0.02),
+        vectors[0],
+        vectors[2],
+        3.0,
+        base_participation=vectors.sum(axis=0),
+    )
+    load = Random(np.array([[2.0, 0.3], [9.0, 0.6]]), 30.0, 1, quantity)
+    damping = vectors @ np.diag(2 * 0.02 * omega) @ vectors.T
+    square = 0.0
+    for hertz, density in zip(load.lines / load.length, load.density, strict=True):
+        s = 2j * np.pi * hertz
+        dynamic = np.zeros((4, 4), dtype=complex)
+        dynamic[:3, :3] = CHAIN + s * damping + s**2 * np.eye(3)
+        mass = 0.0 if tuned is None else 0.05 * 3.0
+        pull = -np.array([1.0, 1.0, 1.0, mass])  # of the base's acceleration
+        if quantity == FORCE:
+            pull = np.array([1.0, 0.0, 0.0, 0.0])
+        dynamic[3, 3] = 1.0
+        if tuned is not None:
+            link = 900.0 + 2.0 * s
+            dynamic[3, 3] = mass * s**2 + link
+            dynamic[2, 2] += link
+            dynamic[2, 3] = dynamic[3, 2] = -link
+        square += density * abs(np.linalg.solve(dynamic, pull)[2]) ** 2 / load.length
+    assert expected_rms(model, tuned, load) == pytest.approx(np.sqrt(square), rel=1e-9)
+
+
 def test_a_random_load_is_tuned_to_its_least_mean_square() -> None:
     found = tuned_under(MODEL, NOISE, 0.02)
 
@@ -111,8 +149,9 @@ def written(folder: Path) -> list[object]:
     ]
 
 
-def test_the_commands(tmp_path: Path) -> None:
+def test_the_commands(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     given = written(tmp_path)
+    drawn = saved_figures(monkeypatch)
     load = tmp_path / "load.toml"
     result = done(
         imported("design_gap"),
@@ -130,6 +169,16 @@ def test_the_commands(tmp_path: Path) -> None:
     assert f"{1e3 * best['gap_m']:.4g} mm" in result.output
     assert best["decay_s"] < found["decay_without_absorber_s"]
     assert json.loads((tmp_path / "device.json").read_text())["absorber"]["gap"] == best["gap_m"]
+    (panel,) = drawn[0].axes
+    runs: dict[float, list[float]] = {}
+    for row in read(tmp_path / "runs.csv"):
+        runs.setdefault(1e3 * float(row["gap_m"]), []).append(float(row["value"]))
+    gap, decay = line(panel, "median and 5 to 95 %")
+    np.testing.assert_allclose(sorted(gap), sorted(runs))
+    np.testing.assert_allclose(decay, [np.median(runs[x]) for x in gap.tolist()], rtol=1e-9)
+    np.testing.assert_allclose(line(panel, "recommended")[0], 1e3 * best["gap_m"])
+    free = found["decay_without_absorber_s"]
+    np.testing.assert_allclose(line(panel, "no absorber")[1], free)
     again = done(
         imported("design_gap"),
         "--scene",

@@ -126,6 +126,23 @@ def test_winner_is_chosen_and_judged_on_members_that_the_search_has_not_seen() -
     assert 0 <= checked.missed <= 3
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_an_audit_counts_the_designs_that_were_left_behind_wrongly(order: int) -> None:
+    """Run in full, designs are as good as the search thought, or in the opposite order: then each of them beats the best one found."""
+    study = DesignStudy(problem(), settings())
+    study.run(8 * BATCH + 1, Model())
+
+    class Judge(Model):
+        def value(self, chunk, lane):
+            level = super().value(chunk, lane)
+            return level if order > 0 else 1e-9 / level
+
+    found = audit(study, Judge(), designs=8)
+    assert found.designs == 8
+    assert found.missed == (0 if order > 0 else 8)
+    assert order * found.rank_correlation > 0.8
+
+
 def test_fronts_and_their_volume() -> None:
     costs = np.array([[1.0, 3.0], [2.0, 2.0], [2.0, 2.5], [3.0, 1.0], [2.0, 2.0], [5.0, 5.0]])
     np.testing.assert_array_equal(nondominated(costs), [True, True, False, True, True, False])

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 from commands import call
+from drawing import bands, labelled_lines, line, saved_figures
 
 gymnasium = pytest.importorskip("gymnasium")
 pytest.importorskip("stable_baselines3")
@@ -29,16 +30,21 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormali
 
 from impact_env import ParameterError
 from optimisation.cli import train as command
+from optimisation.report.learning_report import save_learning_curve
 from optimisation.rl.agents import (
     Agent,
+    Evaluation,
     actor_of,
     find_agents,
     find_runs,
     load_agent,
     packaged_file,
     read_evaluations,
+    run_folder,
     save_agent,
+    ship,
     shipped,
+    write_evaluations,
 )
 from optimisation.rl.hyperparameters import PACKAGED, PPOSettings, SACSettings, read, settings_for
 from optimisation.rl.models import begin_leg, checkpoints, make_lanes, make_model
@@ -482,3 +488,51 @@ def test_an_agent_goes_on_learning() -> None:
     )
     seen = model.rollout_buffer  # the critic that came along knows these rewards: what they add up to for ever; without their scale it is off by 50
     assert 0.2 < seen.values.mean() * (1 - model.gamma) / seen.rewards.mean() < 5
+
+
+def made_run(out: Path, seed: int, scores: list[float]) -> bytes:
+    """Write a finished run with these evaluation scores; return the bytes of its agent."""
+    folder = run_folder(out, "GapChoice-v1", "ppo", seed)
+    (folder / "checkpoints" / "1").mkdir(parents=True)
+    evaluations = [
+        Evaluation(leg, 100 * (leg + 1), score, score, score, score, 20.0)
+        for leg, score in enumerate(scores)
+    ]
+    write_evaluations(folder, evaluations)
+    (folder / "settings.json").write_text(json.dumps({"algorithm": "ppo", "seed": seed}))
+    agent = f"agent {seed}".encode()
+    (folder / "final.npz").write_bytes(agent)
+    with ZipFile(folder / "checkpoints" / "1" / "model.zip", "w") as archive:
+        archive.writestr("policy.pth", agent)
+    return agent
+
+
+def test_the_run_that_ships_is_the_one_in_the_middle(tmp_path: Path) -> None:
+    """By the score of the last evaluation, the better one of two; the best and the worst stay."""
+    last = {0: -0.1, 1: -0.7, 2: -0.4, 3: -0.2, 4: -0.5}
+    agents = {seed: made_run(tmp_path, seed, [-0.3, score]) for seed, score in last.items()}
+    for seeds, chosen in ((range(5), 2), (range(4), 3), (range(1), 0)):
+        out = tmp_path / f"{len(seeds)}"
+        for seed in seeds:
+            made_run(out, seed, [-0.3, last[seed]])
+        (file,) = ship(out, tmp_path / f"kept {len(seeds)}")
+        with ZipFile(file) as archive:
+            assert archive.read("final.npz") == archive.read("policy.pth") == agents[chosen]
+
+
+def test_learning_curves_are_drawn_from_the_evaluations(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    scores = [[-0.9, -0.5], [-0.8, -0.4], [-0.7, -0.1], [-0.6, -0.2]]
+    for seed, row in enumerate(scores):
+        made_run(tmp_path, seed, row)
+    drawn = saved_figures(monkeypatch)
+    save_learning_curve(tmp_path / "a.png", "task", find_runs(tmp_path), {"planner": -0.05})
+    (panel,) = drawn[0].axes
+    thin = [points.tolist() for points, label in labelled_lines(panel) if label[:1] == "_"]
+    assert [[100.0, 200.0], scores[2]] in thin
+    middle = np.mean(np.sort(scores, axis=0)[1:3], axis=0)
+    np.testing.assert_allclose(line(panel, "PPO, 4 seeds"), [[100, 200], middle])
+    np.testing.assert_allclose(line(panel, "planner")[1], -0.05)
+    (band,) = bands(panel)
+    np.testing.assert_allclose(band[1:], np.percentile(scores, (10, 90), axis=0))

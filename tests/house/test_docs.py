@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from places import ROOT
 
+from impact_env.laws import CONCEPTS
 from optimisation.cli.group import file_of, files
 from optimisation.page import has_markers
 
@@ -99,3 +100,18 @@ def test_tables_are_written_by_the_commands_that_pages_name() -> None:
         for command, target in re.findall(r"scripts/run (\w+) --page ([\w./]+)", text):
             assert (ROOT / target).resolve() == page
             assert target in file_of(command).read_text(encoding="utf-8")
+
+
+def test_pages_name_every_kind_of_absorber_that_there_is() -> None:
+    """The option of `sweep`, and the table of kinds in files."""
+    sweep = (ROOT / "docs" / "sweep.md").read_text(encoding="utf-8")
+    (row,) = re.findall(r"^\| `--absorber` \|.*$", sweep, re.MULTILINE)
+    assert set(CONCEPTS) <= set(re.findall(r"`([\w-]+)`", row))
+    scenes = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
+    table = scenes.partition("kind")[2]
+    for name, keys in CONCEPTS.items():
+        rows = re.findall(rf"^\| `{name}`.*$", table, re.MULTILINE)
+        if name != "none":
+            assert rows, name
+            named = "\n".join(rows) + scenes
+            assert all(f"`{key}`" in named for key in keys), name

@@ -6,6 +6,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from commands import call
+from drawing import line, lines, saved_figures
 
 from impact_env.ensemble import Lane
 from impact_env.parameters import impact_absorber
@@ -74,8 +75,15 @@ def test_rows_of_both_resonances_are_told_and_drawn(
     )  # other members than those that it was chosen by
     best = f"gap 2 mm, best of 2 | {np.median(rows[4]['lower']):.2f}"
     assert best in " ".join(both_text(rows).split())
+    drawn = saved_figures(monkeypatch)
     FIGURES["loads_both"](tmp_path / "both.png", rows)
-    assert (tmp_path / "both.png").stat().st_size > 1000
+    left, right = drawn[0].axes
+    shares = [row for row in rows if row["group"] == "share"]
+    over_gap = [row["free_over_gap"][1] for row in shares]
+    medians = [float(np.median(row["lower"])) for row in shares]
+    np.testing.assert_allclose(line(left, "lower resonance"), [over_gap, medians])
+    best = np.median(rows[4]["lower"]), np.median(rows[4]["higher"])
+    assert any(np.allclose(points.T, best) for points in lines(right) if points.shape == (2, 1))
 
 
 def test_random_loads_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawing import line, saved_figures
 
 from impact_env.curve import performance_curve
 from impact_env.drive import Drive, constant_frequency, linear_sweep
@@ -205,7 +206,7 @@ def test_verdicts_of_intervals_and_at_the_papers_step() -> None:
         assert verdict(*limits, at_step=at_step) is expected
 
 
-def test_claims_of_the_operating_ranges(tmp_path: Path) -> None:
+def test_claims_of_the_operating_ranges(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     found, verdicts = measured(
         oprange.FIGURE, Size(forces=(0.5, 0.7, 1.0, 1.3, 1.6, 2.5, 4.0, 9.0, 60.0), members=2)
     )
@@ -220,8 +221,18 @@ def test_claims_of_the_operating_ranges(tmp_path: Path) -> None:
         0.7,
         1.0,
     )  # the gap is reached at 0.7806 N
+    drawn = saved_figures(monkeypatch)
     saved(lambda: oprange.FIGURE.draw(found))(tmp_path / "figure.png")
-    assert (tmp_path / "figure.png").stat().st_size > 20_000
+    panel = drawn[0].axes[0]
+    curve, step = (curve_of(found[name]) for name in ("absorber", "step"))
+    none = curve_of(found["linear"]["none"])
+    shown = curve.forces <= 12
+    level = 1e3 * np.median(curve.level, axis=1)
+    np.testing.assert_allclose(line(panel, "impact absorber"), [curve.forces[shown], level[shown]])
+    np.testing.assert_allclose(
+        line(panel, "no absorber")[1], 1e3 * np.median(none.level, axis=1)[shown]
+    )
+    np.testing.assert_allclose(line(panel, "one run at")[1], 1e3 * step.level[shown, 0])
     assert "first impacts between 0.7 and 1 N" in oprange.FIGURE.words(found)
 
 
