@@ -1,7 +1,7 @@
 """A portal frame of steel as matrices, by scikit-fem: `pip install scikit-fem`, then `python docs/examples/frame.py`.
 
 Columns and beam are 20 mm by 20 mm, 0.4 m high and 0.6 m wide, in plane stress with quadratic elements; the feet are clamped. Writes the mass and the
-stiffness matrix beside this file and prints the rows that frame.toml names.
+stiffness matrix and the coordinates of their rows beside this file and prints the rows that frame.toml names.
 """
 
 from pathlib import Path
@@ -55,6 +55,14 @@ def main() -> None:
         scipy.sparse.save_npz(
             Path(__file__).parent / f"frame_{name}.npz", matrix.tocsr()[free][:, free]
         )
+    np.savetxt(
+        Path(__file__).parent / "frame_coordinates.csv",
+        np.column_stack([at[:, free].T, np.zeros(len(free))]).round(9),
+        fmt="%.9g",
+        delimiter=",",
+        header="x_m,y_m,z_m",
+        comments="",
+    )
     for name, (x, y, direction) in PLACES.items():
         node = np.flatnonzero((abs(at[0, free] - x) < 1e-9) & (abs(at[1, free] - y) < 1e-9))
         print(f"{name} = {int(node[direction])}")

@@ -25,7 +25,14 @@ PAGES = Path(__file__).resolve().parents[2] / "scripts" / "studies" / "cli"  # a
 HEADINGS = {
     "Explore": ("explore", "structure"),
     "Simulate": ("sweep", "compare_absorbers", "render_episode"),
-    "Design": ("design_gap", "optimise_design", "pareto", "mass_ratios", "tune_ltva"),
+    "Design": (
+        "design_gap",
+        "design_place",
+        "optimise_design",
+        "pareto",
+        "mass_ratios",
+        "tune_ltva",
+    ),
     "Periodic responses": ("orbits", "frequency_response", "isola", "balance_error"),
     "Learn": ("train", "judge", "record_demonstrations"),
     "This installation": ("doctor", "prepare", "cache"),

@@ -115,6 +115,37 @@ design_gap --force 3
     --contact steel wood 0.01 -> material = 'wood' is not allowed: one of steel
     --mass-kg 0.01 --mass-ratio 0.02 -> --mass-kg does not go with --mass-ratio
     --mass-kg 5 -> mass_kg = 5.0 is not allowed: above 0 and at most the structure's 0.5637 kg
+design_place
+    -> --force is missing: the amplitude of the harmonic force in N, or --at RESONANCE:FORCE
+    --at 3 -> '3' is not RESONANCE:FORCE, as in 1:3.5
+    --at 1:3 --at 1:4 -> --at 1:4 is not allowed: each resonance once
+    --at 1:3 --resonances 1 2 -> --resonances does not go with --at
+    --at 99:3 -> resonance = 99 is not allowed: a mode of the model, 1 to 10
+design_place --force 3
+    --at 1:3 -> --force does not go with --at
+    --force 0 -> force = 0.0 is not allowed
+    --resonances 1 99 -> resonance = 99 is not allowed: a mode of the model, 1 to 10
+    --mass-ratio 100 -> mass_ratio = 100.0 is not allowed
+    --mass-kg 0.01 --mass-ratio 0.02 -> --mass-kg does not go with --mass-ratio
+    --mass-kg 5 -> mass_kg = 5.0 is not allowed: above 0 and at most the structure's 0.5637 kg
+    --position 1.2 -> position
+    --structure {frame} --position 7 -> position = 7.0 is not allowed: a row of the structure
+    --structure {steel} --damping 0.1 -> --damping does not go with --structure
+    --structure grams.toml -> are the mass in kg, the shapes in 1/sqrt(kg)
+    --scene good.toml --mass-kg 5 -> --mass-kg does not go with --scene
+    --scene {steel} -> a scene with one impact absorber between rigid walls
+    --restitution 2 -> restitution = 2.0 is not allowed
+    --friction-limit -1 -> friction_limit = -1.0 is not allowed
+    --rate 0 -> rate = 0.0 is not allowed
+    --force-tolerance 0.4 -> force_tolerance = 0.4 is not allowed: from 0 to 0.3
+    --limit-level 0 -> limit_level = 0.0 is not allowed
+    --constraint stroke -1 -> constraint stroke = -1.0 is not allowed
+    --constraint weight 1 -> 'weight' is not one of 'stroke', 'impact_speed'
+    --history a.txt -> --history = a.txt is not allowed: a name that ends in .csv, .npz, .png, .pdf, .svg
+    --history nowhere/a.csv -> --history = nowhere/a.csv is not allowed
+    --device nowhere/a.json -> --device = nowhere/a.json is not allowed
+design_place --force 1e-9
+    -> force = '1e-09 N near resonance 1, mass ratio 0.01' is not allowed: one for which the design rule gives a gap
 optimise_design
     --at 1:1e300 --at 2:1 -> force = 1e+300 is not allowed: above 0 and at most 1e+12 N
     --rate 1e-9 -> rate = 1e-09 is not allowed: from 2.92e-06 to 583.2 %
@@ -204,6 +235,8 @@ your_structure
     --page none.md -> none.md
 mutation_test
     --only nothing -> --only = nothing is not allowed
+check_places --quick
+    --judges 0 -> 0 is not
 check_gaps --quick
     --rate 0 -> rate = 0.0 is not allowed
 error_vs_runtime

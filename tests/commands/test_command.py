@@ -106,6 +106,7 @@ QUICK = {  # the shortest form of each command
     "cache": "info",
     "compare_absorbers": "--quick",
     "design_gap": "--quick --force 3.5",
+    "design_place": "--quick --force 3.5 --mass-ratio 0.02 --rate 40 --position 1",
     "doctor": "",
     "explore": "--help",  # it serves until Ctrl-C
     "judge": "--task GapChoice-v1 --episodes 4",

@@ -79,6 +79,14 @@ STOPS = (
         "levels.csv",
     ),
     Stop(
+        "design_place",
+        f"--force 3.5 --modes 2 --mass-ratio 0.02 --mass-ratio 0.03 --position 1 --members 1 {FAST} --no-card --out .",
+        SIMULATE,
+        70,
+        SUMMARY,
+        "places.csv",
+    ),
+    Stop(
         "mass_ratios",
         f"--mass-ratio 0.02 --resonances 1 1 --members 1 {FAST}",
         SIMULATE,

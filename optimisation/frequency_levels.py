@@ -1,0 +1,194 @@
+"""The level over the frequency of a sweep, with and without an absorber, and the motion of the worst member of an ensemble."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.curve import DOWN, UP, CurveCase, PerformanceCurve
+from impact_env.drive import Drive
+from impact_env.ensemble import Executor, Lane, Members, each_lane
+from impact_env.level import HALF_WINDOW_PERIODS
+from impact_env.parameters import require
+from impact_env.response import DEFAULT_SAMPLES, Record, Response, recorded
+from impact_env.scene import Scene
+from impact_env.sweep import simulate
+
+Array = NDArray[np.float64]
+POINTS = 400  # of a curve
+FEW_SAMPLES = 8  # a pseudo period, where a run is long
+FULL_BYTES = 256e6  # of a recorded motion, above which samples are fewer
+MOST_BYTES = 1e9  # above which a motion is not recorded
+NO_ABSORBER = "no absorber"
+RECOMMENDED = "recommended device, worst member"
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyCurve:
+    """The level over the frequency near a resonance, (n,) each, from a sweep up and one down.
+
+    ``ratio``: frequency over the resonance's, in the middle of the window; ``level``: RMS in m over a window as long as that of the response level,
+    the larger of up and down; NaN where no window ends.
+    """
+
+    name: str
+    ratio: Array
+    level: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ResonanceCurves:
+    """Curves of several absorbers near one resonance at ``omega`` in rad/s under a ``force`` in N."""
+
+    resonance: int
+    omega: float
+    force: float
+    curves: tuple[FrequencyCurve, ...]
+
+
+def samples_for(scene: Scene, periods: float) -> int | None:
+    """Return the samples a pseudo period with which a run's motion is recorded; None where it would take more than `MOST_BYTES`."""
+    bytes_a_sample = 16.0 * (scene.model.modes + 2)
+    for samples in (DEFAULT_SAMPLES, FEW_SAMPLES):
+        size = bytes_a_sample * samples * periods
+        if size <= (FULL_BYTES if samples == DEFAULT_SAMPLES else MOST_BYTES):
+            return samples
+    return None
+
+
+def windowed_levels(lane: Lane, samples: int) -> tuple[Array, Array]:
+    """Run a lane; return the frequency over the resonance's in the middle of each window, and the window's RMS in m, one a pseudo period."""
+    record = Record(events=True, series=True, samples_per_period=samples)
+    response = simulate(lane.scene, lane.drive, initial=lane.start, record=record)
+    history = recorded("history", response.history)
+    motion = history.modal_displacement @ lane.scene.model.level_shape
+    squares = np.concatenate([[0.0], np.cumsum(motion**2)])
+    half = HALF_WINDOW_PERIODS * samples
+    middle = np.arange(half, len(motion) - half, samples)
+    if middle.size == 0:  # a sweep shorter than a window: its only level is that of the whole
+        middle = np.array([len(motion) // 2])
+        half = len(motion)
+    first = np.maximum(middle - half, 0)
+    last = np.minimum(middle + half + 1, len(motion))
+    rms = np.sqrt((squares[last] - squares[first]) / (last - first))
+    schedule = lane.drive.schedule
+    return np.asarray(schedule.omega_at(history.time[middle])) / schedule.reference, rms
+
+
+def find_worst_run(curve: PerformanceCurve, force: int = 0) -> tuple[int, int]:
+    """Return the member (from 0) and the direction (`UP` or `DOWN`) of the highest level at one of a curve's forces; NaN are left out."""
+    levels = curve.level[force]
+    require(bool(np.isfinite(levels).any()), "curve", levels.tolist(), "one with a finished run")
+    member, direction = np.unravel_index(int(np.nanargmax(levels)), levels.shape)
+    return int(member), int(direction)
+
+
+def lanes_of(case: CurveCase, members: Members, member: int) -> list[Lane]:
+    """Return the sweep up and the sweep down of a member at a case's first force."""
+    force = float(case.forces[0])
+    return [
+        Lane(case.scene, drive, case.steady_start)
+        for schedule in case.schedules()
+        for drive in members[member : member + 1].drives(force, schedule)
+    ]
+
+
+def frequency_curve(
+    name: str,
+    lanes: Sequence[Lane],
+    limits: tuple[float, float],
+    executor: Executor | None = None,
+) -> FrequencyCurve | None:
+    """Return the largest level over the frequency of some sweeps, as up and down; None where the motion is too long to be recorded.
+
+    ``limits``: frequencies over the resonance's. Raises KeyboardInterrupt if it is stopped.
+    """
+    samples = samples_for(lanes[0].scene, lanes[0].drive.schedule.periods)
+    if samples is None:
+        return None
+    found = each_lane(lanes, partial(windowed_levels, samples=samples), executor=executor)
+    pairs = [pair for pair in found if pair is not None]
+    if len(pairs) < len(lanes):
+        raise KeyboardInterrupt
+    edges = np.linspace(*limits, POINTS + 1)
+    levels = np.full(POINTS, -np.inf)
+    for ratio, rms in pairs:
+        at = np.clip(np.searchsorted(edges, ratio, side="right") - 1, 0, POINTS - 1)
+        np.maximum.at(levels, at, rms)
+    return FrequencyCurve(
+        name, (edges[1:] + edges[:-1]) / 2, np.where(np.isinf(levels), np.nan, levels)
+    )
+
+
+def resonance_curves(
+    cases: Mapping[str, tuple[CurveCase, int]], members: Members, executor: Executor | None = None
+) -> ResonanceCurves:
+    """Return the levels over the frequency of several absorbers near one resonance, at the first force of their cases.
+
+    Parameters
+    ----------
+    cases : dict
+        The sweeps of each absorber by its name, and the member (from 0) that is drawn.
+    members : Members
+        The ensemble.
+    executor : Executor, optional
+        Where the runs are made.
+
+    Returns
+    -------
+    ResonanceCurves
+        Without the absorbers whose sweeps are too long to be recorded.
+
+    """
+    first, _ = next(iter(cases.values()))
+    found = [
+        frequency_curve(name, lanes_of(case, members, member), case.limits, executor)
+        for name, (case, member) in cases.items()
+    ]
+    return ResonanceCurves(
+        first.resonance,
+        first.scene.model.resonance_omega(first.resonance),
+        float(first.forces[0]),
+        tuple(curve for curve in found if curve is not None),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class WorstRun:
+    """The motion of the member with the highest level: which one, up or down, near which resonance, and the recorded run."""
+
+    member: int
+    direction: int
+    resonance: int
+    response: Response
+
+    @property
+    def words(self) -> str:
+        """Which run it is, in words."""
+        way = {UP: "up", DOWN: "down"}[self.direction]
+        drive = self.response.drive
+        assert isinstance(drive, Drive)
+        return f"member {self.member + 1}, sweep {way}, {drive.amplitude:g} N near resonance {self.resonance}"
+
+
+def record_worst_run(case: CurveCase, curve: PerformanceCurve) -> WorstRun:
+    """Run the sweep with the highest level of a curve's first force again, with its motion; the levels are those of the curve to the last bit.
+
+    Raises ParameterError where the motion is too long to be recorded.
+    """
+    member, direction = find_worst_run(curve)
+    lane = lanes_of(case, curve.members, member)[direction]
+    periods = lane.drive.schedule.periods
+    samples = samples_for(case.scene, periods)
+    require(
+        samples is not None,
+        "history",
+        f"{periods:,.0f} pseudo periods",
+        f"sweeps whose motion takes at most {MOST_BYTES / 1e9:g} GB: a higher rate takes less",
+    )
+    assert samples is not None
+    record = Record(events=True, series=True, samples_per_period=samples)
+    response = simulate(lane.scene, lane.drive, initial=lane.start, record=record)
+    return WorstRun(member, direction, case.resonance, response)

@@ -1,0 +1,836 @@
+"""Where, how heavy and which gap: the place, mass and gap of an impact absorber for forces near one or several resonances.
+
+1. `optimisation.place_map` ranks all places for each mass by the linear structure, without a run.
+2. The best few of each mass run at three gaps with one member.
+3. The best of these, and the second where it is close, have their gap searched as by `design_gap` (`optimisation.gap_search`), for all resonances
+   together: the search makes small the largest level over that without absorber. Member m of every resonance is one member.
+
+All sweeps go over one range for each resonance, that of the heaviest mass at the places that run, and start from the steady state.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from impact_env.curve import CurveCase, PerformanceCurve, performance_curves
+from impact_env.drive import default_rate
+from impact_env.ensemble import Executor, Lane, LaneLevels, Progress
+from impact_env.modes import ModalModel, Structure
+from impact_env.parameters import (
+    Absorber,
+    SlidingAbsorber,
+    count,
+    fraction,
+    friction_law,
+    impact_absorber,
+    listed,
+    non_negative,
+    positive,
+    require,
+)
+from impact_env.scene import Scene
+from optimisation.bounds import design_gap, gap_unit, reach, resonance_limit
+from optimisation.extremes import usable_gap, usable_mass_ratio, usable_rate
+from optimisation.friction_rule import scaled_friction
+from optimisation.gap_advice import (
+    MEMBERS,
+    MOST_TOLERANCE,
+    TOLERANCE,
+    USELESS,
+    GapRuns,
+    Limits,
+    SearchStopped,
+    run_with_speeds,
+)
+from optimisation.gap_check import RESTITUTION, rigid_walls
+from optimisation.gap_search import (
+    NARROWEST,
+    PAIRS,
+    STEP,
+    WIDEST,
+    LevelSamples,
+    find_best,
+    level_between,
+    search_gaps,
+    worst_level,
+)
+from optimisation.place_map import (
+    PlaceMap,
+    Places,
+    expected_gap_and_share,
+    find_places,
+    map_places,
+    shortlist,
+)
+from optimisation.statistics import Prediction, predict
+from optimisation.sweep_range import find_common_range
+
+Array = NDArray[np.float64]
+MASS_RATIOS = (0.01, 0.02, 0.05)
+LOOKED_AT = 5  # places of each mass that run
+LOOK_FACTORS = (0.8, 1.15, 1.6)  # of the gap to expect
+SEARCHED = 2  # places of each mass whose gap is searched, at most
+CLOSE_LOOK = 1.25  # times the lowest level of a look: a place whose gap is searched too
+LIGHTEST = 1.1  # times the lowest level: the lightest mass that leaves no more is recommended
+SURE = 0.95  # probability with which a level is to stay below a limit
+FLAT = 1.1  # times the level at the recommended gap: the range of gaps that leave no more
+
+
+@dataclass(frozen=True, eq=False)
+class ResonanceLevel:
+    """A device's level in m near one resonance: median ``level`` at ``force`` (N), largest median ``worst`` over the tolerance of the force.
+
+    ``without``: level without absorber. ``prediction``: of a further run's level; None where no gap ran twice. ``frequency_ratio``: where the level
+    was read, over the resonance. ``sweep_range`` over the resonance, ``rate`` in % per 100 pseudo periods. ``limit``: no device in this cavity comes
+    below it.
+    """
+
+    resonance: int
+    force: float
+    level: float
+    worst: float
+    without: float
+    prediction: Prediction | None
+    frequency_ratio: float
+    sweep_range: tuple[float, float]
+    rate: float
+    limit: float
+
+    @property
+    def share(self) -> float:
+        """Level over that without absorber."""
+        return self.level / self.without
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Ends in m of the interval that holds 90 % of further runs; NaN where no gap ran twice."""
+        return (math.nan, math.nan) if self.prediction is None else self.prediction.interval()
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedDevice:
+    """A device at a place that was simulated near all resonances.
+
+    ``place``: index of `Places`. ``share``: median over the members of the largest level over that without absorber; ``worst``: its largest value
+    over the tolerance of the force; ``prediction`` of a further run's. ``parts``: near each resonance. ``members``: runs, each up and down.
+    ``gaps``: the narrowest and the widest gap in m around this one that leave at most `FLAT` times its share. ``runs``: its runs by resonance.
+    ``impact_speed`` in m/s, None if not recorded.
+    """
+
+    place: int
+    name: str
+    mass_ratio: float
+    absorber: SlidingAbsorber
+    share: float
+    worst: float
+    prediction: Prediction | None
+    parts: tuple[ResonanceLevel, ...]
+    members: int
+    gaps: tuple[float, float]
+    sweeps: int
+    runs: dict[int, PerformanceCurve]
+    impact_speed: float | None = None
+
+    @property
+    def gap(self) -> float:
+        """Clearance to either wall in m."""
+        return rigid_walls(self.absorber).gap
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Ends of the interval that holds 90 % of further runs' shares; NaN where no gap ran twice."""
+        return (math.nan, math.nan) if self.prediction is None else self.prediction.interval()
+
+    @property
+    def friction_limit(self) -> float:
+        """Friction limit in N, 0 for none."""
+        return 0.0 if self.absorber.friction is None else self.absorber.friction.limit
+
+    def probability_below(self, limit: float) -> float:
+        """Return the probability that the level stays below a limit in m near all resonances; NaN where no gap ran twice."""
+        known = [part.prediction for part in self.parts if part.prediction is not None]
+        if len(known) < len(self.parts):
+            return math.nan
+        return float(np.prod([one.probability_below(limit) for one in known]))
+
+
+@dataclass(frozen=True)
+class Look:
+    """A single run of a place at its best of three gaps: index of the place, mass ratio, gap in m, largest level over that without absorber."""
+
+    place: int
+    mass_ratio: float
+    gap: float
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceAdvice:
+    """Which place, mass and gap, and what that rests on.
+
+    Attributes
+    ----------
+    places : Places
+        All places.
+    forces : dict
+        Force in N by resonance, counted from 1.
+    maps : tuple of PlaceMap
+        What the linear structure says of all places, for each mass, rising.
+    looks : tuple of Look
+        Single runs of the most promising places.
+    devices : tuple of PlacedDevice
+        Devices whose gap was searched, by rising mass, the lower ``worst`` first.
+    recommended : PlacedDevice or None
+        The lightest of them that keeps ``limit_level`` with a probability of `SURE`, or without a limit the lightest that leaves no more than
+        `LIGHTEST` times the lowest ``worst``. None where nothing was finished.
+    without : dict
+        Level in m without absorber by resonance.
+    tolerance : float
+        Share by which the forces may be larger or smaller.
+    limit_level : float or None
+        Level in m.
+    study : Study
+        How levels were read.
+    sweeps : int
+        All runs, one member and one direction near one resonance each.
+    complete : bool
+        Whether all runs were made.
+
+    """
+
+    places: Places
+    forces: dict[int, float]
+    maps: tuple[PlaceMap, ...]
+    looks: tuple[Look, ...]
+    devices: tuple[PlacedDevice, ...]
+    recommended: PlacedDevice | None
+    without: dict[int, float]
+    tolerance: float
+    members: int
+    limits: Limits
+    limit_level: float | None
+    study: "Study"
+    sweeps: int
+    complete: bool
+
+    @property
+    def keeps_limit(self) -> bool:
+        """Whether the recommended device keeps the limit of the level."""
+        best = self.recommended
+        return (
+            self.limit_level is None
+            or best is None
+            or best.probability_below(self.limit_level) >= SURE
+        )
+
+    @cached_property
+    def best_by_mass(self) -> tuple[PlacedDevice, ...]:
+        """The device with the lowest ``worst`` of each mass that was finished, by rising mass."""
+        found: dict[float, PlacedDevice] = {}
+        for device in self.devices:
+            found.setdefault(device.mass_ratio, device)
+        return tuple(found.values())
+
+    @property
+    def rivals(self) -> tuple[PlacedDevice, ...]:
+        """Devices of the recommended mass at other places."""
+        best = self.recommended
+        if best is None:
+            return ()
+        return tuple(
+            one
+            for one in self.devices
+            if one.mass_ratio == best.mass_ratio and one.place != best.place
+        )
+
+    def map_of(self, device: PlacedDevice) -> PlaceMap:
+        """Return the map of a device's mass."""
+        return next(one for one in self.maps if one.mass_ratio == device.mass_ratio)
+
+    def case_of(self, device: PlacedDevice, resonance: int) -> CurveCase:
+        """Return the sweeps of a device near a resonance."""
+        return self.study.case(self.places.model_at(device.place), device.absorber, resonance)
+
+    def structure_with(self, device: PlacedDevice) -> Structure:
+        """Return the structure with a device's place as that of the absorber."""
+        return self.places.structure_at(device.place)
+
+
+def probability_lower(first: Prediction, second: Prediction) -> float:
+    """Return the probability that a further run of the first design has a lower value than one of the second.
+
+    Both logarithms follow Student's distribution; the integral is over the quantiles of the first.
+    """
+    if first.scale == 0 and second.scale == 0:
+        return float(first.centre < second.centre)
+    quantiles = (np.arange(400) + 0.5) / 400
+    values = first.centre + first.scale * scipy.stats.t.ppf(quantiles, first.freedoms)
+    if second.scale == 0:
+        return float(np.mean(values < second.centre))
+    above = scipy.stats.t.sf((values - second.centre) / second.scale, second.freedoms)
+    return float(np.mean(above))
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is asked of all devices alike: forces in N, sweeps and levels without absorber (m) by resonance, and how gaps are searched.
+
+    ``friction_limit`` in N, None: the paper's by the scaling law, in proportion to the gap.
+    """
+
+    forces: dict[int, float]
+    ranges: dict[int, tuple[float, float]]
+    rates: dict[int, float]
+    without: dict[int, float]
+    restitution: float
+    friction_limit: float | None
+    tolerance: float
+    members: int
+    seed: int
+    limits: Limits
+
+    def case(self, model: ModalModel, absorber: Absorber | None, resonance: int) -> CurveCase:
+        """Return the sweeps with an absorber near a resonance."""
+        return CurveCase(
+            Scene(model, absorber),
+            np.array([self.forces[resonance]]),
+            resonance,
+            self.ranges[resonance],
+            self.rates[resonance],
+            steady_start=True,
+        )
+
+    def absorber(self, model: ModalModel, mass_ratio: float, gap: float) -> SlidingAbsorber:
+        """Return the absorber with a gap in m."""
+        limit = self.friction_limit
+        if limit is None:
+            limit = gap * self._friction_over_gap(model, mass_ratio)
+        return impact_absorber(gap, self.restitution, limit, mass_ratio)
+
+    def _friction_over_gap(self, model: ModalModel, mass_ratio: float) -> float:
+        """Return the friction limit over the gap in N/m, as `optimisation.gap_check.scaled_absorber` has it for the widest rule's gap."""
+        mass = mass_ratio * model.beam_mass
+        rules = {r: design_gap(model, mass, force, r) for r, force in self.forces.items()}
+        widest = max(rules, key=lambda r: rules[r])
+        unit = gap_unit(model, mass, self.forces[widest], widest)
+        return scaled_friction(model, mass, unit) / rules[widest]
+
+
+def expected_gap(model: ModalModel, mass_ratio: float, forces: Mapping[int, float]) -> float:
+    """Return the gap in m from which the search for all resonances together starts."""
+    mass = mass_ratio * model.beam_mass
+    rules = np.array([[design_gap(model, mass, force, r)] for r, force in forces.items()])
+    reaches = np.array([[reach(model, mass, r)] for r in forces])
+    gap, _ = expected_gap_and_share(rules, reaches)
+    return float(gap[0])
+
+
+Run = Callable[[Sequence[Lane], int], tuple[LaneLevels, Array | None]]
+
+
+@dataclass(eq=False)
+class JointRuns:
+    """Runs of one place and mass at gaps, near all resonances; ``parts`` by resonance, with one reference gap."""
+
+    study: Study
+    parts: dict[int, GapRuns]
+    samples: LevelSamples = field(default_factory=LevelSamples)
+
+    @property
+    def sweeps(self) -> int:
+        """Number of runs."""
+        return sum(part.sweeps for part in self.parts.values())
+
+    def shares(self, step: float, number: int) -> Array:
+        """Return the members' largest levels over those without absorber at a gap, (M,)."""
+        study = self.study
+        found = [
+            part.levels(step, number, study.rates[r]) / study.without[r]
+            for r, part in self.parts.items()
+        ]
+        if study.limits.impact_speed is not None:
+            speed = max(part.speeds[step, study.rates[r]] for r, part in self.parts.items())
+            self.samples.excess[step] = math.log(max(speed, 1e-300) / study.limits.impact_speed)
+        return np.asarray(np.max(found, axis=0))
+
+
+def search_place(
+    study: Study,
+    model: ModalModel,
+    mass_ratio: float,
+    run: Run,
+    pairs: int = PAIRS,
+) -> tuple[JointRuns, float]:
+    """Search the gap of an absorber at a model's place near all resonances; return the runs and the step of the best gap over the tolerance.
+
+    Raises `SearchStopped` if it is stopped.
+    """
+    mass = mass_ratio * model.beam_mass
+    rule = max(design_gap(model, mass, force, r) for r, force in study.forces.items())
+    stroke = study.limits.stroke
+    reference = rule if stroke is None else stroke
+    absorber = study.absorber(model, mass_ratio, reference)
+    joint = JointRuns(
+        study,
+        {
+            r: GapRuns(
+                model,
+                force,
+                r,
+                absorber,
+                study.ranges[r],
+                study.seed,
+                study.friction_limit is None,
+                run,
+            )
+            for r, force in study.forces.items()
+        },
+    )
+    start = round(math.log(expected_gap(model, mass_ratio, study.forces) / reference) / STEP)
+    widest = start + WIDEST if stroke is None else min(start + WIDEST, 0)
+    start = min(start, widest)
+    ends = (start + NARROWEST, widest)
+    rule_step = math.log(rule / reference) / STEP
+    search_gaps(
+        joint.shares, start, study.tolerance, study.members, pairs, joint.samples, ends, rule_step
+    )
+    _, robust = find_best(joint.samples, study.tolerance, study.members)
+    return joint, robust
+
+
+def describe_device(
+    study: Study, places: Places, place: int, joint: JointRuns, step: float
+) -> PlacedDevice:
+    """Return the device at a gap that ran, with its levels and their certainty."""
+    samples = joint.samples
+    shares = samples.levels[step]
+    parts = []
+    for resonance, runs in joint.parts.items():
+        rate = study.rates[resonance]
+        own = LevelSamples(
+            {n: curve.combined[0] for n, curve in runs.at_rate(rate).items()}, samples.power
+        )
+        values = own.levels[step]
+        lanes = runs.curves[step, rate].lanes
+        larger = np.argmax(lanes.level[0], axis=1)
+        ratios = np.take_along_axis(lanes.frequency_ratio[0], larger[:, None], axis=1)
+        level = float(np.median(values))
+        device = runs.device(step)
+        limit = resonance_limit(
+            runs.model,
+            device.mass_ratio * runs.model.beam_mass,
+            rigid_walls(device).gap,
+            runs.force,
+            resonance,
+            *runs.range,
+            at=runs.model.level_shape,
+        )
+        parts.append(
+            ResonanceLevel(
+                resonance,
+                runs.force,
+                level,
+                _worst(own, step, study.tolerance, level),
+                study.without[resonance],
+                predict(values, own.groups_near(step)),
+                float(np.median(ratios)),
+                runs.range,
+                rate,
+                float(limit),
+            )
+        )
+    share = float(np.median(shares))
+    first = next(iter(joint.parts.values()))
+    speeds = [part.speeds.get((step, study.rates[r])) for r, part in joint.parts.items()]
+    known = [speed for speed in speeds if speed is not None]
+    return PlacedDevice(
+        place,
+        places.names[place],
+        first.absorber.mass_ratio,
+        first.device(step),
+        share,
+        _worst(samples, step, study.tolerance, share),
+        predict(shares, samples.groups_near(step)),
+        tuple(parts),
+        len(shares),
+        _flat_range(samples, step, share, rigid_walls(first.absorber).gap),
+        joint.sweeps,
+        {r: part.curves[step, study.rates[r]] for r, part in joint.parts.items()},
+        max(known) if known else None,
+    )
+
+
+def _worst(samples: LevelSamples, step: float, tolerance: float, level: float) -> float:
+    """Return the largest median over the tolerance of the force, the median itself where a neighbour is not known."""
+    if tolerance == 0:
+        return level
+    steps, levels = samples.known()
+    over = float(worst_level(STEP * steps, levels, STEP * step, tolerance, samples.power))
+    return float(np.fmax(level, over))
+
+
+def _flat_range(
+    samples: LevelSamples, step: float, share: float, reference: float
+) -> tuple[float, float]:
+    """Return the narrowest and the widest gap in m around a step that leave at most `FLAT` times a share."""
+    steps, levels = samples.known()
+    fine = np.arange(steps[0], steps[-1] + 0.01, 0.1)
+    good = level_between(STEP * steps, levels, STEP * fine, samples.power) <= FLAT * share * (
+        1 + 1e-9
+    )
+    at = int(np.argmin(np.abs(fine - step)))
+    good[at] = True
+    bad = np.flatnonzero(~good)
+    first = int(np.max(bad[bad < at], initial=-1)) + 1
+    last = int(np.min(bad[bad > at], initial=len(fine))) - 1
+    low, high = (reference * math.exp(STEP * float(fine[k])) for k in (first, last))
+    return low, high
+
+
+def advise_place(
+    structure: Structure | Places,
+    forces: Mapping[int, float],
+    *,
+    mass_ratios: Sequence[float] = MASS_RATIOS,
+    restitution: float = RESTITUTION,
+    friction_limit: float | None = None,
+    limits: Limits | None = None,
+    limit_level: float | None = None,
+    tolerance: float = TOLERANCE,
+    members: int = MEMBERS,
+    looked_at: int = LOOKED_AT,
+    seed: int = 0,
+    percent_per_100_periods: float | None = None,
+    announce: Callable[["Plan"], None] | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    executor: Executor | None = None,
+) -> PlaceAdvice:
+    """Return the place, mass and gap of an impact absorber for forces near one or several resonances, with their certainty.
+
+    Parameters
+    ----------
+    structure : Beam, ModalModel or Places
+        The structure, or the places of it that are allowed (`optimisation.place_map.find_places`).
+    forces : dict
+        Force in N by resonance, counted from 1.
+    mass_ratios : sequence of float
+        Masses to try, over the structure's.
+    restitution, friction_limit : float
+        Of the absorber; the limit in N at any gap. None: the paper's 0.1 N by the scaling law, in proportion to the gap.
+    limits : Limits, optional
+        Limits that the devices keep, if a gap that ran does.
+    limit_level : float, optional
+        Level in m below which the recommended device stays with a probability of `SURE`, near every resonance.
+    tolerance : float
+        Share by which the forces may be larger or smaller.
+    members : int
+        Runs for each gap of an answer, each up and down.
+    looked_at : int
+        Places of each mass that run.
+    percent_per_100_periods : float, optional
+        Rate of the sweeps. None: `impact_env.drive.default_rate` near each resonance.
+    announce : callable, optional
+        Called with the `Plan` before the runs.
+    seed, threads, progress, executor
+        As in `impact_env.curve.performance_curves`.
+
+    Returns
+    -------
+    PlaceAdvice
+
+    Raises
+    ------
+    ParameterError
+        For numbers out of range, and where no place leaves less than `USELESS` of the level without absorber.
+
+    Examples
+    --------
+    >>> from impact_env import Beam
+    >>> found = advise_place(Beam(modes=2), {1: 3.5}, mass_ratios=[0.02], looked_at=1, members=1, percent_per_100_periods=40.0)
+    >>> found.recommended.name
+    '1'
+
+    """
+    places = structure if isinstance(structure, Places) else find_places(structure)
+    ratios = tuple(
+        sorted({usable_mass_ratio("mass_ratio", x) for x in listed("mass_ratios", mass_ratios)})
+    )
+    require(len(ratios) > 0, "mass_ratios", mass_ratios, "one or more")
+    require(
+        0 <= tolerance <= MOST_TOLERANCE,
+        "force_tolerance",
+        tolerance,
+        f"from 0 to {MOST_TOLERANCE:g}, a share of the force",
+    )
+    fraction("restitution", restitution)
+    if friction_limit is not None:
+        friction_law(non_negative("friction_limit", friction_limit))
+    members = count("members", members, 1)
+    looked_at = count("looked_at", looked_at, 1)
+    if limit_level is not None:
+        positive("limit_level", limit_level)
+    limits = Limits() if limits is None else limits
+    maps = tuple(map_places(places, forces, ratio) for ratio in ratios)
+    forces = maps[0].forces
+    chosen = {one.mass_ratio: shortlist(places, one, looked_at) for one in maps}
+    for one in maps:
+        for r, rules in zip(forces, one.rule, strict=True):
+            known = rules[np.isfinite(rules) & (rules > 0)]
+            if known.size:
+                name = f"{forces[r]:g} N near resonance {r}, mass ratio {one.mass_ratio:g}"
+                usable_gap("force", name, "the design rule", float(np.min(known)))
+    _require_place(places, maps, chosen)
+
+    models = {k: places.model_at(k) for k in sorted({k for ks in chosen.values() for k in ks})}
+    ranges = {r: find_common_range(list(models.values()), ratios[-1], r) for r in forces}
+    rates = {
+        r: usable_rate(
+            "rate",
+            default_rate(places.model, (r,))
+            if percent_per_100_periods is None
+            else percent_per_100_periods,
+            [ranges[r]],
+        )
+        for r in forces
+    }
+    study = Study(
+        forces,
+        ranges,
+        rates,
+        {},
+        restitution,
+        friction_limit,
+        tolerance,
+        members,
+        seed,
+        limits,
+    )
+    search = _Search(study, places, models, maps, chosen, threads, progress, executor)
+    if announce is not None:
+        announce(search.plan())
+    return search.run(limit_level)
+
+
+def _words(forces: Mapping[int, float]) -> str:
+    return " and ".join(f"{force:g} N near resonance {r}" for r, force in forces.items())
+
+
+def _require_place(
+    places: Places, maps: Sequence[PlaceMap], chosen: Mapping[float, Sequence[int]]
+) -> None:
+    """Raise ParameterError where no place can be used at all."""
+    if any(chosen[one.mass_ratio] for one in maps):
+        return
+    heaviest = maps[-1]
+    words = f"{_words(heaviest.forces)}, mass ratio {heaviest.mass_ratio:g}"
+    known = np.where(np.isfinite(heaviest.reach), heaviest.reach, np.nan)
+    if np.isnan(known).all():
+        reason = "a lighter absorber: stuck at any place it takes a resonance out of its range; are the mass in kg, the shapes in 1/sqrt(kg)?"
+    else:
+        largest = ", ".join(
+            f"{np.nanmax(row, initial=0.0):.2g} near resonance {r}"
+            for r, row in zip(heaviest.forces, known, strict=True)
+        )
+        reason = f"forces and places that suit one gap; the largest free amplitude over the rule's gap is {largest}"
+    require(False, "places", words, f"{reason} ({len(places)} places)")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Sweeps that a search takes at most, and the longest of its scenes by resonance: scene, force in N, pseudo periods of a sweep."""
+
+    sweeps: dict[int, int]
+    scenes: dict[int, tuple[Scene, float, float]]
+
+    @property
+    def total(self) -> int:
+        """All sweeps."""
+        return sum(self.sweeps.values())
+
+
+@dataclass(eq=False)
+class _Search:
+    """The runs of `advise_place`."""
+
+    study: Study
+    places: Places
+    models: dict[int, ModalModel]
+    maps: tuple[PlaceMap, ...]
+    chosen: dict[float, list[int]]
+    threads: int | None
+    progress: Progress | None
+    executor: Executor | None
+    done: int = 0
+    total: int = 0
+
+    def __post_init__(self) -> None:
+        self.total = self.plan().total
+
+    @property
+    def pairs(self) -> int:
+        """Pairs of sweeps near each resonance that a search of a gap takes at most."""
+        return PAIRS if self.study.members <= MEMBERS else 10 + 5 * self.study.members
+
+    def plan(self) -> Plan:
+        """Return what will run at most."""
+        looks = sum(len(ks) for ks in self.chosen.values()) * len(LOOK_FACTORS)
+        searches = sum(min(SEARCHED, len(ks)) for ks in self.chosen.values())
+        each = 2 * (1 + looks + (self.pairs + 1) * searches)
+        heaviest = self.maps[-1]
+        place = self.chosen[heaviest.mass_ratio][0] if self.chosen[heaviest.mass_ratio] else None
+        scenes = {}
+        for r, force in self.study.forces.items():
+            low, high = self.study.ranges[r]
+            absorber = None
+            model = self.places.model
+            if place is not None:
+                model = self.models[place]
+                absorber = self.study.absorber(
+                    model, heaviest.mass_ratio, float(heaviest.gap[place])
+                )
+            scenes[r] = (Scene(model, absorber), force, 1e4 * (high - low) / self.study.rates[r])
+        return Plan(dict.fromkeys(self.study.forces, each), scenes)
+
+    def _show(self, done: int, _all: int = 0) -> None:
+        if self.progress is not None:
+            self.progress(done, max(done, self.total))
+
+    def _run_lanes(self, lanes: Sequence[Lane], _before: int) -> tuple[LaneLevels, Array | None]:
+        found = run_with_speeds(
+            lanes,
+            self.study.limits.impact_speed is not None,
+            self.threads,
+            lambda done, _all: self._show(self.done + done),
+            self.executor,
+        )
+        self.done += len(lanes)
+        return found
+
+    def _levels(self, cases: Sequence[CurveCase]) -> list[float]:
+        """Return the level in m of a single run of each case; raises `SearchStopped` if it is stopped."""
+        curves = performance_curves(
+            cases,
+            1,
+            self.study.seed,
+            threads=self.threads,
+            progress=lambda done, _all: self._show(self.done + done),
+            executor=self.executor,
+        )
+        if not all(curve.complete for curve in curves):
+            raise SearchStopped
+        self.done += 2 * len(cases)
+        return [float(curve.median[0]) for curve in curves]
+
+    def run(self, limit_level: float | None) -> PlaceAdvice:
+        """Make the runs and return the answer."""
+        study = self.study
+        looks: list[Look] = []
+        devices: list[PlacedDevice] = []
+        complete = True
+        try:
+            none = self._levels([study.case(self.places.model, None, r) for r in study.forces])
+            self.study = study = replace(study, without=dict(zip(study.forces, none, strict=True)))
+            for one in self.maps:
+                looks += self._look(one)
+            for one in self.maps:
+                own = sorted(
+                    (look for look in looks if look.mass_ratio == one.mass_ratio),
+                    key=lambda look: look.share,
+                )
+                close = [look for look in own if look.share <= CLOSE_LOOK * own[0].share]
+                for look in close[:SEARCHED]:
+                    joint, step = search_place(
+                        study,
+                        self.models[look.place],
+                        one.mass_ratio,
+                        self._run_lanes,
+                        self.pairs,
+                    )
+                    devices.append(describe_device(study, self.places, look.place, joint, step))
+        except SearchStopped:
+            complete = False
+        devices.sort(key=lambda device: (device.mass_ratio, device.worst))
+        best = recommend(devices, limit_level)
+        if complete and best is not None:
+            _require_help(best, study.forces)
+        return PlaceAdvice(
+            self.places,
+            study.forces,
+            self.maps,
+            tuple(looks),
+            tuple(devices),
+            best,
+            study.without,
+            study.tolerance,
+            study.members,
+            study.limits,
+            limit_level,
+            study,
+            self.done,
+            complete,
+        )
+
+    def _look(self, one: PlaceMap) -> list[Look]:
+        """Return single runs of the most promising places of a mass."""
+        study = self.study
+        devices = []
+        for place in self.chosen[one.mass_ratio]:
+            gaps = [factor * float(one.gap[place]) for factor in LOOK_FACTORS]
+            if study.limits.stroke is not None:
+                gaps = sorted({min(gap, study.limits.stroke) for gap in gaps})
+            devices += [(place, gap) for gap in gaps]
+        cases = [
+            study.case(
+                self.models[place],
+                study.absorber(self.models[place], one.mass_ratio, gap),
+                r,
+            )
+            for place, gap in devices
+            for r in study.forces
+        ]
+        if not cases:
+            return []
+        levels = np.array(self._levels(cases)).reshape(len(devices), len(study.forces))
+        shares = (levels / np.array([study.without[r] for r in study.forces])).max(axis=1)
+        best: dict[int, Look] = {}
+        for (place, gap), share in zip(devices, shares.tolist(), strict=True):
+            if place not in best or share < best[place].share:
+                best[place] = Look(place, one.mass_ratio, gap, share)
+        return list(best.values())
+
+
+def recommend(devices: Sequence[PlacedDevice], limit_level: float | None) -> PlacedDevice | None:
+    """Return the lightest device that keeps the limit of the level with a probability of `SURE`, the one most likely to keep it if none does.
+
+    Without a limit: the lightest that leaves no more than `LIGHTEST` times the lowest level over the tolerance. None of no device.
+    """
+    if not devices:
+        return None
+    by_mass = sorted(devices, key=lambda device: (device.mass_ratio, device.worst))
+    if limit_level is None:
+        lowest = min(device.worst for device in devices)
+        return next(device for device in by_mass if device.worst <= LIGHTEST * lowest)
+    chances = [device.probability_below(limit_level) for device in by_mass]
+    sure = [one for one, chance in zip(by_mass, chances, strict=True) if chance >= SURE]
+    if sure:
+        lightest = [one for one in sure if one.mass_ratio == sure[0].mass_ratio]
+        return min(lightest, key=lambda device: device.worst)
+    if np.isnan(chances).all():
+        return min(devices, key=lambda device: device.worst)
+    return by_mass[int(np.nanargmax(chances))]
+
+
+def _require_help(best: PlacedDevice, forces: Mapping[int, float]) -> None:
+    require(
+        best.share <= USELESS,
+        "places",
+        _words(forces),
+        f"forces that an absorber at one of the places lowers: the best leaves {100 * best.share:.0f} % of the level without absorber "
+        f"(place {best.name}, mass ratio {best.mass_ratio:g}, gap {1e3 * best.gap:.4g} mm)",
+    )

@@ -1,0 +1,616 @@
+"""The answer of `design_place`: as text, card, rows, JSON, and a picture of the structure coloured by reach. SI units, unless named."""
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.modes import mode_shapes
+from impact_env.parameters import Beam
+from optimisation.baselines import Baselines
+from optimisation.files import number, numbers
+from optimisation.frequency_levels import ResonanceCurves
+from optimisation.gap_card import Impacts
+from optimisation.page import markdown
+from optimisation.place_advice import (
+    FLAT,
+    LIGHTEST,
+    SURE,
+    PlaceAdvice,
+    PlacedDevice,
+    ResonanceLevel,
+    probability_lower,
+)
+from optimisation.place_map import PlaceMap, Places
+from optimisation.report.card import (
+    NO_DEVICE,
+    Card,
+    Chart,
+    Curve,
+    Row,
+    assumed_rows,
+    baseline_rows,
+    borne_rows,
+    device_rows,
+)
+from optimisation.report.figures import (
+    BLUE,
+    GREEN,
+    GREY,
+    MM,
+    ORANGE,
+    draw_grid,
+    figure_of,
+    write_figure,
+)
+from optimisation.report.frequency_report import frequency_charts, frequency_data
+
+Array = NDArray[np.float64]
+Json = dict[str, object]
+HEADER = (
+    "place",
+    "mass, %",
+    "gap, mm",
+    "level, % of no absorber",
+    "90 % of runs, %",
+    "at most, %",
+    "gaps within 10 %, mm",
+    "reach",
+    "members",
+)
+COLUMNS = ("place", "x_m", "y_m", "z_m", "mass_ratio")
+MOST_BARS = 60
+FINE = 201  # points of a beam that are drawn
+
+
+def _interval(ends: tuple[float, float], factor: float, unit: str = "") -> str:
+    """Return the interval that holds 90 % of further runs in words."""
+    if math.isnan(ends[0]):
+        return "not known from single runs"
+    return f"{factor * ends[0]:.4g} to {factor * ends[1]:.4g}{unit}"
+
+
+def _runs(number: int) -> str:
+    """Return a number of runs in words."""
+    return "one run" if number == 1 else f"{number} runs"
+
+
+def level_line(part: ResonanceLevel) -> str:
+    """Return a device's level near one resonance in words."""
+    return (
+        f"{part.force:g} N near resonance {part.resonance}: level {MM * part.level:.4g} mm (90 % of runs: {_interval(part.interval, MM)}), "
+        f"{100 * part.share:.1f} % of no absorber, read at {part.frequency_ratio:.4g} of the resonance; at most {MM * part.worst:.4g} mm."
+    )
+
+
+def answer(found: PlaceAdvice) -> list[str]:
+    """Return the recommended place, mass and gap with their certainty."""
+    best = found.recommended
+    if best is None:
+        return ["No device was simulated in full."]
+    mass = best.mass_ratio * found.places.model.beam_mass
+    friction = (
+        f"friction limit {best.friction_limit:.4g} N" if best.friction_limit else "no friction"
+    )
+    restitution = best.absorber.walls.restitution  # type: ignore[union-attr]
+    tolerance = 100 * found.tolerance
+    lines = [
+        (
+            f"Recommended: at {found.places.word(best.place)}, mass {mass:.4g} kg ({100 * best.mass_ratio:.4g} %), a clearance of "
+            f"{MM * best.gap:.4g} mm to either wall, {friction}, restitution {restitution:g}."
+        ),
+        *(f"  {level_line(part)}" for part in best.parts),
+    ]
+    if len(best.parts) > 1:
+        lines.append(
+            f"  The worse of them: {100 * best.share:.1f} % of no absorber (90 % of runs: {_interval(best.interval, 100, ' %')}); "
+            f"at most {100 * best.worst:.1f} % with {tolerance:g} % more or less force."
+        )
+    lines.append(
+        f"Gap: from {MM * best.gaps[0]:.4g} to {MM * best.gaps[1]:.4g} mm the level is at most {FLAT:g} times that."
+    )
+    lines += _place_lines(found, best)
+    lines += _mass_lines(found, best)
+    return lines
+
+
+def _place_lines(found: PlaceAdvice, best: PlacedDevice) -> list[str]:
+    """Return how certain the place is: against the others that ran, and by the linear structure."""
+    words = []
+    for rival in found.rivals:
+        if best.prediction is None or rival.prediction is None:
+            chance = "not known from single runs"
+        else:
+            chance = f"{100 * probability_lower(best.prediction, rival.prediction):.0f} %"
+        words.append(
+            f"{found.places.word(rival.place)} leaves {100 * rival.share:.1f} % with {MM * rival.gap:.4g} mm; "
+            f"probability that a run of the recommended is lower: {chance}"
+        )
+    looked = {look.place for look in found.looks if look.mass_ratio == best.mass_ratio}
+    others = sorted(looked - {best.place} - {rival.place for rival in found.rivals})
+    if others:
+        names = ", ".join(found.places.names[place] for place in others)
+        words.append(f"single runs at {names} left more")
+    if not words:
+        words = ["no other place was simulated"]
+    return [f"Place: {'; '.join(words)}."]
+
+
+def _mass_lines(found: PlaceAdvice, best: PlacedDevice) -> list[str]:
+    """Return why this mass, and the others."""
+    if len(found.maps) == 1:
+        return []
+    if found.limit_level is not None:
+        chance = best.probability_below(found.limit_level)
+        odds = "not known from single runs" if math.isnan(chance) else f"{100 * chance:.0f} %"
+        kind = "the lightest that stays" if found.keeps_limit else "the most likely to stay"
+        return [
+            f"Mass: {kind} below {MM * found.limit_level:.4g} mm with {100 * SURE:.0f} %; its probability: {odds}."
+        ]
+    others = ", ".join(
+        f"{100 * one.mass_ratio:.4g} %: {100 * one.worst:.1f} %"
+        for one in found.best_by_mass
+        if one.mass_ratio != best.mass_ratio
+    )
+    return [
+        f"Mass: the lightest within {LIGHTEST:g} of the lowest level; level at most with others: {others or 'none was finished'}."
+    ]
+
+
+def warnings(found: PlaceAdvice) -> list[str]:
+    """Return warnings, and the number of sweeps."""
+    best = found.recommended
+    lines = []
+    if best is not None:
+        for part in best.parts:
+            low, high = part.sweep_range
+            near = max(1e-3 * part.rate, 0.01 * (high - low))
+            if not low + near < part.frequency_ratio < high - near:
+                lines.append(
+                    f"the level near resonance {part.resonance} was read at an end of the sweeps, {part.frequency_ratio:.4g} of it: a resonance "
+                    "beside this one, or an absorber too heavy for the range, decides"
+                )
+            if part.share > 1:
+                lines.append(
+                    f"near resonance {part.resonance} the level is above that without absorber: one gap cannot serve these forces together"
+                )
+        if not found.keeps_limit:
+            lines.append(
+                f"no device that ran stays below {MM * (found.limit_level or 0):.4g} mm with {100 * SURE:.0f} %"
+            )
+        speed = found.limits.impact_speed
+        if speed is not None and best.impact_speed is not None and best.impact_speed > speed:
+            lines.append("no gap that ran keeps the impact speed")
+    return lines
+
+
+def sweeps_line(found: PlaceAdvice) -> str:
+    """Return how many sweeps were made over which ranges."""
+    ranges = "; ".join(
+        f"{low:.3g} to {high:.3g} of resonance {r} at {found.study.rates[r]:.3g} % per 100 pseudo periods"
+        for r, (low, high) in found.study.ranges.items()
+    )
+    return f"{found.sweeps} sweeps, {ranges}. {len(found.places)} places by the linear structure."
+
+
+def text(found: PlaceAdvice) -> str:
+    """Return a line for each device whose gap was searched."""
+    lines = []
+    for one in found.devices:
+        reaches = found.map_of(one).reach[:, one.place]
+        ends = (
+            "-"
+            if one.prediction is None
+            else f"{100 * one.interval[0]:.3g} to {100 * one.interval[1]:.3g}"
+        )
+        lines.append(
+            (
+                found.places.names[one.place],
+                f"{100 * one.mass_ratio:.4g}",
+                f"{MM * one.gap:.4g}",
+                f"{100 * one.share:.1f}",
+                ends,
+                f"{100 * one.worst:.1f}",
+                f"{MM * one.gaps[0]:.3g} to {MM * one.gaps[1]:.3g}",
+                ", ".join(f"{x:.3g}" for x in reaches),
+                str(one.members),
+            )
+        )
+    return markdown(HEADER, lines)
+
+
+def device_values(found: PlaceAdvice, one: PlacedDevice) -> Json:
+    """Return a device as JSON values."""
+    places = found.places
+    return {
+        "place": one.name,
+        "place_m": None if places.points is None else places.points[one.place].tolist(),
+        "mass_kg": one.mass_ratio * places.model.beam_mass,
+        "mass_ratio": one.mass_ratio,
+        "gap_m": one.gap,
+        "gap_range_m": list(one.gaps),
+        "friction_limit_n": one.friction_limit,
+        "restitution": one.absorber.walls.restitution,  # type: ignore[union-attr]
+        "relative_level": one.share,
+        "relative_level_5": number(one.interval[0]),
+        "relative_level_95": number(one.interval[1]),
+        "relative_level_worst": one.worst,
+        "members": one.members,
+        "sweeps": one.sweeps,
+        **({} if one.impact_speed is None else {"impact_speed_m_s": one.impact_speed}),
+        "resonances": [
+            {
+                "resonance": part.resonance,
+                "force_n": part.force,
+                "level_m": part.level,
+                "level_5_m": number(part.interval[0]),
+                "level_95_m": number(part.interval[1]),
+                "level_worst_m": part.worst,
+                "level_without_absorber_m": part.without,
+                "limit_m": part.limit,
+                "frequency_ratio": part.frequency_ratio,
+                "sweep_limits": list(part.sweep_range),
+                "percent_per_100_pseudo_periods": part.rate,
+            }
+            for part in one.parts
+        ],
+    }
+
+
+def summary(found: PlaceAdvice) -> Json:
+    """Return answer, devices, looks and settings as JSON values."""
+    best = found.recommended
+    rivals = []
+    for rival in found.rivals:
+        known = best is not None and best.prediction is not None and rival.prediction is not None
+        chance = (
+            probability_lower(best.prediction, rival.prediction)  # type: ignore[union-attr, arg-type]
+            if known
+            else None
+        )
+        rivals.append({"place": rival.name, "probability_recommended_is_lower": chance})
+    return {
+        "complete": found.complete,
+        "recommended": None if best is None else device_values(found, best),
+        "rivals": rivals,
+        "devices": [device_values(found, one) for one in found.devices],
+        "looks": [
+            {
+                "place": found.places.names[look.place],
+                "mass_ratio": look.mass_ratio,
+                "gap_m": look.gap,
+                "relative_level": look.share,
+            }
+            for look in found.looks
+        ],
+        "level_without_absorber_m": {str(r): x for r, x in found.without.items()},
+        "settings": {
+            "forces_n": {str(r): force for r, force in found.forces.items()},
+            "force_tolerance": found.tolerance,
+            "mass_ratios": [one.mass_ratio for one in found.maps],
+            "members": found.members,
+            "sweeps": found.sweeps,
+            "places": len(found.places),
+            "modes": found.places.model.modes,
+            "limit_level_m": found.limit_level,
+            "limits": {
+                name: value
+                for name, value in (
+                    ("stroke_m", found.limits.stroke),
+                    ("impact_speed_m_s", found.limits.impact_speed),
+                )
+                if value is not None
+            },
+            "level": "larger of sweep up and sweep down; relative: of the worst resonance over no absorber; median, and the interval that holds 90 % "
+            "of further runs",
+        },
+    }
+
+
+def columns(found: PlaceAdvice) -> tuple[str, ...]:
+    """Return the names of the columns of `rows`."""
+    more = [f"reach_{r}" for r in found.forces] + [f"rule_gap_{r}_m" for r in found.forces]
+    return (*COLUMNS, *more, "expected_gap_m", "expected_relative_level", "relative_limit")
+
+
+def rows(found: PlaceAdvice) -> Iterator[tuple[object, ...]]:
+    """Yield a row for each mass and place: what the linear structure says; an empty cell where nothing is known."""
+    for one in found.maps:
+        for k, name in enumerate(found.places.names):
+            point: Sequence[float] = (
+                (math.nan,) * 3 if found.places.points is None else found.places.points[k].tolist()
+            )
+            values = (*point, one.mass_ratio, *one.reach[:, k], *one.rule[:, k])
+            values = (*values, one.gap[k], one.share[k], one.limit[k])
+            yield (name, *("" if number(float(x)) is None else float(x) for x in values))
+
+
+def card(
+    found: PlaceAdvice,
+    impacts: Impacts,
+    baselines: dict[int, Baselines],
+    curves: Sequence[ResonanceCurves],
+) -> Card:
+    """Return the paragraph about the recommended device; ``impacts``: of its worst resonance."""
+    best = found.recommended
+    assert best is not None
+    model = found.places.model_at(best.place)
+    groups: list[tuple[str, tuple[Row, ...]]] = [
+        (
+            "Device",
+            (
+                Row("place", found.places.word(best.place)),
+                *device_rows(best.absorber, model),
+                Row(
+                    f"gaps that leave at most {FLAT:g} times the level",
+                    f"{MM * best.gaps[0]:.4g} to {MM * best.gaps[1]:.4g} mm",
+                ),
+            ),
+        )
+    ]
+    for part in best.parts:
+        name = f"Response level, {part.force:g} N near resonance {part.resonance}"
+        groups.append(
+            (
+                name,
+                (
+                    Row(f"median of {_runs(best.members)}", MM * part.level, "mm RMS"),
+                    Row("90 % of further runs", _interval(part.interval, MM, " mm")),
+                    Row("read at", part.frequency_ratio, "of the resonance"),
+                    Row(
+                        f"at most, {100 * found.tolerance:g} % more or less force",
+                        MM * part.worst,
+                        "mm",
+                    ),
+                    Row("of no absorber", 100 * part.share, "%"),
+                    Row("no absorber", MM * part.without, "mm"),
+                    *baseline_rows(baselines[part.resonance]),
+                    Row(NO_DEVICE, MM * part.limit, "mm"),
+                ),
+            )
+        )
+    by_place = [
+        Row(
+            f"{found.places.word(one.place)}, {100 * one.mass_ratio:.4g} %, {MM * one.gap:.4g} mm",
+            f"{100 * one.share:.3g} % ({_interval(one.interval, 100, ' %')})",
+        )
+        for one in found.devices
+    ]
+    worst = max(best.parts, key=lambda part: part.share)
+    groups += [
+        ("Places and masses that were searched, level over no absorber", tuple(by_place)),
+        (
+            f"What it bears near resonance {worst.resonance}",
+            borne_rows(best.gap, impacts, worst.level),
+        ),
+        (
+            "Assumptions",
+            (
+                *assumed_rows(model, list(found.forces), None),
+                *(
+                    Row(
+                        f"swept near resonance {part.resonance}",
+                        f"{part.sweep_range[0]:.3g} to {part.sweep_range[1]:.3g} of it, {part.rate:.3g} % per 100 pseudo periods",
+                    )
+                    for part in best.parts
+                ),
+                Row("sweeps taken", str(found.sweeps)),
+            ),
+        ),
+    ]
+    where = " and ".join(f"{force:g} N near resonance {r}" for r, force in found.forces.items())
+    charts = (*frequency_charts(curves), *_place_charts(found, best))
+    return Card(
+        f"Place, mass and gap of an impact absorber for {where}",
+        tuple(groups),
+        charts,
+        tuple(warnings(found)),
+    )
+
+
+def _place_charts(found: PlaceAdvice, best: PlacedDevice) -> tuple[Chart, ...]:
+    """Return reach and expected level over the place; none where places have no order."""
+    if not isinstance(found.places.structure, Beam):
+        return ()
+    x = [float(name) for name in found.places.names]
+    own = found.map_of(best)
+    marks = (("recommended", float(best.name)),)
+    reaches = tuple(
+        Curve(f"resonance {r}", x, numbers(own.reach[k])) for k, r in enumerate(found.forces)
+    )
+    shares = tuple(
+        Curve(f"mass {100 * one.mass_ratio:.4g} %", x, numbers(100 * one.share))
+        for one in found.maps
+    )
+    place = "place over the length"
+    return (
+        Chart("Reach", place, "free amplitude over the rule's gap", reaches, marks),
+        Chart("Level to expect, no simulation", place, "% of no absorber", shares, marks),
+    )
+
+
+def frequency_content(found: Sequence[ResonanceCurves]) -> Json:
+    """Return the levels over the frequency as JSON values."""
+    return {"level_over_frequency": frequency_data(found)}
+
+
+def save_places(path: Path, found: PlaceAdvice) -> None:
+    """Draw the structure coloured by reach, a panel for each resonance, and below the levels to expect and those simulated.
+
+    A beam is drawn by its mode shapes, nodes with coordinates at their points, places without as bars. The ending of ``path`` chooses the format.
+    """
+    best = found.recommended
+    own = found.maps[-1] if best is None else found.map_of(best)
+    count = len(found.forces)
+    number_of_rows = count + 1
+    figure, panels = figure_of(8.6, 2.5 * count + 3.4, number_of_rows, 1)
+    panels = np.ravel(panels)
+    for k, resonance in enumerate(found.forces):
+        _draw_reach(figure, panels[k], found, own, k, resonance)
+    _draw_levels(panels[-1], found)
+    write_figure(figure, path)
+
+
+def _draw_reach(
+    figure: Any, axes: Any, found: PlaceAdvice, own: PlaceMap, k: int, resonance: int
+) -> None:
+    places = found.places
+    reach = np.where(np.isfinite(own.reach[k]), own.reach[k], 0.0)
+    hertz = places.model.resonance_omega(resonance) / (2 * np.pi)
+    words = f"resonance {resonance}, {hertz:.4g} Hz; absorber of {100 * own.mass_ratio:.4g} % of the structure's mass"
+    axes.set_title(words, fontsize=10, loc="left")
+    if isinstance(places.structure, Beam):
+        drawn = _draw_beam(axes, places, reach, resonance)
+    elif places.points is not None:
+        drawn = _draw_nodes(axes, places, reach)
+    else:
+        _draw_bars(axes, places, reach)
+        return
+    best = found.recommended
+    if best is not None:
+        x, y = _point_of(places, best.place, resonance)
+        axes.plot([x], [y], "s", ms=12, mfc="none", mec="black", mew=1.8, label="recommended")
+    axes.legend(fontsize=8, loc="best", framealpha=0.9)
+    figure.colorbar(drawn, ax=axes, label="reach: free amplitude\nover the rule's gap")
+
+
+def _draw_beam(axes: Any, places: Places, reach: Array, resonance: int) -> Any:
+    """Draw a beam's mode shape, coloured by reach, with force and level."""
+    from matplotlib.collections import LineCollection
+
+    beam = places.structure
+    assert isinstance(beam, Beam)
+    x = np.linspace(0, 1, FINE)
+    shape = mode_shapes(beam, x)[:, resonance - 1]
+    scale = float(np.max(np.abs(shape))) or 1.0
+    shape = shape / scale
+    at = np.array([float(name) for name in places.names])
+    colour = np.interp(x, at, reach)
+    points = np.column_stack([x, shape])
+    segments = np.stack([points[:-1], points[1:]], axis=1)
+    drawn = LineCollection(segments.tolist(), cmap="viridis", linewidths=7, capstyle="round")
+    drawn.set_array((colour[1:] + colour[:-1]) / 2)
+    axes.axhline(0, color="0.8", lw=0.8)
+    axes.add_collection(drawn)
+    level = beam.absorber_position if beam.response_position is None else beam.response_position
+    for place, mark, tint, name in (
+        (beam.force_position, "v", ORANGE, "force"),
+        (level, "o", "#F0E442", "level"),
+    ):
+        y = float(np.interp(place, x, shape))
+        axes.plot([place], [y], mark, color=tint, mec="black", ms=9, label=name)
+    axes.set(xlim=(-0.03, 1.03), ylim=(-1.35, 1.35))
+    axes.set_xlabel("place over the length")
+    axes.set_ylabel("mode shape")
+    return drawn
+
+
+def _point_of(places: Places, k: int, resonance: int) -> tuple[float, float]:
+    """Return where a place is drawn."""
+    if isinstance(places.structure, Beam):
+        x = float(places.names[k])
+        shape = mode_shapes(places.structure, np.linspace(0, 1, FINE))[:, resonance - 1]
+        scale = float(np.max(np.abs(shape))) or 1.0
+        return x, float(mode_shapes(places.structure, [x])[0, resonance - 1]) / scale
+    assert places.points is not None
+    first, second = _widest_axes(places.points)
+    return float(places.points[k, first]), float(places.points[k, second])
+
+
+def _widest_axes(points: Array) -> tuple[int, int]:
+    """Return the two axes over which points extend furthest, in their order."""
+    extent = np.ptp(points, axis=0)
+    first, second = sorted(np.argsort(-extent, kind="stable")[:2].tolist())
+    return first, second
+
+
+def _draw_nodes(axes: Any, places: Places, reach: Array) -> Any:
+    """Draw places at their coordinates, in the plane of their two widest axes, coloured by reach."""
+    assert places.points is not None
+    first, second = _widest_axes(places.points)
+    order = np.argsort(reach, kind="stable")
+    x, y = places.points[order, first], places.points[order, second]
+    drawn = axes.scatter(x, y, c=reach[order], cmap="viridis", s=36, edgecolor="0.3", lw=0.3)
+    axes.set_xlabel(f"{'xyz'[first]} in m")
+    axes.set_ylabel(f"{'xyz'[second]} in m")
+    if np.ptp(places.points[:, second]) > 0:
+        axes.set_aspect("equal", adjustable="datalim")
+    return drawn
+
+
+def _draw_bars(axes: Any, places: Places, reach: Array) -> None:
+    """Draw a bar for each place, the highest of them where there are too many."""
+    kept = np.sort(np.argsort(-reach, kind="stable")[:MOST_BARS])
+    axes.bar(np.arange(len(kept)), reach[kept], color=BLUE)
+    axes.set_xticks(np.arange(len(kept)), [places.names[k] for k in kept], fontsize=8)
+    if len(kept) > 12:
+        axes.tick_params(axis="x", rotation=90)
+    axes.set_xlabel(places.kind)
+    axes.set_ylabel("reach")
+    draw_grid(axes)
+
+
+def _draw_levels(axes: Any, found: PlaceAdvice) -> None:
+    """Draw the expected level of each place and mass, and the levels that were simulated with their intervals."""
+    beam = isinstance(found.places.structure, Beam)
+    chosen = sorted({look.place for look in found.looks} | {one.place for one in found.devices})
+    position = (
+        {k: float(name) for k, name in enumerate(found.places.names)}
+        if beam
+        else {place: float(k) for k, place in enumerate(chosen)}
+    )
+    colours = (BLUE, GREEN, ORANGE, "#CC79A7", "#56B4E9", GREY)
+    for k, one in enumerate(found.maps):
+        colour = colours[k % len(colours)]
+        name = f"{100 * one.mass_ratio:.4g} % of the mass"
+        if beam:
+            x = [position[place] for place in range(len(found.places))]
+            axes.plot(x, 100 * one.share, color=colour, lw=1.5, label=f"{name}, to expect")
+        else:
+            expected = [100 * float(one.share[place]) for place in chosen]
+            axes.plot(
+                range(len(chosen)), expected, "_", color=colour, ms=16, label=f"{name}, to expect"
+            )
+        looks = [look for look in found.looks if look.mass_ratio == one.mass_ratio]
+        axes.plot(
+            [position[look.place] for look in looks],
+            [100 * look.share for look in looks],
+            "o",
+            mfc="white",
+            mec=colour,
+            ms=5,
+            ls="",
+        )
+        for device in found.devices:
+            if device.mass_ratio != one.mass_ratio:
+                continue
+            ends = device.interval
+            share = 100 * device.share
+            spread = (
+                [[0.0], [0.0]]
+                if math.isnan(ends[0])
+                else [[max(share - 100 * ends[0], 0)], [max(100 * ends[1] - share, 0)]]
+            )
+            axes.errorbar(
+                [position[device.place]], [share], spread, fmt="s", color=colour, ms=6, capsize=4
+            )
+    axes.plot(
+        [], [], "o", mfc="white", mec="black", ms=5, ls="", label="one run, best of three gaps"
+    )
+    axes.plot([], [], "s", color="black", ms=6, ls="", label="gap searched, 90 % of further runs")
+    if beam:
+        axes.set_xlabel("place over the length")
+        axes.set_xlim(-0.03, 1.03)
+    else:
+        axes.set_xticks(range(len(chosen)), [found.places.names[place] for place in chosen])
+        axes.set_xlabel(f"{found.places.kind}, the simulated ones")
+    axes.set_ylabel("level, % of no absorber")
+    axes.set_ylim(0, 105)
+    stopped = "" if found.complete else " (stopped early)"
+    which = "Larger level of the resonances" if len(found.forces) > 1 else "Level"
+    axes.set_title(f"{which}{stopped}", fontsize=10, loc="left")
+    draw_grid(axes)
+    axes.legend(fontsize=8, ncols=2, framealpha=0.9)
