@@ -66,10 +66,7 @@ def windowed_levels(lane: Lane, samples: int) -> tuple[Array, Array]:
     motion = history.modal_displacement @ lane.scene.model.level_shape
     squares = np.concatenate([[0.0], np.cumsum(motion**2)])
     half = HALF_WINDOW_PERIODS * samples
-    middle = np.arange(half, len(motion) - half, samples)
-    if middle.size == 0:  # a sweep shorter than a window: its only level is that of the whole
-        middle = np.array([len(motion) // 2])
-        half = len(motion)
+    middle = np.arange(0, len(motion), samples)  # cut at the ends, as the window of the level
     first = np.maximum(middle - half, 0)
     last = np.minimum(middle + half + 1, len(motion))
     rms = np.sqrt((squares[last] - squares[first]) / (last - first))

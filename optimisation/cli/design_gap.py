@@ -1,12 +1,15 @@
 """Choose the gap of an impact absorber for a force by simulation: the one with the lowest level, and the one that bears a change of the force."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
+from impact_env.curve import PerformanceCurve
 from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel, Structure, modal_model
@@ -27,11 +30,20 @@ from optimisation.executors import cluster_option, workers
 from optimisation.executors import executor as executor_on
 from optimisation.extremes import usable_force, usable_gap, usable_rate
 from optimisation.files import require_writable, write_files
+from optimisation.frequency_levels import (
+    NO_ABSORBER,
+    RECOMMENDED,
+    ResonanceCurves,
+    find_worst_run,
+    record_worst_run,
+    resonance_curves,
+)
 from optimisation.friction_rule import PAPER_FRICTION
-from optimisation.gap_advice import FREE, MEMBERS, TOLERANCE, Advice, Limits, advise
+from optimisation.gap_advice import FREE, MEMBERS, TOLERANCE, Advice, Answer, Limits, advise
 from optimisation.gap_card import (
     ALLOWED,
     YIELD_PRESSURE,
+    case_of,
     change_with_modes,
     material,
     meeting_mass,
@@ -46,6 +58,13 @@ from optimisation.progress import runs_bar, sweeps_bar
 from optimisation.report import load_gap_report as report
 from optimisation.report.card import text as as_text
 from optimisation.report.card import write_card
+from optimisation.report.frequency_report import (
+    HISTORY_FORMATS,
+    HISTORY_HELP,
+    frequency_data,
+    save_frequency,
+    save_history,
+)
 from optimisation.report.gap_report import (
     COLUMNS,
     Unsure,
@@ -235,14 +254,37 @@ def distributions(given: dict[str, Any], absorber: SlidingAbsorber) -> tuple[Spr
     return every
 
 
-def write(out: Path, found: Advice, unsure: Unsure | None) -> list[Path]:
-    """Write the figure and the tables into a folder, and return the files."""
+def curve_at(found: Advice, answer: Answer) -> PerformanceCurve:
+    """Return the runs of an answer."""
+    return found.check.curves[int(np.argmin(np.abs(found.check.gaps - answer.gap)))]
+
+
+def frequency_of(found: Advice, answer: Answer, executor: Executor) -> ResonanceCurves:
+    """Return the level over the frequency of the worst member of an answer, and without absorber."""
+    check = found.check
+    curve = curve_at(found, answer)
+    member, _ = find_worst_run(curve)
+    cases = {
+        RECOMMENDED: (case_of(check, answer.absorber), member),
+        NO_ABSORBER: (case_of(check, None), 0),
+    }
+    return resonance_curves(cases, curve.members, executor)
+
+
+def write(
+    out: Path, found: Advice, unsure: Unsure | None, frequency: Sequence[ResonanceCurves] = ()
+) -> list[Path]:
+    """Write the figures and the tables into a folder, and return the files."""
     content = summary(found) | ({} if unsure is None else {"uncertain": unsure.plain()})
-    table = (COLUMNS, rows(found))
-    figure = partial(save_figure, found=found)
-    return write_files(
-        {out / "levels.csv": table, out / "summary.json": content, out / "levels.png": figure}
-    )
+    content |= {"level_over_frequency": frequency_data(frequency)}
+    contents: dict[Path, object] = {
+        out / "levels.csv": (COLUMNS, rows(found)),
+        out / "summary.json": content,
+        out / "levels.png": partial(save_figure, found=found),
+    }
+    if frequency:
+        contents[out / "frequency.png"] = partial(save_frequency, parts=frequency)
+    return write_files(contents)
 
 
 def under_load(given: dict[str, Any]) -> None:
@@ -256,6 +298,7 @@ def under_load(given: dict[str, Any]) -> None:
         "contact",
         "constraint",
         "limit_level",
+        "history",
         "no_card",
         why="there the gap alone is searched, and there is no card",
     )
@@ -380,6 +423,7 @@ def under_load(given: dict[str, Any]) -> None:
 @common.threads_option
 @cluster_option
 @common.file_option("--device", "Write structure and recommended absorber as a scene, .json.")
+@common.file_option("--history", HISTORY_HELP)
 @click.option(
     "--no-card",
     is_flag=True,
@@ -390,8 +434,8 @@ def main(**given: Any) -> None:
     """Choose the gap of an impact absorber on the paper's beam, or another structure, for a force near a resonance.
 
     Sweeps up and down bracket the gap with the lowest level (sharp), and by the scaling law the one whose largest level over the tolerance of the
-    force is lowest (recommended); the design rule's gap stands beside them. Writes levels.png, levels.csv, summary.json, and the recommended
-    device's card as card.html, with curves, and card.json. Ctrl-C ends the
+    force is lowest (recommended); the design rule's gap stands beside them. Writes levels.png, levels.csv, summary.json, the level over the
+    frequency as frequency.png, and the recommended device's card as card.html, with curves, and card.json. Ctrl-C ends the
     simulation early and leaves what is finished.
 
     With --load what is made small is the measure that belongs to the loads (docs/loads.md), and there is no card.
@@ -415,6 +459,7 @@ def main(**given: Any) -> None:
         factors = () if given["gaps"] is None else tuple(map(float, gap_factors(given["gaps"])))
         require_writable("--out", given["out"])
         common.check_target("--device", given["device"], (".json",))
+        common.check_target("--history", given["history"], HISTORY_FORMATS)
         rate = (
             default_rate(model, (given["resonance"],))
             if given["rate"] is None
@@ -435,16 +480,20 @@ def main(**given: Any) -> None:
                 else Unsure(every, *uncertain_levels(found, best, every, executor))
             )
             own, beside = None, list[str]()
+            frequency = [] if best is None else [frequency_of(found, best, executor)]
             if best is not None and not given["no_card"]:
                 service = service_loads(found, best, executor)
                 more = change_with_modes(found, best, structure, given["seed"], executor)
-                own = card(found, service, unsure, given["contact"], more)
+                own = card(found, service, unsure, given["contact"], more, frequency)
                 beside = [baselines(service)]
         told = [*answer(found), *probability(found, given["limit_level"]), *beside]
         told += [*([] if unsure is None else [unsure.words]), "", text(found)]
         told += ["", *warnings(found), *([] if own is None else ["", as_text(own)])]
         click.echo("\n".join(told))
-        files = write(given["out"], found, unsure)
+        files = write(given["out"], found, unsure, frequency)
+        if given["history"] is not None and best is not None:
+            run = record_worst_run(case_of(found.check, best.absorber), curve_at(found, best))
+            files += write_files({given["history"]: partial(save_history, run=run)})
         if given["device"] is not None and found.recommended is not None:
             scenes.write_device(given["device"], structure, found.recommended.absorber)
             files.append(given["device"])

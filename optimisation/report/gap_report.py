@@ -10,6 +10,7 @@ import numpy as np
 from optimisation.bounds import LARGE_REACH, SMALL_REACH
 from optimisation.extremes import LEAST_RATIO
 from optimisation.files import numbers
+from optimisation.frequency_levels import ResonanceCurves
 from optimisation.gap_advice import Advice, Answer
 from optimisation.gap_card import DRAWS, ServiceLoads, estimate, meeting_mass, reaches_beyond
 from optimisation.page import markdown
@@ -36,6 +37,7 @@ from optimisation.report.figures import (
     force_axis,
     write_figure,
 )
+from optimisation.report.frequency_report import frequency_charts
 from optimisation.uncertain import Spread, plain
 
 HEADER = (
@@ -323,10 +325,12 @@ def card(
     unsure: Unsure | None = None,
     contact: tuple[str, str, float] | None = None,
     more: str = "",
+    frequency: Sequence[ResonanceCurves] = (),
 ) -> Card:
     """Return the paragraph about the recommended device.
 
-    ``contact``: two materials of `optimisation.gap_card` and the radius in m of the rounder one; ``more``: what more modes change, in words.
+    ``contact``: two materials of `optimisation.gap_card` and the radius in m of the rounder one; ``more``: what more modes change, in words;
+    ``frequency``: levels over the frequency.
     """
     check = found.check
     best = service.answer
@@ -376,7 +380,8 @@ def card(
         ("Assumptions", assumed),
     )
     told = [line.removeprefix("Warning: ") for line in warnings(found) if line[:4] == "Warn"]
-    return Card(title, groups, _charts(found, service), (*told, *reached))
+    charts = (*frequency_charts(frequency), *_charts(found, service))
+    return Card(title, groups, charts, (*told, *reached))
 
 
 def _interval(answer: Answer) -> str | None:

@@ -89,6 +89,7 @@ def test_all_that_is_told_is_of_the_recommended_device(gap: ModuleType, tmp_path
         "levels.csv",
         "summary.json",
         "levels.png",
+        "frequency.png",
         "device.json",
         "card.html",
         "card.json",

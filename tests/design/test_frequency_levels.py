@@ -1,0 +1,93 @@
+"""The level over the frequency against the receptance, and the motion of the worst run against its level."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from impact_env import Beam, Scene, impact_absorber, modal_model
+from impact_env.curve import CurveCase, performance_curves
+from impact_env.ensemble import draw_members
+from impact_env.level import response_level
+from impact_env.parameters import ParameterError
+from optimisation import frequency_levels
+from optimisation.frequency_levels import (
+    find_worst_run,
+    frequency_curve,
+    lanes_of,
+    record_worst_run,
+    resonance_curves,
+    samples_for,
+)
+from optimisation.report.frequency_report import frequency_charts, history_arrays, save_history
+
+MODEL = modal_model(Beam(modes=2))
+
+
+def case(absorber: object, rate: float, force: float = 3.5) -> CurveCase:
+    scene = Scene(MODEL, absorber)  # type: ignore[arg-type]
+    return CurveCase(scene, np.array([force]), 1, (0.93, 1.06), rate, steady_start=True)
+
+
+def test_without_absorber_it_is_the_receptance() -> None:
+    """A slow sweep from the steady state; the RMS over a window of twenty periods, during which the frequency moves by 0.05 %."""
+    lanes = lanes_of(case(None, 0.25), draw_members(1, 0), 0)
+    found = frequency_curve("no absorber", lanes, (0.93, 1.06))
+    assert found is not None
+    omega = found.ratio[:, None] * MODEL.omega[0]
+    shapes = MODEL.force_shape * MODEL.level_shape
+    terms = MODEL.omega**2 - omega**2 + 2j * MODEL.damping_ratio * MODEL.omega * omega
+    stationary = 3.5 * np.abs(np.sum(shapes / terms, axis=1)) / np.sqrt(2)
+    known = np.isfinite(found.level)
+    assert known.mean() > 0.9
+    assert found.level[known] == pytest.approx(stationary[known], rel=0.04)
+
+
+def test_the_worst_run_is_recorded_to_the_last_bit_of_its_level(tmp_path: Path) -> None:
+    own = case(impact_absorber(1e-3, 0.7, 0.1), 40.0)
+    (curve,) = performance_curves([own], 3, seed=5)
+    member, direction = find_worst_run(curve)
+    assert curve.level[0, member, direction] == curve.level.max()
+    run = record_worst_run(own, curve)
+    assert (run.member, run.direction) == (member, direction)
+    assert run.response.level is not None
+    assert run.response.level.value == curve.level.max()
+    arrays = history_arrays(run)
+    level, largest = response_level(arrays["displacement_m"], 32)
+    assert level == pytest.approx(float(curve.level.max()), rel=1e-12)
+    assert np.max(np.abs(arrays["absorber_relative_m"])) <= 1e-3 * (1 + 1e-9)
+    assert arrays["frequency_hz"][0] == pytest.approx(
+        (0.93, 1.06)[direction] * MODEL.omega[0] / (2 * np.pi)
+    )
+    save_history(tmp_path / "run.npz", run)
+    with np.load(tmp_path / "run.npz") as kept:
+        assert np.array_equal(kept["displacement_m"], arrays["displacement_m"])
+        assert 0.98 * largest < float(np.max(np.abs(kept["displacement_m"]))) <= largest
+    save_history(tmp_path / "run.png", run)
+    assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
+
+    # the curve of that member holds its level; each absorber is drawn, and charted
+    none = case(None, 40.0)
+    part = resonance_curves({"own": (own, member), "no absorber": (none, 0)}, curve.members)
+    assert [one.name for one in part.curves] == ["own", "no absorber"]
+    assert (
+        0.97 * level < np.nanmax(part.curves[0].level) < 1.2 * level
+    )  # the level's window is around the largest displacement
+    (chart,) = frequency_charts([part])
+    assert [one.name for one in chart.curves] == ["own", "no absorber"]
+
+
+def test_what_takes_too_much_memory_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene(MODEL, None)
+    assert samples_for(scene, 1000.0) == 32
+    assert samples_for(scene, 256e6 / (64 * 32) * 1.1) == 8
+    assert samples_for(scene, 1e9 / (64 * 8) * 1.1) is None
+    monkeypatch.setattr(frequency_levels, "FULL_BYTES", 0.0)
+    monkeypatch.setattr(frequency_levels, "MOST_BYTES", 0.0)
+    own = case(None, 40.0)
+    (curve,) = performance_curves([own], 1)
+    part = resonance_curves({"none": (own, 0)}, curve.members)
+    assert part.curves == ()
+    assert frequency_charts([part]) == ()
+    with pytest.raises(ParameterError, match="history = '32"):
+        record_worst_run(own, curve)
