@@ -82,7 +82,7 @@ STOPS = (
         "design_place",
         f"--force 3.5 --modes 2 --mass-ratio 0.02 --mass-ratio 0.03 --position 1 --members 1 {FAST} --no-card --out .",
         SIMULATE,
-        70,
+        45,
         SUMMARY,
         "places.csv",
     ),
