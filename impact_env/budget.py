@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from impact_env.kernels.compiling.parts import abandon_compilations
 from impact_env.kernels.exact.budget import EVALUATIONS_PER_EVENT, EVENTS_PER_PERIOD, FIRST_EVENTS
-from impact_env.kernels.motion.observers import Check, Counters, new_counters
+from impact_env.kernels.motion.observers import CheckObserver, Counters, new_counters
 from impact_env.loads import AnyDrive
 
 T = TypeVar("T")
@@ -52,7 +52,9 @@ class Stop:
                 self._running[:] = [other for other in self._running if other is not counters]
 
 
-def counters_for(drive: AnyDrive, most_events: int | None, check: Check | None = None) -> Counters:
+def counters_for(
+    drive: AnyDrive, most_events: int | None, check: CheckObserver | None = None
+) -> Counters:
     """Return a run's counters with its budget; None is the default, which grows with the time reached.
 
     Evaluations are EVALUATIONS_PER_EVENT for each event; where events are given, as many for each pseudo period that has passed, too.

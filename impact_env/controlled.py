@@ -19,8 +19,15 @@ from impact_env.families import family
 from impact_env.families.family import base_of
 from impact_env.first_use import compiling_for
 from impact_env.kernels.compiling.jit import COMPILED
-from impact_env.kernels.control.crew import new_board
-from impact_env.kernels.control.interval import ORDER, REPORT, Batch, Beside, Watch, new_lanes
+from impact_env.kernels.control.interval import (
+    ORDER,
+    REPORT,
+    Batch,
+    Disturbance,
+    LaneSettings,
+    new_lanes,
+)
+from impact_env.kernels.control.work_queue import new_work_queue
 from impact_env.kernels.motion.observers import DONE, ORDER_REFUSED
 from impact_env.laws import SceneKind
 from impact_env.level import HALF_WINDOW_PERIODS, LEAST_A_CYCLE, require_samples
@@ -62,7 +69,7 @@ def friction_limit(scene: Scene) -> float:
 
 def _beside(
     scene: Scene, method: Method, record: Samples | None, moves_base: bool, interval: float
-) -> Beside | None:
+) -> Disturbance | None:
     """Return the load beside the orders' force in an interval (s), None without; raises ParameterError where scene or method cannot have it."""
     base = check_general(scene, method, record, moves_base=moves_base)
     if record is None and not moves_base:
@@ -70,13 +77,13 @@ def _beside(
     values = np.zeros(1) if record is None else np.array(record.values[:-1])
     step = NOTHING * interval if record is None else record.duration / len(values)
     moves = np.array([moves_base, record is not None and record.quantity == BASE])
-    return Beside(values, step, moves, base_of(scene) if base else None)
+    return Disturbance(values, step, moves, base_of(scene) if base else None)
 
 
 class ControlledRuns:
     """Lanes of one scene, each at its own time.
 
-    ``orders`` (L,) is what the next `advance` does, ``reports`` (L,) what the last one saw: records, whose fields `kernels.control.interval`
+    ``orders`` (L,) is what the next `propagate` does, ``reports`` (L,) what the last one saw: records, whose fields `kernels.control.interval`
     names. Lanes in the mask ``idle`` (L,) rest: they cost nothing and keep state and report. ``reference`` is the circular
     frequency (rad/s) that defines the pseudo period, ``interval`` the longest interval in pseudo periods, ``exponent`` that of the reports' damage
     (0: not computed) with displacements in ``unit`` (m). The result is the same for any number of ``threads`` (default: all cores). An interval is a
@@ -145,7 +152,7 @@ class ControlledRuns:
             for row in (scene.model.omega, scene.model.tip_shape, scene.model.level_shape)
         )
         place = np.zeros(0) if scene.model.response_shape is None else read
-        watch = Watch(
+        watch = LaneSettings(
             period / samples_per_period,
             samples,
             float(exponent),
@@ -178,7 +185,7 @@ class ControlledRuns:
     def _new_crew(self) -> Crew:
         """Return the threads that advance the lanes."""
         batch = Batch(self._watch, self._memory, self.orders, self.reports, self.status)
-        board = new_board(self.lanes)
+        board = new_work_queue(self.lanes)
         return Crew(
             partial(
                 family(self.scene, self.method).control(
@@ -207,7 +214,7 @@ class ControlledRuns:
         """Put lanes (indices or mask) at rest with the absorber in the middle of the cavity; their next interval is the first of a run."""
         rows = self._rows[which]
         self._memory.state[rows] = 0.0
-        self._memory.kept["gap"][rows] = self.orders["gap"][which]
+        self._memory.last_order["gap"][rows] = self.orders["gap"][which]
         self.reports[which] = np.zeros(1, REPORT)
         self.orders["fresh"][which] = True
 
@@ -293,7 +300,7 @@ class ControlledRuns:
         return finer[~self.idle[finer[:, 0]]]
 
     def snapshot(self) -> list[Array]:
-        """Return copies of all that the next `advance` depends on, for `restore`."""
+        """Return copies of all that the next `propagate` depends on, for `restore`."""
         return [values.copy() for values in self._variables()]
 
     def restore(self, snapshot: list[Array]) -> None:

@@ -7,7 +7,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.control.crew import DONE, LEFT, Board
+from impact_env.kernels.control.work_queue import PARTS_DONE, PARTS_LEFT, WorkQueue
 
 QUICK_S = 2e-4  # helpers stay for the next call where calls follow one another as quickly as this
 # looks at the board before a helper leaves: some 0.3 ms, and just long enough to meet the call that woke it
@@ -18,7 +18,7 @@ LOOK_ROUND = 1 << 9
 class Crew:
     """A calling thread and its helpers. ``take`` (a kernel of `impact_env.kernels.control.lanes`) takes parts from the board and does them."""
 
-    def __init__(self, take: Callable[[int, int], bool], board: Board) -> None:
+    def __init__(self, take: Callable[[int, int], bool], board: WorkQueue) -> None:
         self.take = take
         self._board = board
         self._pool: ThreadPoolExecutor | None = None
@@ -40,9 +40,9 @@ class Crew:
                     if helper.done():
                         helper.result()  # raises what went wrong there
                 time.sleep(0)
-                done = self._board.words[DONE] == number
+                done = self._board.words[PARTS_DONE] == number
         except BaseException:  # Ctrl-C, or no room: a part that is left or under way must not be taken for one of the next call
-            self._board.words[LEFT] = 0
+            self._board.words[PARTS_LEFT] = 0
             self.close()
             raise
         self._ended = time.perf_counter()

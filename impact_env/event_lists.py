@@ -5,7 +5,13 @@ import ctypes
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.motion.observers import IMPACT, PHASE, REVERSED, Counters, new_events
+from impact_env.kernels.motion.observers import (
+    IMPACT_RECORD,
+    PHASE_RECORD,
+    REVERSAL_RECORD,
+    Counters,
+    new_events,
+)
 from impact_env.response import ContactPhases, Impacts, Reversals
 
 CHUNK = 8192  # records of a kind between two calls of `EventLists.empty`
@@ -27,9 +33,9 @@ class EventLists:
         address = ctypes.cast(self._function, ctypes.c_void_p).value or 0
         self.events = new_events(CHUNK * contacts, CHUNK * reversals, address)
         self._chunks: dict[str, list[NDArray[np.void]]] = {
-            "impacts": [np.zeros(0, IMPACT)],
-            "phases": [np.zeros(0, PHASE)],
-            "reversals": [np.zeros(0, REVERSED)],
+            "impacts": [np.zeros(0, IMPACT_RECORD)],
+            "phases": [np.zeros(0, PHASE_RECORD)],
+            "reversals": [np.zeros(0, REVERSAL_RECORD)],
         }
         self._error: BaseException | None = None
 

@@ -146,7 +146,7 @@ WALLS = (
             f"gap {1e3 * w.gap:g} mm, contact stiffness {w.stiffness:g} N/m"
             + (f", restitution {w.restitution:g}" if w.restitution < 1 else "")
         ),
-        "stepping.feedback.Stops",
+        "stepping.feedback.ElasticStops",
         mark="contact_stiffness",
         stored=lambda w, y: 0.5 * w.stiffness * max(abs(y) - w.gap, 0.0) ** 2,
     ),
@@ -174,7 +174,7 @@ FRICTION = (
             ),
         },
         lambda f: f"friction limit {f.limit:g} N, friction stiffness {f.stiffness:g} N/m",
-        "stepping.feedback.Slider",
+        "stepping.feedback.ElasticSlider",
         mark="friction_stiffness",
     ),
 )
@@ -203,7 +203,7 @@ SINK = Law(
         "damping": Key("damping", "Damper of the absorber", "N s/m"),
     },
     lambda a: f"cubic stiffness {a.cubic_stiffness:g} N/m^3, damping {a.damping:g} N s/m",
-    "stepping.feedback.Cubic",
+    "stepping.feedback.CubicSpring",
     stored=lambda a, y: 0.25 * a.cubic_stiffness * y**4,
 )
 WHOLE = {"tuned": TUNED, "stuck": STUCK, "sink": SINK}  # absorbers that are one law

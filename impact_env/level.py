@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.motion.level import Level, close_level, new_level, push_block
+from impact_env.kernels.motion.level import LevelObserver, compute_level, new_level, push_samples
 from impact_env.loads import AnyDrive
 from impact_env.parameters import count, require, row
 
@@ -44,7 +44,7 @@ def response_level(
     require(len(values) >= 2, "tip_displacement", values, "two or more finite samples")
     samples_per_period = count("samples_per_period", samples_per_period, 1, MOST_SAMPLES)
     half_window_periods = count("half_window_periods", half_window_periods, 1, MOST_SAMPLES)
-    rms, _, largest = close_level(level_of(values, samples_per_period, half_window_periods))
+    rms, _, largest = compute_level(level_of(values, samples_per_period, half_window_periods))
     return float(rms), float(largest)
 
 
@@ -52,20 +52,22 @@ def level_of(
     values: NDArray[np.float64],
     samples_per_period: int,
     half_window_periods: int = HALF_WINDOW_PERIODS,
-) -> Level:
+) -> LevelObserver:
     """Return the level observer of a run that has pushed ``values`` (S,) in m, one a sample from time 0."""
     level = new_level(samples_per_period, half_window_periods)._replace(
         block=np.ascontiguousarray(values, dtype=np.float64)
     )
-    push_block(level, 0, len(level.block))
+    push_samples(level, 0, len(level.block))
     return level
 
 
-def read_level(level: Level | None, drive: AnyDrive, interval: float) -> ResponseLevel | None:
+def read_level(
+    level: LevelObserver | None, drive: AnyDrive, interval: float
+) -> ResponseLevel | None:
     """Return the level observer's result, or None."""
     if level is None:
         return None
-    value, sample, largest = close_level(level)
+    value, sample, largest = compute_level(level)
     at = min(float(sample) * interval, float(drive.schedule.times[-1]))
     ratio = float(drive.schedule.omega_at(at)) / drive.schedule.reference
     return ResponseLevel(float(value), at, ratio, float(largest))

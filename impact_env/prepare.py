@@ -16,7 +16,7 @@ from impact_env.drive import Drive, constant_frequency
 from impact_env.ensemble import available_cores
 from impact_env.families import kernel_key
 from impact_env.kernels.compiling.jit import COMPILED
-from impact_env.kernels.compiling.parts import NotKept, only_kept
+from impact_env.kernels.compiling.parts import NotCached, only_cached
 from impact_env.loads import Loads
 from impact_env.methods import Exact, Method
 from impact_env.parameters import ParameterError, instance, non_negative
@@ -51,9 +51,9 @@ def alongside(kernel: Any, job: Job) -> Iterator[None]:
 def is_kept(job: Job) -> bool:
     """Run a job if all its kernels are in the cache, and return whether they are; ParameterError and IntegrationError of the job are ignored."""
     try:
-        with only_kept(), suppress(ParameterError, IntegrationError):
+        with only_cached(), suppress(ParameterError, IntegrationError):
             job()
-    except NotKept:
+    except NotCached:
         return False
     return True
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from impact_env.eigenvalues import all_eigen
 from impact_env.kernels.exact.sets import Sets
-from impact_env.kernels.motion.slots import REST, TIP
+from impact_env.kernels.motion.modal_system import REST, TIP
 from impact_env.modes import ModalModel, with_masses
 from impact_env.regimes import (
     basis_error,
@@ -105,7 +105,7 @@ def set_modes(model: ModalModel, masses: Real, shapes: Real) -> SetModes:
 
 
 def _maps(modes: SetModes, joined: list[int], shapes: Real, size: int) -> tuple[Real, Real]:
-    """Return the maps of `segments.Regime`: a joined absorber has the beam's displacement at its place."""
+    """Return the maps of `segments.LinearRegime`: a joined absorber has the beam's displacement at its place."""
     n = modes.shapes.shape[1]
     absorbers = len(shapes)
     half = n + absorbers

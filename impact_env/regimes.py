@@ -1,4 +1,4 @@
-"""Scene to linear regimes: the slots, maps and tables that the exact kernels propagate (see kernels/motion/slots.py).
+"""Scene to linear regimes: the slots, maps and tables that the exact kernels propagate (see kernels/motion/modal_system.py).
 
 The coupled regimes (absorber stuck, held, or on a spring) have the eigenvalues and eigenvectors of secular.py; the free regime has the beam's own.
 """
@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from impact_env.eigenvalues import all_eigen
 from impact_env.kernels.events.search import HERMITE_SHARE, SCAN_NOISE
 from impact_env.kernels.events.steps import LEVEL_RATIO
-from impact_env.kernels.motion.segments import Regime
-from impact_env.kernels.motion.slots import REST, TAYLOR_REACH, TAYLOR_TERMS, Slots
-from impact_env.kernels.motion.vector import POINTS
+from impact_env.kernels.motion.modal_system import REST, TAYLOR_REACH, TAYLOR_TERMS, ModalSystem
+from impact_env.kernels.motion.search_block import POINTS
+from impact_env.kernels.motion.segments import LinearRegime
 from impact_env.modes import MOST_HEAVINESS, ModalModel
 from impact_env.parameters import ParameterError
 from impact_env.secular import SPLIT, Complex, Coupling, Index, Real, raised
@@ -214,15 +214,15 @@ def base_rows(modes: Modes, model: ModalModel, size: int, carried: Complex | Non
 
 def _regime(
     modes: Modes, guard: Complex, size: int, reach: float, base: Real | None = None
-) -> Regime:
+) -> LinearRegime:
     """Sort, pad and tabulate a regime's modes; ``base`` (2, J) are its rows BASE, if it has any."""
     rows = slot_rows(modes.values, modes.drive, modes.relative, guard, modes.tip, size)
     rows = rows if base is None else np.concatenate([rows, base])
-    slots = Slots(rows, *slot_tables(modes.values, size, reach))
+    slots = ModalSystem(rows, *slot_tables(modes.values, size, reach))
     out = in_order(modes.out, modes.values, size, 1)
     into = in_order(modes.into, modes.values, size).T
     rest = rows[REST] + 1j * rows[REST + 1]
-    return Regime(
+    return LinearRegime(
         slots,
         parted(out),
         parted(into),
@@ -381,7 +381,7 @@ def checked_modes(model: ModalModel, mass: float, stiffness: float | None, dampe
     )
 
 
-def free_regime(model: ModalModel, size: int, reach: float, *, moves: bool = False) -> Regime:
+def free_regime(model: ModalModel, size: int, reach: float, *, moves: bool = False) -> LinearRegime:
     """Return the regime of beam and absorber apart. Guard signal: relative displacement absorber - tip, without the absorber's share.
 
     ``moves``: whether the base does, here and below.
@@ -400,7 +400,7 @@ def joined_regime(
     *,
     moves: bool = False,
     heavy: bool = False,
-) -> Regime:
+) -> LinearRegime:
     """Return the regime of an absorber (kg) that moves with the tip. Guard signal: the force on the absorber, mass times tip acceleration.
 
     ``heavy``: the constant force is the absorber's weight, here and below.
@@ -427,7 +427,7 @@ def sprung_regime(
     *,
     moves: bool = False,
     heavy: bool = False,
-) -> Regime:
+) -> LinearRegime:
     """Return the regime of an absorber (kg) on a spring (N/m) and a damper (N s/m). Guard signal: relative displacement absorber - tip."""
     modes = checked_modes(model, mass, stiffness, damper)
     carried = carried_response(modes, model, mass, spring=True)

@@ -15,13 +15,13 @@ from impact_env.event_lists import EventLists
 from impact_env.families import family
 from impact_env.first_use import compiling_for
 from impact_env.kernels.motion import observers
-from impact_env.kernels.motion.level import Level, new_envelope, new_level
+from impact_env.kernels.motion.level import LevelObserver, new_envelope, new_level
 from impact_env.kernels.motion.observers import (
-    Check,
+    CheckObserver,
     Counters,
-    Energy,
-    Observe,
-    Series,
+    EnergyTotals,
+    Observers,
+    StateSeries,
     new_check,
     new_clock,
     new_energy,
@@ -92,7 +92,7 @@ ADVICE = {
 }
 
 
-def integrate(scene: Scene, drive: AnyDrive, method: Method, state: Array, room: Observe) -> int:
+def integrate(scene: Scene, drive: AnyDrive, method: Method, state: Array, room: Observers) -> int:
     """Run the method's kernel on ``state`` (2 N_m + 2 n,) in place and return its status code."""
     with compiling_for(scene, method):
         return family(scene, method).run(scene, drive, method, state, room)
@@ -132,7 +132,7 @@ def _series_range(drive: AnyDrive, record: Record, interval: float) -> tuple[int
     return first, max(min(stop, every) - first, 0)
 
 
-def _level(scene: Scene, drive: AnyDrive, record: Record, interval: float) -> Level:
+def _level(scene: Scene, drive: AnyDrive, record: Record, interval: float) -> LevelObserver:
     """Return the observer of level and envelope."""
     ends = None
     if record.envelope is not None:
@@ -156,14 +156,14 @@ def _observers(
     interval: float,
     lists: EventLists,
     counters: Counters,
-) -> Observe:
+) -> Observers:
     first, rows = _series_range(drive, record, interval)
-    return Observe(
+    return Observers(
         new_clock(interval, first, record.level or record.envelope is not None),
         counters,
         level=_level(scene, drive, record, interval),
         events=lists.events,
-        series=Series(np.zeros((rows, 2 * (scene.model.modes + scene.places))))
+        series=StateSeries(np.zeros((rows, 2 * (scene.model.modes + scene.places))))
         if record.series
         else None,
         energy=new_energy(scene.model.modes)
@@ -301,7 +301,7 @@ def _response(
     start: Array,
     state: Array,
     record: Record,
-    observe: Observe,
+    observe: Observers,
     lists: EventLists,
     *,
     wall_time: float,
@@ -312,7 +312,7 @@ def _response(
     interval = float(observe.clock.interval)
     reached = float(drive.schedule.times[-1] if complete else counts["reached"])
     impacts, phases, reversals = lists.found()
-    sampled = cast("Level", observe.level)
+    sampled = cast("LevelObserver", observe.level)
     level = None
     if record.level and (complete or sampled.state["next"] > 0):
         level = read_level(sampled, drive, interval)
@@ -341,7 +341,7 @@ def _response(
     )
 
 
-def _check(check: Check | None) -> SearchCheck | None:
+def _check(check: CheckObserver | None) -> SearchCheck | None:
     if check is None:
         return None
     first = check.first[: check.counts["misses"]]
@@ -354,10 +354,10 @@ def _check(check: Check | None) -> SearchCheck | None:
     )
 
 
-def _history(scene: Scene, observe: Observe, reached: float | None) -> History:
+def _history(scene: Scene, observe: Observers, reached: float | None) -> History:
     """Return the samples, without those after the time reached (s) if that is not the end."""
     n = scene.model.modes
-    rows = cast("Series", observe.series).states
+    rows = cast("StateSeries", observe.series).states
     first = int(observe.clock.first)
     interval = float(observe.clock.interval)
     if reached is not None:
@@ -372,7 +372,9 @@ def _history(scene: Scene, observe: Observe, reached: float | None) -> History:
     )
 
 
-def _energy(scene: Scene, energy: Energy | None, start: Array, end: Array) -> EnergyAccount | None:
+def _energy(
+    scene: Scene, energy: EnergyTotals | None, start: Array, end: Array
+) -> EnergyAccount | None:
     if energy is None:
         return None
     totals = energy.totals[0]

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from impact_env.kernels.compiling.cache import digest
+from impact_env.kernels.compiling.cache import hash_sources
 from impact_env.parameters import ParameterError
 from impact_env.periodic.keeping import Keep, P
 
@@ -89,7 +89,7 @@ class Kept:
 
     def pieces(self, basis: Json) -> Keep:
         """Return the `Keep` for the work that ``basis`` and the kernels' sources describe; other work may have its pieces in the same file."""
-        basis = basis | {"kernels": digest()}
+        basis = basis | {"kernels": hash_sources()}
 
         def keep(
             name: Json, make: Callable[[], Iterator[P]], read: Callable[[Json], P], /

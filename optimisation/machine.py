@@ -17,7 +17,7 @@ import llvmlite.binding
 import impact_env
 from impact_env.drive import Drive, constant_frequency
 from impact_env.ensemble import available_cores
-from impact_env.kernels.compiling.cache import digest
+from impact_env.kernels.compiling.cache import hash_sources
 from impact_env.loads import AnyDrive
 from impact_env.methods import Method
 from impact_env.response import Record, Response
@@ -55,7 +55,7 @@ def installed(packages: Iterable[str]) -> dict[str, str]:
 
 def versions(packages: Iterable[str] = PACKAGES) -> dict[str, str]:
     """Return the versions of the packages that are installed, and of the sources: the hash of the kernels."""
-    return installed(packages) | {"kernels": digest()}
+    return installed(packages) | {"kernels": hash_sources()}
 
 
 def conditions(packages: Iterable[str] = PACKAGES) -> dict[str, Any]:
@@ -71,7 +71,7 @@ def conditions(packages: Iterable[str] = PACKAGES) -> dict[str, Any]:
 
 
 def machine(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `conditions` for a benchmark's file, with the versions of numba and Python by their names."""
+    """Return `fill_conditions` for a benchmark's file, with the versions of numba and Python by their names."""
     return {
         "processor": values["processor"],
         **{name: values["versions"][name] for name in ("numba", "python")},

@@ -28,7 +28,7 @@ import scipy
 from numpy.typing import NDArray
 
 from impact_env.ensemble import Lane
-from impact_env.kernels.motion.level import close_level
+from impact_env.kernels.motion.level import compute_level
 from impact_env.level import HALF_WINDOW_PERIODS, LEAST_A_CYCLE, level_of
 from impact_env.level_sampling import highest_tone, require_sampled
 from impact_env.loads import Loads, Tones
@@ -91,7 +91,7 @@ def told_of(response: Response, told: Told) -> dict[str, Any]:
         for name, values in signals.items()
     }
     measures["displacement_m"]["level"] = float(
-        close_level(level_of(signals["displacement_m"], told.samples))[0]
+        compute_level(level_of(signals["displacement_m"], told.samples))[0]
     )
     largest = float(np.max(np.abs(impacts.relative_velocity), initial=0.0))
     speeds = np.abs(impacts.relative_velocity[impacts.time >= start])
@@ -248,7 +248,7 @@ def band_levels(lane: Lane) -> tuple[float, ...]:
         displacement[(hertz >= low) & (hertz < high)]
         for low, high in pairwise(edges_of(model, lane.drive))
     )
-    return tuple(float(close_level(level_of(part, samples))[0]) for part in parts)
+    return tuple(float(compute_level(level_of(part, samples))[0]) for part in parts)
 
 
 def bands_of(response: Response, displacement: Array) -> list[dict[str, float]]:
@@ -270,7 +270,7 @@ def bands_of(response: Response, displacement: Array) -> list[dict[str, float]]:
             np.where((frequencies >= low) & (frequencies < high), spectrum, 0), len(displacement)
         )[kept]
         value = (
-            float(close_level(level_of(part, samples))[0])
+            float(compute_level(level_of(part, samples))[0])
             if swept
             else float(np.sqrt(np.mean(part**2)))
         )

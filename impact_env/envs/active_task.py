@@ -30,7 +30,7 @@ from impact_env.envs.observation import (
 from impact_env.envs.reference import stationary_amplitude
 from impact_env.envs.settings import FORCES, Range, TaskSettings, pair, span
 from impact_env.envs.task import Array, Mask, Task
-from impact_env.kernels.control.interval import spread
+from impact_env.kernels.control.interval import interpolate_log
 from impact_env.level import require_samples
 from impact_env.parameters import keep_checked, non_negative, positive
 
@@ -222,7 +222,7 @@ class MovingWallsTask(VariableGapTask):
     def act(self, action: Array) -> None:
         """Order half-clearances on the way to those wanted, for actions (L,) from -1 to 1."""
         self._before = self.runs.orders["gap"].copy()
-        wanted = spread(0.5 * (action + 1), *self.drive.gap_limits)
+        wanted = interpolate_log(0.5 * (action + 1), *self.drive.gap_limits)
         self.runs.orders["gap"] = self.drive.towards(wanted, self._before, self.interval)
 
     def moved(self) -> Array:

@@ -24,7 +24,7 @@ from impact_env.envs.settings import Range, TaskSettings, pair, span
 from impact_env.envs.sweep_task import OneRate, Passage, PassiveTask, SweepTask
 from impact_env.envs.task import Array, Mask, Task
 from impact_env.frequency import receptance
-from impact_env.kernels.control.interval import spread
+from impact_env.kernels.control.interval import interpolate_log
 from impact_env.level import require_samples
 from impact_env.parameters import (
     Absorber,
@@ -112,7 +112,7 @@ class SweepGapTask(ChosenGapTask, SweepTask):
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Order the wanted half-clearances, and go on at the chosen rates."""
         self.order_gaps(
-            spread(0.5 * (actions[:, 1].astype(np.float64) + 1), *self.cavity.gap_limits)
+            interpolate_log(0.5 * (actions[:, 1].astype(np.float64) + 1), *self.cavity.gap_limits)
         )
         return super().decide(actions)
 
@@ -160,7 +160,9 @@ class VariableFrictionTask(Task):
     def order_friction(self, places: Array) -> None:
         """Order friction limits by their places (L,) in the range."""
         self.place = places
-        self.runs.orders["limit"] = self.friction = spread(0.5 * (places + 1), *self.limits)
+        self.runs.orders["limit"] = self.friction = interpolate_log(
+            0.5 * (places + 1), *self.limits
+        )
 
     def further(self) -> tuple[Array, ...]:
         """Return the place of the friction limit in use, too."""

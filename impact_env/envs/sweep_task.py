@@ -14,8 +14,13 @@ from impact_env.envs.observation import STATE, WAY_LEFT, Feature
 from impact_env.envs.reference import passage
 from impact_env.envs.settings import OBJECTIVES, Range, TaskSettings, span
 from impact_env.envs.task import FREQUENCY_SCALE, Array, Mask, Task
-from impact_env.kernels.control.episodes import Way, go_on, pay_for_damage, pay_for_level
-from impact_env.kernels.control.interval import spread
+from impact_env.kernels.control.episodes import (
+    PassageRange,
+    advance_frequency,
+    compute_damage_rewards,
+    compute_level_rewards,
+)
+from impact_env.kernels.control.interval import interpolate_log
 from impact_env.level import require_samples
 from impact_env.parameters import keep_checked, non_negative, positive, require, word_of
 
@@ -135,8 +140,8 @@ class SweepTask(Task):
             self.passage.backward_rate,
         )
         if back == 0:
-            return spread(0.5 * (share + 1), slow, fast)
-        return np.where(share < 0, share * back, spread(np.maximum(share, 0), slow, fast))
+            return interpolate_log(0.5 * (share + 1), slow, fast)
+        return np.where(share < 0, share * back, interpolate_log(np.maximum(share, 0), slow, fast))
 
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Go on at the chosen rate, but no further than the far end, and not back beyond the start."""
@@ -144,8 +149,8 @@ class SweepTask(Task):
         duration = np.empty(self.lanes)
         ratio = np.empty(self.lanes)
         ended = np.empty(self.lanes, dtype=np.bool_)
-        way = Way(float(self.interval), high - low, self.far, self.sign)
-        go_on(way, self.rate(actions) * PER_PERIOD, self.ratio, duration, ratio, ended)
+        way = PassageRange(float(self.interval), high - low, self.far, self.sign)
+        advance_frequency(way, self.rate(actions) * PER_PERIOD, self.ratio, duration, ratio, ended)
         return duration, ratio, ended
 
     def reward(self) -> Array:
@@ -155,9 +160,9 @@ class SweepTask(Task):
         fine = float(self.passage.unfinished_price)
         rewards = np.empty(self.lanes)
         pay, scale = (
-            (pay_for_damage, self.damage_scale)
+            (compute_damage_rewards, self.damage_scale)
             if self.fatigue
-            else (pay_for_level, self.level_scale)
+            else (compute_level_rewards, self.level_scale)
         )
         pay(self.runs.reports, scale, price, self.duration, fine, late, self._potential, rewards)  # type: ignore[no-untyped-call]
         return rewards

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from impact_env.controlled import ControlledRuns
 from impact_env.envs.observation import Feature, Sensors
 from impact_env.envs.settings import FORCES, Range, TaskSettings
-from impact_env.kernels.control.episodes import Units, fill_features, order_intervals
+from impact_env.kernels.control.episodes import FeatureUnits, fill_features, fill_orders
 from impact_env.modes import ModalModel
 from impact_env.parameters import require
 
@@ -78,7 +78,7 @@ class Task(ABC):
         )
         impacts = self.interval * IMPACTS_SCALE
         unit = float(self.frequency_unit)
-        self._units = Units(
+        self._units = FeatureUnits(
             self.length,
             1 / (self.omega * self.length),
             impacts,
@@ -140,7 +140,7 @@ class Task(ABC):
             self.elapsed += ~resting
             self.runs.idle = resting
         late = (self.elapsed >= self.steps) & ~terminated
-        order_intervals(
+        fill_orders(
             self.runs.orders,
             self.omega,
             self._period,

@@ -20,19 +20,19 @@ from impact_env.families.family import (
     window_of,
 )
 from impact_env.families.regime_cache import cache_regimes
-from impact_env.kernels.control.crew import Board
 from impact_env.kernels.control.interval import Batch
 from impact_env.kernels.control.lanes import compliant_lanes, linear_lanes, rigid_lanes
-from impact_env.kernels.exact.compliant import Sprung, compliant_lane
-from impact_env.kernels.exact.free_and_joined import Rigid
+from impact_env.kernels.control.work_queue import WorkQueue
+from impact_env.kernels.exact.compliant import CompliantScene, compliant_lane
+from impact_env.kernels.exact.compliant_contact import ContactStiffness
 from impact_env.kernels.exact.linear import Linear, linear_lane
-from impact_env.kernels.exact.rigid import exact_lane
+from impact_env.kernels.exact.rigid import rigid_lane
 from impact_env.kernels.exact.rigid_contact import Walls
 from impact_env.kernels.exact.sets import Absorbers, Sets
 from impact_env.kernels.exact.several import Several, several_lane
-from impact_env.kernels.exact.springs import Springs
-from impact_env.kernels.motion.observers import Observe
-from impact_env.kernels.motion.segments import Regime
+from impact_env.kernels.exact.stick_slip import Rigid
+from impact_env.kernels.motion.observers import Observers
+from impact_env.kernels.motion.segments import LinearRegime
 from impact_env.loads import AnyDrive, Loads
 from impact_env.methods import Exact
 from impact_env.parameters import CompliantWalls, RigidWalls, SeveralAbsorbers, SlidingAbsorber
@@ -60,10 +60,10 @@ class ExactFamily(Family):
     """
 
     take: Callable[[Scene, float, bool, AnyDrive | None], Taken]
-    regime: Callable[[Any], Regime]
+    regime: Callable[[Any], LinearRegime]
 
     def run(
-        self, scene: Scene, drive: AnyDrive, method: Exact, state: Array, observe: Observe
+        self, scene: Scene, drive: AnyDrive, method: Exact, state: Array, observe: Observers
     ) -> int:
         """Integrate over the whole schedule, see `Family.run`."""
         taken, reach = self.take(
@@ -73,10 +73,12 @@ class ExactFamily(Family):
 
     def control(
         self, scene: Scene, method: Exact, pseudo_period: float, batch: Batch
-    ) -> Callable[[Board, int, int], bool]:
+    ) -> Callable[[WorkQueue, int, int], bool]:
         """Return the kernel that advances lanes, see `Family.control`."""
         assert self.lanes is not None
-        moves = batch.watch.beside is not None and batch.watch.beside.base is not None
+        moves = (
+            batch.settings.disturbance is not None and batch.settings.disturbance.base is not None
+        )
         return partial(
             self.lanes, *self.take(scene, WINDOW_PERIODS * pseudo_period, moves, None), batch
         )
@@ -85,7 +87,7 @@ class ExactFamily(Family):
         """Return the slots of the regime."""
         return self.regime(
             self.take(scene, WINDOW_PERIODS * pseudo_period, False, None)[0]
-        ).slots.rows.shape[1]
+        ).system.rows.shape[1]
 
 
 # One absorber with rigid walls, rigid friction or both: free or sliding, and joined.
@@ -95,7 +97,9 @@ FAR_AWAY = Walls(1e300, 1.0, None)
 
 
 @cache_regimes
-def rigid_regimes(scene: Scene, wanted: float, moves: bool = False) -> tuple[Regime, Regime, float]:
+def rigid_regimes(
+    scene: Scene, wanted: float, moves: bool = False
+) -> tuple[LinearRegime, LinearRegime, float]:
     """Return the free and the joined regime, and the reach of their tables in s: ``wanted`` or less. ``moves``: whether the base does."""
     assert scene.absorber_mass is not None
     bounds = (fastest(scene.model), fastest(scene.model, scene.absorber_mass))
@@ -136,7 +140,7 @@ def _rigid(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> 
 
 RIGID = ExactFamily(
     "rigid",
-    exact_lane,
+    rigid_lane,
     rigid_lanes,
     _laws_rigid,
     searched=True,
@@ -148,13 +152,13 @@ RIGID = ExactFamily(
 # One absorber whose contacts are springs (paper, appendix A): a spring to the wall, and elastic Coulomb friction.
 
 
-def _springs(scene: Scene) -> Springs:
+def _springs(scene: Scene) -> ContactStiffness:
     """Return wall and friction stiffness in N/m, 0 where absent."""
     absorber = scene.absorber
     assert isinstance(absorber, SlidingAbsorber)
     walls = compiled(absorber.walls)
     friction = compiled(absorber.friction)
-    return Springs(
+    return ContactStiffness(
         0.0 if walls is None else walls.stiffness, 0.0 if friction is None else friction.stiffness
     )
 
@@ -176,7 +180,7 @@ def wall_damper(scene: Scene) -> float:
 @cache_regimes
 def compliant_regimes(
     scene: Scene, wanted: float
-) -> tuple[tuple[Regime, Regime, Regime, Regime], float]:
+) -> tuple[tuple[LinearRegime, LinearRegime, LinearRegime, LinearRegime], float]:
     """Return the free regime and those with the wall's spring, with the friction's, and with both, and the reach of their tables in s.
 
     An absent spring's regime repeats another.
@@ -211,7 +215,7 @@ def _laws_compliant(scene: Scene) -> tuple[float | None, float | None]:
 def _sprung(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> Taken:
     regimes, reach = compliant_regimes(scene, wanted)
     losses = losses_of(scene)
-    return Sprung(
+    return CompliantScene(
         regimes,
         contact_of(scene),
         _springs(scene),
@@ -236,7 +240,7 @@ COMPLIANT = ExactFamily(
 
 
 @cache_regimes
-def linear_regime(scene: Scene, wanted: float, moves: bool = False) -> tuple[Regime, float]:
+def linear_regime(scene: Scene, wanted: float, moves: bool = False) -> tuple[LinearRegime, float]:
     """Return the regime and the reach of its tables in s: ``wanted`` or less. ``moves``: whether the base does."""
     model = scene.model
     absorber = scene.absorber

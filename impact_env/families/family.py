@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.control.crew import Board
 from impact_env.kernels.control.interval import Batch
-from impact_env.kernels.exact.rigid_contact import Contact, Walls
+from impact_env.kernels.control.work_queue import WorkQueue
+from impact_env.kernels.exact.rigid_contact import ContactLaw, Walls
 from impact_env.kernels.motion import loads
-from impact_env.kernels.motion.observers import Observe
+from impact_env.kernels.motion.observers import Observers
 from impact_env.kernels.motion.segments import Losses, Schedule
 from impact_env.laws import entry
 from impact_env.loads import AnyDrive, Loads
@@ -56,7 +56,7 @@ class Family(ABC):
 
     @abstractmethod
     def run(
-        self, scene: Scene, drive: AnyDrive, method: Any, state: Array, observe: Observe
+        self, scene: Scene, drive: AnyDrive, method: Any, state: Array, observe: Observers
     ) -> int:
         """Integrate over the whole schedule and return a status code of `impact_env.kernels.motion.observers`.
 
@@ -67,7 +67,7 @@ class Family(ABC):
     @abstractmethod
     def control(
         self, scene: Scene, method: Any, pseudo_period: float, batch: Batch
-    ) -> Callable[[Board, int, int], bool]:
+    ) -> Callable[[WorkQueue, int, int], bool]:
         """Return the kernel of `kernels.control.lanes` that advances lanes by their orders' intervals; ``pseudo_period`` in s."""
 
     def slots(self, scene: Scene, pseudo_period: float) -> int:
@@ -116,12 +116,12 @@ def schedule_of(scene: Scene, drive: AnyDrive, reach: float) -> Schedule:
     )
 
 
-def base_of(scene: Scene) -> loads.BaseShare:
+def base_of(scene: Scene) -> loads.BaseParticipation:
     """Return the participations of a scene's modes and absorber in a base that moves."""
     model = scene.model
     mass = scene.absorber_mass or 0.0
     assert model.base_participation is not None
-    return loads.BaseShare(
+    return loads.BaseParticipation(
         np.array(model.base_participation),
         model.base_at_absorber,
         mass * model.base_at_absorber,
@@ -161,12 +161,12 @@ def contact_of(
     walls: Walls | None = None,
     limit: float | None = None,
     drive: AnyDrive | None = None,
-) -> Contact:
+) -> ContactLaw:
     """Return the contact of one absorber with its place; rigid walls, and friction limit (N), None where absent. ``drive``: as in `gravity_in`."""
     mass = scene.absorber_mass
     tip_shape = np.array(scene.model.tip_shape)
     assert mass is not None
-    return Contact(
+    return ContactLaw(
         mass,
         1 / mass + float(np.sum(tip_shape**2)),
         tip_shape,

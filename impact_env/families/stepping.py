@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from impact_env.families.exact import rigid_laws
 from impact_env.families.family import Family, compiled, schedule_of
-from impact_env.kernels.control.crew import Board
 from impact_env.kernels.control.interval import Batch
 from impact_env.kernels.control.lanes import moreau_lanes, runge_kutta_lanes
-from impact_env.kernels.motion.observers import Observe
+from impact_env.kernels.control.work_queue import WorkQueue
+from impact_env.kernels.motion.observers import Observers
 from impact_env.kernels.stepping import feedback, moreau
 from impact_env.kernels.stepping.feedback import CompliantLaws
-from impact_env.kernels.stepping.grid import Force, Modes, Step
+from impact_env.kernels.stepping.grid import BeamModes, DriveForce, TimeStep
 from impact_env.kernels.stepping.moreau import moreau_lane
 from impact_env.kernels.stepping.moreau_law import RigidLaws, Spring
 from impact_env.kernels.stepping.runge_kutta import runge_kutta_lane
@@ -38,9 +38,9 @@ def _writable(row: Array) -> Array:
     return np.array(row, dtype=np.float64, order="C")
 
 
-def _modes(scene: Scene) -> Modes:
+def _modes(scene: Scene) -> BeamModes:
     model = scene.model
-    return Modes(
+    return BeamModes(
         _writable(model.omega),
         _writable(model.damping_ratio),
         _writable(model.force_shape),
@@ -48,13 +48,13 @@ def _modes(scene: Scene) -> Modes:
     )
 
 
-def _force(scene: Scene, drive: AnyDrive) -> Force:
+def _force(scene: Scene, drive: AnyDrive) -> DriveForce:
     if isinstance(drive, Loads):
         taken = schedule_of(scene, drive, 1.0)
-        return Force(taken.times, taken.omegas, taken.phases, 1.0, 0.0, taken.load)
+        return DriveForce(taken.times, taken.omegas, taken.phases, 1.0, 0.0, taken.load)
     schedule = drive.schedule
     phases = schedule.phase_at(schedule.times)
-    return Force(
+    return DriveForce(
         _writable(schedule.times),
         _writable(schedule.omegas),
         _writable(phases),
@@ -109,7 +109,7 @@ class SteppingFamily(Family):
         drive: AnyDrive,
         method: Moreau | RungeKutta,
         state: Array,
-        observe: Observe,
+        observe: Observers,
     ) -> int:
         """Integrate over the whole schedule, see `Family.run`."""
         laws, wide = self.laws(scene)
@@ -119,14 +119,14 @@ class SteppingFamily(Family):
                 laws,
                 _force(scene, drive),
                 state,
-                Step(method.step(scene), wide),
+                TimeStep(method.step(scene), wide),
                 observe,
             )
         )
 
     def control(
         self, scene: Scene, method: Moreau | RungeKutta, pseudo_period: float, batch: Batch
-    ) -> Callable[[Board, int, int], bool]:
+    ) -> Callable[[WorkQueue, int, int], bool]:
         """Return the kernel that advances lanes, see `Family.control`."""
         assert self.lanes is not None
         laws, wide = self.laws(scene)
@@ -137,7 +137,7 @@ class SteppingFamily(Family):
             method,
             "Exact for elastic friction that is controlled in intervals",
         )
-        return partial(self.lanes, _modes(scene), laws, Step(method.step(scene), wide), batch)
+        return partial(self.lanes, _modes(scene), laws, TimeStep(method.step(scene), wide), batch)
 
 
 MOREAU = SteppingFamily("moreau", moreau_lane, moreau_lanes, _moreau_laws, searched=False)

@@ -11,16 +11,16 @@ from impact_env.kernels.periodic.green import (
     LIMIT,
     OMEGA,
     RESTITUTION,
-    System,
-    conditions,
-    new_room,
+    OrbitEquations,
+    fill_conditions,
+    new_orbit_workspace,
 )
 from impact_env.kernels.periodic.newton import (
     CONVERGED,
     NOT_CONVERGED,
     ORDER_LOST,
     SINGULAR,
-    newton,
+    solve_orbit,
 )
 from impact_env.kernels.periodic.structure import Point
 from impact_env.parameters import keep_checked, require, word_of
@@ -92,9 +92,9 @@ def solution_of(
     return Solution(case, schedule, phases, impulses, offset, float(error), int(steps))
 
 
-def new_system(m: int) -> System:
+def new_system(m: int) -> OrbitEquations:
     """Return room for m conditions and their derivatives."""
-    return System(np.zeros(m), np.zeros((m, m + len(PARAMETERS))))
+    return OrbitEquations(np.zeros(m), np.zeros((m, m + len(PARAMETERS))))
 
 
 def residual_and_jacobian(
@@ -106,8 +106,8 @@ def residual_and_jacobian(
     m = len(unknowns)
     require(m == schedule.unknowns, "unknowns", m, f"{schedule.unknowns} numbers for this schedule")
     system = new_system(m)
-    room = new_room(structure, order)
-    conditions(
+    room = new_orbit_workspace(structure, order)
+    fill_conditions(
         structure,
         case.point,
         order,
@@ -144,7 +144,7 @@ def solve(case: Case, schedule: EventSchedule, start: ArrayLike) -> Solution | N
         len(z),
         f"{len(schedule.events)} phases or {schedule.unknowns} unknowns",
     )
-    status, steps, error = newton(
+    status, steps, error = solve_orbit(
         case.structure, case.point, schedule.order, z, case.scale, new_system(len(z))
     )
     if status != CONVERGED:
@@ -182,8 +182,15 @@ class Conditions:
         )
         system = new_system(len(z))
         z = np.ascontiguousarray(z, dtype=float)
-        conditions(
-            structure, point, order, z, self.case.scale, new_room(structure, order), system, True
+        fill_conditions(
+            structure,
+            point,
+            order,
+            z,
+            self.case.scale,
+            new_orbit_workspace(structure, order),
+            system,
+            True,
         )
         columns = [*range(len(z)), *(len(z) + PARAMETERS[name] for name in values)]
         return system.residual, np.asarray(system.jacobian[:, columns])

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from impact_env.kernels.periodic.closed_form import line_of, phase_of
+from impact_env.kernels.periodic.closed_form import compute_line, compute_phase
 from impact_env.modes import ModalModel
 from impact_env.parameters import count, require
 from impact_env.periodic.bifurcations import confirmed_bifurcation
@@ -105,9 +105,9 @@ def folds(
 def _both_folds(case: Case, parameter: str) -> list[Fold | NoOrbit]:
     """Return the closed form's fold if nothing turns there, and the one with the reversals that its neighbours show; at least one of them."""
     schedule = symmetric_schedule(case.friction_limit > 0)
-    line = line_of(case.structure, case.point)
+    line = compute_line(case.structure, case.point)
     impulse = fold_impulse(case)
-    start = np.array([phase_of(line, case.force, impulse), impulse / case.scale.impulse])
+    start = np.array([compute_phase(line, case.force, impulse), impulse / case.scale.impulse])
     plain = fold_near(solution_of(case, schedule, start, 0.0), parameter)
     alone = not isinstance(plain, NoOrbit) and (
         case.friction_limit == 0 or consistent(plain.motion)

@@ -13,8 +13,13 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.kernels.periodic.monodromy import monodromy
-from impact_env.kernels.periodic.motion import Flights, flights_of, scan, states_at
+from impact_env.kernels.periodic.monodromy import compute_monodromy
+from impact_env.kernels.periodic.motion import (
+    Flights,
+    compute_flights,
+    compute_states,
+    scan_flights,
+)
 from impact_env.kernels.periodic.structure import receptance
 from impact_env.parameters import require
 from impact_env.periodic.case import Case
@@ -145,7 +150,7 @@ class Motion(Periodic):
         case = self.solution.case
         order = np.argsort(times, kind="stable")
         out = np.empty((len(times), 2 * case.model.modes + 2))
-        states_at(
+        compute_states(
             case.structure, case.point, self.flights, times[order] + self.flights.time[0], out
         )
         states = np.empty_like(out)
@@ -199,7 +204,9 @@ def _monodromy_of(solution: Solution, flights: Flights) -> tuple[Array, Array]:
     )
     matrix = np.empty((size, size))
     turning = np.empty(len(jumps))
-    monodromy(case.structure, case.point, order, flights, solution.impulses, jumps, matrix, turning)
+    compute_monodromy(
+        case.structure, case.point, order, flights, solution.impulses, jumps, matrix, turning
+    )
     return matrix, turning
 
 
@@ -208,7 +215,8 @@ def derivative_of(solution: Solution) -> Array:
     case = solution.case
     order = solution.schedule.order
     return _monodromy_of(
-        solution, flights_of(case.structure, case.point, order, solution.phases, solution.impulses)
+        solution,
+        compute_flights(case.structure, case.point, order, solution.phases, solution.impulses),
     )[0]
 
 
@@ -218,10 +226,10 @@ def motion_of(solution: Solution) -> Motion:
     order = solution.schedule.order
     structure = case.structure
     point = case.point
-    flights = flights_of(structure, point, order, solution.phases, solution.impulses)
+    flights = compute_flights(structure, point, order, solution.phases, solution.impulses)
     turns = np.empty(MOST_TURNS)
     h = receptance(structure, case.omega)[0]
-    extremes, found, fits = scan(structure, point, h, flights, order, turns)
+    extremes, found, fits = scan_flights(structure, point, h, flights, order, turns)
     phases = turns[: min(found, MOST_TURNS)] * case.omega
     return Motion(
         solution,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.periodic.monodromy import leap_over
+from impact_env.kernels.periodic.monodromy import apply_saltation
 from impact_env.modes import ModalModel
 from impact_env.parameters import ParameterError
 from impact_env.periodic.case import Case
@@ -350,7 +350,7 @@ class _Walk:
         """Take an event's saltation matrix to the derivative; ``jump`` (N) of the force on the absorber."""
         if (bend if wall == 0 else rate) == 0.0:
             raise PassageError("an event is only touched: no derivative")
-        leap_over(
+        apply_saltation(
             self.case.structure, wall, restitution, impulse, jump, rate, bend, self.found.derivative
         )
 

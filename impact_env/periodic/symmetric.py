@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_env.kernels.periodic.closed_form import (
     closed_forms,
+    compute_fold,
+    compute_line,
+    compute_phase,
     fold_forces,
-    fold_of,
-    impulses_of,
-    line_of,
-    phase_of,
+    solve_impulses,
 )
 from impact_env.parameters import require
 from impact_env.periodic.case import Case
@@ -55,10 +55,10 @@ def closed_form(case: Case) -> tuple[ClosedForm, ...]:
 
     Whether the wall pushes, nothing is passed and nothing turns in between is not asked here: `impact_env.periodic.orbit` does.
     """
-    line = line_of(case.structure, case.point)
-    roots = impulses_of(line, case.force)
+    line = compute_line(case.structure, case.point)
+    roots = solve_impulses(line, case.force)
     return tuple(
-        ClosedForm(case, p, phase_of(line, case.force, p)) for p in roots if np.isfinite(p)
+        ClosedForm(case, p, compute_phase(line, case.force, p)) for p in roots if np.isfinite(p)
     )
 
 
@@ -80,7 +80,7 @@ def fold_force(case: Case, omegas: ArrayLike) -> Array:
 
 def fold_impulse(case: Case) -> float:
     """Return the impulse (N s) at the fold of the case's frequency; the wall pulls, and there is no orbit, unless it is above 0."""
-    return float(fold_of(line_of(case.structure, case.point))[1])
+    return float(compute_fold(compute_line(case.structure, case.point))[1])
 
 
 def map_frequencies(case: Case, low: float, high: float) -> Array:

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.exact.rigid import exact_lane
+from impact_env.kernels.exact.rigid import rigid_lane
 from impact_env.periodic.case import Case
 from impact_env.periodic.motion import AnyMotion
 from impact_env.periodic.passage import RECORD
@@ -54,7 +54,7 @@ def shortest_validation(case: Case) -> None:
 
 def validation_alongside(case: Case) -> AbstractContextManager[None]:
     """Let another process compile what validations of such a case take, while this one compiles what finds orbits; see `alongside`."""
-    return alongside(exact_lane, partial(shortest_validation, case))
+    return alongside(rigid_lane, partial(shortest_validation, case))
 
 
 def propagated(motion: AnyMotion, record: Record) -> tuple[Response, float]:

@@ -10,10 +10,10 @@ from pathlib import Path
 import click
 from filelock import FileLock
 
-from impact_env.kernels.compiling.cache import PATIENCE, digest, folders
+from impact_env.kernels.compiling.cache import LOCK_TIMEOUT_S, find_folders, hash_sources
 from optimisation.cli.common import command, plain_errors
 
-OURS = re.compile(r"[0-9a-f]{16}")  # what `digest` returns: nothing else is ever removed
+OURS = re.compile(r"[0-9a-f]{16}")  # what `hash_sources` returns: nothing else is ever removed
 STAMP = "warm"  # a checkout's set-up says with it that the usual kernels are there
 
 
@@ -29,7 +29,7 @@ class Kept:
 
 def parents() -> tuple[Path, ...]:
     """Return the folders that hold the folders of kernels: where this process writes, and what it only reads; none where nothing is kept."""
-    found = folders()
+    found = find_folders()
     return tuple(folder.parent for folder in (found.write, found.read) if folder is not None)
 
 
@@ -49,7 +49,7 @@ def kept(parent: Path) -> list[Kept]:
                     folder,
                     sum(file.suffix == ".nbc" for file in sizes),
                     sum(sizes.values()),
-                    folder.name == digest(),
+                    folder.name == hash_sources(),
                 )
             )
     return sorted(found, key=lambda one: (not one.current, one.folder.name))
@@ -60,7 +60,7 @@ def clear(these: Iterable[Kept]) -> None:
     for one in these:
         if one.current:
             (one.folder.parent / STAMP).unlink(missing_ok=True)
-        with FileLock(one.folder / "lock", timeout=PATIENCE):
+        with FileLock(one.folder / "lock", timeout=LOCK_TIMEOUT_S):
             for inner in one.folder.iterdir():
                 if inner.is_dir():
                     shutil.rmtree(inner)

@@ -12,7 +12,7 @@ import numba
 import impact_env
 from impact_env.ensemble import available_cores
 from impact_env.extras import DISTRIBUTION, EXTRAS, how_to_install
-from impact_env.kernels.compiling.cache import SHIPPED, why_not_shipped
+from impact_env.kernels.compiling.cache import SHIPPED, find_shipping_obstacle
 from optimisation.cli.cache import kept, parents
 from optimisation.cli.common import check_targets, command, json_option, plain_errors
 from optimisation.files import write_files
@@ -69,7 +69,7 @@ def found() -> dict[str, Any]:
         ],
         "shipped": {
             "kernels": sum(1 for _ in SHIPPED.rglob("*.nbc")),
-            "unused_because": why_not_shipped(),
+            "unused_because": find_shipping_obstacle(),
         },
     }
 

@@ -5,7 +5,7 @@ import sys
 
 import click
 
-from impact_env.kernels.compiling.cache import HOST
+from impact_env.kernels.compiling.cache import HOST_VARIABLE
 from impact_env.warm_up import JOBS
 from impact_env.warm_up import main as warm_up
 from optimisation.cli.common import command, plain_errors
@@ -25,5 +25,5 @@ def main(what: str | None, host: bool) -> None:
     """
     with plain_errors():
         if host:
-            os.environ[HOST] = "host"
+            os.environ[HOST_VARIABLE] = "host"
         sys.exit(warm_up([] if what is None else [what], lambda line: click.echo(line, err=True)))

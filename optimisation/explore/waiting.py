@@ -11,7 +11,7 @@ import numpy as np
 
 from impact_env.budget import Stop
 from impact_env.curve import CurveCase
-from impact_env.kernels.compiling.parts import NotKept, only_kept
+from impact_env.kernels.compiling.parts import NotCached, only_cached
 from impact_env.loads import Loads
 from impact_env.modes import ModalModel
 from impact_env.parameters import RigidWalls, SlidingAbsorber, TunedAbsorber, require
@@ -119,9 +119,9 @@ def followed(
         yield from branches(*given, stop)
         return
     try:
-        with only_kept():
+        with only_cached():
             found = list(branches(*given, stop))
-    except NotKept:
+    except NotCached:
         yield from kernels.waited(
             key, lambda: False, lambda: Preparation(partial(_all_branches, *given)), stop
         )

@@ -16,7 +16,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import NamedTuple
 
-from impact_env.kernels.compiling.cache import digest
+from impact_env.kernels.compiling.cache import hash_sources
 from optimisation.machine import processor
 from optimisation.page import fill
 
@@ -159,7 +159,7 @@ def run(name: str, machine: Machine, options: list[str]) -> tuple[list[str], boo
         )
         if word
     )
-    made = f"{datetime.datetime.now(datetime.UTC).date().isoformat()}, {digest()}"
+    made = f"{datetime.datetime.now(datetime.UTC).date().isoformat()}, {hash_sources()}"
     began = time.monotonic()
     try:
         python = environment(name, machine)

@@ -26,7 +26,7 @@ def _lane() -> Any:
 
     lanes: tuple[Any, ...] = (
         linear.linear_lane,
-        exact.exact_lane,
+        exact.rigid_lane,
         compliant.compliant_lane,
         moreau.moreau_lane,
         runge_kutta.runge_kutta_lane,
@@ -37,7 +37,7 @@ def _lane() -> Any:
 
 def _part(dispatcher: Any, signature: Any) -> Any:
     """Return the compiled code of a kernel for this process's one lane: its part, or the one that is inlined sparingly."""
-    parts = [getattr(dispatcher, name, dispatcher) for name in ("part", "sparing_part")]
+    parts = [getattr(dispatcher, name, dispatcher) for name in ("part", "limited_part")]
     return next(part for part in parts if signature in part.overloads)
 
 

@@ -23,7 +23,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from places import ROOT
 
-from impact_env.kernels.compiling.cache import digest, folders
+from impact_env.kernels.compiling.cache import find_folders, hash_sources
 from optimisation import progress
 from optimisation.cli import group as command
 from optimisation.cli.group import imported
@@ -311,7 +311,7 @@ OTHER = "0123456789abcdef"
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder of kernels: two of today's sources, one of others, and what is none of ours."""
     parent = tmp_path / "kernels"
-    for name, count in ((digest(), 2), (OTHER, 1)):
+    for name, count in ((hash_sources(), 2), (OTHER, 1)):
         (parent / name / "kernels_0").mkdir(parents=True)
         for k in range(count):
             (parent / name / "kernels_0" / f"f.{k}.nbc").write_bytes(b"0" * 1000)
@@ -320,14 +320,14 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (parent / "fedcba9876543210").symlink_to(parent / "thesis")
     monkeypatch.setenv("IMPACT_ENV_CACHE", str(parent))
     monkeypatch.setattr("numba.config.DISABLE_JIT", 0)
-    folders.cache_clear()
+    find_folders.cache_clear()
     yield parent
-    folders.cache_clear()
+    find_folders.cache_clear()
 
 
 def test_kernels_are_counted_and_nothing_else_is_removed(cache: Path) -> None:
     result = call(imported("cache"))
-    assert f"{cache / digest()}: 2 kernels, 0.0 MB, of today's sources" in result.stdout
+    assert f"{cache / hash_sources()}: 2 kernels, 0.0 MB, of today's sources" in result.stdout
     assert f"{cache / OTHER}: 1 kernels" in result.stdout
     told = call(imported("doctor"), "--json", "-")
     kept = json.loads(told.stdout)["cache"][0]["kept"]
@@ -335,7 +335,7 @@ def test_kernels_are_counted_and_nothing_else_is_removed(cache: Path) -> None:
         (2, 2000, True),
         (1, 1000, False),
     ]
-    for option, left in ((["--older"], {digest()}), ([], set())):
+    for option, left in ((["--older"], {hash_sources()}), ([], set())):
         result = call(imported("cache"), "clear", *option)
         assert (result.exit_code, result.stdout) == (0, "removed: 1 folders, 0.0 MB\n")
         assert {path.name for path in cache.iterdir()} == {"thesis", "fedcba9876543210"} | left

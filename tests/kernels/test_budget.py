@@ -26,9 +26,9 @@ from impact_env import (
 from impact_env.controlled import ControlledRuns
 from impact_env.curve import performance_curve
 from impact_env.ensemble import Lane, run_lanes
-from impact_env.kernels.exact.budget import FIRST_EVENTS, LONG_SEARCH, progress
+from impact_env.kernels.exact.budget import FIRST_EVENTS, LONG_SEARCH_EVALUATIONS, count_progress
 from impact_env.kernels.motion import observers
-from impact_env.kernels.motion.forced import Window
+from impact_env.kernels.motion.forced import ForceWindow
 from impact_env.kernels.motion.observers import new_counters
 from impact_env.methods import Method
 from impact_env.parameters import Absorber
@@ -142,10 +142,10 @@ def test_lanes_have_budgets() -> None:
 )
 def test_why_a_run_ends(name: str, value: float, tau: float, status: int) -> None:
     counters = new_counters(events=10, events_per_s=1.0, evaluations=20, evaluations_per_s=2.0)
-    counters.counts["evaluations"] = LONG_SEARCH if name == "most_evaluations" else 0
+    counters.counts["evaluations"] = LONG_SEARCH_EVALUATIONS if name == "most_evaluations" else 0
     counters.counts[name] = value
-    window = Window(8.5, 1.0, 1.0, 0.0, 0.0, 0.0)
-    assert progress(counters, window, tau, 0.0, 0)[1] == status
+    window = ForceWindow(8.5, 1.0, 1.0, 0.0, 0.0, 0.0)
+    assert count_progress(counters, window, tau, 0.0, 0)[1] == status
     assert counters.counts["reached"] == (9.0 if tau == tau else 0.0)
 
 

@@ -7,8 +7,8 @@ from core import ALL, drive_of, scene_of
 
 from impact_env import Moreau, Record, impact_absorber, simulate
 from impact_env.kernels.events.signals import HIT_HIGH, HIT_LOW, REVERSAL
-from impact_env.kernels.exact import free_and_joined
-from impact_env.kernels.motion.observers import PASSED, PULLED, TURNED
+from impact_env.kernels.exact import stick_slip
+from impact_env.kernels.motion.observers import GUARD_PASSED, JOINT_EXCEEDED, RATE_TURNED
 
 
 @pytest.mark.parametrize("friction", [None, 0.1])
@@ -54,9 +54,9 @@ def test_nothing_to_check_without_a_search() -> None:
 @pytest.mark.parametrize(
     ("search", "events", "friction", "kind"),
     [
-        ("end_of_flight", {HIT_LOW, HIT_HIGH}, None, PASSED),
-        ("end_of_flight", {REVERSAL}, 0.1, TURNED),
-        ("end_of_hold", {HIT_LOW, HIT_HIGH}, 0.1, PULLED),
+        ("end_of_flight", {HIT_LOW, HIT_HIGH}, None, GUARD_PASSED),
+        ("end_of_flight", {REVERSAL}, 0.1, RATE_TURNED),
+        ("end_of_hold", {HIT_LOW, HIT_HIGH}, 0.1, JOINT_EXCEEDED),
     ],
 )
 def test_an_event_that_is_found_too_late_is_seen(
@@ -66,7 +66,7 @@ def test_an_event_that_is_found_too_late_is_seen(
     kind: int,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    searched = getattr(free_and_joined, search)
+    searched = getattr(stick_slip, search)
     planted = []
 
     def tardy(*arguments: object) -> object:
@@ -76,10 +76,10 @@ def test_an_event_that_is_found_too_late_is_seen(
         planted.append(found)
         return found._replace(offset=found.offset * (1 + 1e-6))
 
-    monkeypatch.setattr(free_and_joined, search, tardy)
+    monkeypatch.setattr(stick_slip, search, tardy)
     scene = scene_of(impact_absorber(restitution=0.7, friction_limit=friction), modes=2)
     check = simulate(scene, drive_of(6.0, 1.0, periods=3.5), record=ALL).check
     assert planted
     assert check.misses >= 1
     assert check.kinds[0] == kind
-    assert kind != PASSED or 1e-7 < check.worst < 1e-5  # of the gap
+    assert kind != GUARD_PASSED or 1e-7 < check.worst < 1e-5  # of the gap

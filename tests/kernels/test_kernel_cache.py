@@ -17,13 +17,13 @@ from places import ROOT
 
 from impact_env.kernels.compiling import cache
 from impact_env.kernels.compiling.cache import (
-    HOST,
-    NEEDED,
-    SHIPPED_FOR,
+    HOST_VARIABLE,
+    SHIPPED_CPU,
+    SHIPPED_CPU_FEATURES,
     Folders,
-    choose,
-    digest,
-    why_not_shipped,
+    choose_folders,
+    find_shipping_obstacle,
+    hash_sources,
 )
 
 DAC_OVERRIDE = 1
@@ -97,12 +97,16 @@ def test_a_named_folder_is_filled_and_then_read_where_nothing_can_be_written(
     named = folder(tmp_path / "named", 0o777)
     temporary = folder(tmp_path / "tmp", 0o1777)
     first = run(IMPACT_ENV_CACHE=named, TMPDIR=temporary)
-    assert (first["write"], first["read"], first["misses"]) == (str(named / digest()), "None", "1")
+    assert (first["write"], first["read"], first["misses"]) == (
+        str(named / hash_sources()),
+        "None",
+        "1",
+    )
     for path in [named, *named.rglob("*")]:
         path.chmod(0o555 if path.is_dir() else 0o444)
 
     second = run(IMPACT_ENV_CACHE=named, TMPDIR=temporary)
-    assert second["read"] == str(named / digest())
+    assert second["read"] == str(named / hash_sources())
     assert second["write"].startswith(str(temporary / "impact_env-"))
     assert (second["hits"], second["misses"]) == ("1", "0")
     assert second["result"] == first["result"]
@@ -111,7 +115,7 @@ def test_a_named_folder_is_filled_and_then_read_where_nothing_can_be_written(
     third = run(NOWHERE, IMPACT_ENV_CACHE=named)
     assert (third["write"], third["read"], third["result"]) == (
         "None",
-        str(named / digest()),
+        str(named / hash_sources()),
         first["result"],
     )
     assert (third["hits"], third["misses"]) == ("1", "0")
@@ -127,7 +131,7 @@ def test_a_home_that_cannot_be_written_to_leaves_the_temporary_folder(tmp_path: 
     found = run(OUTSIDE, HOME=home, TMPDIR=temporary)
     (private,) = temporary.glob("impact_env-*")
     assert (found["write"], found["read"], found["misses"]) == (
-        str(private / digest()),
+        str(private / hash_sources()),
         "None",
         "1",
     )
@@ -160,16 +164,16 @@ def test_a_folder_of_someone_else_is_not_read(
     """What is read from the cache is run, and everyone can make a folder among the temporary files."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     foreign = folder(tmp_path / f"impact_env-{os.getuid()}")
-    assert choose(None, "x") == Folders(foreign / "x", None)
+    assert choose_folders(None, "x") == Folders(foreign / "x", None)
     foreign.chmod(0o777)
-    chosen = choose(None, "x").write
+    chosen = choose_folders(None, "x").write
     assert chosen.parent != foreign
     assert chosen.parent.stat().st_mode & 0o777 == 0o700
 
 
 def test_the_hash_sees_every_source(tmp_path: Path) -> None:
     (tmp_path / "below").mkdir()
-    seen = {digest(tmp_path)}
+    seen = {hash_sources(tmp_path)}
     for name, text in (
         ("a.py", ""),
         ("a.py", "1"),
@@ -178,7 +182,7 @@ def test_the_hash_sees_every_source(tmp_path: Path) -> None:
         ("below/c.txt", "1"),
     ):
         (tmp_path / name).write_text(text)
-        seen.add(digest(tmp_path))
+        seen.add(hash_sources(tmp_path))
     assert len(seen) == 5  # all but the last, which is no source
 
 
@@ -289,7 +293,7 @@ def test_damage_is_warned_of_once_and_mended(
     compiled.write_bytes(code(compiled.read_bytes()))
     assert run_small(*kept) == (
         "0 2 0 1",
-        [f"damaged kernels in {kept[1] / digest()} are compiled anew"],
+        [f"damaged kernels in {kept[1] / hash_sources()} are compiled anew"],
     )
     assert run_small(*kept) == ("2 0 1 0", [])
 
@@ -305,7 +309,7 @@ def test_data_of_other_types_is_not_run(kept: tuple[Path, Path]) -> None:
 
 FEATURES = cache.llvmlite.binding.get_host_cpu_features
 served = pytest.mark.skipif(
-    sys.platform != "linux" or not all(FEATURES().get(name) for name in NEEDED),
+    sys.platform != "linux" or not all(FEATURES().get(name) for name in SHIPPED_CPU_FEATURES),
     reason="needs Linux and AVX2",
 )
 SIMULATE = """
@@ -354,7 +358,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     shutil.copytree(
         ROOT / "impact_env", package, ignore=shutil.ignore_patterns("__pycache__", "shipped")
     )
-    name, features = SHIPPED_FOR
+    name, features = SHIPPED_CPU
     digits, compiled, _ = simulated(
         ROOT, folder / "made", "none", "friction", NUMBA_CPU_NAME=name, NUMBA_CPU_FEATURES=features
     )
@@ -375,7 +379,7 @@ def test_nothing_is_compiled_and_nothing_kept(made: tuple[Path, str], tmp_path: 
 def test_kernels_for_the_host_are_preferred_and_give_the_same_digits(
     made: tuple[Path, str], tmp_path: Path
 ) -> None:
-    digits, compiled, _ = simulated(made[0], tmp_path / "kept", "none", **{HOST: "host"})
+    digits, compiled, _ = simulated(made[0], tmp_path / "kept", "none", **{HOST_VARIABLE: "host"})
     assert made[1].startswith(digits)
     assert compiled >= 1
     shutil.rmtree(
@@ -412,16 +416,16 @@ def test_damaged_ones_and_those_of_other_sources_are_compiled_anew(
 def test_why_none_are_used_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "shipped"
     monkeypatch.setattr(cache, "SHIPPED", folder)
-    monkeypatch.delenv(HOST, raising=False)
+    monkeypatch.delenv(HOST_VARIABLE, raising=False)
     for name in ("CPU_NAME", "CPU_FEATURES"):
         monkeypatch.setattr(cache.numba.config, name, None)
-    why = why_not_shipped.__wrapped__
+    why = find_shipping_obstacle.__wrapped__
     python = f"py{sys.version_info[0]}{sys.version_info[1]}"
     assert why() == "none came with this package"
     for sources, name in (
         ("0123456789abcdef", f"f-1.{python}.nbi"),
-        (digest(), "f-1.py27.nbi"),
-        (digest(), f"f-1.{python}.nbi"),
+        (hash_sources(), "f-1.py27.nbi"),
+        (hash_sources(), f"f-1.{python}.nbi"),
     ):
         assert why() != ""
         (folder / sources / "kernels").mkdir(parents=True, exist_ok=True)

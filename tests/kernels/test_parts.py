@@ -11,7 +11,7 @@ from numba.core.errors import TypingError
 from places import SUPPORT
 from places import fresh as process
 
-from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room, jit_view
+from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline, jit_view
 
 
 def fresh(kernel: Any) -> Any:
@@ -39,7 +39,7 @@ def test_only_the_kernel_that_is_called_from_python_becomes_machine_code() -> No
         return half(x) + cube(x) / 3.0
 
     @fresh
-    @jit_room
+    @jit_allocating
     def both(x):
         room = np.zeros(2)
         room[0], room[1] = half(x), third(x)

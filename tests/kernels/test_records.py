@@ -7,15 +7,15 @@ import numba
 import numpy as np
 import pytest
 
-from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, record
-from impact_env.kernels.motion import slot_rows
-from impact_env.kernels.motion.level import close_level, new_level
+from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, record_type
+from impact_env.kernels.motion import modal_rows
+from impact_env.kernels.motion.level import compute_level, new_level
+from impact_env.kernels.motion.modal_system import split_time
 from impact_env.kernels.motion.numbers import cos_sin, fma
-from impact_env.kernels.motion.slots import digits
 from impact_env.level import response_level
 from impact_env.regimes import slot_rows as slot_rows_of
 
-KIND = record(flag=FLAG, number=NUMBER, count=INTEGER)
+KIND = record_type(flag=FLAG, number=NUMBER, count=INTEGER)
 
 
 @numba.njit
@@ -80,7 +80,7 @@ def test_cosine_and_sine_are_exact_to_rounding() -> None:
 @numba.njit
 def _digits_of(scale, x, out):
     for i in range(len(x)):
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = digits(scale, x[i])
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = split_time(scale, x[i])
 
 
 def test_a_time_that_is_no_number_or_beyond_the_tables_stays_within_them() -> None:
@@ -106,23 +106,23 @@ def test_rows_of_slots_do_not_overlap_and_are_those_that_regimes_fill() -> None:
         for k, name in enumerate(("DRIVE", "RELATIVE", "GUARD", "TIP"), 1)
     }
     rows = slot_rows_of(s, given["DRIVE"], given["RELATIVE"], given["GUARD"], given["TIP"], 4)
-    assert rows.shape == (slot_rows.ROWS, 4)
+    assert rows.shape == (modal_rows.ROWS, 4)
     s = s[::-1]  # by size
     wanted = {name: values[::-1] for name, values in given.items()}
     wanted |= {"S": s, "SQUARE": s**2, "REST": -wanted["RELATIVE"] / s}
     wanted |= {"SPEED": abs(s), "SPEED_SQUARE": abs(s) ** 2, "SPEED_CUBE": abs(s) ** 3}
     for name, values in wanted.items():
-        row = getattr(slot_rows, name)
+        row = getattr(modal_rows, name)
         parts = [values] if name.startswith("SPEED") else [values.real, values.imag]
         np.testing.assert_allclose(rows[row : row + len(parts), :2], parts, rtol=1e-15)
-    for n in range(1, slot_rows.TAYLOR_ROWS + 1):
-        row = slot_rows.TAYLOR + 2 * (n - 1)
+    for n in range(1, modal_rows.TAYLOR_ROWS + 1):
+        row = modal_rows.TAYLOR + 2 * (n - 1)
         term = s**n / math.factorial(n)
         np.testing.assert_allclose(rows[row : row + 2, :2], [term.real, term.imag], rtol=1e-15)
 
 
 def test_a_level_of_no_samples_is_zero() -> None:
-    assert close_level(new_level(8)) == (0.0, 0.0, 0.0)
+    assert compute_level(new_level(8)) == (0.0, 0.0, 0.0)
 
 
 def test_a_product_and_a_sum_are_rounded_once() -> None:

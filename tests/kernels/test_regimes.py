@@ -17,8 +17,8 @@ from impact_env.families.regime_cache import (
 from impact_env.kernels.events import starts
 from impact_env.kernels.events.search import SCAN_NOISE
 from impact_env.kernels.exact import rigid_contact
-from impact_env.kernels.motion.segments import Regime
-from impact_env.kernels.motion.slots import DRIVE, GUARD, RELATIVE, REST, SPEED, TIP
+from impact_env.kernels.motion.modal_system import DRIVE, GUARD, RELATIVE, REST, SPEED, TIP
+from impact_env.kernels.motion.segments import LinearRegime
 from impact_env.modes import modal_model
 from impact_env.regime_sets import set_modes
 from impact_env.regimes import (
@@ -38,15 +38,15 @@ from reference.motion import joined_motion, sprung_motion, swinging_tip
 BAR = 1e-12  # of the energy norm
 
 
-def free(model: ModalModel) -> Regime:
+def free(model: ModalModel) -> LinearRegime:
     return free_regime(model, padded_size(fastest(model)[1]), 0.01)
 
 
-def joined(model: ModalModel, mass: float) -> Regime:
+def joined(model: ModalModel, mass: float) -> LinearRegime:
     return joined_regime(model, mass, padded_size(fastest(model, mass)[1]), 0.01)
 
 
-def sprung(model: ModalModel, mass: float, stiffness: float, damper: float = 0.0) -> Regime:
+def sprung(model: ModalModel, mass: float, stiffness: float, damper: float = 0.0) -> LinearRegime:
     return sprung_regime(
         model,
         mass,
@@ -66,9 +66,9 @@ def beam_states(model: ModalModel) -> tuple[Array, Array]:
     return np.concatenate([np.arange(n), n + 1 + np.arange(n)]), np.append(model.omega, np.ones(n))
 
 
-def slot_motion(regime: Regime, states: Array, scale: Array, time: float) -> Array:
+def slot_motion(regime: LinearRegime, states: Array, scale: Array, time: float) -> Array:
     """Return the motion of chosen ``states`` from a regime's slots: Re(out exp(s t) into), in coordinates times ``scale``."""
-    s = regime.slots.rows[0] + 1j * regime.slots.rows[1]
+    s = regime.system.rows[0] + 1j * regime.system.rows[1]
     out = regime.out[0] + 1j * regime.out[1]
     into = (regime.into[0] + 1j * regime.into[1]).T
     whole = np.real((out * np.exp(s * time)) @ into)[np.ix_(states, states)]
@@ -159,7 +159,7 @@ def test_free_motion_at_and_beside_critical_damping(ratio: float) -> None:
 @pytest.mark.parametrize("ratio", CLOSE_TO_ONE)
 def test_forced_motion_at_and_beside_critical_damping(ratio: float) -> None:
     model = custom(2, 1, ratio)
-    rows = free(model).slots.rows
+    rows = free(model).system.rows
     omega = model.omega[0]
     d = model.damping_ratio[0]
     s = rows[0] + 1j * rows[1]
@@ -244,7 +244,7 @@ def test_stretch_under_a_constant_force_is_that_of_the_spring(
     """And the tip is where it was, since the spring takes the whole force; a drive that rests bends the beam as without absorber."""
     model = custom(7, 3, 0.01)
     regime = sprung(model, mass, stiffness)
-    rows = regime.slots.rows
+    rows = regime.system.rows
     stretch = np.sum(rows[GUARD] * rows[REST] - rows[GUARD + 1] * rows[REST + 1])
     assert stretch == pytest.approx(1 / stiffness, rel=BAR)
     assert abs(regime.tip_rest) < BAR * np.sum((model.tip_shape / model.omega) ** 2)
@@ -261,7 +261,7 @@ def test_the_tip_under_a_swinging_relative_force() -> None:
     model = custom(8, 2, 0.01)
     mass = 1.7e-6
     stiffness = 2.8e7
-    rows = sprung(model, mass, stiffness).slots.rows
+    rows = sprung(model, mass, stiffness).system.rows
     at = 1.3 * model.omega[0]
     s = rows[0] + 1j * rows[1]
     both = (rows[TIP] + 1j * rows[TIP + 1]) * (rows[RELATIVE] + 1j * rows[RELATIVE + 1])
@@ -278,7 +278,7 @@ def test_what_has_no_digits_is_refused() -> None:
 
 def test_errors_of_the_event_search_bound_those_of_cubic_interpolation() -> None:
     """Of a sine through both ends' values and slopes (SciPy's interpolation), at every level: the bound holds, and is no twice too large."""
-    slots = free(modal_model(Beam(modes=3, damping_ratio=0.0))).slots
+    slots = free(modal_model(Beam(modes=3, damping_ratio=0.0))).system
     speeds = np.abs(slots.rows[SPEED, :3])
     seen = 0
     for step, errors in zip(slots.steps[:, 0], slots.errors, strict=True):

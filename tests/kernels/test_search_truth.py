@@ -8,11 +8,11 @@ from core import Array
 
 from impact_env import Beam, ModalModel, Scene, beam_scene, impact_absorber
 from impact_env.families.exact import rigid_regimes
-from impact_env.kernels.events.search import search
-from impact_env.kernels.events.signals import Course, new_signal
+from impact_env.kernels.events.search import search_events
+from impact_env.kernels.events.signals import EventFunction, new_signal
 from impact_env.kernels.events.signals import Guards as SearchGuards
-from impact_env.kernels.motion.forced import Forced, Window, new_forced, solve_forced
-from impact_env.kernels.motion.slots import SPEED, S, Slots
+from impact_env.kernels.motion.forced import Forced, ForceWindow, new_forced, solve_forced
+from impact_env.kernels.motion.modal_system import SPEED, ModalSystem, S
 from reference.signals import HIGH, LOW, NOTHING, TURN, Force, Found, Guards, Signals, first_events
 
 Model = tuple[str, int]
@@ -54,9 +54,9 @@ def scene_of(model: Model) -> Scene:
 class Stage:
     """A regime's slots with the force of one window, and the time tau (s) in it where the signals start."""
 
-    slots: Slots
+    slots: ModalSystem
     forced: Forced
-    window: Window
+    window: ForceWindow
     tau: float
 
     @property
@@ -80,7 +80,7 @@ def stages(model: Model, joined: bool, rng: np.random.Generator) -> list[Stage]:
         alpha = 2 * (1.2e-15) ** 0.2 / half**2 * (1e-3, 1.0)[k]
         phase = rng.uniform(0, 2 * np.pi)
         push = 10 ** rng.uniform(-2, 2)
-        window = Window(
+        window = ForceWindow(
             0.0, half, float(omega), float(alpha), push * np.cos(phase), push * np.sin(phase)
         )
         forced = new_forced(slots, None)
@@ -203,8 +203,8 @@ def searched(cases: Cases, case: int, level: int) -> tuple[int, float]:
     kept = SearchGuards(
         *walls, int(cases.side[case]), direction if direction else None, bool(cases.zero[case])
     )
-    course = Course(stage.slots, stage.forced, stage.window.omega, signal, stage.tau)
-    found = search(course, kept, stage.length, stage.window.half)
+    course = EventFunction(stage.slots, stage.forced, stage.window.omega, signal, stage.tau)
+    found = search_events(course, kept, stage.length, stage.window.half)
     return int(found.kind), float(found.offset)
 
 

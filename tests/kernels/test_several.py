@@ -27,10 +27,10 @@ from impact_env import (
     linear_sweep,
     simulate,
 )
-from impact_env.kernels.exact import settle
-from impact_env.kernels.exact.rigid_contact import new_now
+from impact_env.kernels.exact import joint_forces
+from impact_env.kernels.exact.joint_forces import Joints, new_joints, solve_joint_forces
+from impact_env.kernels.exact.rigid_contact import new_contact_states
 from impact_env.kernels.exact.sets import Absorbers
-from impact_env.kernels.exact.settle import Joints, balance, new_joints
 from optimisation.designs import design_space
 from optimisation.measures import FRICTION_HEAT, STROKE, of_motion
 
@@ -350,12 +350,12 @@ def at_one_place(
     absorbers = Absorbers(
         masses, np.ones(n), np.ones(n), limits, shapes, model.tip_shape, model.omega**2
     )
-    now = new_now(n)
+    now = new_contact_states(n)
     now["side"] = generator.choice([-1.0, 0.0, 1.0], n)
     joints = new_joints(n)
-    joints.waits[:] = True
-    joints.start[:] = compliance @ generator.normal(0, 1.5, n) * limits
-    joints.slack[:] = np.abs(joints.start)
+    joints.undecided[:] = True
+    joints.relative_acceleration[:] = compliance @ generator.normal(0, 1.5, n) * limits
+    joints.acceleration_slack[:] = np.abs(joints.relative_acceleration)
     return absorbers, compliance, joints, now
 
 
@@ -371,13 +371,17 @@ def test_joint_forces_are_those_of_a_bounded_least_squares_problem(n: int, ratio
         masses = ratio * model.beam_mass * generator.uniform(0.5, 1, n)
         limits = generator.uniform(0.1, 1.0, n)
         absorbers, compliance, joints, now = at_one_place(model, masses, limits, generator)
-        balance(absorbers, compliance, now, joints)
+        solve_joint_forces(absorbers, compliance, now, joints)
         assert not joints.unsolved[0]
         root = np.linalg.cholesky(compliance)
         low = np.where(now["side"] > 0, -np.inf, -limits)
         high = np.where(now["side"] < 0, np.inf, limits)
         wanted = lsq_linear(
-            root.T, -np.linalg.solve(root, joints.start), (low, high), method="bvls", tol=1e-14
+            root.T,
+            -np.linalg.solve(root, joints.relative_acceleration),
+            (low, high),
+            method="bvls",
+            tol=1e-14,
         ).x
         np.testing.assert_allclose(joints.force, wanted, atol=1e-9 * np.max(np.abs(wanted)))
         seen |= set(joints.case.tolist())
@@ -404,7 +408,7 @@ def test_heavy_absorbers_that_never_move_at_one_place_are_a_stuck_one() -> None:
 
 @pytest.mark.plain
 def test_joint_forces_that_meet_no_conditions_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(settle, "COMPLEMENTARITY_TOL", -1.0)
+    monkeypatch.setattr(joint_forces, "COMPLEMENTARITY_TOL", -1.0)
     scene, force, ratio, periods = SEVERAL["sticking beside impacts"]
     with pytest.raises(IntegrationError, match=r"absorbers' joints meet .* lighter absorbers"):
         simulate(scene, drive_of(force, ratio, periods=periods))

@@ -40,9 +40,9 @@ from impact_env import (
 )
 from impact_env.controlled import ControlledRuns
 from impact_env.kernels.stepping import runge_kutta
-from impact_env.kernels.stepping.chirp import fill_phases
-from impact_env.kernels.stepping.feedback import STRIDE, CompliantLaws, Q, new_table
-from impact_env.kernels.stepping.grid import Force, Modes
+from impact_env.kernels.stepping.chirp import fill_force
+from impact_env.kernels.stepping.feedback import STRIDE, CompliantLaws, Q, new_runge_kutta_table
+from impact_env.kernels.stepping.grid import BeamModes, DriveForce
 from impact_env.level import response_level
 from impact_env.methods import LEAST_STEPS, Method, check_mass, check_step
 from impact_env.parameters import Absorber
@@ -233,7 +233,7 @@ def test_the_turning_phasor_is_the_cosine(dt: float) -> None:
     schedule = FrequencySchedule(
         np.array([0.0, 0.3, 0.301, 0.5, 2.0]), np.array([240.0, 270.0, 100.0, 100.0, 900.0]), OMEGA
     )
-    force = Force(
+    force = DriveForce(
         *(
             np.array(row)
             for row in (schedule.times, schedule.omegas, schedule.phase_at(schedule.times))
@@ -244,7 +244,7 @@ def test_the_turning_phasor_is_the_cosine(dt: float) -> None:
     )
     count = int(2.0 / dt)
     target = np.zeros(count)
-    fill_phases(target, count, force, 0, 0.0, dt)
+    fill_force(target, count, force, 0, 0.0, dt)
     np.testing.assert_allclose(
         target, np.cos(schedule.phase_at(dt * np.arange(count)) + 0.7), atol=2e-12
     )
@@ -484,10 +484,10 @@ def test_a_step_too_long_for_a_nonlinear_spring_where_it_is_ends_the_run() -> No
 
 @pytest.mark.plain
 def test_an_absorber_that_is_not_finite_is_seen_as_a_mode_is() -> None:
-    modes = Modes(np.array([1.0]), np.zeros(1), np.ones(1), np.zeros(1))
+    modes = BeamModes(np.array([1.0]), np.zeros(1), np.ones(1), np.zeros(1))
     laws = CompliantLaws(0.1, None, None, None, None, None)
     for place in (0, 1):
-        table = new_table(modes, laws, 1.0, np.zeros(4), 0.1, None)
+        table = new_runge_kutta_table(modes, laws, 1.0, np.zeros(4), 0.1, None)
         assert runge_kutta._is_finite(table)
         table.cells[Q * STRIDE + place] = np.nan
         assert not runge_kutta._is_finite(table)

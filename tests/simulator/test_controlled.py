@@ -33,7 +33,12 @@ from impact_env import (
 from impact_env.controlled import ControlledRuns, bind_kernel
 from impact_env.crew import Crew
 from impact_env.kernels.compiling.jit import jit
-from impact_env.kernels.control.crew import all_done, first_part, new_board, next_part
+from impact_env.kernels.control.work_queue import (
+    new_work_queue,
+    take_first_part,
+    take_next_part,
+    wait_until_done,
+)
 from impact_env.level import response_level
 from impact_env.loads import BASE, FORCE, Force, Loads, Pieces, Random, ShakenBase
 from impact_env.methods import Method
@@ -183,18 +188,18 @@ def test_lanes_do_not_depend_on_threads_or_neighbours(monkeypatch: pytest.Monkey
 @jit
 def count_up(counts, board, parts, patience):
     """Count each lane of the parts taken; return whether all are done."""
-    part = first_part(board, parts, patience)
+    part = take_first_part(board, parts, patience)
     while part >= 0:
         for lane in range(board.cuts[part, 0], board.cuts[part, 1]):
             counts[lane] += 1
-        part = next_part(board, patience)
-    return all_done(board, parts)
+        part = take_next_part(board, patience)
+    return wait_until_done(board, parts)
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.int32])
 def test_memory_of_another_type_is_not_handed_to_machine_code(dtype: DTypeLike) -> None:
     counts = np.zeros(40, dtype=np.int64)
-    board = new_board(40)
+    board = new_work_queue(40)
     count_up(counts, board, 0, 0)
     bind_kernel(partial(count_up, counts, board))(0, 0)
     for wrong in (np.zeros(40, dtype), np.zeros(80, np.int64)[::2]):
@@ -205,7 +210,7 @@ def test_memory_of_another_type_is_not_handed_to_machine_code(dtype: DTypeLike) 
 @pytest.mark.parametrize("helpers", [0, 1, 3])
 def test_every_part_is_done_once_in_every_call(helpers: int) -> None:
     counts = np.zeros(40, dtype=np.int64)
-    board = new_board(40)
+    board = new_work_queue(40)
     crew = Crew(partial(count_up, counts, board), board)
     shares = [
         np.array(cuts).repeat(2)[1:-1].reshape(-1, 2)
@@ -228,12 +233,12 @@ def test_a_call_that_breaks_off_leaves_nobody_at_work(
     error: type[BaseException], first: bool
 ) -> None:
     counts = np.zeros(8, dtype=np.int64)
-    board = new_board(8)
+    board = new_work_queue(8)
     both = threading.Barrier(2)
     parts = np.arange(9).repeat(2)[1:-1].reshape(8, 2)
 
     def breaks_off(number: int, patience: int) -> bool:
-        taken = first_part(board, number, patience)
+        taken = take_first_part(board, number, patience)
         both.wait(10.0)  # two threads are at work
         if (number > 0) == first:
             raise error

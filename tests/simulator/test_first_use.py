@@ -11,7 +11,7 @@ from places import SUPPORT, fresh
 
 from impact_env import Beam, ParameterError, RungeKutta, beam_scene, impact_absorber, prepare
 from impact_env.kernels.compiling.parts import COMPILING
-from impact_env.kernels.exact.rigid import exact_lane
+from impact_env.kernels.exact.rigid import rigid_lane
 from impact_env.modes import modal_model
 from impact_env.periodic.case import Case
 from impact_env.periodic.survey import orbits_over
@@ -175,6 +175,6 @@ def test_the_shortest_trial_has_the_kernels_of_trials() -> None:
     model = modal_model(Beam(modes=2))
     case = Case(model, 0.95 * float(model.omega[0]), 1.5, friction_limit=0.01)
     shortest_validation(case)
-    known = list(exact_lane.signatures)
+    known = list(rigid_lane.signatures)
     assert any(found.orbits for found in orbits_over(case, [0.95, 0.96]))
-    assert exact_lane.signatures == known
+    assert rigid_lane.signatures == known

@@ -10,7 +10,7 @@ import numpy as np
 from numba.core.caching import NullCache
 
 from impact_env.kernels.compiling.jit import jit, jit_inline
-from impact_env.kernels.compiling.parts import sparing
+from impact_env.kernels.compiling.parts import limit_inlining
 
 
 class Plain(NamedTuple):
@@ -19,7 +19,7 @@ class Plain(NamedTuple):
     values: Any
 
 
-@sparing
+@limit_inlining
 class Sparing(NamedTuple):
     """A group whose kernels are inlined sparingly."""
 

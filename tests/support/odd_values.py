@@ -48,7 +48,7 @@ from impact_env.frequency import (
     receptance,
     tip_response,
 )
-from impact_env.kernels.compiling.parts import only_kept
+from impact_env.kernels.compiling.parts import only_cached
 from impact_env.laws import make
 from impact_env.level import response_level
 from impact_env.loads import Loads, Random, Samples
@@ -224,7 +224,7 @@ def limited(gigabytes: float = 2.0) -> Iterator[None]:
         if pages:
             limit = pages * resource.getpagesize() + int(gigabytes * 2**30)
             resource.setrlimit(resource.RLIMIT_AS, (limit, before[1]))
-        with only_kept():
+        with only_cached():
             yield
     finally:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0)

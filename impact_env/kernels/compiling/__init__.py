@@ -1,4 +1,5 @@
 """How kernels are compiled, kept and, without numba, run: the decorators, the language for vector code, records, and the cache.
 
-In: a function's source, and the types of what it is called with. Out: machine code, from the cache where it is kept. Nothing here knows of mechanics.
+In: a function's source, and the types of what it is called with. Out: machine code, from the cache
+where it is kept. Nothing here knows of mechanics.
 """

@@ -1,10 +1,11 @@
 """Where compiled kernels are kept, and numba's cache without its demand for a folder that can be written to, or for files that are whole.
 
-numba's cache does not notice an edit in an imported module, so the folder carries a hash of the package's sources. Nor does it notice a damaged
-file, and would run what is in it.
+numba's cache does not notice an edit in an imported module, so the folder carries a hash of the
+package's sources. Nor does it notice a damaged file, and would run what is in it.
 
-Within that folder places are relative to the package, so that kernels can be handed on. A wheel for Linux brings some, compiled for any processor of
-the last ten years or so: they are looked up last, and only read.
+Within that folder places are relative to the package, so that kernels can be handed on. A wheel for
+Linux brings some, compiled for any processor of the last ten years or so: they are looked up last,
+and only read.
 """
 
 from __future__ import annotations
@@ -36,15 +37,14 @@ from numba.core.caching import (
 
 PACKAGE = Path(__file__).resolve().parents[1]
 LOG = logging.getLogger("impact_env")
-PATIENCE = 60.0  # s to wait for another process that writes into the same folder
-SHIPPED = (
-    PACKAGE / "shipped"
-)  # holds a folder of kernels that came with the package, if any did: never in a checkout
-SHIPPED_FOR = (
+LOCK_TIMEOUT_S = 60.0  # s to wait for another process that writes into the same folder
+# holds a folder of kernels that came with the package, if any did: never in a checkout
+SHIPPED = PACKAGE / "shipped"
+SHIPPED_CPU = (
     "x86-64-v3",
     "",
 )  # NUMBA_CPU_NAME and NUMBA_CPU_FEATURES for which those are compiled, and the features that stand behind the name:
-NEEDED = {
+SHIPPED_CPU_FEATURES = {
     "avx",
     "avx2",
     "bmi",
@@ -62,10 +62,11 @@ NEEDED = {
     "ssse3",
     "xsave",
 }
-HOST = "IMPACT_ENV_KERNELS"  # a variable; with the value "host" kernels that came with the package are left alone
+# a variable; with the value "host" kernels that came with the package are left alone
+HOST_VARIABLE = "IMPACT_ENV_KERNELS"
 
 
-def digest(package: Path = PACKAGE) -> str:
+def hash_sources(package: Path = PACKAGE) -> str:
     """Return the hash of all sources below ``package``, of the compiler's versions and of whether it checks bounds: the name of the folder."""
     known = hashlib.sha256()
     for source in sorted(package.rglob("*.py")):
@@ -77,23 +78,26 @@ def digest(package: Path = PACKAGE) -> str:
     return known.hexdigest()[:16]
 
 
-_digest = cache(digest)  # of the sources that this process runs
+_hash_of_process = cache(hash_sources)  # of the sources that this process runs
 
 
 @cache
-def why_not_shipped() -> str:
-    """Return why no kernels are used that came with the package; nothing if they are."""
+def find_shipping_obstacle() -> str:
+    """Return why kernels that came with the package are not used; an empty string if they are."""
     here = f"*.py{sys.version_info[0]}{sys.version_info[1]}*.nbi"
     if not SHIPPED.is_dir():
         return "none came with this package"
-    if not any((SHIPPED / _digest()).rglob(here)):
+    if not any((SHIPPED / _hash_of_process()).rglob(here)):
         return "those that came with this package are of other sources, or of another version of numba or Python"
-    if os.environ.get(HOST) == "host" or (numba.config.CPU_NAME, numba.config.CPU_FEATURES) != (
+    if os.environ.get(HOST_VARIABLE) == "host" or (
+        numba.config.CPU_NAME,
+        numba.config.CPU_FEATURES,
+    ) != (
         None,
         None,
     ):
-        return f"{HOST}, NUMBA_CPU_NAME or NUMBA_CPU_FEATURES asks for others"
-    missing = NEEDED - {
+        return f"{HOST_VARIABLE}, NUMBA_CPU_NAME or NUMBA_CPU_FEATURES asks for others"
+    missing = SHIPPED_CPU_FEATURES - {
         name for name, there in llvmlite.binding.get_host_cpu_features().items() if there
     }
     return f"this processor lacks {', '.join(sorted(missing))}" if missing else ""
@@ -107,8 +111,8 @@ class Folders:
     read: Path | None
 
 
-def choose(parent: Path | None, name: str) -> Folders:
-    """Return the folders ``name`` in ``parent`` (None: there is none) or, if that cannot be written to, in the user's temporary folder."""
+def choose_folders(parent: Path | None, name: str) -> Folders:
+    """Return the folders ``name`` in ``parent`` (None: there is none) or, if that is not writable, in the user's temporary folder."""
     wanted = None if parent is None else parent / name
     if wanted is not None and _writable(wanted):
         return Folders(wanted, None)
@@ -119,7 +123,7 @@ def choose(parent: Path | None, name: str) -> Folders:
 
 
 @cache
-def folders() -> Folders:
+def find_folders() -> Folders:
     """Return the folders of this process, in the virtual environment that it runs in, in the user's cache, or where ``IMPACT_ENV_CACHE`` says.
 
     There are none where numba is told to compile nothing (``NUMBA_DISABLE_JIT=1``).
@@ -135,7 +139,7 @@ def folders() -> Folders:
             parent = Path(sys.prefix) / "kernel-cache"
         else:
             parent = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "impact_env"
-    found = choose(parent, _digest())
+    found = choose_folders(parent, _hash_of_process())
     if found.write is None:
         LOG.warning(
             "no folder can be written to (IMPACT_ENV_CACHE names one): kernels that are compiled now are compiled again in the next process"
@@ -145,7 +149,7 @@ def folders() -> Folders:
 
 def cache_folder() -> Path | None:
     """Return the folder in which new kernels of these sources are kept, or None where nothing can be written."""
-    return folders().write
+    return find_folders().write
 
 
 def _writable(folder: Path) -> bool:
@@ -175,7 +179,7 @@ def _private_folder() -> Path | None:
         )
         with suppress(FileExistsError):
             folder.mkdir(mode=0o700)
-        if _is_ours(folder):
+        if _is_private(folder):
             return folder
         own = tempfile.mkdtemp(
             prefix="impact_env-", dir=parent
@@ -186,7 +190,7 @@ def _private_folder() -> Path | None:
     return Path(own)
 
 
-def _is_ours(folder: Path) -> bool:
+def _is_private(folder: Path) -> bool:
     state = folder.lstat()
     if not stat.S_ISDIR(state.st_mode):
         return False
@@ -199,7 +203,7 @@ class _Locator(UserProvidedCacheLocator):
 
     def __init__(self, py_func: Any, py_file: str) -> None:
         super().__init__(py_func, py_file)
-        self._cache_path = _place(folders().write, py_file)
+        self._cache_path = _cache_path(find_folders().write, py_file)
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> _Locator:
@@ -208,13 +212,13 @@ class _Locator(UserProvidedCacheLocator):
     def get_source_stamp(self) -> object:
         """Return the stamp that names the folder, and numba's own for a function outside of the package."""
         return (
-            _digest()
+            _hash_of_process()
             if PACKAGE in Path(self._py_file).resolve().parents
             else super().get_source_stamp()
         )
 
 
-def _place(folder: Path | None, file: str) -> str:
+def _cache_path(folder: Path | None, file: str) -> str:
     if folder is None:
         return os.devnull
     path = Path(file).resolve()
@@ -223,14 +227,15 @@ def _place(folder: Path | None, file: str) -> str:
     return str(folder / "_".join(path.parent.relative_to(PACKAGE.parent).parts))
 
 
-class _Place(CompileResultCacheImpl):
+class _CacheImpl(CompileResultCacheImpl):
     _locator_classes = [_Locator]  # noqa: RUF012 - numba's own is such a list
 
 
-class _File(IndexDataCacheFile):
+class _ChecksummedFile(IndexDataCacheFile):
     """numba's index and data, each file with a digest of its content behind it, where numba does not read on; one that lacks it counts as absent.
 
-    With its data a kernel's key is kept: where an index was lost, a number in a new one may still be that of another kernel's data.
+    With its data a kernel's key is kept: where an index was lost, a number in a new one may still
+    be that of another kernel's data.
     """
 
     def save(self, key: Any, data: Any) -> None:
@@ -248,36 +253,36 @@ class _File(IndexDataCacheFile):
             file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
 
     def _load_index(self) -> Any:
-        return super()._load_index() if _is_whole(self._index_path) else {}
+        return super()._load_index() if _is_undamaged(self._index_path) else {}
 
     def _load_data(self, name: str) -> Any:
-        return super()._load_data(name) if _is_whole(self._data_path(name)) else None
+        return super()._load_data(name) if _is_undamaged(self._data_path(name)) else None
 
 
-def _is_whole(path: str) -> bool:
-    """Tell whether a file ends with the digest of what is before; one that is not there is not damaged."""
+def _is_undamaged(path: str) -> bool:
+    """Return whether a file ends with the digest of its content; True where there is no file."""
     try:
         content = Path(path).read_bytes()
     except FileNotFoundError:
         return True
     if hashlib.sha256(content[:-32]).digest() == content[-32:]:
         return True
-    _say_once(f"damaged kernels in {Path(path).parents[1]} are compiled anew")
+    _warn_once(f"damaged kernels in {Path(path).parents[1]} are compiled anew")
     return False
 
 
 class KernelCache(FunctionCache):
     """numba's cache of a function, with folders that are only read, and without errors where nothing sound can be read, or nothing written."""
 
-    _impl_class = _Place
+    _impl_class = _CacheImpl
 
     def __init__(self, py_func: Any) -> None:
         super().__init__(py_func)
         kept = self._impl.filename_base, self._impl.locator.get_source_stamp()
-        self._cache_file = _File(self._cache_path, *kept)
+        self._cache_file = _ChecksummedFile(self._cache_path, *kept)
         self._read_only, self._shipped = (
-            _File(_place(folder, py_func.__code__.co_filename), *kept)
-            for folder in (folders().read, SHIPPED / _digest())
+            _ChecksummedFile(_cache_path(folder, py_func.__code__.co_filename), *kept)
+            for folder in (find_folders().read, SHIPPED / _hash_of_process())
         )
 
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -285,9 +290,9 @@ class KernelCache(FunctionCache):
         for file, wanted in (
             (self._cache_file, processor),
             (self._read_only, processor),
-            (self._shipped, SHIPPED_FOR),
+            (self._shipped, SHIPPED_CPU),
         ):
-            if file is self._shipped and why_not_shipped():
+            if file is self._shipped and find_shipping_obstacle():
                 break
             data = None
             with suppress(OSError):
@@ -297,25 +302,27 @@ class KernelCache(FunctionCache):
         return None
 
     def _save_overload(self, sig: Any, data: Any) -> None:
-        folder = folders().write
+        folder = find_folders().write
         if folder is None:
             return
         from filelock import FileLock  # only a process that compiles needs it
 
         try:
-            # an index is read, changed and written: without a lock two processes would lose each other's entries
-            with FileLock(folder / "lock", timeout=PATIENCE):
+            # an index is read, changed and written: without a lock two processes would lose each
+            # other's entries
+            with FileLock(folder / "lock", timeout=LOCK_TIMEOUT_S):
                 super()._save_overload(sig, data)
-        except OSError as error:  # a full disk, or a lock that another process never gives back, must not stop a simulation
-            _say_once(f"compiled kernels cannot be kept: {error}")
+        # a full disk, or a lock that another process never gives back, must not stop a simulation
+        except OSError as error:
+            _warn_once(f"compiled kernels cannot be kept: {error}")
 
 
 @cache
-def _say_once(what: str) -> None:
+def _warn_once(what: str) -> None:
     LOG.warning(what)
 
 
-def keep(kernel: Any) -> Any:
-    """Give a function that numba compiles this cache, and return it."""
+def attach_cache(kernel: Any) -> Any:
+    """Attach this cache to a function that numba compiles, and return the function."""
     kernel._cache = KernelCache(kernel.py_func)
     return kernel

@@ -1,9 +1,11 @@
 """The decorators of all kernels: four for functions that numba compiles, one for those written as vector code.
 
-Nothing is compiled with numba's fastmath. Where the compiler may reorder sums or contract products it does so anew in every library that a function
-gets into, and of several copies of a function the one that was loaded first serves all: results would depend on what a process ran before.
+Nothing is compiled with numba's fastmath. Where the compiler may reorder sums or contract products
+it does so anew in every library that a function gets into, and of several copies of a function the
+one that was loaded first serves all: results would depend on what a process ran before.
 
-Under NUMBA_DISABLE_JIT=1 nothing is compiled: each decorator returns a function of plain Python that gives the same bits.
+Under NUMBA_DISABLE_JIT=1 nothing is compiled: each decorator returns a function of plain Python
+that gives the same bits.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import numba
 from numba.core import types
 from numba.extending import intrinsic
 
-from impact_env.kernels.compiling.cache import keep
+from impact_env.kernels.compiling.cache import attach_cache
 from impact_env.kernels.compiling.parts import kernel
 from impact_env.kernels.compiling.plain_code import PlainCode, PlainNumber
 from impact_env.kernels.compiling.plain_code import opened as at_hand
@@ -29,8 +31,8 @@ INTEGER = types.int64
 NUMBER = types.float64
 _KINDS = {"Index": INTEGER, "Number": NUMBER}  # by the annotation
 
-# Without numba's reference counts, whose atomic operations cost a fifth of an exact lane: such a function must not make
-# or return an array. And without the wrapper for callers in C.
+# Without numba's reference counts, whose atomic operations cost a fifth of an exact lane: such a
+# function must not make or return an array. And without the wrapper for callers in C.
 _PLAIN: dict[str, Any] = {
     "nogil": True,
     "no_cfunc_wrapper": True,
@@ -42,7 +44,7 @@ _PLAIN: dict[str, Any] = {
 def _njit(**options: Any) -> Callable[[Any], Any]:
     if not COMPILED:
         return lambda function: function
-    return lambda function: keep(kernel(function, **options))
+    return lambda function: attach_cache(kernel(function, **options))
 
 
 def jit(function: _F) -> _F:
@@ -50,8 +52,8 @@ def jit(function: _F) -> _F:
     return _njit(**_PLAIN)(function)  # type: ignore[no-any-return]
 
 
-def jit_room(function: _F) -> _F:
-    """Compile like `jit`, for a function that makes or returns arrays or calls one that does: once a lane, never in a loop."""
+def jit_allocating(function: _F) -> _F:
+    """Compile like `jit`, for a function that makes or returns arrays or calls one that does: once a run, never in a loop."""
     return _njit(**{**_PLAIN, "_nrt": True})(function)  # type: ignore[no-any-return]
 
 
@@ -61,22 +63,23 @@ def jit_inline(function: _F) -> _F:
 
 
 def jit_view(function: _F) -> _F:
-    """Compile like `jit` and dissolve in the caller's own code: a function that only picks arrays out of larger ones, and so returns arrays."""
+    """Compile like `jit` and always inline on numba's level: for view helpers, which pick arrays out of larger ones."""
     return _njit(**_PLAIN, inline="always")(function)  # type: ignore[no-any-return]
 
 
 def vector_code(kind: Any = types.void, several: int = 0) -> Callable[[Callable[..., Any]], Any]:
     """Make of a function of `Code`, and of arguments, one of these arguments that kernels call; it returns a ``kind``, or a tuple of ``several``.
 
-    An argument annotated as an `Index` or a `Number` is taken for a whole or a floating number; arrays and named tuples have no annotation. The
-    function returns a `Number`, an `Index`, a list of such or nothing.
+    An argument annotated as an `Index` or a `Number` is taken for a whole or a floating number;
+    arrays and named tuples have no annotation. The function returns a `Number`, an `Index`, a list
+    of such or nothing.
     """
     returns = types.UniTuple(kind, several) if several else kind
 
     def decorate(function: Callable[..., Any]) -> Any:
         _, *parameters = signature(function).parameters.values()
         kinds = [_KINDS.get(parameter.annotation) for parameter in parameters]
-        return (_compiled if COMPILED else _at_once)(function, kinds, returns)
+        return (_compiled if COMPILED else _in_plain_python)(function, kinds, returns)
 
     return decorate
 
@@ -103,7 +106,7 @@ def _compiled(function: Callable[..., Any], kinds: list[Any], returns: Any) -> A
     return intrinsic(update_wrapper(typed, function))
 
 
-def _at_once(function: Callable[..., Any], kinds: list[Any], returns: Any) -> Any:
+def _in_plain_python(function: Callable[..., Any], kinds: list[Any], returns: Any) -> Any:
     def call(*values: Any) -> Any:
         found = function(
             PlainCode(),
@@ -112,7 +115,7 @@ def _at_once(function: Callable[..., Any], kinds: list[Any], returns: Any) -> An
                 for value, kind in zip(values, kinds, strict=True)
             ),
         )
-        return tuple(map(_closed, found)) if isinstance(found, list) else _closed(found)
+        return tuple(map(_unwrap, found)) if isinstance(found, list) else _unwrap(found)
 
     return update_wrapper(call, function)
 
@@ -120,5 +123,5 @@ def _at_once(function: Callable[..., Any], kinds: list[Any], returns: Any) -> An
 _CASTS = {INTEGER: int, NUMBER: float}
 
 
-def _closed(value: Any) -> Any:
+def _unwrap(value: Any) -> Any:
     return value.value if isinstance(value, PlainNumber) else value

@@ -1,15 +1,20 @@
 """A kernel that Python calls is compiled in one piece with all the kernels that it calls.
 
-numba optimises every function with what it calls, and makes machine code of it, before its caller does the same once more: with calls a dozen deep
-most of that is thrown away. Here a kernel that is met while another is compiled stays LLVM's intermediate code, a `Part`; only the kernel called from
-Python, a `Kernel`, is optimised and becomes machine code, with all its parts at once. So what it computes does not depend on what else a process
-has compiled. And two things are left out before types are inferred, which numba would compile and LLVM then drop: branches for an argument, or a
-field of one, that is None where it is not, and a function compiled once more for each constant that it is called with.
+numba optimises every function with what it calls, and makes machine code of it, before its caller
+does the same once more: with calls a dozen deep most of that is thrown away. Here a kernel that is
+met while another is compiled stays LLVM's intermediate code, a `Part`; only the kernel called from
+Python, a `Kernel`, is optimised and becomes machine code, with all its parts at once. So what it
+computes does not depend on what else a process has compiled. And two things are left out before
+types are inferred, which numba would compile and LLVM then drop: branches for an argument, or a
+field of one, that is None where it is not, and a function compiled once more for each constant that
+it is called with.
 
-How far a kernel is inlined is decided by what it is given. numba hands the wish to be inlined on to all that a part calls, so that nearly a whole
-lane becomes one function: the quickest to run, and slow to compile. A kernel that is given a `sparing` group, as one that records much, has parts of
-its own, and of these only those that ask for it themselves are inlined at every call. Where two other kernels share a part, and only one of them
-wishes it inlined, the one that is compiled first still decides for both.
+How far a kernel is inlined is decided by what it is given. numba hands the wish to be inlined on to
+all that a part calls, so that nearly a whole lane becomes one function: the quickest to run, and
+slow to compile. A kernel that is given a `limit_inlining` group, as one that records much, has
+parts of its own, and of these only those that ask for it themselves are inlined at every call.
+Where two other kernels share a part, and only one of them wishes it inlined, the one that is
+compiled first still decides for both.
 """
 
 from __future__ import annotations
@@ -31,40 +36,42 @@ from numba.core.untyped_passes import InlineInlinables
 
 from impact_env.kernels.compiling.passes import PrunePresent
 
-COMPILING = "impact_env:compile"  # an event as numba tells them: a kernel is compiled for a caller in Python, with all its parts
+# an event as numba tells them: a kernel is compiled for a caller in Python, with all its parts
+COMPILING = "impact_env:compile"
 # changed under the compiler's lock
 _nested = 0  # kernels under way, one within the other
-_spares = False  # whether the outermost of them is inlined sparingly
-_only_kept = ContextVar("_only_kept", default=False)
+_inlining_limited = False  # whether the outermost of them is inlined sparingly
+_only_cached = ContextVar("_only_kept", default=False)
 _Group = TypeVar("_Group", bound=type)
 _Result = TypeVar("_Result")
-_SPARING: set[type] = set()
+_INLINING_LIMITED: set[type] = set()
 
 
-def sparing(group: _Group) -> _Group:
-    """Declare that a kernel which Python hands this named tuple, alone or within others, is inlined sparingly."""
-    _SPARING.add(group)
+def limit_inlining(group: _Group) -> _Group:
+    """Declare that kernels with this named tuple among their arguments, alone or within others, are inlined less."""
+    _INLINING_LIMITED.add(group)
     return group
 
 
-def _is_sparing(kind: Any) -> bool:
-    if isinstance(kind, types.BaseNamedTuple) and kind.instance_class in _SPARING:
+def _limits_inlining(kind: Any) -> bool:
+    if isinstance(kind, types.BaseNamedTuple) and kind.instance_class in _INLINING_LIMITED:
         return True
-    return isinstance(kind, types.BaseTuple) and any(_is_sparing(element) for element in kind)
+    return isinstance(kind, types.BaseTuple) and any(_limits_inlining(element) for element in kind)
 
 
-class Abandoned(Exception):  # noqa: N818 - no error: the program was interrupted
+class CompilationAbandoned(Exception):  # noqa: N818 - no error: the program was interrupted
     """A thread does not wait any longer for a kernel that another one compiles."""
 
 
-_POLL_S = 0.05  # how often a thread that waits for a compilation notices signals and `abandon_compilations`
+# how often a thread that waits for a compilation notices signals and `abandon_compilations`
+_POLL_INTERVAL_S = 0.05
 _compiling_threads: set[Thread] = set()
 _abandoning = 0  # how many callers of `abandon_compilations` there are
 
 
 @contextmanager
 def abandon_compilations() -> Iterator[None]:
-    """While this is entered, threads that wait for a kernel to be compiled, or begin to, raise `Abandoned`; what is compiled goes on."""
+    """While this is entered, threads that wait for a kernel to be compiled, or begin to, raise `CompilationAbandoned`; what is compiled goes on."""
     global _abandoning
     _abandoning += 1
     try:
@@ -78,7 +85,7 @@ def is_compiling() -> bool:
     return any(thread.is_alive() for thread in tuple(_compiling_threads))
 
 
-def _run_apart(work: Callable[[], _Result]) -> _Result:
+def _run_in_thread(work: Callable[[], _Result]) -> _Result:
     """Return what ``work`` does in a thread of its own, which an interrupt leaves behind: LLVM heeds no signal for up to a minute."""
     results: list[_Result] = []
     errors: list[BaseException] = []
@@ -96,26 +103,26 @@ def _run_apart(work: Callable[[], _Result]) -> _Result:
     _compiling_threads.add(thread)
     thread.start()
     while thread.is_alive():
-        thread.join(_POLL_S)
+        thread.join(_POLL_INTERVAL_S)
         if _abandoning and thread.is_alive():
-            raise Abandoned
+            raise CompilationAbandoned
     if errors:
         raise errors[0]
     return results[0]
 
 
-class NotKept(Exception):  # noqa: N818 - no error: an answer
+class NotCached(Exception):  # noqa: N818 - no error: an answer
     """A kernel would have to be compiled."""
 
 
 @contextmanager
-def only_kept() -> Iterator[None]:
-    """Load kernels, but compile none meanwhile in this thread: where one would have to be, `NotKept` is raised."""
-    token = _only_kept.set(True)
+def only_cached() -> Iterator[None]:
+    """Load kernels from the cache only, in this thread: where one would have to be compiled, `NotCached` is raised."""
+    token = _only_cached.set(True)
     try:
         yield
     finally:
-        _only_kept.reset(token)
+        _only_cached.reset(token)
 
 
 @contextmanager
@@ -124,7 +131,7 @@ def _compiling(args: Sequence[types.Type]) -> Iterator[None]:
     global _nested, _spares
     with global_compiler_lock:
         if not _nested:
-            _spares = any(map(_is_sparing, args))
+            _inlining_limited = any(map(_limits_inlining, args))
         _nested += 1
         try:
             yield
@@ -141,7 +148,8 @@ class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
         self._finalize_dynamic_globals()
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage.name == "external":
-                function.linkage = "linkonce_odr"  # as numba's own for linking: may be there twice, inlined and dropped
+                # as numba's own for linking: may be there twice, inlined and dropped
+                function.linkage = "linkonce_odr"
         self._shared_module = self._final_module
         self._finalized = True
 
@@ -151,12 +159,12 @@ class WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
 
     def finalize(self) -> None:
         """Link all parts, also those of parts, each once; optimise, and make machine code."""
-        self._linking_libraries = with_parts(self._linking_libraries)
+        self._linking_libraries = order_libraries(self._linking_libraries)
         super().finalize()
 
 
-def with_parts(libraries: Sequence[CodeLibrary]) -> list[CodeLibrary]:
-    """Return libraries and all that their parts link, each after every one that uses it: LLVM's linker passes over what nothing asks for yet."""
+def order_libraries(libraries: Sequence[CodeLibrary]) -> list[CodeLibrary]:
+    """Return libraries and all that they link, ordered so that users precede their dependencies, as LLVM's linker needs them."""
     seen: set[CodeLibrary] = set()
     backwards: list[CodeLibrary] = []
 
@@ -217,7 +225,7 @@ class _PartCompiler(_FunctionCompiler):  # type: ignore[misc]
         return result._replace(entry_point=name)
 
 
-class _SparingCompiler(_PartCompiler):
+class _LimitedInliningCompiler(_PartCompiler):
     """Inlines a part everywhere only if it asks for it itself, not for its caller's sake."""
 
     def _customize_flags(self, flags: Any) -> Any:
@@ -227,8 +235,8 @@ class _SparingCompiler(_PartCompiler):
 
 class _WholeCompiler(_FunctionCompiler):  # type: ignore[misc]
     def _compile_core(self, args: Any, return_type: Any) -> Any:
-        if _only_kept.get():
-            raise NotKept
+        if _only_cached.get():
+            raise NotCached
         with event.trigger_event(COMPILING):
             result = super()._compile_core(args, return_type)
         for environment in (
@@ -259,7 +267,7 @@ class Part(CPUDispatcher):  # type: ignore[misc]
 
 
 class Kernel(CPUDispatcher):  # type: ignore[misc]
-    """A kernel as Python calls it; what its callers in kernels get is its `part`, or its `sparing_part`."""
+    """A kernel as Python calls it; what its callers in kernels get is its `begin_slip`, or its `sparing_part`."""
 
     def __init__(self, function: Callable[..., Any], _locals: Any, options: dict[str, Any]) -> None:
         super().__init__(function, {}, options, _WholePipeline)
@@ -276,11 +284,11 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
     @cached_property
     def sparing_part(self) -> Part:
         """What other kernels call that are inlined sparingly."""
-        return Part(self.py_func, self.targetoptions, _SparingCompiler)
+        return Part(self.py_func, self.targetoptions, _LimitedInliningCompiler)
 
     @property
     def _called(self) -> Part:
-        return self.sparing_part if _spares else self.part
+        return self.limited_part if _inlining_limited else self.part
 
     def compile(self, signature: Any) -> Any:
         """Compile for a caller in Python, or in a function that is no kernel, or load what another process has compiled.
@@ -289,7 +297,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         """
         if global_compiler_lock.is_locked():
             return self._compile(signature)
-        return _run_apart(partial(self._compile, signature))
+        return _run_in_thread(partial(self._compile, signature))
 
     def _compile(self, signature: Any) -> Any:
         if self.wait is not None:

@@ -14,9 +14,11 @@ from numba.core.untyped_passes import DeadBranchPrune
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class PrunePresent(DeadBranchPrune):  # type: ignore[misc]
-    """numba's pass drops the branch for a part that is there where the argument is None.
+    """Prune branches on ``is None`` before typing, also for arguments that are not None.
 
-    This one also drops that for None where it is there, and does both for a field of a named tuple, ``group.part`` or ``part = group.part``.
+    numba's pass drops the branch for a present part where the argument is None. This one also
+    drops the branch for None where the part is present, and does both for a field of a named
+    tuple, ``group.part`` or ``part = group.part``.
     """
 
     _name = "impact_env_prune_present"

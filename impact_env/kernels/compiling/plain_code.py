@@ -1,6 +1,7 @@
 """The language of vector_code.py where nothing is compiled (NUMBA_DISABLE_JIT=1): each operation is done at once, by NumPy, to the same bits.
 
-What vector_code.py builds of others' methods, as sums, is inherited. Loops are loops, branches are branches, and a debugger sees numbers.
+What vector_code.py builds of others' methods, as sums, is inherited. Loops are loops, branches are
+branches, and a debugger sees numbers.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from impact_env.kernels.compiling.vector_code import LANES, Code, Number
 def fused() -> Callable[[float, float, float], float]:
     """Return the fused multiplication and addition of the C library or, where it has none, of Python from 3.13 on.
 
-    Raises RuntimeError if there is none that rounds once: results would differ from those of compiled kernels.
+    Raises RuntimeError if there is none that rounds once: results would differ from those of
+    compiled kernels.
     """
     for find in (_of_the_library, lambda: math.fma):  # type: ignore[attr-defined]
         try:
@@ -181,7 +183,7 @@ class PlainCode(Code):
     def spread(self, number: Number, size: int | None = None) -> PlainNumber:
         return PlainNumber(np.full(size or self.lanes, number.value))
 
-    def gathered(self, numbers: list[Number]) -> PlainNumber:
+    def gather(self, numbers: list[Number]) -> PlainNumber:
         return PlainNumber(np.array([number.value for number in numbers]))
 
     def before(self, first: Number, vector: Number) -> PlainNumber:
@@ -199,7 +201,7 @@ class PlainCode(Code):
     def lowest_bit(self, mask: int) -> int:
         return (mask & -mask).bit_length() - 1 if mask else 64
 
-    def in_one_piece(self, change: str, words: Any, place: int, value: int) -> int:
+    def atomic_rmw(self, change: str, words: Any, place: int, value: int) -> int:
         before = int(words[place])  # in plain Python one thread works
         words[place] = before + value if change == "add" else value
         return before

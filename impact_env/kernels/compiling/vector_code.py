@@ -1,10 +1,12 @@
 """A small language for vector code: loops over slots or times whose result does not depend on what else is compiled beside them.
 
-numba's own loops become vectors only where sums may be reordered and products contracted, and then the compiler chooses the order anew in each
-library that a function gets into: one source, several results. Here order and contraction are written down. Nothing may be reordered, and a product
-and a sum are one rounding where ``fma`` says so, on any processor.
+numba's own loops become vectors only where sums may be reordered and products contracted, and then
+the compiler chooses the order anew in each library that a function gets into: one source, several
+results. Here order and contraction are written down. Nothing may be reordered, and a product and a
+sum are one rounding where ``fma`` says so, on any processor.
 
-The classes of this module write LLVM's code for what is asked of them; those of plain_code.py have the same methods and compute at once.
+The classes of this module write LLVM's code for what is asked of them; those of plain_code.py have
+the same methods and compute at once.
 """
 
 from __future__ import annotations
@@ -202,7 +204,7 @@ class Complex(NamedTuple):
         return self.real.fma(other.real, -(self.imag * other.imag))
 
 
-class Variable:
+class LoopVariable:
     """A `Number` or an `Index` that may be replaced, as within a loop."""
 
     def __init__(self, first: Any) -> None:
@@ -317,7 +319,7 @@ class Code:
             self.builder.select(condition.value, self.index(one).value, self.index(other).value),
         )
 
-    def slots(self, size: Any) -> Iterator[Any]:
+    def vectors(self, size: Any) -> Iterator[Any]:
         """Repeat what follows for the first of 2 LANES slots each, and for the LANES that may be left; ``lanes`` says how many there are."""
         whole = size & -2 * LANES
         self.lanes = 2 * LANES
@@ -326,8 +328,8 @@ class Code:
         for _ in self.where(whole != size):
             yield whole
 
-    def fours(self, size: Any) -> Iterator[Any]:
-        """Repeat what follows for LANES slots each: half the code of `slots`."""
+    def single_vectors(self, size: Any) -> Iterator[Any]:
+        """Repeat what follows for LANES slots each: half the code of `vectors`."""
         self.lanes = LANES
         yield from self.loop(size, LANES)
 
@@ -337,7 +339,7 @@ class Code:
 
     def variable(self, first: Any) -> Any:
         """Return a new variable."""
-        return Variable(first if isinstance(first, Number) else self.index(first))
+        return LoopVariable(first if isinstance(first, Number) else self.index(first))
 
     def vector(self, pointer: Any, index: Any, size: int | None = None) -> Number:
         """Return ``size`` numbers from ``index`` on, None: as many as there are lanes."""
@@ -382,7 +384,7 @@ class Code:
             self.builder, self.builder.shuffle_vector(first, undefined, _order([0] * size))
         )
 
-    def gathered(self, numbers: list[Number]) -> Number:
+    def gather(self, numbers: list[Number]) -> Number:
         """Return a vector of these numbers."""
         value = ir.Constant(ir.VectorType(DOUBLE, len(numbers)), ir.Undefined)
         for k, number in enumerate(numbers):
@@ -415,7 +417,7 @@ class Code:
         """Return the place of the lowest bit that is set; 64 where there is none."""
         return Index(self.builder, self.builder.cttz(mask.value, ir.Constant(ir.IntType(1), 0)))
 
-    def in_one_piece(self, change: str, words: Any, place: Any, value: Any) -> Any:
+    def atomic_rmw(self, change: str, words: Any, place: Any, value: Any) -> Any:
         """Change a word that threads share ("add" to it, or "xchg" it) and return what it was, with all that was written before it."""
         return Index(
             self.builder,

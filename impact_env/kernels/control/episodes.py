@@ -1,6 +1,7 @@
 """What a task does with all its lanes before and after a control interval, in one loop each: NumPy would pass over the lanes once for every sign.
 
-The arithmetic is that of a single lane, so a lane of a thousand has the digits of one that is alone.
+The arithmetic is that of a single lane, so a lane of a thousand has the digits of one that is
+alone.
 """
 
 from __future__ import annotations
@@ -12,13 +13,15 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit
 
-ROUNDING = 1e-12  # of the frequency ratio
+FREQUENCY_RATIO_TOL = 1e-12  # of the frequency ratio
 
 
-class Units(NamedTuple):
-    """Units of the features: length (m), inverse of the velocity (s/m), impacts of an interval; zero and unit of the frequency ratio; and the
-    intervals of the time budget.
-    """  # noqa: D205
+class FeatureUnits(NamedTuple):
+    """Units of the features.
+
+    Length (m), inverse of the velocity (s/m), impacts of an interval; zero and unit of the
+    frequency ratio; intervals of the time budget.
+    """
 
     length: float
     per_velocity: float
@@ -28,8 +31,12 @@ class Units(NamedTuple):
     steps: int
 
 
-class Way(NamedTuple):
-    """A passage's: longest ``interval`` in pseudo periods, ``width`` and ``far`` end (L,) in units of the resonance, ``sign`` (L,) 1 up, -1 down."""
+class PassageRange(NamedTuple):
+    """Range of a passage.
+
+    Longest ``interval`` in pseudo periods, ``width`` and ``far`` end (L,) in units of the
+    resonance, ``sign`` (L,) 1 up, -1 down.
+    """
 
     interval: float
     width: float
@@ -38,10 +45,11 @@ class Way(NamedTuple):
 
 
 @jit
-def go_on(way, change, ratio, duration, after, ended):
-    """Let the frequency ``ratio`` (L,) go on by ``change`` (L,) in a pseudo period, but no further than the far end, and not back beyond the start.
+def advance_frequency(way, change, ratio, duration, after, ended):
+    """Advance the frequency ``ratio`` (L,) by ``change`` (L,) per pseudo period, within the range of the passage.
 
-    Filled: ``duration`` in pseudo periods, ratio ``after`` it, whether the passage has ``ended`` there, each (L,).
+    Filled: ``duration`` in pseudo periods, ratio ``after`` it, whether the passage has ``ended``
+    there, each (L,).
     """
     interval = way.interval
     width = way.width
@@ -50,7 +58,7 @@ def go_on(way, change, ratio, duration, after, ended):
     for i in range(ratio.shape[0]):
         left = (far[i] - ratio[i]) * sign[i]
         rest = left - change[i] * interval
-        ended[i] = rest <= ROUNDING
+        ended[i] = rest <= FREQUENCY_RATIO_TOL
         if ended[i]:
             duration[i], after[i] = min(left / change[i], interval), far[i]
         else:
@@ -58,8 +66,8 @@ def go_on(way, change, ratio, duration, after, ended):
 
 
 @jit
-def order_intervals(orders, omega, period, duration, ratio, after, force, final):
-    """Fill what ORDER records say of drive and end from arrays (L,): durations in periods (s), frequency ratios to ``omega`` (rad/s), forces (N)."""
+def fill_orders(orders, omega, period, duration, ratio, after, force, final):
+    """Fill drive and end of ORDER records from arrays (L,): durations in periods (s), frequency ratios to ``omega`` (rad/s), forces (N)."""
     for i in range(orders.shape[0]):
         order = orders[i]
         order.duration = duration[i] * period
@@ -70,8 +78,11 @@ def order_intervals(orders, omega, period, duration, ratio, after, force, final)
 
 
 @jit
-def pay_for_level(reports, level_scale, price, duration, fine, late, potential, rewards):
-    """Fill the rewards (L,): the fall of the level over ``level_scale``, which ``potential`` keeps, less ``price`` a pseudo period and a ``fine``."""
+def compute_level_rewards(reports, level_scale, price, duration, fine, late, potential, rewards):
+    """Fill the rewards (L,): the fall of the level over ``level_scale``, less ``price`` a pseudo period and a ``fine`` where ``late``.
+
+    ``potential`` (L,) holds the relative level so far.
+    """
     for i in range(reports.shape[0]):
         relative = reports[i].level / level_scale[i]
         rewards[i] = -(relative - potential[i]) - (duration[i] * price + (fine if late[i] else 0.0))
@@ -79,8 +90,8 @@ def pay_for_level(reports, level_scale, price, duration, fine, late, potential, 
 
 
 @jit
-def pay_for_damage(reports, damage_scale, price, duration, fine, late, potential, rewards):
-    """Fill the rewards like `pay_for_level`, for the damage of the interval; ``potential`` sums it up."""
+def compute_damage_rewards(reports, damage_scale, price, duration, fine, late, potential, rewards):
+    """Fill the rewards as `compute_level_rewards` does, for the damage of the interval; ``potential`` is its sum."""
     for i in range(reports.shape[0]):
         gain = reports[i].damage / damage_scale[i]
         rewards[i] = -gain - (duration[i] * price + (fine if late[i] else 0.0))

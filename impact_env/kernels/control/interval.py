@@ -1,6 +1,7 @@
-"""What a controlled run keeps from one control interval to the next, what it is told, and what it reports.
+"""Control intervals of a lane: the memory kept between them, orders, and reports.
 
-A lane's interval is one stretch of a schedule, so a chain of intervals is the run that a single call with all stretches would make.
+A lane's interval is one segment of a schedule, so a chain of intervals is the run that a single
+call with all segments would make.
 """
 
 from __future__ import annotations
@@ -11,12 +12,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_room, jit_view
-from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, record
-from impact_env.kernels.exact import rigid_contact, springs
+from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_view
+from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, record_type
+from impact_env.kernels.exact import compliant_contact, rigid_contact
 from impact_env.kernels.exact.budget import EVALUATIONS_PER_EVENT, FIRST_EVENTS
 from impact_env.kernels.exact.rigid_contact import Walls
-from impact_env.kernels.motion.level import LEVEL, Envelope, Level, clear_level, close_level
+from impact_env.kernels.motion.level import (
+    LEVEL_STATE,
+    EnvelopeObserver,
+    LevelObserver,
+    compute_level,
+    reset_level,
+)
 from impact_env.kernels.motion.loads import (
     ALPHA,
     BEGINS,
@@ -24,19 +31,20 @@ from impact_env.kernels.motion.loads import (
     OMEGA,
     PHASE,
     POLYNOMIAL,
-    BaseShare,
+    BaseParticipation,
     LoadPieces,
-    new_load,
+    new_load_workspace,
 )
-from impact_env.kernels.motion.observers import CLOCK, COUNTS, Counters, Observe
-from impact_env.kernels.motion.segments import last_sample, samples_before
+from impact_env.kernels.motion.observers import CLOCK, COUNTS, Counters, Observers
+from impact_env.kernels.motion.segments import count_samples_before, take_last_sample
 
 Array = NDArray[np.float64]
 
-# an order: duration (s), circular frequency at start and end (rad/s), force (N), its phase at the start (rad; becomes that at the end),
-# half-clearance (m; becomes the one in use), friction limit (N), place in the record that acts beside (steps; becomes that at the end), whether to
-# start afresh, whether the run ends here
-ORDER = record(
+# an order: duration (s), circular frequency at start and end (rad/s), force (N), its phase at the
+# start (rad; becomes that at the end), half-clearance (m; becomes the one in use), friction limit
+# (N), place in the record that acts beside (steps; becomes that at the end), whether to start
+# afresh, whether the run ends here
+ORDER = record_type(
     duration=NUMBER,
     omega_start=NUMBER,
     omega_stop=NUMBER,
@@ -48,9 +56,10 @@ ORDER = record(
     fresh=FLAG,
     final=FLAG,
 )
-# a report: tip's amplitude in phase with the force and a quarter behind it (m), absorber less tip at the end (m, m/s), impacts, absorber's share of
-# the energy at the end, level so far (m), mean of q_tip^2 (m^2), sum of |q_tip/unit|^exponent over the samples, tip displacement at the end (m)
-REPORT = record(
+# a report: tip's amplitude in phase with the force and a quarter behind it (m), absorber less tip
+# at the end (m, m/s), impacts, absorber's share of the energy at the end, level so far (m), mean of
+# q_tip^2 (m^2), sum of |q_tip/unit|^exponent over the samples, tip displacement at the end (m)
+REPORT = record_type(
     in_phase=NUMBER,
     quadrature=NUMBER,
     distance=NUMBER,
@@ -62,57 +71,69 @@ REPORT = record(
     damage=NUMBER,
     tip=NUMBER,
 )
-# half-clearance (m), friction limit (N) and force (N) in use, and the level that a search begins with
-KEPT = record(gap=NUMBER, limit=NUMBER, force=NUMBER, search_level=NUMBER)
-SAME_PLACE = 1e-9  # of a record's step: breakpoints closer than this are one
-MARGIN = 1e-9  # by which a wall that is moved keeps off the absorber, relative to their distance from the middle
+# half-clearance (m), friction limit (N) and force (N) in use, and the level that a search begins
+# with
+LAST_ORDER = record_type(gap=NUMBER, limit=NUMBER, force=NUMBER, search_level=NUMBER)
+BREAKPOINT_TOL = 1e-9  # of a record's step: breakpoints closer than this are one
+# by which a wall that is moved keeps off the absorber, relative to their distance from the middle
+WALL_MARGIN = 1e-9
 
 
 class Lanes(NamedTuple):
-    """What lanes carry from interval to interval, one row each: free parts of the slots (L, 2, J), records of a rigid and of a compliant contact
-    (L,), whatever the lane has, KEPT records (L,), state (L, 2 N_m + 2), and the level's ring (L, W + 1) and LEVEL records (L,).
-    """  # noqa: D205
+    """Memory of all lanes between two intervals, one row each.
+
+    ``z`` (L, 2, J): free parts of the modal amplitudes; ``rigid`` and ``compliant`` (L,): contact
+    states, of which a lane has one; ``last_order`` (L,): LAST_ORDER records; ``state`` (L, 2 N_m +
+    2); ``ring`` (L, W + 1) and ``level`` (L,): ring and LEVEL_STATE records of the level.
+    """
 
     z: Array
     rigid: NDArray[Any]
-    sprung: NDArray[Any]
-    kept: NDArray[Any]
+    compliant: NDArray[Any]
+    last_order: NDArray[Any]
     state: Array
     ring: Array
     level: NDArray[Any]
 
 
-def new_lanes(lanes: int, slots: int, state: int, half_window: int) -> Lanes:
-    """Return lanes at rest with this many slots and places of a state; ``half_window``: samples in half the level's window."""
-    contacts = np.zeros(lanes, rigid_contact.NOW), np.zeros(lanes, springs.NOW)
+def new_lanes(lanes: int, size: int, state: int, half_window: int) -> Lanes:
+    """Return lanes at rest with this many modal amplitudes and places of a state; ``half_window``: samples in half the level's window."""
+    contacts = (
+        np.zeros(lanes, rigid_contact.RIGID_CONTACT_STATE),
+        np.zeros(lanes, compliant_contact.COMPLIANT_CONTACT_STATE),
+    )
     ring = np.zeros((lanes, half_window + 1))
     return Lanes(
-        np.zeros((lanes, 2, slots)),
+        np.zeros((lanes, 2, size)),
         *contacts,
-        np.zeros(lanes, KEPT),
+        np.zeros(lanes, LAST_ORDER),
         np.zeros((lanes, state)),
         ring,
-        np.zeros(lanes, LEVEL),
+        np.zeros(lanes, LEVEL_STATE),
     )
 
 
-class Beside(NamedTuple):
-    """What acts beside the lanes' own force: a ``record`` (K,) in N or m/s^2, straight between its ``step`` (s), that repeats.
+class Disturbance(NamedTuple):
+    """A load beside the lanes' own force: a periodic ``record`` (K,) in N or m/s^2, linear between its ``step`` (s).
 
-    ``moves_base`` (2,): whether the force of the orders, and the record, are the base's acceleration (m/s^2); ``base`` None if neither is.
+    ``moves_base`` (2,): whether the force of the orders, and the record, are the base's
+    acceleration (m/s^2); ``base`` None if neither is.
     """
 
     record: Array
     step: float
     moves_base: NDArray[np.bool_]
-    base: BaseShare | None
+    base: BaseParticipation | None
 
 
-class Watch(NamedTuple):
-    """What all lanes share: sampling interval (s), samples of a whole interval, exponent of the damage (0: none), its unit of length (m),
-    circular frequencies of the modes (N_m,), tip shape (N_m,), absorber mass (kg, 0 without one), mode shape (N_m,) where level and amplitudes are
-    read, and again in ``place`` if that is not the tip, else of size 0; what acts beside one force, None where that is all.
-    """  # noqa: D205
+class LaneSettings(NamedTuple):
+    """Settings that all lanes share.
+
+    Sampling interval (s), samples of a whole interval, exponent of the damage (0: none), its unit
+    of length (m), circular frequencies of the modes (N_m,), tip shape (N_m,), absorber mass (kg, 0
+    without one), mode shape (N_m,) where level and amplitudes are read, and again in ``place`` if
+    that is not the tip, else of size 0; ``disturbance``: None where one force is all.
+    """
 
     sample_dt: float
     samples: int
@@ -123,25 +144,27 @@ class Watch(NamedTuple):
     mass: float
     level_shape: Array
     place: Array
-    beside: Beside | None
+    disturbance: Disturbance | None
 
 
 class Batch(NamedTuple):
     """Lanes under control, what is ordered and reported, ORDER and REPORT records (L,), and their status codes (L,)."""
 
-    watch: Watch
+    settings: LaneSettings
     lanes: Lanes
     orders: NDArray[Any]
     reports: NDArray[Any]
     status: NDArray[np.int64]
 
 
-class Desk(NamedTuple):
-    """Scratch of one thread: the interval's breakpoints in time (K,), frequencies and phases at its ends (2,), samples of the interval, a CLOCK and a
-    COUNTS record, (1,) each.
+class IntervalScratch(NamedTuple):
+    """Scratch memory of one thread.
 
-    ``budget`` (1,): counters at zero, with what an interval may use. ``none`` and ``nobody`` (0,): of the envelope, which lanes do not have.
-    """  # noqa: D205
+    The interval's breakpoints in time (K,), frequencies and phases at its ends (2,), samples of
+    the interval, a CLOCK and a COUNTS record, (1,) each. ``budget`` (1,): counters at zero, with
+    the limits of an interval. ``no_values`` and ``no_numbers`` (0,): of the envelope, which lanes
+    do not have.
+    """
 
     times: Array
     omegas: Array
@@ -150,21 +173,21 @@ class Desk(NamedTuple):
     clock: NDArray[Any]
     counts: NDArray[Any]
     budget: NDArray[Any]
-    none: Array
-    nobody: NDArray[np.int64]
+    no_values: Array
+    no_numbers: NDArray[np.int64]
 
 
-@jit_room
-def new_desk(watch):
-    """Return scratch for one thread."""
+@jit_allocating
+def new_interval_scratch(settings):
+    """Return scratch memory for one thread."""
     budget = np.zeros(1, COUNTS)
     budget[0].most_events = FIRST_EVENTS
     budget[0].most_evaluations = FIRST_EVENTS * EVALUATIONS_PER_EVENT
-    return Desk(
-        np.zeros(1 + most_stretches(watch)),
+    return IntervalScratch(
+        np.zeros(1 + count_most_sections(settings)),
         np.zeros(2),
         np.zeros(2),
-        np.zeros(watch.samples),
+        np.zeros(settings.samples),
         np.zeros(1, CLOCK),
         np.zeros(1, COUNTS),
         budget,
@@ -174,43 +197,43 @@ def new_desk(watch):
 
 
 @jit
-def most_stretches(watch):
-    """Return how many stretches an interval has at most."""
-    beside = watch.beside
-    if beside is None:
+def count_most_sections(settings):
+    """Return the largest number of sections of an interval."""
+    disturbance = settings.disturbance
+    if disturbance is None:
         return 1
-    return int(watch.samples * watch.sample_dt / beside.step) + 3
+    return int(settings.samples * settings.sample_dt / disturbance.step) + 3
 
 
-@jit_room
-def new_interval_load(watch):
-    """Return room of one thread for what acts in an interval, None where that is one force."""
-    beside = watch.beside
-    if beside is None:
+@jit_allocating
+def new_interval_load(settings):
+    """Return the load workspace of one thread, None where the load is one force."""
+    disturbance = settings.disturbance
+    if disturbance is None:
         return None
-    most = most_stretches(watch)
+    most = count_most_sections(settings)
     pieces = np.zeros((1 + most, NUMBERS))
     which = np.zeros((most, 2), np.int64)
-    return new_load(LoadPieces(pieces, which, beside.moves_base, beside.base))
+    return new_load_workspace(LoadPieces(pieces, which, disturbance.moves_base, disturbance.base))
 
 
 @jit
-def lay_load(beside, order, times, load):
-    """Lay out what acts in an interval, to whose ends ``times`` are set, and turn the record; return how many stretches it has."""
-    if beside is None:
+def expand_interval_load(disturbance, order, times, load):
+    """Write the sections of an interval: breakpoints ``times`` and load pieces; return their number."""
+    if disturbance is None:
         return 1
-    return _lay_record(beside, order, times, load)
+    return _expand_record(disturbance, order, times, load)
 
 
 @jit
-def _lay_record(beside, order, times, load):
-    record = beside.record
-    step = beside.step
+def _expand_record(disturbance, order, times, load):
+    record = disturbance.record
+    step = disturbance.step
     pieces = load.pieces
     duration = order.duration
     size = record.shape[0]
     place = order.place
-    if abs(place - np.floor(place + 0.5)) < SAME_PLACE:
+    if abs(place - np.floor(place + 0.5)) < BREAKPOINT_TOL:
         place = np.floor(place + 0.5)
     first = int(np.floor(place))
     n = 0
@@ -220,11 +243,11 @@ def _lay_record(beside, order, times, load):
     )
     pieces[0, PHASE], pieces[0, POLYNOMIAL] = order.phase, order.force
     end = 0.0
-    while end < duration - SAME_PLACE * step:
-        times[n], now = end, record[(first + n) % size]
+    while end < duration - BREAKPOINT_TOL * step:
+        times[n], value = end, record[(first + n) % size]
         load.which[n, 0], load.which[n, 1] = 0, 1 + n
-        pieces[1 + n, BEGINS], pieces[1 + n, POLYNOMIAL] = (first + n - place) * step, now
-        pieces[1 + n, POLYNOMIAL + 2] = (record[(first + n + 1) % size] - now) / step
+        pieces[1 + n, BEGINS], pieces[1 + n, POLYNOMIAL] = (first + n - place) * step, value
+        pieces[1 + n, POLYNOMIAL + 2] = (record[(first + n + 1) % size] - value) / step
         n += 1
         end = (first + n - place) * step
     times[n] = duration
@@ -233,24 +256,24 @@ def _lay_record(beside, order, times, load):
 
 
 @jit_view
-def lane_level(desk, watch, lanes, i):
-    """Return the level of lane i."""
-    return Level(
+def level_of_lane(scratch, settings, lanes, i):
+    """Return the level observer of lane i."""
+    return LevelObserver(
         lanes.ring[i],
         lanes.level[i],
-        desk.block,
-        watch.place,
-        Envelope(desk.none, desk.none, desk.nobody),
+        scratch.block,
+        settings.place,
+        EnvelopeObserver(scratch.no_values, scratch.no_values, scratch.no_numbers),
     )
 
 
 @jit_view
-def observe_lane(desk, watch, lanes, i):
-    """Return the observers of lane i, of which there is the level."""
-    return Observe(
-        clock=desk.clock[0],
-        counters=Counters(desk.counts[0], None),
-        level=lane_level(desk, watch, lanes, i),
+def observers_of_lane(scratch, settings, lanes, i):
+    """Return the observers of lane i: the level."""
+    return Observers(
+        clock=scratch.clock[0],
+        counters=Counters(scratch.counts[0], None),
+        level=level_of_lane(scratch, settings, lanes, i),
         events=None,
         series=None,
         energy=None,
@@ -258,35 +281,35 @@ def observe_lane(desk, watch, lanes, i):
 
 
 @jit
-def can_do(watch, order):
-    """Return whether an interval fits the scratch memory: above 0 and no longer than the samples of a whole one, from a place in the record."""
+def is_order_valid(settings, order):
+    """Return whether an interval fits the scratch memory: longer than 0, no longer than a whole one, at a finite place in the record."""
     if not order.duration > 0.0 or not np.isfinite(order.place):
         return False
-    return samples_before(order.duration, watch.sample_dt) <= watch.samples
+    return count_samples_before(order.duration, settings.sample_dt) <= settings.samples
 
 
 @jit
-def open_interval(desk, watch, lanes, i, order):
-    """Lay out a lane's interval."""
-    clock = desk.clock[0]
-    desk.times[1] = order.duration
-    desk.omegas[0], desk.omegas[1] = order.omega_start, order.omega_stop
-    desk.phases[0] = order.phase
-    desk.phases[1] = order.phase + 0.5 * (order.omega_start + order.omega_stop) * order.duration
+def open_interval(scratch, settings, lanes, i, order):
+    """Prepare scratch memory and level for a lane's interval."""
+    clock = scratch.clock[0]
+    scratch.times[1] = order.duration
+    scratch.omegas[0], scratch.omegas[1] = order.omega_start, order.omega_stop
+    scratch.phases[0] = order.phase
+    scratch.phases[1] = order.phase + 0.5 * (order.omega_start + order.omega_stop) * order.duration
     clock.level = 0
-    clock.interval = watch.sample_dt
+    clock.interval = settings.sample_dt
     clock.series = 0
     clock.first = 0
-    desk.counts[0] = desk.budget[0]
+    scratch.counts[0] = scratch.budget[0]
     if order.fresh:
-        clear_level(lane_level(desk, watch, lanes, i))
+        reset_level(level_of_lane(scratch, settings, lanes, i))
 
 
 @jit
-def report_samples(desk, watch, order, report):
-    """Report what the interval's samples say: the amplitudes by projection on the force's phase, mean square, damage."""
-    count = desk.clock[0].level
-    step = watch.sample_dt
+def report_samples(scratch, settings, order, report):
+    """Report amplitudes by projection on the force's phase, mean square and damage of the interval's samples."""
+    count = scratch.clock[0].level
+    step = settings.sample_dt
     change = (order.omega_stop - order.omega_start) / order.duration * step * step
     turn = order.omega_start * step + 0.5 * change
     c = math.cos(order.phase)
@@ -300,7 +323,7 @@ def report_samples(desk, watch, order, report):
     square = 0.0
     damage = 0.0
     for k in range(count):
-        q = desk.block[k]
+        q = scratch.block[k]
         along += q * c
         behind += q * s
         square += q * q
@@ -309,9 +332,9 @@ def report_samples(desk, watch, order, report):
             turn_c * change_c - turn_s * change_s,
             turn_c * change_s + turn_s * change_c,
         )
-    if watch.exponent > 0.0:
+    if settings.exponent > 0.0:
         for k in range(count):
-            damage += (abs(desk.block[k]) / watch.unit) ** watch.exponent
+            damage += (abs(scratch.block[k]) / settings.unit) ** settings.exponent
     share = 1.0 / max(count, 1)
     report.in_phase = 2.0 * along * share
     report.quadrature = 2.0 * behind * share
@@ -320,17 +343,17 @@ def report_samples(desk, watch, order, report):
 
 
 @jit
-def report_state(watch, state, relative, relative_velocity, report):
-    """Report what the state at the interval's end says."""
-    modes = watch.omega.shape[0]
+def report_state(settings, state, relative, relative_velocity, report):
+    """Report tip displacement, relative motion and the absorber's share of the energy at the interval's end."""
+    modes = settings.omega.shape[0]
     energy = 0.0
     tip = 0.0
     for i in range(modes):
-        tip += watch.tip_shape[i] * state[i]
-        omega_q = watch.omega[i] * state[i]
+        tip += settings.tip_shape[i] * state[i]
+        omega_q = settings.omega[i] * state[i]
         rate = state[modes + 1 + i]
         energy += omega_q * omega_q + rate * rate
-    absorber = watch.mass * (state[2 * modes + 1] * state[2 * modes + 1])
+    absorber = settings.mass * (state[2 * modes + 1] * state[2 * modes + 1])
     report.distance = relative
     report.relative_velocity = relative_velocity
     report.tip = tip
@@ -338,15 +361,15 @@ def report_state(watch, state, relative, relative_velocity, report):
 
 
 @jit
-def close_interval(desk, watch, level, state, order, report):
+def close_interval(scratch, settings, level, state, order, report):
     """Report samples and level, and set the order's phase to that of the interval's end."""
-    report_samples(desk, watch, order, report)
-    report.impact_count = desk.counts[0].impacts
+    report_samples(scratch, settings, order, report)
+    report.impact_count = scratch.counts[0].impacts
     if order.final:
-        last_sample(state, watch.level_shape, order.duration, desk.clock[0], level, None)
-    report.level = close_level(level)[0]
-    turns = np.floor(desk.phases[1] / (2.0 * np.pi))
-    order.phase = desk.phases[1] - 2.0 * np.pi * turns
+        take_last_sample(state, settings.level_shape, order.duration, scratch.clock[0], level, None)
+    report.level = compute_level(level)[0]
+    turns = np.floor(scratch.phases[1] / (2.0 * np.pi))
+    order.phase = scratch.phases[1] - 2.0 * np.pi * turns
     order.fresh = False
 
 
@@ -367,18 +390,18 @@ def with_limit(limit, wanted):
 
 
 @jit
-def possible_gap(wanted, gap, distance, touching):
-    """Return the half-clearance nearest to ``wanted`` that a cavity of half-clearance ``gap`` can take without closing onto the absorber."""
+def limit_gap(wanted, gap, distance, touching):
+    """Return the half-clearance nearest to ``wanted`` (m) that a cavity of half-clearance ``gap`` can take without closing onto the absorber."""
     if wanted >= gap:
         return wanted
     if touching:
         return gap
-    return min(gap, max(wanted, distance * (1.0 + MARGIN)))
+    return min(gap, max(wanted, distance * (1.0 + WALL_MARGIN)))
 
 
-@jit_room
-def spread(share, low, high):
-    """Return low (high/low)^share for an array of shares from 0 to 1; here, because a vectorised power may differ in its last digit."""
+@jit_allocating
+def interpolate_log(share, low, high):
+    """Return low (high/low)^share for an array of shares from 0 to 1, with the same last digit on every processor."""
     values = np.empty_like(share)
     for i in range(share.shape[0]):
         values[i] = low * (high / low) ** share[i]

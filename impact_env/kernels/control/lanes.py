@@ -1,76 +1,90 @@
 """Control intervals of many lanes in one call, one function for each family of integrators.
 
-Lanes do not touch each other: any split of them over threads gives the same numbers. The loops over lanes are functions of their own, beside those
-that make room for them: with numba's reference counts they would take a fifth longer.
+Lanes do not touch each other: any split of them over threads gives the same numbers. The loops over
+lanes are functions of their own, beside those that make room for them: with numba's reference
+counts they would take a fifth longer.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from impact_env.kernels.compiling.jit import jit, jit_room, jit_view
-from impact_env.kernels.control.change import take_change
-from impact_env.kernels.control.crew import all_done, first_part, next_part
+from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_view
 from impact_env.kernels.control.interval import (
-    can_do,
     close_interval,
-    lay_load,
-    new_desk,
+    expand_interval_load,
+    is_order_valid,
+    limit_gap,
     new_interval_load,
-    observe_lane,
+    new_interval_scratch,
+    observers_of_lane,
     open_interval,
-    possible_gap,
     report_state,
     with_gap,
     with_limit,
 )
-from impact_env.kernels.exact import compliant, linear, springs
+from impact_env.kernels.control.order_change import apply_order_change
+from impact_env.kernels.control.work_queue import take_first_part, take_next_part, wait_until_done
+from impact_env.kernels.exact import compliant, compliant_contact, linear
 from impact_env.kernels.exact import rigid as exact
-from impact_env.kernels.exact.free_and_joined import Rigid, new_room
-from impact_env.kernels.exact.rigid_contact import FREE, Contact, new_now, tip_motion
-from impact_env.kernels.motion.level import push_block
-from impact_env.kernels.motion.observers import DONE, ORDER_REFUSED, Observe, Series
-from impact_env.kernels.motion.segments import Schedule, samples_before, to_slots, to_state
-from impact_env.kernels.motion.slots import copy
-from impact_env.kernels.stepping.grid import Force
+from impact_env.kernels.exact.rigid_contact import (
+    FREE,
+    ContactLaw,
+    compute_tip_motion,
+    new_contact_states,
+)
+from impact_env.kernels.exact.stick_slip import Rigid, new_rigid_workspace
+from impact_env.kernels.motion.level import push_samples
+from impact_env.kernels.motion.modal_system import copy_amplitudes
+from impact_env.kernels.motion.observers import DONE, ORDER_REFUSED, Observers, StateSeries
+from impact_env.kernels.motion.segments import (
+    Schedule,
+    compute_amplitudes,
+    compute_state,
+    count_samples_before,
+)
+from impact_env.kernels.stepping.grid import DriveForce
 from impact_env.kernels.stepping.moreau import moreau_lane
 from impact_env.kernels.stepping.moreau_law import RigidLaws
 from impact_env.kernels.stepping.runge_kutta import runge_kutta_lane
 
 
 @jit
-def move_walls(walls, order, now, gap, relative):
-    """Set the half-clearance in use; return True if an absorber that a wall held is set free and its regime must be found anew."""
+def update_rigid_gap(walls, order, contact_state, gap, relative):
+    """Set the half-clearance in use; return True if an absorber held by a wall is freed and its regime must be found again."""
     if walls is None:
         return False
-    order.gap = possible_gap(order.gap, gap, abs(relative), now.side != 0.0)
-    if order.gap == gap or now.side == 0.0:
+    order.gap = limit_gap(order.gap, gap, abs(relative), contact_state.side != 0.0)
+    if order.gap == gap or contact_state.side == 0.0:
         return False
-    now.side = 0.0
-    return now.regime != FREE
+    contact_state.side = 0.0
+    return contact_state.regime != FREE
 
 
 @jit
-def take_up(walls, lanes, i, order, distance, start, room):
-    """Put lane i into the room; return whether its regime must be found anew.
+def load_lane(walls, lanes, i, order, distance, start, workspace):
+    """Load lane i into the workspace; return whether its regime must be found again.
 
-    ``distance``: of the absorber from the tip (m); ``start`` (1,): the contact of a lane that begins.
+    ``distance`` (m): of the absorber from the tip; ``start`` (1,): the contact state of a lane
+    that begins.
     """
     begins = order.fresh
-    room.now[0] = lanes.rigid[i]
-    room.signal.memory[0] = lanes.kept[i].search_level
+    workspace.contact_states[0] = lanes.rigid[i]
+    workspace.signal.memory[0] = lanes.last_order[i].search_level
     if not begins:
-        copy(lanes.z[i], room.work.z)
-        begins = move_walls(walls, order, room.now[0], lanes.kept[i].gap, distance)
+        copy_amplitudes(lanes.z[i], workspace.buffers.z)
+        begins = update_rigid_gap(
+            walls, order, workspace.contact_states[0], lanes.last_order[i].gap, distance
+        )
     if begins:
-        room.now[0] = start[0]
-        room.signal.memory[0] = 0.0
+        workspace.contact_states[0] = start[0]
+        workspace.signal.memory[0] = 0.0
     return begins
 
 
 @jit
-def keep_order(kept, order, search_level):
-    """Keep what was in use."""
+def store_order(kept, order, search_level):
+    """Store the order in use."""
     kept.gap = order.gap
     kept.limit = order.limit
     kept.force = order.force
@@ -78,63 +92,72 @@ def keep_order(kept, order, search_level):
 
 
 @jit
-def report_rigid(watch, scene, room, state, report):
-    """Write the lane's state, and report its share."""
-    exact.current_state(scene, room, state)
-    now = room.now[0]
+def report_rigid(settings, scene, workspace, state, report):
+    """Write the lane's state, and report it."""
+    exact.write_current_state(scene, workspace, state)
+    contact_state = workspace.contact_states[0]
     half = state.shape[0] // 2
-    tip, tip_velocity = tip_motion(watch, state)
-    if now.regime != FREE:
+    tip, tip_velocity = compute_tip_motion(settings, state)
+    if contact_state.regime != FREE:
         state[2 * half - 1] = (
             tip_velocity  # to the last digit: `begin` then knows that they move as one
         )
-        report_state(watch, state, now.offset, 0.0, report)
+        report_state(settings, state, contact_state.offset, 0.0, report)
     else:
         report_state(
-            watch, state, state[half - 1] - tip, state[2 * half - 1] - tip_velocity, report
+            settings, state, state[half - 1] - tip, state[2 * half - 1] - tip_velocity, report
         )
 
 
-@jit_room
-def rigid_lanes(scene, reach, batch, board, parts, patience):
-    """Take parts from the board and advance their lanes, of a scene with rigid contact; return whether all parts are done.
+@jit_allocating
+def rigid_lanes(scene, reach, batch, queue, parts, patience):
+    """Take parts from the queue and advance their lanes, of a scene with rigid contact; return whether all parts are done.
 
-    ``reach`` (s): longest window. The caller gives the number of ``parts`` that it has written on the board, a helper 0; ``patience``: looks at the
-    board before a thread leaves. Walls' gap and friction limit are those of a lane's order.
+    ``reach`` (s): longest window. The caller passes the number of ``parts`` in the queue, a helper
+    thread 0; ``patience``: polls of the queue before a thread leaves. Walls' gap and friction
+    limit are those of a lane's order.
     """
-    desk = new_desk(batch.watch)
-    load = new_interval_load(batch.watch)
-    fresh = new_now(1)
-    room = new_room(scene.free, scene.joined, load, batch.lanes.state[0])
-    fresh[0] = room.now[0]
-    part = first_part(board, parts, patience)
+    scratch = new_interval_scratch(batch.settings)
+    load = new_interval_load(batch.settings)
+    fresh = new_contact_states(1)
+    workspace = new_rigid_workspace(scene.free, scene.joined, load, batch.lanes.state[0])
+    fresh[0] = workspace.contact_states[0]
+    part = take_first_part(queue, parts, patience)
     while part >= 0:
-        _each_rigid(
-            scene, reach, batch, board.cuts[part, 0], board.cuts[part, 1], desk, load, room, fresh
+        _advance_rigid_lanes(
+            scene,
+            reach,
+            batch,
+            queue.cuts[part, 0],
+            queue.cuts[part, 1],
+            scratch,
+            load,
+            workspace,
+            fresh,
         )
-        part = next_part(board, patience)
-    return all_done(board, parts)
+        part = take_next_part(queue, patience)
+    return wait_until_done(queue, parts)
 
 
 @jit
-def _each_rigid(scene, reach, batch, start, stop, desk, load, room, fresh):
-    watch, lanes, orders, reports, status = batch
+def _advance_rigid_lanes(scene, reach, batch, start, stop, scratch, load, workspace, fresh):
+    settings, lanes, orders, reports, status = batch
     free, joined, contact, losses = scene
     for i in range(start, stop):
         order = orders[i]
         report = reports[i]
         state = lanes.state[i]
-        if not can_do(watch, order):
+        if not is_order_valid(settings, order):
             status[i] = ORDER_REFUSED
             continue
-        open_interval(desk, watch, lanes, i, order)
-        begins = take_up(contact.walls, lanes, i, order, report.distance, fresh, room)
+        open_interval(scratch, settings, lanes, i, order)
+        begins = load_lane(contact.walls, lanes, i, order, report.distance, fresh, workspace)
         walls = with_gap(contact.walls, order.gap)
         limit = with_limit(contact.limit, order.limit)
-        now_there = Rigid(
+        ordered_scene = Rigid(
             free,
             joined,
-            Contact(
+            ContactLaw(
                 contact.mass,
                 contact.compliance,
                 contact.tip_shape,
@@ -145,161 +168,169 @@ def _each_rigid(scene, reach, batch, start, stop, desk, load, room, fresh):
             ),
             losses,
         )
-        stretches = lay_load(watch.beside, order, desk.times, load)
-        schedule = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach, load)
-        observe = observe_lane(desk, watch, lanes, i)
+        stretches = expand_interval_load(settings.disturbance, order, scratch.times, load)
+        schedule = Schedule(scratch.times, scratch.omegas, scratch.phases, order.force, reach, load)
+        observers = observers_of_lane(scratch, settings, lanes, i)
         if not begins:
-            kept = lanes.kept[i]
-            take_change(
-                now_there, limit, kept.limit, order.force != kept.force, schedule, room, state
+            kept = lanes.last_order[i]
+            apply_order_change(
+                ordered_scene,
+                limit,
+                kept.limit,
+                order.force != kept.force,
+                schedule,
+                workspace,
+                state,
             )
         for k in range(stretches):
-            status[i] = exact.exact_stretch(
-                now_there, schedule, k, k > 0 or not begins, room, state, observe
+            status[i] = exact.integrate_rigid_section(
+                ordered_scene, schedule, k, k > 0 or not begins, workspace, state, observers
             )
             if status[i] != DONE:
                 break
-        report_rigid(watch, scene, room, state, report)
-        close_interval(desk, watch, observe.level, state, order, report)
-        lanes.rigid[i] = room.now[0]
-        keep_order(lanes.kept[i], order, room.signal.memory[0])
-        copy(room.work.z, lanes.z[i])
+        report_rigid(settings, scene, workspace, state, report)
+        close_interval(scratch, settings, observers.level, state, order, report)
+        lanes.rigid[i] = workspace.contact_states[0]
+        store_order(lanes.last_order[i], order, workspace.signal.memory[0])
+        copy_amplitudes(workspace.buffers.z, lanes.z[i])
 
 
-@jit_room
-def linear_lanes(scene, reach, batch, board, parts, patience):
+@jit_allocating
+def linear_lanes(scene, reach, batch, queue, parts, patience):
     """Take parts and advance the lanes of a scene with one linear regime, as `rigid_lanes`."""
-    desk = new_desk(batch.watch)
-    load = new_interval_load(batch.watch)
-    room = linear.new_room(scene.regime, load, batch.lanes.state[0])
-    part = first_part(board, parts, patience)
+    scratch = new_interval_scratch(batch.settings)
+    load = new_interval_load(batch.settings)
+    workspace = linear.new_linear_workspace(scene.regime, load, batch.lanes.state[0])
+    part = take_first_part(queue, parts, patience)
     while part >= 0:
-        _each_linear(
-            scene, reach, batch, board.cuts[part, 0], board.cuts[part, 1], desk, load, room
+        _advance_linear_lanes(
+            scene, reach, batch, queue.cuts[part, 0], queue.cuts[part, 1], scratch, load, workspace
         )
-        part = next_part(board, patience)
-    return all_done(board, parts)
+        part = take_next_part(queue, patience)
+    return wait_until_done(queue, parts)
 
 
 @jit
-def _each_linear(scene, reach, batch, start, stop, desk, load, room):
-    watch, lanes, orders, reports, status = batch
+def _advance_linear_lanes(scene, reach, batch, start, stop, scratch, load, workspace):
+    settings, lanes, orders, reports, status = batch
     regime = scene.regime
-    work = room.work
+    buffers = workspace.buffers
     for i in range(start, stop):
         order = orders[i]
         report = reports[i]
         state = lanes.state[i]
-        if not can_do(watch, order):
+        if not is_order_valid(settings, order):
             status[i] = ORDER_REFUSED
             continue
-        open_interval(desk, watch, lanes, i, order)
+        open_interval(scratch, settings, lanes, i, order)
         if order.fresh:
-            to_slots(regime.into, state, work.z)
+            compute_amplitudes(regime.into, state, buffers.z)
         else:
-            copy(lanes.z[i], work.z)
-        stretches = lay_load(watch.beside, order, desk.times, load)
-        schedule = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach, load)
-        observe = observe_lane(desk, watch, lanes, i)
+            copy_amplitudes(lanes.z[i], buffers.z)
+        stretches = expand_interval_load(settings.disturbance, order, scratch.times, load)
+        schedule = Schedule(scratch.times, scratch.omegas, scratch.phases, order.force, reach, load)
+        observers = observers_of_lane(scratch, settings, lanes, i)
         for k in range(stretches):
-            status[i] = linear.linear_stretch(scene, schedule, k, room, observe)
+            status[i] = linear.integrate_linear_section(scene, schedule, k, workspace, observers)
             if status[i] != DONE:
                 break
-        to_state(regime.out, work.z, state)
-        report_relative(watch, state, report)
-        close_interval(desk, watch, observe.level, state, order, report)
-        copy(work.z, lanes.z[i])
+        compute_state(regime.out, buffers.z, state)
+        report_relative(settings, state, report)
+        close_interval(scratch, settings, observers.level, state, order, report)
+        copy_amplitudes(buffers.z, lanes.z[i])
 
 
 @jit
-def report_relative(watch, state, report):
+def report_relative(settings, state, report):
     """Report the state's share with the relative motion read from it; there is none without an absorber."""
     half = state.shape[0] // 2
-    if watch.mass > 0.0:
-        tip, tip_velocity = tip_motion(watch, state)
+    if settings.mass > 0.0:
+        tip, tip_velocity = compute_tip_motion(settings, state)
         report_state(
-            watch, state, state[half - 1] - tip, state[2 * half - 1] - tip_velocity, report
+            settings, state, state[half - 1] - tip, state[2 * half - 1] - tip_velocity, report
         )
     else:
-        report_state(watch, state, 0.0, 0.0, report)
+        report_state(settings, state, 0.0, 0.0, report)
 
 
-@jit_room
-def compliant_lanes(scene, reach, batch, board, parts, patience):
+@jit_allocating
+def compliant_lanes(scene, reach, batch, queue, parts, patience):
     """Take parts and advance the lanes of a scene with compliant contact, as `rigid_lanes`."""
-    desk = new_desk(batch.watch)
-    room = compliant.new_room(scene.regimes, None, batch.lanes.state[0])
-    fresh = springs.new_now()
-    part = first_part(board, parts, patience)
+    scratch = new_interval_scratch(batch.settings)
+    workspace = compliant.new_compliant_workspace(scene.regimes, None, batch.lanes.state[0])
+    fresh = compliant_contact.new_compliant_state()
+    part = take_first_part(queue, parts, patience)
     while part >= 0:
-        _each_compliant(
-            scene, reach, batch, board.cuts[part, 0], board.cuts[part, 1], desk, room, fresh
+        _advance_compliant_lanes(
+            scene, reach, batch, queue.cuts[part, 0], queue.cuts[part, 1], scratch, workspace, fresh
         )
-        part = next_part(board, patience)
-    return all_done(board, parts)
+        part = take_next_part(queue, patience)
+    return wait_until_done(queue, parts)
 
 
 @jit
-def _each_compliant(scene, reach, batch, start, stop, desk, room, fresh):
-    watch, lanes, orders, reports, status = batch
+def _advance_compliant_lanes(scene, reach, batch, start, stop, scratch, workspace, fresh):
+    settings, lanes, orders, reports, status = batch
     for i in range(start, stop):
         order = orders[i]
         report = reports[i]
         state = lanes.state[i]
-        if not can_do(watch, order):
+        if not is_order_valid(settings, order):
             status[i] = ORDER_REFUSED
             continue
-        open_interval(desk, watch, lanes, i, order)
-        schedule = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach, None)
-        observe = observe_lane(desk, watch, lanes, i)
-        room.now[0] = lanes.sprung[i]
-        room.signal.memory[0] = lanes.kept[i].search_level
+        open_interval(scratch, settings, lanes, i, order)
+        schedule = Schedule(scratch.times, scratch.omegas, scratch.phases, order.force, reach, None)
+        observers = observers_of_lane(scratch, settings, lanes, i)
+        workspace.contact_states[0] = lanes.compliant[i]
+        workspace.signal.memory[0] = lanes.last_order[i].search_level
         if order.fresh:
-            room.now[0], room.signal.memory[0] = fresh[0], 0.0
-            springs.begin(
+            workspace.contact_states[0], workspace.signal.memory[0] = fresh[0], 0.0
+            compliant_contact.init_compliant_contact(
                 scene.springs,
                 scene.gap,
                 scene.limit,
-                room.now[0],
+                workspace.contact_states[0],
                 state,
                 scene.contact,
-                observe.counters,
+                observers.counters,
             )
-        status[i] = compliant.compliant_stretch(scene, schedule, 0, room, state, observe)
-        report_relative(watch, state, report)
-        close_interval(desk, watch, observe.level, state, order, report)
-        lanes.sprung[i] = room.now[0]
-        lanes.kept[i].search_level = room.signal.memory[0]
+        status[i] = compliant.integrate_compliant_section(
+            scene, schedule, 0, workspace, state, observers
+        )
+        report_relative(settings, state, report)
+        close_interval(scratch, settings, observers.level, state, order, report)
+        lanes.compliant[i] = workspace.contact_states[0]
+        lanes.last_order[i].search_level = workspace.signal.memory[0]
 
 
 @jit
-def take_rows(desk, watch, series, level, order):
-    """Push the recorded states' displacements where the level is read to it, all but the one at the interval's end."""
-    count = int(samples_before(order.duration, watch.sample_dt))
-    modes = watch.level_shape.shape[0]
+def push_recorded_samples(scratch, settings, series, level, order):
+    """Push the displacements of the recorded states to the level, all but the one at the interval's end."""
+    count = int(count_samples_before(order.duration, settings.sample_dt))
+    modes = settings.level_shape.shape[0]
     for k in range(count):
         q = 0.0
         for j in range(modes):
-            q += watch.level_shape[j] * series.states[k, j]
-        desk.block[k] = q
-    push_block(level, 0, count)
-    desk.clock[0].level = count
+            q += settings.level_shape[j] * series.states[k, j]
+        scratch.block[k] = q
+    push_samples(level, 0, count)
+    scratch.clock[0].level = count
 
 
 @jit
-def close_walls(walls, lanes, i, order, distance):
-    """Set the half-clearance in use of a lane that goes on; ``distance``: of the absorber from the tip (m)."""
+def update_moreau_gap(walls, lanes, i, order, distance):
+    """Set the half-clearance in use of a lane that continues; ``distance`` (m): of the absorber from the tip."""
     if walls is None or order.fresh:
         return
-    order.gap = possible_gap(order.gap, lanes.kept[i].gap, abs(distance), False)
+    order.gap = limit_gap(order.gap, lanes.last_order[i].gap, abs(distance), False)
 
 
 @jit_view
-def observe_steps(seen, series):
-    """Return observers that record the states, from which the level is taken later."""
-    return Observe(
-        clock=seen.clock,
-        counters=seen.counters,
+def with_series(observers, series):
+    """Return observers that record the states, from which the level is computed later."""
+    return Observers(
+        clock=observers.clock,
+        counters=observers.counters,
         level=None,
         events=None,
         series=series,
@@ -307,79 +338,79 @@ def observe_steps(seen, series):
     )
 
 
-@jit_room
-def moreau_lanes(modes, laws, step, batch, board, parts, patience):
+@jit_allocating
+def moreau_lanes(modes, laws, step, batch, queue, parts, patience):
     """Take parts and advance their lanes with the Moreau scheme, as `rigid_lanes`; ``modes``, ``laws``, ``step`` as in `moreau_lane`."""
-    desk = new_desk(batch.watch)
-    series = Series(np.zeros((batch.watch.samples + 1, batch.lanes.state.shape[1])))
-    part = first_part(board, parts, patience)
+    scratch = new_interval_scratch(batch.settings)
+    series = StateSeries(np.zeros((batch.settings.samples + 1, batch.lanes.state.shape[1])))
+    part = take_first_part(queue, parts, patience)
     while part >= 0:
-        _each_moreau(
-            modes, laws, step, batch, board.cuts[part, 0], board.cuts[part, 1], desk, series
+        _advance_moreau_lanes(
+            modes, laws, step, batch, queue.cuts[part, 0], queue.cuts[part, 1], scratch, series
         )
-        part = next_part(board, patience)
-    return all_done(board, parts)
+        part = take_next_part(queue, patience)
+    return wait_until_done(queue, parts)
 
 
-@jit_room
-def _each_moreau(modes, laws, step, batch, start, stop, desk, series):
-    watch, lanes, orders, reports, status = batch
+@jit_allocating
+def _advance_moreau_lanes(modes, laws, step, batch, start, stop, scratch, series):
+    settings, lanes, orders, reports, status = batch
     for i in range(start, stop):
         order = orders[i]
         report = reports[i]
         state = lanes.state[i]
-        if not can_do(watch, order):
+        if not is_order_valid(settings, order):
             status[i] = ORDER_REFUSED
             continue
-        open_interval(desk, watch, lanes, i, order)
-        observe = observe_lane(desk, watch, lanes, i)
-        close_walls(laws.walls, lanes, i, order, report.distance)
-        now_there = RigidLaws(
+        open_interval(scratch, settings, lanes, i, order)
+        observers = observers_of_lane(scratch, settings, lanes, i)
+        update_moreau_gap(laws.walls, lanes, i, order, report.distance)
+        ordered_scene = RigidLaws(
             laws.mass,
             with_gap(laws.walls, order.gap),
             with_limit(laws.limit, order.limit),
             laws.spring,
         )
-        force = Force(desk.times, desk.omegas, desk.phases, order.force, 0.0, None)
+        force = DriveForce(scratch.times, scratch.omegas, scratch.phases, order.force, 0.0, None)
         status[i] = moreau_lane(
-            modes, now_there, force, state, step, observe_steps(observe, series)
+            modes, ordered_scene, force, state, step, with_series(observers, series)
         )
-        take_rows(desk, watch, series, observe.level, order)
-        report_relative(watch, state, report)
-        close_interval(desk, watch, observe.level, state, order, report)
-        lanes.kept[i].gap = order.gap
+        push_recorded_samples(scratch, settings, series, observers.level, order)
+        report_relative(settings, state, report)
+        close_interval(scratch, settings, observers.level, state, order, report)
+        lanes.last_order[i].gap = order.gap
 
 
-@jit_room
-def runge_kutta_lanes(modes, laws, step, batch, board, parts, patience):
+@jit_allocating
+def runge_kutta_lanes(modes, laws, step, batch, queue, parts, patience):
     """Take parts and advance their lanes with the Runge-Kutta method, as `moreau_lanes`. No friction."""
-    desk = new_desk(batch.watch)
-    series = Series(np.zeros((batch.watch.samples + 1, batch.lanes.state.shape[1])))
-    part = first_part(board, parts, patience)
+    scratch = new_interval_scratch(batch.settings)
+    series = StateSeries(np.zeros((batch.settings.samples + 1, batch.lanes.state.shape[1])))
+    part = take_first_part(queue, parts, patience)
     while part >= 0:
-        _each_runge_kutta(
-            modes, laws, step, batch, board.cuts[part, 0], board.cuts[part, 1], desk, series
+        _advance_runge_kutta_lanes(
+            modes, laws, step, batch, queue.cuts[part, 0], queue.cuts[part, 1], scratch, series
         )
-        part = next_part(board, patience)
-    return all_done(board, parts)
+        part = take_next_part(queue, patience)
+    return wait_until_done(queue, parts)
 
 
-@jit_room
-def _each_runge_kutta(modes, laws, step, batch, start, stop, desk, series):
-    watch, lanes, orders, reports, status = batch
+@jit_allocating
+def _advance_runge_kutta_lanes(modes, laws, step, batch, start, stop, scratch, series):
+    settings, lanes, orders, reports, status = batch
     for i in range(start, stop):
         order = orders[i]
         report = reports[i]
         state = lanes.state[i]
-        if not can_do(watch, order):
+        if not is_order_valid(settings, order):
             status[i] = ORDER_REFUSED
             continue
-        open_interval(desk, watch, lanes, i, order)
-        observe = observe_lane(desk, watch, lanes, i)
-        force = Force(desk.times, desk.omegas, desk.phases, order.force, 0.0, None)
+        open_interval(scratch, settings, lanes, i, order)
+        observers = observers_of_lane(scratch, settings, lanes, i)
+        force = DriveForce(scratch.times, scratch.omegas, scratch.phases, order.force, 0.0, None)
         status[i] = runge_kutta_lane(
-            modes, laws, force, state, step, observe_steps(observe, series)
+            modes, laws, force, state, step, with_series(observers, series)
         )
-        take_rows(desk, watch, series, observe.level, order)
-        report_relative(watch, state, report)
-        close_interval(desk, watch, observe.level, state, order, report)
+        push_recorded_samples(scratch, settings, series, observers.level, order)
+        report_relative(settings, state, report)
+        close_interval(scratch, settings, observers.level, state, order, report)

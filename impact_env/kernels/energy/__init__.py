@@ -1,4 +1,5 @@
-"""Work of the force and losses of modes, damper, friction and impacts over a stretch without events, in closed form.
+"""Work of the force and losses of modes, damper, friction and impacts over a segment without events, in closed form.
 
-In: slots and forced parts of a regime, and the stretch's two ends. Out: joules, added to the lane's account (`add_energy` of `energies.py`).
+In: modal amplitudes and forced parts of a regime, and the segment's two ends. Out: joules, added to
+the lane's account (`add_energy` of `energies.py`).
 """

@@ -1,7 +1,8 @@
 """What the energies need to know of each regime of a lane.
 
-An account has velocities: of the modes, of the tuned absorber relative to the tip, and of the force's point. What is integrated is the square of
-each, but for the last its product with the force.
+An account has velocities: of the modes, of the tuned absorber relative to the tip, and of the
+force's point. What is integrated is the square of each, but for the last its product with the
+force.
 """
 
 from __future__ import annotations
@@ -11,29 +12,32 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room, jit_view
-from impact_env.kernels.compiling.records import INTEGER, NUMBER, record
+from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline, jit_view
+from impact_env.kernels.compiling.records import INTEGER, NUMBER, record_type
 from impact_env.kernels.energy.moments import PRODUCTS, WIDTH
-from impact_env.kernels.energy.pairs import PLANES, learn_pairs
-from impact_env.kernels.motion.observers import Observe
-from impact_env.kernels.motion.slots import SPEED
-from impact_env.kernels.motion.vector import TERMS
+from impact_env.kernels.energy.pairs import PLANES, init_pairs
+from impact_env.kernels.motion.modal_system import SPEED
+from impact_env.kernels.motion.observers import Observers
+from impact_env.kernels.motion.search_block import TERMS
 
 Array = NDArray[np.float64]
-UNKNOWN, OWN, COUPLED, CANCELLING = range(
+NOT_INITIALISED, ONE_PER_MODE, COUPLED, CANCELLING = range(
     4
-)  # kinds of regime: not met yet; one slot a mode; any slots; those that are left to quadrature
-MOST_CANCELLING = 30.0  # amplitudes of slots over the velocity that they add up to: squared, it multiplies rounding
-# of a regime: its kind; how many powers of products count; how many pairs of slots need series; the centre of the window whose forced part is known
-KNOWN = record(kind=INTEGER, order=INTEGER, series=INTEGER, window=NUMBER)
+)  # kinds of regime: not met yet; one modal amplitude a mode; any modal amplitudes; those that are left to quadrature
+MOST_CANCELLATION = (
+    30.0  # modal amplitudes over the velocity that they add up to: squared, it multiplies rounding
+)
+# of a regime: its kind; how many powers of products count; how many pairs of modal amplitudes need
+# series; the centre of the window whose forced part is known
+REGIME_STATE = record_type(kind=INTEGER, order=INTEGER, series=INTEGER, window=NUMBER)
 _ROWS = 6 + 6 * TERMS + 3 * PRODUCTS  # of a regime's numbers, without the shape and the pairs
 
 
 class Account(NamedTuple):
-    """`observers.Energy`, and what is known of R regimes of J slots. Few arrays, because each costs time at every call.
+    """`observers.EnergyTotals`, and the sums of R regimes of J amplitudes. Few arrays, because each costs time at every call.
 
-    ``known`` (R,), ``mode`` (R, J), ``rows`` (R, 6 + 6 TERMS + 3 PRODUCTS + (2 + PLANES) J, J), ``powers`` (R, 15, WIDTH): `account_of` names their
-    parts.
+    ``known`` (R,), ``mode`` (R, J), ``rows`` (R, 6 + 6 TERMS + 3 PRODUCTS + (2 + PLANES) J, J),
+    ``powers`` (R, 15, WIDTH): `view_regime_account` names their parts.
     """
 
     totals: NDArray[Any]
@@ -47,14 +51,18 @@ class Account(NamedTuple):
 class RegimeAccount(NamedTuple):
     """What is known of one regime; complex numbers as real and imaginary parts. A column is a velocity.
 
-    ``velocity``, ``point`` (2, J): a slot's weight in its mode's velocity, where each mode is one slot, and in that of the force's point.
-    ``shape`` (2 J, J): weights of slots in columns. ``pairs`` (PLANES J, J): see pairs.py. ``squares``, ``decay`` (J,): of a stretch, integrals of
-    the columns' squares, of the slots' decays. ``moments`` (4 TERMS, J): powers of the slots' forced parts, or moments of the slots themselves.
-    ``partner`` (2 TERMS, J): forced velocities as factors of the carrier, ``products`` (3 PRODUCTS, J): half their squares.
+    ``velocity``, ``point`` (2, J): a modal amplitude's weight in its mode's velocity, where each
+    mode is one modal amplitude, and in that of the force's point. ``shape`` (2 J, J): weights of
+    modal amplitudes in columns. ``pairs`` (PLANES J, J): see pairs.py. ``squares``, ``decay`` (J,):
+    of a segment, integrals of the columns' squares, of the modal amplitudes' decays. ``moments`` (4
+    TERMS, J): powers of the modal amplitudes' forced parts, or moments of the modal amplitudes
+    themselves. ``partner`` (2 TERMS, J): forced velocities as factors of the carrier, ``products``
+    (3 PRODUCTS, J): half their squares.
 
-    In powers of the time in half windows, each (., WIDTH): ``ends`` (2) of a stretch; ``factors`` (3) of the products of forced parts; ``power`` (3):
-    products of force and forced velocity of its point; ``force`` (2): half the force; ``near`` (4): moments of a slot that turns like the carrier.
-    ``carrier`` (4,): cosine and sine of the carrier at both ends.
+    In powers of the time in half windows, each (., WIDTH): ``ends`` (2) of a segment; ``factors``
+    (3) of the products of forced parts; ``power`` (3): products of force and forced velocity of its
+    point; ``force`` (2): half the force; ``near`` (4): moments of a modal amplitude that turns like
+    the carrier. ``carrier`` (4,): cosine and sine of the carrier at both ends.
     """
 
     velocity: Array
@@ -74,27 +82,27 @@ class RegimeAccount(NamedTuple):
     carrier: Array
 
 
-@jit_room
-def new_account(energy, regimes, slots):
-    """Return room for the energies of a lane with this many regimes of this many slots; None where they are not observed."""
+@jit_allocating
+def new_account(energy, regimes, size):
+    """Return memory for the energies of a lane with this many regimes of this many modal amplitudes; None where they are not observed."""
     if energy is None:
         return None
-    known = np.zeros(regimes, KNOWN)
+    known = np.zeros(regimes, REGIME_STATE)
     for r in range(regimes):
         known[r].window = np.nan
-    rows = np.zeros((regimes, _ROWS + (2 + PLANES) * slots, slots))
+    rows = np.zeros((regimes, _ROWS + (2 + PLANES) * size, size))
     return Account(
         energy.totals,
         energy.modal,
         known,
-        np.zeros((regimes, slots), np.int64),
+        np.zeros((regimes, size), np.int64),
         rows,
         np.zeros((regimes, 15, WIDTH)),
     )
 
 
 @jit_view
-def account_of(account, r):
+def view_regime_account(account, r):
     """Return an account's sums of its regime number r."""
     rows = account.rows[r]
     powers = account.powers[r]
@@ -120,26 +128,26 @@ def account_of(account, r):
 
 
 @jit_view
-def observe_with(observe, account):
-    """Return a lane's observers with the account in place of the energies."""
-    return Observe(
-        clock=observe.clock,
-        counters=observe.counters,
-        level=observe.level,
-        events=observe.events,
-        series=observe.series,
+def with_energy_account(observers, account):
+    """Return a run's observers with the account in place of the energies."""
+    return Observers(
+        clock=observers.clock,
+        counters=observers.counters,
+        level=observers.level,
+        events=observers.events,
+        series=observers.series,
         energy=account,
     )
 
 
 @jit_inline
-def learn_regime(known, mode, own, regime, losses):
-    """Fill what belongs to a regime whatever the force: record ``known``, ``mode`` (J,) and weights of its `RegimeAccount`."""
+def init_regime_account(known, mode, own, regime, losses):
+    """Fill the parts of a regime's account that do not depend on the force: record ``known``, ``mode`` (J,) and weights."""
     modes = losses.rate.shape[0]
     half = regime.out.shape[1] // 2
     size = regime.out.shape[2]
     for j in range(size):
-        if regime.slots.rows[SPEED, j] == 0.0:
+        if regime.system.rows[SPEED, j] == 0.0:
             continue
         for part in range(2):
             tip = 0.0
@@ -152,18 +160,18 @@ def learn_regime(known, mode, own, regime, losses):
             if losses.damper > 0.0:
                 own.shape[part * size + j, modes] = regime.out[part, half + modes, j] - tip
             own.point[part, j] = point
-    if _cancels(regime, modes, half):
+    if _has_cancelling_amplitudes(regime, modes, half):
         known.kind = CANCELLING
-    elif losses.damper == 0.0 and _find_places(modes, mode, own.shape, own.velocity):
-        known.kind = OWN
+    elif losses.damper == 0.0 and _match_modes(modes, mode, own.shape, own.velocity):
+        known.kind = ONE_PER_MODE
     else:
         known.kind = COUPLED
-        known.series = learn_pairs(regime.slots.rows, own.pairs)
+        known.series = init_pairs(regime.system.rows, own.pairs)
 
 
 @jit
-def _cancels(regime, modes, half):
-    """Return whether slots of a state can be much larger than what they add up to: two are almost the same."""
+def _has_cancelling_amplitudes(regime, modes, half):
+    """Return whether modal amplitudes of a state can be much larger than what they add up to: two are almost the same."""
     out = regime.out
     into = regime.into
     for i in range(half, half + modes):
@@ -172,14 +180,14 @@ def _cancels(regime, modes, half):
             amplitude += np.hypot(out[0, i, j], out[1, i, j]) * np.hypot(
                 into[0, i, j], into[1, i, j]
             )
-        if amplitude > MOST_CANCELLING:
+        if amplitude > MOST_CANCELLATION:
             return True
     return False
 
 
 @jit
-def _find_places(modes, mode, shape, velocity):
-    """Note each slot's mode, -1 for none, and its weight in the mode's velocity and return True, or False where slots and modes are not the same."""
+def _match_modes(modes, mode, shape, velocity):
+    """Assign each amplitude to its mode (-1: none) with its weight; return False where amplitudes and modes do not match one to one."""
     size = mode.shape[0]
     for j in range(size):
         mode[j] = -1

@@ -1,17 +1,25 @@
-"""Work of the force and losses of modes and damper over a stretch without events, from the motion alone: slots, their forced part, and the force.
+"""Work of the force and losses of modes and damper over a segment, from the motion alone.
 
-A velocity is a sum of slots' free parts and of a forced part: powers of time times the force's carrier. So the integral of its square, or of its
-product with the force, is a sum of closed forms: free times free, free times forced, forced times forced. No panel resolves the fastest slot, and a
-stretch costs the same whatever its length. The stored energy enters nowhere, nor does the equation of motion.
+A velocity is a sum of modal amplitudes' free parts and of a forced part: powers of time times the
+force's carrier. So the integral of its square, or of its product with the force, is a sum of closed
+forms: free times free, free times forced, forced times forced. No panel resolves the fastest modal
+amplitude, and a segment costs the same whatever its length. The stored energy enters nowhere, nor
+does the equation of motion.
 """
 
 from __future__ import annotations
 
 from impact_env.kernels.compiling.jit import jit, jit_inline
-from impact_env.kernels.energy.account import CANCELLING, OWN, UNKNOWN, account_of, learn_regime
+from impact_env.kernels.energy.account import (
+    CANCELLING,
+    NOT_INITIALISED,
+    ONE_PER_MODE,
+    init_regime_account,
+    view_regime_account,
+)
 from impact_env.kernels.energy.moments import (
     PRODUCTS,
-    SLOW,
+    SERIES_PHASE,
     fill_factors,
     fill_moments,
     fill_powers,
@@ -31,57 +39,59 @@ from impact_env.kernels.energy.sums import (
     slot_moments,
     square_partners,
 )
+from impact_env.kernels.motion.modal_system import S, copy_amplitudes, propagate
 from impact_env.kernels.motion.numbers import cos_sin
-from impact_env.kernels.motion.slots import S, advance, copy
-from impact_env.kernels.motion.vector import TERMS
+from impact_env.kernels.motion.search_block import TERMS
 
 
 @jit
-def add_energy(stretch, losses, state, r, account):
-    """Add work and losses of a `segments.Stretch`, which lies in regime number ``r`` of the account; None: not observed.
+def add_energy(segment, losses, state, r, account):
+    """Add work and losses of a segment in regime number ``r`` to the account; None: not observed.
 
-    A constant force bends, and moves nothing. ``state`` is scratch.
+    A constant force gives a static deflection only. ``state`` is scratch.
     """
     if account is None:
         return
-    tau = stretch.tau
-    end = stretch.end
-    window = stretch.window
-    z = stretch.work.z
-    w = stretch.work.rows[0]
+    tau = segment.tau
+    end = segment.end
+    window = segment.window
+    z = segment.buffers.z
+    w = segment.buffers.rows[0]
     if not end > tau:
         return
     if window.load is not None:
-        add_by_quadrature(stretch, losses, state, account)
+        add_by_quadrature(segment, losses, state, account)
         return
     known = account.known[r]
-    own = account_of(account, r)
-    slots = stretch.regime.slots
-    if known.kind == UNKNOWN:
-        learn_regime(known, account.mode[r], own, stretch.regime, losses)
+    own = view_regime_account(account, r)
+    system = segment.regime.system
+    if known.kind == NOT_INITIALISED:
+        init_regime_account(known, account.mode[r], own, segment.regime, losses)
     if known.kind == CANCELLING:
-        add_by_quadrature(stretch, losses, state, account)
+        add_by_quadrature(segment, losses, state, account)
         return
     if known.window != window.centre:
-        _learn_window(known, own, stretch.forced, window)
-    copy(z, w)
-    advance(slots.rows, slots.table, slots.scale, end - tau, w)
-    _fill_powers(own, known.order, window, tau, end)
+        _init_window(known, own, segment.forced, window)
+    copy_amplitudes(z, w)
+    propagate(system.rows, system.table, system.scale, end - tau, w)
+    _fill_end_powers(own, known.order, window, tau, end)
     add_products(own.products, own.squares.shape[0], known.order, own.factors, own.squares)
-    work = _forced_work(own, known.order) + _add_free_part(
-        known, own, slots.rows, window, end - tau, z, w
+    work = _compute_forced_work(own, known.order) + _add_free_part(
+        known, own, system.rows, window, end - tau, z, w
     )
-    _book(known.kind, account.mode[r], own.squares, losses, account.modal, account.totals[0])
+    _accumulate_losses(
+        known.kind, account.mode[r], own.squares, losses, account.modal, account.totals[0]
+    )
     account.totals[0].work += work
 
 
 @jit_inline
-def _learn_window(known, own, forced, window):
-    """Fill what belongs to a regime's forced part in a window: velocities in powers of the time in half windows, and their products."""
+def _init_window(known, own, forced, window):
+    """Fill the parts of the account that depend on the forced response in a window."""
     size = own.squares.shape[0]
     known.window = window.centre
-    forced_powers(forced.slots, size, window.half, own.moments)
-    if known.kind == OWN:
+    forced_powers(forced.polynomials, size, window.half, own.moments)
+    if known.kind == ONE_PER_MODE:
         own_partners(own.velocity, size, own.moments, own.partner)
     else:
         coupled_partners(own.shape, size, own.moments, own.partner)
@@ -104,8 +114,8 @@ def _power_order(power):
 
 
 @jit_inline
-def _fill_powers(own, order, window, tau, end):
-    """Fill the carrier, powers and factors of the stretch's ends."""
+def _fill_end_powers(own, order, window, tau, end):
+    """Fill the carrier, powers and factors of the segment's ends."""
     (c, s), (d, t) = cos_sin(window.omega * tau), cos_sin(window.omega * end)
     own.carrier[0], own.carrier[1], own.carrier[2], own.carrier[3] = c, s, d, t
     fill_powers(tau / window.half, end / window.half, own.ends)
@@ -115,7 +125,7 @@ def _fill_powers(own, order, window, tau, end):
 
 
 @jit_inline
-def _forced_work(own, order):
+def _compute_forced_work(own, order):
     """Return the work done on the forced part."""
     work = 0.0
     for k in range(order):
@@ -126,11 +136,14 @@ def _forced_work(own, order):
 
 @jit_inline
 def _add_free_part(known, own, rows, window, h, z, w):
-    """Add what contains free parts to the squares and return the work; ``h`` (s): length, z and w (2, J): slots at begin and end of the stretch."""
+    """Add the integrals with free parts to the squares and return their work.
+
+    ``h`` (s): length of the segment; z and w (2, J): amplitudes at its begin and end.
+    """
     size = own.squares.shape[0]
     slot_moments(rows, size, window.omega, window.half, own.ends, own.carrier, z, w, own.moments)
-    _mend_moments(rows, window, own.ends, own.carrier, own.near, z, w, own.moments)
-    if known.kind == OWN:
+    _fix_resonant_moments(rows, window, own.ends, own.carrier, own.near, z, w, own.moments)
+    if known.kind == ONE_PER_MODE:
         add_own_squares(rows, own.velocity, h, z, w, own.decay, own.squares)
         own_mixed(own.velocity, size, own.moments, own.partner, own.squares)
     else:
@@ -141,9 +154,9 @@ def _add_free_part(known, own, rows, window, h, z, w):
 
 
 @jit
-def _mend_moments(rows, window, ends, carrier, near, z, w, moments):
-    """Fill anew the moments of slots that turn almost like the carrier or its conjugate: ``moments`` (4 TERMS, J) of slots at begin z and end w."""
-    least = SLOW * SLOW / (window.half * window.half)
+def _fix_resonant_moments(rows, window, ends, carrier, near, z, w, moments):
+    """Recompute the moments of amplitudes whose frequency is close to the carrier: ``moments`` (4 TERMS, J), at begin z and end w."""
+    least = SERIES_PHASE * SERIES_PHASE / (window.half * window.half)
     for j in range(rows.shape[1]):
         if rows[S, j] * rows[S, j] + (abs(rows[S + 1, j]) - window.omega) ** 2 >= least:
             continue
@@ -171,10 +184,10 @@ def _mend_moments(rows, window, ends, carrier, near, z, w, moments):
 
 
 @jit_inline
-def _book(kind, mode, squares, losses, modal, totals):
-    """Add the squares of velocities times what damps them to the account."""
+def _accumulate_losses(kind, mode, squares, losses, modal, totals):
+    """Add the squared velocities times their damping to the totals."""
     modes = losses.rate.shape[0]
-    if kind == OWN:
+    if kind == ONE_PER_MODE:
         for j in range(mode.shape[0]):
             if mode[j] >= 0:
                 modal[mode[j]] += losses.rate[mode[j]] * squares[j]

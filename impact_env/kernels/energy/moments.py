@@ -1,8 +1,12 @@
-"""Integrals over a stretch that the energies are sums of: of two slots, of a slot and a power of time on the force's carrier, of such powers.
+"""Integrals over a segment, of which the energies are sums.
 
-Each is a difference of an antiderivative between the stretch's ends, or a series where that would divide by almost zero. Its error is a few
-roundings of the antiderivative, so it is small beside the energy of the slot, though not always beside the integral of a very short stretch.
-No integral knows the equations of motion.
+Of two modal amplitudes, of a modal amplitude and a power of time on the force's carrier, and of
+such powers.
+
+Each is a difference of an antiderivative between the segment's ends, or a series where that would
+divide by almost zero. Its error is a few roundings of the antiderivative, so it is small beside the
+energy of the modal amplitude, though not always beside the integral of a very short segment. No
+integral knows the equations of motion.
 """
 
 from __future__ import annotations
@@ -12,24 +16,27 @@ import math
 import numpy as np
 
 from impact_env.kernels.compiling.jit import jit, jit_inline
-from impact_env.kernels.motion.slots import S
-from impact_env.kernels.motion.vector import TERMS
+from impact_env.kernels.motion.modal_system import S
+from impact_env.kernels.motion.search_block import TERMS
 
-SMALL_DECAY = 0.125  # exponent up to which a decay is a series
-# two slots are close if their difference turns less than this over the stretch, and is below this share of them
-FEW_TURNS = 0.3
-CLOSE = 0.05
-SLOW = 0.5  # rad over half a window: what turns less is integrated by series
+SERIES_DECAY = 0.125  # exponent up to which a decay is a series
+# two modal amplitudes are close if their difference turns less than this over the segment, and is
+# below this share of them
+SERIES_TURN = 0.3
+CLOSE_POLES_TOL = 0.05
+SERIES_PHASE = 0.5  # rad over half a window: what turns less is integrated by series
 _F = tuple(1.0 / math.factorial(n + 1) for n in range(11))
-EXTRA = 10  # orders above the wanted ones where that begins: SLOW^EXTRA 8!/(8 + EXTRA)! is far below rounding of the whole
+# orders above the wanted ones where that begins: SERIES_PHASE^EXTRA_ORDERS 8!/(8 + EXTRA_ORDERS)!
+# is far below rounding of the whole
+EXTRA_ORDERS = 10
 PRODUCTS = 2 * TERMS - 1  # coefficients of a product of two polynomials
-WIDTH = PRODUCTS + EXTRA + 1  # powers of the time that series need
-_INVERSE = 1.0 / np.maximum(np.arange(2.0 * EXTRA + 20.0), 1.0)
+WIDTH = PRODUCTS + EXTRA_ORDERS + 1  # powers of the time that series need
+_INVERSE = 1.0 / np.maximum(np.arange(2.0 * EXTRA_ORDERS + 20.0), 1.0)
 
 
 @jit_inline
 def decay_series(y):
-    """Return (exp(y) - 1)/y for -SMALL_DECAY <= y <= 0."""
+    """Return (exp(y) - 1)/y for -SERIES_DECAY <= y <= 0."""
     f = _F[6] + y * (_F[7] + y * (_F[8] + y * (_F[9] + y * _F[10])))
     return 1.0 + y * (_F[1] + y * (_F[2] + y * (_F[3] + y * (_F[4] + y * (_F[5] + y * f)))))
 
@@ -39,7 +46,7 @@ def decay_integral(rate, h):
     """Return the integral of exp(rate t) over [0, h] for rate <= 0: a series over a part of h, which is then doubled. No table is used."""
     y = rate * h
     doublings = 0
-    while y < -SMALL_DECAY:
+    while y < -SERIES_DECAY:
         y *= 0.5
         doublings += 1
     f = decay_series(y)
@@ -51,13 +58,13 @@ def decay_integral(rate, h):
 
 @jit
 def decay_integrals(rows, h, decay):
-    """Write the integral of |exp(s t)|^2 over [0, h] for each slot to decay (J,)."""
+    """Write the integral of |exp(s t)|^2 over [0, h] for each modal amplitude to decay (J,)."""
     fastest = 0.0
     part = 2.0 * h
     doublings = 0
     for j in range(decay.shape[0]):
         fastest = min(fastest, rows[S, j])
-    while fastest * part < -SMALL_DECAY:
+    while fastest * part < -SERIES_DECAY:
         part *= 0.5
         doublings += 1
     for j in range(decay.shape[0]):
@@ -71,9 +78,9 @@ def decay_integrals(rows, h, decay):
 
 
 @jit_inline
-def is_close(l_r, l_i, size):
+def are_close_poles(l_r, l_i, size):
     """Return whether the sum l of two eigenvalues is small beside ``size``, that of one of them."""
-    return l_r * l_r + l_i * l_i < (CLOSE * size) * (CLOSE * size)
+    return l_r * l_r + l_i * l_i < (CLOSE_POLES_TOL * size) * (CLOSE_POLES_TOL * size)
 
 
 @jit
@@ -83,7 +90,7 @@ def pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i):
         f = decay_integral(l_r, h)
         return f * a_r, f * a_i
     square = l_r * l_r + l_i * l_i
-    if square * h * h < FEW_TURNS * FEW_TURNS:
+    if square * h * h < SERIES_TURN * SERIES_TURN:
         x_r = l_r * h
         x_i = l_i * h
         f_r = 1.0
@@ -99,7 +106,7 @@ def pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i):
 
 @jit_inline
 def fill_powers(first, last, ends):
-    """Write the powers of the stretch's ends, in half windows from the window's centre, to ``ends`` (2, WIDTH)."""
+    """Write the powers of the segment's ends, in half windows from the window's centre, to ``ends`` (2, WIDTH)."""
     p = 1.0
     q = 1.0
     for k in range(WIDTH):
@@ -110,17 +117,17 @@ def fill_powers(first, last, ends):
 
 @jit
 def fill_moments(exponent, half, ends, first, last, out_r, out_i):
-    """Write the integrals of x^k y, k = 0 ... len(out_r) - 1, over the stretch, real and imaginary part; x is the time in half windows.
+    """Write the integrals of x^k y, k = 0 ... len(out_r) - 1, over the segment, real and imaginary part; x is the time in half windows.
 
-    y turns as exp(exponent t), from ``first`` at the begin of the stretch to ``last`` at its end, complex numbers all three. ``ends``: from
-    `fill_powers`.
+    y turns as exp(exponent t), from ``first`` at the begin of the segment to ``last`` at its end,
+    complex numbers all three. ``ends``: from `fill_powers`.
     """
     count = out_r.shape[0]
     square = exponent.real * exponent.real + exponent.imag * exponent.imag
     moment = complex(0.0, 0.0)
-    if square * half * half < SLOW * SLOW:
-        for m in range(count + EXTRA):
-            k = count + EXTRA - m
+    if square * half * half < SERIES_PHASE * SERIES_PHASE:
+        for m in range(count + EXTRA_ORDERS):
+            k = count + EXTRA_ORDERS - m
             moment = (
                 half * _INVERSE[k] * (ends[1, k] * last - ends[0, k] * first - exponent * moment)
             )
@@ -137,7 +144,8 @@ def fill_moments(exponent, half, ends, first, last, out_r, out_i):
 def fill_factors(omega, half, count, first, last, ends, factors):
     """Write what the products of two factors of the carrier are multiplied by, to ``factors`` (3, WIDTH), ``count`` powers.
 
-    The product of Re(a E) and Re(b E), twice: Re a Re b + Im a Im b without a carrier, and a b on its square, which turns from ``first`` to ``last``.
+    The product of Re(a E) and Re(b E), twice: Re a Re b + Im a Im b without a carrier, and a b on
+    its square, which turns from ``first`` to ``last``.
     """
     fill_moments(
         complex(0.0, 2.0 * omega), half, ends, first, last, factors[0, :count], factors[2, :count]

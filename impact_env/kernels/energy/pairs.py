@@ -1,34 +1,36 @@
-"""Squares of velocities that are sums of any slots: what contains free parts only, slot by slot and pair by pair.
+"""Squares of velocities that are sums of any modal amplitudes: what contains free parts only, modal amplitude by modal amplitude and pair by pair.
 
-An integral of the product of two slots divides the product's change by the sum of their eigenvalues. What a regime knows of its pairs is the inverse
-of that sum; pairs for which it would be almost zero are integrated by series, one by one.
+An integral of the product of two modal amplitudes divides the product's change by the sum of their
+eigenvalues. What a regime knows of its pairs is the inverse of that sum; pairs for which it would
+be almost zero are integrated by series, one by one.
 """
 
 from __future__ import annotations
 
 from impact_env.kernels.compiling.jit import jit, jit_inline, vector_code
 from impact_env.kernels.compiling.vector_code import LANES, Code, Complex, Index
-from impact_env.kernels.energy.moments import decay_integrals, is_close, pair_integral
-from impact_env.kernels.motion.slots import SPEED, SPEED_SQUARE, S
+from impact_env.kernels.energy.moments import are_close_poles, decay_integrals, pair_integral
+from impact_env.kernels.motion.modal_system import SPEED, SPEED_SQUARE, S
 
-# planes of pairs (PLANES J, J), of J rows each, for slots j <= k: inverse of s_j + s_k and of s_j + conj(s_k), real and imaginary, 0 where a series
-# is needed; which of the two need one (1, 2, 3: both); integrals over a stretch of the products of real and imaginary parts of both
-TOGETHER = 0
-APART = 2
-SERIES = 4
-FOUND = 5
+# planes of pairs (PLANES J, J), of J rows each, for modal amplitudes j <= k: inverse of s_j + s_k
+# and of s_j + conj(s_k), real and imaginary, 0 where a series is needed; which of the two need one
+# (1, 2, 3: both); integrals over a segment of the products of real and imaginary parts of both
+SUM_PLANE = 0
+DIFFERENCE_PLANE = 2
+SERIES_PLANE = 4
+INTEGRAL_PLANE = 5
 PLANES = 9
 
 
 @jit_inline
 def _needs_series(j, k, special):
-    """Return whether an integral of a pair is a series of its own, not that of a slot which turns and its conjugate: `decay_integrals`."""
+    """Return whether an integral of a pair is a series of its own, not that of a modal amplitude which turns and its conjugate: `decay_integrals`."""
     return special > 0 and not (j == k and special == 2)
 
 
 @jit
-def learn_pairs(rows, pairs):
-    """Fill what a regime knows of its pairs, and return how many need series; a slot that decays with its own conjugate is not counted."""
+def init_pairs(rows, pairs):
+    """Fill what a regime knows of its pairs, and return how many need series; a modal amplitude that decays with its own conjugate is not counted."""
     count = 0
     size = rows.shape[1]
     for j in range(size):
@@ -39,7 +41,7 @@ def learn_pairs(rows, pairs):
             for side in range(2):
                 l_r = rows[S, j] + rows[S, k]
                 l_i = rows[S + 1, j] + (1.0 - 2.0 * side) * rows[S + 1, k]
-                if l_i == 0.0 or is_close(l_r, l_i, rows[SPEED, j]):
+                if l_i == 0.0 or are_close_poles(l_r, l_i, rows[SPEED, j]):
                     special += 1 + side
                     continue
                 scale = (0.5 if j == k else 1.0) / (l_r * l_r + l_i * l_i)
@@ -47,14 +49,14 @@ def learn_pairs(rows, pairs):
                     l_r * scale,
                     -l_i * scale,
                 )
-            pairs[SERIES * size + j, k] = special
+            pairs[SERIES_PLANE * size + j, k] = special
             count += 1 if _needs_series(j, k, special) else 0
     return count
 
 
 @vector_code()
 def _pair_integrals(code: Code, pairs, size: Index, z, w):
-    """Fill FOUND for slots z at begin and w at end of the stretch; what is a series counts as zero."""
+    """Fill INTEGRAL_PLANE for modal amplitudes z at begin and w at end of the segment; what is a series counts as zero."""
     plane = size * size
     for j in code.loop(size):
         one = [
@@ -67,7 +69,7 @@ def _pair_integrals(code: Code, pairs, size: Index, z, w):
             at = j * size + k
             places = [at + plane * m for m in range(PLANES)]
             both = []
-            for side, start in enumerate((TOGETHER, APART)):
+            for side, start in enumerate((SUM_PLANE, DIFFERENCE_PLANE)):
                 partners = other if side == 0 else [Complex(y.real, -y.imag) for y in other]
                 begin, end = (a.times(b) for a, b in zip(one, partners, strict=True))
                 change = Complex(end.real - begin.real, end.imag - begin.imag)
@@ -78,14 +80,14 @@ def _pair_integrals(code: Code, pairs, size: Index, z, w):
             for n, number in enumerate(
                 (m.real + p.real, m.real - p.real, p.imag - m.imag, p.imag + m.imag)
             ):
-                code.store(number, pairs, places[FOUND + n])
+                code.store(number, pairs, places[INTEGRAL_PLANE + n])
 
 
 @vector_code()
 def add_pairs(code: Code, shape, size: Index, pairs, found):
     """Add the squares of the velocities' free parts to ``found`` (size,)."""
     plane = size * size
-    for i in code.fours(size):
+    for i in code.single_vectors(size):
         total = code.sum(code.lanes)
         for j in code.loop(size):
             sums = [code.sum(code.lanes) for _ in range(4)]
@@ -95,7 +97,7 @@ def add_pairs(code: Code, shape, size: Index, pairs, found):
                 other = code.complex(shape, at, at + plane)
                 for n, part in enumerate((other.real, other.imag, other.imag, other.real)):
                     sums[n].add_product(
-                        part, code.spread(code.number(pairs, here + plane * (FOUND + n)))
+                        part, code.spread(code.number(pairs, here + plane * (INTEGRAL_PLANE + n)))
                     )
             at = size * j + i
             one = code.complex(shape, at, at + plane)
@@ -111,7 +113,7 @@ def _add_series(rows, pairs, h, z, w):
     size = z.shape[1]
     for j in range(size):
         for k in range(j, size):
-            special = pairs[SERIES * size + j, k]
+            special = pairs[SERIES_PLANE * size + j, k]
             if not _needs_series(j, k, special):
                 continue
             factor = 0.5 if j == k else 1.0
@@ -128,35 +130,36 @@ def _add_series(rows, pairs, h, z, w):
                 x, y = pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i)
                 x = factor * x
                 y = factor * y
-                pairs[FOUND * size + j, k] += x
-                pairs[(FOUND + 1) * size + j, k] -= sign * x
-                pairs[(FOUND + 2) * size + j, k] += sign * y
-                pairs[(FOUND + 3) * size + j, k] += y
+                pairs[INTEGRAL_PLANE * size + j, k] += x
+                pairs[(INTEGRAL_PLANE + 1) * size + j, k] -= sign * x
+                pairs[(INTEGRAL_PLANE + 2) * size + j, k] += sign * y
+                pairs[(INTEGRAL_PLANE + 3) * size + j, k] += y
 
 
 @jit
 def integrate_pairs(rows, pairs, series, h, z, w, decay):
-    """Fill FOUND for a stretch of length ``h`` (s), with the slots z at its begin and w at its end (2, J).
+    """Fill INTEGRAL_PLANE for a segment of length ``h`` (s), with the modal amplitudes z at its begin and w at its end (2, J).
 
-    ``series``: how many pairs need series, from `learn_pairs`; ``decay`` (J,) is scratch.
+    ``series``: how many pairs need series, from `init_pairs`; ``decay`` (J,) is scratch.
     """
     size = z.shape[1]
     _pair_integrals(pairs, size, z, w)
     decay_integrals(rows, h, decay)
     for j in range(size):
-        if pairs[SERIES * size + j, j] == 2.0:
+        if pairs[SERIES_PLANE * size + j, j] == 2.0:
             own = 0.5 * decay[j] * (z[0, j] * z[0, j] + z[1, j] * z[1, j])
-            pairs[FOUND * size + j, j] += own
-            pairs[(FOUND + 1) * size + j, j] += own
+            pairs[INTEGRAL_PLANE * size + j, j] += own
+            pairs[(INTEGRAL_PLANE + 1) * size + j, j] += own
     if series > 0:
         _add_series(rows, pairs, h, z, w)
 
 
 @jit
 def add_own_squares(rows, velocity, h, z, w, decay, squares):
-    """Add the integrals over a stretch of length ``h`` (s) of the squares of velocities that are one slot each to ``squares`` (J,).
+    """Add the integrals over a segment of length ``h`` (s) of the squares of velocities that are one modal amplitude each to ``squares`` (J,).
 
-    ``velocity`` (2, J): the slots' weights; z and w (2, J): the slots at its begin and end; ``decay`` (J,) is scratch.
+    ``velocity`` (2, J): the modal amplitudes' weights; z and w (2, J): the modal amplitudes at its
+    begin and end; ``decay`` (J,) is scratch.
     """
     decay_integrals(rows, h, decay)
     for j in range(decay.shape[0]):

@@ -1,10 +1,12 @@
-"""Loops over slots and over velocities that the energies of a stretch need, as vector code (vector_code.py).
+"""Loops over modal amplitudes and over velocities that the energies of a segment need, as vector code (vector_code.py).
 
-Arrays are seen flat: ``rows`` (ROWS, size) of `slots.Slots`, ``slots`` (4, TERMS, size) of `forced.Forced`, slots ``z`` and ``w`` (2, size) at begin
-and end of a stretch, powers of time (., WIDTH) of `account.RegimeAccount`. What a slot does in powers of time is two polynomials A and B, one on the
-force's carrier, one on its conjugate, or two series of moments; ``powers`` (4, TERMS, size) holds Re (A + B), Im (A - B), Re (A - B) and Im (A + B),
-so that v A + conj(v B) takes four products. ``shape`` holds the weights v of slots in velocities, ``partner`` (2, TERMS, size) the velocities'
-forced parts as factors of the carrier.
+Arrays are seen flat: ``rows`` (ROWS, size) of `modal_system.ModalSystem`, ``system`` (4, TERMS,
+size) of `forced.Forced`, modal amplitudes ``z`` and ``w`` (2, size) at begin and end of a segment,
+powers of time (., WIDTH) of `account.RegimeAccount`. What a modal amplitude does in powers of time
+is two polynomials A and B, one on the force's carrier, one on its conjugate, or two series of
+moments; ``powers`` (4, TERMS, size) holds Re (A + B), Im (A - B), Re (A - B) and Im (A + B), so
+that v A + conj(v B) takes four products. ``shape`` holds the weights v of modal amplitudes in
+velocities, ``partner`` (2, TERMS, size) the velocities' forced parts as factors of the carrier.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ from typing import Any
 from impact_env.kernels.compiling.jit import INTEGER, NUMBER, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Number
 from impact_env.kernels.energy.moments import PRODUCTS, WIDTH
-from impact_env.kernels.motion.vector import TERMS
+from impact_env.kernels.motion.search_block import TERMS
 
 NEGLIGIBLE = 1e-17  # coefficients below this share of the largest one are left out
 
@@ -28,14 +30,16 @@ def _store_powers(code: Code, up: Complex, down: Complex, powers: Any, at: Any, 
 
 
 @vector_code()
-def forced_powers(code: Code, slots, size: Index, half: Number, powers):
-    """Write the forced part of all slots to ``powers``, in powers of the time in half windows."""
+def forced_powers(code: Code, polynomials, size: Index, half: Number, powers):
+    """Write the forced part of all modal amplitudes to ``powers``, in powers of the time in half windows."""
     plane = size * TERMS
-    for j in code.fours(size):
+    for j in code.single_vectors(size):
         scale = code.repeated(1.0)
         for n in range(TERMS):
             at = size * n + j
-            a_r, a_i, b_r, b_i = (code.vector(slots, at + plane * k) * scale for k in range(4))
+            a_r, a_i, b_r, b_i = (
+                code.vector(polynomials, at + plane * k) * scale for k in range(4)
+            )
             _store_powers(code, Complex(a_r, a_i), Complex(b_r, b_i), powers, at, plane)
             scale *= code.spread(half)
 
@@ -44,17 +48,18 @@ def forced_powers(code: Code, slots, size: Index, half: Number, powers):
 def slot_moments(
     code: Code, rows, size: Index, omega: Number, half: Number, ends, carrier, z, w, powers
 ):
-    """Write to ``powers`` the integrals of x^k y over a stretch: x the time in half windows, y a slot times the carrier, or its conjugate.
+    """Write to ``powers`` the integrals of x^k y over a segment: x the time in half windows, y a modal amplitude times the carrier, or its conjugate.
 
-    They are divided by the difference of slot and carrier; where it is almost zero they are to be mended.
+    They are divided by the difference of modal amplitude and carrier; where it is almost zero they
+    are to be mended.
     """
     plane = size * TERMS
     inverse_half = code.repeated(1.0, 0) / half
     times = [[code.number(ends, end * WIDTH + k) for k in range(TERMS)] for end in range(2)]
-    for j in code.fours(size):
+    for j in code.single_vectors(size):
         s_r = code.vector(rows, j)
         s_i = code.vector(rows, size + j)
-        slots = [code.complex(y, j, size + j) for y in (z, w)]
+        amplitudes = [code.complex(y, j, size + j) for y in (z, w)]
         sides = []
         for sign in (1.0, -1.0):
             l_i = code.spread(omega).fma(code.repeated(sign), s_i)
@@ -65,7 +70,7 @@ def slot_moments(
             ]
             both = [
                 y.times(Complex(turn.real, turn.imag * code.repeated(sign)))
-                for y, turn in zip(slots, turns, strict=True)
+                for y, turn in zip(amplitudes, turns, strict=True)
             ]
             sides.append((Complex(s_r * scale, -(l_i * scale)), *both))
         moments: list[Complex] = []
@@ -86,9 +91,9 @@ def slot_moments(
 def _own_velocities(
     code: Code, shape: Any, size: Any, powers: Any
 ) -> Iterator[tuple[Any, list[Complex]]]:
-    """Repeat what follows for some slots each, with their velocities' powers; ``shape`` (2, size): each slot is a mode."""
+    """Repeat what follows for some modal amplitudes each, with their velocities' powers; ``shape`` (2, size): each modal amplitude is a mode."""
     plane = size * TERMS
-    for j in code.fours(size):
+    for j in code.single_vectors(size):
         weight = code.complex(shape, j, size + j)
         velocities = []
         for n in range(TERMS):
@@ -108,7 +113,7 @@ def _velocities(
 ) -> Iterator[tuple[Any, list[Complex]]]:
     """Repeat what follows for some columns each, with their velocities' powers; ``shape`` (2, size, size)."""
     plane = size * TERMS
-    for i in code.fours(size):
+    for i in code.single_vectors(size):
         sums = [[code.sum(code.lanes) for _ in range(2)] for _ in range(TERMS)]
         for j in code.loop(size):
             at = size * j + i
@@ -126,7 +131,7 @@ def _velocities(
         yield i, [Complex(real.number(), imag.number()) for real, imag in sums]
 
 
-def _partners(coupled: bool) -> Any:
+def _partner_code(coupled: bool) -> Any:
     @vector_code()
     def partners(code: Code, shape, size: Index, powers, partner):
         walk = (
@@ -139,13 +144,11 @@ def _partners(coupled: bool) -> Any:
                 at = size * n + i
                 code.store_complex(velocity, partner, at, at + size * TERMS)
 
-    partners.__doc__ = (
-        "Write the velocities' forced parts to ``partner``; ``powers``: of the slots' forced parts."
-    )
+    partners.__doc__ = "Write the velocities' forced parts to ``partner``; ``powers``: of the modal amplitudes' forced parts."
     return partners
 
 
-def _mixed(coupled: bool) -> Any:
+def _mixed_code(coupled: bool) -> Any:
     @vector_code()
     def mixed(code: Code, shape, size: Index, powers, partner, found):
         walk = (
@@ -161,14 +164,14 @@ def _mixed(coupled: bool) -> Any:
                 total = other.real.fma(velocity.real, (-other.imag).fma(velocity.imag, total))
             code.store(total, found, i)
 
-    mixed.__doc__ = "Add the integrals of the velocities' free parts times their partners to ``found`` (size,); ``powers``: the slots' moments."
+    mixed.__doc__ = "Add the integrals of the velocities' free parts times their partners to ``found`` (size,); ``powers``: the amplitudes' moments."
     return mixed
 
 
-own_partners = _partners(False)
-coupled_partners = _partners(True)
-own_mixed = _mixed(False)
-coupled_mixed = _mixed(True)
+own_partners = _partner_code(False)
+coupled_partners = _partner_code(True)
+own_mixed = _mixed_code(False)
+coupled_mixed = _mixed_code(True)
 
 
 @vector_code(NUMBER)
@@ -189,7 +192,7 @@ def square_partners(code: Code, partner, size: Index, products):
     They are sums of products of real parts, of imaginary parts, and of real with imaginary parts.
     """
     order = code.variable(1)
-    for i in code.fours(size):
+    for i in code.single_vectors(size):
         reals, imags = (
             [code.vector(partner, size * (TERMS * part + n) + i) for n in range(TERMS)]
             for part in range(2)
@@ -219,7 +222,8 @@ def square_partners(code: Code, partner, size: Index, products):
 def power_of_point(code: Code, point, size: Index, powers, terms, half: Number, force, power):
     """Write half the force, in powers of the time in half windows, and its products with the forced velocity of its point.
 
-    ``point`` (2, size): weights; ``powers``: of the slots' forced parts; ``terms`` (2, TERMS) of `forced.Forced`.
+    ``point`` (2, size): weights; ``powers``: of the modal amplitudes' forced parts; ``terms`` (2,
+    TERMS) of `forced.Forced`.
     """
     sums = [(code.sum(code.lanes), code.sum(code.lanes)) for _ in range(TERMS)]
     for _, velocities in _own_velocities(code, point, size, powers):
@@ -271,7 +275,7 @@ def _product(one: list[Number], other: list[Number], p: int) -> Number:
 @vector_code()
 def add_products(code: Code, products, size: Index, count: Index, factors, found):
     """Write the integrals of half the squares of all partners to ``found`` (size,), from ``count`` powers."""
-    for i in code.fours(size):
+    for i in code.single_vectors(size):
         sums = [code.sum(code.lanes) for _ in range(3)]
         for p in code.loop(count):
             for k, total in enumerate(sums):

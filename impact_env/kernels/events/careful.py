@@ -1,16 +1,18 @@
 """The careful search: safe steps that no event can hide in, for the few places where the scan (search.py) cannot tell.
 
-Proof. A slot's amplitude never grows, so from the current time on |y''| <= B2 and |y'''| <= B3, with sums over the slots' amplitudes. With d the
-distance to a wall, g its closing speed and a its closing acceleration (all exact), y keeps off the wall for s >= 0 as long as
-d - g s - b s^2/2 > 0, where b bounds the closing acceleration over the step: b = B2, or b = a + B3 S for steps up to S. The smallest positive
-root of that parabola, cut to S, is therefore a safe step. For the rate the same holds one derivative higher. The search advances by the
-smallest, over the guards, of the safe steps, so it never passes an event. Where the signal is monotone over twice the way to a guard
-(`root_ahead`), the event there is the next one and simple, and Newton's method ends on it. Else the safe step is Newton's step less a
-term of second order, and closes in from the safe side. It stops when the step is below the resolution of time, or the distance below the
-rounding of y.
+Proof. A modal amplitude's amplitude never grows, so from the current time on |y''| <= B2 and |y'''|
+<= B3, with sums over the modal amplitudes. With d the distance to a wall, g its closing speed and a
+its closing acceleration (all exact), y keeps off the wall for s >= 0 as long as d - g s - b s^2/2 >
+0, where b bounds the closing acceleration over the step: b = B2, or b = a + B3 S for steps up to S.
+The smallest positive root of that parabola, cut to S, is therefore a safe step. For the rate the
+same holds one derivative higher. The search advances by the smallest, over the guards, of the safe
+steps, so it never passes an event. Where the signal is monotone over twice the way to a guard
+(`find_root_ahead`), the event there is the next one and simple, and Newton's method ends on it.
+Else the safe step is Newton's step less a term of second order, and closes in from the safe side.
+It stops when the step is below the resolution of time, or the distance below the rounding of y.
 
-Grazing. A signal that would go beyond a wall by less than its rounding, and turns there, does not reach it. Else a joint whose force touches its
-bound would break and close without end.
+Grazing. A signal that would go beyond a wall by less than its rounding, and turns there, does not
+reach it. Else a joint whose force touches its bound would break and close without end.
 """
 
 from __future__ import annotations
@@ -21,30 +23,30 @@ from impact_env.kernels.compiling.jit import jit, jit_inline
 from impact_env.kernels.events.signals import (
     HIT_HIGH,
     HIT_LOW,
-    NOISE,
     NOTHING,
     REVERSAL,
-    Bounded,
-    Event,
-    counted,
-    given_up,
-    refine,
-    signal_at,
+    SIGNAL_ROUNDING,
+    BoundedSignal,
+    GuardEvent,
+    evaluate_terms,
+    failed_search,
+    find_event_wall,
+    refine_root,
+    select_terms,
     signal_scale,
-    terms_of,
     time_resolution,
-    wall_of,
+    with_evaluations,
 )
-from impact_env.kernels.events.starts import exactly_on_guard, leaves_quickly, start_on_guard
-from impact_env.kernels.motion.forced import guard_values
-from impact_env.kernels.motion.slots import digits, sum_and_bound
+from impact_env.kernels.events.starts import leaves_quickly, search_from_guard, snap_to_guard
+from impact_env.kernels.motion.forced import evaluate_guard
+from impact_env.kernels.motion.modal_system import split_time, sum_with_bounds
 
-MAX_EVALUATIONS = 2_000_000
-GROWTH = 4.0  # of a safe step against the one before
+MOST_CAREFUL_EVALUATIONS = 2_000_000
+STEP_GROWTH = 4.0  # of a safe step against the one before
 
 
 @jit_inline
-def parabola(d, g, b):
+def solve_parabola(d, g, b):
     """Return the smallest s > 0 with d - g s - b s^2/2 = 0 for d > 0, b >= 0; a huge number if there is none."""
     root = np.sqrt(g * g + 2.0 * b * d)
     if g >= 0.0:
@@ -59,19 +61,19 @@ def safe_step(d, g, a, b2, b3, reach):
     ``reach``: a guess of the step; no result is longer.
     """
     b = min(a + b3 * reach, b2)
-    step = min(parabola(d, g, max(b, 0.0)), reach)
+    step = min(solve_parabola(d, g, max(b, 0.0)), reach)
     if step < 0.4 * reach:  # the bound over the reach was too careful
         b = min(a + 2.0 * b3 * step, b2)
-        step = max(step, min(parabola(d, g, max(b, 0.0)), 2.0 * step))
+        step = max(step, min(solve_parabola(d, g, max(b, 0.0)), 2.0 * step))
     return step
 
 
 @jit_inline
-def guards_step(guards, now, reach):
-    """Return the safe step for all guards."""
+def compute_safe_step(guards, bounded, reach):
+    """Return the longest step that is safe for all guards."""
     step = reach
-    y = now.y
-    v = now.v
+    y = bounded.y
+    v = bounded.v
     if guards.low is not None:
         to_high = guards.high - y
         to_low = y - guards.low
@@ -79,38 +81,40 @@ def guards_step(guards, now, reach):
             ahead = to_high
             behind = to_low
             closing = v
-            bend = now.a
+            bend = bounded.a
         else:
             ahead = to_low
             behind = to_high
             closing = -v
-            bend = -now.a
+            bend = -bounded.a
         if ahead < np.inf:
-            step = safe_step(ahead, closing, bend, now.b2, now.b3, reach)
+            step = safe_step(ahead, closing, bend, bounded.b2, bounded.b3, reach)
         # the wall behind needs a root only if the step could take the signal back to it
-        if not behind + closing * step - 0.5 * now.b2 * step * step > 0.0:
-            step = min(step, safe_step(behind, -closing, -bend, now.b2, now.b3, reach))
+        if not behind + closing * step - 0.5 * bounded.b2 * step * step > 0.0:
+            step = min(step, safe_step(behind, -closing, -bend, bounded.b2, bounded.b3, reach))
     if guards.direction is not None:
-        step = min(step, parabola(guards.direction * v, -guards.direction * now.a, now.b3))
+        step = min(
+            step, solve_parabola(guards.direction * v, -guards.direction * bounded.a, bounded.b3)
+        )
     return step
 
 
 @jit_inline
-def root_ahead(guards, now):
+def find_root_ahead(guards, bounded):
     """Return (kind, step) of the event ahead if it is certain to be the next one and simple, else NOTHING.
 
-    A wall: the closing speed stays positive over twice the step. A reversal: the rate's slope keeps its sign over twice the step, and the wall
-    ahead is further than the way made in it.
+    A wall: the closing speed stays positive over twice the step. A reversal: the rate's slope
+    keeps its sign over twice the step, and the wall ahead is further than the way made in it.
     """
-    y = now.y
-    v = now.v
-    a = now.a
+    y = bounded.y
+    v = bounded.v
+    a = bounded.a
     if guards.direction is not None:
         w = guards.direction * v
         slope = -guards.direction * a
         if slope > 0.0:
             step = w / slope
-            if slope > 2.0 * now.b3 * step:
+            if slope > 2.0 * bounded.b3 * step:
                 if guards.low is None:
                     return REVERSAL, step
                 ahead = guards.high - y if v > 0.0 else y - guards.low
@@ -127,50 +131,52 @@ def root_ahead(guards, now):
             g = -v
             c = -a
             kind = HIT_LOW
-        if d < np.inf and g * g > 4.0 * now.b2 * d:
+        if d < np.inf and g * g > 4.0 * bounded.b2 * d:
             step = 2.0 * d / (g + np.sqrt(max(g * g + 2.0 * c * d, 0.0)))
-            if 2.0 * now.b2 * step < g:
+            if 2.0 * bounded.b2 * step < g:
                 return kind, step
     return NOTHING, 0.0
 
 
 @jit
-def nearest_event(guards, now):
-    """Return which guard the search has come down to."""
+def find_nearest_event(guards, bounded):
+    """Return the guard that the search has converged to."""
     to_high = np.inf
     to_low = np.inf
     if guards.low is not None:
-        to_high = guards.high - now.y
-        to_low = now.y - guards.low
+        to_high = guards.high - bounded.y
+        to_low = bounded.y - guards.low
     if guards.direction is not None:
-        if guards.direction * now.a < 0.0:
-            distance = to_high if now.v > 0.0 else to_low
-            if not distance < now.v * now.v / abs(now.a):
+        if guards.direction * bounded.a < 0.0:
+            distance = to_high if bounded.v > 0.0 else to_low
+            if not distance < bounded.v * bounded.v / abs(bounded.a):
                 return REVERSAL
     return HIT_HIGH if to_high < to_low else HIT_LOW
 
 
 @jit_inline
-def bounded_at(course, offset):
-    """Return a signal at an offset, as `Bounded`."""
-    slots = course.slots
-    p = course.signal.polynomial
-    bound = course.forced.bound
-    d1, d2, d3, x = digits(slots.scale, offset)
-    f0, f1, f2 = guard_values(course.forced.signals, course.omega, course.tau + offset)
-    y, v, a, b2, b3, b4 = sum_and_bound(slots.rows, slots.table, course.signal.u, d1, d2, d3, x)
+def bound_signal(function, offset):
+    """Return the signal at an offset, with bounds of its derivatives."""
+    system = function.system
+    p = function.signal.polynomial
+    bound = function.forced.bound
+    d1, d2, d3, x = split_time(system.scale, offset)
+    f0, f1, f2 = evaluate_guard(function.forced.signals, function.omega, function.tau + offset)
+    y, v, a, b2, b3, b4 = sum_with_bounds(
+        system.rows, system.table, function.signal.u, d1, d2, d3, x
+    )
     y = y + f0 + p[0] + offset * (p[1] + 0.5 * offset * p[2])
     v = v + f1 + p[1] + offset * p[2]
     a = a + f2 + p[2]
-    return Bounded(y, v, a, b2 + bound[2] + abs(p[2]), b3 + bound[3], b4 + bound[4])
+    return BoundedSignal(y, v, a, b2 + bound[2] + abs(p[2]), b3 + bound[3], b4 + bound[4])
 
 
 @jit_inline
-def at_guard(guards, noise, now):
+def check_guards(guards, noise, bounded):
     """Return (kind, y): the event that the search has come to, NOTHING before one, and the signal, kept off the walls by its ``noise``."""
-    y = now.y
-    v = now.v
-    slowing = -now.a if v > 0.0 else now.a
+    y = bounded.y
+    v = bounded.v
+    slowing = -bounded.a if v > 0.0 else bounded.a
     beyond = v * v > 2.0 * slowing * noise  # it goes on by more than its rounding before it turns
     if guards.direction is not None:
         if guards.direction * v <= 0.0:
@@ -188,85 +194,100 @@ def at_guard(guards, noise, now):
 
 
 @jit_inline
-def event_ahead(course, guards, now, offset, length, resolution):
+def refine_event_ahead(function, guards, bounded, offset, length, resolution):
     """Return the event ahead if it is certain to be the next one, simple and well within ``length``, else NOTHING."""
-    kind, step = root_ahead(guards, now)
+    kind, step = find_root_ahead(guards, bounded)
     if kind != NOTHING:
         if offset + 2.0 * step < length:
-            return refine(
-                terms_of(course), offset + step, kind, wall_of(kind, guards), now.b4, resolution
+            return refine_root(
+                select_terms(function),
+                offset + step,
+                kind,
+                find_event_wall(kind, guards),
+                bounded.b4,
+                resolution,
             )
-    return Event(NOTHING, 0.0, 0.0, 0.0, 0.0, 0)
+    return GuardEvent(NOTHING, 0.0, 0.0, 0.0, 0.0, 0)
 
 
 @jit
-def careful_search(course, guards, start, stop, length):
+def careful_search(function, guards, start, stop, length):
     """Return the first Event from the offset ``start`` on; NOTHING, with the offset ``stop``, if there is none up to there.
 
-    Other arguments as in `search.search`. An event between ``stop`` and ``length`` may be returned.
+    Other arguments as in `search.search_events`. An event between ``stop`` and ``length`` may be
+    returned.
     """
-    resolution = time_resolution(course.slots.rows, course.omega, length)
+    resolution = time_resolution(function.system.rows, function.omega, length)
     on_guard = guards.side != 0 or guards.zero_rate
-    most = min(MAX_EVALUATIONS, course.signal.memory[1])
-    noise = NOISE * signal_scale(course.signal, course.forced.bound)
+    most = min(MOST_CAREFUL_EVALUATIONS, function.signal.memory[1])
+    noise = SIGNAL_ROUNDING * signal_scale(function.signal, function.forced.bound)
     offset = start
     count = 0
     reach = stop - start
     while offset < stop and count < most:
         count += 1
-        now = bounded_at(course, offset)
+        bounded = bound_signal(function, offset)
         first = on_guard and offset == 0.0
-        if offset == 0.0 and noise == 0.0 and now.v == 0.0 and now.a == 0.0:
-            return Event(
+        if offset == 0.0 and noise == 0.0 and bounded.v == 0.0 and bounded.a == 0.0:
+            return GuardEvent(
                 NOTHING, length, 0.0, 0.0, 0.0, count
             )  # a signal that is zero for ever: an absorber at rest on a wall at rest
         if first:
-            if not leaves_quickly(course, guards, now):
-                offset, kind = start_on_guard(course, guards, now)
+            if not leaves_quickly(function, guards, bounded):
+                offset, kind = search_from_guard(function, guards, bounded)
                 if kind != NOTHING and offset <= length:
-                    y, v, a, _ = signal_at(terms_of(course), offset)
-                    return Event(kind, offset, y, v, a, 2)
+                    y, v, a, _ = evaluate_terms(select_terms(function), offset)
+                    return GuardEvent(kind, offset, y, v, a, 2)
                 continue
-            now = exactly_on_guard(guards, noise, now)
+            bounded = snap_to_guard(guards, noise, bounded)
         else:
-            kind, y = at_guard(guards, noise, now)
-            now = Bounded(y, now.v, now.a, now.b2, now.b3, now.b4)
+            kind, y = check_guards(guards, noise, bounded)
+            bounded = BoundedSignal(y, bounded.v, bounded.a, bounded.b2, bounded.b3, bounded.b4)
             if kind != NOTHING:
-                return Event(kind, offset, y, now.v, now.a, count)
-            found = event_ahead(course, guards, now, offset, length, resolution)
-            if found.kind != NOTHING:
-                return counted(found, count + found.evaluations)
-        step = guards_step(guards, now, reach)
+                return GuardEvent(kind, offset, y, bounded.v, bounded.a, count)
+            event = refine_event_ahead(function, guards, bounded, offset, length, resolution)
+            if event.kind != NOTHING:
+                return with_evaluations(event, count + event.evaluations)
+        step = compute_safe_step(guards, bounded, reach)
         if first:
             step *= 0.5  # the whole of it could end on the guard again
-        reach = GROWTH * step
+        reach = STEP_GROWTH * step
         if np.isnan(step):  # the caller finds it in the state
-            return given_up(count)
+            return failed_search(count)
         if offset + step >= stop:  # also where the length left is below the resolution of time
             break
         if step <= resolution:  # also below zero: both walls are nearer than the signal's rounding
-            return Event(nearest_event(guards, now), offset, now.y, now.v, now.a, count)
+            return GuardEvent(
+                find_nearest_event(guards, bounded), offset, bounded.y, bounded.v, bounded.a, count
+            )
         offset += step
     return (
-        given_up(count)
+        failed_search(count)
         if count >= most
-        else Event(NOTHING, max(stop, offset), 0.0, 0.0, 0.0, count)
+        else GuardEvent(NOTHING, max(stop, offset), 0.0, 0.0, 0.0, count)
     )
 
 
 @jit_inline
-def is_clear(load, course, guards, length):
-    """Return whether one evaluation shows that no event comes within ``length`` (s), as it does in most of a record's short windows.
+def has_no_event(load, function, guards, length):
+    """Return whether one evaluation proves that no event comes within ``length`` (s).
 
-    ``load`` None: a chirp, whose windows are so long that it is not tried.
+    ``load`` None: a chirp, whose windows are too long for it.
     """
     if load is None:
         return False
     if guards.side != 0 or guards.zero_rate:
         return False
-    now = bounded_at(course, 0.0)
-    kind, y = at_guard(guards, NOISE * signal_scale(course.signal, course.forced.bound), now)
+    bounded = bound_signal(function, 0.0)
+    kind, y = check_guards(
+        guards, SIGNAL_ROUNDING * signal_scale(function.signal, function.forced.bound), bounded
+    )
     return (
         kind == NOTHING
-        and guards_step(guards, Bounded(y, now.v, now.a, now.b2, now.b3, now.b4), length) >= length
+        and compute_safe_step(
+            guards,
+            BoundedSignal(y, bounded.v, bounded.a, bounded.b2, bounded.b3, bounded.b4),
+            length,
+        )
+        >= length
     )

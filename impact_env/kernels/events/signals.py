@@ -7,34 +7,41 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room, jit_view
-from impact_env.kernels.motion.forced import THIRD, Forced, signal_value
-from impact_env.kernels.motion.forced_sums import first_values, polynomial_value
+from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline, jit_view
+from impact_env.kernels.motion.forced import THIRD, Forced, evaluate_signal
+from impact_env.kernels.motion.forced_sums import evaluate_first_signals, evaluate_polynomial
+from impact_env.kernels.motion.modal_sums import sum_magnitudes
+from impact_env.kernels.motion.modal_system import (
+    SPEED,
+    ModalSystem,
+    split_time,
+    sum_amplitudes,
+    sum_derivatives,
+)
 from impact_env.kernels.motion.numbers import cos_sin
-from impact_env.kernels.motion.slot_sums import sum_sizes
-from impact_env.kernels.motion.slots import SPEED, Slots, digits, sum_block, value
-from impact_env.kernels.motion.vector import BLOCK
+from impact_env.kernels.motion.search_block import BLOCK
 
 # events
 NOTHING = 0
 HIT_LOW = 1
 HIT_HIGH = 2
 REVERSAL = 3
-TIME_RESOLUTION = 5e-15  # of the time scale of the slowest slot, or of a quicker force
+TIME_RESOLUTION = 5e-15  # of the time scale of the slowest modal amplitude, or of a quicker force
 EPSILON = 2.2e-16
-NOISE = 4.0 * EPSILON  # rounding of a computed signal, relative to its scale
-MOST_EVALUATIONS = 2e7  # of a search
-FEW = (
+SIGNAL_ROUNDING = 4.0 * EPSILON  # rounding of a computed signal, relative to its scale
+MOST_SEARCH_EVALUATIONS = 2e7  # of a search
+CURVATURE_SHARE_TOL = (
     1e-4  # of the curvature's share of a step in Newton's: there its series is as good as its root
 )
 
 
 class Signal(NamedTuple):
-    """A guard signal from a reference time on, and room for its search.
+    """A guard signal from a reference time on, and memory for its search.
 
-    Slots' amplitudes ``u`` (2, J); a polynomial p0 + p1 t + p2 t^2/2 (3,); the amplitudes of value, rate and bend where the search is,
-    ``moving`` (6 J,) = (3, 2, J); ``block`` (BLOCK,) of vector.py; ``memory`` (2,): the level to
-    begin with, and the evaluations that a search may use.
+    Modal amplitudes ``u`` (2, J); a polynomial p0 + p1 t + p2 t^2/2 (3,); the amplitudes of value,
+    rate and bend where the search is, ``moving`` (6 J,) = (3, 2, J); ``block`` (BLOCK,) of
+    search_block.py; ``memory`` (2,): the level to begin with, and the evaluations that a search may
+    use.
     """
 
     u: NDArray[np.float64]
@@ -44,18 +51,22 @@ class Signal(NamedTuple):
     memory: NDArray[np.float64]
 
 
-class Course(NamedTuple):
-    """A signal in a window: ``slots`` and ``forced`` part of its regime, the force's ``omega`` (rad/s), and its reference time ``tau`` (s)."""
+class EventFunction(NamedTuple):
+    """A guard signal in a window.
 
-    slots: Slots
+    Modal ``system`` and ``forced`` response of its regime, the force's ``omega`` (rad/s), the
+    signal and its reference time ``tau`` (s).
+    """
+
+    system: ModalSystem
     forced: Forced
     omega: float
     signal: Signal
     tau: float
 
 
-class Terms(NamedTuple):
-    """Of a `Course` what the signal's value at a time needs, and no more: each array costs time at a call."""
+class SignalTerms(NamedTuple):
+    """The parts of an `EventFunction` that its value needs, and no more: each array costs time at a call."""
 
     rows: NDArray[np.float64]
     table: NDArray[np.float64]
@@ -70,8 +81,9 @@ class Terms(NamedTuple):
 class Guards(NamedTuple):
     """What ends a signal's course, and which of it the signal starts on.
 
-    ``low`` and ``high``: walls, which may be infinite; None: there are no walls at all. ``side`` -1 or 1: the signal starts on the low or the high
-    wall. ``direction`` 1 or -1: the sign that the signal's rate has at the start, and must keep; None: the rate is not watched. ``zero_rate``: it
+    ``low`` and ``high``: walls, which may be infinite; None: there are no walls at all. ``side`` -1
+    or 1: the signal starts on the low or the high wall. ``direction`` 1 or -1: the sign that the
+    signal's rate has at the start, and must keep; None: the rate is not watched. ``zero_rate``: it
     starts at zero.
     """
 
@@ -82,8 +94,8 @@ class Guards(NamedTuple):
     zero_rate: bool
 
 
-class Bounded(NamedTuple):
-    """A signal at a time with its first two derivatives, and bounds of the second to fourth that hold for ever after."""
+class BoundedSignal(NamedTuple):
+    """A signal at a time with its first two derivatives, and bounds of the second to fourth for all later times."""
 
     y: float
     v: float
@@ -93,8 +105,8 @@ class Bounded(NamedTuple):
     b4: float
 
 
-class Event(NamedTuple):
-    """What ended a search: kind, offset from the start (s), signal, its rate and its second derivative there, evaluations made."""
+class GuardEvent(NamedTuple):
+    """Result of a search: kind, offset from the start (s), signal, its rate and second derivative there, evaluations made."""
 
     kind: int
     offset: float
@@ -104,51 +116,51 @@ class Event(NamedTuple):
     evaluations: int
 
 
-@jit_room
+@jit_allocating
 def new_signal(size):
-    """Return room for a signal of ``size`` slots."""
+    """Return memory for a signal of ``size`` modal amplitudes."""
     return Signal(
         np.zeros((2, size)),
         np.zeros(3),
         np.zeros(6 * size),
         np.zeros(BLOCK),
-        np.array([0.0, MOST_EVALUATIONS]),
+        np.array([0.0, MOST_SEARCH_EVALUATIONS]),
     )
 
 
 @jit_view
-def terms_of(course):
-    """Return the terms of a course's signal."""
-    slots = course.slots
-    signal = course.signal
-    return Terms(
-        slots.rows,
-        slots.table,
-        slots.scale,
-        course.forced.signals,
-        course.omega,
+def select_terms(function):
+    """Return the terms of an event function."""
+    system = function.system
+    signal = function.signal
+    return SignalTerms(
+        system.rows,
+        system.table,
+        system.scale,
+        function.forced.signals,
+        function.omega,
         signal.u,
         signal.polynomial,
-        course.tau,
+        function.tau,
     )
 
 
 @jit_inline
 def signal_scale(signal, bound):
-    """Return the size of the terms that a signal is the sum of."""
-    return bound[0] + abs(signal.polynomial[0]) + sum_sizes(signal.u.shape[1], signal.u)
+    """Return the sum of the sizes of a signal's terms."""
+    return bound[0] + abs(signal.polynomial[0]) + sum_magnitudes(signal.u.shape[1], signal.u)
 
 
 @jit_inline
-def signal_at(terms, offset):
+def evaluate_terms(terms, offset):
     """Return a signal and its first three derivatives at an offset from its reference time."""
     p = terms.polynomial
     tau = terms.tau + offset
-    d1, d2, d3, x = digits(terms.scale, offset)
-    y, v, a, j = sum_block(terms.rows, terms.table, terms.u, d1, d2, d3, x)
+    d1, d2, d3, x = split_time(terms.scale, offset)
+    y, v, a, j = sum_derivatives(terms.rows, terms.table, terms.u, d1, d2, d3, x)
     c, s = cos_sin(terms.omega * tau)
-    f0, f1, f2 = first_values(terms.signals, tau, c, s)
-    f3 = polynomial_value(terms.signals, THIRD, tau, c, s)
+    f0, f1, f2 = evaluate_first_signals(terms.signals, tau, c, s)
+    f3 = evaluate_polynomial(terms.signals, THIRD, tau, c, s)
     return (
         y + f0 + p[0] + offset * (p[1] + 0.5 * offset * p[2]),
         v + f1 + p[1] + offset * p[2],
@@ -158,11 +170,18 @@ def signal_at(terms, offset):
 
 
 @jit
-def at_offset(slots, signals, omega, signal, tau, offset):
+def evaluate_at_offset(system, signals, omega, signal, tau, offset):
     """Return a signal and its first two derivatives at an offset from its reference time."""
-    y, v, a, _ = signal_at(
-        Terms(
-            slots.rows, slots.table, slots.scale, signals, omega, signal.u, signal.polynomial, tau
+    y, v, a, _ = evaluate_terms(
+        SignalTerms(
+            system.rows,
+            system.table,
+            system.scale,
+            signals,
+            omega,
+            signal.u,
+            signal.polynomial,
+            tau,
         ),
         offset,
     )
@@ -170,13 +189,13 @@ def at_offset(slots, signals, omega, signal, tau, offset):
 
 
 @jit
-def value_at_offset(slots, signals, omega, signal, tau, offset):
-    """Return a signal at an offset from its reference time, to the last digit that of `at_offset`."""
+def evaluate_value_at_offset(system, signals, omega, signal, tau, offset):
+    """Return a signal at an offset from its reference time, to the last digit that of `evaluate_at_offset`."""
     p = signal.polynomial
-    y = value(slots.rows, slots.table, slots.scale, signal.u, offset)
+    y = sum_amplitudes(system.rows, system.table, system.scale, signal.u, offset)
     return (
         y
-        + signal_value(signals, 0, omega, tau + offset)
+        + evaluate_signal(signals, 0, omega, tau + offset)
         + p[0]
         + offset * (p[1] + 0.5 * offset * p[2])
     )
@@ -184,13 +203,13 @@ def value_at_offset(slots, signals, omega, signal, tau, offset):
 
 @jit_inline
 def time_resolution(rows, omega, length):
-    """Return the shortest time (s) that a search tells apart: by the slowest slot, or a quicker force."""
+    """Return the shortest time (s) that a search tells apart: by the slowest modal amplitude, or a quicker force."""
     return max(TIME_RESOLUTION / max(rows[SPEED, 0], omega), 4.0 * EPSILON * length)
 
 
 @jit_inline
-def wall_of(kind, guards):
-    """Return the wall that an event is at; 0 where there are none."""
+def find_event_wall(kind, guards):
+    """Return the wall of an event; 0 where there are none."""
     wall = 0.0
     if guards.low is not None:
         wall = guards.high if kind == HIT_HIGH else guards.low
@@ -198,23 +217,23 @@ def wall_of(kind, guards):
 
 
 @jit_inline
-def counted(event, evaluations):
+def with_evaluations(event, evaluations):
     """Return an event with the evaluations of the whole search."""
-    return Event(event.kind, event.offset, event.value, event.rate, event.bend, evaluations)
+    return GuardEvent(event.kind, event.offset, event.value, event.rate, event.bend, evaluations)
 
 
 @jit_inline
-def given_up(evaluations):
-    """Return an Event of NaN, so that the run ends in an error: an event could be missed."""
-    return Event(NOTHING, np.nan, np.nan, np.nan, np.nan, evaluations)
+def failed_search(evaluations):
+    """Return an event of NaN, which ends the run in an error: an event could be missed."""
+    return GuardEvent(NOTHING, np.nan, np.nan, np.nan, np.nan, evaluations)
 
 
 @jit
-def refine(terms, offset, kind, wall, b4, resolution):
+def refine_root(terms, offset, kind, wall, b4, resolution):
     """Return the simple root near ``offset`` of a signal as an Event, by Newton's method with two more derivatives.
 
-    The last step is not evaluated again: it must be so short that the fourth derivative's bound b4 leaves time and rate exact. NOTHING where it
-    finds none.
+    The last step is not evaluated again: it must be so short that the fourth derivative's bound b4
+    leaves time and rate exact. NOTHING where it finds none.
     """
     y = 0.0
     v = 0.0
@@ -222,13 +241,16 @@ def refine(terms, offset, kind, wall, b4, resolution):
     count = 0
     while count < 12:
         count += 1
-        y, v, a, j = signal_at(terms, offset)
+        y, v, a, j = evaluate_terms(terms, offset)
         if kind == REVERSAL:
             inverse = 1.0 / a
             step = -v * inverse
             e = 0.5 * j * step * inverse
             step -= step * e * (1.0 - 2.0 * e)
-            exact = b4 * abs(step * step * step) <= 6.0 * abs(a) * resolution and abs(e) < FEW
+            exact = (
+                b4 * abs(step * step * step) <= 6.0 * abs(a) * resolution
+                and abs(e) < CURVATURE_SHARE_TOL
+            )
         else:
             d = wall - y if kind == HIT_HIGH else y - wall
             g = v if kind == HIT_HIGH else -v
@@ -238,11 +260,13 @@ def refine(terms, offset, kind, wall, b4, resolution):
             first = d * inverse
             e = 0.5 * c * first * inverse
             step = first * (1.0 - e * (1.0 - 2.0 * e) - k * first * first * inverse / 6.0)
-            exact = b4 * abs(step * step * step) <= 6.0 * EPSILON * g and abs(e) < FEW
+            exact = (
+                b4 * abs(step * step * step) <= 6.0 * EPSILON * g and abs(e) < CURVATURE_SHARE_TOL
+            )
         offset += step
         y += step * (v + step * (0.5 * a + step * j / 6.0))
         v += step * (a + 0.5 * step * j)
         a += step * j
         if exact or abs(step) <= resolution:
-            return Event(kind, offset, y, v, a, count)
-    return Event(NOTHING, 0.0, 0.0, 0.0, 0.0, count)
+            return GuardEvent(kind, offset, y, v, a, count)
+    return GuardEvent(NOTHING, 0.0, 0.0, 0.0, 0.0, count)

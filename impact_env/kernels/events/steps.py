@@ -1,8 +1,10 @@
 """One step of the search's scan (search.py): whether it is clear of the guards, also where it starts on one, and the only event in it.
 
-Start on a guard. There y(0) = wall is known, and the step is clear if the quadratic (H - wall)/t, three coefficients again, keeps off zero by more
-than its error. Of a summed slot this is y''''/24 t (h - t)^2, at most 64/27 E/h. A slot U that is not summed is part of the known zero alone:
-it adds U(t) - U(0) (1 - x)^2 (1 + 2 x) to the distance, x = t/h, at most (9/8 |U| + h |s U|) x (`start_error`; docs/method.md).
+Start on a guard. There y(0) = wall is known, and the step is clear if the quadratic (H - wall)/t,
+three coefficients again, keeps off zero by more than its error. Of a summed modal amplitude this is
+y''''/24 t (h - t)^2, at most 64/27 E/h. A modal amplitude U that is not summed is part of the known
+zero alone: it adds U(t) - U(0) (1 - x)^2 (1 + 2 x) to the distance, x = t/h, at most (9/8 |U| + h
+|s U|) x (`start_error`; docs/method.md).
 """
 
 from __future__ import annotations
@@ -10,13 +12,19 @@ from __future__ import annotations
 from impact_env.kernels.compiling.jit import jit_inline
 from impact_env.kernels.events.signals import HIT_HIGH, HIT_LOW, NOTHING, REVERSAL
 from impact_env.kernels.motion.numbers import fma
-from impact_env.kernels.motion.vector import BEND, POINTS, RATE, VALUE
+from impact_env.kernels.motion.search_block import BEND, POINTS, RATE, VALUE
 
-START_ERROR = 64.0 / 27.0  # of E: what a summed slot's share becomes when it is divided by t/h
-START_JUMP = 9.0 / 8.0  # of an unsummed slot's amplitude: largest (1 - (1 - x)^2 (1 + 2 x))/x
-# of the signal's fall over a step, where an event in it is accepted: the error E is below the first, and the fall between any two coefficients above
-# the second. Then E moves the root by a third of a step at most, and usually by a twentieth, and Newton's method goes on with the signal itself.
-# Both only decide whether a step is halved first: an event that is found does not depend on them
+START_ERROR = (
+    64.0 / 27.0
+)  # of E: what a summed modal amplitude's share becomes when it is divided by t/h
+START_JUMP = (
+    9.0 / 8.0
+)  # of an unsummed modal amplitude's amplitude: largest (1 - (1 - x)^2 (1 + 2 x))/x
+# of the signal's fall over a step, where an event in it is accepted: the error E is below the
+# first, and the fall between any two coefficients above the second. Then E moves the root by a
+# third of a step at most, and usually by a twentieth, and Newton's method goes on with the signal
+# itself. Both only decide whether a step is halved first: an event that is found does not depend on
+# them
 ROOT_ERROR_TOL = 0.05
 ROOT_SLOPE_TOL = 0.05
 LEVEL_RATIO = 4.0
@@ -26,7 +34,8 @@ LEVEL_RATIO = 4.0
 def start_error(w, size, summed, order, h, error):
     """Return the error, in the quadratic (H - known zero)/t of a first step, of the derivative ``order`` with the error ``error``; times h.
 
-    Each slot that is not summed, with the amplitudes w of this derivative and the next, has a share of its own instead of that in ``error``.
+    Each modal amplitude that is not summed, with the amplitudes w of this derivative and the next,
+    has a share of its own instead of that in ``error``.
     """
     share = START_ERROR * error
     here = 2 * order * size
@@ -69,7 +78,7 @@ def leaves_rest(b, h, direction, error):
 
 
 @jit_inline
-def leaves_guard(signal, guards, step, walls, reversals):
+def correct_first_step(signal, guards, step, walls, reversals):
     """Return a scan's (walls, reversals), with the bit of the first step corrected for the guard on which the signal starts."""
     b = signal.block
     w = signal.moving
@@ -88,7 +97,7 @@ def leaves_guard(signal, guards, step, walls, reversals):
 
 
 @jit_inline
-def sharp_root(d0, d1, d2, d3, error, slope_error):
+def find_sharp_root(d0, d1, d2, d3, error, slope_error):
     """Return where in (0, 1) the secant of the cubic with these Bernstein coefficients is zero, or -1 if its root is not sharp."""
     least = min(min(d0 - d1, d1 - d2), d2 - d3)
     if not (
@@ -102,13 +111,13 @@ def sharp_root(d0, d1, d2, d3, error, slope_error):
 
 
 @jit_inline
-def halley(x, f, slope, bend):
+def halley_step(x, f, slope, bend):
     """Return a better root than x, by Halley's method."""
     return x - f * slope / fma(-0.5 * f, bend, slope * slope)
 
 
 @jit_inline
-def cubic_root(b, k, h, wall, x):
+def refine_cubic_root(b, k, h, wall, x):
     """Return a root near ``x``, in shares of step k, of the cubic through value and rate at both ends: at the wall."""
     y = b[VALUE + k] - wall
     v = h * b[RATE + k]
@@ -119,12 +128,12 @@ def cubic_root(b, k, h, wall, x):
     for _ in range(2):
         f = fma(x, fma(x, fma(x, c3, c2), v), y)
         slope = fma(x, fma(x, 3.0 * c3, 2.0 * c2), v)
-        x = halley(x, f, slope, fma(x, 6.0 * c3, 2.0 * c2))
+        x = halley_step(x, f, slope, fma(x, 6.0 * c3, 2.0 * c2))
     return x
 
 
 @jit_inline
-def closer_root(b, k, h, kind, wall, x):
+def refine_quintic_root(b, k, h, kind, wall, x):
     """Return a root near ``x``, in shares of step k, of the quintic through value, rate and bend at both ends: at the wall, or of its rate."""
     y0 = b[VALUE + k] - wall
     v0 = h * b[RATE + k]
@@ -139,20 +148,20 @@ def closer_root(b, k, h, kind, wall, x):
         v = fma(x, fma(x, fma(x, fma(x, 5.0 * c5, 4.0 * c4), 3.0 * c3), a0), v0)
         a = fma(x, fma(x, fma(x, 20.0 * c5, 12.0 * c4), 6.0 * c3), a0)
         if kind == REVERSAL:
-            x = halley(x, v, a, fma(x, fma(x, 60.0 * c5, 24.0 * c4), 6.0 * c3))
+            x = halley_step(x, v, a, fma(x, fma(x, 60.0 * c5, 24.0 * c4), 6.0 * c3))
         else:
             y = fma(x, fma(x, fma(x, fma(x, fma(x, c5, c4), c3), 0.5 * a0), v0), y0)
-            x = halley(x, y, v, a)
+            x = halley_step(x, y, v, a)
     return x
 
 
 @jit_inline
-def turn_in_step(b, k, step, direction, slope_error):
+def locate_reversal(b, k, step, direction, slope_error):
     """Return the share of step k where the rate changes its sign, or -1 if that is not sharp."""
     h = step.h
     v0 = direction * b[RATE + k]
     v3 = direction * b[RATE + 1 + k]
-    return sharp_root(
+    return find_sharp_root(
         v0,
         v0 + h / 3.0 * direction * b[BEND + k],
         v3 - h / 3.0 * direction * b[BEND + 1 + k],
@@ -163,7 +172,7 @@ def turn_in_step(b, k, step, direction, slope_error):
 
 
 @jit_inline
-def event_in_step(b, k, guards, step, near_wall, near_rest, slope_error):
+def locate_event_in_step(b, k, guards, step, near_wall, near_rest, slope_error):
     """Return (kind, share of the step) of the only event in step k, or NOTHING where that is not certain."""
     low = guards.low
     high = guards.high
@@ -171,7 +180,7 @@ def event_in_step(b, k, guards, step, near_wall, near_rest, slope_error):
         if near_rest:
             if near_wall:
                 return NOTHING, 0.0
-            x = turn_in_step(b, k, step, guards.direction, slope_error)
+            x = locate_reversal(b, k, step, guards.direction, slope_error)
             return (REVERSAL, x) if x >= 0.0 else (NOTHING, 0.0)
     if low is not None:
         y0 = b[VALUE + k]
@@ -179,9 +188,9 @@ def event_in_step(b, k, guards, step, near_wall, near_rest, slope_error):
         y1 = y0 + step.h / 3.0 * b[RATE + k]
         y2 = y3 - step.h / 3.0 * b[RATE + 1 + k]
         if y3 > y0:
-            x = sharp_root(high - y0, high - y1, high - y2, high - y3, step.e0, slope_error)
+            x = find_sharp_root(high - y0, high - y1, high - y2, high - y3, step.e0, slope_error)
             return (HIT_HIGH, x) if x >= 0.0 else (NOTHING, 0.0)
-        x = sharp_root(y0 - low, y1 - low, y2 - low, y3 - low, step.e0, slope_error)
+        x = find_sharp_root(y0 - low, y1 - low, y2 - low, y3 - low, step.e0, slope_error)
         return (HIT_LOW, x) if x >= 0.0 else (NOTHING, 0.0)
     return NOTHING, 0.0
 

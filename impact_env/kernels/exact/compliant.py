@@ -1,7 +1,8 @@
 """Event-driven exact integration of compliant contact (paper, appendix): a spring k_n at either wall, a spring k_t in series with a Coulomb slider.
 
-Between events the scene is linear: absorber and tip apart, or joined by the springs that act. Events are the contact of a wall and its end,
-the slider's slip (its spring at the limit) and its stick (the relative velocity turns): all guards on the relative displacement and its rate.
+Between events the scene is linear: absorber and tip apart, or joined by the springs that act.
+Events are the contact of a wall and its end, the slider's slip (its spring at the limit) and its
+stick (the relative velocity turns): all guards on the relative displacement and its rate.
 """
 
 from __future__ import annotations
@@ -11,70 +12,78 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
-from impact_env.kernels.energy.account import new_account, observe_with
+from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
+from impact_env.kernels.energy.account import new_account, with_energy_account
 from impact_env.kernels.energy.energies import add_energy
-from impact_env.kernels.events.search import next_event
-from impact_env.kernels.events.signals import NOTHING, Course, Guards, Signal, new_signal
-from impact_env.kernels.exact.budget import limit_searches, progress
-from impact_env.kernels.exact.check import Guard, sample_guard
-from impact_env.kernels.exact.rigid_contact import Contact
-from impact_env.kernels.exact.springs import (
-    Springs,
+from impact_env.kernels.events.search import find_next_event
+from impact_env.kernels.events.signals import NOTHING, EventFunction, Guards, Signal, new_signal
+from impact_env.kernels.exact.budget import count_progress, limit_searches
+from impact_env.kernels.exact.check import GuardBounds, check_guard_samples
+from impact_env.kernels.exact.compliant_contact import (
+    ContactStiffness,
     add_slider_energy,
     add_slider_loss,
-    begin,
-    book_contact_loss,
-    clearance,
-    constant_force,
-    damper_loss,
-    guard_bounds,
-    list_contact,
-    new_now,
-    regime_number,
-    relative_motion,
-    slider_reach,
-    slider_sign,
-    switch,
+    compute_relative_motion,
+    compute_slider_reach,
+    find_guard_bounds,
+    find_regime_number,
+    find_slider_sign,
+    gap_or_zero,
+    handle_contact_event,
+    init_compliant_contact,
+    move_damper_loss,
+    new_compliant_state,
+    read_damper_loss,
+    record_wall_contact,
+    update_constant_force,
 )
+from impact_env.kernels.exact.rigid_contact import ContactLaw
 from impact_env.kernels.motion.forced import Forced, add_forced, new_forced
-from impact_env.kernels.motion.lines import solve_window
+from impact_env.kernels.motion.modal_system import (
+    GUARD,
+    REST,
+    add_weighted,
+    apply_weights,
+    copy_amplitudes,
+    propagate,
+)
 from impact_env.kernels.motion.observers import (
+    ABSORBER_MOTION,
     DONE,
-    MOTION,
+    GUARD_PASSED,
     NOT_FINITE,
-    PASSED,
     STUCK_INSIDE,
     push_phase,
 )
 from impact_env.kernels.motion.segments import (
+    Buffers,
+    LinearRegime,
     Losses,
-    Regime,
-    Stretch,
-    Work,
-    last_sample,
-    new_work,
-    own_schedule,
+    Segment,
+    compute_amplitudes,
+    compute_state,
+    copy_schedule,
+    count_windows,
+    expand_window,
+    new_buffers,
     sample_level,
     sample_state,
-    to_slots,
-    to_state,
-    window_count,
-    window_of,
+    take_last_sample,
 )
-from impact_env.kernels.motion.slots import GUARD, REST, add, advance, copy, weigh
+from impact_env.kernels.motion.unit_loads import update_forced_response
 
 
-class Sprung(NamedTuple):
+class CompliantScene(NamedTuple):
     """A scene of one absorber with compliant contact.
 
-    Regimes without a spring, with the wall's, with the friction's, with both; the contact, the springs, half-clearance (m) and limit of friction (N),
-    None where absent, and what the energy balance needs: ``wall_losses`` while a wall is touched, with the walls' damper, else ``losses``.
+    Regimes without a spring, with the wall's, with the friction's, with both; contact law,
+    stiffness, half-clearance (m) and friction limit (N), None where absent. Losses for the energy
+    balance: ``wall_losses``, with the walls' damper, while a wall is touched, else ``losses``.
     """
 
-    regimes: tuple[Regime, Regime, Regime, Regime]
-    contact: Contact
-    springs: Springs
+    regimes: tuple[LinearRegime, LinearRegime, LinearRegime, LinearRegime]
+    contact: ContactLaw
+    springs: ContactStiffness
     gap: float | None
     limit: float | None
     losses: Losses
@@ -82,8 +91,8 @@ class Sprung(NamedTuple):
 
 
 @jit
-def guard_rest(rows):
-    """Return the relative displacement under a unit constant relative force."""
+def compute_static_displacement(rows):
+    """Return the static relative displacement under a unit constant relative force (m/N)."""
     r = 0.0
     for j in range(rows.shape[1]):
         r += rows[GUARD, j] * rows[REST, j] - rows[GUARD + 1, j] * rows[REST + 1, j]
@@ -91,111 +100,139 @@ def guard_rest(rows):
 
 
 @jit
-def check_springs(check, scene, slots, forced, window, bounds, room, offset):
-    """Check a search: no contact or slip is passed, and a slider that slides does not turn."""
+def check_compliant_segment(check, scene, system, forced, window, bounds, workspace, offset):
+    """Check a search densely: no bound is passed, and a slider that slides does not turn."""
     if check is None:
         return
-    now = room.now[0]
-    guard = Guard(
-        bounds[0], bounds[1], clearance(scene.gap), 0.0, slider_sign(scene.limit, now), PASSED
+    contact_state = workspace.contact_states[0]
+    guard = GuardBounds(
+        bounds[0],
+        bounds[1],
+        gap_or_zero(scene.gap),
+        0.0,
+        find_slider_sign(scene.limit, contact_state),
+        GUARD_PASSED,
     )
-    sample_guard(check, slots, forced, window, room.signal, now.tau, offset, guard)
+    check_guard_samples(
+        check, system, forced, window, workspace.signal, contact_state.tau, offset, guard
+    )
 
 
 @jit_inline
-def end_of_stretch(slots, forced, window, limit, low, high, room):
-    """Return the first event up to the window's end of the signal in ``room``: a bound of the interval, or the turn of a slider that slides."""
-    now = room.now[0]
-    length = window.half - now.tau
-    side = int(now.side)
-    course = Course(slots, forced, window.omega, room.signal, now.tau)
+def find_segment_end(system, forced, window, limit, low, high, workspace):
+    """Return the first event up to the window's end: a bound of the interval, or the turn of a sliding slider."""
+    contact_state = workspace.contact_states[0]
+    length = window.half - contact_state.tau
+    side = int(contact_state.side)
+    function = EventFunction(system, forced, window.omega, workspace.signal, contact_state.tau)
     if limit is None:
-        return next_event(window, course, Guards(low, high, side, None, False), length)
-    if not now.sticks:
-        return next_event(window, course, Guards(low, high, side, now.sign, now.at_rest), length)
-    return next_event(window, course, Guards(low, high, side, None, now.at_rest), length)
+        return find_next_event(window, function, Guards(low, high, side, None, False), length)
+    if not contact_state.sticks:
+        return find_next_event(
+            window,
+            function,
+            Guards(low, high, side, contact_state.sign, contact_state.at_rest),
+            length,
+        )
+    return find_next_event(
+        window, function, Guards(low, high, side, None, contact_state.at_rest), length
+    )
 
 
 @jit_inline
-def run_to_event(regime, forced, scene, window, reach, room, observe):
-    """Advance a regime to its next event or the window's end."""
-    now = room.now[0]
-    work = room.work
-    counters = observe.counters
-    r = regime_number(room.now[0])
+def advance_regime(regime, forced, scene, window, reach, workspace, observers):
+    """Advance a regime to its next event or the window's end; return the event."""
+    contact_state = workspace.contact_states[0]
+    buffers = workspace.buffers
+    counters = observers.counters
+    r = find_regime_number(workspace.contact_states[0])
     free = r == 0
-    slots = regime.slots
-    p = room.signal.polynomial
-    rest = guard_rest(regime.slots.rows) * now.force
-    weigh(slots.rows, GUARD, work.z, room.signal.u)
-    now.a = now.force / scene.contact.mass if free else 0.0
+    system = regime.system
+    p = workspace.signal.polynomial
+    rest = compute_static_displacement(regime.system.rows) * contact_state.force
+    apply_weights(system.rows, GUARD, buffers.z, workspace.signal.u)
+    contact_state.a = contact_state.force / scene.contact.mass if free else 0.0
     if free:
-        p[0], p[1], p[2] = now.q + rest, now.v, now.a
+        p[0], p[1], p[2] = contact_state.q + rest, contact_state.v, contact_state.a
     else:
         p[0], p[1], p[2] = rest, 0.0, 0.0
-        now.q = 0.0
-        now.v = 0.0
-    low, high = guard_bounds(scene.gap, reach, now)
-    tau = now.tau
-    found = end_of_stretch(slots, forced, window, scene.limit, low, high, room)
-    counters.counts.evaluations += found.evaluations
-    offset = found.offset
-    check_springs(counters.check, scene, slots, forced, window, (low, high), room, offset)
-    end = tau + offset
-    motion = room.motion[0]
-    motion.q = now.q
-    motion.v = now.v
-    motion.a = now.a
-    stretch = Stretch(
-        regime, forced, window, work, now.force, regime.tip_rest * now.force, room.motion, tau, end
+        contact_state.q = 0.0
+        contact_state.v = 0.0
+    low, high = find_guard_bounds(scene.gap, reach, contact_state)
+    tau = contact_state.tau
+    event = find_segment_end(system, forced, window, scene.limit, low, high, workspace)
+    counters.counts.evaluations += event.evaluations
+    offset = event.offset
+    check_compliant_segment(
+        counters.check, scene, system, forced, window, (low, high), workspace, offset
     )
-    sample_level(stretch, observe.clock, observe.level)
-    sample_state(stretch, observe.clock, observe.series)
-    if now.wall != 0.0:
-        add_energy(stretch, scene.wall_losses, room.scratch, r, observe.energy)
+    end = tau + offset
+    motion = workspace.motion[0]
+    motion.q = contact_state.q
+    motion.v = contact_state.v
+    motion.a = contact_state.a
+    segment = Segment(
+        regime,
+        forced,
+        window,
+        buffers,
+        contact_state.force,
+        regime.tip_rest * contact_state.force,
+        workspace.motion,
+        tau,
+        end,
+    )
+    sample_level(segment, observers.clock, observers.level)
+    sample_state(segment, observers.clock, observers.series)
+    if contact_state.wall != 0.0:
+        add_energy(segment, scene.wall_losses, workspace.scratch, r, observers.energy)
     else:
-        add_energy(stretch, scene.losses, room.scratch, r, observe.energy)
-    advance(slots.rows, slots.table, slots.scale, offset, work.z)
+        add_energy(segment, scene.losses, workspace.scratch, r, observers.energy)
+    propagate(system.rows, system.table, system.scale, offset, buffers.z)
     if free:
-        now.q += offset * (now.v + 0.5 * offset * now.a)
-        now.v += offset * now.a
-    now.tau = end
-    now.side = 0.0
-    now.at_rest = False
-    if now.sticks:
+        contact_state.q += offset * (contact_state.v + 0.5 * offset * contact_state.a)
+        contact_state.v += offset * contact_state.a
+    contact_state.tau = end
+    contact_state.side = 0.0
+    contact_state.at_rest = False
+    if contact_state.sticks:
         counters.counts.stuck_time += offset
-    return found
+    return event
 
 
 @jit
-def read_state(regime, forced, omega, now, work, state):
+def write_regime_state(regime, forced, omega, contact_state, buffers, state):
     """Write the state in the current regime at the current time."""
-    w = work.rows[0]
-    copy(work.z, w)
-    add_forced(forced.slots, omega, now.tau, 1.0, w)
-    add(regime.slots.rows, REST, now.force, w)
-    to_state(regime.out, w, state)
+    w = buffers.rows[0]
+    copy_amplitudes(buffers.z, w)
+    add_forced(forced.polynomials, omega, contact_state.tau, 1.0, w)
+    add_weighted(regime.system.rows, REST, contact_state.force, w)
+    compute_state(regime.out, w, state)
     half = state.shape[0] // 2
-    if regime_number(now) == 0:
-        state[half - 1], state[2 * half - 1] = now.q, now.v
+    if find_regime_number(contact_state) == 0:
+        state[half - 1], state[2 * half - 1] = contact_state.q, contact_state.v
 
 
 @jit
-def write_state(regime, forced, omega, now, work, state):
-    """Set the free part of the slots, and the absorber, from a state at the current time."""
+def read_regime_state(regime, forced, omega, contact_state, buffers, state):
+    """Set the free part of the amplitudes, and the absorber, from a state at the current time."""
     half = state.shape[0] // 2
-    now.q = state[half - 1]
-    now.v = state[2 * half - 1]
-    to_slots(regime.into, state, work.z)
-    add_forced(forced.slots, omega, now.tau, -1.0, work.z)
-    add(regime.slots.rows, REST, -now.force, work.z)
+    contact_state.q = state[half - 1]
+    contact_state.v = state[2 * half - 1]
+    compute_amplitudes(regime.into, state, buffers.z)
+    add_forced(forced.polynomials, omega, contact_state.tau, -1.0, buffers.z)
+    add_weighted(regime.system.rows, REST, -contact_state.force, buffers.z)
 
 
-class Room(NamedTuple):
-    """What a lane carries from stretch to stretch, ``now`` (1,), a `springs.NOW` record, and scratch; ``motion`` (1,) as in `segments.Stretch`."""
+class CompliantWorkspace(NamedTuple):
+    """Motion and scratch memory of a run with compliant contact.
 
-    now: NDArray[Any]
-    work: Work
+    ``contact_states`` (1,): a COMPLIANT_CONTACT_STATE record; ``forced`` and ``solved``: forced
+    response of each regime, and whether it is known; ``motion`` (1,): as in `segments.Segment`.
+    """
+
+    contact_states: NDArray[Any]
+    buffers: Buffers
     signal: Signal
     forced: tuple[Forced, Forced, Forced, Forced]
     solved: NDArray[np.bool_]
@@ -203,118 +240,133 @@ class Room(NamedTuple):
     scratch: NDArray[np.float64]
 
 
-@jit_room
-def new_room(regimes, load, state):
-    """Return room for lanes of one scene under a load, None: a chirp."""
+@jit_allocating
+def new_compliant_workspace(regimes, load, state):
+    """Return the workspace of a scene under a load, None: under a chirp."""
     free, wall, friction, both = regimes
-    size = free.slots.rows.shape[1]
+    size = free.system.rows.shape[1]
     forced = (
-        new_forced(free.slots, load),
-        new_forced(wall.slots, load),
-        new_forced(friction.slots, load),
-        new_forced(both.slots, load),
+        new_forced(free.system, load),
+        new_forced(wall.system, load),
+        new_forced(friction.system, load),
+        new_forced(both.system, load),
     )
-    return Room(
-        new_now(),
-        new_work(size),
+    return CompliantWorkspace(
+        new_compliant_state(),
+        new_buffers(size),
         new_signal(size),
         forced,
         np.zeros(4, np.bool_),
-        np.zeros(1, MOTION),
+        np.zeros(1, ABSORBER_MOTION),
         np.zeros_like(state),
     )
 
 
 @jit_inline
-def enter_regime(scene, window, room, state):
-    """Go on from a state in the regime that `regime_number` says."""
-    now = room.now[0]
-    r = regime_number(now)
+def enter_compliant_regime(scene, window, workspace, state):
+    """Continue from a state in the regime that `find_regime_number` returns."""
+    contact_state = workspace.contact_states[0]
+    r = find_regime_number(contact_state)
     regime = scene.regimes[r]
-    forced = room.forced[r]
-    if not room.solved[r]:
-        solve_window(regime.slots, window, None, forced)
-        room.solved[r] = True
-    write_state(regime, forced, window.omega, now, room.work, state)
+    forced = workspace.forced[r]
+    if not workspace.solved[r]:
+        update_forced_response(regime.system, window, None, forced)
+        workspace.solved[r] = True
+    read_regime_state(regime, forced, window.omega, contact_state, workspace.buffers, state)
 
 
 @jit_inline
-def pass_event(scene, window, reach, room, state, observe):
-    """Advance to the next event, or to the window's end, and let it happen."""
-    now = room.now[0]
-    r0, _ = relative_motion(scene.contact, state)
-    number = regime_number(now)
+def advance_to_compliant_event(scene, window, reach, workspace, state, observers):
+    """Advance to the next event, or to the window's end, and apply the event."""
+    contact_state = workspace.contact_states[0]
+    r0, _ = compute_relative_motion(scene.contact, state)
+    number = find_regime_number(contact_state)
     regime = scene.regimes[number]
-    forced = room.forced[number]
-    found = run_to_event(regime, forced, scene, window, reach, room, observe)
-    read_state(regime, forced, window.omega, now, room.work, state)
-    r1, _ = relative_motion(scene.contact, state)
-    add_slider_loss(scene.limit, r0, r1, now, observe.energy)
-    if found.kind != NOTHING:
-        switch(found, scene, reach, now, state, window.centre + now.tau, observe)
-        constant_force(scene.springs, scene.gap, scene.limit, now)
-        enter_regime(scene, window, room, state)
+    forced = workspace.forced[number]
+    event = advance_regime(regime, forced, scene, window, reach, workspace, observers)
+    write_regime_state(regime, forced, window.omega, contact_state, workspace.buffers, state)
+    r1, _ = compute_relative_motion(scene.contact, state)
+    add_slider_loss(scene.limit, r0, r1, contact_state, observers.energy)
+    if event.kind != NOTHING:
+        handle_contact_event(
+            event, scene, reach, contact_state, state, window.centre + contact_state.tau, observers
+        )
+        update_constant_force(scene.springs, scene.gap, scene.limit, contact_state)
+        enter_compliant_regime(scene, window, workspace, state)
 
 
 @jit
-def compliant_stretch(scene, schedule, k, room, state, observe):
-    """Integrate over stretch ``k`` of the schedule and return a status code; ``state`` and ``room.now`` are carried from stretch to stretch."""
-    now = room.now[0]
-    reach = slider_reach(scene.springs, scene.limit)
-    count = window_count(schedule, k)
+def integrate_compliant_section(scene, schedule, k, workspace, state, observers):
+    """Integrate section ``k`` of the schedule and return a status code; ``state`` is carried from section to section."""
+    contact_state = workspace.contact_states[0]
+    reach = compute_slider_reach(scene.springs, scene.limit)
+    count = count_windows(schedule, k)
     for w in range(count):
-        window = window_of(schedule, k, w, count)
-        now.tau = -window.half
-        room.solved[:] = False
-        last = now.tau
+        window = expand_window(schedule, k, w, count)
+        contact_state.tau = -window.half
+        workspace.solved[:] = False
+        last = contact_state.tau
         stalled = 0
-        enter_regime(scene, window, room, state)
-        while now.tau < window.half:
-            pass_event(scene, window, reach, room, state, observe)
-            stalled, status = progress(observe.counters, window, now.tau, last, stalled)
+        enter_compliant_regime(scene, window, workspace, state)
+        while contact_state.tau < window.half:
+            advance_to_compliant_event(scene, window, reach, workspace, state, observers)
+            stalled, status = count_progress(
+                observers.counters, window, contact_state.tau, last, stalled
+            )
             if status != DONE:
                 return status
-            last = now.tau
+            last = contact_state.tau
         if not np.isfinite(state[0]):
             return NOT_FINITE
     return DONE
 
 
-@jit_room
-def compliant_lane(scene, plan, state, observe):
-    """Integrate one lane of a `Sprung` scene and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end.
+@jit_allocating
+def compliant_lane(scene, plan, state, observers):
+    """Integrate one run of a `CompliantScene` and return a status code.
 
-    The friction loss contains what the slider's spring holds at the end.
+    ``state`` (2 N_m + 2,) is the initial state and becomes the final one. The friction loss
+    contains the energy that the slider's spring stores at the end.
     """
-    schedule = own_schedule(plan)
-    room = new_room(scene.regimes, schedule.load, state)
+    schedule = copy_schedule(plan)
+    workspace = new_compliant_workspace(scene.regimes, schedule.load, state)
     status = DONE
-    counts = observe.counters.counts
-    limit_searches(room.signal.memory, observe.counters)
-    seen = observe_with(observe, new_account(observe.energy, 4, room.work.z.shape[1]))
-    begin(
-        scene.springs, scene.gap, scene.limit, room.now[0], state, scene.contact, observe.counters
+    counts = observers.counters.counts
+    limit_searches(workspace.signal.memory, observers.counters)
+    lane_observers = with_energy_account(
+        observers, new_account(observers.energy, 4, workspace.buffers.z.shape[1])
+    )
+    init_compliant_contact(
+        scene.springs,
+        scene.gap,
+        scene.limit,
+        workspace.contact_states[0],
+        state,
+        scene.contact,
+        observers.counters,
     )
     for k in range(schedule.times.shape[0] - 1):
-        status = compliant_stretch(scene, schedule, k, room, state, seen)
+        status = integrate_compliant_section(scene, schedule, k, workspace, state, lane_observers)
         if status != DONE:
             break
     if status == DONE:
         counts.reached = schedule.times[-1]
-    finish(scene, room, state, counts.reached, observe)
+    finish_compliant_run(scene, workspace, state, counts.reached, observers)
     return status
 
 
 @jit
-def finish(scene, room, state, end, observe):
-    """Close what is open at the end (s), and take the sample that falls on it."""
-    now = room.now[0]
+def finish_compliant_run(scene, workspace, state, end, observers):
+    """Record open contacts and phases at ``end`` (s), and take the sample there."""
+    contact_state = workspace.contact_states[0]
     contact = scene.contact
-    if now.sticks:
-        push_phase(observe.events, now.stick_time, end, STUCK_INSIDE, 0)
-    if now.wall != 0.0:
-        loss = damper_loss(scene.wall_losses.damper > 0.0, observe.energy)
-        list_contact(end, state[-1], loss, now, observe.events, contact.mass)
-    add_slider_energy(scene, scene.limit, now, state, observe.energy)
-    book_contact_loss(observe.energy)
-    last_sample(state, contact.tip_shape, end, observe.clock, observe.level, observe.series)
+    if contact_state.sticks:
+        push_phase(observers.events, contact_state.stick_time, end, STUCK_INSIDE, 0)
+    if contact_state.wall != 0.0:
+        loss = read_damper_loss(scene.wall_losses.damper > 0.0, observers.energy)
+        record_wall_contact(end, state[-1], loss, contact_state, observers.events, contact.mass)
+    add_slider_energy(scene, scene.limit, contact_state, state, observers.energy)
+    move_damper_loss(observers.energy)
+    take_last_sample(
+        state, contact.tip_shape, end, observers.clock, observers.level, observers.series
+    )

@@ -1,6 +1,7 @@
 """Closed form for scenes with one linear regime: no absorber, stuck absorber, tuned absorber. No step and no event search.
 
-The windows only renew the expansion of the chirp; the response is exact at every sample whatever their length.
+The windows only renew the expansion of the chirp; the response is exact at every sample whatever
+their length.
 """
 
 from __future__ import annotations
@@ -10,149 +11,164 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
-from impact_env.kernels.energy.account import new_account, observe_with
+from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
+from impact_env.kernels.energy.account import new_account, with_energy_account
 from impact_env.kernels.energy.energies import add_energy
-from impact_env.kernels.exact.budget import note_time
+from impact_env.kernels.exact.budget import record_time
 from impact_env.kernels.motion.forced import Forced, add_forced, new_forced, solve_response
-from impact_env.kernels.motion.lines import leap_over, solve_lines
-from impact_env.kernels.motion.observers import DONE, MOTION, NOT_FINITE
+from impact_env.kernels.motion.modal_system import REST, add_weighted, propagate
+from impact_env.kernels.motion.observers import ABSORBER_MOTION, DONE, NOT_FINITE
 from impact_env.kernels.motion.segments import (
+    Buffers,
+    LinearRegime,
     Losses,
-    Regime,
-    Stretch,
-    Work,
-    is_due,
-    last_sample,
-    new_work,
-    own_schedule,
+    Segment,
+    compute_amplitudes,
+    compute_state,
+    copy_schedule,
+    count_windows,
+    expand_window,
+    is_observed,
+    new_buffers,
     sample_level,
     sample_state,
-    to_slots,
-    to_state,
-    window_count,
-    window_of,
+    take_last_sample,
 )
-from impact_env.kernels.motion.slots import REST, add, advance
+from impact_env.kernels.motion.unit_loads import combine_unit_responses, propagate_sampled_load
 
 
 class Linear(NamedTuple):
-    """A scene of one regime, and what the energy balance needs; the acceleration of the absorber's weight (m/s^2), None without."""
+    """A scene of one linear regime, its losses, and the acceleration of the absorber's weight (m/s^2), None without."""
 
-    regime: Regime
+    regime: LinearRegime
     losses: Losses
     gravity: float | None
 
 
-class Room(NamedTuple):
-    """What a lane carries from stretch to stretch, ``work.z``, and scratch for it; ``still`` (1,): a MOTION record, of no motion."""
+class LinearWorkspace(NamedTuple):
+    """Motion (``buffers.z``) and scratch memory of a run with one regime; ``no_motion`` (1,): an ABSORBER_MOTION record of zeros."""
 
-    work: Work
+    buffers: Buffers
     forced: Forced
     scratch: NDArray[np.float64]
-    still: NDArray[Any]
+    no_motion: NDArray[Any]
 
 
-@jit_room
-def new_room(regime, load, state):
-    """Return room for lanes of one scene under a load, None: a chirp."""
-    size = regime.slots.rows.shape[1]
-    return Room(
-        new_work(size), new_forced(regime.slots, load), np.zeros_like(state), np.zeros(1, MOTION)
+@jit_allocating
+def new_linear_workspace(regime, load, state):
+    """Return the workspace of a scene under a load, None: under a chirp."""
+    size = regime.system.rows.shape[1]
+    return LinearWorkspace(
+        new_buffers(size),
+        new_forced(regime.system, load),
+        np.zeros_like(state),
+        np.zeros(1, ABSORBER_MOTION),
     )
 
 
 @jit
-def bend_by_weight(regime, gravity, sign, z):
-    """Add to slots, times ``sign``, what the absorber's weight bends; return its acceleration, 0 without."""
+def add_weight_deflection(regime, gravity, sign, z):
+    """Add the static deflection under the absorber's weight, times ``sign``; return its acceleration, 0 without."""
     if gravity is None:
         return 0.0
-    add(regime.slots.rows, REST, sign * gravity, z)
+    add_weighted(regime.system.rows, REST, sign * gravity, z)
     return gravity
 
 
 @jit_inline
-def pass_unobserved(scene, window, room, observe):
-    """Move the slots over a window of straight lines in which nothing is observed; return False where it is none."""
+def skip_unobserved_window(scene, window, workspace, observers):
+    """Propagate over a window of a sampled load in which nothing is observed; return False where that does not apply."""
     load = window.load
-    z = room.work.z
+    z = workspace.buffers.z
     if load is None:
         return False
-    if not load.straight[0] or is_due(
-        window, observe.clock, observe.level, observe.series, observe.energy
+    if not load.linear[0] or is_observed(
+        window, observers.clock, observers.level, observers.series, observers.energy
     ):
         return False
-    bend_by_weight(scene.regime, scene.gravity, -1.0, z)
-    passed = leap_over(load, scene.regime.slots, window, room.forced, room.work.rows[0], z)
-    bend_by_weight(scene.regime, scene.gravity, 1.0, z)
+    add_weight_deflection(scene.regime, scene.gravity, -1.0, z)
+    passed = propagate_sampled_load(
+        load, scene.regime.system, window, workspace.forced, workspace.buffers.rows[0], z
+    )
+    add_weight_deflection(scene.regime, scene.gravity, 1.0, z)
     return passed
 
 
 @jit_inline
-def pass_window(scene, window, room, observe):
-    """Move the slots over a window, and let the observers see it."""
+def advance_window(scene, window, workspace, observers):
+    """Propagate over a window and pass it to the observers."""
     regime = scene.regime
-    slots = scene.regime.slots
-    work = room.work
-    forced = room.forced
-    if not solve_lines(window.load, slots, window, None, False, forced):
-        solve_response(slots, window, forced)
-    add_forced(forced.slots, window.omega, -window.half, -1.0, work.z)
-    weight = bend_by_weight(regime, scene.gravity, -1.0, work.z)
-    stretch = Stretch(
+    system = scene.regime.system
+    buffers = workspace.buffers
+    forced = workspace.forced
+    if not combine_unit_responses(window.load, system, window, None, False, forced):
+        solve_response(system, window, forced)
+    add_forced(forced.polynomials, window.omega, -window.half, -1.0, buffers.z)
+    weight = add_weight_deflection(regime, scene.gravity, -1.0, buffers.z)
+    segment = Segment(
         regime,
         forced,
         window,
-        work,
+        buffers,
         weight,
         regime.tip_rest * weight,
-        room.still,
+        workspace.no_motion,
         -window.half,
         window.half,
     )
-    sample_level(stretch, observe.clock, observe.level)
-    sample_state(stretch, observe.clock, observe.series)
-    add_energy(stretch, scene.losses, room.scratch, 0, observe.energy)
-    advance(slots.rows, slots.table, slots.scale, 2.0 * window.half, work.z)
-    add_forced(forced.slots, window.omega, window.half, 1.0, work.z)
-    bend_by_weight(regime, scene.gravity, 1.0, work.z)
+    sample_level(segment, observers.clock, observers.level)
+    sample_state(segment, observers.clock, observers.series)
+    add_energy(segment, scene.losses, workspace.scratch, 0, observers.energy)
+    propagate(system.rows, system.table, system.scale, 2.0 * window.half, buffers.z)
+    add_forced(forced.polynomials, window.omega, window.half, 1.0, buffers.z)
+    add_weight_deflection(regime, scene.gravity, 1.0, buffers.z)
 
 
 @jit_inline
-def linear_stretch(scene, schedule, k, room, observe):
-    """Propagate over stretch ``k`` of the schedule and return a status code; what the next stretch needs stays in ``room``."""
-    count = window_count(schedule, k)
+def integrate_linear_section(scene, schedule, k, workspace, observers):
+    """Propagate over section ``k`` of the schedule and return a status code."""
+    count = count_windows(schedule, k)
     for w in range(count):
-        window = window_of(schedule, k, w, count)
-        if not pass_unobserved(scene, window, room, observe):
-            pass_window(scene, window, room, observe)
-        observe.counters.counts.steps += 1
-        if not np.isfinite(room.work.z[0, 0]):
+        window = expand_window(schedule, k, w, count)
+        if not skip_unobserved_window(scene, window, workspace, observers):
+            advance_window(scene, window, workspace, observers)
+        observers.counters.counts.steps += 1
+        if not np.isfinite(workspace.buffers.z[0, 0]):
             return NOT_FINITE
-        status = note_time(observe.counters, window.centre + window.half)
+        status = record_time(observers.counters, window.centre + window.half)
         if status != DONE:
             return status
     return DONE
 
 
-@jit_room
-def linear_lane(scene, plan, state, observe):
-    """Propagate one lane of a `Linear` scene and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end."""
-    schedule = own_schedule(plan)
+@jit_allocating
+def linear_lane(scene, plan, state, observers):
+    """Propagate one run of a `Linear` scene and return a status code.
+
+    ``state`` (2 N_m + 2,) is the initial state and becomes the final one.
+    """
+    schedule = copy_schedule(plan)
     regime = scene.regime
-    room = new_room(scene.regime, schedule.load, state)
+    workspace = new_linear_workspace(scene.regime, schedule.load, state)
     status = DONE
-    counts = observe.counters.counts
-    seen = observe_with(observe, new_account(observe.energy, 1, regime.slots.rows.shape[1]))
-    to_slots(regime.into, state, room.work.z)
+    counts = observers.counters.counts
+    lane_observers = with_energy_account(
+        observers, new_account(observers.energy, 1, regime.system.rows.shape[1])
+    )
+    compute_amplitudes(regime.into, state, workspace.buffers.z)
     for k in range(schedule.times.shape[0] - 1):
-        status = linear_stretch(scene, schedule, k, room, seen)
+        status = integrate_linear_section(scene, schedule, k, workspace, lane_observers)
         if status != DONE:
             break
     if status == DONE:
         counts.reached = schedule.times[-1]
-    to_state(regime.out, room.work.z, state)
-    last_sample(
-        state, scene.losses.tip_shape, counts.reached, observe.clock, observe.level, observe.series
+    compute_state(regime.out, workspace.buffers.z, state)
+    take_last_sample(
+        state,
+        scene.losses.tip_shape,
+        counts.reached,
+        observers.clock,
+        observers.level,
+        observers.series,
     )
     return status

@@ -5,53 +5,69 @@ from __future__ import annotations
 import numpy as np
 
 from impact_env.kernels.compiling.jit import jit_inline
-from impact_env.kernels.events.search import next_event
-from impact_env.kernels.events.signals import Course, Guards
+from impact_env.kernels.events.search import find_next_event
+from impact_env.kernels.events.signals import EventFunction, Guards
 from impact_env.kernels.exact.rigid_contact import joint_bounds
-from impact_env.kernels.motion.slots import GUARD, weigh
+from impact_env.kernels.motion.modal_system import GUARD, apply_weights
 
 
 @jit_inline
-def end_of_flight(slots, forced, window, walls, limit, body, bent, length):
-    """Return the first event within ``length`` (s) of an absorber apart from the beam, which constant forces have bent by ``bent`` (m) there."""
-    now = body.now
+def find_end_of_flight(system, forced, window, walls, limit, body, deflection, length):
+    """Return the first event within ``length`` (s) of an absorber apart from the beam.
+
+    ``deflection`` (m): static displacement of the beam at its place under the constant forces.
+    """
+    contact_state = body.contact_state
     signal = body.signal
     p = body.signal.polynomial
     p[0], p[1], p[2] = (
-        now.q - bent,
-        now.v,
-        now.a,
+        contact_state.q - deflection,
+        contact_state.v,
+        contact_state.a,
     )  # first: what the caller has just written is still in registers
-    weigh(slots.rows, GUARD, body.work.z, signal.u)
-    course = Course(slots, forced, window.omega, signal, now.tau)
+    apply_weights(system.rows, GUARD, body.buffers.z, signal.u)
+    function = EventFunction(system, forced, window.omega, signal, contact_state.tau)
     gap = 0.0
     if walls is not None:
         gap = walls.gap
     if limit is None:
-        return next_event(
+        return find_next_event(
             window,
-            course,
-            Guards(-gap, gap, int(now.side), None, now.at_rest and now.side != 0.0),
+            function,
+            Guards(
+                -gap,
+                gap,
+                int(contact_state.side),
+                None,
+                contact_state.at_rest and contact_state.side != 0.0,
+            ),
             length,
         )
     if walls is None:
-        return next_event(window, course, Guards(None, None, 0, now.sign, now.at_rest), length)
+        return find_next_event(
+            window,
+            function,
+            Guards(None, None, 0, contact_state.sign, contact_state.at_rest),
+            length,
+        )
     # only the wall ahead can be reached before the relative velocity turns
-    low = -gap if now.sign < 0.0 else -np.inf
-    high = gap if now.sign > 0.0 else np.inf
-    return next_event(window, course, Guards(low, high, 0, now.sign, now.at_rest), length)
+    low = -gap if contact_state.sign < 0.0 else -np.inf
+    high = gap if contact_state.sign > 0.0 else np.inf
+    return find_next_event(
+        window, function, Guards(low, high, 0, contact_state.sign, contact_state.at_rest), length
+    )
 
 
 @jit_inline
-def end_of_hold(slots, forced, window, limit, weight, body, length):
-    """Return the first event within ``length`` (s) of an absorber that moves with the beam: its joint force leaves what the joint can give.
+def find_end_of_hold(system, forced, window, limit, weight, body, length):
+    """Return the first event within ``length`` (s) of a joined absorber: its joint force leaves its bounds.
 
-    ``weight`` (N): what the joint carries at rest.
+    ``weight`` (N): static part of the joint force.
     """
     signal = body.signal
-    weigh(slots.rows, GUARD, body.work.z, signal.u)
+    apply_weights(system.rows, GUARD, body.buffers.z, signal.u)
     signal.polynomial[:] = 0.0
     signal.polynomial[0] = weight
-    low, high = joint_bounds(limit, body.now.side)
-    course = Course(slots, forced, window.omega, signal, body.now.tau)
-    return next_event(window, course, Guards(low, high, 0, None, False), length)
+    low, high = joint_bounds(limit, body.contact_state.side)
+    function = EventFunction(system, forced, window.omega, signal, body.contact_state.tau)
+    return find_next_event(window, function, Guards(low, high, 0, None, False), length)

@@ -1,204 +1,230 @@
 """Event-driven exact integration of one absorber with rigid contact (physics in the paper, section 2.2): window by window, event by event.
 
-A window begins in one of the two regimes of free_and_joined.py; the forced part of the other is solved when an event leads there.
+A window begins in one of the two regimes of stick_slip.py; the forced part of the other is solved
+when an event leads there.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
-from impact_env.kernels.energy.account import new_account, observe_with
+from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
+from impact_env.kernels.energy.account import new_account, with_energy_account
 from impact_env.kernels.events.signals import NOTHING, REVERSAL
-from impact_env.kernels.exact.budget import limit_searches, progress
-from impact_env.kernels.exact.free_and_joined import (
-    begin,
-    body_of,
-    enter,
-    fly,
-    free_state,
-    hold,
-    move_own,
-    new_room,
-    release,
-    try_join,
-)
+from impact_env.kernels.exact.budget import count_progress, limit_searches
 from impact_env.kernels.exact.rigid_contact import (
     FREE,
     JOINED,
-    end_phase,
-    friction_force,
-    impact,
-    turn,
-    weight_held,
+    apply_impact,
+    gravity_or_zero,
+    record_joined_phase,
+    reverse_or_stick,
+    update_friction_force,
+)
+from impact_env.kernels.exact.stick_slip import (
+    add_base_motion,
+    advance_free_regime,
+    advance_joined_regime,
+    enter_regime,
+    init_regime,
+    new_rigid_workspace,
+    release_absorber,
+    try_stick,
+    view_absorber,
+    write_free_state,
 )
 from impact_env.kernels.motion.forced import add_forced
-from impact_env.kernels.motion.lines import solve_window
+from impact_env.kernels.motion.modal_system import REST, add_weighted, copy_amplitudes
 from impact_env.kernels.motion.observers import DONE, NOT_FINITE, push_reversal
 from impact_env.kernels.motion.segments import (
-    last_sample,
-    own_schedule,
-    to_state,
-    window_count,
-    window_of,
+    compute_state,
+    copy_schedule,
+    count_windows,
+    expand_window,
+    take_last_sample,
 )
-from impact_env.kernels.motion.slots import REST, add, copy
+from impact_env.kernels.motion.unit_loads import update_forced_response
 
 
 @jit_inline
-def solve_free(scene, window, room):
-    """Fill the forced part of the free regime for a window, unless it is known."""
-    if not room.solved[FREE]:
-        solve_window(scene.free.slots, window, None, room.free_forced)
-        room.solved[FREE] = True
+def update_free_response(scene, window, workspace):
+    """Solve the forced response of the free regime in a window, unless it is known."""
+    if not workspace.solved[FREE]:
+        update_forced_response(scene.free.system, window, None, workspace.free_forced)
+        workspace.solved[FREE] = True
 
 
 @jit_inline
-def solve_joined(scene, window, room):
-    """Fill the forced part of the joined regime for a window, unless it is known."""
-    if not room.solved[JOINED]:
-        solve_window(scene.joined.slots, window, scene.contact.mass, room.joined_forced)
-        room.solved[JOINED] = True
+def update_joined_response(scene, window, workspace):
+    """Solve the forced response of the joined regime in a window, unless it is known."""
+    if not workspace.solved[JOINED]:
+        update_forced_response(
+            scene.joined.system, window, scene.contact.mass, workspace.joined_forced
+        )
+        workspace.solved[JOINED] = True
 
 
 @jit_inline
-def add_forced_part(window, tau, sign, room):
-    """Add the forced part of the regime in use, times ``sign``, to the slots."""
-    if room.now[0].regime == FREE:
-        add_forced(room.free_forced.slots, window.omega, tau, sign, room.work.z)
-        move_own(window, room, sign)
+def add_forced_part(window, tau, sign, workspace):
+    """Add the forced response of the current regime, times ``sign``, to the modal amplitudes at ``tau`` (s)."""
+    if workspace.contact_states[0].regime == FREE:
+        add_forced(workspace.free_forced.polynomials, window.omega, tau, sign, workspace.buffers.z)
+        add_base_motion(window, workspace, sign)
     else:
-        add_forced(room.joined_forced.slots, window.omega, tau, sign, room.work.z)
+        add_forced(
+            workspace.joined_forced.polynomials, window.omega, tau, sign, workspace.buffers.z
+        )
 
 
 @jit_inline
-def enter_window(scene, window, started, room, state):
-    """Begin a window: take the forced part out of the slots, which hold the whole state, or set the first regime of a run."""
-    now = room.now[0]
-    now.tau = -window.half
-    room.solved[:] = False
-    if now.regime == FREE or not started:
-        solve_free(scene, window, room)
-    if now.regime != FREE or not started:
-        solve_joined(scene, window, room)
-    if started:
-        add_forced_part(window, now.tau, -1.0, room)
-    else:
-        begin(scene, window, room, state)
+def enter_window(scene, window, started, workspace, state):
+    """Begin a window: subtract the forced response from the amplitudes, or choose the first regime of a run.
 
-
-@jit_inline
-def meet(scene, window, found, room, observe):
-    """Let the event that ended a flight happen; return True if absorber and tip have no relative velocity from then on."""
-    slots = scene.free.slots
-    contact = scene.contact
-    body = body_of(room)
-    if found.kind == NOTHING:
-        return False
-    if found.kind == REVERSAL:
-        push_reversal(observe.events, window.centre + body.now.tau, body.now.which)
-        return turn(slots, contact, contact.limit, body, found)
-    return impact(slots, room.free_forced, window, contact.walls, contact, body, found, observe)
-
-
-@jit_inline
-def join_or_slide(scene, window, room, state):
-    """Go on from the free regime without relative velocity: joined if the joint force allows it."""
-    now = room.now[0]
-    work = room.work
-    solve_joined(scene, window, room)
-    move_own(window, room, 1.0)
-    free_state(scene.free, room.free_forced, window.omega, now, work, state)
-    if not try_join(scene, window, room, state):
-        now.at_rest = True
-        friction_force(scene.contact.limit, now)
-        enter(scene.free, room.free_forced, window.omega, now, state, work.z)
-        move_own(window, room, -1.0)
-
-
-@jit_inline
-def pass_event(scene, window, room, state, observe):
-    """Advance to the next event, or to the window's end, and let it happen."""
-    if room.now[0].regime == FREE:
-        found = fly(scene, window, room, observe)
-        if meet(scene, window, found, room, observe):
-            join_or_slide(scene, window, room, state)
-    else:
-        event = hold(scene, window, room, observe)
-        if event != NOTHING:
-            solve_free(scene, window, room)
-            release(scene, window, room, state, event, observe.events)
-
-
-@jit_inline
-def exact_stretch(scene, schedule, k, started, room, state, observe):
-    """Integrate over stretch ``k`` of the schedule and return a status code; what the next stretch needs stays in ``room``.
-
-    ``started`` False: the first stretch of a run, which begins with ``state``.
+    ``started`` False: the run begins with ``state``. Else the amplitudes hold the whole motion.
     """
-    now = room.now[0]
-    count = window_count(schedule, k)
+    contact_state = workspace.contact_states[0]
+    contact_state.tau = -window.half
+    workspace.solved[:] = False
+    if contact_state.regime == FREE or not started:
+        update_free_response(scene, window, workspace)
+    if contact_state.regime != FREE or not started:
+        update_joined_response(scene, window, workspace)
+    if started:
+        add_forced_part(window, contact_state.tau, -1.0, workspace)
+    else:
+        init_regime(scene, window, workspace, state)
+
+
+@jit_inline
+def handle_event(scene, window, event, workspace, observers):
+    """Apply the event that ended a free segment; return True if the relative velocity is zero after it."""
+    system = scene.free.system
+    contact = scene.contact
+    body = view_absorber(workspace)
+    if event.kind == NOTHING:
+        return False
+    if event.kind == REVERSAL:
+        push_reversal(
+            observers.events, window.centre + body.contact_state.tau, body.contact_state.absorber
+        )
+        return reverse_or_stick(system, contact, contact.limit, body, event)
+    return apply_impact(
+        system, workspace.free_forced, window, contact.walls, contact, body, event, observers
+    )
+
+
+@jit_inline
+def stick_or_slip(scene, window, workspace, state):
+    """Continue from zero relative velocity: stick if the joint force allows it, else slip."""
+    contact_state = workspace.contact_states[0]
+    buffers = workspace.buffers
+    update_joined_response(scene, window, workspace)
+    add_base_motion(window, workspace, 1.0)
+    write_free_state(scene.free, workspace.free_forced, window.omega, contact_state, buffers, state)
+    if not try_stick(scene, window, workspace, state):
+        contact_state.at_rest = True
+        update_friction_force(scene.contact.limit, contact_state)
+        enter_regime(
+            scene.free, workspace.free_forced, window.omega, contact_state, state, buffers.z
+        )
+        add_base_motion(window, workspace, -1.0)
+
+
+@jit_inline
+def advance_to_event(scene, window, workspace, state, observers):
+    """Advance the current regime to its next event, or to the window's end, and apply the event."""
+    if workspace.contact_states[0].regime == FREE:
+        found = advance_free_regime(scene, window, workspace, observers)
+        if handle_event(scene, window, found, workspace, observers):
+            stick_or_slip(scene, window, workspace, state)
+    else:
+        event = advance_joined_regime(scene, window, workspace, observers)
+        if event != NOTHING:
+            update_free_response(scene, window, workspace)
+            release_absorber(scene, window, workspace, state, event, observers.events)
+
+
+@jit_inline
+def integrate_rigid_section(scene, schedule, k, started, workspace, state, observers):
+    """Integrate section ``k`` of the schedule and return a status code.
+
+    ``started`` False: the first section of a run, which begins with ``state``. The motion stays in
+    ``workspace`` for the next section.
+    """
+    contact_state = workspace.contact_states[0]
+    count = count_windows(schedule, k)
     for w in range(count):
-        window = window_of(schedule, k, w, count)
-        enter_window(scene, window, started or w > 0, room, state)
-        last = now.tau
+        window = expand_window(schedule, k, w, count)
+        enter_window(scene, window, started or w > 0, workspace, state)
+        last = contact_state.tau
         stalled = 0
-        while now.tau < window.half:
-            pass_event(scene, window, room, state, observe)
-            stalled, status = progress(observe.counters, window, now.tau, last, stalled)
+        while contact_state.tau < window.half:
+            advance_to_event(scene, window, workspace, state, observers)
+            stalled, status = count_progress(
+                observers.counters, window, contact_state.tau, last, stalled
+            )
             if status != DONE:
-                add_forced_part(window, now.tau, 1.0, room)
+                add_forced_part(window, contact_state.tau, 1.0, workspace)
                 return status
-            last = now.tau
-        add_forced_part(window, window.half, 1.0, room)
-        if not np.isfinite(room.work.z[0, 0] + now.q):
+            last = contact_state.tau
+        add_forced_part(window, window.half, 1.0, workspace)
+        if not np.isfinite(workspace.buffers.z[0, 0] + contact_state.q):
             return NOT_FINITE
     return DONE
 
 
-@jit_room
-def exact_lane(scene, plan, state, observe):
-    """Integrate one lane of a `free_and_joined.Rigid` scene and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end."""
-    schedule = own_schedule(plan)
-    room = new_room(scene.free, scene.joined, schedule.load, state)
+@jit_allocating
+def rigid_lane(scene, plan, state, observers):
+    """Integrate one run of a `stick_slip.Rigid` scene and return a status code.
+
+    ``state`` (2 N_m + 2,) is the initial state and becomes the final one.
+    """
+    schedule = copy_schedule(plan)
+    workspace = new_rigid_workspace(scene.free, scene.joined, schedule.load, state)
     status = DONE
-    limit_searches(room.signal.memory, observe.counters)
-    seen = observe_with(observe, new_account(observe.energy, 2, scene.free.slots.rows.shape[1]))
+    limit_searches(workspace.signal.memory, observers.counters)
+    lane_observers = with_energy_account(
+        observers, new_account(observers.energy, 2, scene.free.system.rows.shape[1])
+    )
     for k in range(schedule.times.shape[0] - 1):
-        status = exact_stretch(scene, schedule, k, k > 0, room, state, seen)
+        status = integrate_rigid_section(
+            scene, schedule, k, k > 0, workspace, state, lane_observers
+        )
         if status != DONE:
             break
-    counts = observe.counters.counts
+    counts = observers.counters.counts
     if status == DONE:
         counts.reached = schedule.times[-1]
-    finish(scene, room, state, counts.reached, observe)
+    finish_rigid_run(scene, workspace, state, counts.reached, observers)
     return status
 
 
 @jit
-def current_state(scene, room, state):
-    """Write the state at the end of a stretch, or where it was given up."""
-    now = room.now[0]
-    work = room.work
+def write_current_state(scene, workspace, state):
+    """Write the state at the end of a section, or where the run was given up."""
+    contact_state = workspace.contact_states[0]
+    buffers = workspace.buffers
     half = state.shape[0] // 2
-    if now.regime == FREE:
-        w = work.rows[0]
-        copy(work.z, w)
-        add(scene.free.slots.rows, REST, now.force, w)
-        to_state(scene.free.out, w, state)
-        state[half - 1], state[2 * half - 1] = now.q, now.v
+    if contact_state.regime == FREE:
+        w = buffers.rows[0]
+        copy_amplitudes(buffers.z, w)
+        add_weighted(scene.free.system.rows, REST, contact_state.force, w)
+        compute_state(scene.free.out, w, state)
+        state[half - 1], state[2 * half - 1] = contact_state.q, contact_state.v
     else:
-        w = work.rows[0]
-        copy(work.z, w)
-        add(scene.joined.slots.rows, REST, weight_held(scene.contact.gravity), w)
-        to_state(scene.joined.out, w, state)
-        state[half - 1] += now.offset
+        w = buffers.rows[0]
+        copy_amplitudes(buffers.z, w)
+        add_weighted(scene.joined.system.rows, REST, gravity_or_zero(scene.contact.gravity), w)
+        compute_state(scene.joined.out, w, state)
+        state[half - 1] += contact_state.offset
 
 
 @jit
-def finish(scene, room, state, end, observe):
-    """Write the end state, close an open phase, and take the sample that falls on the end (s)."""
-    current_state(scene, room, state)
-    if room.now[0].regime != FREE:
-        end_phase(observe.events, room.now[0], end)
-    last_sample(state, scene.contact.tip_shape, end, observe.clock, observe.level, observe.series)
+def finish_rigid_run(scene, workspace, state, end, observers):
+    """Write the final state, record an open joined phase, and take the sample at ``end`` (s)."""
+    write_current_state(scene, workspace, state)
+    if workspace.contact_states[0].regime != FREE:
+        record_joined_phase(observers.events, workspace.contact_states[0], end)
+    take_last_sample(
+        state, scene.contact.tip_shape, end, observers.clock, observers.level, observers.series
+    )

@@ -1,7 +1,8 @@
 """One rigid contact between an absorber and the beam: what is known of it between two events, and the laws that it follows.
 
-An impact whose remaining bounces, all together, stay below the rounding of the position is completed at once (complete chatter): the remaining
-relative velocity is taken out by a plastic impulse.
+An impact whose remaining bounces, all together, stay below the rounding of the position is
+completed at once (complete chatter): the remaining relative velocity is taken out by a plastic
+impulse.
 """
 
 from __future__ import annotations
@@ -11,16 +12,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
-from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, record
+from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
+from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, record_type
 from impact_env.kernels.events.signals import (
     EPSILON,
     HIT_HIGH,
-    NOISE,
+    SIGNAL_ROUNDING,
     Signal,
-    at_offset,
+    evaluate_at_offset,
+    evaluate_value_at_offset,
     signal_scale,
-    value_at_offset,
+)
+from impact_env.kernels.motion.modal_system import (
+    GUARD,
+    RELATIVE,
+    REST,
+    SPEED,
+    add_weighted,
+    apply_weights,
 )
 from impact_env.kernels.motion.observers import (
     HELD_LOWER,
@@ -29,21 +38,23 @@ from impact_env.kernels.motion.observers import (
     push_impact,
     push_phase,
 )
-from impact_env.kernels.motion.segments import Work
-from impact_env.kernels.motion.slots import GUARD, RELATIVE, REST, SPEED, add, weigh
+from impact_env.kernels.motion.segments import Buffers
 
 FREE = 0
 JOINED = 1
-# of the sizes of a joint force's terms: a hundred times what the change to the joined modes' basis may be off (`regimes.SOUND`), so that an absorber
-# that a bound just holds is not released by rounding; one is held beyond its bound by no more than that share
+# of the sizes of a joint force's terms: a hundred times what the change to the joined modes' basis
+# may be off (`regimes.SOUND`), so that an absorber that a bound just holds is not released by
+# rounding; one is held beyond its bound by no more than that share
 JOINT_FORCE_TOL = 1e-9
-SLOWEST_DECAY = 0.1  # 1 - e counts as at least this where a chatter is completed
-ROUNDING = 16.0 * NOISE  # of a signal: above what the search takes for zero distance
+LEAST_CHATTER_DECAY = 0.1  # 1 - e counts as at least this where a chatter is completed
+# of a signal: above what the search takes for zero distance
+POSITION_ROUNDING = 16.0 * SIGNAL_ROUNDING
 
-# a contact between two events: regime, time from the window's centre, absorber displacement, velocity, acceleration, constant relative force, sign of
-# the relative velocity, wall touched (-1, 0, 1), whether the relative velocity is zero, joined offset absorber - tip, start of phase, largest
-# relative acceleration by a unit impulse, number of the absorber
-NOW = record(
+# a contact between two events: regime, time from the window's centre, absorber displacement,
+# velocity, acceleration, constant relative force, sign of the relative velocity, wall touched (-1,
+# 0, 1), whether the relative velocity is zero, joined offset absorber - tip, start of phase,
+# largest relative acceleration by a unit impulse, number of the absorber
+RIGID_CONTACT_STATE = record_type(
     regime=INTEGER,
     tau=NUMBER,
     q=NUMBER,
@@ -54,26 +65,31 @@ NOW = record(
     side=NUMBER,
     at_rest=FLAG,
     offset=NUMBER,
-    since=NUMBER,
-    kick=NUMBER,
-    which=INTEGER,
+    phase_start=NUMBER,
+    impulse_bound=NUMBER,
+    absorber=INTEGER,
 )
 
 
 class Walls(NamedTuple):
-    """Clearance to either wall in m, Newton's coefficient of restitution, and the velocity (m/s) above which it falls; None where it does not."""
+    """Rigid walls.
+
+    Clearance to either wall (m), Newton's coefficient of restitution, and the velocity (m/s) above
+    which it falls, None: it does not.
+    """
 
     gap: float
     restitution: float
     yield_velocity: float | None
 
 
-class Contact(NamedTuple):
-    """Absorber mass (kg), G = 1/m_a + sum tip_shape^2 (1/kg), tip shape (N_m,); walls, and limit of sliding friction (N), None where absent.
+class ContactLaw(NamedTuple):
+    """Laws of one rigid contact.
 
-    ``static_ratio``: the friction limit of an absorber that sticks over that of one that slides, 1 or above.
-
-    ``gravity`` (m/s^2): weight of the absorber over its mass, towards the lower wall; None: across its motion.
+    Absorber mass (kg), G = 1/m_a + sum tip_shape^2 (1/kg), tip shape (N_m,); walls and limit of
+    sliding friction (N), None where absent; ``gravity`` (m/s^2): weight of the absorber over its
+    mass, towards the lower wall, None: across its motion; ``static_ratio``: limit of static over
+    that of sliding friction, 1 or above.
     """
 
     mass: float
@@ -85,75 +101,77 @@ class Contact(NamedTuple):
     static_ratio: float
 
 
-class Body(NamedTuple):
-    """One absorber in motion: its contact, a NOW record, the slots it moves with, and its guard signal."""
+class AbsorberView(NamedTuple):
+    """One absorber in motion: its RIGID_CONTACT_STATE record, the buffers of modal amplitudes and its guard signal."""
 
-    now: Any
-    work: Work
+    contact_state: Any
+    buffers: Buffers
     signal: Signal
 
 
-@jit_room
-def new_now(n):
-    """Return the contacts (n,) of absorbers that are free and at rest."""
-    return np.zeros(n, NOW)
+@jit_allocating
+def new_contact_states(n):
+    """Return the contact states (n,) of absorbers that are free and at rest."""
+    return np.zeros(n, RIGID_CONTACT_STATE)
 
 
 @jit
-def fall(contact, now):
-    """Set the acceleration of a free absorber: friction, and its weight."""
-    now.a = now.force / contact.mass
+def update_free_acceleration(contact, contact_state):
+    """Set the acceleration of a free absorber from friction and weight."""
+    contact_state.a = contact_state.force / contact.mass
     if contact.gravity is not None:
-        now.a -= contact.gravity
+        contact_state.a -= contact.gravity
 
 
 @jit
-def weight_held(gravity):
-    """Return a joined regime's constant force, as the acceleration of the absorber's weight (`regimes.with_weight`)."""
+def gravity_or_zero(gravity):
+    """Return the acceleration of the absorber's weight (m/s^2), 0 without: the constant force of a joined regime (`regimes.with_weight`)."""
     if gravity is None:
         return 0.0
     return gravity
 
 
 @jit
-def friction_force(limit, now):
-    """Set the constant relative force and the absorber's acceleration from the sign of sliding."""
+def update_friction_force(limit, contact_state):
+    """Set the constant friction force from the direction of slip; nothing without friction."""
     if limit is not None:
-        now.force = -now.sign * limit
+        contact_state.force = -contact_state.sign * limit
 
 
 @jit
-def add_friction_loss(limit, slots, forced, omega, body, tau, offset, energy):
+def add_friction_loss(limit, system, forced, omega, body, tau, offset, energy):
     """Add friction limit times the distance slid."""
     if energy is None or limit is None:
         return
-    start = value_at_offset(slots, forced.signals, omega, body.signal, tau, 0.0)
-    end = value_at_offset(slots, forced.signals, omega, body.signal, tau, offset)
+    start = evaluate_value_at_offset(system, forced.signals, omega, body.signal, tau, 0.0)
+    end = evaluate_value_at_offset(system, forced.signals, omega, body.signal, tau, offset)
     energy.totals[0].friction_loss += limit * abs(end - start)
 
 
 @jit
-def slide_on(slots, limit, sign, now, z):
-    """Let the friction force follow a new sign of sliding, and with it the free part z of the slots."""
+def update_slip_direction(system, limit, sign, contact_state, z):
+    """Set a new direction of slip, and shift the free part z of the amplitudes by the change of the friction force."""
     if limit is None:
         return
-    old = now.force
-    now.sign = sign
-    friction_force(limit, now)
-    add(slots.rows, REST, old - now.force, z)
+    old = contact_state.force
+    contact_state.sign = sign
+    update_friction_force(limit, contact_state)
+    add_weighted(system.rows, REST, old - contact_state.force, z)
 
 
 @jit
-def turn(slots, contact, limit, body, found):
-    """The relative velocity is zero: slide on the other way if static friction cannot hold, and return False; else return True."""
+def reverse_or_stick(system, contact, limit, body, event):
+    """Decide at zero relative velocity: return True if static friction holds, else reverse the slip and return False."""
     if limit is None:
         return False
     # the constant force F alone bends the relative displacement by F G
-    needed = body.now.force - found.bend / contact.compliance
+    needed = body.contact_state.force - event.bend / contact.compliance
     if abs(needed) <= limit * contact.static_ratio:
         return True
-    body.now.at_rest = True
-    slide_on(slots, limit, -1.0 if needed > 0.0 else 1.0, body.now, body.work.z)
+    body.contact_state.at_rest = True
+    update_slip_direction(
+        system, limit, -1.0 if needed > 0.0 else 1.0, body.contact_state, body.buffers.z
+    )
     return False
 
 
@@ -167,7 +185,7 @@ def static_limit(contact):
 
 @jit
 def joint_bounds(limit, side):
-    """Return the interval of the joint force on the absorber: friction up to its static limit (N), and what the wall touched can push."""
+    """Return the bounds (N) of the joint force on the absorber: static friction, and the push of the wall it touches."""
     low = 0.0
     high = 0.0
     if limit is not None:
@@ -181,15 +199,19 @@ def joint_bounds(limit, side):
 
 
 @jit
-def end_phase(events, now, time):
-    """Note a joined phase that ends."""
-    kind = STUCK_INSIDE if now.side == 0.0 else (HELD_UPPER if now.side > 0.0 else HELD_LOWER)
-    push_phase(events, now.since, time, kind, now.which)
+def record_joined_phase(events, contact_state, time):
+    """Append a joined phase that ends at ``time`` (s) to the list of phases."""
+    kind = (
+        STUCK_INSIDE
+        if contact_state.side == 0.0
+        else (HELD_UPPER if contact_state.side > 0.0 else HELD_LOWER)
+    )
+    push_phase(events, contact_state.phase_start, time, kind, contact_state.absorber)
 
 
 @jit
-def tip_motion(contact, state):
-    """Return displacement and velocity of the tip."""
+def compute_tip_motion(contact, state):
+    """Return displacement (m) and velocity (m/s) of the tip."""
     half = state.shape[0] // 2
     q = 0.0
     v = 0.0
@@ -200,75 +222,90 @@ def tip_motion(contact, state):
 
 
 @jit_inline
-def stay_at_wall(walls, now, q_tip):
-    """Note the wall that an absorber touches within rounding, as after a plastic impact, whose flight is one of no length."""
+def update_wall_contact(walls, contact_state, q_tip):
+    """Set the wall that an absorber touches, if its separation is below rounding, as after a plastic impact."""
     if walls is not None:
-        if walls.gap < np.inf and abs(now.q - q_tip) >= walls.gap - 4.0 * EPSILON * (
-            walls.gap + abs(now.q) + abs(q_tip)
+        if walls.gap < np.inf and abs(contact_state.q - q_tip) >= walls.gap - 4.0 * EPSILON * (
+            walls.gap + abs(contact_state.q) + abs(q_tip)
         ):
-            now.side = 1.0 if now.q > q_tip else -1.0
+            contact_state.side = 1.0 if contact_state.q > q_tip else -1.0
 
 
 @jit
-def touch(contact, walls, now, state):
-    """Find the wall that an absorber touches and the sign in which it slides; return its relative velocity."""
-    q_tip, v_tip = tip_motion(contact, state)
-    relative = now.v - v_tip
-    stay_at_wall(walls, now, q_tip)
-    now.sign = 1.0 if relative > 0.0 else -1.0
+def detect_wall_contact(contact, walls, contact_state, state):
+    """Set the wall that an absorber touches and the direction of slip; return its relative velocity (m/s)."""
+    q_tip, v_tip = compute_tip_motion(contact, state)
+    relative = contact_state.v - v_tip
+    update_wall_contact(walls, contact_state, q_tip)
+    contact_state.sign = 1.0 if relative > 0.0 else -1.0
     return relative
 
 
 @jit
 def add_impact_loss(loss, energy):
-    """Add what an impact has dissipated."""
+    """Add the energy lost in an impact (J)."""
     if energy is not None:
         energy.totals[0].impact_loss += loss
 
 
 @jit_inline
-def restitution_at(walls, v):
-    """Return the coefficient of restitution of an impact with a relative velocity (m/s): `parameters.YieldingWalls`."""
+def compute_restitution(walls, v):
+    """Return the coefficient of restitution of an impact with relative velocity v (m/s), see `parameters.YieldingWalls`."""
     if walls.yield_velocity is None:
         return walls.restitution
     return walls.restitution / np.sqrt(np.sqrt(1.0 + abs(v) / walls.yield_velocity))
 
 
 @jit_inline
-def impact(slots, forced, window, walls, contact, body, found, observe):
-    """Apply Newton's impact law; return True if the remaining chatter is below rounding and was completed by a plastic impulse."""
+def apply_impact(system, forced, window, walls, contact, body, event, observers):
+    """Apply Newton's impact law; return True if a complete chatter was ended by a plastic impulse.
+
+    The impulse is -(1 + e) v / G. Where all bounces to come stay below the rounding of the
+    position, the remaining relative velocity is taken out at once.
+    """
     if walls is None:
         return False
-    now = body.now
-    z = body.work.z
-    v = found.rate
-    side = 1.0 if found.kind == HIT_HIGH else -1.0
-    now.q -= found.value - side * walls.gap  # rounding must not add up to a penetration
-    e = restitution_at(walls, v)
+    contact_state = body.contact_state
+    z = body.buffers.z
+    v = event.rate
+    side = 1.0 if event.kind == HIT_HIGH else -1.0
+    contact_state.q -= event.value - side * walls.gap  # rounding must not add up to a penetration
+    e = compute_restitution(walls, v)
     impulse = -(1.0 + e) * v / contact.compliance
     loss = 0.5 * (1.0 - e * e) * v * v / contact.compliance
     after = -e * v
-    add(slots.rows, RELATIVE, impulse, z)
-    now.v += impulse / contact.mass
-    now.side = side
-    observe.counters.counts.impacts += 1
-    largest = abs(found.bend) + abs(impulse) * now.kick + 2.0 * abs(now.force) * contact.compliance
-    complete = chatter_is_complete(slots, forced, window, walls, body, side, after, largest)
+    add_weighted(system.rows, RELATIVE, impulse, z)
+    contact_state.v += impulse / contact.mass
+    contact_state.side = side
+    observers.counters.counts.impacts += 1
+    largest = (
+        abs(event.bend)
+        + abs(impulse) * contact_state.impulse_bound
+        + 2.0 * abs(contact_state.force) * contact.compliance
+    )
+    complete = is_chatter_complete(system, forced, window, walls, body, side, after, largest)
     if complete:
         rest = -after / contact.compliance
-        add(slots.rows, RELATIVE, rest, z)
-        now.v += rest / contact.mass
+        add_weighted(system.rows, RELATIVE, rest, z)
+        contact_state.v += rest / contact.mass
         impulse += rest
         loss += 0.5 * after * after / contact.compliance
-    push_impact(observe.events, window.centre + now.tau, v, impulse, loss, now.which)
-    add_impact_loss(loss, observe.energy)
-    slide_on(slots, contact.limit, -side, now, z)
+    push_impact(
+        observers.events,
+        window.centre + contact_state.tau,
+        v,
+        impulse,
+        loss,
+        contact_state.absorber,
+    )
+    add_impact_loss(loss, observers.energy)
+    update_slip_direction(system, contact.limit, -side, contact_state, z)
     return complete
 
 
 @jit
-def largest_kick(rows):
-    """Return a bound of the relative acceleration that a unit impulse between beam and absorber leaves."""
+def impulse_response_bound(rows):
+    """Return a bound of the relative acceleration (1/(kg s)) after a unit impulse between beam and absorber."""
     kick = 0.0
     for j in range(rows.shape[1]):
         gain = np.hypot(rows[GUARD, j], rows[GUARD + 1, j]) * np.hypot(
@@ -279,17 +316,22 @@ def largest_kick(rows):
 
 
 @jit
-def chatter_is_complete(slots, forced, window, walls, body, side, after, largest):
-    """Return whether all bounces to come, of heights summed to v^2/(2 a (1 - e)), stay below the rounding of the position.
+def is_chatter_complete(system, forced, window, walls, body, side, after, largest):
+    """Return whether all bounces to come stay below the rounding of the position.
 
-    ``largest`` bounds the relative acceleration after the impact.
+    Their heights sum to v^2/(2 a (1 - e)). ``largest`` (m/s^2) bounds the relative acceleration
+    after the impact.
     """
     signal = body.signal
     height = (
-        ROUNDING * signal_scale(signal, forced.bound) * max(1.0 - walls.restitution, SLOWEST_DECAY)
+        POSITION_ROUNDING
+        * signal_scale(signal, forced.bound)
+        * max(1.0 - walls.restitution, LEAST_CHATTER_DECAY)
     )
     if after * after > 2.0 * largest * height + 1e-300:
         return False
-    weigh(slots.rows, GUARD, body.work.z, signal.u)
-    _, _, a = at_offset(slots, forced.signals, window.omega, signal, body.now.tau, 0.0)
+    apply_weights(system.rows, GUARD, body.buffers.z, signal.u)
+    _, _, a = evaluate_at_offset(
+        system, forced.signals, window.omega, signal, body.contact_state.tau, 0.0
+    )
     return side * a >= 0.0 and after * after <= 2.0 * abs(a) * height + 1e-300

@@ -1,7 +1,8 @@
 """Several absorbers on one beam: the loop over the events of rigid contact, for any set of joined absorbers (sets.py).
 
-Each absorber has its own guard signal in the regime of the current set, and the next event is the earliest one. Signals, searches, impact law and
-friction are those of the single absorber. What one absorber's event does to the others is in several_events.py.
+Each absorber has its own guard signal in the regime of the current set, and the next event is the
+earliest one. Signals, searches, impact law and friction are those of the single absorber. What one
+absorber's event does to the others is in several_events.py.
 """
 
 from __future__ import annotations
@@ -11,138 +12,152 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_room
-from impact_env.kernels.energy.account import new_account, observe_with
+from impact_env.kernels.compiling.jit import jit, jit_allocating
+from impact_env.kernels.energy.account import new_account, with_energy_account
 from impact_env.kernels.energy.energies import add_energy
-from impact_env.kernels.events.signals import NOTHING, REVERSAL, Event
-from impact_env.kernels.exact.budget import limit_searches, progress
+from impact_env.kernels.events.signals import NOTHING, REVERSAL, GuardEvent
+from impact_env.kernels.exact.budget import count_progress, limit_searches
 from impact_env.kernels.exact.check import check_set
-from impact_env.kernels.exact.next_event import end_of_flight, end_of_hold
+from impact_env.kernels.exact.joint_forces import Joints, new_joints
+from impact_env.kernels.exact.next_event import find_end_of_flight, find_end_of_hold
 from impact_env.kernels.exact.rigid_contact import (
     JOINED,
-    Body,
+    AbsorberView,
     Walls,
     add_friction_loss,
-    end_phase,
-    new_now,
+    new_contact_states,
+    record_joined_phase,
 )
 from impact_env.kernels.exact.sets import (
     Absorbers,
-    Flow,
+    ForcedSets,
     Sets,
-    Signals,
-    all_kicks,
-    forced_of,
+    SignalSet,
+    compute_impulse_bounds,
+    find_joined_set,
+    forced_of_set,
     is_joined,
-    joined_set,
-    new_flow,
-    new_signals,
-    regime_with,
-    signal_of,
-    slots_with,
-    solve_set,
+    new_forced_sets,
+    new_signal_set,
+    regime_of_set,
+    signal_of_absorber,
+    system_of_set,
+    update_set_response,
 )
-from impact_env.kernels.exact.settle import Joints, new_joints
-from impact_env.kernels.exact.several_events import begin, hit, release, reverse, write_from
+from impact_env.kernels.exact.several_events import (
+    handle_impact,
+    handle_reversal,
+    init_joined_set,
+    release_from_set,
+    write_state_from,
+)
 from impact_env.kernels.motion.forced import add_forced
-from impact_env.kernels.motion.observers import DONE, JOINTS_UNSOLVED, MOTION, NOT_FINITE
+from impact_env.kernels.motion.modal_system import copy_amplitudes, propagate
+from impact_env.kernels.motion.observers import ABSORBER_MOTION, DONE, JOINTS_UNSOLVED, NOT_FINITE
 from impact_env.kernels.motion.segments import (
+    Buffers,
     Losses,
-    Stretch,
-    Work,
-    last_sample,
-    new_work,
-    own_schedule,
+    Segment,
+    copy_schedule,
+    count_windows,
+    expand_window,
+    new_buffers,
     sample_level,
     sample_state,
-    window_count,
-    window_of,
+    take_last_sample,
 )
-from impact_env.kernels.motion.slots import advance, copy
 
 Array = NDArray[np.float64]
 
 
 class Several(NamedTuple):
-    """A scene of several absorbers."""
+    """A scene of several absorbers: regimes of all sets, absorbers, and losses."""
 
     sets: Sets
     absorbers: Absorbers
     losses: Losses
 
 
-class Room(NamedTuple):
-    """What a lane of n absorbers carries from stretch to stretch, and scratch.
+class SeveralWorkspace(NamedTuple):
+    """Motion and scratch memory of a run with n absorbers.
 
-    ``now`` (n,): a `rigid_contact.NOW` record for each absorber; ``own`` (2^n, ROWS, J): rows of weights of the level's place, with the rest part of
-    all forces; ``bent`` (n + 1,): displacement of the places under them; ``motion`` (n,) as in `segments.Stretch`, and from one set to another the
-    motion relative to the beam; ``kicks`` (2^n, n).
+    ``contact_states`` (n,): RIGID_CONTACT_STATE records; ``place_rows`` (2^n, ROWS, J): weights of
+    the level's place, with the rest part of all constant forces; ``deflection`` (n + 1,):
+    displacement (m) of the places under them; ``motion`` (n,): as in `segments.Segment`, and
+    between two sets the relative motion; ``impulse_bounds`` (2^n, n): see
+    `sets.compute_impulse_bounds`.
     """
 
-    now: NDArray[Any]
-    work: Work
-    signals: Signals
-    flow: Flow
+    contact_states: NDArray[Any]
+    buffers: Buffers
+    signals: SignalSet
+    forced_sets: ForcedSets
     joints: Joints
-    own: Array
-    bent: Array
+    place_rows: Array
+    deflection: Array
     motion: NDArray[Any]
-    kicks: Array
+    impulse_bounds: Array
     scratch: Array
 
 
-@jit_room
-def new_room(sets, absorbers, state):
-    """Return room for a lane."""
+@jit_allocating
+def new_several_workspace(sets, absorbers, state):
+    """Return the workspace of a run."""
     n = absorbers.mass.shape[0]
-    now = new_now(n)
+    contact_states = new_contact_states(n)
     for a in range(n):
-        now[a].which = a
+        contact_states[a].absorber = a
     own = np.ascontiguousarray(sets.rows[:, n])
-    work = new_work(sets.rows.shape[3])
+    buffers = new_buffers(sets.rows.shape[3])
     scratch = np.zeros_like(state)
-    kicks = all_kicks(sets)
-    return Room(
-        now,
-        work,
-        new_signals(sets),
-        new_flow(sets),
+    kicks = compute_impulse_bounds(sets)
+    return SeveralWorkspace(
+        contact_states,
+        buffers,
+        new_signal_set(sets),
+        new_forced_sets(sets),
         new_joints(n),
         own,
         np.zeros(n + 1),
-        np.zeros(n, MOTION),
+        np.zeros(n, ABSORBER_MOTION),
         kicks,
         scratch,
     )
 
 
 @jit
-def watch(scene, window, s, a, length, room):
+def next_event_of(scene, window, s, a, length, workspace):
     """Return the first event of absorber a within ``length`` (s) in set s."""
     sets = scene.sets
     absorbers = scene.absorbers
-    slots = slots_with(sets, s, sets.rows[s, a])
-    forced = forced_of(room.flow, s, a)
-    now = room.now[a]
+    system = system_of_set(sets, s, sets.rows[s, a])
+    forced = forced_of_set(workspace.forced_sets, s, a)
+    contact_state = workspace.contact_states[a]
     limit = absorbers.limit[a]
-    body = Body(room.now[a], room.work, signal_of(room.signals, a))
+    body = AbsorberView(
+        workspace.contact_states[a], workspace.buffers, signal_of_absorber(workspace.signals, a)
+    )
     if is_joined(s, a):
-        return end_of_hold(slots, forced, window, limit, 0.0, body, length)
+        return find_end_of_hold(system, forced, window, limit, 0.0, body, length)
     walls = Walls(absorbers.gap[a], absorbers.restitution[a], None)
-    now.a = now.force / absorbers.mass[a]
+    contact_state.a = contact_state.force / absorbers.mass[a]
     if limit > 0.0:
-        return end_of_flight(slots, forced, window, walls, limit, body, room.bent[a], length)
-    return end_of_flight(slots, forced, window, walls, None, body, room.bent[a], length)
+        return find_end_of_flight(
+            system, forced, window, walls, limit, body, workspace.deflection[a], length
+        )
+    return find_end_of_flight(
+        system, forced, window, walls, None, body, workspace.deflection[a], length
+    )
 
 
 @jit
-def earliest(scene, window, s, counters, room):
-    """Return the absorber whose event comes first, and that event; NOTHING at the window's end."""
+def find_earliest_event(scene, window, s, counters, workspace):
+    """Return the absorber with the earliest event, and the event; NOTHING at the window's end."""
     first = 0
-    length = window.half - room.now[0].tau
-    found = Event(NOTHING, length, 0.0, 0.0, 0.0, 0)
-    for a in range(room.now.shape[0]):
-        event = watch(scene, window, s, a, length, room)
+    length = window.half - workspace.contact_states[0].tau
+    found = GuardEvent(NOTHING, length, 0.0, 0.0, 0.0, 0)
+    for a in range(workspace.contact_states.shape[0]):
+        event = next_event_of(scene, window, s, a, length, workspace)
         counters.counts.evaluations += event.evaluations
         if event.kind != NOTHING or np.isnan(event.offset):
             first = a
@@ -150,161 +165,194 @@ def earliest(scene, window, s, counters, room):
             length = event.offset
         if np.isnan(length):
             break
-    check_set(counters.check, scene, window, s, found.offset, room)
+    check_set(counters.check, scene, window, s, found.offset, workspace)
     return first, found
 
 
 @jit
-def observe_stretch(scene, window, s, offset, room, observe):
-    """Let the observers see ``offset`` (s) without an event."""
-    n = room.now.shape[0]
+def observe_set_segment(scene, window, s, offset, workspace, observers):
+    """Pass a segment of ``offset`` (s) in set s to the observers."""
+    n = workspace.contact_states.shape[0]
     sets = scene.sets
-    tau = room.now[0].tau
-    regime = regime_with(sets, s, room.own[s])
-    forced = forced_of(room.flow, s, n)
+    tau = workspace.contact_states[0].tau
+    regime = regime_of_set(sets, s, workspace.place_rows[s])
+    forced = forced_of_set(workspace.forced_sets, s, n)
     for a in range(n):
-        now = room.now[a]
-        motion = room.motion[a]
+        contact_state = workspace.contact_states[a]
+        motion = workspace.motion[a]
         joined = is_joined(s, a)
-        motion.q = now.offset if joined else now.q
-        motion.v = 0.0 if joined else now.v
-        motion.a = 0.0 if joined else now.a
-    stretch = Stretch(
-        regime, forced, window, room.work, 1.0, room.bent[n], room.motion, tau, tau + offset
+        motion.q = contact_state.offset if joined else contact_state.q
+        motion.v = 0.0 if joined else contact_state.v
+        motion.a = 0.0 if joined else contact_state.a
+    segment = Segment(
+        regime,
+        forced,
+        window,
+        workspace.buffers,
+        1.0,
+        workspace.deflection[n],
+        workspace.motion,
+        tau,
+        tau + offset,
     )
-    sample_level(stretch, observe.clock, observe.level)
-    sample_state(stretch, observe.clock, observe.series)
-    add_energy(stretch, scene.losses, room.scratch, s, observe.energy)
+    sample_level(segment, observers.clock, observers.level)
+    sample_state(segment, observers.clock, observers.series)
+    add_energy(segment, scene.losses, workspace.scratch, s, observers.energy)
 
 
 @jit
-def pass_time(scene, window, s, offset, room, observe):
-    """Let all move on by ``offset`` (s) without an event."""
+def advance_time(scene, window, s, offset, workspace, observers):
+    """Advance beam and absorbers by ``offset`` (s) in set s, without an event."""
     sets = scene.sets
     absorbers = scene.absorbers
-    tau = room.now[0].tau
-    observe_stretch(scene, window, s, offset, room, observe)
-    for a in range(room.now.shape[0]):
-        now = room.now[a]
+    tau = workspace.contact_states[0].tau
+    observe_set_segment(scene, window, s, offset, workspace, observers)
+    for a in range(workspace.contact_states.shape[0]):
+        contact_state = workspace.contact_states[a]
         if is_joined(s, a):
-            observe.counters.counts.stuck_time += offset
+            observers.counters.counts.stuck_time += offset
         else:
-            own = slots_with(sets, s, sets.rows[s, a])
-            there = forced_of(room.flow, s, a)
-            body = Body(now, room.work, signal_of(room.signals, a))
-            add_friction_loss(
-                absorbers.limit[a], own, there, window.omega, body, tau, offset, observe.energy
+            own = system_of_set(sets, s, sets.rows[s, a])
+            forced = forced_of_set(workspace.forced_sets, s, a)
+            body = AbsorberView(
+                contact_state, workspace.buffers, signal_of_absorber(workspace.signals, a)
             )
-            now.q += offset * (now.v + 0.5 * offset * now.a)
-            now.v += offset * now.a
+            add_friction_loss(
+                absorbers.limit[a], own, forced, window.omega, body, tau, offset, observers.energy
+            )
+            contact_state.q += offset * (contact_state.v + 0.5 * offset * contact_state.a)
+            contact_state.v += offset * contact_state.a
             if offset > 0.0:
-                now.side = 0.0
-                now.at_rest = False
-        now.tau = tau + offset
-    advance(room.own[s], sets.table[s], sets.scale[s], offset, room.work.z)
+                contact_state.side = 0.0
+                contact_state.at_rest = False
+        contact_state.tau = tau + offset
+    propagate(workspace.place_rows[s], sets.table[s], sets.scale[s], offset, workspace.buffers.z)
 
 
 @jit
-def enter_window(scene, window, started, room, state, events):
-    """Begin a window: take the forced part out of the slots, which hold the whole state, or set the first regime of a run."""
-    for a in range(room.now.shape[0]):
-        room.now[a].tau = -window.half
-    room.flow.solved[:] = False
+def enter_set_window(scene, window, started, workspace, state, events):
+    """Begin a window: subtract the forced response from the amplitudes, or choose the first set of a run."""
+    for a in range(workspace.contact_states.shape[0]):
+        workspace.contact_states[a].tau = -window.half
+    workspace.forced_sets.solved[:] = False
     if not started:
-        begin(scene, window, state, room, events)
+        init_joined_set(scene, window, state, workspace, events)
     else:
-        s = joined_set(room.now)
-        solve_set(scene.sets, scene.absorbers, window, s, room.flow)
-        add_forced(room.flow.slots[s], window.omega, -window.half, -1.0, room.work.z)
+        s = find_joined_set(workspace.contact_states)
+        update_set_response(scene.sets, scene.absorbers, window, s, workspace.forced_sets)
+        add_forced(
+            workspace.forced_sets.polynomials[s],
+            window.omega,
+            -window.half,
+            -1.0,
+            workspace.buffers.z,
+        )
 
 
 @jit
-def pass_event(scene, window, state, room, observe):
-    """Advance to the next event of any absorber, or to the window's end, and let it happen."""
-    s = joined_set(room.now)
-    a, found = earliest(scene, window, s, observe.counters, room)
-    pass_time(scene, window, s, found.offset, room, observe)
-    if found.kind == NOTHING:
+def advance_to_set_event(scene, window, state, workspace, observers):
+    """Advance to the next event of any absorber, or to the window's end, and apply the event."""
+    s = find_joined_set(workspace.contact_states)
+    a, event = find_earliest_event(scene, window, s, observers.counters, workspace)
+    advance_time(scene, window, s, event.offset, workspace, observers)
+    if event.kind == NOTHING:
         return
     if is_joined(s, a):
-        release(scene, window, s, a, found.kind, state, room, observe.events)
-    elif found.kind == REVERSAL:
-        reverse(scene, window, s, a, found, state, room, observe.events)
+        release_from_set(scene, window, s, a, event.kind, state, workspace, observers.events)
+    elif event.kind == REVERSAL:
+        handle_reversal(scene, window, s, a, event, state, workspace, observers.events)
     else:
-        hit(scene, window, s, a, found, state, room, observe)
+        handle_impact(scene, window, s, a, event, state, workspace, observers)
 
 
 @jit
-def is_finite(room):
-    """Return whether slots and absorbers are."""
-    total = room.work.z[0, 0]
-    for a in range(room.now.shape[0]):
-        total += room.now[a].q
+def is_workspace_finite(workspace):
+    """Return whether amplitudes and absorbers are finite."""
+    total = workspace.buffers.z[0, 0]
+    for a in range(workspace.contact_states.shape[0]):
+        total += workspace.contact_states[a].q
     return np.isfinite(total)
 
 
 @jit
-def several_stretch(scene, schedule, k, started, room, state, observe):
-    """Integrate over stretch ``k`` of the schedule and return a status code; what the next stretch needs stays in ``room``.
+def integrate_several_section(scene, schedule, k, started, workspace, state, observers):
+    """Integrate section ``k`` of the schedule and return a status code.
 
-    ``started`` False: the first stretch of a run, which begins with ``state``.
+    ``started`` False: the first section of a run, which begins with ``state``.
     """
-    now = room.now
-    flow = room.flow
-    z = room.work.z
-    count = window_count(schedule, k)
+    contact_states = workspace.contact_states
+    flow = workspace.forced_sets
+    z = workspace.buffers.z
+    count = count_windows(schedule, k)
     for w in range(count):
-        window = window_of(schedule, k, w, count)
-        enter_window(scene, window, started or w > 0, room, state, observe.events)
-        last = now[0].tau
+        window = expand_window(schedule, k, w, count)
+        enter_set_window(scene, window, started or w > 0, workspace, state, observers.events)
+        last = contact_states[0].tau
         stalled = 0
-        while now[0].tau < window.half:
-            pass_event(scene, window, state, room, observe)
-            stalled, status = progress(observe.counters, window, now[0].tau, last, stalled)
-            if room.joints.unsolved[0]:
+        while contact_states[0].tau < window.half:
+            advance_to_set_event(scene, window, state, workspace, observers)
+            stalled, status = count_progress(
+                observers.counters, window, contact_states[0].tau, last, stalled
+            )
+            if workspace.joints.unsolved[0]:
                 status = JOINTS_UNSOLVED
             if status != DONE:
-                add_forced(flow.slots[joined_set(now)], window.omega, now[0].tau, 1.0, z)
+                add_forced(
+                    flow.polynomials[find_joined_set(contact_states)],
+                    window.omega,
+                    contact_states[0].tau,
+                    1.0,
+                    z,
+                )
                 return status
-            last = now[0].tau
-        add_forced(flow.slots[joined_set(now)], window.omega, window.half, 1.0, z)
-        if not is_finite(room):
+            last = contact_states[0].tau
+        add_forced(
+            flow.polynomials[find_joined_set(contact_states)], window.omega, window.half, 1.0, z
+        )
+        if not is_workspace_finite(workspace):
             return NOT_FINITE
     return DONE
 
 
-@jit_room
-def several_lane(scene, plan, state, observe):
-    """Integrate one lane of a `Several` scene of n absorbers and return a status code; ``state`` (2 N_m + 2 n,) is the start and becomes the end."""
-    schedule = own_schedule(plan)
+@jit_allocating
+def several_lane(scene, plan, state, observers):
+    """Integrate one run of a `Several` scene of n absorbers and return a status code.
+
+    ``state`` (2 N_m + 2 n,) is the initial state and becomes the final one.
+    """
+    schedule = copy_schedule(plan)
     sets = scene.sets
-    room = new_room(scene.sets, scene.absorbers, state)
+    workspace = new_several_workspace(scene.sets, scene.absorbers, state)
     status = DONE
-    counts = observe.counters.counts
-    for a in range(room.now.shape[0]):
-        limit_searches(room.signals.memory[a], observe.counters)
-    seen = observe_with(
-        observe, new_account(observe.energy, sets.rows.shape[0], sets.rows.shape[3])
+    counts = observers.counters.counts
+    for a in range(workspace.contact_states.shape[0]):
+        limit_searches(workspace.signals.memory[a], observers.counters)
+    lane_observers = with_energy_account(
+        observers, new_account(observers.energy, sets.rows.shape[0], sets.rows.shape[3])
     )
     for k in range(schedule.times.shape[0] - 1):
-        status = several_stretch(scene, schedule, k, k > 0, room, state, seen)
+        status = integrate_several_section(
+            scene, schedule, k, k > 0, workspace, state, lane_observers
+        )
         if status != DONE:
             break
     if status == DONE:
         counts.reached = schedule.times[-1]
-    finish(scene, counts.reached, room, state, observe)
+    finish_several_run(scene, counts.reached, workspace, state, observers)
     return status
 
 
 @jit
-def finish(scene, end, room, state, observe):
-    """Write the end state, close open phases, and take the sample that falls on the end (s)."""
-    now = room.now
-    s = joined_set(room.now)
-    w = room.work.rows[0]
-    copy(room.work.z, w)
-    write_from(scene.sets, s, w, room, state)
-    for a in range(now.shape[0]):
-        if now[a].regime == JOINED:
-            end_phase(observe.events, now[a], end)
-    last_sample(state, scene.absorbers.tip_shape, end, observe.clock, observe.level, observe.series)
+def finish_several_run(scene, end, workspace, state, observers):
+    """Write the final state, record open joined phases, and take the sample at ``end`` (s)."""
+    contact_states = workspace.contact_states
+    s = find_joined_set(workspace.contact_states)
+    w = workspace.buffers.rows[0]
+    copy_amplitudes(workspace.buffers.z, w)
+    write_state_from(scene.sets, s, w, workspace, state)
+    for a in range(contact_states.shape[0]):
+        if contact_states[a].regime == JOINED:
+            record_joined_phase(observers.events, contact_states[a], end)
+    take_last_sample(
+        state, scene.absorbers.tip_shape, end, observers.clock, observers.level, observers.series
+    )

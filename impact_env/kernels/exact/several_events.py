@@ -1,58 +1,73 @@
 """What one absorber's event does to the others, and the way from one set of joined absorbers to another (sets.py).
 
-- An impact changes all relative velocities at once, by the beam's mobility between the places. A finite friction force cannot hold against it, so a
-  stuck absorber slides on with the velocity that it was given. One that a wall holds leaves it, or hits it at once and bounces. Only where all that
-  would stay below the rounding of the position does it stay joined: else two absorbers at rest on walls would set each other free for ever. Then the
-  impulse is still that of the law without joints, and the joint takes out what it gives, as coming to rest again would: bounces go on dying out.
-- Where a force jumps (a reversal, an impact with friction, a new joint), all absorbers without relative velocity are settled together (settle.py).
-Events at the same time are taken one after the other, in the order of the absorbers. Impacts at two places at once have no unique outcome in
-rigid-body mechanics: this is a choice.
+- An impact changes all relative velocities at once, by the beam's mobility between the places. A
+  finite friction force cannot hold against it, so a stuck absorber slides on with the velocity that
+  it was given. One that a wall holds leaves it, or hits it at once and bounces. Only where all that
+  would stay below the rounding of the position does it stay joined: else two absorbers at rest on
+  walls would set each other free for ever. Then the impulse is still that of the law without
+  joints, and the joint takes out what it gives, as coming to rest again would: bounces go on dying
+  out.
+- Where a force jumps (a reversal, an impact with friction, a new joint), all absorbers without
+  relative velocity are settled together (joint_forces.py). Events at the same time are taken one
+  after the other, in the order of the absorbers. Impacts at two places at once have no unique
+  outcome in rigid-body mechanics: this is a choice.
 """
 
 from __future__ import annotations
 
 from impact_env.kernels.compiling.jit import jit, jit_view
-from impact_env.kernels.events.signals import HIT_HIGH, at_offset
+from impact_env.kernels.events.signals import HIT_HIGH, evaluate_at_offset
+from impact_env.kernels.exact.joint_forces import (
+    begin_slip,
+    compute_contact_kinematics,
+    resolve_joints,
+)
 from impact_env.kernels.exact.rigid_contact import (
     FREE,
-    ROUNDING,
-    Body,
-    Contact,
+    POSITION_ROUNDING,
+    AbsorberView,
+    ContactLaw,
     Walls,
-    friction_force,
-    impact,
+    apply_impact,
+    compute_tip_motion,
+    detect_wall_contact,
     joint_bounds,
-    stay_at_wall,
-    tip_motion,
-    touch,
-    turn,
+    reverse_or_stick,
+    update_friction_force,
+    update_wall_contact,
 )
 from impact_env.kernels.exact.sets import (
-    bend,
     enter_set,
-    forced_of,
+    find_joined_set,
+    forced_of_set,
     is_joined,
-    joined_set,
-    signal_of,
-    slots_with,
-    solve_set,
+    signal_of_absorber,
+    system_of_set,
+    update_set_response,
+    update_static_deflection,
 )
-from impact_env.kernels.exact.settle import part, see_places, settle
-from impact_env.kernels.motion.forced import add_forced, signal_value
+from impact_env.kernels.motion.forced import add_forced, evaluate_signal
+from impact_env.kernels.motion.modal_system import (
+    GUARD,
+    REST,
+    SPEED,
+    add_weighted,
+    apply_weights,
+    copy_amplitudes,
+)
 from impact_env.kernels.motion.observers import push_reversal
-from impact_env.kernels.motion.segments import to_state
-from impact_env.kernels.motion.slots import GUARD, REST, SPEED, add, copy, weigh
+from impact_env.kernels.motion.segments import compute_state
 
-UNKNOWN = 1e300  # as a bound: none
-NO_SET = -1  # before a run's first regime
+NO_BOUND = 1e300  # as a bound: none
+BEFORE_FIRST_SET = -1  # before a run's first regime
 
 
 @jit_view
-def contact_of(scene, s, a, restitution):
-    """Return the contact of absorber a in set s."""
+def contact_of_absorber(scene, s, a, restitution):
+    """Return the contact law of absorber a in set s."""
     absorbers = scene.absorbers
     walls = Walls(absorbers.gap[a], restitution, None)
-    return Contact(
+    return ContactLaw(
         absorbers.mass[a],
         scene.sets.compliance[s, a, a],
         absorbers.shapes[a],
@@ -64,269 +79,299 @@ def contact_of(scene, s, a, restitution):
 
 
 @jit
-def write_state(sets, window, s, room, state):
+def write_set_state(sets, window, s, workspace, state):
     """Write the state at the current time."""
-    w = room.work.rows[0]
-    copy(room.work.z, w)
-    add_forced(room.flow.slots[s], window.omega, room.now[0].tau, 1.0, w)
-    write_from(sets, s, w, room, state)
+    w = workspace.buffers.rows[0]
+    copy_amplitudes(workspace.buffers.z, w)
+    add_forced(
+        workspace.forced_sets.polynomials[s], window.omega, workspace.contact_states[0].tau, 1.0, w
+    )
+    write_state_from(sets, s, w, workspace, state)
 
 
 @jit
-def write_from(sets, s, w, room, state):
-    """Write the state from free and forced part of the slots of set s, and displacement and velocity of the absorbers; w is changed."""
-    add(room.own[s], REST, 1.0, w)
-    to_state(sets.out[s], w, state)
-    now = room.now
-    n = room.now.shape[0]
+def write_state_from(sets, s, w, workspace, state):
+    """Write the state from the amplitudes ``w`` (free and forced part) of set s and the absorbers' motion; ``w`` is changed."""
+    add_weighted(workspace.place_rows[s], REST, 1.0, w)
+    compute_state(sets.out[s], w, state)
+    contact_states = workspace.contact_states
+    n = workspace.contact_states.shape[0]
     half = state.shape[0] // 2
     for a in range(n):
         if is_joined(s, a):
-            state[half - n + a] += now[a].offset
-            now[a].q = state[half - n + a]
-            now[a].v = state[2 * half - n + a]
+            state[half - n + a] += contact_states[a].offset
+            contact_states[a].q = state[half - n + a]
+            contact_states[a].v = state[2 * half - n + a]
         else:
-            state[half - n + a], state[2 * half - n + a] = now[a].q, now[a].v
+            state[half - n + a], state[2 * half - n + a] = contact_states[a].q, contact_states[a].v
 
 
 @jit
-def go_to(scene, window, before, state, room):
-    """Go on in the regime of the absorbers that are joined now, from a state that was left in set ``before``.
+def change_set(scene, window, before, state, workspace):
+    """Continue in the regime of the absorbers that are joined now, from a state left in set ``before``.
 
-    The way through the state leaves the rounding of two maps. In the same set only the constant forces change, and that is all that is done; in
-    another one the absorbers' motion relative to the beam is kept. Else bounces and slips as small as that rounding would never end.
+    Going through the state leaves the rounding of two maps. In the same set only the constant
+    forces change. In another set the relative motion of the absorbers is kept: otherwise bounces
+    and slips as small as that rounding would never end.
     """
-    s = joined_set(room.now)
-    z = room.work.z
+    s = find_joined_set(workspace.contact_states)
+    z = workspace.buffers.z
     sets = scene.sets
     if s == before:
-        add(room.own[s], REST, 1.0, z)
-        bend(sets, room.now, s, room.own, room.bent)
-        add(room.own[s], REST, -1.0, z)
+        add_weighted(workspace.place_rows[s], REST, 1.0, z)
+        update_static_deflection(
+            sets, workspace.contact_states, s, workspace.place_rows, workspace.deflection
+        )
+        add_weighted(workspace.place_rows[s], REST, -1.0, z)
         return
-    if before != NO_SET:
-        note_relative(scene, window, before, room)
-    solve_set(sets, scene.absorbers, window, s, room.flow)
-    enter_set(sets, window, s, room, state)
-    if before != NO_SET:
-        keep_relative(sets, window, s, room)
+    if before != BEFORE_FIRST_SET:
+        save_relative_motion(scene, window, before, workspace)
+    update_set_response(sets, scene.absorbers, window, s, workspace.forced_sets)
+    enter_set(sets, window, s, workspace, state)
+    if before != BEFORE_FIRST_SET:
+        restore_relative_motion(sets, window, s, workspace)
 
 
 @jit
-def relative(sets, window, s, a, room):
-    """Return displacement and velocity of absorber a, which is apart in set s, less those of the beam at its place."""
-    now = room.now[a]
-    slots = slots_with(sets, s, sets.rows[s, a])
-    signal = signal_of(room.signals, a)
-    weigh(slots.rows, GUARD, room.work.z, signal.u)
+def compute_relative_motion(sets, window, s, a, workspace):
+    """Return relative displacement and velocity (absorber minus beam) of the sliding absorber a in set s."""
+    contact_state = workspace.contact_states[a]
+    system = system_of_set(sets, s, sets.rows[s, a])
+    signal = signal_of_absorber(workspace.signals, a)
+    apply_weights(system.rows, GUARD, workspace.buffers.z, signal.u)
     signal.polynomial[0], signal.polynomial[1], signal.polynomial[2] = (
-        now.q - room.bent[a],
-        now.v,
-        now.a,
+        contact_state.q - workspace.deflection[a],
+        contact_state.v,
+        contact_state.a,
     )
-    value, rate, _ = at_offset(
-        slots, forced_of(room.flow, s, a).signals, window.omega, signal, now.tau, 0.0
+    value, rate, _ = evaluate_at_offset(
+        system,
+        forced_of_set(workspace.forced_sets, s, a).signals,
+        window.omega,
+        signal,
+        contact_state.tau,
+        0.0,
     )
     return value, rate
 
 
 @jit
-def rate_scale(sets, s, a, room):
-    """Return the size of the terms that the relative velocity of absorber a in set s is the sum of, once `relative` has written its signal."""
-    u = room.signals.u[a]
-    scale = abs(room.now[a].v) + room.flow.bound[s, a, 1]
+def compute_relative_rate_scale(sets, s, a, workspace):
+    """Return the sum of the sizes of the terms of the relative velocity of absorber a in set s.
+
+    `compute_relative_motion` has written its signal.
+    """
+    u = workspace.signals.u[a]
+    scale = abs(workspace.contact_states[a].v) + workspace.forced_sets.bound[s, a, 1]
     for j in range(u.shape[1]):
         scale += sets.rows[s, a, SPEED, j] * (abs(u[0, j]) + abs(u[1, j]))
     return scale
 
 
 @jit
-def note_relative(scene, window, s, room):
-    """Write the relative motion of the absorbers that are apart from now on, as set s has it, which is being left."""
+def save_relative_motion(scene, window, s, workspace):
+    """Save the relative motion of the absorbers that slide from now on, before set s is left."""
     sets = scene.sets
-    for a in range(room.now.shape[0]):
-        now = room.now[a]
-        motion = room.motion[a]
-        if now.regime == FREE:
+    for a in range(workspace.contact_states.shape[0]):
+        contact_state = workspace.contact_states[a]
+        motion = workspace.motion[a]
+        if contact_state.regime == FREE:
             value, rate = (
-                (now.offset, 0.0) if is_joined(s, a) else relative(sets, window, s, a, room)
+                (contact_state.offset, 0.0)
+                if is_joined(s, a)
+                else compute_relative_motion(sets, window, s, a, workspace)
             )
-            if scene.absorbers.limit[a] > 0.0 and abs(rate) <= ROUNDING * rate_scale(
-                sets, s, a, room
-            ):
-                now.at_rest = True  # it has just begun to slide, and not yet by more than rounding
+            if scene.absorbers.limit[a] > 0.0 and abs(
+                rate
+            ) <= POSITION_ROUNDING * compute_relative_rate_scale(sets, s, a, workspace):
+                contact_state.at_rest = (
+                    True  # it has just begun to slide, and not yet by more than rounding
+                )
             motion.q = value
-            motion.v = 0.0 if now.at_rest else rate
+            motion.v = 0.0 if contact_state.at_rest else rate
 
 
 @jit
-def keep_relative(sets, window, s, room):
-    """Shift the absorbers that are apart in set s by what the way through the state has changed in their relative motion."""
-    for a in range(room.now.shape[0]):
-        now = room.now[a]
-        motion = room.motion[a]
-        if now.regime == FREE:
-            value, rate = relative(sets, window, s, a, room)
-            now.q += motion.q - value
-            now.v += motion.v - rate
+def restore_relative_motion(sets, window, s, workspace):
+    """Restore the relative motion that was lost to rounding on the way through the state."""
+    for a in range(workspace.contact_states.shape[0]):
+        contact_state = workspace.contact_states[a]
+        motion = workspace.motion[a]
+        if contact_state.regime == FREE:
+            value, rate = compute_relative_motion(sets, window, s, a, workspace)
+            contact_state.q += motion.q - value
+            contact_state.v += motion.v - rate
 
 
 @jit
-def settle_waiting(scene, window, s, state, room, events):
-    """Settle all absorbers without relative velocity, joined ones in set s and those that just came to rest, and go on in the regime that results."""
+def resolve_resting_absorbers(scene, window, s, state, workspace, events):
+    """Decide for all absorbers without relative velocity whether they stick or slip, and continue in the resulting set."""
     absorbers = scene.absorbers
-    write_state(scene.sets, window, s, room, state)
-    for a in range(room.now.shape[0]):
-        row = room.now[a]
-        contact = contact_of(scene, 0, a, absorbers.restitution[a])
+    write_set_state(scene.sets, window, s, workspace, state)
+    for a in range(workspace.contact_states.shape[0]):
+        row = workspace.contact_states[a]
+        contact = contact_of_absorber(scene, 0, a, absorbers.restitution[a])
         if row.at_rest and not is_joined(s, a):
-            stay_at_wall(contact.walls, row, tip_motion(contact, state)[0])
-        room.joints.waits[a] = is_joined(s, a) or (
+            update_wall_contact(contact.walls, row, compute_tip_motion(contact, state)[0])
+        workspace.joints.undecided[a] = is_joined(s, a) or (
             row.at_rest and (absorbers.limit[a] > 0.0 or row.side != 0.0)
         )
-    settle(
+    resolve_joints(
         absorbers,
         scene.losses,
         scene.sets.compliance[0],
         window,
-        room.now,
+        workspace.contact_states,
         state,
-        room.joints,
+        workspace.joints,
         events,
     )
-    go_to(scene, window, s, state, room)
+    change_set(scene, window, s, state, workspace)
 
 
 @jit
-def release(scene, window, s, a, event, state, room, events):
-    """Let absorber a leave set s: it lags where the joint force is above its bound, leads where it is below. No force jumps."""
-    write_state(scene.sets, window, s, room, state)
-    see_places(scene.absorbers, state, room.joints)
-    time = window.centre + room.now[0].tau
-    part(
+def release_from_set(scene, window, s, a, event, state, workspace, events):
+    """Release absorber a from set s, as its joint force has left its bounds. No force jumps."""
+    write_set_state(scene.sets, window, s, workspace, state)
+    compute_contact_kinematics(scene.absorbers, state, workspace.joints)
+    time = window.centre + workspace.contact_states[0].tau
+    begin_slip(
         scene.absorbers.limit[a],
-        room.now[a],
-        room.joints.speed[a],
+        workspace.contact_states[a],
+        workspace.joints.beam_velocity[a],
         -1.0 if event == HIT_HIGH else 1.0,
         time,
         events,
     )
-    go_to(scene, window, s, state, room)
+    change_set(scene, window, s, state, workspace)
 
 
 @jit
-def reverse(scene, window, s, a, found, state, room, events):
-    """The relative velocity of absorber a is zero: stick, or slide on the other way."""
-    now = room.now
+def handle_reversal(scene, window, s, a, event, state, workspace, events):
+    """Handle zero relative velocity of absorber a: it sticks, or slips the other way."""
+    contact_states = workspace.contact_states
     sets = scene.sets
     limit = scene.absorbers.limit[a]
-    push_reversal(events, window.centre + now[0].tau, now[a].which)
+    push_reversal(events, window.centre + contact_states[0].tau, contact_states[a].absorber)
     alone = s == 0
-    for b in range(now.shape[0]):
-        if b != a and now[b].at_rest:
+    for b in range(contact_states.shape[0]):
+        if b != a and contact_states[b].at_rest:
             alone = False
     if alone:
-        body = Body(now[a], room.work, signal_of(room.signals, a))
-        contact = contact_of(scene, s, a, scene.absorbers.restitution[a])
-        if not turn(slots_with(sets, s, sets.rows[s, a]), contact, limit, body, found):
-            bend(sets, now, s, room.own, room.bent)
+        body = AbsorberView(
+            contact_states[a], workspace.buffers, signal_of_absorber(workspace.signals, a)
+        )
+        contact = contact_of_absorber(scene, s, a, scene.absorbers.restitution[a])
+        if not reverse_or_stick(
+            system_of_set(sets, s, sets.rows[s, a]), contact, limit, body, event
+        ):
+            update_static_deflection(
+                sets, contact_states, s, workspace.place_rows, workspace.deflection
+            )
             return
-    now[a].at_rest = True
-    settle_waiting(scene, window, s, state, room, events)
+    contact_states[a].at_rest = True
+    resolve_resting_absorbers(scene, window, s, state, workspace, events)
 
 
 @jit
-def stays(scene, window, s, b, kick, state, room):
-    """Return whether a joined absorber can be kept joined although an impulse gives it a relative velocity ``kick``.
+def remains_stuck(scene, window, s, b, kick, state, workspace):
+    """Return whether a joined absorber stays joined although an impulse gives it a relative velocity ``kick`` (m/s).
 
-    So it is where its way until it rests again, kick^2/(2 a), is below the rounding of the position; a, its deceleration, follows from how far the
-    joint force is off its bounds.
+    It does where its way to rest, kick^2/(2 a), is below the rounding of the position. The
+    deceleration a follows from the distance of the joint force from its bounds.
     """
-    z = room.work.z
-    u = room.work.u
+    z = workspace.buffers.z
+    u = workspace.buffers.u
     sets = scene.sets
     absorbers = scene.absorbers
-    weigh(sets.rows[s, b], GUARD, z, u)
-    f = signal_value(room.flow.signals[s, b], 0, window.omega, room.now[0].tau)
+    apply_weights(sets.rows[s, b], GUARD, z, u)
+    f = evaluate_signal(
+        workspace.forced_sets.signals[s, b], 0, window.omega, workspace.contact_states[0].tau
+    )
     for j in range(u.shape[1]):
         f += u[0, j]
-    low, high = joint_bounds(absorbers.limit[b], room.now[b].side)
+    low, high = joint_bounds(absorbers.limit[b], workspace.contact_states[b].side)
     margin = min(high - f, f - low)
     if not margin > 0.0:
         return False
-    size = abs(room.now[b].offset)
+    size = abs(workspace.contact_states[b].offset)
     for i in range(absorbers.shapes.shape[1]):
         size += abs(absorbers.shapes[b, i] * state[i])
-    return kick * kick <= 2.0 * margin * sets.compliance[0, b, b] * ROUNDING * size
+    return kick * kick <= 2.0 * margin * sets.compliance[0, b, b] * POSITION_ROUNDING * size
 
 
 @jit
-def set_free(scene, window, s, a, found, state, room, events):
-    """Free the joined absorbers that an impact of absorber a tears loose; return True if there are any."""
-    now = room.now
+def release_by_impact(scene, window, s, a, event, state, workspace, events):
+    """Release the joined absorbers that an impact of absorber a tears loose; return True if there are any."""
+    contact_states = workspace.contact_states
     compliance = scene.sets.compliance[0]
     absorbers = scene.absorbers
-    impulse = -(1.0 + absorbers.restitution[a]) * found.rate / compliance[a, a]
-    write_state(scene.sets, window, s, room, state)
-    see_places(absorbers, state, room.joints)
+    impulse = -(1.0 + absorbers.restitution[a]) * event.rate / compliance[a, a]
+    write_set_state(scene.sets, window, s, workspace, state)
+    compute_contact_kinematics(absorbers, state, workspace.joints)
     freed = 0
-    for b in range(now.shape[0]):
+    for b in range(contact_states.shape[0]):
         if is_joined(s, b):
-            if not stays(scene, window, s, b, compliance[b, a] * impulse, state, room):
+            if not remains_stuck(scene, window, s, b, compliance[b, a] * impulse, state, workspace):
                 freed |= 1 << b
-    for b in range(now.shape[0]):
+    for b in range(contact_states.shape[0]):
         if is_joined(freed, b):
-            part(
+            begin_slip(
                 absorbers.limit[b],
-                now[b],
-                room.joints.speed[b],
+                contact_states[b],
+                workspace.joints.beam_velocity[b],
                 1.0,
-                window.centre + now[b].tau,
+                window.centre + contact_states[b].tau,
                 events,
             )
     if freed != 0:
-        go_to(scene, window, s, state, room)
+        change_set(scene, window, s, state, workspace)
     return freed != 0
 
 
 @jit
-def kick_others(scene, window, s, a, impulse, state, room):
-    """Let the other absorbers that are apart slide in the sign of the relative velocity that they have after an impulse on absorber a."""
-    now = room.now
-    joints = room.joints
+def propagate_impulse(scene, window, s, a, impulse, state, workspace):
+    """Update the slip directions of the other absorbers after an impulse (N s) on absorber a."""
+    contact_states = workspace.contact_states
+    joints = workspace.joints
     absorbers = scene.absorbers
     others = 0
-    for b in range(now.shape[0]):
-        if b != a and now[b].regime == FREE and (absorbers.limit[b] > 0.0 or now[b].at_rest):
+    for b in range(contact_states.shape[0]):
+        if (
+            b != a
+            and contact_states[b].regime == FREE
+            and (absorbers.limit[b] > 0.0 or contact_states[b].at_rest)
+        ):
             others |= 1 << b
     if others == 0:
         return
-    write_state(scene.sets, window, s, room, state)
-    see_places(absorbers, state, joints)
+    write_set_state(scene.sets, window, s, workspace, state)
+    compute_contact_kinematics(absorbers, state, joints)
     turned = False
-    for b in range(now.shape[0]):
+    for b in range(contact_states.shape[0]):
         if is_joined(others, b):
             # of one that had none it is what the impulse gave, free of rounding
             speed = (
                 scene.sets.compliance[s, b, a] * impulse
-                if now[b].at_rest
-                else now[b].v - joints.speed[b]
+                if contact_states[b].at_rest
+                else contact_states[b].v - joints.beam_velocity[b]
             )
             if speed != 0.0:
                 sign = 1.0 if speed > 0.0 else -1.0
-                turned = turned or sign != now[b].sign
-                now[b].sign = sign
-                now[b].at_rest = False
-                friction_force(absorbers.limit[b], now[b])
+                turned = turned or sign != contact_states[b].sign
+                contact_states[b].sign = sign
+                contact_states[b].at_rest = False
+                update_friction_force(absorbers.limit[b], contact_states[b])
     if turned:
-        go_to(scene, window, s, state, room)
+        change_set(scene, window, s, state, workspace)
 
 
 @jit
-def rebound(sets, absorbers, s, a):
-    """Return the restitution of an impact of absorber a in set s, in which those that are joined stay so.
+def compute_set_restitution(sets, absorbers, s, a):
+    """Return the effective restitution of an impact of absorber a in set s, in which joined absorbers stay joined.
 
-    The impulse is that of the free beam. What it gives to the joined ones is taken out by their joints, so that the beam and they give way less.
+    The impulse is that of the free beam. What it gives to joined absorbers is taken out by their
+    joints, so the effective mass is larger.
     """
     if s == 0:
         return absorbers.restitution[a]
@@ -338,48 +383,57 @@ def rebound(sets, absorbers, s, a):
 
 
 @jit
-def hit(scene, window, s, a, found, state, room, observe):
-    """Absorber a hits a wall in set s."""
-    now = room.now
+def handle_impact(scene, window, s, a, event, state, workspace, observers):
+    """Handle the impact of absorber a in set s: impact law, release of joined absorbers, slip directions of the others."""
+    contact_states = workspace.contact_states
     sets = scene.sets
     mass = scene.absorbers.mass[a]
     changed = False
     if s != 0:
-        changed = set_free(scene, window, s, a, found, state, room, observe.events)
-        s = joined_set(now)
-    now[a].kick = UNKNOWN if changed else room.kicks[s, a]
-    slots = slots_with(sets, s, sets.rows[s, a])
-    forced = forced_of(room.flow, s, a)
-    body = Body(now[a], room.work, signal_of(room.signals, a))
-    contact = contact_of(scene, s, a, rebound(sets, scene.absorbers, s, a))
-    before = now[a].v
-    rests = impact(slots, forced, window, contact.walls, contact, body, found, observe)
-    bend(sets, now, s, room.own, room.bent)
-    now[a].at_rest = rests
-    kick_others(scene, window, s, a, mass * (now[a].v - before), state, room)
+        changed = release_by_impact(scene, window, s, a, event, state, workspace, observers.events)
+        s = find_joined_set(contact_states)
+    contact_states[a].impulse_bound = NO_BOUND if changed else workspace.impulse_bounds[s, a]
+    system = system_of_set(sets, s, sets.rows[s, a])
+    forced = forced_of_set(workspace.forced_sets, s, a)
+    body = AbsorberView(
+        contact_states[a], workspace.buffers, signal_of_absorber(workspace.signals, a)
+    )
+    contact = contact_of_absorber(scene, s, a, compute_set_restitution(sets, scene.absorbers, s, a))
+    before = contact_states[a].v
+    rests = apply_impact(system, forced, window, contact.walls, contact, body, event, observers)
+    update_static_deflection(sets, contact_states, s, workspace.place_rows, workspace.deflection)
+    contact_states[a].at_rest = rests
+    propagate_impulse(scene, window, s, a, mass * (contact_states[a].v - before), state, workspace)
     if rests or s != 0:
-        settle_waiting(scene, window, s, state, room, observe.events)
+        resolve_resting_absorbers(scene, window, s, state, workspace, observers.events)
 
 
 @jit
-def begin(scene, window, state, room, events):
-    """Set the first regime from the initial state: absorbers without relative velocity are joined if friction or a wall can hold them."""
-    now = room.now
+def init_joined_set(scene, window, state, workspace, events):
+    """Choose the first set: absorbers without relative velocity are joined if friction or a wall can hold them."""
+    contact_states = workspace.contact_states
     absorbers = scene.absorbers
     half = state.shape[0] // 2
-    n = room.now.shape[0]
+    n = workspace.contact_states.shape[0]
     for a in range(n):
-        row = now[a]
+        row = contact_states[a]
         limit = absorbers.limit[a]
-        contact = contact_of(scene, 0, a, absorbers.restitution[a])
+        contact = contact_of_absorber(scene, 0, a, absorbers.restitution[a])
         row.q = state[half - n + a]
         row.v = state[2 * half - n + a]
-        relative = touch(contact, contact.walls, row, state)
-        room.joints.waits[a] = relative == 0.0 and (limit > 0.0 or row.side != 0.0)
+        relative = detect_wall_contact(contact, contact.walls, row, state)
+        workspace.joints.undecided[a] = relative == 0.0 and (limit > 0.0 or row.side != 0.0)
         if relative * row.side > 0.0:
             row.side = 0.0  # on a wall and moving into it: the search reports the impact at once
-        friction_force(limit, row)
-    settle(
-        absorbers, scene.losses, scene.sets.compliance[0], window, now, state, room.joints, events
+        update_friction_force(limit, row)
+    resolve_joints(
+        absorbers,
+        scene.losses,
+        scene.sets.compliance[0],
+        window,
+        contact_states,
+        state,
+        workspace.joints,
+        events,
     )
-    go_to(scene, window, NO_SET, state, room)
+    change_set(scene, window, BEFORE_FIRST_SET, state, workspace)

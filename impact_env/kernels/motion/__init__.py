@@ -1,4 +1,5 @@
-"""One linear regime between two events: slots, their exact propagation, the forced part of a window, and the samples of a stretch.
+"""One linear regime between two events: modal amplitudes, their exact propagation, the forced part of a window, and the samples of a segment.
 
-In: tables of a regime (`regimes.py`), the pieces of the load, the state at the last event. Out: the state at any later time of the window.
+In: tables of a regime (`regimes.py`), the pieces of the load, the state at the last event. Out: the
+state at any later time of the window.
 """

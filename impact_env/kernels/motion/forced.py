@@ -1,9 +1,10 @@
 """The response to the chirp within one window, exact up to a bounded Taylor remainder.
 
-Around a window's centre the force is Re(F exp(i phi + i Omega tau) exp(i alpha tau^2/2)). The last factor is expanded to alpha^4; its
-remainder is below (alpha tau^2/2)^5/120, and the windows are cut so that this is below CHIRP_REMAINDER. The particular solution of a slot is
-then A(tau) exp(i Omega tau) + B(tau) exp(-i Omega tau) with polynomials A, B of degree 8 (TERMS coefficients, alpha^4 tau^8), found by
-back-substitution.
+Around a window's centre the force is Re(F exp(i phi + i Omega tau) exp(i alpha tau^2/2)). The last
+factor is expanded to alpha^4; its remainder is below (alpha tau^2/2)^5/120, and the windows are cut
+so that this is below CHIRP_REMAINDER. The particular solution of a modal amplitude is then A(tau)
+exp(i Omega tau) + B(tau) exp(-i Omega tau) with polynomials A, B of degree 8 (TERMS coefficients,
+alpha^4 tau^8), found by back-substitution.
 """
 
 from __future__ import annotations
@@ -13,19 +14,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
+from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
 from impact_env.kernels.motion.forced_sums import (
-    add_response,
+    add_polynomials,
     back_substitute,
     back_substitute_both,
-    combine,
-    first_values,
-    polynomial_value,
+    combine_signal,
+    evaluate_first_signals,
+    evaluate_polynomial,
 )
-from impact_env.kernels.motion.loads import Load, add_base_drive, unit_count
+from impact_env.kernels.motion.loads import LoadWorkspace, add_base_drive, count_unit_loads
+from impact_env.kernels.motion.modal_system import BASE, DRIVE, GUARD, TIP, S
 from impact_env.kernels.motion.numbers import cos_sin
-from impact_env.kernels.motion.slots import BASE, DRIVE, GUARD, TIP, S
-from impact_env.kernels.motion.vector import POINTS, SCAN_TERMS, TERMS
+from impact_env.kernels.motion.search_block import POINTS, SCAN_TERMS, TERMS
 
 NEAR_RESONANCE = (
     0.05  # of |i Omega - s| times half the window: then the polynomial is built upwards
@@ -33,55 +34,60 @@ NEAR_RESONANCE = (
 DERIVATIVES = 6
 SCANNED = 3  # derivatives of the guard signal that the event search scans
 SIGNALS = (2, TERMS, 2, 4)  # shape of Forced.signals
-BEYOND = 1.25  # of half a window: up to there bounds hold
-# numbers of the signals in Forced.signals: the guard signal and its derivatives, the tip displacement, that of a free absorber under a base that
-# moves; those of the scan are together
+BOUND_REACH = 1.25  # of half a window: up to there bounds hold
+# numbers of the signals in Forced.signals: the guard signal and its derivatives, the tip
+# displacement, that of a free absorber under a base that moves; those of the scan are together
 GUARD_SIGNALS = (0, 1, 2, 4, 5, 6)
 TIP_SIGNAL = 3
 THIRD, FOURTH, FIFTH = GUARD_SIGNALS[3:]
 
 
-class Units(NamedTuple):
-    """A regime's forced part under unit loads without a carrier, of which straight lines are sums (lines.py): 1, and the time from the centre.
+class UnitResponses(NamedTuple):
+    """A regime's forced responses to unit loads without a carrier: a constant, and the time from the window's centre (unit_loads.py).
 
-    ``slots`` (only A, which B equals), ``signals`` and ``bound``: those of `Forced`, with one axis more for the two loads, first as forces, then as
-    the base's acceleration where it moves. ``shares`` (2,) or (4,): what a window has of each. ``half`` (1,): the longest half window (s) that they
-    hold in. ``leap`` (3, 2, J) or (5, 2, J): what slots become in ``span`` (1,) s, as factor of what they were and for each unit load.
+    ``polynomials`` (only A, which B equals), ``signals`` and ``bound``: those of `Forced`, with
+    one axis more for the loads, first as forces, then as the base's acceleration where it moves.
+    ``coefficients`` (2,) or (4,): of the load in a window. ``half`` (1,): longest half window (s)
+    that the bounds hold for. ``step_map`` (3, 2, J) or (5, 2, J): the amplitudes after
+    ``step_length`` (1,) s, as factor of those before and for each unit load.
     """
 
-    slots: NDArray[np.float64]
+    polynomials: NDArray[np.float64]
     signals: NDArray[np.float64]
     bound: NDArray[np.float64]
-    shares: NDArray[np.float64]
+    coefficients: NDArray[np.float64]
     half: NDArray[np.float64]
-    leap: NDArray[np.float64]
-    span: NDArray[np.float64]
+    step_map: NDArray[np.float64]
+    step_length: NDArray[np.float64]
 
 
 class Forced(NamedTuple):
     """One regime's forced part in one window.
 
-    ``slots`` (4, TERMS, J) holds A and B, real and imaginary in turn. ``signals`` (2, TERMS, 2, 4): polynomials, as factors of
-    exp(i Omega tau), of the guard signal, its derivatives and the tip displacement; the coefficients of signal m, real and imaginary, are
-    signals[m // 4, :, :, m % 4]. ``bound`` (DERIVATIVES + SCANNED,): the largest
-    size, up to BEYOND half windows from the centre, of the guard signal's derivatives, and of what SCAN_TERMS coefficients leave out of the first
-    of them. ``carrier`` (L, 2, POINTS): exp(i Omega k h_L), k = 1 ... POINTS, for the levels of `slots.Slots`; not a number
-    first where a level is not known yet.
-    ``terms`` (2, TERMS): Taylor coefficients in tau of half the complex force without its carrier. ``units`` None: every window is solved anew.
+    ``system`` (4, TERMS, J) holds A and B, real and imaginary in turn. ``signals`` (2, TERMS, 2,
+    4): polynomials, as factors of exp(i Omega tau), of the guard signal, its derivatives and the
+    tip displacement; the coefficients of signal m, real and imaginary, are signals[m // 4, :, :, m
+    % 4]. ``bound`` (DERIVATIVES + SCANNED,): the largest size, up to BOUND_REACH half windows from
+    the centre, of the guard signal's derivatives, and of what SCAN_TERMS coefficients leave out of
+    the first of them. ``carrier`` (L, 2, POINTS): exp(i Omega k h_L), k = 1 ... POINTS, for the
+    levels of `modal_system.ModalSystem`; not a number first where a level is not known yet.
+    ``terms`` (2, TERMS): Taylor coefficients in tau of half the complex force without its carrier.
+    ``units`` None: every window is solved anew.
     """
 
-    slots: NDArray[np.float64]
+    polynomials: NDArray[np.float64]
     signals: NDArray[np.float64]
     bound: NDArray[np.float64]
     carrier: NDArray[np.float64]
     terms: NDArray[np.float64]
-    units: Units | None
+    unit_responses: UnitResponses | None
 
 
-class Window(NamedTuple):
-    """A stretch of time with one expansion of the load: centre (s), half length (s), frequency (rad/s), rate (rad/s^2), force at the centre (N).
+class ForceWindow(NamedTuple):
+    """A segment of time with one expansion of the load: centre (s), half length (s), frequency (rad/s), rate (rad/s^2), force at the centre (N).
 
-    ``load``: other loads than the chirp of one force, whose terms it holds; the frequency is their carrier, rate and force then say nothing.
+    ``load``: other loads than the chirp of one force, whose terms it holds; the frequency is their
+    carrier, rate and force then say nothing.
     """
 
     centre: float
@@ -90,27 +96,27 @@ class Window(NamedTuple):
     alpha: float
     force_r: float
     force_i: float
-    load: Load | None = None
+    load: LoadWorkspace | None = None
 
 
-@jit_room
-def new_units(load, size):
-    """Return empty room for `Units` of ``size`` slots, None for the chirp."""
+@jit_allocating
+def new_unit_responses(load, size):
+    """Return memory for the `UnitResponses` of ``size`` amplitudes, None for the chirp."""
     if load is None:
         return None
-    n = unit_count(load.base)
-    slots = np.zeros((n, 2, TERMS, size))
+    n = count_unit_loads(load.base)
+    polynomials = np.zeros((n, 2, TERMS, size))
     signals = np.zeros((n, *SIGNALS))
     bound = np.zeros((n, DERIVATIVES + SCANNED))
     leap = np.zeros((n + 1, 2, size))
-    return Units(slots, signals, bound, np.zeros(n), np.zeros(1), leap, np.zeros(1))
+    return UnitResponses(polynomials, signals, bound, np.zeros(n), np.zeros(1), leap, np.zeros(1))
 
 
-@jit_room
-def new_forced(slots, load):
-    """Return empty room for the forced part of a regime under a `Load`, None: under a chirp."""
-    size = slots.rows.shape[1]
-    levels = slots.steps.shape[0]
+@jit_allocating
+def new_forced(system, load):
+    """Return memory for the forced response of a regime under a load, None: under a chirp."""
+    size = system.rows.shape[1]
+    levels = system.steps.shape[0]
     signals = np.zeros(SIGNALS)
     bound = np.zeros(DERIVATIVES + SCANNED)
     carrier = np.zeros((levels, 2, POINTS))
@@ -120,13 +126,13 @@ def new_forced(slots, load):
         bound,
         carrier,
         np.zeros((2, TERMS)),
-        new_units(load, size),
+        new_unit_responses(load, size),
     )
 
 
 @jit
-def fill_terms(window, terms):
-    """Write the terms of `Forced`; of a chirp only even ones are not zero."""
+def compute_force_terms(window, terms):
+    """Write the Taylor terms of the force (`Forced.terms`); those of a chirp have even powers only."""
     load = window.load
     if load is not None:
         for n in range(TERMS):
@@ -143,7 +149,7 @@ def fill_terms(window, terms):
 
 @jit
 def forward_substitute(rows, j, window, sign, terms, at, out):
-    """Solve the same for one slot that the force drives at its own frequency, where back-substitution divides by almost zero."""
+    """Solve the same for one modal amplitude that the force drives at its own frequency, where back-substitution divides by almost zero."""
     load = window.load
     l_r = -rows[S, j]
     l_i = sign * window.omega - rows[S + 1, j]
@@ -162,7 +168,7 @@ def forward_substitute(rows, j, window, sign, terms, at, out):
 
 
 @jit
-def _at_resonance(rows, window, sign, terms, at, out):
+def _solve_near_resonance(rows, window, sign, terms, at, out):
     limit = NEAR_RESONANCE / window.half
     for j in range(rows.shape[1]):
         if abs(rows[S, j]) < limit and abs(sign * window.omega - rows[S + 1, j]) < limit:
@@ -170,7 +176,7 @@ def _at_resonance(rows, window, sign, terms, at, out):
 
 
 @jit
-def _derive(omega, signals, start, at):
+def _differentiate_signal(omega, signals, start, at):
     """Write into ``at`` the polynomial of the derivative of the signal ``start``: p' + i omega p."""
     for n in range(TERMS):
         d_r = -omega * signals[start // 4, n, 1, start % 4]
@@ -215,17 +221,17 @@ def fill_carrier(steps, omega, level, carrier):
 
 
 @jit_inline
-def _substitute(rows, window, sign, terms, at, out):
-    """Solve for all slots by back-substitution, which divides by the difference of slot and carrier."""
+def _solve_polynomials(rows, window, sign, terms, at, out):
+    """Solve for all modal amplitudes by back-substitution, which divides by the difference of modal amplitude and carrier."""
     load = window.load
     if load is None:
         back_substitute(rows, rows.shape[1], window.omega, sign, terms, at, out)
     else:
-        _substitute_loads(rows, window.omega, sign, terms, load.base, at, out)
+        _solve_load_polynomials(rows, window.omega, sign, terms, load.base, at, out)
 
 
 @jit_inline
-def _substitute_loads(rows, omega, sign, terms, base, at, out):
+def _solve_load_polynomials(rows, omega, sign, terms, base, at, out):
     if base is None:
         back_substitute(rows, rows.shape[1], omega, sign, terms, at, out)
     else:
@@ -233,38 +239,41 @@ def _substitute_loads(rows, omega, sign, terms, base, at, out):
 
 
 @jit
-def solve_response(slots, window, forced):
-    """Fill the slots' and the tip's forced part for a window: all that a regime without guards needs."""
-    rows = slots.rows
+def solve_response(system, window, forced):
+    """Fill the modal amplitudes' and the tip's forced part for a window: all that a regime without guards needs."""
+    rows = system.rows
     terms = forced.terms
-    fill_terms(window, terms)
-    _substitute(rows, window, 1.0, terms, 0, forced.slots)
-    _substitute(rows, window, -1.0, terms, 2, forced.slots)
-    _at_resonance(rows, window, 1.0, terms, 0, forced.slots)
-    _at_resonance(rows, window, -1.0, terms, 2, forced.slots)
-    solve_place(slots, forced)
+    compute_force_terms(window, terms)
+    _solve_polynomials(rows, window, 1.0, terms, 0, forced.polynomials)
+    _solve_polynomials(rows, window, -1.0, terms, 2, forced.polynomials)
+    _solve_near_resonance(rows, window, 1.0, terms, 0, forced.polynomials)
+    _solve_near_resonance(rows, window, -1.0, terms, 2, forced.polynomials)
+    solve_tip_signal(system, forced)
 
 
 @jit
-def solve_forced(slots, window, absorber_mass, forced):
+def solve_forced(system, window, absorber_mass, forced):
     """Fill a regime's forced part for a window.
 
-    ``absorber_mass`` None: the guard signal is a displacement with the weights in row GUARD. A number (kg): it is the joint force, this
-    mass times the tip acceleration, whose direct share of the force only the displacement's derivatives contain.
+    ``absorber_mass`` None: the guard signal is a displacement with the weights in row GUARD. A
+    number (kg): it is the joint force, this mass times the tip acceleration, whose direct share of
+    the force only the displacement's derivatives contain.
     """
-    solve_response(slots, window, forced)
-    solve_guard(slots, window, absorber_mass, forced)
+    solve_response(system, window, forced)
+    solve_guard(system, window, absorber_mass, forced)
 
 
 @jit
-def solve_place(slots, forced):
-    """Fill the signal of the displacement with the weights in row TIP; the slots' forced part is known."""
-    combine(slots.rows, TIP, slots.rows.shape[1], forced.slots, forced.signals, TIP_SIGNAL)
+def solve_tip_signal(system, forced):
+    """Fill the signal of the displacement with the weights in row TIP."""
+    combine_signal(
+        system.rows, TIP, system.rows.shape[1], forced.polynomials, forced.signals, TIP_SIGNAL
+    )
 
 
 @jit
-def solve_own(window, forced):
-    """Add to the guard signal of a free absorber its own displacement under a base that moves: Y'' = -r a_b, r of `loads.Base`."""
+def add_base_displacement(window, forced):
+    """Add the displacement that a moving base gives a free absorber to the guard signal: Y'' = -r a_b."""
     load = window.load
     if load is not None:
         _integrate_base(load.base, window.omega, window.half, forced.signals)
@@ -274,7 +283,8 @@ def solve_own(window, forced):
 def _integrate_base(base, omega, half, signals):
     """Fill the signal of a free absorber's displacement, which is twice the integral of what the base does to it, and add it to the guard signal.
 
-    P' + i Omega P = F as in `solve_response`, with s = 0: where Omega is small the polynomial is built upwards.
+    P' + i Omega P = F as in `solve_response`, with s = 0: where Omega is small the polynomial is
+    built upwards.
     """
     if base is None:
         return
@@ -307,15 +317,15 @@ def _integrate_base(base, omega, half, signals):
 
 
 @jit
-def pull_joint(window, mass, signals):
-    """Add to a joint force what moves the absorber with the base."""
+def add_base_inertia(window, mass, signals):
+    """Add m_a a_base, the inertia of the absorber under a moving base, to the joint force."""
     load = window.load
     if load is not None:
-        _pull_by_base(load.base, mass, signals)
+        _add_base_inertia(load.base, mass, signals)
 
 
 @jit
-def _pull_by_base(base, mass, signals):
+def _add_base_inertia(base, mass, signals):
     if base is not None:
         for n in range(TERMS):
             for part in range(2):
@@ -323,15 +333,15 @@ def _pull_by_base(base, mass, signals):
 
 
 @jit
-def own_motion(load, signals, omega, tau):
-    """Return displacement and velocity that the base gives a free absorber at an offset from the window's centre, both 0 where it does not move."""
+def base_motion(load, signals, omega, tau):
+    """Return displacement (m) and velocity (m/s) that a moving base gives a free absorber, 0 where the base is at rest."""
     if load is None:
         return 0.0, 0.0
-    return _own_motion(load.base, signals, omega, tau)
+    return _base_motion(load.base, signals, omega, tau)
 
 
 @jit
-def _own_motion(base, signals, omega, tau):
+def _base_motion(base, signals, omega, tau):
     if base is None:
         return 0.0, 0.0
     c, s = cos_sin(omega * tau)
@@ -351,43 +361,49 @@ def _own_motion(base, signals, omega, tau):
 
 
 @jit
-def solve_guard(slots, window, absorber_mass, forced):
-    """Fill the guard signal, its derivatives and bounds; slots' forced part and displacement are known, ``absorber_mass`` as in `solve_forced`."""
+def solve_guard(system, window, absorber_mass, forced):
+    """Fill the guard signal, its derivatives and bounds, from the known forced response.
+
+    ``absorber_mass`` as in `solve_forced`.
+    """
     signals = forced.signals
     if absorber_mass is None:
-        combine(slots.rows, GUARD, slots.rows.shape[1], forced.slots, signals, 0)
-        solve_own(window, forced)
+        combine_signal(system.rows, GUARD, system.rows.shape[1], forced.polynomials, signals, 0)
+        add_base_displacement(window, forced)
     else:
-        _derive(window.omega, signals, TIP_SIGNAL, 1)
-        _derive(window.omega, signals, 1, 0)
+        _differentiate_signal(window.omega, signals, TIP_SIGNAL, 1)
+        _differentiate_signal(window.omega, signals, 1, 0)
         for n in range(TERMS):
             signals[0, n, 0, 0] *= absorber_mass
             signals[0, n, 1, 0] *= absorber_mass
-        pull_joint(window, absorber_mass, signals)
+        add_base_inertia(window, absorber_mass, signals)
     for m in range(1, DERIVATIVES):
-        _derive(window.omega, signals, GUARD_SIGNALS[m - 1], GUARD_SIGNALS[m])
-    # the last step of a search may begin in the window and end beyond it: by a quarter of its half, or by the finest step where that is longer
-    _fill_bounds(signals, max(BEYOND * window.half, window.half + slots.steps[0, 0]), forced.bound)
-    for level in range(slots.steps.shape[0]):
+        _differentiate_signal(window.omega, signals, GUARD_SIGNALS[m - 1], GUARD_SIGNALS[m])
+    # the last step of a search may begin in the window and end beyond it: by a quarter of its half,
+    # or by the finest step where that is longer
+    _fill_bounds(
+        signals, max(BOUND_REACH * window.half, window.half + system.steps[0, 0]), forced.bound
+    )
+    for level in range(system.steps.shape[0]):
         forced.carrier[level, 0, 0] = np.nan
 
 
 @jit_inline
-def signal_value(signals, m, omega, tau):
+def evaluate_signal(signals, m, omega, tau):
     """Return signal m at an offset from the window's centre: Re(polynomial(tau) exp(i omega tau))."""
     c, s = cos_sin(omega * tau)
-    return polynomial_value(signals, m, tau, c, s)
+    return evaluate_polynomial(signals, m, tau, c, s)
 
 
 @jit_inline
-def guard_values(signals, omega, tau):
+def evaluate_guard(signals, omega, tau):
     """Return the forced guard signal and its first two derivatives at an offset from the window's centre."""
     c, s = cos_sin(omega * tau)
-    return first_values(signals, tau, c, s)
+    return evaluate_first_signals(signals, tau, c, s)
 
 
 @jit
-def add_forced(slots, omega, tau, factor, z):
+def add_forced(polynomials, omega, tau, factor, z):
     """Add factor * (A exp(i omega tau) + B exp(-i omega tau)) to z."""
     c, s = cos_sin(omega * tau)
-    add_response(slots, z.shape[1], tau, c * factor, s * factor, z)
+    add_polynomials(polynomials, z.shape[1], tau, c * factor, s * factor, z)

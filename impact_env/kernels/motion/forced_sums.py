@@ -1,8 +1,9 @@
-"""Loops over a regime's slots that its forced part and its maps need, and the forced part's polynomials, as vector code (vector_code.py).
+"""Loops over a regime's modal amplitudes that its forced part and its maps need, and the forced part's polynomials, as vector code (vector_code.py).
 
-Arrays are seen flat: ``rows`` (ROWS, size) of `slots.Slots`, ``slots`` (4, TERMS, size) and ``signals`` (2, TERMS, 2, 4) of `forced.Forced`,
-amplitudes ``z`` (2, size), maps ``out`` and ``into`` (2, count, size) of `segments.Regime`. Signal m has the coefficients
-signals[m // 4, :, :, m % 4].
+Arrays are seen flat: ``rows`` (ROWS, size) of `modal_system.ModalSystem`, ``system`` (4, TERMS,
+size) and ``signals`` (2, TERMS, 2, 4) of `forced.Forced`, amplitudes ``z`` (2, size), maps ``out``
+and ``into`` (2, count, size) of `segments.LinearRegime`. Signal m has the coefficients signals[m //
+4, :, :, m % 4].
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ from typing import Any
 
 from impact_env.kernels.compiling.jit import NUMBER, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Number
-from impact_env.kernels.motion.slot_rows import BASE, DRIVE, S
-from impact_env.kernels.motion.vector import TERMS, signal_place
+from impact_env.kernels.motion.modal_rows import BASE, DRIVE, S
+from impact_env.kernels.motion.search_block import TERMS, coefficient_index
 
 
 def _spread_pair(
@@ -29,7 +30,7 @@ def _solve_down(
 ) -> None:
     turn = omega * sign
     plane = size * TERMS
-    for j in code.slots(size):
+    for j in code.vectors(size):
         (s_r, s_i), drives = (code.vector(rows, size * row + j) for row in (S, S + 1)), []
         for row, _ in driven:
             drives.append(Complex(*(code.vector(rows, size * (row + part) + j) for part in (0, 1))))
@@ -59,7 +60,7 @@ def _solve_down(
 def back_substitute(
     code: Code, rows, size: Index, omega: Number, sign: Number, terms, at: Index, out
 ):
-    """Solve P' + (i sign Omega - s) P = drive * terms for polynomials P, slot by slot, into out[at], out[at + 1].
+    """Solve P' + (i sign Omega - s) P = drive * terms for polynomials P, modal amplitude by modal amplitude, into out[at], out[at + 1].
 
     ``terms`` (2, TERMS); ``sign`` -1 takes the conjugate terms.
     """
@@ -75,36 +76,36 @@ def back_substitute_both(
 
 
 @vector_code()
-def combine(code: Code, rows, row: Index, size: Index, slots, signals, at: Index):
+def combine_signal(code: Code, rows, row: Index, size: Index, system, signals, at: Index):
     """Write the coefficients of the signal with the weights w in ``row`` to signals[at]: sum of w A + conj(w B)."""
     plane = size * TERMS
     sums = [(code.sum(), code.sum()) for _ in range(TERMS)]
-    for j in code.slots(size):
+    for j in code.vectors(size):
         place = size * row + j
         weight = code.complex(rows, place, place + size)
         for n in range(TERMS):
             here = size * n + j
-            a_r, a_i, b_r, b_i = (code.vector(slots, plane * k + here) for k in range(4))
+            a_r, a_i, b_r, b_i = (code.vector(system, plane * k + here) for k in range(4))
             sums[n][0].add_product(weight.real, a_r + b_r)
             sums[n][0].add_product(-weight.imag, a_i + b_i)
             sums[n][1].add_product(weight.real, a_i - b_i)
             sums[n][1].add_product(weight.imag, a_r - b_r)
     for n in range(TERMS):
         for part in (0, 1):
-            code.put(sums[n][part].total(), signals, signal_place(at, n, part))
+            code.put(sums[n][part].total(), signals, coefficient_index(at, n, part))
 
 
 @vector_code()
-def add_response(code: Code, slots, size: Index, tau: Number, c: Number, s: Number, z):
+def add_polynomials(code: Code, system, size: Index, tau: Number, c: Number, s: Number, z):
     """Add (c + i s) A(tau) + (c - i s) B(tau) to z."""
     plane = size * TERMS
-    for j in code.slots(size):
+    for j in code.vectors(size):
         (x, cos, sin), parts = (code.spread(number) for number in (tau, c, s)), []
         for k in range(4):
             first = plane * k + j
-            total = code.vector(slots, first + size * (TERMS - 1))
+            total = code.vector(system, first + size * (TERMS - 1))
             for n in range(TERMS - 2, -1, -1):
-                total = total.fma(x, code.vector(slots, first + size * n))
+                total = total.fma(x, code.vector(system, first + size * n))
             parts.append(total)
         a_r, a_i, b_r, b_i = parts
         old = code.complex(z, j, j + size)
@@ -114,49 +115,49 @@ def add_response(code: Code, slots, size: Index, tau: Number, c: Number, s: Numb
 
 
 @vector_code(NUMBER)
-def polynomial_value(code: Code, signals, m: Index, tau: Number, c: Number, s: Number):
+def evaluate_polynomial(code: Code, signals, m: Index, tau: Number, c: Number, s: Number):
     """Return Re((c + i s) polynomial(tau)) of signal ``m``."""
     parts = []
     for part in (0, 1):
-        total = code.number(signals, signal_place(m, TERMS - 1, part))
+        total = code.number(signals, coefficient_index(m, TERMS - 1, part))
         for n in range(TERMS - 2, -1, -1):
-            total = total.fma(tau, code.number(signals, signal_place(m, n, part)))
+            total = total.fma(tau, code.number(signals, coefficient_index(m, n, part)))
         parts.append(total)
     return parts[0].fma(c, -(parts[1] * s))
 
 
 @vector_code(NUMBER, 3)
-def first_values(code: Code, signals, tau: Number, c: Number, s: Number):
+def evaluate_first_signals(code: Code, signals, tau: Number, c: Number, s: Number):
     """Return Re((c + i s) polynomial(tau)) of the signals 0, 1 and 2."""
     tau = code.spread(tau)
     totals = []
     for part in (0, 1):
-        total = code.vector(signals, signal_place(0, TERMS - 1, part))
+        total = code.vector(signals, coefficient_index(0, TERMS - 1, part))
         for n in range(TERMS - 2, -1, -1):
-            total = total.fma(tau, code.vector(signals, signal_place(0, n, part)))
+            total = total.fma(tau, code.vector(signals, coefficient_index(0, n, part)))
         totals.append(total)
     both = totals[0].fma(code.spread(c), -(totals[1] * code.spread(s)))
     return both.elements()[:3]
 
 
 @vector_code()
-def state_of_slots(code: Code, out, count: Index, size: Index, z, state):
+def sum_state(code: Code, out, count: Index, size: Index, z, state):
     """Write state = Re(out z), ``count`` numbers."""
     plane = count * size
     for i in code.loop(count):
         total = code.sum()
         first = i * size
-        for j in code.slots(size):
+        for j in code.vectors(size):
             at = first + j
             total += code.complex(z, j, j + size).real_of_product(code.complex(out, at, at + plane))
         code.put(total.total(), state, i)
 
 
 @vector_code()
-def slots_of_state(code: Code, into, count: Index, size: Index, state, z):
+def sum_amplitudes_of_state(code: Code, into, count: Index, size: Index, state, z):
     """Write z = into^T state, from ``count`` numbers."""
     plane = count * size
-    for j in code.slots(size):
+    for j in code.vectors(size):
         real, imag = (code.sum(code.lanes) for _ in range(2))
         for i in code.loop(count):
             at = i * size + j

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit
-from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, one, record
+from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, new_record, record_type
 
-BLOCK = 64
-# next sample, running sum of squares, largest |q| and its sample, running sums at the first and last sample of the window, neighbours of the maximum,
-# last |q|, whether the right neighbour is due, bin of the envelope
-LEVEL = record(
+SAMPLE_BLOCK = 64
+# next sample, running sum of squares, largest |q| and its sample, running sums at the first and
+# last sample of the window, neighbours of the maximum, last |q|, whether the right neighbour is
+# due, bin of the envelope
+LEVEL_STATE = record_type(
     next=INTEGER,
     total=NUMBER,
     largest=NUMBER,
@@ -27,10 +28,10 @@ LEVEL = record(
     due=FLAG,
     bin=INTEGER,
 )
-OFF = 2**62  # number of the next sample of a level that is not computed
+LEVEL_OFF = 2**62  # number of the next sample of a level that is not computed
 
 
-class Envelope(NamedTuple):
+class EnvelopeObserver(NamedTuple):
     """Least and largest displacement ``low`` and ``high`` (B,) in m of each bin of a run, NaN without a sample; B = 0: not computed.
 
     ``ends`` (B,): number of the first sample after each bin.
@@ -41,49 +42,51 @@ class Envelope(NamedTuple):
     ends: NDArray[np.int64]
 
 
-class Level(NamedTuple):
+class LevelObserver(NamedTuple):
     """Streaming windowed RMS around the maximum (paper, Eqs. tmax and barqtip), in memory that does not grow with the run.
 
-    ``ring`` (W + 1,) holds the last running sums of q^2, W samples being half the window; ``state`` is a LEVEL record. ``block`` (any size) is where
-    samples are computed before they are pushed: sample n of a run goes to place n modulo its size, so the last ones can be read there.
-    ``place`` (N_m,): mode shape where the displacement is sampled, of size 0: at the absorber. ``envelope``: extremes of the same samples.
+    ``ring`` (W + 1,) holds the last running sums of q^2, W samples being half the window; ``state``
+    is a LEVEL_STATE record. ``block`` (any size) is where samples are computed before they are
+    pushed: sample n of a run goes to place n modulo its size, so the last ones can be read there.
+    ``place`` (N_m,): mode shape where the displacement is sampled, of size 0: at the absorber.
+    ``envelope``: extremes of the same samples.
     """
 
     ring: NDArray[np.float64]
     state: Any
     block: NDArray[np.float64]
     place: NDArray[np.float64]
-    envelope: Envelope
+    envelope: EnvelopeObserver
 
 
-def new_envelope(ends: Sequence[int] | NDArray[np.int64] = ()) -> Envelope:
+def new_envelope(ends: Sequence[int] | NDArray[np.int64] = ()) -> EnvelopeObserver:
     """Return an envelope without samples whose bins end before the samples of numbers ``ends`` (B,)."""
     last = np.array(ends, dtype=np.int64)
-    return Envelope(np.full(len(last), np.nan), np.full(len(last), np.nan), last)
+    return EnvelopeObserver(np.full(len(last), np.nan), np.full(len(last), np.nan), last)
 
 
 def new_level(
     samples_per_period: int,
     half_window_periods: int = 10,
     place: NDArray[np.float64] | None = None,
-    envelope: Envelope | None = None,
-) -> Level:
+    envelope: EnvelopeObserver | None = None,
+) -> LevelObserver:
     """Return an empty level observer for a window of +- ``half_window_periods`` pseudo periods.
 
     ``place`` (N_m,): mode shape where the level is read, None: at the absorber.
     """
-    return Level(
+    return LevelObserver(
         np.zeros(half_window_periods * samples_per_period + 1),
-        one(LEVEL, largest=-1.0),
-        np.zeros(BLOCK),
+        new_record(LEVEL_STATE, largest=-1.0),
+        np.zeros(SAMPLE_BLOCK),
         np.zeros(0) if place is None else np.array(place, dtype=np.float64),
         new_envelope() if envelope is None else envelope,
     )
 
 
 @jit
-def clear_level(level):
-    """Forget all samples."""
+def reset_level(level):
+    """Discard all samples."""
     state = level.state
     state.next = 0
     state.at = 0
@@ -99,15 +102,15 @@ def clear_level(level):
 
 
 @jit
-def push_level(level, q):
-    """Take the next sample of the tip displacement (m)."""
+def push_sample(level, q):
+    """Take the next sample of the displacement (m)."""
     level.block[0] = q
-    push_block(level, 0, 1)
+    push_samples(level, 0, 1)
 
 
 @jit
-def widen_envelope(level, first, count):
-    """Take the next ``count`` samples (m), which lie in the block from place ``first`` on, into the envelope."""
+def update_envelope(level, first, count):
+    """Add ``count`` samples (m), from place ``first`` of the block on, to the envelope."""
     block = level.block
     low, high, ends = level.envelope
     n = level.state.next
@@ -126,13 +129,13 @@ def widen_envelope(level, first, count):
 
 
 @jit
-def push_block(level, first, count):
-    """Take the next ``count`` samples of the tip displacement (m), which lie in the block from place ``first`` on."""
+def push_samples(level, first, count):
+    """Take the next ``count`` samples of the displacement (m), from place ``first`` of the block on."""
     ring = level.ring
     state = level.state
     block = level.block
     if level.envelope.low.shape[0] > 0:
-        widen_envelope(level, first, count)
+        update_envelope(level, first, count)
     size = ring.shape[0]
     width = size - 1
     n = state.next
@@ -173,10 +176,11 @@ def push_block(level, first, count):
 
 
 @jit
-def close_level(level):
+def compute_level(level):
     """Return (response level in m, sample of the maximum with a parabola's fraction, largest |q| in m).
 
-    The window is cut where the run starts or ends. The RMS is the mean of the samples after the window's first.
+    The window is cut where the run starts or ends. The RMS is the mean of the samples after the
+    window's first.
     """
     ring = level.ring
     state = level.state

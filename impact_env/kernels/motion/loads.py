@@ -1,8 +1,10 @@
 """Loads of any kind in a window: each is a list of pieces, and their sum is one polynomial of time on a common carrier.
 
-A piece is Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), u the time since the piece began: a chirp (c0 alone), the unbalance of a
-rotor that runs up (the square of its frequency), a base's displacement (two derivatives of it), straight lines between samples (no carrier), a
-pulse. In a window all pieces are expanded around its centre on the carrier halfway between the lowest and the highest frequency that is there.
+A piece is Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), u the time since the piece
+began: a chirp (c0 alone), the unbalance of a rotor that runs up (the square of its frequency), a
+base's displacement (two derivatives of it), straight lines between samples (no carrier), a pulse.
+In a window all pieces are expanded around its centre on the carrier halfway between the lowest and
+the highest frequency that is there.
 """
 
 from __future__ import annotations
@@ -13,18 +15,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
+from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
 from impact_env.kernels.motion.numbers import cos_sin
-from impact_env.kernels.motion.vector import TERMS
+from impact_env.kernels.motion.search_block import TERMS
 
 Array = NDArray[np.float64]
 CHIRP_REMAINDER = 1e-17
-BEAT_REACH = 0.049  # rad from a window's centre to its end, of a frequency against the carrier: to the ninth power over 9! it is 5e-18
-BENT_BEAT = 1e-4  # rad that a frequency's own change may add to that
-MOST_PHASE = 300.0  # rad of the force from a window's centre to its end: rounding of time makes that times 1e-16 of the forced part noise
-EVEN = 1e-4  # of a stretch: by that two may differ that count as equally long
-SAME = 1e-12  # of the highest frequency: closer ones need no common carrier
-# numbers of a piece: when it begins (s), frequency (rad/s), its rate (rad/s^2), phase (rad), real and imaginary parts of c0, c1, c2
+# rad from a window's centre to its end, of a frequency against the carrier: to the ninth power over
+# 9! it is 5e-18
+MOST_BEAT_PHASE = 0.049
+BEAT_CURVATURE_PHASE = 1e-4  # rad that a frequency's own change may add to that
+# rad of the force from a window's centre to its end: rounding of time makes that times 1e-16 of the
+# forced part noise
+MOST_PHASE = 300.0
+EQUAL_LENGTH_TOL = 1e-4  # of a segment: by that two may differ that count as equally long
+EQUAL_FREQUENCY_TOL = 1e-12  # of the highest frequency: closer ones need no common carrier
+# numbers of a piece: when it begins (s), frequency (rad/s), its rate (rad/s^2), phase (rad), real
+# and imaginary parts of c0, c1, c2
 BEGINS = 0
 OMEGA = 1
 ALPHA = 2
@@ -33,11 +40,11 @@ POLYNOMIAL = 4
 NUMBERS = 10
 
 
-class BaseShare(NamedTuple):
-    """What a unit acceleration of the base does to a scene.
+class BaseParticipation(NamedTuple):
+    """Response of a scene to a unit acceleration of the base.
 
-    ``participation`` Gamma (N_m,) in sqrt(kg); ``at_absorber``: displacement of the absorber's place for a unit rigid motion; ``carried``:
-    absorber mass times that (kg).
+    ``participation`` Gamma (N_m,) in sqrt(kg); ``at_absorber``: displacement of the absorber's
+    place for a unit rigid motion; ``carried``: absorber mass times that (kg).
     """
 
     participation: Array
@@ -48,18 +55,19 @@ class BaseShare(NamedTuple):
 class LoadPieces(NamedTuple):
     """Loads that act together, as a run is given them: nothing in it is written, so that runs in several threads may share it.
 
-    ``pieces`` (P, NUMBERS), ``which`` (K - 1, sources) the piece of each source in each stretch of time. ``moves_base`` (sources,): whether a source
-    is the base's acceleration (m/s^2), else a force (N). ``base`` None: it does not move.
+    ``pieces`` (P, NUMBERS), ``which`` (K - 1, sources) the piece of each source in each segment of
+    time. ``moves_base`` (sources,): whether a source is the base's acceleration (m/s^2), else a
+    force (N). ``base`` None: it does not move.
     """
 
     pieces: Array
     which: NDArray[np.int64]
     moves_base: NDArray[np.bool_]
-    base: BaseShare | None
+    base: BaseParticipation | None
 
 
-class Base(NamedTuple):
-    """A base that moves: its acceleration in the current window, ``terms`` as in `Load`, and its `BaseShare`."""
+class MovingBase(NamedTuple):
+    """A base that moves: ``terms`` of its acceleration in the current window, as in `LoadWorkspace`, and its `BaseParticipation`."""
 
     terms: Array
     participation: Array
@@ -67,47 +75,48 @@ class Base(NamedTuple):
     carried: float
 
 
-class Load(NamedTuple):
-    """`LoadPieces`, and a lane's own scratch memory for them.
+class LoadWorkspace(NamedTuple):
+    """`LoadPieces` with the scratch memory of one run.
 
-    ``terms`` (2, TERMS): Taylor coefficients, in the time from the centre of the current window, of half the complex force without its carrier.
-    ``straight`` (1,): whether all is straight lines in a window as long as the one before; only the first two terms, real, are not zero then.
+    ``terms`` (2, TERMS): Taylor coefficients, in the time from the centre of the current window,
+    of half the complex force without its carrier. ``linear`` (1,): whether the load is linear in a
+    window as long as the one before; only the first two terms, real, are not zero then.
     """
 
     pieces: Array
     which: NDArray[np.int64]
     moves_base: NDArray[np.bool_]
     terms: Array
-    base: Base | None
-    straight: NDArray[np.bool_]
+    base: MovingBase | None
+    linear: NDArray[np.bool_]
 
 
-@jit_room
-def new_base(share):
+@jit_allocating
+def new_moving_base(share):
     """Return a base with scratch memory of its own, None where none moves."""
     if share is None:
         return None
-    return Base(np.zeros((2, TERMS)), share.participation, share.at_absorber, share.carried)
+    return MovingBase(np.zeros((2, TERMS)), share.participation, share.at_absorber, share.carried)
 
 
-@jit_room
-def new_load(pieces):
+@jit_allocating
+def new_load_workspace(pieces):
     """Return loads with scratch memory of their own, None for the chirp of one force."""
     if pieces is None:
         return None
-    return Load(
+    return LoadWorkspace(
         pieces.pieces,
         pieces.which,
         pieces.moves_base,
         np.zeros((2, TERMS)),
-        new_base(pieces.base),
+        new_moving_base(pieces.base),
         np.zeros(1, np.bool_),
     )
 
 
 @jit
-def _acts(piece):
-    """Return whether a piece is more than zero."""
+def _is_nonzero(piece):
+    """Return whether a piece is not zero."""
     size = 0.0
     for n in range(POLYNOMIAL, NUMBERS):
         size += abs(piece[n])
@@ -115,8 +124,8 @@ def _acts(piece):
 
 
 @jit
-def is_straight(load, k):
-    """Return whether stretch ``k`` has nothing but straight lines."""
+def is_linear_section(load, k):
+    """Return whether all loads are straight lines in section ``k``."""
     for source in range(load.which.shape[1]):
         piece = load.pieces[load.which[k, source]]
         p = POLYNOMIAL
@@ -127,20 +136,20 @@ def is_straight(load, k):
             or piece[p + 3] != 0.0
             or piece[p + 4] != 0.0
             or piece[p + 5] != 0.0
-        ) and _acts(piece):
+        ) and _is_nonzero(piece):
             return False
     return True
 
 
 @jit
-def band(load, k, t):
-    """Return the lowest and the highest frequency (rad/s) of stretch ``k`` at time ``t``, and the largest of their rates."""
+def find_frequency_band(load, k, t):
+    """Return the lowest and highest frequency (rad/s) of section ``k`` at time ``t``, and the largest of their rates."""
     low = np.inf
     high = 0.0
     rate = 0.0
     for source in range(load.which.shape[1]):
         piece = load.pieces[load.which[k, source]]
-        if _acts(piece):
+        if _is_nonzero(piece):
             omega = piece[OMEGA] + piece[ALPHA] * (t - piece[BEGINS])
             low = min(low, omega)
             high = max(high, omega)
@@ -149,31 +158,31 @@ def band(load, k, t):
 
 
 @jit
-def count_windows(load, times, k, reach):
-    """Return how many windows stretch ``k`` between ``times`` needs, each of at most ``reach`` (s)."""
+def count_load_windows(load, times, k, reach):
+    """Return the number of windows of section ``k`` between ``times``, each of at most ``reach`` (s)."""
     duration = times[k + 1] - times[k]
     longest = reach
     spread = 0.0
     highest = 1e-300
     rate = 0.0
-    if duration <= reach and is_straight(load, k):
+    if duration <= reach and is_linear_section(load, k):
         return 1
     for end in range(2):
-        low, high, rate = band(load, k, times[k + end])
+        low, high, rate = find_frequency_band(load, k, times[k + end])
         spread = max(spread, 0.5 * (high - low))
         highest = max(highest, high)
-    bent = (120.0 * CHIRP_REMAINDER) ** 0.2
-    if spread > SAME * highest:
-        longest = min(longest, 2.0 * BEAT_REACH / spread)
-        bent = BENT_BEAT
+    deflection = (120.0 * CHIRP_REMAINDER) ** 0.2
+    if spread > EQUAL_FREQUENCY_TOL * highest:
+        longest = min(longest, 2.0 * MOST_BEAT_PHASE / spread)
+        deflection = BEAT_CURVATURE_PHASE
     if rate > 0.0:
-        longest = min(longest, 2.0 * math.sqrt(2.0 * bent / rate))
+        longest = min(longest, 2.0 * math.sqrt(2.0 * deflection / rate))
     longest = min(longest, 2.0 * MOST_PHASE / highest)
     return max(1, math.ceil(duration / longest * (1.0 - 1e-12)))
 
 
 @jit
-def _expand(piece, t, carrier, terms):
+def _expand_piece(piece, t, carrier, terms):
     """Add half a piece's complex polynomial around time ``t``, on a carrier (rad/s), to ``terms`` (2, TERMS)."""
     u = t - piece[BEGINS]
     alpha = piece[ALPHA]
@@ -211,8 +220,8 @@ def _expand(piece, t, carrier, terms):
 
 
 @jit
-def force_in(load, k, t):
-    """Return the force at time ``t`` of stretch ``k`` (N)."""
+def compute_force(load, k, t):
+    """Return the force at time ``t`` of section ``k`` (N)."""
     total = 0.0
     for source in range(load.which.shape[1]):
         piece = load.pieces[load.which[k, source]]
@@ -226,55 +235,55 @@ def force_in(load, k, t):
 
 
 @jit
-def _as_long(times, k):
-    """Return whether stretch ``k`` is as long as the one before, as the steps of a record are."""
-    return k > 0 and abs(times[k + 1] - 2.0 * times[k] + times[k - 1]) <= EVEN * (
+def _has_equal_length(times, k):
+    """Return whether section ``k`` is as long as the one before, as the steps of a record are."""
+    return k > 0 and abs(times[k + 1] - 2.0 * times[k] + times[k - 1]) <= EQUAL_LENGTH_TOL * (
         times[k + 1] - times[k]
     )
 
 
 @jit
-def _add_line(piece, t, terms):
-    """Do what `_expand` does, for a straight line."""
+def _add_linear_piece(piece, t, terms):
+    """Add half of a straight line, expanded around time ``t``, to the terms."""
     terms[0, 0] += 0.5 * (piece[POLYNOMIAL] + piece[POLYNOMIAL + 2] * (t - piece[BEGINS]))
     terms[0, 1] += 0.5 * piece[POLYNOMIAL + 2]
 
 
 @jit
-def _add_base_line(base, piece, t):
+def _add_linear_base_piece(base, piece, t):
     if base is not None:
-        _add_line(piece, t, base.terms)
+        _add_linear_piece(piece, t, base.terms)
 
 
 @jit
-def enter_load(load, times, k, t):
-    """Write the terms of stretch ``k`` between ``times`` around time ``t``, and return their carrier (rad/s)."""
+def expand_load(load, times, k, t):
+    """Write the terms of section ``k`` between ``times`` around time ``t``; return their carrier (rad/s)."""
     load.terms[:] = 0.0
     clear_base(load.base)
-    load.straight[0] = is_straight(load, k) and _as_long(times, k)
-    if load.straight[0]:
+    load.linear[0] = is_linear_section(load, k) and _has_equal_length(times, k)
+    if load.linear[0]:
         for source in range(load.which.shape[1]):
             piece = load.pieces[load.which[k, source]]
             if load.moves_base[source]:
-                _add_base_line(load.base, piece, t)
+                _add_linear_base_piece(load.base, piece, t)
             else:
-                _add_line(piece, t, load.terms)
+                _add_linear_piece(piece, t, load.terms)
         return 0.0
-    low, high, _ = band(load, k, t)
-    carrier = high if high - low <= SAME * high else 0.5 * (low + high)
+    low, high, _ = find_frequency_band(load, k, t)
+    carrier = high if high - low <= EQUAL_FREQUENCY_TOL * high else 0.5 * (low + high)
     for source in range(load.which.shape[1]):
         piece = load.pieces[load.which[k, source]]
-        if _acts(piece):
+        if _is_nonzero(piece):
             if load.moves_base[source]:
                 expand_base(load.base, piece, t, carrier)
             else:
-                _expand(piece, t, carrier, load.terms)
+                _expand_piece(piece, t, carrier, load.terms)
     return carrier
 
 
 @jit_inline
-def unit_count(base):
-    """Return how many unit loads straight lines are sums of: a constant and a line, of the force, and of a base that moves."""
+def count_unit_loads(base):
+    """Return the number of unit loads: a constant and a line, of the force and of a base that moves."""
     if base is None:
         return 2
     return 4
@@ -291,12 +300,15 @@ def clear_base(base):
 def expand_base(base, piece, t, carrier):
     """Add a piece of a base's acceleration to its terms."""
     if base is not None:
-        _expand(piece, t, carrier, base.terms)
+        _expand_piece(piece, t, carrier, base.terms)
 
 
 @jit
 def add_base_drive(base, rows, j, row, sign, n, x_r, x_i):
-    """Return (x_r, x_i) with what term ``n`` of the base's acceleration does to slot ``j``, whose response to a unit of it is in ``row``."""
+    """Return (x_r, x_i) plus the drive of amplitude ``j`` by term ``n`` of the base's acceleration.
+
+    The response to a unit acceleration is in ``row``.
+    """
     if base is None:
         return x_r, x_i
     t_r = base.terms[0, n]
@@ -307,7 +319,7 @@ def add_base_drive(base, rows, j, row, sign, n, x_r, x_i):
 
 
 @jit
-def value_of(terms, omega, tau):
+def evaluate_load(terms, omega, tau):
     """Return the load whose terms are known at an offset (s) from the window's centre."""
     c, s = cos_sin(omega * tau)
     x = 0.0

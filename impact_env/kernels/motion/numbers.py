@@ -20,7 +20,7 @@ def lowest_bit(code: Code, mask: Index):
     return code.lowest_bit(mask)
 
 
-MOST_TURNS = 2.0**62  # quarter turns that an integer holds
+MOST_QUARTER_TURNS = 2.0**62  # quarter turns that an integer holds
 _TWO_OVER_PI = 0.6366197723675814
 _HALF_PI_HEAD = 1.5707963267341256  # 33 bits, so that k * head is exact for the k that occur
 _HALF_PI_TAIL = 6.077100506506192e-11
@@ -38,6 +38,6 @@ def cos_sin(x):
     c = fma(q, fma(q, fma(q, fma(q, c, -1.0 / 3628800.0), 1.0 / 40320.0), -1.0 / 720.0), 1.0 / 24.0)
     s = fma(r * q, s, r)
     c = fma(q, fma(q, c, -0.5), 1.0)
-    n = np.int64(k if abs(k) < MOST_TURNS else 0.0)  # beyond, or not a number: undefined
+    n = np.int64(k if abs(k) < MOST_QUARTER_TURNS else 0.0)  # beyond, or not a number: undefined
     a, b = (s, c) if n & 1 else (c, s)
     return -a if (n + 1) & 2 else a, -b if n & 2 else b

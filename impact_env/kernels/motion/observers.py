@@ -1,7 +1,10 @@
-"""What a run may be asked to observe. Each observer is a NamedTuple of arrays and records, or None; None is pruned when a kernel is compiled.
+"""Observers of a run: level, lists of events, states, energies. Each is a NamedTuple of arrays and records, or None.
 
-Every method hands its observers the same things: the tip displacement at equidistant samples (level), the state at those samples
-(series), impacts and contact phases (events), and the terms of the energy balance (energy).
+Branches for None are pruned when a kernel is compiled.
+
+Every method hands its observers the same things: the tip displacement at equidistant samples
+(level), the state at those samples (series), impacts and contact phases (events), and the terms of
+the energy balance (energy).
 """
 
 from __future__ import annotations
@@ -12,19 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, vector_code
-from impact_env.kernels.compiling.parts import sparing
-from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, one, record
+from impact_env.kernels.compiling.parts import limit_inlining
+from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, new_record, record_type
 from impact_env.kernels.compiling.vector_code import Code, Index
-from impact_env.kernels.motion.level import OFF, Level
+from impact_env.kernels.motion.level import LEVEL_OFF, LevelObserver
 
 # kinds of contact phase
 STUCK_INSIDE = 0
 HELD_LOWER = 1
 HELD_UPPER = 2
 # kinds of what a search can miss
-PASSED = 0
-TURNED = 1
-PULLED = 2
+GUARD_PASSED = 0
+RATE_TURNED = 1
+JOINT_EXCEEDED = 2
 # status codes of all integration kernels
 DONE, TOO_MANY_EVENTS, NOT_FINITE, NO_PROGRESS, TOO_MANY_EVALUATIONS, SEARCH_GAVE_UP, STOPPED = (
     range(7)
@@ -33,10 +36,11 @@ JOINTS_UNSOLVED = 7  # no joint forces of several absorbers meet the contact law
 STEP_TOO_LONG = 8  # for the stiffness of a nonlinear spring where it is
 ORDER_REFUSED = 9  # of a lane under control, which did nothing
 
-# what has been done: impacts, time in joined phases (s), steps or stretches between events, evaluations, events, time reached (s), which another
-# thread reads while the run goes on; ``stop`` is its order to end it. What may be used (budget.py): events and evaluations at once, and for each
-# second that has passed. Last, the evaluations before the stretch under way.
-COUNTS = record(
+# what has been done: impacts, time in joined phases (s), steps or segments between events,
+# evaluations, events, time reached (s), which another thread reads while the run goes on; ``stop``
+# is its order to end it. What may be used (budget.py): events and evaluations at once, and for each
+# second that has passed. Last, the evaluations before the segment under way.
+COUNTS = record_type(
     impacts=INTEGER,
     stuck_time=NUMBER,
     steps=INTEGER,
@@ -50,30 +54,32 @@ COUNTS = record(
     evaluations_per_s=NUMBER,
     searched=INTEGER,
 )
-# next sample of the level (`level.OFF`: none is wanted) and of the series, first sample of the series, and the time between two (s)
-CLOCK = record(level=INTEGER, series=INTEGER, first=INTEGER, interval=NUMBER)
-IMPACT = record(
+# next sample of the level (`level.LEVEL_OFF`: none is wanted) and of the series, first sample of
+# the series, and the time between two (s)
+CLOCK = record_type(level=INTEGER, series=INTEGER, first=INTEGER, interval=NUMBER)
+IMPACT_RECORD = record_type(
     time=NUMBER, relative_velocity=NUMBER, impulse=NUMBER, loss=NUMBER, absorber=INTEGER
 )
-PHASE = record(start=NUMBER, end=NUMBER, kind=INTEGER, absorber=INTEGER)
-REVERSED = record(time=NUMBER, absorber=INTEGER)
+PHASE_RECORD = record_type(start=NUMBER, end=NUMBER, kind=INTEGER, absorber=INTEGER)
+REVERSAL_RECORD = record_type(time=NUMBER, absorber=INTEGER)
 # used places of the lists of events, and the address of the function that empties them
-LISTED = record(impacts=INTEGER, phases=INTEGER, reversals=INTEGER, empty=INTEGER)
-TOTALS = record(work=NUMBER, friction_loss=NUMBER, impact_loss=NUMBER, absorber_damping=NUMBER)
-CHECKED = record(searches=INTEGER, misses=INTEGER)
-MISS = record(time=NUMBER, kind=INTEGER, share=NUMBER)
-MOTION = record(
+LIST_COUNTS = record_type(impacts=INTEGER, phases=INTEGER, reversals=INTEGER, empty=INTEGER)
+TOTALS = record_type(work=NUMBER, friction_loss=NUMBER, impact_loss=NUMBER, absorber_damping=NUMBER)
+CHECK_COUNTS = record_type(searches=INTEGER, misses=INTEGER)
+MISS_RECORD = record_type(time=NUMBER, kind=INTEGER, share=NUMBER)
+ABSORBER_MOTION = record_type(
     q=NUMBER, v=NUMBER, a=NUMBER
 )  # an absorber's displacement, velocity and acceleration
 FIRST_MISSES = 16
 
 
-class Check(NamedTuple):
+class CheckObserver(NamedTuple):
     """What comes of checking the exact method's searches (check.py).
 
-    ``counts``: a CHECKED record. ``worst`` (3,), by kind of miss: how deep beyond a guard, of the clearance (of the signal's terms, if
-    there is none), how fast in the wrong sense, of the rate's terms, how far the joint force out of its bounds, of its terms. ``first``
-    (FIRST_MISSES,): MISS records of the first misses.
+    ``counts``: a CHECK_COUNTS record. ``worst`` (3,), by kind of miss: how deep beyond a guard, of
+    the clearance (of the signal's terms, if there is none), how fast in the wrong sense, of the
+    rate's terms, how far the joint force out of its bounds, of its terms. ``first``
+    (FIRST_MISSES,): MISS_RECORD records of the first misses.
     """
 
     counts: Any
@@ -85,14 +91,15 @@ class Counters(NamedTuple):
     """``counts``: a COUNTS record. ``check`` None: searches are not checked."""
 
     counts: Any
-    check: Check | None = None
+    check: CheckObserver | None = None
 
 
-class Events(NamedTuple):
-    """What happened at the contacts: ``impacts``, ``phases`` and ``reversals`` (capacity,), IMPACT, PHASE and REVERSED records.
+class EventLists(NamedTuple):
+    """What happened at the contacts: ``impacts``, ``phases`` and ``reversals`` (capacity,), IMPACT_RECORD, PHASE_RECORD and REVERSAL_RECORD records.
 
-    Of size 0: not listed. ``counts``, a LISTED record: when a list is full, the function at its address ``empty`` is called, which takes the records
-    out of all three lists and sets their numbers to 0.
+    Of size 0: not listed. ``counts``, a LIST_COUNTS record: when a list is full, the function at
+    its address ``empty`` is called, which takes the records out of all three lists and sets their
+    numbers to 0.
     """
 
     impacts: NDArray[Any]
@@ -101,8 +108,8 @@ class Events(NamedTuple):
     reversals: NDArray[Any]
 
 
-@sparing
-class Series(NamedTuple):
+@limit_inlining
+class StateSeries(NamedTuple):
     """``states`` (samples, 2 N_m + 2): modal displacements, absorber displacement, modal velocities, absorber velocity.
 
     The first row is sample ``clock.first`` of the run.
@@ -111,8 +118,8 @@ class Series(NamedTuple):
     states: NDArray[np.float64]
 
 
-@sparing
-class Energy(NamedTuple):
+@limit_inlining
+class EnergyTotals(NamedTuple):
     """``totals`` (1,), a TOTALS record: work of the force, losses by friction, by impacts, in the tuned absorber's damper; ``modal`` (N_m,) loss per
     mode. In J. An array, since a kernel that returns records does not compile.
     """  # noqa: D205
@@ -121,18 +128,19 @@ class Energy(NamedTuple):
     modal: NDArray[np.float64]
 
 
-class Observe(NamedTuple):
+class Observers(NamedTuple):
     """All observers of a lane; ``clock`` is a CLOCK record, and None is not observed.
 
-    Lists of size 0 are not filled, so that one kernel serves runs with and without events, at any place, with and without an envelope. ``energy`` is
-    what the caller reads, an `Energy`; between the stretches of an exact lane it is the `energy.account.Account` that fills it.
+    Lists of size 0 are not filled, so that one kernel serves runs with and without events, at any
+    place, with and without an envelope. ``energy`` is what the caller reads, an `EnergyTotals`;
+    between the segments of an exact lane it is the `energy.account.Account` that fills it.
     """
 
     clock: Any
     counters: Counters
-    level: Level | None = None
-    events: Events | None = None
-    series: Series | None = None
+    level: LevelObserver | None = None
+    events: EventLists | None = None
+    series: StateSeries | None = None
     energy: Any = None
 
 
@@ -141,10 +149,10 @@ def new_counters(
     events_per_s: float = 0.0,
     evaluations: float = np.inf,
     evaluations_per_s: float = 0.0,
-    check: Check | None = None,
+    check: CheckObserver | None = None,
 ) -> Counters:
     """Return counters at zero, and what the run may use."""
-    counts = one(
+    counts = new_record(
         COUNTS,
         most_events=events,
         events_per_s=events_per_s,
@@ -156,27 +164,29 @@ def new_counters(
 
 def new_clock(interval: float, first: int = 0, level: bool = True) -> Any:
     """Return the clock of a run that begins; ``interval`` (s) between samples, number of the ``first`` one of the series."""
-    return one(CLOCK, interval=interval, series=first, first=first, level=0 if level else OFF)
-
-
-def new_events(contacts: int, reversals: int, empty: int) -> Events:
-    """Return empty lists with these numbers of places, and the address of the function that empties them."""
-    return Events(
-        np.zeros(contacts, IMPACT),
-        np.zeros(contacts, PHASE),
-        one(LISTED, empty=empty),
-        np.zeros(reversals, REVERSED),
+    return new_record(
+        CLOCK, interval=interval, series=first, first=first, level=0 if level else LEVEL_OFF
     )
 
 
-def new_energy(modes: int) -> Energy:
+def new_events(contacts: int, reversals: int, empty: int) -> EventLists:
+    """Return empty lists with these numbers of places, and the address of the function that empties them."""
+    return EventLists(
+        np.zeros(contacts, IMPACT_RECORD),
+        np.zeros(contacts, PHASE_RECORD),
+        new_record(LIST_COUNTS, empty=empty),
+        np.zeros(reversals, REVERSAL_RECORD),
+    )
+
+
+def new_energy(modes: int) -> EnergyTotals:
     """Return an energy balance at zero."""
-    return Energy(np.zeros(1, TOTALS), np.zeros(modes))
+    return EnergyTotals(np.zeros(1, TOTALS), np.zeros(modes))
 
 
-def new_check() -> Check:
+def new_check() -> CheckObserver:
     """Return an empty check."""
-    return Check(one(CHECKED), np.zeros(3), np.zeros(FIRST_MISSES, MISS))
+    return CheckObserver(new_record(CHECK_COUNTS), np.zeros(3), np.zeros(FIRST_MISSES, MISS_RECORD))
 
 
 @vector_code()
@@ -186,7 +196,7 @@ def call_function(code: Code, address: Index):
 
 
 @jit
-def place_in(listed, used, counts):
+def next_list_index(listed, used, counts):
     """Return the place of a list's next record, ``used`` of them being taken, or -1 if the list has none; a full list is emptied before."""
     if used < listed.shape[0]:
         return used
@@ -198,11 +208,11 @@ def place_in(listed, used, counts):
 
 @jit
 def push_impact(events, time, relative_velocity, impulse, loss, absorber):
-    """Append an impact of an absorber (its number) to the list, if one is kept."""
+    """Append an impact of an absorber (its number) to the list, if there is one."""
     if events is None:
         return
     counts = events.counts
-    k = place_in(events.impacts, counts.impacts, counts)
+    k = next_list_index(events.impacts, counts.impacts, counts)
     if k < 0:
         return
     row = events.impacts[k]
@@ -216,11 +226,11 @@ def push_impact(events, time, relative_velocity, impulse, loss, absorber):
 
 @jit
 def push_phase(events, start, end, kind, absorber):
-    """Append a contact phase of an absorber (its number) to the list, if one is kept."""
+    """Append a contact phase of an absorber (its number) to the list, if there is one."""
     if events is None:
         return
     counts = events.counts
-    k = place_in(events.phases, counts.phases, counts)
+    k = next_list_index(events.phases, counts.phases, counts)
     if k < 0:
         return
     row = events.phases[k]
@@ -237,7 +247,7 @@ def push_reversal(events, time, absorber):
     if events is None:
         return
     counts = events.counts
-    k = place_in(events.reversals, counts.reversals, counts)
+    k = next_list_index(events.reversals, counts.reversals, counts)
     if k < 0:
         return
     row = events.reversals[k]

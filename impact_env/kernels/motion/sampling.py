@@ -1,4 +1,7 @@
-"""The tip displacement at equidistant samples: slots and force turn by fixed factors from one to the next, instead of being looked up each time."""
+"""The tip displacement at equidistant samples.
+
+Modal amplitudes and force are multiplied by fixed factors from one sample to the next.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +9,20 @@ from typing import Any, NamedTuple
 
 from impact_env.kernels.compiling.jit import jit, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Number
-from impact_env.kernels.motion.forced import TIP_SIGNAL, signal_value
+from impact_env.kernels.motion.forced import TIP_SIGNAL, evaluate_signal
+from impact_env.kernels.motion.modal_sums import Propagator
+from impact_env.kernels.motion.modal_system import split_time, sum_amplitudes
 from impact_env.kernels.motion.numbers import cos_sin
-from impact_env.kernels.motion.slot_sums import SlotsAt
-from impact_env.kernels.motion.slots import digits, value
-from impact_env.kernels.motion.vector import TERMS, signal_place
+from impact_env.kernels.motion.search_block import TERMS, coefficient_index
 
-FEW = 3  # samples up to which each is evaluated for itself
-TOGETHER = 8  # samples that are computed at once
+MOST_SINGLE_SAMPLES = 3  # samples up to which each is evaluated for itself
+SAMPLES_AT_ONCE = 8  # samples that are computed at once
 
 
 def _powers(factor: Complex, one: Complex) -> list[Complex]:
-    """Return factor^0 ... factor^TOGETHER, each from two of half its power, so that rounding does not pile up."""
+    """Return factor^0 ... factor^SAMPLES_AT_ONCE, each from two of half its power, so that rounding does not pile up."""
     powers = [one, factor]
-    for k in range(2, TOGETHER + 1):
+    for k in range(2, SAMPLES_AT_ONCE + 1):
         powers.append(powers[k // 2].times(powers[k - k // 2]))
     return powers
 
@@ -38,11 +41,13 @@ def _whole_or_part(
     code: Code, numbers: list[Number], block: Any, place: Any, left: Any, fresh: bool
 ) -> None:
     """Do what `_add_to_block` does, with one instruction where all are left."""
-    for whole in code.either(left >= TOGETHER):
+    for whole in code.either(left >= SAMPLES_AT_ONCE):
         if whole:
-            vector = code.gathered(numbers)
+            vector = code.gather(numbers)
             code.store(
-                vector if fresh else vector + code.vector(block, place, TOGETHER), block, place
+                vector if fresh else vector + code.vector(block, place, SAMPLES_AT_ONCE),
+                block,
+                place,
             )
         else:
             _add_to_block(code, numbers, block, place, left, fresh)
@@ -66,28 +71,34 @@ def _fill_forced(
     """Write ``rest`` and the forced tip displacement at ``count`` samples from ``tau`` on; c + i s is the force's phasor there, turning by turn."""
     one = Complex(code.repeated(1.0, 0), code.repeated(0.0, 0))
     *powers, leap = _powers(Complex(turn_c, turn_s), one)
-    turn = Complex(code.gathered([p.real for p in powers]), code.gathered([p.imag for p in powers]))
+    turn = Complex(code.gather([p.real for p in powers]), code.gather([p.imag for p in powers]))
     phasor = [code.variable(part) for part in (c, s)]
-    steps = code.constant(range(TOGETHER))
-    for k in code.loop(count, TOGETHER):
-        now = Complex(*(part.value for part in phasor))
-        here = Complex(code.spread(now.real, TOGETHER), code.spread(now.imag, TOGETHER)).times(turn)
-        number = code.spread(code.as_number(k), TOGETHER) + steps
-        x = number.fma(code.spread(interval, TOGETHER), code.spread(tau, TOGETHER))
+    steps = code.constant(range(SAMPLES_AT_ONCE))
+    for k in code.loop(count, SAMPLES_AT_ONCE):
+        current = Complex(*(part.value for part in phasor))
+        here = Complex(
+            code.spread(current.real, SAMPLES_AT_ONCE), code.spread(current.imag, SAMPLES_AT_ONCE)
+        ).times(turn)
+        number = code.spread(code.as_number(k), SAMPLES_AT_ONCE) + steps
+        x = number.fma(code.spread(interval, SAMPLES_AT_ONCE), code.spread(tau, SAMPLES_AT_ONCE))
         parts = []
         for part in (0, 1):
             total = code.spread(
-                code.number(signals, signal_place(TIP_SIGNAL, TERMS - 1, part)), TOGETHER
+                code.number(signals, coefficient_index(TIP_SIGNAL, TERMS - 1, part)),
+                SAMPLES_AT_ONCE,
             )
             for n in range(TERMS - 2, -1, -1):
                 total = total.fma(
                     x,
-                    code.spread(code.number(signals, signal_place(TIP_SIGNAL, n, part)), TOGETHER),
+                    code.spread(
+                        code.number(signals, coefficient_index(TIP_SIGNAL, n, part)),
+                        SAMPLES_AT_ONCE,
+                    ),
                 )
             parts.append(total)
-        values = Complex(*parts).real_of_product(here) + code.spread(rest, TOGETHER)
+        values = Complex(*parts).real_of_product(here) + code.spread(rest, SAMPLES_AT_ONCE)
         _whole_or_part(code, values.elements(), block, first + k, count - k, True)
-        for place, moved in zip(phasor, now.times(leap), strict=True):
+        for place, moved in zip(phasor, current.times(leap), strict=True):
             place.value = moved
 
 
@@ -111,27 +122,28 @@ def _add_slots(
     first: Index,
     count: Index,
 ):
-    """Add the slots' sum at ``count`` samples, the first at the offset d1, d2, d3, x, and h1, h2, h3, h between two."""
+    """Add the modal amplitudes' sum at ``count`` samples, the first at the offset d1, d2, d3, x, and h1, h2, h3, h between two."""
     start, step = (
-        SlotsAt(code, rows, table, size, base, place)
+        Propagator(code, rows, table, size, base, place)
         for place in ([d1, d2, d3, x], [h1, h2, h3, h])
     )
-    for j in code.slots(size):
+    for j in code.vectors(size):
         amplitude = start.turned(u, j)
         *powers, leap = _powers(step.factor(j), Complex(code.repeated(1.0), code.repeated(0.0)))
         turning = [code.variable(part) for part in amplitude]
-        for k in code.loop(count, TOGETHER):
-            now = Complex(*(part.value for part in turning))
-            sums = [now.real_of_product(power).total() for power in powers]
+        for k in code.loop(count, SAMPLES_AT_ONCE):
+            current = Complex(*(part.value for part in turning))
+            sums = [current.real_of_product(power).total() for power in powers]
             _whole_or_part(code, sums, block, first + k, count - k, False)
-            for place, moved in zip(turning, now.times(leap), strict=True):
+            for place, moved in zip(turning, current.times(leap), strict=True):
                 place.value = moved
 
 
-class Samples(NamedTuple):
+class SampleTimes(NamedTuple):
     """``number`` equidistant samples, and the place ``first`` in a block that takes them.
 
-    The first one lies ``offset`` (s) from the start of a stretch and ``x`` (s) from its window's centre, the next ones an ``interval`` (s) apart.
+    The first one lies ``offset`` (s) from the start of a segment and ``x`` (s) from its window's
+    centre, the next ones an ``interval`` (s) apart.
     """
 
     offset: float
@@ -142,33 +154,36 @@ class Samples(NamedTuple):
 
 
 @jit
-def fill_samples(slots, signals, omega, u, rest, samples, block):
-    """Write the tip displacement at `Samples` into the block; ``u``: the slots' shares at the stretch's start, ``rest`` (m) what stays the same.
+def fill_samples(system, signals, omega, u, rest, samples, block):
+    """Write the tip displacement at `SampleTimes` into the block.
 
-    From sample to sample slots and force turn by fixed factors; what rounding adds to that stays below 1e-16 times their number.
+    ``u``: the modal amplitudes' shares at the segment's start; ``rest`` (m): the constant part.
+
+    From sample to sample modal amplitudes and force turn by fixed factors; what rounding adds to
+    that stays below 1e-16 times their number.
     """
-    rows = slots.rows
-    table = slots.table
-    scale = slots.scale
+    rows = system.rows
+    table = system.table
+    scale = system.scale
     offset = samples.offset
     x = samples.x
     interval = samples.interval
     first = samples.first
     count = samples.number
-    if count <= FEW:
+    if count <= MOST_SINGLE_SAMPLES:
         for k in range(count):
             t = k * interval
             block[first + k] = (
-                value(rows, table, scale, u, offset + t)
-                + signal_value(signals, TIP_SIGNAL, omega, x + t)
+                sum_amplitudes(rows, table, scale, u, offset + t)
+                + evaluate_signal(signals, TIP_SIGNAL, omega, x + t)
                 + rest
             )
         return
     c, s = cos_sin(omega * x)
     turn_c, turn_s = cos_sin(omega * interval)
     _fill_forced(signals, x, interval, c, s, turn_c, turn_s, rest, block, first, count)
-    d1, d2, d3, d = digits(scale, offset)
-    h1, h2, h3, h = digits(scale, interval)
+    d1, d2, d3, d = split_time(scale, offset)
+    h1, h2, h3, h = split_time(scale, interval)
     _add_slots(
         rows,
         table,

@@ -1,4 +1,4 @@
-"""What the exact kernels share: regimes with their maps, the walk through windows, and the observers of a stretch without events."""
+"""What the exact kernels share: regimes with their maps, the walk through windows, and the observers of a segment without events."""
 
 from __future__ import annotations
 
@@ -8,33 +8,42 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
-from impact_env.kernels.motion.forced import Forced, Window, add_forced, own_motion
-from impact_env.kernels.motion.forced_sums import slots_of_state, state_of_slots
-from impact_env.kernels.motion.level import push_block, push_level
+from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
+from impact_env.kernels.motion.forced import Forced, ForceWindow, add_forced, base_motion
+from impact_env.kernels.motion.forced_sums import sum_amplitudes_of_state, sum_state
+from impact_env.kernels.motion.level import push_sample, push_samples
 from impact_env.kernels.motion.loads import (
     CHIRP_REMAINDER,
     MOST_PHASE,
     LoadPieces,
-    count_windows,
-    enter_load,
-    new_load,
+    count_load_windows,
+    expand_load,
+    new_load_workspace,
 )
-from impact_env.kernels.motion.sampling import Samples, fill_samples
-from impact_env.kernels.motion.slots import REST, TIP, Slots, add, advance, copy, weigh
+from impact_env.kernels.motion.modal_system import (
+    REST,
+    TIP,
+    ModalSystem,
+    add_weighted,
+    apply_weights,
+    copy_amplitudes,
+    propagate,
+)
+from impact_env.kernels.motion.sampling import SampleTimes, fill_samples
 
 Array = NDArray[np.float64]
-SAMPLE_ROUNDING = 1e-12  # of the sampling interval
+SAMPLE_TIME_TOL = 1e-12  # of the sampling interval
 
 
-class Regime(NamedTuple):
-    """Slots and the maps between them and the state (modal displacements, absorber displacement, modal velocities, absorber velocity).
+class LinearRegime(NamedTuple):
+    """A modal system, and its maps to and from the state (modal displacements, absorber displacement, modal velocities, absorber velocity).
 
-    With several absorbers the state has as many places for them. ``out`` (2, 2 N_m + 2, J), real and imaginary: state = Re(out Z); ``into``
-    (2, 2 N_m + 2, J), transposed: Z = into^T state; ``tip_rest``: tip displacement under a unit constant relative force.
+    With several absorbers the state has as many places for them. ``out`` (2, 2 N_m + 2, J), real
+    and imaginary: state = Re(out Z); ``into`` (2, 2 N_m + 2, J), transposed: Z = into^T state;
+    ``tip_rest`` (m/N): tip displacement under a unit constant relative force.
     """
 
-    slots: Slots
+    system: ModalSystem
     out: Array
     into: Array
     tip_rest: float
@@ -43,7 +52,8 @@ class Regime(NamedTuple):
 class Schedule(NamedTuple):
     """Breakpoints of the drive: times (s), circular frequencies (rad/s), phases (rad), each (K,); force amplitude (N); longest window (s).
 
-    ``load``: other loads than the chirp of one force, in a lane as a `loads.Load`; of the rest only the times then say something.
+    ``load``: other loads than the chirp of one force, in a lane as a `loads.LoadWorkspace`; of the
+    rest only the times then say something.
     """
 
     times: Array
@@ -54,16 +64,16 @@ class Schedule(NamedTuple):
     load: LoadPieces | None
 
 
-@jit_room
-def own_schedule(schedule):
-    """Return a lane's schedule, whose load has scratch memory that no other lane writes."""
+@jit_allocating
+def copy_schedule(schedule):
+    """Return the schedule with load workspace of its own, which no other run writes."""
     return Schedule(
         schedule.times,
         schedule.omegas,
         schedule.phases,
         schedule.amplitude,
         schedule.reach,
-        new_load(schedule.load),
+        new_load_workspace(schedule.load),
     )
 
 
@@ -76,44 +86,45 @@ class Losses(NamedTuple):
     damper: float
 
 
-class Work(NamedTuple):
-    """Scratch of a lane: free part z, signal of the samples u, each (2, J), and room for the observers (2, 2, J)."""
+class Buffers(NamedTuple):
+    """Scratch memory of a run: free part z of the amplitudes, signal of the samples u, each (2, J), and rows (2, 2, J) for the observers."""
 
     z: Array
     u: Array
     rows: Array
 
 
-@jit_room
-def new_work(size):
-    """Return scratch for regimes of ``size`` slots."""
-    return Work(np.zeros((2, size)), np.zeros((2, size)), np.zeros((2, 2, size)))
+@jit_allocating
+def new_buffers(size):
+    """Return scratch memory for regimes of ``size`` amplitudes."""
+    return Buffers(np.zeros((2, size)), np.zeros((2, size)), np.zeros((2, 2, size)))
 
 
-class Stretch(NamedTuple):
-    """A stretch without events, for its observers: times ``tau`` and ``end`` (s, from the window's centre), and all that moves from tau on.
+class Segment(NamedTuple):
+    """A smooth piece of motion, without events, from ``tau`` to ``end`` (s from the window's centre), as observers take it.
 
-    ``work.z`` is the free part at tau, ``constant`` the constant relative force (in units of the regime's rest part), ``bent`` what it does to the
-    tip (m). ``motion`` (n,): MOTION records, for each absorber what is to be added to what the regime's map gives.
+    ``buffers.z`` is the free part at tau, ``constant`` the constant relative force (in units of
+    the regime's rest part), ``deflection`` its displacement of the tip (m). ``motion`` (n,):
+    ABSORBER_MOTION records, to be added for each absorber to the state of the regime's map.
     """
 
-    regime: Regime
+    regime: LinearRegime
     forced: Forced
-    window: Window
-    work: Work
+    window: ForceWindow
+    buffers: Buffers
     constant: float
-    bent: float
+    deflection: float
     motion: NDArray[Any]
     tau: float
     end: float
 
 
 @jit
-def window_count(schedule, k):
-    """Return how many windows stretch k of the schedule needs: within the tables' reach, the chirp's remainder and MOST_PHASE."""
+def count_windows(schedule, k):
+    """Return the number of windows of section k of the schedule: within the reach of the tables, the chirp's remainder and MOST_PHASE."""
     load = schedule.load
     if load is not None:
-        return count_windows(load, schedule.times, k, schedule.reach)
+        return count_load_windows(load, schedule.times, k, schedule.reach)
     duration = schedule.times[k + 1] - schedule.times[k]
     alpha = abs(schedule.omegas[k + 1] - schedule.omegas[k]) / duration
     longest = schedule.reach
@@ -126,16 +137,16 @@ def window_count(schedule, k):
 
 
 @jit
-def window_of(schedule, k, w, count):
-    """Return window w of ``count`` in stretch k; of other loads than a chirp its terms are written."""
+def expand_window(schedule, k, w, count):
+    """Return window w of ``count`` in section k; the terms of a load other than a chirp are written."""
     duration = schedule.times[k + 1] - schedule.times[k]
     load = schedule.load
     if load is not None:
         centre = schedule.times[k] + duration * (w + 0.5) / count
-        return Window(
+        return ForceWindow(
             centre,
             0.5 * duration / count,
-            enter_load(load, schedule.times, k, centre),
+            expand_load(load, schedule.times, k, centre),
             0.0,
             0.0,
             0.0,
@@ -145,7 +156,7 @@ def window_of(schedule, k, w, count):
     x = duration * (w + 0.5) / count
     phase = schedule.phases[k] + (schedule.omegas[k] + 0.5 * alpha * x) * x
     a = schedule.amplitude
-    return Window(
+    return ForceWindow(
         schedule.times[k] + x,
         0.5 * duration / count,
         schedule.omegas[k] + alpha * x,
@@ -157,58 +168,58 @@ def window_of(schedule, k, w, count):
 
 
 @jit
-def to_state(out, z, state):
+def compute_state(out, z, state):
     """Write state = Re(out Z)."""
-    state_of_slots(out, state.shape[0], z.shape[1], z, state)
+    sum_state(out, state.shape[0], z.shape[1], z, state)
 
 
 @jit
-def to_slots(into, state, z):
-    """Write Z = into state."""
-    slots_of_state(into, state.shape[0], z.shape[1], state, z)
+def compute_amplitudes(into, state, z):
+    """Write Z = into^T state."""
+    sum_amplitudes_of_state(into, state.shape[0], z.shape[1], state, z)
 
 
 @jit
-def samples_before(end, interval):
-    """Return how many of the times 0, interval, 2 interval, ... lie before ``end``; one that falls on the end within rounding does not."""
-    return max(np.ceil(end / interval - SAMPLE_ROUNDING), 0.0)
+def count_samples_before(end, interval):
+    """Return the number of the times 0, interval, 2 interval, ... before ``end``; one at the end, within rounding, is not counted."""
+    return max(np.ceil(end / interval - SAMPLE_TIME_TOL), 0.0)
 
 
 @jit_inline
-def sample_level(stretch, clock, level):
+def sample_level(segment, clock, level):
     """Push the displacement at the samples in [tau, end) to the level: that of the absorber's place, or at the level's ``place``."""
     if level is None:
         return
-    slots = stretch.regime.slots
-    signals = stretch.forced.signals
-    window = stretch.window
-    tau = stretch.tau
-    end = stretch.end
+    system = segment.regime.system
+    signals = segment.forced.signals
+    window = segment.window
+    tau = segment.tau
+    end = segment.end
     n = clock.level
     interval = clock.interval
-    u = stretch.work.u
+    u = segment.buffers.u
     if n * interval - window.centre >= end:
         return
-    stop = samples_before(end + window.centre, interval)
+    stop = count_samples_before(end + window.centre, interval)
     if stop <= n:
         return
-    weigh(slots.rows, TIP, stretch.work.z, u)
+    apply_weights(system.rows, TIP, segment.buffers.z, u)
     while n < stop:
         first = n % level.block.shape[0]
         count = min(int(stop - n), level.block.shape[0] - first)
         x = n * interval - window.centre
-        samples = Samples(max(x - tau, 0.0), x, interval, first, count)
+        samples = SampleTimes(max(x - tau, 0.0), x, interval, first, count)
         if level.place.shape[0] == 0:
-            fill_samples(slots, signals, window.omega, u, stretch.bent, samples, level.block)
+            fill_samples(system, signals, window.omega, u, segment.deflection, samples, level.block)
         else:
-            fill_places(stretch, level.place, samples, level.block)
-        push_block(level, first, count)
+            sample_place(segment, level.place, samples, level.block)
+        push_samples(level, first, count)
         n += count
     clock.level = n
 
 
 @jit_inline
-def is_due(window, clock, level, series, energy):
+def is_observed(window, clock, level, series, energy):
     """Return whether anything is observed in a window."""
     if energy is not None:
         return True
@@ -222,17 +233,17 @@ def is_due(window, clock, level, series, energy):
 
 
 @jit
-def fill_places(stretch, place, samples, block):
-    """Write the displacement at a place at `Samples` into the block."""
-    slots = stretch.regime.slots
-    out = stretch.regime.out
-    w = stretch.work.rows[0]
+def sample_place(segment, place, samples, block):
+    """Write the displacement of a place at `SampleTimes` into the block."""
+    system = segment.regime.system
+    out = segment.regime.out
+    w = segment.buffers.rows[0]
     for k in range(samples.number):
         t = samples.offset + k * samples.interval
-        copy(stretch.work.z, w)
-        advance(slots.rows, slots.table, slots.scale, t, w)
-        add_forced(stretch.forced.slots, stretch.window.omega, stretch.tau + t, 1.0, w)
-        add(slots.rows, REST, stretch.constant, w)
+        copy_amplitudes(segment.buffers.z, w)
+        propagate(system.rows, system.table, system.scale, t, w)
+        add_forced(segment.forced.polynomials, segment.window.omega, segment.tau + t, 1.0, w)
+        add_weighted(system.rows, REST, segment.constant, w)
         q = 0.0
         for i in range(place.shape[0]):
             for j in range(w.shape[1]):
@@ -241,26 +252,26 @@ def fill_places(stretch, place, samples, block):
 
 
 @jit
-def state_at(stretch, z, tau, offset, w, state):
-    """Write the state at tau + offset from the free part z at tau, both within the stretch; w is scratch."""
-    slots = stretch.regime.slots
-    copy(z, w)
-    advance(slots.rows, slots.table, slots.scale, offset, w)
-    add_forced(stretch.forced.slots, stretch.window.omega, tau + offset, 1.0, w)
-    add(slots.rows, REST, stretch.constant, w)
-    to_state(stretch.regime.out, w, state)
+def compute_state_at(segment, z, tau, offset, w, state):
+    """Write the state at tau + offset from the free part z at tau, both within the segment; w is scratch."""
+    system = segment.regime.system
+    copy_amplitudes(z, w)
+    propagate(system.rows, system.table, system.scale, offset, w)
+    add_forced(segment.forced.polynomials, segment.window.omega, tau + offset, 1.0, w)
+    add_weighted(system.rows, REST, segment.constant, w)
+    compute_state(segment.regime.out, w, state)
 
 
 @jit
-def sample_state(stretch, clock, series):
+def sample_state(segment, clock, series):
     """Write the state at the samples in [tau, end)."""
     if series is None:
         return
-    window = stretch.window
-    tau = stretch.tau
-    end = stretch.end
-    motion = stretch.motion
-    work = stretch.work
+    window = segment.window
+    tau = segment.tau
+    end = segment.end
+    motion = segment.motion
+    buffers = segment.buffers
     n = clock.series
     interval = clock.interval
     x = n * interval - window.centre
@@ -270,30 +281,30 @@ def sample_state(stretch, clock, series):
     while x < end and n < stop:
         t = max(x - tau, 0.0)
         row = series.states[n - clock.first]
-        state_at(stretch, work.z, tau, t, work.rows[0], row)
+        compute_state_at(segment, buffers.z, tau, t, buffers.rows[0], row)
         for a in range(absorbers):
             own = motion[a]
             row[half - absorbers + a] += own.q + t * (own.v + 0.5 * t * own.a)
             row[2 * half - absorbers + a] += own.v + t * own.a
-        add_own_motion(stretch, tau + t, row)
+        add_base_motion_to_state(segment, tau + t, row)
         n += 1
         x = n * interval - window.centre
     clock.series = n
 
 
 @jit_inline
-def add_own_motion(stretch, tau, state):
-    """Add to a state at an offset from the window's centre what the base gives a single free absorber; nothing where the base does not move."""
-    load = stretch.window.load
+def add_base_motion_to_state(segment, tau, state):
+    """Add the motion that the base gives a single free absorber to a state; nothing where the base is at rest."""
+    load = segment.window.load
     if load is not None:
-        q, v = own_motion(load, stretch.forced.signals, stretch.window.omega, tau)
+        q, v = base_motion(load, segment.forced.signals, segment.window.omega, tau)
         state[state.shape[0] // 2 - 1] += q
         state[state.shape[0] - 1] += v
 
 
 @jit
-def last_sample(state, tip_shape, end, clock, level, series):
-    """Take the sample that falls on the end of the run, within rounding."""
+def take_last_sample(state, tip_shape, end, clock, level, series):
+    """Take the sample at the end of the run, within rounding."""
     interval = clock.interval
     if series is not None:
         n = clock.series
@@ -304,14 +315,14 @@ def last_sample(state, tip_shape, end, clock, level, series):
     if level is not None:
         if abs(clock.level * interval - end) < 1e-6 * interval:
             if level.place.shape[0] == 0:
-                push_level(level, weighted_sum(tip_shape, state))
+                push_sample(level, displacement_at(tip_shape, state))
             else:
-                push_level(level, weighted_sum(level.place, state))
+                push_sample(level, displacement_at(level.place, state))
 
 
 @jit
-def weighted_sum(shape, state):
-    """Return the displacement in m of the place of a mode shape (N_m,)."""
+def displacement_at(shape, state):
+    """Return the displacement (m) of the place of a mode shape (N_m,)."""
     q = 0.0
     for i in range(shape.shape[0]):
         q += shape[i] * state[i]

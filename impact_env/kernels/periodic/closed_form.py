@@ -1,7 +1,8 @@
 """The symmetric orbit with one impact a wall and friction of one sign between impacts, in closed form.
 
-With the impulse P at the lower wall (pushing up, so P > 0) and its mirror image half a period later, the conditions at the impact are
-a P + a0 = Re(f H exp(i phase)), b P + b0 = -Im(f H exp(i phase)): squared and added, a quadratic in P, and the phase follows.
+With the impulse P at the lower wall (pushing up, so P > 0) and its mirror image half a period
+later, the conditions at the impact are a P + a0 = Re(f H exp(i phase)), b P + b0 = -Im(f H exp(i
+phase)): squared and added, a quadratic in P, and the phase follows.
 """
 
 from __future__ import annotations
@@ -12,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from impact_env.kernels.compiling.jit import jit, jit_inline
-from impact_env.kernels.periodic.structure import at_frequency, over, receptance
+from impact_env.kernels.periodic.structure import at_frequency, divide_complex, receptance
 
 
-class Line(NamedTuple):
+class SymmetricLine(NamedTuple):
     """a, b (m/(N s)), a0, b0 (m), and H (m/N)."""
 
     a: float
@@ -26,13 +27,13 @@ class Line(NamedTuple):
 
 
 @jit_inline
-def kappa_of(restitution, compliance):
+def compute_kappa(restitution, compliance):
     """Return kappa (1/kg): at an impact the mean of the relative velocities before and after is -kappa P."""
     return 0.5 * compliance * (1.0 - restitution) / (1.0 + restitution)
 
 
 @jit
-def line_of(structure, point):
+def compute_line(structure, point):
     """Return the line of the symmetric orbits at a point."""
     half = np.pi / point.omega
     k = -0.25 * half / structure.mass
@@ -42,23 +43,26 @@ def line_of(structure, point):
     for j in range(structure.s.shape[0]):
         s = structure.s[j]
         e = np.exp(s * half)
-        mean = over(0.5 * (1.0 - e), 1.0 + e)
+        mean = divide_complex(0.5 * (1.0 - e), 1.0 + e)
         share = structure.powers[1, j]
         k += (share * mean).real
         k_rate += (share * s * mean).real
         s_value += (structure.powers[0, j] * mean).real
-    # friction jumps by 2 muN at an impact on the lower wall: from +muN (moving down) to -muN; its response is -2 muN times that of a unit jump
+    # friction jumps by 2 muN at an impact on the lower wall: from +muN (moving down) to -muN; its
+    # response is -2 muN times that of a unit jump
     s_value = -2.0 * s_value
     s_rate = -2.0 * k
     limit = point.limit
     omega = point.omega
-    kappa = kappa_of(point.restitution, structure.compliance)
+    kappa = compute_kappa(point.restitution, structure.compliance)
     h, _ = receptance(structure, omega)
-    return Line(k, (k_rate + kappa) / omega, limit * s_value + point.gap, limit * s_rate / omega, h)
+    return SymmetricLine(
+        k, (k_rate + kappa) / omega, limit * s_value + point.gap, limit * s_rate / omega, h
+    )
 
 
 @jit
-def impulses_of(line, force):
+def solve_impulses(line, force):
     """Return the smaller and the larger root P of the quadratic in N s; both are nan where there is none."""
     two = line.a * line.a + line.b * line.b
     one = line.a * line.a0 + line.b * line.b0
@@ -72,7 +76,7 @@ def impulses_of(line, force):
 
 
 @jit
-def phase_of(line, force, impulse):
+def compute_phase(line, force, impulse):
     """Return the force's phase (rad, 0 to 2 pi) at the impact on the lower wall."""
     x = line.a * impulse + line.a0
     y = line.b * impulse + line.b0
@@ -83,7 +87,7 @@ def phase_of(line, force, impulse):
 
 
 @jit
-def fold_of(line):
+def compute_fold(line):
     """Return the smallest force (N) with a symmetric orbit, and its impulse (N s): the line's distance from the origin over |H|."""
     two = line.a * line.a + line.b * line.b
     cross = abs(line.a * line.b0 - line.b * line.a0)
@@ -94,12 +98,12 @@ def fold_of(line):
 def closed_forms(structure, point, omegas, out):
     """Write impulse and phase of both branches, (M, 4), at frequencies (M,) in rad/s: small P and its phase, large P and its phase."""
     for m in range(omegas.shape[0]):
-        line = line_of(structure, at_frequency(point, omegas[m]))
-        small, large = impulses_of(line, point.force)
+        line = compute_line(structure, at_frequency(point, omegas[m]))
+        small, large = solve_impulses(line, point.force)
         out[m, 0], out[m, 2] = small, large
         out[m, 1], out[m, 3] = (
-            phase_of(line, point.force, small),
-            phase_of(line, point.force, large),
+            compute_phase(line, point.force, small),
+            compute_phase(line, point.force, large),
         )
 
 
@@ -107,4 +111,4 @@ def closed_forms(structure, point, omegas, out):
 def fold_forces(structure, point, omegas, out):
     """Write fold force (N) and impulse at the fold (N s), (M, 2), at frequencies (M,) in rad/s."""
     for m in range(omegas.shape[0]):
-        out[m, 0], out[m, 1] = fold_of(line_of(structure, at_frequency(point, omegas[m])))
+        out[m, 0], out[m, 1] = compute_fold(compute_line(structure, at_frequency(point, omegas[m])))

@@ -1,12 +1,15 @@
 """Conditions at the events of a free or sliding periodic orbit, and their derivatives, by the periodic Green's function.
 
-The relative displacement is linear in the impulses P_j, the jumps J_j of the friction force and a constant c:
+The relative displacement is linear in the impulses P_j, the jumps J_j of the friction force and a
+constant c:
 
     r(t) = c + sum_j P_j K(t - t_j) + sum_j J_j L(t - t_j) - Re(f H exp(i omega t)),     L' = K
 
-K answers an impulse that comes again after each span, mirrored or the same. It is a sum of exponentials and a polynomial (the absorber's share).
-Unknowns: the events' phases in rad of the force, scaled impulses, and scaled c where the span is a whole period. Conditions: at each event the rate
-(the mean of both sides equals -kappa P at a wall, 0 at a reversal), at each impact the distance, and over a whole period no net impulse.
+K answers an impulse that comes again after each span, mirrored or the same. It is a sum of
+exponentials and a polynomial (the absorber's share). Unknowns: the events' phases in rad of the
+force, scaled impulses, and scaled c where the span is a whole period. Conditions: at each event the
+rate (the mean of both sides equals -kappa P at a wall, 0 at a reversal), at each impact the
+distance, and over a whole period no net impulse.
 """
 
 from __future__ import annotations
@@ -16,29 +19,31 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
-from impact_env.kernels.periodic.closed_form import kappa_of
-from impact_env.kernels.periodic.structure import over, receptance
+from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
+from impact_env.kernels.periodic.closed_form import compute_kappa
+from impact_env.kernels.periodic.structure import divide_complex, receptance
 
 # columns of the Jacobian behind those of the unknowns
 OMEGA, FORCE, GAP, RESTITUTION, LIMIT = range(5)
 
 
-class System(NamedTuple):
+class OrbitEquations(NamedTuple):
     """The scaled conditions (m,), and their derivatives (m, m + 5): by the unknowns, then by omega, force, gap, restitution, friction limit."""
 
     residual: NDArray[np.float64]
     jacobian: NDArray[np.float64]
 
 
-class Room(NamedTuple):
-    """Scratch for n events, m unknowns and J exponentials.
+class OrbitWorkspace(NamedTuple):
+    """Scratch memory for n events, m unknowns and J exponentials.
 
-    ``steps`` (n, J): exp(s dt) from the event before; ``running``, ``first``, ``mean``, ``mean_slope``, ``stretch`` (J,): exponentials of the
-    periodic kernel at an event, just after its impulse, at it (mean of both sides), and their derivatives by the span; ``place`` (n,): where an
-    event's impulse is among the unknowns, -1 for a reversal; ``jump`` (n,): change of the friction force over muN; ``rub`` (n, 2): displacement and
-    rate by friction over muN; ``by_time`` (n, 2): their derivatives by the event's own time; ``by_span`` (n, 2): by omega with all phases kept,
-    without the forced part.
+    ``steps`` (n, J): exp(s dt) from the event before; ``running``, ``first``, ``mean``,
+    ``mean_slope``, ``span_derivative`` (J,): exponentials of the periodic kernel at an event, just
+    after its impulse, at it (mean of both sides), and their derivatives by the span;
+    ``impulse_index`` (n,): index of an event's impulse among the unknowns, -1 for a reversal;
+    ``jump`` (n,): change of the friction force over muN; ``friction_response`` (n, 2):
+    displacement and rate by friction over muN; ``by_time`` (n, 2): their derivatives by the
+    event's own time; ``by_span`` (n, 2): by omega with all phases kept, without the forced part.
     """
 
     steps: NDArray[np.complex128]
@@ -46,17 +51,17 @@ class Room(NamedTuple):
     first: NDArray[np.complex128]
     mean: NDArray[np.complex128]
     mean_slope: NDArray[np.complex128]
-    stretch: NDArray[np.complex128]
-    place: NDArray[np.int64]
+    span_derivative: NDArray[np.complex128]
+    impulse_index: NDArray[np.int64]
     jump: NDArray[np.float64]
-    rub: NDArray[np.float64]
+    friction_response: NDArray[np.float64]
     by_time: NDArray[np.float64]
     by_span: NDArray[np.float64]
 
 
-@jit_room
-def new_room(structure, order):
-    """Return room for an order of events."""
+@jit_allocating
+def new_orbit_workspace(structure, order):
+    """Return the workspace for an order of events."""
     n = order.wall.shape[0]
     j = structure.s.shape[0]
     place = np.full(n, -1, np.int64)
@@ -69,7 +74,7 @@ def new_room(structure, order):
         before = order.sign[i - 1] if i > 0 else order.mirror * order.sign[n - 1]
         jump[i] = before - order.sign[i]
     rows = np.zeros((5, j), np.complex128)
-    return Room(
+    return OrbitWorkspace(
         np.zeros((n, j), np.complex128),
         rows[0],
         rows[1],
@@ -85,7 +90,7 @@ def new_room(structure, order):
 
 
 @jit_inline
-def polynomial(structure, span, mirror, tau):
+def evaluate_absorber_kernel(structure, span, mirror, tau):
     """Return the absorber's share of L, K, K', K'' and of dL/dspan, dK/dspan, dK'/dspan at 0 <= tau <= span (s)."""
     mass = structure.mass
     static = structure.static
@@ -107,7 +112,7 @@ def polynomial(structure, span, mirror, tau):
 
 
 @jit
-def prepare(structure, order, omega, z, room):
+def compute_exponentials(structure, order, omega, z, workspace):
     """Fill the exponentials between events and those of the periodic kernel."""
     n = order.wall.shape[0]
     span = order.turn / omega
@@ -115,27 +120,27 @@ def prepare(structure, order, omega, z, room):
     for j in range(structure.s.shape[0]):
         s = structure.s[j]
         whole = mirror * np.exp(s * span)
-        room.first[j] = over(complex(1.0, 0.0), 1.0 - whole)
-        room.mean[j] = over(0.5 * (1.0 + whole), 1.0 - whole)
-        room.stretch[j] = over(s * whole, 1.0 - whole)
-        room.mean_slope[j] = over(room.stretch[j], 1.0 - whole)
+        workspace.first[j] = divide_complex(complex(1.0, 0.0), 1.0 - whole)
+        workspace.mean[j] = divide_complex(0.5 * (1.0 + whole), 1.0 - whole)
+        workspace.span_derivative[j] = divide_complex(s * whole, 1.0 - whole)
+        workspace.mean_slope[j] = divide_complex(workspace.span_derivative[j], 1.0 - whole)
         for i in range(n):
             before = z[i - 1] if i > 0 else z[n - 1] - order.turn
-            room.steps[i, j] = np.exp(s * ((z[i] - before) / omega))
+            workspace.steps[i, j] = np.exp(s * ((z[i] - before) / omega))
 
 
 @jit_inline
-def sums(structure, room, tau, span, mirror, with_span):
-    """Return L, K, K', K'' and dL/dspan, dK/dspan, dK'/dspan for the exponentials in ``room.running``, ``tau`` (s) after an impulse."""
-    g0, g1, g2, g3, d0, d1, d2 = polynomial(structure, span, mirror, tau)
+def sum_kernels(structure, workspace, tau, span, mirror, with_span):
+    """Return L, K, K', K'' and dL/dspan, dK/dspan, dK'/dspan for the exponentials in ``workspace.running``, ``tau`` (s) after an impulse."""
+    g0, g1, g2, g3, d0, d1, d2 = evaluate_absorber_kernel(structure, span, mirror, tau)
     for j in range(structure.s.shape[0]):
-        e = room.running[j]
+        e = workspace.running[j]
         g0 += (structure.powers[0, j] * e).real
         g1 += (structure.powers[1, j] * e).real
         g2 += (structure.powers[2, j] * e).real
         g3 += (structure.powers[3, j] * e).real
         if with_span:
-            e *= room.stretch[j]
+            e *= workspace.span_derivative[j]
             d0 += (structure.powers[0, j] * e).real
             d1 += (structure.powers[1, j] * e).real
             d2 += (structure.powers[2, j] * e).real
@@ -143,7 +148,7 @@ def sums(structure, room, tau, span, mirror, with_span):
 
 
 @jit_inline
-def own_sums(structure, room, span, mirror):
+def sum_own_kernels(structure, workspace, span, mirror):
     """Return L, K, K' at an impulse itself, the mean of both sides, and their derivatives by the span."""
     g0 = 0.0
     g1 = -0.25 * span / structure.mass
@@ -155,45 +160,48 @@ def own_sums(structure, room, span, mirror):
         g1 = -span / (12.0 * structure.mass) - structure.static / span
         d1 = -1.0 / (12.0 * structure.mass) + structure.static / (span * span)
     for j in range(structure.s.shape[0]):
-        g0 += (structure.powers[0, j] * room.mean[j]).real
-        g1 += (structure.powers[1, j] * room.mean[j]).real
-        g2 += (structure.powers[2, j] * room.mean[j]).real
-        d0 += (structure.powers[0, j] * room.mean_slope[j]).real
-        d1 += (structure.powers[1, j] * room.mean_slope[j]).real
-        d2 += (structure.powers[2, j] * room.mean_slope[j]).real
+        g0 += (structure.powers[0, j] * workspace.mean[j]).real
+        g1 += (structure.powers[1, j] * workspace.mean[j]).real
+        g2 += (structure.powers[2, j] * workspace.mean[j]).real
+        d0 += (structure.powers[0, j] * workspace.mean_slope[j]).real
+        d1 += (structure.powers[1, j] * workspace.mean_slope[j]).real
+        d2 += (structure.powers[2, j] * workspace.mean_slope[j]).real
     return g0, g1, g2, d0, d1, d2
 
 
 @jit
-def begin_rows(structure, point, order, z, scale, room, system):
-    """Fill the forced part, the constant and each event's own share; what other events add comes later."""
+def fill_own_rows(structure, point, order, z, scale, workspace, system):
+    """Fill forced part, constant and each event's own share; the shares of other events are added later."""
     residual = system.residual
     jacobian = system.jacobian
     n = order.wall.shape[0]
     omega = point.omega
     span = order.turn / omega
     h, h_slope = receptance(structure, omega)
-    g0, g1, g2, d0, d1, d2 = own_sums(structure, room, span, order.mirror)
-    kappa = kappa_of(point.restitution, structure.compliance)
+    g0, g1, g2, d0, d1, d2 = sum_own_kernels(structure, workspace, span, order.mirror)
+    kappa = compute_kappa(point.restitution, structure.compliance)
     kappa_slope = -structure.compliance / ((1.0 + point.restitution) * (1.0 + point.restitution))
     size = jacobian.shape[0]
     limit = point.limit
     for i in range(n):
-        row = room.place[i]
+        row = workspace.impulse_index[i]
         wall = order.wall[i]
-        jump = room.jump[i]
-        at = room.place[i]
+        jump = workspace.jump[i]
+        at = workspace.impulse_index[i]
         turning = np.exp(1j * z[i])
         forced = point.force * h * turning
         forced_slope = point.force * h_slope * turning
         impulse = 0.0
         if wall != 0:
             impulse = z[at] * scale.impulse
-        room.rub[i, 0], room.rub[i, 1] = jump * g0, jump * g1
+        workspace.friction_response[i, 0], workspace.friction_response[i, 1] = jump * g0, jump * g1
         # by the event's own phase, the others kept: only what does not move with it
-        room.by_time[i, 0], room.by_time[i, 1] = omega * forced.imag, omega * omega * forced.real
-        room.by_span[i, 0] = impulse * d1 + limit * jump * d0
-        room.by_span[i, 1] = impulse * d2 + limit * jump * d1
+        workspace.by_time[i, 0], workspace.by_time[i, 1] = (
+            omega * forced.imag,
+            omega * omega * forced.real,
+        )
+        workspace.by_span[i, 0] = impulse * d1 + limit * jump * d0
+        workspace.by_span[i, 1] = impulse * d2 + limit * jump * d1
         residual[i] = impulse * (g2 + kappa) + limit * jump * g1 + omega * forced.imag
         jacobian[i, size + OMEGA] = forced.imag + omega * forced_slope.imag
         jacobian[i, size + FORCE] = omega * (h * turning).imag
@@ -210,8 +218,8 @@ def begin_rows(structure, point, order, z, scale, room, system):
 
 
 @jit
-def add_pairs(structure, point, order, z, scale, room, system, with_span):
-    """Add to each event's rows what the impulses and friction jumps of the others bring, going round the span from each of them."""
+def add_pairs(structure, point, order, z, scale, workspace, system, with_span):
+    """Add the shares of the other events' impulses and friction jumps to each event's rows."""
     residual = system.residual
     jacobian = system.jacobian
     n = order.wall.shape[0]
@@ -219,13 +227,13 @@ def add_pairs(structure, point, order, z, scale, room, system, with_span):
     limit = point.limit
     span = order.turn / omega
     for j in range(n):
-        at = room.place[j]
-        jump = room.jump[j]
+        at = workspace.impulse_index[j]
+        jump = workspace.jump[j]
         impulse = 0.0
         if order.wall[j] != 0:
             impulse = z[at] * scale.impulse
         for slot in range(structure.s.shape[0]):
-            room.running[slot] = room.first[slot]
+            workspace.running[slot] = workspace.first[slot]
         for d in range(1, n):
             i = j + d if j + d < n else j + d - n
             tau = (z[i] - z[j]) / omega
@@ -234,20 +242,22 @@ def add_pairs(structure, point, order, z, scale, room, system, with_span):
                 tau = tau + span
                 turn = order.mirror
             for slot in range(structure.s.shape[0]):
-                room.running[slot] *= room.steps[i, slot]
-            g0, g1, g2, g3, d0, d1, d2 = sums(structure, room, tau, span, order.mirror, with_span)
-            row = room.place[i]
+                workspace.running[slot] *= workspace.steps[i, slot]
+            g0, g1, g2, g3, d0, d1, d2 = sum_kernels(
+                structure, workspace, tau, span, order.mirror, with_span
+            )
+            row = workspace.impulse_index[i]
             rate = turn * (impulse * g2 + limit * jump * g1)
             bend = turn * (impulse * g3 + limit * jump * g2)
             residual[i] += rate
             jacobian[i, j] -= bend / omega
-            room.by_time[i, 1] += bend
-            room.by_time[i, 0] += rate
-            room.rub[i, 1] += turn * jump * g1
-            room.rub[i, 0] += turn * jump * g0
+            workspace.by_time[i, 1] += bend
+            workspace.by_time[i, 0] += rate
+            workspace.friction_response[i, 1] += turn * jump * g1
+            workspace.friction_response[i, 0] += turn * jump * g0
             # phases kept, tau and span are as 1/omega
-            room.by_span[i, 0] += turn * (impulse * d1 + limit * jump * d0) + rate * tau / span
-            room.by_span[i, 1] += turn * (impulse * d2 + limit * jump * d1) + bend * tau / span
+            workspace.by_span[i, 0] += turn * (impulse * d1 + limit * jump * d0) + rate * tau / span
+            workspace.by_span[i, 1] += turn * (impulse * d2 + limit * jump * d1) + bend * tau / span
             if at >= 0:
                 jacobian[i, at] = turn * g2
             if row >= 0:
@@ -258,26 +268,26 @@ def add_pairs(structure, point, order, z, scale, room, system, with_span):
 
 
 @jit
-def finish_rows(structure, point, order, scale, room, jacobian):
+def fill_derivative_rows(structure, point, order, scale, workspace, jacobian):
     """Fill the derivatives by the events' own phases, by omega and by the friction limit."""
     n = order.wall.shape[0]
     size = jacobian.shape[0]
     omega = point.omega
     span = order.turn / omega
     for i in range(n):
-        row = room.place[i]
-        jacobian[i, i] += room.by_time[i, 1] / omega
-        jacobian[i, size + OMEGA] -= room.by_span[i, 1] * span / omega
-        jacobian[i, size + LIMIT] = room.rub[i, 1]
+        row = workspace.impulse_index[i]
+        jacobian[i, i] += workspace.by_time[i, 1] / omega
+        jacobian[i, size + OMEGA] -= workspace.by_span[i, 1] * span / omega
+        jacobian[i, size + LIMIT] = workspace.friction_response[i, 1]
         if row >= 0:
-            jacobian[row, i] += room.by_time[i, 0] / omega
-            jacobian[row, size + OMEGA] -= room.by_span[i, 0] * span / omega
-            jacobian[row, size + LIMIT] = room.rub[i, 0]
+            jacobian[row, i] += workspace.by_time[i, 0] / omega
+            jacobian[row, size + OMEGA] -= workspace.by_span[i, 0] * span / omega
+            jacobian[row, size + LIMIT] = workspace.friction_response[i, 0]
 
 
 @jit
-def balance(structure, point, order, z, scale, room, system):
-    """Fill the last row of a whole period: impulses and friction together leave the absorber's momentum as it was."""
+def fill_momentum_row(structure, point, order, z, scale, workspace, system):
+    """Fill the last row of a whole period: impulses and friction together leave the absorber's momentum unchanged."""
     residual = system.residual
     jacobian = system.jacobian
     n = order.wall.shape[0]
@@ -289,34 +299,34 @@ def balance(structure, point, order, z, scale, room, system):
     for i in range(n):
         after = z[i + 1] if i + 1 < n else z[0] + order.turn
         rub -= order.sign[i] * (after - z[i]) / point.omega
-        jacobian[size - 1, i] = -room.jump[i] * point.limit / point.omega / scale.impulse
-        if room.place[i] >= 0:
-            total += z[room.place[i]]
-            jacobian[size - 1, room.place[i]] = 1.0
+        jacobian[size - 1, i] = -workspace.jump[i] * point.limit / point.omega / scale.impulse
+        if workspace.impulse_index[i] >= 0:
+            total += z[workspace.impulse_index[i]]
+            jacobian[size - 1, workspace.impulse_index[i]] = 1.0
     residual[size - 1] = total + rub * point.limit / scale.impulse
     jacobian[size - 1, size + OMEGA] = -rub * point.limit / point.omega / scale.impulse
     jacobian[size - 1, size + LIMIT] = rub / scale.impulse
 
 
 @jit
-def conditions(structure, point, order, z, scale, room, system, with_span):
+def fill_conditions(structure, point, order, z, scale, workspace, system, with_span):
     """Fill the system; ``with_span`` False leaves the column of omega out (it is then wrong): Newton's method at one point does not need it."""
     residual = system.residual
     jacobian = system.jacobian
     n = order.wall.shape[0]
     size = jacobian.shape[0]
     jacobian[:, :] = 0.0
-    prepare(structure, order, point.omega, z, room)
-    begin_rows(structure, point, order, z, scale, room, system)
-    add_pairs(structure, point, order, z, scale, room, system, with_span)
-    finish_rows(structure, point, order, scale, room, jacobian)
+    compute_exponentials(structure, order, point.omega, z, workspace)
+    fill_own_rows(structure, point, order, z, scale, workspace, system)
+    add_pairs(structure, point, order, z, scale, workspace, system, with_span)
+    fill_derivative_rows(structure, point, order, scale, workspace, jacobian)
     for i in range(n):
-        for row, unit in ((i, scale.velocity), (room.place[i], scale.length)):
+        for row, unit in ((i, scale.velocity), (workspace.impulse_index[i], scale.length)):
             if row >= 0:
                 residual[row] /= unit
                 for k in range(size + 5):
                     jacobian[row, k] /= unit
                 for k in range(n):
-                    if room.place[k] >= 0:
-                        jacobian[row, room.place[k]] *= scale.impulse
-    balance(structure, point, order, z, scale, room, system)
+                    if workspace.impulse_index[k] >= 0:
+                        jacobian[row, workspace.impulse_index[k]] *= scale.impulse
+    fill_momentum_row(structure, point, order, z, scale, workspace, system)

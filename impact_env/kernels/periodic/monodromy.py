@@ -1,20 +1,21 @@
 """The derivative of an orbit's return map: flights as linear maps, events as saltation matrices.
 
-An event moves in time with the state, so its matrix is the derivative of its jump plus what the vector fields before and after differ by during the
-shift: each is a rank-one change (of the velocities, by the relative displacement or by its rate at the event).
+An event moves in time with the state, so its matrix is the derivative of its jump plus what the
+vector fields before and after differ by during the shift: each is a rank-one change (of the
+velocities, by the relative displacement or by its rate at the event).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from impact_env.kernels.compiling.jit import jit, jit_room
-from impact_env.kernels.periodic.motion import state_in
+from impact_env.kernels.compiling.jit import jit, jit_allocating
+from impact_env.kernels.periodic.motion import compute_state_in_flight
 
 
 @jit
-def fly_over(structure, dt, block, matrix):
-    """Multiply ``matrix`` (2 N_m + 2, columns) from the left by a flight over ``dt`` (s): modes by themselves, the absorber uniformly."""
+def apply_flight(structure, dt, block, matrix):
+    """Multiply ``matrix`` (2 N_m + 2, columns) from the left by the linear map of a flight of ``dt`` (s)."""
     n = structure.omega.shape[0]
     columns = matrix.shape[1]
     block[:, :] = 0.0
@@ -37,7 +38,7 @@ def fly_over(structure, dt, block, matrix):
 
 
 @jit
-def relative_rows(structure, matrix, c):
+def compute_relative_rows(structure, matrix, c):
     """Return relative displacement and velocity of column ``c``."""
     n = structure.omega.shape[0]
     d = matrix[n, c]
@@ -49,16 +50,17 @@ def relative_rows(structure, matrix, c):
 
 
 @jit
-def leap_over(structure, wall, restitution, impulse, jump, rate, bend, matrix):
-    """Multiply ``matrix`` from the left by an event's saltation matrix.
+def apply_saltation(structure, wall, restitution, impulse, jump, rate, bend, matrix):
+    """Multiply ``matrix`` from the left by the saltation matrix of an event.
 
-    ``impulse`` (N s), ``jump`` (N) of the friction force on the absorber, relative velocity ``rate`` (m/s) and acceleration ``bend`` (m/s^2) before.
+    ``impulse`` (N s), ``jump`` (N) of the friction force on the absorber, relative velocity
+    ``rate`` (m/s) and acceleration ``bend`` (m/s^2) before.
     """
     n = structure.omega.shape[0]
     mass = structure.mass
     bounce = (1.0 + restitution) / structure.compliance
     for c in range(matrix.shape[1]):
-        d, v = relative_rows(structure, matrix, c)
+        d, v = compute_relative_rows(structure, matrix, c)
         if wall == 0:
             push = jump * v / bend
             shift = 0.0
@@ -73,12 +75,13 @@ def leap_over(structure, wall, restitution, impulse, jump, rate, bend, matrix):
             matrix[n + 1 + i, c] -= structure.tip[i] * (push - structure.rate[i] * impulse * shift)
 
 
-@jit_room
-def monodromy(structure, point, order, flights, impulses, jumps, matrix, turning):
+@jit_allocating
+def compute_monodromy(structure, point, order, flights, impulses, jumps, matrix, turning):
     """Write the derivative of the map over one span, from just after the first event to just after its return, mirrored back where the order is.
 
-    ``jumps`` (n,): changes of the friction force in N. ``turning`` (n,) takes the relative acceleration before each reversal over the change that
-    friction brings: -1 or below where the absorber slides on the other way, in between friction holds it; and -inf at impacts.
+    ``jumps`` (n,): changes of the friction force in N. ``turning`` (n,) takes the relative
+    acceleration before each reversal over the change that friction brings: -1 or below where the
+    absorber slides on the other way, in between friction holds it; and -inf at impacts.
     """
     n = order.wall.shape[0]
     size = matrix.shape[0]
@@ -92,8 +95,8 @@ def monodromy(structure, point, order, flights, impulses, jumps, matrix, turning
     for k in range(1, n + 1):
         i, turn = (k, 1.0) if k < n else (0, order.mirror)
         dt = flights.time[k] - flights.time[k - 1]
-        fly_over(structure, dt, block, matrix)
-        state_in(structure, point, flights, k - 1, dt, amplitude, modal, state)
+        apply_flight(structure, dt, block, matrix)
+        compute_state_in_flight(structure, point, flights, k - 1, dt, amplitude, modal, state)
         rate = state[size - 1]
         bend = flights.force[k - 1] / structure.mass
         for m in range(modes):
@@ -103,7 +106,7 @@ def monodromy(structure, point, order, flights, impulses, jumps, matrix, turning
             turning[i] = (
                 bend / (turn * jumps[i] * structure.compliance) if jumps[i] != 0.0 else -np.inf
             )
-        leap_over(
+        apply_saltation(
             structure,
             order.wall[i],
             point.restitution,

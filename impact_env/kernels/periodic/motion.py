@@ -7,15 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
-from impact_env.kernels.periodic.green import new_room, prepare
-from impact_env.kernels.periodic.structure import over
+from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
+from impact_env.kernels.periodic.green import compute_exponentials, new_orbit_workspace
+from impact_env.kernels.periodic.structure import divide_complex
 
-PANEL = 1.0  # rad of the fastest exponential in one panel of nodes
+PANEL_PHASE = 1.0  # rad of the fastest exponential in one panel of nodes
 NODES = 6  # of Gauss and Legendre in a panel
-POINTS, WEIGHTS = np.polynomial.legendre.leggauss(NODES)
-POINTS = 0.5 * (1.0 + POINTS)
-WEIGHTS = 0.5 * WEIGHTS
+NODE_PLACES, NODE_WEIGHTS = np.polynomial.legendre.leggauss(NODES)
+NODE_PLACES = 0.5 * (1.0 + NODE_PLACES)
+NODE_WEIGHTS = 0.5 * NODE_WEIGHTS
 
 
 class Flights(NamedTuple):
@@ -40,11 +40,11 @@ class Extremes(NamedTuple):
 
 
 @jit_inline
-def rates(structure, omega, force, rest, amplitude, phase, out):
+def compute_modal_motion(structure, omega, force, rest, amplitude, phase, out):
     """Write modal displacements, velocities and accelerations (3, N_m): exponentials ``amplitude`` (J,), constant force ``rest`` (N), phase (rad)."""
     turning = force * np.exp(1j * phase)
     for i in range(structure.omega.shape[0]):
-        q = over(
+        q = divide_complex(
             structure.push[i] * turning,
             complex(
                 structure.omega[i] * structure.omega[i] - omega * omega, structure.rate[i] * omega
@@ -62,11 +62,11 @@ def rates(structure, omega, force, rest, amplitude, phase, out):
         out[2, i] -= (s * s * share).real
 
 
-@jit_room
-def flights_of(structure, point, order, z, impulses):
+@jit_allocating
+def compute_flights(structure, point, order, z, impulses):
     """Return the flights of an orbit with phases ``z`` (n, rad) and ``impulses`` (n, N s; 0 at reversals). The first event is an impact."""
-    room = new_room(structure, order)
-    prepare(structure, order, point.omega, z, room)
+    workspace = new_orbit_workspace(structure, order)
+    compute_exponentials(structure, order, point.omega, z, workspace)
     n = z.shape[0]
     count = structure.s.shape[0]
     omega = point.omega
@@ -82,25 +82,25 @@ def flights_of(structure, point, order, z, impulses):
         total = 0j
         for i in range(1, n + 1):  # once round, from just after the first event: what one span adds
             k = i if i < n else 0
-            total *= room.steps[k, j]
+            total *= workspace.steps[k, j]
             turn = 1.0 if i < n else order.mirror
             total += turn * (
-                impulses[k] + complex(room.jump[k] * point.limit) / complex(structure.s[j])
+                impulses[k] + complex(workspace.jump[k] * point.limit) / complex(structure.s[j])
             )
-        amplitude[0, j] = order.mirror * room.first[j] * total
+        amplitude[0, j] = order.mirror * workspace.first[j] * total
         for i in range(1, n):
             amplitude[i, j] = (
-                amplitude[i - 1, j] * room.steps[i, j]
+                amplitude[i - 1, j] * workspace.steps[i, j]
                 + impulses[i]
-                + complex(room.jump[i] * point.limit) / complex(structure.s[j])
+                + complex(workspace.jump[i] * point.limit) / complex(structure.s[j])
             )
     flights = Flights(amplitude, force, place, velocity, time)
-    absorber(structure, point, order, impulses, z[0], flights)
+    fill_absorber_motion(structure, point, order, impulses, z[0], flights)
     return flights
 
 
-@jit_room
-def absorber(structure, point, order, impulses, phase, flights):
+@jit_allocating
+def fill_absorber_motion(structure, point, order, impulses, phase, flights):
     """Fill the absorber's place and velocity after each event: it starts on a wall, and its velocity follows from what comes again."""
     force = flights.force
     place = flights.place
@@ -116,7 +116,9 @@ def absorber(structure, point, order, impulses, phase, flights):
         pushed = impulses[i + 1] if i + 1 < n else order.mirror * impulses[0]
         x += dt * (v + 0.5 * dt * force[i] / mass)
         v += (dt * force[i] + pushed) / mass
-    rates(structure, point.omega, point.force, force[0], flights.amplitude[0], phase, modal)
+    compute_modal_motion(
+        structure, point.omega, point.force, force[0], flights.amplitude[0], phase, modal
+    )
     place[0] = order.wall[0] * point.gap
     for i in range(structure.omega.shape[0]):
         place[0] += structure.tip[i] * modal[0, i]
@@ -128,14 +130,14 @@ def absorber(structure, point, order, impulses, phase, flights):
 
 
 @jit
-def state_in(structure, point, flights, i, dt, amplitude, modal, state):
+def compute_state_in_flight(structure, point, flights, i, dt, amplitude, modal, state):
     """Write the state (2 N_m + 2,) ``dt`` (s) after event ``i``; ``amplitude`` (J,) is scratch, ``modal`` (3, N_m) is left with q, q', q''."""
     n = structure.omega.shape[0]
     for j in range(structure.s.shape[0]):
         amplitude[j] = flights.amplitude[i, j] * np.exp(structure.s[j] * dt)
     force = flights.force[i]
     mass = structure.mass
-    rates(
+    compute_modal_motion(
         structure,
         point.omega,
         point.force,
@@ -150,8 +152,8 @@ def state_in(structure, point, flights, i, dt, amplitude, modal, state):
     state[2 * n + 1] = flights.velocity[i] + dt * force / mass
 
 
-@jit_room
-def states_at(structure, point, flights, times, out):
+@jit_allocating
+def compute_states(structure, point, flights, times, out):
     """Write states (S, 2 N_m + 2) at rising times (S,) in s from the first event to its return."""
     amplitude = np.zeros(structure.s.shape[0], np.complex128)
     modal = np.zeros((3, structure.omega.shape[0]))
@@ -159,11 +161,13 @@ def states_at(structure, point, flights, times, out):
     for k in range(times.shape[0]):
         while i + 2 < flights.time.shape[0] and times[k] >= flights.time[i + 1]:
             i += 1
-        state_in(structure, point, flights, i, times[k] - flights.time[i], amplitude, modal, out[k])
+        compute_state_in_flight(
+            structure, point, flights, i, times[k] - flights.time[i], amplitude, modal, out[k]
+        )
 
 
 @jit
-def tip_in(structure, point, h, flights, i, dt):
+def compute_tip_in_flight(structure, point, h, flights, i, dt):
     """Return displacement, velocity and acceleration of the tip ``dt`` (s) after event ``i``; ``h`` is the receptance."""
     omega = point.omega
     forced = point.force * h * np.exp(1j * omega * (flights.time[i] + dt))
@@ -179,26 +183,26 @@ def tip_in(structure, point, h, flights, i, dt):
 
 
 @jit
-def peak_near(structure, point, h, flights, i, dt, reach):
+def find_peak_near(structure, point, h, flights, i, dt, reach):
     """Return the largest |tip displacement| (m) within ``reach`` (s) of ``dt`` (s) after event ``i``, and within its flight."""
     length = flights.time[i + 1] - flights.time[i]
-    best = abs(tip_in(structure, point, h, flights, i, dt)[0])
+    best = abs(compute_tip_in_flight(structure, point, h, flights, i, dt)[0])
     start = dt
     for _ in range(8):
-        q, v, a = tip_in(structure, point, h, flights, i, dt)
+        q, v, a = compute_tip_in_flight(structure, point, h, flights, i, dt)
         if a == 0.0 or q * a > 0.0:
             break
         dt = min(max(dt - v / a, 0.0, start - reach), length, start + reach)
-        best = max(best, abs(tip_in(structure, point, h, flights, i, dt)[0]))
+        best = max(best, abs(compute_tip_in_flight(structure, point, h, flights, i, dt)[0]))
     return best
 
 
-@jit_room
-def scan(structure, point, h, flights, order, turns):
+@jit_allocating
+def scan_flights(structure, point, h, flights, order, turns):
     """Go through all flights; return (extremes, number of turns, whether the signs fit the impacts).
 
-    ``turns`` (capacity,) takes the times (s) at which the relative velocity changes its sign between impacts, whatever the order says; the
-    count goes on beyond the capacity.
+    ``turns`` (capacity,) takes the times (s) at which the relative velocity changes its sign
+    between impacts, whatever the order says; the count goes on beyond the capacity.
     """
     count = structure.s.shape[0]
     n = order.wall.shape[0]
@@ -227,20 +231,20 @@ def scan(structure, point, h, flights, order, turns):
             sign = -order.wall[i]
             last_rate = 0.0
             last_time = flights.time[i]
-        start = abs(tip_in(structure, point, h, flights, i, 0.0)[0])
+        start = abs(compute_tip_in_flight(structure, point, h, flights, i, 0.0)[0])
         if start > tip:
             tip = start
             at = i
             at_dt = 0.0
-        panels = max(1, int(np.ceil(length * fastest / PANEL)))
+        panels = max(1, int(np.ceil(length * fastest / PANEL_PHASE)))
         step = length / panels
         for j in range(count):
             leap[j], e[j] = np.exp(structure.s[j] * step), flights.amplitude[i, j]
             for k in range(NODES):
-                shift[k, j] = np.exp(structure.s[j] * step * POINTS[k])
+                shift[k, j] = np.exp(structure.s[j] * step * NODE_PLACES[k])
         for p in range(panels):
             for k in range(NODES):
-                dt = (p + POINTS[k]) * step
+                dt = (p + NODE_PLACES[k]) * step
                 forced = point.force * h * np.exp(1j * omega * (flights.time[i] + dt))
                 q = forced.real - structure.static * flights.force[i]
                 v = -omega * forced.imag
@@ -255,16 +259,16 @@ def scan(structure, point, h, flights, order, turns):
                     - q
                 )
                 distance = max(distance, abs(place))
-                square += WEIGHTS[k] * step * q * q
+                square += NODE_WEIGHTS[k] * step * q * q
                 if abs(q) > tip:
                     tip = abs(q)
                     at = i
                     at_dt = dt
                 if rate * sign < 0.0:
-                    now = flights.time[i] + dt
+                    time = flights.time[i] + dt
                     if found < turns.shape[0]:
                         past = abs(rate) if last_rate == 0.0 else abs(last_rate)
-                        turns[found] = now - (now - last_time) * abs(rate) / (abs(rate) + past)
+                        turns[found] = time - (time - last_time) * abs(rate) / (abs(rate) + past)
                     found = found + 1
                     sign = -sign
                 last_rate = rate
@@ -272,5 +276,5 @@ def scan(structure, point, h, flights, order, turns):
             for j in range(count):
                 e[j] *= leap[j]
     fits = fits and sign == order.mirror * order.wall[0]
-    tip = max(tip, peak_near(structure, point, h, flights, at, at_dt, PANEL / fastest))
+    tip = max(tip, find_peak_near(structure, point, h, flights, at, at_dt, PANEL_PHASE / fastest))
     return Extremes(tip, square / (flights.time[n] - flights.time[0]), distance), found, fits

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from impact_env.kernels.compiling.jit import jit, jit_room
-from impact_env.kernels.periodic.green import conditions, new_room
+from impact_env.kernels.compiling.jit import jit, jit_allocating
+from impact_env.kernels.periodic.green import fill_conditions, new_orbit_workspace
 
 CONVERGED, NOT_CONVERGED, ORDER_LOST, SINGULAR = range(4)
 MOST_STEPS = 30
-CLOSE = 1e-13  # of the units: a residual below this is rounding
-SETTLED = 1e-9  # a residual below this that no longer falls is rounding as well
-KEEP = 0.2  # share of the time between two events that one step leaves at least
-SLIVER = 1e-9  # rad between events, below which their order is lost
+RESIDUAL_TOL = 1e-13  # of the units: a residual below this is rounding
+STALLED_RESIDUAL_TOL = 1e-9  # a residual below this that no longer falls is rounding as well
+LEAST_INTERVAL_SHARE = 0.2  # share of the time between two events that one step leaves at least
+LEAST_PHASE_INTERVAL = 1e-9  # rad between events, below which their order is lost
 
 
 @jit
@@ -49,20 +49,23 @@ def solve_in_place(matrix, columns, rows):
 
 
 @jit
-def share_kept(order, z, step):
-    """Return the share of a step of the unknowns, 1 at most, that leaves every time between two events at least `KEEP` of what it is."""
+def limit_step(order, z, step):
+    """Return the largest share (at most 1) of a Newton step that keeps the events in order.
+
+    Each time between two events keeps at least `LEAST_INTERVAL_SHARE` of its length.
+    """
     n = order.wall.shape[0]
     share = 1.0
     for i in range(n):
         after = z[i + 1] if i + 1 < n else z[0] + order.turn
         move = step[i + 1] - step[i] if i + 1 < n else step[0] - step[i]
         if move < 0.0:
-            share = min(share, (KEEP - 1.0) * (after - z[i]) / move)
+            share = min(share, (LEAST_INTERVAL_SHARE - 1.0) * (after - z[i]) / move)
     return share
 
 
 @jit
-def least_gap(order, z):
+def find_least_interval(order, z):
     """Return the shortest way between two events in rad."""
     n = order.wall.shape[0]
     least = z[0] + order.turn - z[n - 1]
@@ -71,21 +74,21 @@ def least_gap(order, z):
     return least
 
 
-@jit_room
-def newton(structure, point, order, z, scale, system):
+@jit_allocating
+def solve_orbit(structure, point, order, z, scale, system):
     """Move the unknowns ``z`` (m,) to a solution; return status, steps, largest residual. The ``system`` is left as at ``z``."""
-    room = new_room(structure, order)
+    workspace = new_orbit_workspace(structure, order)
     size = z.shape[0]
     work = np.zeros((size, size + 1))
     step = np.zeros(size)
     error = np.inf
     last = np.inf
     for k in range(MOST_STEPS):
-        conditions(structure, point, order, z, scale, room, system, False)
+        fill_conditions(structure, point, order, z, scale, workspace, system, False)
         error = np.max(np.abs(system.residual))
         if not np.isfinite(error):
             return NOT_CONVERGED, k, error
-        if error < CLOSE or (error < SETTLED and error > 0.3 * last):
+        if error < RESIDUAL_TOL or (error < STALLED_RESIDUAL_TOL and error > 0.3 * last):
             break
         last = error
         work[:, :size] = system.jacobian[:, :size]
@@ -93,11 +96,11 @@ def newton(structure, point, order, z, scale, system):
         if not solve_in_place(work, size, step):
             return SINGULAR, k, error
         step *= -1.0
-        share = share_kept(order, z, step)
+        share = limit_step(order, z, step)
         z += share * step
-        if least_gap(order, z) < SLIVER:
+        if find_least_interval(order, z) < LEAST_PHASE_INTERVAL:
             return ORDER_LOST, k, error
     else:
         return NOT_CONVERGED, MOST_STEPS, error
-    conditions(structure, point, order, z, scale, room, system, True)
+    fill_conditions(structure, point, order, z, scale, workspace, system, True)
     return CONVERGED, k, error

@@ -1,6 +1,7 @@
 """What the kernels of periodic orbits are given: a structure as exponentials, a point of the parameters, an order of events.
 
-A mode answers a unit impulse by h(t) = sum of Re(weight exp(s t)) over its exponentials: one complex one, or two real ones where it is overdamped.
+A mode answers a unit impulse by h(t) = sum of Re(weight exp(s t)) over its exponentials: one
+complex one, or two real ones where it is overdamped.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ from impact_env.kernels.compiling.jit import jit, jit_inline
 class Structure(NamedTuple):
     """A modal model and an absorber.
 
-    ``s``, ``weight`` (J,): the modes' exponentials; ``powers`` (4, J): tip_shape^2 weight / s, and that times s, s^2, s^3.
-    ``mode`` (J,): whose exponential it is. ``omega``, ``rate`` = 2 D omega, ``push`` = force shape, ``tip`` = tip shape (N_m,). ``mass`` (kg) of the
-    absorber, ``compliance`` G = 1/mass + sum tip^2 (1/kg), ``static`` = sum tip^2/omega^2 (m/N).
+    ``s``, ``weight`` (J,): the modes' exponentials; ``powers`` (4, J): tip_shape^2 weight / s, and
+    that times s, s^2, s^3. ``mode`` (J,): whose exponential it is. ``omega``, ``rate`` = 2 D omega,
+    ``push`` = force shape, ``tip`` = tip shape (N_m,). ``mass`` (kg) of the absorber,
+    ``compliance`` G = 1/mass + sum tip^2 (1/kg), ``static`` = sum tip^2/omega^2 (m/N).
     """
 
     s: NDArray[np.complex128]
@@ -47,7 +49,8 @@ class Point(NamedTuple):
 class Order(NamedTuple):
     """The events of one span, which repeats: ``wall`` (n,) -1, 1 or 0 for a reversal, ``sign`` (n,) of the relative velocity after each event.
 
-    ``turn`` is the span in rad of the force; ``mirror`` -1: the next span is the mirrored one, 1: the same again.
+    ``turn`` is the span in rad of the force; ``mirror`` -1: the next span is the mirrored one, 1:
+    the same again.
     """
 
     wall: NDArray[np.int64]
@@ -71,7 +74,7 @@ def at_frequency(point, omega):
 
 
 @jit_inline
-def over(a, b):
+def divide_complex(a, b):
     """Return a/b, complex; infinite or nan where b is 0 (an undamped mode at resonance), for which numba's own division raises an error."""
     size = b.real * b.real + b.imag * b.imag
     value = a * complex(b.real, -b.imag)
@@ -87,7 +90,7 @@ def receptance(structure, omega):
         below = (
             structure.omega[i] * structure.omega[i] - omega * omega + 1j * structure.rate[i] * omega
         )
-        share = over(complex(structure.tip[i] * structure.push[i], 0.0), below)
+        share = divide_complex(complex(structure.tip[i] * structure.push[i], 0.0), below)
         value += share
-        slope -= over(share * complex(-2.0 * omega, structure.rate[i]), below)
+        slope -= divide_complex(share * complex(-2.0 * omega, structure.rate[i]), below)
     return value, slope

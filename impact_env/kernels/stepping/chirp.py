@@ -1,7 +1,8 @@
-"""The harmonic force at equidistant times without a cosine a step: a rotating phasor that is set anew every few steps.
+"""The harmonic force at equidistant times without a cosine a step: a rotating phasor that is recomputed every few steps.
 
-Over one stretch of the schedule the phase is a quadratic in time, so the phasor's turn per step is itself a phasor that turns at a
-constant rate. Rounding grows with the square of the number of turns: after `RESET` of them it is below 2e-13.
+Over one section of the schedule the phase is a quadratic in time, so the phasor's turn per step is
+itself a phasor that turns at a constant rate. Rounding grows with the square of the number of
+turns: after `PHASOR_STEPS` of them it is below 2e-13.
 """
 
 from __future__ import annotations
@@ -9,30 +10,30 @@ from __future__ import annotations
 import math
 
 from impact_env.kernels.compiling.jit import jit
-from impact_env.kernels.motion.loads import force_in
+from impact_env.kernels.motion.loads import compute_force
 
-RESET = 32
+PHASOR_STEPS = 32
 
 
 @jit
-def stretch_at(times, k, t):
-    """Return the stretch of the schedule that holds time ``t``, searching onwards from stretch ``k``; the last stretch has no end."""
+def find_section(times, k, t):
+    """Return the section of the schedule that holds time ``t``, searching onwards from section ``k``; the last segment has no end."""
     while k + 2 < times.shape[0] and t >= times[k + 1]:
         k += 1
     return k
 
 
 @jit
-def turns_left(times, k, t, dt, most):
-    """Return how many of the times t, t + dt, ... (1 to ``most``) lie in stretch ``k``."""
+def count_steps_left(times, k, t, dt, most):
+    """Return how many of the times t, t + dt, ... (1 to ``most``) lie in section ``k``."""
     if k + 2 >= times.shape[0] or t + most * dt < times[k + 1]:
         return most
     return max(1, min(most, int((times[k + 1] - t) / dt)))
 
 
 @jit
-def force_angle(force, k, t):
-    """Return (phase in rad, frequency in rad/s, its rate in rad/s^2) of stretch ``k`` at time ``t``."""
+def compute_force_angle(force, k, t):
+    """Return (phase in rad, frequency in rad/s, its rate in rad/s^2) of section ``k`` at time ``t``."""
     times = force.times
     omegas = force.omegas
     phases = force.phases
@@ -42,9 +43,9 @@ def force_angle(force, k, t):
 
 
 @jit
-def phasor(force, k, t, dt):
+def compute_phasor(force, k, t, dt):
     """Return cosine and sine of: the force's phase at ``t``, its turn to t + dt, and the change of that turn per step."""
-    angle, omega, rate = force_angle(force, k, t)
+    angle, omega, rate = compute_force_angle(force, k, t)
     turn = (omega + 0.5 * rate * dt) * dt
     change = rate * dt * dt
     return (
@@ -58,39 +59,39 @@ def phasor(force, k, t, dt):
 
 
 @jit
-def fill_loads(target, count, times, load, k, t, dt):
+def fill_load_values(target, count, times, load, k, t, dt):
     """Do the same for other loads than the chirp of one force."""
-    first = stretch_at(times, k, t)
+    first = find_section(times, k, t)
     k = first
     for n in range(count):
-        k = stretch_at(times, k, t + n * dt)
-        target[n] = force_in(load, k, t + n * dt)
+        k = find_section(times, k, t + n * dt)
+        target[n] = compute_force(load, k, t + n * dt)
     return first
 
 
 @jit
-def force_or(load, k, t, given):
-    """Return the force of loads at time ``t`` of stretch ``k`` (N), or what is ``given`` where there are none."""
+def load_or_chirp(load, k, t, given):
+    """Return the force of loads at time ``t`` of section ``k`` (N), or what is ``given`` where there are none."""
     if load is None:
         return given
-    return force_in(load, k, t)
+    return compute_force(load, k, t)
 
 
 @jit
-def fill_phases(target, count, force, k, t, dt):
-    """Write the force for amplitude 1 at t, t + dt, ... into the first ``count`` places of ``target``; return the stretch of the first."""
+def fill_force(target, count, force, k, t, dt):
+    """Write the force for amplitude 1 at t, t + dt, ... into the first ``count`` places of ``target``; return the segment of the first."""
     times = force.times
     load = force.load
     if load is not None:
-        return fill_loads(target, count, times, load, k, t, dt)
-    first = stretch_at(times, k, t)
+        return fill_load_values(target, count, times, load, k, t, dt)
+    first = find_section(times, k, t)
     k = first
     done = 0
     while done < count:
-        now = t + done * dt
-        k = stretch_at(times, k, now)
-        stop = done + turns_left(times, k, now, dt, min(RESET, count - done))
-        c, s, turn_c, turn_s, change_c, change_s = phasor(force, k, now, dt)
+        time = t + done * dt
+        k = find_section(times, k, time)
+        stop = done + count_steps_left(times, k, time, dt, min(PHASOR_STEPS, count - done))
+        c, s, turn_c, turn_s, change_c, change_s = compute_phasor(force, k, time, dt)
         while done < stop:
             target[done] = c
             c, s = c * turn_c - s * turn_s, c * turn_s + s * turn_c

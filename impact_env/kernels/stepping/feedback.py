@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
+from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
 from impact_env.kernels.stepping.moreau_law import Spring
 
-# rows of the table of oscillators. A constant distance between rows spares a run-time check for overlap; it is no power of two, so that
-# rows do not share cache lines' low address bits. Q, U: state. QQ to UU: its map over a step. QF1 to UF4: excitation at start, middle and
-# end. QP1 to UP4: feedback in the four stages. Y: four pairs, observation in each stage from Q and U.
+# rows of the table of oscillators. A constant distance between rows spares a run-time check for
+# overlap; it is no power of two, so that rows do not share cache lines' low address bits. Q, U:
+# state. QQ to UU: its map over a step. QF1 to UF4: excitation at start, middle and end. QP1 to UP4:
+# feedback in the four stages. Y: four pairs, observation in each stage from Q and U.
 STRIDE = 68
 (
     Q,
@@ -39,25 +40,26 @@ STRIDE = 68
     U_BEFORE,
     ROWS,
 ) = (*range(19), 26, 27, 28, 29)
-# columns of the mix: what the observation in a stage takes from the excitation at start, middle, end and from the feedback in stages 1 to 3
+# columns of the mix: what the observation in a stage takes from the excitation at start, middle,
+# end and from the feedback in stages 1 to 3
 _MIX = 6
 
 
-class Slider(NamedTuple):
+class ElasticSlider(NamedTuple):
     """Spring (N/m) in series with a Coulomb slider (limit in N)."""
 
     limit: float
     stiffness: float
 
 
-class Stops(NamedTuple):
+class ElasticStops(NamedTuple):
     """Unilateral springs (N/m) at +- gap (m)."""
 
     gap: float
     stiffness: float
 
 
-class Cubic(NamedTuple):
+class CubicSpring(NamedTuple):
     """Spring whose force is its stiffness (N/m^3) times the cube of the relative displacement, and damper (N s/m)."""
 
     cubic_stiffness: float
@@ -69,14 +71,14 @@ class CompliantLaws(NamedTuple):
 
     mass: float | None
     added_mass: float | None
-    stops: Stops | None
-    slider: Slider | None
+    stops: ElasticStops | None
+    slider: ElasticSlider | None
     spring: Spring | None
-    cubic: Cubic | None
+    cubic: CubicSpring | None
 
 
 @jit
-def textbook_step(w2, c, h, q, u, w):
+def runge_kutta_step(w2, c, h, q, u, w):
     """Return the four stages' (q, u) and the new (q, u) of q'' + c q' + w2 q = w, with w given stage by stage."""
     w1, wm2, wm3, w4 = w
     a1 = w1 - w2 * q - c * u
@@ -118,49 +120,51 @@ class Oscillator(NamedTuple):
     see_push: float
 
 
-class Speeds(NamedTuple):
+class RelativeVelocityTable(NamedTuple):
     """A second observation, the relative velocity, for laws that need it beside the displacement: eight rows as `Y`, and its ``mix``."""
 
     cells: NDArray[np.float64]
     mix: NDArray[np.float64]
 
 
-class Table(NamedTuple):
-    """The oscillators for the loop: rows of ``cells``, their ``mix`` (4, 6), N_m, oscillators in steps of 4, distance of rows if it is not `STRIDE`,
-    the step (s), and `Speeds`, None if no law needs them.
-    """  # noqa: D205
+class RungeKuttaTable(NamedTuple):
+    """The oscillators of the loop.
+
+    Rows of ``cells``, their ``mix`` (4, 6), N_m, oscillators in steps of 4, distance of rows if it
+    is not `STRIDE`, the step (s), and `RelativeVelocityTable`, None if no law needs it.
+    """
 
     cells: NDArray[np.float64]
     mix: NDArray[np.float64]
     modes: int
     lanes: int
-    wide: int | None
+    wide_stride: int | None
     h: float
-    speeds: Speeds | None
+    speeds: RelativeVelocityTable | None
 
 
 @jit_inline
-def stride_of(wide):
+def stride_of(wide_stride):
     """Return the distance between rows."""
-    if wide is None:
+    if wide_stride is None:
         return STRIDE
-    return wide
+    return wide_stride
 
 
-@jit_room
+@jit_allocating
 def _unit_response(w2, c, h, one):
-    """Return `textbook_step` for the unit vector ``one`` of (q, u, w1, w2, w3, w4)."""
+    """Return `runge_kutta_step` for the unit vector ``one`` of (q, u, w1, w2, w3, w4)."""
     e = np.zeros(6)
     e[one] = 1.0
-    return np.array(textbook_step(w2, c, h, e[0], e[1], (e[2], e[3], e[4], e[5])))
+    return np.array(runge_kutta_step(w2, c, h, e[0], e[1], (e[2], e[3], e[4], e[5])))
 
 
-@jit_room
+@jit_allocating
 def _add_oscillator(table, j, one):
     """Fill column ``j`` with an `Oscillator` and add its share to the mix."""
     cells = table.cells
     mix = table.mix
-    stride = stride_of(table.wide)
+    stride = stride_of(table.wide_stride)
     responses = np.empty((6, 10))
     for k in range(6):
         responses[k] = _unit_response(one.w2, one.c, table.h, k)
@@ -180,7 +184,7 @@ def _add_oscillator(table, j, one):
         _observe(table.speeds.cells, table.speeds.mix, stride, j, speed, responses)
 
 
-@jit_room
+@jit_allocating
 def _observe(cells, mix, stride, j, one, responses):
     """Fill column ``j`` of an observation's eight rows, and add its share to the mix."""
     for stage in range(4):
@@ -195,7 +199,7 @@ def _observe(cells, mix, stride, j, one, responses):
 
 
 @jit
-def _seen(spring, added_mass, tip, w2, c):
+def _observation_weights(spring, added_mass, tip, w2, c):
     """Return the shares of a mode's displacement, velocity and excitation in the observation."""
     if added_mass is not None:
         return -tip * w2, -tip * c, tip
@@ -204,7 +208,7 @@ def _seen(spring, added_mass, tip, w2, c):
     return -tip, -0.0 * tip, 0.0
 
 
-@jit_room
+@jit_allocating
 def _add_absorber(m_a, spring, table, state):
     """Fill the column of an absorber that moves: an oscillator of frequency zero."""
     if m_a is None:
@@ -216,7 +220,7 @@ def _add_absorber(m_a, spring, table, state):
         damping = spring.damping
     root = np.sqrt(m_a)
     n = table.modes
-    stride = stride_of(table.wide)
+    stride = stride_of(table.wide_stride)
     _add_oscillator(
         table, n, Oscillator(0.0, 0.0, 0.0, -1.0 / root, stiffness / root, damping / root, 0.0)
     )
@@ -226,35 +230,37 @@ def _add_absorber(m_a, spring, table, state):
     )
 
 
-@jit_room
-def _new_speeds(cubic, stride):
-    """Return room for the relative velocity if a law needs it."""
+@jit_allocating
+def _new_velocity_table(cubic, stride):
+    """Return memory for the relative velocity if a law needs it."""
     if cubic is None:
         return None
-    return Speeds(np.zeros(8 * stride), np.zeros((4, _MIX)))
+    return RelativeVelocityTable(np.zeros(8 * stride), np.zeros((4, _MIX)))
 
 
-@jit_room
-def new_table(modes, laws, amplitude, state, h, wide):
-    """Return the `Table` of a scene for steps of h (s). The observation is the relative displacement; with a spring, its force; with an added mass,
-    the tip's acceleration without that mass.
-    """  # noqa: D205
+@jit_allocating
+def new_runge_kutta_table(modes, laws, amplitude, state, h, wide_stride):
+    """Return the table of a scene for steps of h (s).
+
+    The observation is the relative displacement; with a spring, its force; with an added mass, the
+    tip's acceleration without that mass.
+    """
     n = modes.omega.shape[0]
-    stride = stride_of(wide)
-    table = Table(
+    stride = stride_of(wide_stride)
+    table = RungeKuttaTable(
         np.zeros(ROWS * stride),
         np.zeros((4, _MIX)),
         n,
         4 * ((n + 4) // 4),
-        wide,
+        wide_stride,
         h,
-        _new_speeds(laws.cubic, stride),
+        _new_velocity_table(laws.cubic, stride),
     )
     for j in range(n):
         w2 = modes.omega[j] * modes.omega[j]
         c = 2.0 * modes.damping_ratio[j] * modes.omega[j]
         tip = modes.tip_shape[j]
-        see_q, see_u, see_push = _seen(laws.spring, laws.added_mass, tip, w2, c)
+        see_q, see_u, see_push = _observation_weights(laws.spring, laws.added_mass, tip, w2, c)
         _add_oscillator(
             table,
             j,
@@ -266,7 +272,7 @@ def new_table(modes, laws, amplitude, state, h, wide):
 
 
 @jit
-def stop_force(y, stops):
+def compute_stop_force(y, stops):
     """Return the walls' force on the absorber (N)."""
     if stops is None:
         return 0.0
@@ -278,7 +284,7 @@ def stop_force(y, stops):
 
 
 @jit
-def slider_force(y, rest, slider):
+def compute_slider_force(y, rest, slider):
     """Return the friction on the absorber (N) with the slider at ``rest``."""
     if slider is None:
         return 0.0
@@ -297,14 +303,14 @@ def _linear_feedback(y, spring, added_mass, joined_mass):
 
 
 @jit_inline
-def feedback(y, v, rest, laws, joined_mass):
+def compute_feedback(y, v, rest, laws, joined_mass):
     """Return the force on the absorber (N) for an observation, and for a relative velocity (m/s) that is 0 where no law needs it.
 
     ``joined_mass`` is m_a / (1 + m_a sum tip_shape^2).
     """
     force = (
-        stop_force(y, laws.stops)
-        + slider_force(y, rest, laws.slider)
+        compute_stop_force(y, laws.stops)
+        + compute_slider_force(y, rest, laws.slider)
         + _linear_feedback(y, laws.spring, laws.added_mass, joined_mass)
     )
     if laws.cubic is not None:

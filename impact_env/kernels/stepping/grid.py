@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_inline
-from impact_env.kernels.motion.level import OFF
+from impact_env.kernels.motion.level import LEVEL_OFF
 from impact_env.kernels.motion.loads import LoadPieces
 from impact_env.kernels.motion.observers import push_phase
 
 Array = NDArray[np.float64]
-FREE = -1  # kind of phase: none
+NO_PHASE = -1  # kind of phase: none
 
 
-class Modes(NamedTuple):
+class BeamModes(NamedTuple):
     """The beam: circular frequencies (rad/s), damping ratios, shapes at the force and at the tip, each (N_m,)."""
 
     omega: Array
@@ -25,10 +25,11 @@ class Modes(NamedTuple):
     tip_shape: Array
 
 
-class Force(NamedTuple):
+class DriveForce(NamedTuple):
     """Breakpoints of the drive: times (s), circular frequencies (rad/s), integrals of the frequency (rad), each (K,); amplitude (N), phase (rad).
 
-    ``load``: other loads than the chirp of one force, all of them forces; of the rest only the times then say something, and the amplitude is 1.
+    ``load``: other loads than the chirp of one force, all of them forces; of the rest only the
+    times then say something, and the amplitude is 1.
     """
 
     times: Array
@@ -39,19 +40,19 @@ class Force(NamedTuple):
     load: LoadPieces | None
 
 
-class Step(NamedTuple):
+class TimeStep(NamedTuple):
     """Time step (s), which is reduced so that it divides the duration; ``wide``: number of oscillators in steps of 4 if the table is to be wider."""
 
     dt: float
-    wide: int | None
+    wide_stride: int | None
 
 
 @jit
-def sample_range(clock, level, series, duration):
-    """Return the first sample that an observer wants, and the one after the last."""
+def find_sample_range(clock, level, series, duration):
+    """Return the first sample that an observer needs, and the one after the last."""
     every = int(duration / clock.interval + 1e-9) + 1
     if level is not None:
-        if clock.level != OFF:
+        if clock.level != LEVEL_OFF:
             return 0, every
     if series is not None:
         return clock.first, min(every, clock.first + series.states.shape[0])
@@ -59,15 +60,15 @@ def sample_range(clock, level, series, duration):
 
 
 @jit
-def step_of_row(row, rows, sample_dt, dt, steps):
-    """Return the step at whose end, or before it, sample ``row`` lies; -1 if there is none left."""
+def find_sample_step(row, rows, sample_dt, dt, steps):
+    """Return the step at whose end, or before it, sample ``row`` lies; -1 if none is left."""
     if row >= rows:
         return -1
     return min(max(int(np.ceil(row * sample_dt / dt - 1e-9)) - 1, 0), steps - 1)
 
 
 @jit
-def wants_modes(level, series):
+def needs_all_modes(level, series):
     """Return whether a sample needs all modes, and not the motion of the absorber's place alone."""
     if series is not None:
         return True
@@ -77,14 +78,14 @@ def wants_modes(level, series):
 
 
 @jit
-def row_of_series(clock, series, sample):
+def find_series_row(clock, series, sample):
     """Return the row of the series for a sample of the run, -1 where the series does not hold it."""
     row = sample - clock.first
     return row if 0 <= row < series.states.shape[0] else -1
 
 
 @jit_inline
-def displacement_between(start, end, part, h):
+def interpolate_displacement(start, end, part, h):
     """Return the displacement at ``part`` (0 to 1) of a step of h (s): the cubic through displacements and velocities (q, v) at its ends."""
     q0, v0 = start
     q1, v1 = end
@@ -95,8 +96,8 @@ def displacement_between(start, end, part, h):
 
 
 @jit_inline
-def velocity_between(start, end, part, h):
-    """Return the velocity of the cubic of `displacement_between`."""
+def interpolate_velocity(start, end, part, h):
+    """Return the velocity of the cubic of `interpolate_displacement`."""
     q0, v0 = start
     q1, v1 = end
     left = 1.0 - part
@@ -108,8 +109,8 @@ def velocity_between(start, end, part, h):
 
 
 @jit
-def close_phase(kind, start, end, counters, events):
+def record_contact_phase(kind, start, end, counters, events):
     """Note the contact phase that ends, if it is one."""
-    if kind != FREE:
+    if kind != NO_PHASE:
         counters.counts.stuck_time += end - start
         push_phase(events, start, end, kind, 0)

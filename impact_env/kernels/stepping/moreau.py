@@ -1,9 +1,11 @@
 """The paper's Moreau time stepping with rigid contact laws (paper, section 2.4; laws: Eqs. signorini, coulomb, impulse).
 
-One step: q_M = q_n + dt/2 u_n; forces at q_M, u_n and t_M = t_n + dt/2; the contact problem at velocity level, with a wall taking part
-if q_M has reached it; q_n+1 = q_M + dt/2 u_n+1. Since the next q_M is q_M + dt u_n+1, the loop keeps the displacements at the middle of
-the steps, and one pass over the modes does a step. All contact acts along one line, so the contact problem has a closed form and needs
-no iteration. The scheme is of first order: damping acts at u_n and an impact is noticed at the end of its step. Without both it is of second.
+One step: q_M = q_n + dt/2 u_n; forces at q_M, u_n and t_M = t_n + dt/2; the contact problem at
+velocity level, with a wall taking part if q_M has reached it; q_n+1 = q_M + dt/2 u_n+1. Since the
+next q_M is q_M + dt u_n+1, the loop keeps the displacements at the middle of the steps, and one
+pass over the modes does a step. All contact acts along one line, so the contact problem has a
+closed form and needs no iteration. The scheme is of first order: damping acts at u_n and an impact
+is noticed at the end of its step. Without both it is of second.
 """
 
 from __future__ import annotations
@@ -13,21 +15,27 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import NUMBER, jit, jit_inline, jit_room, vector_code
+from impact_env.kernels.compiling.jit import NUMBER, jit, jit_allocating, jit_inline, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Index, Number
-from impact_env.kernels.exact.budget import note_time
-from impact_env.kernels.motion.level import OFF, push_level
+from impact_env.kernels.exact.budget import record_time
+from impact_env.kernels.motion.level import LEVEL_OFF, push_sample
 from impact_env.kernels.motion.observers import DONE, NOT_FINITE, push_impact
-from impact_env.kernels.stepping.chirp import RESET, force_or, phasor, stretch_at, turns_left
+from impact_env.kernels.stepping.chirp import (
+    PHASOR_STEPS,
+    compute_phasor,
+    count_steps_left,
+    find_section,
+    load_or_chirp,
+)
 from impact_env.kernels.stepping.grid import (
-    FREE,
-    close_phase,
-    displacement_between,
-    row_of_series,
-    sample_range,
-    step_of_row,
-    velocity_between,
-    wants_modes,
+    NO_PHASE,
+    find_sample_range,
+    find_sample_step,
+    find_series_row,
+    interpolate_displacement,
+    interpolate_velocity,
+    needs_all_modes,
+    record_contact_phase,
 )
 from impact_env.kernels.stepping.moreau_law import solve_contact
 
@@ -37,17 +45,17 @@ STRIDE = 64
 _Q, _U, _KEEP, _PULL, _PUSH, _TIP, _Q_BEFORE, _U_BEFORE, _ROWS = range(9)
 
 
-class Table(NamedTuple):
+class MoreauTable(NamedTuple):
     """The modes for the loop: rows of ``cells``, N_m, that in steps of 4, the distance of rows if it is not `STRIDE`, and the step (s)."""
 
     cells: Array
     modes: int
     lanes: int
-    wide: int | None
+    wide_stride: int | None
     dt: float
 
 
-class Body(NamedTuple):
+class StepState(NamedTuple):
     """Displacement of tip and absorber at the middle of a step, their velocities at its start, and the relative velocity."""
 
     tip_q: float
@@ -57,19 +65,19 @@ class Body(NamedTuple):
     gamma: float
 
 
-class Hit(NamedTuple):
-    """What a step's contact does: percussion of friction and wall on the absorber (N s), and the kind of phase."""
+class ContactPercussion(NamedTuple):
+    """Contact percussions of a step: friction and wall on the absorber (N s), and the kind of phase."""
 
     friction: float
     normal: float
     kind: int
 
 
-@jit_room
-def _new_table(modes, amplitude, state, dt, wide):
+@jit_allocating
+def _new_moreau_table(modes, amplitude, state, dt, wide_stride):
     stride = STRIDE
-    if wide is not None:
-        stride = wide
+    if wide_stride is not None:
+        stride = wide_stride
     n = modes.omega.shape[0]
     cells = np.zeros(_ROWS * stride)
     for j in range(n):
@@ -79,16 +87,16 @@ def _new_table(modes, amplitude, state, dt, wide):
         cells[_PULL * stride + j] = modes.omega[j] * modes.omega[j] * dt
         cells[_PUSH * stride + j] = modes.force_shape[j] * amplitude * dt
         cells[_TIP * stride + j] = modes.tip_shape[j]
-    return Table(cells, n, 4 * ((n + 3) // 4), wide, dt)
+    return MoreauTable(cells, n, 4 * ((n + 3) // 4), wide_stride, dt)
 
 
-def _swing_code(pushed: bool) -> Any:
+def _step_code(pushed: bool) -> Any:
     @vector_code(NUMBER, 2)
     def swing(code: Code, table, n: Index, stride: Index, force: Number, push: Number, dt: Number):
         numbers = (force, push, dt)
         velocity = code.sum()
         displacement = code.sum()
-        for j in code.slots(n):
+        for j in code.vectors(n):
             force, push, dt = (code.spread(number) for number in numbers)
             places = [stride * row + j for row in range(_TIP + 1)]
             q, u, keep, pull, load, tip = (code.vector(table, place) for place in places)
@@ -106,31 +114,35 @@ def _swing_code(pushed: bool) -> Any:
     return swing
 
 
-_swing_freely = _swing_code(False)
-_swing_pushed = _swing_code(True)
+_step_without_spring = _step_code(False)
+_step_with_spring = _step_code(True)
 
 
 @jit_inline
-def _stride(wide):
+def _stride(wide_stride):
     """Return the distance between rows; where it is a constant no check for overlap is needed."""
-    if wide is None:
+    if wide_stride is None:
         return STRIDE
-    return wide
+    return wide_stride
 
 
 @jit_inline
-def _swing(table, force, push):
+def _advance_modes(table, force, push):
     """Advance the modes by a step without contact; return the tip's velocity at its end and displacement at the next step's middle."""
     if push is None:
-        return _swing_freely(table.cells, table.lanes, _stride(table.wide), force, 0.0, table.dt)
-    return _swing_pushed(table.cells, table.lanes, _stride(table.wide), force, push, table.dt)
+        return _step_without_spring(
+            table.cells, table.lanes, _stride(table.wide_stride), force, 0.0, table.dt
+        )
+    return _step_with_spring(
+        table.cells, table.lanes, _stride(table.wide_stride), force, push, table.dt
+    )
 
 
 @jit
-def _kick(table, percussion):
-    """Let the contact's percussion (N s, on the absorber) act back on the modes."""
+def _apply_percussion(table, percussion):
+    """Apply the reaction of the contact percussion (N s, on the absorber) to the modes."""
     cells = table.cells
-    stride = _stride(table.wide)
+    stride = _stride(table.wide_stride)
     for j in range(table.lanes):
         change = cells[_TIP * stride + j] * percussion
         cells[_U * stride + j] -= change
@@ -138,10 +150,10 @@ def _kick(table, percussion):
 
 
 @jit
-def _keep_before(table):
-    """Note displacements and velocities of the modes at the step's start."""
+def _save_modes(table):
+    """Save displacements and velocities of the modes at the step's start."""
     cells = table.cells
-    stride = _stride(table.wide)
+    stride = _stride(table.wide_stride)
     for j in range(table.modes):
         u = cells[_U * stride + j]
         cells[_Q_BEFORE * stride + j] = cells[_Q * stride + j] - 0.5 * table.dt * u
@@ -149,22 +161,23 @@ def _keep_before(table):
 
 
 @jit_inline
-def _keep_for(energy, due, table):
-    """Keep the modes at the step's start where an observer wants them; ``due``: a sample does."""
+def _save_modes_if_observed(energy, due, table):
+    """Save the modes at the step's start where an observer needs them; ``due``: a sample does."""
     if energy is not None or due:
-        _keep_before(table)
+        _save_modes(table)
 
 
 @jit_inline
 def _account_modes(energy, table, force):
     """Add a step's work of the force and dissipation of the modes, both with the mean velocity of the step.
 
-    With that velocity the balance closes up to dt^2/8 times the change of sum omega^2 u^2, which does not grow with time.
+    With that velocity the balance closes up to dt^2/8 times the change of sum omega^2 u^2, which
+    does not grow with time.
     """
     if energy is None:
         return
     cells = table.cells
-    stride = _stride(table.wide)
+    stride = _stride(table.wide_stride)
     totals = energy.totals[0]
     for j in range(table.modes):
         old = cells[_U_BEFORE * stride + j]
@@ -198,13 +211,13 @@ def _account_impact(energy, loss):
 
 
 @jit_inline
-def _note_impact(normal, distance, before, after, time, observe):
-    """Account an impulse; it is listed as an impact where the absorber came towards the wall."""
+def _record_impact(normal, distance, before, after, time, observers):
+    """Add the loss of an impulse; list it as an impact where the absorber approached the wall."""
     loss = -0.5 * normal * (before + after)
-    _account_impact(observe.energy, loss)
+    _account_impact(observers.energy, loss)
     if distance * before > 0.0:
-        observe.counters.counts.impacts += 1
-        push_impact(observe.events, time, before, normal, loss, 0)
+        observers.counters.counts.impacts += 1
+        push_impact(observers.events, time, before, normal, loss, 0)
 
 
 @jit_inline
@@ -222,42 +235,42 @@ def _absorber_at_start(body, dt):
 @jit
 def _mode_before(table, j):
     """Return displacement and velocity of a mode at the start of the step."""
-    stride = _stride(table.wide)
+    stride = _stride(table.wide_stride)
     return table.cells[_Q_BEFORE * stride + j], table.cells[_U_BEFORE * stride + j]
 
 
 @jit
 def _mode_after(table, j):
     """Return displacement and velocity of a mode at the end of the step."""
-    stride = _stride(table.wide)
+    stride = _stride(table.wide_stride)
     u = table.cells[_U * stride + j]
     return table.cells[_Q * stride + j] - 0.5 * table.dt * u, u
 
 
 @jit_inline
-def _take_level(level, clock, part, before, after, table):
+def _sample_level(level, clock, part, before, after, table):
     if level is None:
         return
-    if clock.level == OFF:
+    if clock.level == LEVEL_OFF:
         return
     if level.place.shape[0] == 0:
         start = _tip_at_start(before, table.dt)
         end = _tip_at_start(after, table.dt)
-        push_level(level, displacement_between(start, end, part, table.dt))
+        push_sample(level, interpolate_displacement(start, end, part, table.dt))
     else:
         q = 0.0
         for j in range(table.modes):
             start = _mode_before(table, j)
             end = _mode_after(table, j)
-            q += level.place[j] * displacement_between(start, end, part, table.dt)
-        push_level(level, q)
+            q += level.place[j] * interpolate_displacement(start, end, part, table.dt)
+        push_sample(level, q)
 
 
 @jit_inline
-def _take_row(series, clock, sample, part, before, after, table):
+def _sample_state(series, clock, sample, part, before, after, table):
     if series is None:
         return
-    row = row_of_series(clock, series, sample)
+    row = find_series_row(clock, series, sample)
     if row < 0:
         return
     n = table.modes
@@ -266,12 +279,12 @@ def _take_row(series, clock, sample, part, before, after, table):
     for j in range(n):
         start = _mode_before(table, j)
         end = _mode_after(table, j)
-        target[j] = displacement_between(start, end, part, dt)
-        target[n + 1 + j] = velocity_between(start, end, part, dt)
+        target[j] = interpolate_displacement(start, end, part, dt)
+        target[n + 1 + j] = interpolate_velocity(start, end, part, dt)
     start = _absorber_at_start(before, dt)
     end = _absorber_at_start(after, dt)
-    target[n] = displacement_between(start, end, part, dt)
-    target[2 * n + 1] = velocity_between(start, end, part, dt)
+    target[n] = interpolate_displacement(start, end, part, dt)
+    target[2 * n + 1] = interpolate_velocity(start, end, part, dt)
 
 
 @jit
@@ -279,7 +292,7 @@ def _write_state(m_a, state, table, body):
     """Write the state at the end of the last step."""
     cells = table.cells
     n = table.modes
-    stride = _stride(table.wide)
+    stride = _stride(table.wide_stride)
     for j in range(n):
         u = cells[_U * stride + j]
         state[j], state[n + 1 + j] = cells[_Q * stride + j] - 0.5 * table.dt * u, u
@@ -288,8 +301,8 @@ def _write_state(m_a, state, table, body):
 
 
 @jit
-def _start(m_a, tip_shape, state, dt):
-    """Return the `Body` of the first step, and the relative acceleration of absorber and tip by a unit force between them (1/kg)."""
+def _init_step_state(m_a, tip_shape, state, dt):
+    """Return the `StepState` of the first step, and the relative acceleration of absorber and tip by a unit force between them (1/kg)."""
     n = tip_shape.shape[0]
     displacement = 0.0
     velocity = 0.0
@@ -299,15 +312,15 @@ def _start(m_a, tip_shape, state, dt):
         velocity += tip_shape[j] * state[n + 1 + j]
         square += tip_shape[j] * tip_shape[j]
     if m_a is None:
-        return Body(displacement, velocity, state[n], 0.0, 0.0), square
+        return StepState(displacement, velocity, state[n], 0.0, 0.0), square
     v = state[2 * n + 1]
-    return Body(
+    return StepState(
         displacement, velocity, state[n] + 0.5 * dt * v, v, v - velocity
     ), square + 1.0 / m_a
 
 
 @jit
-def _scaled(limit, dt):
+def _friction_percussion(limit, dt):
     """Return the largest friction percussion of a step, or None."""
     if limit is None:
         return None
@@ -323,7 +336,7 @@ def _spring_percussion(spring, distance, gamma, dt):
 
 
 @jit_inline
-def _pulled(push, m_a, v):
+def _velocity_after_spring(push, m_a, v):
     """Return the absorber's velocity after the percussion of its spring."""
     if push is None:
         return v
@@ -331,12 +344,12 @@ def _pulled(push, m_a, v):
 
 
 @jit_inline
-def _meet(m_a, bounds, table, body, push, distance):
-    """Let the absorber meet tip and walls in a step in which the tip has swung without it; return `Body` and `Hit`."""
+def _apply_contact(m_a, bounds, table, body, push, distance):
+    """Solve the contact of absorber, tip and walls in a step; return `StepState` and `ContactPercussion`."""
     if m_a is None:
-        return body, Hit(0.0, 0.0, FREE)
+        return body, ContactPercussion(0.0, 0.0, NO_PHASE)
     walls, slip, compliance = bounds
-    v = _pulled(push, m_a, body.v)
+    v = _velocity_after_spring(push, m_a, body.v)
     tip_u = body.tip_u
     tip_q = body.tip_q
     gamma, friction, normal, kind = solve_contact(
@@ -344,83 +357,92 @@ def _meet(m_a, bounds, table, body, push, distance):
     )
     percussion = friction + normal
     if percussion != 0.0:
-        _kick(table, percussion)
+        _apply_percussion(table, percussion)
         v += percussion / m_a
         tip_u = v - gamma
         tip_q -= table.dt * (compliance - 1.0 / m_a) * percussion
     # 1.0 *: to the compiler friction may be None where the limit may
-    return Body(tip_q, tip_u, body.q + table.dt * v, v, gamma), Hit(1.0 * friction, normal, kind)
+    return StepState(tip_q, tip_u, body.q + table.dt * v, v, gamma), ContactPercussion(
+        1.0 * friction, normal, kind
+    )
 
 
 @jit_inline
-def _advance(i, table, laws, bounds, body, force, observe):
-    """Do step i and account for it; return `Body` at its end and the kind of phase in it."""
+def _advance_step(i, table, laws, bounds, body, force, observers):
+    """Do step i and add it to the energies; return `StepState` at its end and the kind of phase in it."""
     dt = table.dt
     distance = body.q - body.tip_q
     push = _spring_percussion(laws.spring, distance, body.gamma, dt)
-    tip_u, tip_q = _swing(table, force, push)
-    after, hit = _meet(
-        laws.mass, bounds, table, Body(tip_q, tip_u, body.q, body.v, body.gamma), push, distance
+    tip_u, tip_q = _advance_modes(table, force, push)
+    after, hit = _apply_contact(
+        laws.mass,
+        bounds,
+        table,
+        StepState(tip_q, tip_u, body.q, body.v, body.gamma),
+        push,
+        distance,
     )
     if hit.normal != 0.0:
-        _note_impact(hit.normal, distance, body.gamma, after.gamma, (i + 1) * dt, observe)
-    _account_contact(observe.energy, laws.spring, hit.friction, body.gamma, after.gamma, dt)
-    _account_modes(observe.energy, table, force)
+        _record_impact(hit.normal, distance, body.gamma, after.gamma, (i + 1) * dt, observers)
+    _account_contact(observers.energy, laws.spring, hit.friction, body.gamma, after.gamma, dt)
+    _account_modes(observers.energy, table, force)
     return after, hit.kind
 
 
-@jit_room
-def moreau_lane(modes, laws, force, state, step, observe):
-    """Integrate one lane from time 0 to the drive's end and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end.
+@jit_allocating
+def moreau_lane(modes, laws, force, state, step, observers):
+    """Integrate one run from time 0 to the drive's end and return a status code.
 
-    `grid.Modes`, `moreau_law.RigidLaws`, `grid.Force`, `grid.Step`. Sample k lies at k ``observe.clock.interval``. ``step.wide`` is None, or N_m
-    rounded up to a multiple of 4 if that is above `STRIDE`.
+    `grid.BeamModes`, `moreau_law.RigidLaws`, `grid.DriveForce`, `grid.TimeStep`. ``state`` (2 N_m
+    + 2,) is the initial state and becomes the final one. Sample k lies at k
+    ``observers.clock.interval``. ``step.wide_stride`` is None, or N_m rounded up to a multiple of
+    4 if that is above `STRIDE`.
     """
     times = force.times
-    sample_dt = observe.clock.interval
-    counters = observe.counters
+    sample_dt = observers.clock.interval
+    counters = observers.counters
     steps = max(1, int(np.ceil(times[-1] / step.dt - 1e-9)))
     dt = times[-1] / steps
-    table = _new_table(modes, force.amplitude, state, dt, step.wide)
-    body, compliance = _start(laws.mass, modes.tip_shape, state, dt)
-    bounds = (laws.walls, _scaled(laws.limit, dt), compliance)
-    row, rows = sample_range(observe.clock, observe.level, observe.series, times[-1])
-    modal = wants_modes(observe.level, observe.series)
-    row_step = step_of_row(row, rows, sample_dt, dt, steps)
-    held = FREE
+    table = _new_moreau_table(modes, force.amplitude, state, dt, step.wide_stride)
+    body, compliance = _init_step_state(laws.mass, modes.tip_shape, state, dt)
+    bounds = (laws.walls, _friction_percussion(laws.limit, dt), compliance)
+    row, rows = find_sample_range(observers.clock, observers.level, observers.series, times[-1])
+    modal = needs_all_modes(observers.level, observers.series)
+    row_step = find_sample_step(row, rows, sample_dt, dt, steps)
+    held = NO_PHASE
     held_since = 0.0
     i = 0
     k = 0
     status = DONE
     while i < steps:
-        k = stretch_at(times, k, (i + 0.5) * dt)
-        stop = i + turns_left(times, k, (i + 0.5) * dt, dt, min(RESET, steps - i))
-        c, s, turn_c, turn_s, change_c, change_s = phasor(force, k, (i + 0.5) * dt, dt)
+        k = find_section(times, k, (i + 0.5) * dt)
+        stop = i + count_steps_left(times, k, (i + 0.5) * dt, dt, min(PHASOR_STEPS, steps - i))
+        c, s, turn_c, turn_s, change_c, change_s = compute_phasor(force, k, (i + 0.5) * dt, dt)
         while i < stop:
-            _keep_for(observe.energy, modal and i == row_step, table)
+            _save_modes_if_observed(observers.energy, modal and i == row_step, table)
             before = body
-            now = force_or(force.load, k, (i + 0.5) * dt, c)
-            body, kind = _advance(i, table, laws, bounds, body, now, observe)
+            force_value = load_or_chirp(force.load, k, (i + 0.5) * dt, c)
+            body, kind = _advance_step(i, table, laws, bounds, body, force_value, observers)
             if kind != held:
-                close_phase(held, held_since, i * dt, counters, observe.events)
+                record_contact_phase(held, held_since, i * dt, counters, observers.events)
                 held = kind
                 held_since = i * dt
             while i == row_step:
                 part = min(max(row * sample_dt / dt - i, 0.0), 1.0)
-                _take_level(observe.level, observe.clock, part, before, body, table)
-                _take_row(observe.series, observe.clock, row, part, before, body, table)
+                _sample_level(observers.level, observers.clock, part, before, body, table)
+                _sample_state(observers.series, observers.clock, row, part, before, body, table)
                 row += 1
-                row_step = step_of_row(row, rows, sample_dt, dt, steps)
+                row_step = find_sample_step(row, rows, sample_dt, dt, steps)
             c, s = c * turn_c - s * turn_s, c * turn_s + s * turn_c
             turn_c, turn_s = (
                 turn_c * change_c - turn_s * change_s,
                 turn_c * change_s + turn_s * change_c,
             )
             i += 1
-        status = note_time(counters, i * dt) if np.isfinite(body.tip_q + body.q) else NOT_FINITE
+        status = record_time(counters, i * dt) if np.isfinite(body.tip_q + body.q) else NOT_FINITE
         if status != DONE:
             break
-    close_phase(held, held_since, i * dt, counters, observe.events)
+    record_contact_phase(held, held_since, i * dt, counters, observers.events)
     _write_state(laws.mass, state, table, body)
     counters.counts.steps += i
     counters.counts.evaluations += i

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from impact_env.kernels.compiling.jit import jit
-from impact_env.kernels.exact.rigid_contact import Walls, restitution_at
+from impact_env.kernels.exact.rigid_contact import Walls, compute_restitution
 from impact_env.kernels.motion.observers import HELD_LOWER, HELD_UPPER, STUCK_INSIDE
-from impact_env.kernels.stepping.grid import FREE
+from impact_env.kernels.stepping.grid import NO_PHASE
 
-# a relative velocity after impact this much smaller than what one step changes is rest: ends the scheme's endless chatter on a closed wall
-REST = 1e-6
+# a relative velocity after impact this much smaller than what one step changes is rest: ends the
+# scheme's endless chatter on a closed wall
+REST_TOL = 1e-6
 
 
 class Spring(NamedTuple):
@@ -33,14 +34,15 @@ class RigidLaws(NamedTuple):
 def solve_contact(before, free, distance, walls, slip, compliance):
     """Solve one step's contact problem; return (relative velocity after, friction and wall percussion on the absorber, kind of phase).
 
-    ``before`` and ``free`` are the relative velocity at the step's start and at its end without contact. First friction alone is
-    tried. If it leaves a closed wall with less than -e times the velocity before (measured as opening), the wall enforces that value
-    and friction takes the share that its law gives for it.
+    ``before`` and ``free`` are the relative velocity at the step's start and at its end without
+    contact. First friction alone is tried. If it leaves a closed wall with less than -e times the
+    velocity before (measured as opening), the wall enforces that value and friction takes the share
+    that its law gives for it.
     """
     after = free
     friction = 0.0
     normal = 0.0
-    kind = FREE
+    kind = NO_PHASE
     if slip is not None:
         reach = slip * compliance
         if free > reach:
@@ -56,13 +58,13 @@ def solve_contact(before, free, distance, walls, slip, compliance):
     if walls is not None:
         if abs(distance) >= walls.gap:
             outward = 1.0 if distance > 0.0 else -1.0
-            e = restitution_at(walls, before)
+            e = compute_restitution(walls, before)
             if outward * (after + e * before) > 0.0:
                 after = -e * before
-                if abs(after) < REST * abs(free - before):
+                if abs(after) < REST_TOL * abs(free - before):
                     after = 0.0
                 total = (after - free) / compliance
-                kind = FREE
+                kind = NO_PHASE
                 if after == 0.0:
                     kind = HELD_UPPER if outward > 0.0 else HELD_LOWER
                 if slip is not None:

@@ -1,7 +1,8 @@
 """One step of the classical Runge-Kutta method for independent oscillators with one scalar feedback, and its energies.
 
-In each of the four stages the observation y, and so the force p(y), follows from the state at the step's start, the excitation, and the p of the
-stages before, all linearly. The weights are in the table of feedback.py. Then one pass over the modes does a whole step.
+In each of the four stages the observation y, and so the force p(y), follows from the state at the
+step's start, the excitation, and the p of the stages before, all linearly. The weights are in the
+table of feedback.py. Then one pass over the modes does a whole step.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from impact_env.kernels.compiling.jit import NUMBER, jit, jit_inline, jit_room, vector_code
+from impact_env.kernels.compiling.jit import NUMBER, jit, jit_allocating, jit_inline, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Index, Number
 from impact_env.kernels.stepping.feedback import (
     QF1,
@@ -33,14 +34,14 @@ from impact_env.kernels.stepping.feedback import (
     Q,
     U,
     Y,
-    feedback,
-    slider_force,
+    compute_feedback,
+    compute_slider_force,
+    runge_kutta_step,
     stride_of,
-    textbook_step,
 )
 
 
-def _swing_code(pushed: bool, watched: bool) -> Any:
+def _step_code(pushed: bool, watched: bool) -> Any:
     @vector_code(NUMBER, 4)
     def swing(
         code: Code,
@@ -61,7 +62,7 @@ def _swing_code(pushed: bool, watched: bool) -> Any:
         def of(row: int, j: Any) -> Number:
             return code.vector(table, stride * row + j)
 
-        for j in code.slots(lanes):
+        for j in code.vectors(lanes):
             f1, fm, f4, p1, p2, p3, p4 = (code.spread(number) for number in numbers)
             q = of(Q, j)
             u = of(U, j)
@@ -88,42 +89,44 @@ def _swing_code(pushed: bool, watched: bool) -> Any:
     return swing
 
 
-_freely, _freely_watched, _pushed, _pushed_watched = (
-    _swing_code(pushed, watched) for pushed in (False, True) for watched in (False, True)
+_step_forced, _step_forced_observed, _step_fed_back, _step_fed_back_observed = (
+    _step_code(pushed, watched) for pushed in (False, True) for watched in (False, True)
 )
 
 
 @jit_inline
-def swing(table, forces, at, push, watched):
+def advance_oscillators(table, forces, at, push, watched):
     """Advance all oscillators by a step; return the next step's four observations as far as they follow from the state."""
     cells = table.cells
     lanes = table.lanes
-    stride = stride_of(table.wide)
+    stride = stride_of(table.wide_stride)
     f1 = forces[at]
     fm = forces[at + 1]
     f4 = forces[at + 2]
     if push is None:
         if watched is None:
-            return _freely(cells, lanes, stride, f1, fm, f4, 0.0, 0.0, 0.0, 0.0)
-        return _freely_watched(cells, lanes, stride, f1, fm, f4, 0.0, 0.0, 0.0, 0.0)
+            return _step_forced(cells, lanes, stride, f1, fm, f4, 0.0, 0.0, 0.0, 0.0)
+        return _step_forced_observed(cells, lanes, stride, f1, fm, f4, 0.0, 0.0, 0.0, 0.0)
     if watched is None:
-        return _pushed(cells, lanes, stride, f1, fm, f4, push[0], push[1], push[2], push[3])
-    return _pushed_watched(cells, lanes, stride, f1, fm, f4, push[0], push[1], push[2], push[3])
+        return _step_fed_back(cells, lanes, stride, f1, fm, f4, push[0], push[1], push[2], push[3])
+    return _step_fed_back_observed(
+        cells, lanes, stride, f1, fm, f4, push[0], push[1], push[2], push[3]
+    )
 
 
 @jit_inline
-def swing_watched(table, forces, at, push):
-    """Advance as `swing` does, with the four feedbacks; most steps are without any."""
+def advance_observed(table, forces, at, push):
+    """Advance as `advance_oscillators` does, with the four feedbacks; most steps are without any."""
     if push[0] == 0.0 and push[1] == 0.0 and push[2] == 0.0 and push[3] == 0.0:
-        return swing(table, forces, at, None, 0.0)
-    return swing(table, forces, at, push, 0.0)
+        return advance_oscillators(table, forces, at, None, 0.0)
+    return advance_oscillators(table, forces, at, push, 0.0)
 
 
-@jit_room
-def _seen(table, rows):
+@jit_allocating
+def _observe_rows(table, rows):
     """Return the eight rows of an observation of the state, in the four stages of the next step."""
     cells = table.cells
-    stride = stride_of(table.wide)
+    stride = stride_of(table.wide_stride)
     y = np.zeros(4)
     for stage in range(4):
         for j in range(table.lanes):
@@ -132,18 +135,18 @@ def _seen(table, rows):
     return y[0], y[1], y[2], y[3]
 
 
-@jit_room
-def observations(table):
+@jit_allocating
+def compute_observations(table):
     """Return the four observations of the first step as far as they follow from the state."""
-    return _seen(table, table.cells[Y * stride_of(table.wide) :])
+    return _observe_rows(table, table.cells[Y * stride_of(table.wide_stride) :])
 
 
-@jit_room
-def relative_velocities(table):
+@jit_allocating
+def compute_relative_velocities(table):
     """Return the relative velocities in the next step's four stages as far as they follow from the state, 0 where no law needs them."""
     if table.speeds is None:
         return 0.0, 0.0, 0.0, 0.0
-    return _seen(table, table.speeds.cells)
+    return _observe_rows(table, table.speeds.cells)
 
 
 @jit_inline
@@ -157,8 +160,8 @@ def _stage_velocity(speeds, v, k, f, p):
 
 
 @jit_inline
-def stages(absorber, table, forces, at, laws, joined_mass):
-    """Return the observations and the feedbacks in the four stages; ``absorber``: `runge_kutta.Absorber`."""
+def compute_stages(absorber, table, forces, at, laws, joined_mass):
+    """Return the observations and the feedbacks in the four stages; ``absorber``: `runge_kutta.AbsorberStages`."""
     y = absorber.y
     rest = absorber.rest
     v = absorber.v
@@ -166,11 +169,17 @@ def stages(absorber, table, forces, at, laws, joined_mass):
     speeds = table.speeds
     f = f1, fm, f4 = forces[at], forces[at + 1], forces[at + 2]
     y1 = y[0] + mix[0, 0] * f1
-    p1 = feedback(y1, _stage_velocity(speeds, v, 0, f, (0.0, 0.0, 0.0)), rest, laws, joined_mass)
+    p1 = compute_feedback(
+        y1, _stage_velocity(speeds, v, 0, f, (0.0, 0.0, 0.0)), rest, laws, joined_mass
+    )
     y2 = y[1] + mix[1, 0] * f1 + mix[1, 1] * fm + mix[1, 3] * p1
-    p2 = feedback(y2, _stage_velocity(speeds, v, 1, f, (p1, 0.0, 0.0)), rest, laws, joined_mass)
+    p2 = compute_feedback(
+        y2, _stage_velocity(speeds, v, 1, f, (p1, 0.0, 0.0)), rest, laws, joined_mass
+    )
     y3 = y[2] + mix[2, 0] * f1 + mix[2, 1] * fm + mix[2, 3] * p1 + mix[2, 4] * p2
-    p3 = feedback(y3, _stage_velocity(speeds, v, 2, f, (p1, p2, 0.0)), rest, laws, joined_mass)
+    p3 = compute_feedback(
+        y3, _stage_velocity(speeds, v, 2, f, (p1, p2, 0.0)), rest, laws, joined_mass
+    )
     y4 = (
         y[3]
         + mix[3, 0] * f1
@@ -180,7 +189,9 @@ def stages(absorber, table, forces, at, laws, joined_mass):
         + mix[3, 4] * p2
         + mix[3, 5] * p3
     )
-    p4 = feedback(y4, _stage_velocity(speeds, v, 3, f, (p1, p2, p3)), rest, laws, joined_mass)
+    p4 = compute_feedback(
+        y4, _stage_velocity(speeds, v, 3, f, (p1, p2, p3)), rest, laws, joined_mass
+    )
     return (y1, y2, y3, y4), (p1, p2, p3, p4)
 
 
@@ -188,18 +199,21 @@ def stages(absorber, table, forces, at, laws, joined_mass):
 def _account_laws(energy, laws, y, rest, gamma, weight):
     """Add a stage's losses in slider and absorber's damper, at a relative velocity."""
     if laws.slider is not None:
-        energy.totals[0].friction_loss -= weight * slider_force(y, rest, laws.slider) * gamma
+        energy.totals[0].friction_loss -= (
+            weight * compute_slider_force(y, rest, laws.slider) * gamma
+        )
     if laws.spring is not None:
         energy.totals[0].absorber_damping += weight * laws.spring.damping * gamma * gamma
     if laws.cubic is not None:
         energy.totals[0].absorber_damping += weight * laws.cubic.damping * gamma * gamma
 
 
-@jit_room
+@jit_allocating
 def account_step(energy, modes, amplitude, laws, table, rest, stages):
     """Add a step's work and losses: the powers in the four stages with the weights of the method.
 
-    ``stages``: the excitation at start, middle and end, the observations, and the feedbacks.
+    ``compute_stages``: the excitation at start, middle and end, the observations, and the
+    feedbacks.
     """
     if energy is None:
         return
@@ -207,7 +221,7 @@ def account_step(energy, modes, amplitude, laws, table, rest, stages):
     cells = table.cells
     n = table.modes
     h = table.h
-    stride = stride_of(table.wide)
+    stride = stride_of(table.wide_stride)
     totals = energy.totals[0]
     weights = (h / 6.0, h / 3.0, h / 3.0, h / 6.0)
     gamma = np.zeros(4)
@@ -222,7 +236,7 @@ def account_step(energy, modes, amplitude, laws, table, rest, stages):
         tip = cells[TIP * stride + j]
         e = (push * f[0], push * f[1], push * f[1], push * f[2])
         w = (e[0] - tip * p[0], e[1] - tip * p[1], e[2] - tip * p[2], e[3] - tip * p[3])
-        steps = textbook_step(w2, c, h, cells[Q * stride + j], cells[U * stride + j], w)
+        steps = runge_kutta_step(w2, c, h, cells[Q * stride + j], cells[U * stride + j], w)
         us = (steps[1], steps[3], steps[5], steps[7])
         for s in range(4):
             gamma[s] -= tip * us[s]

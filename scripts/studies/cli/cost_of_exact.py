@@ -12,16 +12,29 @@ from impact_env.families.exact import rigid_regimes
 from impact_env.families.family import WINDOW_PERIODS
 from impact_env.kernels.compiling.jit import jit
 from impact_env.kernels.events.signals import (
-    Course,
+    EventFunction,
     Guards,
     Signal,
+    evaluate_terms,
     new_signal,
-    signal_at,
-    terms_of,
+    select_terms,
 )
-from impact_env.kernels.motion.forced import Forced, Window, fill_carrier, new_forced, solve_forced
-from impact_env.kernels.motion.slots import Slots, advance
-from impact_env.kernels.motion.vector import POINTS, Place, Step, begin_orders, scan, turn_2
+from impact_env.kernels.motion.forced import (
+    Forced,
+    ForceWindow,
+    fill_carrier,
+    new_forced,
+    solve_forced,
+)
+from impact_env.kernels.motion.modal_system import ModalSystem, propagate
+from impact_env.kernels.motion.search_block import (
+    POINTS,
+    BlockStart,
+    SearchStep,
+    propagate_two_orders,
+    scan,
+    start_orders,
+)
 from impact_env.methods import Exact
 from optimisation.cli.common import command
 from optimisation.machine import Timed
@@ -37,15 +50,15 @@ class Room(NamedTuple):
 
     signal: Signal
     forced: Forced
-    window: Window
+    window: ForceWindow
     z: Any
 
 
-def make_room(slots: Slots, omega: float, half: float) -> Room:
+def make_room(slots: ModalSystem, omega: float, half: float) -> Room:
     """Return room with amplitudes of a millimetre on every slot, forced at ``omega`` in a window of half length ``half`` (s)."""
     signal = new_signal(slots.rows.shape[1])
     forced = new_forced(slots, None)
-    window = Window(0.0, half, omega, 0.0, 1.0, 0.0)
+    window = ForceWindow(0.0, half, omega, 0.0, 1.0, 0.0)
     solve_forced(slots, window, None, forced)
     signal.u[:] = 1e-3
     return Room(signal, forced, window, np.full_like(signal.u, 1e-3))
@@ -57,12 +70,12 @@ def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
     w = room.signal.moving
     size = slots.rows.shape[1]
     total = 0
-    begin_orders(slots.rows, room.signal.u, w, size)
+    start_orders(slots.rows, room.signal.u, w, size)
     fill_carrier(slots.steps, room.window.omega, level, room.forced.carrier)
-    course = Course(slots, room.forced, room.window.omega, room.signal, 0.0)
+    course = EventFunction(slots, room.forced, room.window.omega, room.signal, 0.0)
     guards = Guards(-1.0, 1.0, 0, None, False)
-    place = Place(0.0, 1.0, 0.0, 0)
-    step = Step(level, slots.steps[level, 0], size, 1e-9, 1e-9)
+    place = BlockStart(0.0, 1.0, 0.0, 0)
+    step = SearchStep(level, slots.steps[level, 0], size, 1e-9, 1e-9)
     for k in range(calls):
         w[0] = 1e-3 + 1e-12 * k
         walls, _ = scan(course, guards, place, step, size)
@@ -75,10 +88,10 @@ def repeat_turn(calls, slots, room, level):  # type: ignore[no-untyped-def]
     """Move the amplitudes on by a block, again and again."""
     w = room.signal.moving
     size = slots.rows.shape[1]
-    begin_orders(slots.rows, room.signal.u, w, size)
+    start_orders(slots.rows, room.signal.u, w, size)
     turns = slots.turns
     for _ in range(calls):
-        turn_2(turns, (level * POINTS + POINTS - 1) * 2 * size, w, size)
+        propagate_two_orders(turns, (level * POINTS + POINTS - 1) * 2 * size, w, size)
 
 
 @jit
@@ -86,9 +99,9 @@ def repeat_refine(calls, slots, room):  # type: ignore[no-untyped-def]
     """Evaluate the signal exactly at another offset each time."""
     total = 0.0
     step = room.window.half / calls
-    terms = terms_of(Course(slots, room.forced, room.window.omega, room.signal, 0.0))
+    terms = select_terms(EventFunction(slots, room.forced, room.window.omega, room.signal, 0.0))
     for k in range(calls):
-        y, v, a, j = signal_at(terms, k * step)
+        y, v, a, j = evaluate_terms(terms, k * step)
         total += y + v + a + j
     return total
 
@@ -98,7 +111,7 @@ def repeat_advance(calls, slots, room):  # type: ignore[no-untyped-def]
     """Advance slots by another offset each time."""
     step = room.window.half / calls
     for k in range(calls):
-        advance(slots.rows, slots.table, slots.scale, k * step, room.z)
+        propagate(slots.rows, slots.table, slots.scale, k * step, room.z)
         room.z[0, 0] = 1e-3
 
 
@@ -132,7 +145,7 @@ def measure(case: Case, periods: float) -> Json:
     us = 1e6 * median_time(lambda: run.run().wall_time, REPEATS) / periods
     events = response.steps / periods
     evaluations = response.evaluations / periods
-    slots = rigid_regimes(scene, window)[0].slots
+    slots = rigid_regimes(scene, window)[0].system
     room = make_room(slots, scene.model.resonance_omega(1), 0.5 * window)
     scan, turn = (
         nanoseconds(partial(repeat, CALLS, slots, room, level))

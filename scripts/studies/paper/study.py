@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from types import ModuleType
 
-from impact_env.kernels.compiling.cache import digest
+from impact_env.kernels.compiling.cache import hash_sources
 from studies.paper import (
     basics,
     conv,
@@ -81,7 +81,7 @@ def key(name: str, settings: PaperSettings) -> Json:
     for each in sorted(sources(sys.modules[figure.words.__module__])):
         source.update(Path(sys.modules[each].__file__ or "").read_bytes())
     own = {
-        "kernels": digest(),
+        "kernels": hash_sources(),
         "source": source.hexdigest()[:16],
         "parameters": vars(settings.size(*figure.sizes)),
     }

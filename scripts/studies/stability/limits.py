@@ -19,7 +19,13 @@ from impact_env import (
 )
 from impact_env.families import family
 from impact_env.frequency import joint_matrices
-from impact_env.kernels.motion.observers import DONE, Observe, Series, new_clock, new_counters
+from impact_env.kernels.motion.observers import (
+    DONE,
+    Observers,
+    StateSeries,
+    new_clock,
+    new_counters,
+)
 from impact_env.methods import Method, Moreau, RungeKutta
 from studies.study import Array, Json
 
@@ -157,7 +163,9 @@ def grows(case: LimitCase, scene: Scene, dt: float) -> bool:
     state = start.vector(scene)
     weight = np.concatenate([scene.model.omega, [0.0], np.ones(len(state) // 2)])
     size = np.hypot(*np.split(weight * state, 2)).max()
-    observe = Observe(new_clock(duration), new_counters(), series=Series(np.zeros((2, len(state)))))
+    observe = Observers(
+        new_clock(duration), new_counters(), series=StateSeries(np.zeros((2, len(state))))
+    )
     method = at_step(MAKE[case.method](), dt)
     status = family(scene, method).run(scene, drive, method, state, observe)
     end = weight * state

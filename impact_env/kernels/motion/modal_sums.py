@@ -1,7 +1,8 @@
-"""Loops over a regime's slots as vector code (vector_code.py): propagation, weights, sums and bounds.
+"""Loops over a regime's modal amplitudes as vector code (vector_code.py): propagation, weights, sums and bounds.
 
-Arrays are seen flat: ``rows`` (ROWS, size) and ``table`` (2, 3, base, size) of `slots.Slots`, amplitudes ``u``, ``z`` and ``out`` (2, size). A time
-offset is given by its three ``digits`` d1, d2, d3 in the tables and the rest ``x``.
+Arrays are seen flat: ``rows`` (ROWS, size) and ``table`` (2, 3, base, size) of
+`modal_system.ModalSystem`, amplitudes ``u``, ``z`` and ``out`` (2, size). A time offset is given by
+its three ``digits`` d1, d2, d3 in the tables and the rest ``x``.
 """
 
 from __future__ import annotations
@@ -11,11 +12,11 @@ from typing import Any
 
 from impact_env.kernels.compiling.jit import NUMBER, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Number
-from impact_env.kernels.motion.slot_rows import SPEED, SQUARE, TAYLOR, TAYLOR_ROWS, S
+from impact_env.kernels.motion.modal_rows import SPEED, SQUARE, TAYLOR, TAYLOR_ROWS, S
 
 
-class SlotsAt:
-    """The slots of a regime at a time offset: exp(s t)."""
+class Propagator:
+    """The modal amplitudes of a regime at a time offset: exp(s t)."""
 
     def __init__(
         self, code: Code, rows: Any, table: Any, size: Any, base: Any, digits: Sequence[Any]
@@ -71,7 +72,7 @@ class SlotsAt:
 
 
 @vector_code()
-def turn_to(
+def propagate_by_digits(
     code: Code,
     rows,
     table,
@@ -85,9 +86,9 @@ def turn_to(
     out,
 ):
     """Write u exp(s t) to ``out``, which may be ``u``."""
-    slots = SlotsAt(code, rows, table, size, base, (d1, d2, d3, x))
-    for j in code.slots(size):
-        code.store_complex(slots.turned(u, j), out, j, j + size)
+    propagator = Propagator(code, rows, table, size, base, (d1, d2, d3, x))
+    for j in code.vectors(size):
+        code.store_complex(propagator.turned(u, j), out, j, j + size)
 
 
 def _sum(orders: int) -> Any:
@@ -104,14 +105,14 @@ def _sum(orders: int) -> Any:
         x: Number,
         u,
     ):
-        slots = SlotsAt(code, rows, table, size, base, (d1, d2, d3, x))
+        propagator = Propagator(code, rows, table, size, base, (d1, d2, d3, x))
         totals = [code.sum() for _ in range(orders)]
-        for j in code.slots(size):
-            turned = slots.turned(u, j)
+        for j in code.vectors(size):
+            turned = propagator.turned(u, j)
             totals[0] += turned.real
             if orders > 1:
-                speed = slots.pair(S, j)
-                square = slots.pair(SQUARE, j)
+                speed = propagator.pair(S, j)
+                square = propagator.pair(SQUARE, j)
                 totals[1] += turned.real_of_product(speed)
                 totals[2] += turned.real_of_product(square)
                 totals[3] += turned.times(speed).real_of_product(square)
@@ -123,25 +124,25 @@ def _sum(orders: int) -> Any:
     return sums
 
 
-sum_one = _sum(1)
-sum_four = _sum(4)
+sum_value = _sum(1)
+sum_three_derivatives = _sum(4)
 
 
 @vector_code(NUMBER, 6)
-def sum_and_bounds(
+def sum_and_bound_derivatives(
     code: Code, rows, table, size: Index, base: Index, d1: Index, d2: Index, d3: Index, x: Number, u
 ):
-    """Return the first three sums of `sum_four`, and the sums of |s|^2, |s|^3 and |s|^4 times |u exp(s t)|."""
-    slots, (y0, y1, y2, b2, b3, b4) = (
-        SlotsAt(code, rows, table, size, base, (d1, d2, d3, x)),
+    """Return the first three sums of `sum_three_derivatives`, and the sums of |s|^2, |s|^3 and |s|^4 times |u exp(s t)|."""
+    propagator, (y0, y1, y2, b2, b3, b4) = (
+        Propagator(code, rows, table, size, base, (d1, d2, d3, x)),
         [code.sum() for _ in range(6)],
     )
-    for j in code.slots(size):
-        turned = slots.turned(u, j)
-        speed = slots.row(SPEED, j)
+    for j in code.vectors(size):
+        turned = propagator.turned(u, j)
+        speed = propagator.row(SPEED, j)
         y0 += turned.real
-        y1 += turned.real_of_product(slots.pair(S, j))
-        y2 += turned.real_of_product(slots.pair(SQUARE, j))
+        y1 += turned.real_of_product(propagator.pair(S, j))
+        y2 += turned.real_of_product(propagator.pair(SQUARE, j))
         second = turned.real.fma(turned.real, turned.imag * turned.imag).root() * (speed * speed)
         b2 += second
         b3 += second * speed
@@ -150,12 +151,12 @@ def sum_and_bounds(
 
 
 @vector_code(NUMBER, 3)
-def third_to_fifth(code: Code, rows, size: Index, u):
+def sum_third_to_fifth(code: Code, rows, size: Index, u):
     """Return the sums of Re(s^3 u), Re(s^4 u) and Re(s^5 u)."""
     third = code.sum()
     fourth = code.sum()
     fifth = code.sum()
-    for j in code.slots(size):
+    for j in code.vectors(size):
         s, square = (
             code.complex(rows, size * row + j, size * (row + 1) + j) for row in (S, SQUARE)
         )
@@ -167,17 +168,17 @@ def third_to_fifth(code: Code, rows, size: Index, u):
 
 
 @vector_code()
-def copy_slots(code: Code, size: Index, z, w):
+def copy_vectors(code: Code, size: Index, z, w):
     """Write z to w: as vectors, since what reads w as vectors would have to wait for single numbers to be stored."""
-    for j in code.slots(size):
+    for j in code.vectors(size):
         other = j + size
         code.store_complex(code.complex(z, j, other), w, j, other)
 
 
 @vector_code()
-def multiply_row(code: Code, rows, row: Index, size: Index, z, u):
+def multiply_by_row(code: Code, rows, row: Index, size: Index, z, u):
     """Write u = w z with the complex weights w in ``row`` and the row behind it."""
-    for j in code.slots(size):
+    for j in code.vectors(size):
         at = size * row + j
         other = j + size
         weight = code.complex(rows, at, at + size)
@@ -187,7 +188,7 @@ def multiply_row(code: Code, rows, row: Index, size: Index, z, u):
 @vector_code()
 def add_row(code: Code, rows, row: Index, size: Index, factor: Number, z):
     """Add factor * w to z with the complex weights w in ``row`` and the row behind it."""
-    for j in code.slots(size):
+    for j in code.vectors(size):
         at = size * row + j
         other = j + size
         weight = code.complex(rows, at, at + size)
@@ -203,10 +204,10 @@ def add_row(code: Code, rows, row: Index, size: Index, factor: Number, z):
 
 
 @vector_code(NUMBER)
-def sum_sizes(code: Code, size: Index, u):
+def sum_magnitudes(code: Code, size: Index, u):
     """Return the sum of |Re u| + |Im u|."""
     total = code.sum()
-    for j in code.slots(size):
+    for j in code.vectors(size):
         amplitude = code.complex(u, j, j + size)
         total += amplitude.real.size() + amplitude.imag.size()
     return total.total()

@@ -1,4 +1,4 @@
-"""The rows of `slots.Slots.rows`: one definition for kernels and vector code.
+"""The rows of `system.Slots.rows`: one definition for kernels and vector code.
 
 A complex quantity has two rows, its real part and, in the next one, its imaginary part.
 """

@@ -1,7 +1,8 @@
-"""The innermost loops of the event search as vector code: sums over slots at POINTS times at once, and what follows from them.
+"""The innermost loops of the event search as vector code: sums over modal amplitudes at POINTS times at once, and what follows from them.
 
-LLVM cannot know that a lane's amplitudes and a regime's tables do not overlap, and it unrolls short loops before it could make vectors of them. So
-these loops are written down (vector_code.py); a vector of 8 numbers becomes what the processor has: one, two or four registers.
+LLVM cannot know that a lane's amplitudes and a regime's tables do not overlap, and it unrolls short
+loops before it could make vectors of them. So these loops are written down (vector_code.py); a
+vector of 8 numbers becomes what the processor has: one, two or four registers.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ POINTS = 8  # times in a block
 TERMS = 9  # coefficients of the forced part's polynomials (forced.py)
 SCAN_TERMS = 7  # those that a block keeps
 
-# entries of a block: 1 + POINTS numbers of the value, the rate and the bend, then of their forced parts, in rows; then the carrier of the force
+# entries of a block: 1 + POINTS numbers of the value, the rate and the bend, then of their forced
+# parts, in rows; then the carrier of the force
 ROW = 16
 VALUE = 0
 RATE = ROW
@@ -26,7 +28,7 @@ SIN = 6 * ROW + POINTS
 BLOCK = 7 * ROW
 
 
-class Place(NamedTuple):
+class BlockStart(NamedTuple):
     """Where a block begins: ``offset`` (s) from the signal's reference, the force's carrier there, blocks since the amplitudes were computed."""
 
     offset: float
@@ -35,8 +37,8 @@ class Place(NamedTuple):
     turns: int
 
 
-class Step(NamedTuple):
-    """The steps of a level: their length ``h`` (s), the slots that are summed, and the errors E of the signal and of its rate within one."""
+class SearchStep(NamedTuple):
+    """Step of a search level: length ``h`` (s), number of amplitudes to sum, errors E of signal and rate."""
 
     level: int
     h: float
@@ -45,7 +47,7 @@ class Step(NamedTuple):
     e1: float
 
 
-def signal_place(m: Any, n: int, part: int) -> Any:
+def coefficient_index(m: Any, n: int, part: int) -> Any:
     """Return the place of coefficient n of signal m, its real (0) or imaginary (1) part, in the flat array `forced.Forced.signals`."""
     return (m >> 2) * (8 * TERMS) + (m & 3) + (8 * n + 4 * part)
 
@@ -55,7 +57,8 @@ def _sum_slots(
 ) -> tuple[list[Number], list[Number]]:
     """Return sum_j Re(w[q, j] wave[j, k]) as a vector over k, and sum_j Re(w[q, j]), for each order q.
 
-    The products of real and of imaginary parts have sums of their own, so that none waits for the other.
+    The products of real and of imaginary parts have sums of their own, so that none waits for the
+    other.
     """
     reals, imags, firsts = (
         [code.sum(lanes) for _ in range(orders)] for lanes in (POINTS, POINTS, 0)
@@ -76,9 +79,11 @@ def _sum_slots(
 
 
 def _horner(code: Code, signals: Any, m: int, part: int, y: Number) -> Number:
-    total = code.spread(code.number(signals, signal_place(m, SCAN_TERMS - 1, part)), POINTS)
+    total = code.spread(code.number(signals, coefficient_index(m, SCAN_TERMS - 1, part)), POINTS)
     for n in range(SCAN_TERMS - 2, -1, -1):
-        total = total.fma(y, code.spread(code.number(signals, signal_place(m, n, part)), POINTS))
+        total = total.fma(
+            y, code.spread(code.number(signals, coefficient_index(m, n, part)), POINTS)
+        )
     return total
 
 
@@ -92,21 +97,21 @@ def _margins(
 
 
 def _fill_block(
-    code: Code, orders: int, course: Any, place: Any, step: Any, size: Any
+    code: Code, orders: int, function: Any, place: Any, step: Any, size: Any
 ) -> tuple[list[Number], list[Number]]:
     """Write all of a block, and return the first ``orders`` derivatives at the start and at the end of each of its steps."""
-    b = course.signal.block
-    w = course.signal.moving
-    p = course.signal.polynomial
-    signals = course.forced.signals
+    b = function.signal.block
+    w = function.signal.moving
+    p = function.signal.polynomial
+    signals = function.forced.signals
     h = code.spread(step.h, POINTS)
-    x = course.tau + place.offset
+    x = function.tau + place.offset
     first = step.level * size * (2 * POINTS)
-    sums, firsts = _sum_slots(code, orders, course.slots.waves, first, w, size, step.summed)
+    sums, firsts = _sum_slots(code, orders, function.system.waves, first, w, size, step.summed)
     steps = code.constant(range(1, POINTS + 1))
     y, z = (steps.fma(h, code.spread(start, POINTS)) for start in (x, place.offset))
     at = step.level * (2 * POINTS)
-    turn = code.complex(course.forced.carrier, at, at + POINTS, POINTS)
+    turn = code.complex(function.forced.carrier, at, at + POINTS, POINTS)
     c = code.spread(place.cos, POINTS)
     s = code.spread(place.sin, POINTS)
     cos = c.fma(turn.real, -(s * turn.imag))
@@ -131,15 +136,16 @@ def _fill_block(
 
 
 @vector_code(INTEGER, 2)
-def scan(code: Code, course, guards, place, step, size: Index):
+def scan(code: Code, function, guards, place, step, size: Index):
     """Fill a block and return (walls, reversals): bit k of either is set where step k is not clear of it.
 
-    ``course``: a `signals.Course`, whose block has the forced parts at its start set, and the carrier of the step's level; ``guards``: its
-    `signals.Guards`; ``place``: where the block begins; ``size``: slots that the signal has.
+    ``function``: a `signals.EventFunction`, whose block has the forced parts at its start set, and
+    the carrier of the step's level; ``guards``: its `signals.Guards`; ``place``: where the block
+    begins; ``size``: modal amplitudes that the signal has.
     """
     walls = guards.low is not None
     reversal = guards.direction is not None
-    lefts, rights = _fill_block(code, 3 if reversal else 2, course, place, step, size)
+    lefts, rights = _fill_block(code, 3 if reversal else 2, function, place, step, size)
     third = code.spread(step.h, POINTS) * code.constant([1.0 / 3.0] * POINTS)
     masks = [code.index(0), code.index(0)]
     if walls:
@@ -157,10 +163,10 @@ def scan(code: Code, course, guards, place, step, size: Index):
     return masks
 
 
-def _turn(orders: int) -> Any:
+def _propagation_code(orders: int) -> Any:
     @vector_code()
     def turn(code: Code, turns, start: Index, w, size: Index):
-        for j in code.slots(size):
+        for j in code.vectors(size):
             at = start + j
             factor = code.complex(turns, at, at + size)
             for q in range(orders):
@@ -173,9 +179,9 @@ def _turn(orders: int) -> Any:
 
 
 @vector_code()
-def begin_orders(code: Code, rows, u, w, size: Index):
+def start_orders(code: Code, rows, u, w, size: Index):
     """Write w[0] = u, w[1] = s u and w[2] = s^2 u; ``rows``: flat, its first four rows of ``size`` numbers hold s and s^2, real and imaginary."""
-    for j in code.slots(size):
+    for j in code.vectors(size):
         amplitude = code.complex(u, j, j + size)
         code.store_complex(amplitude, w, j, j + size)
         for q in (1, 2):
@@ -186,10 +192,10 @@ def begin_orders(code: Code, rows, u, w, size: Index):
 
 
 @vector_code(NUMBER, 2)
-def weighted_sizes(code: Code, weights, start: Index, w, size: Index):
+def sum_weighted_magnitudes(code: Code, weights, start: Index, w, size: Index):
     """Return sum_j weight[j] (|Re w[q, j]| + |Im w[q, j]|) for q = 0 and 1; ``weights``: flat, from ``start`` on."""
     sums = [code.sum() for _ in range(2)]
-    for j in code.slots(size):
+    for j in code.vectors(size):
         weight = code.vector(weights, start + j)
         for q in range(2):
             index = size * (2 * q) + j
@@ -198,5 +204,5 @@ def weighted_sizes(code: Code, weights, start: Index, w, size: Index):
     return [s.total() for s in sums]
 
 
-turn_2 = _turn(2)
-turn_3 = _turn(3)
+propagate_two_orders = _propagation_code(2)
+propagate_three_orders = _propagation_code(3)

@@ -1,0 +1,294 @@
+"""Which of the absorbers without relative velocity move with the beam: a small complementarity problem.
+
+With the forces f of their joints the relative accelerations are c + G f, G being symmetric and
+positive definite (masses, and the beam's mobility between the places). Each force lies in the
+interval that friction and the wall touched can give. Inside it the relative acceleration is zero;
+at its upper end the absorber lags, at its lower end it leads. These are the conditions for the
+minimum of f G f/2 + c f in a box, which is unique. With at most four absorbers there are at most
+3^4 cases of inside, upper end and lower end: each is solved directly, and the one that meets all
+conditions is the solution. For one absorber it is `stick_slip.try_stick`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.kernels.compiling.jit import jit, jit_allocating
+from impact_env.kernels.exact.rigid_contact import (
+    FREE,
+    JOINED,
+    JOINT_FORCE_TOL,
+    joint_bounds,
+    record_joined_phase,
+    update_friction_force,
+)
+from impact_env.kernels.motion.loads import evaluate_load
+
+# of the sum of the sizes of a condition's terms: the rounding of four additions and of a direct
+# solution is below 1e-14 of it, the smallest gap between two cases that are not one is far above
+COMPLEMENTARITY_TOL = 1e-11
+# cases of a joint force
+FORCE_INSIDE = 0
+FORCE_AT_UPPER = 1
+FORCE_AT_LOWER = 2
+
+
+class Joints(NamedTuple):
+    """Scratch memory of the complementarity problem, (n,) each.
+
+    ``relative_acceleration`` (m/s^2) without joint forces and its rounding ``acceleration_slack``;
+    joint ``force`` (N); displacement and velocity of the beam at the absorber's place;
+    ``undecided``: absorbers without relative velocity, which may stick or slip; ``case`` of each
+    joint force. ``system`` (n, n + 1): matrix and right-hand side of the forces inside their
+    bounds, whose absorbers are ``inside`` (n,). ``unsolved`` (1,): whether a problem had no
+    solution up to rounding.
+    """
+
+    relative_acceleration: NDArray[np.float64]
+    acceleration_slack: NDArray[np.float64]
+    force: NDArray[np.float64]
+    beam_displacement: NDArray[np.float64]
+    beam_velocity: NDArray[np.float64]
+    undecided: NDArray[np.bool_]
+    case: NDArray[np.int64]
+    inside: NDArray[np.int64]
+    system: NDArray[np.float64]
+    unsolved: NDArray[np.bool_]
+
+
+@jit_allocating
+def new_joints(n):
+    """Return scratch memory for n absorbers."""
+    return Joints(
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n, np.bool_),
+        np.zeros(n, np.int64),
+        np.zeros(n, np.int64),
+        np.zeros((n, n + 1)),
+        np.zeros(1, np.bool_),
+    )
+
+
+@jit
+def compute_contact_kinematics(absorbers, state, joints):
+    """Write displacement and velocity of the beam at the absorbers' places."""
+    n, modes = absorbers.shapes.shape
+    half = n + modes
+    for a in range(n):
+        q = 0.0
+        v = 0.0
+        for i in range(modes):
+            q += absorbers.shapes[a, i] * state[i]
+            v += absorbers.shapes[a, i] * state[half + i]
+        joints.beam_displacement[a], joints.beam_velocity[a] = q, v
+
+
+@jit
+def compute_force_at(window, tau):
+    """Return the external force (N) at an offset ``tau`` (s) from the window's centre."""
+    load = window.load
+    if load is not None:
+        return evaluate_load(load.terms, window.omega, tau)
+    angle = (window.omega + 0.5 * window.alpha * tau) * tau
+    return window.force_r * math.cos(angle) - window.force_i * math.sin(angle)
+
+
+@jit
+def compute_relative_accelerations(absorbers, losses, window, contact_states, state, joints):
+    """Write the relative accelerations before the joint forces of undecided absorbers, and their rounding."""
+    n, modes = absorbers.shapes.shape
+    half = n + modes
+    tau = contact_states[0].tau
+    force = compute_force_at(window, tau)
+    for a in range(n):
+        joints.relative_acceleration[a], joints.acceleration_slack[a] = 0.0, 0.0
+        if not joints.undecided[a] and contact_states[a].regime == FREE:
+            joints.relative_acceleration[a] = contact_states[a].force / absorbers.mass[a]
+    for i in range(modes):
+        pull = absorbers.square[i] * state[i]
+        drag = losses.rate[i] * state[half + i]
+        push = losses.force_shape[i] * force
+        rate = push - drag - pull
+        size = abs(push) + abs(drag) + abs(pull)
+        for b in range(n):
+            if not joints.undecided[b] and contact_states[b].regime == FREE:
+                rate -= absorbers.shapes[b, i] * contact_states[b].force
+                size += abs(absorbers.shapes[b, i] * contact_states[b].force)
+        for a in range(n):
+            joints.relative_acceleration[a] -= absorbers.shapes[a, i] * rate
+            joints.acceleration_slack[a] += abs(absorbers.shapes[a, i]) * size
+
+
+@jit
+def compute_sticking_force(compliance, joints, a):
+    """Return the joint force (N) that leaves absorber a without relative acceleration, all other joint forces given."""
+    r = joints.relative_acceleration[a]
+    for b in range(joints.force.shape[0]):
+        if b != a and joints.undecided[b]:
+            r += compliance[a, b] * joints.force[b]
+    return -r / compliance[a, a]
+
+
+@jit
+def set_case(absorbers, contact_states, joints, number):
+    """Set the case of each joint force from the base-3 digits of ``number``; return whether the forces at bounds are finite."""
+    rest = number
+    for a in range(joints.force.shape[0]):
+        joints.force[a] = 0.0
+        joints.case[a] = FORCE_INSIDE
+        if joints.undecided[a]:
+            joints.case[a] = rest % 3
+            rest = rest // 3
+            low, high = joint_bounds(absorbers.limit[a], contact_states[a].side)
+            if joints.case[a] == FORCE_AT_UPPER:
+                joints.force[a] = high
+            elif joints.case[a] == FORCE_AT_LOWER:
+                joints.force[a] = low
+            if not np.isfinite(joints.force[a]):
+                return False
+    return True
+
+
+@jit
+def solve_inside_forces(compliance, joints):
+    """Solve for the joint forces inside their bounds, the others being at their bounds.
+
+    Gaussian elimination of a symmetric positive definite matrix.
+    """
+    system = joints.system
+    inside = joints.inside
+    n = joints.force.shape[0]
+    m = 0
+    for a in range(n):
+        if joints.undecided[a] and joints.case[a] == FORCE_INSIDE:
+            inside[m] = a
+            m += 1
+    for i in range(m):
+        a = inside[i]
+        for k in range(m):
+            system[i, k] = compliance[a, inside[k]]
+        r = joints.relative_acceleration[a]
+        for b in range(n):
+            if joints.undecided[b] and joints.case[b] != FORCE_INSIDE:
+                r += compliance[a, b] * joints.force[b]
+        system[i, m] = -r
+    for i in range(m):
+        for k in range(i + 1, m):
+            factor = system[k, i] / system[i, i]
+            for j in range(i + 1, m + 1):
+                system[k, j] -= factor * system[i, j]
+    for back in range(m):
+        i = m - 1 - back
+        r = system[i, m]
+        for k in range(i + 1, m):
+            r -= system[i, k] * joints.force[inside[k]]
+        joints.force[inside[i]] = r / system[i, i]
+
+
+@jit
+def compute_violation(absorbers, compliance, contact_states, joints):
+    """Return the largest violation of a complementarity condition, relative to the sizes of its terms."""
+    largest = 0.0
+    for a in range(joints.force.shape[0]):
+        if joints.undecided[a]:
+            low, high = joint_bounds(absorbers.limit[a], contact_states[a].side)
+            r = joints.relative_acceleration[a]
+            size = joints.acceleration_slack[a]
+            for b in range(joints.force.shape[0]):
+                if joints.undecided[b]:
+                    r += compliance[a, b] * joints.force[b]
+                    size += abs(compliance[a, b] * joints.force[b])
+            beyond = max(low - joints.force[a], joints.force[a] - high) * compliance[a, a]
+            if joints.case[a] == FORCE_INSIDE:
+                broken = max(abs(r), beyond)
+            elif joints.case[a] == FORCE_AT_UPPER:
+                broken = r
+            else:
+                broken = -r
+            if broken > 0.0:
+                largest = max(largest, broken / size)
+    return largest
+
+
+@jit
+def solve_joint_forces(absorbers, compliance, contact_state, joints):
+    """Find the joint forces case by case; set ``joints.unsolved`` where no case meets all conditions up to rounding."""
+    count = 1
+    for a in range(joints.force.shape[0]):
+        if joints.undecided[a]:
+            count *= 3
+    best = np.inf
+    best_number = 0
+    for number in range(count):
+        if set_case(absorbers, contact_state, joints, number):
+            solve_inside_forces(compliance, joints)
+            broken = compute_violation(absorbers, compliance, contact_state, joints)
+            if broken <= COMPLEMENTARITY_TOL:
+                return
+            if broken < best:
+                best = broken
+                best_number = number
+    set_case(absorbers, contact_state, joints, best_number)
+    solve_inside_forces(compliance, joints)
+    joints.unsolved[0] = True
+
+
+@jit
+def resolve_joints(absorbers, losses, compliance, window, contact_states, state, joints, events):
+    """Decide for each undecided absorber whether it sticks or begins to slip, and in which direction.
+
+    ``compliance`` (n, n) is that of the free beam, ``state`` the state at the current time. At a
+    bound of the joint force the absorber sticks: the rate of the force then decides in the joined
+    regime.
+    """
+    compute_contact_kinematics(absorbers, state, joints)
+    compute_relative_accelerations(absorbers, losses, window, contact_states, state, joints)
+    solve_joint_forces(absorbers, compliance, contact_states, joints)
+    time = window.centre + contact_states[0].tau
+    for a in range(contact_states.shape[0]):
+        if joints.undecided[a]:
+            low, high = joint_bounds(absorbers.limit[a], contact_states[a].side)
+            f = compute_sticking_force(compliance, joints, a)
+            slack = JOINT_FORCE_TOL * joints.acceleration_slack[a] / compliance[a, a]
+            if low - slack <= f <= high + slack:
+                begin_stick(contact_states[a], joints.beam_displacement[a], time)
+            else:
+                begin_slip(
+                    absorbers.limit[a],
+                    contact_states[a],
+                    joints.beam_velocity[a],
+                    -1.0 if f > high else 1.0,
+                    time,
+                    events,
+                )
+
+
+@jit
+def begin_stick(contact_state, place, time):
+    """Make an absorber stick; nothing changes if it sticks already. ``place`` (m): displacement of the beam there."""
+    if contact_state.regime != JOINED:
+        contact_state.regime = JOINED
+        contact_state.phase_start = time
+        contact_state.offset = contact_state.q - place
+    contact_state.force = 0.0
+    contact_state.at_rest = False
+
+
+@jit
+def begin_slip(limit, contact_state, speed, sign, time, events):
+    """Make an absorber without relative velocity slip in direction ``sign``; ``speed`` (m/s): velocity of the beam at its place."""
+    if contact_state.regime == JOINED:
+        record_joined_phase(events, contact_state, time)
+    contact_state.regime = FREE
+    contact_state.sign = sign
+    contact_state.at_rest = True
+    contact_state.v = speed
+    update_friction_force(limit, contact_state)

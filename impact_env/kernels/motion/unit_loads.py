@@ -1,0 +1,232 @@
+"""Loads that are straight lines in a window, as samples with lines between them are: their response is a sum of four that are known.
+
+A window of a record is as short as its step, and nothing turns in it. So the forced part of a
+regime is linear in two numbers, value and slope of the force, and two more of a base that moves: it
+is solved once for each of these alone (`Units`), and a window takes its shares of them. Bounds add
+up.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impact_env.kernels.compiling.jit import jit, jit_inline, vector_code
+from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Number
+from impact_env.kernels.motion.forced import (
+    ForceWindow,
+    compute_force_terms,
+    solve_forced,
+    solve_response,
+)
+from impact_env.kernels.motion.loads import EQUAL_LENGTH_TOL
+from impact_env.kernels.motion.modal_system import BASE, DRIVE, S, copy_amplitudes, propagate
+from impact_env.kernels.motion.search_block import TERMS
+
+WINDOW_SLACK = (
+    1.001  # times the half window are `Units` made for: steps of a record differ by rounding
+)
+EQUAL_STEP_TOL = 1e-9  # of a window: its square is below rounding
+# of the half window that they were made for: below that it is judged anew which modal amplitudes
+# are driven at their own frequency
+SHORTEST_WINDOW_SHARE = 0.5
+
+
+def _count_unit_loads(base: object) -> int:
+    return 2 if base is None else 4
+
+
+@vector_code()
+def _combine_unit_responses(code: Code, size: Index, again: Index, base, shares, units, out):
+    """Write the sum of shares[n] units[n], ``size`` numbers each, to ``out``, and again from ``again`` on."""
+    for j in code.vectors(size):
+        total = code.spread(code.number(shares, 0)) * code.vector(units, j)
+        for n in range(1, _count_unit_loads(base)):
+            total = code.spread(code.number(shares, n)).fma(code.vector(units, size * n + j), total)
+        code.store(total, out, j)
+        code.store(total, out, again + j)
+
+
+@vector_code()
+def _store_unit_response(code: Code, size: Index, of_one, units, n: Index):
+    """Store the response ``of_one`` to unit load ``n``, ``size`` numbers."""
+    for j in code.vectors(size):
+        code.store(code.vector(of_one, j), units, size * n + j)
+
+
+@jit_inline
+def _compute_coefficients(terms, base, shares):
+    """Write the coefficients of a load in the basis of the unit loads."""
+    shares[0], shares[1] = terms[0, 0], terms[0, 1]
+    if base is not None:
+        shares[2], shares[3] = base.terms[0, 0], base.terms[0, 1]
+
+
+@jit_inline
+def _set_unit_term(base, terms, n, value):
+    """Set the term of unit load ``n``."""
+    if n < 2:
+        terms[0, n] = value
+    elif base is not None:
+        base.terms[0, n - 2] = value
+
+
+def _add_scaled(factor: Number, term: Complex, total: Complex) -> Complex:
+    return Complex(factor.fma(term.real, total.real), factor.fma(term.imag, total.imag))
+
+
+@vector_code()
+def _apply_step_map(
+    code: Code, base, rows, size: Index, leap, shares, half: Number, late: Number, z
+):
+    """Propagate complete amplitudes by one step of a sampled load, and by ``late`` (s) more to first order.
+
+    ``late`` is small enough for a first-order step. ``half`` (s): from the window's centre to its
+    end, where the rate is taken.
+    """
+    numbers = [code.number(shares, n) for n in range(_count_unit_loads(base))]
+    ends = [
+        (value + slope * half) * code.repeated(2.0, 0)
+        for value, slope in zip(numbers[::2], numbers[1::2], strict=True)
+    ]
+    for j in code.vectors(size):
+        total = code.complex(z, j, j + size).times(code.complex(leap, j, j + size))
+        for n, share in enumerate(numbers, 1):
+            total = _add_scaled(
+                code.spread(share),
+                code.complex(leap, size * (2 * n) + j, size * (2 * n + 1) + j),
+                total,
+            )
+        rate = total.times(code.complex(rows, size * S + j, size * (S + 1) + j))
+        for row, end in zip((DRIVE, BASE), ends, strict=False):
+            rate = _add_scaled(
+                code.spread(end), code.complex(rows, size * row + j, size * (row + 1) + j), rate
+            )
+        code.store_complex(_add_scaled(code.spread(late), rate, total), z, j, j + size)
+
+
+@jit
+def _compute_step_column(system, units, n, half, w):
+    """Fill the column of the step map for unit load ``n``, from the forced response at the window's ends; w (2, J) is scratch."""
+    leap = units.step_map
+    size = w.shape[1]
+    for side in range(2):
+        w[:] = 0.0
+        tau = half if side == 1 else -half
+        for j in range(size):
+            for part in range(2):
+                x = 0.0
+                for m in range(TERMS):
+                    x = x * tau + units.polynomials[n, part, TERMS - 1 - m, j]
+                w[part, j] = 2.0 * x
+        if side == 0:
+            propagate(system.rows, system.table, system.scale, 2.0 * half, w)
+        for j in range(size):
+            for part in range(2):
+                leap[n + 1, part, j] = w[part, j] - (leap[n + 1, part, j] if side == 1 else 0.0)
+
+
+@jit
+def _compute_step_map(load, system, window, forced, w):
+    """Fill a regime's step map for the length of a window."""
+    units = forced.unit_responses
+    if not SHORTEST_WINDOW_SHARE * units.half[0] <= window.half <= units.half[0]:
+        _solve_unit_responses(load, system, window, None, False, forced)
+    w[0, :], w[1, :] = 1.0, 0.0
+    propagate(system.rows, system.table, system.scale, 2.0 * window.half, w)
+    copy_amplitudes(w, units.step_map[0])
+    for n in range(units.coefficients.shape[0]):
+        _compute_step_column(system, units, n, window.half, w)
+    units.step_length[0] = 2.0 * window.half
+
+
+@jit_inline
+def propagate_sampled_load(load, system, window, forced, w, z):
+    """Propagate complete amplitudes over a window of straight lines in one step.
+
+    Return False, and do nothing, where its length differs from that of the step map. w (2, J) is
+    scratch.
+    """
+    units = forced.unit_responses
+    length = 2.0 * window.half
+    _compute_coefficients(load.terms, load.base, units.coefficients)
+    if abs(length - units.step_length[0]) > EQUAL_LENGTH_TOL * length:
+        _compute_step_map(load, system, window, forced, w)
+    if abs(length - units.step_length[0]) > EQUAL_STEP_TOL * length:
+        return False
+    _apply_step_map(
+        load.base,
+        system.rows,
+        system.rows.shape[1],
+        units.step_map,
+        units.coefficients,
+        window.half,
+        length - units.step_length[0],
+        z,
+    )
+    return True
+
+
+@jit
+def _solve_unit_responses(load, system, window, absorber_mass, guarded, forced):
+    """Solve the `UnitResponses` of a regime for windows of this length. ``guarded``: whether the guard signal is needed."""
+    units = forced.unit_responses
+    half = WINDOW_SLACK * window.half
+    wide = ForceWindow(
+        window.centre, half, window.omega, window.alpha, window.force_r, window.force_i, load
+    )
+    for n in range(units.coefficients.shape[0]):
+        _set_unit_term(load.base, load.terms, n, 0.0)
+    for n in range(units.coefficients.shape[0]):
+        _set_unit_term(load.base, load.terms, n, 1.0)
+        if guarded:
+            solve_forced(system, wide, absorber_mass, forced)
+        else:
+            solve_response(system, wide, forced)
+        _set_unit_term(load.base, load.terms, n, 0.0)
+        _store_unit_response(units.polynomials[n].size, forced.polynomials, units.polynomials, n)
+        _store_unit_response(forced.signals.size, forced.signals, units.signals, n)
+        for m in range(forced.bound.shape[0]):
+            units.bound[n, m] = forced.bound[m]
+    for n in range(units.coefficients.shape[0]):
+        _set_unit_term(load.base, load.terms, n, units.coefficients[n])
+    units.half[0] = half
+
+
+@jit_inline
+def combine_unit_responses(load, system, window, absorber_mass, guarded, forced):
+    """Fill a regime's forced response from its `UnitResponses`; return False where the load is not linear in the window.
+
+    Arguments as in `solve_forced`; not ``guarded``: as in `solve_response`.
+    """
+    if load is None:
+        return False
+    units = forced.unit_responses
+    if not load.linear[0]:
+        return False
+    shares = units.coefficients
+    bound = forced.bound
+    _compute_coefficients(load.terms, load.base, shares)
+    if not SHORTEST_WINDOW_SHARE * units.half[0] <= window.half <= units.half[0]:
+        _solve_unit_responses(load, system, window, absorber_mass, guarded, forced)
+    compute_force_terms(window, forced.terms)
+    half = units.polynomials[0].size
+    _combine_unit_responses(
+        half, half, load.base, shares, units.polynomials, forced.polynomials
+    )  # B is A, since nothing turns
+    _combine_unit_responses(
+        forced.signals.size, 0, load.base, shares, units.signals, forced.signals
+    )
+    bound[:] = 0.0
+    for n in range(shares.shape[0]):
+        for m in range(bound.shape[0]):
+            bound[m] += abs(shares[n]) * units.bound[n, m]
+    for level in range(forced.carrier.shape[0]):
+        forced.carrier[level, 0, 0] = np.nan
+    return True
+
+
+@jit_inline
+def update_forced_response(system, window, absorber_mass, forced):
+    """Solve a regime's forced response in a window: from unit responses where the load is linear, else as `solve_forced`."""
+    if not combine_unit_responses(window.load, system, window, absorber_mass, True, forced):
+        solve_forced(system, window, absorber_mass, forced)
