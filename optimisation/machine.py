@@ -71,7 +71,7 @@ def conditions(packages: Iterable[str] = PACKAGES) -> dict[str, Any]:
 
 
 def machine(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `fill_conditions` for a benchmark's file, with the versions of numba and Python by their names."""
+    """Return `conditions` for a benchmark's file, with the versions of numba and Python by their names."""
     return {
         "processor": values["processor"],
         **{name: values["versions"][name] for name in ("numba", "python")},
