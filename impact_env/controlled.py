@@ -83,7 +83,7 @@ def _beside(
 class ControlledRuns:
     """Lanes of one scene, each at its own time.
 
-    ``orders`` (L,) is what the next `propagate` does, ``reports`` (L,) what the last one saw: records, whose fields `kernels.control.interval`
+    ``orders`` (L,) is what the next `advance` does, ``reports`` (L,) what the last one saw: records, whose fields `kernels.control.interval`
     names. Lanes in the mask ``idle`` (L,) rest: they cost nothing and keep state and report. ``reference`` is the circular
     frequency (rad/s) that defines the pseudo period, ``interval`` the longest interval in pseudo periods, ``exponent`` that of the reports' damage
     (0: not computed) with displacements in ``unit`` (m). The result is the same for any number of ``threads`` (default: all cores). An interval is a
@@ -300,7 +300,7 @@ class ControlledRuns:
         return finer[~self.idle[finer[:, 0]]]
 
     def snapshot(self) -> list[Array]:
-        """Return copies of all that the next `propagate` depends on, for `restore`."""
+        """Return copies of all that the next `advance` depends on, for `restore`."""
         return [values.copy() for values in self._variables()]
 
     def restore(self, snapshot: list[Array]) -> None:

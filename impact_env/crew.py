@@ -1,4 +1,4 @@
-"""Threads that do one call's lanes together, see `impact_env.kernels.control.crew`."""
+"""Threads that do one call's lanes together, see `impact_env.kernels.control.work_queue`."""
 
 import time
 from collections.abc import Callable

@@ -83,7 +83,7 @@ class _SeldomCollected(event.Listener):
 
 
 class _Announcer(event.Listener):
-    """Announces each compilation, one at a time: to callbacks at once, to the user once it has taken `LOCK_TIMEOUT_S`."""
+    """Announces each compilation, one at a time: to callbacks at once, to the user once it has taken `PATIENCE`."""
 
     silent = False
 

@@ -67,7 +67,7 @@ def test_the_map_of_the_kernels_names_every_file_and_real_functions() -> None:
     }
     order = re.findall(
         r"`(\w+/\w+\.py)`",
-        text[text.index("| how it is compiled") : text.index("## One event's way")],
+        text[text.index("| compilation") : text.index("## From event to event")],
     )
     assert set(order) >= set(sources)
     for place, function in re.findall(

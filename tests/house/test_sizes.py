@@ -15,7 +15,7 @@ PLACES = 8  # arguments that can be given by place
 MORE = {
     "impact_env/periodic/residence.py jumps": 9,
     "impact_env/plain_structures.py _placed": 9,
-    "impact_env/kernels/control/lanes.py _each_rigid": 9,  # once for a lane and an interval
+    "impact_env/kernels/control/lanes.py _advance_rigid_lanes": 9,  # once for a lane and an interval
 }
 FOLDERS = ("impact_env", "optimisation", "scripts", "tests/reference")
 FILES = sorted(

@@ -54,9 +54,9 @@ def test_nothing_to_check_without_a_search() -> None:
 @pytest.mark.parametrize(
     ("search", "events", "friction", "kind"),
     [
-        ("end_of_flight", {HIT_LOW, HIT_HIGH}, None, GUARD_PASSED),
-        ("end_of_flight", {REVERSAL}, 0.1, RATE_TURNED),
-        ("end_of_hold", {HIT_LOW, HIT_HIGH}, 0.1, JOINT_EXCEEDED),
+        ("find_end_of_flight", {HIT_LOW, HIT_HIGH}, None, GUARD_PASSED),
+        ("find_end_of_flight", {REVERSAL}, 0.1, RATE_TURNED),
+        ("find_end_of_hold", {HIT_LOW, HIT_HIGH}, 0.1, JOINT_EXCEEDED),
     ],
 )
 def test_an_event_that_is_found_too_late_is_seen(

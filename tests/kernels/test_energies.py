@@ -203,16 +203,16 @@ def test_the_balance_notices_a_wrong_propagation(monkeypatch: pytest.MonkeyPatch
     exact = run(scene, drive, initial=start).energy
     regime, reach = families.linear_regime(scene, window_of(drive))
     assert exact.relative_error < 1e-13
-    slots = regime.slots
-    table = slots.table.copy()
-    rows = slots.rows.copy()
+    system = regime.system
+    table = system.table.copy()
+    rows = system.rows.copy()
     table[:, 0, 1:] *= 1 + 1e-8
     rows[4:6] *= 1 + 1e-8  # DRIVE
-    for spoiled in (slots._replace(table=table), slots._replace(rows=rows)):
+    for spoiled in (system._replace(table=table), system._replace(rows=rows)):
         monkeypatch.setattr(
             families,
             "linear_regime",
-            lambda *_, spoiled=spoiled: (regime._replace(slots=spoiled), reach),
+            lambda *_, spoiled=spoiled: (regime._replace(system=spoiled), reach),
         )
         found = run(scene, drive, initial=start).energy
         assert found.relative_error > 1e-10

@@ -31,10 +31,10 @@ DAC_READ_SEARCH = 2
 LIBC = ctypes.CDLL(None) if os.name == "posix" else None
 RUN = """
 import impact_env
-from impact_env.kernels.compiling.cache import folders
-from impact_env.kernels.motion.level import close_level, new_level
-result, stats = close_level(new_level(32)), close_level.stats
-print(folders().write, folders().read, result, sum(stats.cache_hits.values()), sum(stats.cache_misses.values()), sep="|")
+from impact_env.kernels.compiling.cache import find_folders
+from impact_env.kernels.motion.level import compute_level, new_level
+result, stats = compute_level(new_level(32)), compute_level.stats
+print(find_folders().write, find_folders().read, result, sum(stats.cache_hits.values()), sum(stats.cache_misses.values()), sep="|")
 """
 OUTSIDE = "import sys; sys.prefix = sys.base_prefix\n"  # of a virtual environment
 NOWHERE = """

@@ -42,7 +42,7 @@ import time
 import numba
 from impact_env import first_use, on_compile
 from impact_env.kernels.compiling.jit import jit
-from impact_env.kernels.compiling.parts import only_kept, NotKept
+from impact_env.kernels.compiling.parts import only_cached, NotCached
 first_use.PATIENCE = 0.0
 
 def wait(_):
@@ -73,9 +73,9 @@ print("third")
 kernel(3)(1)
 end_fail()
 try:
-    with only_kept():
+    with only_cached():
         kernel(4)(1)
-except NotKept:
+except NotCached:
     print("not kept")
 kernel(3)(1)  # is kept
 end_all()

@@ -41,7 +41,7 @@ COMPILING = "impact_env:compile"
 # changed under the compiler's lock
 _nested = 0  # kernels under way, one within the other
 _inlining_limited = False  # whether the outermost of them is inlined sparingly
-_only_cached = ContextVar("_only_kept", default=False)
+_only_cached = ContextVar("_only_cached", default=False)
 _Group = TypeVar("_Group", bound=type)
 _Result = TypeVar("_Result")
 _INLINING_LIMITED: set[type] = set()
@@ -128,7 +128,7 @@ def only_cached() -> Iterator[None]:
 @contextmanager
 def _compiling(args: Sequence[types.Type]) -> Iterator[None]:
     """Count a kernel that is being compiled; the outermost decides how far all are inlined."""
-    global _nested, _spares
+    global _nested, _inlining_limited
     with global_compiler_lock:
         if not _nested:
             _inlining_limited = any(map(_limits_inlining, args))

@@ -169,11 +169,14 @@ def claims(results: Json) -> Iterator[Claim]:
 
 
 PARTS = (
-    "search", "forced", "slots", "segments", "exact", "free_and_joined", "rigid_contact", "compliant", "linear", "moreau", "moreau_law",
+    "search", "forced", "modal_system", "segments", "exact", "stick_slip", "rigid_contact", "compliant", "linear", "moreau", "moreau_law",
     "runge_kutta", "feedback", "observers", "energies",
 )  # fmt: skip
 OF = {
     "rigid": "exact",
+    "compliant_contact": "compliant",
+    "slots": "modal_system",  # former names, as measurements of former versions have them
+    "free_and_joined": "stick_slip",
     "springs": "compliant",
     "level": "observers",
     "steps": "search",
