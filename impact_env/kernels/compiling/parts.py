@@ -267,7 +267,7 @@ class Part(CPUDispatcher):  # type: ignore[misc]
 
 
 class Kernel(CPUDispatcher):  # type: ignore[misc]
-    """A kernel as Python calls it; what its callers in kernels get is its `begin_slip`, or its `sparing_part`."""
+    """A kernel as Python calls it; what its callers in kernels get is its `part`, or its `limited_part`."""
 
     def __init__(self, function: Callable[..., Any], _locals: Any, options: dict[str, Any]) -> None:
         super().__init__(function, {}, options, _WholePipeline)
@@ -282,8 +282,8 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         return Part(self.py_func, self.targetoptions, _PartCompiler)
 
     @cached_property
-    def sparing_part(self) -> Part:
-        """What other kernels call that are inlined sparingly."""
+    def limited_part(self) -> Part:
+        """What other kernels call whose inlining is limited."""
         return Part(self.py_func, self.targetoptions, _LimitedInliningCompiler)
 
     @property
