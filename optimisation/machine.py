@@ -70,15 +70,6 @@ def conditions(packages: Iterable[str] = PACKAGES) -> dict[str, Any]:
     }
 
 
-def machine(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `conditions` for a benchmark's file, with the versions of numba and Python by their names."""
-    return {
-        "processor": values["processor"],
-        **{name: values["versions"][name] for name in ("numba", "python")},
-        **values,
-    }
-
-
 def sources(values: Mapping[str, Any]) -> str:
     """Return a sentence with date, release, machine and versions of a measurement, from its `conditions`."""
     named = ", ".join(

@@ -27,7 +27,7 @@ from optimisation.cli.common import (
     plain_errors,
 )
 from optimisation.files import read_json, replacing, require_writable, write_csv, write_json
-from optimisation.machine import PACKAGES, conditions, machine, sources
+from optimisation.machine import PACKAGES, conditions, sources
 from optimisation.page import DOCS, fill, has_markers, markdown, require_markers
 from optimisation.progress import BAR, Bar
 
@@ -89,13 +89,13 @@ class Part(Generic[S]):
     told: Callable[[S], Json] = lambda _: {}
 
 
-def pack(_name: str, measured: Measured) -> Json:
-    """Return the content of a part's JSON file."""
+def to_content(measured: Measured) -> Json:
+    """Return the content of a part's JSON file: ``conditions``, ``complete``, and beside them the values by name."""
     return {"conditions": measured.conditions, "complete": measured.complete, **measured.values}
 
 
-def unpack(_name: str, content: Json) -> Measured:
-    """Return the inverse of `pack`; raises KeyError if it was another."""
+def from_content(content: Json) -> Measured:
+    """Return the inverse of `to_content`; raises KeyError for the content of another file."""
     values = {
         name: value for name, value in content.items() if name not in ("conditions", "complete")
     }
@@ -104,7 +104,7 @@ def unpack(_name: str, content: Json) -> Measured:
 
 @dataclass(frozen=True)
 class Study(Generic[S]):
-    """Parts by name, and what their files hold.
+    """Parts by name; each has its own JSON file.
 
     ``notes(settings)`` is added to the conditions once a part is measured. A run goes on from an earlier one if the conditions named in ``same``
     are the same. ``kept`` says what is left of a run that is stopped.
@@ -115,8 +115,6 @@ class Study(Generic[S]):
 
     parts: tuple[Part[S], ...]
     notes: Callable[[S], Json] = lambda _: {}
-    pack: Callable[[str, Measured], Json] = pack
-    unpack: Callable[[str, Json], Measured] = unpack
     packages: tuple[str, ...] = PACKAGES
     same: tuple[str, ...] = ("processor", "versions", "quick")
     kept: str = "the files hold what was finished."
@@ -193,7 +191,7 @@ def run(
         failures: list[str] = []
         for part in parts:
             measured = (
-                load(study, part, place)
+                load(part, place)
                 if redraw
                 else _measured_and_kept(study, part, settings, place, resume)
             )
@@ -229,12 +227,12 @@ def _there(parts: list[Part[S]], place: Place, named: bool) -> list[Part[S]]:
     return there
 
 
-def load(study: Study[S], part: Part[S], place: Place, option: str = "--redraw") -> Measured:
+def load(part: Part[S], place: Place, option: str = "--redraw") -> Measured:
     """Read what an earlier run has measured; raises ParameterError if it is not there, or is something else."""
     path = place.numbers(part.name)
     assert path is not None
     try:
-        return study.unpack(part.name, dict(read_json(path)))
+        return from_content(dict(read_json(path)))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ParameterError(
             f"{option}: {path} is not allowed: a file that an earlier run of this command wrote ({error})"
@@ -249,7 +247,7 @@ def _measured_and_kept(
     earlier = None
     told = part.told(settings)
     if (resume or told) and path is not None and path.exists():
-        earlier = load(study, part, place, "--resume" if resume else "--out")
+        earlier = load(part, place, "--resume" if resume else "--out")
         if study.key is not None and earlier.conditions.get("key") != study.key(
             part.name, settings
         ):
@@ -273,7 +271,7 @@ def _measured_and_kept(
 
     def write(measured: Measured) -> None:
         if path is not None:
-            write_json(path, study.pack(part.name, measured))
+            write_json(path, to_content(measured))
 
     return measure(study, part, settings, earlier, write)
 
@@ -423,7 +421,6 @@ def table_study(
     part = whole_part(name, title, measure, with_sources(said), name, said=said)
     return Study(
         (part,),
-        pack=lambda _, found: {"machine": machine(found.conditions), **found.values},
         kept="nothing is written.",
     )
 

@@ -337,6 +337,6 @@ def test_comparison_runs_goes_on_and_writes_its_page(
     )
     done(search_methods, *["--quick", "--question", "steel, second", "--out", str(tmp_path)])
     content = read_json(tmp_path / "search_methods.json.gz")
-    assert [t["method"] for t in content["trials"]] == list(search_methods.METHODS)
-    assert all(0 < t["level"] < 1.1 and len(t["members"]) == 2 for t in content["trials"])
+    assert [t["method"] for t in content["rows"]] == list(search_methods.METHODS)
+    assert all(0 < t["level"] < 1.1 and len(t["members"]) == 2 for t in content["rows"])
     assert "Least mean rank" in (tmp_path / "search_methods.md").read_text()

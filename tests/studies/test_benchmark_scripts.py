@@ -22,7 +22,7 @@ from studies.cli import (
     reference_levels,
     specialisation,
 )
-from studies.study import Measured
+from studies.study import Measured, to_content
 
 
 def one_column(values: Any) -> None:
@@ -146,7 +146,7 @@ def test_a_benchmark_writes_what_it_prints(
     table, _, made = text.rpartition("\n\n")
     assert table in result.output
     assert made.startswith("Measured on ")
-    assert f"numba {values['machine']['numba']}" in made
+    assert f"numba {values['conditions']['versions']['numba']}" in made
     assert not shown or table.startswith(module.table(values[shown]))
     check(values)
 
@@ -234,9 +234,7 @@ def test_claims_hold_or_are_broken_and_the_page_says_so(
             "pairs": [SAVING | {"switched_off_ns": ratio * 5e3, "ratio": ratio}],
         }
         made = Measured(values, conditions() | {"quick": True})
-        write_json(
-            tmp_path / "specialisation.json.gz", specialisation.STUDY.pack("specialisation", made)
-        )
+        write_json(tmp_path / "specialisation.json.gz", to_content(made))
         result = call(specialisation, "--redraw", "--out", tmp_path)
         assert result.exit_code == code, result.output
         lines = [

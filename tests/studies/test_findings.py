@@ -67,7 +67,7 @@ def test_parts_write_numbers_figures_and_page(
     assert run.exit_code == 0, run.output
     data = tmp_path / "findings"
     page = (tmp_path / "findings.md").read_text()
-    result = {part: read_json(data / f"{part}.json.gz")["result"] for part in chosen}
+    result = {part: read_json(data / f"{part}.json.gz") for part in chosen}
     assert all((data / f"{part}.png").read_bytes().startswith(b"\x89PNG") for part in chosen[:-1])
     assert all(f"\n| {concept} " in page for concept in VARIABLES)
     assert set(result["concepts"]) == set(VARIABLES)

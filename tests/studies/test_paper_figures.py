@@ -37,7 +37,7 @@ from studies.paper.curve import (
     watched_curve,
 )
 from studies.paper.frame import PaperFigure, PaperSettings, Size, saved
-from studies.paper.study import FIGURES, STUDY, place
+from studies.paper.study import FIGURES, place
 from studies.study import Json, load
 
 FORCES = np.array([0.5, 1.0, 2.0, 4.0, 8.0])
@@ -319,7 +319,7 @@ def test_published_claims_are_those_of_the_published_numbers_and_each_text_is_ju
         monkeypatch.setattr(
             claim, "STATED", {figure.label: own}
         )  # what another figure judges is not there
-        claims += figure.claims(load(STUDY, figure.part(), place(DOCS)).values)
+        claims += figure.claims(load(figure.part(), place(DOCS)).values)
         monkeypatch.undo()
         assert own.names == set(own), figure.label
     assert set(claim.STATED) == {figure.label for figure in FIGURES}

@@ -39,9 +39,9 @@ PUBLISHED: tuple[tuple[Study[Any], str, str], ...] = (
 
 
 def published() -> list[Any]:
-    """Return each part with published numbers, its study, its page and the place of its numbers."""
+    """Return each part with published numbers, its page and the place of its numbers."""
     return [
-        pytest.param(study, part, DOCS / page, place_of(DOCS / name), id=part.name)
+        pytest.param(part, DOCS / page, place_of(DOCS / name), id=part.name)
         for study, page, name in PUBLISHED
         for part in study.parts
     ]
@@ -69,11 +69,9 @@ def rows_of(columns: Any, rows: Any) -> list[list[str]]:
     return list(csv.reader(io.StringIO(file.getvalue())))
 
 
-@pytest.mark.parametrize(("study", "part", "page", "place"), published())
-def test_pages_have_what_their_numbers_give(
-    study: Study[Any], part: Part[Any], page: Path, place: Place
-) -> None:
-    measured: Measured = load(study, part, place)
+@pytest.mark.parametrize(("part", "page", "place"), published())
+def test_pages_have_what_their_numbers_give(part: Part[Any], page: Path, place: Place) -> None:
+    measured: Measured = load(part, place)
     for marker, text in part.sections(measured).items():
         assert section(page, marker) == text.strip(), marker
     for table in part.tables(measured):
@@ -88,7 +86,7 @@ def test_claims_are_those_that_the_published_figures_decide() -> None:
     claims = list[dict[str, Any]]()
     answers = dict[str, str]()
     for figure, part in zip(paper.FIGURES, paper.STUDY.parts, strict=True):
-        values = load(paper.STUDY, part, place).values
+        values = load(part, place).values
         claims += [claim.to_plain() for claim in figure.claims(values)]
         if figure.answer:
             answers[figure.label] = figure.answer(values)
@@ -96,5 +94,5 @@ def test_claims_are_those_that_the_published_figures_decide() -> None:
     assert answers == kept["answers"]
     assert kept["missing"] == []
     part = paper.CLAIMS.parts[0]
-    for marker, text in part.sections(load(paper.CLAIMS, part, place)).items():
+    for marker, text in part.sections(load(part, place)).items():
         assert section(DOCS / "paper.md", marker) == text.strip(), marker

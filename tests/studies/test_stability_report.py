@@ -17,7 +17,7 @@ from optimisation.page import DOCS
 from studies.cli import stability
 from studies.stability import cases, cells, checks, eigen, limits, tasks
 from studies.stability import soak as soaks
-from studies.study import Measured
+from studies.study import Measured, to_content
 
 
 def case(group: str, name: str) -> cases.Case:
@@ -230,7 +230,7 @@ def test_redraw_writes_figure_and_page(tmp_path: Path) -> None:
     made = Measured(found, machine.conditions() | {"wall_s": 1.0, "workers": 2, "quick": True})
     (folder := tmp_path / "methods").mkdir()
     shutil.copy(DOCS / "methods.md", tmp_path)
-    write_json(folder / "stability.json.gz", stability.STUDY.pack("stability", made))
+    write_json(folder / "stability.json.gz", to_content(made))
     outcome = call(stability, "--redraw", "--out", folder)
     assert outcome.exit_code == 1, outcome.output
     assert "FAILED  gap: 0 m, exact: off | by much" in outcome.output

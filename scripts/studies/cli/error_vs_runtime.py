@@ -15,7 +15,7 @@ from optimisation.page import published
 from optimisation.report.figures import write_figure
 from studies.accuracy import bands, cost, distribution, growth, jumps, trajectory
 from studies.accuracy.cases import FULL, QUICK, AccuracySettings, Row, made_with
-from studies.study import Json, Measured, Part, Saver, Study, rows_part, run, with_page
+from studies.study import Measured, Part, Saver, Study, rows_part, run, with_page
 
 QUICK_OUT = Path("results/error_vs_runtime")
 OUT = published(Path("docs/methods"), QUICK_OUT)
@@ -42,41 +42,6 @@ def _part(
     return rows_part(module.NAME, title, module.cases, module.key, text, figures=figures)
 
 
-RENAMED = {"processor": "machine", "wall_s": "seconds"}  # in the file
-
-
-def pack(name: str, measured: Measured) -> Json:
-    """Return the content of PART.json.gz."""
-    made = {"failure": "", **measured.conditions}
-    versions = dict(made.pop("versions"))
-    python = versions.pop("python")
-    kept = {RENAMED.get(word, word): value for word, value in made.items()}
-    return {
-        "part": name,
-        "python": python,
-        "versions": versions,
-        "complete": measured.complete,
-        **kept,
-        "rows": measured.values["rows"],
-    }
-
-
-def unpack(name: str, content: Json) -> Measured:
-    """Return the values in the content of a file; raises KeyError or ValueError if it was another."""
-    if content.pop("part") != name:
-        raise ValueError(f"not the part {name}")
-    rows = content.pop("rows")
-    complete = content.pop("complete")
-    if not isinstance(rows, list):
-        raise TypeError("rows are no list")
-    made = {word: content.pop(file) for word, file in RENAMED.items()}
-    return Measured(
-        {"rows": rows},
-        made | {"versions": {"python": content.pop("python"), **content.pop("versions")}} | content,
-        bool(complete),
-    )
-
-
 STUDY: Study[AccuracySettings] = Study(
     (
         _part(
@@ -101,8 +66,6 @@ STUDY: Study[AccuracySettings] = Study(
         "seed": settings.seed,
         "peers": settings.peers,
     },
-    pack=pack,
-    unpack=unpack,
     packages=("numpy", "scipy", "numba", "mpmath", "heyoka"),
     same=("processor", "versions", "quick", "seed", "peers"),
 )

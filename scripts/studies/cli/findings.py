@@ -348,8 +348,6 @@ def _part(name: str) -> Part[FindingsSettings]:
 STUDY: Study[FindingsSettings] = Study(
     tuple(map(_part, PARTS)),
     notes=lambda given: {"memory_bytes": peak_memory(), "quick": given.quick, "seed": given.seed},
-    pack=lambda _name, measured: {"conditions": measured.conditions, "result": measured.values},
-    unpack=lambda _name, content: Measured(dict(content["result"]), dict(content["conditions"])),
     kept="finished parts are written; the same command goes on from here.",
 )
 

@@ -203,17 +203,6 @@ STUDY: Study[ComparisonSettings] = Study(
             said=table,
         ),
     ),
-    pack=lambda _, own: {
-        "settings": own.values["settings"],
-        "conditions": own.conditions,
-        "complete": own.complete,
-        "trials": own.values["rows"],
-    },
-    unpack=lambda _, own: Measured(
-        {"settings": own["settings"], "rows": own["trials"]},
-        own["conditions"],
-        bool(own["complete"]),
-    ),
     kept="the same command goes on from here.",
 )
 

@@ -306,7 +306,7 @@ def robustness(study: FindingsSettings) -> Json:
     path = study.data / "concepts.json.gz"
     rows = list[Json]()
     try:
-        known = dict(read_json(path)["result"])
+        known = dict(read_json(path))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ParameterError(
             f"{path} is not allowed: a file that an earlier run of this command wrote ({error})"

@@ -108,11 +108,7 @@ def _collected(settings: PaperSettings, _known: Json, figures: Sequence[PaperFig
     for figure in figures:
         path = where.numbers(figure.label)
         part = figure.part()
-        measured = (
-            load(Study((part,)), part, where, "--out")
-            if path is not None and path.exists()
-            else None
-        )
+        measured = load(part, where, "--out") if path is not None and path.exists() else None
         if measured is None or not measured.complete:
             missing.append(figure.label)
         else:
