@@ -7,7 +7,7 @@ they are tuned: only there is the comparison a fair one.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -128,7 +128,7 @@ class ResonanceComparison:
     """Curves near one resonance, by the concepts' keys. ``forces`` (F,) in N, ``design_force`` in N; the absorbers' ``mass`` (kg) and ``gap`` (m).
 
     ``limits`` of the sweeps over the resonance, but for concepts with wider ones of their own. ``own_force``: that of the forces (N) at which the
-    concepts are compared; None for the impact absorber's best.
+    concepts are compared; None for the impact absorber's best. ``cases``: the sweeps behind the curves.
     """
 
     model: ModalModel
@@ -140,6 +140,7 @@ class ResonanceComparison:
     gap: float
     own_force: float | None = None
     limits: tuple[float, float] = PAPER_LIMITS
+    cases: dict[str, CurveCase] = field(default_factory=dict)
 
     @property
     def omega(self) -> float:
@@ -340,8 +341,10 @@ def compare(
         cases, members, seed, method, threads=threads, progress=progress, executor=executor
     )
     curves: dict[int, dict[str, PerformanceCurve]] = {resonance: {} for resonance in every}
-    for (resonance, concept), curve in zip(kept, found, strict=True):
+    swept: dict[int, dict[str, CurveCase]] = {resonance: {} for resonance in every}
+    for (resonance, concept), case, curve in zip(kept, cases, found, strict=True):
         curves[resonance][concept.key] = curve
+        swept[resonance][concept.key] = case
     parts = tuple(
         ResonanceComparison(
             model,
@@ -353,6 +356,7 @@ def compare(
             clearance,
             own if resonance == every[0] else None,
             ranges[resonance],
+            swept[resonance],
         )
         for resonance, grid, f in zip(every, grids, design, strict=True)
     )

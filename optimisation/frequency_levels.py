@@ -1,7 +1,7 @@
 """The level over the frequency of a sweep, with and without an absorber, and the motion of the worst member of an ensemble."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -170,15 +170,22 @@ class WorstRun:
         return f"member {self.member + 1}, sweep {way}, {drive.amplitude:g} N near resonance {self.resonance}"
 
 
-def record_worst_run(case: CurveCase, curve: PerformanceCurve) -> WorstRun:
-    """Run the sweep with the highest level of a curve's first force again, with its motion; the levels are those of the curve to the last bit.
+def record_worst_run(case: CurveCase, curve: PerformanceCurve, force: int = 0) -> WorstRun:
+    """Run the sweep with the highest level at one of a curve's forces (by its index) again, with its motion.
 
-    Raises ParameterError where the motion is too long to be recorded.
+    The level is that of the curve to the last bit. Raises ParameterError where the motion is too long to be recorded.
     """
-    member, direction = find_worst_run(curve)
-    lane = lanes_of(case, curve.members, member)[direction]
+    member, direction = find_worst_run(curve, force)
+    single = replace(case, forces=case.forces[force : force + 1])
+    return record_lane(
+        lanes_of(single, curve.members, member)[direction], member, direction, case.resonance
+    )
+
+
+def record_lane(lane: Lane, member: int, direction: int, resonance: int) -> WorstRun:
+    """Run a lane with its motion recorded; raises ParameterError where that is too long."""
     periods = lane.drive.schedule.periods
-    samples = samples_for(case.scene, periods)
+    samples = samples_for(lane.scene, periods)
     require(
         samples is not None,
         "history",
@@ -188,4 +195,4 @@ def record_worst_run(case: CurveCase, curve: PerformanceCurve) -> WorstRun:
     assert samples is not None
     record = Record(events=True, series=True, samples_per_period=samples)
     response = simulate(lane.scene, lane.drive, initial=lane.start, record=record)
-    return WorstRun(member, direction, case.resonance, response)
+    return WorstRun(member, direction, resonance, response)

@@ -2,6 +2,9 @@
 
 import platform
 import time
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +18,10 @@ from impact_env.scene import Scene
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
     BadInput,
+    check_target,
     command,
     end_early,
+    file_option,
     name_files,
     out_option,
     plain_errors,
@@ -24,10 +29,24 @@ from optimisation.cli.common import (
     seed_option,
     threads_option,
 )
-from optimisation.comparison import DEFAULT_FORCES, IMPACT, RESONANCES, Comparison, compare
+from optimisation.comparison import (
+    DEFAULT_FORCES,
+    IMPACT,
+    LTVA_PAPER_WIDE,
+    LTVA_TUNED_WIDE,
+    RESONANCES,
+    Comparison,
+    compare,
+)
 from optimisation.executors import cluster_option, workers
 from optimisation.executors import executor as executor_on
 from optimisation.files import require_writable, write_files
+from optimisation.frequency_levels import (
+    ResonanceCurves,
+    find_worst_run,
+    record_worst_run,
+    resonance_curves,
+)
 from optimisation.gap_card import Impacts, impacts_of
 from optimisation.load_comparison import compare_loads
 from optimisation.machine import installed, peak_memory
@@ -37,9 +56,16 @@ from optimisation.report import comparison_tables as tables
 from optimisation.report.card import write_card
 from optimisation.report.cards import comparison_card
 from optimisation.report.design_figures import save_figure
+from optimisation.report.frequency_report import (
+    HISTORY_FORMATS,
+    HISTORY_HELP,
+    frequency_files,
+    save_history,
+)
 
 QUICK_FORCES = 10
 QUICK_MEMBERS = 2
+SAME_ABSORBER = (LTVA_PAPER_WIDE, LTVA_TUNED_WIDE)  # as another one, over a wider range
 FORCE_HELP = "Force in N near the first of the resonances: the design rule gives the gap for it; with --scene all are compared at it."
 
 
@@ -67,17 +93,42 @@ def borne(comparison: Comparison, executor: Executor) -> Impacts | None:
     )
 
 
+def frequency_of(comparison: Comparison, executor: Executor) -> list[ResonanceCurves]:
+    """Return the levels over the frequency of each absorber's worst member, at the force of the comparison near each resonance."""
+    found = []
+    for part in comparison.resonances:
+        k = part.told
+        if k is None or not comparison.complete:
+            continue
+        cases = {
+            concept.label: (
+                replace(part.cases[concept.key], forces=part.forces[k : k + 1]),
+                find_worst_run(part.curves[concept.key], k)[0],
+            )
+            for concept in comparison.concepts
+            if concept.key not in SAME_ABSORBER
+        }
+        found.append(resonance_curves(cases, part.curves[IMPACT].members, executor))
+    return found
+
+
 def write(
-    out: Path, comparison: Comparison, made: dict[str, object], impacts: Impacts | None = None
+    out: Path,
+    comparison: Comparison,
+    made: dict[str, object],
+    impacts: Impacts | None = None,
+    frequency: Sequence[ResonanceCurves] = (),
 ) -> list[Path]:
-    """Write runs, curves, summary (with the conditions ``made``) and figure into a folder, each whole or not at all; return the files."""
-    contents = {
+    """Write runs, curves, summary (with the conditions ``made``) and figures into a folder, each whole or not at all; return the files."""
+    contents: dict[Path | None, object] = {
         out / "runs.csv": (tables.RUN_COLUMNS, tables.run_rows(comparison)),
         out / "curves.csv": (tables.CURVE_COLUMNS, tables.curve_rows(comparison)),
         out / "summary.json": made | tables.summary(comparison),
         out / "comparison.png": lambda path: save_figure(path, comparison),
     }
-    return write_files(contents) + write_card(out, comparison_card(comparison, impacts))
+    contents |= frequency_files(out, frequency)
+    card = comparison_card(comparison, impacts, frequency)
+    return write_files(contents) + write_card(out, card)
 
 
 def compared_under_loads(
@@ -85,6 +136,7 @@ def compared_under_loads(
 ) -> None:
     """Compare absorbers under the loads of a file, print the table, and write figure, runs and summary."""
     scenes.refuse_beside_load(load, "force", "rate", "resonances")
+    scenes.refuse_beside_load(load, "history", why="there levels are read from other measures")
     model = mounted(Beam() if structure is None else structure)
     chosen = {name: given[name] for name in ("mass_ratio", "gap", "members", "seed")}
     loads = scenes.loads_of(load, model)
@@ -151,6 +203,7 @@ def compared_under_loads(
 )
 @threads_option
 @cluster_option
+@file_option("--history", f"{HISTORY_HELP} Of the impact absorber near the first resonance.")
 @out_option("results/compare_absorbers")
 def main(
     structure: Path | None,
@@ -159,13 +212,15 @@ def main(
     quick: bool,
     out: Path,
     cluster: str | None,
+    history: Path | None,
     **given: Any,
 ) -> None:
     """Compare absorbers of one mass on the paper's beam, or another structure: response level over the force near two resonances.
 
     On another structure, and for another mass, gap or force, the absorbers follow from rules: gap and forces from the design rule, friction from the
-    scaling law and the energy of a cycle, the linear absorber tuned to the first of the resonances. Writes comparison.png, curves.csv
-    (medians and bands), runs.csv (every run), summary.json and a card with curves (card.html, card.json), and prints a table.
+    scaling law and the energy of a cycle, the linear absorber tuned to the first of the resonances. Writes comparison.png, frequency.png (the level
+    over the frequency at the force of the table), curves.csv (medians and bands), runs.csv (every run), summary.json and a card with curves
+    (card.html, card.json), and prints a table.
     Ctrl-C ends the run early and leaves what is finished.
 
     With --load each absorber is at its own best for the loads of a file, and all are compared at --forces intensities from 0.2 to 5.
@@ -176,6 +231,7 @@ def main(
     given["percent_per_100_periods"] = given.pop("rate")
     with plain_errors():
         require_writable("--out", out)
+        check_target("--history", history, HISTORY_FORMATS)
         if load is not None and scene is not None:
             raise BadInput(
                 "--scene does not go with --load: there each absorber is at its own best; --structure takes the file of a structure"
@@ -203,7 +259,13 @@ def main(
             if comparison.empty:
                 raise KeyboardInterrupt
             impacts = None if scene is None else borne(comparison, executor)
+            frequency = frequency_of(comparison, executor)
         click.echo(tables.text_table(comparison))
-        files = write(out, comparison, conditions(started, threads, cluster), impacts)
+        made = conditions(started, threads, cluster)
+        files = write(out, comparison, made, impacts, frequency)
+        part = comparison.resonances[0]
+        if history is not None and comparison.complete and part.told is not None:
+            run = record_worst_run(part.cases[IMPACT], part.curves[IMPACT], part.told)
+            files += write_files({history: partial(save_history, run=run)})
     name_files(files)
     end_early(comparison.complete, "the files hold the runs that were finished.")

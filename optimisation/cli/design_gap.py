@@ -61,8 +61,7 @@ from optimisation.report.card import write_card
 from optimisation.report.frequency_report import (
     HISTORY_FORMATS,
     HISTORY_HELP,
-    frequency_data,
-    save_frequency,
+    frequency_files,
     save_history,
 )
 from optimisation.report.gap_report import (
@@ -276,15 +275,12 @@ def write(
 ) -> list[Path]:
     """Write the figures and the tables into a folder, and return the files."""
     content = summary(found) | ({} if unsure is None else {"uncertain": unsure.plain()})
-    content |= {"level_over_frequency": frequency_data(frequency)}
-    contents: dict[Path, object] = {
+    contents: dict[Path | None, object] = {
         out / "levels.csv": (COLUMNS, rows(found)),
         out / "summary.json": content,
         out / "levels.png": partial(save_figure, found=found),
     }
-    if frequency:
-        contents[out / "frequency.png"] = partial(save_frequency, parts=frequency)
-    return write_files(contents)
+    return write_files(contents | frequency_files(out, frequency))
 
 
 def under_load(given: dict[str, Any]) -> None:

@@ -47,7 +47,7 @@ from optimisation.report.card import write_card
 from optimisation.report.frequency_report import (
     HISTORY_FORMATS,
     HISTORY_HELP,
-    save_frequency,
+    frequency_files,
     save_history,
 )
 
@@ -187,15 +187,14 @@ def write(
 ) -> list[Path]:
     """Write figures, map and summary, and what the options ask for; return the files."""
     out = given["out"]
-    content = report.summary(found) | report.frequency_content(curves)
+    content = report.summary(found)
     contents: dict[Path | None, object] = {
         given["json"]: content,
         out / "summary.json": content,
         out / "places.csv": (report.columns(found), report.rows(found)),
         out / "places.png": partial(report.save_places, found=found),
     }
-    if curves:
-        contents[out / "frequency.png"] = partial(save_frequency, parts=curves)
+    contents |= frequency_files(out, curves)
     best = found.recommended
     if given["history"] is not None and best is not None:
         r = worst_resonance(found)

@@ -1,6 +1,8 @@
 """Tell the best gap over the design rule's for several masses of the absorber, by simulation."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import PAPER_LIMITS
+from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
 from optimisation.bounds import reach
 from optimisation.cli.common import (
     check_page,
+    check_targets,
     command,
+    file_option,
     fill_page,
     name_files,
     page_option,
@@ -33,10 +38,19 @@ from optimisation.cli.scene_options import (
 from optimisation.comparison import RESONANCES
 from optimisation.executors import cluster_option, workers
 from optimisation.extremes import usable_rate
-from optimisation.gap_check import GapCheck, check_gap, scaled_absorber
+from optimisation.files import write_files
+from optimisation.frequency_levels import (
+    NO_ABSORBER,
+    ResonanceCurves,
+    find_worst_run,
+    resonance_curves,
+)
+from optimisation.gap_card import case_of
+from optimisation.gap_check import GapCheck, check_gap, rigid_walls, scaled_absorber
 from optimisation.mounting import mounted
 from optimisation.page import markdown
 from optimisation.progress import runs_bar
+from optimisation.report.frequency_report import save_frequency
 
 MARKER = "masses"
 RATIOS = (0.01, 0.02, 0.05, 0.1)
@@ -114,6 +128,24 @@ def text(found: Sequence[GapCheck]) -> str:
     )
 
 
+def frequency_of(found: Sequence[GapCheck], executor: Executor | None) -> list[ResonanceCurves]:
+    """Return the levels over the frequency near each resonance: of the worst member of each mass at its best gap, and without absorber."""
+    parts = []
+    for resonance in dict.fromkeys(check.resonance for check in found):
+        own = [check for check in found if check.resonance == resonance]
+        cases = {}
+        for check in own:
+            best = check.best
+            assert best is not None
+            walls = replace(rigid_walls(check.absorber), gap=float(check.gaps[best]))
+            case = case_of(check, replace(check.absorber, walls=walls))
+            member, _ = find_worst_run(check.curves[best])
+            cases[f"{100 * check.absorber.mass_ratio:.4g} % of the mass"] = (case, member)
+        cases[NO_ABSORBER] = (case_of(own[-1], None), 0)
+        parts.append(resonance_curves(cases, own[0].without.members, executor))
+    return parts
+
+
 @command()
 @structure_option
 @scene_option
@@ -137,6 +169,10 @@ def text(found: Sequence[GapCheck]) -> str:
 @rate_option
 @threads_option
 @cluster_option
+@file_option(
+    "--plot",
+    "Draw the level over the frequency with each mass at its best gap: .png, .pdf or .svg.",
+)
 @page_option(MARKER, "docs/which_gap.md")
 def main(
     structure: Path | None,
@@ -144,6 +180,7 @@ def main(
     ratios: tuple[float, ...],
     cluster: str | None,
     page: Path | None,
+    plot: Path | None,
     **given: Any,
 ) -> None:
     """Simulate gaps from 0.4 to 1.6 times the design rule's for several masses, near two resonances, and print the best of each.
@@ -154,6 +191,7 @@ def main(
     """
     with plain_errors():
         check_page(page, MARKER)
+        check_targets({"plot": plot})
         model = (
             model_of(structure, Beam.absorber_position)
             if scene is None
@@ -169,7 +207,10 @@ def main(
             found = checks(
                 model, ratios or RATIOS, tuple(dict.fromkeys(given.pop("resonances"))), given
             )
+            frequency = [] if plot is None else frequency_of(found, given["executor"])
         table = text(found)
         click.echo(table)
         files = fill_page(page, MARKER, table)
+        if plot is not None:
+            files += write_files({plot: partial(save_frequency, parts=frequency)})
     name_files(files)

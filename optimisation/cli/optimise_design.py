@@ -5,6 +5,7 @@ The designs are searched by Optuna (CMA-ES, NSGA-II, a Gaussian process) or SciP
 
 # needs: optimise
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,13 +14,16 @@ from typing import Any
 import click
 import numpy as np
 
-from impact_env.ensemble import Executor
+from impact_env.ensemble import Executor, Lane, run_lanes
 from impact_env.parameters import ParameterError
 from optimisation.cli import design_options as design
+from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
+    check_target,
     command,
     end_early,
     end_without,
+    file_option,
     name_files,
     out_option,
     plain_errors,
@@ -27,9 +31,17 @@ from optimisation.cli.common import (
 from optimisation.designs import Design
 from optimisation.executors import executor as executor_on
 from optimisation.files import require_writable, write_files
+from optimisation.frequency_levels import (
+    NO_ABSORBER,
+    ResonanceCurves,
+    WorstRun,
+    frequency_curve,
+    record_lane,
+)
 from optimisation.insight import (
     DRAWS,
     FEW,
+    SHOWN,
     Levels,
     detuned,
     levels,
@@ -49,6 +61,12 @@ from optimisation.report.design_figures import (
     save_map,
     save_robustness,
     save_sensitivity,
+)
+from optimisation.report.frequency_report import (
+    HISTORY_FORMATS,
+    HISTORY_HELP,
+    frequency_files,
+    save_history,
 )
 from optimisation.search.find import BARS, SCIPY, Plan, find
 from optimisation.search.judge import AUDITED, Findings
@@ -84,11 +102,7 @@ def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Fi
                 findings, service=service(problem, found.winner.design, executor, few, draws, show)
             )
     both = [found.winner.design, found.paper.design]
-    parts_of = [
-        [c for c in problem.conditions if c.resonance == k]
-        for k in dict.fromkeys(c.resonance for c in problem.conditions)
-    ]
-    main = [part[len(part) // 2] for part in parts_of]  # the middle condition of each resonance
+    main = main_conditions(findings)
 
     def seen(
         what: str,
@@ -134,7 +148,70 @@ def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Fi
     return findings
 
 
-def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
+def lanes_under(
+    findings: Findings, condition: Condition, design: Design | None, members: int
+) -> list[Lane]:
+    """Return the runs of a design, None without absorber, on fresh members under a condition; each member sweeps up and down."""
+    problem = replace(findings.problem, conditions=(condition,), uncertain={})
+    chunks = problem.chunks(design, problem.fresh_ensemble(members, SHOWN), problem.rate)
+    lanes = [lane for chunk in chunks for lane in chunk.lanes]
+    if design is not None:
+        return lanes
+    drives = [replace(lane.drive, amplitude=condition.force) for lane in lanes]  # not one newton
+    return [replace(lane, drive=drive) for lane, drive in zip(lanes, drives, strict=True)]
+
+
+def main_conditions(findings: Findings) -> list[Condition]:
+    """Return the middle condition of each resonance."""
+    by_resonance: dict[int, list[Condition]] = {}
+    for condition in findings.problem.conditions:
+        by_resonance.setdefault(condition.resonance, []).append(condition)
+    return [part[len(part) // 2] for part in by_resonance.values()]
+
+
+def frequency_of(findings: Findings, executor: Executor) -> list[ResonanceCurves]:
+    """Return the levels over the frequency of the winner, the highest of a few members, and without absorber, near each resonance."""
+    problem = findings.problem
+    found = findings.verdict
+    if found is None or not found.feasible or problem.under_loads or not findings.finished:
+        return []
+    members = min(FEW, problem.members)
+    curves = []
+    for condition in main_conditions(findings):
+        own = lanes_under(findings, condition, found.winner.design, members)
+        without = lanes_under(findings, condition, None, 1)
+        name = f"winner, highest of {members} members" if members > 1 else "winner"
+        both = (
+            frequency_curve(name, own, condition.limits, executor),
+            frequency_curve(NO_ABSORBER, without, condition.limits, executor),
+        )
+        omega = own[0].drive.schedule.reference
+        kept = tuple(one for one in both if one is not None)
+        curves.append(ResonanceCurves(condition.resonance, omega, condition.force, kept))
+    return curves
+
+
+def worst_run(findings: Findings, executor: Executor) -> WorstRun | None:
+    """Return the motion of the winner's run with the highest level under the first condition, of a few fresh members."""
+    found = findings.verdict
+    if found is None or not found.feasible or not findings.finished:
+        return None
+    members = min(FEW, findings.problem.members)
+    condition = main_conditions(findings)[0]
+    lanes = lanes_under(findings, condition, found.winner.design, members)
+    levels = run_lanes(lanes, executor=executor)
+    if not levels.complete:
+        raise KeyboardInterrupt
+    k = int(np.argmax(levels.level))
+    return record_lane(lanes[k], k // 2, k % 2, condition.resonance)
+
+
+def write(
+    out: Path,
+    findings: Findings,
+    given: dict[str, Any],
+    frequency: Sequence[ResonanceCurves] = (),
+) -> list[Path]:
     """Write tables and figures of the findings, and return the files."""
     designs = tables.design_table(findings.problem, findings.told)
     summary = design.conditions_of(given) | tables.summary(findings)
@@ -154,9 +231,10 @@ def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
             )
             contents[out / f"{name}.csv"] = tables.level_table(part, names, gaps)
             contents[out / f"{name}.png"] = partial(save, findings=findings)
+    contents |= frequency_files(out, frequency)
     if findings.sensitivity is not None:
         contents[out / "sensitivity.png"] = partial(save_sensitivity, findings=findings)
-    return write_files(contents) + write_card(out, findings_card(findings))
+    return write_files(contents) + write_card(out, findings_card(findings, frequency))
 
 
 def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Path) -> Findings:
@@ -188,12 +266,20 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
         given["audit"],
     )
     findings = find(problem, plan, design.journal_of(given, out), executor, BARS)
+    frequency: list[ResonanceCurves] = []
+    run = None
     try:
         findings = explain(findings, given, executor)
+        if not given["no_figures"]:
+            frequency = frequency_of(findings, executor)
+        if given["history"] is not None:
+            run = worst_run(findings, executor)
     except KeyboardInterrupt:
         findings = replace(findings, finished=False)
     click.echo(tables.text(findings))
-    files = write(out, findings, given)
+    files = write(out, findings, given, frequency)
+    if run is not None:
+        files += write_files({given["history"]: partial(save_history, run=run)})
     name_files(files)
     click.echo()
     return findings
@@ -255,6 +341,7 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
     help="Designs left behind to run in full all the same.",
 )
 @click.option("--no-figures", is_flag=True, help="Search and judge only.")
+@file_option("--history", f"{HISTORY_HELP} Of the winner under the first of --at.")
 @design.study_option
 @out_option("results/optimise_design", "Folder; a concept has one in it.")
 @design.shared_options
@@ -262,8 +349,8 @@ def main(**given: Any) -> None:
     """Find the best design of an absorber for one or more resonances and forces.
 
     Every design runs under all of them, up and down; the finalists run again on fresh members, and the winner on others, beside the paper's and
-    the rule's design, with more modes, and in service (impacts, wear, heat, tolerances). Writes designs.csv, summary.json, and curves, map, detuned
-    and sensitivity as figures and tables. Ctrl-C ends the search; the same command goes on from there.
+    the rule's design, with more modes, and in service (impacts, wear, heat, tolerances). Writes designs.csv, summary.json, the level over the
+    frequency, and curves, map, detuned and sensitivity as figures and tables. Ctrl-C ends the search; the same command goes on from there.
     """
     concepts = list(VARIABLES) if given["concept"] == ALL else [given["concept"]]
     given["every"] = len(concepts) > 1
@@ -273,6 +360,14 @@ def main(**given: Any) -> None:
             raise ParameterError(
                 f"--study = {given['study']} is not allowed: with one concept, as each has a file of its own"
             )
+        if given["every"] and given["history"] is not None:
+            raise ParameterError(
+                f"--history = {given['history']} is not allowed: with one concept, as each has a run of its own"
+            )
+        check_target("--history", given["history"], HISTORY_FORMATS)
+        scenes.refuse_beside_load(
+            given["load"], "history", why="there levels are read from other measures"
+        )
         with executor_on(given["threads"], given["cluster"]) as executor:
             for concept in concepts:
                 out = given["out"] / concept

@@ -1,6 +1,7 @@
 """The cards of the comparison, the tunings, a search and a front: what `optimisation.report.card` writes of them."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from optimisation.baselines import simulate_baselines
 from optimisation.comparison import IMPACT, NONE, Comparison, ResonanceComparison
 from optimisation.extremes import LEAST_RATIO
 from optimisation.files import numbers
+from optimisation.frequency_levels import ResonanceCurves
 from optimisation.gap_card import (
     EFFECTIVE_RATIO,
     Impacts,
@@ -45,6 +47,7 @@ from optimisation.report.design_tables import (
     limit,
     service_pairs,
 )
+from optimisation.report.frequency_report import frequency_charts
 from optimisation.report.tuning_report import MINIMAX, TuningTable
 from optimisation.search.judge import Findings
 from optimisation.search.pareto import Front
@@ -55,8 +58,13 @@ MM = 1e3
 POINTS = 601  # of a curve over the frequency
 
 
-def comparison_card(found: Comparison, borne: Impacts | None = None) -> Card:
-    """Return the impact absorber, the levels of all at one force near each resonance, and all curves; ``borne`` near the first, if known."""
+def comparison_card(
+    found: Comparison, borne: Impacts | None = None, frequency: Sequence[ResonanceCurves] = ()
+) -> Card:
+    """Return the impact absorber, the levels of all at one force near each resonance, and all curves.
+
+    ``borne`` near the first resonance, if known; ``frequency``: levels over the frequency.
+    """
     labels = {concept.key: concept.label for concept in found.concepts}
     own = next(concept.absorber for concept in found.concepts if concept.key == IMPACT)
     assert isinstance(own, SlidingAbsorber)
@@ -101,7 +109,7 @@ def comparison_card(found: Comparison, borne: Impacts | None = None) -> Card:
     return Card(
         "Absorbers of one mass compared",
         (*groups, ("Assumptions", assumed)),
-        tuple(charts),
+        (*charts, *frequency_charts(frequency)),
         tuple(warnings),
     )
 
@@ -237,8 +245,11 @@ def _borne_tuned(table: TuningTable, absorber: TunedAbsorber, ratios: Array) -> 
     )
 
 
-def findings_card(found: Findings) -> Card:
-    """Return a search's winner, its level under each condition beside its rivals, what it bears, and what it rests on."""
+def findings_card(found: Findings, frequency: Sequence[ResonanceCurves] = ()) -> Card:
+    """Return a search's winner, its level under each condition beside its rivals, what it bears, and what it rests on.
+
+    ``frequency``: levels over the frequency.
+    """
     problem = found.problem
     verdict = found.verdict
     groups: list[tuple[str, tuple[Row, ...]]] = []
@@ -287,7 +298,7 @@ def findings_card(found: Findings) -> Card:
     return Card(
         f"Search for the best design: {problem.space.concept}",
         tuple(groups),
-        tuple(charts),
+        (*charts, *frequency_charts(frequency)),
         tuple(warnings),
     )
 

@@ -1,6 +1,7 @@
 """The level over the frequency as figure, chart and JSON; and the time history of a run as table, arrays or figure."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from optimisation.report.figures import (
 
 Array = NDArray[np.float64]
 COLOURS = (GREEN, BLUE, ORANGE, PINK, SKY)
+FREQUENCY_COLUMNS = ("resonance", "force_n", "absorber", "frequency_hz", "level_m")
 HISTORY_FORMATS = (".csv", ".npz", ".png", ".pdf", ".svg")
 HISTORY_HELP = "Write the motion of the run with the highest level: .csv or .npz (every sample, SI units), or draw it: .png, .pdf, .svg."
 COLUMNS = (
@@ -63,23 +65,25 @@ def frequency_charts(parts: Sequence[ResonanceCurves]) -> tuple[Chart, ...]:
     )
 
 
-def frequency_data(parts: Sequence[ResonanceCurves]) -> list[dict[str, Any]]:
-    """Return levels over the frequency as JSON values."""
-    return [
-        {
-            "resonance": part.resonance,
-            "force_n": part.force,
-            "curves": [
-                {
-                    "absorber": one.name,
-                    "frequency_hz": numbers(one.ratio * part.omega / (2 * np.pi)),
-                    "level_m": numbers(one.level),
-                }
-                for one in part.curves
-            ],
-        }
-        for part in parts
-    ]
+def frequency_files(folder: Path, parts: Sequence[ResonanceCurves]) -> dict[Path | None, object]:
+    """Return figure and table of levels over the frequency, for `optimisation.files.write_files`; nothing without curves."""
+    if not any(part.curves for part in parts):
+        return {}
+    table = (FREQUENCY_COLUMNS, frequency_rows(parts))
+    figure = partial(save_frequency, parts=parts)
+    return {folder / "frequency.csv": table, folder / "frequency.png": figure}
+
+
+def frequency_rows(parts: Sequence[ResonanceCurves]) -> Iterator[tuple[object, ...]]:
+    """Yield a row of `FREQUENCY_COLUMNS` for each point of levels over the frequency."""
+    for part in parts:
+        for one in part.curves:
+            hertz = one.ratio * part.omega / (2 * np.pi)
+            known = np.isfinite(one.level)
+            for frequency, level in zip(
+                hertz[known].tolist(), one.level[known].tolist(), strict=True
+            ):
+                yield part.resonance, part.force, one.name, frequency, level
 
 
 def draw_frequency(axes: Any, part: ResonanceCurves) -> None:

@@ -46,7 +46,7 @@ from optimisation.report.figures import (
     figure_of,
     write_figure,
 )
-from optimisation.report.frequency_report import frequency_charts, frequency_data
+from optimisation.report.frequency_report import frequency_charts
 
 Array = NDArray[np.float64]
 Json = dict[str, object]
@@ -430,11 +430,6 @@ def _place_charts(found: PlaceAdvice, best: PlacedDevice) -> tuple[Chart, ...]:
         Chart("Reach", place, "free amplitude over the rule's gap", reaches, marks),
         Chart("Level to expect, no simulation", place, "% of no absorber", shares, marks),
     )
-
-
-def frequency_content(found: Sequence[ResonanceCurves]) -> Json:
-    """Return the levels over the frequency as JSON values."""
-    return {"level_over_frequency": frequency_data(found)}
 
 
 def save_places(path: Path, found: PlaceAdvice) -> None:

@@ -38,6 +38,8 @@ COMMON = """
     --json nowhere/a.json -> --json = nowhere/a.json is not allowed: a file in a folder that exists
     --page bare.md -> one pair of markers
     --plot a.txt -> a name that ends in .png, .pdf, .svg
+    --history nowhere/a.csv -> --history = nowhere/a.csv is not allowed
+    --history a.txt -> --history = a.txt is not allowed: a name that ends in .csv, .npz, .png, .pdf, .svg
     --out file/below -> --out = 'file/below
     --members 0 -> 0 is not
     --scene x.toml --structure {steel} -> does not go with --s
@@ -108,6 +110,7 @@ design_gap --force 3
     --structure {steel} --load shock:20:0.01:1 --rate 1 -> --rate does not go with --load
     --structure {steel} --load shock:20:0.01:1 --free restitution -> --free does not go with --load
     --structure {steel} --load shock:20:0.01:1 --no-card -> --no-card does not go with --load
+    --structure {steel} --load shock:20:0.01:1 --history a.csv -> --history does not go with --load
     --scene good.toml --mass-kg 5 -> --mass-kg does not go with --scene
     --uncertain gap 5% --uncertain gap 6% -> --uncertain gap is given twice
     --uncertain gap 1e-3 2e-3 -> in %, as the number itself is searched
@@ -141,8 +144,6 @@ design_place --force 3
     --limit-level 0 -> limit_level = 0.0 is not allowed
     --constraint stroke -1 -> constraint stroke = -1.0 is not allowed
     --constraint weight 1 -> 'weight' is not one of 'stroke', 'impact_speed'
-    --history a.txt -> --history = a.txt is not allowed: a name that ends in .csv, .npz, .png, .pdf, .svg
-    --history nowhere/a.csv -> --history = nowhere/a.csv is not allowed
     --device nowhere/a.json -> --device = nowhere/a.json is not allowed
 design_place --force 1e-9
     -> force = '1e-09 N near resonance 1, mass ratio 0.01' is not allowed: one for which the design rule gives a gap
@@ -153,6 +154,7 @@ optimise_design
     --study nowhere/a.journal -> study file = nowhere/a.journal is not allowed: a file that can be written to, in a folder that exists
     --study /dev/full -> study file = /dev/full is not allowed
     --concept all --study x.journal -> --study = x.journal
+    --concept all --history x.csv -> --history = x.csv is not allowed: with one concept
     --structure {steel} --at 1:1 --resonances 1 2 -> --resonances = (1, 2) is not allowed: beside --at
     --structure {frame} --free position -> position = 'free' is not allowed: left out on a modal model
     --structure {steel} --load shock:20:0.01:1 --at 1:3 -> --at does not go with --load

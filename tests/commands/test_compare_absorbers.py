@@ -15,6 +15,7 @@ from load_cases import KINDS, MASS, OMEGA, chain, tables_of
 
 from impact_env import Beam
 from impact_env.ensemble import Lane, Threads
+from impact_env.level import response_level
 from impact_env.loads import Loads, Shock
 from impact_env.modes import ModalModel, modal_model
 from impact_env.scene import Scene
@@ -25,6 +26,8 @@ from optimisation.comparison import (
     FORCE_SPAN,
     IMPACT,
     LTVA_PAPER,
+    LTVA_PAPER_WIDE,
+    LTVA_TUNED_WIDE,
     NONE,
     Comparison,
     compare,
@@ -35,7 +38,16 @@ from optimisation.measures import measure_of, measured
 from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, summary
 from optimisation.tuned import den_hartog
 
-FILES = {"runs.csv", "curves.csv", "summary.json", "comparison.png", "card.html", "card.json"}
+FILES = {
+    "runs.csv",
+    "curves.csv",
+    "summary.json",
+    "comparison.png",
+    "frequency.csv",
+    "frequency.png",
+    "card.html",
+    "card.json",
+}
 KEYS = [
     "none",
     "impact",
@@ -104,13 +116,31 @@ def test_study_holds_every_concept_near_both_resonances(study: Comparison) -> No
 
 def test_quick_look_writes_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("optimisation.cli.compare_absorbers.compare", small)
-    done(compare_absorbers, "--quick", "--seed", 4, "--out", tmp_path / "new" / "folder")
     out = tmp_path / "new" / "folder"
+    history = tmp_path / "run.npz"
+    done(compare_absorbers, "--quick", "--seed", 4, "--out", out, "--history", history)
     assert {file.name for file in out.iterdir()} == FILES
     assert (out / "comparison.png").read_bytes().startswith(b"\x89PNG")
     content = json.loads((out / "summary.json").read_text())
     assert content["settings"] | {"members": 2, "seed": 4} == content["settings"]
     assert len(content["resonances"]["2"]["forces_n"]) == 10
+    part = content["resonances"]["1"]
+    best = part["concepts"][IMPACT]["optimum"]["force_n"]
+    curves = [row for row in read(out / "frequency.csv") if row["resonance"] == "1"]
+    assert {float(row["force_n"]) for row in curves} == {best}
+    assert {row["absorber"] for row in curves} == {
+        concept["label"]
+        for key, concept in part["concepts"].items()
+        if key not in (LTVA_PAPER_WIDE, LTVA_TUNED_WIDE)
+    }
+    runs = [
+        float(row["response_level_m"])
+        for row in read(out / "runs.csv")
+        if (row["resonance"], row["concept"], float(row["force_n"])) == ("1", IMPACT, best)
+    ]
+    with np.load(history) as motion:
+        level, _ = response_level(motion["displacement_m"], 32)
+    assert level == pytest.approx(max(runs), rel=1e-12)
     assert [tuple(read(out / name)[0]) for name in ("runs.csv", "curves.csv")] == [
         RUN_COLUMNS,
         CURVE_COLUMNS,

@@ -89,6 +89,7 @@ def test_all_that_is_told_is_of_the_recommended_device(gap: ModuleType, tmp_path
         "levels.csv",
         "summary.json",
         "levels.png",
+        "frequency.csv",
         "frequency.png",
         "device.json",
         "card.html",
@@ -222,6 +223,10 @@ def test_a_line_of_the_best_gap_over_the_mass_is_what_the_runs_of_that_mass_show
     )
     assert ("or" in cells[3]) == (best != 1)
     assert float(cells[4]) == pytest.approx(100 * found.relative[best], abs=0.06)
+    (part,) = mass_ratios.frequency_of([found], None)
+    assert [curve.name for curve in part.curves] == ["5 % of the mass", "no absorber"]
+    worst = float(np.nanmax(found.curves[best].level))
+    assert 0.97 * worst < np.nanmax(part.curves[0].level) < 1.2 * worst
     assert float(cells[6]) == pytest.approx(found.relative[1] / found.relative[best], abs=0.006)
 
 
@@ -298,6 +303,8 @@ def test_concepts_write_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
         "card.json",
         "designs.csv",
         "summary.json",
+        "frequency.csv",
+        "frequency.png",
         "curves.csv",
         "curves.png",
         "detuned.csv",
