@@ -39,6 +39,13 @@ if TYPE_CHECKING:
         stays,
     )
     from impact_env.periodic.shooting import Exponent, largest_exponent
+    from impact_env.periodic.slow_manifold import (
+        ManifoldCheck,
+        SlowManifold,
+        check_manifold,
+        manifold_gap,
+        modal_restitution,
+    )
     from impact_env.periodic.survey import closed_form_orbits, orbit_of_simulation
 
 __all__ = [
@@ -48,16 +55,19 @@ __all__ = [
     "Case",
     "Exponent",
     "Hazard",
+    "ManifoldCheck",
     "NoOrbit",
     "Orbit",
     "OrbitBranch",
     "Range",
     "Share",
+    "SlowManifold",
 ]
 __all__ += [
     "bifurcation_curve",
     "bifurcation_curves",
     "case_of",
+    "check_manifold",
     "closed_form_orbits",
     "confirmed",
     "confirmed_bifurcation",
@@ -71,6 +81,8 @@ __all__ += [
     "hill_multipliers",
     "jumps",
     "largest_exponent",
+    "manifold_gap",
+    "modal_restitution",
     "orbit_branch",
     "orbit_branches",
     "orbit_of",
@@ -90,6 +102,13 @@ _MODULES = {
     "orbit_branches": ("OrbitBranch", "orbit_branch", "orbit_branches"),
     "residence": ("Approach", "Hazard", "Range", "exit_rate", "hazard", "jumps", "stays"),
     "shooting": ("Exponent", "largest_exponent"),
+    "slow_manifold": (
+        "ManifoldCheck",
+        "SlowManifold",
+        "check_manifold",
+        "manifold_gap",
+        "modal_restitution",
+    ),
     "survey": ("closed_form_orbits", "orbit_of_simulation"),
 }
 

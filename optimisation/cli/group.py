@@ -33,7 +33,7 @@ HEADINGS = {
         "mass_ratios",
         "tune_ltva",
     ),
-    "Periodic responses": ("orbits", "frequency_response", "isola", "balance_error"),
+    "Periodic responses": ("orbits", "frequency_response", "isola", "manifold", "balance_error"),
     "Learn": ("train", "judge", "record_demonstrations"),
     "This installation": ("doctor", "prepare", "cache"),
 }

@@ -21,6 +21,7 @@ from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.orbit_branches import GRAZING, PULLING
 from impact_env.periodic.overview import Overview
 from impact_env.periodic.response_curve import EXACT, ResponseCurve
+from impact_env.periodic.slow_manifold import ManifoldCheck
 from impact_env.periodic.stationary import QUANTILES
 from impact_env.periodic.survey import Found
 from impact_env.periodic.symmetric import BIRTH
@@ -58,6 +59,13 @@ SLOW = ORANGE
 BALANCE = "#555555"
 UP = GREEN
 DOWN = PINK
+MANIFOLD_STYLES: dict[str, dict[str, Any]] = {
+    "classical": {"color": YELLOW, "ls": ":", "lw": 2.0},
+    "modal": {"color": GREEN, "ls": "--", "lw": 1.8},
+    "corrected": {"color": BLUE, "ls": "-", "lw": 1.8},
+    "complete": {"color": ORANGE, "ls": "-.", "lw": 1.4},
+}
+Array = NDArray[np.float64]
 RUNS = YELLOW
 LOOKS = {  # exact orbits: colour, dashes, width, label
     "stable": (STABLE, "-", 2.4, "exact orbit, stable"),
@@ -343,6 +351,64 @@ def save_isolas(path: Path, found: IsolaMap) -> None:
     for place, name in zip(axes[1:], maps, strict=True):
         _map(place, found, name)
     figure.suptitle(str(found.case.scene), fontsize=10)
+    write_figure(figure, path)
+
+
+def save_manifold(path: Path, found: ManifoldCheck) -> None:
+    """Draw each variant of the slow invariant manifold, and the exact orbits beside it; the ending of ``path`` chooses the format."""
+    figure, axes = figure_of(7.4, 5.2)
+    gap = found.case.gap
+    mass = found.case.mass_ratio * found.case.model.beam_mass
+
+    def swing(impulse: Array, omega: float) -> Array:
+        """Return the amplitude of the absorber's motion over the gap, for impulses in N s."""
+        return np.asarray(np.pi * impulse / (4 * mass * omega) / gap)
+
+    highest = max(
+        [point.impulse / point.case.omega for point in found.points],
+        default=3
+        * found.manifold("complete").least_impulse
+        / found.manifold("complete").case.omega,
+    )
+    for variant, style in MANIFOLD_STYLES.items():
+        manifold = found.manifold(variant)
+        omega = manifold.case.omega
+        impulses = np.linspace(0.02, 1.08, 400) * highest * omega
+        least = manifold.least_impulse
+        axes.plot(
+            swing(impulses, omega), manifold.amplitude(impulses) / gap, label=variant, **style
+        )
+        if least > 0:
+            axes.plot(
+                swing(np.array([least]), omega),
+                [manifold.least_amplitude / gap],
+                "|",
+                ms=14,
+                color=style["color"],
+            )
+    for stable, face, label in ((True, "black", "stable"), (False, "white", "unstable")):
+        points = [point for point in found.points if point.stable is stable]
+        if points:
+            axes.plot(
+                [float(swing(np.array(p.impulse), p.case.omega)) for p in points],
+                [p.amplitude / gap for p in points],
+                "o",
+                ms=4,
+                mfc=face,
+                mec="black",
+                mew=0.7,
+                ls="none",
+                label=f"exact orbits, {label}",
+            )
+    axes.set(
+        xlim=(0, None),
+        ylim=(0, None),
+        xlabel="amplitude of the absorber over the gap",
+        ylabel="amplitude of the resonant mode over the gap",
+    )
+    axes.set_title(str(found.case.scene), fontsize=9)
+    axes.legend(fontsize=9, frameon=False)
+    draw_grid(axes)
     write_figure(figure, path)
 
 
