@@ -123,7 +123,7 @@ class SlowManifold:
     >>> scene = beam_scene(Beam(), impact_absorber(restitution=0.7))
     >>> manifold = SlowManifold(case_of(scene, 1.0, scene.model.resonance_omega(1)))
     >>> print(f"{manifold.restitution:.2f}, {1e3 * manifold.least_amplitude:.3f} mm")
-    0.04, 0.543 mm
+    0.07, 0.505 mm
     """
 
     case: Case
@@ -131,8 +131,12 @@ class SlowManifold:
     variant: str = "corrected"
 
     def __post_init__(self) -> None:
-        keep_checked(self, case=kind_of(Case), variant=word_of(VARIANTS))
-        count("resonance", self.resonance, 1, self.case.model.modes)
+        keep_checked(
+            self,
+            case=kind_of(Case),
+            variant=word_of(VARIANTS),
+            resonance=lambda name, value: count(name, value, 1, self.case.model.modes),
+        )
         shape = np.asarray(self.case.model.tip_shape)
         require(
             bool(shape[self._mode] != 0),

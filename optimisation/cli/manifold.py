@@ -82,6 +82,14 @@ def map_row(found: ManifoldCheck) -> list[Any]:
     ]
 
 
+def plain_rows(rows: list[list[Any]]) -> list[dict[str, Any]]:
+    """Return the map as JSON has it; an error without orbits is None."""
+    found = [dict(zip(COLUMNS, row, strict=True)) for row in rows]
+    return [
+        {name: None if value != value else value for name, value in row.items()} for row in found
+    ]
+
+
 def map_table(rows: list[list[Any]]) -> str:
     """Return the table of median errors in %."""
     header = ("modes", "restitution", "mass, %", "friction, N", "orbits", *VARIANTS)
@@ -224,10 +232,10 @@ def main(**given: Any) -> None:
             click.echo(f"\n{len(own.points)} exact orbits, {stable_of(own)} of them stable")
         if rows:
             click.echo(f"\nMedian error in %:\n\n{map_table(rows)}")
-        table = [dict(zip(COLUMNS, row, strict=True)) for row in rows]
+        plain = own.to_plain() | {"map": plain_rows(rows), "complete": complete[0]}
         files = write_files(
             {
-                given["json"]: own.to_plain() | {"map": table},
+                given["json"]: plain,
                 given["csv"]: (COLUMNS, rows),
                 given["plot"]: lambda path: save_manifold(path, own),
             }

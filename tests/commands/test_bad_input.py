@@ -207,6 +207,16 @@ isola --modes 3
     --map-modes 1,5 --map-restitutions 1 -> modes = 5
     --from 1 --to 0.9 -> frequency range
     --structure {steel} -> --modes does not go with --structure
+manifold --modes 3
+    --resonance 4 -> --resonance = 4
+    --points -1 -> --points = -1
+    --csv a.csv -> --csv is for a map
+    --map-modes 1,5 -> modes = 5
+    --map-mass-ratios 0 -> mass_ratio = 0
+    --force 0 -> force amplitude = 0
+    --forces 1,a -> --forces = '1,a'
+    --from -1 -> frequency ratio = -1
+    --structure {steel} -> --modes does not go with --structure
 balance_error
     --at 0.9 --force 0.5 -> frequency =
 doctor
@@ -239,6 +249,8 @@ mutation_test
     --only nothing -> --only = nothing is not allowed
 check_places --quick
     --judges 0 -> 0 is not
+manifold_gaps
+    --page none.md -> none.md
 check_gaps --quick
     --rate 0 -> rate = 0.0 is not allowed
 error_vs_runtime
@@ -346,6 +358,7 @@ FULL = {  # a word of the answer, by the line
     "doctor --json a.json": "numba",
     "sweep --modes 2 --from 0.98 --to 1 --rate 10 --json a.json": "response level",
     "isola --modes 1 --from 0.93 --csv a.csv": "restitution",
+    "manifold --modes 1 --points 0 --json a.json": "classical",
     "tune_ltva --quick --modes 2 --out .": "Den Hartog",
 }
 

@@ -112,6 +112,7 @@ QUICK = {  # the shortest form of each command
     "judge": "--task GapChoice-v1 --episodes 4",
     "frequency_response": BALANCE,
     "isola": "--modes 1 --from 0.93",
+    "manifold": "--modes 1 --points 1",
     "mass_ratios": "--rate 100 --members 1 --mass-ratio 0.02 --resonances 1 1",
     "optimise_design": f"{STEEP} --batch 4 --designs 4 --no-figures",
     "orbits": "--modes 3 --friction-limit 0.01 --at 0.95 --symmetric",

@@ -140,6 +140,14 @@ STOPS = (
         5,
     ),
     Stop(
+        "manifold",
+        "--modes 1 --points 2 --forces 3 --map-modes 1 --json a.json",
+        f"{PERIODIC}.slow_manifold.closed_form_orbits",
+        4,
+        "a.json",
+        "a.json",
+    ),
+    Stop(
         "regimes",
         f"{REGIMES} --out .",
         "studies.regimes.measured.stays",

@@ -26,6 +26,7 @@ PAGES = {
     "docs/sweep.md": 2,
     "docs/your_structure.md": 3,
     "docs/periodic_python.md": 1,
+    "docs/slow_manifold.md": 3,
 }
 EXTRAS = {"optimise_design": "optuna"}  # what a command needs beyond the main packages
 

@@ -15,6 +15,7 @@ from impact_env.periodic import SlowManifold, check_manifold, manifold_gap, moda
 from impact_env.periodic.case import Case
 from impact_env.periodic.slow_manifold import VARIANTS
 from optimisation.cli.group import imported
+from studies.cli.manifold_gaps import SCAN, rows_of, scanned
 
 
 def other_model() -> ModalModel:
@@ -181,3 +182,13 @@ def test_the_command_writes_formula_orbits_and_map(tmp_path: Path) -> None:
     assert [row["modes"] for row in plain["map"]] == [1, 3]
     assert len(files[1].read_text().splitlines()) == 3
     assert "gap for 3.5 N" in result.output
+
+
+def test_the_manifolds_gap_is_near_the_best_gap_of_scans() -> None:
+    """On structures that are not the paper's beam, without a fitted number."""
+    rows = list(rows_of(scanned(SCAN)))
+    assert len(rows) >= 28
+    error = np.abs(np.log([row.manifold / row.best for row in rows]))
+    assert np.median(error) < 0.25
+    together = np.abs(np.log([np.sqrt(row.manifold * row.fit) / row.best for row in rows]))
+    assert np.median(together) < 0.15

@@ -18,7 +18,15 @@ from optimisation.progress import BAR, Bar
 from studies.printed_blocks import find_blocks, run_source, select_paragraphs, write_files
 
 PRINTED = "printed"  # the section that says when and where the commands ran
-NAMES = ("which_gap", "which_place", "your_structure", "tutorial", "sweep", "periodic_python")
+NAMES = (
+    "which_gap",
+    "which_place",
+    "your_structure",
+    "tutorial",
+    "sweep",
+    "periodic_python",
+    "slow_manifold",
+)
 PAGES = (ROOT / "README.md", *(ROOT / "docs" / f"{name}.md" for name in NAMES))
 
 
