@@ -1,7 +1,7 @@
 """Run the commands and examples of pages and write what they print into these pages."""
 
 
-# needs: optimise
+# needs: optimise, env
 
 import contextlib
 import tempfile
@@ -26,6 +26,9 @@ NAMES = (
     "sweep",
     "periodic_python",
     "slow_manifold",
+    "loads",
+    "environments",
+    "tasks",
 )
 PAGES = (ROOT / "README.md", *(ROOT / "docs" / f"{name}.md" for name in NAMES))
 
