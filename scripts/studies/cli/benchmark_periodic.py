@@ -345,18 +345,9 @@ def number(value: float, unit: str) -> str:
 
 
 def table(lines: Sequence[Json]) -> str:
-    """Return a line for each median, with its bar."""
-    rows = []
-    for line in lines:
-        bar = line["bar"]
-        unit = line["unit"]
-        judged = (
-            ("none", "")
-            if bar is None
-            else (number(bar, unit), "yes" if line["median"] <= bar else "no")
-        )
-        rows.append((line["what"], number(line["median"], unit), *judged))
-    return markdown(("what", "median", "bar", "reached"), rows)
+    """Return a line for each median; lines of accuracy have no unit."""
+    rows = [(line["what"], number(line["median"], line["unit"])) for line in lines]
+    return markdown(("what", "median"), rows)
 
 
 STUDY: Study[int] = table_study(

@@ -64,8 +64,6 @@ OTHERS = {
     "orbits, symmetric": (*ORBITS, "--symmetric"),
     "orbits, all": ORBITS,
 }
-WANTED = 75.0  # s
-WANTED_CALL = 15.0  # s
 
 
 FORGOTTEN = ("IMPACT_ENV_", "NUMBA_", "PIP_CACHE", "PYTHONPATH", "XDG_", "VIRTUAL_ENV")
@@ -76,7 +74,6 @@ def timed(
     command: list[str],
     clone: Path,
     environment: dict[str, str],
-    wanted: float | None = None,
 ) -> Json:
     """Run a step in the clone and return its times in s; raises ClickException with what it said if it fails."""
     before = os.times()
@@ -98,7 +95,7 @@ def timed(
     cpu = (
         after.children_user + after.children_system - before.children_user - before.children_system
     )
-    return {"what": what, "wall_s": wall, "cpu_s": cpu, "wanted_s": wanted}
+    return {"what": what, "wall_s": wall, "cpu_s": cpu}
 
 
 def first_calls(quick: bool) -> dict[str, tuple[str, ...]]:
@@ -111,7 +108,7 @@ def first_calls(quick: bool) -> dict[str, tuple[str, ...]]:
 
 
 def steps(quick: bool, place: Path, advance: Callable[[], object]) -> list[Json]:
-    """Do all steps in an empty folder and return their times: by the clock, of all cores together, and what is wanted by the clock, if anything."""
+    """Do all steps in an empty folder and return their wall and CPU times."""
     clone = place / "clone"
     home = place / "home"
     home.mkdir()
@@ -140,9 +137,7 @@ def steps(quick: bool, place: Path, advance: Callable[[], object]) -> list[Json]
         found.append(timed(what, words, clone, environment))
         advance()
     wall, cpu = (sum(step[name] for step in found) for name in ("wall_s", "cpu_s"))
-    found.append(
-        {"what": "to the table and the figure", "wall_s": wall, "cpu_s": cpu, "wanted_s": WANTED}
-    )
+    found.append({"what": "to the table and the figure", "wall_s": wall, "cpu_s": cpu})
     if not quick:
         timed("packages of the environments", [*set_up, "env"], clone, environment)
     for name, arguments in first_calls(quick).items():
@@ -152,7 +147,6 @@ def steps(quick: bool, place: Path, advance: Callable[[], object]) -> list[Json]
                 [str(clone / ".venv" / "bin" / "python"), *arguments],
                 clone,
                 environment,
-                WANTED_CALL,
             )
         )
         advance()
@@ -174,24 +168,13 @@ def _measure(quick: bool) -> Json:
 
 def table(found: list[Json]) -> str:
     """Return a line for each step."""
-    columns = {
-        "step": "{what}",
-        "by the clock, s": "{wall_s:.1f}",
-        "of all cores, s": "{cpu_s:.1f}",
-        "wanted, s": "{wanted}",
-    }
-    return lines(
-        columns,
-        (
-            {**step, "wanted": "" if step["wanted_s"] is None else f"{step['wanted_s']:g}"}
-            for step in found
-        ),
-    )
+    columns = {"step": "{what}", "wall time, s": "{wall_s:.1f}", "CPU time, s": "{cpu_s:.1f}"}
+    return lines(columns, found)
 
 
 def _said(measured: Measured) -> str:
     cores = measured.values["cores"]
-    return f"{table(measured.values['steps'])}\n\nOn {cores} core{'s' * (cores != 1)}; one run each, and the packages downloaded anew."
+    return f"{table(measured.values['steps'])}\n\nOn {cores} core{'s' * (cores != 1)}; one run each; packages were downloaded."
 
 
 STUDY = table_study(NAME, "from nothing to the first figure", _measure, _said)

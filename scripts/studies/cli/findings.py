@@ -276,7 +276,7 @@ def _full(result: Json) -> str:
         ("share of the search outside the runs", f"{_percent(result['overhead'])} %"),
         ("largest resident memory", f"{result['memory_bytes'] / 2**30:.2f} GiB"),
         (
-            "left behind, now run in full: better than the best found",
+            "rejected designs, run in full, that beat the best found",
             f"{behind['better_than_best_found']} of {behind['run_in_full']}",
         ),
         (

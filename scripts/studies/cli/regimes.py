@@ -176,10 +176,14 @@ def ways_table(rows: list[Row], case: str) -> str:
         low = min(row["first"], row["last"])
         rates = hazard_of(of_case(rows, STAY, case), high, low)
         share = row["left"] / row["present"]
-        told = 0.0 if rates is None else row["at"] * rates.value
+        predicted = 0.0 if rates is None else row["at"] * rates.value
         measured = -np.log1p(-share)
         error = np.sqrt(share / (1 - share) / row["present"])
-        cells = (f"{told:.4f}", f"{measured:.4f}", f"{measured - told:+.4f} +- {error:.4f}")
+        cells = (
+            f"{predicted:.4f}",
+            f"{measured:.4f}",
+            f"{measured - predicted:+.4f} +- {error:.4f}",
+        )
         lines.append(
             (
                 f"{row['what']}, {row['first']:g} to {row['last']:g}",
@@ -192,9 +196,9 @@ def ways_table(rows: list[Row], case: str) -> str:
         "sweep",
         "pseudo periods per 1 %",
         "left",
-        "exits told by the rates",
+        "exits predicted by the rates",
         "measured, -log of the share that stays",
-        "more than told",
+        "excess",
     )
     return markdown(header, lines) if lines else ""
 

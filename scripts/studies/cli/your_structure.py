@@ -26,6 +26,7 @@ NAMES = (
     "sweep",
     "periodic_python",
     "slow_manifold",
+    "frequency_domain",
     "loads",
     "environments",
     "tasks",
