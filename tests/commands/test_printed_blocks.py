@@ -28,6 +28,8 @@ PAGES = {
     "docs/slow_manifold.md": 3,
     "docs/frequency_domain.md": 2,
     "docs/loads.md": 1,
+    "docs/which_gap.md": 5,
+    "docs/which_place.md": 1,
     "docs/environments.md": 1,
     "docs/tasks.md": 1,
 }
@@ -51,8 +53,8 @@ def print_block(block: Block, outputs: dict[str, str]) -> str:
     return select_paragraphs(outputs[block.source], block.starts)
 
 
-# kernels of a moving base, which few other tests compile
-NIGHTLY = {"docs/loads.md"}
+# kernels of a moving base, which few other tests compile, and whole searches
+NIGHTLY = {"docs/loads.md", "docs/which_gap.md", "docs/which_place.md"}
 
 
 @pytest.mark.parametrize(
