@@ -183,7 +183,7 @@ class Planner:
 
 
 @dataclass(frozen=True)
-class Lanes:
+class RuledLanes:
     """The lanes of an environment, and what a rule of a number of families does in them."""
 
     task: Task
@@ -240,7 +240,7 @@ def plan(
     try:
         seen, _ = true.reset(seed=list(seeds))
         tried.reset(seed=0)
-        own, other = (Lanes(env.unwrapped.task, *rule) for env in (true, tried))
+        own, other = (RuledLanes(env.unwrapped.task, *rule) for env in (true, tried))
         constants = np.array([action for action, _ in trials], dtype=np.float64)
         first = np.tile(np.repeat(constants, planner.copies, axis=0), (lanes, 1))
         lasts = np.tile(np.repeat([last for _, last in trials], planner.copies), lanes)

@@ -57,7 +57,7 @@ class SpectrumSettings(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Case:
+class LoadCase:
     """A beam, the places of its absorber and of its response, and the forces for which the design rule gives `GAP` there."""
 
     name: str
@@ -96,7 +96,7 @@ class Case:
 SUPPORTED = Beam(modes=MODES, ends="pinned-pinned", absorber_position=0.35, force_position=0.2)
 CASES = {
     case.name: case
-    for case in (Case("cantilever", Beam(modes=MODES)), Case("supported beam", SUPPORTED))
+    for case in (LoadCase("cantilever", Beam(modes=MODES)), LoadCase("supported beam", SUPPORTED))
 }
 
 
@@ -108,7 +108,7 @@ def band_text(values: Sequence[float] | None) -> str:
     return f"{middle:.2f} ({low:.2f} to {high:.2f})"
 
 
-class Variant(NamedTuple):
+class LoadVariant(NamedTuple):
     """What differs from a damping of 1 %, the usual mass and restitution, and no friction, under the wide spectrum."""
 
     spectrum: str = "wide"
@@ -120,7 +120,7 @@ class Variant(NamedTuple):
     @property
     def name(self) -> str:
         """What a table calls it."""
-        usual = Variant()._asdict()
+        usual = LoadVariant()._asdict()
         words = {
             "spectrum": "{}",
             "damping": "D = {:g}",
@@ -137,12 +137,12 @@ class Variant(NamedTuple):
 
 
 VARIANTS = (
-    Variant(),
-    *(Variant(spectrum=name) for name in ("narrow", "two modes")),
-    *(Variant(damping=value) for value in (0.005, 0.02, 0.05)),
-    *(Variant(mass_ratio=value) for value in (0.01, 0.04)),
-    *(Variant(restitution=value) for value in (0.4, 0.9)),
-    Variant(friction=1.0),
+    LoadVariant(),
+    *(LoadVariant(spectrum=name) for name in ("narrow", "two modes")),
+    *(LoadVariant(damping=value) for value in (0.005, 0.02, 0.05)),
+    *(LoadVariant(mass_ratio=value) for value in (0.01, 0.04)),
+    *(LoadVariant(restitution=value) for value in (0.4, 0.9)),
+    LoadVariant(friction=1.0),
 )
 
 
@@ -158,7 +158,7 @@ def _ratios(model: ModalModel, absorbers: Sequence[Absorber], loads: Sequence[Lo
     return np.asarray(values[1:] / values[0])
 
 
-def random_rows(case: Case, number: int, settings: SpectrumSettings) -> list[Json]:
+def random_rows(case: LoadCase, number: int, settings: SpectrumSettings) -> list[Json]:
     """Return the relative measure under a random load over the gap, for one variant; for the first also on structures with shifted frequencies."""
     variant = VARIANTS[number]
     damped = replace(case.model, damping_ratio=np.full(case.model.modes, variant.damping))
@@ -194,11 +194,20 @@ def random_rows(case: Case, number: int, settings: SpectrumSettings) -> list[Jso
     left = float(np.median(found[best]))
     return [
         {
-            "structure": case.name, "variant": variant.name, "number": number, **variant._asdict(), "gaps_over_rms": gaps.tolist(),
-            "impact": found[:-1].tolist(), "tuned": found[-1].tolist(), "best": best, "shifted": shifted,
-            "added_damping_over_mass": variant.damping * (left**-2 - 1) / (mass * float(damped.tip_shape[0]) ** 2),
+            "structure": case.name,
+            "variant": variant.name,
+            "number": number,
+            **variant._asdict(),
+            "gaps_over_rms": gaps.tolist(),
+            "impact": found[:-1].tolist(),
+            "tuned": found[-1].tolist(),
+            "best": best,
+            "shifted": shifted,
+            "added_damping_over_mass": variant.damping
+            * (left**-2 - 1)
+            / (mass * float(damped.tip_shape[0]) ** 2),
         }
-    ]  # fmt: skip
+    ]
 
 
 def _shock(model: ModalModel, width: float) -> Loads:
@@ -220,7 +229,7 @@ def _high_share(lane: Lane) -> float:
     return float(1 - modal[0] / np.sum(modal))
 
 
-def shock_rows(case: Case, width: float, settings: SpectrumSettings) -> list[Json]:
+def shock_rows(case: LoadCase, width: float, settings: SpectrumSettings) -> list[Json]:
     """Return decay times over that without absorber, and the share of the higher modes, over the peak; members begin elsewhere in the cavity."""
     model = case.model
     unit = _shock(case.model, width)
@@ -247,10 +256,15 @@ def shock_rows(case: Case, width: float, settings: SpectrumSettings) -> list[Jso
         best = _ratios(model, [tuned], [replace(loads[0], start="middle")])[0, 0]
         rows.append(
             {
-                "structure": case.name, "width": width, "peak_over_gap": peak, "peak_n": force, "decay": decay.tolist(),
-                "tuned": float(best), "high_share": [None if np.isnan(share) else share for share in shares],
+                "structure": case.name,
+                "width": width,
+                "peak_over_gap": peak,
+                "peak_n": force,
+                "decay": decay.tolist(),
+                "tuned": float(best),
+                "high_share": [None if np.isnan(share) else share for share in shares],
             }
-        )  # fmt: skip
+        )
     return rows
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from impact_env import simulate
 from optimisation.machine import peak_memory
-from studies.variants import METHODS, RECORDS, Variant
+from studies.variants import METHODS, RECORDS, KernelVariant
 
 LONGER = 10  # memory is compared between a run and one so many times longer
 
@@ -85,7 +85,7 @@ def instructions(lane: Any) -> int:
     )
 
 
-def _peak_kb(variant: Variant, periods: float) -> float:
+def _peak_kb(variant: KernelVariant, periods: float) -> float:
     """Return the largest memory in kB that Python and NumPy hold at once during a run."""
     scene = variant.scene()
     drive = variant.drive(periods)
@@ -100,7 +100,7 @@ def main(
     absorber: str, method: str, record: str, what: str, periods: float, repeats: int
 ) -> dict[str, Any]:
     """Return the measurements of a variant: its first run, and its compiled code or the times of its runs."""
-    variant = Variant(absorber, method, record)
+    variant = KernelVariant(absorber, method, record)
     scene = variant.scene()
     drive = variant.drive(1.0)
     began = time.perf_counter()

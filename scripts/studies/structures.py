@@ -31,7 +31,7 @@ HELD = {
 
 
 @dataclass(frozen=True)
-class Case:
+class StructureCase:
     """A structure with its name, the resonance (counted from 1) and the absorber's mass over the structure's."""
 
     name: str
@@ -272,23 +272,23 @@ def shelf(damping: float = 0.006) -> ModalModel:
 
 
 CASES = (
-    Case("boom", boom, 1),
-    Case("boom", boom, 2),
-    Case("shelf", shelf, 1),
-    Case("shelf", shelf, 2),
-    Case(
+    StructureCase("boom", boom, 1),
+    StructureCase("boom", boom, 2),
+    StructureCase("shelf", shelf, 1),
+    StructureCase("shelf", shelf, 2),
+    StructureCase(
         "mast, 0.3 % damping",
         lambda: beam(STEEL, 2.0, 0.06, 0.02, damping_ratio=0.003, force_position=0.2),
         1,
         0.01,
     ),
-    Case(
+    StructureCase(
         "mast, 0.3 % damping",
         lambda: beam(STEEL, 2.0, 0.06, 0.02, damping_ratio=0.003, force_position=0.2),
         3,
         0.02,
     ),
-    Case(
+    StructureCase(
         "bridge",
         lambda: beam(
             ALUMINIUM,
@@ -301,7 +301,7 @@ CASES = (
             absorber_position=0.5,
         ),
     ),
-    Case(
+    StructureCase(
         "bridge off its middle",
         lambda: beam(
             ALUMINIUM,
@@ -316,7 +316,7 @@ CASES = (
         2,
         0.03,
     ),
-    Case(
+    StructureCase(
         "beam between clamps",
         lambda: beam(
             STEEL,
@@ -330,7 +330,7 @@ CASES = (
         1,
         0.045,
     ),
-    Case(
+    StructureCase(
         "beam between clamps",
         lambda: beam(
             STEEL,
@@ -344,7 +344,7 @@ CASES = (
         1,
         0.05,
     ),
-    Case(
+    StructureCase(
         "propped beam",
         lambda: beam(
             ALUMINIUM,
@@ -358,7 +358,7 @@ CASES = (
         1,
         0.006,
     ),
-    Case(
+    StructureCase(
         "propped beam",
         lambda: beam(
             ALUMINIUM,
@@ -372,7 +372,7 @@ CASES = (
         2,
         0.015,
     ),
-    Case(
+    StructureCase(
         "floor panel, simply supported",
         lambda: plate(
             ("pinned", "pinned"),
@@ -383,7 +383,7 @@ CASES = (
             ALUMINIUM,
         ),
     ),
-    Case(
+    StructureCase(
         "window, clamped all around",
         lambda: plate(
             ("clamped", "clamped"),
@@ -396,7 +396,7 @@ CASES = (
         2,
         0.04,
     ),
-    Case(
+    StructureCase(
         "wide shelf",
         lambda: plate(
             ("cantilever", "free"),
@@ -409,11 +409,11 @@ CASES = (
         2,
         0.03,
     ),
-    Case("portal frame", lambda: frame(1.2, 0.8, 1400.0, 3.1, 3, 6, 12, 0.006), 1, 0.02),
-    Case("portal frame", lambda: frame(1.2, 0.8, 1400.0, 3.1, 2, 3, 15, 0.007), 3, 0.03),
-    Case("five storeys", lambda: storeys(5, 0.02, 2, 5), 1, 0.04),
-    Case("five storeys", lambda: storeys(5, 0.005, 5, 5), 2, 0.01),
-    Case(
+    StructureCase("portal frame", lambda: frame(1.2, 0.8, 1400.0, 3.1, 3, 6, 12, 0.006), 1, 0.02),
+    StructureCase("portal frame", lambda: frame(1.2, 0.8, 1400.0, 3.1, 2, 3, 15, 0.007), 3, 0.03),
+    StructureCase("five storeys", lambda: storeys(5, 0.02, 2, 5), 1, 0.04),
+    StructureCase("five storeys", lambda: storeys(5, 0.005, 5, 5), 2, 0.01),
+    StructureCase(
         "measured bracket",
         lambda: modal(
             (31.2, 74.6, 128.0, 201.5),
@@ -453,9 +453,9 @@ def close_pair() -> ModalModel:
 
 # ten cases beyond the first twenty: close modes, force and absorber near a node, light and heavy damping, light and heavy absorbers, high resonances
 HARD_CASES = (
-    Case("close pair", close_pair, 1, 0.02),
-    Case("nearly square plate", close_plate, 2, 0.02),
-    Case(
+    StructureCase("close pair", close_pair, 1, 0.02),
+    StructureCase("nearly square plate", close_plate, 2, 0.02),
+    StructureCase(
         "bridge, force near a node",
         lambda: beam(
             ALUMINIUM,
@@ -470,7 +470,7 @@ HARD_CASES = (
         2,
         0.02,
     ),
-    Case(
+    StructureCase(
         "mast, absorber near a node",
         lambda: beam(
             STEEL,
@@ -484,25 +484,25 @@ HARD_CASES = (
         2,
         0.03,
     ),
-    Case(
+    StructureCase(
         "mast, 0.1 % damping",
         lambda: beam(STEEL, 2.0, 0.06, 0.02, damping_ratio=0.001, force_position=0.2, modes=4),
         1,
         0.01,
     ),
-    Case(
+    StructureCase(
         "mast, 3 % damping",
         lambda: beam(STEEL, 2.0, 0.06, 0.02, damping_ratio=0.03, force_position=0.2),
         1,
         0.03,
     ),
-    Case("boom, absorber of 0.5 %", partial(boom, 0.004), 1, 0.005),
-    Case("boom, absorber of 8 %", boom, 1, 0.08),
-    Case(
+    StructureCase("boom, absorber of 0.5 %", partial(boom, 0.004), 1, 0.005),
+    StructureCase("boom, absorber of 8 %", boom, 1, 0.08),
+    StructureCase(
         "strip, resonance 4",
         lambda: beam(STEEL, 0.7, 0.05, 0.006, damping_ratio=0.01, force_position=0.3),
         4,
         0.02,
     ),
-    Case("five storeys, resonance 5", lambda: storeys(5, 0.01, 3, 4), 5, 0.03),
+    StructureCase("five storeys, resonance 5", lambda: storeys(5, 0.01, 3, 4), 5, 0.03),
 )

@@ -46,7 +46,7 @@ def not_none(value: T | None) -> T:
 
 
 @dataclass(frozen=True)
-class Measured:
+class Measurement:
     """What is known of a part: plain values, the `conditions` under which they were measured, and whether that is all of them."""
 
     values: Json
@@ -54,7 +54,7 @@ class Measured:
     complete: bool = True
 
 
-class Table(NamedTuple):
+class CsvTable(NamedTuple):
     """A CSV file: its name without the ending, columns and rows."""
 
     name: str
@@ -80,26 +80,26 @@ class Part(Generic[S]):
     _: KW_ONLY
     measure: Callable[[S, Json], Steps]
     markers: tuple[str, ...]
-    sections: Callable[[Measured], Mapping[str, str]]
+    sections: Callable[[Measurement], Mapping[str, str]]
     steps: Callable[[S, Json], int] | None = None
-    tables: Callable[[Measured], Iterable[Table]] = lambda _: ()
-    figures: Callable[[Measured], Mapping[str, Saver]] = lambda _: {}
-    said: Callable[[Measured], str] | None = None
-    failures: Callable[[Measured], Sequence[str]] = lambda _: ()
+    tables: Callable[[Measurement], Iterable[CsvTable]] = lambda _: ()
+    figures: Callable[[Measurement], Mapping[str, Saver]] = lambda _: {}
+    said: Callable[[Measurement], str] | None = None
+    failures: Callable[[Measurement], Sequence[str]] = lambda _: ()
     told: Callable[[S], Json] = lambda _: {}
 
 
-def to_content(measured: Measured) -> Json:
+def to_file_content(measured: Measurement) -> Json:
     """Return the content of a part's JSON file: ``conditions``, ``complete``, and beside them the values by name."""
     return {"conditions": measured.conditions, "complete": measured.complete, **measured.values}
 
 
-def from_content(content: Json) -> Measured:
-    """Return the inverse of `to_content`; raises KeyError for the content of another file."""
+def from_file_content(content: Json) -> Measurement:
+    """Return the inverse of `to_file_content`; raises KeyError for the content of another file."""
     values = {
         name: value for name, value in content.items() if name not in ("conditions", "complete")
     }
-    return Measured(values, dict(content["conditions"]), bool(content["complete"]))
+    return Measurement(values, dict(content["conditions"]), bool(content["complete"]))
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class Study(Generic[S]):
 
 
 @dataclass(frozen=True)
-class Place:
+class OutputPaths:
     """Where files go: PART.json.gz and all else into ``folder``, or JSON alone to ``json``; sections into ``page``, which starts as ``template``."""
 
     folder: Path | None = None
@@ -139,32 +139,34 @@ class Place:
         return self.json or (self.folder and self.folder / f"{name}.json.gz")
 
 
-def with_page(out: Path, names: Iterable[str]) -> Place:
+def paths_with_page(out: Path, names: Iterable[str]) -> OutputPaths:
     """Return where files go: all into a folder, sections into the page FOLDER.md beside it, if there is one that has a place for them."""
     page = (out if out.name else out.resolve()).with_suffix(".md")  # "." has no name
     if not page.is_file():
-        return Place(out)
+        return OutputPaths(out)
     text = page.read_text(encoding="utf-8")
     missing = [name for name in names if not has_markers(text, name)]
     if missing:
         click.echo(f"{page} has no place for {', '.join(missing)}", err=True)
-    return Place(out, None if missing else page)
+    return OutputPaths(out, None if missing else page)
 
 
-def beside(out: Path, name: str, data: Path | None = None) -> Place:
+def paths_beside_page(out: Path, name: str, data: Path | None = None) -> OutputPaths:
     """Return the place of a study whose page NAME.md is in ``out``, and whose other files are there as well, or in ``data``."""
-    return Place(data or out, out / f"{name}.md", DOCS / f"{name}.md")
+    return OutputPaths(data or out, out / f"{name}.md", DOCS / f"{name}.md")
 
 
 # How a study is carried out: the bar, Ctrl-C, going on from an earlier run, drawing anew from the files, machine and sources, and the exit code.
 
-KEEP_S = 30.0  # what is measured is written this often at least, where a step does not take longer
+WRITE_INTERVAL_S = (
+    30.0  # what is measured is written this often at least, where a step does not take longer
+)
 
 
 def run(
     study: Study[S],
     settings: S,
-    place: Place,
+    place: OutputPaths,
     *,
     only: Sequence[str] = (),
     redraw: bool = False,
@@ -181,7 +183,7 @@ def run(
         if place.folder is not None:
             require_writable("--out", place.folder)
         if redraw:
-            parts = _there(parts, place, bool(only))
+            parts = find_measured_parts(parts, place, bool(only))
         if place.page is not None:
             require_markers(
                 place.page,
@@ -191,9 +193,9 @@ def run(
         failures: list[str] = []
         for part in parts:
             measured = (
-                load(part, place)
+                read_measurement(part, place)
                 if redraw
-                else _measured_and_kept(study, part, settings, place, resume)
+                else measure_or_resume(study, part, settings, place, resume)
             )
             publish(
                 part,
@@ -212,7 +214,7 @@ def run(
         sys.exit(1)
 
 
-def _there(parts: list[Part[S]], place: Place, named: bool) -> list[Part[S]]:
+def find_measured_parts(parts: list[Part[S]], place: OutputPaths, named: bool) -> list[Part[S]]:
     """Return the parts that there are files of; all of those that the caller has named."""
     files = {part.name: place.numbers(part.name) for part in parts}
     there = [
@@ -227,27 +229,27 @@ def _there(parts: list[Part[S]], place: Place, named: bool) -> list[Part[S]]:
     return there
 
 
-def load(part: Part[S], place: Place, option: str = "--redraw") -> Measured:
+def read_measurement(part: Part[S], place: OutputPaths, option: str = "--redraw") -> Measurement:
     """Read what an earlier run has measured; raises ParameterError if it is not there, or is something else."""
     path = place.numbers(part.name)
     assert path is not None
     try:
-        return from_content(dict(read_json(path)))
+        return from_file_content(dict(read_json(path)))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ParameterError(
             f"{option}: {path} is not allowed: a file that an earlier run of this command wrote ({error})"
         ) from error
 
 
-def _measured_and_kept(
-    study: Study[S], part: Part[S], settings: S, place: Place, resume: bool
-) -> Measured:
+def measure_or_resume(
+    study: Study[S], part: Part[S], settings: S, place: OutputPaths, resume: bool
+) -> Measurement:
     """Measure a part and write its numbers; one that an earlier run has finished is left as it is with ``resume``."""
     path = place.numbers(part.name)
     earlier = None
     told = part.told(settings)
     if (resume or told) and path is not None and path.exists():
-        earlier = load(part, place, "--resume" if resume else "--out")
+        earlier = read_measurement(part, place, "--resume" if resume else "--out")
         if study.key is not None and earlier.conditions.get("key") != study.key(
             part.name, settings
         ):
@@ -269,9 +271,9 @@ def _measured_and_kept(
                         f"--resume is not allowed: with the same {name} as the earlier run, {old.get(name)}, not {new.get(name)}"
                     )
 
-    def write(measured: Measured) -> None:
+    def write(measured: Measurement) -> None:
         if path is not None:
-            write_json(path, to_content(measured))
+            write_json(path, to_file_content(measured))
 
     return measure(study, part, settings, earlier, write)
 
@@ -280,9 +282,9 @@ def measure(
     study: Study[S],
     part: Part[S],
     settings: S,
-    earlier: Measured | None = None,
-    keep: Callable[[Measured], object] = lambda _: None,
-) -> Measured:
+    earlier: Measurement | None = None,
+    keep: Callable[[Measurement], object] = lambda _: None,
+) -> Measurement:
     """Measure a part, or what ``earlier`` lacks of it. Ctrl-C or a run that breaks down leaves what is known, and is raised if that is nothing.
 
     What is known is handed to ``keep`` every now and then, and at the end.
@@ -293,14 +295,14 @@ def measure(
     if earlier is not None:
         began -= earlier.conditions["wall_s"]
 
-    def known(ended: bool, failure: str = "") -> Measured:
+    def known(ended: bool, failure: str = "") -> Measurement:
         taken: Json = (
             {"wall_s": round(time.perf_counter() - began, 1)}
             | study.notes(settings)
             | ({"failure": failure} if failure else {})
         )
         taken |= {} if study.key is None else {"key": study.key(part.name, settings)}
-        found = Measured(values, made | taken, ended)
+        found = Measurement(values, made | taken, ended)
         keep(found)
         return found
 
@@ -313,7 +315,7 @@ def measure(
         try:
             for values in steps:  # noqa: B007 - `known` reads it
                 bar.update()
-                if time.perf_counter() - kept > KEEP_S:
+                if time.perf_counter() - kept > WRITE_INTERVAL_S:
                     known(ended=False)
                     kept = time.perf_counter()
         except (KeyboardInterrupt, IntegrationError) as error:
@@ -325,7 +327,9 @@ def measure(
     return known(ended=True)
 
 
-def publish(part: Part[S], measured: Measured, place: Place, written: Sequence[Path] = ()) -> None:
+def publish(
+    part: Part[S], measured: Measurement, place: OutputPaths, written: Sequence[Path] = ()
+) -> None:
     """Write a part's CSV files, figures and sections of the page, and print the results and the names of all files ``written``."""
     sections = part.sections(measured)
     click.echo(
@@ -350,7 +354,7 @@ def publish(part: Part[S], measured: Measured, place: Place, written: Sequence[P
 # Parts of a usual kind.
 
 
-def rows_by_case(
+def measure_rows_by_case(
     cases: Mapping[Any, Callable[[], list[Json]]], key: Callable[[Json], Any], known: Json
 ) -> Steps:
     """Yield {"rows": ...} after each case: a function that measures its rows, by what ``key`` returns of them. Cases that are known are left out.
@@ -359,38 +363,49 @@ def rows_by_case(
     """
     places = {name: place for place, name in enumerate(cases)}
     rows: list[Json] = list(known.get("rows", ()))
-    for name in left(cases, key, known):
+    for name in find_missing_cases(cases, key, known):
         rows = sorted(
             rows + cases[name](), key=lambda row: places[key(row)]
         )  # stable: a case's rows keep their order
         yield {"rows": rows}
 
 
-def left(cases: Iterable[Any], key: Callable[[Json], Any], known: Json) -> list[Any]:
+def find_missing_cases(cases: Iterable[Any], key: Callable[[Json], Any], known: Json) -> list[Any]:
     """Return the cases that have no rows yet."""
     done = {key(row) for row in known.get("rows", ())}
     return [name for name in cases if name not in done]
 
 
-def rows_part(
-    name: str, title: str, cases: Callable[[S], Mapping[Any, Callable[[], list[Json]]]], key: Callable[[Json], Any], text: Callable[[Measured], str],
-    marker: str = "", told: Callable[[S], Json] = lambda _: {}, **others: Any,
-) -> Part[S]:  # fmt: skip
+def make_rows_part(
+    name: str,
+    title: str,
+    cases: Callable[[S], Mapping[Any, Callable[[], list[Json]]]],
+    key: Callable[[Json], Any],
+    text: Callable[[Measurement], str],
+    marker: str = "",
+    told: Callable[[S], Json] = lambda _: {},
+    **others: Any,
+) -> Part[S]:
     """Return a part whose values are what is ``told`` and rows by case, and whose one section is ``text`` unless ``others`` say otherwise."""
     marker = marker or name
 
     def measure(settings: S, known: Json) -> Steps:
-        for values in rows_by_case(cases(settings), key, known):
+        for values in measure_rows_by_case(cases(settings), key, known):
             yield {**told(settings), **values}
 
     usual: Json = {"markers": (marker,), "sections": lambda measured: {marker: text(measured)}}
-    usual["steps"] = lambda settings, known: len(left(cases(settings), key, known))
+    usual["steps"] = lambda settings, known: len(find_missing_cases(cases(settings), key, known))
     return Part(name, title, measure=measure, told=told, **usual | others)
 
 
-def whole_part(
-    name: str, title: str, measure: Callable[[S], Json], text: Callable[[Measured], str], marker: str, **others: Any
-) -> Part[S]:  # fmt: skip
+def make_whole_part(
+    name: str,
+    title: str,
+    measure: Callable[[S], Json],
+    text: Callable[[Measurement], str],
+    marker: str,
+    **others: Any,
+) -> Part[S]:
     """Return a part that is measured as a whole, and whose one section is ``text``; ``others`` are a part's."""
 
     def steps(settings: S, _known: Json) -> Steps:
@@ -406,7 +421,7 @@ def whole_part(
     )
 
 
-def with_sources(said: Callable[[Measured], str]) -> Callable[[Measured], str]:
+def add_sources(said: Callable[[Measurement], str]) -> Callable[[Measurement], str]:
     """Return a function that adds below a text when, where and with what its numbers were measured."""
     return lambda measured: f"{said(measured)}\n\n{sources(measured.conditions)}"
 
@@ -414,33 +429,33 @@ def with_sources(said: Callable[[Measured], str]) -> Callable[[Measured], str]:
 # Studies of one table: it is printed, its numbers go to a JSON file, and the table itself into a page, each on request.
 
 
-def table_study(
-    name: str, title: str, measure: Callable[[S], Json], said: Callable[[Measured], str]
+def make_table_study(
+    name: str, title: str, measure: Callable[[S], Json], said: Callable[[Measurement], str]
 ) -> Study[S]:
     """Return the study whose table ``said`` puts into words; what ``measure`` returns of the settings is whole, or there is nothing."""
-    part = whole_part(name, title, measure, with_sources(said), name, said=said)
+    part = make_whole_part(name, title, measure, add_sources(said), name, said=said)
     return Study(
         (part,),
         kept="nothing is written.",
     )
 
 
-def lines(columns: Mapping[str, str], rows: Iterable[Mapping[str, Any]]) -> str:
+def format_table(columns: Mapping[str, str], rows: Iterable[Mapping[str, Any]]) -> str:
     """Return a Markdown table with a line for each row; ``columns`` say by their headers how values of a row are written, as for `str.format`."""
     return markdown(
         tuple(columns), [tuple(form.format(**row) for form in columns.values()) for row in rows]
     )
 
 
-def table_options(marker: str, page: str) -> Callable[[Command], Command]:
+def add_table_options(marker: str, page: str) -> Callable[[Command], Command]:
     """Add --json and --page to a command whose table stands between the markers of ``page``; it gets them as ``target`` and ``page``."""
     json = json_option("Write the numbers, each repeat where there are any.", "target")
     table = page_option(marker, page)
     return lambda command: json(table(command))
 
 
-def table_place(target: Path | None, page: Path | None) -> Place:
+def make_table_paths(target: Path | None, page: Path | None) -> OutputPaths:
     """Return where numbers and table go; raises BadInput, before any work is done, if they cannot be written."""
     check_target("--json", target)
     check_target("--page", page)
-    return Place(json=target, page=page)
+    return OutputPaths(json=target, page=page)

@@ -22,14 +22,14 @@ class TimingSettings(NamedTuple):
     repeats: int
 
 
-def seconds(work: Callable[[], object]) -> float:
+def time_call(work: Callable[[], object]) -> float:
     """Return the time of a call in s."""
     began = time.perf_counter()
     work()
     return time.perf_counter() - began
 
 
-def in_turn(
+def time_in_turn(
     runs: Mapping[K, Callable[[], float]], repeats: int, advance: Advance = lambda: None
 ) -> dict[K, list[float]]:
     """Return the times in s of each repeat, by name; in each repeat the runs go one after the other."""
@@ -41,7 +41,7 @@ def in_turn(
     return found
 
 
-def each_and_median(found: Mapping[str, Sequence[float]]) -> Json:
+def summarise_times(found: Mapping[str, Sequence[float]]) -> Json:
     """Return the values of a benchmark's file, of times in s: by name all of them in us, and their median."""
     each = {name: [1e6 * x for x in times] for name, times in found.items()}
     return {f"{name}_us_each": times for name, times in each.items()} | {
@@ -49,7 +49,9 @@ def each_and_median(found: Mapping[str, Sequence[float]]) -> Json:
     }
 
 
-def median_time(run: Callable[[], float], repeats: int, patience: float = float("inf")) -> float:
+def measure_median_time(
+    run: Callable[[], float], repeats: int, patience: float = float("inf")
+) -> float:
     """Return the median of several times in s; slow runs are repeated less often, once they have taken so many s."""
     began = time.perf_counter()
     times = [run()]
@@ -58,7 +60,7 @@ def median_time(run: Callable[[], float], repeats: int, patience: float = float(
     return statistics.median(times)
 
 
-def sweep_up(scene: Scene, force: float, start: float, periods: float) -> Drive:
+def make_sweep_up(scene: Scene, force: float, start: float, periods: float) -> Drive:
     """Return the paper's sweep up from a frequency over the first resonance's, over so many pseudo periods."""
     return Drive(
         force,
@@ -66,7 +68,7 @@ def sweep_up(scene: Scene, force: float, start: float, periods: float) -> Drive:
     )
 
 
-def all_cases(
+def measure_all_cases(
     cases: Sequence[T], given: TimingSettings, measure: Callable[[T, TimingSettings, Advance], Json]
 ) -> Json:
     """Measure all cases, with a bar."""

@@ -66,7 +66,7 @@ RECORDS = {
 
 
 @dataclass(frozen=True)
-class Variant:
+class KernelVariant:
     """A scene, a method and observers, by name."""
 
     absorber: str
@@ -103,15 +103,16 @@ class Variant:
 
 
 OWN = (
-    *(Variant(name) for name in list(ABSORBERS)[:8]),
-    *(Variant(name, "moreau") for name in ("no absorber", "impact", "impact and friction")),
-    *(Variant(name, "runge-kutta") for name in ("no absorber", "compliant")),
-    *(Variant("impact", record=record) for record in RECORDS if record != "level"),
+    *(KernelVariant(name) for name in list(ABSORBERS)[:8]),
+    *(KernelVariant(name, "moreau") for name in ("no absorber", "impact", "impact and friction")),
+    *(KernelVariant(name, "runge-kutta") for name in ("no absorber", "compliant")),
+    *(KernelVariant("impact", record=record) for record in RECORDS if record != "level"),
 )
 QUICK_OWN = tuple(
     variant
     for variant in OWN
-    if variant in (Variant("no absorber"), Variant("impact"), Variant("impact and friction"))
+    if variant
+    in (KernelVariant("no absorber"), KernelVariant("impact"), KernelVariant("impact and friction"))
 )
 
 
@@ -120,47 +121,61 @@ class Pair:
     """A scene that lacks a part, and a more general one in which the part has no effect."""
 
     part: str
-    without: Variant
-    switched_off: Variant
+    without: KernelVariant
+    switched_off: KernelVariant
 
 
 PAIRS = (
-    Pair("walls (exact, no friction)", Variant("no absorber"), Variant("impact out of reach")),
+    Pair(
+        "walls (exact, no friction)",
+        KernelVariant("no absorber"),
+        KernelVariant("impact out of reach"),
+    ),
     Pair(
         "walls and friction (exact)",
-        Variant("no absorber"),
-        Variant("nothing in reach, friction without effect"),
+        KernelVariant("no absorber"),
+        KernelVariant("nothing in reach, friction without effect"),
     ),
     Pair(
         "walls (exact, with friction)",
-        Variant("friction damper"),
-        Variant("impact out of reach, and friction"),
+        KernelVariant("friction damper"),
+        KernelVariant("impact out of reach, and friction"),
     ),
-    Pair("friction (exact)", Variant("impact"), Variant("impact, and friction without effect")),
-    Pair("compliant walls (exact)", Variant("no absorber"), Variant("compliant out of reach")),
+    Pair(
+        "friction (exact)",
+        KernelVariant("impact"),
+        KernelVariant("impact, and friction without effect"),
+    ),
+    Pair(
+        "compliant walls (exact)",
+        KernelVariant("no absorber"),
+        KernelVariant("compliant out of reach"),
+    ),
     Pair(
         "elastic friction (exact)",
-        Variant("compliant"),
-        Variant("compliant, and friction without effect"),
+        KernelVariant("compliant"),
+        KernelVariant("compliant, and friction without effect"),
     ),
     Pair(
-        "walls (Moreau)", Variant("no absorber", "moreau"), Variant("impact out of reach", "moreau")
+        "walls (Moreau)",
+        KernelVariant("no absorber", "moreau"),
+        KernelVariant("impact out of reach", "moreau"),
     ),
     Pair(
         "friction (Moreau)",
-        Variant("impact", "moreau"),
-        Variant("impact, and friction without effect", "moreau"),
+        KernelVariant("impact", "moreau"),
+        KernelVariant("impact, and friction without effect", "moreau"),
     ),
     Pair(
         "walls (Runge-Kutta)",
-        Variant("no absorber", "runge-kutta"),
-        Variant("compliant out of reach", "runge-kutta"),
+        KernelVariant("no absorber", "runge-kutta"),
+        KernelVariant("compliant out of reach", "runge-kutta"),
     ),
     *(
         Pair(
             f"{record} recorded",
-            Variant("impact", record="nothing"),
-            Variant("impact", record=record),
+            KernelVariant("impact", record="nothing"),
+            KernelVariant("impact", record=record),
         )
         for record in RECORDS
         if record != "nothing"
@@ -168,7 +183,7 @@ PAIRS = (
 )
 
 
-def own(quick: bool) -> tuple[Variant, ...]:
+def own(quick: bool) -> tuple[KernelVariant, ...]:
     """Return the variants of which compiled code is looked at."""
     return QUICK_OWN if quick else OWN
 

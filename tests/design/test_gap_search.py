@@ -32,7 +32,7 @@ from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import den_hartog, peaks, smallest_amplitude
 from studies.cli import check_gaps
 from studies.cli.check_gaps import judged
-from studies.structures import CASES, HARD_CASES, Case, frame, plate, storeys
+from studies.structures import CASES, HARD_CASES, StructureCase, frame, plate, storeys
 
 MODEL = modal_model(Beam(modes=3))
 
@@ -179,7 +179,7 @@ def test_impact_speed_of_a_pressure_is_the_estimates_inverse() -> None:
 
 
 @pytest.mark.parametrize("case", HARD_CASES[:1], ids=lambda case: case.name)
-def test_tuned_absorber_beside_a_close_resonance_is_the_best_of_a_grid(case: Case) -> None:
+def test_tuned_absorber_beside_a_close_resonance_is_the_best_of_a_grid(case: StructureCase) -> None:
     """Largest amplitude over the common range against a grid of springs and dampers, each solved as two bodies more."""
     model = case.model()
     low, high = find_sweep_range(model, case.mass_ratio, case.resonance)

@@ -347,10 +347,19 @@ ELSEWHERE = (
 MORE = {
     make.__name__: make
     for make in (
-        CompliantContact, CurveCase, Lane, Members, RigidContact, TaskSettings, default_rate, draw_members, performance_curve, response_level,
+        CompliantContact,
+        CurveCase,
+        Lane,
+        Members,
+        RigidContact,
+        TaskSettings,
+        default_rate,
+        draw_members,
+        performance_curve,
+        response_level,
         run_lanes,
     )
-}  # fmt: skip
+}
 PUBLIC = {
     name: getattr(impact_env, name)
     for name in impact_env.__all__

@@ -172,13 +172,19 @@ def put(content: str, row: int, text: str) -> str:
 
 PLAIN = table("t_s,a")
 HOLD = table("t_s,a", values=np.minimum(1.0, 40 * TIMES))
-REFUSED_TABLES: dict[str, tuple[bytes | str, str, str]] = {  # a table, keys of the load, and the message
+REFUSED_TABLES: dict[
+    str, tuple[bytes | str, str, str]
+] = {  # a table, keys of the load, and the message
     "a unit of force": (table("t_s,a (kN)"), "", r"a\.csv: unit = 'kN' .*acceleration, as m/s\^2"),
     "a displacement": (table("t_s,x (mm)"), "", "unit = 'mm'"),
     "a displacement by name": (table("t_s,displacement"), "", "column = 'displacement'"),
     "volts": (table("Time,A\n(ms),(V)\n"), "", "unit = 'V'"),
     "an unknown unit": (table("t_s,a (foo)"), "", "unit = 'foo'"),
-    "an unknown unit of time": (table("time (tick),a"), "", "unit = 'tick' .*time in brackets or at the end, as s, ms"),
+    "an unknown unit of time": (
+        table("time (tick),a"),
+        "",
+        "unit = 'tick' .*time in brackets or at the end, as s, ms",
+    ),
     "a unit among words": (table("t_s,acc_g_front"), "", "unit = 'g'"),
     "a unit of two words": (table("t_s,acc m_s2 front"), "", "unit = 'm_s2'"),
     "a unit of time among words": (table("time ms rel,a"), "", "unit = 'ms'"),
@@ -188,19 +194,43 @@ REFUSED_TABLES: dict[str, tuple[bytes | str, str, str]] = {  # a table, keys of 
     "an open bracket": (table("t_s,a (g"), "", "unit = 'a"),
     "a spectrum": (table("frequency (Hz),PSD"), "", r"first column = 'frequency \(Hz\)'"),
     "a spectrum without units": (table("freq,psd"), "", "first column = 'freq'"),
-    "another unit than the key's": (table("t_s,a_g"), "unit = 'mm/s^2'", r"load\.unit = 'mm/s\^2' .*: g"),
-    "a factor for the unit once more": (table("t_s,a_g"), "scale = 9.81", r"load\.scale = 9\.81 .*left out, as a\.csv has values in g"),
+    "another unit than the key's": (
+        table("t_s,a_g"),
+        "unit = 'mm/s^2'",
+        r"load\.unit = 'mm/s\^2' .*: g",
+    ),
+    "a factor for the unit once more": (
+        table("t_s,a_g"),
+        "scale = 9.81",
+        r"load\.scale = 9\.81 .*left out, as a\.csv has values in g",
+    ),
     "a unit that is none": (PLAIN, "unit = 'N'", r"load\.unit = 'N'"),
     "a unit of time that is none": (PLAIN, "time_unit = 'g'", r"load\.time_unit = 'g'"),
     "a unit in a comment": ("# unit: g\n" + PLAIN, "", "row 1 = 'unit: g'"),
-    "a channel's number before a unit": (table("t_s,Accel 2 m/s^2"), "", r"unit = '2 m/s\^2' .*in brackets"),
+    "a channel's number before a unit": (
+        table("t_s,Accel 2 m/s^2"),
+        "",
+        r"unit = '2 m/s\^2' .*in brackets",
+    ),
     "channels' numbers before a unit": (table("t_s,Ch1/2 g"), "", "unit = '2 g'"),
     "a range before a unit": (table("t_s,acc_50g"), "", "unit = '50g'"),
     "a prefix in a word of its own": (table("t_s,acc milli-g"), "", "unit = 'milli-g'"),
-    "dates of ISO 8601": ("time,a\n2020-01-01T00:00:00,1\n2020-01-01T00:00:01,2\n", "", "row 3 = '2020-.*no dates"),
+    "dates of ISO 8601": (
+        "time,a\n2020-01-01T00:00:00,1\n2020-01-01T00:00:01,2\n",
+        "",
+        "row 3 = '2020-.*no dates",
+    ),
     "complex numbers": ("t_s,a\n0,1+2j\n1,1-2j\n", "", r"row 3 = '1,1-2j' .*real numbers"),
-    "a last column of empty cells": (table("t_s,a,note", end=",\n").replace("note,", "note"), "", "row 2 = .*no gap"),
-    "a separator at the end of some rows": (put(table("t_s,a", end=",\n"), 7, "0.005,1"), "", "row 7 = .*at the end, as in all rows"),
+    "a last column of empty cells": (
+        table("t_s,a,note", end=",\n").replace("note,", "note"),
+        "",
+        "row 2 = .*no gap",
+    ),
+    "a separator at the end of some rows": (
+        put(table("t_s,a", end=",\n"), 7, "0.005,1"),
+        "",
+        "row 7 = .*at the end, as in all rows",
+    ),
     "a current": (table("t_s,current A"), "", "unit = 'A'"),
     "no channel": (THREE, "", r"load\.channel = None .*1 'a \(g\)', 2 'b \(mm/s2\)'"),
     "no such channel": (THREE, "channel = 3", r"load\.channel = 3 .*1 'a \(g\)', 2"),
@@ -220,7 +250,11 @@ REFUSED_TABLES: dict[str, tuple[bytes | str, str, str]] = {  # a table, keys of 
     "an infinite number": (put(PLAIN, 7, "0.005,1e400"), "", "row 7 = "),
     "a short row": (put(PLAIN, 7, "0.005"), "", "row 7 = .*2 cells"),
     "marks of thousands": (put(table("t;a", separator=";"), 7, "0.005;1,234.5"), "", "row 7 = "),
-    "both decimal marks": (put(table("t;a", separator=";"), 7, "0,005;1.5"), "", "row 7 = .*one decimal mark"),
+    "both decimal marks": (
+        put(table("t;a", separator=";"), 7, "0,005;1.5"),
+        "",
+        "row 7 = .*one decimal mark",
+    ),
     "dates": ("time,a\n2020-01-01 00:00:00,1\n2020-01-01 00:00:01,2\n", "", "row 2 = "),
     "one time twice": (put(PLAIN, 7, "0.004,1"), "", r"time in row 7 = 0\.004 .*later"),
     "times that fall": (table("t_s,a", TIMES[::-1]), "", "time in row 3 = "),
@@ -231,7 +265,7 @@ REFUSED_TABLES: dict[str, tuple[bytes | str, str, str]] = {  # a table, keys of 
     "UTF-16 without a mark": (PLAIN.encode("utf-16-le"), "", r"file = 'a\.csv' .*bytes of zero"),
     "a hold": (HOLD, "", r"a\.csv: value = 1 .*clipped from row 27 on; allow_clipping = true"),
     "a flag that is none": (HOLD, "allow_clipping = 1", r"load\.allow_clipping = 1"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", REFUSED_TABLES)
@@ -291,8 +325,10 @@ UNEVEN = {
     "a little jitter": np.round(TIMES + 0.05 * JITTER, 9),
     "a sample less": np.delete(np.round(TIMES, 6), 50),
     "a sample less at the end": np.delete(np.round(TIMES, 6), 98),
-    "another rate from the middle on": np.concatenate([TIMES[:50], TIMES[50] + 1.01 * (TIMES[50:] - TIMES[50])]),
-}  # fmt: skip
+    "another rate from the middle on": np.concatenate(
+        [TIMES[:50], TIMES[50] + 1.01 * (TIMES[50:] - TIMES[50])]
+    ),
+}
 
 
 @pytest.mark.parametrize("name", UNEVEN)
@@ -440,18 +476,38 @@ DATA = SOUND.index(b"data") + 4
 REFUSED_SOUNDS: dict[str, tuple[bytes, str]] = {
     "two channels": (sound(VALUES / 2, 16, 2), r"load\.channel = None .*2 channels"),
     "no samples": (sound(np.zeros(0), 16), "chunk 'data' = '0 bytes'"),
-    "half a sample": (SOUND[:DATA] + struct.pack("<I", 199) + SOUND[DATA + 4 :], "chunk 'data' = '199 bytes'"),
-    "more samples announced": (SOUND[:DATA] + struct.pack("<I", 400) + SOUND[DATA + 4 :], "chunk 'data' = '400 bytes'"),
-    "fewer samples announced": (SOUND[:DATA] + struct.pack("<I", 100) + SOUND[DATA + 4 :], "chunk '"),
-    "a length that is not known": (SOUND[:DATA] + b"\xff\xff\xff\xff" + SOUND[DATA + 4 :], "chunk 'data' = '4294967295 bytes'"),
+    "half a sample": (
+        SOUND[:DATA] + struct.pack("<I", 199) + SOUND[DATA + 4 :],
+        "chunk 'data' = '199 bytes'",
+    ),
+    "more samples announced": (
+        SOUND[:DATA] + struct.pack("<I", 400) + SOUND[DATA + 4 :],
+        "chunk 'data' = '400 bytes'",
+    ),
+    "fewer samples announced": (
+        SOUND[:DATA] + struct.pack("<I", 100) + SOUND[DATA + 4 :],
+        "chunk '",
+    ),
+    "a length that is not known": (
+        SOUND[:DATA] + b"\xff\xff\xff\xff" + SOUND[DATA + 4 :],
+        "chunk 'data' = '4294967295 bytes'",
+    ),
     "bytes at the end": (SOUND + b"more of it", "bytes = "),
-    "12 bits": (sound(VALUES / 2, 16).replace(struct.pack("<H", 16) + b"LIST", struct.pack("<H", 12) + b"LIST"), "bits of a sample = 12"),
+    "12 bits": (
+        sound(VALUES / 2, 16).replace(
+            struct.pack("<H", 16) + b"LIST", struct.pack("<H", 12) + b"LIST"
+        ),
+        "bits of a sample = 12",
+    ),
     "A-law": (sound(VALUES / 2, 8, tag=6), r"file = 'a\.wav' .*ALAW"),
     "ADPCM": (sound(VALUES / 2, 8, tag=2), r"file = 'a\.wav' .*ADPCM"),
     "no sound": (b"time_s,value\n0,1\n1,2\n", r"file = 'a\.wav' .*RIFF"),
-    "no format": (b"RIFF" + struct.pack("<I", 16) + b"WAVEdata" + struct.pack("<I", 4) + b"abcd", "no chunk 'fmt '"),
+    "no format": (
+        b"RIFF" + struct.pack("<I", 16) + b"WAVEdata" + struct.pack("<I", 4) + b"abcd",
+        "no chunk 'fmt '",
+    ),
     "no number": (sound(np.where(TIMES == 0.005, np.nan, VALUES), 32, tag=3), "row 6 = nan"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", REFUSED_SOUNDS)
@@ -530,7 +586,9 @@ def dataset_164(code: int, length: float, force: float) -> bytes:
 
 MM = dataset_164(5, 1e3, 1e3)
 INCH = dataset_164(7, 1 / constants.inch, 1 / constants.lbf)
-READ_UFF: dict[str, tuple[bytes, str, float, str]] = {  # a file, its quantity, the factor of its unit, keys of the load
+READ_UFF: dict[
+    str, tuple[bytes, str, float, str]
+] = {  # a file, its quantity, the factor of its unit, keys of the load
     "plain": (dataset_58(), BASE, 1.0, ""),
     "single": (dataset_58(precision=2), BASE, 1.0, ""),
     "binary": (dataset_58(binary="<"), BASE, 1.0, ""),
@@ -546,21 +604,41 @@ READ_UFF: dict[str, tuple[bytes, str, float, str]] = {  # a file, its quantity, 
     "millimetres": (MM + dataset_58(), BASE, 1e-3, ""),
     "millimetres, afterwards": (dataset_58() + MM, BASE, 1e-3, ""),
     "millimetres, in words too": (MM + dataset_58(labels=("s", "mm/s^2")), BASE, 1e-3, ""),
-    "feet": (dataset_164(2, 1 / constants.foot, 1 / constants.lbf) + dataset_58(), BASE, constants.foot, ""),
+    "feet": (
+        dataset_164(2, 1 / constants.foot, 1 / constants.lbf) + dataset_58(),
+        BASE,
+        constants.foot,
+        "",
+    ),
     "centimetres": (dataset_164(6, 1e2, 1e2) + dataset_58(), BASE, 1e-2, ""),
     "inches": (INCH + dataset_58(), BASE, constants.inch, ""),
     "pounds": (INCH + dataset_58(ordinate=13), FORCE, constants.lbf, ""),
     "kilograms": (dataset_164(3, 1.0, 1 / G) + dataset_58(ordinate=9), FORCE, G, ""),
     "millinewtons": (MM + dataset_58(ordinate=13), FORCE, 1e-3, ""),
-    "poundals": (dataset_164(4, 1 / constants.foot, 7.2330138512) + dataset_58(ordinate=13), FORCE, 0.138254954376, ""),
+    "poundals": (
+        dataset_164(4, 1 / constants.foot, 7.2330138512) + dataset_58(ordinate=13),
+        FORCE,
+        0.138254954376,
+        "",
+    ),
     "units of one's own": (dataset_164(9, 1e6, 1.0) + dataset_58(), BASE, 1e-6, ""),
     "a force by its exponents": (MM + dataset_58(ordinate=1, exponents=(0, 1, 0)), FORCE, 1e-3, ""),
     "unknown values, with a unit": (MM + dataset_58(ordinate=0), BASE, G, "unit = 'g'"),
     "a negative direction, with a sign": (dataset_58(place=(1, -3)), BASE, -1.0, "scale = -1"),
     "the second": (dataset_58(2 * VALUES) + dataset_58(place=(7, 1)), BASE, 1.0, "channel = 2"),
-    "the one at a node": (dataset_58(2 * VALUES) + dataset_58(place=(7, 1)), BASE, 1.0, "channel = '7:+X'"),
-    "beside a frequency response": (dataset_58(function=4, axis=18, precision=6) + dataset_58(), BASE, 1.0, ""),
-}  # fmt: skip
+    "the one at a node": (
+        dataset_58(2 * VALUES) + dataset_58(place=(7, 1)),
+        BASE,
+        1.0,
+        "channel = '7:+X'",
+    ),
+    "beside a frequency response": (
+        dataset_58(function=4, axis=18, precision=6) + dataset_58(),
+        BASE,
+        1.0,
+        "",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", READ_UFF)
@@ -573,10 +651,16 @@ def test_universal_files_are_read_in_their_units(name: str, tmp_path: Path) -> N
 
 
 REFUSED_UFF: dict[str, tuple[bytes, str]] = {
-    "a spectrum": (dataset_58(function=0, axis=18, precision=6), r"dataset 1 \(58\): abscissa = '18 \(frequency\)'"),
+    "a spectrum": (
+        dataset_58(function=0, axis=18, precision=6),
+        r"dataset 1 \(58\): abscissa = '18 \(frequency\)'",
+    ),
     "complex numbers": (dataset_58(precision=6), "ordinate data type = 6"),
     "complex numbers, single": (dataset_58(precision=5), "ordinate data type = 5"),
-    **{f"function {kind}": (dataset_58(function=kind), rf"time histories = 0 .*has {kind} \(") for kind in (2, 4, 7, 9, 12, 24, 25, 27)},
+    **{
+        f"function {kind}": (dataset_58(function=kind), rf"time histories = 0 .*has {kind} \(")
+        for kind in (2, 4, 7, 9, 12, 24, 25, 27)
+    },
     **{f"axis {kind}": (dataset_58(axis=kind), f"abscissa = '{kind}") for kind in (1, 8, 19, 20)},
     "nothing known of the axis": (dataset_58(function=0, axis=0), "abscissa = '0"),
     **{f"values {kind}": (dataset_58(ordinate=kind), "unit = ") for kind in (2, 3, 8, 11, 13, 15)},
@@ -586,9 +670,18 @@ REFUSED_UFF: dict[str, tuple[bytes, str]] = {
     "a negative direction": (dataset_58(place=(1, -3)), "response direction = '1:-Z' .*a scale"),
     "more points announced": (dataset_58(points=400), "points = '100 of 400'"),
     "fewer points announced": (dataset_58(points=50), "points = '100 of 50'"),
-    "fewer bytes announced": (dataset_58(binary="<").replace(b"         800 ", b"         400 ", 1), "bytes = 400"),
-    "floats of another machine": (dataset_58(binary="<").replace(b"58b     1     2", b"58b     1     1"), "floating point format = 1"),
-    "another order of bytes": (dataset_58(binary="<").replace(b"58b     1", b"58b     7"), "byte order = 7"),
+    "fewer bytes announced": (
+        dataset_58(binary="<").replace(b"         800 ", b"         400 ", 1),
+        "bytes = 400",
+    ),
+    "floats of another machine": (
+        dataset_58(binary="<").replace(b"58b     1     2", b"58b     1     1"),
+        "floating point format = 1",
+    ),
+    "another order of bytes": (
+        dataset_58(binary="<").replace(b"58b     1", b"58b     7"),
+        "byte order = 7",
+    ),
     "binary and cut": (dataset_58(binary="<")[:-300] + b"    -1\n", "points = "),
     "without an end": (dataset_58()[:-8], "lines -1 = 1"),
     "cut": (dataset_58()[:-300], "lines -1 = 1"),
@@ -598,18 +691,30 @@ REFUSED_UFF: dict[str, tuple[bytes, str]] = {
     "a unit of another kind": (dataset_58(labels=("s", "N")), "unit of the ordinate = 'N'"),
     "an unknown unit": (dataset_58(labels=("s", "foo")), "unit of the ordinate = 'foo'"),
     "hertz": (dataset_58(labels=("Hz", "g")), "unit of the abscissa = 'Hz'"),
-    "two units": (MM + dataset_58(labels=("s", "g")), r"unit of the ordinate = 'g' .*mm/s\^2, as dataset 164"),
-    "units that are not SI, of unknown values": (MM + dataset_58(ordinate=0), "ordinate = 'unknown'"),
-    "factors of another system": (dataset_164(1, 1e3, 1.0) + dataset_58(), r"dataset 1 \(164\): factors"),
+    "two units": (
+        MM + dataset_58(labels=("s", "g")),
+        r"unit of the ordinate = 'g' .*mm/s\^2, as dataset 164",
+    ),
+    "units that are not SI, of unknown values": (
+        MM + dataset_58(ordinate=0),
+        "ordinate = 'unknown'",
+    ),
+    "factors of another system": (
+        dataset_164(1, 1e3, 1.0) + dataset_58(),
+        r"dataset 1 \(164\): factors",
+    ),
     "two systems of units": (MM + INCH + dataset_58(), "datasets 164 = "),
     "no system of units": (dataset_164(0, 1.0, 1.0) + dataset_58(), "units = 0"),
     "a factor of zero": (dataset_164(9, 0.0, 1.0) + dataset_58(), "factors = "),
     "no number": (dataset_58(np.where(TIMES == 0.005, np.nan, VALUES)), "row 6 = nan"),
-    "two histories": (dataset_58() + dataset_58(place=(7, 1)), r"load\.channel = None .*1 '1:\+Z', 2 '7:\+X'"),
+    "two histories": (
+        dataset_58() + dataset_58(place=(7, 1)),
+        r"load\.channel = None .*1 '1:\+Z', 2 '7:\+X'",
+    ),
     "no history": (MM, "time histories = 0"),
     "no numbers": (dataset_58().replace(b"E-01", b"X-01"), r"file = 'a\.uff: dataset 1'"),
     "no Universal File": (b"time_s,value\n0,1\n", "lines -1 = 0"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", REFUSED_UFF)

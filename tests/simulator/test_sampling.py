@@ -85,13 +85,17 @@ EXCITATIONS: dict[str, AnyDrive] = {
     "moved base": loads(ShakenBase(UP, displacement=1e-4)),
     "record": loads(Samples(CLOCK, SINE)),
     "record of the base": loads(Samples(CLOCK, SINE, BASE)),
-    "record beside a force": loads(Force(Drive(1.0, constant_frequency(W1, 1, 40))), Samples(CLOCK, SINE)),
+    "record beside a force": loads(
+        Force(Drive(1.0, constant_frequency(W1, 1, 40))), Samples(CLOCK, SINE)
+    ),
     "random": loads(Random(BAND, LENGTH)),
     "random base": loads(Random(BAND, LENGTH, quantity=BASE)),
     "shock": loads(Shock("half-sine", 1.0, 1e-3, LENGTH), reference=SLOWLY),
-    "shock of the base": loads(Shock("triangle", 1.0, 1e-3, LENGTH, quantity=BASE), reference=SLOWLY),
+    "shock of the base": loads(
+        Shock("triangle", 1.0, 1e-3, LENGTH, quantity=BASE), reference=SLOWLY
+    ),
     "strike": loads(Strike(0.1, LENGTH, "absorber"), reference=SLOWLY),
-}  # fmt: skip
+}
 FEW = 8
 ENOUGH = 250  # four a cycle of the second mode, which a short shock moves, in a pseudo period of a ninth of the first frequency
 REFUSED = "samples_per_period = 8 is not allowed: .* or more for the level"
@@ -253,8 +257,11 @@ RUNS: dict[str, tuple[Scene, Method]] = {
     "impacts": (beam_scene(ELSEWHERE, impact_absorber(restitution=0.7)), Exact()),
     "compliant": (beam_scene(ELSEWHERE, SlidingAbsorber(walls=CompliantWalls(1e6))), Exact()),
     "Moreau": (beam_scene(ELSEWHERE, impact_absorber(restitution=0.7)), Moreau(150)),
-    "Runge-Kutta": (beam_scene(ELSEWHERE, SlidingAbsorber(walls=CompliantWalls(1e6))), RungeKutta(50)),
-}  # fmt: skip
+    "Runge-Kutta": (
+        beam_scene(ELSEWHERE, SlidingAbsorber(walls=CompliantWalls(1e6))),
+        RungeKutta(50),
+    ),
+}
 
 
 @pytest.mark.parametrize("name", RUNS)

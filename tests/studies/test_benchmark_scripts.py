@@ -22,7 +22,7 @@ from studies.cli import (
     reference_levels,
     specialisation,
 )
-from studies.study import Measured, to_content
+from studies.study import Measurement, to_file_content
 
 
 def one_column(values: Any) -> None:
@@ -233,8 +233,8 @@ def test_claims_hold_or_are_broken_and_the_page_says_so(
             "own": scenes,
             "pairs": [SAVING | {"switched_off_ns": ratio * 5e3, "ratio": ratio}],
         }
-        made = Measured(values, conditions() | {"quick": True})
-        write_json(tmp_path / "specialisation.json.gz", to_content(made))
+        made = Measurement(values, conditions() | {"quick": True})
+        write_json(tmp_path / "specialisation.json.gz", to_file_content(made))
         result = call(specialisation, "--redraw", "--out", tmp_path)
         assert result.exit_code == code, result.output
         lines = [

@@ -22,10 +22,31 @@ from studies.accuracy.distribution import (
 from studies.cli import error_vs_runtime
 
 TINY = AccuracySettings(
-    quick=True, modes=(1,), kinds=("impact, e = 1",), steps=(20, 200), scipy_tolerances=(1e-6,), heyoka_tolerances=(1e-9,), starts=2, repeats=1,
-    timed_seconds=0.001, sweep=(0.95, 0.952), sweep_steps=(20,), truth_members=6, members=4, band_members=4, band_phases=2, band_repeats=2,
-    stretches=30, twins=2, jump_rates=(2.0, 4.0), jump_steps=(20,), jump_members=3, cost_modes=(1, 2), cost_lanes=(1, 2), cost_periods=(5, 10),
-)  # fmt: skip
+    quick=True,
+    modes=(1,),
+    kinds=("impact, e = 1",),
+    steps=(20, 200),
+    scipy_tolerances=(1e-6,),
+    heyoka_tolerances=(1e-9,),
+    starts=2,
+    repeats=1,
+    timed_seconds=0.001,
+    sweep=(0.95, 0.952),
+    sweep_steps=(20,),
+    truth_members=6,
+    members=4,
+    band_members=4,
+    band_phases=2,
+    band_repeats=2,
+    stretches=30,
+    twins=2,
+    jump_rates=(2.0, 4.0),
+    jump_steps=(20,),
+    jump_members=3,
+    cost_modes=(1, 2),
+    cost_lanes=(1, 2),
+    cost_periods=(5, 10),
+)
 
 
 @pytest.mark.nightly

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.scene import beam_scene
 from studies.paper import basics, modulation
-from studies.paper.basics import beam_numbers, linear_numbers, tuned_numbers
-from studies.paper.claim import Claim, Verdict
+from studies.paper.basics import compute_beam_numbers, compute_linear_numbers, compute_tuned_numbers
+from studies.paper.claim import Claim, ClaimVerdict
 
 Real = NDArray[np.float64]
 # the paper's Table 1, typed again
@@ -36,9 +36,9 @@ def values() -> dict[str, Any]:
     row = {"force": 1.5, "limits": [0.9, 1.06], "up": 0.955, "down": 1.045}
     same = [0.6, 0.59, 0.61]
     return {
-        "beam": beam_numbers(),
-        "tuned": tuned_numbers(),
-        "linear": linear_numbers(),
+        "beam": compute_beam_numbers(),
+        "tuned": compute_tuned_numbers(),
+        "linear": compute_linear_numbers(),
         "entry": [row],
         "window": [{"modes": 3, "force": 1.5, "relative": [0.5, 0.49], "shrinks": 0.98}],
         "step": [{"case": "one", "force": 1.5, "exact": same, "moreau": same}],
@@ -58,7 +58,7 @@ def values() -> dict[str, Any]:
     }
 
 
-def verdicts(claims: list[Claim]) -> dict[str, Verdict]:
+def verdicts(claims: list[Claim]) -> dict[str, ClaimVerdict]:
     return {claim.name.removeprefix("basics_"): claim.verdict for claim in claims}
 
 
@@ -179,14 +179,14 @@ def test_a_sweep_shows_nearly_the_stationary_level(values: dict[str, Any]) -> No
 
 def test_what_is_found_of_beam_and_tuned_absorber(values: dict[str, Any]) -> None:
     found = basics.claims(values)
-    refuted = {name for name, verdict in verdicts(found).items() if verdict is Verdict.NOT}
+    refuted = {name for name, verdict in verdicts(found).items() if verdict is ClaimVerdict.NOT}
     assert refuted == {"ltva", "ltva_second", "second_reason"}
     assert len(verdicts(found)) == len(found) == 17
     given = {"omega_2", "mass", "node", "stiffness", "own_period", "span", "scaling", "undamped"}
     assert {claim.name for claim in found if claim.definitional} == {
         f"basics_{name}" for name in given
     }
-    assert all(claim.why for claim in found if claim.verdict is not Verdict.HOLDS)
+    assert all(claim.why for claim in found if claim.verdict is not ClaimVerdict.HOLDS)
 
 
 CHANGES: dict[str, tuple[tuple[str, ...], Any]] = {
@@ -224,8 +224,8 @@ def test_another_number_refutes_a_claim(name: str, values: dict[str, Any]) -> No
     for step in path:
         place = place[step]
     place[last] = number
-    assert verdicts(basics.claims(values))[name] is Verdict.HOLDS
-    assert verdicts(basics.claims(other))[name] is Verdict.NOT
+    assert verdicts(basics.claims(values))[name] is ClaimVerdict.HOLDS
+    assert verdicts(basics.claims(other))[name] is ClaimVerdict.NOT
 
 
 @pytest.mark.parametrize("modes", [1, 3, 10])
@@ -250,7 +250,7 @@ def test_modes_take_from_the_first_what_a_lossy_impact_takes(
     impulse = after(tip, before, restitution)[-1]
     closing = np.append(-tip, 1.0) @ before
     alone = np.array([0.0, closing])  # one mode and an absorber that close in as fast
-    own = modulation.equivalent_restitution(
+    own = modulation.compute_equivalent_restitution(
         beam_scene(Beam(modes=modes), impact_absorber()), restitution
     )
     assert own == pytest.approx((1 + restitution) * (1 + 0.08) / (1 + 0.08 * modes) - 1, abs=2e-3)
@@ -259,5 +259,5 @@ def test_modes_take_from_the_first_what_a_lossy_impact_takes(
 
 def test_the_depth_of_a_modulation_is_that_of_its_envelope() -> None:
     peaks = 1 + 0.4 * np.sin(np.linspace(0, 40 * np.pi, 4000))
-    assert modulation.depth(peaks) == pytest.approx(0.4 * np.sin(0.45 * np.pi), rel=1e-2)
-    assert modulation.depth(np.ones(10)) == 0
+    assert modulation.compute_depth(peaks) == pytest.approx(0.4 * np.sin(0.45 * np.pi), rel=1e-2)
+    assert modulation.compute_depth(np.ones(10)) == 0

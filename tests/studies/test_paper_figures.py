@@ -21,24 +21,24 @@ from impact_env.sweep import simulate
 from optimisation.files import read_json
 from optimisation.page import DOCS
 from studies.paper import basics, claim, conv, high_low, jump, oprange, scat, second_mode, smr
-from studies.paper.account import window_around
-from studies.paper.claim import Verdict, judged, verdict
+from studies.paper.account import simulate_window
+from studies.paper.claim import ClaimVerdict, judge_interval, judge_values
 from studies.paper.curve import (
-    WATCHED,
-    Curve,
-    contacts,
-    curve_of,
-    envelope,
-    envelope_ratios,
-    operating_ranges,
-    plain_curve,
-    ranges_of,
-    slopes,
-    watched_curve,
+    FULL_RECORD,
+    LevelCurve,
+    compute_contact_curve,
+    compute_envelope,
+    compute_envelope_ratios,
+    compute_slopes,
+    find_operating_ranges,
+    find_ranges,
+    measure_contacts,
+    read_curve,
+    to_plain_curve,
 )
-from studies.paper.frame import PaperFigure, PaperSettings, Size, saved
-from studies.paper.study import FIGURES, place
-from studies.study import Json, load
+from studies.paper.frame import PaperFigure, PaperSettings, Size, make_saver
+from studies.paper.study import FIGURES, make_paths
+from studies.study import Json, read_measurement
 
 FORCES = np.array([0.5, 1.0, 2.0, 4.0, 8.0])
 QUICK = PaperSettings(Path("nowhere"), quick=True, threads=1)
@@ -46,11 +46,13 @@ QUICK = PaperSettings(Path("nowhere"), quick=True, threads=1)
 
 def made(
     level: np.ndarray, impacts: float = 100.0, pause: np.ndarray | float = 0.5, at: float = 0.95
-) -> Curve:
+) -> LevelCurve:
     """A curve over FORCES of members with these levels (F, M)."""
     same = np.ones_like(level)
     rate = 2.0 * (impacts * same > 0)
-    return Curve(FORCES, level, at * same, same, impacts * same, 1.4 * level, rate, pause * same)
+    return LevelCurve(
+        FORCES, level, at * same, same, impacts * same, 1.4 * level, rate, pause * same
+    )
 
 
 def power(exponent: float, members: int = 3) -> np.ndarray:
@@ -64,17 +66,17 @@ def lane(force: float = 3.0) -> Lane:
     )
 
 
-def measured(figure: PaperFigure, size: object) -> tuple[Json, dict[str, Verdict]]:
+def measured(figure: PaperFigure, size: object) -> tuple[Json, dict[str, ClaimVerdict]]:
     """Return the values of a figure, and its verdicts by the names of claims."""
     *_, values = figure.measure(QUICK, size, {})
-    return values, {claim.name: claim.verdict for claim in figure.claims(values)}
+    return values, {claim.name: claim.judge_values for claim in figure.claims(values)}
 
 
 # ranges and curves
 
 
 def test_ranges_of_shares_of_members() -> None:
-    found = operating_ranges(FORCES, [0, 0.2, 0.6, 1, 1], [0, 0, 0.4, 0.8, 1])
+    found = find_operating_ranges(FORCES, [0, 0.2, 0.6, 1, 1], [0, 0, 0.4, 0.8, 1])
     assert (found.first_impacts.low, found.first_impacts.high) == (1.0, 2.0)
     assert (found.transition.low, found.transition.high) == (2.0, 4.0)
     assert found.transition.force == pytest.approx(8**0.5)
@@ -86,20 +88,20 @@ def test_sustained_means_no_pause_of_a_period_of_the_force() -> None:
     )  # pseudo periods, at 0.95 of the resonance
     assert made(power(1, 2), pause=pauses).sustained.tolist() == [1, 1, 0.5, 0, 0]
     assert made(power(1, 2), impacts=0.0).sustained.tolist() == [0] * 5
-    assert ranges_of(made(power(1, 2), pause=pauses[::-1])).transition is not None
+    assert find_ranges(made(power(1, 2), pause=pauses[::-1])).transition is not None
 
 
 @pytest.mark.parametrize("exponent", [0.0, 0.15, 1.0])
 def test_slopes_are_the_power_of_a_made_curve(exponent: float) -> None:
-    assert slopes(made(power(exponent)), FORCES > 0.7) == pytest.approx(exponent, abs=1e-12)
-    assert np.isnan(slopes(made(power(exponent)), FORCES > 7)).all()
+    assert compute_slopes(made(power(exponent)), FORCES > 0.7) == pytest.approx(exponent, abs=1e-12)
+    assert np.isnan(compute_slopes(made(power(exponent)), FORCES > 7)).all()
 
 
 def test_watched_curve_is_the_performance_curve() -> None:
     scene = beam_scene(Beam(modes=2), impact_absorber())
     forces = (0.7, 1.5)
-    known = curve_of(plain_curve(performance_curve(scene, forces, members=2, threads=1)))
-    own = curve_of(watched_curve(QUICK, "curve", scene, forces, 2))
+    known = read_curve(to_plain_curve(performance_curve(scene, forces, members=2, threads=1)))
+    own = read_curve(compute_contact_curve(QUICK, "curve", scene, forces, 2))
     for name in ("level", "at", "down", "impacts", "tip"):
         assert getattr(own, name) == pytest.approx(getattr(known, name), rel=1e-9), (
             name
@@ -113,8 +115,8 @@ def test_watched_curve_is_the_performance_curve() -> None:
 
 def test_contacts_count_by_hand() -> None:
     one = lane(force=4.0)
-    seen = contacts(one)
-    response = simulate(one.scene, one.drive, record=WATCHED)
+    seen = measure_contacts(one)
+    response = simulate(one.scene, one.drive, record=FULL_RECORD)
     level = response.recorded.level
     period = one.drive.schedule.pseudo_period
     inside = [t for t in response.impacts.time if abs(t - level.time) <= 10 * period]
@@ -126,8 +128,8 @@ def test_contacts_count_by_hand() -> None:
 def test_envelope_of_a_slow_linear_sweep_is_the_frequency_response() -> None:
     scene = beam_scene(Beam(modes=2))
     drive = Drive(1.0, linear_sweep(scene.model.resonance_omega(1), 0.9, 1.06))
-    ratio = envelope_ratios(drive.schedule)
-    found = envelope(Lane(scene, drive))
+    ratio = compute_envelope_ratios(drive.schedule)
+    found = compute_envelope(Lane(scene, drive))
     assert len(ratio) == len(found)
     inside = (ratio > 0.91) & (ratio < 0.97)
     still = np.abs(tip_response(scene.model, None, ratio[inside] * scene.model.resonance_omega(1)))
@@ -138,16 +140,18 @@ def test_the_window_is_that_of_the_level() -> None:
     """Where no impact makes the motion part from the sweep's: friction alone, which starts in the middle of its motion all the same."""
     one = replace(lane(), scene=beam_scene(Beam(modes=3), friction_damper(0.1)))
     level = simulate(one.scene, one.drive).level
-    history = window_around(one, level.time).history
+    history = simulate_window(one, level.time).history
     assert np.sqrt(np.mean(history.tip_displacement**2)) == pytest.approx(level.value, rel=2e-3)
 
 
 def test_decay_of_a_mode_over_half_a_period() -> None:
     scene = Scene(replace(beam_scene(Beam(modes=1)).model, force_shape=np.zeros(1)))
     drive = Drive(0.0, constant_frequency(scene.model.resonance_omega(1), 1.0, 10.0))
-    history = simulate(scene, drive, initial=InitialState(np.array([1e-3])), record=WATCHED).history
+    history = simulate(
+        scene, drive, initial=InitialState(np.array([1e-3])), record=FULL_RECORD
+    ).history
     energy = mechanical_energy(scene, history).modal[:, 0]
-    assert energy[-1] / energy[0] == pytest.approx(scat.decayed(1.0) ** 20, rel=1e-3)
+    assert energy[-1] / energy[0] == pytest.approx(scat.compute_decay(1.0) ** 20, rel=1e-3)
 
 
 @pytest.mark.parametrize("damper", [0.0, 0.1])
@@ -160,7 +164,7 @@ def test_a_damper_to_ground_is_that_of_an_own_integration(damper: float) -> None
     mass = float(scene.absorber_mass or 0)
     omega = model.resonance_omega(1)
     tip = model.tip_shape
-    found = basics.squares(
+    found = basics.simulate_mean_squares(
         scene, [Drive(4.0, constant_frequency(omega, 1.0, periods))], damper, Exact(), 1, 16
     )[:, 0]
     dt = 2 * np.pi / omega / each
@@ -195,15 +199,15 @@ def test_a_damper_to_ground_is_that_of_an_own_integration(damper: float) -> None
 
 
 def test_verdicts_of_intervals_and_at_the_papers_step() -> None:
-    assert judged(1.0, 2.0, 0.5, 2.0) is Verdict.HOLDS
+    assert judge_interval(1.0, 2.0, 0.5, 2.0) is ClaimVerdict.HOLDS
     for limits, at_step, expected in (
-        ((2.0, 3.0, 0.0, 1.0), None, Verdict.NOT),
-        ((2.0, 3.0, 0.0, 1.0), 0.5, Verdict.STEP),
-        ((2.0, 3.0, 0.0, 1.0), 1.5, Verdict.NOT),
-        ((0.5, 3.0, 0.0, 1.0), 5.0, Verdict.SPREAD),
-        ((float("nan"), 3.0, 0.0, 1.0), None, Verdict.NOT),
+        ((2.0, 3.0, 0.0, 1.0), None, ClaimVerdict.NOT),
+        ((2.0, 3.0, 0.0, 1.0), 0.5, ClaimVerdict.STEP),
+        ((2.0, 3.0, 0.0, 1.0), 1.5, ClaimVerdict.NOT),
+        ((0.5, 3.0, 0.0, 1.0), 5.0, ClaimVerdict.SPREAD),
+        ((float("nan"), 3.0, 0.0, 1.0), None, ClaimVerdict.NOT),
     ):
-        assert verdict(*limits, at_step=at_step) is expected
+        assert judge_values(*limits, at_step=at_step) is expected
 
 
 def test_claims_of_the_operating_ranges(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -212,20 +216,20 @@ def test_claims_of_the_operating_ranges(monkeypatch: pytest.MonkeyPatch, tmp_pat
     )
     assert len(verdicts) == 7
     assert (
-        verdicts["oprange_step"] is Verdict.NOT
+        verdicts["oprange_step"] is ClaimVerdict.NOT
     )  # with one mode a step is a twentieth of the force's period
     for name in ("linear_range", "saturation", "quasi_linear", "sustained", "linear_limit"):
-        assert verdicts[f"oprange_{name}"] is Verdict.HOLDS, name
-    ranges = ranges_of(curve_of(found["absorber"]))
+        assert verdicts[f"oprange_{name}"] is ClaimVerdict.HOLDS, name
+    ranges = find_ranges(read_curve(found["absorber"]))
     assert (ranges.first_impacts.low, ranges.first_impacts.high) == (
         0.7,
         1.0,
     )  # the gap is reached at 0.7806 N
     drawn = saved_figures(monkeypatch)
-    saved(lambda: oprange.FIGURE.draw(found))(tmp_path / "figure.png")
+    make_saver(lambda: oprange.FIGURE.draw(found))(tmp_path / "figure.png")
     panel = drawn[0].axes[0]
-    curve, step = (curve_of(found[name]) for name in ("absorber", "step"))
-    none = curve_of(found["linear"]["none"])
+    curve, step = (read_curve(found[name]) for name in ("absorber", "step"))
+    none = read_curve(found["linear"]["none"])
     shown = curve.forces <= 12
     level = 1e3 * np.median(curve.level, axis=1)
     np.testing.assert_allclose(line(panel, "impact absorber"), [curve.forces[shown], level[shown]])
@@ -240,8 +244,8 @@ def test_claims_of_the_second_modes_damping() -> None:
     dampings = (0.01, 0.3, 0.5)
     found, verdicts = measured(second_mode.DAMPING, Size(dampings=dampings, members=2))
     for name in ("improvement", "lower", "dissipated", "saturates"):
-        assert verdicts[f"vard_{name}"] is Verdict.HOLDS, name
-    left = [np.median(second_mode.row(found, d, "left")) for d in dampings]
+        assert verdicts[f"vard_{name}"] is ClaimVerdict.HOLDS, name
+    left = [np.median(second_mode.read_row(found, d, "left")) for d in dampings]
     assert left[0] > 0.5 > 0.1 > left[1]
 
 
@@ -254,7 +258,7 @@ def test_one_mode_without_losses_at_its_contact_is_strongly_modulated() -> None:
         "ninety per cent",
         "effective at resonance",
     ):
-        assert verdicts[name] in (Verdict.HOLDS, Verdict.SPREAD), name
+        assert verdicts[name] in (ClaimVerdict.HOLDS, ClaimVerdict.SPREAD), name
     assert all(0.5 < depth < 1 for depth in values["exact"]["depth"])
     record = values["exact"]["record"]
     assert np.max(np.abs(np.array(record["absorber_m"]) - record["tip_m"])) <= values["linear"][
@@ -264,12 +268,12 @@ def test_one_mode_without_losses_at_its_contact_is_strongly_modulated() -> None:
 
 def test_the_sliding_absorber_drifts_at_the_papers_step_only() -> None:
     """By the exact method whole periods of friction leave the absorber's place; a scheme that is late at each reversal moves it to a wall."""
-    scene, (start, stop, _) = jump.scene(), jump.DRIFT
+    scene, (start, stop, _) = jump.make_scene(), jump.DRIFT
     drives = draw_members(3, 0, "phase").drives(
         1.5, linear_sweep(scene.model.resonance_omega(1), start, stop, 0.2)
     )
     drifts = {
-        method: [jump.drifted(Lane(scene, drive), method)[0] for drive in drives]
+        method: [jump.measure_drift(Lane(scene, drive), method)[0] for drive in drives]
         for method in (Exact(), Moreau())
     }
     assert max(drifts[Exact()]) < 0.02e-3
@@ -288,8 +292,8 @@ def test_friction_springs_and_walls_approach_the_rigid_laws() -> None:
 def test_on_the_high_branch_the_absorber_visits_two_walls_a_period_and_is_struck_more_often() -> (
     None
 ):
-    scene = high_low.scene()
-    impacts, visits = high_low.rhythm(
+    scene = high_low.make_scene()
+    impacts, visits = high_low.measure_rhythm(
         Lane(scene, hold(Approach(scene.model.resonance_omega(1), 1.0), 3.0, 0.955, 400.0)), Exact()
     )
     assert visits == pytest.approx(2.0, abs=0.1)
@@ -319,7 +323,7 @@ def test_published_claims_are_those_of_the_published_numbers_and_each_text_is_ju
         monkeypatch.setattr(
             claim, "STATED", {figure.label: own}
         )  # what another figure judges is not there
-        claims += figure.claims(load(figure.part(), place(DOCS)).values)
+        claims += figure.claims(read_measurement(figure.part(), make_paths(DOCS)).values)
         monkeypatch.undo()
         assert own.names == set(own), figure.label
     assert set(claim.STATED) == {figure.label for figure in FIGURES}

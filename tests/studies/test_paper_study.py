@@ -15,9 +15,17 @@ from impact_env.parameters import ParameterError
 from optimisation.files import read_json
 from studies.cli import reproduce_paper
 from studies.paper import study
-from studies.paper.claim import Claim, Verdict, from_plain, judged
-from studies.paper.frame import PaperFigure, PaperSettings, Size, in_turn, marker
-from studies.paper.study import CLAIMED, REFUTED, SUMMARY, claims_part, reasons, summary, table
+from studies.paper.claim import Claim, ClaimVerdict, from_plain, judge_interval
+from studies.paper.frame import PaperFigure, PaperSettings, Size, marker, measure_groups
+from studies.paper.study import (
+    CLAIMED,
+    REFUTED,
+    SUMMARY,
+    format_claims,
+    format_reasons,
+    format_summary,
+    make_claims_part,
+)
 from studies.study import Json, Steps
 
 
@@ -34,7 +42,7 @@ def figure_of(label: str, points: int, begin: Callable[[str], None]) -> PaperFig
         return {"sum": sum(range(points)) + settings.seed}
 
     def measure(settings: PaperSettings, _size: Size, known: Json) -> Steps:
-        return in_turn(
+        return measure_groups(
             {name: partial(group, f"{label} {name}", settings) for name in ("first", "second")},
             known,
         )
@@ -43,7 +51,7 @@ def figure_of(label: str, points: int, begin: Callable[[str], None]) -> PaperFig
         return f"{label}: {values}"
 
     def claims(values: Json) -> list[Claim]:
-        verdict = judged(values["first"]["sum"], values["second"]["sum"], 3, 3)
+        verdict = judge_interval(values["first"]["sum"], values["second"]["sum"], 3, 3)
         return [
             Claim(
                 f"{label} sum",
@@ -86,7 +94,7 @@ def test_finished_groups_and_figures_are_kept_until_their_parameters_change(
         monkeypatch.setattr(
             study, "STUDY", replace(study.STUDY, parts=tuple(figure.part() for figure in own))
         )
-        monkeypatch.setattr(study, "CLAIMS", replace(study.CLAIMS, parts=(claims_part(own),)))
+        monkeypatch.setattr(study, "CLAIMS", replace(study.CLAIMS, parts=(make_claims_part(own),)))
         result = call(script(), "--out", tmp_path, *options)
         assert result.exit_code == code, result.output
         return [
@@ -120,11 +128,11 @@ def test_finished_groups_and_figures_are_kept_until_their_parameters_change(
 
 def test_summary_counts_substantive_and_definitional_claims_apart() -> None:
     claims = [
-        Claim("a", "x grows", "3", "1", Verdict.HOLDS, "one"),
-        Claim("b", "y falls", "3", "2", Verdict.NOT, "one", "It grows."),
-        Claim("c", "z is 3", "2", "3", Verdict.HOLDS, "one", definitional=True),
+        Claim("a", "x grows", "3", "1", ClaimVerdict.HOLDS, "one"),
+        Claim("b", "y falls", "3", "2", ClaimVerdict.NOT, "one", "It grows."),
+        Claim("c", "z is 3", "2", "3", ClaimVerdict.HOLDS, "one", definitional=True),
     ]
-    lines = summary(claims, {"one": "What z is: three."}).splitlines()
+    lines = format_summary(claims, {"one": "What z is: three."}).splitlines()
     assert lines[0] == "1. **2 substantive statements** were tested: 1 holds, 1 does not hold."
     assert lines[1].endswith("linear structure: 1 holds.")
     assert lines[2] == "3. **What does not hold:** y falls."
@@ -133,16 +141,16 @@ def test_summary_counts_substantive_and_definitional_claims_apart() -> None:
 
 def test_a_claim_that_does_not_hold_says_why() -> None:
     with pytest.raises(ParameterError, match="why of peak"):
-        Claim("peak", "the peak is low", "3", "high", Verdict.NOT, "one")
+        Claim("peak", "the peak is low", "3", "high", ClaimVerdict.NOT, "one")
     with pytest.raises(ParameterError, match="claim's computed"):
-        Claim("peak", "the peak is low", "3", " ", Verdict.HOLDS, "one")
+        Claim("peak", "the peak is low", "3", " ", ClaimVerdict.HOLDS, "one")
     claims = [
-        Claim("a", "x | y", "3", "1", Verdict.HOLDS, "one", "hidden"),
-        Claim("b", "z", "3", "2", Verdict.STEP, "one", "The step errs."),
+        Claim("a", "x | y", "3", "1", ClaimVerdict.HOLDS, "one", "hidden"),
+        Claim("b", "z", "3", "2", ClaimVerdict.STEP, "one", "The step errs."),
     ]
     assert [from_plain(claim.to_plain()) for claim in claims] == [
         replace(claims[0], why=""),
         claims[1],
     ]
-    assert "x \\| y" in table(claims)
-    assert reasons(claims) == "\n\n**Z: holds only at the paper's step.** The step errs."
+    assert "x \\| y" in format_claims(claims)
+    assert format_reasons(claims) == "\n\n**Z: holds only at the paper's step.** The step errs."

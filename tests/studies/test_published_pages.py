@@ -21,7 +21,7 @@ from studies.cli import (
     stability,
 )
 from studies.paper import study as paper
-from studies.study import Measured, Part, Place, Study, load
+from studies.study import Measurement, OutputPaths, Part, Study, read_measurement
 
 DOCS = ROOT / "docs"
 # studies that publish their numbers: the page, and the folder or the file of the numbers
@@ -47,9 +47,9 @@ def published() -> list[Any]:
     ]
 
 
-def place_of(path: Path) -> Place:
+def place_of(path: Path) -> OutputPaths:
     """Return the place of a folder of numbers, or of one JSON file."""
-    return Place(json=path) if path.suffix == ".json" else Place(path)
+    return OutputPaths(json=path) if path.suffix == ".json" else OutputPaths(path)
 
 
 def section(page: Path, marker: str) -> str:
@@ -70,8 +70,10 @@ def rows_of(columns: Any, rows: Any) -> list[list[str]]:
 
 
 @pytest.mark.parametrize(("part", "page", "place"), published())
-def test_pages_have_what_their_numbers_give(part: Part[Any], page: Path, place: Place) -> None:
-    measured: Measured = load(part, place)
+def test_pages_have_what_their_numbers_give(
+    part: Part[Any], page: Path, place: OutputPaths
+) -> None:
+    measured: Measurement = read_measurement(part, place)
     for marker, text in part.sections(measured).items():
         assert section(page, marker) == text.strip(), marker
     for table in part.tables(measured):
@@ -82,11 +84,11 @@ def test_pages_have_what_their_numbers_give(part: Part[Any], page: Path, place: 
 
 def test_claims_are_those_that_the_published_figures_decide() -> None:
     kept = read_json(DOCS / "paper" / "claims.json.gz")
-    place = Place(DOCS / "paper")
+    place = OutputPaths(DOCS / "paper")
     claims = list[dict[str, Any]]()
     answers = dict[str, str]()
     for figure, part in zip(paper.FIGURES, paper.STUDY.parts, strict=True):
-        values = load(part, place).values
+        values = read_measurement(part, place).values
         claims += [claim.to_plain() for claim in figure.claims(values)]
         if figure.answer:
             answers[figure.label] = figure.answer(values)
@@ -94,5 +96,5 @@ def test_claims_are_those_that_the_published_figures_decide() -> None:
     assert answers == kept["answers"]
     assert kept["missing"] == []
     part = paper.CLAIMS.parts[0]
-    for marker, text in part.sections(load(part, place)).items():
+    for marker, text in part.sections(read_measurement(part, place)).items():
         assert section(DOCS / "paper.md", marker) == text.strip(), marker

@@ -17,10 +17,10 @@ from optimisation.page import DOCS
 from studies.cli import stability
 from studies.stability import cases, cells, checks, eigen, limits, tasks
 from studies.stability import soak as soaks
-from studies.study import Measured, to_content
+from studies.study import Measurement, to_file_content
 
 
-def case(group: str, name: str) -> cases.Case:
+def case(group: str, name: str) -> cases.StabilityCase:
     (found,) = [c for c in cases.cases() if (c.group, c.name) == (group, name)]
     return found
 
@@ -125,9 +125,15 @@ def test_modes_have_all_digits(elements: int, monkeypatch: pytest.MonkeyPatch) -
 
 
 SOAK = {
-    "name": "one, exact", "lengths": [10, 100], "balance": [1e-13, 1e-13], "memory_mb": [100.0, 101.0], "us_per_period": [5.0, 5.0],
-    "impacts_per_period": [2.0, 2.0], "passed": True, "reason": "",
-}  # fmt: skip
+    "name": "one, exact",
+    "lengths": [10, 100],
+    "balance": [1e-13, 1e-13],
+    "memory_mb": [100.0, 101.0],
+    "us_per_period": [5.0, 5.0],
+    "impacts_per_period": [2.0, 2.0],
+    "passed": True,
+    "reason": "",
+}
 
 
 @pytest.mark.parametrize(
@@ -227,10 +233,10 @@ def test_redraw_writes_figure_and_page(tmp_path: Path) -> None:
         "checks": [check],
         "lost": [],
     }
-    made = Measured(found, machine.conditions() | {"wall_s": 1.0, "workers": 2, "quick": True})
+    made = Measurement(found, machine.conditions() | {"wall_s": 1.0, "workers": 2, "quick": True})
     (folder := tmp_path / "methods").mkdir()
     shutil.copy(DOCS / "methods.md", tmp_path)
-    write_json(folder / "stability.json.gz", to_content(made))
+    write_json(folder / "stability.json.gz", to_file_content(made))
     outcome = call(stability, "--redraw", "--out", folder)
     assert outcome.exit_code == 1, outcome.output
     assert "FAILED  gap: 0 m, exact: off | by much" in outcome.output

@@ -19,7 +19,7 @@ from optimisation.files import read_json
 from optimisation.machine import sources
 from optimisation.page import has_markers
 from studies import study as pattern
-from studies.study import Part, Place, Study, Table, rows_part
+from studies.study import CsvTable, OutputPaths, Part, Study, make_rows_part
 
 PAGE = "by hand\n<!-- omega -->\nold\n<!-- /omega -->\nalso by hand\n<!-- shape -->\nold\n<!-- /shape -->\n"
 ELEMENTS = (2, 3, 5)
@@ -49,7 +49,7 @@ def part(name: str, told: bool = False) -> Part[Settings]:
     def save(path: Path, rows: list[dict[str, Any]]) -> None:
         path.write_text(str(len(rows)))
 
-    return rows_part(
+    return make_rows_part(
         name,
         f"the {name}s of a beam",
         cases,
@@ -57,7 +57,7 @@ def part(name: str, told: bool = False) -> Part[Settings]:
         lambda measured: f"{len(measured.values['rows'])} rows. {sources(measured.conditions)}",
         told=lambda settings: {"word": settings.word} if told else {},
         tables=lambda measured: [
-            Table(
+            CsvTable(
                 name,
                 ("elements", name),
                 [[row["elements"], row[name]] for row in measured.values["rows"]],
@@ -79,13 +79,13 @@ STUDY: Study[Settings] = Study(
 
 
 @pytest.fixture
-def place(tmp_path: Path) -> Place:
+def place(tmp_path: Path) -> OutputPaths:
     (tmp_path / "template.md").write_text(PAGE)
-    return Place(tmp_path / "data", tmp_path / "page.md", tmp_path / "template.md")
+    return OutputPaths(tmp_path / "data", tmp_path / "page.md", tmp_path / "template.md")
 
 
 def carry_out(
-    place: Place,
+    place: OutputPaths,
     events: dict[int, Any] | None = None,
     word: str = "same",
     code: int = 0,
@@ -100,11 +100,11 @@ def carry_out(
     return result
 
 
-def content(place: Place) -> dict[str, Any]:
+def content(place: OutputPaths) -> dict[str, Any]:
     return dict(read_json(place.folder / "omega.json.gz"))
 
 
-def measured(place: Place) -> list[int]:
+def measured(place: OutputPaths) -> list[int]:
     return [row["elements"] for row in content(place)["rows"]]
 
 
@@ -120,7 +120,7 @@ def forbidden() -> None:
     pytest.fail("measured")
 
 
-def test_a_run_writes_numbers_tables_figures_and_page(place: Place) -> None:
+def test_a_run_writes_numbers_tables_figures_and_page(place: OutputPaths) -> None:
     result = carry_out(place)
     assert {file.name for file in place.folder.iterdir()} == {
         f"{name}.{end}" for name in ("omega", "shape") for end in ("json.gz", "csv", "png", "html")
@@ -143,7 +143,7 @@ def test_a_run_writes_numbers_tables_figures_and_page(place: Place) -> None:
     assert f"written: {place.folder / 'omega.json.gz'}" in result.output
 
 
-def test_drawing_anew_measures_nothing(place: Place) -> None:
+def test_drawing_anew_measures_nothing(place: OutputPaths) -> None:
     carry_out(place)
     before = {file: file.read_bytes() for file in place.folder.iterdir()} | {
         place.page: place.page.read_bytes()
@@ -171,7 +171,7 @@ def test_drawing_anew_measures_nothing(place: Place) -> None:
 
 
 def test_what_is_stopped_is_kept_and_gone_on_with(
-    place: Place, monkeypatch: pytest.MonkeyPatch
+    place: OutputPaths, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert "Stopped early: what is done is written." in carry_out(place, {5: stop}, code=130).stderr
     assert measured(place) == [2, 2, 3, 3]
@@ -186,14 +186,14 @@ def test_what_is_stopped_is_kept_and_gone_on_with(
     assert measured(place) == [2, 2, 3, 3, 5, 5]
     carry_out(place, {5: forbidden}, resume=True, **OMEGA)
     assert content(place) == whole
-    monkeypatch.setattr(pattern, "KEEP_S", -1.0)  # long runs are written on the way
+    monkeypatch.setattr(pattern, "WRITE_INTERVAL_S", -1.0)  # long runs are written on the way
     seen: list[dict[str, Any]] = []
     carry_out(place, {5: lambda: seen.append(content(place))}, **OMEGA)
     assert (seen[0]["complete"], len(seen[0]["rows"])) == (False, 4)
 
 
 def test_rows_go_on_by_themselves_while_what_is_told_of_them_is_the_same(
-    place: Place, monkeypatch: pytest.MonkeyPatch
+    place: OutputPaths, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(globals(), "STUDY", Study((part("omega", told=True),)))
     carry_out(place, {5: stop}, code=130)
@@ -203,7 +203,7 @@ def test_rows_go_on_by_themselves_while_what_is_told_of_them_is_the_same(
     assert measured(place) == [2, 2]
 
 
-def test_a_run_that_breaks_down_keeps_what_there_is(place: Place) -> None:
+def test_a_run_that_breaks_down_keeps_what_there_is(place: OutputPaths) -> None:
     for event, code, words in ((stop, 130, "Stopped early"), (break_down, 1, "lost at 3 elements")):
         assert words in carry_out(place, {2: event}, code=code).stderr
     assert list(place.folder.iterdir()) == []  # nothing is known
@@ -216,7 +216,7 @@ def test_a_run_that_breaks_down_keeps_what_there_is(place: Place) -> None:
     assert measured(place) == [2, 2]
 
 
-def test_a_page_without_a_place_is_refused_before_anything_is_measured(place: Place) -> None:
+def test_a_page_without_a_place_is_refused_before_anything_is_measured(place: OutputPaths) -> None:
     for text in (
         "no marker",
         PAGE.replace("<!-- /shape -->", ""),
@@ -231,7 +231,9 @@ def test_a_page_without_a_place_is_refused_before_anything_is_measured(place: Pl
 def test_numbers_and_table_alone(tmp_path: Path) -> None:
     """As commands of one table do: JSON to a file, the table into a page that is there."""
     (tmp_path / "page.md").write_text(PAGE)
-    carry_out(Place(json=tmp_path / "numbers.json", page=tmp_path / "page.md"), only=("shape",))
+    carry_out(
+        OutputPaths(json=tmp_path / "numbers.json", page=tmp_path / "page.md"), only=("shape",)
+    )
     assert json.loads((tmp_path / "numbers.json").read_text())["complete"] is True
     assert {file.name for file in tmp_path.iterdir()} == {"numbers.json", "page.md"}
     assert "6 rows." in (tmp_path / "page.md").read_text()

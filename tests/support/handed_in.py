@@ -109,9 +109,17 @@ OBJECTS = (
     ElasticCoulombFriction(0.1, 1e5),
 )
 MORE = (
-    impact_absorber(), TunedAbsorber(), StuckAbsorber(), SEVERAL, [impact_absorber(), 1], InitialState(), Record(), Exact(), Moreau(),
+    impact_absorber(),
+    TunedAbsorber(),
+    StuckAbsorber(),
+    SEVERAL,
+    [impact_absorber(), 1],
+    InitialState(),
+    Record(),
+    Exact(),
+    Moreau(),
     RungeKutta(),
-)  # fmt: skip
+)
 VALUES = (*NUMBERS, *OTHER_NUMBERS, *LISTS, *ARRAYS, *WORDS, *TABLES, *CLASSES, *OBJECTS, *MORE)
 
 
@@ -171,19 +179,43 @@ def hints_of(make: Callable[..., Any]) -> dict[str, Any]:
 
 # what an argument without default is given while another one is wrong: by name, or else by type
 BY_NAME: dict[str, Any] = {
-    "gaps": [1e-3, 2e-3], "positions": [1.0, 0.7], "absorbers": SEVERAL.absorbers, "elements": 3, "times": [0.0, 1.0],
-    "omegas": [OMEGA, OMEGA], "omega": [OMEGA, 6 * OMEGA], "damping_ratio": [0.01, 0.01], "reference": OMEGA, "stiffness": 1e5,
-    "model": SCENE.model, "forces": [1.0, 2.0], "beam": BEAM, "structure": BEAM, "drive": DRIVE,
-}  # fmt: skip
+    "gaps": [1e-3, 2e-3],
+    "positions": [1.0, 0.7],
+    "absorbers": SEVERAL.absorbers,
+    "elements": 3,
+    "times": [0.0, 1.0],
+    "omegas": [OMEGA, OMEGA],
+    "omega": [OMEGA, 6 * OMEGA],
+    "damping_ratio": [0.01, 0.01],
+    "reference": OMEGA,
+    "stiffness": 1e5,
+    "model": SCENE.model,
+    "forces": [1.0, 2.0],
+    "beam": BEAM,
+    "structure": BEAM,
+    "drive": DRIVE,
+}
 # what an error may call an argument
 ALSO = {
-    "path": "file", "structure": "file", "whole_scene": "scene", "kind": "objective", "name": "constraint", "free": "variable",
-    "fixed": "variable", "bounds": "variable",
-}  # fmt: skip
+    "path": "file",
+    "structure": "file",
+    "whole_scene": "scene",
+    "kind": "objective",
+    "name": "constraint",
+    "free": "variable",
+    "fixed": "variable",
+    "bounds": "variable",
+}
 BY_TYPE: dict[Any, Any] = {
-    float: 1.0, int: 2, np.ndarray: [1.0, 2.0], FrequencySchedule: DRIVE.schedule, Scene: SCENE, Drive: DRIVE, ModalModel: SCENE.model,
+    float: 1.0,
+    int: 2,
+    np.ndarray: [1.0, 2.0],
+    FrequencySchedule: DRIVE.schedule,
+    Scene: SCENE,
+    Drive: DRIVE,
+    ModalModel: SCENE.model,
     Callable: print,
-}  # fmt: skip
+}
 
 
 def good_arguments(make: Callable[..., Any], own: Mapping[str, Any]) -> dict[str, Any]:

@@ -74,8 +74,14 @@ def other_case() -> Case:
 def steel() -> Case:
     """A steel beam of 1.2 m with three modes; its absorber sits inside of the free end."""
     beam = Beam(
-        length=1.2, bending_stiffness=358.4, mass_per_length=2.512, modes=3, damping_ratio=0.005, force_position=0.25, absorber_position=0.9
-    )  # fmt: skip
+        length=1.2,
+        bending_stiffness=358.4,
+        mass_per_length=2.512,
+        modes=3,
+        damping_ratio=0.005,
+        force_position=0.25,
+        absorber_position=0.9,
+    )
     scene = beam_scene(
         beam, impact_absorber(gap=0.494601e-3, restitution=0.7, friction_limit=0.002)
     )

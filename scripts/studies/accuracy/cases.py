@@ -26,7 +26,7 @@ from impact_env.parameters import (
     impact_absorber,
 )
 from optimisation.machine import sources
-from studies.study import Array, Measured
+from studies.study import Array, Measurement
 
 MODES = (1, 3, 10, 30)
 START = 0.95  # of the first resonance
@@ -41,7 +41,7 @@ WATCHED = Record(
 
 
 @dataclass(frozen=True)
-class Kind:
+class SceneGroup:
     """A scene for any number of modes, at a force in N."""
 
     name: str
@@ -50,33 +50,33 @@ class Kind:
 
 
 KINDS = (
-    Kind("no absorber", lambda: None, 5.0),
-    Kind("tuned absorber (LTVA)", TunedAbsorber, 5.0),
-    Kind("friction damper", friction_damper, 3.5),
-    Kind("impact, e = 1", impact_absorber, 5.0),
-    Kind("impact, e = 0.7", lambda: impact_absorber(restitution=0.7), 5.0),
-    Kind(
+    SceneGroup("no absorber", lambda: None, 5.0),
+    SceneGroup("tuned absorber (LTVA)", TunedAbsorber, 5.0),
+    SceneGroup("friction damper", friction_damper, 3.5),
+    SceneGroup("impact, e = 1", impact_absorber, 5.0),
+    SceneGroup("impact, e = 0.7", lambda: impact_absorber(restitution=0.7), 5.0),
+    SceneGroup(
         "impact, e = 0.7, with friction",
         lambda: impact_absorber(restitution=0.7, friction_limit=0.1),
         3.5,
     ),
-    Kind("compliant walls, soft", lambda: SlidingAbsorber(walls=CompliantWalls(STATIC)), 5.0),
-    Kind(
+    SceneGroup("compliant walls, soft", lambda: SlidingAbsorber(walls=CompliantWalls(STATIC)), 5.0),
+    SceneGroup(
         "compliant walls, stiff", lambda: SlidingAbsorber(walls=CompliantWalls(1e4 * STATIC)), 5.0
     ),
 )
 
 
-def kind_named(name: str) -> Kind:
+def kind_named(name: str) -> SceneGroup:
     """Return the kind of this name."""
     return next(kind for kind in KINDS if kind.name == name)
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class AccuracyCase:
     """A scene with a start in the midst of motion. ``omega`` (rad/s) and ``phase`` (rad) are those of the force there."""
 
-    kind: Kind
+    kind: SceneGroup
     scene: Scene
     initial: InitialState
     omega: float
@@ -131,7 +131,7 @@ def method_name(method: Method, scene: Scene) -> str:
 
 
 @lru_cache(maxsize=256)
-def case(kind: Kind, modes: int, number: int = 0) -> Case:
+def case(kind: SceneGroup, modes: int, number: int = 0) -> AccuracyCase:
     """Run a scene in with the exact method, and start where its absorber moves freely; each ``number`` starts later than the one before."""
     scene = beam_scene(Beam(modes=modes), kind.absorber())
     reference = scene.model.resonance_omega(1)
@@ -145,7 +145,7 @@ def case(kind: Kind, modes: int, number: int = 0) -> Case:
         )
         if _moves_freely(scene, state):
             phase = float(np.mod(schedule.phase_at(periods * period), 2 * np.pi))
-            return Case(kind, scene, initial, float(schedule.omegas[-1]), phase)
+            return AccuracyCase(kind, scene, initial, float(schedule.omegas[-1]), phase)
     raise RuntimeError(f"{kind.name}, {modes} modes: the absorber is never found in free motion")
 
 
@@ -215,11 +215,37 @@ class AccuracySettings:
 
 FULL = AccuracySettings()
 QUICK = AccuracySettings(
-    quick=True, modes=(3, 10), kinds=("no absorber", "impact, e = 1", "impact, e = 0.7, with friction", "compliant walls, stiff"),
-    steps=(20, 200, 2000), scipy_tolerances=(1e-9,), heyoka_tolerances=(1e-15,), starts=3, repeats=3, timed_seconds=0.02, patience=0.5,
-    sweep_steps=(20, 80), truth_members=16, members=12, budget=1.5, band_members=20, band_phases=5, band_repeats=4, stretches=40, twins=4,
-    jump_rates=(100.0, 200.0), jump_steps=(20, 60), jump_members=12, cost_modes=(1, 3, 10, 30), cost_lanes=(1, 16, 64), cost_periods=(10, 100, 1000),
-)  # fmt: skip
+    quick=True,
+    modes=(3, 10),
+    kinds=(
+        "no absorber",
+        "impact, e = 1",
+        "impact, e = 0.7, with friction",
+        "compliant walls, stiff",
+    ),
+    steps=(20, 200, 2000),
+    scipy_tolerances=(1e-9,),
+    heyoka_tolerances=(1e-15,),
+    starts=3,
+    repeats=3,
+    timed_seconds=0.02,
+    patience=0.5,
+    sweep_steps=(20, 80),
+    truth_members=16,
+    members=12,
+    budget=1.5,
+    band_members=20,
+    band_phases=5,
+    band_repeats=4,
+    stretches=40,
+    twins=4,
+    jump_rates=(100.0, 200.0),
+    jump_steps=(20, 60),
+    jump_members=12,
+    cost_modes=(1, 3, 10, 30),
+    cost_lanes=(1, 16, 64),
+    cost_periods=(10, 100, 1000),
+)
 
 
 # What tables and figures of the study share: looks, and numbers in words.
@@ -260,7 +286,7 @@ def named(row: Row) -> str:
     )
 
 
-def made_with(measured: Measured) -> str:
+def made_with(measured: Measurement) -> str:
     """Say when, where and with what a part was measured."""
     words = f"{sources(measured.conditions)} {measured.conditions['wall_s']:g} s."
     if measured.conditions["quick"]:

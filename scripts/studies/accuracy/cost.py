@@ -27,7 +27,7 @@ from studies.accuracy.cases import (
     unique,
 )
 from studies.accuracy.trajectory import own_time
-from studies.timing import median_time, seconds
+from studies.timing import measure_median_time, time_call
 
 NAME = "cost"
 MODES = "modes"
@@ -112,8 +112,8 @@ def _lanes_time(lanes: int, threads: int, settings: AccuracySettings) -> float:
         for drive in draw_members(lanes, settings.seed).drives(kind.force, schedule)
     ]
     run_lanes(wanted[:1], threads=1)  # compile
-    taken = median_time(
-        partial(seconds, partial(run_lanes, wanted, threads=threads)),
+    taken = measure_median_time(
+        partial(time_call, partial(run_lanes, wanted, threads=threads)),
         settings.repeats,
         settings.patience,
     )
@@ -137,7 +137,7 @@ def _length_time(periods: float, settings: AccuracySettings) -> float:
     )  # compile
     return (
         1e6
-        * median_time(
+        * measure_median_time(
             lambda: simulate(scene, Drive(kind.force, schedule), Exact()).wall_time,
             settings.repeats,
             settings.patience,

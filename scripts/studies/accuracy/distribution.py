@@ -20,7 +20,7 @@ from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from optimisation.page import markdown
 from optimisation.report.figures import force_axis
 from studies.accuracy import cases as shared
-from studies.accuracy.cases import AccuracySettings, Cases, Kind, Row
+from studies.accuracy.cases import AccuracySettings, Cases, Row, SceneGroup
 from studies.study import Array
 
 NAME = "distribution"
@@ -36,7 +36,7 @@ FEWEST = 3  # runs of a method, however slow it is
 
 def _levels(
     scene: Scene,
-    kind: Kind,
+    kind: SceneGroup,
     method: Method,
     members: Members,
     settings: AccuracySettings,
@@ -63,7 +63,7 @@ def cases(settings: AccuracySettings) -> Cases:
     }
 
 
-def _measured(kind: Kind, modes: int, settings: AccuracySettings) -> list[Row]:
+def _measured(kind: SceneGroup, modes: int, settings: AccuracySettings) -> list[Row]:
     """Return a row for each run."""
     truth = draw_members(settings.truth_members, settings.seed + 1)
     members = draw_members(settings.members, settings.seed)

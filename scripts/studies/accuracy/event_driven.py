@@ -117,7 +117,7 @@ class Mechanics(DenseMechanics):
         row, push = self.guard(0, guard, self.of(regime))
         return float(row @ self.motion(x) + push[0] * self.force(t))
 
-    def kick(self, x: Array, restitution: float) -> None:
+    def excite_absorber(self, x: Array, restitution: float) -> None:
         """Apply an impact in place, and account for its loss."""
         state = self.motion(x)
         gamma = self.speeds[0] @ state
@@ -152,7 +152,7 @@ def follow(
     x = np.concatenate([initial.vector(scene), np.zeros(2 if energy else 0)])
     integrate = make(mechanics, Automaton(scene.absorber))
     start = x.copy()
-    state = _State(mechanics, x)
+    state = _FlightState(mechanics, x)
     contacts = Contacts(scene, state, REST_SPEED)
     state.nudge(contacts.regimes[0])
     times = [0.0] * len(contacts.struck)
@@ -185,7 +185,7 @@ def follow(
     return PeerRun(np.array(times), state.x[: 2 * n + 2].copy(), balance, wall_time)
 
 
-class _State:
+class _FlightState:
     """The state of a peer's run, as the contacts want to see and to change it."""
 
     def __init__(self, mechanics: Mechanics, x: Array) -> None:
@@ -206,10 +206,10 @@ class _State:
         )
 
     def strike(self, which: int, restitution: float) -> None:  # noqa: ARG002
-        self.mechanics.kick(self.x, restitution)
+        self.mechanics.excite_absorber(self.x, restitution)
 
     def stop(self, which: Sequence[int]) -> None:  # noqa: ARG002
-        self.mechanics.kick(self.x, 0.0)
+        self.mechanics.excite_absorber(self.x, 0.0)
 
     def nudge(self, regime: Regime) -> None:
         """Start sliding from rest with a velocity of its sign."""
@@ -249,9 +249,15 @@ def scipy_integrator(tolerance: float) -> Callable[[Mechanics, Automaton], Integ
                 event.terminal = True
                 event.direction = -1
             solution = solve_ivp(
-                lambda t, x: mechanics.rates(regime, t, x), (start, stop), state, method="DOP853", rtol=max(tolerance, 3e-14), atol=tolerance * 1e-3,
-                events=events, first_step=min(first, stop - start),
-            )  # fmt: skip
+                lambda t, x: mechanics.rates(regime, t, x),
+                (start, stop),
+                state,
+                method="DOP853",
+                rtol=max(tolerance, 3e-14),
+                atol=tolerance * 1e-3,
+                events=events,
+                first_step=min(first, stop - start),
+            )
             if solution.status < 0:
                 raise PeerFailedError(solution.message)
             hit = next((k for k, at in enumerate(solution.t_events or ()) if len(at)), -1)

@@ -17,8 +17,8 @@ from studies.accuracy.cases import (
     COLOURS,
     MARKERS,
     WATCHED,
+    AccuracyCase,
     AccuracySettings,
-    Case,
     Cases,
     Row,
     case,
@@ -28,12 +28,17 @@ from studies.accuracy.cases import (
     shown_rows,
     unique,
 )
-from studies.study import Array, lines
+from studies.study import Array, format_table
 
 NAME = "growth"
 KINDS = (
-    "friction damper", "impact, e = 1", "impact, e = 0.7", "impact, e = 0.7, with friction", "compliant walls, soft", "compliant walls, stiff",
-)  # fmt: skip
+    "friction damper",
+    "impact, e = 1",
+    "impact, e = 0.7",
+    "impact, e = 0.7, with friction",
+    "compliant walls, soft",
+    "compliant walls, stiff",
+)
 STRETCH = (
     0.5  # pseudo periods at most; less where impacts are many, since the distance has to stay small
 )
@@ -49,7 +54,7 @@ MOST_PERIODS = 80.0
 class _Continued:
     """A case at a constant frequency, which can be gone on with from any state and time."""
 
-    def __init__(self, it: Case) -> None:
+    def __init__(self, it: AccuracyCase) -> None:
         self.it = it
         self.scene = it.scene
         self.reference = self.scene.model.resonance_omega(1)
@@ -187,10 +192,15 @@ def _measured(name: str, modes: int, settings: AccuracySettings) -> list[Row]:
     per_period = impacts / (run.stretch * len(growth))
     shared = {"scene": name, "modes": run.it.modes}
     row: Row = {
-        **shared, "impact": None, "exponent_per_period": exponent, "exponent_low": float(low), "exponent_high": float(high),
-        "impacts_per_period": per_period, "factor_per_impact": float(np.exp(exponent / per_period)) if per_period > 0 else None,
+        **shared,
+        "impact": None,
+        "exponent_per_period": exponent,
+        "exponent_low": float(low),
+        "exponent_high": float(high),
+        "impacts_per_period": per_period,
+        "factor_per_impact": float(np.exp(exponent / per_period)) if per_period > 0 else None,
         "difference_periods": None,
-    }  # fmt: skip
+    }
     found = [row]
     if per_period > 0:
         off = _twins(run, states, per_period, generator)
@@ -211,10 +221,14 @@ def _measured(name: str, modes: int, settings: AccuracySettings) -> list[Row]:
 def growth_table(rows: list[Row]) -> str:
     """Return a line for each scene and number of modes."""
     columns = {
-        "scene": "{scene}", "modes": "{modes}", "exponent per pseudo period": "{exponent_per_period:.2f}",
-        "95 %": "{exponent_low:.2f} to {exponent_high:.2f}", "impacts per pseudo period": "{impacts_per_period:.2f}", "factor per impact": "{factor}",
-    }  # fmt: skip
-    return lines(
+        "scene": "{scene}",
+        "modes": "{modes}",
+        "exponent per pseudo period": "{exponent_per_period:.2f}",
+        "95 %": "{exponent_low:.2f} to {exponent_high:.2f}",
+        "impacts per pseudo period": "{impacts_per_period:.2f}",
+        "factor per impact": "{factor}",
+    }
+    return format_table(
         columns,
         (
             {**row, "factor": number(row["factor_per_impact"], 3)}

@@ -61,7 +61,7 @@ def _measured(slowness: float, method: Method, settings: AccuracySettings) -> li
     return found
 
 
-class Share(NamedTuple):
+class JumpShare(NamedTuple):
     """Share of the runs that reach the high branch; ``between`` counts levels close to the limit between the branches."""
 
     slowness: float
@@ -77,7 +77,7 @@ class Share(NamedTuple):
         return float(found.low), float(found.high)
 
 
-def shares(all_rows: list[Row]) -> list[Share]:
+def shares(all_rows: list[Row]) -> list[JumpShare]:
     """Return the share for each slowness and method, in the order of the rows."""
     cells: dict[Any, list[float]] = {}
     for row in all_rows:
@@ -86,7 +86,7 @@ def shares(all_rows: list[Row]) -> list[Share]:
     for (slowness, method, setting), each in cells.items():
         levels = np.array(each)
         found.append(
-            Share(
+            JumpShare(
                 slowness,
                 method,
                 setting,

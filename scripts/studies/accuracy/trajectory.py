@@ -20,10 +20,10 @@ from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method
 from optimisation.page import markdown
 from studies.accuracy import cases as shared
-from studies.accuracy.cases import AccuracySettings, Case, Cases, Kind, Row
+from studies.accuracy.cases import AccuracyCase, AccuracySettings, Cases, Row, SceneGroup
 from studies.accuracy.event_driven import PeerFailedError, PeerRun, follow, scipy_integrator
 from studies.study import Array
-from studies.timing import median_time
+from studies.timing import measure_median_time
 
 if TYPE_CHECKING:
     from reference import digits
@@ -45,13 +45,13 @@ class Truth:
     impact_time: Array
 
 
-Start = tuple[Case, Truth]
+Start = tuple[AccuracyCase, Truth]
 Maker = Callable[
     [float], Any
 ]  # makes a peer's integrator from a tolerance; what it compiles belongs to one scene and drive
 
 
-def truth_of(it: Case) -> Truth:
+def truth_of(it: AccuracyCase) -> Truth:
     """Compute the reference up to the middle of the widest gap between late impacts, where no method is just at one."""
     from reference import digits  # needs an extra
 
@@ -74,7 +74,7 @@ def truth_of(it: Case) -> Truth:
     return Truth(periods, ended.end_state, impact_times(ended))
 
 
-def state_error(it: Case, state: Array, true: Array) -> float:
+def state_error(it: AccuracyCase, state: Array, true: Array) -> float:
     """Return the distance of two states in the norm of energy, relative to the true state's."""
     return float(np.sqrt(np.sum(it.weights * (state - true) ** 2) / np.sum(it.weights * true**2)))
 
@@ -112,7 +112,7 @@ def _row(
 
 
 def _errors(
-    it: Case, truth: Truth, state: Array, times: Array, balance: float | None
+    it: AccuracyCase, truth: Truth, state: Array, times: Array, balance: float | None
 ) -> tuple[float | None, ...]:
     """Return the errors named in ERRORS."""
     both = min(len(times), len(truth.impact_time))
@@ -166,7 +166,9 @@ def own_row(starts: list[Start], method: Method, settings: AccuracySettings) -> 
     )
 
 
-def own_time(it: Case, method: Method, shortest: float, settings: AccuracySettings) -> float:
+def own_time(
+    it: AccuracyCase, method: Method, shortest: float, settings: AccuracySettings
+) -> float:
     """Return the time of a pseudo period in us: the median of runs that are long enough to be timed."""
 
     def run(periods: float) -> float:
@@ -180,7 +182,7 @@ def own_time(it: Case, method: Method, shortest: float, settings: AccuracySettin
     run(0.01)  # compile
     rough = run(min(shortest, 1.0))
     periods = float(np.clip(settings.timed_seconds / max(rough, 1e-9), min(shortest, 1.0), LONGEST))
-    return 1e6 * median_time(lambda: run(periods), settings.repeats, settings.patience)
+    return 1e6 * measure_median_time(lambda: run(periods), settings.repeats, settings.patience)
 
 
 def peer_row(
@@ -208,11 +210,11 @@ def peer_row(
 
 
 def _peer_time(
-    it: Case, drive: Drive, maker: Any, first: float, settings: AccuracySettings
+    it: AccuracyCase, drive: Drive, maker: Any, first: float, settings: AccuracySettings
 ) -> float:
     if first > settings.patience:
         return first
-    return median_time(
+    return measure_median_time(
         lambda: follow(it.scene, drive, it.initial, maker).wall_time,
         settings.repeats,
         settings.patience,
@@ -247,7 +249,7 @@ def cases(settings: AccuracySettings) -> Cases:
     }
 
 
-def _measured(kind: Kind, modes: int, settings: AccuracySettings) -> list[Row]:
+def _measured(kind: SceneGroup, modes: int, settings: AccuracySettings) -> list[Row]:
     starts = _starts(kind, modes, settings)
     found = [own_row(starts, method, settings) for method in starts[0][0].methods(settings.steps)]
     return found + [
@@ -256,7 +258,7 @@ def _measured(kind: Kind, modes: int, settings: AccuracySettings) -> list[Row]:
     ]
 
 
-def _starts(kind: Kind, modes: int, settings: AccuracySettings) -> list[Start]:
+def _starts(kind: SceneGroup, modes: int, settings: AccuracySettings) -> list[Start]:
     """Return a scene's starts with their references; one suffices where there are no events to be met by chance."""
     found = [shared.case(kind, modes)]
     if found[0].scene.kind is not SceneKind.LINEAR:

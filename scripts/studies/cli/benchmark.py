@@ -28,22 +28,22 @@ from optimisation.machine import BARE, Timed
 from studies.study import (
     Array,
     Json,
-    Measured,
+    Measurement,
     Study,
-    lines,
+    add_table_options,
+    format_table,
+    make_table_paths,
+    make_table_study,
     run,
-    table_options,
-    table_place,
-    table_study,
 )
 from studies.timing import (
     Advance,
     TimingSettings,
-    all_cases,
-    each_and_median,
-    in_turn,
-    seconds,
-    sweep_up,
+    make_sweep_up,
+    measure_all_cases,
+    summarise_times,
+    time_call,
+    time_in_turn,
 )
 
 NAME = "benchmark"
@@ -56,7 +56,7 @@ QUICK_REPEATS = 1
 
 
 @dataclass(frozen=True)
-class Case:
+class SpeedCase:
     """One line of the benchmark; the Moreau scheme, whose steps all cost the same, runs over at most ``moreau_periods``."""
 
     modes: int
@@ -80,20 +80,20 @@ class Case:
 
 
 CASES = (
-    Case(3, 1.5, 1.0, None),
-    Case(10, 5.0, 1.0, None),
-    Case(30, 5.0, 1.0, None, moreau_periods=200.0),
-    Case(10, 3.5, 0.7, 0.1),
+    SpeedCase(3, 1.5, 1.0, None),
+    SpeedCase(10, 5.0, 1.0, None),
+    SpeedCase(30, 5.0, 1.0, None, moreau_periods=200.0),
+    SpeedCase(10, 3.5, 0.7, 0.1),
 )
 
 
-def measure(case: Case, given: TimingSettings, advance: Advance) -> Json:
+def measure(case: SpeedCase, given: TimingSettings, advance: Advance) -> Json:
     """Time both methods: times per pseudo period in us, medians and all repeats."""
     scene = case.scene()
     periods = given.periods
     short = min(given.periods, case.moreau_periods)
     exact, moreau = (
-        Timed(scene, sweep_up(scene, case.force, START, length), method)
+        Timed(scene, make_sweep_up(scene, case.force, START, length), method)
         for length, method in ((periods, Exact()), (short, Moreau()))
     )
     response = exact.run()
@@ -104,11 +104,18 @@ def measure(case: Case, given: TimingSettings, advance: Advance) -> Json:
         "exact": lambda: exact.run().wall_time / periods,
         "moreau": lambda: moreau.run().wall_time / short,
     }
-    times = each_and_median(in_turn(runs, given.repeats, advance))
+    times = summarise_times(time_in_turn(runs, given.repeats, advance))
     return {
-        "name": case.name, "case": asdict(case), "pseudo_periods": periods, "moreau_pseudo_periods": short, "impacts_per_period": impacts,
-        "events_per_period": events, "evaluations_per_period": evaluations, **times, "ratio": times["moreau_us"] / times["exact_us"],
-    }  # fmt: skip
+        "name": case.name,
+        "case": asdict(case),
+        "pseudo_periods": periods,
+        "moreau_pseudo_periods": short,
+        "impacts_per_period": impacts,
+        "events_per_period": events,
+        "evaluations_per_period": evaluations,
+        **times,
+        "ratio": times["moreau_us"] / times["exact_us"],
+    }
 
 
 def table(cases: Sequence[Json]) -> str:
@@ -122,10 +129,10 @@ def table(cases: Sequence[Json]) -> str:
         "Moreau, us": "{moreau_us:.4g}",
         "ratio": "{ratio:.1f}",
     }
-    return lines(columns, cases)
+    return format_table(columns, cases)
 
 
-def _said(measured: Measured) -> str:
+def _said(measured: Measurement) -> str:
     cases = measured.values["cases"]
     repeats = measured.values["repeats"]
     periods = cases[0]["pseudo_periods"]
@@ -139,10 +146,10 @@ def _said(measured: Measured) -> str:
     )
 
 
-STUDY: Study[TimingSettings] = table_study(
+STUDY: Study[TimingSettings] = make_table_study(
     NAME,
     "speed of the exact method",
-    lambda given: all_cases(CASES, given, measure),
+    lambda given: measure_all_cases(CASES, given, measure),
     _said,
 )
 
@@ -209,8 +216,8 @@ def measure_record(
         runs["lsim"] = partial(scipy.signal.lsim, system, values, times)
     else:
         runs["moreau"] = Timed(scene, loads, Moreau()).run
-    each = in_turn(
-        {name: partial(seconds, run) for name, run in runs.items()}, given.repeats, advance
+    each = time_in_turn(
+        {name: partial(time_call, run) for name, run in runs.items()}, given.repeats, advance
     )
     return row | {
         f"{name}_us": 1e6 * statistics.median(found) / samples for name, found in each.items()
@@ -218,12 +225,16 @@ def measure_record(
 
 
 COLUMNS = {
-    "case": "name", "exact, us": "exact_us", "with all samples kept, us": "recorded_us", "lsim, us": "lsim_us", "Moreau, us": "moreau_us",
+    "case": "name",
+    "exact, us": "exact_us",
+    "with all samples kept, us": "recorded_us",
+    "lsim, us": "lsim_us",
+    "Moreau, us": "moreau_us",
     "impacts a second": "impacts_per_s",
-}  # fmt: skip
+}
 
 
-def _record_said(measured: Measured) -> str:
+def _record_said(measured: Measurement) -> str:
     cases = measured.values["cases"]
     repeats = measured.values["repeats"]
     told = [
@@ -236,17 +247,17 @@ def _record_said(measured: Measured) -> str:
     samples = cases[0]["samples"]
     difference = cases[0]["difference"]
     return (
-        f"{lines({head: f'{{{name}}}' for head, name in COLUMNS.items()}, told)}\n\n"
+        f"{format_table({head: f'{{{name}}}' for head, name in COLUMNS.items()}, told)}\n\n"
         f"All per sample of a white record of {samples:,} at {RATE:,.0f} a second, {FORCE:g} N RMS, on the paper's beam with {MODES} modes; whole\n"
         f"calls on one core, compiled before, median of {repeats}. What lsim, with straight lines between samples, gives for the displacement\n"
         f"differs by {difference:.1g} of the largest. The Moreau scheme has {PAPER_STEPS} steps per period of the highest mode."
     )
 
 
-RECORD_STUDY: Study[TimingSettings] = table_study(
+RECORD_STUDY: Study[TimingSettings] = make_table_study(
     RECORD,
     "a sample of a record",
-    lambda given: all_cases(list(RECORDED.items()), given, measure_record),
+    lambda given: measure_all_cases(list(RECORDED.items()), given, measure_record),
     _record_said,
 )
 
@@ -267,7 +278,7 @@ RECORD_STUDY: Study[TimingSettings] = table_study(
     is_flag=True,
     help="Time a sample of a record instead, beside lsim as well; its page is docs/loads.md.",
 )
-@table_options(NAME, "docs/methods.md")
+@add_table_options(NAME, "docs/methods.md")
 def main(
     quick: bool, repeats: int | None, record: bool, target: Path | None, page: Path | None
 ) -> None:
@@ -280,7 +291,7 @@ def main(
         run(
             RECORD_STUDY,
             TimingSettings(QUICK_SAMPLES if quick else SAMPLES, times),
-            table_place(target, page),
+            make_table_paths(target, page),
         )
     else:
-        run(STUDY, TimingSettings(QUICK if quick else WHOLE, times), table_place(target, page))
+        run(STUDY, TimingSettings(QUICK if quick else WHOLE, times), make_table_paths(target, page))

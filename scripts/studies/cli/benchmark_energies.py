@@ -18,20 +18,27 @@ from impact_env.parameters import (
     TunedAbsorber,
     friction_damper,
     impact_absorber,
-)  # fmt: skip
+)
 from optimisation.cli.common import command
 from optimisation.machine import Timed
 from studies.study import (
     Json,
-    Measured,
+    Measurement,
     Study,
-    lines,
+    add_table_options,
+    format_table,
+    make_table_paths,
+    make_table_study,
     run,
-    table_options,
-    table_place,
-    table_study,
 )
-from studies.timing import Advance, TimingSettings, all_cases, each_and_median, in_turn, sweep_up
+from studies.timing import (
+    Advance,
+    TimingSettings,
+    make_sweep_up,
+    measure_all_cases,
+    summarise_times,
+    time_in_turn,
+)
 
 NAME = "benchmark_energies"
 START = 0.9  # of the first resonance; with the whole length the sweep ends at 1.06
@@ -43,7 +50,7 @@ QUICK_REPEATS = 3
 STIFFNESS = 1e6  # N/m, of compliant walls
 
 
-class Case(NamedTuple):
+class EnergyCase(NamedTuple):
     """One line of the benchmark: the force is in N."""
 
     name: str
@@ -53,31 +60,31 @@ class Case(NamedTuple):
 
 
 CASES = (
-    Case("e = 0.7, muN = 0.1 N", impact_absorber(restitution=0.7, friction_limit=0.1)),
-    Case("e = 0, muN = 0.05 N", impact_absorber(restitution=0.0, friction_limit=0.05)),
-    Case("e = 1", impact_absorber(), 5.0),
-    Case("e = 1, 30 modes", impact_absorber(), 5.0, modes=30),
-    Case(
+    EnergyCase("e = 0.7, muN = 0.1 N", impact_absorber(restitution=0.7, friction_limit=0.1)),
+    EnergyCase("e = 0, muN = 0.05 N", impact_absorber(restitution=0.0, friction_limit=0.05)),
+    EnergyCase("e = 1", impact_absorber(), 5.0),
+    EnergyCase("e = 1, 30 modes", impact_absorber(), 5.0, modes=30),
+    EnergyCase(
         "two absorbers, e = 0.7, muN = 0.05 N",
         impact_absorbers((1e-3, 1e-3), (0.8, 1.0), 0.7, 0.05),
     ),
-    Case("compliant walls", SlidingAbsorber(walls=CompliantWalls(STIFFNESS)), 5.0),
-    Case(
+    EnergyCase("compliant walls", SlidingAbsorber(walls=CompliantWalls(STIFFNESS)), 5.0),
+    EnergyCase(
         "compliant walls, elastic friction",
         SlidingAbsorber(walls=CompliantWalls(STIFFNESS), friction=ElasticCoulombFriction(0.1, 1e5)),
     ),
-    Case("friction damper, muN = 0.3 N", friction_damper(0.3)),
-    Case("no absorber", None, 5.0),
-    Case("stuck absorber", StuckAbsorber(0.05), 5.0),
-    Case("tuned absorber", TunedAbsorber(), 5.0),
+    EnergyCase("friction damper, muN = 0.3 N", friction_damper(0.3)),
+    EnergyCase("no absorber", None, 5.0),
+    EnergyCase("stuck absorber", StuckAbsorber(0.05), 5.0),
+    EnergyCase("tuned absorber", TunedAbsorber(), 5.0),
 )
 
 
-def measure(case: Case, given: TimingSettings, advance: Advance) -> Json:
+def measure(case: EnergyCase, given: TimingSettings, advance: Advance) -> Json:
     """Time both: times per pseudo period in us, medians and all repeats."""
     scene = beam_scene(Beam(modes=case.modes), case.absorber)
     periods = given.periods
-    drive = sweep_up(scene, case.force, START, periods)
+    drive = make_sweep_up(scene, case.force, START, periods)
     watched, bare = (
         Timed(scene, drive, Exact(), record=record) for record in (Record(energy=True), Record())
     )
@@ -86,11 +93,15 @@ def measure(case: Case, given: TimingSettings, advance: Advance) -> Json:
         "energies": lambda: watched.run().wall_time / periods,
         "bare": lambda: bare.run().wall_time / periods,
     }
-    times = each_and_median(in_turn(runs, given.repeats, advance))
+    times = summarise_times(time_in_turn(runs, given.repeats, advance))
     return {
-        "name": case.name, "pseudo_periods": periods, "stretches_per_period": response.steps / periods, **times,
-        "balance": response.recorded.energy.relative_error, "ratio": times["energies_us"] / times["bare_us"],
-    }  # fmt: skip
+        "name": case.name,
+        "pseudo_periods": periods,
+        "stretches_per_period": response.steps / periods,
+        **times,
+        "balance": response.recorded.energy.relative_error,
+        "ratio": times["energies_us"] / times["bare_us"],
+    }
 
 
 def table(cases: Sequence[Json]) -> str:
@@ -103,10 +114,10 @@ def table(cases: Sequence[Json]) -> str:
         "ratio": "{ratio:.2f}",
         "balance": "{balance:.0e}",
     }
-    return lines(columns, cases)
+    return format_table(columns, cases)
 
 
-def _said(measured: Measured) -> str:
+def _said(measured: Measurement) -> str:
     cases = measured.values["cases"]
     repeats = measured.values["repeats"]
     periods = cases[0]["pseudo_periods"]
@@ -119,10 +130,10 @@ def _said(measured: Measured) -> str:
     )
 
 
-STUDY: Study[TimingSettings] = table_study(
+STUDY: Study[TimingSettings] = make_table_study(
     NAME,
     "price of an energy account",
-    lambda given: all_cases(CASES, given, measure),
+    lambda given: measure_all_cases(CASES, given, measure),
     _said,
 )
 
@@ -138,7 +149,7 @@ STUDY: Study[TimingSettings] = table_study(
     type=click.IntRange(min=1),
     help=f"Runs of either kind, of which the median counts.  [default: {REPEATS}]",
 )
-@table_options(NAME, "docs/method.md")
+@add_table_options(NAME, "docs/method.md")
 def main(quick: bool, repeats: int | None, target: Path | None, page: Path | None) -> None:
     """Time scenes of all kinds without and with an account of energies, and print a table.
 
@@ -147,4 +158,4 @@ def main(quick: bool, repeats: int | None, target: Path | None, page: Path | Non
     settings = TimingSettings(
         QUICK if quick else WHOLE, repeats or (QUICK_REPEATS if quick else REPEATS)
     )
-    run(STUDY, settings, table_place(target, page))
+    run(STUDY, settings, make_table_paths(target, page))

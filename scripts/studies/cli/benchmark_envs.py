@@ -20,7 +20,15 @@ from impact_env.ensemble import available_cores
 from impact_env.extras import optional
 from optimisation.cli.common import command
 from optimisation.progress import Bar
-from studies.study import Json, Measured, lines, run, table_options, table_place, table_study
+from studies.study import (
+    Json,
+    Measurement,
+    add_table_options,
+    format_table,
+    make_table_paths,
+    make_table_study,
+    run,
+)
 
 NAME = "speeds"
 PASSIVE = "ImpactAbsorber/Passive-v0"
@@ -77,8 +85,13 @@ def timed(
         rates.append(count * lanes / passed)
         advance()
     return {
-        "name": name, "lanes": lanes, "steps_per_s": statistics.median(rates), "each": rates, "interval": PASSAGE["interval"], "above": None,
-    }  # fmt: skip
+        "name": name,
+        "lanes": lanes,
+        "steps_per_s": statistics.median(rates),
+        "each": rates,
+        "interval": PASSAGE["interval"],
+        "above": None,
+    }
 
 
 def single(seconds: float, advance: Callable[[], object]) -> Json:
@@ -226,7 +239,7 @@ def table(speeds: Sequence[Json]) -> str:
             ("-", f"{1e6 * speed['above']:,.0f}") if trained else (f"{rate / best:.1f}", "-")
         )
         rows.append({**speed, "periods": rate * speed["interval"], "over": over, "more": more})
-    return lines(columns, rows)
+    return format_table(columns, rows)
 
 
 def _measure(seconds: float) -> Json:
@@ -243,7 +256,7 @@ def _measure(seconds: float) -> Json:
     }
 
 
-def _said(measured: Measured) -> str:
+def _said(measured: Measurement) -> str:
     values = measured.values
     made = measured.conditions
     return (
@@ -255,7 +268,7 @@ def _said(measured: Measured) -> str:
 
 
 # settings: length of a repeat in s
-STUDY = table_study(NAME, "speed of the environments", _measure, _said)
+STUDY = make_table_study(NAME, "speed of the environments", _measure, _said)
 
 
 @command()
@@ -264,13 +277,13 @@ STUDY = table_study(NAME, "speed of the environments", _measure, _said)
     is_flag=True,
     help=f"{QUICK_SECONDS:g} s a repeat instead of {SECONDS:g} s: a look, not a measurement.",
 )
-@table_options(NAME, "docs/environments.md")
+@add_table_options(NAME, "docs/environments.md")
 def main(quick: bool, target: Path | None, page: Path | None) -> None:
     """Measure environment steps per second and print a table.
 
     Run it on an otherwise idle machine. Kernels that are not compiled yet are compiled first, which is not part of the times.
     """
-    run(STUDY, QUICK_SECONDS if quick else SECONDS, table_place(target, page))
+    run(STUDY, QUICK_SECONDS if quick else SECONDS, make_table_paths(target, page))
 
 
 if __name__ == "__main__":

@@ -24,7 +24,15 @@ from optimisation.cli.common import check_target, command
 from optimisation.comparison import force_grid
 from optimisation.explore.settings import MOST_MEMBERS
 from optimisation.report.figures import few_colours
-from studies.study import Json, Measured, lines, run, table_options, table_place, table_study
+from studies.study import (
+    Json,
+    Measurement,
+    add_table_options,
+    format_table,
+    make_table_paths,
+    make_table_study,
+    run,
+)
 
 NAME = "benchmark_explorer"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -215,7 +223,7 @@ def measure(settings: ExplorerSettings) -> Json:
     return {"repeats": settings.repeats, "load": [load, os.getloadavg()[0]], "cases": rows}
 
 
-def said(found: Measured) -> str:
+def said(found: Measurement) -> str:
     """Return the table: medians, and in brackets the largest."""
     columns = {
         "modes, friction in N": "{modes}, {friction_limit:g}",
@@ -234,13 +242,13 @@ def said(found: Measured) -> str:
     ]
     first, last = found.values["load"]
     return (
-        f"{lines(columns, rows)}\n\nMedian of {found.values['repeats']} moves of the gap's slider, each when the forces of the one before are "
+        f"{format_table(columns, rows)}\n\nMedian of {found.values['repeats']} moves of the gap's slider, each when the forces of the one before are "
         f"there, of everything of the last {WHOLE_REPEATS}; in brackets the longest. "
         f"The machine's load was {first:.1f} when it began and {last:.1f} when it ended, of which the benchmark is one or two."
     )
 
 
-STUDY = table_study(NAME, "explorer", measure, said)
+STUDY = make_table_study(NAME, "explorer", measure, said)
 
 
 @command()
@@ -255,7 +263,7 @@ STUDY = table_study(NAME, "explorer", measure, said)
     metavar="FILE",
     help="Make a film of the page, .gif, and nothing else.",
 )
-@table_options(NAME, "docs/explore.md")
+@add_table_options(NAME, "docs/explore.md")
 def main(
     quick: bool, picture: Path | None, filmed: Path | None, target: Path | None, page: Path | None
 ) -> None:
@@ -273,5 +281,5 @@ def main(
         ExplorerSettings(
             QUICK_REPEATS if quick else REPEATS, None if picture is None else picture.resolve()
         ),
-        table_place(target, page),
+        make_table_paths(target, page),
     )

@@ -35,8 +35,8 @@ from impact_env.periodic.validation import BAR, CHATTER_BAR, map_over
 from optimisation.cli.common import command
 from optimisation.page import markdown
 from optimisation.progress import Bar
-from studies.study import Json, Study, run, table_options, table_place, table_study
-from studies.timing import seconds
+from studies.study import Json, Study, add_table_options, make_table_paths, make_table_study, run
+from studies.timing import time_call
 
 NAME = "benchmark_periodic"
 REPEATS = 21
@@ -64,7 +64,9 @@ def timed(
 ) -> Json:
     """Time ``work``, which does ``parts`` of what is measured; the first call compiles and is not counted."""
     work()
-    each = [{"s": 1.0, "ms": 1e3, "us": 1e6}[unit] / parts * seconds(work) for _ in range(repeats)]
+    each = [
+        {"s": 1.0, "ms": 1e3, "us": 1e6}[unit] / parts * time_call(work) for _ in range(repeats)
+    ]
     return line(what, bar, statistics.median(each), unit, each)
 
 
@@ -350,7 +352,7 @@ def table(lines: Sequence[Json]) -> str:
     return markdown(("what", "median"), rows)
 
 
-STUDY: Study[int] = table_study(
+STUDY: Study[int] = make_table_study(
     NAME,
     "speed and accuracy of periodic orbits",
     lambda repeats: {"lines": measure(repeats)},
@@ -360,7 +362,7 @@ STUDY: Study[int] = table_study(
 
 @command()
 @click.option("--quick", is_flag=True, help=f"{QUICK_REPEATS} repeats instead of {REPEATS}.")
-@table_options(NAME, "docs/frequency_domain.md")
+@add_table_options(NAME, "docs/frequency_domain.md")
 def main(quick: bool, target: Path | None, page: Path | None) -> None:
     """Measure periodic orbits against their bars: medians of repeats in one process, compilation apart."""
-    run(STUDY, QUICK_REPEATS if quick else REPEATS, table_place(target, page))
+    run(STUDY, QUICK_REPEATS if quick else REPEATS, make_table_paths(target, page))

@@ -19,8 +19,16 @@ from impact_env.parameters import ParameterError
 from optimisation.cli.common import command
 from optimisation.page import ROOT
 from optimisation.progress import Bar
-from studies.study import Json, Measured, lines, run, table_options, table_place, table_study
-from studies.variants import Variant
+from studies.study import (
+    Json,
+    Measurement,
+    add_table_options,
+    format_table,
+    make_table_paths,
+    make_table_study,
+    run,
+)
+from studies.variants import KernelVariant
 
 NAME = "start"
 FIRST_CALL = """
@@ -31,16 +39,16 @@ variant = Variant(*sys.argv[1:])
 simulate(variant.scene(), variant.drive(1.0), METHODS[variant.method], record=RECORDS[variant.record])
 """
 FIRST_CALLS = (
-    Variant("impact", record="level and events"),
-    Variant("impact", record="everything"),
-    Variant("impact and friction", record="everything"),
-    Variant("two impact absorbers", record="everything"),
-    Variant("compliant"),
-    Variant("compliant and elastic friction"),
-    Variant("impact", "moreau"),
-    Variant("impact and friction", "moreau"),
-    Variant("no absorber", "runge-kutta"),
-    Variant("compliant", "runge-kutta"),
+    KernelVariant("impact", record="level and events"),
+    KernelVariant("impact", record="everything"),
+    KernelVariant("impact and friction", record="everything"),
+    KernelVariant("two impact absorbers", record="everything"),
+    KernelVariant("compliant"),
+    KernelVariant("compliant and elastic friction"),
+    KernelVariant("impact", "moreau"),
+    KernelVariant("impact and friction", "moreau"),
+    KernelVariant("no absorber", "runge-kutta"),
+    KernelVariant("compliant", "runge-kutta"),
 )
 FIRST_STEP = """
 import gymnasium, impact_env
@@ -169,15 +177,15 @@ def _measure(quick: bool) -> Json:
 def table(found: list[Json]) -> str:
     """Return a line for each step."""
     columns = {"step": "{what}", "wall time, s": "{wall_s:.1f}", "CPU time, s": "{cpu_s:.1f}"}
-    return lines(columns, found)
+    return format_table(columns, found)
 
 
-def _said(measured: Measured) -> str:
+def _said(measured: Measurement) -> str:
     cores = measured.values["cores"]
     return f"{table(measured.values['steps'])}\n\nOn {cores} core{'s' * (cores != 1)}; one run each; packages were downloaded."
 
 
-STUDY = table_study(NAME, "from nothing to the first figure", _measure, _said)
+STUDY = make_table_study(NAME, "from nothing to the first figure", _measure, _said)
 
 
 @command()
@@ -186,10 +194,10 @@ STUDY = table_study(NAME, "from nothing to the first figure", _measure, _said)
     is_flag=True,
     help="The quick comparison and one first call: a look, not a measurement.",
 )
-@table_options(NAME, "docs/internals/cost.md")
+@add_table_options(NAME, "docs/internals/cost.md")
 def main(quick: bool, target: Path | None, page: Path | None) -> None:
     """Clone the checkout into an empty folder and time set-up, compilation, comparison, and first calls of what is not compiled beforehand.
 
     Run it on an otherwise idle machine with a network. It measures what is committed, and leaves nothing behind.
     """
-    run(STUDY, quick, table_place(target, page))
+    run(STUDY, quick, make_table_paths(target, page))

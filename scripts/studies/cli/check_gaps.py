@@ -18,18 +18,18 @@ from optimisation.executors import cluster_option, workers
 from optimisation.gap_advice import MEMBERS, TOLERANCE, Advice, Answer, advise, expected_factor
 from optimisation.gap_check import scaled_absorber
 from optimisation.machine import sources
-from studies.structures import CASES, HARD_CASES, Case
+from studies.structures import CASES, HARD_CASES, StructureCase
 from studies.study import (
     Array,
     Json,
-    Measured,
+    Measurement,
     Study,
-    lines,
+    add_table_options,
+    format_table,
+    make_rows_part,
+    make_table_paths,
     not_none,
-    rows_part,
     run,
-    table_options,
-    table_place,
 )
 
 FORCE = 1.0  # N; it does not matter, as gap and friction are in proportion to it
@@ -47,7 +47,7 @@ SEED = 2026
 class GapSettings(NamedTuple):
     """The cases, runs for each gap of the search, the scan's step of ln gap, the sweeps' rate (None: the default), and runs that judge."""
 
-    cases: tuple[Case, ...]
+    cases: tuple[StructureCase, ...]
     members: int = MEMBERS
     step: float = STEP
     rate: float | None = None
@@ -95,7 +95,7 @@ class BruteForce:
         return np.asarray(np.array(values, dtype=float).reshape(shape).max(axis=-1))
 
 
-def row(case: Case, given: GapSettings) -> list[Json]:
+def row(case: StructureCase, given: GapSettings) -> list[Json]:
     """Return a case's one row; raises KeyboardInterrupt if it is stopped."""
     model = case.model()
     absorber = scaled_absorber(model, FORCE, case.resonance, case.mass_ratio)
@@ -134,7 +134,7 @@ def scaled(absorber: SlidingAbsorber, gap: float) -> SlidingAbsorber:
 LevelsOf = Callable[[Sequence[SlidingAbsorber], Sequence[float], int], Array]
 
 
-def judged(case: Case, found: Advice, gaps: Array, levels: LevelsOf, judges: int) -> Json:
+def judged(case: StructureCase, found: Advice, gaps: Array, levels: LevelsOf, judges: int) -> Json:
     """Return a case's row.
 
     ``recommended``: the largest median level of the recommended device over three forces, over the lowest such of the scan; ``sharp``: its median
@@ -193,7 +193,7 @@ TOLERATED = 1.1
 SHARP_TOLERATED = 1.15
 
 
-def table(measured: Measured) -> str:
+def table(measured: Measurement) -> str:
     """Return a line for each case, how many are good, and the worst."""
     order = [(case.name, case.resonance, case.mass_ratio) for case in CASES + HARD_CASES]
     rows_by_name = {
@@ -225,12 +225,12 @@ def table(measured: Measured) -> str:
         )
     coverage = 100 * float(np.mean([r["coverage"] for r in found]))
     words.append(f"fresh runs in the 90 % intervals: {coverage:.0f} %")
-    return f"{lines(columns, rows)}\n\n{'; '.join(words)}."
+    return f"{format_table(columns, rows)}\n\n{'; '.join(words)}."
 
 
 STUDY: Study[GapSettings] = Study(
     (
-        rows_part(
+        make_rows_part(
             NAME,
             "the answers of design_gap beside scans by brute force",
             cases=lambda given: {
@@ -253,7 +253,7 @@ STUDY: Study[GapSettings] = Study(
 )
 
 
-def by_run_time(cases: Sequence[Case]) -> tuple[Case, ...]:
+def by_run_time(cases: Sequence[StructureCase]) -> tuple[StructureCase, ...]:
     """Return cases with the shortest sweeps first."""
     return tuple(sorted(cases, key=lambda case: -default_rate(case.model(), (case.resonance,))))
 
@@ -281,7 +281,7 @@ def by_run_time(cases: Sequence[Case]) -> tuple[Case, ...]:
     help="Number of threads; the result does not depend on it.  [default: all cores]",
 )
 @cluster_option
-@table_options(NAME, "docs/which_gap.md")
+@add_table_options(NAME, "docs/which_gap.md")
 def main(
     quick: bool, cluster: str | None, target: Path | None, page: Path | None, **given: Any
 ) -> None:
@@ -302,4 +302,4 @@ def main(
             executor=found,
             **given,
         )
-        run(STUDY, settings, table_place(target, page))
+        run(STUDY, settings, make_table_paths(target, page))

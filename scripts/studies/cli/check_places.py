@@ -23,13 +23,13 @@ from studies.structures import ALUMINIUM, boom, plate
 from studies.study import (
     Array,
     Json,
-    Measured,
+    Measurement,
     Study,
-    lines,
-    rows_part,
+    add_table_options,
+    format_table,
+    make_rows_part,
+    make_table_paths,
     run,
-    table_options,
-    table_place,
 )
 
 NAME = "check_places"  # also the page's marker
@@ -215,7 +215,7 @@ def judged(
     }
 
 
-def table(measured: Measured) -> str:
+def table(measured: Measurement) -> str:
     """Return a line for each case, how many are good, and the worst."""
     order = [(case.name, [r for r, _ in case.forces]) for case in CASES]
     by_name = {(r["name"], *r["resonances"]): r for r in measured.values["rows"]}
@@ -251,12 +251,12 @@ def table(measured: Measured) -> str:
         f"Within {TOLERATED:g} of the scan's best: {good} of {len(found)}, worst {worst['ratio']:.2f} ({worst['name']}, resonance {which}); "
         f"fresh runs in the 90 % intervals: {100 * float(np.mean([r['coverage'] for r in found])):.0f} %."
     )
-    return f"{lines(columns, rows)}\n\n{words}"
+    return f"{format_table(columns, rows)}\n\n{words}"
 
 
 STUDY: Study[PlaceSettings] = Study(
     (
-        rows_part(
+        make_rows_part(
             NAME,
             "the answers of design_place beside scans by brute force",
             cases=lambda given: {
@@ -302,7 +302,7 @@ QUICK_MEMBERS = 1
     help="Number of threads; the result does not depend on it.  [default: all cores]",
 )
 @cluster_option
-@table_options(NAME, "docs/which_place.md")
+@add_table_options(NAME, "docs/which_place.md")
 def main(
     quick: bool, cluster: str | None, target: Path | None, page: Path | None, **given: Any
 ) -> None:
@@ -322,4 +322,4 @@ def main(
             executor=found,
             **given,
         )
-        run(STUDY, settings, table_place(target, page))
+        run(STUDY, settings, make_table_paths(target, page))

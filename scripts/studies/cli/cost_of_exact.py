@@ -40,9 +40,9 @@ from optimisation.cli.common import command
 from optimisation.machine import Timed
 from optimisation.page import markdown
 from optimisation.progress import Bar
-from studies.cli.benchmark import CASES, START, Case
-from studies.study import Json, Study, run, table_options, table_place, table_study
-from studies.timing import median_time, seconds, sweep_up
+from studies.cli.benchmark import CASES, START, SpeedCase
+from studies.study import Json, Study, add_table_options, make_table_paths, make_table_study, run
+from studies.timing import make_sweep_up, measure_median_time, time_call
 
 
 class Room(NamedTuple):
@@ -132,17 +132,17 @@ REPEATS = 7
 def nanoseconds(call: Callable[[], object]) -> float:
     """Return the median time of one of CALLS calls."""
     call()
-    return 1e9 * median_time(partial(seconds, call), REPEATS) / CALLS
+    return 1e9 * measure_median_time(partial(time_call, call), REPEATS) / CALLS
 
 
-def measure(case: Case, periods: float) -> Json:
+def measure(case: SpeedCase, periods: float) -> Json:
     """Time a whole run, and each part in a loop of its own on the same scene."""
     scene = case.scene()
     level = 1
     window = WINDOW_PERIODS * 2 * np.pi / scene.model.resonance_omega(1)
-    run = Timed(scene, sweep_up(scene, case.force, START, periods), Exact())
+    run = Timed(scene, make_sweep_up(scene, case.force, START, periods), Exact())
     response = run.run()
-    us = 1e6 * median_time(lambda: run.run().wall_time, REPEATS) / periods
+    us = 1e6 * measure_median_time(lambda: run.run().wall_time, REPEATS) / periods
     events = response.steps / periods
     evaluations = response.evaluations / periods
     slots = rigid_regimes(scene, window)[0].system
@@ -193,7 +193,7 @@ def table(cases: Sequence[Json]) -> str:
 
 
 # settings: pseudo periods of a run
-STUDY: Study[float] = table_study(
+STUDY: Study[float] = make_table_study(
     NAME,
     "what the exact method's time is spent on",
     lambda periods: {
@@ -214,7 +214,7 @@ STUDY: Study[float] = table_study(
     is_flag=True,
     help=f"Runs of {QUICK_PERIODS:g} pseudo periods instead of {PERIODS:g}.",
 )
-@table_options(NAME, "docs/internals/cost.md")
+@add_table_options(NAME, "docs/internals/cost.md")
 def main(quick: bool, target: Path | None, page: Path | None) -> None:
     """Measure the parts of the exact method's time, on one core."""
-    run(STUDY, QUICK_PERIODS if quick else PERIODS, table_place(target, page))
+    run(STUDY, QUICK_PERIODS if quick else PERIODS, make_table_paths(target, page))

@@ -15,7 +15,7 @@ from optimisation.page import published
 from optimisation.report.figures import write_figure
 from studies.accuracy import bands, cost, distribution, growth, jumps, trajectory
 from studies.accuracy.cases import FULL, QUICK, AccuracySettings, Row, made_with
-from studies.study import Measured, Part, Saver, Study, rows_part, run, with_page
+from studies.study import Measurement, Part, Saver, Study, make_rows_part, paths_with_page, run
 
 QUICK_OUT = Path("results/error_vs_runtime")
 OUT = published(Path("docs/methods"), QUICK_OUT)
@@ -30,16 +30,16 @@ def _part(
 ) -> Part[AccuracySettings]:
     """Return a part of the study: a module with its ``cases`` and the ``key`` of a row's case, a table and figures by file name, of its rows."""
 
-    def text(measured: Measured) -> str:
+    def text(measured: Measurement) -> str:
         return f"{table(measured.values['rows'])}\n\n{made_with(measured)}"
 
-    def figures(measured: Measured) -> dict[str, Saver]:
+    def figures(measured: Measurement) -> dict[str, Saver]:
         return {
             file: partial(write_figure, figure, dpi=DPI)
             for file, figure in draw(measured.values["rows"]).items()
         }
 
-    return rows_part(module.NAME, title, module.cases, module.key, text, figures=figures)
+    return make_rows_part(module.NAME, title, module.cases, module.key, text, figures=figures)
 
 
 STUDY: Study[AccuracySettings] = Study(
@@ -124,7 +124,7 @@ def main(
     run(
         STUDY,
         settings,
-        with_page(out or (QUICK_OUT if quick else OUT), only or PARTS),
+        paths_with_page(out or (QUICK_OUT if quick else OUT), only or PARTS),
         only=only,
         redraw=redraw,
         resume=resume,

@@ -23,15 +23,15 @@ from studies.findings.figures import FIGURES
 from studies.findings.parts import FindingsSettings
 from studies.study import (
     Json,
-    Measured,
+    Measurement,
     Part,
     Saver,
     Study,
-    beside,
-    lines,
+    add_sources,
+    format_table,
+    make_whole_part,
+    paths_beside_page,
     run,
-    whole_part,
-    with_sources,
 )
 
 UNITS = {
@@ -189,7 +189,7 @@ def _optima(result: Json) -> str:
             "gain": _gain(found, digits),
         }
 
-    dampers = lines(friction, map(told, result["friction"]))
+    dampers = format_table(friction, map(told, result["friction"]))
     absorbers = [
         told(x, 2)
         | {
@@ -200,7 +200,7 @@ def _optima(result: Json) -> str:
         for x in result["impact"]
     ]
     besides = _besides({f"Resonance {x['resonance']}": x for x in result["impact"]})
-    return f"{dampers}\n\n{lines(impact, absorbers)}{besides}"
+    return f"{dampers}\n\n{format_table(impact, absorbers)}{besides}"
 
 
 def _place(result: Json) -> str:
@@ -253,7 +253,7 @@ def _front(result: Json) -> str:
     won = result["seeds_won_against_random"]
     text = f"{result['designs']} designs each. NSGA-II has the larger hypervolume in {won} of {len(seeds)} seeds."
     figure = "![Level at the second resonance over that at the first: all designs, the front, the paper's design, limits](findings/front.png)"
-    return "\n\n".join([lines(columns, seeds), text, figure])
+    return "\n\n".join([format_table(columns, seeds), text, figure])
 
 
 def _scaling(result: Json) -> str:
@@ -338,11 +338,11 @@ PARTS: dict[str, tuple[str, Callable[[FindingsSettings], Json], Callable[[Json],
 def _part(name: str) -> Part[FindingsSettings]:
     marker, (title, compute, words) = f"{NAME}:{name}", PARTS[name]
 
-    def drawn(measured: Measured) -> dict[str, Saver]:
+    def drawn(measured: Measurement) -> dict[str, Saver]:
         return {name: lambda path: FIGURES[name](path, measured.values)} if name in FIGURES else {}
 
-    text = with_sources(lambda measured: words(measured.values))
-    return whole_part(name, f"{name}: {title}", compute, text, marker, figures=drawn)
+    text = add_sources(lambda measured: words(measured.values))
+    return make_whole_part(name, f"{name}: {title}", compute, text, marker, figures=drawn)
 
 
 STUDY: Study[FindingsSettings] = Study(
@@ -406,4 +406,4 @@ def main(
     with plain_errors(), executor(threads, None if redraw else cluster) as where:
         given = settings(quick, where, seed, out)
         require_writable("results", given.folder)
-        run(STUDY, given, beside(out, NAME, out / NAME), only=parts, redraw=redraw)
+        run(STUDY, given, paths_beside_page(out, NAME, out / NAME), only=parts, redraw=redraw)

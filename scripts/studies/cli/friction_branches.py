@@ -28,14 +28,14 @@ from optimisation.statistics import branches
 from optimisation.variables import FRICTION_LIMIT, GAP, IMPACT
 from studies.study import (
     Json,
-    Measured,
+    Measurement,
     Study,
-    lines,
-    rows_part,
+    add_sources,
+    add_table_options,
+    format_table,
+    make_rows_part,
+    make_table_paths,
     run,
-    table_options,
-    table_place,
-    with_sources,
 )
 
 LIMITS = (0.0, 0.002, 0.0125, 0.06, 0.1)  # N
@@ -86,14 +86,19 @@ def _rows(damping: float, factor: float, given: BranchSettings) -> list[Json]:
         apart = branches(one.members[0])
         found.append(
             {
-                "damping_ratio": damping, "gap_over_rule": factor, "members": members, "friction_limit_n": limit, "relative_median": median,
-                "relative_5_to_95_percent": [low, high], "branches": "one" if apart is None else apart.text(100, " %"),
+                "damping_ratio": damping,
+                "gap_over_rule": factor,
+                "members": members,
+                "friction_limit_n": limit,
+                "relative_median": median,
+                "relative_5_to_95_percent": [low, high],
+                "branches": "one" if apart is None else apart.text(100, " %"),
             }
-        )  # fmt: skip
+        )
     return found
 
 
-def table(measured: Measured) -> str:
+def table(measured: Measurement) -> str:
     """Return a line for each friction limit of each case."""
     found = measured.values["rows"]
     columns = {
@@ -109,7 +114,7 @@ def table(measured: Measured) -> str:
         [100 * x for x in (row["relative_median"], *row["relative_5_to_95_percent"])]
         for row in found
     )
-    return lines(
+    return format_table(
         columns,
         (
             {**row, "damping": 100 * row["damping_ratio"], "level": level}
@@ -120,12 +125,12 @@ def table(measured: Measured) -> str:
 
 STUDY: Study[BranchSettings] = Study(
     (
-        rows_part(
+        make_rows_part(
             NAME,
             "friction and branches",
             cases=lambda given: {case: partial(_rows, *case, given) for case in given.cases},
             key=itemgetter("damping_ratio", "gap_over_rule"),
-            text=with_sources(table),
+            text=add_sources(table),
             told=lambda given: {"members": given.members},
             steps=None,
             said=table,
@@ -150,7 +155,7 @@ STUDY: Study[BranchSettings] = Study(
     help="Number of threads; the result does not depend on it.  [default: all cores]",
 )
 @cluster_option
-@table_options(NAME, "docs/findings.md")
+@add_table_options(NAME, "docs/findings.md")
 def main(
     quick: bool,
     members: int,
@@ -165,4 +170,4 @@ def main(
     """
     with plain_errors(), executor(threads, cluster) as where:
         given = BranchSettings(members, CASES[:1] if quick else CASES, where)
-        run(STUDY, given, table_place(target, page))
+        run(STUDY, given, make_table_paths(target, page))

@@ -34,21 +34,21 @@ from studies.load_spectra import (
     GAP,
     MASS_RATIO,
     RESTITUTION,
-    Case,
+    LoadCase,
     SpectrumSettings,
     band_text,
 )
 from studies.study import (
     Array,
     Json,
-    Measured,
+    Measurement,
+    OutputPaths,
     Part,
-    Place,
     Saver,
     Study,
-    rows_part,
+    add_sources,
+    make_rows_part,
     run,
-    with_sources,
 )
 
 LIMITS = (0.92, 1.04)  # of the sweeps, times a resonance
@@ -68,7 +68,7 @@ DIRECTIONS = {
 }  # of sweeps, by the name of what they leave
 
 
-def orders(case: Case, share: float) -> Loads:
+def orders(case: LoadCase, share: float) -> Loads:
     """Return both forces as orders of one schedule, the higher one times a share."""
     omega = case.model.omega
     tones = (
@@ -90,7 +90,7 @@ def _found(scene: Scene, drives: Sequence[AnyDrive]) -> Array:
 
 
 def _row(
-    case: Case, group: str, variant: Variant, share: float, drives: Sequence[AnyDrive]
+    case: LoadCase, group: str, variant: Variant, share: float, drives: Sequence[AnyDrive]
 ) -> Json:
     """Return the relative level in either band; without absorber the motion is linear, and the same for all members but for phases."""
     free = _found(Scene(case.model), drives[:1])[0]
@@ -104,7 +104,7 @@ def _row(
     }
 
 
-def both_rows(case: Case, group: str, settings: SpectrumSettings) -> list[Json]:
+def both_rows(case: LoadCase, group: str, settings: SpectrumSettings) -> list[Json]:
     """Return the relative level of each variant of a group: of a remedy at few members, and of the best one, ``judged`` out of so many, at others."""
     variants = GROUPS[group](case)[:: 4 if settings.quick else 1]
     rows = []
@@ -140,7 +140,7 @@ def _with_gaps(
     ]
 
 
-def _frictions(case: Case) -> list[Variant]:
+def _frictions(case: LoadCase) -> list[Variant]:
     found = []
     for factor in FRICTIONS:
         limit = factor * scaled_friction(case.model, case.mass, GAP)
@@ -148,7 +148,7 @@ def _frictions(case: Case) -> list[Variant]:
     return found
 
 
-def _places(case: Case) -> list[Variant]:
+def _places(case: LoadCase) -> list[Variant]:
     """Return absorbers from the second mode's node to where the absorber was."""
     found = []
     for place in np.linspace(case.node, case.beam.absorber_position, 5)[:-1]:
@@ -157,7 +157,7 @@ def _places(case: Case) -> list[Variant]:
     return found
 
 
-def _halves(case: Case) -> list[Variant]:
+def _halves(case: LoadCase) -> list[Variant]:
     """Return two absorbers of half the mass: side by side, and one at the second mode's node with one where the absorber was."""
     own = case.beam.absorber_position
     found = []
@@ -188,7 +188,7 @@ def _halves(case: Case) -> list[Variant]:
     return found
 
 
-GROUPS: dict[str, Callable[[Case], list[Variant]]] = {
+GROUPS: dict[str, Callable[[LoadCase], list[Variant]]] = {
     "share": lambda case: _with_gaps(case.model, [GAP]),
     "gap": lambda case: _with_gaps(case.model, [factor * GAP for factor in GAP_FACTORS]),
     "friction": _frictions,
@@ -208,7 +208,7 @@ GROUPS: dict[str, Callable[[Case], list[Variant]]] = {
 
 
 def _ratios(
-    case: Case,
+    case: LoadCase,
     absorber: SlidingAbsorber,
     start: str | InitialState,
     settings: SpectrumSettings,
@@ -244,14 +244,14 @@ def _ratios(
 
 
 def _sliding(
-    case: Case, restitution: float, friction: float, gravity: float = 0.0
+    case: LoadCase, restitution: float, friction: float, gravity: float = 0.0
 ) -> SlidingAbsorber:
     """Return an absorber with so many times the paper's friction by the scaling law."""
     limit = friction * scaled_friction(case.model, case.mass, GAP)
     return SlidingAbsorber(MASS_RATIO, RigidWalls(GAP, restitution), friction_law(limit), gravity)
 
 
-def gravity_rows(case: Case, weight: float, settings: SpectrumSettings) -> list[Json]:
+def gravity_rows(case: LoadCase, weight: float, settings: SpectrumSettings) -> list[Json]:
     """Return levels over the force, without friction and with it, for an absorber that begins on its lower wall.
 
     ``weight``: gravity as a share of gap times the first frequency squared.
@@ -273,7 +273,7 @@ WALLS = (
 )  # restitution, and friction over the paper's by the scaling law
 
 
-def start_rows(case: Case, start: str, settings: SpectrumSettings) -> list[Json]:
+def start_rows(case: LoadCase, start: str, settings: SpectrumSettings) -> list[Json]:
     """Return levels over the force from a start; bouncing, the absorber crosses its cavity in half a period."""
     state = (
         InitialState(absorber_velocity=2 * GAP * float(case.model.omega[0]) / np.pi)
@@ -373,7 +373,7 @@ PARTS: dict[
     str,
     tuple[
         str,
-        Callable[[Case, Any, SpectrumSettings], list[Json]],
+        Callable[[LoadCase, Any, SpectrumSettings], list[Json]],
         str,
         Sequence[Any],
         Callable[[Sequence[Json]], str],
@@ -415,17 +415,17 @@ def _part(name: str) -> Part[SpectrumSettings]:
             for value in values
         }
 
-    def figures(found: Measured) -> dict[str, Saver]:
+    def figures(found: Measurement) -> dict[str, Saver]:
         from studies.load_figures import FIGURES  # matplotlib is slow to import
 
         return {name: lambda path: FIGURES[name](path, found.values["rows"])}
 
-    return rows_part(
+    return make_rows_part(
         name,
         title,
         cases,
         itemgetter("structure", told_apart),
-        with_sources(lambda found: words(found.values["rows"])),
+        add_sources(lambda found: words(found.values["rows"])),
         figures=figures,
     )
 
@@ -480,7 +480,7 @@ def main(
     run(
         STUDY,
         settings,
-        Place(folder, folder / "loads.md", DOCS / "loads.md"),
+        OutputPaths(folder, folder / "loads.md", DOCS / "loads.md"),
         only=only,
         redraw=redraw,
         resume=resume,

@@ -22,7 +22,7 @@ from impact_env.kernels.compiling.cache import cache_folder
 from impact_env.parameters import ParameterError
 from optimisation.cli.common import check_page, command, fill_page, page_option, plain_errors
 from optimisation.page import ROOT
-from studies.study import lines
+from studies.study import format_table
 
 FAULTS = ROOT / "tests" / "mutations.toml"
 COPIED = ("impact_env", "optimisation", "scripts", "tests", "docs", "pyproject.toml", "README.md")
@@ -52,7 +52,7 @@ class Fault:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class FaultOutcome:
     """What the tests made of a fault: `CAUGHT`, `SURVIVES` or `EXPECTED`, the test that failed first, and seconds."""
 
     fault: Fault
@@ -138,7 +138,7 @@ def run_tests(folder: Path, tests: str, plain: bool) -> tuple[bool, str]:
     return False, failed[0].split()[1].removeprefix("tests/")
 
 
-def judge_fault(fault: Fault) -> Outcome:
+def judge_fault(fault: Fault) -> FaultOutcome:
     """Plant a fault in a copy of the checkout and run its tests there."""
     began = time.perf_counter()
     with copied_checkout() as folder:
@@ -148,7 +148,7 @@ def judge_fault(fault: Fault) -> Outcome:
         )
         passed, test = run_tests(folder, fault.tests, fault.plain)
     verdict = CAUGHT if not passed else EXPECTED if fault.survives else SURVIVES
-    return Outcome(fault, verdict, test or fault.survives, time.perf_counter() - began)
+    return FaultOutcome(fault, verdict, test or fault.survives, time.perf_counter() - began)
 
 
 def check_unchanged(faults: Iterable[Fault]) -> None:
@@ -195,7 +195,7 @@ def main(only: str | None, processes: int, page: Path | None) -> None:
             pool.shutdown(cancel_futures=True)
             raise
     outcomes.sort(key=lambda outcome: faults.index(outcome.fault))
-    table = lines(
+    table = format_table(
         {"part": "{part}", "fault": "{name}", "verdict": "{verdict}", "by, or why": "{test}"},
         (
             {

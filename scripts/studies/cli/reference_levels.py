@@ -20,7 +20,15 @@ from impact_env.parameters import Absorber, Beam, friction_damper, impact_absorb
 from impact_env.scene import beam_scene
 from optimisation.cli.common import command
 from optimisation.progress import sweeps_bar
-from studies.study import Json, Measured, lines, run, table_options, table_place, table_study
+from studies.study import (
+    Json,
+    Measurement,
+    add_table_options,
+    format_table,
+    make_table_paths,
+    make_table_study,
+    run,
+)
 
 NAME = "levels"
 MM = 1e3
@@ -119,9 +127,15 @@ def compare(column: Column, curve: PerformanceCurve) -> Iterator[Json]:
     ):
         median, low, high = levels.tolist()
         yield {
-            "resonance": column.resonance, "scene": column.name, "modes": column.modes, "force_n": force, "level_median_m": median / MM,
-            "level_5_to_95_percent_m": [low / MM, high / MM], "earlier_mm": earlier, **compared(median, low, high, earlier),
-        }  # fmt: skip
+            "resonance": column.resonance,
+            "scene": column.name,
+            "modes": column.modes,
+            "force_n": force,
+            "level_median_m": median / MM,
+            "level_5_to_95_percent_m": [low / MM, high / MM],
+            "earlier_mm": earlier,
+            **compared(median, low, high, earlier),
+        }
 
 
 def plateau_sentence(levels: Sequence[Json], past: Sequence[float]) -> str:
@@ -165,7 +179,7 @@ def table(levels: Sequence[Json]) -> str:
                 "word": "yes" if level["inside"] else "no",
             }
         )
-    return lines(columns, rows)
+    return format_table(columns, rows)
 
 
 def notes(levels: Sequence[Json], members: int) -> str:
@@ -206,13 +220,13 @@ def _measure(settings: ReferenceSettings) -> Json:
     }
 
 
-def _said(measured: Measured) -> str:
+def _said(measured: Measurement) -> str:
     levels = measured.values["levels"]
     past = measured.values["past_plateau_level_m"]
     return f"{table(levels)}\n\n{notes(levels, measured.values['members'])}\n\n{plateau_sentence(levels, past)}"
 
 
-STUDY = table_study(NAME, "levels beside earlier numbers", _measure, _said)
+STUDY = make_table_study(NAME, "levels beside earlier numbers", _measure, _said)
 
 
 @command()
@@ -230,7 +244,7 @@ STUDY = table_study(NAME, "levels beside earlier numbers", _measure, _said)
     show_default=True,
     help="Seed of the phases and forces.",
 )
-@table_options(NAME, "docs/methods.md")
+@add_table_options(NAME, "docs/methods.md")
 def main(members: int, seed: int, target: Path | None, page: Path | None) -> None:
     """Compute response levels of the paper's scenes and print them beside numbers computed earlier with the Moreau scheme."""
-    run(STUDY, ReferenceSettings(members, seed), table_place(target, page))
+    run(STUDY, ReferenceSettings(members, seed), make_table_paths(target, page))

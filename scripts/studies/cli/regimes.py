@@ -26,8 +26,8 @@ from studies.regimes.measured import (
     STAY,
     SWEEP,
     WAYS,
-    Case,
     Key,
+    RegimeCase,
     RegimeSettings,
     Row,
     cases,
@@ -36,7 +36,18 @@ from studies.regimes.measured import (
     key,
     kind_cases,
 )
-from studies.study import Json, Measured, Part, Place, Saver, Study, Table, beside, rows_part, run
+from studies.study import (
+    CsvTable,
+    Json,
+    Measurement,
+    OutputPaths,
+    Part,
+    Saver,
+    Study,
+    make_rows_part,
+    paths_beside_page,
+    run,
+)
 
 NAMES = {
     Kind.LINEAR: "no impacts",
@@ -265,9 +276,9 @@ NUMBERS = ("stay_members", "sweep_members", "kind_members", "seed")
 TIMES = ("stay_periods", "burn_in", "silence", "settle", "window")
 
 
-def place(out: Path, own: bool) -> Place:
+def place(out: Path, own: bool) -> OutputPaths:
     """Return where files go: the page into a folder, all else into its folder regimes; for a scene of the caller's all into the folder, no page."""
-    return Place(out) if own else beside(out, NAME, out / NAME)
+    return OutputPaths(out) if own else paths_beside_page(out, NAME, out / NAME)
 
 
 def _jump_words(rows: list[Row]) -> list[str]:
@@ -293,7 +304,7 @@ def _kind_words(rows: list[Row]) -> list[str]:
     ]
 
 
-def _tables(measured: Measured, name: str) -> list[Table]:
+def _tables(measured: Measurement, name: str) -> list[CsvTable]:
     rows: list[Row] = measured.values["rows"]
     found = []
     for what in dict.fromkeys(row["what"] for row in rows if row["what"] not in WAYS):
@@ -311,7 +322,7 @@ def _tables(measured: Measured, name: str) -> list[Table]:
             ]
             for line in cells
         ]
-        found.append(Table(f"{name}_{what}", columns, words))
+        found.append(CsvTable(f"{name}_{what}", columns, words))
     return found
 
 
@@ -322,16 +333,16 @@ def _part(
     words: Callable[[list[Row]], list[str]],
     save: Callable[[Path, list[Row]], None],
 ) -> Part[RegimeSettings]:
-    def text(measured: Measured) -> str:
+    def text(measured: Measurement) -> str:
         made = f"{sources(measured.conditions)} {measured.conditions['wall_s']:g} s." + (
             "" if measured.complete else " Stopped early."
         )
         return "\n\n".join([*words(measured.values["rows"]), made])
 
-    def figures(measured: Measured) -> dict[str, Saver]:
+    def figures(measured: Measurement) -> dict[str, Saver]:
         return {name: lambda path: save(path, measured.values["rows"])}
 
-    return rows_part(
+    return make_rows_part(
         name,
         title,
         cases,
@@ -502,7 +513,7 @@ def is_own(given: dict[str, Any]) -> bool:
     return any(given[name] is not None for name in OWN)
 
 
-def own_case(given: dict[str, Any]) -> Case:
+def own_case(given: dict[str, Any]) -> RegimeCase:
     """Return the case that the options describe. Raises BadInput or ParameterError."""
     given = given | dict.fromkeys(NOT_ASKED) | {"resonance": 1}  # the one that is looked at
     refuse_parts(given)
@@ -515,7 +526,7 @@ def own_case(given: dict[str, Any]) -> Case:
     ratios = grid(first, last, given["points"])
     step = 0.05 * (1 if last > first else -1)
     sweep = Range(first - step / 50, first, last, last + step) if given["slowness"] else None
-    return Case(
+    return RegimeCase(
         "own",
         str(scene),
         scene,
@@ -546,7 +557,7 @@ def chosen_settings(given: dict[str, Any], executor: Executor | None = None) -> 
     )
 
 
-def _thinned(case: Case) -> Case:
+def _thinned(case: RegimeCase) -> RegimeCase:
     fast = tuple(slowness for slowness in case.slownesses if slowness <= FAST)
     return replace(
         case,

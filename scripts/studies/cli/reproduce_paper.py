@@ -8,7 +8,7 @@ import click
 from optimisation.cli.common import command, plain_errors
 from optimisation.executors import cluster_option, workers
 from studies.paper.frame import PaperSettings
-from studies.paper.study import CLAIMS, LABELS, OUT, QUICK_OUT, STUDY, place
+from studies.paper.study import CLAIMS, LABELS, OUT, QUICK_OUT, STUDY, make_paths
 from studies.study import run
 
 
@@ -60,7 +60,7 @@ def main(
     A figure that is finished is kept as long as what it depends on is the same, so that a command that was stopped goes on where it was. The claims
     are read from all figures in the folder, those of earlier commands too.
     """
-    where = place(out or (QUICK_OUT if quick else OUT))
+    where = make_paths(out or (QUICK_OUT if quick else OUT))
     assert where.folder is not None
     ended = 0
     with plain_errors(), workers(threads, None if redraw else cluster) as executor:

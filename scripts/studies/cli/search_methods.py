@@ -31,7 +31,15 @@ from optimisation.search.find import BARS, Plan, find
 from optimisation.search.noisy import MAP, NOISY, REPLICATED
 from optimisation.search.settings import CMA, RANDOM, SAMPLERS
 from optimisation.statistics import ratio_of_quantiles
-from studies.study import Json, Measured, Study, beside, lines, rows_part, run
+from studies.study import (
+    Json,
+    Measurement,
+    Study,
+    format_table,
+    make_rows_part,
+    paths_beside_page,
+    run,
+)
 
 METHODS = (CMA, RANDOM, REPLICATED, MAP)
 LABELS = SAMPLERS | NOISY
@@ -159,7 +167,7 @@ def _searches(given: ComparisonSettings) -> dict[tuple[str, str, int], Callable[
     }
 
 
-def table(measured: Measured) -> str:
+def table(measured: Measurement) -> str:
     """Return a line for each method on each question, and the best of them."""
     found = standings(measured.values["rows"])
     columns = {
@@ -182,12 +190,12 @@ def table(measured: Measured) -> str:
                 "percent": percent,
             }
         )
-    return f"{lines(columns, rows)}\n\nLeast mean rank: {LABELS[winner(found)]}."
+    return f"{format_table(columns, rows)}\n\nLeast mean rank: {LABELS[winner(found)]}."
 
 
 STUDY: Study[ComparisonSettings] = Study(
     (
-        rows_part(
+        make_rows_part(
             NAME,
             "searches for the same cost",
             cases=_searches,
@@ -249,4 +257,9 @@ def main(
         given = ComparisonSettings(
             where, question or tuple(QUESTIONS), **(QUICK if quick else FULL)
         )
-        run(STUDY, given, beside(out or (QUICK_OUT if quick else OUT), NAME), redraw=redraw)
+        run(
+            STUDY,
+            given,
+            paths_beside_page(out or (QUICK_OUT if quick else OUT), NAME),
+            redraw=redraw,
+        )

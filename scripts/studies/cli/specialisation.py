@@ -17,8 +17,18 @@ from impact_env.sweep import IntegrationError
 from optimisation.cli.common import command
 from optimisation.machine import sources
 from optimisation.page import DOCS, markdown, published
-from studies.study import Json, Measured, Part, Place, Steps, Study, Table, lines, run
-from studies.variants import Pair, Variant, own, pairs
+from studies.study import (
+    CsvTable,
+    Json,
+    Measurement,
+    OutputPaths,
+    Part,
+    Steps,
+    Study,
+    format_table,
+    run,
+)
+from studies.variants import KernelVariant, Pair, own, pairs
 
 PROBE = Path(__file__).parents[1] / "probe.py"
 PACKAGES = PROBE.parents[2]  # the folder from which they are imported
@@ -32,7 +42,7 @@ REAL = 1.02  # a part switched off by its value must cost more than this, or lea
 FLAT_KB = 64.0  # memory that a longer run may need more, when nothing is stored
 
 
-class Claim(NamedTuple):
+class CodeClaim(NamedTuple):
     """A sentence and whether the numbers bear it out."""
 
     text: str
@@ -41,7 +51,7 @@ class Claim(NamedTuple):
 
 
 def _probe(
-    variant: Variant, what: str, cache: Path, periods: float, repeats: int
+    variant: KernelVariant, what: str, cache: Path, periods: float, repeats: int
 ) -> dict[str, Any]:
     command = [
         sys.executable,
@@ -72,7 +82,7 @@ def _probe(
     return values
 
 
-def left(quick: bool, known: Json) -> tuple[list[Variant], list[Pair]]:
+def left(quick: bool, known: Json) -> tuple[list[KernelVariant], list[Pair]]:
     """Return the variants and the pairs that an earlier run has not measured."""
     done = {pair["part"] for pair in known.get("pairs", ())}
     return [variant for variant in own(quick) if variant.name not in known.get("own", {})], [
@@ -130,14 +140,14 @@ def measure(quick: bool, known: Json) -> Steps:
             yield results
 
 
-def claims(results: Json) -> Iterator[Claim]:
+def claims(results: Json) -> Iterator[CodeClaim]:
     """Yield the claims on the compiled code and on the measurements."""
     for entry in results["own"].values():
         scene = f"{entry['absorber']}, {entry['method']}, {entry['record']}"
         exact = entry["method"] == "exact"
         if exact and entry["absorber"] in LINEAR:
             search = sum(function["name"].startswith("search.") for function in entry["functions"])
-            yield Claim(
+            yield CodeClaim(
                 f"{scene}: searches no events", f"{search} functions of the search", not search
             )
         rubbed = sum(
@@ -146,22 +156,22 @@ def claims(results: Json) -> Iterator[Claim]:
             if function["name"] in FRICTION
         )
         if exact and entry["absorber"] == "impact":
-            yield Claim(f"{scene}: no friction arithmetic", f"{rubbed} operations", rubbed == 0)
+            yield CodeClaim(f"{scene}: no friction arithmetic", f"{rubbed} operations", rubbed == 0)
         if exact and entry["absorber"] == "impact and friction":
-            yield Claim(
+            yield CodeClaim(
                 f"{scene}: has friction arithmetic (the check can fail)",
                 f"{rubbed} operations",
                 rubbed > 0,
             )
         growth = entry["peak_kb"][1] - entry["peak_kb"][0]
         if entry["record"] in ("nothing", "level"):
-            yield Claim(
+            yield CodeClaim(
                 f"{scene}: stores no time series",
                 f"{growth:+.1f} kB for a run 10 times longer",
                 growth < FLAT_KB,
             )
         if entry["record"] == "level and samples":
-            yield Claim(
+            yield CodeClaim(
                 f"{scene}: stores one (the check can fail)",
                 f"{growth:+.1f} kB for a run 10 times longer",
                 growth > FLAT_KB,
@@ -169,9 +179,22 @@ def claims(results: Json) -> Iterator[Claim]:
 
 
 PARTS = (
-    "search", "forced", "modal_system", "segments", "exact", "stick_slip", "rigid_contact", "compliant", "linear", "moreau", "moreau_law",
-    "runge_kutta", "feedback", "observers", "energies",
-)  # fmt: skip
+    "search",
+    "forced",
+    "modal_system",
+    "segments",
+    "exact",
+    "stick_slip",
+    "rigid_contact",
+    "compliant",
+    "linear",
+    "moreau",
+    "moreau_law",
+    "runge_kutta",
+    "feedback",
+    "observers",
+    "energies",
+)
 OF = {
     "rigid": "exact",
     "compliant_contact": "compliant",
@@ -188,7 +211,7 @@ MARKERS = tuple(
 )
 
 
-def _summary(results: Json, measured: Measured) -> str:
+def _summary(results: Json, measured: Measurement) -> str:
     found = list(claims(results))
     broken = [claim for claim in claims(results) if not claim.holds]
     words = [
@@ -212,7 +235,7 @@ def _summary(results: Json, measured: Measured) -> str:
     return "\n".join([*words, saving])
 
 
-def _claims(every: list[Claim]) -> str:
+def _claims(every: list[CodeClaim]) -> str:
     """Return a line for each kind of claim with the number of scenes in which it holds, and one for each claim that does not hold."""
     held = Counter(claim.text.rpartition(": ")[2] for claim in every if claim.holds)
     rows = [
@@ -229,7 +252,7 @@ def _claims(every: list[Claim]) -> str:
     )
 
 
-def sections(measured: Measured) -> dict[str, str]:
+def sections(measured: Measurement) -> dict[str, str]:
     """Return the page's sections by the names of their `MARKERS`."""
     results = measured.values
     entries = list[Json]()
@@ -276,9 +299,9 @@ def sections(measured: Measured) -> dict[str, str]:
     found = (
         _summary(results, measured),
         _claims(list(claims(results))),
-        lines(scenes, entries),
-        lines(code | {part: f"{{{part}}}" for part in PARTS}, entries),
-        lines(
+        format_table(scenes, entries),
+        format_table(code | {part: f"{{{part}}}" for part in PARTS}, entries),
+        format_table(
             pairs,
             (
                 {**pair, "us": (pair["without_ns"] / 1e3, pair["switched_off_ns"] / 1e3)}
@@ -304,11 +327,19 @@ NAME = "specialisation"
 QUICK_OUT = Path("results/specialisation")
 OUT = published(Path("docs/internals"), QUICK_OUT)
 COLUMNS = (
-    "absorber", "method", "record", "cold_s", "cached_s", "ns_per_period", "impacts_per_period", "memory_mb", "instructions",
-)  # fmt: skip
+    "absorber",
+    "method",
+    "record",
+    "cold_s",
+    "cached_s",
+    "ns_per_period",
+    "impacts_per_period",
+    "memory_mb",
+    "instructions",
+)
 
 
-def _said(measured: Measured) -> str:
+def _said(measured: Measurement) -> str:
     found = claims(measured.values)
     return "\n".join(
         f"{'holds ' if claim.holds else 'BROKEN'}  {claim.text}: {claim.found}" for claim in found
@@ -323,7 +354,7 @@ PART: Part[bool] = Part(
     sections=sections,
     steps=lambda quick, known: 2 * len(left(quick, known)[0]) + len(left(quick, known)[1]),
     tables=lambda measured: [
-        Table(
+        CsvTable(
             NAME,
             COLUMNS,
             [[entry[column] for column in COLUMNS] for entry in measured.values["own"].values()],
@@ -364,5 +395,5 @@ def main(quick: bool, out: Path | None, redraw: bool, resume: bool) -> None:
     hold. Ctrl-C ends the run early and leaves what is finished.
     """
     folder = out or (QUICK_OUT if quick else OUT)
-    place = Place(folder, folder / f"{NAME}.md", DOCS / "internals" / f"{NAME}.md")
+    place = OutputPaths(folder, folder / f"{NAME}.md", DOCS / "internals" / f"{NAME}.md")
     run(STUDY, quick, place, redraw=redraw, resume=resume)

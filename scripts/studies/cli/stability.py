@@ -21,7 +21,17 @@ from optimisation.page import markdown, published
 from optimisation.report.figures import write_figure
 from studies.stability.cells import FAILED, GOOD, REFUSED, WEAK, Cell
 from studies.stability.tasks import failures, finished, gather, tasks
-from studies.study import Json, Measured, Part, Steps, Study, Table, lines, run, with_page
+from studies.study import (
+    CsvTable,
+    Json,
+    Measurement,
+    Part,
+    Steps,
+    Study,
+    format_table,
+    paths_with_page,
+    run,
+)
 
 NAME = "stability"
 COMPILE_S = 240.0  # at most, for the kernels of a kind of scene
@@ -61,7 +71,7 @@ LONGEST_REASON = 150
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 
-def said(measured: Measured) -> str:
+def said(measured: Measurement) -> str:
     """Return the printed text: the matrix, and all failures."""
     failed = list(failures(measured.values))
     return "\n".join(
@@ -81,7 +91,7 @@ def _worst(cells: Sequence[Json], name: str) -> str:
     return _number(max((cell[name] for cell in cells if cell[name] is not None), default=None))
 
 
-def _summary(results: Json, measured: Measured) -> str:
+def _summary(results: Json, measured: Measurement) -> str:
     counts = Counter(cell["verdict"] for cell in results["cells"])
     made = measured.conditions
     words = {
@@ -182,9 +192,13 @@ def _remarks(results: Json) -> str:
 
 def _limits(results: Json) -> str:
     columns = {
-        "method and scene": "{method}, {what}", "D": "{damping_ratio:g}", "omega dt, theory": "{theory:.5f}", "omega dt, found": "{found:.5f}",
-        "difference": "{off:+.1e}", "paper's step / limit": "{share:.3f}",
-    }  # fmt: skip
+        "method and scene": "{method}, {what}",
+        "D": "{damping_ratio:g}",
+        "omega dt, theory": "{theory:.5f}",
+        "omega dt, found": "{found:.5f}",
+        "difference": "{off:+.1e}",
+        "paper's step / limit": "{share:.3f}",
+    }
     rows = []
     for x in results["limits"]:
         omega = x["omega"]
@@ -199,7 +213,7 @@ def _limits(results: Json) -> str:
                 "share": x["paper_s"] / theory,
             }
         )
-    return lines(columns, rows)
+    return format_table(columns, rows)
 
 
 def _stiffness(results: Json) -> str:
@@ -305,7 +319,7 @@ SECTIONS: dict[str, Callable[[Json], str]] = {
 }
 
 
-def sections(measured: Measured) -> dict[str, str]:
+def sections(measured: Measurement) -> dict[str, str]:
     """Return the page's sections by the names of their markers."""
     own = {name: text(measured.values) for name, text in SECTIONS.items()}
     return {"stability:summary": _summary(measured.values, measured)} | own
@@ -547,7 +561,7 @@ PART: Part[StabilitySettings] = Part(
     sections=sections,
     steps=_steps,
     tables=lambda measured: [
-        Table(
+        CsvTable(
             NAME,
             CELL_COLUMNS,
             [[cell[column] for column in CELL_COLUMNS] for cell in measured.values["cells"]],
@@ -593,7 +607,7 @@ def main(quick: bool, workers: int | None, out: Path | None, redraw: bool, resum
     Tables go into the page FOLDER.md beside the folder, if there is one. Under 10 minutes (--quick: under one) once the kernels are
     compiled. Ctrl-C ends the run early and leaves what is finished.
     """
-    place = with_page(out or (QUICK_OUT if quick else OUT), PART.markers)
+    place = paths_with_page(out or (QUICK_OUT if quick else OUT), PART.markers)
     run(
         STUDY,
         StabilitySettings(quick, workers or available_cores()),

@@ -53,7 +53,7 @@ from optimisation.variables import (
     VARIABLES,
 )
 from studies.study import Json, not_none
-from studies.timing import in_turn, seconds
+from studies.timing import time_call, time_in_turn
 
 AT = ((1, 3.5), (2, 35.0))  # resonance and force in N: the paper's optimum at either
 Point = tuple[int, float]
@@ -383,7 +383,7 @@ def scaling(study: FindingsSettings) -> Json:
             dict(evaluate(problem, designs[:4], problem.ensemble[:1], 10 * problem.rate, executor))
 
         def once(executor: Executor) -> float:
-            return seconds(
+            return time_call(
                 lambda: dict(evaluate(problem, designs, problem.ensemble, problem.rate, executor))
             )
 
@@ -393,7 +393,7 @@ def scaling(study: FindingsSettings) -> Json:
             for n, executor in zip(WORKERS, group, strict=True)
         }
         with Bar(total=3, desc="scaling", unit="rounds", leave=False) as bar:
-            times = in_turn(batches, 3, bar.update)
+            times = time_in_turn(batches, 3, bar.update)
     speedup = {
         kind: statistics.median(times[kind, 1]) / statistics.median(times[kind, 2])
         for kind in kinds

@@ -9,7 +9,7 @@ from impact_env import Beam, Response, Scene, beam_scene, impact_absorber, simul
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members
 from impact_env.level import HALF_WINDOW_PERIODS
-from studies.paper.curve import WATCHED, both_ways, level_at
+from studies.paper.curve import FULL_RECORD, compute_level, make_both_sweeps
 from studies.study import Array
 
 SAMPLES = 4096  # per pseudo period: what a mode dissipates between an impact and the next sample is small up to the tenth mode
@@ -17,7 +17,7 @@ APART = 0.05  # pseudo periods: impacts that follow each other more closely are 
 
 
 @dataclass(frozen=True, eq=False)
-class Account:
+class EnergyShares:
     """A sweep's level in m, the frequency ratio ``at`` its maximum, and the energy of its N modes within the level's window.
 
     ``loss`` (N,): dissipated in each mode in J (paper, Eq. edmi). ``contacts`` in each pseudo period. ``passed`` (N,): mean energy that a
@@ -41,21 +41,21 @@ class Account:
         return np.asarray(self.loss / np.sum(self.loss))
 
 
-def accounted(lane: Lane) -> Account:
+def measure_energy_shares(lane: Lane) -> EnergyShares:
     """Return the account of a lane by the exact method: its sweep, and once more around the maximum, from the state at the window's start."""
-    level = level_at(lane)
-    response = window_around(lane, level.time)
+    level = compute_level(lane)
+    response = simulate_window(lane, level.time)
     contacts, passed, left, single = _contacts(response)
     history = response.recorded.history
     tip = np.sqrt(np.mean((history.modal_displacement * history.tip_shape) ** 2, axis=0))
     loss = response.recorded.energy.modal_loss
     contacts_each = contacts / response.drive.schedule.periods
-    return Account(
+    return EnergyShares(
         level.value, level.frequency_ratio, loss, contacts_each, passed, left, single, tip
     )
 
 
-def window_around(lane: Lane, time: float, samples: int = SAMPLES) -> Response:
+def simulate_window(lane: Lane, time: float, samples: int = SAMPLES) -> Response:
     """Return the run of a lane within the level's window around a time in s, with ``samples`` for each pseudo period."""
     schedule = lane.drive.schedule
     half = HALF_WINDOW_PERIODS * schedule.pseudo_period
@@ -64,12 +64,12 @@ def window_around(lane: Lane, time: float, samples: int = SAMPLES) -> Response:
     initial = None
     if begin > 0:
         initial = simulate(lane.scene, lane.drive.between(0.0, begin)).final_state
-    record = replace(WATCHED, samples_per_period=samples)
+    record = replace(FULL_RECORD, samples_per_period=samples)
     return simulate(lane.scene, lane.drive.between(begin, end), initial=initial, record=record)
 
 
 def _contacts(response: Response) -> tuple[int, Array, Array, Array]:
-    """Return the number of contacts, and what they pass on, leave, and each give to the second mode (`Account`)."""
+    """Return the number of contacts, and what they pass on, leave, and each give to the second mode (`EnergyShares`)."""
     energy = mechanical_energy(response.scene, response.recorded.history).modal
     samples = response.recorded.impacts.time / (response.drive.schedule.pseudo_period / SAMPLES)
     new = np.flatnonzero(
@@ -94,22 +94,22 @@ def _contacts(response: Response) -> tuple[int, Array, Array, Array]:
     )
 
 
-def scene(beam: Beam) -> Scene:
+def make_scene(beam: Beam) -> Scene:
     """Return the conservative absorber on a beam."""
     return beam_scene(beam, impact_absorber())
 
 
-def lanes_of(own: Scene, force: float, members: int, seed: int) -> list[Lane]:
+def make_lanes(own: Scene, force: float, members: int, seed: int) -> list[Lane]:
     """Return each member's sweep up, and its sweep down after it."""
     drawn = draw_members(members, seed)
     return [
         Lane(own, drawn[m : m + 1].drives(force, schedule)[0])
         for m in range(members)
-        for schedule in both_ways(own)
+        for schedule in make_both_sweeps(own)
     ]
 
 
-def critical(found: Sequence[Account]) -> list[Account]:
+def find_critical(found: Sequence[EnergyShares]) -> list[EnergyShares]:
     """Return the account of the direction with the larger level, for each member."""
     return [
         max(pair, key=lambda account: account.level)

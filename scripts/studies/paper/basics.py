@@ -41,20 +41,29 @@ from optimisation.tuned import (
     peaks,
 )
 from studies.paper import high_low, jump
-from studies.paper.claim import SAME, Claim, Verdict, about, claim, interval, judged, within
-from studies.paper.curve import WATCHED, both_ways, level_in
+from studies.paper.claim import (
+    SAME,
+    Claim,
+    ClaimVerdict,
+    format_interval,
+    judge_interval,
+    make_claim,
+    range_about,
+    range_within,
+)
+from studies.paper.curve import FULL_RECORD, compute_level_value, make_both_sweeps
 from studies.paper.frame import (
-    LOOKS,
     MM,
     REFERENCE,
+    STYLES,
     PaperFigure,
     PaperSettings,
     Size,
-    in_turn,
-    legends,
-    line,
-    panels,
-    signal,
+    draw_legends,
+    draw_line,
+    draw_signal,
+    make_panels,
+    measure_groups,
 )
 from studies.study import Array, Json, Steps, not_none
 
@@ -70,9 +79,9 @@ METHODS: dict[str, Method] = {"exact": Exact(), "paper's step": Moreau()}
 
 def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     groups: dict[str, Callable[[], object]] = {
-        "beam": beam_numbers,
-        "tuned": tuned_numbers,
-        "linear": linear_numbers,
+        "beam": compute_beam_numbers,
+        "tuned": compute_tuned_numbers,
+        "linear": compute_linear_numbers,
         "entry": _entry,
         "window": partial(_window, settings, size),
         "step": partial(_step, settings, size),
@@ -82,10 +91,10 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
             "levels": _damped_levels(settings, size.damped // 4),
         },
     }
-    return in_turn(groups, known)
+    return measure_groups(groups, known)
 
 
-def beam_numbers() -> Json:
+def compute_beam_numbers() -> Json:
     """Return frequencies, masses, the force's node, the static stiffness of all modes, and what a mode keeps after half a period."""
     beam = Beam()
     model = modal_model(beam)
@@ -107,7 +116,7 @@ def beam_numbers() -> Json:
     }
 
 
-def tuned_numbers() -> Json:
+def compute_tuned_numbers() -> Json:
     """Return the tunings of the LTVA with their peaks over no absorber, the paper's at the second resonance, and an undamped one at its frequency."""
     model = modal_model(Beam())
     free = peak(model, None)[0]
@@ -141,7 +150,7 @@ def tuned_numbers() -> Json:
     }
 
 
-def linear_numbers() -> Json:
+def compute_linear_numbers() -> Json:
     """Return the verdicts on sweeps and stationary response, on a stuck absorber, and on the forces at which the linear response fills the gap."""
     model = modal_model(Beam())
     low, high = PAPER_LIMITS
@@ -157,7 +166,10 @@ def linear_numbers() -> Json:
         omega = model.resonance_omega(resonance)
         scenes = (Scene(model, StuckAbsorber()), Scene(model, None))
         stuck, none = (
-            max(level_in(Lane(scene, Drive(1.0, sweep))) for sweep in both_ways(scene, resonance))
+            max(
+                compute_level_value(Lane(scene, Drive(1.0, sweep)))
+                for sweep in make_both_sweeps(scene, resonance)
+            )
             for scene in scenes
         )
         found["sweep_ratio"][name] = sweep_ratio(model, PAPER_RATE, resonance)
@@ -183,7 +195,7 @@ def _entry() -> list[Json]:
     for force in ENTRY_FORCES:
         up, down = (
             sweep.omega_at(_impact_times(Lane(scene, Drive(force, sweep)))[0]) / sweep.reference
-            for sweep in both_ways(scene)
+            for sweep in make_both_sweeps(scene)
         )
         rows.append(
             {"force": force, "limits": list(PAPER_LIMITS), "up": float(up), "down": float(down)}
@@ -191,9 +203,9 @@ def _entry() -> list[Json]:
     return rows
 
 
-def both_windows(lane: Lane) -> tuple[float, float]:
+def compute_both_levels(lane: Lane) -> tuple[float, float]:
     """Return the level in m of a lane with the paper's window and with one twice as long."""
-    record = WATCHED if lane.scene.absorber is not None else Record(level=False, series=True)
+    record = FULL_RECORD if lane.scene.absorber is not None else Record(level=False, series=True)
     tip = simulate(lane.scene, lane.drive, record=record).recorded.history.tip_displacement
     one, two = (response_level(tip, DEFAULT_SAMPLES, k * HALF_WINDOW_PERIODS)[0] for k in (1, 2))
     return one, two
@@ -213,11 +225,11 @@ def _window(settings: PaperSettings, size: Size) -> list[Json]:
         Lane(scene, drive)
         for scene in scenes
         for force in forces
-        for sweep in both_ways(scene)
+        for sweep in make_both_sweeps(scene)
         for drive in members.drives(force, sweep)
     ]
     found = (
-        np.array(settings.each("basics: window", lanes, both_windows))
+        np.array(settings.each("basics: window", lanes, compute_both_levels))
         .reshape(3, 2, len(forces), 2, len(members), 2)
         .max(axis=3)
     )
@@ -269,9 +281,9 @@ def _scaling() -> Json:
 
     def run(factor: float, friction: float | None) -> Lane:
         scene = beam_scene(Beam(), impact_absorber(factor * GAP, 0.7, friction))
-        return Lane(scene, Drive(factor * 3.5, both_ways(scene)[0]))
+        return Lane(scene, Drive(factor * 3.5, make_both_sweeps(scene)[0]))
 
-    one, two = (level_in(run(factor, factor * 0.1)) / factor for factor in (1.0, 2.0))
+    one, two = (compute_level_value(run(factor, factor * 0.1)) / factor for factor in (1.0, 2.0))
     first, other = (_impact_times(run(factor, None))[:FIRST] for factor in (1.0, 3.0))
     return {
         "level_by_2": two / one - 1,
@@ -280,7 +292,7 @@ def _scaling() -> Json:
     }
 
 
-def squares(
+def simulate_mean_squares(
     scene: Scene,
     drives: Sequence[Drive],
     damper: float,
@@ -320,18 +332,18 @@ def squares(
     return found
 
 
-def levels(
+def compute_damped_levels(
     scene: Scene, drives: Sequence[Drive], damper: float, method: Method, threads: int | None = None
 ) -> Array:
     """Return the largest RMS of the tip displacement in m over as many pseudo periods as the level's window has, (runs,)."""
     window = 2 * HALF_WINDOW_PERIODS * PIECES
-    total = np.cumsum(squares(scene, drives, damper, method, threads), axis=0)
+    total = np.cumsum(simulate_mean_squares(scene, drives, damper, method, threads), axis=0)
     return np.asarray(np.sqrt(np.max(total[window:] - total[:-window], axis=0) / window))
 
 
 def _damped_jumps(settings: PaperSettings, runs: int) -> list[Json]:
     """Return how many sweeps down come to the high branch (the figure jump) without and with the damper."""
-    own = jump.scene()
+    own = jump.make_scene()
     rows = []
     phases = draw_members(runs, settings.seed, "phase").phases.tolist()
     for name, method in METHODS.items():
@@ -349,7 +361,12 @@ def _damped_jumps(settings: PaperSettings, runs: int) -> list[Json]:
                 for phase in phases
             ]
             reached = {
-                key: int(np.sum(levels(own, drives, c, method, settings.threads) > jump.HIGH_LEVEL))
+                key: int(
+                    np.sum(
+                        compute_damped_levels(own, drives, c, method, settings.threads)
+                        > jump.HIGH_LEVEL
+                    )
+                )
                 for key, c in DAMPERS.items()
             }
             rows.append({"method": name, "periods_per_percent": slowness, "runs": runs, **reached})
@@ -358,14 +375,17 @@ def _damped_jumps(settings: PaperSettings, runs: int) -> list[Json]:
 
 def _damped_levels(settings: PaperSettings, runs: int) -> list[Json]:
     """Return the median level of sweeps over three modes (the figure high_low) without and with the damper, and the 95 % interval of their ratio."""
-    own = high_low.scene()
+    own = high_low.make_scene()
     members = draw_members(runs, settings.seed)
     rows = []
     for force in high_low.FORCES.values():
-        drives = [members.drives(force, sweep) for sweep in both_ways(own)]
+        drives = [members.drives(force, sweep) for sweep in make_both_sweeps(own)]
         found = {
             key: np.max(
-                [levels(own, each, c, METHODS["exact"], settings.threads) for each in drives],
+                [
+                    compute_damped_levels(own, each, c, METHODS["exact"], settings.threads)
+                    for each in drives
+                ],
                 axis=0,
             )
             for key, c in DAMPERS.items()
@@ -394,7 +414,7 @@ def _words(values: Json) -> str:
         ("level in mm, median (5 to 95 %)", "exact", "Moreau, the paper's step"): [
             (
                 f"{x['case']}, {x['force']:g} N",
-                *(interval(*x[by], form="{:.3f}", factor=1e3) for by in ("exact", "moreau")),
+                *(format_interval(*x[by], form="{:.3f}", factor=1e3) for by in ("exact", "moreau")),
             )
             for x in values["step"]
         ],
@@ -429,11 +449,11 @@ def _words(values: Json) -> str:
 
 def _draw(values: Json) -> Figure:
     """Draw the tip amplitude over the frequency with each tuning, and levels at the paper's step over the exact ones."""
-    figure, axes = panels(1, 2, 3.0)
+    figure, axes = make_panels(1, 2, 3.0)
     response, step = axes[0]
     model = modal_model(Beam())
     ratio = np.linspace(0.7, 1.3, 1201)
-    signal(
+    draw_signal(
         response,
         ratio,
         MM * np.abs(tip_response(model, None, ratio * model.omega[0])),
@@ -442,13 +462,13 @@ def _draw(values: Json) -> Figure:
         1,
     )
     for name, look in {
-        "paper": LOOKS[1],
-        "Den Hartog": LOOKS[0],
-        "smallest peak": LOOKS[2],
+        "paper": STYLES[1],
+        "Den Hartog": STYLES[0],
+        "smallest peak": STYLES[2],
     }.items():
         own = values["tuned"]["tunings"][name]
         absorber = TunedAbsorber(stiffness=own["stiffness"], damping=own["damping"])
-        line(
+        draw_line(
             response,
             ratio,
             MM * np.abs(tip_response(model, absorber, ratio * model.omega[0])),
@@ -464,8 +484,8 @@ def _draw(values: Json) -> Figure:
     )
     rows = values["step"]
     for shift, method, look, label in (
-        (-0.12, "exact", LOOKS[0], "exact"),
-        (0.12, "moreau", LOOKS[1], "Moreau, the paper's step"),
+        (-0.12, "exact", STYLES[0], "exact"),
+        (0.12, "moreau", STYLES[1], "Moreau, the paper's step"),
     ):
         middle, low, high = (
             100 * np.array([np.array(row[method]) / row["exact"][0] for row in rows]).T
@@ -489,12 +509,12 @@ def _draw(values: Json) -> Figure:
     )
     step.set(xlabel="modes, force in N", ylabel="level in % of the exact median")
     step.margins(y=0.25)
-    legends(axes)
+    draw_legends(axes)
     return figure
 
 
 AT_ONCE = 0.005  # of the resonance's frequency, within which of a limit a first impact belongs to the start
-said = partial(claim, "basics")
+said = partial(make_claim, "basics")
 
 
 def claims(values: Json) -> list[Claim]:
@@ -537,7 +557,11 @@ def _linear(linear: Json, entry: list[Json]) -> list[Claim]:
     gap, rule = (
         {int(k): x for k, x in linear[name].items()} for name in ("gap_force_n", "design_force_n")
     )
-    off, (least, most), later = max(abs(stuck - 1), abs(second - 1)), about(10.0), gap[2] / gap[1]
+    off, (least, most), later = (
+        max(abs(stuck - 1), abs(second - 1)),
+        range_about(10.0),
+        gap[2] / gap[1],
+    )
     early = [
         row["force"]
         for row in entry
@@ -586,7 +610,7 @@ def _runs(values: Json) -> list[Claim]:
     steps, (low, high) = values["step"], (100 * q for q in BAND)
     off = [100 * (row["moreau"][0] / row["exact"][0] - 1) for row in steps]
     cases = [
-        judged(
+        judge_interval(
             row["moreau"][1],
             row["moreau"][2],
             (1 - SAME) * row["exact"][1],
@@ -617,17 +641,19 @@ def _runs(values: Json) -> list[Claim]:
     ]
 
 
-def _weakest(cases: list[Verdict]) -> Verdict:
+def _weakest(cases: list[ClaimVerdict]) -> ClaimVerdict:
     return next(
-        verdict for verdict in (Verdict.NOT, Verdict.SPREAD, Verdict.HOLDS) if verdict in cases
+        verdict
+        for verdict in (ClaimVerdict.NOT, ClaimVerdict.SPREAD, ClaimVerdict.HOLDS)
+        if verdict in cases
     )
 
 
-def _counted(cases: list[Verdict]) -> Json:
+def _counted(cases: list[ClaimVerdict]) -> Json:
     return {
         "cases": len(cases),
-        "inside": cases.count(Verdict.HOLDS),
-        "beside": cases.count(Verdict.NOT),
+        "inside": cases.count(ClaimVerdict.HOLDS),
+        "beside": cases.count(ClaimVerdict.NOT),
     }
 
 
@@ -651,8 +677,8 @@ def difference(rows: Sequence[Json]) -> tuple[float, float, float]:
 def _damper(damper: Json) -> Claim:
     """Judge the change of the share of sweeps that jump, and of levels; the weakest case decides."""
     (mean, low, high), levels = difference(damper["jumps"]), damper["levels"]
-    cases = [judged(low, high, -SAME, SAME)] + [
-        judged(row["low"], row["high"], *within(SAME)) for row in levels
+    cases = [judge_interval(low, high, -SAME, SAME)] + [
+        judge_interval(row["low"], row["high"], *range_within(SAME)) for row in levels
     ]
     each = ", ".join(
         f"{row['with'] / row['runs']:.3f} for {row['without'] / row['runs']:.3f} ({name})"
@@ -706,6 +732,14 @@ def _tuned(tuned: Json) -> list[Claim]:
 
 
 FIGURE = PaperFigure(
-    "basics", "beam, tuned absorber, sweeps, window, step and scaling", measure=_measure, words=_words, draw=_draw, claims=claims,
-    sizes=(Size(members=8, forces=(1.5, 3.5, 5.0), damped=400), Size(members=3, forces=(1.5, 3.5), damped=20)),  # damped: runs with the damper
-)  # fmt: skip
+    "basics",
+    "beam, tuned absorber, sweeps, window, step and scaling",
+    measure=_measure,
+    words=_words,
+    draw=_draw,
+    claims=claims,
+    sizes=(
+        Size(members=8, forces=(1.5, 3.5, 5.0), damped=400),
+        Size(members=3, forces=(1.5, 3.5), damped=20),
+    ),  # damped: runs with the damper
+)

@@ -9,21 +9,21 @@ from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT, harmonic_
 from impact_env.periodic.overview import balance_curves, exact_curves, linear_curves
 from impact_env.periodic.response_curve import ResponseCurve
 from impact_env.scene import Scene
-from studies.paper.frame import FAINT, LOOKS, MM, REFERENCE, STUCK, signal
+from studies.paper.frame import FAINT, MM, REFERENCE, STUCK, STYLES, draw_signal
 from studies.study import Json
 
 HARMONICS = 20  # the paper's
 POINTS = 400  # of a curve that are kept
 
 
-def responses(scene: Scene, force: float, low: float, high: float) -> Json:
+def compute_responses(scene: Scene, force: float, low: float, high: float) -> Json:
     """Return all curves at a force (N) between two ratios of the first resonance; displacements of the tip in m, None where there is no orbit."""
     reference = scene.model.resonance_omega(1)
     linear = linear_curves(scene, force, reference, low, high)
     return {
         "force_n": force,
         "exact": [_plain(curve) for curve in exact_curves(scene, force, reference, low, high)],
-        "balance": balance(scene, force, low, high),
+        "balance": compute_balance(scene, force, low, high),
         "linear": {
             name: [_digits(x) for x in getattr(linear, name)[::2]]
             for name in ("omega_ratio", "alone", "stuck")
@@ -32,7 +32,7 @@ def responses(scene: Scene, force: float, low: float, high: float) -> Json:
     }
 
 
-def balance(
+def compute_balance(
     scene: Scene,
     force: float,
     low: float,
@@ -73,9 +73,9 @@ def _digits(value: float) -> float | None:
 
 
 KINDS = (  # of an exact orbit: unstable slowly, unstable by fast multipliers only, stable; its look and words
-    (LOOKS[1].colour, (0, (1.5, 1.2)), 1.4, "exact orbit, unstable"),
-    (LOOKS[0].colour, (0, (5, 1.2)), 1.8, "exact orbit, unstable by fast multipliers only"),
-    (LOOKS[0].colour, "-", 2.6, "exact orbit, stable"),
+    (STYLES[1].colour, (0, (1.5, 1.2)), 1.4, "exact orbit, unstable"),
+    (STYLES[0].colour, (0, (5, 1.2)), 1.8, "exact orbit, unstable by fast multipliers only"),
+    (STYLES[0].colour, "-", 2.6, "exact orbit, stable"),
 )
 
 
@@ -85,10 +85,10 @@ def draw_linear(axes: Axes, ratio: Any, linear: Json, width: float) -> None:
         ("alone", REFERENCE, "no absorber"),
         ("stuck", STUCK, "absorber stuck"),
     ):
-        signal(axes, ratio, MM * np.array(linear[name]), look, label, width)
+        draw_signal(axes, ratio, MM * np.array(linear[name]), look, label, width)
 
 
-def draw(axes: Axes, part: Json) -> None:
+def draw_responses(axes: Axes, part: Json) -> None:
     """Draw what `responses.responses` returns, heights in mm. Stretches of one stability share the point between."""
     draw_linear(axes, part["linear"]["omega_ratio"], part["linear"], 0.9)
     for number, curve in enumerate(part["balance"]):

@@ -64,19 +64,19 @@ RULE = (
 )
 
 
-def about(number: float, to: float | None = None) -> tuple[float, float]:
+def range_about(number: float, to: float | None = None) -> tuple[float, float]:
     """Return the range that counts as about a number, or as a range up to another one."""
     return (1 - ABOUT) * number, (1 + ABOUT) * (number if to is None else to)
 
 
-def within(share: float) -> tuple[float, float]:
+def range_within(share: float) -> tuple[float, float]:
     """Return the allowed range of a ratio that a statement says to be 1."""
     return 1 - share, 1 + share
 
 
 ALLOWED = {  # by the words of claims.toml, of a number or a ratio
-    "the same": within(SAME),
-    "almost the same": within(LITTLE),
+    "the same": range_within(SAME),
+    "almost the same": range_within(LITTLE),
     "no difference": (-SAME, SAME),
     "nearly the whole": (1 - SAME, 1.0),
     "nearly nothing": (0.0, LEFT),
@@ -92,11 +92,11 @@ STATED: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(
 )
 
 
-def allowed_by(words: Any) -> tuple[float, float]:
+def parse_allowed(words: Any) -> tuple[float, float]:
     """Return least and most of the key ``allowed`` of claims.toml."""
     if isinstance(words, str):
         return (
-            about(float(words.removeprefix("about ")))
+            range_about(float(words.removeprefix("about ")))
             if words.startswith("about ")
             else ALLOWED[words]
         )
@@ -104,7 +104,7 @@ def allowed_by(words: Any) -> tuple[float, float]:
     return least, most
 
 
-class Verdict(StrEnum):
+class ClaimVerdict(StrEnum):
     """What the computation says of a statement."""
 
     HOLDS = "holds"
@@ -125,7 +125,7 @@ class Claim:
     statement: str
     section: str
     computed: str
-    verdict: Verdict
+    verdict: ClaimVerdict
     figure: str
     why: str = ""
     definitional: bool = False
@@ -139,7 +139,7 @@ class Claim:
                 "some words",
             )
         require(
-            self.verdict is Verdict.HOLDS or bool(self.why.strip()),
+            self.verdict is ClaimVerdict.HOLDS or bool(self.why.strip()),
             f"why of {self.name}",
             self.why,
             f"a reason where a claim {self.verdict}",
@@ -149,16 +149,16 @@ class Claim:
         """Return a dict of strings; ``why`` is empty where the statement holds."""
         return asdict(self) | {
             "verdict": self.verdict.value,
-            "why": "" if self.verdict is Verdict.HOLDS else self.why,
+            "why": "" if self.verdict is ClaimVerdict.HOLDS else self.why,
         }
 
 
 def from_plain(plain: dict[str, Any]) -> Claim:
     """Return the claim of a plain form; raises KeyError, TypeError, ValueError or ParameterError if it is something else."""
-    return Claim(**{**plain, "verdict": Verdict(plain["verdict"])})
+    return Claim(**{**plain, "verdict": ClaimVerdict(plain["verdict"])})
 
 
-def judged(low: float, high: float, least: float, most: float) -> Verdict:
+def judge_interval(low: float, high: float, least: float, most: float) -> ClaimVerdict:
     """Return how an interval from ``low`` to ``high`` stands to what a statement allows: inside it holds, beside it not, else within spread."""
     require(
         low <= high and least <= most,
@@ -167,62 +167,70 @@ def judged(low: float, high: float, least: float, most: float) -> Verdict:
         "low and high, least and most, each in order",
     )
     if least <= low and high <= most:
-        return Verdict.HOLDS
-    return Verdict.SPREAD if low <= most and least <= high else Verdict.NOT
+        return ClaimVerdict.HOLDS
+    return ClaimVerdict.SPREAD if low <= most and least <= high else ClaimVerdict.NOT
 
 
-def chance(low: float, high: float) -> Verdict:
+def judge_share(low: float, high: float) -> ClaimVerdict:
     """Return how the interval of a share of runs stands to a statement on one run by the rule above."""
-    return Verdict.HOLDS if low >= OFTEN else Verdict.SPREAD if high > RARE else Verdict.NOT
+    return (
+        ClaimVerdict.HOLDS
+        if low >= OFTEN
+        else ClaimVerdict.SPREAD
+        if high > RARE
+        else ClaimVerdict.NOT
+    )
 
 
-def bands(values: ArrayLike) -> Array:
+def compute_bands(values: ArrayLike) -> Array:
     """Return 5 %, median and 95 % over the last axis, the members; NaN is left out."""
     return quantiles(values, (BAND[0], 0.5, BAND[1]))
 
 
-def interval(
+def format_interval(
     middle: float, low: float, high: float, *, form: str = "{:.2f}", factor: float = 1.0
 ) -> str:
     """Return a value and the interval that it lies in, as "0.64 (0.55 to 0.71)"."""
     return "{} ({} to {})".format(*(form.format(factor * x) for x in (middle, low, high)))
 
 
-def spread(values: ArrayLike, form: str = "{:.2f}", factor: float = 1.0, unit: str = "") -> str:
+def format_spread(
+    values: ArrayLike, form: str = "{:.2f}", factor: float = 1.0, unit: str = ""
+) -> str:
     """Return median and 5 to 95 % of members, as "0.64 (0.55 to 0.71)", the median alone where all read the same; NaN is left out."""
-    low, middle, high = (form.format(factor * float(x)) for x in bands(np.ravel(values)))
+    low, middle, high = (form.format(factor * float(x)) for x in compute_bands(np.ravel(values)))
     return f"{middle}{unit}" if low == high else f"{middle}{unit} ({low} to {high})"
 
 
-def between(values: ArrayLike, form: str = "{:.3g}", factor: float = 1.0) -> str:
+def format_range(values: ArrayLike, form: str = "{:.3g}", factor: float = 1.0) -> str:
     """Return least and largest value, as "0.55 to 0.71", or the value where both read the same."""
     row = np.ravel(np.asarray(values, dtype=float))
     low, high = (form.format(factor * float(x)) for x in (np.nanmin(row), np.nanmax(row)))
     return low if low == high else f"{low} to {high}"
 
 
-def middle(values: ArrayLike) -> tuple[float, float]:
+def compute_band(values: ArrayLike) -> tuple[float, float]:
     """Return the 5 and the 95 % of members; NaN is left out."""
     low, high = quantiles(np.ravel(values), BAND)
     return float(low), float(high)
 
 
-def verdict(
+def judge_values(
     low: float, high: float, least: float, most: float, at_step: float | None = None
-) -> Verdict:
+) -> ClaimVerdict:
     """Return the verdict of an interval on a statement that allows least..most; ``at_step``: the value of the paper's own run, with its step."""
     if not (np.isfinite(low) and np.isfinite(high)):
-        return Verdict.NOT
-    found = judged(low, high, least, most)
+        return ClaimVerdict.NOT
+    found = judge_interval(low, high, least, most)
     return (
-        Verdict.STEP
-        if found is Verdict.NOT and at_step is not None and least <= at_step <= most
+        ClaimVerdict.STEP
+        if found is ClaimVerdict.NOT and at_step is not None and least <= at_step <= most
         else found
     )
 
 
-class Words(Formatter):
-    """Fills the braces of claims.toml: values of members as `spread` says them, and in per cent where the form ends in %."""
+class ClaimFormatter(Formatter):
+    """Fills the braces of claims.toml: values of members as `format_spread` says them, and in per cent where the form ends in %."""
 
     def format_field(self, value: Any, format_spec: str) -> Any:
         """Return a value in words."""
@@ -238,14 +246,14 @@ class Words(Formatter):
         return (
             f"{factor * value:{form}}"
             if np.ndim(value) == 0
-            else spread(value, f"{{:{form}}}", factor)
+            else format_spread(value, f"{{:{form}}}", factor)
         ) + unit
 
 
-def claim(
+def make_claim(
     figure: str,
     name: str,
-    found: Verdict | bool | ArrayLike,
+    found: ClaimVerdict | bool | ArrayLike,
     /,
     allowed: tuple[float, float] | None = None,
     *,
@@ -261,19 +269,21 @@ def claim(
     told = {**RULED, "value": found, **told}
 
     def said(text: str) -> str:
-        return Words().vformat(text, (), told)
+        return ClaimFormatter().vformat(text, (), told)
 
     if isinstance(found, bool | np.bool_):
-        found = Verdict.HOLDS if found else Verdict.NOT
+        found = ClaimVerdict.HOLDS if found else ClaimVerdict.NOT
     judgement = (
         found
-        if isinstance(found, Verdict)
-        else verdict(*middle(found), *(allowed or allowed_by(own["allowed"])), at_step)
+        if isinstance(found, ClaimVerdict)
+        else judge_values(
+            *compute_band(found), *(allowed or parse_allowed(own["allowed"])), at_step
+        )
     )
     if "about" in own:
         form = f"{{:{own.get('form', '.2f')}}}"
         unit = own.get("unit", "")
-        computed = said(own["about"]) + spread(told["value"], form, unit=unit)
+        computed = said(own["about"]) + format_spread(told["value"], form, unit=unit)
         computed += "" if at_step is None else f"; {form.format(at_step)}{unit} at the paper's step"
     else:
         computed = said(own["computed"])

@@ -19,23 +19,31 @@ from impact_env.parameters import (
     impact_absorber,
 )
 from impact_env.scene import beam_scene
-from studies.paper.claim import LITTLE, SAME, Claim, Verdict, claim, middle, spread
+from studies.paper.claim import (
+    LITTLE,
+    SAME,
+    Claim,
+    ClaimVerdict,
+    compute_band,
+    format_spread,
+    make_claim,
+)
 from studies.paper.frame import (
     FAINT,
-    LOOKS,
     MM,
     REFERENCE,
+    STYLES,
     PaperFigure,
     PaperSettings,
     Size,
-    banded,
-    in_turn,
-    legends,
-    panels,
-    shortened,
-    signal,
+    draw_band,
+    draw_legends,
+    draw_signal,
+    make_panels,
+    measure_groups,
+    shorten_table,
 )
-from studies.study import Json, Steps, Table
+from studies.study import CsvTable, Json, Steps
 
 LABEL = "conv"
 BEAM = Beam(modes=3)
@@ -48,7 +56,7 @@ CONTACTS = ((WALLS, "k_n", "walls"), (FRICTION, "k_t", "friction damper"))
 # stiffnesses of the performance curves, over the beam's static stiffness
 LOW = 3.0
 HIGH = 300.0
-said = partial(claim, LABEL)
+said = partial(make_claim, LABEL)
 STEPPED = 1e4  # stiffest contact that the paper's own method is tried with: its step follows the contact's duration
 
 
@@ -123,10 +131,10 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
             _over_stiffness, settings, size, kind, RungeKutta()
         )
         groups[f"{kind}, curves"] = partial(_curves, settings, size, kind)
-    return in_turn(groups, known)
+    return measure_groups(groups, known)
 
 
-def _table(values: Json) -> Table:
+def _table(values: Json) -> CsvTable:
     """Return a row for each stiffness and one for rigid contact: levels of walls and of the damper, and those over rigid contact."""
     columns = ["stiffness over 3EI/l^3"]
     rows = [[f"{k:.3g}"] for k in values[WALLS]["stiffness"]] + [["rigid"]]
@@ -136,15 +144,15 @@ def _table(values: Json) -> Table:
             rows, [*values[kind]["level_m"], values[kind]["rigid_m"]], strict=True
         ):
             row += [
-                spread(level, "{:.3f}", 1e3),
+                format_spread(level, "{:.3f}", 1e3),
                 f"{np.median(level) / np.median(values[kind]['rigid_m']):.3f}",
             ]
-    return Table(f"{LABEL}_stiffness", columns, rows)
+    return CsvTable(f"{LABEL}_stiffness", columns, rows)
 
 
 def _draw(values: Json) -> Figure:
     """Draw the walls above, friction below."""
-    figure, axes = panels(2, 2, 5.6)
+    figure, axes = make_panels(2, 2, 5.6)
     for (left, right), (kind, symbol, _), title in zip(
         axes, CONTACTS, ("impact absorber", "friction damper"), strict=True
     ):
@@ -159,7 +167,7 @@ def _draw(values: Json) -> Figure:
             for name, k in (("low", LOW), ("high", HIGH))
         }
         curves = values[f"{kind}, curves"]
-        signal(
+        draw_signal(
             right,
             curves["none"]["force_n"],
             MM * np.median(curves["none"]["level_m"], axis=1),
@@ -167,28 +175,30 @@ def _draw(values: Json) -> Figure:
             "no absorber",
             1.0,
         )
-        for look, (name, label) in zip(LOOKS, named.items(), strict=False):
-            banded(
+        for look, (name, label) in zip(STYLES, named.items(), strict=False):
+            draw_band(
                 right, curves[name]["force_n"], MM * np.array(curves[name]["level_m"]), look, label
             )
         right.set(xlabel="force in N", ylabel="response level in mm")
         left.set_title(title)
         right.set_title(title)
-    legends(axes)
+    draw_legends(axes)
     return figure
 
 
 def _stiffness(axes: Axes, part: Json, stepped: Json) -> None:
     unit = float(np.median(part["rigid_m"]))
-    low, high = middle(np.array(part["rigid_m"]) / unit)
+    low, high = compute_band(np.array(part["rigid_m"]) / unit)
     axes.axhspan(low, high, color=FAINT, alpha=0.3, lw=0, label="rigid, 5 to 95 %")
-    banded(axes, part["stiffness"], np.array(part["level_m"]) / unit, LOOKS[0], "compliant, exact")
+    draw_band(
+        axes, part["stiffness"], np.array(part["level_m"]) / unit, STYLES[0], "compliant, exact"
+    )
     middles = np.median(stepped["level_m"], axis=1) / unit
     axes.plot(
         stepped["stiffness"],
         middles,
-        LOOKS[1].marker,
-        color=LOOKS[1].colour,
+        STYLES[1].marker,
+        color=STYLES[1].colour,
         mfc="none",
         label="Runge-Kutta, paper's step",
     )
@@ -215,7 +225,7 @@ def _from(part: Json, share: float) -> float:
 def _converges(part: Json, told: Json) -> Claim:
     stiffness, off = _off(part)
     worst = float(np.max(np.abs(off[stiffness >= STIFF])))
-    low, high = middle(part["rigid_m"])
+    low, high = compute_band(part["rigid_m"])
     width = (high - low) / (2 * float(np.median(part["rigid_m"])))
     most = max(SAME, width)
     return said(
@@ -240,11 +250,25 @@ def _curves_claims(curves: Json, told: Json) -> Claim:
     slack = 0.01 * np.median(rigid, axis=1)  # where members hardly differ, a per cent is none
     inside = np.mean((a <= d + slack) & (c <= b + slack))
     worst = int(np.argmax(off))
-    found = Verdict.HOLDS if off[worst] < SAME else Verdict.SPREAD if inside > 0.9 else Verdict.NOT
+    found = (
+        ClaimVerdict.HOLDS
+        if off[worst] < SAME
+        else ClaimVerdict.SPREAD
+        if inside > 0.9
+        else ClaimVerdict.NOT
+    )
     return said(
-        "curves, {kind}", found, median=np.median(off), most=off[worst], worst=force[worst], inside=inside, forces=len(force),
-        soft=100 * np.median(soft), softest=np.max(soft), **told,
-    )  # fmt: skip
+        "curves, {kind}",
+        found,
+        median=np.median(off),
+        most=off[worst],
+        worst=force[worst],
+        inside=inside,
+        forces=len(force),
+        soft=100 * np.median(soft),
+        softest=np.max(soft),
+        **told,
+    )
 
 
 def _claims(values: Json) -> list[Claim]:
@@ -259,7 +283,7 @@ def _claims(values: Json) -> list[Claim]:
     for name in ("rigid", "low", "high"):
         relative = np.array(curves[name]["level_m"]) / np.array(curves["none"]["level_m"])
         best[name] = np.array(curves[name]["force_n"])[np.argmin(relative, axis=0)]
-    (a, b), (c, d) = middle(best["high"]), middle(best["rigid"])
+    (a, b), (c, d) = compute_band(best["high"]), compute_band(best["rigid"])
     close = abs(np.median(best["high"]) / np.median(best["rigid"]) - 1) < SAME
     for kind in told:
         exact, stepped = (
@@ -278,7 +302,11 @@ def _claims(values: Json) -> list[Claim]:
         *(_curves_claims(values[f"{kind}, curves"], own) for kind, own in told.items()),
         said(
             "same optimum",
-            Verdict.HOLDS if close else Verdict.SPREAD if a <= d and c <= b else Verdict.NOT,
+            ClaimVerdict.HOLDS
+            if close
+            else ClaimVerdict.SPREAD
+            if a <= d and c <= b
+            else ClaimVerdict.NOT,
             **best,
         ),
         said("twenty samples", max(apart), median=np.median(apart)),
@@ -286,6 +314,12 @@ def _claims(values: Json) -> list[Claim]:
 
 
 FIGURE = PaperFigure(
-    LABEL, "compliant contact", sizes=(sizes(24, 22, 24), sizes(3, 8, 8)), measure=_measure, draw=_draw, claims=_claims,
-    tables=lambda values: (_table(values),), words=lambda values: shortened(_table(values)),
-)  # fmt: skip
+    LABEL,
+    "compliant contact",
+    sizes=(sizes(24, 22, 24), sizes(3, 8, 8)),
+    measure=_measure,
+    draw=_draw,
+    claims=_claims,
+    tables=lambda values: (_table(values),),
+    words=lambda values: shorten_table(_table(values)),
+)

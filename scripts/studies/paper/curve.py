@@ -27,15 +27,15 @@ from impact_env.periodic.shooting import largest_exponent
 from impact_env.periodic.stationary import Criteria, longest_pause
 from impact_env.response import DEFAULT_SAMPLES, Record
 from optimisation.report.figures import force_axis
-from studies.paper.claim import bands, spread
-from studies.paper.frame import MM, Look, PaperSettings, banded, level_of_nothing
+from studies.paper.claim import compute_bands, format_spread
+from studies.paper.frame import MM, LineStyle, PaperSettings, draw_band, draw_unit_level
 from studies.study import Array, Json
 
-WATCHED = Record(events=True, series=True, energy=True)
+FULL_RECORD = Record(events=True, series=True, energy=True)
 SERIES = Record(level=False, events=True, series=True)
 
 
-class Seen(NamedTuple):
+class SweepContacts(NamedTuple):
     """A sweep's level (m), frequency ratio of the maximum, largest |q_tip| (m) and number of impacts.
 
     Then, of the level's window: impacts per pseudo period, and the longest pause between impacts in pseudo periods.
@@ -49,25 +49,27 @@ class Seen(NamedTuple):
     pause: float
 
 
-def level_at(lane: Lane) -> ResponseLevel:
+def compute_level(lane: Lane) -> ResponseLevel:
     """Return the response level of a lane by the exact method."""
     return simulate(lane.scene, lane.drive).recorded.level
 
 
-def level_in(lane: Lane) -> float:
+def compute_level_value(lane: Lane) -> float:
     """Return the response level in m of a lane by the exact method."""
-    return level_at(lane).value
+    return compute_level(lane).value
 
 
-def both_ways(scene: Scene, resonance: int = 1) -> tuple[FrequencySchedule, FrequencySchedule]:
+def make_both_sweeps(
+    scene: Scene, resonance: int = 1
+) -> tuple[FrequencySchedule, FrequencySchedule]:
     """Return the paper's sweeps up and down near a resonance."""
     omega, (low, high) = scene.model.resonance_omega(resonance), PAPER_LIMITS
     return linear_sweep(omega, low, high), linear_sweep(omega, high, low)
 
 
-def contacts(lane: Lane, method: Method | None = None) -> Seen:
-    """Return a lane's `Seen` with a method (None: the exact one)."""
-    response = simulate(lane.scene, lane.drive, method, record=WATCHED)
+def measure_contacts(lane: Lane, method: Method | None = None) -> SweepContacts:
+    """Return a lane's `SweepContacts` with a method (None: the exact one)."""
+    response = simulate(lane.scene, lane.drive, method, record=FULL_RECORD)
     level = response.recorded.level
     period = lane.drive.schedule.pseudo_period
     times = response.recorded.impacts.time / period
@@ -75,7 +77,7 @@ def contacts(lane: Lane, method: Method | None = None) -> Seen:
     begin = max(0.0, middle - HALF_WINDOW_PERIODS)
     length = min(lane.drive.schedule.periods, middle + HALF_WINDOW_PERIODS) - begin
     inside = times[(times >= begin) & (times <= begin + length)] - begin
-    return Seen(
+    return SweepContacts(
         level.value,
         level.frequency_ratio,
         level.max_tip,
@@ -85,15 +87,15 @@ def contacts(lane: Lane, method: Method | None = None) -> Seen:
     )
 
 
-def chaos(lane: Lane, periods: int) -> tuple[float, float, float]:
+def compute_exponent(lane: Lane, periods: int) -> tuple[float, float, float]:
     """Return the largest Lyapunov exponent of what a lane settles to, per period of the force, over so many: value, and the ends of its interval."""
     found = largest_exponent(lane.scene, lane.drive, periods)
     return found.value, found.low, found.high
 
 
-def envelope(lane: Lane, periods: int = 4) -> Array:
+def compute_envelope(lane: Lane, periods: int = 4) -> Array:
     """Return a lane's largest |q_tip| in m in each stretch of so many pseudo periods, (stretches,); the last one may be shorter."""
-    history = simulate(lane.scene, lane.drive, record=WATCHED).recorded.history
+    history = simulate(lane.scene, lane.drive, record=FULL_RECORD).recorded.history
     return np.asarray(
         np.maximum.reduceat(
             np.abs(history.tip_displacement),
@@ -102,7 +104,7 @@ def envelope(lane: Lane, periods: int = 4) -> Array:
     )
 
 
-def envelope_ratios(schedule: FrequencySchedule, periods: int = 4) -> Array:
+def compute_envelope_ratios(schedule: FrequencySchedule, periods: int = 4) -> Array:
     """Return the frequency in the middle of each stretch over the schedule's reference."""
     stretches = int(
         np.ceil(
@@ -114,18 +116,20 @@ def envelope_ratios(schedule: FrequencySchedule, periods: int = 4) -> Array:
     return np.asarray(schedule.omega_at(middles * schedule.pseudo_period)) / schedule.reference
 
 
-def envelopes(
+def compute_envelopes(
     settings: PaperSettings, label: str, scene: Scene, drives: Sequence[Drive], periods: int = 4
 ) -> tuple[Json, Array]:
     """Return the envelopes of members with one schedule over frequency ratios, as 5 %, median, 95 % and nominal member; and each member's."""
     rows = np.array(
         settings.each(
-            label, [Lane(scene, drive) for drive in drives], partial(envelope, periods=periods)
+            label,
+            [Lane(scene, drive) for drive in drives],
+            partial(compute_envelope, periods=periods),
         )
     )
-    own = dict(zip(("low", "median", "high"), bands(rows.T).tolist(), strict=True))
+    own = dict(zip(("low", "median", "high"), compute_bands(rows.T).tolist(), strict=True))
     return {
-        "ratio": envelope_ratios(drives[0].schedule, periods).tolist(),
+        "ratio": compute_envelope_ratios(drives[0].schedule, periods).tolist(),
         **own,
         "nominal": rows[0].tolist(),
     }, rows
@@ -137,7 +141,7 @@ PAUSE = (
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class LevelCurve:
     """Forces (F,) in N and, for each member, (F, M): level in m, the larger of up and down, and of that direction what follows.
 
     ``at``: frequency ratio of the maximum; ``down``: 1 where it is the sweep down. ``impacts``: the larger number of both directions. The rest is NaN
@@ -156,7 +160,7 @@ class Curve:
     @property
     def median(self) -> Array:
         """Median of the level in m, (F,)."""
-        return bands(self.level)[1]
+        return compute_bands(self.level)[1]
 
     @property
     def sustained(self) -> Array:
@@ -168,7 +172,7 @@ class Curve:
         """Share of the members with any impact, (F,)."""
         return np.asarray(np.mean(self.impacts > 0, axis=1))
 
-    def relative(self, reference: Curve) -> Array:
+    def relative(self, reference: LevelCurve) -> Array:
         """Return the level over that of the same member of a reference over the same forces, (F, M)."""
         require(
             np.array_equal(self.forces, reference.forces),
@@ -178,7 +182,7 @@ class Curve:
         )
         return np.asarray(self.level / reference.level)
 
-    def best(self, reference: Curve) -> int:
+    def best(self, reference: LevelCurve) -> int:
         """Return the number of the force with the least median level over a reference."""
         return int(np.argmin(np.median(self.relative(reference), axis=1)))
 
@@ -199,14 +203,17 @@ def _plain(values: Array) -> list[Any]:
     )
 
 
-def curve_of(plain: Json) -> Curve:
+def read_curve(plain: Json) -> LevelCurve:
     """Return the curve of its plain form."""
-    return Curve(
-        **{field.name: np.array(plain[field.name], dtype=np.float64) for field in fields(Curve)}
+    return LevelCurve(
+        **{
+            field.name: np.array(plain[field.name], dtype=np.float64)
+            for field in fields(LevelCurve)
+        }
     )
 
 
-def plain_curve(found: PerformanceCurve) -> Json:
+def to_plain_curve(found: PerformanceCurve) -> Json:
     """Return a performance curve without a look at its contacts."""
     lanes = found.lanes
     nothing = np.full(found.lanes.level.shape, np.nan)
@@ -221,17 +228,17 @@ def plain_curve(found: PerformanceCurve) -> Json:
     return _critical(found.forces, values).to_plain()
 
 
-def _critical(forces: Array, values: Mapping[str, Array]) -> Curve:
+def _critical(forces: Array, values: Mapping[str, Array]) -> LevelCurve:
     """Return the curve of arrays (F, M, 2): up, down."""
     which = np.argmax(values["level"], axis=-1)[..., None]
     own = {
         name: np.take_along_axis(array, which, axis=-1)[..., 0] for name, array in values.items()
     }
     own["impacts"] = np.max(values["impacts"], axis=-1)
-    return Curve(forces, down=which[..., 0] == DOWN, **own)
+    return LevelCurve(forces, down=which[..., 0] == DOWN, **own)
 
 
-def curves(
+def compute_curves(
     settings: PaperSettings,
     label: str,
     scenes: Mapping[str, Scene],
@@ -242,12 +249,12 @@ def curves(
     """Return the plain performance curve of each scene near its first resonance."""
     cases = [CurveCase(scene, np.array(forces)) for scene in scenes.values()]
     return {
-        name: plain_curve(found)
+        name: to_plain_curve(found)
         for name, found in zip(scenes, settings.curves(label, cases, members, method), strict=True)
     }
 
 
-def watched_curve(
+def compute_contact_curve(
     settings: PaperSettings, label: str, scene: Scene, forces: Sequence[float], members: int
 ) -> Json:
     """Return the plain performance curve of a scene near its first resonance, with a look at its contacts."""
@@ -255,34 +262,36 @@ def watched_curve(
     lanes = [
         Lane(scene, drive)
         for force in forces
-        for schedule in both_ways(scene)
+        for schedule in make_both_sweeps(scene)
         for drive in drawn.drives(float(force), schedule)
     ]
-    seen = np.array(settings.each(label, lanes, contacts)).reshape(len(forces), 2, members, -1)
+    seen = np.array(settings.each(label, lanes, measure_contacts)).reshape(
+        len(forces), 2, members, -1
+    )
     return _critical(
-        np.array(forces), dict(zip(Seen._fields, seen.transpose(3, 0, 2, 1), strict=True))
+        np.array(forces), dict(zip(SweepContacts._fields, seen.transpose(3, 0, 2, 1), strict=True))
     ).to_plain()
 
 
-def best_forces(own: Curve, none: Curve) -> Array:
+def find_best_forces(own: LevelCurve, none: LevelCurve) -> Array:
     """Return each member's force in N with the smallest level over no absorber, (M,)."""
     return own.forces[np.argmin(own.relative(none), axis=0)]
 
 
-def best_of(own: Curve, none: Curve) -> tuple[str, str]:
+def describe_best(own: LevelCurve, none: LevelCurve) -> tuple[str, str]:
     """Return in words the force with the smallest median level over no absorber, and that level."""
     best = own.best(none)
-    return f"{own.forces[best]:.3g}", spread(own.relative(none)[best])
+    return f"{own.forces[best]:.3g}", format_spread(own.relative(none)[best])
 
 
-def force_grid(
+def make_force_grid(
     low: float, high: float, points: int, also: Sequence[float] = ()
 ) -> tuple[float, ...]:
     """Return rising forces in N, evenly spaced on a logarithmic axis, with some more among them."""
     return tuple(sorted({*np.round(np.geomspace(low, high, points), 6).tolist(), *also}))
 
 
-MOST = 0.5  # share of the members that decides
+MAJORITY = 0.5  # share of the members that decides
 
 
 class Border(NamedTuple):
@@ -307,15 +316,15 @@ class Ranges(NamedTuple):
     transition: Border | None
 
 
-def operating_ranges(forces: ArrayLike, impacting: ArrayLike, sustained: ArrayLike) -> Ranges:
+def find_operating_ranges(forces: ArrayLike, impacting: ArrayLike, sustained: ArrayLike) -> Ranges:
     """Return the borders between rising forces (F,) in N, from the shares (F,) of members with impacts, and with sustained ones.
 
     The linear range ends at the first force at which most have impacts. The secondary range is what lies above the last force at which most have
     pauses.
     """
     rising = np.asarray(forces, dtype=float)
-    impacts = np.flatnonzero(np.asarray(impacting) > MOST)
-    paused = np.flatnonzero(np.asarray(sustained) <= MOST)
+    impacts = np.flatnonzero(np.asarray(impacting) > MAJORITY)
+    paused = np.flatnonzero(np.asarray(sustained) <= MAJORITY)
     ends = impacts[0] if len(impacts) else 0, paused[-1] + 1 if len(paused) else 0
     return Ranges(
         *(
@@ -325,12 +334,12 @@ def operating_ranges(forces: ArrayLike, impacting: ArrayLike, sustained: ArrayLi
     )
 
 
-def ranges_of(curve: Curve) -> Ranges:
+def find_ranges(curve: LevelCurve) -> Ranges:
     """Return the operating ranges of a curve whose contacts were looked at."""
-    return operating_ranges(curve.forces, curve.impacting, curve.sustained)
+    return find_operating_ranges(curve.forces, curve.impacting, curve.sustained)
 
 
-def slopes(curve: Curve, inside: NDArray[np.bool_]) -> Array:
+def compute_slopes(curve: LevelCurve, inside: NDArray[np.bool_]) -> Array:
     """Return d log(level)/d log(force) of each member, (M,), by least squares over the forces ``inside`` (F,): 1 is proportional, 0 saturated.
 
     NaN where that is fewer than two forces.
@@ -344,27 +353,32 @@ def slopes(curve: Curve, inside: NDArray[np.bool_]) -> Array:
     )
 
 
-def draw_curve(axes: Axes, own: Curve, look: Look, label: str, marked: bool = True) -> None:
+def draw_curve(
+    axes: Axes, own: LevelCurve, look: LineStyle, label: str, marked: bool = True
+) -> None:
     """Draw the median of a curve with its band and nominal member, levels in mm."""
-    banded(axes, own.forces, own.level, look, label, MM, marked=marked)
+    draw_band(axes, own.forces, own.level, look, label, MM, marked=marked)
 
 
-def level_axes(axes: Axes, none: Curve, most: float) -> None:
+def set_level_axes(axes: Axes, none: LevelCurve, most: float) -> None:
     """Make the axes those of levels over forces up to ``most`` in N, both linear as the paper's; ``none``: the curve without absorber."""
     axes.set(xlim=(0, most), ylim=(0, 1.05 * MM * float(np.interp(most, none.forces, none.median))))
     axes.set(xlabel="amplitude of the force in N", ylabel="resonant response level in mm (RMS)")
 
 
-def inset_of(
-    axes: Axes, bounds: tuple[float, float, float, float], none: Curve, drawn: Mapping[Look, Curve]
+def draw_inset(
+    axes: Axes,
+    bounds: tuple[float, float, float, float],
+    none: LevelCurve,
+    drawn: Mapping[LineStyle, LevelCurve],
 ) -> Axes:
     """Add an inset at ``bounds`` of the axes: levels over no absorber at all forces, on a logarithmic axis, each curve in its look."""
     small = axes.inset_axes(bounds)
     for look, own in drawn.items():
-        low, middle, high = bands(own.relative(none))
+        low, middle, high = compute_bands(own.relative(none))
         small.fill_between(own.forces, low, high, color=look.colour, alpha=0.18, lw=0)
         small.plot(own.forces, middle, color=look.colour, ls=look.dashes, lw=1.0)
-    level_of_nothing(small)
+    draw_unit_level(small)
     small.set(xscale="log", xlim=(none.forces[0], none.forces[-1]), ylim=(0, 1.15))
     small.set_title("level over no absorber", fontsize=6.5, pad=2)
     small.set_xlabel("force in N", fontsize=6, labelpad=1)

@@ -14,20 +14,27 @@ from impact_env.ensemble import draw_members
 from impact_env.parameters import Absorber, Beam, RigidWalls, friction_damper, impact_absorber
 from optimisation.page import markdown
 from studies.paper import curve as performance
-from studies.paper.claim import LITTLE, Claim, claim, judged, spread, within
-from studies.paper.curve import Curve
+from studies.paper.claim import (
+    LITTLE,
+    Claim,
+    format_spread,
+    judge_interval,
+    make_claim,
+    range_within,
+)
+from studies.paper.curve import LevelCurve
 from studies.paper.frame import (
-    LOOKS,
     MM,
     REFERENCE,
-    Look,
+    STYLES,
+    LineStyle,
     PaperFigure,
     PaperSettings,
     Size,
-    in_turn,
-    line,
-    panels,
-    signal,
+    draw_line,
+    draw_signal,
+    make_panels,
+    measure_groups,
 )
 from studies.study import Array, Json, Steps
 
@@ -47,31 +54,31 @@ ALL = "friction, scattering and e = 0.7"
 # N: well inside of the ranges without friction, whose border is the paper's 3.5 N
 PRIMARY = (1.0, 3.0)
 SECONDARY = (4.0, 8.0)
-STRETCH = 8  # pseudo periods of an envelope
+ENVELOPE_PERIODS = 8  # pseudo periods of an envelope
 
 
-def impacting(limit: float) -> str:
+def name_impacting(limit: float) -> str:
     """Return the name of the absorber with friction and conservative impacts."""
     return f"muN = {limit:g} N, e = 1"
 
 
-def sliding(limit: float) -> str:
+def name_sliding(limit: float) -> str:
     """Return the name of the pure damper."""
     return f"damper, muN = {limit:g} N"
 
 
-STEPPED = (CONSERVATIVE, impacting(LIMITS[0]), DISSIPATIVE)  # also run at the paper's step
+STEPPED = (CONSERVATIVE, name_impacting(LIMITS[0]), DISSIPATIVE)  # also run at the paper's step
 
 
 def _scenes() -> dict[str, Scene]:
     absorbers: dict[str, Absorber | None] = {NONE: None, CONSERVATIVE: impact_absorber()}
-    absorbers |= {impacting(limit): impact_absorber(friction_limit=limit) for limit in LIMITS}
-    absorbers |= {sliding(limit): friction_damper(limit) for limit in LIMITS}
+    absorbers |= {name_impacting(limit): impact_absorber(friction_limit=limit) for limit in LIMITS}
+    absorbers |= {name_sliding(limit): friction_damper(limit) for limit in LIMITS}
     absorbers[DISSIPATIVE] = impact_absorber(restitution=RESTITUTION, friction_limit=LIMITS[0])
     return {name: beam_scene(Beam(), absorber) for name, absorber in absorbers.items()}
 
 
-def swept_scenes() -> dict[str, Scene]:
+def make_swept_scenes() -> dict[str, Scene]:
     """Return the scenes of the sweeps: what there is beside the first mode's own damping."""
     absorbers = {
         FRICTION: friction_damper(SWEPT_LIMIT),
@@ -93,9 +100,9 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     }
     groups |= {
         f"sweep, {name}": partial(_sweep, settings, scene, size.swept)
-        for name, scene in swept_scenes().items()
+        for name, scene in make_swept_scenes().items()
     }
-    return in_turn(groups, known)
+    return measure_groups(groups, known)
 
 
 def _curve(
@@ -105,25 +112,29 @@ def _curve(
     members: int,
     method: Moreau | None = None,
 ) -> Json:
-    return performance.curves(
+    return performance.compute_curves(
         settings, f"{LABEL}, {name}", {name: _scenes()[name]}, forces, members, method
     )[name]
 
 
 def _sweep(settings: PaperSettings, scene: Scene, members: int) -> Json:
     """Return the envelope of |q_tip| in m of the sweeps down over frequency ratios, and each member's largest."""
-    drives = draw_members(members, settings.seed).drives(SWEPT, performance.both_ways(scene)[1])
-    own, rows = performance.envelopes(settings, f"{LABEL}, sweeps", scene, drives, STRETCH)
+    drives = draw_members(members, settings.seed).drives(
+        SWEPT, performance.make_both_sweeps(scene)[1]
+    )
+    own, rows = performance.compute_envelopes(
+        settings, f"{LABEL}, sweeps", scene, drives, ENVELOPE_PERIODS
+    )
     return own | {"largest": np.max(rows, axis=1).tolist()}
 
 
-def first_impacts(own: Curve) -> Array:
+def find_first_impacts(own: LevelCurve) -> Array:
     """Return each member's lowest force in N with an impact, (M,); infinite if there is none."""
     found = own.impacts > 0
     return np.where(found.any(axis=0), own.forces[np.argmax(found, axis=0)], np.inf)
 
 
-def forces_at(own: Curve, level: float) -> Array:
+def find_forces_at(own: LevelCurve, level: float) -> Array:
     """Return the highest force in N at which each member's curve rises through a ``level`` in m, between forces on a logarithmic axis, (M,).
 
     NaN where it does not.
@@ -140,19 +151,19 @@ def forces_at(own: Curve, level: float) -> Array:
 
 
 def _words(values: Json) -> str:
-    none = performance.curve_of(values[NONE])
+    none = performance.read_curve(values[NONE])
     rows = []
     at = none.nearest(SWEPT)
     for name in _scenes():
         if name != NONE:
-            own = performance.curve_of(values[name])
-            first = float(np.median(first_impacts(own)))
+            own = performance.read_curve(values[name])
+            first = float(np.median(find_first_impacts(own)))
             rows.append(
                 (
                     name,
                     f"{first:.2f}" if np.isfinite(first) else "none",
-                    *performance.best_of(own, none),
-                    spread(own.relative(none)[at]),
+                    *performance.describe_best(own, none),
+                    format_spread(own.relative(none)[at]),
                 )
             )
     header = (
@@ -163,8 +174,8 @@ def _words(values: Json) -> str:
         f"at {SWEPT:g} N",
     )
     lines = [
-        (name, spread(1e3 * np.array(values[f"sweep, {name}"]["largest"])))
-        for name in swept_scenes()
+        (name, format_spread(1e3 * np.array(values[f"sweep, {name}"]["largest"])))
+        for name in make_swept_scenes()
     ]
     swept = markdown(
         (f"down at {SWEPT:g} N, muN = {SWEPT_LIMIT:g} N", "largest displacement, mm"), lines
@@ -172,44 +183,47 @@ def _words(values: Json) -> str:
     return f"Ten modes, {none.level.shape[1]} members, {len(none.forces)} forces.\n\n{markdown(header, rows)}\n\n{swept}"
 
 
-def _within(own: Curve, other: Curve, span: tuple[float, float]) -> Array:
+def _within(own: LevelCurve, other: LevelCurve, span: tuple[float, float]) -> Array:
     """Return level over another curve's at the forces of a span in N, by member, as one row."""
     inside = (own.forces >= span[0]) & (own.forces <= span[1])
     return (own.level[inside] / other.level[inside]).ravel()
 
 
 def _dampers(values: Json) -> list[Claim]:
-    read = {name: performance.curve_of(values[name]) for name in _scenes()}
+    read = {name: performance.read_curve(values[name]) for name in _scenes()}
     none = read[NONE]
     small = LIMITS[0]
     large = LIMITS[-1]
-    relative = {limit: read[sliding(limit)].relative(none) for limit in LIMITS}
+    relative = {limit: read[name_sliding(limit)].relative(none) for limit in LIMITS}
     ends = np.concatenate([relative[large][0], relative[small][-1]])
     least = np.concatenate([np.min(one, axis=0) for one in relative.values()])
-    best = np.array([performance.best_forces(read[sliding(limit)], none) for limit in LIMITS])
+    best = np.array(
+        [performance.find_best_forces(read[name_sliding(limit)], none) for limit in LIMITS]
+    )
     first = np.array(
-        [first_impacts(read[name]) for name in (CONSERVATIVE, *map(impacting, LIMITS))]
+        [find_first_impacts(read[name]) for name in (CONSERVATIVE, *map(name_impacting, LIMITS))]
     )
     forces, begins = (", ".join(f"{np.median(row):.2g}" for row in rows) for rows in (best, first))
-    said = partial(claim, LABEL, small=small, large=large)
+    said = partial(make_claim, LABEL, small=small, large=large)
     return [
         said("dissinf_damper_ends", ends, low=none.forces[0], high=none.forces[-1]),
         said("dissinf_damper_best", least),
         said("dissinf_damper_moves", (best[1:] / best[:-1]).ravel(), forces=forces),
         said("dissinf_first_impacts", (first[1:] / first[:-1]).ravel(), forces=begins),
         said(
-            "dissinf_damper_before", best[0] / performance.best_forces(read[impacting(small)], none)
+            "dissinf_damper_before",
+            best[0] / performance.find_best_forces(read[name_impacting(small)], none),
         ),
     ]
 
 
 def _absorbers(values: Json) -> list[Claim]:
-    read = {name: performance.curve_of(values[name]) for name in _scenes()}
-    step = {name: performance.curve_of(values[f"step, {name}"]) for name in STEPPED}
-    few = impacting(LIMITS[0])
-    many = impacting(LIMITS[-1])
+    read = {name: performance.read_curve(values[name]) for name in _scenes()}
+    step = {name: performance.read_curve(values[f"step, {name}"]) for name in STEPPED}
+    few = name_impacting(LIMITS[0])
+    many = name_impacting(LIMITS[-1])
     (ended, begun), (end, begin) = (
-        (forces_at(read[name], RigidWalls.gap), first_impacts(read[name]))
+        (find_forces_at(read[name], RigidWalls.gap), find_first_impacts(read[name]))
         for name in (CONSERVATIVE, few)
     )
     first, last = (f"{low:g} to {high:g} N" for low, high in (PRIMARY, SECONDARY))
@@ -226,7 +240,7 @@ def _absorbers(values: Json) -> list[Claim]:
     ) -> Claim:
         """Judge the level of one curve over another within a span of forces."""
         at_step = float(np.median(_within(step[one], step[other], span))) if stepped else None
-        return claim(
+        return make_claim(
             LABEL,
             f"dissinf_{name}",
             _within(read[one], read[other], span),
@@ -239,7 +253,7 @@ def _absorbers(values: Json) -> list[Claim]:
     )
     return [
         over("small_primary", few, CONSERVATIVE, PRIMARY),
-        claim(LABEL, "dissinf_shifted", end / np.median(ended), **medians),
+        make_claim(LABEL, "dissinf_shifted", end / np.median(ended), **medians),
         over("large_primary", many, CONSERVATIVE, PRIMARY, stepped=False),
         over(
             "large_secondary",
@@ -247,7 +261,7 @@ def _absorbers(values: Json) -> list[Claim]:
             CONSERVATIVE,
             SECONDARY,
             stepped=False,
-            late=np.median(first_impacts(read[many])),
+            late=np.median(find_first_impacts(read[many])),
         ),
         over("restitution_secondary", DISSIPATIVE, few, SECONDARY),
         over("restitution_primary", DISSIPATIVE, few, PRIMARY),
@@ -255,7 +269,7 @@ def _absorbers(values: Json) -> list[Claim]:
         *(
             over(
                 "robust_{limit:g}",
-                impacting(limit),
+                name_impacting(limit),
                 CONSERVATIVE,
                 PRIMARY,
                 stepped=False,
@@ -267,72 +281,80 @@ def _absorbers(values: Json) -> list[Claim]:
     ]
 
 
-def _neither(read: dict[str, Curve]) -> Claim:
+def _neither(read: dict[str, LevelCurve]) -> Claim:
     """Judge what friction does to the best level, by the least favourable of its limits."""
     best = [
         np.min(read[name].relative(read[NONE]), axis=0)
-        for name in (CONSERVATIVE, *map(impacting, LIMITS))
+        for name in (CONSERVATIVE, *map(name_impacting, LIMITS))
     ]
     over = [row / np.median(best[0]) for row in best[1:]]
     low, high = (
         float(each(quantiles(row, BAND)[k] for row in over)) for k, each in ((0, min), (1, max))
     )
     said = ", ".join(
-        f"{spread(row)} at {limit:g} N" for row, limit in zip(over, LIMITS, strict=True)
+        f"{format_spread(row)} at {limit:g} N" for row, limit in zip(over, LIMITS, strict=True)
     )
-    return claim(
-        LABEL, "dissinf_neither", judged(low, high, *within(LITTLE)), each=said, small=LIMITS[0]
+    return make_claim(
+        LABEL,
+        "dissinf_neither",
+        judge_interval(low, high, *range_within(LITTLE)),
+        each=said,
+        small=LIMITS[0],
     )
 
 
 def _swept(values: Json) -> list[Claim]:
-    largest = {name: np.array(values[f"sweep, {name}"]["largest"]) for name in swept_scenes()}
+    largest = {name: np.array(values[f"sweep, {name}"]["largest"]) for name in make_swept_scenes()}
     alone = np.minimum(np.median(largest[SCATTERING]), np.median(largest[FRICTION]))
     return [
-        claim(LABEL, "dissinf_added", largest[BOTH] / alone, swept=SWEPT),
-        claim(LABEL, "dissinf_added_losses", largest[ALL] / np.median(largest[BOTH]), swept=SWEPT),
+        make_claim(LABEL, "dissinf_added", largest[BOTH] / alone, swept=SWEPT),
+        make_claim(
+            LABEL, "dissinf_added_losses", largest[ALL] / np.median(largest[BOTH]), swept=SWEPT
+        ),
     ]
 
 
 def _draw(values: Json) -> Figure:
     """Draw the curves, and the sweeps below them."""
-    figure, grid = panels(2, 1, 7.6)
+    figure, grid = make_panels(2, 1, 7.6)
     _curves(grid[0, 0], values)
     _sweeps(grid[1, 0], values)
     return figure
 
 
 def _curves(axes: Axes, values: Json) -> None:
-    read = {name: performance.curve_of(values[name]) for name in _scenes()}
+    read = {name: performance.read_curve(values[name]) for name in _scenes()}
     none = read[NONE]
-    line(axes, none.forces, MM * none.median, REFERENCE, NONE, marked=False)
+    draw_line(axes, none.forces, MM * none.median, REFERENCE, NONE, marked=False)
     looks = (
-        LOOKS[5],
-        *(Look(look.colour, "-", look.marker) for look in (*LOOKS[: len(LIMITS)], LOOKS[4])),
+        STYLES[5],
+        *(LineStyle(look.colour, "-", look.marker) for look in (*STYLES[: len(LIMITS)], STYLES[4])),
     )
     drawn = {}
-    for name, look in zip((CONSERVATIVE, *map(impacting, LIMITS), DISSIPATIVE), looks, strict=True):
+    for name, look in zip(
+        (CONSERVATIVE, *map(name_impacting, LIMITS), DISSIPATIVE), looks, strict=True
+    ):
         drawn[look] = read[name]
         performance.draw_curve(axes, read[name], look, name, marked=name != CONSERVATIVE)
-    for limit, own in zip(LIMITS, LOOKS, strict=False):
-        name = sliding(limit)
-        look = Look(own.colour, (0, (4, 2)))
+    for limit, own in zip(LIMITS, STYLES, strict=False):
+        name = name_sliding(limit)
+        look = LineStyle(own.colour, (0, (4, 2)))
         drawn[look] = read[name]
-        signal(axes, read[name].forces, MM * read[name].median, look, name, 1.0)
-    performance.inset_of(axes, (0.05, 0.57, 0.4, 0.36), none, drawn)
-    performance.level_axes(axes, none, SECONDARY[1])
+        draw_signal(axes, read[name].forces, MM * read[name].median, look, name, 1.0)
+    performance.draw_inset(axes, (0.05, 0.57, 0.4, 0.36), none, drawn)
+    performance.set_level_axes(axes, none, SECONDARY[1])
     axes.legend(fontsize=7, frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.12))
 
 
 def _sweeps(axes: Axes, values: Json) -> None:
-    for look, name in zip(LOOKS, swept_scenes(), strict=False):
+    for look, name in zip(STYLES, make_swept_scenes(), strict=False):
         own = values[f"sweep, {name}"]
         whole = {
             key: MM * np.array(own[key][:-1]) for key in ("low", "median", "high", "nominal")
         }  # but the last stretch, which is short
         band = (whole["low"], whole["high"])
-        plain = Look(look.colour, look.dashes)
-        line(
+        plain = LineStyle(look.colour, look.dashes)
+        draw_line(
             axes,
             own["ratio"][:-1],
             whole["median"],
@@ -351,10 +373,14 @@ def _sweeps(axes: Axes, values: Json) -> None:
 
 
 FIGURE = PaperFigure(
-    LABEL, "friction and restitution", measure=_measure, words=_words, draw=_draw,
+    LABEL,
+    "friction and restitution",
+    measure=_measure,
+    words=_words,
+    draw=_draw,
     claims=lambda values: [*_dampers(values), *_absorbers(values), *_swept(values)],
     sizes=(  # swept: members of the sweeps
-        Size(forces=performance.force_grid(0.1, 20.0, 28, (3.5, SWEPT)), members=12, swept=16),
+        Size(forces=performance.make_force_grid(0.1, 20.0, 28, (3.5, SWEPT)), members=12, swept=16),
         Size(forces=(0.1, 0.4, 0.8, 1.2, 2.0, 2.8, 3.5, 4.2, SWEPT, 8.0, 20.0), members=2, swept=2),
     ),
-)  # fmt: skip
+)

@@ -23,8 +23,8 @@ from optimisation.machine import sources
 from optimisation.page import markdown
 from optimisation.progress import sweeps_bar
 from optimisation.report.figures import write_figure
-from studies.paper.claim import Claim, bands
-from studies.study import Json, Measured, Part, Saver, Steps, Table
+from studies.paper.claim import Claim, compute_bands
+from studies.study import CsvTable, Json, Measurement, Part, Saver, Steps
 
 NAME = "paper"
 ROWS = 7  # of a long table that the page shows
@@ -102,8 +102,8 @@ class PaperFigure:
 
     ``sizes``: how much is computed in full and in a quick look, which beside the sources is all that the numbers depend on. ``measure(settings, size,
     known)`` yields values as that of a `Part`. Once all are there, ``draw(values)`` returns the drawing and ``claims(values)`` the statements of the
-    paper that they decide. ``tables``: those too long for the page, as CSV files, of which `shortened` shows some rows. ``answer(values)``: a line on
-    an open question, "what is asked: what was found".
+    paper that they decide. ``tables``: those too long for the page, as CSV files, of which `shorten_table` shows some rows.
+    ``answer(values)``: a line on an open question, "what is asked: what was found".
     """
 
     label: str
@@ -114,26 +114,35 @@ class PaperFigure:
     words: Callable[[Json], str]
     draw: Callable[[Json], Figure]
     claims: Callable[[Json], list[Claim]]
-    tables: Callable[[Json], Sequence[Table]] = lambda _: ()
+    tables: Callable[[Json], Sequence[CsvTable]] = lambda _: ()
     answer: Callable[[Json], str] | None = None
 
     def part(self) -> Part[PaperSettings]:
         """Return the part of the study."""
         return Part(
-            self.label, self.title, markers=(marker(self.label),), sections=self._sections,
-            measure=lambda settings, known: self.measure(settings, settings.size(*self.sizes), known),
-            figures=lambda measured: {self.label: saved(lambda: self.draw(measured.values))} if measured.complete else {},
+            self.label,
+            self.title,
+            markers=(marker(self.label),),
+            sections=self._sections,
+            measure=lambda settings, known: self.measure(
+                settings, settings.size(*self.sizes), known
+            ),
+            figures=lambda measured: (
+                {self.label: make_saver(lambda: self.draw(measured.values))}
+                if measured.complete
+                else {}
+            ),
             tables=lambda measured: self.tables(measured.values) if measured.complete else (),
-        )  # fmt: skip
+        )
 
-    def _sections(self, measured: Measured) -> dict[str, str]:
-        made = f"{amounts(measured.conditions)}{sources(measured.conditions)} {measured.conditions['wall_s']:g} s."
+    def _sections(self, measured: Measurement) -> dict[str, str]:
+        made = f"{describe_amounts(measured.conditions)}{sources(measured.conditions)} {measured.conditions['wall_s']:g} s."
         if not measured.complete:
             return {marker(self.label): f"{made} Stopped early."}
         drawn = f"![{self.title[0].upper()}{self.title[1:]}]({NAME}/{self.label}.png)"
         return {
             marker(self.label): "\n\n".join(
-                [drawn, folded("Numbers", self.words(measured.values)), made]
+                [drawn, format_details("Numbers", self.words(measured.values)), made]
             )
         }
 
@@ -143,12 +152,12 @@ def marker(label: str) -> str:
     return f"{NAME}:{label}"
 
 
-def folded(title: str, text: str) -> str:
+def format_details(title: str, text: str) -> str:
     """Return a text that the page shows once its title is clicked."""
     return f"<details><summary>{title}</summary>\n\n{text}\n\n</details>"
 
 
-def shortened(whole: Table) -> str:
+def shorten_table(whole: CsvTable) -> str:
     """Return some rows of a table, its first and last among them, and where all are."""
     rows = list(whole.rows)
     kept = (
@@ -160,7 +169,7 @@ def shortened(whole: Table) -> str:
     return f"{markdown(whole.columns, cells)}\n\nAll {len(rows)} rows: [{whole.name}.csv]({NAME}/{whole.name}.csv)."
 
 
-def amounts(conditions: Json) -> str:
+def describe_amounts(conditions: Json) -> str:
     """Say how many members there are, and how many points of each list of numbers, by the parameters of the part's key; empty if it has none."""
     parameters = conditions.get("key", {}).get("parameters", {})
     members = (
@@ -180,7 +189,7 @@ def amounts(conditions: Json) -> str:
     return f"{said[0].upper()}{said[1:]}. " if said else ""
 
 
-def in_turn(groups: Mapping[str, Callable[[], object]], known: Json) -> Steps:
+def measure_groups(groups: Mapping[str, Callable[[], object]], known: Json) -> Steps:
     """Yield all values that are known after each of the groups, by its name; those of an earlier run are kept."""
     values = {name: known[name] for name in groups if name in known}
     for name, measure in groups.items():
@@ -214,7 +223,7 @@ RC: Any = {
 
 
 @dataclass(frozen=True)
-class Look:
+class LineStyle:
     """Colour, dashes and marker of a line. Colours fall apart in grey as well: their lightness differs."""
 
     colour: str
@@ -222,20 +231,20 @@ class Look:
     marker: str = ""
 
 
-LOOKS = (
-    Look("#0b3c6f", "-", "o"),
-    Look("#c1440e", (0, (5, 1.5)), "s"),
-    Look("#2a9d8f", (0, (5, 1.5, 1, 1.5)), "^"),
-    Look("#e9a23b", (0, (1.5, 1)), "D"),
-    Look("#8d4a97", (0, (7, 1.5, 1, 1.5, 1, 1.5)), "v"),
-    Look("#6b705c", (0, (3, 2.5)), "x"),
+STYLES = (
+    LineStyle("#0b3c6f", "-", "o"),
+    LineStyle("#c1440e", (0, (5, 1.5)), "s"),
+    LineStyle("#2a9d8f", (0, (5, 1.5, 1, 1.5)), "^"),
+    LineStyle("#e9a23b", (0, (1.5, 1)), "D"),
+    LineStyle("#8d4a97", (0, (7, 1.5, 1, 1.5, 1, 1.5)), "v"),
+    LineStyle("#6b705c", (0, (3, 2.5)), "x"),
 )
-REFERENCE = Look("black", ":")  # no absorber
-STUCK = Look("black", "-.")  # absorber as a fixed mass
+REFERENCE = LineStyle("black", ":")  # no absorber
+STUCK = LineStyle("black", "-.")  # absorber as a fixed mass
 FAINT = "0.55"  # what stands behind: sweeps, guides
 
 
-def saved(draw: Callable[[], Figure]) -> Saver:
+def make_saver(draw: Callable[[], Figure]) -> Saver:
     """Return a function that draws a figure in this look and saves it, without a change to others' look; its path's ending chooses the format."""
 
     def save(path: Path) -> None:
@@ -245,7 +254,7 @@ def saved(draw: Callable[[], Figure]) -> Saver:
     return save
 
 
-def panels(
+def make_panels(
     rows: int, columns: int, height: float, letters: str = "abcdefgh", **options: Any
 ) -> tuple[Figure, NDArray[Any]]:
     """Return a figure of the page's width and ``height`` in inches, and its panels (rows, columns), named (a), (b) ... where there are several.
@@ -260,11 +269,11 @@ def panels(
     return figure, axes
 
 
-def line(
+def draw_line(
     axes: Axes,
     x: ArrayLike,
     y: ArrayLike,
-    look: Look,
+    look: LineStyle,
     label: str | None = None,
     *,
     band: tuple[ArrayLike, ArrayLike] | None = None,
@@ -290,11 +299,11 @@ def line(
     )
 
 
-def banded(
+def draw_band(
     axes: Axes,
     x: ArrayLike,
     rows: Any,
-    look: Look,
+    look: LineStyle,
     label: str | None = None,
     factor: float = 1,
     *,
@@ -302,8 +311,8 @@ def banded(
     marked: bool = True,
 ) -> None:
     """Draw the median of members' values, (points, M), with their band, and the first one as the ``nominal`` member, all times a ``factor``."""
-    low, middle, high = factor * bands(rows)
-    line(
+    low, middle, high = factor * compute_bands(rows)
+    draw_line(
         axes,
         x,
         middle,
@@ -315,26 +324,31 @@ def banded(
     )
 
 
-def level_of_nothing(axes: Axes, label: str | None = None) -> None:
+def draw_unit_level(axes: Axes, label: str | None = None) -> None:
     """Draw the level without absorber where levels are over it, or what else is 1."""
     axes.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=0.9, label=label)
 
 
-def signal(
-    axes: Axes, x: ArrayLike, y: ArrayLike, look: Look, label: str | None = None, width: float = 0.6
+def draw_signal(
+    axes: Axes,
+    x: ArrayLike,
+    y: ArrayLike,
+    look: LineStyle,
+    label: str | None = None,
+    width: float = 0.6,
 ) -> None:
     """Draw a thin line without markers: a record in time, or a linear response."""
     axes.plot(x, y, color=look.colour, ls=look.dashes, lw=width, label=label)
 
 
-def legends(axes: Sequence[Axes] | NDArray[Any]) -> None:
+def draw_legends(axes: Sequence[Axes] | NDArray[Any]) -> None:
     """Give every panel that has labelled lines its legend."""
     for own in np.asarray(axes, dtype=object).flat:
         if own.get_legend() is None and own.get_legend_handles_labels()[1]:
             own.legend()
 
 
-def legend_below(figure: Figure, axes: Sequence[Axes] | NDArray[Any], columns: int) -> None:
+def draw_legend_below(figure: Figure, axes: Sequence[Axes] | NDArray[Any], columns: int) -> None:
     """Put one legend of all panels below them, each label once."""
     named: dict[str, Any] = {}
     for own in np.asarray(axes, dtype=object).flat:

@@ -31,18 +31,27 @@ from impact_env.periodic.isolas import thresholds
 from impact_env.periodic.residence import Approach, hold
 from impact_env.periodic.stationary import Kind, Stationary, stationary
 from optimisation.page import markdown
-from studies.paper.branches import HARMONICS, balance, draw, responses
-from studies.paper.claim import INFINITY, OFTEN, Claim, between, chance, claim, interval, judged
-from studies.paper.curve import chaos
+from studies.paper.branches import HARMONICS, compute_balance, compute_responses, draw_responses
+from studies.paper.claim import (
+    INFINITY,
+    OFTEN,
+    Claim,
+    format_interval,
+    format_range,
+    judge_interval,
+    judge_share,
+    make_claim,
+)
+from studies.paper.curve import compute_exponent
 from studies.paper.frame import (
     FAINT,
     MM,
     PaperFigure,
     PaperSettings,
     Size,
-    in_turn,
-    legend_below,
-    panels,
+    draw_legend_below,
+    make_panels,
+    measure_groups,
 )
 from studies.study import Json, Steps
 
@@ -62,11 +71,11 @@ PLACES = {
     "at resonance, 3 N": (3.0, 1.0),
 }  # N, ratio
 # pseudo periods, periods of the force
-SETTLE = 1000.0
+SETTLING_PERIODS = 1000.0
 WINDOW = 200
 
 
-def scene() -> Scene:
+def make_scene() -> Scene:
     """Return the paper's beam and absorber of this figure."""
     return beam_scene(Beam(modes=MODES), impact_absorber(friction_limit=FRICTION))
 
@@ -74,7 +83,7 @@ def scene() -> Scene:
 def _isola(harmonics: int, damper: float) -> Json:
     """Peak and outer folds of the isola at the medium force by harmonic balance, None where it finds no closed curve."""
     found: Json = {"peak": None, "folds": []}
-    for curve in balance(scene(), FORCES["medium"], LOW, 0.98, harmonics, damper):
+    for curve in compute_balance(make_scene(), FORCES["medium"], LOW, 0.98, harmonics, damper):
         if curve["closed"]:
             found = {name: curve[name] for name in found}
             break
@@ -82,7 +91,7 @@ def _isola(harmonics: int, damper: float) -> Json:
 
 
 def _levels_of_isolas() -> list[Json]:
-    case = case_of(scene(), FORCES["medium"], LOW * scene().model.resonance_omega(1))
+    case = case_of(make_scene(), FORCES["medium"], LOW * make_scene().model.resonance_omega(1))
     found = thresholds(case, LOW, 0.99)
     return [
         {"kind": one.kind, "force_n": one.force, "omega_ratio": one.omega_ratio}
@@ -91,7 +100,7 @@ def _levels_of_isolas() -> list[Json]:
     ]
 
 
-def rhythm(lane: Lane, method: Method) -> tuple[float, float]:
+def measure_rhythm(lane: Lane, method: Method) -> tuple[float, float]:
     """Return impacts, and visits to a wall, in each of the last `WINDOW` periods at a constant frequency; a visit ends with one to the other."""
     schedule = lane.drive.schedule
     impacts = simulate(lane.scene, lane.drive, method, record=Record(events=True)).recorded.impacts
@@ -106,12 +115,15 @@ def _window(lane: Lane) -> Stationary:
 
 def _stationary(settings: PaperSettings, size: Size) -> Json:
     """Return kinds, impacts a period, depths and peaks of all members at each of the places."""
-    own = scene()
+    own = make_scene()
     result = {}
     approach = Approach(own.model.resonance_omega(1), 1.0)
     phases = draw_members(size.members, settings.seed, "phase").phases
     for name, (force, ratio) in PLACES.items():
-        lanes = [Lane(own, hold(approach, force, ratio, SETTLE, float(phase))) for phase in phases]
+        lanes = [
+            Lane(own, hold(approach, force, ratio, SETTLING_PERIODS, float(phase)))
+            for phase in phases
+        ]
         found = settings.each(f"{LABEL}: {name}", lanes, _window)
         result[name] = {
             "force_n": force,
@@ -123,7 +135,7 @@ def _stationary(settings: PaperSettings, size: Size) -> Json:
         }
         for method in (Exact(), Moreau()):
             result[name][f"rhythm {type(method).__name__}"] = settings.each(
-                f"{LABEL}: impacts", lanes, partial(rhythm, method=method), method
+                f"{LABEL}: impacts", lanes, partial(measure_rhythm, method=method), method
             )
     return result
 
@@ -138,7 +150,7 @@ def _basin(settings: PaperSettings, size: Size) -> Json:
 
     The first mode begins anywhere within the ellipse of its own resonance without absorber, the absorber anywhere in its cavity at the tip's speed.
     """
-    own = scene()
+    own = make_scene()
     number = size.starts
     omega = own.model.resonance_omega(1)
     generator = np.random.default_rng([settings.seed, 29])
@@ -157,7 +169,9 @@ def _basin(settings: PaperSettings, size: Size) -> Json:
         )
         tip = float(own.model.tip_shape @ q)
         speed = float(own.model.tip_shape @ v)
-        drive = Drive(FORCES["medium"], constant_frequency(omega, 1.0, SETTLE), float(phase))
+        drive = Drive(
+            FORCES["medium"], constant_frequency(omega, 1.0, SETTLING_PERIODS), float(phase)
+        )
         state = InitialState(q, v, tip + GAP * float(place), speed)
         lanes.append(Lane(own, drive, initial=state))
     kinds = settings.each(f"{LABEL}: basin", lanes, _kind_from)
@@ -166,13 +180,18 @@ def _basin(settings: PaperSettings, size: Size) -> Json:
 
 def _exponents(settings: PaperSettings, size: Size) -> Json:
     """Return the largest Lyapunov exponent at each of the places, from the paper's own phase."""
-    own = scene()
+    own = make_scene()
     approach = Approach(own.model.resonance_omega(1), 1.0)
-    lanes = [Lane(own, hold(approach, force, ratio, SETTLE)) for force, ratio in PLACES.values()]
+    lanes = [
+        Lane(own, hold(approach, force, ratio, SETTLING_PERIODS))
+        for force, ratio in PLACES.values()
+    ]
     return dict(
         zip(
             PLACES,
-            settings.each(f"{LABEL}: exponents", lanes, partial(chaos, periods=size.periods)),
+            settings.each(
+                f"{LABEL}: exponents", lanes, partial(compute_exponent, periods=size.periods)
+            ),
             strict=True,
         )
     )
@@ -181,7 +200,8 @@ def _exponents(settings: PaperSettings, size: Size) -> Json:
 def _levels(settings: PaperSettings, size: Size) -> Json:
     """Return levels over the force, relative to no absorber."""
     cases = [
-        CurveCase(each, np.array(size.forces)) for each in (scene(), Scene(scene().model, None))
+        CurveCase(each, np.array(size.forces))
+        for each in (make_scene(), Scene(make_scene().model, None))
     ]
     curve, reference = settings.curves(f"{LABEL}: levels", cases, size.members)
     return {"force_n": list(size.forces), "relative": curve.relative_to(reference).tolist()}
@@ -189,7 +209,8 @@ def _levels(settings: PaperSettings, size: Size) -> Json:
 
 def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     groups: dict[str, Any] = {
-        name: partial(responses, scene(), force, LOW, FAR) for name, force in FORCES.items()
+        name: partial(compute_responses, make_scene(), force, LOW, FAR)
+        for name, force in FORCES.items()
     }
     groups |= {
         "isolas": _levels_of_isolas,
@@ -200,7 +221,7 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
         "exponents": partial(_exponents, settings, size),
         "basin": partial(_basin, settings, size),
     }
-    return in_turn(groups, known)
+    return measure_groups(groups, known)
 
 
 def _words(values: Json) -> str:
@@ -226,8 +247,8 @@ def _words(values: Json) -> str:
             f"{kind} {found['kinds'].count(kind)}" for kind in dict.fromkeys(found["kinds"])
         )
         exact, stepped = (np.array(found[f"rhythm {method}"]).T for method in ("Exact", "Moreau"))
-        counts = [between(values, "{:.2f}") for values in (*exact, stepped[0], found["depth"])]
-        exponent = interval(*values["exponents"][name], form="{:.3f}")
+        counts = [format_range(values, "{:.2f}") for values in (*exact, stepped[0], found["depth"])]
+        exponent = format_interval(*values["exponents"][name], form="{:.3f}")
         rows.append(
             (name, f"{found['force_n']:g}", f"{found['omega_ratio']:g}", kinds, *counts, exponent)
         )
@@ -268,10 +289,10 @@ NAMED = {  # the paper's names of the curves, and where they stand: frequency ra
 
 def _draw(values: Json) -> Figure:
     """Draw the largest tip displacement over the frequency for both forces."""
-    figure, axes = panels(1, 2, 3.6, "")
+    figure, axes = make_panels(1, 2, 3.6, "")
     for own, name in zip(axes.flat, FORCES, strict=True):
         part = values[name]
-        draw(own, part)
+        draw_responses(own, part)
         own.set(
             xlim=(LOW, HIGH),
             ylim=(0, 1.25 * MM * max(curve["peak"][1] for curve in part["balance"])),
@@ -283,14 +304,14 @@ def _draw(values: Json) -> Figure:
             own.text(ratio, height, f"({letter})", ha="center", va="center", fontsize=7.5)
     axes[0, 0].set_ylabel("largest tip displacement in mm")
     inset = axes[0, 1].inset_axes((0.75, 0.52, 0.24, 0.44))
-    draw(inset, values["high"])
+    draw_responses(inset, values["high"])
     inset.set(xlim=(1.02, 1.19), ylim=(0, 1.2), xticks=(1.05, 1.1, 1.15), yticks=(0.5, 1.0))
     inset.tick_params(labelsize=6)
-    legend_below(figure, axes, 3)
+    draw_legend_below(figure, axes, 3)
     return figure
 
 
-said = partial(claim, LABEL)
+said = partial(make_claim, LABEL)
 
 
 def _claims(values: Json) -> list[Claim]:
@@ -298,8 +319,12 @@ def _claims(values: Json) -> list[Claim]:
     relative = np.array(values["levels"]["relative"])
     best = np.array(values["levels"]["force_n"])[np.argmin(relative, axis=0)]
     return [
-        *_linear(values), *_branches(values), *_regimes(values), _method(values), said("near the optimum", best, least=relative.min(axis=0)),
-    ]  # fmt: skip
+        *_linear(values),
+        *_branches(values),
+        *_regimes(values),
+        _method(values),
+        said("near the optimum", best, least=relative.min(axis=0)),
+    ]
 
 
 def _interpolated(part: Json, name: str, ratio: Any) -> Any:
@@ -369,7 +394,7 @@ def _branches(values: Json) -> list[Claim]:
         for kind in ("birth", "merger")
     )
     thresholds = (
-        f"born at {between(births, '{:.3f}')} N, merged at {between(mergers, '{:.3f}')} N"
+        f"born at {format_range(births, '{:.3f}')} N, merged at {format_range(mergers, '{:.3f}')} N"
         if mergers and births
         else "no threshold"
     )
@@ -420,16 +445,42 @@ def _regimes(values: Json) -> list[Claim]:
     modulated = float(np.mean([kind == Kind.MODULATED.value for kind in at["kinds"]]))
     wilson = binomtest(basin.get(Kind.MODULATED.value, 0), runs).proportion_ci(method="wilson")
     return [
-        said("low at resonance", float(np.median([y for y, _ in here])) / float(_interpolated(medium, "alone", 1.0))),
-        said("unstable at resonance", unstable == len(here) and modulated >= OFTEN, unstable=unstable, orbits=len(here), modulated=modulated,
-             depth=at["depth"]),
+        said(
+            "low at resonance",
+            float(np.median([y for y, _ in here])) / float(_interpolated(medium, "alone", 1.0)),
+        ),
+        said(
+            "unstable at resonance",
+            unstable == len(here) and modulated >= OFTEN,
+            unstable=unstable,
+            orbits=len(here),
+            modulated=modulated,
+            depth=at["depth"],
+        ),
         said("sustained", visits),
-        said("two impacts", impacts, steps=np.array(top["rhythm Moreau"])[:, 0], stable=stable, slow=slow),
+        said(
+            "two impacts",
+            impacts,
+            steps=np.array(top["rhythm Moreau"])[:, 0],
+            stable=stable,
+            slow=slow,
+        ),
         said("weakly modulated", top["depth"], depth=at["depth"]),
-        said("chaotic", judged(exponent[1], exponent[2], 0.0, INFINITY), exponent=exponent),
-        said("lower frequency", judged(min(peaks), max(peaks), 0.0, 0.999), medium=peaks[0], high=peaks[1], stuck=medium["stuck_peak"]),
-        said("basin", chance(wilson.low, wilson.high), kinds=", ".join(f"{kind} {count}" for kind, count in basin.items()), runs=runs),
-    ]  # fmt: skip
+        said("chaotic", judge_interval(exponent[1], exponent[2], 0.0, INFINITY), exponent=exponent),
+        said(
+            "lower frequency",
+            judge_interval(min(peaks), max(peaks), 0.0, 0.999),
+            medium=peaks[0],
+            high=peaks[1],
+            stuck=medium["stuck_peak"],
+        ),
+        said(
+            "basin",
+            judge_share(wilson.low, wilson.high),
+            kinds=", ".join(f"{kind} {count}" for kind, count in basin.items()),
+            runs=runs,
+        ),
+    ]
 
 
 def _method(values: Json) -> Claim:
@@ -464,9 +515,26 @@ def _method(values: Json) -> Claim:
 
 
 FIGURE = PaperFigure(
-    LABEL, "frequency responses at a medium and a high force", measure=_measure, words=_words, draw=_draw, claims=_claims,
+    LABEL,
+    "frequency responses at a medium and a high force",
+    measure=_measure,
+    words=_words,
+    draw=_draw,
+    claims=_claims,
     sizes=(  # harmonics; forces over which the best is looked for; periods of a Lyapunov exponent; runs from random states
-        Size(harmonics=(HARMONICS, 40), forces=np.geomspace(0.9, 4.0, 12).round(3).tolist(), members=16, periods=2000, starts=200),
-        Size(harmonics=(HARMONICS,), forces=np.geomspace(0.9, 4.0, 4).round(3).tolist(), members=2, periods=200, starts=4),
+        Size(
+            harmonics=(HARMONICS, 40),
+            forces=np.geomspace(0.9, 4.0, 12).round(3).tolist(),
+            members=16,
+            periods=2000,
+            starts=200,
+        ),
+        Size(
+            harmonics=(HARMONICS,),
+            forces=np.geomspace(0.9, 4.0, 4).round(3).tolist(),
+            members=2,
+            periods=200,
+            starts=4,
+        ),
     ),
-)  # fmt: skip
+)

@@ -34,31 +34,31 @@ from impact_env.periodic.residence import (
 from impact_env.response import DEFAULT_SAMPLES, Record
 from optimisation.page import markdown
 from optimisation.progress import sweeps_bar
-from studies.paper.branches import draw, responses
+from studies.paper.branches import compute_responses, draw_responses
 from studies.paper.claim import (
     INFINITY,
     MUCH,
     Claim,
-    bands,
-    chance,
-    claim,
-    interval,
-    judged,
-    middle,
-    spread,
+    compute_band,
+    compute_bands,
+    format_interval,
+    format_spread,
+    judge_interval,
+    judge_share,
+    make_claim,
 )
-from studies.paper.curve import level_in
+from studies.paper.curve import compute_level_value
 from studies.paper.frame import (
-    LOOKS,
     MM,
-    Look,
+    STYLES,
+    LineStyle,
     PaperFigure,
     PaperSettings,
     Size,
-    in_turn,
-    legend_below,
-    legends,
-    panels,
+    draw_legend_below,
+    draw_legends,
+    make_panels,
+    measure_groups,
 )
 from studies.study import Json, Steps, not_none
 
@@ -108,12 +108,12 @@ BURN_IN = 100.0  # pseudo periods of a stay that are left out of its rate
 PAPER_PERIODS = 100.0  # pseudo periods per 1 % of the sweeps for a level
 
 
-def scene() -> Scene:
+def make_scene() -> Scene:
     """Return the paper's beam and absorber of this figure."""
     return beam_scene(Beam(modes=MODES), impact_absorber(friction_limit=FRICTION))
 
 
-def followed(lane: Lane, method: Method) -> tuple[list[float], float, float]:
+def follow_sweep(lane: Lane, method: Method) -> tuple[list[float], float, float]:
     """Return the largest |q_tip| in m between `EDGES`, the median of the periods' largest on the high branch, and the largest at resonance."""
     schedule: FrequencySchedule = lane.drive.schedule
     history = simulate(
@@ -132,27 +132,32 @@ def followed(lane: Lane, method: Method) -> tuple[list[float], float, float]:
 
 def _sweeps(settings: PaperSettings, size: Size) -> Json:
     """Return for each of `SWEEPS` the paper's own run, the band of all members, and where they are on the branch and at resonance."""
-    own = scene()
+    own = make_scene()
     result = {}
     members = draw_members(size.sweeps, settings.seed)
     for name, (force, slowness, start, stop, method) in SWEEPS.items():
         schedule = linear_sweep(own.model.resonance_omega(1), start, stop, 100 / slowness)
         lanes = [Lane(own, drive) for drive in members.drives(force, schedule)]
         binned, branch, resonance = zip(
-            *settings.each(f"{LABEL}: {name}", lanes, partial(followed, method=method), method),
+            *settings.each(f"{LABEL}: {name}", lanes, partial(follow_sweep, method=method), method),
             strict=True,
         )
-        low, _, high = bands(np.array(binned).T).tolist()
+        low, _, high = compute_bands(np.array(binned).T).tolist()
         result[name] = {
-            "force_n": force, "periods_per_percent": slowness, "nominal_m": binned[0], "low_m": low, "high_m": high,
-            "on_branch_m": branch, "at_resonance_m": resonance,
-        }  # fmt: skip
+            "force_n": force,
+            "periods_per_percent": slowness,
+            "nominal_m": binned[0],
+            "low_m": low,
+            "high_m": high,
+            "on_branch_m": branch,
+            "at_resonance_m": resonance,
+        }
     return result
 
 
 def _rates(settings: PaperSettings, size: Size) -> list[Json]:
     """Return exits and time at risk at constant frequencies."""
-    own = scene()
+    own = make_scene()
     rows = []
     to = Json(threads=settings.threads, executor=settings.executor)
     phases = draw_members(size.stays, settings.seed, "phase").phases.tolist()
@@ -175,7 +180,7 @@ def _rates(settings: PaperSettings, size: Size) -> list[Json]:
 
 def _jumps(settings: PaperSettings, size: Size, name: str) -> list[Json]:
     """Return at each slowness how many sweeps reach the high branch, by one of the `METHODS`, and how many stayed in impact all the way."""
-    own = scene()
+    own = make_scene()
     rows = []
     to = Json(threads=settings.threads, executor=settings.executor)
     phases = draw_members(
@@ -212,7 +217,7 @@ def _jumps(settings: PaperSettings, size: Size, name: str) -> list[Json]:
     return rows
 
 
-def drifted(lane: Lane, method: Method) -> tuple[float, int]:
+def measure_drift(lane: Lane, method: Method) -> tuple[float, int]:
     """Return how far the absorber's mean place wanders in a sweep, in m, and the number of impacts.
 
     Without impacts the friction of whole periods should leave the place where it is.
@@ -228,7 +233,7 @@ def drifted(lane: Lane, method: Method) -> tuple[float, int]:
 
 def _drift(settings: PaperSettings, size: Size) -> Json:
     """Return drift (m) and impacts of all members, by each of the `METHODS`."""
-    own, (start, stop, rate), result = scene(), DRIFT, {}
+    own, (start, stop, rate), result = make_scene(), DRIFT, {}
     phases = draw_members(size.sweeps, settings.seed, "phase")
     lanes = [
         Lane(own, drive)
@@ -239,7 +244,7 @@ def _drift(settings: PaperSettings, size: Size) -> Json:
     for name, method in METHODS.items():
         drift, impacts = zip(
             *settings.each(
-                f"{LABEL}: drift, {name}", lanes, partial(drifted, method=method), method
+                f"{LABEL}: drift, {name}", lanes, partial(measure_drift, method=method), method
             ),
             strict=True,
         )
@@ -249,7 +254,7 @@ def _drift(settings: PaperSettings, size: Size) -> Json:
 
 def _levels(settings: PaperSettings, size: Size) -> list[Json]:
     """Return response levels of sweeps down over their slowness."""
-    own = scene()
+    own = make_scene()
     rows = []
     members = draw_members(size.sweeps, settings.seed)
     for slowness in size.fast:
@@ -258,7 +263,7 @@ def _levels(settings: PaperSettings, size: Size) -> list[Json]:
         rows.append(
             {
                 "periods_per_percent": slowness,
-                "level_m": settings.each(f"{LABEL}: levels", lanes, level_in),
+                "level_m": settings.each(f"{LABEL}: levels", lanes, compute_level_value),
             }
         )
     return rows
@@ -266,11 +271,12 @@ def _levels(settings: PaperSettings, size: Size) -> list[Json]:
 
 def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     groups: dict[str, Callable[[], Any]] = {
-        name: partial(responses, scene(), force, LOW, HIGH) for name, force in FORCES.items()
+        name: partial(compute_responses, make_scene(), force, LOW, HIGH)
+        for name, force in FORCES.items()
     }
     groups |= {"sweeps": partial(_sweeps, settings, size), "rates": partial(_rates, settings, size)}
     groups |= {f"jumps, {name}": partial(_jumps, settings, size, name) for name in METHODS}
-    return in_turn(
+    return measure_groups(
         {
             **groups,
             "drift": partial(_drift, settings, size),
@@ -299,7 +305,7 @@ def hazard_of(values: Json) -> Hazard | None:
 
 
 def _share(row: Json) -> str:
-    return interval(row["share"], row["low"], row["high"])
+    return format_interval(row["share"], row["low"], row["high"])
 
 
 def _words(values: Json) -> str:
@@ -312,8 +318,8 @@ def _words(values: Json) -> str:
         blocks.append(
             f"Integral of the rate of leaving from {found.first:g} to {found.last:g}, at {len(values['rates'])} frequencies: P(jump) = A exp(-N/"
             f"{inverses[0]}) (95 %: {inverses[1]} to {inverses[2]}) for N pseudo periods per 1 %, A = "
-            f"{interval(found.factor, found.factor_low, found.factor_high)} from the exact sweeps. The same case with more frequencies and runs: "
-            "[regimes](regimes.md)."
+            f"{format_interval(found.factor, found.factor_low, found.factor_high)} from the exact sweeps. "
+            "The same case with more frequencies and runs: [regimes](regimes.md)."
         )
     by = {
         name: {row["periods_per_percent"]: row for row in values[f"jumps, {name}"]}
@@ -321,7 +327,7 @@ def _words(values: Json) -> str:
     }
     lines = []
     for n in by[EVERY]:
-        told = "" if found is None else interval(*found.probability(n))
+        told = "" if found is None else format_interval(*found.probability(n))
         shares = [
             f"{rows[n]['reached']} of {rows[n]['runs']}: {_share(rows[n])}" if n in rows else ""
             for rows in by.values()
@@ -333,11 +339,11 @@ def _words(values: Json) -> str:
     }
     names = ", ".join("{} {} and {} of {}".format(name, *counts) for name, counts in sums.items())
     drifts = ", ".join(
-        f"{name} {spread(one['drift_m'], '{:.3f}', 1e3)} mm"
+        f"{name} {format_spread(one['drift_m'], '{:.3f}', 1e3)} mm"
         for name, one in values["drift"].items()
     )
     levels = [
-        (f"{row['periods_per_percent']:g}", spread(row["level_m"], "{:.2f}", 1e3))
+        (f"{row['periods_per_percent']:g}", format_spread(row["level_m"], "{:.2f}", 1e3))
         for row in values["levels"]
     ]
     blocks += [
@@ -351,26 +357,26 @@ def _words(values: Json) -> str:
 
 
 SHOWN: dict[
-    str, dict[str, tuple[Look, str]]
+    str, dict[str, tuple[LineStyle, str]]
 ] = {  # of the panels above: sweeps with their looks and words
     "medium": {
-        "down": (LOOKS[2], "down, 725 periods a percent"),
-        "down, half the rate": (LOOKS[4], "down, 1450"),
-        "down, paper's step": (LOOKS[3], "down, 725, paper's step"),
+        "down": (STYLES[2], "down, 725 periods a percent"),
+        "down, half the rate": (STYLES[4], "down, 1450"),
+        "down, paper's step": (STYLES[3], "down, 725, paper's step"),
     },
     "high": {
-        "high force, down": (LOOKS[2], "down, 725 periods a percent"),
-        "high force, up": (LOOKS[5], "up, 725"),
+        "high force, down": (STYLES[2], "down, 725 periods a percent"),
+        "high force, up": (STYLES[5], "up, 725"),
     },
 }
 
 
 def _draw(values: Json) -> Figure:
     """Draw the sweeps over the periodic responses, rates of leaving, and the share of sweeps that jump over their slowness."""
-    figure, axes = panels(2, 2, 6.6)
+    figure, axes = make_panels(2, 2, 6.6)
     middles = 0.5 * (EDGES[1:] + EDGES[:-1])
     for own, (name, sweeps) in zip(axes[0], SHOWN.items(), strict=True):
-        draw(own, values[name])
+        draw_responses(own, values[name])
         for sweep, (look, label) in sweeps.items():
             low, high, nominal = (
                 MM * np.array(values["sweeps"][sweep][key])
@@ -386,8 +392,8 @@ def _draw(values: Json) -> Figure:
     axes[0, 0].set_ylabel("largest tip displacement in mm")
     _draw_rates(axes[1, 0], values["rates"])
     _shares(axes[1, 1], values)
-    legend_below(figure, axes[0], 3)
-    legends(axes[1])
+    draw_legend_below(figure, axes[0], 3)
+    draw_legends(axes[1])
     return figure
 
 
@@ -398,7 +404,7 @@ def _draw_rates(axes: Axes, rates: Sequence[Json]) -> None:
         if row["rate"] is not None
     ]
     x, y, low, high = np.array(rows).T
-    look: Json = {"fmt": "o", "ms": 3, "lw": 0.9, "color": LOOKS[0].colour}
+    look: Json = {"fmt": "o", "ms": 3, "lw": 0.9, "color": STYLES[0].colour}
     axes.errorbar(
         x,
         1e4 * y,
@@ -421,7 +427,7 @@ def _shares(axes: Axes, values: Json) -> None:
         told = np.array([found.probability(float(each)) for each in n]).T
         axes.plot(n, told[0], color="black", lw=0.9, label="from the rates, times A")
         axes.fill_between(n, told[1], told[2], color="0.8", lw=0)
-    for k, (name, look) in enumerate(zip(METHODS, LOOKS, strict=False)):
+    for k, (name, look) in enumerate(zip(METHODS, STYLES, strict=False)):
         rows = [
             [row[column] for column in ("periods_per_percent", "share", "low", "high")]
             for row in values[f"jumps, {name}"]
@@ -446,7 +452,7 @@ def _shares(axes: Axes, values: Json) -> None:
     )
 
 
-said = partial(claim, LABEL)
+said = partial(make_claim, LABEL)
 
 
 def _jump_claims(values: Json) -> list[Claim]:
@@ -474,20 +480,42 @@ def _jump_claims(values: Json) -> list[Claim]:
         sum(row["reached"] - row["stayed"] for row in rows.values()) for rows in (step, exact)
     )
     drift = [
-        spread(values["drift"][name]["drift_m"], "{:.3f}", 1e3)
+        format_spread(values["drift"][name]["drift_m"], "{:.3f}", 1e3)
         for name in ("paper's step", "ten times finer", "exact")
     ]
     dropped = ", ".join(
         f"{1 - row['share']:.2f} at {row['periods_per_percent']:g}" for row in (first, last)
     )
     return [
-        said("jump", chance(*pair), exact=both, step=coarse, pair=pair, cells=cells, own=own, finer=some, back=back, none=none, drift=drift,
-             runs=sum(row["runs"] for row in step.values())),
-        said("slower jumps less", judged(slow["low"], slow["high"], 0.0, fast["low"]), slow=_share(slow), fast=_share(fast)),
+        said(
+            "jump",
+            judge_share(*pair),
+            exact=both,
+            step=coarse,
+            pair=pair,
+            cells=cells,
+            own=own,
+            finer=some,
+            back=back,
+            none=none,
+            drift=drift,
+            runs=sum(row["runs"] for row in step.values()),
+        ),
+        said(
+            "slower jumps less",
+            judge_interval(slow["low"], slow["high"], 0.0, fast["low"]),
+            slow=_share(slow),
+            fast=_share(fast),
+        ),
         said("slow sweeps find the sliding response", first["low"] > last["high"], dropped=dropped),
-        said("conservative rate", judged(first["low"], first["high"], fast["high"], 1.0), first=_share(first), at=first["periods_per_percent"],
-             fast=_share(fast)),
-    ]  # fmt: skip
+        said(
+            "conservative rate",
+            judge_interval(first["low"], first["high"], fast["high"], 1.0),
+            first=_share(first),
+            at=first["periods_per_percent"],
+            fast=_share(fast),
+        ),
+    ]
 
 
 def _claims(values: Json) -> list[Claim]:
@@ -514,7 +542,7 @@ def _claims(values: Json) -> list[Claim]:
     middles = [float(np.median(row["level_m"])) for row in rows]
     slowness = [row["periods_per_percent"] for row in rows]
     shown = ", ".join(
-        f"{n:g}: {spread(row['level_m'], '{:.2f}', 1e3)}"
+        f"{n:g}: {format_spread(row['level_m'], '{:.2f}', 1e3)}"
         for n, row in zip(slowness, rows, strict=True)
     )
     over = np.array(rows[0]["level_m"]) / min(middles[1:])
@@ -523,7 +551,7 @@ def _claims(values: Json) -> list[Claim]:
         *_jump_claims(values),
         said(
             "modulation beyond sliding",
-            judged(stay, stay, PAPER_PERIODS, INFINITY),
+            judge_interval(stay, stay, PAPER_PERIODS, INFINITY),
             stay=stay,
             begin=begin,
             end=end,
@@ -538,8 +566,14 @@ def _sweep_claims(values: Json) -> list[Claim]:
     medium = values["medium"]
     alone = float(np.max(medium["linear"]["alone"]))
     smr = np.array(sweeps["down"]["at_resonance_m"])
-    points = {name: [pair for curve in values[name]["exact"] for pair in zip(curve["omega_ratio"], curve["tip_max"], strict=True)] for name in
-              ("medium", "high")}  # fmt: skip
+    points = {
+        name: [
+            pair
+            for curve in values[name]["exact"]
+            for pair in zip(curve["omega_ratio"], curve["tip_max"], strict=True)
+        ]
+        for name in ("medium", "high")
+    }
     orbit = max(y for x, y in points["medium"] if y and 0.995 < x < 1.005)
     branch = float(
         np.median([y for x, y in points["high"] if y and 0.935 < x < 0.945 and y > 1e-3])
@@ -554,14 +588,14 @@ def _sweep_claims(values: Json) -> list[Claim]:
         said("sweeps follow branches", down / branch),
         said(
             "modulated maxima",
-            judged(*middle(smr), orbit, MUCH * alone),
+            judge_interval(*compute_band(smr), orbit, MUCH * alone),
             value=1e3 * smr,
             orbit=1e3 * orbit,
             alone=1e3 * alone,
         ),
         said(
             "high force reaches it",
-            judged(least, least, HIGH_BRANCH, 10e-3),
+            judge_interval(least, least, HIGH_BRANCH, 10e-3),
             down=1e3 * low["down"],
             up=1e3 * low["up"],
         ),
@@ -570,14 +604,32 @@ def _sweep_claims(values: Json) -> list[Claim]:
 
 
 FIGURE = PaperFigure(
-    LABEL, "sweeps through resonance, and the jump", measure=_measure, words=_words, draw=_draw, claims=_claims,
+    LABEL,
+    "sweeps through resonance, and the jump",
+    measure=_measure,
+    words=_words,
+    draw=_draw,
+    claims=_claims,
     sizes=(  # members of sweeps, of jumps, with ten times finer steps, and of stays, whose periods; numbers of ratios; slownesses of jumps, of levels
         Size(
-            sweeps=16, jumps=200, finer=100, stays=100, periods=6000.0, ratios=17, slownesses=(100.0, 300.0, RATE, 2 * RATE, 4 * RATE),
+            sweeps=16,
+            jumps=200,
+            finer=100,
+            stays=100,
+            periods=6000.0,
+            ratios=17,
+            slownesses=(100.0, 300.0, RATE, 2 * RATE, 4 * RATE),
             fast=(1.0, 5.0, 20.0, 100.0, 300.0, RATE, 2 * RATE),
         ),
         Size(
-            sweeps=4, jumps=40, finer=12, stays=24, periods=1500.0, ratios=9, slownesses=(100.0, RATE, 2 * RATE), fast=(1.0, 20.0, 100.0, 2 * RATE),
+            sweeps=4,
+            jumps=40,
+            finer=12,
+            stays=24,
+            periods=1500.0,
+            ratios=9,
+            slownesses=(100.0, RATE, 2 * RATE),
+            fast=(1.0, 20.0, 100.0, 2 * RATE),
         ),
     ),
-)  # fmt: skip
+)

@@ -26,32 +26,32 @@ from optimisation.comparison import (
 from optimisation.page import markdown
 from optimisation.progress import sweeps_bar
 from optimisation.report.design_figures import ORDINALS
-from studies.paper.claim import MUCH, Claim, claim, spread
+from studies.paper.claim import MUCH, Claim, format_spread, make_claim
 from studies.paper.curve import (
-    Curve,
-    best_forces,
-    curve_of,
-    curves,
+    LevelCurve,
+    compute_curves,
     draw_curve,
-    force_grid,
-    inset_of,
-    level_axes,
-    plain_curve,
+    draw_inset,
+    find_best_forces,
+    make_force_grid,
+    read_curve,
+    set_level_axes,
+    to_plain_curve,
 )
 from studies.paper.frame import (
-    LOOKS,
     MM,
     REFERENCE,
-    Look,
+    STYLES,
+    LineStyle,
     PaperFigure,
     PaperSettings,
     Size,
-    in_turn,
-    line,
-    panels,
-    shortened,
+    draw_line,
+    make_panels,
+    measure_groups,
+    shorten_table,
 )
-from studies.study import Array, Json, Steps, Table
+from studies.study import Array, CsvTable, Json, Steps
 
 LABEL = "m12"
 PAPERS_BEST = {1: 3.5, 2: 35.0}  # N, by resonance
@@ -67,23 +67,28 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     )
     groups["friction"] = partial(_limits, settings, size)
     groups |= {f"around {r}": partial(_around, settings, r, size) for r in RESONANCES}
-    return in_turn(groups, known)
+    return measure_groups(groups, known)
 
 
 def _resonance(settings: PaperSettings, resonance: int, size: Size) -> Json:
     """Return the main study's curves near a resonance, the limit, and single runs at the paper's step."""
     with sweeps_bar(f"{LABEL}, resonance {resonance}", leave=False) as show:
         found = compare(
-            resonances=(resonance,), forces=size.forces, members=size.members, seed=settings.seed,
-            threads=settings.threads, progress=show, executor=settings.executor,
-        )  # fmt: skip
+            resonances=(resonance,),
+            forces=size.forces,
+            members=size.members,
+            seed=settings.seed,
+            threads=settings.threads,
+            progress=show,
+            executor=settings.executor,
+        )
     if not found.complete:
         raise KeyboardInterrupt
     (part,) = found.resonances
     dense = np.geomspace(part.forces[0], part.forces[-1], 120)
     forces = tuple(part.forces.tolist())
     return {
-        "curves": {key: plain_curve(curve) for key, curve in part.curves.items()},
+        "curves": {key: to_plain_curve(curve) for key, curve in part.curves.items()},
         "design_force": part.design_force,
         "gap": part.gap,
         "limit": {"force": dense.tolist(), "level": part.limit_at(dense).tolist()},
@@ -109,7 +114,7 @@ def _near(
     found = settings.curves(
         f"{LABEL}, resonance {resonance}", list(cases.values()), members, method
     )
-    return {key: plain_curve(curve) for key, curve in zip(cases, found, strict=True)}
+    return {key: to_plain_curve(curve) for key, curve in zip(cases, found, strict=True)}
 
 
 def _around(settings: PaperSettings, resonance: int, size: Size) -> Json:
@@ -125,19 +130,21 @@ def _around(settings: PaperSettings, resonance: int, size: Size) -> Json:
 def _limits(settings: PaperSettings, size: Size) -> Json:
     """Return friction limits in N, and the members' levels in m of the damper with each of them at the paper's best force."""
     scenes = {f"{limit:g}": beam_scene(Beam(), friction_damper(limit)) for limit in size.limits}
-    found = curves(settings, f"{LABEL}, friction limits", scenes, (PAPERS_BEST[1],), size.members)
+    found = compute_curves(
+        settings, f"{LABEL}, friction limits", scenes, (PAPERS_BEST[1],), size.members
+    )
     return {
         "limit": list(size.limits),
-        "level": [curve_of(found[name]).level[0].tolist() for name in scenes],
+        "level": [read_curve(found[name]).level[0].tolist() for name in scenes],
     }
 
 
-def read(part: Json) -> dict[str, Curve]:
+def read_curves(part: Json) -> dict[str, LevelCurve]:
     """Return the curves of a resonance, or of the low forces, by the concepts' keys."""
-    return {key: curve_of(plain) for key, plain in part.get("curves", part).items()}
+    return {key: read_curve(plain) for key, plain in part.get("curves", part).items()}
 
 
-def span(forces: Array, inside: NDArray[np.bool_]) -> float:
+def compute_longest_span(forces: Array, inside: NDArray[np.bool_]) -> float:
     """Return the ratio of the ends of the longest unbroken range of forces (F,) that are ``inside``; 1 if there are none."""
     at = np.flatnonzero(inside)
     return max(
@@ -153,10 +160,10 @@ def span(forces: Array, inside: NDArray[np.bool_]) -> float:
 def _words(values: Json) -> str:
     rows = []
     names = [f"resonance {r}" for r in RESONANCES]
-    low = read(values["low"])
+    low = read_curves(values["low"])
     labels = {concept.key: concept.label for concept in concepts(modal_model(Beam()))}
     for resonance, name in zip(RESONANCES, names, strict=True):
-        found = read(values[name])
+        found = read_curves(values[name])
         none = found[NONE]
         for key in (
             key
@@ -174,16 +181,16 @@ def _words(values: Json) -> str:
                 k = low[key].best(low[NONE])
                 force = low[NONE].forces[k]
                 there = low[key].relative(low[NONE])[k]
-            at = spread(relative[none.nearest(PAPERS_BEST[resonance])], "{:.3f}")
+            at = format_spread(relative[none.nearest(PAPERS_BEST[resonance])], "{:.3f}")
             rows.append(
                 (
                     f"{resonance}: {labels[key]}",
                     "any" if linear else f"{force:.3g}",
-                    spread(there, "{:.3f}"),
+                    format_spread(there, "{:.3f}"),
                     at,
                 )
             )
-    none = read(values[names[0]])[NONE]
+    none = read_curves(values[names[0]])[NONE]
     limits = ", ".join(f"{values[name]['design_force']:.3g} N" for name in names)
     blocks = [
         f"Ten modes, {none.level.shape[1]} members, {len(none.forces)} forces a resonance. The limit leaves zero at {limits}.",
@@ -192,21 +199,21 @@ def _words(values: Json) -> str:
             rows,
         ),
         _beside_limit(values, names),
-        shortened(_limits_table(values)),
+        shorten_table(_limits_table(values)),
     ]
     return "\n\n".join(blocks)
 
 
-def _limits_table(values: Json) -> Table:
+def _limits_table(values: Json) -> CsvTable:
     """Return a row for each friction limit tried."""
     tried = values["friction"]
-    none = read(values["resonance 1"])[NONE]
+    none = read_curves(values["resonance 1"])[NONE]
     alone = float(np.interp(PAPERS_BEST[1], none.forces, none.median))
     lines = [
-        (f"{x:.3g}", spread(np.array(row) / alone, "{:.3f}"))
+        (f"{x:.3g}", format_spread(np.array(row) / alone, "{:.3f}"))
         for x, row in zip(tried["limit"], tried["level"], strict=True)
     ]
-    return Table(
+    return CsvTable(
         f"{LABEL}_limits",
         (f"friction limit of the damper at {PAPERS_BEST[1]:g} N, N", "level over no absorber"),
         lines,
@@ -217,7 +224,7 @@ def _beside_limit(values: Json, names: list[str]) -> str:
     words = []
     model = modal_model(Beam())
     for resonance, name in zip(RESONANCES, names, strict=True):
-        own = read(values[name])[IMPACT]
+        own = read_curves(values[name])[IMPACT]
         gap = values[name]["gap"]
         limit = resonance_limit(
             model, DEFAULT_MASS_RATIO * model.beam_mass, gap, own.forces, resonance
@@ -233,9 +240,9 @@ def _beside_limit(values: Json, names: list[str]) -> str:
 
 def _best(part: Json) -> tuple[Array, float]:
     """Return the best forces in N of the members around the paper's, (M,), and that of the single runs at the paper's step."""
-    own, none = (curve_of(part["curves"][key]) for key in (IMPACT, NONE))
-    step = curve_of(part["step"][IMPACT])
-    return best_forces(own, none), float(
+    own, none = (read_curve(part["curves"][key]) for key in (IMPACT, NONE))
+    step = read_curve(part["step"][IMPACT])
+    return find_best_forces(own, none), float(
         step.forces[np.argmin(step.level[:, 0] / none.level[:, 0])]
     )
 
@@ -243,7 +250,7 @@ def _best(part: Json) -> tuple[Array, float]:
 def _first(values: Json) -> list[Claim]:
     part = values["resonance 1"]
     tried = values["friction"]
-    found = read(part)
+    found = read_curves(part)
     none, impact, friction, ltva, tuned = (
         found[key] for key in (NONE, IMPACT, FRICTION, LTVA_PAPER, LTVA_TUNED_WIDE)
     )
@@ -254,7 +261,7 @@ def _first(values: Json) -> list[Claim]:
     level = np.array(tried["level"])
     own = np.array(tried["limit"])[np.argmin(level, axis=0)]
     paper = level[tried["limit"].index(PAPER_LIMIT)] / np.min(level, axis=0)
-    said = partial(claim, LABEL)
+    said = partial(make_claim, LABEL)
     return [
         said("m12_ltva_first", (ltva.level / others)[touched].ravel()),
         said("m12_ltva_tuned", (tuned.level / others)[touched].ravel()),
@@ -270,25 +277,27 @@ def _first(values: Json) -> list[Claim]:
     ]
 
 
-def _much_better(found: dict[str, Curve]) -> float:
+def _much_better(found: dict[str, LevelCurve]) -> float:
     """Return the ratio of the forces between which the absorber has much less than the damper's level."""
     impact = found[IMPACT]
     friction = found[FRICTION]
-    return span(impact.forces, (impact.median < MUCH * friction.median) & (impact.impacting > 0.5))
+    return compute_longest_span(
+        impact.forces, (impact.median < MUCH * friction.median) & (impact.impacting > 0.5)
+    )
 
 
 def _second(values: Json) -> list[Claim]:
     part = values["resonance 2"]
-    found = read(part)
-    low = read(values["low"])
+    found = read_curves(part)
+    low = read_curves(values["low"])
     none = found[NONE]
     best, at_step = _best(values["around 2"])
-    damper = best_forces(low[FRICTION], low[NONE])
+    damper = find_best_forces(low[FRICTION], low[NONE])
     near = none.nearest(PAPERS_BEST[2])
     at = low[NONE].nearest(float(np.median(damper)))
     other = np.minimum(low[IMPACT].level[at], low[LTVA_PAPER].level[at])
     level = found[IMPACT].relative(none)[near]
-    said = partial(claim, LABEL)
+    said = partial(make_claim, LABEL)
     return [
         said(
             "m12_optimum_second",
@@ -301,7 +310,7 @@ def _second(values: Json) -> list[Claim]:
         said("m12_wide_second", [_much_better(found)]),
         said(
             "m12_damper_below_ltva",
-            [span(none.forces, found[FRICTION].median > found[LTVA_PAPER].median)],
+            [compute_longest_span(none.forces, found[FRICTION].median > found[LTVA_PAPER].median)],
         ),
         said("m12_damper_low", damper / np.median(best), force=np.median(damper)),
         said("m12_damper_beats", low[FRICTION].level[at] / other),
@@ -309,12 +318,12 @@ def _second(values: Json) -> list[Claim]:
 
 
 def _both(values: Json) -> list[Claim]:
-    low = read(values["low"])
-    each = [read(values[f"resonance {r}"]) for r in RESONANCES]
+    low = read_curves(values["low"])
+    each = [read_curves(values[f"resonance {r}"]) for r in RESONANCES]
     best = np.concatenate([np.min(found[IMPACT].relative(found[NONE]), axis=0) for found in each])
     first, second = (_best(values[f"around {r}"])[0] for r in RESONANCES)
     at = low[NONE].nearest(PAPERS_BEST[1])
-    said = partial(claim, LABEL)
+    said = partial(make_claim, LABEL)
     return [
         said("m12_both", best),
         said("m12_not_at_once", low[IMPACT].relative(low[NONE])[at], force=low[NONE].forces[at]),
@@ -323,11 +332,14 @@ def _both(values: Json) -> list[Claim]:
 
 
 DRAWN = {
-    FRICTION: (LOOKS[1], "friction damper, 0.5 N"),
-    LTVA_PAPER: (Look(LOOKS[4].colour, LOOKS[4].dashes), "LTVA, the paper's"),
-    LTVA_PAPER_WIDE: (Look(LOOKS[4].colour, ":"), "LTVA, the paper's, wide sweep"),
-    LTVA_TUNED_WIDE: (Look(LOOKS[2].colour, LOOKS[2].dashes), "LTVA, well tuned, wide sweep"),
-    IMPACT: (LOOKS[0], "impact absorber"),
+    FRICTION: (STYLES[1], "friction damper, 0.5 N"),
+    LTVA_PAPER: (LineStyle(STYLES[4].colour, STYLES[4].dashes), "LTVA, the paper's"),
+    LTVA_PAPER_WIDE: (LineStyle(STYLES[4].colour, ":"), "LTVA, the paper's, wide sweep"),
+    LTVA_TUNED_WIDE: (
+        LineStyle(STYLES[2].colour, STYLES[2].dashes),
+        "LTVA, well tuned, wide sweep",
+    ),
+    IMPACT: (STYLES[0], "impact absorber"),
 }
 
 
@@ -336,10 +348,10 @@ DRAWN_TO = {1: 8.0, 2: 80.0}  # N: the largest force drawn at each resonance
 
 def _draw(values: Json) -> Figure:
     """Draw the curves of both resonances, with the damper's own range at the second as an inset."""
-    figure, grid = panels(1, 2, 4.6)
+    figure, grid = make_panels(1, 2, 4.6)
     for axes, resonance in zip(grid[0], RESONANCES, strict=True):
         part = values[f"resonance {resonance}"]
-        _curves(axes, read(part), DRAWN_TO[resonance])
+        _curves(axes, read_curves(part), DRAWN_TO[resonance])
         force = part["limit"]["force"]
         level = np.maximum(MM * np.array(part["limit"]["level"]), 1e-9)
         style: Any = {
@@ -353,7 +365,7 @@ def _draw(values: Json) -> Figure:
             force, 1e-9, level, label="out of reach of any mass in this cavity, stationary", **style
         )
         for key in (IMPACT, FRICTION):
-            own = curve_of(part["step"][key])
+            own = read_curve(part["step"][key])
             axes.plot(
                 own.forces,
                 MM * own.level[:, 0],
@@ -364,8 +376,8 @@ def _draw(values: Json) -> Figure:
                 zorder=4,
             )
         axes.set_title(f"{ORDINALS[resonance]} resonance", fontsize=8.5)
-    low = read(values["low"])
-    inset_of(
+    low = read_curves(values["low"])
+    draw_inset(
         grid[0, 1],
         (0.09, 0.62, 0.38, 0.3),
         low[NONE],
@@ -376,24 +388,38 @@ def _draw(values: Json) -> Figure:
     return figure
 
 
-def _curves(axes: Axes, found: dict[str, Curve], most: float) -> None:
+def _curves(axes: Axes, found: dict[str, LevelCurve], most: float) -> None:
     none = found[NONE]
-    line(axes, none.forces, MM * none.median, REFERENCE, "no absorber", marked=False)
+    draw_line(axes, none.forces, MM * none.median, REFERENCE, "no absorber", marked=False)
     for key, (look, label) in DRAWN.items():
         if key in found:
             draw_curve(axes, found[key], look, label)
     axes.axvline(none.forces[found[IMPACT].best(none)], color="0.55", lw=0.8, ls=":")
-    level_axes(axes, none, most)
+    set_level_axes(axes, none, most)
 
 
 FIGURE = PaperFigure(
-    LABEL, "the comparison of concepts", measure=_measure, words=_words, draw=_draw,
-    claims=lambda values: [*_first(values), *_second(values), *_both(values)], tables=lambda values: (_limits_table(values),),
+    LABEL,
+    "the comparison of concepts",
+    measure=_measure,
+    words=_words,
+    draw=_draw,
+    claims=lambda values: [*_first(values), *_second(values), *_both(values)],
+    tables=lambda values: (_limits_table(values),),
     sizes=(  # number of forces of each resonance, those around the paper's best one over it, the damper's at the second, and friction limits in N
         Size(
-            forces=24, around=np.linspace(0.7, 1.3, 13).round(3).tolist(), members=12, low=force_grid(0.1, 3.5, 12),
-            limits=force_grid(0.2, 1.25, 14, (PAPER_LIMIT,)),
+            forces=24,
+            around=np.linspace(0.7, 1.3, 13).round(3).tolist(),
+            members=12,
+            low=make_force_grid(0.1, 3.5, 12),
+            limits=make_force_grid(0.2, 1.25, 14, (PAPER_LIMIT,)),
         ),
-        Size(forces=8, around=(0.75, 0.85, 0.95, 1.0, 1.05, 1.15, 1.25), members=2, low=force_grid(0.2, 3.5, 4), limits=(0.3, 0.4, 0.5, 0.6, 0.8)),
+        Size(
+            forces=8,
+            around=(0.75, 0.85, 0.95, 1.0, 1.05, 1.15, 1.25),
+            members=2,
+            low=make_force_grid(0.2, 3.5, 4),
+            limits=(0.3, 0.4, 0.5, 0.6, 0.8),
+        ),
     ),
-)  # fmt: skip
+)

@@ -7,17 +7,24 @@ from matplotlib.figure import Figure
 
 from impact_env import Beam, CurveCase, beam_scene, impact_absorber
 from optimisation.page import markdown
-from studies.paper.claim import SAME, Claim, Verdict, bands, claim, interval
+from studies.paper.claim import (
+    SAME,
+    Claim,
+    ClaimVerdict,
+    compute_bands,
+    format_interval,
+    make_claim,
+)
 from studies.paper.frame import (
-    LOOKS,
     NAME,
+    STYLES,
     PaperFigure,
     PaperSettings,
     Size,
-    in_turn,
-    legends,
-    line,
-    panels,
+    draw_legends,
+    draw_line,
+    make_panels,
+    measure_groups,
 )
 from studies.study import Json
 
@@ -43,7 +50,9 @@ def _of_modes(modes: int, settings: PaperSettings, size: Size) -> Json:
     found = {}
     for r, without, curve in zip(OPTIMUM, curves[0::2], curves[1::2], strict=True):
         relative = curve.relative_to(without)
-        edges = dict(zip(("low", "relative", "high"), bands(relative).tolist(), strict=True))
+        edges = dict(
+            zip(("low", "relative", "high"), compute_bands(relative).tolist(), strict=True)
+        )
         found[str(r)] = {
             "forces_n": curve.forces.tolist(),
             **edges,
@@ -55,7 +64,7 @@ def _of_modes(modes: int, settings: PaperSettings, size: Size) -> Json:
 Row = list[float]
 
 
-def read(values: Json) -> dict[tuple[int, int, float], Row]:
+def read_rows(values: Json) -> dict[tuple[int, int, float], Row]:
     """Return median, 5 and 95 % and the nominal run of the relative level, by number of modes, resonance and force in N."""
     return {
         (int(modes), int(resonance), force): row
@@ -69,8 +78,10 @@ def read(values: Json) -> dict[tuple[int, int, float], Row]:
 
 
 def _words(values: Json) -> str:
-    rows = read(values)
-    columns = [(r, force) for r in OPTIMUM for force in forces_of(values, r) if force >= OPTIMUM[r]]
+    rows = read_rows(values)
+    columns = [
+        (r, force) for r in OPTIMUM for force in find_forces(values, r) if force >= OPTIMUM[r]
+    ]
     header = ("modes", *(f"{NAMES[r]}, {force:g} N" for r, force in columns))
     cells = [
         (f"{n}", *(_cell(rows[n, r, force]) for r, force in columns)) for n in map(int, values)
@@ -80,20 +91,24 @@ def _words(values: Json) -> str:
 
 
 def _cell(row: Row) -> str:
-    return interval(*row[:3], form="{:.1f}", factor=100)
+    return format_interval(*row[:3], form="{:.1f}", factor=100)
 
 
 def _claims(values: Json) -> list[Claim]:
     """Judge what ten modes are worth at either resonance by the force at which they are farthest from the most modes that were computed."""
     claims = []
-    rows = read(values)
+    rows = read_rows(values)
     most = max(map(int, values))
     for resonance, name in NAMES.items():
         off = _off(values, PAPER_MODES, resonance)
         force = max(off, key=lambda f: abs(off[f]))
         apart = _apart(rows[PAPER_MODES, resonance, force], rows[most, resonance, force])
         found = (
-            Verdict.HOLDS if abs(off[force]) < SAME else Verdict.NOT if apart else Verdict.SPREAD
+            ClaimVerdict.HOLDS
+            if abs(off[force]) < SAME
+            else ClaimVerdict.NOT
+            if apart
+            else ClaimVerdict.SPREAD
         )
         cells = "; ".join(
             f"{_cell(rows[PAPER_MODES, resonance, f])} with {PAPER_MODES}, {_cell(rows[most, resonance, f])} with {most} at {f:g} N"
@@ -105,7 +120,7 @@ def _claims(values: Json) -> list[Claim]:
             "bands": "are apart" if apart else "overlap",
         }
         claims.append(
-            claim(
+            make_claim(
                 LABEL,
                 f"modes_needed_{name}",
                 found,
@@ -121,11 +136,11 @@ def _claims(values: Json) -> list[Claim]:
 
 def _off(values: Json, modes: int, resonance: int) -> dict[float, float]:
     """Return how far the level is from that with the most modes, by force."""
-    rows = read(values)
+    rows = read_rows(values)
     most = max(map(int, values))
     return {
         force: rows[modes, resonance, force][0] / rows[most, resonance, force][0] - 1
-        for force in forces_of(values, resonance)
+        for force in find_forces(values, resonance)
     }
 
 
@@ -137,7 +152,7 @@ def _apart(one: Row, other: Row) -> bool:
 def _answer(values: Json) -> str:
     """Say in a line from how many modes on all bands overlap those with the most, and how far ten modes are."""
     modes = sorted(map(int, values))
-    rows = read(values)
+    rows = read_rows(values)
     few = max(
         (n for n, r, force in rows if _apart(rows[n, r, force], rows[modes[-1], r, force])),
         default=0,
@@ -154,42 +169,54 @@ def _answer(values: Json) -> str:
     )
 
 
-def forces_of(values: Json, resonance: int) -> list[float]:
+def find_forces(values: Json, resonance: int) -> list[float]:
     """Return the forces in N of a resonance."""
     return list(next(iter(values.values()))[str(resonance)]["forces_n"])
 
 
 def _draw(values: Json) -> Figure:
     """Draw the relative level over the number of modes: the paper's best force at each resonance, and the second one's other forces."""
-    figure, axes = panels(1, 2, 3.0)
+    figure, axes = make_panels(1, 2, 3.0)
     own, forces = axes[0]
     modes = list(map(int, values))
-    rows = read(values)
+    rows = read_rows(values)
     drawn = [
         (own, r, OPTIMUM[r], look, f"{NAMES[r]} resonance, {OPTIMUM[r]:g} N")
-        for r, look in ((1, LOOKS[1]), (2, LOOKS[0]))
+        for r, look in ((1, STYLES[1]), (2, STYLES[0]))
     ]
     drawn += [
         (forces, 2, force, look, f"{force:g} N")
-        for force, look in zip(forces_of(values, 2), LOOKS, strict=False)
+        for force, look in zip(find_forces(values, 2), STYLES, strict=False)
     ]
     for panel, resonance, force, look, label in drawn:
         middle, low, high, nominal = 100 * np.array([rows[n, resonance, force] for n in modes]).T
-        line(panel, modes, middle, look, label, band=(low, high), nominal=nominal)
+        draw_line(panel, modes, middle, look, label, band=(low, high), nominal=nominal)
     for panel in axes[0]:
         panel.set(
             xlabel="modes $N_m$", ylabel="level in % of no absorber", ylim=(0, None), xticks=modes
         )
     forces.set_title("second resonance")
-    legends(axes)
+    draw_legends(axes)
     return figure
 
 
 FIGURE = PaperFigure(
-    LABEL, "how many modes the second resonance needs", words=_words, draw=_draw, claims=_claims, answer=_answer,
-    measure=lambda settings, size, known: in_turn({str(n): partial(_of_modes, n, settings, size) for n in size.modes}, known),
+    LABEL,
+    "how many modes the second resonance needs",
+    words=_words,
+    draw=_draw,
+    claims=_claims,
+    answer=_answer,
+    measure=lambda settings, size, known: measure_groups(
+        {str(n): partial(_of_modes, n, settings, size) for n in size.modes}, known
+    ),
     sizes=(  # forces in N at the first and at the second resonance
-        Size(first=(1.5, 2.5, 3.5, 5.0), second=(20.0, 25.0, 30.0, 35.0, 40.0), modes=(5, 7, 10, 15, 20, 30), members=16),
+        Size(
+            first=(1.5, 2.5, 3.5, 5.0),
+            second=(20.0, 25.0, 30.0, 35.0, 40.0),
+            modes=(5, 7, 10, 15, 20, 30),
+            members=16,
+        ),
         Size(first=(3.5,), second=(35.0,), modes=(5, 10, 20), members=3),
     ),
-)  # fmt: skip
+)

@@ -31,25 +31,25 @@ from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members
 from impact_env.frequency import tip_response
 from impact_env.periodic.stationary import window_of
-from studies.paper.claim import Claim, claim, interval
-from studies.paper.curve import WATCHED, chaos
+from studies.paper.claim import Claim, format_interval, make_claim
+from studies.paper.curve import FULL_RECORD, compute_exponent
 from studies.paper.frame import (
-    LOOKS,
+    STYLES,
     PaperFigure,
     PaperSettings,
     Size,
-    in_turn,
-    legends,
-    line,
-    panels,
-    shortened,
+    draw_legends,
+    draw_line,
+    make_panels,
+    measure_groups,
+    shorten_table,
 )
-from studies.study import Array, Json, Steps, Table, not_none
+from studies.study import Array, CsvTable, Json, Steps, not_none
 
 LABEL = "modulation"
 Case = tuple[Scene, Json, float]  # a scene under a force in N, and what is said of that
 FORCE = 1.5  # N, the paper's for the strongly modulated response
-SETTLE = 200  # pseudo periods before the window
+SETTLING_PERIODS = 200  # pseudo periods before the window
 ENDS = (
     0.05,
     0.95,
@@ -62,13 +62,13 @@ MOST_FOLLOWED = 14  # modes up to which a tangent vector is followed
 FAST = 4  # modes from which on most of what an impact scatters is gone before the next
 
 
-def equivalent_restitution(scene: Scene, restitution: float = 1.0) -> float:
+def compute_equivalent_restitution(scene: Scene, restitution: float = 1.0) -> float:
     """Return e_1 of the module's head for a scene with an absorber; below 0 the absorber is struck again at once."""
     compliances = 1 / not_none(scene.absorber_mass) + np.cumsum(scene.model.tip_shape**2)
     return float((1 + restitution) * compliances[0] / compliances[-1] - 1)
 
 
-def exchange(lane: Lane, periods: int) -> dict[str, float]:
+def measure_exchange(lane: Lane, periods: int) -> dict[str, float]:
     """Return depth of the modulation, level, impacts a period, and what becomes of the energy.
 
     Of a window of ``periods`` after the lane's own run, at the frequency and phase that it ended with.
@@ -78,14 +78,14 @@ def exchange(lane: Lane, periods: int) -> dict[str, float]:
     omega = float(settled.schedule.omegas[-1])
     start = simulate(scene, settled, record=Record(events=True)).final_state
     drive = settled.followed_by(constant_frequency(omega, 1.0, periods))
-    response = simulate(scene, drive, initial=start, record=WATCHED)
+    response = simulate(scene, drive, initial=start, record=FULL_RECORD)
     history = response.recorded.history
     loss = response.recorded.energy
     energy = mechanical_energy(scene, history)
     lost = float(np.sum(loss.modal_loss)) + loss.impact_loss
     taken = lost - float(loss.modal_loss[0])
     return {
-        "depth": depth(window_of(scene, response, omega).peaks),
+        "depth": compute_depth(window_of(scene, response, omega).peaks),
         "rms_m": float(np.sqrt(np.mean(history.tip_displacement**2))),
         "impacts": response.impact_count / periods,
         "absorber": float(np.mean(energy.absorber_share)),
@@ -95,7 +95,7 @@ def exchange(lane: Lane, periods: int) -> dict[str, float]:
     }
 
 
-def depth(peaks: Array) -> float:
+def compute_depth(peaks: Array) -> float:
     """Return (a - b)/(a + b) with the 95 and 5 % quantiles a and b of the periods' largest |q_tip|, (M,)."""
     low, high = np.quantile(peaks, ENDS)
     return float((high - low) / (high + low))
@@ -103,7 +103,7 @@ def depth(peaks: Array) -> float:
 
 def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     many = [beam_scene(Beam(modes=n), impact_absorber()) for n in size.modes]
-    equivalents = [max(equivalent_restitution(scene), 0.0) for scene in many]
+    equivalents = [max(compute_equivalent_restitution(scene), 0.0) for scene in many]
     same, one = (
         [beam_scene(Beam(modes=1), impact_absorber(restitution=e)) for e in each]
         for each in (equivalents, size.restitutions)
@@ -124,7 +124,7 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
         "exponents": partial(_exponents, settings, "exponents", size.periods, followed),
         "begins": partial(_exponents, settings, "begins", size.periods // 2, begun),
     }
-    return in_turn(groups, known)
+    return measure_groups(groups, known)
 
 
 def _filling(scene: Scene) -> float:
@@ -137,10 +137,13 @@ def _filling(scene: Scene) -> float:
 def _exponents(settings: PaperSettings, name: str, periods: int, cases: list[Case]) -> list[Json]:
     """Return the largest Lyapunov exponent of scenes under forces in N, which may be given as "over" that at which the free tip fills the gap."""
     lanes = [
-        Lane(scene, Drive(force, constant_frequency(scene.model.resonance_omega(1), 1.0, SETTLE)))
+        Lane(
+            scene,
+            Drive(force, constant_frequency(scene.model.resonance_omega(1), 1.0, SETTLING_PERIODS)),
+        )
         for scene, _, force in cases
     ]
-    found = settings.each(f"{LABEL}: {name}", lanes, partial(chaos, periods=periods))
+    found = settings.each(f"{LABEL}: {name}", lanes, partial(compute_exponent, periods=periods))
     return [
         {
             "modes": scene.model.modes,
@@ -158,9 +161,9 @@ def _rows(
     members = draw_members(size.members, settings.seed)
     lanes = []
     for scene in scenes:
-        schedule = constant_frequency(scene.model.resonance_omega(1), 1.0, SETTLE)
+        schedule = constant_frequency(scene.model.resonance_omega(1), 1.0, SETTLING_PERIODS)
         lanes += [Lane(scene, drive) for drive in members.drives(FORCE, schedule)]
-    found = settings.each(LABEL, lanes, partial(exchange, periods=size.periods))
+    found = settings.each(LABEL, lanes, partial(measure_exchange, periods=size.periods))
     rows = []
     for k, (scene, restitution) in enumerate(zip(scenes, restitutions, strict=True)):
         own = found[k * len(members) : (k + 1) * len(members)]
@@ -173,14 +176,21 @@ def _rows(
     return rows
 
 
-def _table(values: Json) -> Table:
+def _table(values: Json) -> CsvTable:
     """Return all numbers of modes beside one mode with the equivalent restitution."""
     header = (
-        "modes", "$e_1$", "depth", "one mode with $e_1$", "taken from mode 1, %", "one mode with $e_1$", "absorber's energy, %", "impacts a period",
+        "modes",
+        "$e_1$",
+        "depth",
+        "one mode with $e_1$",
+        "taken from mode 1, %",
+        "one mode with $e_1$",
+        "absorber's energy, %",
+        "impacts a period",
         "largest exponent a period (95 %)",
-    )  # fmt: skip
+    )
     body = []
-    exponents = {row["modes"]: interval(*row["exponent"]) for row in values["exponents"]}
+    exponents = {row["modes"]: format_interval(*row["exponent"]) for row in values["exponents"]}
     for row, other in zip(values["modes"], values["equivalent"], strict=True):
         cells = (
             _interval(row["depth"]),
@@ -193,14 +203,16 @@ def _table(values: Json) -> Table:
             exponents.get(row["modes"], ""),
         )
         body.append((f"{row['modes']}", f"{row['restitution']:.2f}", *cells, *last))
-    return Table(f"{LABEL}_modes", header, body)
+    return CsvTable(f"{LABEL}_modes", header, body)
 
 
 def _begun(values: Json) -> str:
     """Say how the exponent begins above the first impacts."""
     said = []
     for modes in dict.fromkeys(row["modes"] for row in values["begins"]):
-        own = [interval(*row["exponent"]) for row in values["begins"] if row["modes"] == modes]
+        own = [
+            format_interval(*row["exponent"]) for row in values["begins"] if row["modes"] == modes
+        ]
         said.append(f"{', '.join(own)} with {modes} mode{'s' if modes > 1 else ''}")
     shares = ", ".join(
         f"{over:g}" for over in dict.fromkeys(row["over"] for row in values["begins"])
@@ -209,7 +221,7 @@ def _begun(values: Json) -> str:
 
 
 def _interval(found: list[float], scale: float = 1.0, digits: int = 2) -> str:
-    return interval(*found[:3], form=f"{{:.{digits}f}}", factor=scale)
+    return format_interval(*found[:3], form=f"{{:.{digits}f}}", factor=scale)
 
 
 def _worst(values: Json) -> tuple[Json, Json]:
@@ -263,7 +275,7 @@ def _claims(values: Json) -> list[Claim]:
         "many": _interval(many["depth"]),
         "most": many["modes"],
     }
-    return [claim(LABEL, "modulation_fades", many["depth"][2] < few["depth"][1], **told)]
+    return [make_claim(LABEL, "modulation_fades", many["depth"][2] < few["depth"][1], **told)]
 
 
 NAMED = (1, 2, 3, 4, 5, 7, 10, 12)  # numbers of modes that stand beside their points
@@ -271,21 +283,21 @@ NAMED = (1, 2, 3, 4, 5, 7, 10, 12)  # numbers of modes that stand beside their p
 
 def _draw(values: Json) -> Figure:
     """Draw depth and energies over the number of modes, beside one mode with the equivalent restitution; and the depth over that."""
-    figure, axes = panels(1, 3, 2.9)
+    figure, axes = make_panels(1, 3, 2.9)
     depth, energy, over = axes[0]
     many = values["modes"]
     other = values["equivalent"]
     one = values["one mode"]
     modes, restitutions = ([row[name] for row in many] for name in ("modes", "restitution"))
     for rows, look, label in (
-        (many, LOOKS[0], "$N_m$ modes, $e$ = 1"),
-        (other, LOOKS[1], "one mode, $e_1$"),
+        (many, STYLES[0], "$N_m$ modes, $e$ = 1"),
+        (other, STYLES[1], "one mode, $e_1$"),
     ):
         middle, low, high, nominal = _columns(rows, "depth")
-        line(depth, modes, middle, look, label, band=(low, high), nominal=nominal)
-    line(energy, modes, 100 * _columns(many, "taken")[0], LOOKS[0], "taken, $N_m$ modes")
-    line(energy, modes, 100 * _columns(other, "taken")[0], LOOKS[1], "taken, one mode, $e_1$")
-    line(energy, modes, 100 * _columns(many, "absorber")[0], LOOKS[2], "in the absorber")
+        draw_line(depth, modes, middle, look, label, band=(low, high), nominal=nominal)
+    draw_line(energy, modes, 100 * _columns(many, "taken")[0], STYLES[0], "taken, $N_m$ modes")
+    draw_line(energy, modes, 100 * _columns(other, "taken")[0], STYLES[1], "taken, one mode, $e_1$")
+    draw_line(energy, modes, 100 * _columns(many, "absorber")[0], STYLES[2], "in the absorber")
     for panel in (depth, energy):
         panel.set(xscale="log", xlabel="modes $N_m$")
         panel.set_xticks(
@@ -293,16 +305,16 @@ def _draw(values: Json) -> Figure:
         )
         panel.minorticks_off()
     middle, low, high, _ = _columns(one, "depth")
-    line(
+    draw_line(
         over,
         [row["restitution"] for row in one],
         middle,
-        LOOKS[1],
+        STYLES[1],
         "one mode over $e$",
         band=(low, high),
     )
-    line(over, restitutions, _columns(many, "depth")[0], LOOKS[0], marked=False)
-    over.lines[-1].set(ls="", marker=LOOKS[0].marker, label="$N_m$ modes at their $e_1$")
+    draw_line(over, restitutions, _columns(many, "depth")[0], STYLES[0], marked=False)
+    over.lines[-1].set(ls="", marker=STYLES[0].marker, label="$N_m$ modes at their $e_1$")
     for e in dict.fromkeys(restitutions):
         own = [row for row in many if row["restitution"] == e]  # several that are set to 0
         last = own[-1]["modes"]
@@ -330,7 +342,7 @@ def _draw(values: Json) -> Figure:
     )
     depth.legend(loc="upper right")
     over.legend(loc="lower right", fontsize=6.5)
-    legends(axes)
+    draw_legends(axes)
     return figure
 
 
@@ -340,14 +352,27 @@ def _columns(rows: list[Json], name: str) -> Array:
 
 
 FIGURE = PaperFigure(
-    LABEL, "what makes the modulation less obvious", measure=_measure, draw=_draw, claims=_claims, answer=_answer,
-    words=lambda values: f"{shortened(_table(values))}\n\n{_compared(values)}\n\n{_begun(values)}",
+    LABEL,
+    "what makes the modulation less obvious",
+    measure=_measure,
+    draw=_draw,
+    claims=_claims,
+    answer=_answer,
+    words=lambda values: (
+        f"{shorten_table(_table(values))}\n\n{_compared(values)}\n\n{_begun(values)}"
+    ),
     tables=lambda values: (_table(values),),
     sizes=(  # restitutions of one mode; pseudo periods of the window
         Size(
             modes=(1, 2, 3, 4, 5, 7, 10, 11, 12, 13, 14, 15, 20, 30),
-            restitutions=np.unique([*np.linspace(0, 1, 11), *np.linspace(0.02, 0.18, 9)]).round(2).tolist(), periods=1000, members=8,
+            restitutions=np.unique([*np.linspace(0, 1, 11), *np.linspace(0.02, 0.18, 9)])
+            .round(2)
+            .tolist(),
+            periods=1000,
+            members=8,
         ),
-        Size(modes=(1, 3, 10, 20), restitutions=(0.0, 0.25, 0.5, 0.75, 1.0), periods=300, members=3),
+        Size(
+            modes=(1, 3, 10, 20), restitutions=(0.0, 0.25, 0.5, 0.75, 1.0), periods=300, members=3
+        ),
     ),
-)  # fmt: skip
+)

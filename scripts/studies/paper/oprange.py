@@ -12,32 +12,32 @@ from matplotlib.figure import Figure
 
 from impact_env import Beam, Moreau, StuckAbsorber, beam_scene, impact_absorber
 from optimisation.page import markdown
-from studies.paper.claim import SAME, Claim, bands, claim, spread
+from studies.paper.claim import SAME, Claim, compute_bands, format_spread, make_claim
 from studies.paper.curve import (
-    Curve,
+    LevelCurve,
     Ranges,
-    curve_of,
-    curves,
-    force_grid,
-    inset_of,
-    level_axes,
-    ranges_of,
-    slopes,
-    watched_curve,
+    compute_contact_curve,
+    compute_curves,
+    compute_slopes,
+    draw_inset,
+    find_ranges,
+    make_force_grid,
+    read_curve,
+    set_level_axes,
 )
 from studies.paper.frame import (
-    LOOKS,
     MM,
     REFERENCE,
     STUCK,
+    STYLES,
     PaperFigure,
     PaperSettings,
     Size,
-    banded,
-    in_turn,
-    legends,
-    line,
-    panels,
+    draw_band,
+    draw_legends,
+    draw_line,
+    make_panels,
+    measure_groups,
 )
 from studies.study import Json, Steps, not_none
 
@@ -53,35 +53,35 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
         "stuck": beam_scene(Beam(modes=1), StuckAbsorber()),
     }
     groups: dict[str, Callable[[], object]] = {
-        "absorber": partial(watched_curve, settings, LABEL, own, size.forces, size.members),
-        "linear": partial(curves, settings, LABEL, linear, size.forces, size.members),
-        "step": lambda: curves(settings, LABEL, {"absorber": own}, size.forces, 1, Moreau())[
-            "absorber"
-        ],
+        "absorber": partial(compute_contact_curve, settings, LABEL, own, size.forces, size.members),
+        "linear": partial(compute_curves, settings, LABEL, linear, size.forces, size.members),
+        "step": lambda: compute_curves(
+            settings, LABEL, {"absorber": own}, size.forces, 1, Moreau()
+        )["absorber"],
     }
-    return in_turn(groups, known)
+    return measure_groups(groups, known)
 
 
-def _read(values: Json) -> tuple[Curve, Curve, Curve, Ranges]:
+def _read(values: Json) -> tuple[LevelCurve, LevelCurve, LevelCurve, Ranges]:
     """Return the absorber's curve, those of no absorber and of a stuck one, and the ranges."""
-    own = curve_of(values["absorber"])
+    own = read_curve(values["absorber"])
     return (
         own,
-        curve_of(values["linear"]["none"]),
-        curve_of(values["linear"]["stuck"]),
-        ranges_of(own),
+        read_curve(values["linear"]["none"]),
+        read_curve(values["linear"]["stuck"]),
+        find_ranges(own),
     )
 
 
 def _words(values: Json) -> str:
     own, none, stuck, found = _read(values)
-    step = curve_of(values["step"])
+    step = read_curve(values["step"])
     relative = own.relative(none)
     rows = [
         (
             f"{own.forces[k]:.3g}",
-            spread(MM * own.level[k], "{:.3f}"),
-            spread(relative[k]),
+            format_spread(MM * own.level[k], "{:.3f}"),
+            format_spread(relative[k]),
             f"{step.level[k, 0] / none.level[k, 0]:.2f}",
             f"{np.median(own.rate[k]):.1f}",
             f"{own.sustained[k]:.2f}",
@@ -100,14 +100,15 @@ def _words(values: Json) -> str:
     return (
         f"One mode, e = {RESTITUTION:g}, no friction, {own.level.shape[1]} members, {len(own.forces)} forces. Marked by what the contacts do in the "
         f"level's window: first impacts {first}, secondary range from {last}.\nThe best point lies at {own.forces[own.best(none)]:.3g} N. At "
-        f"{own.forces[-1]:g} N the level is {spread(own.relative(stuck)[-1], '{:.3f}')} of that with the absorber stuck.\n\n{markdown(header, rows)}"
+        f"{own.forces[-1]:g} N the level is {format_spread(own.relative(stuck)[-1], '{:.3f}')} of that with the "
+        f"absorber stuck.\n\n{markdown(header, rows)}"
     )
 
 
 def _claims(values: Json) -> list[Claim]:
     """Return the verdicts on the operating ranges."""
     own, none, stuck, (begin, end) = _read(values)
-    step = curve_of(values["step"])
+    step = read_curve(values["step"])
     first = not_none(begin)
     last = not_none(end)
     linear = own.forces <= first.low
@@ -116,15 +117,15 @@ def _claims(values: Json) -> list[Claim]:
     straight = _straightness(own, secondary & (own.forces <= QUASI_LINEAR))
     relative = own.relative(none)
     grid = last.high / last.low
-    said = partial(claim, LABEL)
+    said = partial(make_claim, LABEL)
     return [
         said("oprange_linear_range", relative[linear], low=first.low),
         said(
             "oprange_saturation",
-            slopes(own, primary),
+            compute_slopes(own, primary),
             first=first.high,
             last=last.low,
-            at_step=float(slopes(step, primary)[0]),
+            at_step=float(compute_slopes(step, primary)[0]),
         ),
         said("oprange_quasi_linear", straight, low=last.high, high=QUASI_LINEAR),
         said("oprange_sustained", own.rate[secondary]),
@@ -139,22 +140,32 @@ def _claims(values: Json) -> list[Claim]:
     ]
 
 
-def _steps(own: Curve, none: Curve, step: Curve) -> Claim:
+def _steps(own: LevelCurve, none: LevelCurve, step: LevelCurve) -> Claim:
     """Judge the single run at the paper's step, force by force, by the members' band and what it is widened by; the weakest force decides."""
-    (low, _, high), stepped = bands(own.level), step.level[:, 0]
+    (low, _, high), stepped = compute_bands(own.level), step.level[:, 0]
     off = stepped / own.median - 1
     worst = int(np.argmax(np.abs(off)))
     beside = (stepped < (1 - SAME) * low) | (stepped > (1 + SAME) * high)
     best, best_stepped = (
         own.forces[np.argmin(curve / none.median)] for curve in (own.median, stepped)
     )
-    return claim(
-        LABEL, "oprange_step", not beside.any(), least=100 * off.min(), most=off.max(), worst=own.forces[worst], best=best, best_stepped=best_stepped,
-        stepped=stepped[worst] / none.median[worst], exact=own.median[worst] / none.median[worst], beside=np.count_nonzero(beside), forces=len(off),
-    )  # fmt: skip
+    return make_claim(
+        LABEL,
+        "oprange_step",
+        not beside.any(),
+        least=100 * off.min(),
+        most=off.max(),
+        worst=own.forces[worst],
+        best=best,
+        best_stepped=best_stepped,
+        stepped=stepped[worst] / none.median[worst],
+        exact=own.median[worst] / none.median[worst],
+        beside=np.count_nonzero(beside),
+        forces=len(off),
+    )
 
 
-def _straightness(own: Curve, inside: np.ndarray) -> np.ndarray:
+def _straightness(own: LevelCurve, inside: np.ndarray) -> np.ndarray:
     """Return for each member the share of the level's variance that a straight line in the force explains, (M,)."""
     level = own.level[inside]
     fit = np.polynomial.polynomial.polyfit(own.forces[inside], level, 1)
@@ -168,34 +179,34 @@ SHADES = ("0.97", "0.90", "0.95")
 def _draw(values: Json) -> Figure:
     """Draw level over force with the ranges shaded; inset: the same relative to no absorber up to the highest force."""
     own, none, stuck, found = _read(values)
-    figure, grid = panels(1, 1, 4.2)
+    figure, grid = make_panels(1, 1, 4.2)
     axes = grid[0, 0]
-    step = curve_of(values["step"])
+    step = read_curve(values["step"])
     shown = own.forces <= 12.0
     draw_ranges(axes, found, 0.0, 12.0)
-    line(axes, none.forces[shown], MM * none.median[shown], REFERENCE, "no absorber")
-    banded(
+    draw_line(axes, none.forces[shown], MM * none.median[shown], REFERENCE, "no absorber")
+    draw_band(
         axes,
         own.forces[shown],
         MM * own.level[shown],
-        LOOKS[0],
+        STYLES[0],
         "impact absorber, 1 mode, e = 0.75",
     )
     axes.plot(
         step.forces[shown],
         MM * step.level[shown, 0],
         "x",
-        color=LOOKS[1].colour,
+        color=STYLES[1].colour,
         ms=4,
         label="one run at the paper's step",
     )
-    level_axes(axes, none, 12.0)
+    set_level_axes(axes, none, 12.0)
     axes.legend(loc="upper left")
-    small = inset_of(axes, (0.62, 0.12, 0.36, 0.27), none, {LOOKS[0]: own, STUCK: stuck})
+    small = draw_inset(axes, (0.62, 0.12, 0.36, 0.27), none, {STYLES[0]: own, STUCK: stuck})
     small.legend(
         small.lines[1:2], ["absorber stuck"], fontsize=6.5, loc="lower right", frameon=False
     )
-    legends(grid)
+    draw_legends(grid)
     return figure
 
 
@@ -223,9 +234,14 @@ def draw_ranges(axes: Axes, found: Ranges, low: float, high: float) -> None:
 
 
 FIGURE = PaperFigure(
-    LABEL, "a typical performance curve and its operating ranges", measure=_measure, words=_words, draw=_draw, claims=_claims,
+    LABEL,
+    "a typical performance curve and its operating ranges",
+    measure=_measure,
+    words=_words,
+    draw=_draw,
+    claims=_claims,
     sizes=(
-        Size(forces=force_grid(0.2, 12.0, 31, (18.0, 27.0, 40.0, 60.0, 100.0)), members=12),
-        Size(forces=force_grid(0.3, 100.0, 8, (0.9, 1.1, 1.35, 1.7, 2.0, 2.5)), members=3),
+        Size(forces=make_force_grid(0.2, 12.0, 31, (18.0, 27.0, 40.0, 60.0, 100.0)), members=12),
+        Size(forces=make_force_grid(0.3, 100.0, 8, (0.9, 1.1, 1.35, 1.7, 2.0, 2.5)), members=3),
     ),
-)  # fmt: skip
+)

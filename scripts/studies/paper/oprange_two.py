@@ -19,23 +19,23 @@ from impact_env.periodic.overview import exact_curves, linear_curves
 from optimisation.page import markdown
 from studies.paper import curve as performance
 from studies.paper.branches import draw_linear
-from studies.paper.claim import Claim, claim, spread
-from studies.paper.curve import Curve
+from studies.paper.claim import Claim, format_spread, make_claim
+from studies.paper.curve import LevelCurve
 from studies.paper.frame import (
     FAINT,
-    LOOKS,
     MM,
     REFERENCE,
-    Look,
+    STYLES,
+    LineStyle,
     PaperFigure,
     PaperSettings,
     Size,
-    in_turn,
-    legend_below,
-    legends,
-    line,
-    panels,
-    signal,
+    draw_legend_below,
+    draw_legends,
+    draw_line,
+    draw_signal,
+    make_panels,
+    measure_groups,
 )
 from studies.study import Array, Json, Steps
 
@@ -49,7 +49,7 @@ SWEPT = (ONE, THREE, LOSSY)  # panels b, c and d
 NEAR = 0.0065  # of omega_1: where the paper looks at the response near the resonance itself
 
 
-def scenes() -> dict[str, Scene]:
+def make_scenes() -> dict[str, Scene]:
     """Return the scenes of the curves."""
     cases = {ONE: (1, 1.0), THREE: (3, 1.0), LOSSY: (1, 0.75), BOTH: (3, 0.75)}
     return {
@@ -59,29 +59,33 @@ def scenes() -> dict[str, Scene]:
 
 
 def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
-    every = scenes()
+    every = make_scenes()
     found: Json = dict(known)
     groups: dict[str, Callable[[], object]] = {
-        name: partial(performance.watched_curve, settings, LABEL, scene, size.forces, size.members)
+        name: partial(
+            performance.compute_contact_curve, settings, LABEL, scene, size.forces, size.members
+        )
         for name, scene in every.items()
     }
-    groups[NONE] = lambda: performance.curves(
+    groups[NONE] = lambda: performance.compute_curves(
         settings, LABEL, {NONE: beam_scene(Beam(modes=3))}, size.forces, size.members
     )[NONE]
-    groups["step"] = lambda: performance.curves(settings, LABEL, every, size.forces, 1, Moreau())
-    for found in in_turn(groups, known):
+    groups["step"] = lambda: performance.compute_curves(
+        settings, LABEL, every, size.forces, 1, Moreau()
+    )
+    for found in measure_groups(groups, known):
         yield found
-    force = chosen_force({name: performance.curve_of(found[name]) for name in (NONE, *SWEPT)})
+    force = find_force({name: performance.read_curve(found[name]) for name in (NONE, *SWEPT)})
     rest: dict[str, Callable[[], object]] = {
         f"sweeps, {name}": partial(_sweeps, settings, every[name], force, size.swept)
         for name in SWEPT
     }
     rest |= {f"orbits, {name}": partial(_orbits, every[name], force) for name in SWEPT}
-    for more in in_turn(rest, known):
+    for more in measure_groups(rest, known):
         yield {**found, "force_n": force, **more}
 
 
-def chosen_force(read: dict[str, Curve]) -> float:
+def find_force(read: dict[str, LevelCurve]) -> float:
     """Return f* in N: where one conservative mode is above the two others by most, by its median and their 95 %, relative to no absorber."""
     relative = {name: read[name].relative(read[NONE]) for name in SWEPT}
     others = np.maximum(*(quantiles(relative[name], (BAND[1],))[0] for name in (THREE, LOSSY)))
@@ -92,8 +96,10 @@ def _sweeps(settings: PaperSettings, scene: Scene, force: float, members: int) -
     """Return envelopes of |q_tip| in m of the sweeps up and down, each member's, over frequency ratios."""
     drawn = draw_members(members, settings.seed)
     result = {}
-    for name, schedule in zip(("up", "down"), performance.both_ways(scene), strict=True):
-        own, rows = performance.envelopes(settings, LABEL, scene, drawn.drives(force, schedule))
+    for name, schedule in zip(("up", "down"), performance.make_both_sweeps(scene), strict=True):
+        own, rows = performance.compute_envelopes(
+            settings, LABEL, scene, drawn.drives(force, schedule)
+        )
         near = np.abs(np.array(own["ratio"]) - 1) <= NEAR
         result[name] = own | {"near": np.max(rows[:, near], axis=1).tolist()}
     return result
@@ -123,22 +129,22 @@ def _orbits(scene: Scene, force: float) -> Json:
 
 
 def _words(values: Json) -> str:
-    none = performance.curve_of(values[NONE])
+    none = performance.read_curve(values[NONE])
     force = values["force_n"]
     rows = []
-    for name in scenes():
-        own = performance.curve_of(values[name])
+    for name in make_scenes():
+        own = performance.read_curve(values[name])
         marks = [
             f"{border.low:.3g} to {border.high:.3g}" if border else ""
-            for border in performance.ranges_of(own)
+            for border in performance.find_ranges(own)
         ]
         at = own.nearest(force)
         rows.append(
             (
                 name,
                 *marks,
-                *performance.best_of(own, none),
-                spread(own.relative(none)[at]),
+                *performance.describe_best(own, none),
+                format_spread(own.relative(none)[at]),
                 f"{own.sustained[at]:.2f}",
             )
         )
@@ -157,7 +163,7 @@ def _words(values: Json) -> str:
     )
 
 
-def gap_of_isola(orbits: Json) -> float:
+def describe_isola_gap(orbits: Json) -> float:
     """Return how far in frequency a closed branch is from all others, over omega_1; 0 if no branch is closed."""
     closed = [np.array(branch["ratio"]) for branch in orbits["branches"] if branch["closed"]]
     others = [np.array(branch["ratio"]) for branch in orbits["branches"] if not branch["closed"]]
@@ -177,9 +183,9 @@ def _near(values: Json, name: str) -> Array:
 
 def _claims(values: Json) -> list[Claim]:
     """Return the verdicts on losses, modes and the maximum's place."""
-    read = {name: performance.curve_of(values[name]) for name in (NONE, *scenes())}
-    relative = {name: read[name].relative(read[NONE]) for name in scenes()}
-    step = {name: performance.curve_of(values["step"][name]) for name in scenes()}
+    read = {name: performance.read_curve(values[name]) for name in (NONE, *make_scenes())}
+    relative = {name: read[name].relative(read[NONE]) for name in make_scenes()}
+    step = {name: performance.read_curve(values["step"][name]) for name in make_scenes()}
     at = read[ONE].nearest(values["force_n"])
     stepped = {
         name: float(step[name].level[at, 0] / read[NONE].level[at, 0]) for name in (THREE, LOSSY)
@@ -188,8 +194,8 @@ def _claims(values: Json) -> list[Claim]:
     near = _near(values, ONE)
     one, three = (values[f"orbits, {name}"] for name in (ONE, THREE))
     said, (first, last) = (
-        partial(claim, LABEL, star=values["force_n"], near=NEAR),
-        performance.ranges_of(read[ONE]),
+        partial(make_claim, LABEL, star=values["force_n"], near=NEAR),
+        performance.find_ranges(read[ONE]),
     )
     borders = " and ".join(
         str(border or "not found") for border in (first, last)
@@ -211,7 +217,7 @@ def _claims(values: Json) -> list[Claim]:
             sustained=read[THREE].sustained[at],
             at_step=stepped[THREE],
         ),
-        said("oprangeTWO_isola", [gap_of_isola(three)]),
+        said("oprangeTWO_isola", [describe_isola_gap(three)]),
         said("oprangeTWO_reduced_branch", [_highest(three) / _highest(one)]),
         said("oprangeTWO_single_frequency", near / relative[ONE][at].mean()),
         said(
@@ -233,25 +239,25 @@ def _highest(orbits: Json) -> float:
 
 def _draw(values: Json) -> Figure:
     """Draw the curves, and below them the sweeps at f* over the exact orbits."""
-    figure, grid = panels(2, 2, 6.4)
+    figure, grid = make_panels(2, 2, 6.4)
     _curves(grid[0, 0], values)
     top = 1.35 * MM * max(values[f"orbits, {ONE}"]["linear"]["stuck"])
-    for axes, name, look in zip(grid.flat[1:], SWEPT, LOOKS, strict=False):
+    for axes, name, look in zip(grid.flat[1:], SWEPT, STYLES, strict=False):
         _draw_sweeps(axes, values, name, look)
         axes.set_ylim(0, top)
-    legend_below(figure, [grid[1, 1]], 5)
-    legends([grid[0, 0]])
+    draw_legend_below(figure, [grid[1, 1]], 5)
+    draw_legends([grid[0, 0]])
     return figure
 
 
 def _curves(axes: Axes, values: Json) -> None:
-    none = performance.curve_of(values[NONE])
+    none = performance.read_curve(values[NONE])
     force = values["force_n"]
-    line(axes, none.forces, MM * none.median, REFERENCE, "no absorber", marked=False)
-    for look, name in zip(LOOKS, (*SWEPT, BOTH), strict=False):
-        own = performance.curve_of(values[name])
+    draw_line(axes, none.forces, MM * none.median, REFERENCE, "no absorber", marked=False)
+    for look, name in zip(STYLES, (*SWEPT, BOTH), strict=False):
+        own = performance.read_curve(values[name])
         performance.draw_curve(axes, own, look, name, marked=False)
-        border = performance.ranges_of(own).transition
+        border = performance.find_ranges(own).transition
         if border is not None:
             axes.plot(
                 border.force,
@@ -263,10 +269,10 @@ def _curves(axes: Axes, values: Json) -> None:
             )
     axes.axvline(force, ymax=0.6, color=FAINT, lw=0.9, ls=":")
     axes.text(force, 0.5, " f*", transform=axes.get_xaxis_transform(), fontsize=8)
-    performance.level_axes(axes, none, 5.0)
+    performance.set_level_axes(axes, none, 5.0)
 
 
-def _draw_sweeps(axes: Axes, values: Json, name: str, look: Look) -> None:
+def _draw_sweeps(axes: Axes, values: Json, name: str, look: LineStyle) -> None:
     for direction, shade in (("down", look.colour), ("up", FAINT)):
         own = values[f"sweeps, {name}"][direction]
         ratio, (low, middle, high, nominal) = (
@@ -274,23 +280,23 @@ def _draw_sweeps(axes: Axes, values: Json, name: str, look: Look) -> None:
             (MM * np.array(own[k]) for k in ("low", "median", "high", "nominal")),
         )
         axes.fill_between(ratio, low, high, color=shade, alpha=0.25, lw=0)
-        signal(
+        draw_signal(
             axes,
             ratio,
             middle,
-            Look(shade, "-" if direction == "down" else "--"),
+            LineStyle(shade, "-" if direction == "down" else "--"),
             f"swept {direction}",
             1.0,
         )
-        signal(axes, ratio, nominal, Look(shade), width=0.4)
+        draw_signal(axes, ratio, nominal, LineStyle(shade), width=0.4)
     orbits = values[f"orbits, {name}"]
     draw_linear(axes, orbits["linear"]["ratio"], orbits["linear"], 0.8)
     for k, branch in enumerate(orbits["branches"]):
-        signal(
+        draw_signal(
             axes,
             branch["ratio"],
             MM * np.array(branch["tip"], dtype=float),
-            Look("black"),
+            LineStyle("black"),
             None if k else "periodic, two impacts",
             0.8,
         )
@@ -301,9 +307,18 @@ def _draw_sweeps(axes: Axes, values: Json, name: str, look: Look) -> None:
 
 
 FIGURE = PaperFigure(
-    LABEL, "one mode, three modes, and losses at the impacts", measure=_measure, words=_words, draw=_draw, claims=_claims,
+    LABEL,
+    "one mode, three modes, and losses at the impacts",
+    measure=_measure,
+    words=_words,
+    draw=_draw,
+    claims=_claims,
     sizes=(  # swept: members of the sweeps at f*
-        Size(forces=performance.force_grid(0.5, 12.0, 33, (3.0,)), members=12, swept=24),
-        Size(forces=performance.force_grid(0.6, 12.0, 7, (1.2, 1.3, 1.4, 1.7)), members=4, swept=4),
+        Size(forces=performance.make_force_grid(0.5, 12.0, 33, (3.0,)), members=12, swept=24),
+        Size(
+            forces=performance.make_force_grid(0.6, 12.0, 7, (1.2, 1.3, 1.4, 1.7)),
+            members=4,
+            swept=4,
+        ),
     ),
-)  # fmt: skip
+)

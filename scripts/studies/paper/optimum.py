@@ -9,20 +9,27 @@ from matplotlib.figure import Figure
 from impact_env import Beam, CurveCase, RigidWalls, Scene, impact_absorber, modal_model
 from impact_env.drive import PAPER_LIMITS
 from optimisation.bounds import design_force, near_range, reach
-from studies.paper.claim import MUCH, Claim, between, claim, interval, judged
+from studies.paper.claim import (
+    MUCH,
+    Claim,
+    format_interval,
+    format_range,
+    judge_interval,
+    make_claim,
+)
 from studies.paper.frame import (
-    LOOKS,
     REFERENCE,
+    STYLES,
     PaperFigure,
     PaperSettings,
     Size,
-    in_turn,
-    legends,
-    line,
-    panels,
-    shortened,
+    draw_legends,
+    draw_line,
+    make_panels,
+    measure_groups,
+    shorten_table,
 )
-from studies.study import Json, Table, not_none
+from studies.study import CsvTable, Json, not_none
 
 LABEL = "optimum"
 
@@ -71,7 +78,7 @@ def _of_mass(mass: float, settings: PaperSettings, size: Size) -> Json:
     }
 
 
-def rows_of(values: Json) -> list[Json]:
+def read_rows(values: Json) -> list[Json]:
     """Return a row for each mass and restitution, with the best force over the rule's."""
     found = []
     for group in values.values():
@@ -90,7 +97,7 @@ def rows_of(values: Json) -> list[Json]:
     return found
 
 
-def _table(values: Json) -> Table:
+def _table(values: Json) -> CsvTable:
     header = (
         "mass ratio, %",
         "restitution",
@@ -106,20 +113,20 @@ def _table(values: Json) -> Table:
             f"{row['restitution']:g}",
             f"{row['rule_n']:.3g}",
             f"{row['best_n']:.3g}",
-            interval(*row["ratio"]),
-            interval(row["level"], *row["level_band"], form="{:.1f}", factor=100),
+            format_interval(*row["ratio"]),
+            format_interval(row["level"], *row["level_band"], form="{:.1f}", factor=100),
             f"{100 * row['at_rule']:.1f}",
         )
-        for row in rows_of(values)
+        for row in read_rows(values)
     ]
-    return Table(f"{LABEL}_best", header, body)
+    return CsvTable(f"{LABEL}_best", header, body)
 
 
 def _summary(rows: list[Json]) -> str:
     """Say how far the best force lies from the rule's by mass ratio, and with which power of the mass both grow."""
     masses, restitutions = (sorted({row[name] for row in rows}) for name in ("mass", "restitution"))
     said = [
-        f"{between([row['ratio'][0] for row in rows if row['mass'] == mass], '{:.2f}')} at {100 * mass:g} %"
+        f"{format_range([row['ratio'][0] for row in rows if row['mass'] == mass], '{:.2f}')} at {100 * mass:g} %"
         for mass in masses
     ]
     powers = [
@@ -127,16 +134,16 @@ def _summary(rows: list[Json]) -> str:
     ]
     return (
         f"Best force over the rule's, all restitutions: {', '.join(said)}. The rule's force grows with the mass to the power "
-        f"{_power(rows, 'rule_n'):.2f}, the best one to {between(powers, '{:.2f}')}."
+        f"{_power(rows, 'rule_n'):.2f}, the best one to {format_range(powers, '{:.2f}')}."
     )
 
 
 def _answer(values: Json) -> str:
     """Say in a line where the best force goes."""
-    rows = rows_of(values)
+    rows = read_rows(values)
     masses = [group["mass"] for group in values.values()]
     light, heavy = (
-        between([row["ratio"][0] for row in rows if row["mass"] == pick(masses)], "{:.2f}")
+        format_range([row["ratio"][0] for row in rows if row["mass"] == pick(masses)], "{:.2f}")
         for pick in (min, max)
     )
     return (
@@ -154,28 +161,28 @@ def _power(rows: list[Json], name: str) -> float:
 
 def _claims(values: Json) -> list[Claim]:
     """Return the verdicts on the mass and on restitution at the optimum."""
-    rows = rows_of(values)
+    rows = read_rows(values)
     e = max(row["restitution"] for row in rows)
     own = [row for row in rows if row["restitution"] == e]
     falls = all(after["level"] < before["level"] for before, after in pairwise(own))
     light = own[0]
     low, high = light["level_band"]
     levels = {
-        row["mass"]: interval(row["level"], *row["level_band"], form="{:.0f}", factor=100)
+        row["mass"]: format_interval(row["level"], *row["level_band"], form="{:.0f}", factor=100)
         for row in own
     }
     return [
-        claim(
+        make_claim(
             LABEL,
             "optimum_mass",
             falls,
             e=e,
             each=", ".join(f"{100 * mass:g} %: {level}" for mass, level in levels.items()),
         ),
-        claim(
+        make_claim(
             LABEL,
             "optimum_light",
-            judged(low, high, 0.0, MUCH),
+            judge_interval(low, high, 0.0, MUCH),
             e=e,
             mass=light["mass"],
             level=levels[light["mass"]],
@@ -185,33 +192,47 @@ def _claims(values: Json) -> list[Claim]:
 
 def _draw(values: Json) -> Figure:
     """Draw the best force over the rule's, and the level there, over the mass ratio: a line for each restitution."""
-    figure, axes = panels(1, 2, 3.0)
+    figure, axes = make_panels(1, 2, 3.0)
     force, level = axes[0]
-    rows = rows_of(values)
-    for e, look in zip(sorted({row["restitution"] for row in rows}), LOOKS, strict=False):
+    rows = read_rows(values)
+    for e, look in zip(sorted({row["restitution"] for row in rows}), STYLES, strict=False):
         own = [row for row in rows if row["restitution"] == e]
         mass = [100 * row["mass"] for row in own]
         single = np.array([row["nominal_best"] for row in own]).T
         middle, low, high = np.array([row["ratio"] for row in own]).T
-        line(force, mass, middle, look, f"$e$ = {e:g}", band=(low, high), nominal=single[0])
+        draw_line(force, mass, middle, look, f"$e$ = {e:g}", band=(low, high), nominal=single[0])
         middle, low, high = 100 * np.array([(row["level"], *row["level_band"]) for row in own]).T
-        line(level, mass, middle, look, band=(low, high), nominal=100 * single[1])
+        draw_line(level, mass, middle, look, band=(low, high), nominal=100 * single[1])
     force.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=1, label="design rule")
     force.set(xlabel="mass ratio in %", ylabel="best force over the rule's", ylim=(0, None))
     level.set(xlabel="mass ratio in %", ylabel="level there in % of no absorber", ylim=(0, None))
-    legends([force])
+    draw_legends([force])
     return figure
 
 
 FIGURE = PaperFigure(
-    LABEL, "where the best operating point goes with mass and restitution", draw=_draw, claims=_claims,
-    words=lambda values: f"{shortened(_table(values))}\n\n{_summary(rows_of(values))}",
-    answer=_answer, tables=lambda values: (_table(values),),
-    measure=lambda settings, size, known: in_turn({f"mass {mass:g}": partial(_of_mass, mass, settings, size) for mass in size.masses}, known),
+    LABEL,
+    "where the best operating point goes with mass and restitution",
+    draw=_draw,
+    claims=_claims,
+    words=lambda values: f"{shorten_table(_table(values))}\n\n{_summary(read_rows(values))}",
+    answer=_answer,
+    tables=lambda values: (_table(values),),
+    measure=lambda settings, size, known: measure_groups(
+        {f"mass {mass:g}": partial(_of_mass, mass, settings, size) for mass in size.masses}, known
+    ),
     sizes=(  # mass ratios, and forces over the rule's
         Size(
-            masses=(0.005, 0.01, 0.02, 0.03, 0.05), restitutions=(0.3, 0.5, 0.7, 0.85, 1.0), factors=np.geomspace(0.4, 1.75, 21).tolist(), members=10,
+            masses=(0.005, 0.01, 0.02, 0.03, 0.05),
+            restitutions=(0.3, 0.5, 0.7, 0.85, 1.0),
+            factors=np.geomspace(0.4, 1.75, 21).tolist(),
+            members=10,
         ),
-        Size(masses=(0.01, 0.02, 0.05), restitutions=(0.5, 1.0), factors=np.geomspace(0.5, 1.5, 6).tolist(), members=3),
+        Size(
+            masses=(0.01, 0.02, 0.05),
+            restitutions=(0.5, 1.0),
+            factors=np.geomspace(0.5, 1.5, 6).tolist(),
+            members=3,
+        ),
     ),
-)  # fmt: skip
+)

@@ -13,24 +13,24 @@ from impact_env.ensemble import Lane, draw_members
 from impact_env.level import response_level
 from impact_env.methods import Method, Moreau
 from impact_env.response import DEFAULT_SAMPLES
-from studies.paper.account import accounted, critical, lanes_of, scene
-from studies.paper.claim import LEFT, MUCH, Claim, claim, spread
-from studies.paper.curve import WATCHED, curve_of, curves
+from studies.paper.account import find_critical, make_lanes, make_scene, measure_energy_shares
+from studies.paper.claim import LEFT, MUCH, Claim, format_spread, make_claim
+from studies.paper.curve import FULL_RECORD, compute_curves, read_curve
 from studies.paper.frame import (
-    LOOKS,
     MM,
+    STYLES,
     PaperFigure,
     PaperSettings,
     Size,
-    banded,
-    in_turn,
-    legends,
-    level_of_nothing,
-    panels,
-    shortened,
-    signal,
+    draw_band,
+    draw_legends,
+    draw_signal,
+    draw_unit_level,
+    make_panels,
+    measure_groups,
+    shorten_table,
 )
-from studies.study import Array, Json, Steps, Table
+from studies.study import Array, CsvTable, Json, Steps
 
 LABEL = "scat"
 # N
@@ -49,10 +49,10 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
         f"account, {n}": partial(_account, settings, n, size.members) for n in size.accounted
     }
     groups |= {f"signal, {n}": partial(_signal, n, settings.seed) for n in size.shown}
-    return in_turn(groups, known)
+    return measure_groups(groups, known)
 
 
-def near_lanes(own: Scene, members: int, seed: int) -> list[Lane]:
+def make_near_lanes(own: Scene, members: int, seed: int) -> list[Lane]:
     """Return each member's sweeps at 1.5 N, up and down, that end with the passage of omega_1."""
     reference, (low, high), half = (
         own.model.resonance_omega(1),
@@ -68,35 +68,42 @@ def near_lanes(own: Scene, members: int, seed: int) -> list[Lane]:
     ]
 
 
-def passage(lane: Lane, method: Method | None = None) -> Array:
+def simulate_passage(lane: Lane, method: Method | None = None) -> Array:
     """Return the tip's displacement in m at the samples of the last `NEAR_PERIODS` of a sweep."""
-    history = simulate(lane.scene, lane.drive, method, record=WATCHED).recorded.history
+    history = simulate(lane.scene, lane.drive, method, record=FULL_RECORD).recorded.history
     return history.tip_displacement[-(NEAR_PERIODS * DEFAULT_SAMPLES + 1) :]
 
 
-def near_level(lane: Lane, method: Method | None = None) -> tuple[float, float]:
+def compute_near_level(lane: Lane, method: Method | None = None) -> tuple[float, float]:
     """Return the level in m of the passage at a sweep's end, and the RMS of all of it."""
-    tip = passage(lane, method)
+    tip = simulate_passage(lane, method)
     return response_level(tip, DEFAULT_SAMPLES)[0], float(np.sqrt(np.mean(tip**2)))
 
 
 def _level(settings: PaperSettings, modes: int, members: int) -> Json:
     """Return the members' levels over no absorber: of the sweeps at 5 N, and of the passage of omega_1 at 1.5 N."""
-    own = scene(Beam(modes=modes))
+    own = make_scene(Beam(modes=modes))
     label = f"{LABEL}, {modes} modes"
-    found = curves(
+    found = compute_curves(
         settings, label, {"own": own, "none": beam_scene(Beam(modes=modes))}, (HIGH,), members
     )
-    level, reference = (curve_of(found[name]).level[0] for name in ("own", "none"))
-    near = np.array(settings.each(label, near_lanes(own, members, settings.seed), near_level))
+    level, reference = (read_curve(found[name]).level[0] for name in ("own", "none"))
+    near = np.array(
+        settings.each(label, make_near_lanes(own, members, settings.seed), compute_near_level)
+    )
     beside, whole = (
         near[:, k].reshape(members, 2) / (reference * LOW / HIGH)[:, None] for k in (0, 1)
     )
-    step = curve_of(curves(settings, label, {"own": own}, (HIGH,), 1, Moreau())["own"]).level[0, 0]
+    step = read_curve(
+        compute_curves(settings, label, {"own": own}, (HIGH,), 1, Moreau())["own"]
+    ).level[0, 0]
     near_step = None
     if modes <= MOST_AT_STEP:  # of one run
         passages = settings.each(
-            LABEL, near_lanes(own, 1, settings.seed), partial(near_level, method=Moreau()), Moreau()
+            LABEL,
+            make_near_lanes(own, 1, settings.seed),
+            partial(compute_near_level, method=Moreau()),
+            Moreau(),
         )
         near_step = max(passages)[0] / (reference[0] * LOW / HIGH)
     return {
@@ -112,9 +119,13 @@ def _level(settings: PaperSettings, modes: int, members: int) -> Json:
 
 def _account(settings: PaperSettings, modes: int, members: int) -> Json:
     """Return the members' accounts at 5 N, of the critical direction."""
-    own = scene(Beam(modes=modes))
-    found = critical(
-        settings.each(f"{LABEL}, energies", lanes_of(own, HIGH, members, settings.seed), accounted)
+    own = make_scene(Beam(modes=modes))
+    found = find_critical(
+        settings.each(
+            f"{LABEL}, energies",
+            make_lanes(own, HIGH, members, settings.seed),
+            measure_energy_shares,
+        )
     )
     return {
         "shares": [account.shares.tolist() for account in found],
@@ -128,26 +139,26 @@ def _account(settings: PaperSettings, modes: int, members: int) -> Json:
 
 def _signal(modes: int, seed: int) -> list[float]:
     """Return the tip's displacement in m while the first member's sweep down passes omega_1."""
-    return passage(near_lanes(scene(Beam(modes=modes)), 1, seed)[1]).tolist()
+    return simulate_passage(make_near_lanes(make_scene(Beam(modes=modes)), 1, seed)[1]).tolist()
 
 
-def known_modes(values: Json, what: str) -> list[int]:
+def find_measured_modes(values: Json, what: str) -> list[int]:
     """Return the numbers of modes for which there is a group ``what``."""
     return [int(name.split(", ")[1]) for name in values if name.startswith(f"{what}, ")]
 
 
-def _levels(values: Json) -> Table:
-    levels = {n: values[f"level, {n}"] for n in known_modes(values, "level")}
+def _levels(values: Json) -> CsvTable:
+    levels = {n: values[f"level, {n}"] for n in find_measured_modes(values, "level")}
     rows = [
         (
             f"{n}",
-            spread(x["relative"], "{:.3f}"),
+            format_spread(x["relative"], "{:.3f}"),
             f"{x['step']:.3f}",
-            spread(x["near_rms"], "{:.3f}"),
+            format_spread(x["near_rms"], "{:.3f}"),
         )
         for n, x in levels.items()
     ]
-    return Table(
+    return CsvTable(
         f"{LABEL}_levels",
         (
             "modes",
@@ -161,25 +172,27 @@ def _levels(values: Json) -> Table:
 
 def _words(values: Json) -> str:
     contacts = {
-        n: np.median(values[f"account, {n}"]["contacts"]) for n in known_modes(values, "account")
+        n: np.median(values[f"account, {n}"]["contacts"])
+        for n in find_measured_modes(values, "account")
     }
     counts = ", ".join(
         f"{number:.1f} contacts a pseudo period with {n} modes" for n, number in contacts.items()
     )
     return (
-        f"e = 1, no friction, {len(values['level, 1']['relative'])} members; levels over no absorber.\n\n{shortened(_levels(values))}\n\n"
+        f"e = 1, no friction, {len(values['level, 1']['relative'])} members; levels over no absorber.\n\n{shorten_table(_levels(values))}\n\n"
         f"Where the energy goes at 5 N, {counts} (of what a contact gives to a mode above the tenth, a part is gone within it):"
-        f"\n\n{shortened(_energies(values))}"
+        f"\n\n{shorten_table(_energies(values))}"
     )
 
 
-def _energies(values: Json) -> Table:
+def _energies(values: Json) -> CsvTable:
     """Return a row for each mode: what it dissipates, gets from a contact and still has before the next, for each number of modes."""
-    counts = known_modes(values, "account")
+    counts = find_measured_modes(values, "account")
     omega = values[f"account, {max(counts)}"]["omega"]
     columns = ["mode", "omega_i/omega_1", "left after half a period, %"]
     rows = [
-        [str(i + 1), f"{ratio:.1f}", f"{100 * decayed(ratio):.1f}"] for i, ratio in enumerate(omega)
+        [str(i + 1), f"{ratio:.1f}", f"{100 * compute_decay(ratio):.1f}"]
+        for i, ratio in enumerate(omega)
     ]
     for n in counts:
         columns += [
@@ -196,18 +209,18 @@ def _energies(values: Json) -> Table:
                 form.format(x[i]) if i < n else ""
                 for x, form in zip(middles, ("{:.1f}", "{:.2f}", "{:.1f}"), strict=True)
             ]
-    return Table(f"{LABEL}_energies", columns, rows)
+    return CsvTable(f"{LABEL}_energies", columns, rows)
 
 
-def decayed(ratio: float) -> float:
+def compute_decay(ratio: float) -> float:
     """Return the share of its energy that a mode of 1 % damping and frequency ``ratio`` omega_1 keeps over half a pseudo period."""
     return float(np.exp(-2 * 0.01 * ratio * np.pi))
 
 
 def _claims(values: Json) -> list[Claim]:
     """Return the verdicts on levels and losses over the number of modes."""
-    modes = known_modes(values, "level")
-    accounts = known_modes(values, "account")
+    modes = find_measured_modes(values, "level")
+    accounts = find_measured_modes(values, "account")
     relative, near = (
         {n: np.array(values[f"level, {n}"][key]) for n in modes} for key in ("relative", "near_rms")
     )
@@ -231,7 +244,7 @@ def _claims(values: Json) -> list[Claim]:
         else f"no mode of {accounts[-1]} is left with less"
     )
     influence = np.array([np.median(near[n]) for n in modes]) / np.median(near[1])
-    said = partial(claim, LABEL, modes=accounts[0])
+    said = partial(make_claim, LABEL, modes=accounts[0])
     ends = Json(first=many[0], last=many[-1])
     return [
         said("scat_one_mode", relative[1], at_step=step[1]),
@@ -246,7 +259,7 @@ def _claims(values: Json) -> list[Claim]:
         said(
             "scat_sixth",
             left[:, SIXTH],
-            decayed=decayed(own["omega"][SIXTH]),
+            decayed=compute_decay(own["omega"][SIXTH]),
             contacts=np.median(own["contacts"]),
             less=less,
         ),
@@ -273,13 +286,13 @@ def _unevenness(rows: Array) -> Array:
 
 def _draw(values: Json) -> Figure:
     """Draw levels over the number of modes, losses by mode, and below them the motion of the tip near the resonance."""
-    shown = known_modes(values, "signal")
-    figure, grid = panels(3, 2, 7.0, "abc")
+    shown = find_measured_modes(values, "signal")
+    figure, grid = make_panels(3, 2, 7.0, "abc")
     _draw_levels(grid[0, 0], values)
     _losses(grid[0, 1], values)
     for axes, modes in zip(grid[1:].flat, shown, strict=False):
         tip = MM * np.array(values[f"signal, {modes}"])
-        signal(axes, np.arange(len(tip)) / DEFAULT_SAMPLES - NEAR_PERIODS / 2, tip, LOOKS[0])
+        draw_signal(axes, np.arange(len(tip)) / DEFAULT_SAMPLES - NEAR_PERIODS / 2, tip, STYLES[0])
         axes.set(
             xlim=(-NEAR_PERIODS / 2, NEAR_PERIODS / 2),
             ylim=(-1.35, 1.35),
@@ -287,28 +300,28 @@ def _draw(values: Json) -> Figure:
             ylabel="tip, mm",
         )
         axes.set_title(f"{modes} mode{'s' * (modes > 1)}", fontsize=8.5)
-    legends(grid)
+    draw_legends(grid)
     return figure
 
 
 def _draw_levels(axes: Axes, values: Json) -> None:
-    modes = known_modes(values, "level")
+    modes = find_measured_modes(values, "level")
     for look, key, name in (
-        (LOOKS[0], "relative", "5 N, whole sweep"),
-        (LOOKS[1], "near_rms", "1.5 N, around $\\omega_1$"),
+        (STYLES[0], "relative", "5 N, whole sweep"),
+        (STYLES[1], "near_rms", "1.5 N, around $\\omega_1$"),
     ):
-        banded(axes, modes, np.array([values[f"level, {n}"][key] for n in modes]), look, name)
+        draw_band(axes, modes, np.array([values[f"level, {n}"][key] for n in modes]), look, name)
     steps = [values[f"level, {n}"]["step"] for n in modes]
     axes.plot(
         modes,
         steps,
         "x",
-        color=LOOKS[3].colour,
+        color=STYLES[3].colour,
         ms=4,
         zorder=5,
         label="5 N, one run, the paper's step",
     )
-    level_of_nothing(axes)
+    draw_unit_level(axes)
     axes.set(
         xlim=(0, max(modes) + 1),
         ylim=(0, 1.5),
@@ -319,11 +332,11 @@ def _draw_levels(axes: Axes, values: Json) -> None:
 
 def _losses(axes: Axes, values: Json) -> None:
     small = axes.inset_axes((0.34, 0.5, 0.62, 0.38))
-    for look, modes in zip(LOOKS, known_modes(values, "account"), strict=False):
+    for look, modes in zip(STYLES, find_measured_modes(values, "account"), strict=False):
         own = values[f"account, {modes}"]
         for place, key, first in ((axes, "shares", 0), (small, "left", 1)):
             rows = 100 * np.array(own[key]).T[first:]
-            banded(
+            draw_band(
                 place,
                 np.arange(first, modes) + 1,
                 rows,
@@ -340,10 +353,20 @@ def _losses(axes: Axes, values: Json) -> None:
 
 
 FIGURE = PaperFigure(
-    LABEL, "the number of modes", measure=_measure, words=_words, draw=_draw, claims=_claims,
+    LABEL,
+    "the number of modes",
+    measure=_measure,
+    words=_words,
+    draw=_draw,
+    claims=_claims,
     tables=lambda values: (_levels(values), _energies(values)),
     sizes=(  # numbers of modes, those whose energies are accounted for, and those whose signals are shown
-        Size(modes=(*range(1, 13), *range(14, 31, 2)), accounted=(10, 20), shown=(1, 3, 10, 30), members=16),
+        Size(
+            modes=(*range(1, 13), *range(14, 31, 2)),
+            accounted=(10, 20),
+            shown=(1, 3, 10, 30),
+            members=16,
+        ),
         Size(modes=(1, 2, 3, 6, 10, 14), accounted=(10,), shown=(1, 3, 10, 14), members=3),
     ),
-)  # fmt: skip
+)

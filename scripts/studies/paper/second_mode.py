@@ -16,26 +16,33 @@ from impact_env import Beam, Moreau, Scene, beam_scene
 from impact_env.energy import mechanical_energy
 from impact_env.level import HALF_WINDOW_PERIODS
 from optimisation.report.figures import force_axis
-from studies.paper.account import SAMPLES, accounted, critical, lanes_of, scene, window_around
-from studies.paper.claim import Claim, claim, spread
-from studies.paper.curve import curve_of, curves, level_at
+from studies.paper.account import (
+    SAMPLES,
+    find_critical,
+    make_lanes,
+    make_scene,
+    measure_energy_shares,
+    simulate_window,
+)
+from studies.paper.claim import Claim, format_spread, make_claim
+from studies.paper.curve import compute_curves, compute_level, read_curve
 from studies.paper.frame import (
-    LOOKS,
+    STYLES,
     PaperFigure,
     PaperSettings,
     Size,
-    banded,
-    in_turn,
-    legends,
-    level_of_nothing,
-    panels,
-    shortened,
-    signal,
+    draw_band,
+    draw_legends,
+    draw_signal,
+    draw_unit_level,
+    make_panels,
+    measure_groups,
+    shorten_table,
 )
-from studies.study import Array, Json, Steps, Table
+from studies.study import Array, CsvTable, Json, Steps
 
 FORCE = 3.0
-TOLD = (
+STATED_RANGE = (
     0.75 * 0.02,
     1.25 * 0.03,
 )  # of the first mode's energy: what an impact passes on by the paper, "about 2 to 3 %"
@@ -43,7 +50,7 @@ TOLD = (
 SIGNAL_PERIODS = 2.0
 THINNED = 8
 OWN = 6.27  # omega_2/omega_1 of the beam itself: 6.26690
-SHOWN = (OWN, 20.0)  # ratios whose energies are drawn over time
+DRAWN_POINTS = (OWN, 20.0)  # ratios whose energies are drawn over time
 SATURATED = 30.0  # a large ratio
 RATIO = 6.3  # omega_2/omega_1, as the paper has it where the damping is changed
 FIRST = 0.01  # damping ratio of the first mode
@@ -51,12 +58,16 @@ FIRST = 0.01  # damping ratio of the first mode
 
 def _point(settings: PaperSettings, label: str, beam: Beam, members: int) -> Json:
     """Return each member's level over no absorber and account, of the critical direction; ``step``: one run at the paper's step."""
-    own = scene(beam)
-    found = critical(settings.each(label, lanes_of(own, FORCE, members, settings.seed), accounted))
-    none = curve_of(
-        curves(settings, label, {"none": beam_scene(beam)}, (FORCE,), members)["none"]
+    own = make_scene(beam)
+    found = find_critical(
+        settings.each(label, make_lanes(own, FORCE, members, settings.seed), measure_energy_shares)
+    )
+    none = read_curve(
+        compute_curves(settings, label, {"none": beam_scene(beam)}, (FORCE,), members)["none"]
     ).level[0]
-    step = curve_of(curves(settings, label, {"own": own}, (FORCE,), 1, Moreau())["own"]).level[0, 0]
+    step = read_curve(
+        compute_curves(settings, label, {"own": own}, (FORCE,), 1, Moreau())["own"]
+    ).level[0, 0]
     return {
         "relative": [account.level / level for account, level in zip(found, none, strict=True)],
         "step": float(step / none[0]),
@@ -69,7 +80,9 @@ def _point(settings: PaperSettings, label: str, beam: Beam, members: int) -> Jso
             np.concatenate([account.single for account in found]), (0.05, 0.25, 0.5, 0.75, 0.95)
         ).tolist(),
         "as_told": [
-            float(np.mean((account.single >= TOLD[0]) & (account.single <= TOLD[1])))
+            float(
+                np.mean((account.single >= STATED_RANGE[0]) & (account.single <= STATED_RANGE[1]))
+            )
             for account in found
         ],
     }
@@ -78,10 +91,10 @@ def _point(settings: PaperSettings, label: str, beam: Beam, members: int) -> Jso
 def _signal(own: Scene, seed: int) -> Json:
     """Return the energies in J of both modes and the absorber over two pseudo periods around the maximum of the first member's critical sweep."""
     level, lane = max(
-        ((level_at(lane), lane) for lane in lanes_of(own, FORCE, 1, seed)),
+        ((compute_level(lane), lane) for lane in make_lanes(own, FORCE, 1, seed)),
         key=lambda pair: pair[0].value,
     )
-    response = window_around(lane, level.time)
+    response = simulate_window(lane, level.time)
     history = response.recorded.history
     energy = mechanical_energy(own, history)
     time = history.time / response.drive.schedule.pseudo_period
@@ -94,18 +107,18 @@ def _signal(own: Scene, seed: int) -> Json:
     }
 
 
-def row(values: Json, number: float, key: str) -> Array:
+def read_row(values: Json, number: float, key: str) -> Array:
     """Return the members' values of a point."""
     return np.array(values[f"{number:g}"][key], dtype=float)
 
 
-def points(values: Json) -> list[float]:
+def find_points(values: Json) -> list[float]:
     """Return the numbers of the points that are known."""
     return [float(key) for key in values if not key.startswith("signal")]
 
 
 @dataclass(frozen=True)
-class Changed:
+class ParameterStudy:
     """What is changed of the second mode from point to point, and how it is called.
 
     ``beam(number)``: the beam of a point; ``shown``: those drawn over time. ``column``, ``axis`` and ``each`` name the number in the table,
@@ -131,40 +144,46 @@ class Changed:
             for x in numbers
         }
         groups |= {
-            f"signal, {x:g}": partial(_signal, scene(self.beam(x)), settings.seed)
+            f"signal, {x:g}": partial(_signal, make_scene(self.beam(x)), settings.seed)
             for x in self.shown
         }
-        return in_turn(groups, known)
+        return measure_groups(groups, known)
 
     def words(self, values: Json) -> str:
         """Return the sentence and some rows of the table."""
-        return f"{self.about.format(len(row(values, points(values)[0], 'relative')))}\n\n{shortened(self.table(values))}"
+        return f"{self.about.format(len(read_row(values, find_points(values)[0], 'relative')))}\n\n{shorten_table(self.table(values))}"
 
-    def table(self, values: Json) -> Table:
+    def table(self, values: Json) -> CsvTable:
         """Return a line for each point that is known."""
         lines = [
             (
                 f"{self.scale * x:.4g}",
-                spread(row(values, x, "relative"), "{:.3f}"),
+                format_spread(read_row(values, x, "relative"), "{:.3f}"),
                 f"{values[f'{x:g}']['step']:.3f}",
-                spread(row(values, x, "share"), "{:.3f}"),
-                f"{np.median(row(values, x, 'contacts')):.1f}",
-                spread(100 * row(values, x, "half")),
+                format_spread(read_row(values, x, "share"), "{:.3f}"),
+                f"{np.median(read_row(values, x, 'contacts')):.1f}",
+                format_spread(100 * read_row(values, x, "half")),
                 "{:.2f} to {:.2f}".format(*(100 * values[f"{x:g}"]["single"][k] for k in (1, 3))),
-                f"{np.median(row(values, x, 'left')):.2f}",
+                f"{np.median(read_row(values, x, 'left')):.2f}",
             )
-            for x in points(values)
+            for x in find_points(values)
         ]
         header = (
-            self.column, "level over no absorber", "at the paper's step", "dissipated in mode 2", "contacts per pseudo period",
-            "passed to mode 2 per half period, % of mode 1", "by single contacts (half of them), %", "left before the next contact",
-        )  # fmt: skip
-        return Table(self.label, header, lines)
+            self.column,
+            "level over no absorber",
+            "at the paper's step",
+            "dissipated in mode 2",
+            "contacts per pseudo period",
+            "passed to mode 2 per half period, % of mode 1",
+            "by single contacts (half of them), %",
+            "left before the next contact",
+        )
+        return CsvTable(self.label, header, lines)
 
     def draw(self, values: Json) -> Figure:
         """Draw level, shares and energy passed over what was changed, and below the energies over two pseudo periods at some of its values."""
-        figure, grid = panels(2, 3, 5.2, "abdc e")
-        (level, share, passed), left, numbers = grid[0], grid[1, 2], points(values)
+        figure, grid = make_panels(2, 3, 5.2, "abdc e")
+        (level, share, passed), left, numbers = grid[0], grid[1, 2], find_points(values)
         at = [self.scale * x for x in numbers]
         single = 100 * np.array([values[f"{x:g}"]["single"] for x in numbers])
         for axes, key, factor in (
@@ -174,11 +193,11 @@ class Changed:
             (left, "left", 100),
         ):
             label = "in half a period" if axes is passed else None
-            banded(
+            draw_band(
                 axes,
                 at,
-                factor * np.array([row(values, x, key) for x in numbers]),
-                LOOKS[0],
+                factor * np.array([read_row(values, x, key) for x in numbers]),
+                STYLES[0],
                 label,
                 nominal=label is None,
             )
@@ -186,11 +205,11 @@ class Changed:
             at,
             [values[f"{x:g}"]["step"] for x in numbers],
             "x",
-            color=LOOKS[1].colour,
+            color=STYLES[1].colour,
             ms=4,
             label="one run, the paper's step",
         )
-        level_of_nothing(level)
+        draw_unit_level(level)
         level.set(ylabel="level over no absorber", ylim=(0.6, 1.1))
         share.set(ylabel="dissipated in mode 2, % of both", ylim=(0, None))
         passed.fill_between(
@@ -206,7 +225,7 @@ class Changed:
             2,
             3,
             facecolor="none",
-            edgecolor=LOOKS[1].colour,
+            edgecolor=STYLES[1].colour,
             hatch="///",
             lw=0.5,
             label="the paper: 2 to 3 %",
@@ -221,7 +240,7 @@ class Changed:
             axes.set(xscale="log", xlim=(at[0], at[-1]), xlabel=self.axis)
             force_axis(axes.xaxis)
             axes.tick_params(axis="x", labelsize=7)
-        legends(grid)
+        draw_legends(grid)
         return figure
 
     def figure(
@@ -229,16 +248,22 @@ class Changed:
     ) -> PaperFigure:
         """Return the figure of the paper."""
         return PaperFigure(
-            self.label, title, sizes=(sizes[0], sizes[1]), measure=self.measure, words=self.words, draw=self.draw, claims=claims,
+            self.label,
+            title,
+            sizes=(sizes[0], sizes[1]),
+            measure=self.measure,
+            words=self.words,
+            draw=self.draw,
+            claims=claims,
             tables=lambda values: (self.table(values),),
-        )  # fmt: skip
+        )
 
 
 def _energies(axes: Axes, own: Json, title: str) -> None:
     energies = *(np.array(mode) for mode in own["modal"]), np.array(own["absorber"])
     mean = np.mean(sum(energies))
-    for look, energy, name in zip(LOOKS, energies, ("mode 1", "mode 2", "absorber"), strict=False):
-        signal(axes, own["time"], 100 * energy / mean, look, name, 1.0)
+    for look, energy, name in zip(STYLES, energies, ("mode 1", "mode 2", "absorber"), strict=False):
+        draw_signal(axes, own["time"], 100 * energy / mean, look, name, 1.0)
     axes.legend(
         loc="upper center",
         ncols=3,
@@ -260,8 +285,8 @@ def _energies(axes: Axes, own: Json, title: str) -> None:
 
 def _frequency_claims(values: Json) -> list[Claim]:
     """Return the verdicts on the second mode's frequency."""
-    ratios = points(values)
-    relative = {ratio: row(values, ratio, "relative") for ratio in ratios}
+    ratios = find_points(values)
+    relative = {ratio: read_row(values, ratio, "relative") for ratio in ratios}
     high, falling = ([ratio for ratio in ratios if ratio >= least] for least in (SATURATED, 3.0))
     orders = [
         float(spearmanr(falling, one).statistic)
@@ -270,43 +295,61 @@ def _frequency_claims(values: Json) -> list[Claim]:
     gain = 100 * (1 - np.concatenate([relative[ratio] for ratio in high]))
     stepped = 100 * (1 - float(np.mean([values[f"{ratio:g}"]["step"] for ratio in high])))
     half, told = (
-        np.concatenate([row(values, ratio, key) for ratio in SHOWN]) for key in ("half", "as_told")
+        np.concatenate([read_row(values, ratio, key) for ratio in DRAWN_POINTS])
+        for key in ("half", "as_told")
     )
     low, most = (
-        100 * each(values[f"{ratio:g}"]["single"][k] for ratio in SHOWN)
+        100 * each(values[f"{ratio:g}"]["single"][k] for ratio in DRAWN_POINTS)
         for each, k in ((min, 1), (max, 3))
     )
-    contacts = np.concatenate([row(values, ratio, "contacts") for ratio in ratios])
-    shares = [100 * np.median(row(values, ratio, "share")) for ratio in falling]
+    contacts = np.concatenate([read_row(values, ratio, "contacts") for ratio in ratios])
+    shares = [100 * np.median(read_row(values, ratio, "share")) for ratio in falling]
     medians = ", ".join(
         f"{share:.0f} % at {ratio:g}" for ratio, share in zip(falling, shares, strict=True)
     )
-    said = partial(claim, "varom")
-    shown = " and ".join(f"{ratio:g}" for ratio in SHOWN)
+    said = partial(make_claim, "varom")
+    shown = " and ".join(f"{ratio:g}" for ratio in DRAWN_POINTS)
     return [
         said("varom_contacts", contacts),
         said("varom_falls", orders),
-        said("varom_improvement", gain, saturated=SATURATED, median=np.median(gain), at_step=stepped),
+        said(
+            "varom_improvement", gain, saturated=SATURATED, median=np.median(gain), at_step=stepped
+        ),
         said("varom_saturates", relative[high[0]] - relative[high[-1]], low=high[0], high=high[-1]),
-        said("varom_passed", told, ratios=shown, least=100 * TOLD[0], most=TOLD[1], low=low, high=most / 100, half=100 * half,
-             contacts=np.median(contacts) / 2),
-        said("varom_dissipated", row(values, ratios[-1], "left"), ratio=ratios[-1]),
-        said("varom_share", [float(spearmanr(falling, shares).statistic)], first=shares[0], last=shares[-1] / 100, medians=medians),
-    ]  # fmt: skip
+        said(
+            "varom_passed",
+            told,
+            ratios=shown,
+            least=100 * STATED_RANGE[0],
+            most=STATED_RANGE[1],
+            low=low,
+            high=most / 100,
+            half=100 * half,
+            contacts=np.median(contacts) / 2,
+        ),
+        said("varom_dissipated", read_row(values, ratios[-1], "left"), ratio=ratios[-1]),
+        said(
+            "varom_share",
+            [float(spearmanr(falling, shares).statistic)],
+            first=shares[0],
+            last=shares[-1] / 100,
+            medians=medians,
+        ),
+    ]
 
 
 def _damping_claims(values: Json) -> list[Claim]:
     """Return the verdicts on the second mode's damping."""
-    dampings = points(values)
-    relative = {damping: row(values, damping, "relative") for damping in dampings}
+    dampings = find_points(values)
+    relative = {damping: read_row(values, damping, "relative") for damping in dampings}
     high = [damping for damping in dampings if damping >= 0.3]
     left, contacts = (
-        np.concatenate([row(values, damping, key) for damping in high])
+        np.concatenate([read_row(values, damping, key) for damping in high])
         for key in ("left", "contacts")
     )
     gain = np.concatenate([relative[FIRST] - relative[damping] for damping in high])
     stepped = 100 * (1 - float(np.mean([values[f"{d:g}"]["step"] for d in high])))
-    said = partial(claim, "vard")
+    said = partial(make_claim, "vard")
     return [
         said(
             "vard_improvement",
@@ -325,7 +368,7 @@ def _damping_claims(values: Json) -> list[Claim]:
     ]
 
 
-DAMPING = Changed(
+DAMPING = ParameterStudy(
     "vard",
     "dampings",
     lambda damping: Beam(modes=2, modal_frequency_ratio={2: RATIO}, damping_ratio=(FIRST, damping)),
@@ -341,11 +384,11 @@ DAMPING = Changed(
     Size(dampings=(0.001, 0.002, 0.005, FIRST, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5), members=24),
     Size(dampings=(0.001, FIRST, 0.05, 0.1, 0.3, 0.5), members=4),
 )
-FREQUENCY = Changed(
+FREQUENCY = ParameterStudy(
     "varom",
     "ratios",
     lambda ratio: Beam(modes=2, modal_frequency_ratio={2: ratio}),
-    shown=SHOWN,
+    shown=DRAWN_POINTS,
     column="omega_2/omega_1",
     axis=r"frequency ratio $\omega_2/\omega_1$",
     each=r"$\omega_2/\omega_1 = {:g}$",

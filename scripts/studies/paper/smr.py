@@ -27,31 +27,41 @@ from impact_env.periodic.stationary import modulation_depth
 from impact_env.phase_lag import phase_lag
 from impact_env.response import DEFAULT_SAMPLES
 from optimisation.page import markdown
-from studies.paper.claim import LEFT, Claim, about, claim, judged, middle, spread
+from studies.paper.claim import (
+    LEFT,
+    Claim,
+    compute_band,
+    format_spread,
+    judge_interval,
+    make_claim,
+    range_about,
+)
 from studies.paper.curve import SERIES
 from studies.paper.frame import (
     FAINT,
-    LOOKS,
     MM,
     REFERENCE,
-    Look,
+    STYLES,
+    LineStyle,
     PaperFigure,
     PaperSettings,
     Size,
-    in_turn,
-    legends,
-    panels,
-    signal,
+    draw_legends,
+    draw_signal,
+    make_panels,
+    measure_groups,
 )
 from studies.study import Array, Json, Steps
 
 LABEL = "SMR"
 FORCE = 1.7  # N
 # pseudo periods: left out, drawn, and in which the largest share is looked for
-SETTLE = 500
-SHOWN = 30
-STRETCH = 25
-HALF = 3  # pseudo periods to either side without a larger share than that of a transfer
+SETTLING_PERIODS = 500
+DRAWN_PERIODS = 30
+SHARE_PERIODS = 25
+NEIGHBOUR_PERIODS = (
+    3  # pseudo periods to either side without a larger share than that of a transfer
+)
 TRANSFER = 0.8  # of the energy: a share that counts as a transfer to the absorber
 METHODS: dict[str, Method] = {"exact": Exact(), "paper's step": Moreau()}
 # of a beam of `MODES`, each under `FORCE` times what its free tip asks for
@@ -68,19 +78,19 @@ COUNTS = {  # what is counted in the periods of all members, over which edges
 }
 
 
-def scene() -> Scene:
+def make_scene() -> Scene:
     """Return one mode of the paper's beam with its absorber, conservative."""
     return beam_scene(Beam(modes=1), impact_absorber())
 
 
-def modulated(lane: Lane, method: Method, periods: int) -> Json:
+def measure_modulation(lane: Lane, method: Method, periods: int) -> Json:
     """Return a settled lane's motion: numbers of all its ``periods``, by the method, and its first ones as a record.
 
     The thirds "high" and "low" are the periods with the largest and the smallest tip displacements.
     """
     response = simulate(lane.scene, lane.drive, method, record=SERIES)
     history = response.recorded.history
-    first = SETTLE * DEFAULT_SAMPLES
+    first = SETTLING_PERIODS * DEFAULT_SAMPLES
     rows = slice(first, first + periods * DEFAULT_SAMPLES)
     energy = mechanical_energy(lane.scene, history)
     displacement = history.tip_displacement[rows]
@@ -88,7 +98,7 @@ def modulated(lane: Lane, method: Method, periods: int) -> Json:
         each.reshape(periods, -1)
         for each in (phase_lag(history)[rows], energy.absorber_share[rows], np.abs(displacement))
     )
-    when = response.recorded.impacts.time / lane.drive.schedule.pseudo_period - SETTLE
+    when = response.recorded.impacts.time / lane.drive.schedule.pseudo_period - SETTLING_PERIODS
     impacts = np.histogram(when, np.arange(periods + 1))[0]
     lags = np.angle(np.exp(1j * lag).mean(axis=1))
     peaks = tip.max(axis=1)
@@ -108,38 +118,50 @@ def modulated(lane: Lane, method: Method, periods: int) -> Json:
         "rms_m": float(np.sqrt(np.mean(displacement**2))),
         "impacts": {name: float(np.mean(impacts[k])) for name, k in thirds.items()},
         "lag": {name: float(np.median(np.abs(lags[k]))) for name, k in thirds.items()},
-        "lag_width": {name: float(np.quantile(lags[k], 0.95) - np.quantile(lags[k], 0.05)) for name, k in thirds.items()},
+        "lag_width": {
+            name: float(np.quantile(lags[k], 0.95) - np.quantile(lags[k], 0.05))
+            for name, k in thirds.items()
+        },
         "lag_at_transfer": float(np.median(np.abs(lag[share > TRANSFER]))),
         "lag_at_all": float(np.median(np.abs(lag))),
         "lag_at_energy": float(np.mean(size[most]) / np.mean(size)),
-        "energy_and_lag": float(np.corrcoef(absorber.reshape(periods, -1).mean(axis=1), np.abs(lags))[0, 1]),
+        "energy_and_lag": float(
+            np.corrcoef(absorber.reshape(periods, -1).mean(axis=1), np.abs(lags))[0, 1]
+        ),
         "share": largest,
         "waits": _waits(share.max(axis=1)),
-        "counts": {name: np.histogram(counted[name], edges)[0].tolist() for name, edges in COUNTS.items()},
+        "counts": {
+            name: np.histogram(counted[name], edges)[0].tolist() for name, edges in COUNTS.items()
+        },
         "record": _record(
-            tip_m=displacement, absorber_m=history.absorber_displacement[rows], lag_rad=lag.ravel(), modal_j=energy.modal[rows, 0],
+            tip_m=displacement,
+            absorber_m=history.absorber_displacement[rows],
+            lag_rad=lag.ravel(),
+            modal_j=energy.modal[rows, 0],
             absorber_j=absorber,
         ),
-    }  # fmt: skip
+    }
 
 
 def _largest(share: Array, periods: int) -> list[float]:
-    """Return the absorber's largest share in each `STRETCH` of so many pseudo periods."""
+    """Return the absorber's largest share in each `SHARE_PERIODS` of so many pseudo periods."""
     return (
-        share[: periods // STRETCH * STRETCH * DEFAULT_SAMPLES]
-        .reshape(-1, STRETCH * DEFAULT_SAMPLES)
+        share[: periods // SHARE_PERIODS * SHARE_PERIODS * DEFAULT_SAMPLES]
+        .reshape(-1, SHARE_PERIODS * DEFAULT_SAMPLES)
         .max(axis=1)
         .tolist()
     )
 
 
 def _waits(share: Array) -> list[int]:
-    """Return the pseudo periods between transfers: the largest shares of `HALF` periods to either side, where they are above `TRANSFER`."""
+    """Return the pseudo periods between transfers: the largest shares of `NEIGHBOUR_PERIODS` to either side, where they are above `TRANSFER`."""
     high = [int(k) for k in np.flatnonzero(share > TRANSFER)]
     at = [
         k
         for k in high
-        if k == max(0, k - HALF) + int(np.argmax(share[max(0, k - HALF) : k + HALF + 1]))
+        if k
+        == max(0, k - NEIGHBOUR_PERIODS)
+        + int(np.argmax(share[max(0, k - NEIGHBOUR_PERIODS) : k + NEIGHBOUR_PERIODS + 1]))
     ]
     return [later - sooner for sooner, later in pairwise(at)]
 
@@ -147,15 +169,17 @@ def _waits(share: Array) -> list[int]:
 def _record(**rows: Array) -> Json:
     """Return the first periods, to 5 digits."""
     return {
-        name: [float(f"{x:.5g}") for x in values[: SHOWN * DEFAULT_SAMPLES]]
+        name: [float(f"{x:.5g}") for x in values[: DRAWN_PERIODS * DEFAULT_SAMPLES]]
         for name, values in rows.items()
     }
 
 
 def _members(settings: PaperSettings, size: Size, name: str) -> Json:
     """Return the numbers of all members by one of the `METHODS`, and the record of the first, the paper's own run."""
-    own = scene()
-    schedule = constant_frequency(own.model.resonance_omega(1), 1.0, SETTLE + size.periods)
+    own = make_scene()
+    schedule = constant_frequency(
+        own.model.resonance_omega(1), 1.0, SETTLING_PERIODS + size.periods
+    )
     lanes = [
         Lane(own, drive)
         for drive in draw_members(size.members, settings.seed).drives(FORCE, schedule)
@@ -163,7 +187,7 @@ def _members(settings: PaperSettings, size: Size, name: str) -> Json:
     found = settings.each(
         f"{LABEL}: {name}",
         lanes,
-        partial(modulated, method=METHODS[name], periods=size.periods),
+        partial(measure_modulation, method=METHODS[name], periods=size.periods),
         METHODS[name],
     )
     counts = {
@@ -178,11 +202,12 @@ def _members(settings: PaperSettings, size: Size, name: str) -> Json:
     return {**kept, **several, "counts": counts, "record": found[0]["record"]}
 
 
-def shares(lane: Lane, periods: int) -> list[float]:
-    """Return the absorber's largest share of the energy in each `STRETCH` of a lane's ``periods`` after it has settled."""
+def measure_shares(lane: Lane, periods: int) -> list[float]:
+    """Return the absorber's largest share of the energy in each `SHARE_PERIODS` of a lane's ``periods`` after it has settled."""
     history = simulate(lane.scene, lane.drive, record=SERIES).recorded.history
     return _largest(
-        mechanical_energy(lane.scene, history).absorber_share[SETTLE * DEFAULT_SAMPLES :], periods
+        mechanical_energy(lane.scene, history).absorber_share[SETTLING_PERIODS * DEFAULT_SAMPLES :],
+        periods,
     )
 
 
@@ -201,13 +226,13 @@ def _elsewhere(settings: PaperSettings, size: Size) -> list[Json]:
             whole.tip_shape[k],
             whole.beam_mass,
         )
-        force = FORCE * _filling(model) / _filling(scene().model)
+        force = FORCE * _filling(model) / _filling(make_scene().model)
         drives = drawn.drives(
-            force, constant_frequency(model.resonance_omega(1), 1.0, SETTLE + periods)
+            force, constant_frequency(model.resonance_omega(1), 1.0, SETTLING_PERIODS + periods)
         )
         lanes = [Lane(Scene(model, impact_absorber()), drive) for drive in drives]
         found = settings.each(
-            f"{LABEL}: resonance {resonance}", lanes, partial(shares, periods=periods)
+            f"{LABEL}: resonance {resonance}", lanes, partial(measure_shares, periods=periods)
         )
         rows.append(
             {"resonance": resonance, "force_n": force, "share": [x for one in found for x in one]}
@@ -227,12 +252,15 @@ def _free_tip(model: ModalModel) -> float:
 
 def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     groups: dict[str, Callable[[], object]] = {
-        "linear": lambda: {"amplitude_m": FORCE * _free_tip(scene().model), "gap_m": RigidWalls.gap}
+        "linear": lambda: {
+            "amplitude_m": FORCE * _free_tip(make_scene().model),
+            "gap_m": RigidWalls.gap,
+        }
     }
     groups |= {name: partial(_members, settings, size, name) for name in METHODS} | {
         ANYWHERE: partial(_elsewhere, settings, size)
     }
-    return in_turn(groups, known)
+    return measure_groups(groups, known)
 
 
 def _words(values: Json) -> str:
@@ -240,7 +268,7 @@ def _words(values: Json) -> str:
     for name in METHODS:
         part = values[name]
         thirds = [
-            spread(_third(part, what, third))
+            format_spread(_third(part, what, third))
             for what in ("impacts", "lag")
             for third in ("high", "low")
         ]
@@ -248,14 +276,19 @@ def _words(values: Json) -> str:
             (
                 name,
                 *thirds,
-                spread(part["share"]),
-                spread(part["waits"], "{:.0f}"),
-                spread(part["depth"]),
+                format_spread(part["share"]),
+                format_spread(part["waits"], "{:.0f}"),
+                format_spread(part["depth"]),
             )
         )
     columns = (
-        "impacts a period, high third", "low third", "lag, rad, high third", "low third", "largest share in 25 periods", "periods between transfers",
-    )  # fmt: skip
+        "impacts a period, high third",
+        "low third",
+        "lag, rad, high third",
+        "low third",
+        "largest share in 25 periods",
+        "periods between transfers",
+    )
     return markdown(("method", *columns, "modulation depth"), lines)
 
 
@@ -265,7 +298,7 @@ def _third(part: Json, what: str, name: str) -> list[float]:
 
 def _draw(values: Json) -> Figure:
     """Draw the paper's own run to the left, and distributions over all members to the right."""
-    figure, axes = panels(4, 2, 8.0, "aebfcgdh", width_ratios=(2.4, 1))
+    figure, axes = make_panels(4, 2, 8.0, "aebfcgdh", width_ratios=(2.4, 1))
     exact = values["exact"]
     step = values["paper's step"]
     _draw_record(axes[:, 0], exact["record"], values["linear"]["gap_m"])
@@ -283,7 +316,7 @@ def _draw(values: Json) -> Figure:
         (COUNTS["share"], shares, "largest share in 25 periods"),
     )
     for own, (edges, numbers, label) in zip(axes[:, 1], columns, strict=True):
-        for look, (name, number) in zip(LOOKS, numbers.items(), strict=False):
+        for look, (name, number) in zip(STYLES, numbers.items(), strict=False):
             own.stairs(
                 np.array(number) / max(1, np.sum(number)),
                 edges,
@@ -294,7 +327,7 @@ def _draw(values: Json) -> Figure:
             )
         own.set(xlabel=label, ylabel="share of all", ylim=(0, 1.4 * own.dataLim.y1))
         own.legend(loc="upper left", fontsize=6.5)
-    legends(axes[:, 0])
+    draw_legends(axes[:, 0])
     return figure
 
 
@@ -304,27 +337,27 @@ def _draw_record(axes: Any, record: Json, gap: float) -> None:
         1e3 * np.array(record[name]) for name in ("tip_m", "absorber_m", "modal_j", "absorber_j")
     )
     for side in (-1, 1):
-        signal(
+        draw_signal(
             axes[0],
             period,
             tip + side * MM * gap,
-            Look(FAINT),
+            LineStyle(FAINT),
             "cavity walls" if side > 0 else None,
             0.5,
         )
-    signal(axes[0], period, tip, LOOKS[0], "tip", 0.9)
-    signal(axes[0], period, absorber, LOOKS[1], "absorber", 0.9)
+    draw_signal(axes[0], period, tip, STYLES[0], "tip", 0.9)
+    draw_signal(axes[0], period, absorber, STYLES[1], "absorber", 0.9)
     axes[0].set_ylabel("displacement, mm")
     lag = np.array(record["lag_rad"])
     shown = np.where(np.abs(np.diff(lag, prepend=lag[0])) > np.pi, np.nan, lag)
-    signal(axes[1], period, shown, LOOKS[0], "Hilbert phase lag")
+    draw_signal(axes[1], period, shown, STYLES[0], "Hilbert phase lag")
     turns = np.angle(np.exp(1j * lag).reshape(-1, DEFAULT_SAMPLES).mean(axis=1))
     axes[1].plot(
         np.arange(len(turns)) + 0.5,
         turns,
         "o",
         ms=3,
-        color=LOOKS[1].colour,
+        color=STYLES[1].colour,
         label="mean of a period",
     )
     axes[1].set(
@@ -334,14 +367,14 @@ def _draw_record(axes: Any, record: Json, gap: float) -> None:
         yticklabels=(r"$-\pi$", "0", r"$\pi$"),
     )
     for energy, look, name in (
-        (modal, LOOKS[0], "first mode"),
-        (absorbed, LOOKS[1], "absorber"),
+        (modal, STYLES[0], "first mode"),
+        (absorbed, STYLES[1], "absorber"),
         (modal + absorbed, REFERENCE, "both"),
     ):
-        signal(axes[2], period, energy, look, name, 0.9)
+        draw_signal(axes[2], period, energy, look, name, 0.9)
     axes[2].set_ylabel("energy, mJ")
     axes[3].fill_between(
-        period, absorbed / (modal + absorbed), color=LOOKS[1].colour, alpha=0.5, lw=0
+        period, absorbed / (modal + absorbed), color=STYLES[1].colour, alpha=0.5, lw=0
     )
     axes[3].axhline(0.9, color="black", ls=":", lw=0.8, label="90 %")
     axes[3].set(ylabel="absorber's share", ylim=(0, 1.2), xlabel="pseudo periods")
@@ -365,16 +398,16 @@ def _claims(values: Json) -> list[Claim]:
     relative = np.array(exact["rms_m"]) * np.sqrt(2) / values["linear"]["amplitude_m"]
     near = LEFT * np.pi
     rows = values[ANYWHERE]
-    ends = np.array([middle(row["share"]) for row in rows])
+    ends = np.array([compute_band(row["share"]) for row in rows])
     each = ", ".join(
-        f"{spread(row['share'], '{:.0f}', 100)} % at the {row['resonance']}." for row in rows
+        f"{format_spread(row['share'], '{:.0f}', 100)} % at the {row['resonance']}." for row in rows
     )
-    said = partial(claim, LABEL)
+    said = partial(make_claim, LABEL)
     return [
         said("two impacts in the burst", high, step=_third(step, "impacts", "high")),
         said("fewer impacts between", np.array(low) / np.array(high), low=low, high=high),
         said("lag near zero", lag, (0.0, near), width=width, near=near),
-        said("lag arbitrary", widths, about(0.9 * 2 * np.pi), size=lags),
+        said("lag arbitrary", widths, range_about(0.9 * 2 * np.pi), size=lags),
         said("ninety per cent", exact["share"], step=step["share"]),
         said("every twelve periods", exact["waits"]),
         said(
@@ -382,7 +415,7 @@ def _claims(values: Json) -> list[Claim]:
         ),
         said(
             "transfer at any frequency",
-            judged(ends[:, 0].min(), ends[:, 1].max(), *about(0.9)),
+            judge_interval(ends[:, 0].min(), ends[:, 1].max(), *range_about(0.9)),
             each=each,
         ),
         said("effective at resonance", relative, depth=exact["depth"]),
@@ -390,9 +423,14 @@ def _claims(values: Json) -> list[Claim]:
 
 
 FIGURE = PaperFigure(
-    LABEL, "the strongly modulated response", measure=_measure, words=_words, draw=_draw, claims=_claims,
+    LABEL,
+    "the strongly modulated response",
+    measure=_measure,
+    words=_words,
+    draw=_draw,
+    claims=_claims,
     sizes=(  # pseudo periods of each member that are looked at; elsewhere: members and periods at each of the other resonances
         Size(members=32, periods=2000, elsewhere=(4, 500)),
         Size(members=4, periods=500, elsewhere=(2, 100)),
     ),
-)  # fmt: skip
+)

@@ -11,25 +11,33 @@ from matplotlib.figure import Figure
 from impact_env import Beam, InitialState, RigidWalls, Scene, beam_scene, impact_absorber, simulate
 from impact_env.drive import PAPER_LIMITS, Drive, linear_sweep
 from impact_env.ensemble import Lane, draw_members
-from studies.paper.claim import SAME, Claim, Verdict, bands, between, claim, interval
+from studies.paper.claim import (
+    SAME,
+    Claim,
+    ClaimVerdict,
+    compute_bands,
+    format_interval,
+    format_range,
+    make_claim,
+)
 from studies.paper.frame import (
-    LOOKS,
+    STYLES,
     PaperFigure,
     PaperSettings,
     Size,
-    banded,
-    in_turn,
-    legends,
-    panels,
-    shortened,
+    draw_band,
+    draw_legends,
+    make_panels,
+    measure_groups,
+    shorten_table,
 )
-from studies.study import Array, Json, Table
+from studies.study import Array, CsvTable, Json
 
 LABEL = "starts"
 CHOICES = ("paper's", "position", "frequency", "both")  # what is drawn at random
 
 
-def scenes() -> dict[str, Scene]:
+def make_scenes() -> dict[str, Scene]:
     """Return the absorbers, by name: the paper's best, one without losses, and its case of one mode whose level is that of the first impacts."""
     return {
         "10 modes, e = 0.7, 0.1 N": beam_scene(
@@ -40,7 +48,7 @@ def scenes() -> dict[str, Scene]:
     }
 
 
-def level_from(lane: Lane) -> float:
+def compute_level_from(lane: Lane) -> float:
     """Return the response level in m of a lane with a state of its own."""
     return simulate(lane.scene, lane.drive, initial=lane.initial).recorded.level.value
 
@@ -80,35 +88,35 @@ def _of_scene(scene: Scene, settings: PaperSettings, size: Size) -> Json:
                         )
                     )
     levels = (
-        np.array(settings.each(LABEL, lanes, level_from))
+        np.array(settings.each(LABEL, lanes, compute_level_from))
         .reshape(len(CHOICES), len(forces), number, 2)
         .max(axis=-1)
     )
     return {"forces_n": list(forces), "levels_m": dict(zip(CHOICES, levels.tolist(), strict=True))}
 
 
-def relative(group: Json, choice: str) -> Array:
+def read_relative(group: Json, choice: str) -> Array:
     """Return the levels of a choice over the median of the paper's choice, (F, M)."""
     paper = np.median(np.array(group["levels_m"][CHOICES[0]]), axis=1)
     return np.asarray(np.array(group["levels_m"][choice]) / paper[:, None])
 
 
-def _table(values: Json) -> Table:
+def _table(values: Json) -> CsvTable:
     rows = []
     for name, group in values.items():
-        found = [bands(relative(group, choice))[[1, 0, 2]].T for choice in CHOICES]
+        found = [compute_bands(read_relative(group, choice))[[1, 0, 2]].T for choice in CHOICES]
         rows += [
-            (name, f"{force:g}", *(interval(*own[k]) for own in found))
+            (name, f"{force:g}", *(format_interval(*own[k]) for own in found))
             for k, force in enumerate(group["forces_n"])
         ]
-    return Table(f"{LABEL}_levels", ("absorber", "force, N", *CHOICES), rows)
+    return CsvTable(f"{LABEL}_levels", ("absorber", "force, N", *CHOICES), rows)
 
 
 def _words(values: Json) -> str:
     blocks = [
         "Level over the median of the paper's start, median (5 to 95 %) of the members; what is named is drawn at random."
     ]
-    blocks.append(shortened(_table(values)))
+    blocks.append(shorten_table(_table(values)))
     for choice in CHOICES[1:]:
         ratios = _ratios(values, choice, 1)
         top = max(_ratios(values, choice, 2))
@@ -125,20 +133,22 @@ def _claims(values: Json) -> list[Claim]:
     (worst, *_), (top, name, force) = max(ratios), max(_ratios(values, "position", 2))
     middles = " to ".join("{:.2f} ({}, {:g} N)".format(*one) for one in (min(ratios), max(ratios)))
     verdict = (
-        Verdict.HOLDS
+        ClaimVerdict.HOLDS
         if max(worst, top) < 1 + SAME
-        else Verdict.SPREAD
+        else ClaimVerdict.SPREAD
         if worst < 1 + SAME
-        else Verdict.NOT
+        else ClaimVerdict.NOT
     )
     return [
-        claim(LABEL, "starts_position", verdict, middles=middles, top=top, name=name, force=force)
+        make_claim(
+            LABEL, "starts_position", verdict, middles=middles, top=top, name=name, force=force
+        )
     ]
 
 
 def _answer(values: Json) -> str:
     """Say in a line what a start that nobody chose does."""
-    said = between([ratio for ratio, *_ in _ratios(values, "both", 1)], "{:.2f}")
+    said = format_range([ratio for ratio, *_ in _ratios(values, "both", 1)], "{:.2f}")
     return f"Starts that nobody chose: place and frequency at random give {said} times the median level of the paper's start."
 
 
@@ -146,7 +156,9 @@ def _ratios(values: Json, choice: str, quantile: int) -> list[tuple[float, str, 
     """Return a quantile (0, 1, 2 of `claim.bands`) over that of the paper's start, with absorber and force in N."""
     found = []
     for name, group in values.items():
-        own, paper = (bands(relative(group, each))[quantile] for each in (choice, CHOICES[0]))
+        own, paper = (
+            compute_bands(read_relative(group, each))[quantile] for each in (choice, CHOICES[0])
+        )
         found += [
             (float(x), name, force) for x, force in zip(own / paper, group["forces_n"], strict=True)
         ]
@@ -155,15 +167,15 @@ def _ratios(values: Json, choice: str, quantile: int) -> list[tuple[float, str, 
 
 def _draw(values: Json) -> Figure:
     """Draw the level over that of the paper's start, over the force, in a panel for each absorber."""
-    figure, axes = panels(1, len(values), 2.9, sharey=True)
+    figure, axes = make_panels(1, len(values), 2.9, sharey=True)
     for panel, (absorber, group) in zip(axes[0], values.items(), strict=True):
         forces = group["forces_n"]
-        for choice, look in zip(CHOICES, LOOKS, strict=False):
+        for choice, look in zip(CHOICES, STYLES, strict=False):
             paper = choice == CHOICES[0]  # whose first member is the paper's run: others are drawn
-            banded(
+            draw_band(
                 panel,
                 forces,
-                relative(group, choice),
+                read_relative(group, choice),
                 look,
                 f"{choice} start" if paper else f"random: {choice}",
                 nominal=paper,
@@ -176,13 +188,24 @@ def _draw(values: Json) -> Figure:
         panel.minorticks_off()
         panel.set_title(absorber, loc="right")
     axes[0, 0].set(ylabel="level over the paper's start", ylim=(0, None))
-    legends([axes[0, 0]])
+    draw_legends([axes[0, 0]])
     return figure
 
 
 FIGURE = PaperFigure(
-    LABEL, "starts that nobody chose", words=_words, draw=_draw, claims=_claims, answer=_answer,
-    measure=lambda settings, size, known: in_turn({name: partial(_of_scene, scene, settings, size) for name, scene in scenes().items()}, known),
+    LABEL,
+    "starts that nobody chose",
+    words=_words,
+    draw=_draw,
+    claims=_claims,
+    answer=_answer,
+    measure=lambda settings, size, known: measure_groups(
+        {name: partial(_of_scene, scene, settings, size) for name, scene in make_scenes().items()},
+        known,
+    ),
     tables=lambda values: (_table(values),),
-    sizes=(Size(forces=(0.6, 0.8, 1.0, 1.5, 2.5, 3.5, 5.0, 10.0), members=16), Size(forces=(0.8, 1.5, 3.5, 5.0), members=4)),
-)  # fmt: skip
+    sizes=(
+        Size(forces=(0.6, 0.8, 1.0, 1.5, 2.5, 3.5, 5.0, 10.0), members=16),
+        Size(forces=(0.8, 1.5, 3.5, 5.0), members=4),
+    ),
+)

@@ -30,14 +30,39 @@ from studies.paper import (
     smr,
     starts,
 )
-from studies.paper.claim import RULE, Claim, Verdict, from_plain
-from studies.paper.frame import NAME, PaperFigure, PaperSettings, folded, marker
-from studies.study import Json, Measured, Part, Place, Steps, Study, beside, load
+from studies.paper.claim import RULE, Claim, ClaimVerdict, from_plain
+from studies.paper.frame import NAME, PaperFigure, PaperSettings, format_details, marker
+from studies.study import (
+    Json,
+    Measurement,
+    OutputPaths,
+    Part,
+    Steps,
+    Study,
+    paths_beside_page,
+    read_measurement,
+)
 
-FIGURES: tuple[PaperFigure, ...] = (  # in the order of the page: the paper's own, then what goes beyond it
-    basics.FIGURE, high_low.FIGURE, jump.FIGURE, smr.FIGURE, oprange.FIGURE, oprange_two.FIGURE, second_mode.FREQUENCY, second_mode.DAMPING,
-    scat.FIGURE, dissinf.FIGURE, m12.FIGURE, conv.FIGURE, optimum.FIGURE, modulation.FIGURE, modes_needed.FIGURE, starts.FIGURE,
-)  # fmt: skip
+FIGURES: tuple[
+    PaperFigure, ...
+] = (  # in the order of the page: the paper's own, then what goes beyond it
+    basics.FIGURE,
+    high_low.FIGURE,
+    jump.FIGURE,
+    smr.FIGURE,
+    oprange.FIGURE,
+    oprange_two.FIGURE,
+    second_mode.FREQUENCY,
+    second_mode.DAMPING,
+    scat.FIGURE,
+    dissinf.FIGURE,
+    m12.FIGURE,
+    conv.FIGURE,
+    optimum.FIGURE,
+    modulation.FIGURE,
+    modes_needed.FIGURE,
+    starts.FIGURE,
+)
 LABELS = tuple(figure.label for figure in FIGURES)
 PACKAGE = __package__ + "."
 WORDS = (".claim", ".frame", ".study")
@@ -49,12 +74,12 @@ REFUTED = "refuted"
 HEADER = ("the paper says", "section", "computed", "verdict", "figure")
 
 
-def place(out: Path) -> Place:
+def make_paths(out: Path) -> OutputPaths:
     """Return where files go: the page paper.md into a folder, all else into its folder paper."""
-    return beside(out, NAME, out / NAME)
+    return paths_beside_page(out, NAME, out / NAME)
 
 
-def sources(module: ModuleType, known: frozenset[str] = frozenset()) -> frozenset[str]:
+def find_sources(module: ModuleType, known: frozenset[str] = frozenset()) -> frozenset[str]:
     """Return the modules of this study that a module's numbers come from: itself and what it takes from others, but for what only words or draws."""
     known |= {module.__name__}
     taken = {
@@ -67,18 +92,18 @@ def sources(module: ModuleType, known: frozenset[str] = frozenset()) -> frozense
         if str(name).startswith(PACKAGE) and not str(name).endswith(WORDS)
     ):
         if name not in known:
-            known |= sources(sys.modules[name], known)
+            known |= find_sources(sys.modules[name], known)
     return known
 
 
-def key(name: str, settings: PaperSettings) -> Json:
+def make_key(name: str, settings: PaperSettings) -> Json:
     """Return the key of a part's numbers: a finished figure is kept as long as it is the same, the sources of its numbers included.
 
     After a change of words only, --redraw takes the numbers as they are.
     """
     figure = next(figure for figure in FIGURES if figure.label == name)
     source = hashlib.sha256()
-    for each in sorted(sources(sys.modules[figure.words.__module__])):
+    for each in sorted(find_sources(sys.modules[figure.words.__module__])):
         source.update(Path(sys.modules[each].__file__ or "").read_bytes())
     own = {
         "kernels": hash_sources(),
@@ -89,7 +114,7 @@ def key(name: str, settings: PaperSettings) -> Json:
     return plain
 
 
-def claims_part(figures: Sequence[PaperFigure]) -> Part[PaperSettings]:
+def make_claims_part(figures: Sequence[PaperFigure]) -> Part[PaperSettings]:
     """Return the part whose JSON file holds the claims of each figure that has been finished."""
     return Part(
         CLAIMED,
@@ -101,14 +126,16 @@ def claims_part(figures: Sequence[PaperFigure]) -> Part[PaperSettings]:
 
 
 def _collected(settings: PaperSettings, _known: Json, figures: Sequence[PaperFigure]) -> Steps:
-    where = Place(settings.folder)
+    where = OutputPaths(settings.folder)
     found = list[Claim]()
     missing = list[str]()
     answers = dict[str, str]()
     for figure in figures:
         path = where.numbers(figure.label)
         part = figure.part()
-        measured = load(part, where, "--out") if path is not None and path.exists() else None
+        measured = (
+            read_measurement(part, where, "--out") if path is not None and path.exists() else None
+        )
         if measured is None or not measured.complete:
             missing.append(figure.label)
         else:
@@ -118,21 +145,21 @@ def _collected(settings: PaperSettings, _known: Json, figures: Sequence[PaperFig
     yield {"claims": [claim.to_plain() for claim in found], "answers": answers, "missing": missing}
 
 
-def _sections(measured: Measured) -> dict[str, str]:
+def _sections(measured: Measurement) -> dict[str, str]:
     """Return the summary, the section of what does not simply hold, with its reasons, and the folded one of the rest with the rule of tolerances."""
     claims = [from_plain(plain) for plain in measured.values["claims"]]
-    left = [claim for claim in claims if claim.verdict is not Verdict.HOLDS]
-    rest = [claim for claim in claims if claim.verdict is Verdict.HOLDS]
+    left = [claim for claim in claims if claim.verdict is not ClaimVerdict.HOLDS]
+    rest = [claim for claim in claims if claim.verdict is ClaimVerdict.HOLDS]
     rule = "\n".join(
         f"| {words} | {allowed} |"
         for words, allowed in (("words", "allowed"), ("---", "---"), *RULE)
     )
     return {
-        marker(SUMMARY): summary(claims, measured.values.get("answers", {})),
-        marker(REFUTED): f"{table(left)}{reasons(left)}",
+        marker(SUMMARY): format_summary(claims, measured.values.get("answers", {})),
+        marker(REFUTED): f"{format_claims(left)}{format_reasons(left)}",
         marker(
             CLAIMED
-        ): f"{folded(f'{len(rest)} statements that hold', table(rest))}\n\n{folded('The rule of tolerances', rule)}",
+        ): f"{format_details(f'{len(rest)} statements that hold', format_claims(rest))}\n\n{format_details('The rule of tolerances', rule)}",
     }
 
 
@@ -141,22 +168,22 @@ def _counted(claims: Sequence[Claim]) -> str:
     counts = Counter(claim.verdict for claim in claims)
     many = {
         verdict: verdict.value.replace("holds", "hold").replace("does not", "do not")
-        for verdict in Verdict
+        for verdict in ClaimVerdict
     }
     return ", ".join(
         f"{counts[verdict]} {verdict.value if counts[verdict] == 1 else many[verdict]}"
-        for verdict in Verdict
+        for verdict in ClaimVerdict
         if counts[verdict]
     )
 
 
-def summary(claims: Sequence[Claim], answers: dict[str, str]) -> str:
+def format_summary(claims: Sequence[Claim], answers: dict[str, str]) -> str:
     """Return the page's first lines: counts, the substantive statements that do not hold, and the answer to each open question."""
     own, given = (
         [claim for claim in claims if claim.definitional is definitional]
         for definitional in (False, True)
     )
-    failed = "; ".join(claim.statement for claim in own if claim.verdict is Verdict.NOT)
+    failed = "; ".join(claim.statement for claim in own if claim.verdict is ClaimVerdict.NOT)
     lines = [
         f"**{len(own)} substantive statements** were tested: {_counted(own)}.",
         f"{len(given)} more follow from definitions or from the linear structure: {_counted(given)}."
@@ -172,7 +199,7 @@ def summary(claims: Sequence[Claim], answers: dict[str, str]) -> str:
     return "\n".join(f"{number}. {line}" for number, line in enumerate(filter(None, lines), 1))
 
 
-def table(claims: Sequence[Claim]) -> str:
+def format_claims(claims: Sequence[Claim]) -> str:
     """Return a row for each claim."""
     rows = [
         (claim.statement, claim.section, claim.computed, f"**{claim.verdict.value}**", claim.figure)
@@ -184,9 +211,9 @@ def table(claims: Sequence[Claim]) -> str:
     )
 
 
-def reasons(claims: Sequence[Claim]) -> str:
+def format_reasons(claims: Sequence[Claim]) -> str:
     """Return a paragraph for each claim that does not simply hold."""
-    left = [claim for claim in claims if claim.verdict is not Verdict.HOLDS]
+    left = [claim for claim in claims if claim.verdict is not ClaimVerdict.HOLDS]
     return "".join(
         f"\n\n**{claim.statement[0].upper()}{claim.statement[1:]}: {claim.verdict.value}.** {claim.why}"
         for claim in left
@@ -195,10 +222,10 @@ def reasons(claims: Sequence[Claim]) -> str:
 
 STUDY: Study[PaperSettings] = Study(
     tuple(figure.part() for figure in FIGURES),
-    key=key,
+    key=make_key,
     same=(),
     kept="finished figures are kept; the same command goes on from here.",
 )
 CLAIMS: Study[PaperSettings] = Study(
-    (claims_part(FIGURES),)
+    (make_claims_part(FIGURES),)
 )  # once all figures that are to be made are there

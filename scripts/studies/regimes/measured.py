@@ -25,7 +25,7 @@ RECOMMENDED = "recommended"
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class RegimeCase:
     """A scene under a force (N) and what is asked of it; ratios are of its first resonance, times in its pseudo periods.
 
     ``stay_ratios``: where rates of leaving are measured; ``kind_ratios``: where responses are classified; ``slownesses`` of sweeps, in pseudo periods
@@ -64,7 +64,7 @@ class RegimeSettings:
     ``executor``: as in `run_lanes`.
     """
 
-    cases: tuple[Case, ...]
+    cases: tuple[RegimeCase, ...]
     stay_members: int = 200
     stay_periods: float = 8000.0
     burn_in: float = 100.0
@@ -110,24 +110,43 @@ def strip_scene() -> Scene:
 
 
 @cache
-def cases() -> tuple[Case, ...]:
+def cases() -> tuple[RegimeCase, ...]:
     """Return the page's cases."""
     paper = beam_scene(Beam(modes=2), impact_absorber(friction_limit=0.025))
     recommended = beam_scene(Beam(), impact_absorber(restitution=0.7, friction_limit=0.1))
     return (
-        Case(
-            PAPER, "the paper's beam, 2 modes, friction limit 0.025 N, e = 1, 1.5 N, down", paper, 1.5, 1.0, grid(0.988, 0.952, 37),
-            (20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 1450.0, 2000.0), Range(1.0, 0.988, 0.952, 0.9), grid(0.9, 1.06, 65), 0.75e-3, (0.972, 0.958),
+        RegimeCase(
+            PAPER,
+            "the paper's beam, 2 modes, friction limit 0.025 N, e = 1, 1.5 N, down",
+            paper,
+            1.5,
+            1.0,
+            grid(0.988, 0.952, 37),
+            (20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 1450.0, 2000.0),
+            Range(1.0, 0.988, 0.952, 0.9),
+            grid(0.9, 1.06, 65),
+            0.75e-3,
+            (0.972, 0.958),
         ),
-        Case(
-            STRIP, "a simply supported strip, 3 modes, friction limit 0.03 N, e = 1, 0.75 N, down", strip_scene(), 0.75, 1.0, grid(1.0, 0.956, 23),
-            (20.0, 40.0, 70.0, 100.0, 150.0, 200.0, 300.0, 500.0, 800.0), Range(1.002, 1.0, 0.956, 0.9),
+        RegimeCase(
+            STRIP,
+            "a simply supported strip, 3 modes, friction limit 0.03 N, e = 1, 0.75 N, down",
+            strip_scene(),
+            0.75,
+            1.0,
+            grid(1.0, 0.956, 23),
+            (20.0, 40.0, 70.0, 100.0, 150.0, 200.0, 300.0, 500.0, 800.0),
+            Range(1.002, 1.0, 0.956, 0.9),
         ),
-        Case(
-            RECOMMENDED, "the paper's beam, 10 modes, friction limit 0.1 N, e = 0.7, 3.5 N", recommended, 3.5, 1.0,
+        RegimeCase(
+            RECOMMENDED,
+            "the paper's beam, 10 modes, friction limit 0.1 N, e = 0.7, 3.5 N",
+            recommended,
+            3.5,
+            1.0,
             kind_ratios=(*grid(0.946, 0.998, 27), *grid(1.0, 1.04, 5)),
         ),
-    )  # fmt: skip
+    )
 
 
 Row = dict[str, Any]
@@ -182,7 +201,7 @@ def _phases(members: int, seed: int) -> list[float]:
     return draw_members(members, seed, "phase").phases.tolist()
 
 
-def _stay(case: Case, ratio: float, settings: RegimeSettings) -> list[Row]:
+def _stay(case: RegimeCase, ratio: float, settings: RegimeSettings) -> list[Row]:
     drawn = _phases(settings.stay_members, settings.seed)
     length = settings.stay_periods
     at = (case.scene, case.force, case.approach, ratio)
@@ -194,15 +213,25 @@ def _stay(case: Case, ratio: float, settings: RegimeSettings) -> list[Row]:
     pauses = found.longest_pauses
     return [
         {
-            "what": STAY, "case": case.name, "at": ratio, "runs": settings.stay_members, "absent": found.absent, "returned": found.returned,
-            "exits": rate.exits, "exposure": rate.exposure, "rate": _plain(rate.rate), "low": _plain(rate.low), "high": _plain(rate.high),
-            "late_exits": late.exits, "late_exposure": late.exposure,
+            "what": STAY,
+            "case": case.name,
+            "at": ratio,
+            "runs": settings.stay_members,
+            "absent": found.absent,
+            "returned": found.returned,
+            "exits": rate.exits,
+            "exposure": rate.exposure,
+            "rate": _plain(rate.rate),
+            "low": _plain(rate.low),
+            "high": _plain(rate.high),
+            "late_exits": late.exits,
+            "late_exposure": late.exposure,
             "longest_pause": float(np.max(pauses)) if pauses is not None and len(pauses) else None,
         }
-    ]  # fmt: skip
+    ]
 
 
-def _sweep(case: Case, slowness: float, settings: RegimeSettings) -> list[Row]:
+def _sweep(case: RegimeCase, slowness: float, settings: RegimeSettings) -> list[Row]:
     drawn = _phases(settings.sweep_members, settings.seed + 1)
     at = (case.scene, case.force, case.approach, not_none(case.sweep), slowness, drawn)
     limits = (settings.silence, case.high_level)
@@ -227,7 +256,7 @@ def _sweep(case: Case, slowness: float, settings: RegimeSettings) -> list[Row]:
     ]
 
 
-def _one_way(case: Case, way: str, slowness: float, settings: RegimeSettings) -> list[Row]:
+def _one_way(case: RegimeCase, way: str, slowness: float, settings: RegimeSettings) -> list[Row]:
     """Return how many of twice the members leave between the two ratios in a sweep down or up; before one up they come down to its start."""
     high, low = not_none(case.both_ways)
     over = (
@@ -251,7 +280,7 @@ def _one_way(case: Case, way: str, slowness: float, settings: RegimeSettings) ->
 MEANS = ("impacts_per_period", "depth", "absorber_share", "impact_loss", "friction_loss")
 
 
-def _responses(case: Case, ratio: float, settings: RegimeSettings) -> list[Row]:
+def _responses(case: RegimeCase, ratio: float, settings: RegimeSettings) -> list[Row]:
     drawn = _phases(settings.kind_members, settings.seed)
     at = (case.scene, case.force, case.approach, ratio)
     lengths = (settings.settle, settings.window)

@@ -41,7 +41,7 @@ METHODS = (EXACT, MOREAU, RUNGE_KUTTA)
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class StabilityCase:
     """One line of the matrix. ``build`` gives scene, drive and start, or raises ParameterError where the parameters are already refused.
 
     ``impacts``: up to which impact the reference is followed. ``must_refuse``: there is no right answer, every method has to say so. ``conserved``:
@@ -71,8 +71,8 @@ def make_case(
     start: Callable[[Scene], InitialState] | None = None,
     beam: dict[str, object] | None = None,
     **options: object,
-) -> Case:
-    """Return a case on the beam (its parameters in ``beam``) at ``ratio`` times the first resonance; ``options`` are `Case`'s."""
+) -> StabilityCase:
+    """Return a case on the beam (its parameters in ``beam``) at ``ratio`` times the first resonance; ``options`` are `StabilityCase`'s."""
 
     def build() -> tuple[Scene, Drive, InitialState]:
         scene = beam_scene(Beam(**({"modes": modes} | (beam or {}))), absorber())  # type: ignore[arg-type]
@@ -83,7 +83,7 @@ def make_case(
             start(scene) if start else InitialState(),
         )
 
-    return Case(group, name, build, **options)  # type: ignore[arg-type]
+    return StabilityCase(group, name, build, **options)  # type: ignore[arg-type]
 
 
 impact = partial(impact_absorber, restitution=0.7)
@@ -115,12 +115,12 @@ KINDS: dict[str, Callable[[], Absorber | None]] = {
 }
 
 
-def _ordinary() -> Iterator[Case]:
+def _ordinary() -> Iterator[StabilityCase]:
     for name, make in KINDS.items():
         yield make_case("ordinary", name, make, modes=10, quick=True)
 
 
-def _damping() -> Iterator[Case]:
+def _damping() -> Iterator[StabilityCase]:
     damped = partial(make_case, "damping ratio")
     for ratio in (0.0, 1 - 1e-9, 1.0, 1 + 1e-6, 3.0, 10.0, 1000.0):
         for name in ("no absorber", "stuck", "tuned", "impact and friction", "compliant"):
@@ -146,7 +146,7 @@ def _damping() -> Iterator[Case]:
     )
 
 
-def _modes() -> Iterator[Case]:
+def _modes() -> Iterator[StabilityCase]:
     for modes in (1, 30, 60):
         for name in ("no absorber", "stuck", "tuned", "impact", "impact and friction", "compliant"):
             # the highest of all 60 modes is 12,000 times faster than the first
@@ -182,7 +182,7 @@ def _modes() -> Iterator[Case]:
     )
 
 
-def _gaps() -> Iterator[Case]:
+def _gaps() -> Iterator[StabilityCase]:
     for gap in (0.0, 1e-12, 1e-7, 1e-5, 1.0, 1e6, np.inf):
         for friction in (None, 0.1):
             name = f"{gap:g} m" + ("" if friction is None else ", friction")
@@ -198,7 +198,7 @@ def _gaps() -> Iterator[Case]:
         )
 
 
-def _restitution() -> Iterator[Case]:
+def _restitution() -> Iterator[StabilityCase]:
     for e in (0.0, 1e-9, 0.3, 0.99, 1.0):
         for friction in (None, 0.1):
             name = f"{e:g}" + ("" if friction is None else ", friction")
@@ -208,7 +208,7 @@ def _restitution() -> Iterator[Case]:
             )
 
 
-def _friction() -> Iterator[Case]:
+def _friction() -> Iterator[StabilityCase]:
     for limit in (1e-12, 1e-6, 10.0, 5e3, 2e4, 1e6, 1e12):
         yield make_case(
             "friction limit",
@@ -255,7 +255,7 @@ def _friction() -> Iterator[Case]:
         )
 
 
-def _masses() -> Iterator[Case]:
+def _masses() -> Iterator[StabilityCase]:
     for ratio in (1e-6, 1e-3, 10.0):
         for name, make in (
             ("impact", lambda r: impact_absorber(restitution=0.7, mass_ratio=r)),
@@ -285,7 +285,7 @@ def _masses() -> Iterator[Case]:
     yield make_case("absorber mass", "1e-14, friction", partial(friction_damper, 1e-14, 1e-14))
 
 
-def _drives() -> Iterator[Case]:
+def _drives() -> Iterator[StabilityCase]:
     for name, make in (
         ("impact", impact),
         ("impact and friction", rubbing),
@@ -368,7 +368,7 @@ def _peak_at(scene: Scene, displacement: float) -> Drive:
     return _near(scene, displacement / _peak_per_newton(3, 6.0))
 
 
-def _grazing() -> Iterator[Case]:
+def _grazing() -> Iterator[StabilityCase]:
     for excess in (-1e-3, -1e-6, 1e-7, 1e-5, 1e-3):
         drive = partial(_peak_at, displacement=GAP * (1 + excess))
         yield make_case(
@@ -388,7 +388,7 @@ def _grazing() -> Iterator[Case]:
         )
 
 
-def _starts() -> Iterator[Case]:
+def _starts() -> Iterator[StabilityCase]:
     for side in (-1.0, 1.0):
         for velocity in (0.0, 0.05, -0.05):
             start = partial(_at, displacement=side * GAP, velocity=velocity)
@@ -409,7 +409,7 @@ def _starts() -> Iterator[Case]:
     yield make_case("start", "not a number", impact, start=nothing, must_refuse=True)
 
 
-def _stiffness() -> Iterator[Case]:
+def _stiffness() -> Iterator[StabilityCase]:
     for power in range(-2, 9):
         stiffness = 10.0**power * STATIC
         make = partial(soft, stiffness)
@@ -491,7 +491,7 @@ def _on_a_pressing_wall(scene: Scene, velocity: float) -> InitialState:
     )
 
 
-def _pressed() -> Iterator[Case]:
+def _pressed() -> Iterator[StabilityCase]:
     """A wall that keeps pushing: impacts that follow each other ever faster (e < 1), or in great number (e = 1)."""
     for e in (0.5, 0.9, 1.0):
         for velocity in (1e-3, 1e-6, 1e-9):
@@ -510,7 +510,7 @@ def _pressed() -> Iterator[Case]:
             )
 
 
-def _conserved() -> Iterator[Case]:
+def _conserved() -> Iterator[StabilityCase]:
     def start(scene: Scene) -> InitialState:
         n = scene.model.modes
         return InitialState(np.full(n, 1e-3) / (1 + np.arange(n)) ** 3, absorber_velocity=0.1)
@@ -532,17 +532,29 @@ def _conserved() -> Iterator[Case]:
 
 
 GROUPS = (
-    _ordinary, _damping, _modes, _gaps, _restitution, _friction, _masses, _drives, _grazing, _starts, _stiffness, _pressed, _conserved,
-)  # fmt: skip
+    _ordinary,
+    _damping,
+    _modes,
+    _gaps,
+    _restitution,
+    _friction,
+    _masses,
+    _drives,
+    _grazing,
+    _starts,
+    _stiffness,
+    _pressed,
+    _conserved,
+)
 
 
-def cases(quick: bool = False) -> list[Case]:
+def cases(quick: bool = False) -> list[StabilityCase]:
     """Return all cases, or those of a quick look. Compliant contact is left out where a rigid method cannot and the other way round."""
     every = [case for group in GROUPS for case in group()]
     return [_applicable(case) for case in every if case.quick or not quick]
 
 
-def _applicable(case: Case) -> Case:
+def _applicable(case: StabilityCase) -> StabilityCase:
     """Leave out methods that cannot do the scene; that they say so is tested elsewhere."""
     try:
         scene, _, _ = case.build()

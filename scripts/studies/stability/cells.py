@@ -23,7 +23,7 @@ from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.sweep import IntegrationError, simulate
 from optimisation.machine import peak_memory
 from reference.dense import Truth, follow
-from studies.stability.cases import EXACT, MOREAU, Case
+from studies.stability.cases import EXACT, MOREAU, StabilityCase
 
 SAMPLES = 32  # per pseudo period
 LEAST_SAMPLES = 33
@@ -78,7 +78,7 @@ class Cell:
     memory_mb: float | None = None
 
 
-def measure(case: Case, method: str) -> Cell:
+def measure(case: StabilityCase, method: str) -> Cell:
     """Run a case with a method and judge it. Never raises but for an interrupt: an error that is not a clear refusal is a failure."""
     cell = Cell(case.group, case.name, method, FAILED)
     try:
@@ -126,7 +126,12 @@ def _cut(drive: Drive, end: float) -> Drive:
 
 
 def _fill(
-    cell: Cell, case: Case, scene: Scene, drive: Drive, initial: InitialState, response: Response
+    cell: Cell,
+    case: StabilityCase,
+    scene: Scene,
+    drive: Drive,
+    initial: InitialState,
+    response: Response,
 ) -> None:
     cell.impacts, cell.wall_s, cell.balance = (
         response.impact_count,
@@ -167,7 +172,7 @@ def _fill(
 
 
 @lru_cache(maxsize=8)
-def _truth(case: Case) -> Truth:
+def _truth(case: StabilityCase) -> Truth:
     scene, drive, initial = case.build()
     interval = drive.schedule.pseudo_period / _samples(drive)
     samples = int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
@@ -246,7 +251,7 @@ def _drift(scene: Scene, response: Response, half: Response, conserved: bool) ->
     return abs(change) / (scale if scale > 0 else 1.0) / (0.5 * response.drive.schedule.periods)
 
 
-def _judge(cell: Cell, case: Case) -> tuple[str, str]:
+def _judge(cell: Cell, case: StabilityCase) -> tuple[str, str]:
     """Return verdict and reason of a finished cell."""
     if case.must_refuse:
         return FAILED, "finished where there is no right answer"

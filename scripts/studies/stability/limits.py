@@ -69,9 +69,11 @@ class LimitCase:
 
 RATIOS = (0.0, 0.001, 0.01, 0.1, 0.3, 0.7, 1.0, 2.0, 5.0, 20.0)
 OTHERS = (
-    ("ten modes", 0.01, 10), ("spring 1e6 N/m", 0.01, 3, 1e6), ("spring 1e10 N/m", 0.01, 3, 1e10),
+    ("ten modes", 0.01, 10),
+    ("spring 1e6 N/m", 0.01, 3, 1e6),
+    ("spring 1e10 N/m", 0.01, 3, 1e10),
     ("spring 1e4 N/m, damper 100 N s/m", 0.01, 3, 1e4, 100.0),
-)  # fmt: skip
+)
 CASES = (
     *(LimitCase(method, "one mode", ratio) for method in MAKE for ratio in RATIOS),
     *(LimitCase(method, *other) for other in OTHERS for method in MAKE),

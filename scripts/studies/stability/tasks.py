@@ -9,7 +9,7 @@ from impact_env import ParameterError, SlidingAbsorber
 from optimisation.executors import Outcome, Task
 from studies.stability import cells, checks, eigen, limits
 from studies.stability import soak as soaks
-from studies.stability.cases import Case, cases
+from studies.stability.cases import StabilityCase, cases
 from studies.study import Json
 
 CELL_LIMIT_S = 90.0
@@ -19,7 +19,7 @@ OTHER_LIMIT_S = 120.0
 
 
 @lru_cache(maxsize=1)
-def _by_name() -> dict[tuple[str, str], Case]:
+def _by_name() -> dict[tuple[str, str], StabilityCase]:
     return {(case.group, case.name): case for case in cases()}
 
 
@@ -55,7 +55,7 @@ SECTIONS: dict[Callable[..., Json], tuple[str, tuple[str, ...]]] = {
 }
 
 
-def _kind(case: Case, method: str) -> str:
+def _kind(case: StabilityCase, method: str) -> str:
     """Name the kernels that a case needs."""
     try:
         scene, _, _ = case.build()
