@@ -29,6 +29,8 @@ from optimisation.measures import (
 )
 from optimisation.objectives import Condition, Objective
 from optimisation.problem import Problem
+from optimisation.sobol import Sensitivity as Sensitivity
+from optimisation.sobol import sobol_points, sobol_sensitivity
 from optimisation.uncertain import on_another_structure
 from optimisation.variables import (
     DAMPING,
@@ -132,25 +134,6 @@ def with_gaps(design: Design, gaps: ArrayLike) -> list[Design]:
     ]
 
 
-@dataclass(frozen=True, eq=False)
-class Sensitivity:
-    """Sobol indices of the first objective around a design, with 95 % bootstrap intervals: share of its variance that a variable causes.
-
-    Arrays (variables,), intervals (variables, 2). ``first`` is a variable's own share, ``total`` includes what it does with others. ``low`` and
-    ``high`` are the ends of the box of values in SI units, ``spread`` the standard deviation of the objective in it.
-    """
-
-    names: tuple[str, ...]
-    low: Array
-    high: Array
-    first: Array
-    first_band: Array
-    total: Array
-    total_band: Array
-    spread: float
-    designs: int
-
-
 def varied(space: DesignSpace) -> list[Variable]:
     """Return the free variables that have a neighbourhood: all but choices among whole numbers."""
     return [v for v in space.free if not v.whole]
@@ -189,56 +172,20 @@ def sensitivity(
     require(
         len(names) > 1, "free variables", list(names), "two or more: one alone causes everything"
     )
-    require(samples >= 2 and samples & (samples - 1) == 0, "samples", samples, "a power of 2")
     near = replace(problem, objectives=problem.objectives[:1], constraints=(), members=members)
     low, high = neighbourhood(problem.space, design)
     fresh = problem.fresh_ensemble(members, SHOWN)
-    values = list[Array]()
-
-    def costs(x: Array) -> Array:
-        designs = [
-            Design(
-                design.concept, {**design.values, **dict(zip(names, map(float, row), strict=True))}
-            )
-            for row in x.T
-        ]
-        result = np.empty(len(designs))
-        for k, measured in evaluate(near, designs, fresh, near.rate, executor, progress):
-            result[k] = near.cost(near.score(designs[k], measured, fresh, near.rate))
-        values.append(result)
-        require(
-            bool(np.all(np.isfinite(result))),
-            "neighbourhood",
-            SPREAD,
-            "a smaller one: runs in it could not be finished",
-        )
-        return result[None]
-
-    ranges = [scipy.stats.uniform(a, b - a) for a, b in zip(low, high, strict=True)]
-    result = scipy.stats.sobol_indices(
-        func=costs, n=samples, dists=ranges, rng=np.random.default_rng(problem.seed)
-    )
-    bands = result.bootstrap(0.95, n_resamples=500)
-    first_band = (
-        np.array(
-            [bands.first_order.confidence_interval.low, bands.first_order.confidence_interval.high]
-        )
-        .reshape(2, -1)
-        .T
-    )
-    total_band = (
-        np.array(
-            [bands.total_order.confidence_interval.low, bands.total_order.confidence_interval.high]
-        )
-        .reshape(2, -1)
-        .T
-    )
-    first = np.ravel(result.first_order)
-    total = np.ravel(result.total_order)
-    every = np.concatenate(values)
-    return Sensitivity(
-        names, low, high, first, first_band, total, total_band, float(np.std(every)), len(every)
-    )
+    points = sobol_points(samples, low, high, problem.seed)
+    designs = [
+        Design(design.concept, design.values | dict(zip(names, values, strict=True)))
+        for values in points.reshape(-1, len(names)).tolist()
+    ]
+    costs = np.empty(len(designs))
+    for k, measured in evaluate(near, designs, fresh, near.rate, executor, progress):
+        costs[k] = near.cost(near.score(designs[k], measured, fresh, near.rate))
+    allowed = "a smaller one: runs in it could not be finished"
+    require(bool(np.all(np.isfinite(costs))), "neighbourhood", SPREAD, allowed)
+    return sobol_sensitivity(names, low, high, costs.reshape(points.shape[:2]), problem.seed)
 
 
 # A design in service, as its builder needs it: impacts, wear, heat, forces it serves, tolerances, and what a lasting vibration does.

@@ -1,7 +1,7 @@
 """Choose the gap of an impact absorber for a force by simulation: the one with the lowest level, and the one that bears a change of the force."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -56,8 +56,9 @@ from optimisation.load_comparison import advise_for_loads
 from optimisation.mounting import mounted
 from optimisation.progress import runs_bar, sweeps_bar
 from optimisation.report import load_gap_report as report
+from optimisation.report.card import Row, write_card
 from optimisation.report.card import text as as_text
-from optimisation.report.card import write_card
+from optimisation.report.design_figures import save_sensitivity
 from optimisation.report.frequency_report import (
     HISTORY_FORMATS,
     HISTORY_HELP,
@@ -77,7 +78,24 @@ from optimisation.report.gap_report import (
     text,
     warnings,
 )
+from optimisation.report.precision_report import (
+    sensitivity_data,
+    sensitivity_lines,
+    sensitivity_rows,
+    tolerance_data,
+    tolerance_lines,
+    tolerance_rows,
+)
+from optimisation.sobol import Sensitivity, device_box, device_sensitivity
 from optimisation.sweep_range import find_sweep_range
+from optimisation.tolerances import (
+    DRAWS_ALONE,
+    DRAWS_CHECKED,
+    DRAWS_TOGETHER,
+    SURE,
+    Tolerances,
+    find_tolerances,
+)
 from optimisation.uncertain import FRICTION, GAP, Spread, require_parts, spreads
 
 QUICK_MEMBERS = 1
@@ -94,6 +112,19 @@ CONSTRAINT_HELP = (
     "Answer within a limit, in SI units; may be repeated: stroke (m, from the middle of the cavity), impact_speed (m/s, the largest), yield_stress "
     f"(Pa, of the softer body of --contact, whose peak pressure stays below {YIELD_PRESSURE:g} times it)."
 )
+MOST_DRAWS = 3 * DRAWS_ALONE + DRAWS_TOGETHER + DRAWS_CHECKED
+TOLERANCES_HELP = (
+    "With --limit-level: how precisely gap, restitution and friction must be made so that the level stays below it with "
+    f"{100 * SURE:.0f} % probability; what --uncertain names besides is drawn too. About {2 * MOST_DRAWS} sweeps."
+)
+SOBOL_HELP = (
+    "Sobol shares of the recommended device: which of gap, restitution, friction, mass, force and on a beam place its level depends on, within "
+    "10 %, 0.1, 50 %, 5 %, 10 % and 0.02 of the length. About 1000 sweeps."
+)
+DRAWS_OF_TOLERANCES = (DRAWS_ALONE, DRAWS_TOGETHER, DRAWS_CHECKED)
+QUICK_DRAWS = (16, 32, 16)
+SOBOL = 64
+QUICK_SOBOL = 16
 OF_SCENE = (
     "structure",
     "modes",
@@ -270,16 +301,103 @@ def frequency_of(found: Advice, answer: Answer, executor: Executor) -> Resonance
     return resonance_curves(cases, curve.members, executor)
 
 
+@dataclass(frozen=True)
+class Precision:
+    """How precisely a device must be made, and which of its numbers its level depends on; None where it is not asked for."""
+
+    absorber: SlidingAbsorber
+    tolerances: Tolerances | None = None
+    sobol: Sensitivity | None = None
+
+    @property
+    def lines(self) -> list[str]:
+        """What is printed."""
+        found = []
+        if self.tolerances is not None:
+            found += tolerance_lines(self.tolerances, self.absorber)
+        if self.sobol is not None:
+            found += sensitivity_lines(self.sobol)
+        return found
+
+    @property
+    def groups(self) -> tuple[tuple[str, tuple[Row, ...]], ...]:
+        """Groups of a card."""
+        found = []
+        if self.tolerances is not None:
+            heading = f"How precisely it must be made for a level below {1e3 * self.tolerances.limit:.4g} mm"
+            found.append((heading, tolerance_rows(self.tolerances, self.absorber)))
+        if self.sobol is not None:
+            rows = sensitivity_rows(self.sobol)
+            found.append(("Sobol shares of the level's variance (95 % interval)", rows))
+        return tuple(found)
+
+    @property
+    def content(self) -> dict[str, object]:
+        """JSON values."""
+        found: dict[str, object] = {}
+        if self.tolerances is not None:
+            found["tolerances"] = tolerance_data(self.tolerances, self.absorber)
+        if self.sobol is not None:
+            found["sobol"] = sensitivity_data(self.sobol)
+        return found
+
+
+def precision_of(
+    found: Advice,
+    best: Answer,
+    structure: Structure,
+    every: Sequence[Spread],
+    given: dict[str, Any],
+    executor: Executor,
+) -> Precision:
+    """Run what --tolerances and --sobol ask for, under a bar."""
+    case = case_of(found.check, best.absorber)
+    low, high = found.check.limits
+    periods = 1e4 * (high - low) / found.check.rate
+    tolerances = None
+    sobol = None
+
+    def announce(runs: int) -> None:
+        if given["cluster"] is None:
+            force, resonance = given["force"], given["resonance"]
+            announce_duration(case.scene, force, resonance, periods, runs, given["threads"])
+
+    if given["tolerances"]:
+        draws = QUICK_DRAWS if given["quick"] else DRAWS_OF_TOLERANCES
+        announce(2 * (3 * draws[0] + draws[1] + draws[2]))
+        with sweeps_bar("tolerances", leave=False) as show:
+            tolerances = find_tolerances(
+                case, given["limit_level"], every, draws=draws, progress=show, executor=executor
+            )
+    if given["sobol"]:
+        samples = QUICK_SOBOL if given["quick"] else SOBOL
+        announce(2 * samples * (len(device_box(case, structure)) + 2))
+        with sweeps_bar("Sobol shares", leave=False) as show:
+            sobol = device_sensitivity(
+                case, structure, samples, seed=given["seed"], progress=show, executor=executor
+            )
+    return Precision(best.absorber, tolerances, sobol)
+
+
 def write(
-    out: Path, found: Advice, unsure: Unsure | None, frequency: Sequence[ResonanceCurves] = ()
+    out: Path,
+    found: Advice,
+    unsure: Unsure | None,
+    frequency: Sequence[ResonanceCurves],
+    precision: Precision | None,
 ) -> list[Path]:
     """Write the figures and the tables into a folder, and return the files."""
     content = summary(found) | ({} if unsure is None else {"uncertain": unsure.plain()})
+    content |= {} if precision is None else precision.content
     contents: dict[Path | None, object] = {
         out / "levels.csv": (COLUMNS, rows(found)),
         out / "summary.json": content,
         out / "levels.png": partial(save_figure, found=found),
     }
+    if precision is not None and precision.sobol is not None:
+        contents[out / "sensitivity.png"] = partial(
+            save_sensitivity, found=precision.sobol, of="the recommended device"
+        )
     return write_files(contents | frequency_files(out, frequency))
 
 
@@ -294,6 +412,8 @@ def under_load(given: dict[str, Any]) -> None:
         "contact",
         "constraint",
         "limit_level",
+        "tolerances",
+        "sobol",
         "history",
         "no_card",
         why="there the gap alone is searched, and there is no card",
@@ -400,6 +520,8 @@ def under_load(given: dict[str, Any]) -> None:
     type=float,
     help="Print the probability that the level of the recommended device stays below this, in m.",
 )
+@click.option("--tolerances", is_flag=True, help=TOLERANCES_HELP)
+@click.option("--sobol", is_flag=True, help=SOBOL_HELP)
 @common.rate_option
 @click.option(
     "--damping",
@@ -465,6 +587,10 @@ def main(**given: Any) -> None:
         limits = limits_of(given, model, absorber)
         if given["limit_level"] is not None:
             given["limit_level"] = positive("limit_level", given["limit_level"])
+        elif given["tolerances"]:
+            raise common.BadInput(
+                "--tolerances needs --limit-level: the level in m below which the device must stay"
+            )
         with executor_on(given["threads"], given["cluster"]) as executor:
             found = simulated(model, absorber, given, rate, factors, limits, executor)
             if found.recommended is None:
@@ -475,18 +601,26 @@ def main(**given: Any) -> None:
                 if best is None or not every
                 else Unsure(every, *uncertain_levels(found, best, every, executor))
             )
+            precision = (
+                None
+                if best is None
+                else precision_of(found, best, structure, every, given, executor)
+            )
             own, beside = None, list[str]()
             frequency = [] if best is None else [frequency_of(found, best, executor)]
             if best is not None and not given["no_card"]:
                 service = service_loads(found, best, executor)
                 more = change_with_modes(found, best, structure, given["seed"], executor)
                 own = card(found, service, unsure, given["contact"], more, frequency)
+                if precision is not None:
+                    own = replace(own, groups=(*own.groups, *precision.groups))
                 beside = [baselines(service)]
         told = [*answer(found), *probability(found, given["limit_level"]), *beside]
-        told += [*([] if unsure is None else [unsure.words]), "", text(found)]
+        told += [] if unsure is None else [unsure.words]
+        told += [*([] if precision is None else precision.lines), "", text(found)]
         told += ["", *warnings(found), *([] if own is None else ["", as_text(own)])]
         click.echo("\n".join(told))
-        files = write(given["out"], found, unsure, frequency)
+        files = write(given["out"], found, unsure, frequency, precision)
         if given["history"] is not None and best is not None:
             run = record_worst_run(case_of(found.check, best.absorber), curve_at(found, best))
             files += write_files({given["history"]: partial(save_history, run=run)})

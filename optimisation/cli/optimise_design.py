@@ -233,7 +233,7 @@ def write(
             contents[out / f"{name}.png"] = partial(save, findings=findings)
     contents |= frequency_files(out, frequency)
     if findings.sensitivity is not None:
-        contents[out / "sensitivity.png"] = partial(save_sensitivity, findings=findings)
+        contents[out / "sensitivity.png"] = partial(save_sensitivity, found=findings.sensitivity)
     return write_files(contents) + write_card(out, findings_card(findings, frequency))
 
 

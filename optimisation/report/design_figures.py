@@ -29,6 +29,7 @@ from optimisation.report import figures
 from optimisation.report.design_tables import limit
 from optimisation.report.figures import write_figure
 from optimisation.search.judge import Findings
+from optimisation.sobol import Sensitivity
 from optimisation.variables import GAP, MASS_RATIO, POSITION
 
 if TYPE_CHECKING:
@@ -340,10 +341,8 @@ def save_robustness(path: Path, findings: Findings) -> None:
     write_figure(figure, path)
 
 
-def save_sensitivity(path: Path, findings: Findings) -> None:
-    """Draw the Sobol indices with their 95 % intervals."""
-    found = findings.sensitivity
-    assert found is not None
+def save_sensitivity(path: Path, found: Sensitivity, of: str = "the winner") -> None:
+    """Draw Sobol indices with their 95 % intervals; ``of``: around what, in words."""
     figure, (panel,) = figures.figure_with(1, 4.2)
     at = np.arange(len(found.names))
     for shift, colour, label, values, band in (
@@ -371,7 +370,7 @@ def save_sensitivity(path: Path, findings: Findings) -> None:
     panel.set_ylabel("share of the variance")
     panel.axhline(0, color=figures.BLACK, lw=0.8)
     panel.set_title(
-        f"Sobol indices around the winner, standard deviation {found.spread:.3g}", fontsize=10
+        f"Sobol indices around {of}, standard deviation {found.spread:.3g}", fontsize=10
     )
     figures.draw_grid(panel)
     figures.draw_legend(figure, panel)

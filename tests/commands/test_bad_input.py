@@ -115,6 +115,9 @@ design_gap --force 3
     --uncertain gap 5% --uncertain gap 6% -> --uncertain gap is given twice
     --uncertain gap 1e-3 2e-3 -> in %, as the number itself is searched
     --uncertain friction 5% --friction-limit 0 -> uncertain friction
+    --tolerances -> --tolerances needs --limit-level
+    --structure {steel} --load shock:20:0.01:1 --sobol -> --sobol does not go with --load
+    --structure {steel} --load shock:20:0.01:1 --tolerances -> --tolerances does not go with --load
     --contact steel wood 0.01 -> material = 'wood' is not allowed: one of steel
     --mass-kg 0.01 --mass-ratio 0.02 -> --mass-kg does not go with --mass-ratio
     --mass-kg 5 -> mass_kg = 5.0 is not allowed: above 0 and at most the structure's 0.5637 kg

@@ -1,0 +1,282 @@
+"""How precisely a device must be made: the largest tolerances of gap, restitution and friction with which its level stays below a limit.
+
+A quantity is uniform within its tolerance to either side. Let r (0 to 1) be a draw's distance from the nominal device over the widest box that is
+tried: the largest of its coordinates, each over its half width. A box of scale s holds the draws with r <= s, and in d dimensions a uniform draw of
+it has the density d r^(d - 1)/s^d. Draws whose r is uniform in 0 to 1 and whose direction is uniform on the box's surface serve all scales at once:
+
+    P(level > limit | s) = d/s^d * integral from 0 to s of r^(d - 1) p(r) dr,
+
+with p(r) the probability at distance r, which does not fall with r: it is the isotonic regression of the draws. The scale is the largest with which
+the level stays below the limit with a probability of `SURE`. Each draw is another member of the ensemble, so chaos is part of the probability.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike, NDArray
+
+from impact_env.curve import CurveCase
+from impact_env.ensemble import Executor, Lane, Progress, draw_members, run_lanes
+from impact_env.parameters import (
+    ParameterError,
+    RigidWalls,
+    SlidingAbsorber,
+    count,
+    instance,
+    positive,
+    require,
+    row,
+)
+from optimisation.uncertain import (
+    FRICTION,
+    GAP,
+    OF_ABSORBER,
+    RESTITUTION,
+    Spread,
+    drawn,
+    shares,
+)
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+SURE = 0.95  # probability with which the level stays below the limit
+# half widths of the widest boxes: shares of gap and friction limit, difference of restitution
+WIDEST = {GAP: 0.3, RESTITUTION: 0.3, FRICTION: 0.8}
+DRAWS_ALONE = 48
+DRAWS_TOGETHER = 128
+DRAWS_CHECKED = 64
+NOMINAL_RUNS = 16
+SEED = 77  # of members that no search and no other draw has seen
+GRID = 2000  # scales
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """How precisely a device must be made so that its level stays below ``limit`` (m) with a probability of `SURE`.
+
+    Tolerances are half widths: shares of gap and friction limit, differences of restitution. ``alone``: of each quantity while the others are exact;
+    ``together``: of all at once, the same share of each one's own. One that equals `WIDEST` may be larger: no wider box was tried. ``nominal``: share
+    of `NOMINAL_RUNS` runs of the exact device below the limit; where it is below `SURE`, all tolerances are 0. ``checked`` and ``below``: fresh draws
+    within ``together``, and how many of them stayed below the limit; 0 and 0 where the tolerances are 0.
+    """
+
+    limit: float
+    alone: dict[str, float]
+    together: dict[str, float]
+    nominal: float
+    checked: int
+    below: int
+    runs: int
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Ends of the 95 % interval (Wilson's) of the probability that the check found; NaN without a check."""
+        if self.checked == 0:
+            return math.nan, math.nan
+        found = scipy.stats.binomtest(self.below, self.checked).proportion_ci(0.95, "wilson")
+        return float(found.low), float(found.high)
+
+
+def exceedance(distances: ArrayLike, above: ArrayLike, dimension: int, scales: ArrayLike) -> Array:
+    """Return the probability that a level is above the limit in boxes of some scales.
+
+    Parameters
+    ----------
+    distances : array_like
+        Distance r of each draw, (n,), uniform in 0 to 1.
+    above : array_like
+        Whether its level was above the limit, (n,).
+    dimension : int
+        Number of quantities that are drawn.
+    scales : array_like
+        Scales (k,) above 0 and at most 1.
+
+    Returns
+    -------
+    array
+        (k,), see above.
+
+    Examples
+    --------
+    >>> r = (np.arange(1000) + 0.5) / 1000
+    >>> exceedance(r, r > 0.4, 1, [0.4, 0.8]).round(2)
+    array([0. , 0.5])
+
+    """
+    r = row("distances", distances, "a row of numbers")
+    order = np.argsort(r)
+    flags = np.asarray(above, dtype=np.float64)[order]
+    level = scipy.optimize.isotonic_regression(flags).x  # p(r), constant around each draw
+    edges = np.concatenate([[0.0], (r[order][1:] + r[order][:-1]) / 2, [1.0]])
+    scale = np.asarray(scales, dtype=np.float64)[:, None]
+    inside = np.minimum(edges, scale) ** dimension
+    return np.asarray(np.sum(level * np.diff(inside, axis=1), axis=1) / scale[:, 0] ** dimension)
+
+
+def largest_scale(distances: ArrayLike, above: ArrayLike, dimension: int) -> float:
+    """Return the largest scale (0 to 1) at and below which levels stay below the limit with `SURE`; arguments as in `exceedance`."""
+    scales = np.arange(1, GRID + 1) / GRID
+    good = exceedance(distances, above, dimension, scales) <= 1 - SURE
+    first_bad = int(np.argmin(good)) if not good.all() else GRID
+    return float(scales[first_bad - 1]) if first_bad > 0 else 0.0
+
+
+def surface_points(number: int, dimension: int, seed: int) -> tuple[Array, Array]:
+    """Return distances (n,) and points (n, d) in -1 to 1 whose largest coordinate is the distance: distances and directions uniform (Halton)."""
+    found = scipy.stats.qmc.Halton(dimension + 1, rng=np.random.default_rng(seed)).random(number)
+    distances = np.maximum(found[:, 0], 1e-9)
+    points = 2 * found[:, 1:] - 1
+    # a uniform face of the cube: the coordinate that is the largest, by the ranks of a fresh draw
+    generator = np.random.default_rng([seed, 1])
+    faces = generator.permuted(np.arange(number) % (2 * dimension))
+    points[np.arange(number), faces // 2] = np.where(faces % 2, 1.0, -1.0)
+    return distances, distances[:, None] * points
+
+
+def tolerances_of(absorber: SlidingAbsorber) -> dict[str, float]:
+    """Return the half widths of the widest boxes of an absorber's quantities; raises ParameterError for one without rigid walls."""
+    absorber = instance("absorber", absorber, SlidingAbsorber)
+    require(isinstance(absorber.walls, RigidWalls), "absorber", absorber, "one between rigid walls")
+    return {
+        name: width
+        for name, width in WIDEST.items()
+        if name != FRICTION or absorber.friction is not None
+    }
+
+
+def spread_of(name: str, width: float, absorber: SlidingAbsorber) -> Spread:
+    """Return the uniform distribution of a quantity within a half width."""
+    if name != RESTITUTION:
+        return Spread(name, -width, width, relative=True, normal=False)
+    walls = absorber.walls
+    assert isinstance(walls, RigidWalls)
+    own = float(walls.restitution)
+    return Spread(name, own - width, own + width, relative=False, normal=False)
+
+
+def find_tolerances(
+    case: CurveCase,
+    limit: float,
+    uncertain: Sequence[Spread] = (),
+    *,
+    draws: tuple[int, int, int] = (DRAWS_ALONE, DRAWS_TOGETHER, DRAWS_CHECKED),
+    seed: int = SEED,
+    progress: Progress | None = None,
+    executor: Executor | None = None,
+) -> Tolerances:
+    """Return how precisely the impact absorber of a case must be made so that its level stays below a limit with `SURE`.
+
+    Parameters
+    ----------
+    case : CurveCase
+        Scene with an impact absorber between rigid walls, force (the first), resonance and sweeps.
+    limit : float
+        Level in m.
+    uncertain : sequence of Spread
+        What else is not known, drawn in all runs; those of gap, restitution and friction are left out.
+    draws : tuple of int
+        Draws of each quantity alone, of all together, and of the check.
+    seed : int
+        Of draws and members.
+    progress, executor
+        As in `impact_env.ensemble.run_lanes`.
+
+    Returns
+    -------
+    Tolerances
+
+    Raises
+    ------
+    ParameterError
+        For an absorber without rigid walls, and numbers out of range.
+    KeyboardInterrupt
+        If it is stopped.
+
+    """
+    absorber = case.scene.absorber
+    if not isinstance(absorber, SlidingAbsorber):
+        raise ParameterError(
+            f"absorber = {absorber} is not allowed: one impact absorber between rigid walls"
+        )
+    widest = tolerances_of(absorber)
+    limit = positive("limit_level", limit)
+    alone_draws, together_draws, checked = (count("draws", number, 2) for number in draws)
+    others = [one for one in uncertain if one.name not in OF_ABSORBER]
+    total = 2 * (NOMINAL_RUNS + len(widest) * alone_draws + together_draws + checked)
+    runs = _Draws(case, absorber, limit, others, progress, executor, total)
+
+    exact = runs.above(np.zeros((NOMINAL_RUNS, len(widest))), widest, seed)
+    nominal = 1 - float(np.mean(exact))
+    nothing = dict.fromkeys(widest, 0.0)
+    if nominal < SURE:
+        return Tolerances(limit, nothing, nothing, nominal, 0, 0, runs.done)
+
+    alone = {}
+    for k, (name, width) in enumerate(widest.items()):
+        distances, points = surface_points(alone_draws, 1, seed + 1 + k)
+        above = runs.above(points, {name: width}, seed + 1 + k)
+        alone[name] = width * largest_scale(distances, above, 1)
+
+    together = nothing
+    below = 0
+    if all(width > 0 for width in alone.values()):
+        distances, points = surface_points(together_draws, len(alone), seed + 11)
+        above = runs.above(points, alone, seed + 11)
+        scale = largest_scale(distances, above, len(alone))
+        together = {name: scale * width for name, width in alone.items()}
+    if all(width > 0 for width in together.values()):
+        cube = scipy.stats.qmc.Halton(len(together), rng=np.random.default_rng(seed + 12))
+        above = runs.above(2 * cube.random(checked) - 1, together, seed + 12)
+        below = checked - int(np.sum(above))
+    else:
+        checked = 0
+    return Tolerances(limit, alone, together, nominal, checked, below, runs.done)
+
+
+@dataclass(eq=False)
+class _Draws:
+    """Runs of an absorber that is off, each of another member."""
+
+    case: CurveCase
+    absorber: SlidingAbsorber
+    limit: float
+    others: Sequence[Spread]
+    progress: Callable[[int, int], None] | None
+    executor: Executor | None
+    total: int
+    done: int = 0
+
+    def above(self, points: Array, widths: dict[str, float], seed: int) -> Flags:
+        """Return which levels are above the limit, (n,), at ``points`` (n, d) in -1 to 1 of the boxes' half widths."""
+        number = len(points)
+        members = draw_members(number + 1, seed)[1:]
+        force = float(self.case.forces[0])
+        own = [spread_of(name, width, self.absorber) for name, width in widths.items()]
+        lanes = []
+        sweeps = [members.drives(force, schedule) for schedule in self.case.schedules()]
+        for k, share in enumerate(shares(self.others, members)):
+            placed = dict(zip(widths, ((points[k] + 1) / 2).tolist(), strict=True))
+            for drives in sweeps:
+                lane = Lane(self.case.scene, drives[k], self.case.steady_start)
+                lanes.append(
+                    drawn(
+                        lane,
+                        [*own, *self.others],
+                        share | placed,
+                        self.case.resonance,
+                        force,
+                    )
+                )
+        before = self.done
+        show = None
+        if self.progress is not None:
+            report = self.progress
+            show = lambda done, _all: report(before + done, self.total)  # noqa: E731
+        found = run_lanes(lanes, progress=show, executor=self.executor)
+        if not found.complete:
+            raise KeyboardInterrupt
+        self.done += len(lanes)
+        return np.asarray(found.level.reshape(number, 2).max(axis=1) > self.limit)
