@@ -6,23 +6,31 @@ import math
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
-from every_scene import EVERY
+from every_scene import EVERY, bits
+from golden import CASES, NUMBERS, agree
 from places import fresh
 
 from impact_env.kernels.compiling.plain_code import fused
 
 FOLDER = "kernels"
 WHOLE = """
-import every_scene, impact_env, inspect, json
+import golden, impact_env, inspect, json
+from every_scene import bits
 from impact_env import warm_up
 from impact_env.kernels.exact.rigid import pass_event
 assert inspect.isfunction(pass_event)  # what a debugger steps into
 told = []
 impact_env.on_compile(told.append)
-print(json.dumps({name: run() for name, run in every_scene.EVERY.items()}))
+values = golden.run_cases()
+result = {
+    "bits": {name: bits(values[name]) for name in golden.EVERY},
+    "numbers": {name: golden.numbers(arrays) for name, arrays in values.items()},
+}
+print(json.dumps(result))
 assert told == []
 assert warm_up.main([], told.append) == 0
 assert told == ["NUMBA_DISABLE_JIT is set: kernels run in plain Python, there is nothing to compile"]
@@ -30,13 +38,13 @@ assert told == ["NUMBA_DISABLE_JIT is set: kernels run in plain Python, there is
 
 
 @cache
-def plain(folder: Path) -> dict[str, dict[str, str]]:
-    """Return the bits of a process in which nothing is compiled; kernels would be kept in ``folder``."""
+def plain(folder: Path) -> dict[str, dict[str, dict[str, Any]]]:
+    """Return bits and numbers of the golden cases in a process in which nothing is compiled; its cache would be ``folder``."""
     result = fresh(
         "-W", "error::RuntimeWarning", "-c", WHOLE, NUMBA_DISABLE_JIT=1, IMPACT_ENV_CACHE=folder
     )
     assert not folder.exists()  # nothing is written
-    found: dict[str, dict[str, str]] = json.loads(result.stdout)
+    found: dict[str, dict[str, dict[str, Any]]] = json.loads(result.stdout)
     return found
 
 
@@ -44,14 +52,27 @@ def plain(folder: Path) -> dict[str, dict[str, str]]:
 def test_plain_python_gives_the_bits_of_compiled_kernels(
     name: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    found = plain(tmp_path_factory.getbasetemp() / FOLDER)[name]
+    found = plain(tmp_path_factory.getbasetemp() / FOLDER)["bits"][name]
     compiled = EVERY[name]()
+    hexadecimal = bits(compiled)
     assert {
-        what: np.frombuffer(bytes.fromhex(bits)).tolist()
-        for what, bits in found.items()
-        if compiled[what] != bits
+        part: (np.frombuffer(bytes.fromhex(digits)).tolist(), compiled[part].tolist())
+        for part, digits in found.items()
+        if hexadecimal[part] != digits
     } == {}
     assert found.keys() == compiled.keys()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_golden_cases_give_the_committed_numbers(
+    name: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    found = plain(tmp_path_factory.getbasetemp() / FOLDER)["numbers"][name]
+    stored = json.loads(NUMBERS.read_text())[name]
+    assert found.keys() == stored.keys()
+    assert {
+        part: (found[part], stored[part]) for part in stored if not agree(found[part], stored[part])
+    } == {}
 
 
 def rounded_twice(x: float, y: float, z: float) -> float:

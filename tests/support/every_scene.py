@@ -1,10 +1,11 @@
-"""Small scenes of every kind, and the bits that each gives: compiled or, under NUMBA_DISABLE_JIT=1, in plain Python, the same."""
+"""Small scenes of every kind with the numbers that each gives, compiled or in plain Python (NUMBA_DISABLE_JIT=1)."""
 
 from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 from core import ALL, EVERYTHING, OMEGA, drive_of, scene_of
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from orbit_cases import paper_case
 
 from impact_env.controlled import ControlledRuns
@@ -91,22 +92,24 @@ SEVERAL: dict[str, tuple[Scene, float, float, float]] = {
 }
 LEVEL = Record(events=True)
 DRIVE = drive_of(12.0, 0.98, 1.02, periods=2.0, phase=0.4)
-Bits = dict[str, str]
+Values = dict[str, NDArray[Any]]
 
 
-def bits(named: Iterable[tuple[str, ArrayLike | None]]) -> Bits:
-    return {
-        name: np.ascontiguousarray(values).tobytes().hex()
-        for name, values in named
-        if values is not None
-    }
+def collect_arrays(named: Iterable[tuple[str, ArrayLike | None]]) -> Values:
+    """Return those that are not None, as arrays."""
+    return {name: np.ascontiguousarray(values) for name, values in named if values is not None}
 
 
-def fields(of: object, *names: str) -> list[tuple[str, ArrayLike | None]]:
-    return [(name, getattr(of, name)) for name in names] if of is not None else []
+def bits(values: Values) -> dict[str, str]:
+    """Return the bytes of each array in hexadecimal."""
+    return {name: array.tobytes().hex() for name, array in values.items()}
 
 
-def of_response(response: Response) -> Bits:
+def fields(result: object, *names: str) -> list[tuple[str, ArrayLike | None]]:
+    return [(name, getattr(result, name)) for name in names] if result is not None else []
+
+
+def values_of(response: Response) -> Values:
     named = fields(response, "end_state", "stuck_time")
     named += fields(response.level, "value", "time", "max_tip")
     impacts = fields(
@@ -126,22 +129,26 @@ def of_response(response: Response) -> Bits:
     named += fields(
         response.energy, "work", "modal_loss", "friction_loss", "impact_loss", "absorber_damping"
     )
-    return bits(named)
+    named += [
+        (f"envelope {name}", value) for name, value in fields(response.envelope, "low", "high")
+    ]
+    named += [(f"reversal {name}", value) for name, value in fields(response.reversals, "time")]
+    return collect_arrays(named)
 
 
 def swept(
     absorber: Absorber | SeveralAbsorbers | None, method: Method | None = None, record: Record = ALL
-) -> Callable[[], Bits]:
-    return lambda: of_response(simulate(scene_of(absorber, modes=2), DRIVE, method, record=record))
+) -> Callable[[], Values]:
+    return lambda: values_of(simulate(scene_of(absorber, modes=2), DRIVE, method, record=record))
 
 
-def under_loads(absorber: Absorber | None) -> Callable[[], Bits]:
+def under_loads(absorber: Absorber | None) -> Callable[[], Values]:
     """Return a run under a record and a harmonic force."""
 
-    def run() -> Bits:
+    def run() -> Values:
         end = float(DRIVE.schedule.times[-1])
         record = Samples(np.linspace(0.0, end, 9), np.cos(np.arange(9.0) ** 2))
-        return of_response(
+        return values_of(
             simulate(
                 scene_of(absorber, modes=2), Loads((Force(DRIVE), record), OMEGA), record=EVERYTHING
             )
@@ -150,10 +157,10 @@ def under_loads(absorber: Absorber | None) -> Callable[[], Bits]:
     return run
 
 
-def controlled(absorber: Absorber | None, method: Method | None = None) -> Callable[[], Bits]:
+def controlled(absorber: Absorber | None, method: Method | None = None) -> Callable[[], Values]:
     """Return a run of two lanes in intervals, as an environment makes."""
 
-    def run() -> Bits:
+    def run() -> Values:
         runs = ControlledRuns(
             scene_of(absorber, modes=2),
             2,
@@ -174,12 +181,12 @@ def controlled(absorber: Absorber | None, method: Method | None = None) -> Calla
                 runs.orders["gap"] *= 1.1
             runs.orders["fresh"] = False
         runs.close()
-        return bits(named)
+        return collect_arrays(named)
 
     return run
 
 
-def orbits() -> Bits:
+def orbits() -> Values:
     """Return periodic orbits from the closed form, and the derivatives of their return maps."""
     found = closed_form_orbits(paper_case(2, 0.9523, 1.5, friction=0.01)).orbits
     assert found
@@ -192,11 +199,11 @@ def orbits() -> Bits:
             (f"largest {k}", orbit.motion.tip_max),
             (f"derivative {k}", orbit.motion.derivative),
         ]
-    return bits(named)
+    return collect_arrays(named)
 
 
 SOFT = SlidingAbsorber(0.05, CompliantWalls(1e5, 5e-4), ElasticCoulombFriction(0.1, 1e5))
-EVERY: dict[str, Callable[[], Bits]] = {
+EVERY: dict[str, Callable[[], Values]] = {
     "no absorber": swept(None),
     "stuck": swept(StuckAbsorber()),
     "tuned": swept(TunedAbsorber()),
