@@ -12,7 +12,7 @@ from impact_env.plain_structures import NodalShapes, read_structure_shapes
 
 Real = NDArray[np.float64]
 
-AXES = ("row", "x", "y", "z", "rx", "ry", "rz")
+FREEDOM_COLUMNS = ("row", "x", "y", "z", "rx", "ry", "rz")
 
 
 def modal_assurance(first: ArrayLike, second: ArrayLike) -> Real:
@@ -81,7 +81,9 @@ def compare_modes(first: Path | str, second: Path | str) -> ModeComparison:
         for part in shapes
     ]
     common = sorted(moved[0] & moved[1])
-    some = [", ".join(f"{n} {AXES[axis]}" for n, axis in sorted(part)[:6]) for part in moved]
+    some = [
+        ", ".join(f"{n} {FREEDOM_COLUMNS[axis]}" for n, axis in sorted(part)[:6]) for part in moved
+    ]
     require(
         len(common) > 0,
         "mac",

@@ -52,7 +52,7 @@ class Stop:
                 self._running[:] = [other for other in self._running if other is not counters]
 
 
-def counters_for(
+def new_run_counters(
     drive: AnyDrive, most_events: int | None, check: CheckObserver | None = None
 ) -> Counters:
     """Return a run's counters with its budget; None is the default, which grows with the time reached.
@@ -76,7 +76,7 @@ def counters_for(
     )
 
 
-def watched(work: Callable[[], T], counters: Counters, end: float, progress: Watcher) -> T:
+def run_in_thread(work: Callable[[], T], counters: Counters, end: float, progress: Watcher) -> T:
     """Do ``work`` in a thread and call ``progress`` ten times a second with the time reached.
 
     A KeyboardInterrupt, or an error in ``progress``, ends the kernel at its next event and is passed on; one that is being compiled is left behind.

@@ -13,10 +13,10 @@ import numpy as np
 from numba import typeof
 from numpy.typing import NDArray
 
-from impact_env.crew import Crew
+from impact_env.crew import WorkerPool
 from impact_env.ensemble import available_cores
-from impact_env.families import family
-from impact_env.families.family import base_of
+from impact_env.families import find_solver
+from impact_env.families.family import build_base_motion
 from impact_env.first_use import compiling_for
 from impact_env.kernels.compiling.jit import COMPILED
 from impact_env.kernels.control.interval import (
@@ -30,9 +30,9 @@ from impact_env.kernels.control.interval import (
 from impact_env.kernels.control.work_queue import new_work_queue
 from impact_env.kernels.motion.observers import DONE, ORDER_REFUSED
 from impact_env.laws import SceneKind
-from impact_env.level import HALF_WINDOW_PERIODS, LEAST_A_CYCLE, require_samples
+from impact_env.level import HALF_WINDOW_PERIODS, LEAST_SAMPLES_PER_CYCLE, require_samples
 from impact_env.level_sampling import require_spectrum, response_spectrum
-from impact_env.loads import BASE, Samples
+from impact_env.loads import BASE_QUANTITY, Samples
 from impact_env.methods import Exact, Method, check_general
 from impact_env.parameters import (
     CoulombFriction,
@@ -40,14 +40,14 @@ from impact_env.parameters import (
     count,
     positive,
     require,
-    weightless,
+    require_weightless,
 )
 from impact_env.scene import Scene
-from impact_env.sweep import REASONS, IntegrationError
+from impact_env.sweep import FAILURE_REASONS, IntegrationError
 
 Array = NDArray[np.float64]
-FEWEST = 64  # lanes a thread must have to be worth its start
-NOTHING = 10.0  # intervals: the step of a record that is not there
+LANES_PER_THREAD = 64  # lanes a thread must have to be worth its start
+ABSENT_RECORD_STEP = 10.0  # intervals: the step of a record that is not there
 SAMPLES_TOL = 1e-9  # of an interval's samples: rounding of a product, and of a quotient that gave the interval
 # what orders can change in some scenes only, and where
 CHANGED_ORDERS = {
@@ -55,7 +55,7 @@ CHANGED_ORDERS = {
     "limit": "a friction limit that changes is for rigid friction, and the exact method or Moreau's",
     "place": "there is no record beside the force",
 }
-PARTS = 4  # of a thread, since lanes differ in their number of impacts
+PARTS_PER_THREAD = 4  # of a thread, since lanes differ in their number of impacts
 
 
 def friction_limit(scene: Scene) -> float:
@@ -67,7 +67,7 @@ def friction_limit(scene: Scene) -> float:
     return friction.limit if isinstance(friction, CoulombFriction) else math.inf
 
 
-def _beside(
+def _build_disturbance(
     scene: Scene, method: Method, record: Samples | None, moves_base: bool, interval: float
 ) -> Disturbance | None:
     """Return the load beside the orders' force in an interval (s), None without; raises ParameterError where scene or method cannot have it."""
@@ -75,9 +75,9 @@ def _beside(
     if record is None and not moves_base:
         return None
     values = np.zeros(1) if record is None else np.array(record.values[:-1])
-    step = NOTHING * interval if record is None else record.duration / len(values)
-    moves = np.array([moves_base, record is not None and record.quantity == BASE])
-    return Disturbance(values, step, moves, base_of(scene) if base else None)
+    step = ABSENT_RECORD_STEP * interval if record is None else record.duration / len(values)
+    moves = np.array([moves_base, record is not None and record.quantity == BASE_QUANTITY])
+    return Disturbance(values, step, moves, build_base_motion(scene) if base else None)
 
 
 class ControlledRuns:
@@ -113,15 +113,15 @@ class ControlledRuns:
         moves_base: bool = False,
     ) -> None:
         method = Exact() if method is None else method
-        kernels = family(scene, method)
-        beside = _beside(
+        kernels = find_solver(scene, method)
+        beside = _build_disturbance(
             scene,
             method,
             record,
             moves_base,
             interval * 2 * np.pi / positive("reference", reference),
         )
-        weightless(scene.absorber, "a run that is controlled in intervals")
+        require_weightless(scene.absorber, "a run that is controlled in intervals")
         require(
             kernels.lanes is not None,
             "absorber",
@@ -132,7 +132,7 @@ class ControlledRuns:
         self.threads = available_cores() if threads is None else count("threads", threads, 1)
         period = 2 * np.pi / positive("reference", reference)
         modes = scene.model.modes
-        samples = whole_samples(interval, count("samples_per_period", samples_per_period, 1))
+        samples = count_whole_samples(interval, count("samples_per_period", samples_per_period, 1))
         self.duration = samples * period / samples_per_period
         self.orders, self.reports = np.zeros(lanes, ORDER), np.zeros(lanes, REPORT)
         self.status = np.zeros(lanes, dtype=np.int64)
@@ -178,17 +178,17 @@ class ControlledRuns:
         self._unread = {
             name: (self.orders[name][0].item(), where)
             for name, where in CHANGED_ORDERS.items()
-            if name not in _changeable(scene, beside is not None)
+            if name not in _find_changeable_orders(scene, beside is not None)
         }
         self.restart(np.arange(lanes))
 
-    def _new_crew(self) -> Crew:
+    def _new_crew(self) -> WorkerPool:
         """Return the threads that advance the lanes."""
         batch = Batch(self._watch, self._memory, self.orders, self.reports, self.status)
         board = new_work_queue(self.lanes)
-        return Crew(
+        return WorkerPool(
             partial(
-                family(self.scene, self.method).control(
+                find_solver(self.scene, self.method).control(
                     self.scene, self.method, self._period, batch
                 ),
                 board,
@@ -228,7 +228,9 @@ class ControlledRuns:
         self._check_orders()
         self._require_samples()
         workers = (
-            max(1, min(self.threads, self.lanes // FEWEST)) if COMPILED and self._compiled else 1
+            max(1, min(self.threads, self.lanes // LANES_PER_THREAD))
+            if COMPILED and self._compiled
+            else 1
         )  # in plain Python threads only take turns
         self._do(self._parts(workers), workers)
         self._check()
@@ -239,7 +241,7 @@ class ControlledRuns:
         start = self.orders["omega_start"]
         stop = self.orders["omega_stop"]
         fastest = max(float(start.max()), float(stop.max()))
-        if LEAST_A_CYCLE * fastest * self._watch.sample_dt > 2 * np.pi * (1 + 1e-9):
+        if LEAST_SAMPLES_PER_CYCLE * fastest * self._watch.sample_dt > 2 * np.pi * (1 + 1e-9):
             acts = (self.orders["force"] != 0) & ~self.idle
             ratio = np.maximum(start, stop)[acts].max(initial=0.0) * self._period / (2 * np.pi)
             require_samples(self._samples_per_period, float(ratio))
@@ -282,21 +284,21 @@ class ControlledRuns:
                 f"above 0 s, and at most the longest interval's {self.duration:g} s",
             )
             raise IntegrationError(
-                f"lane {lane}, {self.method} on {self.scene.absorber}: {REASONS[int(self.status[lane])]}"
+                f"lane {lane}, {self.method} on {self.scene.absorber}: {FAILURE_REASONS[int(self.status[lane])]}"
             )
 
     def _parts(self, workers: int) -> NDArray[np.int64]:
         """Return stretches of lanes that do not rest, rows [low, high)."""
         if workers not in self._shares:
-            number = 1 if workers == 1 else PARTS * workers
-            self._shares[workers] = _stretches(
+            number = 1 if workers == 1 else PARTS_PER_THREAD * workers
+            self._shares[workers] = _pair_cuts(
                 np.unique(np.linspace(0, self.lanes, 1 + number).astype(np.int64))
             )
         parts = self._shares[workers]
         if not self.idle.any():
             return parts
         cuts = np.union1d(parts[:, 0], np.flatnonzero(np.diff(self.idle)) + 1)
-        finer = _stretches(np.append(cuts, self.lanes))
+        finer = _pair_cuts(np.append(cuts, self.lanes))
         return finer[~self.idle[finer[:, 0]]]
 
     def snapshot(self) -> list[Array]:
@@ -328,7 +330,7 @@ class ControlledRuns:
         self._crew.close()
 
 
-def _changeable(scene: Scene, beside: bool) -> set[str]:
+def _find_changeable_orders(scene: Scene, beside: bool) -> set[str]:
     """Return which of `CHANGED_ORDERS` the kernels of a scene read; ``beside``: whether a record or a moving base acts beside one force."""
     found = {"place"} if beside else set()
     absorber = scene.absorber
@@ -338,7 +340,7 @@ def _changeable(scene: Scene, beside: bool) -> set[str]:
     return found
 
 
-def whole_samples(interval: float, samples_per_period: int) -> int:
+def count_whole_samples(interval: float, samples_per_period: int) -> int:
     """Return the number of samples in an interval (pseudo periods), which is whole; raises ParameterError where it is not."""
     samples = positive("interval", interval) * samples_per_period
     require(
@@ -361,20 +363,20 @@ def bind_kernel(kernel: Any) -> Callable[[int, int], bool]:
     found = kernel.func.overloads.get(types)
     if found is None:
         raise TypeError(f"{kernel.func.__name__} is not compiled for {types}")
-    for values in _arrays(kernel.args):
+    for values in _collect_arrays(kernel.args):
         if not (values.flags.c_contiguous and values.flags.aligned):
             raise TypeError(f"{kernel.func.__name__} takes arrays that are contiguous and aligned")
     return partial(found.entry_point, *kernel.args)
 
 
-def _arrays(values: Any) -> list[NDArray[Any]]:
+def _collect_arrays(values: Any) -> list[NDArray[Any]]:
     """Return all arrays in nested tuples."""
     if isinstance(values, tuple):
-        return [array for value in values for array in _arrays(value)]
+        return [array for value in values for array in _collect_arrays(value)]
     return [values] if isinstance(values, np.ndarray) else []
 
 
-def _stretches(cuts: NDArray[np.int64]) -> NDArray[np.int64]:
+def _pair_cuts(cuts: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the stretches (n, 2) between cuts (n + 1,)."""
     return np.column_stack([cuts[:-1], cuts[1:]])
 
@@ -479,7 +481,7 @@ class PooledRuns(ControlledRuns):
         idle = np.empty_like(self.idle)
         scenes[self._rows], idle[self._rows] = self.which, self.idle
         cuts = np.union1d(np.flatnonzero(np.diff(scenes) | np.diff(idle)) + 1, (0, self.lanes))
-        parts = _stretches(cuts)
+        parts = _pair_cuts(cuts)
         at = scenes[parts[:, 0]]
         wanted = ~idle[parts[:, 0]]
         self._turns = [

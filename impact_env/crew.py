@@ -11,11 +11,11 @@ from impact_env.kernels.control.work_queue import PARTS_DONE, PARTS_LEFT, WorkQu
 
 QUICK_S = 2e-4  # helpers stay for the next call where calls follow one another as quickly as this
 # looks at the board before a helper leaves: some 0.3 ms, and just long enough to meet the call that woke it
-STAY = 1 << 16
-LOOK_ROUND = 1 << 9
+SPINS_BEFORE_SLEEP = 1 << 16
+SPINS_BETWEEN_CHECKS = 1 << 9
 
 
-class Crew:
+class WorkerPool:
     """A calling thread and its helpers. ``take`` (a kernel of `impact_env.kernels.control.lanes`) takes parts from the board and does them."""
 
     def __init__(self, take: Callable[[int, int], bool], board: WorkQueue) -> None:
@@ -54,7 +54,7 @@ class Crew:
         if self._pool is None and helpers:
             self._pool = ThreadPoolExecutor(helpers)
         self._helpers = standing_by + [
-            self._pool.submit(self.take, 0, STAY if quick else LOOK_ROUND)
+            self._pool.submit(self.take, 0, SPINS_BEFORE_SLEEP if quick else SPINS_BETWEEN_CHECKS)
             for _ in range(helpers - len(standing_by))
             if self._pool is not None
         ]

@@ -23,15 +23,15 @@ from impact_env.ensemble import (
     Executor,
     Lane,
     LaneLevels,
+    LaneProgress,
     LevelOf,
     Members,
-    Progress,
     available_cores,
     draw_members,
     run_lanes,
 )
 from impact_env.laws import SceneKind
-from impact_env.loads import AnyDrive, Member, member_of
+from impact_env.loads import AnyDrive, Member, select_member
 from impact_env.methods import Exact, Method
 from impact_env.parameters import (
     count,
@@ -48,7 +48,7 @@ from impact_env.parameters import (
     row_of,
     two,
 )
-from impact_env.plots import plot_curve, table
+from impact_env.plots import html_table, plot_curve
 from impact_env.response import DEFAULT_SAMPLES, Record
 from impact_env.scene import Scene
 from impact_env.sweep import Stopped
@@ -109,7 +109,7 @@ class CurveCase:
         self, drawn: Members, member: int, amplitude: float, schedule: FrequencySchedule
     ) -> AnyDrive:
         """Return the drive or the loads of one run."""
-        return member_of(
+        return select_member(
             self.load(amplitude, schedule),
             Member(member, float(drawn.phases[member]), float(drawn.factors[member])),
         )
@@ -192,7 +192,7 @@ class PerformanceCurve:
 
     def _repr_html_(self) -> str:
         """Return the HTML table of a notebook."""
-        return table("Performance curve", self._told())
+        return html_table("Performance curve", self._told())
 
     def plot(self, axes: Axes | None = None, label: str | None = None, **options: Any) -> Axes:
         """Draw the median level over the force with its band; return matplotlib's axes, for other curves too. ``options`` go to its loglog."""
@@ -258,7 +258,7 @@ def performance_curves(
     *,
     threads: int | None = None,
     samples_per_period: int = DEFAULT_SAMPLES,
-    progress: Progress | None = None,
+    progress: LaneProgress | None = None,
     most_events: int | None = None,
     executor: Executor | None = None,
 ) -> list[PerformanceCurve]:
@@ -286,12 +286,12 @@ def performance_curves(
     )
     ends = np.cumsum([0] + [2 * len(amplitudes) for _, _, amplitudes in sweeps])
     return [
-        PerformanceCurve(case.forces, drawn, _of_case(case, levels, members, start, stop))
+        PerformanceCurve(case.forces, drawn, _select_case(case, levels, members, start, stop))
         for case, start, stop in zip(cases, ends, ends[1:], strict=False)
     ]
 
 
-def _of_case(
+def _select_case(
     case: CurveCase, levels: LaneLevels, members: int, start: int, stop: int
 ) -> LaneLevels:
     """Return a case's share of all lanes as (F, M, 2), a linear scene's scaled by the force."""
@@ -325,7 +325,7 @@ def performance_curve(
     percent_per_100_periods: float | None = None,
     threads: int | None = None,
     samples_per_period: int = DEFAULT_SAMPLES,
-    progress: Progress | None = None,
+    progress: LaneProgress | None = None,
     most_events: int | None = None,
     steady_start: bool = False,
 ) -> PerformanceCurve:
@@ -359,7 +359,7 @@ class Pass:
         keep_checked(self, faster=positive, members=count_from(1, MOST_MEMBERS))
 
 
-TOLD_EACH = 0.05  # s between two partial curves of a pass
+LANES_PER_REPORT = 0.05  # s between two partial curves of a pass
 _Run = tuple[int, int, int]  # force, member, direction
 
 
@@ -408,7 +408,7 @@ def curve_passes(
                 found = known.setdefault(one.faster, {})
                 yield from (
                     (one, curve)
-                    for curve in _one_pass(
+                    for curve in _run_pass(
                         case, one, drawn, of, pool, found, (UP, DOWN if both_ways else UP)
                     )
                 )
@@ -420,7 +420,7 @@ def curve_passes(
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _one_pass(
+def _run_pass(
     case: CurveCase,
     one: Pass,
     drawn: Members,
@@ -442,7 +442,7 @@ def _one_pass(
     wanted = [
         (int(k), m, d)
         for m in range(one.members)
-        for k in ([0] if linear else here[_spread(len(here))])
+        for k in ([0] if linear else here[_order_coarse_to_fine(len(here))])
         for d in dict.fromkeys(ways)
     ]
 
@@ -478,10 +478,10 @@ def _one_pass(
             wait(left)  # if kernels have to be compiled, other threads would only wait for them
     try:
         while left:
-            done, left = wait(left, timeout=TOLD_EACH, return_when=FIRST_COMPLETED)
+            done, left = wait(left, timeout=LANES_PER_REPORT, return_when=FIRST_COMPLETED)
             for future in done:
                 future.result()
-            if left and done and time.monotonic() - told > TOLD_EACH:
+            if left and done and time.monotonic() - told > LANES_PER_REPORT:
                 part = curve()
                 if (
                     not part.complete
@@ -495,7 +495,7 @@ def _one_pass(
     yield curve()
 
 
-def _spread(number: int) -> list[int]:
+def _order_coarse_to_fine(number: int) -> list[int]:
     """Return 0 to number - 1 in an order that refines a grid: the ends first, then points between those before."""
     order = sorted({0, number - 1})
     step = number - 1

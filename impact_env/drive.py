@@ -28,8 +28,8 @@ assert isinstance(Beam.damping_ratio, float)
 PAPER_DAMPING = Beam.damping_ratio
 MOST_PERIODS = 1e9  # ten times the longest default sweep, that of a tuned absorber on a resonance without damping: hours for one run
 # of a reference frequency in rad/s, and how much faster a force may be
-SLOWEST = 1e-20
-FASTEST = 1e20
+LOWEST_OMEGA = 1e-20
+HIGHEST_OMEGA = 1e20
 MOST_RATIO = 1e9
 LEAST_DAMPING = 1e-4  # the sweep of an undamped resonance would never end
 
@@ -52,7 +52,7 @@ class FrequencySchedule:
         ok = len(times) >= 2 and times[0] == 0 and bool(np.all(np.diff(times) > 0))
         require(ok, "times", times, allowed)
         allowed = f"a finite frequency in rad/s, 0 or above, for each of the {len(times)} times"
-        reference = partial(positive, least=SLOWEST, most=FASTEST)
+        reference = partial(positive, least=LOWEST_OMEGA, most=HIGHEST_OMEGA)
         keep_checked(
             self,
             omegas=row_of(allowed),
@@ -115,7 +115,7 @@ def linear_sweep(
     percent_per_100_periods: float = PAPER_RATE,
 ) -> FrequencySchedule:
     """Return a linear sweep between two ratios of ``reference`` (rad/s); up or down follows from the ratios (paper, section 3.3)."""
-    reference = positive("reference frequency", reference, SLOWEST, FASTEST)
+    reference = positive("reference frequency", reference, LOWEST_OMEGA, HIGHEST_OMEGA)
     start = non_negative("start ratio", start_ratio, MOST_RATIO)
     stop = non_negative("stop ratio", stop_ratio, MOST_RATIO)
     require(
@@ -155,7 +155,7 @@ def default_rate(model: ModalModel, resonances: Iterable[int] = (1,)) -> float:
 
 def constant_frequency(reference: float, ratio: float, periods: float) -> FrequencySchedule:
     """Return a constant frequency ``ratio * reference`` over a number of pseudo periods."""
-    reference = positive("reference frequency", reference, SLOWEST, FASTEST)
+    reference = positive("reference frequency", reference, LOWEST_OMEGA, HIGHEST_OMEGA)
     duration = positive("periods", periods, most=MOST_PERIODS) * 2 * np.pi / reference
     return FrequencySchedule(
         np.array([0.0, duration]),

@@ -16,31 +16,33 @@ from impact_env.secular import (
     Coupling,
     Eigen,
     Index,
-    Leads,
+    PoleOffsets,
     Real,
-    at_points,
-    at_poles,
-    chosen,
     close_pairs,
+    concatenate,
     eigenvectors,
-    eliminated,
-    solved,
-    together,
+    eliminate,
+    offset_from_points,
+    offset_from_poles,
+    select_offsets,
+    solve_secular,
 )
 
 NEAR_CRITICAL = 0.01  # of 1 - D^2: offsets are then from the middle of both poles
-CLOSE = 1e-3  # imaginary part over size of a complex pair that has no modal form in practice
-REAL = 3e-5  # half the distance of two real eigenvalues over their size, likewise
-FARTHEST = 0.3  # share of |s| that a Newton step may go
+COMPLEX_PAIR_TOL = (
+    1e-3  # imaginary part over size of a complex pair that has no modal form in practice
+)
+REAL_PAIR_TOL = 3e-5  # half the distance of two real eigenvalues over their size, likewise
+MOST_NEWTON_STEP = 0.3  # share of |s| that a Newton step may go
 
-Starts = tuple[Leads, Complex]
+Starts = tuple[PoleOffsets, Complex]
 
 
-def _by_middles(c: Coupling, weak: float) -> tuple[list[Starts], Index]:
+def _start_at_middles(c: Coupling, weak: float) -> tuple[list[Starts], Index]:
     """Return leads and offsets of weakly coupled oscillators close to critical damping, and which these are."""
     near = np.flatnonzero(np.abs(c.spread()) < NEAR_CRITICAL * c.omega**2)
-    leads = at_points(c, near, (-c.rate[near] / 2).astype(complex))
-    begin = eliminated(c, leads, np.zeros(len(near), complex))
+    leads = offset_from_points(c, near, (-c.rate[near] / 2).astype(complex))
+    begin = eliminate(c, leads, np.zeros(len(near), complex))
     rest = (begin.f - leads.constant).real
     slope = begin.slope.real
     ok = (np.abs(rest) < weak * c.omega[near] ** 2) & (np.abs(slope) < 10 * weak * c.omega[near])
@@ -48,10 +50,10 @@ def _by_middles(c: Coupling, weak: float) -> tuple[list[Starts], Index]:
     half = np.sqrt(np.abs(square))
     up = (leads, (-slope / 2 + np.where(square > 0, 1j * half, half)).astype(np.complex128))
     down = (leads, (-slope / 2 - half).astype(np.complex128))
-    return [_chosen(up, ok), _chosen(down, ok & (square <= 0))], near[ok]
+    return [_select_starts(up, ok), _select_starts(down, ok & (square <= 0))], near[ok]
 
 
-def _by_poles(c: Coupling, weak: float) -> tuple[list[Starts], Index]:
+def _start_at_poles(c: Coupling, weak: float) -> tuple[list[Starts], Index]:
     """Return leads and offsets of weakly coupled oscillators farther from critical damping, and which these are."""
     far = np.flatnonzero(np.abs(c.spread()) >= NEAR_CRITICAL * c.omega**2)
     one, other = c.own_poles()
@@ -59,23 +61,23 @@ def _by_poles(c: Coupling, weak: float) -> tuple[list[Starts], Index]:
     ok = np.ones(len(far), dtype=bool)
     starts = []
     for p, q, used in ((one[far], other[far], np.ones_like(swift)), (other[far], one[far], swift)):
-        leads = at_poles(c, far, p, q)
+        leads = offset_from_poles(c, far, p, q)
         nothing = np.zeros(len(far), complex)
-        begin = eliminated(c, leads, nothing)
+        begin = eliminate(c, leads, nothing)
         size = np.abs(leads.slope)
         small = (np.abs(begin.f) < weak * np.abs(p) * size) & (
             np.abs(begin.slope - leads.slope) < 10 * weak * size
         )
         ok &= small | ~used
         starts.append((leads, nothing, used))
-    return [_chosen((leads, offset), ok & used) for leads, offset, used in starts], far[ok]
+    return [_select_starts((leads, offset), ok & used) for leads, offset, used in starts], far[ok]
 
 
-def _chosen(starts: Starts, which: NDArray[np.bool_]) -> Starts:
-    return chosen(starts[0], which), starts[1][which]
+def _select_starts(starts: Starts, which: NDArray[np.bool_]) -> Starts:
+    return select_offsets(starts[0], which), starts[1][which]
 
 
-def _by_dense_solver(c: Coupling, which: Index) -> Starts:
+def _start_by_dense_solver(c: Coupling, which: Index) -> Starts:
     """Return leads and offsets of oscillators ``which`` that move together, from a dense eigensolver."""
     modes = which[which < c.modes]
     sprung = c.sprung and len(which) > 0
@@ -101,10 +103,10 @@ def _by_dense_solver(c: Coupling, which: Index) -> Starts:
     second = np.where(nearer, other, one)
     near = np.abs(values - pole) < np.abs(values)
     parts = (
-        at_poles(c, lead[near], pole[near], second[near]),
-        at_points(c, lead[~near], np.zeros(int(np.sum(~near)), complex)),
+        offset_from_poles(c, lead[near], pole[near], second[near]),
+        offset_from_points(c, lead[~near], np.zeros(int(np.sum(~near)), complex)),
     )
-    leads = together(list(parts))
+    leads = concatenate(list(parts))
     return leads, np.concatenate([values[near], values[~near]]) - leads.point
 
 
@@ -127,14 +129,14 @@ def _close(lead: Index, s: Complex) -> tuple[NDArray[np.bool_], Index, Complex]:
     alone = np.ones(len(s), dtype=bool)
     leads = []
     places = []
-    for k in np.flatnonzero((s.imag != 0) & (np.abs(s.imag) < CLOSE * np.abs(s))):
+    for k in np.flatnonzero((s.imag != 0) & (np.abs(s.imag) < COMPLEX_PAIR_TOL * np.abs(s))):
         alone[k] = False
         leads.append(lead[k])
         places.append(s[k])
     real = np.flatnonzero(s.imag == 0)
     real = real[np.lexsort((s[real].real, lead[real]))]
     for a, b in pairwise(real):
-        if alone[a] and lead[a] == lead[b] and abs(s[a] - s[b]) < REAL * abs(s[a] + s[b]):
+        if alone[a] and lead[a] == lead[b] and abs(s[a] - s[b]) < REAL_PAIR_TOL * abs(s[a] + s[b]):
             alone[[a, b]] = False
             leads.append(lead[a])
             places.append((s[a] + s[b]) / 2)
@@ -144,21 +146,21 @@ def _close(lead: Index, s: Complex) -> tuple[NDArray[np.bool_], Index, Complex]:
 @np.errstate(
     divide="ignore", invalid="ignore"
 )  # where two poles are one: what is not a number is no start, or found by the check of the basis
-def all_eigen(c: Coupling, weak: float) -> Eigen:
+def solve_eigenproblem(c: Coupling, weak: float) -> Eigen:
     """Return all eigenvalues and vectors; ``weak``: share of |s|^2 up to which R leaves a mode near its own pole, from where it is then sought."""
-    middles, near = _by_middles(c, weak)
-    poles, far = _by_poles(c, weak)
+    middles, near = _start_at_middles(c, weak)
+    poles, far = _start_at_poles(c, weak)
     starts = middles + poles
     left = np.setdiff1d(np.arange(len(c.omega)), np.concatenate([near, far]))
     if len(left) > 0:
         if c.sprung:  # the dense solver always has the mass
-            starts = [_chosen(part, part[0].lead < c.modes) for part in starts]
-        starts.append(_by_dense_solver(c, left))
-    leads = together([part[0] for part in starts])
+            starts = [_select_starts(part, part[0].lead < c.modes) for part in starts]
+        starts.append(_start_by_dense_solver(c, left))
+    leads = concatenate([part[0] for part in starts])
     offset = np.concatenate([part[1] for part in starts])
     alone, lead, place = _close(leads.lead, leads.point + offset)
-    single = chosen(leads, alone)
-    found = [eigenvectors(c, single, solved(c, single, offset[alone], FARTHEST))]
+    single = select_offsets(leads, alone)
+    found = [eigenvectors(c, single, solve_secular(c, single, offset[alone], MOST_NEWTON_STEP))]
     if len(lead) > 0:
         found.append(close_pairs(c, lead, place))
-    return together(found)
+    return concatenate(found)

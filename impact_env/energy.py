@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.laws import stored
-from impact_env.parameters import gravity_of
+from impact_env.laws import compute_spring_energy
+from impact_env.parameters import find_largest_gravity
 from impact_env.scene import Scene
 
 if TYPE_CHECKING:
@@ -61,8 +61,12 @@ def stored_energy(scene: Scene, state: Array) -> float:
     energy = 0.5 * float(np.sum((model.omega * state[:n]) ** 2 + state[half : half + n] ** 2))
     if scene.absorber_mass is not None:
         energy += 0.5 * float(scene.absorber_masses @ state[half + n :] ** 2)
-        energy += stored(scene.absorber, float(state[n] - model.tip_shape @ state[:n]))
-        energy += float(scene.absorber_masses @ state[n:half]) * gravity_of(scene.absorber)
+        energy += compute_spring_energy(
+            scene.absorber, float(state[n] - model.tip_shape @ state[:n])
+        )
+        energy += float(scene.absorber_masses @ state[n:half]) * find_largest_gravity(
+            scene.absorber
+        )
     return energy
 
 
@@ -88,7 +92,8 @@ class MechanicalEnergy:
 def mechanical_energy(scene: Scene, history: History) -> MechanicalEnergy:
     """Return the energy of modes and absorber at the samples of a run (paper, Eq. Einst); 0 for an absorber that the scene lacks.
 
-    As in the paper the absorber has kinetic energy only: the springs of a tuned absorber or of compliant walls are not counted (`laws.stored`).
+    As in the paper the absorber has kinetic energy only: the springs of a tuned absorber or of
+    compliant walls are not counted (`laws.compute_spring_energy`).
     """
     modal = 0.5 * (
         (scene.model.omega * history.modal_displacement) ** 2 + history.modal_velocity**2

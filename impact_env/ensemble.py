@@ -20,7 +20,7 @@ from impact_env.budget import Stop
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.families import kernel_key
 from impact_env.kernels.compiling.parts import abandon_compilations
-from impact_env.loads import AnyDrive, Member, amplitude_in_words, member_of
+from impact_env.loads import AnyDrive, Member, describe_amplitude, select_member
 from impact_env.methods import Exact, Method
 from impact_env.parameters import (
     ParameterError,
@@ -43,10 +43,10 @@ from impact_env.sweep import IntegrationError, Stopped, simulate
 Array = NDArray[np.float64]
 PERTURBATION = 1e-6  # of the force: far above rounding and far below what a force is known to
 MemberKind = Literal["both", "phase", "force"]
-Progress = Callable[[int, int], None]  # takes the number of finished lanes and of all lanes
+LaneProgress = Callable[[int, int], None]  # takes the number of finished lanes and of all lanes
 MOST_MEMBERS = 1_000_000
 LANES_A_BATCH = 4  # that an executor gets at once: few enough to spread, and more work than it takes to send them
-_seen: set[Hashable] = (
+_was_imported: set[Hashable] = (
     set()
 )  # kinds of scene, with the kind of measure, that lanes of this process have run
 T = TypeVar("T")
@@ -118,7 +118,7 @@ class Lane:
         )
 
     def __str__(self) -> str:
-        return f"{amplitude_in_words(self.drive)}, absorber {self.scene.absorber}"
+        return f"{describe_amplitude(self.drive)}, absorber {self.scene.absorber}"
 
     @property
     def start(self) -> InitialState | None:
@@ -186,7 +186,9 @@ class Members:
 def drives_of(members: Members, drive: AnyDrive) -> list[AnyDrive]:
     """Return each member's drive: phases and factors of its own, and of random loads another record."""
     drawn = zip(members.phases.tolist(), members.factors.tolist(), strict=True)
-    return [member_of(drive, Member(k, phase, factor)) for k, (phase, factor) in enumerate(drawn)]
+    return [
+        select_member(drive, Member(k, phase, factor)) for k, (phase, factor) in enumerate(drawn)
+    ]
 
 
 def draw_members(members: int, seed: int, kind: MemberKind = "both") -> Members:
@@ -223,7 +225,7 @@ def run_lanes(
     *,
     threads: int | None = None,
     samples_per_period: int = DEFAULT_SAMPLES,
-    progress: Progress | None = None,
+    progress: LaneProgress | None = None,
     most_events: int | None = None,
     executor: Executor | None = None,
     stop: Stop | None = None,
@@ -303,7 +305,7 @@ def each_lane(
     method: Method | None = None,
     *,
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> list[R | None]:
     """Return ``measure`` of each lane, None where an interrupt came first; threads, executor, interruption and errors as in `run_lanes`.
@@ -323,11 +325,11 @@ def each_lane(
     def run(k: int) -> None:
         with suppress(Stopped):
             found[k] = _measured(k, lanes[k], measure)
-            _seen.add((kind, keys[k]))
+            _was_imported.add((kind, keys[k]))
 
     _run_all(
         run,
-        [k for k in first_of_each(keys) if (kind, keys[k]) not in _seen],
+        [k for k in find_first_of_each(keys) if (kind, keys[k]) not in _was_imported],
         len(lanes),
         workers,
         progress,
@@ -357,7 +359,7 @@ def _run_elsewhere(
     measure: Callable[[Lane], R],
     executor: Executor,
     found: list[R | None],
-    progress: Progress | None,
+    progress: LaneProgress | None,
 ) -> None:
     """Fill ``found`` batch by batch."""
     starts, done = range(0, len(lanes), LANES_A_BATCH), 0
@@ -379,7 +381,7 @@ def _run_elsewhere(
             pass  # what is finished is in its slots
 
 
-def first_of_each(keys: Iterable[Hashable]) -> list[int]:
+def find_first_of_each(keys: Iterable[Hashable]) -> list[int]:
     """Return the first index of each key: those lanes may need kernels compiled."""
     first: dict[Hashable, int] = {}
     for k, key in enumerate(keys):
@@ -392,7 +394,7 @@ def _run_all(
     first: list[int],
     total: int,
     workers: int,
-    progress: Progress | None,
+    progress: LaneProgress | None,
 ) -> None:
     """Call ``run`` for 0..total - 1, ``first`` one after the other: threads that need the same kernel would only wait for its compilation.
 

@@ -14,11 +14,11 @@ from impact_env.kernels.motion.observers import (
 )
 from impact_env.response import ContactPhases, Impacts, Reversals
 
-CHUNK = 8192  # records of a kind between two calls of `EventLists.empty`
+EVENTS_PER_CHUNK = 8192  # records of a kind between two calls of `EventLists.empty`
 _FUNCTION = ctypes.CFUNCTYPE(None)
 
 
-class EventLists:
+class EventRecorder:
     """The events of one run: ``events`` is what its kernel fills, `found` returns what it has filled.
 
     A kernel that has used all places of a list calls `empty`, with Python's lock. What goes wrong there, or a KeyboardInterrupt that arrives there,
@@ -31,7 +31,7 @@ class EventLists:
         self._reversals = reversals
         self._function = _FUNCTION(self._call)  # as long as a kernel may call it
         address = ctypes.cast(self._function, ctypes.c_void_p).value or 0
-        self.events = new_events(CHUNK * contacts, CHUNK * reversals, address)
+        self.events = new_events(EVENTS_PER_CHUNK * contacts, EVENTS_PER_CHUNK * reversals, address)
         self._chunks: dict[str, list[NDArray[np.void]]] = {
             "impacts": [np.zeros(0, IMPACT_RECORD)],
             "phases": [np.zeros(0, PHASE_RECORD)],

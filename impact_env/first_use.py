@@ -17,7 +17,7 @@ from impact_env.checks import require
 from impact_env.kernels.compiling.parts import COMPILING
 
 LOG = logging.getLogger("impact_env")
-PATIENCE = 1.0  # s of compiling before anything is said
+SILENT_SECONDS = 1.0  # s of compiling before anything is said
 HINT = "python -m impact_env.warm_up"
 
 # what is compiled for, if it has to be: scene, method and words
@@ -83,7 +83,7 @@ class _SeldomCollected(event.Listener):
 
 
 class _Announcer(event.Listener):
-    """Announces each compilation, one at a time: to callbacks at once, to the user once it has taken `PATIENCE`."""
+    """Announces each compilation, one at a time: to callbacks at once, to the user once it has taken `SILENT_SECONDS`."""
 
     silent = False
 
@@ -91,7 +91,7 @@ class _Announcer(event.Listener):
         scene, method, words = _purpose.get()
         self._what = "kernels" if scene is None else f"the kernels of: {scene}, {method}"
         self._began = time.perf_counter()
-        self._timer = threading.Timer(PATIENCE, _say, [self._what, words])
+        self._timer = threading.Timer(SILENT_SECONDS, _say, [self._what, words])
         self._timer.daemon = True
         if not self.silent:
             self._timer.start()
@@ -133,7 +133,7 @@ event.register(COMPILING, _SeldomCollected())
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
+def suppress_announcements() -> Iterator[None]:
     """Announce nothing within it: the caller says what is compiled."""
     before = _ANNOUNCER.silent
     _ANNOUNCER.silent = True

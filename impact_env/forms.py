@@ -12,7 +12,7 @@ from impact_env.parameters import ParameterError, finite, require
 
 
 @dataclass(frozen=True)
-class Sort:
+class Codec:
     """A sort of value: ``read`` raises ParameterError with the key path, or returns what a class takes; ``write`` is its inverse."""
 
     read: Callable[[str, Any], Any]
@@ -20,7 +20,7 @@ class Sort:
 
 
 Keys = Mapping[
-    str, tuple[str, Sort]
+    str, tuple[str, Codec]
 ]  # key of the plain form -> argument and attribute of the class, and its sort
 
 
@@ -47,10 +47,12 @@ def _row(values: Any) -> list[float]:
     return [float(x) for x in values]
 
 
-NUMBER = Sort(lambda _path, plain: plain, float)  # the classes check single numbers themselves
-WHOLE = Sort(NUMBER.read, int)
-ROW = Sort(_numbers, _row)
-ROWS = Sort(_lists, lambda values: [_row(row) for row in values])
+NUMBER_CODEC = Codec(
+    lambda _path, plain: plain, float
+)  # the classes check single numbers themselves
+WHOLE_CODEC = Codec(NUMBER_CODEC.read, int)
+ROW_CODEC = Codec(_numbers, _row)
+ROWS_CODEC = Codec(_lists, lambda values: [_row(row) for row in values])
 
 
 def require_keys(
@@ -69,7 +71,9 @@ def require_keys(
         require(key in plain, path, dict(plain), f"the key {key} must be given: it has no default")
 
 
-def form(make: Callable[..., Any], keys: Keys, more_needed: tuple[str, ...] = ()) -> Sort:
+def dataclass_codec(
+    make: Callable[..., Any], keys: Keys, more_needed: tuple[str, ...] = ()
+) -> Codec:
     """Return the sort of a dict that stands for what ``make``, a class or a function, returns.
 
     A key that is left out has the default of ``make``; one whose argument has none must be given. Attributes that are None are not written.
@@ -98,12 +102,12 @@ def form(make: Callable[..., Any], keys: Keys, more_needed: tuple[str, ...] = ()
         found = {key: (getattr(value, name), sort) for key, (name, sort) in keys.items()}
         return {key: sort.write(part) for key, (part, sort) in found.items() if part is not None}
 
-    return Sort(read, write)
+    return Codec(read, write)
 
 
-def tables(make: Callable[..., Any], keys: Keys) -> Sort:
-    """Return the sort of a list of such dicts, each of which is a `form`; it is read as a tuple."""
-    one = form(make, keys)
+def list_codec(make: Callable[..., Any], keys: Keys) -> Codec:
+    """Return the sort of a list of such dicts, each of which is a `dataclass_codec`; it is read as a tuple."""
+    one = dataclass_codec(make, keys)
 
     def read(path: str, plain: Any) -> tuple[Any, ...]:
         require(
@@ -114,9 +118,9 @@ def tables(make: Callable[..., Any], keys: Keys) -> Sort:
         )
         return tuple(one.read(f"{path}[{i}]", part) for i, part in enumerate(plain))
 
-    return Sort(read, lambda values: [one.write(value) for value in values])
+    return Codec(read, lambda values: [one.write(value) for value in values])
 
 
-def optional(sort: Sort) -> Sort:
+def optional_codec(sort: Codec) -> Codec:
     """Return a sort that may also be None, for what is absent."""
-    return Sort(lambda path, plain: None if plain is None else sort.read(path, plain), sort.write)
+    return Codec(lambda path, plain: None if plain is None else sort.read(path, plain), sort.write)

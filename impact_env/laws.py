@@ -30,9 +30,9 @@ from impact_env.parameters import (
     StuckAbsorber,
     TunedAbsorber,
     YieldingWalls,
+    find_largest_gravity,
     friction_damper,
     friction_law,
-    gravity_of,
 )
 
 Values = Mapping[str, Any]
@@ -64,7 +64,7 @@ class Law:
 
     ``keys``: its plain names. ``mark``: the one that only this law of its group has, None for the group's usual law. ``kernel``: what compiled code
     takes, the name of a tuple of `impact_env.kernels` whose fields are attributes of the law (None where it has none), or of one attribute; it is
-    named, not imported, so that reading a scene loads no kernels (`families.family.compiled`). ``stored``: its energy in J at a relative
+    named, not imported, so that reading a scene loads no kernels (`families.family.load_law`). ``stored``: its energy in J at a relative
     displacement in m. ``words``: its values for people.
     """
 
@@ -102,17 +102,19 @@ class Law:
         return {key.attribute: name for name, key in self.keys.items()}
 
 
-GAP = Key("gap", "Clearance to either wall", "m")
-RESTITUTION = Key("restitution", "Coefficient of restitution, 0 to 1")
-MASS = {"mass_ratio": Key("mass_ratio", "Absorber mass over beam mass")}
-GRAVITY = "gravity_m_s2"  # of one that has a weight along its motion: a key of files, not an option
+GAP_KEY = Key("gap", "Clearance to either wall", "m")
+RESTITUTION_KEY = Key("restitution", "Coefficient of restitution, 0 to 1")
+MASS_KEYS = {"mass_ratio": Key("mass_ratio", "Absorber mass over beam mass")}
+GRAVITY_KEY = (
+    "gravity_m_s2"  # of one that has a weight along its motion: a key of files, not an option
+)
 HEAVY = ("impact", "friction", "tuned", "stuck")
 
-WALLS = (
+WALL_LAWS = (
     Law(
         RigidWalls,
         SceneKind.RIGID,
-        {"gap": GAP, "restitution": RESTITUTION},
+        {"gap": GAP_KEY, "restitution": RESTITUTION_KEY},
         lambda w: f"gap {1e3 * w.gap:g} mm, restitution {w.restitution:g}",
         "exact.rigid_contact.Walls",
     ),
@@ -125,8 +127,8 @@ WALLS = (
                 "Impact velocity from which restitution falls, where contact yields",
                 "m/s",
             ),
-            "gap": GAP,
-            "restitution": RESTITUTION,
+            "gap": GAP_KEY,
+            "restitution": RESTITUTION_KEY,
         },
         lambda w: (
             f"gap {1e3 * w.gap:g} mm, restitution {w.restitution:g} that falls above {w.yield_velocity:g} m/s"
@@ -139,8 +141,8 @@ WALLS = (
         SceneKind.COMPLIANT,
         {
             "contact_stiffness": Key("stiffness", "Stiffness of walls that are springs", "N/m"),
-            "gap": GAP,
-            "restitution": replace(RESTITUTION, usual=1.0),
+            "gap": GAP_KEY,
+            "restitution": replace(RESTITUTION_KEY, usual=1.0),
         },
         lambda w: (
             f"gap {1e3 * w.gap:g} mm, contact stiffness {w.stiffness:g} N/m"
@@ -151,13 +153,15 @@ WALLS = (
         stored=lambda w, y: 0.5 * w.stiffness * max(abs(y) - w.gap, 0.0) ** 2,
     ),
 )
-LIMIT = Key("limit", "Friction limit, 0 for none", "N")
-STATIC_RATIO = Key("static_ratio", "Static friction over sliding friction, 1 or above", usual=1.0)
-FRICTION = (
+FRICTION_LIMIT_KEY = Key("limit", "Friction limit, 0 for none", "N")
+STATIC_RATIO_KEY = Key(
+    "static_ratio", "Static friction over sliding friction, 1 or above", usual=1.0
+)
+FRICTION_LAWS = (
     Law(
         CoulombFriction,
         SceneKind.RIGID,
-        {"friction_limit": LIMIT, "static_friction_ratio": STATIC_RATIO},
+        {"friction_limit": FRICTION_LIMIT_KEY, "static_friction_ratio": STATIC_RATIO_KEY},
         lambda f: (
             f"friction limit {f.limit:g} N"
             + (f", static {f.static_ratio:g} times that" if f.static_ratio > 1 else "")
@@ -168,7 +172,7 @@ FRICTION = (
         ElasticCoulombFriction,
         SceneKind.COMPLIANT,
         {
-            "friction_limit": LIMIT,
+            "friction_limit": FRICTION_LIMIT_KEY,
             "friction_stiffness": Key(
                 "stiffness", "Stiffness of a spring in series with friction", "N/m"
             ),
@@ -178,13 +182,13 @@ FRICTION = (
         mark="friction_stiffness",
     ),
 )
-FRICTION_NAMES = {key.attribute: name for law in FRICTION for name, key in law.keys.items()}
-STUCK = Law(StuckAbsorber, SceneKind.LINEAR, MASS, lambda _: "", None)
-TUNED = Law(
+FRICTION_NAMES = {key.attribute: name for law in FRICTION_LAWS for name, key in law.keys.items()}
+STUCK_LAW = Law(StuckAbsorber, SceneKind.LINEAR, MASS_KEYS, lambda _: "", None)
+TUNED_LAW = Law(
     TunedAbsorber,
     SceneKind.LINEAR,
     {
-        **MASS,
+        **MASS_KEYS,
         "stiffness": Key("stiffness", "Spring of the absorber", "N/m"),
         "damping": Key("damping", "Damper of the absorber", "N s/m"),
     },
@@ -192,11 +196,11 @@ TUNED = Law(
     "stepping.moreau_law.Spring",
     stored=lambda a, y: 0.5 * a.stiffness * y**2,
 )
-SINK = Law(
+SINK_LAW = Law(
     NonlinearSink,
     SceneKind.SMOOTH,
     {
-        **MASS,
+        **MASS_KEYS,
         "cubic_stiffness": Key(
             "cubic_stiffness", "Spring of the absorber, whose force grows with the cube", "N/m^3"
         ),
@@ -206,8 +210,12 @@ SINK = Law(
     "stepping.feedback.CubicSpring",
     stored=lambda a, y: 0.25 * a.cubic_stiffness * y**4,
 )
-WHOLE = {"tuned": TUNED, "stuck": STUCK, "sink": SINK}  # absorbers that are one law
-CALLED = {
+WHOLE_ABSORBERS = {
+    "tuned": TUNED_LAW,
+    "stuck": STUCK_LAW,
+    "sink": SINK_LAW,
+}  # absorbers that are one law
+ABSORBER_NAMES = {
     "impact": "impact absorber",
     "friction": "friction damper",
     "tuned": "tuned absorber",
@@ -222,22 +230,22 @@ def _keys(*laws: Law) -> dict[str, Key]:
 
 # the concepts of one absorber, and the plain names that each is given by
 CONCEPTS: dict[str, dict[str, Key]] = {
-    "impact": {**MASS, **_keys(*WALLS), **_keys(*FRICTION)},
-    "friction": {**MASS, **_keys(*FRICTION)},
-    **{name: dict(law.keys) for name, law in WHOLE.items()},
+    "impact": {**MASS_KEYS, **_keys(*WALL_LAWS), **_keys(*FRICTION_LAWS)},
+    "friction": {**MASS_KEYS, **_keys(*FRICTION_LAWS)},
+    **{name: dict(law.keys) for name, law in WHOLE_ABSORBERS.items()},
     "none": {},
 }
-_ENTRIES = {law.of: law for law in (*WALLS, *FRICTION, *WHOLE.values())}
+_ENTRIES = {law.of: law for law in (*WALL_LAWS, *FRICTION_LAWS, *WHOLE_ABSORBERS.values())}
 
 
-def entry(law: object) -> Law:
+def find_law(law: object) -> Law:
     """Return the entry of a law; raises ParameterError for one that is not in the table."""
     if type(law) not in _ENTRIES:
         require(False, "law", law, f"one of {', '.join(known.__name__ for known in _ENTRIES)}")
     return _ENTRIES[type(law)]
 
 
-def parts(absorber: Absorber | None) -> tuple[object, ...]:
+def list_laws(absorber: Absorber | None) -> tuple[object, ...]:
     """Return the laws that are present: walls and friction of a sliding absorber, or the absorber itself; none of several."""
     if instance("absorber", absorber, Absorber | None) is None or isinstance(
         absorber, SeveralAbsorbers
@@ -254,12 +262,12 @@ def kind(absorber: Absorber | None) -> SceneKind:
     """Return the kind of scene of an absorber."""
     if isinstance(absorber, SeveralAbsorbers):
         return SceneKind.SEVERAL
-    return next((entry(law).kind for law in parts(absorber)), SceneKind.LINEAR)
+    return next((find_law(law).kind for law in list_laws(absorber)), SceneKind.LINEAR)
 
 
-def stored(absorber: Absorber | None, displacement: float) -> float:
+def compute_spring_energy(absorber: Absorber | None, displacement: float) -> float:
     """Return the energy in J that an absorber's springs hold at a relative displacement in m; 0 for several, which are rigid."""
-    return sum(entry(law).stored(law, displacement) for law in parts(absorber))
+    return sum(find_law(law).stored(law, displacement) for law in list_laws(absorber))
 
 
 def concept(absorber: Absorber | None) -> str:
@@ -269,47 +277,53 @@ def concept(absorber: Absorber | None) -> str:
     return (
         "none"
         if absorber is None
-        else next(name for name, law in WHOLE.items() if law is entry(absorber))
+        else next(name for name, law in WHOLE_ABSORBERS.items() if law is find_law(absorber))
     )
 
 
 def values(absorber: Absorber | None) -> dict[str, Any]:
     """Return one absorber's values by their plain names; `make` gives the same absorber back."""
     mass = {} if absorber is None else {"mass_ratio": absorber.mass_ratio}
-    mass |= {GRAVITY: gravity_of(absorber)} if gravity_of(absorber) != 0 else {}
+    mass |= (
+        {GRAVITY_KEY: find_largest_gravity(absorber)} if find_largest_gravity(absorber) != 0 else {}
+    )
     return mass | {
-        name: value for law in parts(absorber) for name, value in entry(law).values(law).items()
+        name: value
+        for law in list_laws(absorber)
+        for name, value in find_law(law).values(law).items()
     }
 
 
-def modes_in_words(modes: int) -> str:
+def describe_modes(modes: int) -> str:
     """Return "1 mode" or "10 modes"."""
     return f"{modes} mode{'s' * (modes != 1)}"
 
 
-def words(absorber: Absorber | None) -> str:
+def describe_absorber(absorber: Absorber | None) -> str:
     """Return an absorber's kind and values for people."""
     if isinstance(absorber, SeveralAbsorbers):
         each = zip(absorber.absorbers, absorber.positions, strict=True)
-        return "; ".join(f"at {position:g} of the length {words(one)}" for one, position in each)
+        return "; ".join(
+            f"at {position:g} of the length {describe_absorber(one)}" for one, position in each
+        )
     if absorber is None:
         return "no absorber"
     told = [
-        CALLED[concept(absorber)],
+        ABSORBER_NAMES[concept(absorber)],
         f"mass ratio {absorber.mass_ratio:g}",
-        *(entry(law).words(law) for law in parts(absorber)),
+        *(find_law(law).words(law) for law in list_laws(absorber)),
     ]
     if isinstance(absorber, SlidingAbsorber) and absorber.friction is None:
         told.append("no friction")
-    if gravity_of(absorber) != 0:
-        told.append(f"gravity {gravity_of(absorber):g} m/s^2")
+    if find_largest_gravity(absorber) != 0:
+        told.append(f"gravity {find_largest_gravity(absorber):g} m/s^2")
     return ", ".join(word for word in told if word)
 
 
 def describe(value: Any) -> str:
     """Return an absorber or a contact law of the table for people; KeyError for anything else."""
     if isinstance(value, Absorber):
-        return words(value)
+        return describe_absorber(value)
     return f"{type(value).__name__} ({_ENTRIES[type(value)].words(value)})"
 
 
@@ -317,7 +331,7 @@ for _kind in (*_ENTRIES, *get_args(Absorber)):
     describe_in_errors(_kind, describe)
 
 
-def _chosen(laws: tuple[Law, ...], given: Values) -> Law:
+def _choose_law(laws: tuple[Law, ...], given: Values) -> Law:
     """Return the law of a group that the given names belong to."""
     law = next((law for law in laws if law.mark in given), laws[0])
     for name in given:
@@ -331,7 +345,7 @@ def _chosen(laws: tuple[Law, ...], given: Values) -> Law:
     return law
 
 
-def _friction(given: Values, walls: object) -> CoulombFriction | ElasticCoulombFriction | None:
+def _make_friction(given: Values, walls: object) -> CoulombFriction | ElasticCoulombFriction | None:
     """Return friction beside walls: elastic where they are springs, as stiff as they are unless it is said otherwise."""
     limit = given.get("friction_limit")
     stiffness = given.get("friction_stiffness")
@@ -359,7 +373,7 @@ def make(concept: str, given: Values, name: str = "absorber") -> Absorber | None
     """
     name = text("name", name)
     known = set(CONCEPTS[one_of(name, concept, CONCEPTS)]) | (
-        {GRAVITY} if concept in HEAVY else set()
+        {GRAVITY_KEY} if concept in HEAVY else set()
     )
     strange = sorted(set(instance(f"{name}'s values", given, Mapping)) - known)
     require(
@@ -369,17 +383,17 @@ def make(concept: str, given: Values, name: str = "absorber") -> Absorber | None
         f"only the keys {', '.join(sorted(known))}" if known else "no keys",
     )
     present = {key: value for key, value in given.items() if value is not None}
-    if GRAVITY in present:
-        gravity = present.pop(GRAVITY)
-        with arguments_called({"gravity": GRAVITY}):
+    if GRAVITY_KEY in present:
+        gravity = present.pop(GRAVITY_KEY)
+        with arguments_called({"gravity": GRAVITY_KEY}):
             return replace(make(concept, present, name), gravity=gravity)  # type: ignore[type-var]
-    if concept in WHOLE:
-        return WHOLE[concept].make(present)
-    mass = {key: present[key] for key in MASS if key in present}
+    if concept in WHOLE_ABSORBERS:
+        return WHOLE_ABSORBERS[concept].make(present)
+    mass = {key: present[key] for key in MASS_KEYS if key in present}
     if concept == "friction":
         with arguments_called(FRICTION_NAMES):
             return friction_damper(**present)
     if concept == "none":
         return None
-    walls = _chosen(WALLS, present).make(present)
-    return SlidingAbsorber(**mass, walls=walls, friction=_friction(present, walls))
+    walls = _choose_law(WALL_LAWS, present).make(present)
+    return SlidingAbsorber(**mass, walls=walls, friction=_make_friction(present, walls))

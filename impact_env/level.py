@@ -10,15 +10,18 @@ from impact_env.loads import AnyDrive
 from impact_env.parameters import count, require, row
 
 HALF_WINDOW_PERIODS = 10  # pseudo periods to either side of the maximum
-MOST_SAMPLES = 100_000  # a pseudo period: the level keeps those of twenty
-LEAST_A_CYCLE = 4  # samples of the force's fastest cycle: the mean square of a cosine is right from three on, its peak at most 3/10 too low with four
+MOST_SAMPLES_PER_PERIOD = 100_000  # a pseudo period: the level keeps those of twenty
+# samples of the force's fastest cycle: the mean square of a cosine is right from three on, its peak
+# at most 3/10 too low with four
+LEAST_SAMPLES_PER_CYCLE = 4
 
 
 @dataclass(frozen=True)
 class ResponseLevel:
     """RMS ``value`` in m; ``time`` (s) and ``frequency_ratio`` (to the reference) of the maximum; ``max_tip``: largest |q_tip| in m.
 
-    The tip is the absorber's place on the beam (`Beam.absorber_position`), or the place where the level is read (`Beam.response_position`).
+    The tip is the absorber's place on the beam (`Beam.absorber_position`), or the place where the
+    level is read (`Beam.response_position`).
     """
 
     value: float
@@ -28,9 +31,15 @@ class ResponseLevel:
 
 
 def require_samples(samples_per_period: int, ratio: float) -> None:
-    """Raise ParameterError if a level has fewer than `LEAST_A_CYCLE` samples a cycle of a force of ``ratio`` times the reference frequency."""
-    needed = LEAST_A_CYCLE * ratio * (1 - 1e-9)
-    allowed = f"{int(np.ceil(needed))} or more for the level under a force of {ratio:g} times the reference frequency, {LEAST_A_CYCLE} a cycle"
+    """Raise ParameterError if a level has fewer than `LEAST_SAMPLES_PER_CYCLE` samples a cycle.
+
+    The cycle is that of a force of ``ratio`` times the reference frequency.
+    """
+    needed = LEAST_SAMPLES_PER_CYCLE * ratio * (1 - 1e-9)
+    allowed = (
+        f"{int(np.ceil(needed))} or more for the level under a force of {ratio:g} times the "
+        f"reference frequency, {LEAST_SAMPLES_PER_CYCLE} a cycle"
+    )
     require(samples_per_period >= needed, "samples_per_period", samples_per_period, allowed)
 
 
@@ -42,8 +51,10 @@ def response_level(
     """Return (response level, largest |q_tip|) in m of equidistant samples (S,) in m, S >= 2; the window is cut at the ends of the series."""
     values = row("tip_displacement", tip_displacement, "two or more finite samples")
     require(len(values) >= 2, "tip_displacement", values, "two or more finite samples")
-    samples_per_period = count("samples_per_period", samples_per_period, 1, MOST_SAMPLES)
-    half_window_periods = count("half_window_periods", half_window_periods, 1, MOST_SAMPLES)
+    samples_per_period = count("samples_per_period", samples_per_period, 1, MOST_SAMPLES_PER_PERIOD)
+    half_window_periods = count(
+        "half_window_periods", half_window_periods, 1, MOST_SAMPLES_PER_PERIOD
+    )
     rms, _, largest = compute_level(level_of(values, samples_per_period, half_window_periods))
     return float(rms), float(largest)
 

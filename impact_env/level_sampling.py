@@ -6,18 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive
-from impact_env.level import LEAST_A_CYCLE, require_samples
+from impact_env.level import LEAST_SAMPLES_PER_CYCLE, require_samples
 from impact_env.loads import (
-    BASE,
+    BASE_QUANTITY,
     AnyDrive,
     Loads,
     Random,
     Samples,
     Shock,
     Strike,
-    highest_in,
-    largest,
-    start_of,
+    find_highest_omega,
+    find_highest_omega_of_pieces,
+    find_initial_state,
 )
 from impact_env.modes import ModalModel
 from impact_env.parameters import require
@@ -26,20 +26,22 @@ from impact_env.turning_loads import Load
 
 Array = NDArray[np.float64]
 SHARE_ABOVE = 0.05  # of the mean square of the displacement: the level is at most 2.5 % off
-WORDS = {Samples: "a record", Random: "a random load", Shock: "a shock", Strike: "a strike"}
+LOAD_NAMES = {Samples: "a record", Random: "a random load", Shock: "a shock", Strike: "a strike"}
 
 
-def _kind_of_load(load: Load) -> str:
+def _name_load(load: Load) -> str:
     """Return what a load is in words, also of a class that is derived from one of the library's."""
-    return next(words for kind, words in WORDS.items() if isinstance(load, kind))
+    return next(words for kind, words in LOAD_NAMES.items() if isinstance(load, kind))
 
 
 def require_sampling(scene: Scene, drive: AnyDrive, samples_per_period: int, start: Array) -> None:
     """Raise ParameterError where a level, or an envelope, has too few samples a pseudo period for what acts.
 
-    A harmonic force, tones, orders, an unbalance and a shaken base need `LEAST_A_CYCLE` samples of their fastest cycle. Under a record, a random
-    load, a shock or a strike at most `SHARE_ABOVE` of the mean square of the displacement where the level is read, of the structure without
-    absorber, may lie above the frequency that has so many samples a cycle. ``start`` (2 N_m + 2 n,): the state at time 0, strikes included.
+    A harmonic force, tones, orders, an unbalance and a shaken base need `LEAST_SAMPLES_PER_CYCLE`
+    samples of their fastest cycle. Under a record, a random load, a shock or a strike at most
+    `SHARE_ABOVE` of the mean square of the displacement where the level is read, of the structure
+    without absorber, may lie above the frequency that has so many samples a cycle. ``start`` (2 N_m
+    + 2 n,): the state at time 0, strikes included.
     """
     reference = drive.schedule.reference
     require_samples(samples_per_period, highest_tone(drive) / reference)
@@ -57,16 +59,19 @@ def require_sampled(
     scene: Scene, drive: AnyDrive, samples_per_period: int, initial: InitialState | None = None
 ) -> None:
     """Raise ParameterError as `require_sampling` does, for a run from a state, None: from the start of its loads."""
-    start = start_of(scene, drive, initial).vector(scene)
+    start = find_initial_state(scene, drive, initial).vector(scene)
     require_sampling(scene, drive, samples_per_period, start)
 
 
 def highest_tone(drive: AnyDrive) -> float:
     """Return the highest frequency (rad/s) of a drive's harmonic parts, 0 without any; records, random loads, shocks and strikes have none."""
     if isinstance(drive, Drive):
-        return largest(drive)
+        return find_highest_omega(drive)
     lasting = (part for part in drive.parts if not isinstance(part, Samples | Random | Shock))
-    return max((highest_in(piece) for part in lasting for piece in part.pieces()), default=0.0)
+    return max(
+        (find_highest_omega_of_pieces(piece) for part in lasting for piece in part.pieces()),
+        default=0.0,
+    )
 
 
 def require_spectrum(
@@ -74,17 +79,18 @@ def require_spectrum(
 ) -> None:
     """Raise ParameterError where a load moves the level's place too much above the frequency that has four samples a cycle.
 
-    ``reference`` (rad/s) defines the pseudo period; ``square`` (L,): parts of the displacement's mean square at ``omega`` (L,) in rad/s, rising.
+    ``reference`` (rad/s) defines the pseudo period; ``square`` (L,): parts of the displacement's
+    mean square at ``omega`` (L,) in rad/s, rising.
     """
     above = np.cumsum(square[::-1])[::-1]
     if len(above) == 0 or not above[0] > 0:
         return
     highest = float(omega[np.flatnonzero(above > SHARE_ABOVE * above[0])[-1]])
-    needed = LEAST_A_CYCLE * highest / reference * (1 - 1e-9)
+    needed = LEAST_SAMPLES_PER_CYCLE * highest / reference * (1 - 1e-9)
     allowed = (
-        f"{int(np.ceil(needed))} or more for the level under {_kind_of_load(load)}: "
+        f"{int(np.ceil(needed))} or more for the level under {_name_load(load)}: "
         f"{100 * SHARE_ABOVE:g} % of the displacement's mean square lies at {highest / (2 * np.pi):.4g} Hz or above, "
-        f"and needs {LEAST_A_CYCLE} samples a cycle"
+        f"and needs {LEAST_SAMPLES_PER_CYCLE} samples a cycle"
     )
     require(samples_per_period >= needed, "samples_per_period", samples_per_period, allowed)
 
@@ -92,9 +98,10 @@ def require_spectrum(
 def response_spectrum(model: ModalModel, load: Samples | Random | Shock) -> tuple[Array, Array]:
     """Return frequencies (L,) in rad/s, rising, and parts (L,) of the mean square of the displacement where the level is read, in any unit.
 
-    The structure is alone. Of a record and a random load it is the stationary response to each line; of a shock the free motion after it.
+    The structure is alone. Of a record and a random load it is the stationary response to each
+    line; of a shock the free motion after it.
     """
-    weight = _driven(model, load.quantity == BASE)
+    weight = _modal_displacements(model, load.quantity == BASE_QUANTITY)
     if isinstance(load, Shock):
         order = np.argsort(model.omega)
         omega = np.maximum(model.omega[order], 1e-300)
@@ -112,7 +119,7 @@ def response_spectrum(model: ModalModel, load: Samples | Random | Shock) -> tupl
     return omega, np.asarray(power) * _squared_receptance(model, weight, omega, length)
 
 
-def _driven(model: ModalModel, base: bool) -> Array:
+def _modal_displacements(model: ModalModel, base: bool) -> Array:
     """Return each mode's part of the displacement where the level is read, under a unit force or base acceleration, (N_m,)."""
     drives = model.base_participation if base else model.force_shape
     return np.asarray(model.level_shape * (0.0 if drives is None else drives))

@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import FASTEST, SLOWEST, Drive, FrequencySchedule
+from impact_env.drive import HIGHEST_OMEGA, LOWEST_OMEGA, Drive, FrequencySchedule
 from impact_env.parameters import (
     count_from,
     each_of,
@@ -32,8 +32,8 @@ from impact_env.parameters import (
 )
 from impact_env.sampling_times import EVEN_TOL, even_times, find_uneven, is_even
 from impact_env.scene import InitialState, Scene
-from impact_env.turning_loads import BASE as BASE
-from impact_env.turning_loads import FORCE as FORCE
+from impact_env.turning_loads import BASE_QUANTITY as BASE_QUANTITY
+from impact_env.turning_loads import FORCE_QUANTITY as FORCE_QUANTITY
 from impact_env.turning_loads import QUANTITIES as QUANTITIES
 from impact_env.turning_loads import Force as Force
 from impact_env.turning_loads import Load as Load
@@ -45,17 +45,20 @@ from impact_env.turning_loads import Strike as Strike
 from impact_env.turning_loads import Tone as Tone
 from impact_env.turning_loads import Tones as Tones
 from impact_env.turning_loads import Unbalance as Unbalance
+from impact_env.turning_loads import find_schedule as find_schedule
 from impact_env.turning_loads import lines_between
-from impact_env.turning_loads import schedule_in as schedule_in
 
 Array = NDArray[np.float64]
-MOST_SAMPLES = 2**22  # of a record: a piece of each is 80 bytes
+MOST_RECORD_SAMPLES = 2**22  # of a record: a piece of each is 80 bytes
+MOST_SIZE = f"at most {MOST_RECORD_SAMPLES} samples, {80 * MOST_RECORD_SAMPLES / 2**20:.0f} MiB"
 LINE_TOL = 1e-12  # of a frequency: a line of a random load is at a point of its spectrum
 RANDOM_SAMPLES = 20  # of a random record, in a period of its highest frequency
-SAME_TIME = 1e-12  # of the duration: breakpoints closer than this are one
-DRIFT = 6.0  # root mean squares of a velocity: more is no oscillation and no pulse, but an offset
-STARTS = ("middle", "lower-wall", "base-mean-rest")
-GAUSS = np.polynomial.legendre.leggauss(
+TIME_TOL = 1e-12  # of the duration: breakpoints closer than this are one
+MOST_OFFSET_RATIO = (
+    6.0  # root mean squares of a velocity: more is no oscillation and no pulse, but an offset
+)
+LOAD_STARTS = ("middle", "lower-wall", "base-mean-rest")
+GAUSS_RULE = np.polynomial.legendre.leggauss(
     4
 )  # nodes and weights: right to 1e-7 of what a base moves by, on a radian of its carrier
 
@@ -66,7 +69,7 @@ class Samples(Load):
 
     times: Array
     values: Array
-    quantity: str = FORCE
+    quantity: str = FORCE_QUANTITY
     sizes: ClassVar[tuple[str, ...]] = ("values",)
 
     def __post_init__(self) -> None:
@@ -74,8 +77,8 @@ class Samples(Load):
         size = getattr(self.times, "size", None)
         size = len(self.times) if size is None and isinstance(self.times, Sequence) else size
         size = size if isinstance(size, int) else 0
-        allowed = f"at most {MOST_SAMPLES} samples, {80 * MOST_SAMPLES / 2**20:.0f} MiB, not {size}: cut the record, or take every second one"
-        require(size <= MOST_SAMPLES, "samples", size, allowed)
+        allowed = f"{MOST_SIZE}, not {size}: cut the record, or take every second one"
+        require(size <= MOST_RECORD_SAMPLES, "samples", size, allowed)
         times = row("times", self.times, "two or more finite times in s")
         values = row("values", self.values, "finite numbers, one for each time")
         require(
@@ -112,7 +115,7 @@ class Samples(Load):
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces."""
-        return [lines_between(self.times, self.values, self.quantity == BASE)]
+        return [lines_between(self.times, self.values, self.quantity == BASE_QUANTITY)]
 
     def share_above(self, frequency: float) -> float:
         """Return which share of the mean square lies above a frequency in Hz, 0 for a record of zeros."""
@@ -124,22 +127,22 @@ class Samples(Load):
     def drift(self) -> float | None:
         """Return the offset (m/s^2) of a base's record that makes its displacement drift, None for a force or a record without.
 
-        An offset drifts where it changes the velocity by more than `DRIFT` times the root mean
+        An offset drifts where it changes the velocity by more than `MOST_OFFSET_RATIO` times the root mean
         square of the velocity without it; an oscillation that is cut anywhere changes it by less
         than 2.9 times, a pulse by 3.5 times.
         """
-        if self.quantity == FORCE:
+        if self.quantity == FORCE_QUANTITY:
             return None
         step = self.times[1]
         steps = step * (self.values[1:] + self.values[:-1]) / 2
         offset = float(np.sum(steps)) / self.duration
         velocity = np.append(0.0, np.cumsum(steps - step * offset))
-        drifts = abs(offset) * self.duration > DRIFT * float(np.std(velocity))
+        drifts = abs(offset) * self.duration > MOST_OFFSET_RATIO * float(np.std(velocity))
         return offset if drifts and offset != 0 else None
 
     def base_velocity(self) -> float:
         """Return the base's velocity in m/s at time 0 with which its mean velocity is zero."""
-        if self.quantity == FORCE:
+        if self.quantity == FORCE_QUANTITY:
             return 0.0
         steps = np.diff(self.times)
         a = self.values
@@ -164,7 +167,7 @@ class Random(Load):
     spectrum: Array
     length: float
     seed: int = 0
-    quantity: str = FORCE
+    quantity: str = FORCE_QUANTITY
     number: int = 0
     factor: float = 1.0
 
@@ -193,8 +196,8 @@ class Random(Load):
         require(rising, "spectrum", spectrum.tolist(), allowed)
         # before `lines`, which is an array of as many numbers
         samples = RANDOM_SAMPLES * float(spectrum[-1, 0]) * self.length
-        allowed = f"at most {MOST_SAMPLES} samples, {80 * MOST_SAMPLES / 2**20:.0f} MiB, not {samples:.0f}: a shorter one, or a lower band"
-        require(samples <= MOST_SAMPLES, "length", self.length, allowed)
+        allowed = f"{MOST_SIZE}, not {samples:.0f}: a shorter one, or a lower band"
+        require(samples <= MOST_RECORD_SAMPLES, "length", self.length, allowed)
         require(
             len(self.lines) > 0,
             "spectrum",
@@ -274,15 +277,15 @@ class Loads:
 
     parts: tuple[Load, ...]
     reference: float | None = None
-    start: str | InitialState = STARTS[0]
+    start: str | InitialState = LOAD_STARTS[0]
 
     def __post_init__(self) -> None:
         keep_checked(self, parts=labelled("loads", each_of(kind_of(Load))))
         require(len(self.parts) > 0, "loads", self.parts, "one or more")
         durations = [part.duration for part in self.parts]
-        ok = max(durations) - min(durations) <= SAME_TIME * max(durations)
+        ok = max(durations) - min(durations) <= TIME_TOL * max(durations)
         require(ok, "duration", durations, "the same for all loads that act together")
-        known = [found for found in map(schedule_in, self.parts) if found is not None]
+        known = [found for found in map(find_schedule, self.parts) if found is not None]
         if self.reference is None:
             require(
                 len(known) > 0, "reference", None, "given, in rad/s, for loads without a schedule"
@@ -291,17 +294,17 @@ class Loads:
         keep_checked(
             self,
             reference=labelled(
-                "reference frequency", partial(positive, least=SLOWEST, most=FASTEST)
+                "reference frequency", partial(positive, least=LOWEST_OMEGA, most=HIGHEST_OMEGA)
             ),
         )
         if not isinstance(self.start, InitialState):
-            keep_checked(self, start=word_of(STARTS))
+            keep_checked(self, start=word_of(LOAD_STARTS))
 
     @property
     def schedule(self) -> FrequencySchedule:
         """Return the frequency over time to which responses refer: the first schedule, else the reference for as long as the loads last."""
         assert self.reference is not None
-        for found in map(schedule_in, self.parts):
+        for found in map(find_schedule, self.parts):
             if found is not None:
                 return FrequencySchedule(found.times, found.omegas, self.reference)
         return FrequencySchedule(
@@ -331,7 +334,11 @@ class Loads:
         They are its acceleration integrated from `base_velocity` and from a displacement of 0.
         """
         breaks, rows, which, moves = self.on_one_clock()
-        even = np.arange(0.0, times[-1], 1 / largest(self)) if largest(self) > 0 else times
+        even = (
+            np.arange(0.0, times[-1], 1 / find_highest_omega(self))
+            if find_highest_omega(self) > 0
+            else times
+        )
         grid = np.unique(np.concatenate([times, even, breaks[breaks < times[-1]]]))
         steps = np.diff(grid)
         which = which[
@@ -339,7 +346,7 @@ class Loads:
         ][:, moves]
         speed = np.zeros(len(steps))
         place = np.zeros(len(steps))
-        for node, weight in zip((GAUSS[0] + 1) / 2, GAUSS[1] / 2, strict=True):
+        for node, weight in zip((GAUSS_RULE[0] + 1) / 2, GAUSS_RULE[1] / 2, strict=True):
             u = (grid[:-1] + node * steps)[:, None] - rows[which, 0]
             turn = np.exp(1j * (rows[which, 3] + (rows[which, 1] + rows[which, 2] * u / 2) * u))
             size = sum(
@@ -410,7 +417,7 @@ class Loads:
                 np.array([one.moves_base]),
             )
         times = np.unique(np.concatenate([source.times for source in sources]))
-        near = np.append(np.diff(times) > SAME_TIME * times[-1], True)
+        near = np.append(np.diff(times) > TIME_TOL * times[-1], True)
         times = times[near]
         times[0] = 0.0
         middles = (times[1:] + times[:-1]) / 2
@@ -439,7 +446,7 @@ class Loads:
 AnyDrive = Drive | Loads
 
 
-def start_of(scene: Scene, drive: AnyDrive, initial: InitialState | None) -> InitialState:
+def find_initial_state(scene: Scene, drive: AnyDrive, initial: InitialState | None) -> InitialState:
     """Return the state at time 0 of a run: ``initial``, or where that is None the start of the loads, with what strikes add to it.
 
     Raises ParameterError where a start is given twice, or a scene has no such start.
@@ -449,7 +456,7 @@ def start_of(scene: Scene, drive: AnyDrive, initial: InitialState | None) -> Ini
     if initial is None:
         return drive.initial(scene)
     require(
-        isinstance(drive.start, str) and drive.start == STARTS[0],
+        isinstance(drive.start, str) and drive.start == LOAD_STARTS[0],
         "initial",
         initial,
         f"None under loads that start at {drive.start!r}: one state at time 0",
@@ -457,14 +464,14 @@ def start_of(scene: Scene, drive: AnyDrive, initial: InitialState | None) -> Ini
     return drive.struck(scene, initial)
 
 
-def largest(drive: AnyDrive) -> float:
+def find_highest_omega(drive: AnyDrive) -> float:
     """Return the highest frequency (rad/s) of a drive's harmonic parts that are not zero, 0 without any."""
     if isinstance(drive, Drive):
         return float(np.max(drive.schedule.omegas)) if drive.amplitude != 0 else 0.0
-    return max(map(highest_in, drive._pieces), default=0.0)
+    return max(map(find_highest_omega_of_pieces, drive._pieces), default=0.0)
 
 
-def highest_in(pieces: Pieces) -> float:
+def find_highest_omega_of_pieces(pieces: Pieces) -> float:
     """Return the highest frequency (rad/s) of a load's harmonic pieces that are not zero, 0 without any."""
     rows = pieces.rows
     if not rows[:, :2].any():  # a record
@@ -474,14 +481,14 @@ def highest_in(pieces: Pieces) -> float:
     return float(np.max(ends[acts], initial=0.0))
 
 
-def member_of(drive: AnyDrive, member: Member) -> AnyDrive:
+def select_member(drive: AnyDrive, member: Member) -> AnyDrive:
     """Return the drive of one member of an ensemble."""
     if isinstance(drive, Drive):
         return Drive(drive.amplitude * member.factor, drive.schedule, drive.phase + member.phase)
     return drive.member(member)
 
 
-def amplitude_in_words(drive: AnyDrive, *, phase: bool = True) -> str:
+def describe_amplitude(drive: AnyDrive, *, phase: bool = True) -> str:
     """Return a drive's size for people."""
     if isinstance(drive, Drive):
         return f"{drive.amplitude:g} N{f', phase {drive.phase:g} rad' if phase else ''}"

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from impact_env.drive import Drive
-from impact_env.laws import SceneKind, parts
-from impact_env.loads import BASE, AnyDrive, Samples, largest
+from impact_env.laws import SceneKind, list_laws
+from impact_env.loads import BASE_QUANTITY, AnyDrive, Samples, find_highest_omega
 from impact_env.modes import MOST_HEAVINESS, with_link
 from impact_env.parameters import (
     CompliantWalls,
@@ -16,17 +16,19 @@ from impact_env.parameters import (
     StuckAbsorber,
     TunedAbsorber,
     count_from,
-    gravity_of,
+    find_largest_gravity,
     instance,
     keep_checked,
     require,
 )
 from impact_env.scene import Scene
 
-LEAST_STEPS = 4  # per period of the highest mode, and of the force
-MOST_STEPS = 1_000_000  # far beyond where rounding outweighs what a shorter step gains
-ROUNDING = 1e-9  # a step this close to its limit counts as at it
-SURE_REACH = 2.5  # |s| h up to which the classical Runge-Kutta method is stable for every damping
+LEAST_STEPS_PER_PERIOD = 4  # per period of the highest mode, and of the force
+MOST_STEPS_PER_PERIOD = 1_000_000  # far beyond where rounding outweighs what a shorter step gains
+STEP_LIMIT_TOL = 1e-9  # a step this close to its limit counts as at it
+STABLE_EIGENVALUE_STEP = (
+    2.5  # |s| h up to which the classical Runge-Kutta method is stable for every damping
+)
 PAPER_STEPS = (
     20  # per period of the highest mode (paper, section 2.4), and per contact (paper, appendix A)
 )
@@ -66,7 +68,9 @@ class Moreau:
     steps_per_period: int = PAPER_STEPS
 
     def __post_init__(self) -> None:
-        keep_checked(self, steps_per_period=count_from(LEAST_STEPS, MOST_STEPS))
+        keep_checked(
+            self, steps_per_period=count_from(LEAST_STEPS_PER_PERIOD, MOST_STEPS_PER_PERIOD)
+        )
 
     def step(self, scene: Scene) -> float:
         """Return the time step in s."""
@@ -85,8 +89,8 @@ class RungeKutta:
     def __post_init__(self) -> None:
         keep_checked(
             self,
-            steps_per_period=count_from(LEAST_STEPS, MOST_STEPS),
-            steps_per_contact=count_from(LEAST_STEPS, MOST_STEPS),
+            steps_per_period=count_from(LEAST_STEPS_PER_PERIOD, MOST_STEPS_PER_PERIOD),
+            steps_per_contact=count_from(LEAST_STEPS_PER_PERIOD, MOST_STEPS_PER_PERIOD),
         )
 
     def step(self, scene: Scene) -> float:
@@ -98,7 +102,7 @@ class RungeKutta:
         dt = 2 * np.pi / (self.steps_per_period * _highest_frequency(scene))
         springs = [
             part.stiffness
-            for part in parts(scene.absorber)
+            for part in list_laws(scene.absorber)
             if isinstance(part, CompliantWalls | ElasticCoulombFriction)
         ]
         if springs and scene.absorber_mass is not None:
@@ -142,11 +146,11 @@ def method_class(method: Method) -> type[Method]:
     return next(known for known in METHODS.values() if isinstance(method, known))
 
 
-GENERAL = {
+METHODS_FOR_LOADS = {
     (SceneKind.LINEAR, Exact),
     (SceneKind.RIGID, Exact),
 }  # what a base that moves is for, and gravity
-WHERE = "for that Exact, and a scene without absorber, or with one that is stuck, tuned, or has rigid contact"
+SUPPORTED_SCENES = "for that Exact, and a scene without absorber, or with one that is stuck, tuned, or has rigid contact"
 
 
 def check_load(scene: Scene, drive: AnyDrive, method: Method) -> None:
@@ -159,7 +163,7 @@ def check_general(
     scene: Scene, method: Method, record: Samples | None, *, moves_base: bool
 ) -> bool:
     """Return whether the base moves in runs in intervals; raise ParameterError if a scene or a method cannot do it, or a record beside the force."""
-    shaken = bool(moves_base) or (record is not None and record.quantity == BASE)
+    shaken = bool(moves_base) or (record is not None and record.quantity == BASE_QUANTITY)
     if shaken or record is not None:
         _check_general(
             scene,
@@ -173,7 +177,10 @@ def check_general(
 def _check_general(scene: Scene, method: Method, loads: list[str], moves_base: bool) -> None:
     pair = scene.kind, method_class(method)
     require(
-        pair in GENERAL, "loads", loads, f"forces with {method} and {scene.kind.value}; {WHERE}"
+        pair in METHODS_FOR_LOADS,
+        "loads",
+        loads,
+        f"forces with {method} and {scene.kind.value}; {SUPPORTED_SCENES}",
     )
     allowed = "given for a base that moves: the participation of the modes (base_vector, or base_participation_sqrt_kg)"
     require(
@@ -189,9 +196,12 @@ def check_supported(scene: Scene, method: Method) -> None:
     scene = instance("scene", scene, Scene)
     method = instance("method", method, Method)
     pair = scene.kind, method_class(method)
-    if (heavy := gravity_of(scene.absorber)) != 0:
+    if (heavy := find_largest_gravity(scene.absorber)) != 0:
         require(
-            pair in GENERAL, "gravity", heavy, f"0 with {method} and {scene.kind.value}; {WHERE}"
+            pair in METHODS_FOR_LOADS,
+            "gravity",
+            heavy,
+            f"0 with {method} and {scene.kind.value}; {SUPPORTED_SCENES}",
         )
     require(pair not in _REFUSED, "method", method, _REFUSED.get(pair, ""))
     friction = getattr(scene.absorber, "friction", None)
@@ -242,8 +252,8 @@ def check_step(scene: Scene, drive: AnyDrive, method: Method) -> None:
         steps,
         f"about {2 ** max(0, int(np.ceil(np.log2(max(growth, 1))))) * steps} or more {why}",
     )
-    coarseness = largest(drive) * dt * LEAST_STEPS / (2 * np.pi)
-    allowed = f"{int(np.ceil(steps * coarseness))} or more for this force, so that each of its periods has {LEAST_STEPS} steps"
+    coarseness = find_highest_omega(drive) * dt * LEAST_STEPS_PER_PERIOD / (2 * np.pi)
+    allowed = f"{int(np.ceil(steps * coarseness))} or more for this force, so that each of its periods has {LEAST_STEPS_PER_PERIOD} steps"
     require(coarseness <= 1, "steps_per_period", steps, allowed)
 
 
@@ -254,14 +264,14 @@ def _moreau_growth(scene: Scene, dt: float) -> float:
     square = model.omega**2
     if not isinstance(scene.absorber, TunedAbsorber):
         limit = 4 / (rate + np.sqrt(rate**2 + 4 * square))
-        return float(dt / np.min(limit) * (1 - ROUNDING))
+        return float(dt / np.min(limit) * (1 - STEP_LIMIT_TOL))
     mass = scene.absorber_mass
     assert mass is not None
     line = np.append(-model.tip_shape, 1 / np.sqrt(mass))
     damping = with_link(rate, scene.absorber.damping, line)
     stiffness = with_link(square, scene.absorber.stiffness, line)
     return float(
-        np.max(np.linalg.eigvalsh(2 * dt * damping + dt**2 * stiffness)) / 4 * (1 - ROUNDING)
+        np.max(np.linalg.eigvalsh(2 * dt * damping + dt**2 * stiffness)) / 4 * (1 - STEP_LIMIT_TOL)
     )
 
 
@@ -271,5 +281,5 @@ def _runge_kutta_growth(scene: Scene, h: float) -> float:
     ratio = model.damping_ratio.astype(complex)
     s = -model.omega * (ratio + np.sqrt(ratio**2 - 1))  # of an overdamped mode the fast one
     z = s * h
-    growing = np.abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24) > 1 + ROUNDING
-    return float(np.max(np.where(growing, np.abs(z) / SURE_REACH, 0.0)))
+    growing = np.abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24) > 1 + STEP_LIMIT_TOL
+    return float(np.max(np.where(growing, np.abs(z) / STABLE_EIGENVALUE_STEP, 0.0)))

@@ -24,7 +24,7 @@ from impact_env.parameters import (
     require,
     row,
     row_of,
-    suspended,
+    suspension_frequencies,
 )
 
 # Mass, damping and stiffness of modes that carry masses, or that a spring and a damper link to one more coordinate.
@@ -72,7 +72,7 @@ _MASS = (
 )
 
 
-def _by_element(beam: Beam, name: str) -> Real:
+def _values_by_element(beam: Beam, name: str) -> Real:
     """Return a value of each element, (N_e,): its section's, or the beam's own."""
     values = np.full(beam.elements, getattr(beam, name))
     first = 0
@@ -82,7 +82,7 @@ def _by_element(beam: Beam, name: str) -> Real:
     return values
 
 
-def free(beam: Beam) -> NDArray[np.int64]:
+def find_free_freedoms(beam: Beam) -> NDArray[np.int64]:
     """Return which of the 2 N_e + 2 deflections and rotations, node by node from the left, the ends leave free."""
     size = 2 * beam.elements + 2
     left, right = beam.ends.split("-")
@@ -94,25 +94,28 @@ def free(beam: Beam) -> NDArray[np.int64]:
     return np.array([k for k in range(size) if k not in held])
 
 
-def matrices(beam: Beam) -> tuple[Real, Real]:
-    """Return the held beam's mass and stiffness matrices over the freedoms of `free`; 2 N_e of them for a cantilever.
+def assemble_matrices(beam: Beam) -> tuple[Real, Real]:
+    """Return the held beam's mass and stiffness matrices over the freedoms of `find_free_freedoms`; 2 N_e of them for a cantilever.
 
     The freedoms are deflection (m) and rotation (rad) times the element length, node by node from the left, so that all
     entries of one matrix have one unit: kg and N/m. The scaling keeps the eigenproblem well conditioned.
     """
-    mass, stiffness = _whole(beam)
-    kept = np.ix_(free(beam), free(beam))
+    mass, stiffness = _assemble_unsupported(beam)
+    kept = np.ix_(find_free_freedoms(beam), find_free_freedoms(beam))
     return mass[kept], stiffness[kept]
 
 
-def base_load(beam: Beam) -> Real:
-    """Return M r in kg over the freedoms of `free`: r shifts the whole beam with its supports, which are masses of the beam's ends too."""
+def compute_base_load(beam: Beam) -> Real:
+    """Return M r in kg over the freedoms of `find_free_freedoms`.
+
+    r shifts the whole beam with its supports, whose masses are part of M.
+    """
     shift = np.zeros(2 * beam.elements + 2)
     shift[0::2] = 1
-    return np.asarray((_whole(beam)[0] @ shift)[free(beam)])
+    return np.asarray((_assemble_unsupported(beam)[0] @ shift)[find_free_freedoms(beam)])
 
 
-def _whole(beam: Beam) -> tuple[Real, Real]:
+def _assemble_unsupported(beam: Beam) -> tuple[Real, Real]:
     """Return mass and stiffness matrices of the beam that nothing holds."""
     element = beam.length / beam.elements
     size = 2 * beam.elements + 2
@@ -120,8 +123,8 @@ def _whole(beam: Beam) -> tuple[Real, Real]:
     stiffness = np.zeros((size, size))
     for e, (line, bending) in enumerate(
         zip(
-            _by_element(beam, "mass_per_length"),
-            _by_element(beam, "bending_stiffness"),
+            _values_by_element(beam, "mass_per_length"),
+            _values_by_element(beam, "bending_stiffness"),
             strict=True,
         )
     ):
@@ -133,29 +136,32 @@ def _whole(beam: Beam) -> tuple[Real, Real]:
 
 
 def rigid_shapes(beam: Beam) -> Real:
-    """Return the rigid-body motions, as columns over the freedoms of `free`: of a free beam a shift and a turn, of a pinned one the turn."""
+    """Return the rigid-body motions as columns over the freedoms of `find_free_freedoms`.
+
+    A free beam has a translation and a rotation, a pinned one the rotation.
+    """
     element = 1 / beam.elements
     nodes = np.arange(beam.elements + 1)
     shift = np.zeros(2 * beam.elements + 2)
     turn = np.zeros(2 * beam.elements + 2)
     shift[0::2], turn[0::2], turn[1::2] = 1, nodes * element, element
-    return np.column_stack([shift, turn][2 - beam.rigid_motions :])[free(beam)]
+    return np.column_stack([shift, turn][2 - beam.rigid_motions :])[find_free_freedoms(beam)]
 
 
 def strain_energy(beam: Beam, shapes: Real) -> Real:
-    """Return half of v^T K v in J, (S,), for shapes v (., S) in the freedoms of `matrices`, with almost all digits.
+    """Return half of v^T K v in J, (S,), for shapes v (., S) in the freedoms of `assemble_matrices`, with almost all digits.
 
     The element's stiffness is 12 a a^T + b b^T with a = (1, 1/2, -1, 1/2) and b = (0, 1, 0, -1). Squares of such differences have nothing
     to cancel, where in K v the large entries of a fine mesh cancel almost entirely.
     """
     nodes = np.zeros((2 * beam.elements + 2, shapes.shape[1]))
-    nodes[free(beam)] = shapes
+    nodes[find_free_freedoms(beam)] = shapes
     deflection = nodes[0::2]
     rotation = nodes[1::2]
     shear = deflection[:-1] - deflection[1:] + (rotation[:-1] + rotation[1:]) / 2
     bend = rotation[:-1] - rotation[1:]
     element = beam.length / beam.elements
-    share = _by_element(beam, "bending_stiffness") / beam.bending_stiffness
+    share = _values_by_element(beam, "bending_stiffness") / beam.bending_stiffness
     return np.asarray(
         0.5
         * beam.bending_stiffness
@@ -165,14 +171,14 @@ def strain_energy(beam: Beam, shapes: Real) -> Real:
 
 
 def deflection_row(beam: Beam, position: float) -> Real:
-    """Return the row that gives the deflection at ``position`` (fraction of the length) from the freedoms of `matrices`."""
+    """Return the row that gives the deflection at ``position`` (fraction of the length) from the freedoms of `assemble_matrices`."""
     scaled = position * beam.elements
     e = min(int(np.floor(scaled + 1e-12)), beam.elements - 1)
     s = scaled - e
     shapes = [1 - 3 * s**2 + 2 * s**3, s - 2 * s**2 + s**3, 3 * s**2 - 2 * s**3, s**3 - s**2]
     row = np.zeros(2 * beam.elements + 2)
     row[2 * e : 2 * e + 4] = shapes
-    return row[free(beam)]
+    return row[find_free_freedoms(beam)]
 
 
 # mass times sum tip_shape^2: how many times less the tip moves under a mass than without it, and so how many digits its motion loses
@@ -315,7 +321,7 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
     if positions is not None:
         positions = listed("positions", positions)
         require(len(positions) > 0, "positions", positions, "one or more shares of the length")
-    vectors, squares = _upwards(beam)
+    vectors, squares = _orient_upwards(beam)
     omega = np.sqrt(squares)[: beam.modes]
     for mode, ratio in beam.modal_frequency_ratio.items():
         omega[mode - 1] = ratio * omega[0]
@@ -338,7 +344,7 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
         response_shape=shape(beam.response_position)
         if elsewhere and beam.response_position is not None
         else None,
-        base_participation=(base_load(beam) @ vectors)[: beam.modes],
+        base_participation=(compute_base_load(beam) @ vectors)[: beam.modes],
         beam=beam,
     )
 
@@ -357,23 +363,23 @@ def mode_shapes(beam: Beam, positions: ArrayLike) -> NDArray[np.float64]:
         positions,
         allowed,
     )
-    vectors, _ = _upwards(beam)
+    vectors, _ = _orient_upwards(beam)
     return np.array([deflection_row(beam, x) @ vectors for x in places])[:, : beam.modes]
 
 
-def _upwards(beam: Beam) -> tuple[Real, Real]:
+def _orient_upwards(beam: Beam) -> tuple[Real, Real]:
     """Return all shapes as columns, in each of which the tip moves up, and the squares of their frequencies, rising."""
-    mass, stiffness = matrices(beam)
+    mass, stiffness = assemble_matrices(beam)
     vectors, squares = (
-        _elastic(beam, mass, stiffness)
+        _solve_elastic(beam, mass, stiffness)
         if beam.rigid_motions == 0
-        else _suspended(beam, mass, stiffness)
+        else _solve_suspended(beam, mass, stiffness)
     )
     end = 1.0 if beam.ends.endswith("free") else beam.absorber_position
     return vectors * np.where(deflection_row(beam, end) @ vectors < 0, -1.0, 1.0), squares
 
 
-def _elastic(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]:
+def _solve_elastic(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]:
     """Return all mass-normalised shapes as columns, and the squares of their frequencies, rising."""
     vectors = scipy.linalg.eigh(mass, stiffness)[1][:, ::-1]
     # all modes, of which some are kept at the end: products of other sizes round differently, and a truncation would not be the start of the whole
@@ -382,8 +388,8 @@ def _elastic(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]:
     return vectors, 2 * strain_energy(beam, vectors)
 
 
-def _suspended(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]:
-    """Return shapes and squares as `_elastic` does, of a beam whose rigid-body motions have the frequency of its suspension.
+def _solve_suspended(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]:
+    """Return shapes and squares as `_solve_elastic` does, of a beam whose rigid-body motions have the frequency of its suspension.
 
     Springs that only these motions feel make the stiffness regular. They are softer than the first bending mode by far, and are taken out again.
     """
@@ -395,13 +401,13 @@ def _suspended(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]:
         [beam.bending_stiffness, *(section.bending_stiffness for section in beam.sections)]
     )
     soft = softest / (beam.mass * beam.length**3)
-    vectors, _ = _elastic(beam, mass, stiffness + soft * held @ held.T)
+    vectors, _ = _solve_elastic(beam, mass, stiffness + soft * held @ held.T)
     bending = vectors[
         :, np.sort(np.argsort(np.linalg.norm(held.T @ vectors, axis=0))[: -rigid.shape[1]])
     ]
     bending = bending - rigid @ (held.T @ bending)
     squares = 2 * strain_energy(beam, bending)
-    own = 2 * np.pi * np.array(suspended(beam.suspension_frequency, rigid.shape[1]))
+    own = 2 * np.pi * np.array(suspension_frequencies(beam.suspension_frequency, rigid.shape[1]))
     allowed = (
         f"below half of the first bending frequency, {np.sqrt(squares[0]) / (2 * np.pi):.6g} Hz"
     )

@@ -76,7 +76,7 @@ __all__ = [
 SUSPENSION_STEP = 0.1  # by this share the next rigid-body motion's frequency is higher: shapes of equal frequencies would be undetermined
 
 
-def suspended(frequency: float, motions: int) -> tuple[float, ...]:
+def suspension_frequencies(frequency: float, motions: int) -> tuple[float, ...]:
     """Return the frequencies in Hz of rigid-body motions on a soft suspension: ``frequency``, then `SUSPENSION_STEP` of it more each."""
     return tuple(frequency * (1 + SUSPENSION_STEP * k) for k in range(motions))
 
@@ -569,16 +569,16 @@ class SeveralAbsorbers:
 Absorber = StuckAbsorber | TunedAbsorber | NonlinearSink | SlidingAbsorber | SeveralAbsorbers
 
 
-def gravity_of(absorber: Absorber | None) -> float:
+def find_largest_gravity(absorber: Absorber | None) -> float:
     """Return the gravity in m/s^2 along the motion of an absorber, of several the largest."""
     if isinstance(absorber, SeveralAbsorbers):
         return max((one.gravity for one in absorber.absorbers), key=abs)
     return getattr(absorber, "gravity", 0.0)
 
 
-def weightless(absorber: Absorber | None, what: str) -> None:
+def require_weightless(absorber: Absorber | None, what: str) -> None:
     """Raise ParameterError for an absorber that has a weight along its motion, which ``what`` does not model."""
-    heavy = gravity_of(absorber)
+    heavy = find_largest_gravity(absorber)
     require(heavy == 0, "gravity", heavy, f"0 for {what}")
 
 

@@ -14,8 +14,17 @@ from pathlib import Path
 from typing import Any
 
 from impact_env.drive import Drive, FrequencySchedule
-from impact_env.forms import NUMBER, ROW, WHOLE, Keys, Sort, form, optional, require_keys
-from impact_env.laws import CONCEPTS, GRAVITY, HEAVY, concept, make, values
+from impact_env.forms import (
+    NUMBER_CODEC,
+    ROW_CODEC,
+    WHOLE_CODEC,
+    Codec,
+    Keys,
+    dataclass_codec,
+    optional_codec,
+    require_keys,
+)
+from impact_env.laws import CONCEPTS, GRAVITY_KEY, HEAVY, concept, make, values
 from impact_env.methods import METHODS, Exact, Method, Moreau, RungeKutta
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import (
@@ -29,23 +38,23 @@ from impact_env.parameters import (
     instance,
     one_of,
     require,
-    suspended,
+    suspension_frequencies,
     text,
 )
 from impact_env.plain_files import read_plain
-from impact_env.plain_structures import BEAM, MODEL, STRUCTURES
+from impact_env.plain_structures import BEAM_CODEC, MODEL_CODEC, STRUCTURES
 from impact_env.scene import Scene, beam_scene
 from impact_env.shared_mass import shared_masses
 from impact_env.structures.checks import StructureWarning as StructureWarning
-from impact_env.structures.checks import warnings_of
-from impact_env.structures.modal import by_frequency, require_modes_once
+from impact_env.structures.checks import list_warnings
+from impact_env.structures.modal import order_by_frequency, require_modes_once
 
 Plain = dict[str, Any]
 INFINITY = "infinity"  # JSON has no infinite number
 
 
 # an absorber's older form had tables of their own for walls and friction: where its keys are now
-OLDER = {
+OLDER_TABLES = {
     "walls": {"gap_m": "gap", "restitution": "restitution", "stiffness_n_m": "contact_stiffness"},
     "friction": {"limit_n": "friction_limit", "stiffness_n_m": "friction_stiffness"},
 }
@@ -55,8 +64,8 @@ OLDER_KEYS = {"stiffness_n_m": "stiffness", "damping_n_s_m": "damping"}
 def _from_older(path: str, plain: Mapping[str, Any]) -> dict[str, Any]:
     """Return an absorber's values in the form of now; one in the older form is read with a notice."""
     found = dict(plain)
-    old = {name for name in (*OLDER, *OLDER_KEYS) if name in plain}
-    for name, keys in OLDER.items():
+    old = {name for name in (*OLDER_TABLES, *OLDER_KEYS) if name in plain}
+    for name, keys in OLDER_TABLES.items():
         table = found.pop(name, None)
         if table is not None:
             require_keys(f"{path}.{name}", table, {"kind": "", **keys})
@@ -71,17 +80,17 @@ def _from_older(path: str, plain: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _read_one(
+def _read_single_absorber(
     path: str, plain: Any, more: tuple[str, ...] = ()
 ) -> tuple[Absorber | None, dict[str, Any]]:
     """Return the single absorber of a plain form, and the values of the keys of ``more`` that are there."""
     require(isinstance(plain, Mapping), path, plain, "a table of an absorber's values")
-    concept = one_of(f"{path}.kind", plain.get("kind", "impact"), KINDS)
+    concept = one_of(f"{path}.kind", plain.get("kind", "impact"), ABSORBER_KINDS)
     found = _from_older(path, {key: value for key, value in plain.items() if key != "kind"})
     require_keys(
         path,
         found,
-        dict.fromkeys((*CONCEPTS[concept], *((GRAVITY,) if concept in HEAVY else ()), *more)),
+        dict.fromkeys((*CONCEPTS[concept], *((GRAVITY_KEY,) if concept in HEAVY else ()), *more)),
     )
     beside = {key: found.pop(key) for key in more if key in found}
     if found.get("gap") == INFINITY:
@@ -89,10 +98,12 @@ def _read_one(
     try:
         return make(concept, found), beside
     except ParameterError as error:
-        raise error.at_key(path, {name: name for name in (*CONCEPTS[concept], GRAVITY)}) from error
+        raise error.at_key(
+            path, {name: name for name in (*CONCEPTS[concept], GRAVITY_KEY)}
+        ) from error
 
 
-def _write_one(absorber: Absorber | None) -> Plain:
+def _write_single_absorber(absorber: Absorber | None) -> Plain:
     found = {"kind": concept(absorber), **values(absorber)}
     return found | ({"gap": INFINITY} if found.get("gap") == math.inf else {})
 
@@ -111,7 +122,7 @@ def _read_several(path: str, plain: Mapping[str, Any]) -> SeveralAbsorbers:
     beside: list[dict[str, Any]] = []
     for i, member in enumerate(members):
         where = f"{path}.absorbers[{i}]"
-        one, more = _read_one(where, member, ("position", "share"))
+        one, more = _read_single_absorber(where, member, ("position", "share"))
         if not isinstance(one, SlidingAbsorber):
             raise ParameterError(
                 f"{where}.kind = {member['kind']!r} is not allowed: impact or friction among several"
@@ -158,49 +169,51 @@ def _read_several(path: str, plain: Mapping[str, Any]) -> SeveralAbsorbers:
 
 def _read_absorber(path: str, plain: Any) -> Absorber | None:
     require(isinstance(plain, Mapping), path, plain, "a table of an absorber's values")
-    require("kind" in plain, f"{path}.kind", None, f"one of {', '.join((*KINDS, SEVERAL))}")
-    if plain["kind"] == SEVERAL:
+    require(
+        "kind" in plain, f"{path}.kind", None, f"one of {', '.join((*ABSORBER_KINDS, SEVERAL_KEY))}"
+    )
+    if plain["kind"] == SEVERAL_KEY:
         return _read_several(path, {key: value for key, value in plain.items() if key != "kind"})
-    kind = one_of(f"{path}.kind", plain["kind"], (*KINDS, SEVERAL))
-    return _read_one(path, {**plain, "kind": kind})[0]
+    kind = one_of(f"{path}.kind", plain["kind"], (*ABSORBER_KINDS, SEVERAL_KEY))
+    return _read_single_absorber(path, {**plain, "kind": kind})[0]
 
 
 def _write_absorber(absorber: Absorber) -> Plain:
     if not isinstance(absorber, SeveralAbsorbers):
-        return _write_one(absorber)
+        return _write_single_absorber(absorber)
     pairs = zip(absorber.absorbers, absorber.positions, strict=True)
     return {
-        "kind": SEVERAL,
-        "absorbers": [{"position": place, **_write_one(one)} for one, place in pairs],
+        "kind": SEVERAL_KEY,
+        "absorbers": [{"position": place, **_write_single_absorber(one)} for one, place in pairs],
     }
 
 
-KINDS = tuple(name for name in CONCEPTS if name != "none")
-SEVERAL = "several"
-ABSORBER = Sort(_read_absorber, _write_absorber)
+ABSORBER_KINDS = tuple(name for name in CONCEPTS if name != "none")
+SEVERAL_KEY = "several"
+ABSORBER_CODEC = Codec(_read_absorber, _write_absorber)
 
 
 SCENE_KEYS = (*STRUCTURES, "absorber")
-SCHEDULE = form(
+SCHEDULE_CODEC = dataclass_codec(
     FrequencySchedule,
     {
-        "times_s": ("times", ROW),
-        "omegas_rad_s": ("omegas", ROW),
-        "reference_rad_s": ("reference", NUMBER),
+        "times_s": ("times", ROW_CODEC),
+        "omegas_rad_s": ("omegas", ROW_CODEC),
+        "reference_rad_s": ("reference", NUMBER_CODEC),
     },
 )
-DRIVE = form(
+DRIVE_CODEC = dataclass_codec(
     Drive,
     {
-        "amplitude_n": ("amplitude", NUMBER),
-        "phase_rad": ("phase", NUMBER),
-        "schedule": ("schedule", SCHEDULE),
+        "amplitude_n": ("amplitude", NUMBER_CODEC),
+        "phase_rad": ("phase", NUMBER_CODEC),
+        "schedule": ("schedule", SCHEDULE_CODEC),
     },
 )
-STEPS: Keys = {"steps_per_period": ("steps_per_period", WHOLE)}
-METHOD = {"exact": form(Exact, {}), "moreau": form(Moreau, STEPS)}
-METHOD["runge-kutta"] = form(
-    RungeKutta, {**STEPS, "steps_per_contact": ("steps_per_contact", WHOLE)}
+STEP_KEYS: Keys = {"steps_per_period": ("steps_per_period", WHOLE_CODEC)}
+METHOD_CODECS = {"exact": dataclass_codec(Exact, {}), "moreau": dataclass_codec(Moreau, STEP_KEYS)}
+METHOD_CODECS["runge-kutta"] = dataclass_codec(
+    RungeKutta, {**STEP_KEYS, "steps_per_contact": ("steps_per_contact", WHOLE_CODEC)}
 )
 
 
@@ -215,7 +228,7 @@ def to_scene(plain: Mapping[str, Any], folder: Path | None = None) -> Scene:
     """
     folder = instance("folder", folder, Path | None)
     structure = to_structure(plain, folder)
-    absorber = optional(ABSORBER).read("scene.absorber", plain.get("absorber"))
+    absorber = optional_codec(ABSORBER_CODEC).read("scene.absorber", plain.get("absorber"))
     try:
         return beam_scene(structure, absorber)
     except ParameterError as error:
@@ -244,7 +257,11 @@ def to_structure(
     return STRUCTURES[kind](folder or Path()).read(f"{path}{kind}", plain.get(kind, {}))
 
 
-NEEDED = ("length_m", "bending_stiffness_n_m2", "mass_per_length_kg_m")  # of a beam in a file
+NEEDED_BEAM_KEYS = (
+    "length_m",
+    "bending_stiffness_n_m2",
+    "mass_per_length_kg_m",
+)  # of a beam in a file
 
 
 def load_structure(path: Path | str) -> Structure:
@@ -268,9 +285,9 @@ def load_structure(path: Path | str) -> Structure:
     if own is not None:
         rigid = sum(
             math.isclose(a, 2 * math.pi * b, rel_tol=1e-12)
-            for a, b in zip(model.omega, suspended(own, model.modes), strict=True)
+            for a, b in zip(model.omega, suspension_frequencies(own, model.modes), strict=True)
         )
-    for warning in warnings_of(model, beam, rigid):
+    for warning in list_warnings(model, beam, rigid):
         warnings.warn(f"{path}: {warning}", StructureWarning, stacklevel=2)
     return structure
 
@@ -293,7 +310,7 @@ def _read(plain: dict[str, Any], path: Path) -> Structure:
     if isinstance(structure, Beam):
         missing = [
             key
-            for key in (NEEDED[:1] if "section" in plain["beam"] else NEEDED)
+            for key in (NEEDED_BEAM_KEYS[:1] if "section" in plain["beam"] else NEEDED_BEAM_KEYS)
             if key not in plain["beam"]
         ]
         require(
@@ -306,7 +323,7 @@ def _read(plain: dict[str, Any], path: Path) -> Structure:
         return structure
     if "model" in plain:
         require_modes_once(structure)
-    return by_frequency(structure)
+    return order_by_frequency(structure)
 
 
 def to_beam(plain: Mapping[str, Any]) -> Beam | None:
@@ -315,7 +332,7 @@ def to_beam(plain: Mapping[str, Any]) -> Beam | None:
     return (
         None
         if any(kind in plain for kind in STRUCTURES if kind != "beam")
-        else BEAM.read("scene.beam", plain.get("beam", {}))
+        else BEAM_CODEC.read("scene.beam", plain.get("beam", {}))
     )
 
 
@@ -327,17 +344,17 @@ def from_scene(scene: Scene, beam: Beam | None = None) -> Plain:
     """
     scene = instance("scene", scene, Scene)
     beam = instance("beam", beam, Beam | None)
-    absorber = {} if scene.absorber is None else {"absorber": ABSORBER.write(scene.absorber)}
-    model = MODEL.write(scene.model)
+    absorber = {} if scene.absorber is None else {"absorber": ABSORBER_CODEC.write(scene.absorber)}
+    model = MODEL_CODEC.write(scene.model)
     if beam is None:
         return {"model": model, **absorber}
     require(
-        model == MODEL.write(beam_scene(beam, scene.absorber).model),
+        model == MODEL_CODEC.write(beam_scene(beam, scene.absorber).model),
         "beam",
         beam,
         "the beam whose modes the scene has",
     )
-    return {"beam": BEAM.write(beam), **absorber}
+    return {"beam": BEAM_CODEC.write(beam), **absorber}
 
 
 def to_drive(plain: Mapping[str, Any]) -> Drive:
@@ -345,12 +362,12 @@ def to_drive(plain: Mapping[str, Any]) -> Drive:
 
     Raises ParameterError for unknown keys, wrong types and values, with the key's path.
     """
-    return DRIVE.read("drive", plain)
+    return DRIVE_CODEC.read("drive", plain)
 
 
 def from_drive(drive: Drive) -> Plain:
     """Return a drive's plain form; `to_drive` gives the same drive back, bit for bit."""
-    return DRIVE.write(drive)
+    return DRIVE_CODEC.write(drive)
 
 
 def to_method(plain: Mapping[str, Any]) -> Method:
@@ -359,10 +376,12 @@ def to_method(plain: Mapping[str, Any]) -> Method:
         isinstance(plain, Mapping),
         "method",
         plain,
-        f"a table whose kind is one of {', '.join(METHOD)}",
+        f"a table whose kind is one of {', '.join(METHOD_CODECS)}",
     )
-    kind = one_of("method.kind", plain.get("kind", "exact"), METHOD)
-    return METHOD[kind].read("method", {key: part for key, part in plain.items() if key != "kind"})
+    kind = one_of("method.kind", plain.get("kind", "exact"), METHOD_CODECS)
+    return METHOD_CODECS[kind].read(
+        "method", {key: part for key, part in plain.items() if key != "kind"}
+    )
 
 
 def from_method(method: Method) -> Plain:
@@ -372,4 +391,4 @@ def from_method(method: Method) -> Plain:
         for name, known in METHODS.items()
         if isinstance(instance("method", method, Method), known)
     )
-    return {"kind": kind, **METHOD[kind].write(method)}
+    return {"kind": kind, **METHOD_CODECS[kind].write(method)}

@@ -12,7 +12,7 @@ from typing import Any
 from impact_env.parameters import ParameterError, require
 
 
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _refuse_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Return a JSON object as a dict; a key that is given twice raises ValueError, as in TOML."""
     found: dict[str, Any] = {}
     for key, value in pairs:
@@ -22,19 +22,19 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
-READERS: dict[str, Callable[[str], Any]] = {
+PLAIN_READERS: dict[str, Callable[[str], Any]] = {
     ".toml": tomllib.loads,
-    ".json": partial(json.loads, object_pairs_hook=_once),
+    ".json": partial(json.loads, object_pairs_hook=_refuse_repeated_keys),
 }
 
 
 def read_plain(path: Path | str) -> dict[str, Any]:
     """Return the table that a file holds. Raises ParameterError that names the file if it cannot be read, or is not TOML or JSON."""
     path = Path(path)
-    reader = READERS.get(path.suffix.lower())
+    reader = PLAIN_READERS.get(path.suffix.lower())
     if reader is None:
         raise ParameterError(
-            f"file = {str(path)!r} is not allowed: a name that ends in {' or '.join(READERS)}"
+            f"file = {str(path)!r} is not allowed: a name that ends in {' or '.join(PLAIN_READERS)}"
         )
     try:
         plain = reader(path.read_text(encoding="utf-8-sig"))

@@ -9,13 +9,23 @@ from pathlib import Path
 from typing import Any
 
 from impact_env.drive import Drive, FrequencySchedule
-from impact_env.forms import NUMBER, ROW, ROWS, WHOLE, Keys, Sort, form, require_keys, tables
+from impact_env.forms import (
+    NUMBER_CODEC,
+    ROW_CODEC,
+    ROWS_CODEC,
+    WHOLE_CODEC,
+    Codec,
+    Keys,
+    dataclass_codec,
+    list_codec,
+    require_keys,
+)
 from impact_env.loads import (
-    BASE,
-    FORCE,
-    MOST_SAMPLES,
+    BASE_QUANTITY,
+    FORCE_QUANTITY,
+    LOAD_STARTS,
+    MOST_RECORD_SAMPLES,
     QUANTITIES,
-    STARTS,
     Force,
     Load,
     Loads,
@@ -27,26 +37,26 @@ from impact_env.loads import (
     Tone,
     Tones,
     Unbalance,
-    schedule_in,
+    find_schedule,
 )
 from impact_env.parameters import ParameterError, finite, flag, instance, one_of, positive, require
-from impact_env.plain import SCHEDULE
+from impact_env.plain import SCHEDULE_CODEC
 from impact_env.plain_files import read_plain
-from impact_env.records import READERS, RecordOptions, read_record
+from impact_env.records import RECORD_READERS, RecordOptions, read_record
 from impact_env.records.reading import DIMENSIONS
 from impact_env.records.units import (
     STANDARD_GRAVITY,
-    TIME,
+    TIME_DIMENSION,
     require_density_unit,
     require_unit,
 )
 from impact_env.scene import InitialState
-from impact_env.structures.modal import TEXT
+from impact_env.structures.modal import TEXT_CODEC
 
-MOST_BYTES = 32 * MOST_SAMPLES  # of a record's file
+MOST_RECORD_BYTES = 32 * MOST_RECORD_SAMPLES  # of a record's file
 
 
-IN_G = Sort(
+IN_G = Codec(
     lambda path, plain: STANDARD_GRAVITY * finite(path, plain),
     lambda value: float(value) / STANDARD_GRAVITY,
 )
@@ -54,85 +64,107 @@ IN_G = Sort(
 
 def _amplitude(name: str, quantity: str, plain: object) -> Keys:
     """Return the key of an amplitude in N, in m/s^2, or in g where a table ``plain`` has that one."""
-    if quantity == FORCE:
-        return {f"{name}_n": (name, NUMBER)}
+    if quantity == FORCE_QUANTITY:
+        return {f"{name}_n": (name, NUMBER_CODEC)}
     if isinstance(plain, Mapping) and f"{name}_g" in plain:
         return {f"{name}_g": (name, IN_G)}
-    return {f"{name}_m_s2": (name, NUMBER)}
+    return {f"{name}_m_s2": (name, NUMBER_CODEC)}
 
 
-def _tones(quantity: str, name: str, key: str, plain: object) -> Sort:
+def _tones(quantity: str, name: str, key: str, plain: object) -> Codec:
     """Return the sort of a list of tones, whose frequency or order (``name``) is called ``key``."""
     every = plain if isinstance(plain, list | tuple) else ()
     in_g = [tone for tone in every if isinstance(tone, Mapping) and "amplitude_g" in tone]
     amplitude = _amplitude("amplitude", quantity, in_g[0] if in_g else None)
-    return tables(Tone, {**amplitude, key: (name, NUMBER), "phase_rad": ("phase", NUMBER)})
+    return list_codec(
+        Tone, {**amplitude, key: (name, NUMBER_CODEC), "phase_rad": ("phase", NUMBER_CODEC)}
+    )
 
 
-def _read_spectrum(path: str, plain: Mapping[str, Any], quantity: str) -> Sort:
+def _read_spectrum(path: str, plain: Mapping[str, Any], quantity: str) -> Codec:
     """Return the sort of a spectrum in the unit that a load's table gives, N^2/Hz or (m/s^2)^2/Hz unless given."""
     if "unit" not in plain:
-        return ROWS
+        return ROWS_CODEC
     dimension = DIMENSIONS[quantity]
     factor = require_density_unit(f"{path}.unit", plain["unit"], dimension)
 
     def read(key: str, rows: Any) -> Any:
-        return [[*row[:1], *(factor * value for value in row[1:])] for row in ROWS.read(key, rows)]
+        return [
+            [*row[:1], *(factor * value for value in row[1:])] for row in ROWS_CODEC.read(key, rows)
+        ]
 
-    return Sort(read, ROWS.write)
+    return Codec(read, ROWS_CODEC.write)
 
 
 def _force(amplitude: float, schedule: FrequencySchedule, phase: float = 0.0) -> Force:
     return Force(Drive(amplitude, schedule, phase))
 
 
-WITH_SCHEDULE: Keys = {"phase_rad": ("phase", NUMBER), "schedule": ("schedule", SCHEDULE)}
-LENGTH: Keys = {"duration_s": ("length", NUMBER)}
+WITH_SCHEDULE: Keys = {
+    "phase_rad": ("phase", NUMBER_CODEC),
+    "schedule": ("schedule", SCHEDULE_CODEC),
+}
+DURATION_KEY: Keys = {"duration_s": ("length", NUMBER_CODEC)}
 
 
-def _form_of(kind: str, path: str, plain: Mapping[str, Any], quantity: str) -> Sort:
+def _load_codec(kind: str, path: str, plain: Mapping[str, Any], quantity: str) -> Codec:
     """Return the form of a load of any kind but samples; some kinds have two, which their keys tell apart."""
     if kind == "force":
-        return form(_force, {"amplitude_n": ("amplitude", NUMBER), **WITH_SCHEDULE})
+        return dataclass_codec(
+            _force, {"amplitude_n": ("amplitude", NUMBER_CODEC), **WITH_SCHEDULE}
+        )
     if kind == "unbalance":
-        return form(Unbalance, {"unbalance_kg_m": ("unbalance", NUMBER), **WITH_SCHEDULE})
+        return dataclass_codec(
+            Unbalance, {"unbalance_kg_m": ("unbalance", NUMBER_CODEC), **WITH_SCHEDULE}
+        )
     if kind == "base":
-        amplitude = _amplitude("acceleration", BASE, plain)
-        displacement: Keys = {"displacement_m": ("displacement", NUMBER)}
-        return form(ShakenBase, {**amplitude, **displacement, **WITH_SCHEDULE})
+        amplitude = _amplitude("acceleration", BASE_QUANTITY, plain)
+        displacement: Keys = {"displacement_m": ("displacement", NUMBER_CODEC)}
+        return dataclass_codec(ShakenBase, {**amplitude, **displacement, **WITH_SCHEDULE})
     if kind == "random":
         spectrum: Keys = {"spectrum": ("spectrum", _read_spectrum(path, plain, quantity))}
-        return form(
-            partial(Random, quantity=quantity), {**spectrum, **LENGTH, "seed": ("seed", WHOLE)}
+        return dataclass_codec(
+            partial(Random, quantity=quantity),
+            {**spectrum, **DURATION_KEY, "seed": ("seed", WHOLE_CODEC)},
         )
     if kind == "tones":
         tones = _tones(quantity, "frequency", "frequency_hz", plain.get("tones"))
-        keys: Keys = {"tones": ("tones", tones), **LENGTH}
+        keys: Keys = {"tones": ("tones", tones), **DURATION_KEY}
         if "orders" in plain or "schedule" in plain:
             keys = {
                 "orders": ("tones", _tones(quantity, "order", "order", plain.get("orders"))),
-                "schedule": ("schedule", SCHEDULE),
+                "schedule": ("schedule", SCHEDULE_CODEC),
             }
             require_keys(path, plain, keys, ("orders", "schedule"))
-        return form(partial(Tones, quantity=quantity), keys)
+        return dataclass_codec(partial(Tones, quantity=quantity), keys)
     if "velocity_m_s" in plain:
         require(
-            quantity == FORCE,
+            quantity == FORCE_QUANTITY,
             f"{path}.quantity",
             quantity,
             "left out beside velocity_m_s, which is relative to the base",
         )
-        return form(
-            Strike, {"velocity_m_s": ("velocity", NUMBER), "place": ("place", TEXT), **LENGTH}
+        return dataclass_codec(
+            Strike,
+            {
+                "velocity_m_s": ("velocity", NUMBER_CODEC),
+                "place": ("place", TEXT_CODEC),
+                **DURATION_KEY,
+            },
         )
-    pulse: Keys = {"pulse": ("pulse", TEXT), **_amplitude("peak", quantity, plain)}
-    return form(
+    pulse: Keys = {"pulse": ("pulse", TEXT_CODEC), **_amplitude("peak", quantity, plain)}
+    return dataclass_codec(
         partial(Shock, quantity=quantity),
-        {**pulse, "pulse_s": ("width", NUMBER), "rise_s": ("rise", NUMBER), **LENGTH},
+        {
+            **pulse,
+            "pulse_s": ("width", NUMBER_CODEC),
+            "rise_s": ("rise", NUMBER_CODEC),
+            **DURATION_KEY,
+        },
     )
 
 
-WORD_OR_NUMBER = "the number of a channel, from 1, or its name"
+WORD_OR_NUMBER_CODEC = "the number of a channel, from 1, or its name"
 
 
 def _read_options(path: str, plain: Mapping[str, Any], quantity: str) -> RecordOptions:
@@ -148,13 +180,13 @@ def _read_options(path: str, plain: Mapping[str, Any], quantity: str) -> RecordO
     }
     given |= {
         key: require_unit(f"{path}.{key}", plain[key], dimension).name
-        for key, dimension in (("unit", DIMENSIONS[quantity]), ("time_unit", TIME))
+        for key, dimension in (("unit", DIMENSIONS[quantity]), ("time_unit", TIME_DIMENSION))
         if key in plain
     }
     if "channel" in plain:
         channel = plain["channel"]
         ok = isinstance(channel, str | int) and not isinstance(channel, bool)
-        require(ok, f"{path}.channel", channel, WORD_OR_NUMBER)
+        require(ok, f"{path}.channel", channel, WORD_OR_NUMBER_CODEC)
         given["channel"] = channel
     given["sample_rate"] = given.pop("sample_rate_hz", None)
     return RecordOptions(quantity, **given)
@@ -174,16 +206,14 @@ SAMPLE_KEYS = (
 
 def _read_samples(path: str, plain: Mapping[str, Any], quantity: str, folder: Path) -> Samples:
     require_keys(path, plain, dict.fromkeys(SAMPLE_KEYS), ("file",))
-    file = folder / TEXT.read(f"{path}.file", plain["file"])
-    allowed = f"a name that ends in {', '.join(READERS)}"
-    require(file.suffix.lower() in READERS, f"{path}.file", plain["file"], allowed)
+    file = folder / TEXT_CODEC.read(f"{path}.file", plain["file"])
+    allowed = f"a name that ends in {', '.join(RECORD_READERS)}"
+    require(file.suffix.lower() in RECORD_READERS, f"{path}.file", plain["file"], allowed)
     options = _read_options(path, plain, quantity)
     try:
         size = file.stat().st_size
-        allowed = (
-            f"at most {MOST_BYTES / 2**20:.0f} MiB: cut the record, or take every second sample"
-        )
-        require(size <= MOST_BYTES, f"{file.name}: bytes", size, allowed)
+        allowed = f"at most {MOST_RECORD_BYTES / 2**20:.0f} MiB: cut the record, or take every second sample"
+        require(size <= MOST_RECORD_BYTES, f"{file.name}: bytes", size, allowed)
         times, values = read_record(file, options)
         return Samples(times, values, quantity)
     except ParameterError as error:
@@ -197,11 +227,14 @@ def _read_samples(path: str, plain: Mapping[str, Any], quantity: str, folder: Pa
         ) from error
 
 
-def _read_one(path: str, plain: Any, folder: Path) -> Load:
+def _read_single_load(path: str, plain: Any, folder: Path) -> Load:
     require(
-        isinstance(plain, Mapping), path, plain, f"a table whose kind is one of {', '.join(KINDS)}"
+        isinstance(plain, Mapping),
+        path,
+        plain,
+        f"a table whose kind is one of {', '.join(LOAD_KINDS)}",
     )
-    kind = one_of(f"{path}.kind", plain.get("kind"), KINDS)
+    kind = one_of(f"{path}.kind", plain.get("kind"), LOAD_KINDS)
     rest = {key: value for key, value in plain.items() if key not in ("kind", "quantity")}
     if "quantity" in plain:
         require(
@@ -211,25 +244,27 @@ def _read_one(path: str, plain: Any, folder: Path) -> Load:
             f"left out of a load of the kind {kind}",
         )
     quantity = one_of(
-        f"{path}.quantity", plain.get("quantity", BASE if kind == "base" else FORCE), QUANTITIES
+        f"{path}.quantity",
+        plain.get("quantity", BASE_QUANTITY if kind == "base" else FORCE_QUANTITY),
+        QUANTITIES,
     )
     require(
-        kind != "base" or quantity == BASE,
+        kind != "base" or quantity == BASE_QUANTITY,
         f"{path}.quantity",
         quantity,
-        f"{BASE}, or left out, of a base",
+        f"{BASE_QUANTITY}, or left out, of a base",
     )
     if kind == "base":  # harmonic, or tones, samples, a spectrum or a pulse of its acceleration
         kind = next((other for key, other in OF_BASE.items() if key in rest), kind)
     if kind == "samples":
         return _read_samples(path, rest, quantity, folder)
-    sort = _form_of(kind, path, rest, quantity)
+    sort = _load_codec(kind, path, rest, quantity)
     if kind == "random":
         rest.pop("unit", None)
     return sort.read(path, rest)
 
 
-KINDS = ("force", "unbalance", "base", "tones", "samples", "random", "shock")
+LOAD_KINDS = ("force", "unbalance", "base", "tones", "samples", "random", "shock")
 OF_BASE = {
     "tones": "tones",
     "orders": "tones",
@@ -238,17 +273,17 @@ OF_BASE = {
     "file": "samples",
 }  # by its keys, of which other kind it is
 START_KEYS: Keys = {
-    "modal_displacement": ("modal_displacement", ROW),
-    "modal_velocity": ("modal_velocity", ROW),
-    "absorber_displacement_m": ("absorber_displacement", NUMBER),
-    "absorber_velocity_m_s": ("absorber_velocity", NUMBER),
-    "absorber_displacement": ("absorber_displacement", NUMBER),  # as the class has them, too
-    "absorber_velocity": ("absorber_velocity", NUMBER),
+    "modal_displacement": ("modal_displacement", ROW_CODEC),
+    "modal_velocity": ("modal_velocity", ROW_CODEC),
+    "absorber_displacement_m": ("absorber_displacement", NUMBER_CODEC),
+    "absorber_velocity_m_s": ("absorber_velocity", NUMBER_CODEC),
+    "absorber_displacement": ("absorber_displacement", NUMBER_CODEC),  # as the class has them, too
+    "absorber_velocity": ("absorber_velocity", NUMBER_CODEC),
 }
 
 
 def to_loads(plain: Mapping[str, Any], reference: float, folder: Path | None = None) -> Loads:
-    """Return the loads of a plain form, a table ``load`` or a list of them, with its ``start``, one of `loads.STARTS` or a state.
+    """Return the loads of a plain form, a table ``load`` or a list of them, with its ``start``, one of `loads.LOAD_STARTS` or a state.
 
     ``reference``: frequency in rad/s of the pseudo period where no load has a schedule. Raises ParameterError for all that does not fit.
     """
@@ -257,13 +292,13 @@ def to_loads(plain: Mapping[str, Any], reference: float, folder: Path | None = N
     several = isinstance(plain["load"], list | tuple)
     every = plain["load"] if several else [plain["load"]]
     parts = tuple(
-        _read_one(f"load[{i}]" if several else "load", one, folder or Path())
+        _read_single_load(f"load[{i}]" if several else "load", one, folder or Path())
         for i, one in enumerate(every)
     )
-    start = plain.get("start", STARTS[0])
+    start = plain.get("start", LOAD_STARTS[0])
     if isinstance(start, Mapping):
-        start = form(InitialState, START_KEYS).read("start", start)
-    return Loads(parts, None if any(schedule_in(part) for part in parts) else reference, start)
+        start = dataclass_codec(InitialState, START_KEYS).read("start", start)
+    return Loads(parts, None if any(find_schedule(part) for part in parts) else reference, start)
 
 
 def read_loads(path: Path, reference: float) -> Loads:

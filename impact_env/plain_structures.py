@@ -14,7 +14,15 @@ from typing import Any
 import numpy as np
 
 from impact_env.checks import describe_error
-from impact_env.forms import NUMBER, ROW, WHOLE, Keys, Sort, form, tables
+from impact_env.forms import (
+    NUMBER_CODEC,
+    ROW_CODEC,
+    WHOLE_CODEC,
+    Codec,
+    Keys,
+    dataclass_codec,
+    list_codec,
+)
 from impact_env.modes import ModalModel
 from impact_env.parameters import (
     Beam,
@@ -30,10 +38,15 @@ from impact_env.parameters import (
     word_of,
 )
 from impact_env.structures import ansys, nastran, universal
-from impact_env.structures.checks import StructureWarning, warnings_of_matrix
-from impact_env.structures.matrices import Modes, checked, lowest_modes, proportional_damping
+from impact_env.structures.checks import StructureWarning, list_matrix_warnings
+from impact_env.structures.matrices import (
+    StructureModes,
+    check_matrix,
+    lowest_modes,
+    proportional_damping,
+)
 from impact_env.structures.matrix_files import (
-    DIRECTIONS as FREEDOMS,
+    FREEDOM_NAMES as FREEDOMS,
 )
 from impact_env.structures.matrix_files import (
     MatrixFile,
@@ -42,15 +55,21 @@ from impact_env.structures.matrix_files import (
     with_freedoms,
     without_freedoms,
 )
-from impact_env.structures.modal import DAMPING_RATIO, TEXT, model_beside, ratios_of, text
-from impact_env.structures.modal import MODEL as MODEL
-from impact_env.structures.units import Units, read_units
+from impact_env.structures.modal import (
+    DAMPING_RATIO,
+    TEXT_CODEC,
+    choose_damping_ratios,
+    model_codec_for,
+    require_text,
+)
+from impact_env.structures.modal import MODEL_CODEC as MODEL_CODEC
+from impact_env.structures.units import ConsistentUnits, read_units
 from impact_env.structures.universal import (
-    DIRECTIONS,
+    UNIVERSAL_DIRECTIONS,
     MeasuredMode,
-    at,
     read_modes,
     require_global_directions,
+    select_shapes,
 )
 
 PROFILES = {
@@ -139,43 +158,48 @@ def _ratios(path: str, plain: Any) -> dict[int, float]:
             mode,
             "a mode number, 2 or more",
         )
-    return {int(mode): NUMBER.read(f"{path}[{mode}]", ratio) for mode, ratio in plain.items()}
+    return {int(mode): NUMBER_CODEC.read(f"{path}[{mode}]", ratio) for mode, ratio in plain.items()}
 
 
-RATIOS = Sort(_ratios, lambda ratios: {str(mode): float(ratio) for mode, ratio in ratios.items()})
+RATIOS_CODEC = Codec(
+    _ratios, lambda ratios: {str(mode): float(ratio) for mode, ratio in ratios.items()}
+)
 SECTION_KEYS: Keys = {
-    "elements": ("elements", WHOLE),
-    "bending_stiffness_n_m2": ("bending_stiffness", NUMBER),
-    "mass_per_length_kg_m": ("mass_per_length", NUMBER),
+    "elements": ("elements", WHOLE_CODEC),
+    "bending_stiffness_n_m2": ("bending_stiffness", NUMBER_CODEC),
+    "mass_per_length_kg_m": ("mass_per_length", NUMBER_CODEC),
 }
-VECTOR = Sort(
-    lambda path, plain: text(path, plain) if isinstance(plain, str) else ROW.read(path, plain), list
+VECTOR = Codec(
+    lambda path, plain: (
+        require_text(path, plain) if isinstance(plain, str) else ROW_CODEC.read(path, plain)
+    ),
+    list,
 )  # or the name of a file
-SECTIONS = tables(Section, SECTION_KEYS)
-BEAM_KEYS = form(
+SECTIONS_CODEC = list_codec(Section, SECTION_KEYS)
+BEAM_KEYS = dataclass_codec(
     Beam,
     {
-        "length_m": ("length", NUMBER),
-        "bending_stiffness_n_m2": ("bending_stiffness", NUMBER),
-        "mass_per_length_kg_m": ("mass_per_length", NUMBER),
-        "elements": ("elements", WHOLE),
-        "modes": ("modes", WHOLE),
+        "length_m": ("length", NUMBER_CODEC),
+        "bending_stiffness_n_m2": ("bending_stiffness", NUMBER_CODEC),
+        "mass_per_length_kg_m": ("mass_per_length", NUMBER_CODEC),
+        "elements": ("elements", WHOLE_CODEC),
+        "modes": ("modes", WHOLE_CODEC),
         "damping_ratio": ("damping_ratio", DAMPING_RATIO),
-        "force_position": ("force_position", NUMBER),
-        "absorber_position": ("absorber_position", NUMBER),
-        "response_position": ("response_position", NUMBER),
-        "modal_frequency_ratio": ("modal_frequency_ratio", RATIOS),
-        "ends": ("ends", TEXT),
-        "tip_mass_kg": ("tip_mass", NUMBER),
-        "sections": ("sections", SECTIONS),
-        "suspension_frequency_hz": ("suspension_frequency", NUMBER),
+        "force_position": ("force_position", NUMBER_CODEC),
+        "absorber_position": ("absorber_position", NUMBER_CODEC),
+        "response_position": ("response_position", NUMBER_CODEC),
+        "modal_frequency_ratio": ("modal_frequency_ratio", RATIOS_CODEC),
+        "ends": ("ends", TEXT_CODEC),
+        "tip_mass_kg": ("tip_mass", NUMBER_CODEC),
+        "sections": ("sections", SECTIONS_CODEC),
+        "suspension_frequency_hz": ("suspension_frequency", NUMBER_CODEC),
     },
 )
-PROFILE = form(
+PROFILE_CODEC = dataclass_codec(
     Profile,
     {
-        "kind": ("kind", TEXT),
-        **{f"{key}_m": (key, NUMBER) for keys in PROFILES.values() for key in keys},
+        "kind": ("kind", TEXT_CODEC),
+        **{f"{key}_m": (key, NUMBER_CODEC) for keys in PROFILES.values() for key in keys},
     },
 )
 OF_MATERIAL = ("young_modulus_pa", "density_kg_m3", "section")
@@ -198,10 +222,10 @@ def _read_beam(path: str, plain: Any) -> Beam:
             "left out beside a section, from which it follows",
         )
     young, density = (
-        positive(f"{path}.{key}", NUMBER.read(f"{path}.{key}", found.pop(key)))
+        positive(f"{path}.{key}", NUMBER_CODEC.read(f"{path}.{key}", found.pop(key)))
         for key in OF_MATERIAL[:2]
     )
-    profile = PROFILE.read(f"{path}.section", found.pop("section"))
+    profile = PROFILE_CODEC.read(f"{path}.section", found.pop("section"))
     found |= {
         "bending_stiffness_n_m2": young * profile.second_moment,
         "mass_per_length_kg_m": density * profile.area,
@@ -209,11 +233,11 @@ def _read_beam(path: str, plain: Any) -> Beam:
     return BEAM_KEYS.read(path, found)
 
 
-BEAM = Sort(_read_beam, BEAM_KEYS.write)
+BEAM_CODEC = Codec(_read_beam, BEAM_KEYS.write)
 
 
 @dataclass(frozen=True)
-class _Place:
+class _NodeDirection:
     """A node of a Universal File and one of its directions."""
 
     node: int
@@ -221,35 +245,46 @@ class _Place:
 
     def __post_init__(self) -> None:
         keep_checked(self, node=count_from(0))
-        allowed = f"one of {', '.join(DIRECTIONS)}, with - before it for the other sense"
+        allowed = f"one of {', '.join(UNIVERSAL_DIRECTIONS)}, with - before it for the other sense"
         require(
-            self.direction.lstrip("+-") in DIRECTIONS and len(self.direction) <= 2,
+            self.direction.lstrip("+-") in UNIVERSAL_DIRECTIONS and len(self.direction) <= 2,
             "direction",
             self.direction,
             allowed,
         )
 
 
-PLACE = form(_Place, {"node": ("node", WHOLE), "direction": ("direction", TEXT)})
+PLACE_CODEC = dataclass_codec(
+    _NodeDirection, {"node": ("node", WHOLE_CODEC), "direction": ("direction", TEXT_CODEC)}
+)
 
 
 # a term of a strain: a weight, and the displacement it multiplies, of a node in a direction or of a row of the matrices
-STRAINED = form(
-    lambda node, direction, weight: (weight, _Place(node, direction)),
-    {"node": ("node", WHOLE), "direction": ("direction", TEXT), "weight": ("weight", NUMBER)},
+STRAINED = dataclass_codec(
+    lambda node, direction, weight: (weight, _NodeDirection(node, direction)),
+    {
+        "node": ("node", WHOLE_CODEC),
+        "direction": ("direction", TEXT_CODEC),
+        "weight": ("weight", NUMBER_CODEC),
+    },
 )
-STRAINED_ROW = form(
-    lambda row, weight: (weight, row), {"row": ("row", WHOLE), "weight": ("weight", NUMBER)}
+STRAINED_ROW = dataclass_codec(
+    lambda row, weight: (weight, row),
+    {"row": ("row", WHOLE_CODEC), "weight": ("weight", NUMBER_CODEC)},
 )
 
 
 def _read_row(path: str, plain: Any) -> Any:
     """Return a row of the matrices, or a node and a direction where the matrices' file names them."""
-    return PLACE.read(path, plain) if isinstance(plain, Mapping) else WHOLE.read(path, plain)
+    return (
+        PLACE_CODEC.read(path, plain)
+        if isinstance(plain, Mapping)
+        else WHOLE_CODEC.read(path, plain)
+    )
 
 
-ROW_OR_PLACE = Sort(_read_row, WHOLE.write)
-STRAINED_ROW_OR_PLACE = Sort(
+ROW_OR_PLACE = Codec(_read_row, WHOLE_CODEC.write)
+STRAINED_ROW_OR_PLACE = Codec(
     lambda path, plain: (
         STRAINED if isinstance(plain, Mapping) and "node" in plain else STRAINED_ROW
     ).read(path, plain),
@@ -257,7 +292,7 @@ STRAINED_ROW_OR_PLACE = Sort(
 )
 
 
-def _one_or_list(sort: Sort) -> Sort:
+def _one_or_list(sort: Codec) -> Codec:
     """Return the sort of a list of things, or of one of them, which is a list of one."""
 
     def read(path: str, plain: Any) -> list[Any]:
@@ -266,11 +301,11 @@ def _one_or_list(sort: Sort) -> Sort:
         require(len(plain) > 0, path, plain, "one place, or a list of them")
         return [sort.read(f"{path}[{i}]", part) for i, part in enumerate(plain)]
 
-    return Sort(read, list)
+    return Codec(read, list)
 
 
-Parts = list[tuple[float, Any]]
-TURNED = (
+StrainParts = list[tuple[float, Any]]
+SHAPES_WITH_SIGN = (
     "force_shape",
     "tip_shape",
     "absorber_shapes",
@@ -286,12 +321,14 @@ def _signed(model: ModalModel) -> ModalModel:
     return replace(
         model,
         **{
-            name: getattr(model, name) * sign for name in TURNED if getattr(model, name) is not None
+            name: getattr(model, name) * sign
+            for name in SHAPES_WITH_SIGN
+            if getattr(model, name) is not None
         },
     )
 
 
-def _placed(
+def _locate_rows(
     omega: Any,
     damping: Any,
     force: Any,
@@ -314,7 +351,7 @@ def _placed(
     )
 
 
-def _strain(parts: Parts | None, shape: Callable[[Any], Any]) -> Any:
+def _combine_strains(parts: StrainParts | None, shape: Callable[[Any], Any]) -> Any:
     """Return the strain per modal displacement (N_m,): the sum of the parts' weights times the ``shape`` (N_m,) that a part has; None for none."""
     return None if parts is None else np.sum([weight * shape(of) for weight, of in parts], axis=0)
 
@@ -333,18 +370,18 @@ def _modes_of_universal(
     return path, found, modes
 
 
-def _of_universal(folder: Path, **values: Any) -> ModalModel:
+def _read_universal(folder: Path, **values: Any) -> ModalModel:
     path, found, _ = _modes_of_universal(folder, **values)
     used = {
         name: part.node
         for name in ("force", "absorber", "response", "stress")
-        for part in _listed(values.get(name))
+        for part in _as_list(values.get(name))
     }
     require_global_directions(path, used)
-    return _of_modes(found, path, **values)
+    return _read_modes_table(found, path, **values)
 
 
-def _listed(places: Any) -> list[_Place]:
+def _as_list(places: Any) -> list[_NodeDirection]:
     """Return the places of a key: one, a list of them, or weighted ones."""
     if places is None:
         return []
@@ -352,17 +389,17 @@ def _listed(places: Any) -> list[_Place]:
     return [part[1] if isinstance(part, tuple) else part for part in parts]
 
 
-def _of_modes(
+def _read_modes_table(
     found: list[MeasuredMode],
     path: Path,
     *,
-    force: _Place,
-    absorber: list[_Place],
+    force: _NodeDirection,
+    absorber: list[_NodeDirection],
     mass: float,
-    response: _Place | None = None,
+    response: _NodeDirection | None = None,
     modes: int | None = None,
     damping_ratio: Any = None,
-    stress: Parts | None = None,
+    stress: StrainParts | None = None,
     base_participation: list[float] | None = None,
     base_at_absorber: float = ModalModel.base_at_absorber,
     **_file: Any,
@@ -370,14 +407,14 @@ def _of_modes(
     """Return the model of the modes of a file: the lowest ``modes`` of them, with their shapes at the places."""
     kept = found if modes is None else found[: count("modes", modes, 1, len(found))]
     measured = [mode.damping_ratio for mode in kept]
-    ratios = ratios_of(damping_ratio, None if None in measured else measured, len(kept))
+    ratios = choose_damping_ratios(damping_ratio, None if None in measured else measured, len(kept))
 
-    def shape(name: str, place: _Place) -> Any:
-        return at(kept, path, name, (place.node, place.direction))
+    def shape(name: str, place: _NodeDirection) -> Any:
+        return select_shapes(kept, path, name, (place.node, place.direction))
 
     places = [shape("absorber", place) for place in absorber]
     read = None if response is None else shape("response", response)
-    strain = _strain(stress, lambda place: shape("stress", place))
+    strain = _combine_strains(stress, lambda place: shape("stress", place))
     base = None if base_participation is None else np.array(base_participation)
     require(
         base is None or len(base) == len(kept),
@@ -386,22 +423,22 @@ def _of_modes(
         f"a number for each of the {len(kept)} modes",
     )
     omega = [m.omega for m in kept]
-    return _placed(
+    return _locate_rows(
         omega, ratios, shape("force", force), places, read, mass, strain, base, base_at_absorber
     )
 
 
 MODE_KEYS: Keys = {
-    "file": ("file", TEXT),
-    "force": ("force", PLACE),
-    "absorber": ("absorber", _one_or_list(PLACE)),
-    "response": ("response", PLACE),
-    "mass_kg": ("mass", NUMBER),
-    "modes": ("modes", WHOLE),
+    "file": ("file", TEXT_CODEC),
+    "force": ("force", PLACE_CODEC),
+    "absorber": ("absorber", _one_or_list(PLACE_CODEC)),
+    "response": ("response", PLACE_CODEC),
+    "mass_kg": ("mass", NUMBER_CODEC),
+    "modes": ("modes", WHOLE_CODEC),
     "damping_ratio": ("damping_ratio", DAMPING_RATIO),
     "stress": ("stress", _one_or_list(STRAINED)),
-    "base_participation_sqrt_kg": ("base_participation", ROW),
-    "base_at_absorber": ("base_at_absorber", NUMBER),
+    "base_participation_sqrt_kg": ("base_participation", ROW_CODEC),
+    "base_at_absorber": ("base_at_absorber", NUMBER_CODEC),
 }
 
 
@@ -421,9 +458,9 @@ def _modes_of_nastran(
     return path, found, modes
 
 
-def _of_nastran(folder: Path, **values: Any) -> ModalModel:
+def _read_nastran(folder: Path, **values: Any) -> ModalModel:
     path, found, _ = _modes_of_nastran(folder, **values)
-    return _of_modes(found, path, **values)
+    return _read_modes_table(found, path, **values)
 
 
 def _modes_of_ansys(
@@ -433,34 +470,38 @@ def _modes_of_ansys(
     return path, ansys.read_modes(path, read_units(units), units), modes
 
 
-def _of_ansys(folder: Path, **values: Any) -> ModalModel:
+def _read_ansys(folder: Path, **values: Any) -> ModalModel:
     path, found, _ = _modes_of_ansys(folder, **values)
-    return _of_modes(found, path, **values)
+    return _read_modes_table(found, path, **values)
 
 
-RESULT_KEYS: Keys = {**MODE_KEYS, "units": ("units", TEXT)}
-NASTRAN_KEYS: Keys = {**RESULT_KEYS, "bdf": ("bdf", TEXT), "subcase": ("subcase", WHOLE)}
+RESULT_KEYS: Keys = {**MODE_KEYS, "units": ("units", TEXT_CODEC)}
+NASTRAN_KEYS: Keys = {
+    **RESULT_KEYS,
+    "bdf": ("bdf", TEXT_CODEC),
+    "subcase": ("subcase", WHOLE_CODEC),
+}
 # keys without a default, which the functions above pass on
 NEEDED_OF_MODES = ("file", "force", "absorber", "mass_kg")
 NEEDED_OF_RESULTS = (*NEEDED_OF_MODES, "units")
-UNIVERSAL_KEYS: Keys = {**MODE_KEYS, "load_case": ("load_case", WHOLE)}
+UNIVERSAL_KEYS: Keys = {**MODE_KEYS, "load_case": ("load_case", WHOLE_CODEC)}
 
 
 MATRIX_KEYS: Keys = {
-    "mass": ("mass", TEXT),
-    "stiffness": ("stiffness", TEXT),
-    "damping": ("damping", TEXT),
-    "units": ("units", TEXT),
+    "mass": ("mass", TEXT_CODEC),
+    "stiffness": ("stiffness", TEXT_CODEC),
+    "damping": ("damping", TEXT_CODEC),
+    "units": ("units", TEXT_CODEC),
     "force": ("force", ROW_OR_PLACE),
     "absorber": ("absorber", _one_or_list(ROW_OR_PLACE)),
     "response": ("response", ROW_OR_PLACE),
-    "mass_kg": ("structure_mass", NUMBER),
-    "modes": ("modes", WHOLE),
+    "mass_kg": ("structure_mass", NUMBER_CODEC),
+    "modes": ("modes", WHOLE_CODEC),
     "damping_ratio": ("damping_ratio", DAMPING_RATIO),
-    "suspension_frequency_hz": ("suspension_frequency", NUMBER),
+    "suspension_frequency_hz": ("suspension_frequency", NUMBER_CODEC),
     "stress": ("stress", _one_or_list(STRAINED_ROW_OR_PLACE)),
     "base_vector": ("base_vector", VECTOR),
-    "coordinates": ("coordinates", TEXT),
+    "coordinates": ("coordinates", TEXT_CODEC),
 }
 
 
@@ -473,11 +514,11 @@ class _Solved:
 
     omega: Any
     shapes: Any
-    kept: Modes
+    kept: StructureModes
     inertia: Any
     stiffness: MatrixFile
     damping: Any
-    units: Units
+    units: ConsistentUnits
 
 
 def _solve_matrices(
@@ -494,10 +535,12 @@ def _solve_matrices(
 ) -> _Solved:
     system = read_units(units)
     matrices = _read_matrices(folder, {"mass": mass, "stiffness": stiffness, "damping": damping})
-    inertia = checked("mass", matrices["mass"].matrix)
+    inertia = check_matrix("mass", matrices["mass"].matrix)
     size = inertia.shape[0]
-    elastic = checked("stiffness", matrices["stiffness"].matrix, size)
-    resistance = None if damping is None else checked("damping", matrices["damping"].matrix, size)
+    elastic = check_matrix("stiffness", matrices["stiffness"].matrix, size)
+    resistance = (
+        None if damping is None else check_matrix("damping", matrices["damping"].matrix, size)
+    )
     if coordinates is not None:
         read_coordinates(folder / coordinates, size)
     suspension = None
@@ -509,7 +552,7 @@ def _solve_matrices(
     return _Solved(omega, shapes, kept, inertia, matrices["stiffness"], resistance, system)
 
 
-def _of_matrices(
+def _build_from_matrices(
     folder: Path,
     *,
     force: Any,
@@ -517,7 +560,7 @@ def _of_matrices(
     structure_mass: float,
     response: Any = None,
     damping_ratio: Any = None,
-    stress: Parts | None = None,
+    stress: StrainParts | None = None,
     base_vector: Any = None,
     **files: Any,
 ) -> ModalModel:
@@ -541,17 +584,17 @@ def _of_matrices(
     rows = {"force": forced[0], "absorber": places[0][0]} | (
         {} if read is None else {"response": read[0]}
     )
-    for line in warnings_of_matrix(inertia.diagonal() * solved.units.mass, structure_mass, rows):
+    for line in list_matrix_warnings(inertia.diagonal() * solved.units.mass, structure_mass, rows):
         warnings.warn(line, StructureWarning, stacklevel=2)
     found = None
     if solved.damping is not None:
         found = proportional_damping(solved.damping, solved.kept, inertia.diagonal() == 0)
-    ratios = ratios_of(damping_ratio, found, len(solved.omega))
+    ratios = choose_damping_ratios(damping_ratio, found, len(solved.omega))
 
     def shape(place: tuple[int, float]) -> Any:
         return place[1] * solved.shapes[place[0]]
 
-    strain = _strain(stress, lambda place: shape(find("stress's row", place)))
+    strain = _combine_strains(stress, lambda place: shape(find("stress's row", place)))
     base = None
     moved = [ModalModel.base_at_absorber]
     if base_vector is not None:
@@ -560,7 +603,7 @@ def _of_matrices(
         allowed = "the same displacement at all places for absorbers"
         require(len(set(moved)) == 1, "base_vector", moved, allowed)
         base = np.sqrt(solved.units.mass) * (solved.kept.shapes.T @ (inertia @ rigid))
-    return _placed(
+    return _locate_rows(
         solved.omega,
         ratios,
         shape(forced),
@@ -590,7 +633,7 @@ def _read_matrices(folder: Path, names: Mapping[str, str | None]) -> dict[str, M
 
 def _find_row(file: MatrixFile, name: str, place: Any, size: int) -> tuple[int, float]:
     """Return the row of the matrices at a place, counted from 0, and the sign of its direction."""
-    if not isinstance(place, _Place):
+    if not isinstance(place, _NodeDirection):
         return count(name, place, 0, size - 1), 1.0
     require(
         file.freedoms is not None,
@@ -661,7 +704,9 @@ def read_structure_shapes(folder: Path, plain: Mapping[str, Any]) -> NodalShapes
     }
     for kind, (read, keys) in kinds.items():
         if kind in plain:
-            _path, found, limit = form(partial(read, folder), keys).read(kind, plain[kind])
+            _path, found, limit = dataclass_codec(partial(read, folder), keys).read(
+                kind, plain[kind]
+            )
             kept = found if limit is None else found[: count("modes", limit, 1, len(found))]
             nodes = sorted({int(node) for mode in kept for node in mode.nodes})
             freedoms = tuple((node, axis) for node in nodes for axis in (1, 2, 3))
@@ -677,20 +722,28 @@ def read_structure_shapes(folder: Path, plain: Mapping[str, Any]) -> NodalShapes
         list(plain),
         "a file with nodes: one of the tables universal, nastran, ansys, matrices",
     )
-    found = form(partial(_solve_matrices, folder), MATRIX_KEYS).read("matrices", plain["matrices"])
+    found = dataclass_codec(partial(_solve_matrices, folder), MATRIX_KEYS).read(
+        "matrices", plain["matrices"]
+    )
     own = found.stiffness.freedoms
     freedoms = own or tuple((k, 0) for k in range(len(found.shapes)))
     return NodalShapes(found.omega, freedoms, found.shapes.T)
 
 
 # kinds of structure -> the form of their table, for the folder in which the files lie that it names
-STRUCTURES: dict[str, Callable[[Path], Sort]] = {
-    "beam": lambda _: BEAM,
-    "model": model_beside,
-    "universal": lambda folder: form(
-        partial(_of_universal, folder), UNIVERSAL_KEYS, NEEDED_OF_MODES
+STRUCTURES: dict[str, Callable[[Path], Codec]] = {
+    "beam": lambda _: BEAM_CODEC,
+    "model": model_codec_for,
+    "universal": lambda folder: dataclass_codec(
+        partial(_read_universal, folder), UNIVERSAL_KEYS, NEEDED_OF_MODES
     ),
-    "matrices": lambda folder: form(partial(_of_matrices, folder), MATRIX_KEYS, NEEDED_OF_MATRICES),
-    "nastran": lambda folder: form(partial(_of_nastran, folder), NASTRAN_KEYS, NEEDED_OF_RESULTS),
-    "ansys": lambda folder: form(partial(_of_ansys, folder), RESULT_KEYS, NEEDED_OF_RESULTS),
+    "matrices": lambda folder: dataclass_codec(
+        partial(_build_from_matrices, folder), MATRIX_KEYS, NEEDED_OF_MATRICES
+    ),
+    "nastran": lambda folder: dataclass_codec(
+        partial(_read_nastran, folder), NASTRAN_KEYS, NEEDED_OF_RESULTS
+    ),
+    "ansys": lambda folder: dataclass_codec(
+        partial(_read_ansys, folder), RESULT_KEYS, NEEDED_OF_RESULTS
+    ),
 }

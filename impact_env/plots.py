@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from impact_env.curve import PerformanceCurve
     from impact_env.response import Response
 
-BINS = 600  # columns of an envelope, about those of a figure
+PLOT_BINS = 600  # columns of an envelope, about those of a figure
 MM = 1e3
 
 
-def table(title: str, rows: Iterable[tuple[str, str]]) -> str:
+def html_table(title: str, rows: Iterable[tuple[str, str]]) -> str:
     """Return a heading and two columns of text as HTML."""
     cells = "".join(
         f'<tr><td style="text-align:left">{escape(name)}</td><td style="text-align:left">{escape(text)}</td></tr>'
@@ -29,7 +29,7 @@ def table(title: str, rows: Iterable[tuple[str, str]]) -> str:
     return f"<b>{escape(title)}</b><table>{cells}</table>"
 
 
-def ours(axes: Axes | None) -> Axes:
+def axes_or_new(axes: Axes | None) -> Axes:
     """Return the axes to draw into: those that are given, or new ones of pyplot, which a notebook shows."""
     if axes is not None:
         return axes
@@ -42,7 +42,7 @@ def plot_curve(
     curve: PerformanceCurve, axes: Axes | None, label: str | None, options: dict[str, Any]
 ) -> Axes:
     """Draw the median level in mm over the force in N, with the band; forces and levels of 0 have no place on these scales."""
-    axes = ours(axes)
+    axes = axes_or_new(axes)
     (line,) = axes.loglog(curve.forces, MM * curve.median, label=label, **options)
     axes.fill_between(curve.forces, *(MM * curve.band), color=line.get_color(), alpha=0.25, lw=0)
     axes.set_xlabel("amplitude of the force in N")
@@ -53,7 +53,7 @@ def plot_curve(
     return axes
 
 
-def columns(response: Response) -> tuple[Any, Any, Any]:
+def draw_columns(response: Response) -> tuple[Any, Any, Any]:
     """Return the times (B,) in s, and least and largest displacement (B,) in m around each, from what the run has recorded.
 
     Raises ParameterError if it has recorded neither its series nor an envelope.
@@ -71,7 +71,7 @@ def columns(response: Response) -> tuple[Any, Any, Any]:
     assert history is not None
     shape = response.scene.model.level_shape
     values = history.modal_displacement @ shape
-    bins = min(BINS, len(values))
+    bins = min(PLOT_BINS, len(values))
     pieces = np.array_split(np.arange(len(values)), bins) if bins > 0 else []
     return tuple(
         np.array([reduce(of[piece]) for piece in pieces])
@@ -81,8 +81,8 @@ def columns(response: Response) -> tuple[Any, Any, Any]:
 
 def plot_response(response: Response, axes: Axes | None, options: dict[str, Any]) -> Axes:
     """Draw the displacement's envelope in mm over the frequency ratio or, at a constant frequency, over time, with the level where it is read."""
-    time, low, high = columns(response)
-    axes = ours(axes)
+    time, low, high = draw_columns(response)
+    axes = axes_or_new(axes)
     schedule = response.drive.schedule
     level = response.level
     swept = np.ptp(schedule.omegas) > 0

@@ -28,16 +28,16 @@ Job = Callable[[], object]
 
 
 @contextmanager
-def alongside(kernel: Any, job: Job) -> Iterator[None]:
+def run_alongside(kernel: Any, job: Job) -> Iterator[None]:
     """While this is entered, another process compiles what ``job`` runs, if it is not kept yet; ``kernel`` waits for that once it is called.
 
     ``job`` is short and can be pickled. What fails there is compiled here, where its error is raised. Nothing is begun on a single core. A process
     is spawned: only a program may use this whose own module can be imported, which a command's can.
     """
-    if available_cores() < 2 or is_kept(job):
+    if available_cores() < 2 or is_cached(job):
         yield
         return
-    process = get_context("spawn").Process(target=_quietly, args=(job,), daemon=True)
+    process = get_context("spawn").Process(target=_run_silently, args=(job,), daemon=True)
     process.start()
     kernel.wait = process.join
     try:
@@ -48,7 +48,7 @@ def alongside(kernel: Any, job: Job) -> Iterator[None]:
         process.join()
 
 
-def is_kept(job: Job) -> bool:
+def is_cached(job: Job) -> bool:
     """Run a job if all its kernels are in the cache, and return whether they are; ParameterError and IntegrationError of the job are ignored."""
     try:
         with only_cached(), suppress(ParameterError, IntegrationError):
@@ -58,15 +58,15 @@ def is_kept(job: Job) -> bool:
     return True
 
 
-def _quietly(job: Job) -> None:
+def _run_silently(job: Job) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the one who waits, and ends this
     with suppress(Exception):
         job()
 
 
 # N, pseudo periods: nothing needs to happen, only to be compiled
-FORCE = 1e-3
-PERIODS = 1.0
+TRIAL_FORCE = 1e-3
+TRIAL_PERIODS = 1.0
 CHILD = "import pickle, sys; sys.path[:] = {path!r}; from impact_env.first_use import quiet\nwith quiet(): pickle.load(sys.stdin.buffer)()"
 
 
@@ -77,7 +77,9 @@ def short_run(
     loads: Loads | None = None,
 ) -> None:
     """Make the shortest run that needs the kernels of a scene, a method and a record; under loads, which take others, all of theirs."""
-    force = Drive(FORCE, constant_frequency(scene.model.resonance_omega(1), 1.0, PERIODS))
+    force = Drive(
+        TRIAL_FORCE, constant_frequency(scene.model.resonance_omega(1), 1.0, TRIAL_PERIODS)
+    )
     simulate(scene, force if loads is None else loads, method, record=record)
 
 
@@ -92,7 +94,7 @@ def is_ready(
     Raises ParameterError if the method (default: Exact) cannot do the scene.
     """
     _checked(scene, method, record)
-    return not COMPILED or is_kept(partial(short_run, scene, method, record, loads))
+    return not COMPILED or is_cached(partial(short_run, scene, method, record, loads))
 
 
 class Preparation:

@@ -7,23 +7,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impact_env.eigenvalues import all_eigen
+from impact_env.eigenvalues import solve_eigenproblem
 from impact_env.kernels.exact.sets import Sets
 from impact_env.kernels.motion.modal_system import REST, TIP
 from impact_env.modes import ModalModel, with_masses
 from impact_env.regimes import (
     basis_error,
-    complete,
-    in_order,
-    own_modes,
+    order_slots,
     padded_size,
-    parted,
-    parted_modes,
+    require_complete,
     slot_rows,
     slot_tables,
+    solve_own_modes,
+    split_modes,
+    split_re_im,
     table_reach,
 )
-from impact_env.secular import Complex, Coupling, Index, Real, together
+from impact_env.secular import Complex, Coupling, Index, Real, concatenate
 
 
 @dataclass(frozen=True)
@@ -39,31 +39,31 @@ class SetModes:
     places: Complex
 
 
-def _twice(values: Complex) -> Real:
+def _double(values: Complex) -> Real:
     """Return 2 for a complex eigenvalue, which stands for a conjugate pair, and 1 for a real one, (J,)."""
     return np.where(values.imag == 0, 1.0, 2.0)
 
 
-def _own(model: ModalModel, which: Index, masses: int) -> SetModes:
-    modes = own_modes(model, which)
+def _solve_uncoupled(model: ModalModel, which: Index, masses: int) -> SetModes:
+    modes = solve_own_modes(model, which)
     n = model.modes
-    shapes = modes.out[:n].T / _twice(modes.values)[:, None]
+    shapes = modes.out[:n].T / _double(modes.values)[:, None]
     into = np.delete(modes.into, [n, 2 * n + 1], axis=1)
     return SetModes(
         modes.values, shapes, into, into[:, n:], np.zeros((len(shapes), masses), complex)
     )
 
 
-def _together(model: ModalModel, masses: Real, shapes: Real, weak: float) -> SetModes:
-    """Return the modes of beam and masses; ``weak``: see `eigenvalues.all_eigen`."""
-    which, own = parted_modes(shapes)
+def _solve_coupled(model: ModalModel, masses: Real, shapes: Real, weak: float) -> SetModes:
+    """Return the modes of beam and masses; ``weak``: see `eigenvalues.solve_eigenproblem`."""
+    which, own = split_modes(shapes)
     c = Coupling(
         model.omega[which],
         model.damping_ratio[which],
         (np.sqrt(masses)[:, None] * shapes)[:, which],
         sprung=False,
     )
-    e = all_eigen(c, weak)
+    e = solve_eigenproblem(c, weak)
     n = model.modes
     v = np.zeros((len(e.s), n), complex)
     to = np.zeros((len(e.s), 2 * n), complex)
@@ -75,28 +75,28 @@ def _together(model: ModalModel, masses: Real, shapes: Real, weak: float) -> Set
         e.by_velocity,
     )
     coupled = SetModes(e.s, v, to, weights, e.z / np.sqrt(masses))
-    return together([coupled, _own(model, own, len(masses))])
+    return concatenate([coupled, _solve_uncoupled(model, own, len(masses))])
 
 
-def set_modes(model: ModalModel, masses: Real, shapes: Real) -> SetModes:
+def solve_set_modes(model: ModalModel, masses: Real, shapes: Real) -> SetModes:
     """Return the modes of a beam that carries ``masses`` (p,) in kg at places with ``shapes`` (p, N_m); none of them: the free beam.
 
     Raises ParameterError where two eigenvalues (almost) coincide, so that there is no modal basis.
     """
     if len(masses) == 0:
-        return _own(model, np.arange(model.modes), 0)
+        return _solve_uncoupled(model, np.arange(model.modes), 0)
     scale = np.append(model.omega, np.ones(model.modes))
 
     def spanned(modes: SetModes) -> float:
-        shapes = modes.shapes * _twice(modes.values)[:, None]
+        shapes = modes.shapes * _double(modes.values)[:, None]
         return basis_error(
             np.concatenate([shapes, shapes * modes.values[:, None]], axis=1).T, modes.into, scale
         )
 
     kilograms = f"{[float(m) for m in masses]} kg"
     allowed = "damping, masses and positions away from a double eigenvalue"
-    return complete(
-        lambda weak: _together(model, masses, shapes, weak),
+    return require_complete(
+        lambda weak: _solve_coupled(model, masses, shapes, weak),
         spanned,
         "mass_ratio of several absorbers",
         kilograms,
@@ -112,13 +112,13 @@ def _maps(modes: SetModes, joined: list[int], shapes: Real, size: int) -> tuple[
     displacement = np.zeros((len(modes.values), half), complex)
     displacement[:, :n] = modes.shapes
     displacement[:, n + np.array(joined, dtype=int)] = modes.places
-    out = np.concatenate([displacement, displacement * modes.values[:, None]], axis=1).T * _twice(
+    out = np.concatenate([displacement, displacement * modes.values[:, None]], axis=1).T * _double(
         modes.values
     ).astype(complex)
     into = np.zeros((len(modes.values), 2 * half), complex)
     into[:, :n], into[:, half : half + n] = modes.into[:, :n], modes.into[:, n:]
-    return parted(in_order(out, modes.values, size, 1)), parted(
-        in_order(into, modes.values, size).T
+    return split_re_im(order_slots(out, modes.values, size, 1)), split_re_im(
+        order_slots(into, modes.values, size).T
     )
 
 
@@ -130,7 +130,7 @@ def _rows(
     every = []
     there = modes.shapes @ np.vstack([shapes, model.tip_shape]).T
     there[:, joined] = modes.places
-    there *= _twice(s)[:, None]
+    there *= _double(s)[:, None]
     for a, (mass, shape) in enumerate(zip(masses, shapes, strict=True)):
         guard = mass * s**2 * there[:, a] if a in joined else -there[:, a]
         every.append(
@@ -158,7 +158,7 @@ def regime_sets(model: ModalModel, shapes: Real, masses: Real, wanted: float) ->
     shapes = np.array(shapes)
     n = len(masses)
     sets = [[a for a in range(n) if s >> a & 1] for s in range(2**n)]
-    every = [set_modes(model, masses[joined], shapes[joined]) for joined in sets]
+    every = [solve_set_modes(model, masses[joined], shapes[joined]) for joined in sets]
     size = padded_size(max(len(modes.values) for modes in every))
     speed = max(float(np.max(np.abs(modes.values))) for modes in every)
     reach = table_reach(speed, wanted)

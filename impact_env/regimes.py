@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.eigenvalues import all_eigen
+from impact_env.eigenvalues import solve_eigenproblem
 from impact_env.kernels.events.search import HERMITE_SHARE, SCAN_NOISE
 from impact_env.kernels.events.steps import LEVEL_RATIO
 from impact_env.kernels.motion.modal_system import REST, TAYLOR_REACH, TAYLOR_TERMS, ModalSystem
@@ -20,20 +20,20 @@ from impact_env.kernels.motion.search_block import POINTS
 from impact_env.kernels.motion.segments import LinearRegime
 from impact_env.modes import MOST_HEAVINESS, ModalModel
 from impact_env.parameters import ParameterError
-from impact_env.secular import SPLIT, Complex, Coupling, Index, Real, raised
+from impact_env.secular import SPLIT_TOL, Complex, Coupling, Index, Real, raise_off_axis
 
 # the modes of a regime span the state up to this, in terms of energy; below the second nothing better is tried
-COMPLETE = 1e-8
-SOUND = 1e-11
-WEAK = (1e-4, 1e-8, 0.0)  # what is tried in turn: see eigenvalues.all_eigen
+COMPLETENESS_TOL = 1e-8
+BASIS_TOL = 1e-11
+WEAK_COUPLINGS = (1e-4, 1e-8, 0.0)  # what is tried in turn: see eigenvalues.solve_eigenproblem
 UNCOUPLED = 1e-30  # of the largest tip shape: a mode with a node at the absorber
-STIFF = 1e8  # a spring or damper against the beam's first mode at the tip: far beyond, the stretch is a difference of equal numbers
-DISTINCT = "damping and stiffness away from a double eigenvalue"
+MOST_STIFFNESS_RATIO = 1e8  # a spring or damper against the beam's first mode at the tip: far beyond, the stretch is a difference of equal numbers
+AWAY_FROM_DOUBLE = "damping and stiffness away from a double eigenvalue"
 M = TypeVar("M")
 
 
 @dataclass(frozen=True)
-class Modes:
+class RegimeModes:
     """Eigenvalues (J,), their columns in the state (2 N_m + 2, J), rows from the state (J, 2 N_m + 2), responses to drive and relative force (J,).
 
     ``tip``, ``stretch`` (J,): what of a slot is tip displacement, and absorber less tip; without the absorber's own share where it is apart.
@@ -56,7 +56,7 @@ def _own_values(model: ModalModel, which: Index) -> tuple[Index, Complex, Comple
     ratio = model.damping_ratio[which]
     rate = ratio * omega
     square = omega**2 * (1 - ratio) * (1 + ratio)
-    close = np.abs(square) < (SPLIT * omega) ** 2
+    close = np.abs(square) < (SPLIT_TOL * omega) ** 2
     under = (square > 0) & ~close
     over = (square < 0) & ~close
     root = np.sqrt(np.abs(square))
@@ -74,7 +74,7 @@ def _own_values(model: ModalModel, which: Index) -> tuple[Index, Complex, Comple
         (which[over], s[over] + 0j, other[over] + 0j, np.ones(int(np.sum(over))))
         for s, other in ((slow, fast), (fast, slow))
     ]
-    for height, weight in raised(omega, square):
+    for height, weight in raise_off_axis(omega, square):
         parts.append(
             (
                 which[close],
@@ -87,7 +87,7 @@ def _own_values(model: ModalModel, which: Index) -> tuple[Index, Complex, Comple
     return mode, values, others, weight
 
 
-def own_modes(model: ModalModel, which: Index) -> Modes:
+def solve_own_modes(model: ModalModel, which: Index) -> RegimeModes:
     """Return the free beam's modes ``which`` as slots: one for an oscillating mode, two for an overdamped one.
 
     A damping ratio within about 1e-5 of 1 has three: motion and forced response are extrapolated from three pairs of eigenvalues beside the
@@ -108,7 +108,7 @@ def own_modes(model: ModalModel, which: Index) -> Modes:
     into[row, index], into[row, n + 1 + index] = alpha, kappa
     tip = (weight * model.tip_shape[index]).astype(np.complex128)
     push = into[:, n + 1 : 2 * n + 1]
-    return Modes(
+    return RegimeModes(
         s,
         out,
         into,
@@ -120,13 +120,13 @@ def own_modes(model: ModalModel, which: Index) -> Modes:
     )
 
 
-def coupled_modes(
+def solve_coupled_modes(
     model: ModalModel, mass: float, stiffness: float | None, damper: float, weak: float
-) -> Modes:
+) -> RegimeModes:
     """Return the modes of beam and absorber: joined for ``stiffness`` None, else with a spring (N/m) and a damper (N s/m) between them."""
     n = model.modes
     root = np.sqrt(mass)
-    which, own = parted_modes(model.tip_shape[None])
+    which, own = split_modes(model.tip_shape[None])
     omega = model.omega[which]
     ratio = model.damping_ratio[which]
     psi = root * model.tip_shape[None, which]
@@ -135,7 +135,7 @@ def coupled_modes(
         omega = np.append(omega, spring)
         ratio = np.append(ratio, damper / (2 * mass * spring))
     c = Coupling(omega, ratio, psi, stiffness is not None)
-    e = all_eigen(c, weak)
+    e = solve_eigenproblem(c, weak)
     count = len(e.s)
     counted = np.where(e.s.imag == 0, 1, 2)
     shape = np.zeros((count, n + 1), complex)
@@ -155,7 +155,7 @@ def coupled_modes(
     forces = e.by_force @ model.force_shape[which], e.by_pull / root
     push = np.zeros((count, n), complex)
     push[:, which] = e.by_force
-    found = Modes(
+    found = RegimeModes(
         e.s,
         (rates.T * counted),
         into,
@@ -164,8 +164,8 @@ def coupled_modes(
         counted * e.stretch / root,
         push,
     )
-    alone = own_modes(model, own)
-    return Modes(
+    alone = solve_own_modes(model, own)
+    return RegimeModes(
         *(
             np.concatenate(parts, axis=axis)
             for parts, axis in zip(
@@ -177,7 +177,7 @@ def coupled_modes(
     )
 
 
-def parted_modes(shapes: Real) -> tuple[Index, Index]:
+def split_modes(shapes: Real) -> tuple[Index, Index]:
     """Return the modes that move absorbers with ``shapes`` (p, N_m), and those with a node at all of them."""
     coupled = np.any(
         np.abs(shapes) > UNCOUPLED * np.max(np.abs(shapes), axis=1, keepdims=True), axis=0
@@ -190,17 +190,17 @@ def padded_size(slots: int) -> int:
     return 4 * -(-slots // 4)
 
 
-def carried_response(modes: Modes, model: ModalModel, mass: float, spring: bool) -> Complex:
+def carried_response(modes: RegimeModes, model: ModalModel, mass: float, spring: bool) -> Complex:
     """Return the response (J,) to a unit acceleration of the absorber's mass (kg), as a force on it; on a ``spring`` it moves by itself."""
     return mass * (modes.push @ model.tip_shape + (modes.relative if spring else 0.0))
 
 
-def with_weight(modes: Modes, carried: Complex) -> Modes:
+def with_weight(modes: RegimeModes, carried: Complex) -> RegimeModes:
     """Return modes whose constant force is the weight of the absorber per unit of gravity, downwards."""
     return replace(modes, relative=-carried)
 
 
-def base_rows(modes: Modes, model: ModalModel, size: int, carried: Complex | None) -> Real:
+def base_rows(modes: RegimeModes, model: ModalModel, size: int, carried: Complex | None) -> Real:
     """Return the rows BASE of Slots: the response to a unit acceleration of the base in relative coordinates, -Gamma on the modes.
 
     An absorber that is not free adds -m_a r, r the rigid displacement at its place; ``carried`` (J,): the response to its mass.
@@ -209,28 +209,28 @@ def base_rows(modes: Modes, model: ModalModel, size: int, carried: Complex | Non
     response = -(modes.push @ model.base_participation)
     if carried is not None:
         response = response - model.base_at_absorber * carried
-    return parted(in_order(response, modes.values, size))
+    return split_re_im(order_slots(response, modes.values, size))
 
 
 def _regime(
-    modes: Modes, guard: Complex, size: int, reach: float, base: Real | None = None
+    modes: RegimeModes, guard: Complex, size: int, reach: float, base: Real | None = None
 ) -> LinearRegime:
     """Sort, pad and tabulate a regime's modes; ``base`` (2, J) are its rows BASE, if it has any."""
     rows = slot_rows(modes.values, modes.drive, modes.relative, guard, modes.tip, size)
     rows = rows if base is None else np.concatenate([rows, base])
     slots = ModalSystem(rows, *slot_tables(modes.values, size, reach))
-    out = in_order(modes.out, modes.values, size, 1)
-    into = in_order(modes.into, modes.values, size).T
+    out = order_slots(modes.out, modes.values, size, 1)
+    into = order_slots(modes.into, modes.values, size).T
     rest = rows[REST] + 1j * rows[REST + 1]
     return LinearRegime(
         slots,
-        parted(out),
-        parted(into),
-        float(np.real(in_order(modes.tip, modes.values, size) @ rest)),
+        split_re_im(out),
+        split_re_im(into),
+        float(np.real(order_slots(modes.tip, modes.values, size) @ rest)),
     )
 
 
-def in_order(values: Complex, eigenvalues: Complex, size: int, axis: int = 0) -> Complex:
+def order_slots(values: Complex, eigenvalues: Complex, size: int, axis: int = 0) -> Complex:
     """Return values (one a slot along ``axis``) in the order of growing |s|, padded with zeros to ``size``."""
     values = np.take(values, np.argsort(np.abs(eigenvalues), kind="stable"), axis=axis)
     return np.pad(
@@ -238,14 +238,14 @@ def in_order(values: Complex, eigenvalues: Complex, size: int, axis: int = 0) ->
     )
 
 
-def parted(values: Complex) -> Real:
+def split_re_im(values: Complex) -> Real:
     """Return real and imaginary parts, one array behind the other."""
     return np.ascontiguousarray([values.real, values.imag])
 
 
 def _decaying(eigenvalues: Complex, size: int) -> Complex:
     """Return eigenvalues in order; those of padding are -1, and rounding must not make an undamped slot grow."""
-    s = in_order(eigenvalues, eigenvalues, size)
+    s = order_slots(eigenvalues, eigenvalues, size)
     s = np.minimum(s.real, 0) + 1j * s.imag
     s[len(eigenvalues) :] = -1
     return s
@@ -264,7 +264,7 @@ def slot_rows(
     )
     taylor[1:, used:] = 0
     drive, relative, guard, tip = (
-        in_order(values, eigenvalues, size) for values in (drive, relative, guard, tip)
+        order_slots(values, eigenvalues, size) for values in (drive, relative, guard, tip)
     )
     pairs = [s, s**2, drive, relative, np.where(real, -relative / s, 0), guard, tip, *taylor[1:]]
     speed = np.where(real, np.abs(s), 0)
@@ -281,7 +281,7 @@ def slot_tables(
     s = _decaying(eigenvalues, size)
     base, finest, table = propagators(s, used, reach, speed)
     scale = np.array([np.log2(base), finest, 1 / finest, np.max(np.abs(s[:used]))])
-    return parted(table), scale, *ladder(s, used, reach, speed)
+    return split_re_im(table), scale, *propagation_tables(s, used, reach, speed)
 
 
 def basis_error(out: Complex, into: Complex, scale: Real) -> float:
@@ -290,20 +290,22 @@ def basis_error(out: Complex, into: Complex, scale: Real) -> float:
     return float(np.max(np.abs(error))) if np.all(np.isfinite(error)) else float("inf")
 
 
-def complete(
+def require_complete(
     modes_for: Callable[[float], M],
     error_of: Callable[[M], float],
     name: str,
     value: object,
     allowed: str,
 ) -> M:
-    """Return the modes from the kind of start values (`WEAK`) whose basis is most nearly complete; raises ParameterError if none is complete.
+    """Return the modes whose basis is most nearly complete; raises ParameterError if none is.
+
+    They come from one of the kinds of start values in `WEAK_COUPLINGS`.
 
     The error says that a parameter of this ``name`` and ``value`` is not what is ``allowed``.
     """
     best = None
     least = np.inf
-    for weak in WEAK:
+    for weak in WEAK_COUPLINGS:
         try:
             modes = modes_for(weak)
         except (np.linalg.LinAlgError, ValueError):
@@ -312,9 +314,9 @@ def complete(
         if error < least:
             best = modes
             least = error
-        if error < SOUND:
+        if error < BASIS_TOL:
             break
-    if best is None or least > COMPLETE:
+    if best is None or least > COMPLETENESS_TOL:
         raise ParameterError(
             f"{name} = {value} is not allowed: {allowed} (modal basis off by {least:.1e})"
         )
@@ -325,19 +327,23 @@ def _needed_of_mass(model: ModalModel, mass: float) -> str:
     """Return what is allowed where no basis was found: a mass that is light enough for accurate modes, else no double eigenvalue."""
     mobility = float(np.sum(model.tip_shape**2))
     if mass * mobility <= MOST_HEAVINESS:
-        return DISTINCT
+        return AWAY_FROM_DOUBLE
     most = MOST_HEAVINESS / mobility
     return f"an absorber of at most {most / model.beam_mass:.1e} times the beam's mass: a tip that hardly moves has no digits"
 
 
 def _needed_of_spring(model: ModalModel, stiffness: float, damper: float) -> str:
-    """Return what is allowed where no basis was found: a spring (N/m) and damper (N s/m) soft enough for an accurate stretch, else `DISTINCT`."""
+    """Return what is allowed where no basis was found.
+
+    That is a spring (N/m) and a damper (N s/m) soft enough for an accurate stretch, else
+    `AWAY_FROM_DOUBLE`.
+    """
     first = float(model.omega[0])
     mobility = float(np.sum(model.tip_shape**2))
-    if max(stiffness / first**2, damper / first) * mobility <= STIFF:
-        return DISTINCT
-    most = STIFF * first**2 / mobility
-    damped = STIFF * first / mobility
+    if max(stiffness / first**2, damper / first) * mobility <= MOST_STIFFNESS_RATIO:
+        return AWAY_FROM_DOUBLE
+    most = MOST_STIFFNESS_RATIO * first**2 / mobility
+    damped = MOST_STIFFNESS_RATIO * first / mobility
     limits = f"{most:.1e} N/m and {damped:.1e} N s/m on this beam: a stretch that hardly changes has no digits"
     return f"a contact stiffness, friction stiffness or absorber of at most about {limits}"
 
@@ -357,7 +363,9 @@ def _energy_scale(model: ModalModel, mass: float, stiffness: float | None) -> Re
 
 
 @lru_cache(maxsize=8)
-def checked_modes(model: ModalModel, mass: float, stiffness: float | None, damper: float) -> Modes:
+def checked_modes(
+    model: ModalModel, mass: float, stiffness: float | None, damper: float
+) -> RegimeModes:
     """Return the modes of beam and absorber that span the state; raises ParameterError where none do."""
     scale = _energy_scale(model, mass, stiffness)
     states = np.flatnonzero(scale)
@@ -369,11 +377,11 @@ def checked_modes(model: ModalModel, mass: float, stiffness: float | None, dampe
         allowed = _needed_of_spring(model, stiffness, damper)
         name = "mass_ratio, stiffness, damping"
 
-    def spanned(modes: Modes) -> float:
+    def spanned(modes: RegimeModes) -> float:
         return basis_error(modes.out[states], modes.into[:, states], scale[states])
 
-    return complete(
-        lambda weak: coupled_modes(model, mass, stiffness, damper, weak),
+    return require_complete(
+        lambda weak: solve_coupled_modes(model, mass, stiffness, damper, weak),
         spanned,
         name,
         value,
@@ -386,7 +394,7 @@ def free_regime(model: ModalModel, size: int, reach: float, *, moves: bool = Fal
 
     ``moves``: whether the base does, here and below.
     """
-    modes = own_modes(model, np.arange(model.modes))
+    modes = solve_own_modes(model, np.arange(model.modes))
     return _regime(
         modes, modes.stretch, size, reach, base_rows(modes, model, size, None) if moves else None
     )
@@ -437,7 +445,7 @@ def sprung_regime(
     )
 
 
-def fastest(
+def find_fastest(
     model: ModalModel,
     mass: float | None = None,
     stiffness: float | None = None,
@@ -445,7 +453,7 @@ def fastest(
 ) -> tuple[float, int]:
     """Return the largest |s| in 1/s and the number of slots of a regime: free for ``mass`` None, else joined or sprung."""
     modes = (
-        own_modes(model, np.arange(model.modes))
+        solve_own_modes(model, np.arange(model.modes))
         if mass is None
         else checked_modes(model, mass, stiffness, damper)
     )
@@ -480,7 +488,7 @@ def propagators(
     return base, finest, table
 
 
-def ladder(
+def propagation_tables(
     values: Complex, used: int, reach: float, speed: float | None = None
 ) -> tuple[Real, Real, Real, Real]:
     """Return steps (L, 2), waves (L, J, 2, POINTS), turns (L, POINTS, 2, J) and errors (L, J) of the event search, the finest level first.

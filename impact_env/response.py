@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from impact_env.checks import describe_error
 from impact_env.energy import EnergyAccount
-from impact_env.level import MOST_SAMPLES, ResponseLevel
-from impact_env.loads import amplitude_in_words
+from impact_env.level import MOST_SAMPLES_PER_PERIOD, ResponseLevel
+from impact_env.loads import describe_amplitude
 from impact_env.methods import Method
 from impact_env.parameters import count_from, finite, flag, keep_checked, labelled, require
-from impact_env.plots import plot_response, table
+from impact_env.plots import html_table, plot_response
 from impact_env.scene import InitialState, Scene
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ RECORDING = {
 Part = TypeVar("Part")
 
 
-def recorded(name: str, part: Part | None) -> Part:
+def require_recorded(name: str, part: Part | None) -> Part:
     """Return a part of a response, by its name in `Response`; raises ParameterError if the run did not record it."""
     if part is None:
         allowed = f"recorded: simulate(..., record={RECORDING[name]})"
@@ -87,7 +87,7 @@ class Record:
     reversals: bool = False
 
     def __post_init__(self) -> None:
-        keep_checked(self, samples_per_period=count_from(4, MOST_SAMPLES))
+        keep_checked(self, samples_per_period=count_from(4, MOST_SAMPLES_PER_PERIOD))
         if self.envelope is not None:
             keep_checked(self, envelope=count_from(1, MOST_BINS))
         keep_checked(
@@ -210,47 +210,47 @@ class RecordedParts:
     @property
     def level(self) -> ResponseLevel:
         """Response level."""
-        return recorded("level", self._response.level)
+        return require_recorded("level", self._response.level)
 
     @property
     def impacts(self) -> Impacts:
         """Impacts."""
-        return recorded("impacts", self._response.impacts)
+        return require_recorded("impacts", self._response.impacts)
 
     @property
     def phases(self) -> ContactPhases:
         """Joined phases of the absorbers."""
-        return recorded("phases", self._response.phases)
+        return require_recorded("phases", self._response.phases)
 
     @property
     def history(self) -> History:
         """State at the samples."""
-        return recorded("history", self._response.history)
+        return require_recorded("history", self._response.history)
 
     @property
     def energy(self) -> EnergyAccount:
         """Energy balance."""
-        return recorded("energy", self._response.energy)
+        return require_recorded("energy", self._response.energy)
 
     @property
     def check(self) -> SearchCheck:
         """Check of the exact method's event search."""
-        return recorded("check", self._response.check)
+        return require_recorded("check", self._response.check)
 
     @property
     def envelope(self) -> Envelope:
         """Least and largest displacements."""
-        return recorded("envelope", self._response.envelope)
+        return require_recorded("envelope", self._response.envelope)
 
     @property
     def reversals(self) -> Reversals:
         """Times without relative velocity."""
-        return recorded("reversals", self._response.reversals)
+        return require_recorded("reversals", self._response.reversals)
 
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Result of a run; what was not recorded is None, and refused by name in `recorded`.
+    """Result of a run; what was not recorded is None, and refused by name in `require_recorded`.
 
     ``end_state`` as in `InitialState.vector` (`final_state` starts another run), ``stuck_time`` and ``wall_time`` in s.
 
@@ -292,7 +292,7 @@ class Response:
     def __repr__(self) -> str:
         level = self.level
         words = [
-            f"{amplitude_in_words(self.drive, phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s"
+            f"{describe_amplitude(self.drive, phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s"
         ]
         if level is not None:
             words.append(
@@ -311,7 +311,7 @@ class Response:
 
     def _repr_html_(self) -> str:
         """Return the HTML table of a notebook."""
-        run = f"{amplitude_in_words(self.drive, phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s, {self.method}"
+        run = f"{describe_amplitude(self.drive, phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s, {self.method}"
         rows = [
             ("scene", str(self.scene)),
             ("run", run),
@@ -328,7 +328,7 @@ class Response:
             rows.append(("largest displacement", f"{1e3 * self.level.max_tip:.4g} mm"))
         if self.energy is not None:
             rows.append(("error of the energies' balance", f"{self.energy.relative_error:.1e}"))
-        return table("Response", rows)
+        return html_table("Response", rows)
 
     def plot(self, axes: Axes | None = None, **options: Any) -> Axes:
         """Draw the displacement's envelope over the frequency, or over time where that is constant, and the level; return matplotlib's axes.

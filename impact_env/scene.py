@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.laws import SceneKind, kind, modes_in_words, words
+from impact_env.laws import SceneKind, describe_absorber, describe_modes, kind
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import (
     Absorber,
@@ -71,7 +71,7 @@ class Scene:
         return f"Scene({self})"
 
     def __str__(self) -> str:
-        return f"{modes_in_words(self.model.modes)}, {words(self.absorber)}"
+        return f"{describe_modes(self.model.modes)}, {describe_absorber(self.absorber)}"
 
     @cached_property
     def kind(self) -> SceneKind:

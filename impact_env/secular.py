@@ -29,25 +29,27 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-SPLIT = 5e-3  # imaginary part over size below which a pair of eigenvalues is replaced by several
-RAISED = (1, 2, 3)  # with imaginary parts of so many times SPLIT
+SPLIT_TOL = (
+    5e-3  # imaginary part over size below which a pair of eigenvalues is replaced by several
+)
+HEIGHT_FACTORS = (1, 2, 3)  # with imaginary parts of so many times SPLIT
 # imaginary part over size: as good as none, small, and what Newton's method keeps apart from none
-LOWEST = 1e-9
-LOW = 1e-4
-APART = 1e-5
+LEAST_HEIGHT = 1e-9
+LOW_HEIGHT = 1e-4
+SEPARATION_TOL = 1e-5
 # of Newton's method, and the share of |s| in a step after which another one changes nothing
 ITERATIONS = 30
-ROUNDING = 1e-15
+NEWTON_TOL = 1e-15
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
 Index = NDArray[np.int64]
-Parts = TypeVar("Parts")
+SameDataclass = TypeVar("SameDataclass")
 
 
-def raised(size: Real, square: Real) -> list[tuple[Real, Real]]:
+def raise_off_axis(size: Real, square: Real) -> list[tuple[Real, Real]]:
     """Return imaginary part and weight (J,) of the slots that stand for pairs of a ``size`` (J,) with the squared imaginary part ``square`` (J,)."""
-    heights = [k * SPLIT * size for k in RAISED]
+    heights = [k * SPLIT_TOL * size for k in HEIGHT_FACTORS]
     weights = []
     for h in heights:
         others = [o for o in heights if o is not h]
@@ -55,7 +57,7 @@ def raised(size: Real, square: Real) -> list[tuple[Real, Real]]:
     return list(zip(heights, weights, strict=True))
 
 
-def together(parts: list[Parts]) -> Parts:
+def concatenate(parts: list[SameDataclass]) -> SameDataclass:
     """Return the arrays of several parts, objects of one dataclass, one after the other."""
     return type(parts[0])(
         *(
@@ -113,7 +115,7 @@ class Coupling:
 
 
 @dataclass(frozen=True, eq=False)
-class Leads:
+class PoleOffsets:
     """For each of J eigenvalues its lead (J,) and the point p (J,) that offsets are from: f = constant + offset (offset + slope) + R.
 
     ``d`` (J, n): d_i(p) of the modes; ``turn`` (J, N): p + rate.
@@ -127,21 +129,21 @@ class Leads:
     turn: Complex
 
 
-def at_points(c: Coupling, lead: Index, point: Complex) -> Leads:
+def offset_from_points(c: Coupling, lead: Index, point: Complex) -> PoleOffsets:
     """Return leads with offsets from any ``point``."""
     p = point[:, None]
     j = lead
     away = point + c.rate[j] / 2
     turn = p + c.rate
     d = p * turn[:, : c.modes] + c.omega[: c.modes] ** 2
-    return Leads(lead, point, away**2 + c.spread()[j], 2 * away, d, turn)
+    return PoleOffsets(lead, point, away**2 + c.spread()[j], 2 * away, d, turn)
 
 
-def at_poles(c: Coupling, lead: Index, pole: Complex, other: Complex) -> Leads:
+def offset_from_poles(c: Coupling, lead: Index, pole: Complex, other: Complex) -> PoleOffsets:
     """Return leads with offsets from one of their own poles; ``other`` is the second one."""
     n = c.modes
     rows = np.arange(len(lead))
-    at = at_points(c, lead, pole)
+    at = offset_from_points(c, lead, pole)
     j = np.minimum(lead, n - 1) if n else lead
     difference = pole[:, None] * (c.rate[:n] - c.rate[j][:, None]) + (
         c.omega[:n] - c.omega[j][:, None]
@@ -149,12 +151,12 @@ def at_poles(c: Coupling, lead: Index, pole: Complex, other: Complex) -> Leads:
     d = np.where((lead < n)[:, None], difference, at.d)
     turn = at.turn.copy()
     turn[rows, lead] = -other
-    return Leads(lead, pole, np.zeros_like(pole), pole - other, d, turn)
+    return PoleOffsets(lead, pole, np.zeros_like(pole), pole - other, d, turn)
 
 
-def chosen(leads: Leads, which: NDArray[np.bool_] | Index) -> Leads:
+def select_offsets(leads: PoleOffsets, which: NDArray[np.bool_] | Index) -> PoleOffsets:
     """Return some of the leads."""
-    return Leads(*(value[which] for value in vars(leads).values()))
+    return PoleOffsets(*(value[which] for value in vars(leads).values()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +170,7 @@ class Elimination:
     stretch: Complex
 
 
-def eliminated(c: Coupling, leads: Leads, offset: Complex) -> Elimination:
+def eliminate(c: Coupling, leads: PoleOffsets, offset: Complex) -> Elimination:
     """Return f and what belongs to it where offsets (J,) from the leads' points are given."""
     count = len(offset)
     n = c.modes
@@ -224,31 +226,31 @@ def eliminated(c: Coupling, leads: Leads, offset: Complex) -> Elimination:
     return Elimination(own + rest, own_slope + rest_slope, v, y, stretch)
 
 
-def solved(c: Coupling, leads: Leads, offset: Complex, most: float) -> Complex:
+def solve_secular(c: Coupling, leads: PoleOffsets, offset: Complex, most: float) -> Complex:
     """Return the offsets where f vanishes, by Newton's method with steps of at most ``most`` times |s|; real ones stay real."""
     real = (offset.imag == 0) & (leads.point.imag == 0)
     for _ in range(ITERATIONS):
-        now = eliminated(c, leads, offset)
+        now = eliminate(c, leads, offset)
         step = now.f / now.slope
         good = np.isfinite(step) & (np.abs(step) < most * np.abs(leads.point + offset))
         step = np.where(good, step, 0)
         offset = offset - step
         offset = np.where(real, offset.real, offset)
-        if np.all(np.abs(step) <= ROUNDING * np.abs(leads.point + offset)):
+        if np.all(np.abs(step) <= NEWTON_TOL * np.abs(leads.point + offset)):
             break
     return offset
 
 
-def risen(c: Coupling, leads: Leads, height: Real) -> tuple[Complex, Real]:
+def solve_at_imaginary_part(c: Coupling, leads: PoleOffsets, height: Real) -> tuple[Complex, Real]:
     """Return offsets from real points at which f is real and the imaginary part is ``height``, and -f there: the perturbation, (J,)."""
     offset = np.array(1j * height, dtype=np.complex128)
     for _ in range(ITERATIONS):
-        now = eliminated(c, leads, offset)
+        now = eliminate(c, leads, offset)
         step = now.f.imag / now.slope.imag
         offset -= np.where(np.isfinite(step) & (np.abs(step) < 0.1 * np.abs(leads.point)), step, 0)
-        if np.all(np.abs(step) <= ROUNDING * np.abs(leads.point)):
+        if np.all(np.abs(step) <= NEWTON_TOL * np.abs(leads.point)):
             break
-    return offset, np.asarray(-eliminated(c, leads, offset).f.real)
+    return offset, np.asarray(-eliminate(c, leads, offset).f.real)
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,21 +271,21 @@ class Eigen:
     by_pull: Complex
 
 
-def eigenvectors(c: Coupling, leads: Leads, offset: Complex) -> Eigen:
+def eigenvectors(c: Coupling, leads: PoleOffsets, offset: Complex) -> Eigen:
     """Return eigenvalues and vectors for solved offsets."""
-    now = eliminated(c, leads, offset)
+    now = eliminate(c, leads, offset)
     s = leads.point + offset
     return _vectors(c, leads, offset, now, _masses(c, leads, s, now), now.slope)
 
 
-def _masses(c: Coupling, leads: Leads, s: Complex, now: Elimination) -> Complex:
+def _masses(c: Coupling, leads: PoleOffsets, s: Complex, now: Elimination) -> Complex:
     z = -now.y / s[:, None] ** 2
     z[leads.lead >= c.modes] = 1
     return z
 
 
 def _vectors(
-    c: Coupling, leads: Leads, offset: Complex, now: Elimination, z: Complex, norm: Complex
+    c: Coupling, leads: PoleOffsets, offset: Complex, now: Elimination, z: Complex, norm: Complex
 ) -> Eigen:
     s = leads.point + offset
     n = c.modes
@@ -322,14 +324,14 @@ def _vectors(
     )
 
 
-def _at_height(c: Coupling, leads: Leads, offset: Complex) -> list[tuple[Real, Real]]:
+def _vectors_at_height(c: Coupling, leads: PoleOffsets, offset: Complex) -> list[tuple[Real, Real]]:
     """Return x, y of s and vectors = x + i height y of pairs at an ``offset`` (J,), whose imaginary part is the height.
 
     Complex numbers with imaginary parts of any smallness keep the digits of x and y apart, and so does the norm, which is i height times
     v_y^T (2 s M + C) v + v*^T M v, from v^T (2 s M + C) v and the orthogonality of v and its conjugate.
     """
     height = offset.imag
-    now = eliminated(c, leads, offset)
+    now = eliminate(c, leads, offset)
     s = leads.point + offset
     z = _masses(c, leads, s, now)
     rate = leads.turn[:, : c.modes] + leads.point[:, None] + 2 * offset[:, None]
@@ -341,7 +343,7 @@ def _at_height(c: Coupling, leads: Leads, offset: Complex) -> list[tuple[Real, R
     return [(value.real.T, (value.imag / height).T) for value in parts]
 
 
-def _summed(shares: tuple[Real, ...], parts: list[tuple[Real, Real]]) -> tuple[Real, Real]:
+def _sum_weighted(shares: tuple[Real, ...], parts: list[tuple[Real, Real]]) -> tuple[Real, Real]:
     """Return x and y summed with shares (J,) of the first axis."""
     x, y = (
         sum(
@@ -353,45 +355,53 @@ def _summed(shares: tuple[Real, ...], parts: list[tuple[Real, Real]]) -> tuple[R
     return np.asarray(x), np.asarray(y)
 
 
-def _square(c: Coupling, leads: Leads) -> Real:
+def _square(c: Coupling, leads: PoleOffsets) -> Real:
     """Return the squared imaginary part (J,) of pairs by their leads' real points: where the perturbation that brings them there vanishes."""
     size = np.abs(leads.point)
-    lowest = LOWEST * size
-    low = LOW * size
-    none, some = (risen(c, leads, height)[1] for height in (lowest, low))
+    lowest = LEAST_HEIGHT * size
+    low = LOW_HEIGHT * size
+    none, some = (solve_at_imaginary_part(c, leads, height)[1] for height in (lowest, low))
     rise = low**2 / (some - none)
     square = -none * rise
     for _ in range(8):
         height = np.sqrt(np.maximum(square, lowest**2))
-        square = np.where(square > 0, square - risen(c, leads, height)[1] * rise, square)
+        square = np.where(
+            square > 0, square - solve_at_imaginary_part(c, leads, height)[1] * rise, square
+        )
     return np.asarray(square)
 
 
 def close_pairs(c: Coupling, lead: Index, place: Complex) -> Eigen:
     """Return the slots of pairs of close eigenvalues; ``place`` (J,) is near the upper one or, where they are real, near the middle."""
-    leads = at_points(c, lead, place.real.astype(np.complex128))
+    leads = offset_from_points(c, lead, place.real.astype(np.complex128))
     size = np.abs(place)
-    apart = place.imag > APART * size  # far enough from each other to be found as they are
-    upper = solved(
-        c, leads, np.where(apart, 1j * place.imag, 1j * APART * size).astype(np.complex128), 0.1
+    apart = place.imag > SEPARATION_TOL * size  # far enough from each other to be found as they are
+    upper = solve_secular(
+        c,
+        leads,
+        np.where(apart, 1j * place.imag, 1j * SEPARATION_TOL * size).astype(np.complex128),
+        0.1,
     )
     square = np.where(apart, upper.imag**2, _square(c, leads))
     above = square > 0
-    height = np.sqrt(np.maximum(np.abs(square), (LOWEST * size) ** 2))
+    height = np.sqrt(np.maximum(np.abs(square), (LEAST_HEIGHT * size) ** 2))
     shares = (
         np.where(above, 0.0, 3.0),
         np.where(above, 1.0, -3.0),
         np.where(above, 0.0, 1.0),
     )  # at it, or extrapolated from three heights
-    offsets = [risen(c, leads, h)[0] for h in (LOWEST * size, height, np.sqrt(2) * height)]
+    offsets = [
+        solve_at_imaginary_part(c, leads, h)[0]
+        for h in (LEAST_HEIGHT * size, height, np.sqrt(2) * height)
+    ]
     offsets[1] = np.where(apart, upper, offsets[1])
-    nodes = [_at_height(c, leads, offset) for offset in offsets]
-    basis = [_summed(shares, [node[k] for node in nodes]) for k in range(len(nodes[0]))]
+    nodes = [_vectors_at_height(c, leads, offset) for offset in offsets]
+    basis = [_sum_weighted(shares, [node[k] for node in nodes]) for k in range(len(nodes[0]))]
     slots = []
-    for h, weight in raised(size, square):
+    for h, weight in raise_off_axis(size, square):
         parts = [(x.T + 1j * h * y.T) for x, y in basis]
         factors = [1, weight, weight, weight] + 4 * [1 / (2j * h)]
         slots.append(
             Eigen(*((part * factor).T for part, factor in zip(parts, factors, strict=True)))
         )
-    return together(slots)
+    return concatenate(slots)

@@ -19,7 +19,7 @@ from impact_env.parameters import (
     SlidingAbsorber,
     StuckAbsorber,
     TunedAbsorber,
-    gravity_of,
+    find_largest_gravity,
 )
 from impact_env.scene import InitialState, Scene
 
@@ -35,7 +35,7 @@ def find_steady_start(scene: Scene, drive: Drive) -> InitialState | None:
     omega = float(drive.schedule.omegas[0])
     force = drive.amplitude * np.exp(1j * drive.phase)
 
-    if gravity_of(scene.absorber) != 0:
+    if find_largest_gravity(scene.absorber) != 0:
         return None
     if isinstance(scene.absorber, TunedAbsorber):
         return _tuned_start(scene, scene.absorber, omega, force)

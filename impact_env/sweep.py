@@ -9,10 +9,10 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.budget import Stop, Watcher, counters_for, watched
+from impact_env.budget import Stop, Watcher, new_run_counters, run_in_thread
 from impact_env.energy import EnergyAccount, stored_energy
-from impact_env.event_lists import EventLists
-from impact_env.families import family
+from impact_env.event_lists import EventRecorder
+from impact_env.families import find_solver
 from impact_env.first_use import compiling_for
 from impact_env.kernels.motion import observers
 from impact_env.kernels.motion.level import LevelObserver, new_envelope, new_level
@@ -29,7 +29,7 @@ from impact_env.kernels.motion.observers import (
 from impact_env.laws import SceneKind
 from impact_env.level import HALF_WINDOW_PERIODS, read_level
 from impact_env.level_sampling import require_sampling
-from impact_env.loads import AnyDrive, start_of
+from impact_env.loads import AnyDrive, find_initial_state
 from impact_env.methods import Exact, Method, check_load, check_mass, check_step
 from impact_env.parameters import (
     CompliantWalls,
@@ -50,7 +50,7 @@ from impact_env.response import (
 from impact_env.scene import InitialState, Scene
 
 Array = NDArray[np.float64]
-MOST_EVENTS = 10**15  # of a budget: more than a run of a year has
+MOST_EVENTS_ALLOWED = 10**15  # of a budget: more than a run of a year has
 
 
 class IntegrationError(RuntimeError):
@@ -71,7 +71,7 @@ class Stopped(IntegrationError):  # noqa: N818 - no error of the run's
     """A run was ended by the `Stop` that it was given."""
 
 
-REASONS = {
+FAILURE_REASONS = {
     observers.TOO_MANY_EVENTS: "more events than its budget",
     observers.TOO_MANY_EVALUATIONS: "the searches for its events take more evaluations than its budget",
     observers.SEARCH_GAVE_UP: "a search for the next event came to no end",
@@ -81,7 +81,7 @@ REASONS = {
     observers.JOINTS_UNSOLVED: "no forces of the absorbers' joints meet the contact laws up to rounding",
     observers.STEP_TOO_LONG: "the step is too long for the stiffness of the nonlinear spring at the stretch that it reaches",
 }
-ADVICE = {
+FAILURE_ADVICE = {
     observers.TOO_MANY_EVENTS: "raise most_events; a lower restitution, more friction or more damping has fewer events",
     observers.TOO_MANY_EVALUATIONS: "raise most_events, or take fewer modes or more damping",
     observers.SEARCH_GAVE_UP: "change a parameter a little, or take fewer modes",
@@ -95,7 +95,7 @@ ADVICE = {
 def integrate(scene: Scene, drive: AnyDrive, method: Method, state: Array, room: Observers) -> int:
     """Run the method's kernel on ``state`` (2 N_m + 2 n,) in place and return its status code."""
     with compiling_for(scene, method):
-        return family(scene, method).run(scene, drive, method, state, room)
+        return find_solver(scene, method).run(scene, drive, method, state, room)
 
 
 def needs_energy(scene: Scene, record: Record) -> bool:
@@ -154,7 +154,7 @@ def _observers(
     drive: AnyDrive,
     record: Record,
     interval: float,
-    lists: EventLists,
+    lists: EventRecorder,
     counters: Counters,
 ) -> Observers:
     first, rows = _series_range(drive, record, interval)
@@ -202,11 +202,11 @@ def simulate(
     progress = instance("progress", progress, Callable | None)
     stop = instance("stop", stop, Stop | None)
     initial = instance("initial", initial, InitialState | None)
-    start = start_of(scene, drive, initial).vector(scene)
+    start = find_initial_state(scene, drive, initial).vector(scene)
     check_load(scene, drive, method)
     if record.level or record.envelope is not None:
         require_sampling(scene, drive, record.samples_per_period, start)
-    family(scene, method)  # refuses what the method cannot do
+    find_solver(scene, method)  # refuses what the method cannot do
     if record.reversals:
         allowed = isinstance(method, Exact) and scene.kind in {SceneKind.RIGID, SceneKind.SEVERAL}
         require(
@@ -217,7 +217,9 @@ def simulate(
         )
     check_mass(scene)
     check_step(scene, drive, method)
-    budget = None if most_events is None else count("most_events", most_events, 1, MOST_EVENTS)
+    budget = (
+        None if most_events is None else count("most_events", most_events, 1, MOST_EVENTS_ALLOWED)
+    )
     return _run(
         scene,
         drive,
@@ -242,16 +244,16 @@ def _run(
 ) -> Response:
     """Run from a state (2 N_m + 2 n,); errors as `simulate`."""
     interval = drive.schedule.pseudo_period / record.samples_per_period
-    searched = family(scene, method).searched
+    searched = find_solver(scene, method).searched
     end = float(drive.schedule.times[-1])
-    counters = counters_for(drive, budget, new_check() if record.check and searched else None)
-    lists = EventLists(record.events or record.reversals, record.reversals, counters)
+    counters = new_run_counters(drive, budget, new_check() if record.check and searched else None)
+    lists = EventRecorder(record.events or record.reversals, record.reversals, counters)
     observe = _observers(scene, drive, record, interval, lists, counters)
     state = start.copy()
     work = partial(integrate, scene, drive, method, state, observe)
     began = time.perf_counter()
     with nullcontext() if stop is None else stop.reaching(counters):
-        status = work() if tell is None else watched(work, counters, end, tell)
+        status = work() if tell is None else run_in_thread(work, counters, end, tell)
     wall_time = time.perf_counter() - began
     lists.close()
     if tell is not None and status == observers.DONE:
@@ -278,7 +280,7 @@ def _failure(response: Response, counters: Counters, status: int) -> Integration
     counts = counters.counts
     period = response.drive.schedule.pseudo_period
     at = float(counts["reached"])
-    parts = [f"{response.method} on {response.scene.absorber}: {REASONS[status]}"]
+    parts = [f"{response.method} on {response.scene.absorber}: {FAILURE_REASONS[status]}"]
     parts.append(
         f"at {at:.9g} s ({at / period:.6g} of {response.drive.schedule.periods:.6g} pseudo periods)"
     )
@@ -290,7 +292,9 @@ def _failure(response: Response, counters: Counters, status: int) -> Integration
         )
     kind = Stopped if status == observers.STOPPED else IntegrationError
     return kind(
-        ", ".join(parts) + (f". {ADVICE[status]}" if status in ADVICE else ""), at, response
+        ", ".join(parts) + (f". {FAILURE_ADVICE[status]}" if status in FAILURE_ADVICE else ""),
+        at,
+        response,
     )
 
 
@@ -302,7 +306,7 @@ def _response(
     state: Array,
     record: Record,
     observe: Observers,
-    lists: EventLists,
+    lists: EventRecorder,
     *,
     wall_time: float,
     complete: bool,

@@ -24,10 +24,10 @@ from impact_env.parameters import (
 )
 
 Array = NDArray[np.float64]
-FORCE = "force"
-BASE = "base_acceleration"
-QUANTITIES = (FORCE, BASE)  # N at the structure's force place, m/s^2 of its base
-PLACES = ("force", "absorber")
+FORCE_QUANTITY = "force"
+BASE_QUANTITY = "base_acceleration"
+QUANTITIES = (FORCE_QUANTITY, BASE_QUANTITY)  # N at the structure's force place, m/s^2 of its base
+STRIKE_PLACES = ("force", "absorber")
 PULSES = ("half-sine", "triangle", "trapezoid", "sawtooth")
 
 
@@ -70,7 +70,7 @@ class Load(ABC):
     @property
     def duration(self) -> float:
         """Return how long it lasts in s."""
-        schedule = schedule_in(self)
+        schedule = find_schedule(self)
         if schedule is not None:
             return float(schedule.times[-1])
         assert self.length is not None
@@ -119,7 +119,7 @@ class Shock(Load):
     width: float
     length: float
     rise: float | None = None
-    quantity: str = FORCE
+    quantity: str = FORCE_QUANTITY
     sizes: ClassVar[tuple[str, ...]] = ("peak",)
 
     def __post_init__(self) -> None:
@@ -148,7 +148,7 @@ class Shock(Load):
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces."""
-        base = self.quantity == BASE
+        base = self.quantity == BASE_QUANTITY
         end = self.length
         peak = self.peak
         width = self.width
@@ -175,11 +175,11 @@ class Strike(Load):
 
     velocity: float
     length: float
-    place: str = PLACES[0]
+    place: str = STRIKE_PLACES[0]
     sizes: ClassVar[tuple[str, ...]] = ("velocity",)
 
     def __post_init__(self) -> None:
-        keep_checked(self, velocity=finite, length=positive, place=word_of(PLACES))
+        keep_checked(self, velocity=finite, length=positive, place=word_of(STRIKE_PLACES))
 
     @property
     def width(self) -> float:
@@ -198,7 +198,7 @@ class Strike(Load):
         return np.asarray(self.velocity / size * shape)
 
 
-def schedule_in(load: Load) -> FrequencySchedule | None:
+def find_schedule(load: Load) -> FrequencySchedule | None:
     """Return a load's frequency over time, None where it has none."""
     return getattr(load, "schedule", None)
 
@@ -217,13 +217,13 @@ def _schedule_pieces(
     )
 
 
-def _constant(schedule: FrequencySchedule, amplitude: float) -> Array:
+def _constant_coefficients(schedule: FrequencySchedule, amplitude: float) -> Array:
     coefficients = np.zeros((len(schedule.times) - 1, 6))
     coefficients[:, 0] = amplitude
     return coefficients
 
 
-def _squared(schedule: FrequencySchedule, factor: float) -> Array:
+def _squared_coefficients(schedule: FrequencySchedule, factor: float) -> Array:
     """Return the coefficients of ``factor`` omega(t)^2."""
     coefficients = np.zeros((len(schedule.times) - 1, 6))
     omega = schedule.omegas[:-1]
@@ -257,7 +257,7 @@ class Force(Load):
                 self.schedule,
                 1.0,
                 self.drive.phase,
-                _constant(self.schedule, self.drive.amplitude),
+                _constant_coefficients(self.schedule, self.drive.amplitude),
                 False,
             )
         ]
@@ -292,7 +292,11 @@ class Unbalance(Load):
         """Return its pieces."""
         return [
             _schedule_pieces(
-                self.schedule, 1.0, self.phase, _squared(self.schedule, self.unbalance), False
+                self.schedule,
+                1.0,
+                self.phase,
+                _squared_coefficients(self.schedule, self.unbalance),
+                False,
             )
         ]
 
@@ -328,12 +332,12 @@ class ShakenBase(Load):
                     self.schedule,
                     1.0,
                     self.phase,
-                    _constant(self.schedule, self.acceleration),
+                    _constant_coefficients(self.schedule, self.acceleration),
                     True,
                 )
             ]
         assert self.displacement is not None
-        coefficients = _squared(self.schedule, -self.displacement)
+        coefficients = _squared_coefficients(self.schedule, -self.displacement)
         coefficients[:, 1] = (
             self.displacement * np.diff(self.schedule.omegas) / np.diff(self.schedule.times)
         )
@@ -379,7 +383,7 @@ class Tones(Load):
     tones: tuple[Tone, ...]
     length: float | None = None
     schedule: FrequencySchedule | None = None
-    quantity: str = FORCE
+    quantity: str = FORCE_QUANTITY
 
     def __post_init__(self) -> None:
         keep_checked(self, tones=each_of(kind_of(Tone)))
@@ -409,8 +413,8 @@ class Tones(Load):
             _schedule_pieces(
                 *self._turning(tone),
                 tone.phase,
-                _constant(self._turning(tone)[0], tone.amplitude),
-                self.quantity == BASE,
+                _constant_coefficients(self._turning(tone)[0], tone.amplitude),
+                self.quantity == BASE_QUANTITY,
             )
             for tone in self.tones
         ]
@@ -439,7 +443,7 @@ class Tones(Load):
 
     def base_velocity(self) -> float:
         """Return the base's velocity in m/s at time 0 with which its mean velocity is zero."""
-        if self.quantity == FORCE:
+        if self.quantity == FORCE_QUANTITY:
             return 0.0
         speeds = [
             float(schedule.omegas[0]) * order for schedule, order in map(self._turning, self.tones)

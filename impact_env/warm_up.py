@@ -15,8 +15,8 @@ from functools import partial
 from multiprocessing import active_children, get_context
 
 from impact_env.ensemble import available_cores
-from impact_env.envs import ENVIRONMENTS, first_step
-from impact_env.first_use import quiet
+from impact_env.envs import ENVIRONMENTS, take_first_step
+from impact_env.first_use import suppress_announcements
 from impact_env.kernels.compiling.cache import cache_folder
 from impact_env.kernels.compiling.jit import COMPILED
 from impact_env.parameters import Absorber, Beam, impact_absorber
@@ -33,7 +33,7 @@ ABSORBERS: dict[str, Callable[[], Absorber | None]] = {
     "linear scenes": lambda: None,
 }
 RECORDS = {"level, impacts": Record()}  # one kernel lists impacts or does not
-MORE = {
+OTHER_JOBS = {
     "impacts, motion": Record(events=True, series=True),
     "impacts, energy": Record(events=True, energy=True),
     "impacts, motion, energy": Record(events=True, series=True, energy=True),
@@ -54,7 +54,7 @@ def main_job(records: dict[str, Record] = RECORDS) -> Jobs:
 
 def environments() -> Jobs:
     """Return the environments; they need the package gymnasium."""
-    return [(name, partial(first_step, name)) for name in ENVIRONMENTS]
+    return [(name, partial(take_first_step, name)) for name in ENVIRONMENTS]
 
 
 def follow_orbits(absorber: Absorber) -> None:
@@ -76,7 +76,7 @@ def everything() -> Jobs:
         for name, make in ABSORBERS.items()
         if (absorber := make()) is not None
     ]
-    return main_job(MORE) + orbits + environments() + main_job()
+    return main_job(OTHER_JOBS) + orbits + environments() + main_job()
 
 
 JOBS: dict[str, Callable[[], Jobs]] = {
@@ -89,7 +89,7 @@ JOBS: dict[str, Callable[[], Jobs]] = {
 def timed(job: Callable[[], None]) -> float:
     """Do a job and return the time it took in s."""
     began = time.perf_counter()
-    with quiet():
+    with suppress_announcements():
         job()
     return time.perf_counter() - began
 

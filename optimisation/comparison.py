@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, performance_curves
 from impact_env.drive import PAPER_LIMITS, default_rate
-from impact_env.ensemble import Executor, Progress
+from impact_env.ensemble import Executor, LaneProgress
 from impact_env.methods import Method
 from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import (
@@ -242,7 +242,7 @@ def compare(
     percent_per_100_periods: float | None = None,
     method: Method | None = None,
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> Comparison:
     """Compute all curves near the ``resonances``; other arguments and interruption as in `performance_curves`, a rate of None is `default_rate`.

@@ -12,7 +12,7 @@ from impact_env.drive import Drive
 from impact_env.ensemble import Executor, Lane, Members, each_lane
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.parameters import require
-from impact_env.response import DEFAULT_SAMPLES, Record, Response, recorded
+from impact_env.response import DEFAULT_SAMPLES, Record, Response, require_recorded
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 
@@ -62,7 +62,7 @@ def windowed_levels(lane: Lane, samples: int) -> tuple[Array, Array]:
     """Run a lane; return the frequency over the resonance's in the middle of each window, and the window's RMS in m, one a pseudo period."""
     record = Record(events=True, series=True, samples_per_period=samples)
     response = simulate(lane.scene, lane.drive, initial=lane.start, record=record)
-    history = recorded("history", response.history)
+    history = require_recorded("history", response.history)
     motion = history.modal_displacement @ lane.scene.model.level_shape
     squares = np.concatenate([[0.0], np.cumsum(motion**2)])
     half = HALF_WINDOW_PERIODS * samples

@@ -14,7 +14,7 @@ from impact_env.ensemble import (
     Executor,
     Lane,
     LaneLevels,
-    Progress,
+    LaneProgress,
     draw_members,
     each_lane,
     run_lanes,
@@ -207,7 +207,7 @@ def run_with_speeds(
     lanes: Sequence[Lane],
     speeds: bool,
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> tuple[LaneLevels, Array | None]:
     """Run lanes; return their levels and, with ``speeds``, the largest impact speed of each in m/s, (L,). Arguments as in `run_lanes`."""
@@ -372,7 +372,7 @@ def advise(
     percent_per_100_periods: float | None = None,
     limits: Limits | None = None,
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> Advice:
     """Search the gap of an impact absorber for a ``force`` in N near a resonance by simulation, see `optimisation.gap_search`.

@@ -19,7 +19,7 @@ from impact_env.parameters import (
     require,
     text,
 )
-from impact_env.response import Record, Response, recorded
+from impact_env.response import Record, Response, require_recorded
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.baselines import Baselines, simulate_baselines
@@ -164,7 +164,7 @@ def _impacts(lane: Lane) -> tuple[float, ...]:
 
 def impact_numbers(response: Response) -> tuple[float, float, float, float]:
     """Return largest and RMS speed of a run's impacts (m/s), their number a second, and the power lost in them (W)."""
-    impacts = recorded("impacts", response.impacts)
+    impacts = require_recorded("impacts", response.impacts)
     time = float(response.drive.schedule.times[-1])
     speed = np.abs(impacts.relative_velocity)
     rms = float(np.sqrt(np.mean(speed**2))) if len(speed) else 0.0

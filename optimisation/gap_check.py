@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, performance_curves
 from impact_env.drive import default_rate
-from impact_env.ensemble import Executor, Progress
+from impact_env.ensemble import Executor, LaneProgress
 from impact_env.modes import ModalModel
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
@@ -195,7 +195,7 @@ def check_gap(
     seed: int = 0,
     percent_per_100_periods: float | None = None,
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> GapCheck:
     """Simulate sweeps up and down at one force (N) for gaps around the rule's.

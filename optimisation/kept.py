@@ -15,7 +15,7 @@ from typing import Any
 
 from impact_env.kernels.compiling.cache import hash_sources
 from impact_env.parameters import ParameterError
-from impact_env.periodic.keeping import Keep, P
+from impact_env.periodic.keeping import ComputeOrLoad, PlainResult
 
 Json = dict[str, Any]
 FORM = 0x696D7031  # SQLite's application_id: the file is of this package and of this form
@@ -87,13 +87,19 @@ class Kept:
         if self.path is not None:
             self._file.close()
 
-    def pieces(self, basis: Json) -> Keep:
-        """Return the `Keep` for the work that ``basis`` and the kernels' sources describe; other work may have its pieces in the same file."""
+    def pieces(self, basis: Json) -> ComputeOrLoad:
+        """Return the `ComputeOrLoad` for the work that ``basis`` and the kernels' sources describe.
+
+        Other work may have its pieces in the same file.
+        """
         basis = basis | {"kernels": hash_sources()}
 
         def keep(
-            name: Json, make: Callable[[], Iterator[P]], read: Callable[[Json], P], /
-        ) -> Iterator[P]:
+            name: Json,
+            make: Callable[[], Iterator[PlainResult]],
+            read: Callable[[Json], PlainResult],
+            /,
+        ) -> Iterator[PlainResult]:
             key = json.dumps(basis | name, sort_keys=True)
             if key not in self.known:
                 done = []

@@ -16,9 +16,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from impact_env.ensemble import Executor, Lane, Progress, draw_members, drives_of, each_lane
+from impact_env.ensemble import Executor, Lane, LaneProgress, draw_members, drives_of, each_lane
 from impact_env.frequency import receptance
-from impact_env.loads import BASE, AnyDrive, Loads, Member, Random
+from impact_env.loads import BASE_QUANTITY, AnyDrive, Loads, Member, Random
 from impact_env.methods import Exact, check_load
 from impact_env.modes import ModalModel
 from impact_env.parameters import (
@@ -89,7 +89,7 @@ def runs_of(
     threads: int | None = None,
     measure: Callable[[Lane], Any] = measured,
     executor: Executor | None = None,
-    progress: Progress | None = None,
+    progress: LaneProgress | None = None,
 ) -> Array:
     """Return the measure of each absorber under each drive, (absorbers, drives, ...); raises KeyboardInterrupt where it was interrupted."""
     found = each_lane(
@@ -140,7 +140,7 @@ def expected_rms(model: ModalModel, tuned: TunedAbsorber | None, load: Random) -
     """
     omega = 2 * np.pi * load.lines / load.length
     driven = model.force_shape
-    if load.quantity == BASE:
+    if load.quantity == BASE_QUANTITY:
         assert model.base_participation is not None  # check_load
         driven = -model.base_participation
     motion = receptance(model, omega, model.level_shape, driven)
@@ -152,7 +152,7 @@ def expected_rms(model: ModalModel, tuned: TunedAbsorber | None, load: Random) -
             receptance(model, omega, model.tip_shape, row)
             for row in (driven, model.tip_shape, model.level_shape)
         )
-        pushed = mass * model.base_at_absorber * (load.quantity == BASE)
+        pushed = mass * model.base_at_absorber * (load.quantity == BASE_QUANTITY)
         motion = motion + across * spring * (inertia * at_absorber - pushed) / (
             spring - inertia - own * inertia * spring
         )
@@ -345,7 +345,7 @@ def advise_for_loads(
     members: int = MEMBERS,
     seed: int = 0,
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> LoadAdvice:
     """Search the gap of an impact absorber under ``factor`` times the loads.

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane
 from impact_env.level_sampling import require_sampled
-from impact_env.loads import AnyDrive, Loads, Shock, Strike, schedule_in
+from impact_env.loads import AnyDrive, Loads, Shock, Strike, find_schedule
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import ParameterError, SeveralAbsorbers, SlidingAbsorber, require
-from impact_env.response import Record, Response, recorded
+from impact_env.response import Record, Response, require_recorded
 from impact_env.scene import Scene
 from impact_env.sweep import IntegrationError, simulate
 
@@ -44,13 +44,13 @@ START = 1.5  # of the size of the free motion at the absorber: a gap where there
 
 def measure_of(loads: Loads) -> str:
     """Return which measure belongs to loads."""
-    if any(schedule_in(part) for part in loads.parts):
+    if any(find_schedule(part) for part in loads.parts):
         return LEVEL
     return DECAY if any(isinstance(part, Shock | Strike) for part in loads.parts) else RMS
 
 
 def _level(response: Response) -> float:
-    return recorded("level", response.level).value
+    return require_recorded("level", response.level).value
 
 
 def settled_after(response: Response) -> float:
@@ -65,7 +65,7 @@ def settled_after(response: Response) -> float:
 
 
 def _rms(response: Response) -> float:
-    history = recorded("history", response.history)
+    history = require_recorded("history", response.history)
     late = (history.modal_displacement @ response.scene.model.level_shape)[
         history.time >= settled_after(response)
     ]
@@ -74,7 +74,7 @@ def _rms(response: Response) -> float:
 
 def after_pulse(response: Response) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the times (S,) in s from the end of the last pulse on, and the energy in J of each mode then, (S, N_m)."""
-    history = recorded("history", response.history)
+    history = require_recorded("history", response.history)
     late = history.time >= max(
         part.width for part in response.drive.parts if isinstance(part, Shock | Strike)
     )
@@ -263,7 +263,7 @@ def _value(name: str, chunk: Chunk, response: Response) -> float:
     if name == LEVEL:
         return read(response)
     if name in _OF_IMPACTS:
-        impacts = recorded("impacts", response.impacts)
+        impacts = require_recorded("impacts", response.impacts)
         if name == IMPACT_SPEED:
             return float(np.max(np.abs(impacts.relative_velocity), initial=0.0))
         start = settled_after(response)
@@ -274,7 +274,7 @@ def _value(name: str, chunk: Chunk, response: Response) -> float:
             )
         total = float(np.sum(impacts.energy_lost[late] if name == IMPACT_POWER else late))
         return total / (float(response.drive.schedule.times[-1]) - start)
-    history = recorded("history", response.history)
+    history = require_recorded("history", response.history)
     if name == RMS:
         return float(
             np.sqrt(
@@ -303,7 +303,7 @@ def _value(name: str, chunk: Chunk, response: Response) -> float:
 
 def of_motion(name: str, response: Response) -> float:
     """Return the stroke, the largest of all absorbers, or the friction heat of them all (`MEASURES`) of a run with samples of the state."""
-    history = recorded("history", response.history)
+    history = require_recorded("history", response.history)
     absorber = response.scene.absorber
     if absorber is None:
         return 0.0

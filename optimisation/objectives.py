@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import PAPER_LIMITS
-from impact_env.loads import Loads, amplitude_in_words
+from impact_env.loads import Loads, describe_amplitude
 from impact_env.parameters import (
     ParameterError,
     count_from,
@@ -152,14 +152,14 @@ class Condition:
             own
             if self.loads is None
             else own
-            | {"loads": amplitude_in_words(self.loads), "sha256": fingerprint_of(self.loads)}
+            | {"loads": describe_amplitude(self.loads), "sha256": fingerprint_of(self.loads)}
         )
 
     @property
     def place(self) -> str:
         """What acts, in words, without how much."""
         return (
-            f"resonance {self.resonance}" if self.loads is None else amplitude_in_words(self.loads)
+            f"resonance {self.resonance}" if self.loads is None else describe_amplitude(self.loads)
         )
 
     @property

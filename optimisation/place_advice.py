@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from impact_env.curve import CurveCase, PerformanceCurve, performance_curves
 from impact_env.drive import default_rate
-from impact_env.ensemble import Executor, Lane, LaneLevels, Progress
+from impact_env.ensemble import Executor, Lane, LaneLevels, LaneProgress
 from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import (
     Absorber,
@@ -508,7 +508,7 @@ def advise_place(
     percent_per_100_periods: float | None = None,
     announce: Callable[["Plan"], None] | None = None,
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> PlaceAdvice:
     """Return the place, mass and gap of an impact absorber for forces near one or several resonances, with their certainty.
@@ -664,7 +664,7 @@ class _Search:
     maps: tuple[PlaceMap, ...]
     chosen: dict[float, list[int]]
     threads: int | None
-    progress: Progress | None
+    progress: LaneProgress | None
     executor: Executor | None
     done: int = 0
     total: int = 0

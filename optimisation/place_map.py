@@ -29,7 +29,7 @@ from impact_env.parameters import (
 )
 from impact_env.plain_files import read_plain
 from impact_env.plain_structures import read_structure_nodes, read_structure_shapes
-from impact_env.structures.matrix_files import DIRECTIONS, read_coordinates
+from impact_env.structures.matrix_files import FREEDOM_NAMES, read_coordinates
 from impact_env.structures.universal import require_global_directions
 from optimisation.bounds import NEAR
 from optimisation.extremes import LEAST_GAP, usable_force, usable_mass_ratio
@@ -206,7 +206,7 @@ def _row_of(place: Any, index: Mapping[tuple[int, int], int]) -> tuple[int, floa
     if not isinstance(place, Mapping):
         return int(place), 1.0
     direction = str(place["direction"])
-    axis = 1 + DIRECTIONS.index(direction.lstrip("+-"))
+    axis = 1 + FREEDOM_NAMES.index(direction.lstrip("+-"))
     return index[int(place["node"]), axis], -1.0 if direction.startswith("-") else 1.0
 
 

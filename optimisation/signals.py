@@ -29,12 +29,12 @@ from numpy.typing import NDArray
 
 from impact_env.ensemble import Lane
 from impact_env.kernels.motion.level import compute_level
-from impact_env.level import HALF_WINDOW_PERIODS, LEAST_A_CYCLE, level_of
+from impact_env.level import HALF_WINDOW_PERIODS, LEAST_SAMPLES_PER_CYCLE, level_of
 from impact_env.level_sampling import highest_tone, require_sampled
 from impact_env.loads import Loads, Tones
 from impact_env.modes import ModalModel
 from impact_env.parameters import require
-from impact_env.response import Record, Response, recorded
+from impact_env.response import Record, Response, require_recorded
 from impact_env.sweep import simulate
 from optimisation.measures import (
     DECAY,
@@ -78,8 +78,8 @@ class Told:
 
 def told_of(response: Response, told: Told) -> dict[str, Any]:
     """Return the measures of a run with its samples and impacts, as JSON values in SI units."""
-    history = recorded("history", response.history)
-    impacts = recorded("impacts", response.impacts)
+    history = require_recorded("history", response.history)
+    impacts = require_recorded("impacts", response.impacts)
     model = response.scene.model
     start = settled_after(response)
     interval = float(history.time[1])
@@ -118,7 +118,7 @@ def told_of(response: Response, told: Told) -> dict[str, Any]:
 
 def signals_of(response: Response, told: Told) -> dict[str, Array]:
     """Return displacement (m), acceleration (m/s^2) and, if it is known, stress at the samples of a run."""
-    history = recorded("history", response.history)
+    history = require_recorded("history", response.history)
     model = response.scene.model
     displacement = history.modal_displacement @ model.level_shape
     velocity = history.modal_velocity @ model.level_shape
@@ -233,12 +233,12 @@ def edges_of(model: ModalModel, loads: Loads) -> Array:
 def band_levels(lane: Lane) -> tuple[float, ...]:
     """Run a lane, and return response level (with a schedule) or RMS of the displacement in each of the bands of `edges_of`, in m."""
     ratio = highest_tone(lane.drive) / lane.drive.schedule.reference
-    samples = max(SAMPLES, int(np.ceil(LEAST_A_CYCLE * ratio)))
+    samples = max(SAMPLES, int(np.ceil(LEAST_SAMPLES_PER_CYCLE * ratio)))
     require_sampled(lane.scene, lane.drive, samples)
     response = simulate(
         lane.scene, lane.drive, record=Record(level=False, series=True, samples_per_period=samples)
     )
-    history = recorded("history", response.history)
+    history = require_recorded("history", response.history)
     model = response.scene.model
     displacement = history.modal_displacement @ model.level_shape
     if bands := bands_of(response, displacement):
@@ -256,7 +256,7 @@ def bands_of(response: Response, displacement: Array) -> list[dict[str, float]]:
     drive = response.drive
     if not isinstance(drive, Loads) or len(edges := band_edges(drive)) < 3:
         return []
-    history = recorded("history", response.history)
+    history = require_recorded("history", response.history)
     spectrum = np.fft.rfft(displacement)
     interval = float(history.time[1])
     frequencies = np.fft.rfftfreq(len(displacement), interval)

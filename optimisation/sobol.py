@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_env.curve import CurveCase
 from impact_env.drive import Drive
-from impact_env.ensemble import Executor, Lane, Progress, draw_members, run_lanes
+from impact_env.ensemble import Executor, Lane, LaneProgress, draw_members, run_lanes
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import (
     Beam,
@@ -150,7 +150,7 @@ def device_sensitivity(
     samples: int,
     *,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> Sensitivity:
     """Return the Sobol indices of an impact absorber's level in the box around it.

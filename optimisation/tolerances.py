@@ -19,7 +19,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env.curve import CurveCase
-from impact_env.ensemble import Executor, Lane, Progress, draw_members, run_lanes
+from impact_env.ensemble import Executor, Lane, LaneProgress, draw_members, run_lanes
 from impact_env.parameters import (
     ParameterError,
     RigidWalls,
@@ -164,7 +164,7 @@ def find_tolerances(
     *,
     draws: tuple[int, int, int] = (DRAWS_ALONE, DRAWS_TOGETHER, DRAWS_CHECKED),
     seed: int = SEED,
-    progress: Progress | None = None,
+    progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> Tolerances:
     """Return how precisely the impact absorber of a case must be made so that its level stays below a limit with `SURE`.

@@ -11,7 +11,7 @@ from impact_env.extras import optional
 
 
 @dataclass(frozen=True)
-class Entry:
+class EnvironmentEntry:
     """A registered name: the place of its classes, without Env and VectorEnv, their arguments, numbers of an action, whether there is a split."""
 
     place: str
@@ -20,29 +20,31 @@ class Entry:
     has_split: bool = False
 
 
-HARD, V1, GAP, ADAPTIVE, FRICTION = (
+SWEEP_RATE, SWEEP_RATE_V1, GAP_CHOICE, SWEEP_AND_GAP, FRICTION_CHOICE = (
     f"impact_env.envs.choices:{name}"
     for name in ("SweepRate", "SweepRateV1", "GapChoice", "SweepAndGap", "FrictionChoice")
 )
-OPEN = {"impacts_limit": 100.0}  # what first versions were
-TOLD = {"level_unit": "reference", **OPEN}
+OPEN_DEFAULTS = {"impacts_limit": 100.0}  # what first versions were
+V0_DEFAULTS = {"level_unit": "reference", **OPEN_DEFAULTS}
 ENVIRONMENTS = {
-    "ImpactAbsorber/SweepRate-v0": Entry(HARD),
-    "ImpactAbsorber/GapChoice-v0": Entry(GAP, OPEN),
-    "ImpactAbsorber/Passive-v0": Entry("impact_env.envs.choices:Passive"),
-    "ImpactAbsorber/SweepRate-v1": Entry(V1),
-    "ImpactAbsorber/SweepRateNoisy-v1": Entry(V1, {"observation_noise": 0.3}),
-    "ImpactAbsorber/SweepRateDelayed-v1": Entry(V1, {"observation_delay": 4}),
-    "ImpactAbsorber/SweepAndGap-v0": Entry(ADAPTIVE, TOLD, numbers=2),
-    "ImpactAbsorber/FrictionChoice-v0": Entry(FRICTION, TOLD),
-    "ImpactAbsorber/SweepRateHard-v0": Entry(HARD),
-    "ImpactAbsorber/GapChoice-v1": Entry(GAP),
-    "ImpactAbsorber/SweepAndGap-v1": Entry(ADAPTIVE, numbers=2),
-    "ImpactAbsorber/FrictionChoice-v1": Entry(FRICTION),
-    "ImpactAbsorber/ActiveFriction-v0": Entry("impact_env.envs.active:ActiveFriction"),
-    "ImpactAbsorber/ActiveGap-v0": Entry("impact_env.envs.active:ActiveGap"),
-    "ImpactAbsorber/Passage-v0": Entry("impact_env.envs.active:Passage", numbers=2),
-    "ImpactAbsorber/Structures-v0": Entry("impact_env.envs.active:Structures", has_split=True),
+    "ImpactAbsorber/SweepRate-v0": EnvironmentEntry(SWEEP_RATE),
+    "ImpactAbsorber/GapChoice-v0": EnvironmentEntry(GAP_CHOICE, OPEN_DEFAULTS),
+    "ImpactAbsorber/Passive-v0": EnvironmentEntry("impact_env.envs.choices:Passive"),
+    "ImpactAbsorber/SweepRate-v1": EnvironmentEntry(SWEEP_RATE_V1),
+    "ImpactAbsorber/SweepRateNoisy-v1": EnvironmentEntry(SWEEP_RATE_V1, {"observation_noise": 0.3}),
+    "ImpactAbsorber/SweepRateDelayed-v1": EnvironmentEntry(SWEEP_RATE_V1, {"observation_delay": 4}),
+    "ImpactAbsorber/SweepAndGap-v0": EnvironmentEntry(SWEEP_AND_GAP, V0_DEFAULTS, numbers=2),
+    "ImpactAbsorber/FrictionChoice-v0": EnvironmentEntry(FRICTION_CHOICE, V0_DEFAULTS),
+    "ImpactAbsorber/SweepRateHard-v0": EnvironmentEntry(SWEEP_RATE),
+    "ImpactAbsorber/GapChoice-v1": EnvironmentEntry(GAP_CHOICE),
+    "ImpactAbsorber/SweepAndGap-v1": EnvironmentEntry(SWEEP_AND_GAP, numbers=2),
+    "ImpactAbsorber/FrictionChoice-v1": EnvironmentEntry(FRICTION_CHOICE),
+    "ImpactAbsorber/ActiveFriction-v0": EnvironmentEntry("impact_env.envs.active:ActiveFriction"),
+    "ImpactAbsorber/ActiveGap-v0": EnvironmentEntry("impact_env.envs.active:ActiveGap"),
+    "ImpactAbsorber/Passage-v0": EnvironmentEntry("impact_env.envs.active:Passage", numbers=2),
+    "ImpactAbsorber/Structures-v0": EnvironmentEntry(
+        "impact_env.envs.active:Structures", has_split=True
+    ),
 }
 
 
@@ -65,7 +67,7 @@ def register_environments() -> None:
             )
 
 
-def first_step(name: str) -> None:
+def take_first_step(name: str) -> None:
     """Take the first step in an environment with its default scene, which compiles its kernels. Needs gymnasium."""
     with optional():
         import gymnasium

@@ -3,12 +3,22 @@
 from functools import partial
 from typing import Any
 
-from impact_env.envs.active_task import ActiveFrictionTask, ActiveGapTask, Cycle, Drive
-from impact_env.envs.adaptive_task import Grip
+from impact_env.envs.active_task import (
+    ActiveFrictionTask,
+    ActiveGapTask,
+    ActiveSettings,
+    WallActuator,
+)
+from impact_env.envs.adaptive_task import FrictionRange
 from impact_env.envs.choices import SEMI_ACTIVE
-from impact_env.envs.drawn_task import Drawn, LimitedPassageTask, Pool, StructuresTask
+from impact_env.envs.drawn_task import (
+    LimitedPassageTask,
+    RandomisedSettings,
+    StructurePool,
+    StructuresTask,
+)
 from impact_env.envs.settings import TaskSettings
-from impact_env.envs.shells import Kind, TaskEnv, choice
+from impact_env.envs.shells import TaskEnv, TaskSpec, one_number_space
 from impact_env.envs.vector_shell import environment
 
 SCENE: dict[str, Any] = SEMI_ACTIVE | {"interval": 0.25}
@@ -61,7 +71,12 @@ class ActiveFrictionEnv(TaskEnv):
     - v0: first version
     """
 
-    kind = Kind(ActiveFrictionTask, (TaskSettings, Cycle, Grip), SCENE | {"price": 5e-5}, choice)
+    kind = TaskSpec(
+        ActiveFrictionTask,
+        (TaskSettings, ActiveSettings, FrictionRange),
+        SCENE | {"price": 5e-5},
+        one_number_space,
+    )
 
 
 @environment
@@ -103,7 +118,12 @@ class ActiveGapEnv(TaskEnv):
     - v0: first version
     """
 
-    kind = Kind(ActiveGapTask, (TaskSettings, Cycle, Drive), SCENE | {"price": 5e-4}, choice)
+    kind = TaskSpec(
+        ActiveGapTask,
+        (TaskSettings, ActiveSettings, WallActuator),
+        SCENE | {"price": 5e-4},
+        one_number_space,
+    )
 
 
 PASSAGE: dict[str, Any] = SEMI_ACTIVE | {"gap_speed": 0.01e-3, "gap_lag": 0.0}
@@ -163,7 +183,12 @@ class PassageEnv(TaskEnv):
     - v0: first version
     """
 
-    kind = Kind(LimitedPassageTask, (TaskSettings, Drawn, Drive, Grip), PASSAGE, partial(choice, 2))
+    kind = TaskSpec(
+        LimitedPassageTask,
+        (TaskSettings, RandomisedSettings, WallActuator, FrictionRange),
+        PASSAGE,
+        partial(one_number_space, 2),
+    )
 
 
 @environment
@@ -206,4 +231,9 @@ class StructuresEnv(TaskEnv):
     - v0: first version
     """
 
-    kind = Kind(StructuresTask, (TaskSettings, Cycle, Grip, Pool), SCENE | {"price": 5e-5}, choice)
+    kind = TaskSpec(
+        StructuresTask,
+        (TaskSettings, ActiveSettings, FrictionRange, StructurePool),
+        SCENE | {"price": 5e-5},
+        one_number_space,
+    )

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.envs.adaptive_task import (
-    Cavity,
-    Grip,
+    FrictionRange,
+    GapRange,
     VariableFrictionTask,
     VariableGapTask,
     require_cavity,
@@ -22,34 +22,34 @@ from impact_env.envs.observation import (
     FRICTION_IN_USE,
     GAP_IN_USE,
     IMPACTS,
-    LENGTH,
+    LENGTH_UNIT,
     TIME_LEFT,
     VELOCITY,
     Feature,
 )
 from impact_env.envs.reference import stationary_amplitude
-from impact_env.envs.settings import FORCES, Range, TaskSettings, pair, span
+from impact_env.envs.settings import FORCE_BOUNDS, Range, TaskSettings, check_pair, check_range
 from impact_env.envs.task import Array, Mask, Task
 from impact_env.kernels.control.interval import interpolate_log
 from impact_env.level import require_samples
 from impact_env.parameters import keep_checked, non_negative, positive
 
-CYCLE = (
-    Feature("tip displacement", True, "displacement of the tip", LENGTH),
+PERIODS_PER_LEVEL = (
+    Feature("tip displacement", True, "displacement of the tip", LENGTH_UNIT),
     Feature("tip velocity", True, "velocity of the tip", "m/s / unit of velocity"),
-    Feature(DISTANCE.name, True, "absorber less tip", LENGTH),
+    Feature(DISTANCE.name, True, "absorber less tip", LENGTH_UNIT),
     Feature(VELOCITY.name, True, "its rate", "m/s / unit of velocity"),
     IMPACTS,
     Feature("cosine of the force's phase", False, "cosine of the force's phase"),
     Feature("sine of the force's phase", False, "sine of the force's phase"),
     FREQUENCY,
     TIME_LEFT,
-    Feature("RMS of the last period", True, "RMS of the tip over the last period", LENGTH),
+    Feature("RMS of the last period", True, "RMS of the tip over the last period", LENGTH_UNIT),
 )
 
 
 @dataclass(frozen=True)
-class Cycle:
+class ActiveSettings:
     """Arguments of control within a period; `ActiveFrictionEnv` describes them."""
 
     frequency_ratio: float | Range = (0.96, 1.02)
@@ -60,7 +60,7 @@ class Cycle:
     def __post_init__(self) -> None:
         keep_checked(
             self,
-            frequency_ratio=pair("ratios to the resonance"),
+            frequency_ratio=check_pair("ratios to the resonance"),
             time_budget=positive,
             fatigue_exponent=positive,
             price=non_negative,
@@ -77,8 +77,8 @@ class ActiveTask(Task):
     cost_names = ("level", "time", "fatigue", "actuator", "contact force")
     level_name = "RMS of a period over the scene's half-clearance"
 
-    def __init__(self, settings: TaskSettings, cycle: Cycle, lanes: int) -> None:
-        low, high = span("frequency_ratio", cycle.frequency_ratio)
+    def __init__(self, settings: TaskSettings, cycle: ActiveSettings, lanes: int) -> None:
+        low, high = check_range("frequency_ratio", cycle.frequency_ratio)
         require_samples(settings.samples_per_period, high)
         self.cycle = cycle
         self._ratios = (low, high)
@@ -89,7 +89,7 @@ class ActiveTask(Task):
             max(1, math.ceil(cycle.time_budget / settings.interval - 1e-9)),
             cycle.fatigue_exponent,
         )
-        self.options = {"force": FORCES, "frequency_ratio": (low, high)}
+        self.options = {"force": FORCE_BOUNDS, "frequency_ratio": (low, high)}
         self.squares, self._scale = (
             np.zeros((lanes, max(1, round(1 / settings.interval)))),
             np.ones(lanes),
@@ -178,9 +178,11 @@ class ActiveTask(Task):
 class ActiveFrictionTask(VariableFrictionTask, ActiveTask):
     """Lanes with a friction limit that is set."""
 
-    features: Sequence[Feature] = (*CYCLE, FRICTION_IN_USE)
+    features: Sequence[Feature] = (*PERIODS_PER_LEVEL, FRICTION_IN_USE)
 
-    def __init__(self, settings: TaskSettings, cycle: Cycle, grip: Grip, lanes: int) -> None:
+    def __init__(
+        self, settings: TaskSettings, cycle: ActiveSettings, grip: FrictionRange, lanes: int
+    ) -> None:
         self.set_limits(settings, grip, lanes)
         super().__init__(settings, cycle, lanes)
         self.described = (cycle, grip)
@@ -197,8 +199,8 @@ class ActiveFrictionTask(VariableFrictionTask, ActiveTask):
 
 
 @dataclass(frozen=True)
-class Drive(Cavity):
-    """Arguments of walls that are moved: `Cavity`'s, speed in m a pseudo period, and lag in pseudo periods; `ActiveGapEnv` describes them."""
+class WallActuator(GapRange):
+    """Arguments of walls that are moved: `GapRange`'s, speed in m a pseudo period, and lag in pseudo periods; `ActiveGapEnv` describes them."""
 
     gap_speed: float = 0.3e-3
     gap_lag: float = 0.1
@@ -217,7 +219,7 @@ class Drive(Cavity):
 class MovingWallsTask(VariableGapTask):
     """A task whose walls move towards what is wanted, as ``drive`` lets them."""
 
-    drive: Drive
+    drive: WallActuator
 
     def act(self, action: Array) -> None:
         """Order half-clearances on the way to those wanted, for actions (L,) from -1 to 1."""
@@ -233,9 +235,11 @@ class MovingWallsTask(VariableGapTask):
 class ActiveGapTask(MovingWallsTask, ActiveTask):
     """Lanes with walls that are moved."""
 
-    features: Sequence[Feature] = (*CYCLE, GAP_IN_USE)
+    features: Sequence[Feature] = (*PERIODS_PER_LEVEL, GAP_IN_USE)
 
-    def __init__(self, settings: TaskSettings, cycle: Cycle, drive: Drive, lanes: int) -> None:
+    def __init__(
+        self, settings: TaskSettings, cycle: ActiveSettings, drive: WallActuator, lanes: int
+    ) -> None:
         require_cavity(settings.scene.absorber)
         self.drive = drive
         super().__init__(settings, cycle, lanes)

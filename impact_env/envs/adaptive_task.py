@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from impact_env.controlled import friction_limit
 from impact_env.envs.observation import (
+    DISTANCE_TO_END,
     FRICTION_IN_USE,
     GAP_IN_USE,
-    LENGTH,
-    LEVEL,
+    LENGTH_UNIT,
+    LEVEL_FEATURE,
     RMS,
     STATE,
-    WAY_LEFT,
     Feature,
 )
 from impact_env.envs.reference import mean_power_of_cosine
-from impact_env.envs.settings import Range, TaskSettings, pair, span
-from impact_env.envs.sweep_task import OneRate, Passage, PassiveTask, SweepTask
+from impact_env.envs.settings import Range, TaskSettings, check_pair, check_range
+from impact_env.envs.sweep_task import OneRateSettings, PassageSettings, PassiveTask, SweepTask
 from impact_env.envs.task import Array, Mask, Task
 from impact_env.frequency import receptance
 from impact_env.kernels.control.interval import interpolate_log
@@ -36,17 +36,17 @@ from impact_env.parameters import (
     word_of,
 )
 
-WIDEST = (1e-9, 1e9)  # of the range, in its unit
+WIDEST_GAPS = (1e-9, 1e9)  # of the range, in its unit
 
 
 @dataclass(frozen=True)
-class Cavity:
+class GapRange:
     """Arguments of the choice of the gap during a passage; `SweepAndGapEnv` describes them."""
 
     gap_limits: Range = (0.1e-3, 3e-3)
 
     def __post_init__(self) -> None:
-        keep_checked(self, gap_limits=pair("half-clearances in m"))
+        keep_checked(self, gap_limits=check_pair("half-clearances in m"))
 
 
 def require_cavity(absorber: Absorber | None) -> None:
@@ -99,10 +99,10 @@ class ChosenGapTask(VariableGapTask):
 class SweepGapTask(ChosenGapTask, SweepTask):
     """Lanes that pass through a resonance, each with a cavity that is set on the way."""
 
-    features: Sequence[Feature] = (*STATE, WAY_LEFT, GAP_IN_USE)
+    features: Sequence[Feature] = (*STATE, DISTANCE_TO_END, GAP_IN_USE)
 
     def __init__(
-        self, settings: TaskSettings, passage: Passage, cavity: Cavity, lanes: int
+        self, settings: TaskSettings, passage: PassageSettings, cavity: GapRange, lanes: int
     ) -> None:
         require_cavity(settings.scene.absorber)
         self.cavity, self.wanted = cavity, np.zeros(lanes)
@@ -118,16 +118,16 @@ class SweepGapTask(ChosenGapTask, SweepTask):
 
 
 @dataclass(frozen=True)
-class Grip:
+class FrictionRange:
     """Arguments of the choice of the friction limit; `FrictionChoiceEnv` describes them."""
 
     friction_range: Range = (0.02, 20.0)
 
     def __post_init__(self) -> None:
-        keep_checked(self, friction_range=span)
+        keep_checked(self, friction_range=check_range)
         low, high = self.friction_range
-        ok = WIDEST[0] <= low < high <= WIDEST[1]
-        allowed = f"(low, high) with {WIDEST[0]} <= low < high <= {WIDEST[1]}"
+        ok = WIDEST_GAPS[0] <= low < high <= WIDEST_GAPS[1]
+        allowed = f"(low, high) with {WIDEST_GAPS[0]} <= low < high <= {WIDEST_GAPS[1]}"
         require(ok, "friction_range", self.friction_range, allowed)
 
 
@@ -137,7 +137,7 @@ class VariableFrictionTask(Task):
     ``friction`` (L,) in N and ``place`` (L,) in the range, from -1 to 1, are those in use.
     """
 
-    def set_limits(self, settings: TaskSettings, grip: Grip, lanes: int) -> None:
+    def set_limits(self, settings: TaskSettings, grip: FrictionRange, lanes: int) -> None:
         """Set the limits in N; raises ParameterError where there is no rigid friction."""
         scene, self._begin = settings.scene, friction_limit(settings.scene)
         require(
@@ -176,9 +176,11 @@ class VariableFrictionTask(Task):
 class FrictionTask(VariableFrictionTask, PassiveTask):
     """Lanes that pass through a resonance, each with friction that is set on the way."""
 
-    features: Sequence[Feature] = (*STATE, WAY_LEFT, FRICTION_IN_USE)
+    features: Sequence[Feature] = (*STATE, DISTANCE_TO_END, FRICTION_IN_USE)
 
-    def __init__(self, settings: TaskSettings, way: OneRate, grip: Grip, lanes: int) -> None:
+    def __init__(
+        self, settings: TaskSettings, way: OneRateSettings, grip: FrictionRange, lanes: int
+    ) -> None:
         self.set_limits(settings, grip, lanes)
         super().__init__(settings, way, lanes)
         self.described = (self.passage, way, grip)
@@ -189,7 +191,7 @@ class FrictionTask(VariableFrictionTask, PassiveTask):
         return super().decide(actions)
 
 
-OBJECTIVES = ("rms", "fatigue")
+GAP_OBJECTIVES = ("rms", "fatigue")
 
 
 @dataclass(frozen=True)
@@ -206,10 +208,10 @@ class GapControl:
     def __post_init__(self) -> None:
         keep_checked(
             self,
-            objective=word_of(OBJECTIVES),
-            gap_limits=pair("half-clearances in m"),
-            hold=pair("pseudo periods"),
-            frequency_ratio=pair("ratios to the resonance"),
+            objective=word_of(GAP_OBJECTIVES),
+            gap_limits=check_pair("half-clearances in m"),
+            hold=check_pair("pseudo periods"),
+            frequency_ratio=check_pair("ratios to the resonance"),
             time_budget=positive,
             fatigue_exponent=positive,
         )
@@ -220,7 +222,7 @@ class GapTask(ChosenGapTask):
 
     features: Sequence[Feature] = (
         *STATE[:-1],
-        Feature(LEVEL.name, True, RMS.what, LENGTH),
+        Feature(LEVEL_FEATURE.name, True, RMS.what, LENGTH_UNIT),
         GAP_IN_USE,
     )
     level_name = "RMS over the scene's half-clearance"
@@ -228,8 +230,11 @@ class GapTask(ChosenGapTask):
     def __init__(self, settings: TaskSettings, control: GapControl, lanes: int) -> None:
         require_cavity(settings.scene.absorber)
         self.described = (control,)
-        self.control, self._ratios = control, span("frequency_ratio", control.frequency_ratio)
-        self._gaps = span("gap_limits", control.gap_limits)
+        self.control, self._ratios = (
+            control,
+            check_range("frequency_ratio", control.frequency_ratio),
+        )
+        self._gaps = check_range("gap_limits", control.gap_limits)
         require_samples(settings.samples_per_period, self._ratios[1])
         self.fatigue = control.objective == "fatigue"
         steps = max(1, math.ceil(control.time_budget / settings.interval - 1e-9))

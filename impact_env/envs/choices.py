@@ -4,17 +4,17 @@ from functools import partial
 from typing import Any
 
 from impact_env.envs.adaptive_task import (
-    Cavity,
+    FrictionRange,
     FrictionTask,
     GapControl,
+    GapRange,
     GapTask,
-    Grip,
     SweepGapTask,
 )
 from impact_env.envs.observation import FEW_IMPACTS
 from impact_env.envs.settings import TaskSettings
-from impact_env.envs.shells import Kind, TaskEnv, choice
-from impact_env.envs.sweep_task import OneRate, Passage, PassiveTask, SweepTask
+from impact_env.envs.shells import TaskEnv, TaskSpec, one_number_space
+from impact_env.envs.sweep_task import OneRateSettings, PassageSettings, PassiveTask, SweepTask
 from impact_env.envs.vector_shell import environment
 from impact_env.extras import optional
 
@@ -23,21 +23,29 @@ with optional():
 
 # The paper's example of a jump during a sweep (section 3.1), where the rate decides. Range, rates, budget and price are chosen such that a
 # slow passage pays in a part of the range only.
-RANGE: dict[str, Any] = {"limits": (0.93, 1.03)}
-HARD: dict[str, Any] = {"modes": 2, "absorber_options": {"friction_limit": 0.025}, **RANGE}
+RANGE_SETTINGS: dict[str, Any] = {"limits": (0.93, 1.03)}
+HARD_SETTINGS: dict[str, Any] = {
+    "modes": 2,
+    "absorber_options": {"friction_limit": 0.025},
+    **RANGE_SETTINGS,
+}
 FROM_MIDDLE: dict[str, Any] = {
-    **RANGE,
+    **RANGE_SETTINGS,
     "budget_end": "terminated",
     "frequency_origin": "middle",
     "frequency_unit": 0.0125,
 }
-RATE_V1 = HARD | FROM_MIDDLE | {"interval": 25.0, "backward_rate": 4.0, "time_budget": 8000.0}
+RATE_V1 = (
+    HARD_SETTINGS | FROM_MIDDLE | {"interval": 25.0, "backward_rate": 4.0, "time_budget": 8000.0}
+)
 # forces that are drawn, and walls or friction that are set
-DRAWN: dict[str, Any] = {"force": (0.5, 6.0), "impacts_limit": FEW_IMPACTS}
-GAP = DRAWN | {"absorber_options": {"restitution": 0.7}}
-RATE_AND_GAP = GAP | FROM_MIDDLE | {"interval": 10.0, "time_budget": 4000.0, "level_unit": "gap"}
-SEMI_ACTIVE = DRAWN | {"modes": 2, "absorber_options": {"friction_limit": 0.1}}
-FRICTION = SEMI_ACTIVE | RANGE | {"rate": 4.0, "level_unit": "gap"}
+RANDOM_FORCE_SETTINGS: dict[str, Any] = {"force": (0.5, 6.0), "impacts_limit": FEW_IMPACTS}
+GAP_SETTINGS = RANDOM_FORCE_SETTINGS | {"absorber_options": {"restitution": 0.7}}
+RATE_AND_GAP = (
+    GAP_SETTINGS | FROM_MIDDLE | {"interval": 10.0, "time_budget": 4000.0, "level_unit": "gap"}
+)
+SEMI_ACTIVE = RANDOM_FORCE_SETTINGS | {"modes": 2, "absorber_options": {"friction_limit": 0.1}}
+FRICTION_SETTINGS = SEMI_ACTIVE | RANGE_SETTINGS | {"rate": 4.0, "level_unit": "gap"}
 
 
 @environment
@@ -72,7 +80,9 @@ class PassiveEnv(TaskEnv):
     - v0: first version
     """
 
-    kind = Kind(PassiveTask, (TaskSettings, OneRate), {"time_price": 0.0}, partial(Discrete, 1))
+    kind = TaskSpec(
+        PassiveTask, (TaskSettings, OneRateSettings), {"time_price": 0.0}, partial(Discrete, 1)
+    )
 
 
 @environment
@@ -127,7 +137,7 @@ class SweepRateEnv(TaskEnv):
     - v0: first version, also named ``ImpactAbsorber/SweepRateHard-v0``: the task of exploration, which v1 does not replace
     """
 
-    kind = Kind(SweepTask, (TaskSettings, Passage), HARD, choice)
+    kind = TaskSpec(SweepTask, (TaskSettings, PassageSettings), HARD_SETTINGS, one_number_space)
 
 
 @environment
@@ -175,7 +185,7 @@ class SweepRateV1Env(TaskEnv):
     - v1: interval, features, end of the budget, and going back; v0 (`SweepRateEnv`) stays as it was
     """
 
-    kind = Kind(SweepTask, (TaskSettings, Passage), RATE_V1, choice)
+    kind = TaskSpec(SweepTask, (TaskSettings, PassageSettings), RATE_V1, one_number_space)
 
 
 @environment
@@ -225,7 +235,12 @@ class SweepAndGapEnv(TaskEnv):
       and 9 together tell the force after one interval
     """
 
-    kind = Kind(SweepGapTask, (TaskSettings, Passage, Cavity), RATE_AND_GAP, partial(choice, 2))
+    kind = TaskSpec(
+        SweepGapTask,
+        (TaskSettings, PassageSettings, GapRange),
+        RATE_AND_GAP,
+        partial(one_number_space, 2),
+    )
 
 
 @environment
@@ -275,7 +290,12 @@ class FrictionChoiceEnv(TaskEnv):
       and 9 together tell the force after one interval
     """
 
-    kind = Kind(FrictionTask, (TaskSettings, OneRate, Grip), FRICTION, choice)
+    kind = TaskSpec(
+        FrictionTask,
+        (TaskSettings, OneRateSettings, FrictionRange),
+        FRICTION_SETTINGS,
+        one_number_space,
+    )
 
 
 @environment
@@ -324,4 +344,4 @@ class GapChoiceEnv(TaskEnv):
     - v0: first version
     """
 
-    kind = Kind(GapTask, (TaskSettings, GapControl), GAP, choice)
+    kind = TaskSpec(GapTask, (TaskSettings, GapControl), GAP_SETTINGS, one_number_space)

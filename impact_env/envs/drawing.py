@@ -23,15 +23,15 @@ with optional():
 Array = NDArray[np.float64]
 Point = tuple[float, float]
 # an image is drawn FINE times larger, and reduced: smooth edges
-WIDTH = 640
-HEIGHT = 420
-FINE = 2
+IMAGE_WIDTH = 640
+IMAGE_HEIGHT = 420
+SUPERSAMPLING = 2
 POSITIONS = 24  # places at which the beam's deflection is computed
 # of the beam, in pixels
-LEFT = 50.0
-RIGHT = 520.0
+BEAM_LEFT = 50.0
+BEAM_RIGHT = 520.0
 MIDDLE = 140.0
-REACH = 95.0  # pixels that the largest expected displacement gets
+LARGEST_DISPLACEMENT = 95.0  # pixels that the largest expected displacement gets
 STRIPS = ((285.0, 335.0), (360.0, 410.0))  # top and bottom of the strips
 STRIP_LEFT = 60.0
 STRIP_RIGHT = 620.0
@@ -45,7 +45,7 @@ PALE = "#d8e4f0"
 BLUE = "#1f5fa8"
 RED = "#c03028"
 GREEN = "#2f7d4f"
-MASS = 9.0  # half the side of the absorber in pixels
+MASS_SIZE = 9.0  # half the side of the absorber in pixels
 
 
 def straight_shapes(model: ModalModel) -> Array:
@@ -90,21 +90,23 @@ class Picture:
     """Drawing in pixels, FINE times larger."""
 
     def __init__(self) -> None:
-        self.image = Image.new("RGB", (WIDTH * FINE, HEIGHT * FINE), PAPER)
+        self.image = Image.new(
+            "RGB", (IMAGE_WIDTH * SUPERSAMPLING, IMAGE_HEIGHT * SUPERSAMPLING), PAPER
+        )
         self.pen = ImageDraw.Draw(self.image)
 
     def line(self, points: Iterable[Point], colour: str, width: float) -> None:
         """Draw a line through points."""
         self.pen.line(
-            [(FINE * x, FINE * y) for x, y in points],
+            [(SUPERSAMPLING * x, SUPERSAMPLING * y) for x, y in points],
             fill=colour,
-            width=round(FINE * width),
+            width=round(SUPERSAMPLING * width),
             joint="curve",
         )
 
     def polygon(self, points: Iterable[Point], colour: str) -> None:
         """Fill a polygon."""
-        self.pen.polygon([(FINE * x, FINE * y) for x, y in points], fill=colour)
+        self.pen.polygon([(SUPERSAMPLING * x, SUPERSAMPLING * y) for x, y in points], fill=colour)
 
     def box(
         self,
@@ -117,26 +119,31 @@ class Picture:
     ) -> None:
         """Draw a rectangle."""
         self.pen.rectangle(
-            (FINE * left, FINE * top, FINE * right, FINE * bottom),
+            (
+                SUPERSAMPLING * left,
+                SUPERSAMPLING * top,
+                SUPERSAMPLING * right,
+                SUPERSAMPLING * bottom,
+            ),
             fill=fill,
             outline=outline,
-            width=FINE,
+            width=SUPERSAMPLING,
         )
 
     def text(self, x: float, y: float, words: str, size: float = 12, anchor: str = "la") -> None:
         """Write a line of text."""
         self.pen.text(
-            (FINE * x, FINE * y),
+            (SUPERSAMPLING * x, SUPERSAMPLING * y),
             words,
             fill=INK,
-            font=ImageFont.load_default(FINE * size),
+            font=ImageFont.load_default(SUPERSAMPLING * size),
             anchor=anchor,
         )
 
     def pixels(self) -> NDArray[np.uint8]:
         """Return the image, (HEIGHT, WIDTH, 3)."""
         return np.asarray(
-            self.image.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS), dtype=np.uint8
+            self.image.resize((IMAGE_WIDTH, IMAGE_HEIGHT), Image.Resampling.LANCZOS), dtype=np.uint8
         ).copy()
 
 
@@ -194,7 +201,7 @@ class Screen:
             f"friction {info['friction_limit'][lane]:.3g} N,  " if "friction_limit" in info else ""
         )
         picture.text(
-            WIDTH - 10,
+            IMAGE_WIDTH - 10,
             8,
             f"force {info['force'][lane]:.2f} N,  {friction}score {info['score'][lane]:.3f}",
             13,
@@ -207,10 +214,12 @@ class Screen:
     def _draw_beam(self, picture: Picture, lane: int) -> None:
         task = self.task
         modes = self.shapes.shape[1]
-        scale = REACH / max(1.5 * task.length, float(task.expected_amplitude()[lane]))
+        scale = LARGEST_DISPLACEMENT / max(
+            1.5 * task.length, float(task.expected_amplitude()[lane])
+        )
         state = task.runs.state[lane]
         report = task.runs.reports[lane]
-        x = np.linspace(LEFT, RIGHT, POSITIONS + 1)
+        x = np.linspace(BEAM_LEFT, BEAM_RIGHT, POSITIONS + 1)
         model = task.model(lane)
         shapes = self.shapes if model is task.scene.model else straight_shapes(model)
         y = MIDDLE - scale * (shapes @ state[:modes])
@@ -220,16 +229,16 @@ class Screen:
         upper = list(zip(x, MIDDLE - band, strict=True))
         lower = list(zip(x, MIDDLE + band, strict=True))
         picture.polygon([*upper, *reversed(lower)], PALE)
-        picture.line([(LEFT, MIDDLE), (RIGHT, MIDDLE)], "#b0b0b0", 1)
-        picture.box(LEFT - 14, MIDDLE - 60, LEFT, MIDDLE + 60, "#909090")
-        place = LEFT + (UNKNOWN_PLACE if self.beam is None else self.beam.force_position) * (
-            RIGHT - LEFT
+        picture.line([(BEAM_LEFT, MIDDLE), (BEAM_RIGHT, MIDDLE)], "#b0b0b0", 1)
+        picture.box(BEAM_LEFT - 14, MIDDLE - 60, BEAM_LEFT, MIDDLE + 60, "#909090")
+        place = BEAM_LEFT + (UNKNOWN_PLACE if self.beam is None else self.beam.force_position) * (
+            BEAM_RIGHT - BEAM_LEFT
         )
         self._draw_force(picture, place, float(np.interp(place, x, y)), lane)
         picture.line(zip(x, y, strict=True), BLUE, 5)
         if task.settings.scene.absorber is not None:
-            place = LEFT + (1.0 if self.beam is None else self.beam.absorber_position) * (
-                RIGHT - LEFT
+            place = BEAM_LEFT + (1.0 if self.beam is None else self.beam.absorber_position) * (
+                BEAM_RIGHT - BEAM_LEFT
             )
             self._draw_absorber(picture, place, float(np.interp(place, x, y)), scale, lane)
 
@@ -250,25 +259,25 @@ class Screen:
             if self.sliding is None or self.sliding.walls is None
             else scale * self.task.runs.orders["gap"][lane]
         )
-        x += MASS + 16
-        picture.line([(x - MASS - 16, y), (x - MASS - 6, y)], BLUE, 5)
+        x += MASS_SIZE + 16
+        picture.line([(x - MASS_SIZE - 16, y), (x - MASS_SIZE - 6, y)], BLUE, 5)
         if half > 0:
-            top = y - half - MASS - 3
-            bottom = y + half + MASS + 3
+            top = y - half - MASS_SIZE - 3
+            bottom = y + half + MASS_SIZE + 3
             picture.line(
                 [
-                    (x + MASS + 6, top),
-                    (x - MASS - 6, top),
-                    (x - MASS - 6, bottom),
-                    (x + MASS + 6, bottom),
+                    (x + MASS_SIZE + 6, top),
+                    (x - MASS_SIZE - 6, top),
+                    (x - MASS_SIZE - 6, bottom),
+                    (x + MASS_SIZE + 6, bottom),
                 ],
                 BLUE,
                 4,
             )
         else:
-            picture.line([(x - MASS - 6, y - 20), (x - MASS - 6, y + 20)], BLUE, 4)
+            picture.line([(x - MASS_SIZE - 6, y - 20), (x - MASS_SIZE - 6, y + 20)], BLUE, 4)
         centre = y - scale * self.task.runs.reports["distance"][lane]
-        picture.box(x - MASS, centre - MASS, x + MASS, centre + MASS, RED, INK)
+        picture.box(x - MASS_SIZE, centre - MASS_SIZE, x + MASS_SIZE, centre + MASS_SIZE, RED, INK)
 
     def close(self) -> None:
         """Close the window."""
@@ -306,7 +315,7 @@ class _Window:
             ) from error
         self._pygame = pygame
         pygame.display.init()
-        self._surface = pygame.display.set_mode((WIDTH, HEIGHT))
+        self._surface = pygame.display.set_mode((IMAGE_WIDTH, IMAGE_HEIGHT))
         pygame.display.set_caption("impact absorber")
         self._clock = pygame.time.Clock()
 

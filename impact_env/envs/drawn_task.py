@@ -10,21 +10,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.controlled import ControlledRuns, PooledRuns
-from impact_env.envs.active_task import ActiveFrictionTask, Cycle, Drive, MovingWallsTask
-from impact_env.envs.adaptive_task import Grip, VariableFrictionTask, require_cavity
+from impact_env.envs.active_task import (
+    ActiveFrictionTask,
+    ActiveSettings,
+    MovingWallsTask,
+    WallActuator,
+)
+from impact_env.envs.adaptive_task import FrictionRange, VariableFrictionTask, require_cavity
 from impact_env.envs.observation import (
+    DISTANCE_TO_END,
     FREQUENCY,
     FRICTION_IN_USE,
     GAP_IN_USE,
     RMS,
     STATE,
     TIME_LEFT,
-    WAY_LEFT,
     Feature,
 )
-from impact_env.envs.reference import passage, stationary_amplitude
-from impact_env.envs.settings import FORCES, Range, TaskSettings, span
-from impact_env.envs.sweep_task import PER_PERIOD, Passage, SweepTask, speeds
+from impact_env.envs.reference import simulate_passage, stationary_amplitude
+from impact_env.envs.settings import FORCE_BOUNDS, Range, TaskSettings, check_range
+from impact_env.envs.sweep_task import PER_PERIOD, PassageSettings, SweepTask, speeds
 from impact_env.envs.task import Array, Mask, Task
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import (
@@ -48,14 +53,14 @@ def _span_within(
     name: str, value: Any, *, lowest: float, highest: float = math.inf
 ) -> tuple[float, float]:
     """Return (low, high) as floats if both lie from ``lowest`` to ``highest``."""
-    low, high = span(name, value)
+    low, high = check_range(name, value)
     allowed = f"(low, high), from {lowest:g} to {highest:g}"
     require(lowest <= low and high <= highest, name, value, allowed)
     return low, high
 
 
 @dataclass(frozen=True)
-class Drawn:
+class RandomisedSettings:
     """Arguments of what is drawn for a passage; `PassageEnv` describes them."""
 
     limits: Range = (0.93, 1.03)
@@ -66,7 +71,7 @@ class Drawn:
     restitution: Range = (0.6, 1.0)
     scenes: int = 12
     price: float = 0.01
-    fatigue_exponent: float = Passage.fatigue_exponent
+    fatigue_exponent: float = PassageSettings.fatigue_exponent
 
     def __post_init__(self) -> None:
         keep_checked(
@@ -148,7 +153,7 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
         FREQUENCY,
         TIME_LEFT,
         RMS,
-        WAY_LEFT,
+        DISTANCE_TO_END,
         GAP_IN_USE,
         FRICTION_IN_USE,
         Feature(
@@ -157,7 +162,12 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
     )
 
     def __init__(
-        self, settings: TaskSettings, drawn: Drawn, drive: Drive, grip: Grip, lanes: int
+        self,
+        settings: TaskSettings,
+        drawn: RandomisedSettings,
+        drive: WallActuator,
+        grip: FrictionRange,
+        lanes: int,
     ) -> None:
         require_cavity(settings.scene.absorber)
         self.set_limits(settings, grip, lanes)
@@ -166,7 +176,7 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
         self.scenes = drawn.pool(settings.scene)
         low, high = drawn.limits
         budget = (high - low) / (drawn.sweep_rates[0] * PER_PERIOD)
-        way = Passage(
+        way = PassageSettings(
             direction="random",
             limits=drawn.limits,
             rates=drawn.sweep_rates,
@@ -178,7 +188,7 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
         super().__init__(settings, way, lanes)
         self.described = (drawn, drive, grip)
         self.level_name = "RMS of an interval over the scene's half-clearance"
-        self.options = {"force": FORCES, "scene": (0, drawn.scenes - 1)}
+        self.options = {"force": FORCE_BOUNDS, "scene": (0, drawn.scenes - 1)}
         self._levels: dict[tuple[int, bool], float] = {}
         self.rates = np.zeros(lanes)
 
@@ -210,7 +220,7 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
                 self.length,
                 self.settings.moves_base,
             )
-            self._levels[number, down] = passage(
+            self._levels[number, down] = simulate_passage(
                 self.scenes[number],
                 self.settings.resonance,
                 *self._ends[int(down)].tolist(),
@@ -252,8 +262,8 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
 
 
 Generator = np.random.Generator
-DAMPING = (0.005, 0.02)
-DATA = (
+DAMPING_BOUNDS = (0.005, 0.02)
+STRUCTURE_FEATURES = (
     Feature(
         "damping ratio of the first mode", False, "damping ratio of the first mode", "1 / 0.01"
     ),
@@ -307,7 +317,7 @@ def _modes(generator: Generator) -> ModalModel:
     absorber = generator.uniform(1.2, 2.2, 2)
     return ModalModel(
         np.array([1.0, generator.uniform(2.0, 8.0)]),
-        generator.uniform(*DAMPING, 2),
+        generator.uniform(*DAMPING_BOUNDS, 2),
         force,
         absorber,
         1.0,
@@ -315,15 +325,19 @@ def _modes(generator: Generator) -> ModalModel:
 
 
 def _damping(generator: Generator) -> float:
-    return float(DAMPING[0] * (DAMPING[1] / DAMPING[0]) ** generator.uniform())
+    return float(DAMPING_BOUNDS[0] * (DAMPING_BOUNDS[1] / DAMPING_BOUNDS[0]) ** generator.uniform())
 
 
-KNOWN = (_beam("clamped-free"), _beam("pinned-pinned"), _plate)
-NEW = (_beam("clamped-clamped"), _modes)
-SPLITS = {"train": (0, KNOWN), "validation": (1, KNOWN), "test": (2, NEW)}
+TRAINING_FAMILIES = (_beam("clamped-free"), _beam("pinned-pinned"), _plate)
+TEST_FAMILIES = (_beam("clamped-clamped"), _modes)
+FAMILY_SPLITS = {
+    "train": (0, TRAINING_FAMILIES),
+    "validation": (1, TRAINING_FAMILIES),
+    "test": (2, TEST_FAMILIES),
+}
 
 
-def in_units_of(model: ModalModel, standard: ModalModel) -> ModalModel:
+def rescale_model(model: ModalModel, standard: ModalModel) -> ModalModel:
     """Return a model with the first frequency and the mass of a standard: other units of time and mass, the same structure."""
     time = standard.omega[0] / model.omega[0]
     mass = math.sqrt(model.beam_mass / standard.beam_mass)
@@ -343,7 +357,7 @@ def in_units_of(model: ModalModel, standard: ModalModel) -> ModalModel:
 
 
 @dataclass(frozen=True)
-class Pool:
+class StructurePool:
     """Arguments of the choice of structures; `StructuresEnv` describes them."""
 
     split: str = "train"
@@ -353,16 +367,16 @@ class Pool:
     def __post_init__(self) -> None:
         keep_checked(
             self,
-            split=word_of(SPLITS),
+            split=word_of(FAMILY_SPLITS),
             structures=count_from(1, 1000),
             observe_structure=flag,
         )
 
     def models(self, standard: ModalModel) -> list[ModalModel]:
         """Return the structures, each family in its turn, the same ones always."""
-        seed, kinds = SPLITS[self.split]
+        seed, kinds = FAMILY_SPLITS[self.split]
         return [
-            in_units_of(kinds[k % len(kinds)](np.random.default_rng([seed, k])), standard)
+            rescale_model(kinds[k % len(kinds)](np.random.default_rng([seed, k])), standard)
             for k in range(self.structures)
         ]
 
@@ -370,10 +384,15 @@ class Pool:
 class StructuresTask(PooledTask, ActiveFrictionTask):
     """Lanes with a structure each."""
 
-    features: Sequence[Feature] = (*ActiveFrictionTask.features, *DATA)
+    features: Sequence[Feature] = (*ActiveFrictionTask.features, *STRUCTURE_FEATURES)
 
     def __init__(
-        self, settings: TaskSettings, cycle: Cycle, grip: Grip, pool: Pool, lanes: int
+        self,
+        settings: TaskSettings,
+        cycle: ActiveSettings,
+        grip: FrictionRange,
+        pool: StructurePool,
+        lanes: int,
     ) -> None:
         standard = settings.scene.model
         require(

@@ -19,14 +19,14 @@ from impact_env.parameters import count, one_of, require
 
 Array = NDArray[np.float64]
 Statistic = Callable[..., Any]
-SPLITS = {
+SEED_SPLITS = {
     "train": range(1_000_000),
     "validation": range(1_000_000, 2_000_000),
     "test": range(2_000_000, 2_500_000),
 }
 EPISODES = 256
 RESAMPLES = 1000
-COVERED = 0.95
+INTERVAL_COVERAGE = 0.95
 
 
 def interquartile_mean(scores: Array) -> float:
@@ -34,16 +34,19 @@ def interquartile_mean(scores: Array) -> float:
     return float(scipy.stats.trim_mean(np.ravel(scores), 0.25))
 
 
-def difference(scores: Array, others: Array) -> float:
-    """Return how much higher the mean of ``scores`` is; with `interval`, which resamples the seeds of both together, a paired comparison."""
+def difference_of_means(scores: Array, others: Array) -> float:
+    """Return how much higher the mean of ``scores`` is than that of the others.
+
+    `bootstrap_interval` resamples the seeds of both together: a paired comparison.
+    """
     return float(scores.mean() - others.mean())
 
 
-def interval(
+def bootstrap_interval(
     statistic: Statistic,
     *scores: Array,
     resamples: int = RESAMPLES,
-    covered: float = COVERED,
+    covered: float = INTERVAL_COVERAGE,
     seed: int = 0,
 ) -> Array:
     """Return (low, high) of a statistic of one or several score arrays by the bootstrap, (2, *shape of the statistic).
@@ -71,7 +74,7 @@ def interval(
 
 
 @dataclass(frozen=True)
-class Scored:
+class PolicyScores:
     """A policy on the seeds: ``scores`` (E,), their mean, its interval (low, high), the mean of their middle half."""
 
     name: str
@@ -81,9 +84,9 @@ class Scored:
     middle: float
 
     @classmethod
-    def of(cls, name: str, scores: Array) -> Scored:
+    def of(cls, name: str, scores: Array) -> PolicyScores:
         """Return the summary of a policy's scores (E,)."""
-        low, high = interval(np.mean, scores[None])
+        low, high = bootstrap_interval(np.mean, scores[None])
         return cls(
             name,
             scores,
@@ -104,8 +107,8 @@ class Evaluation:
     env_id: str
     split: str
     seeds: tuple[int, ...]
-    policy: Scored
-    others: dict[str, Scored] = field(default_factory=dict)
+    policy: PolicyScores
+    others: dict[str, PolicyScores] = field(default_factory=dict)
     differences: dict[str, tuple[float, float, float]] = field(default_factory=dict)
 
     @property
@@ -179,7 +182,7 @@ class _Player:
 
 
 @dataclass(frozen=True)
-class Played:
+class EpisodeScores:
     """What came of one episode for each seed: ``scores`` (E,), sums of the rewards, and ``steps`` (E,), control intervals."""
 
     scores: Array
@@ -188,7 +191,7 @@ class Played:
 
 def play(
     policy: Any, env_id: str, seeds: Sequence[int], arguments: Mapping[str, Any] | None = None
-) -> Played:
+) -> EpisodeScores:
     """Play one episode a seed, each in a lane that rests when it is over; ``policy`` is one of those that `evaluate` takes.
 
     Raises ParameterError for an unknown environment, no seeds, bad ``arguments`` of the environment, or actions of a wrong shape.
@@ -217,7 +220,7 @@ def play(
             env.rest(over)
     finally:
         env.close()
-    return Played(scores, steps)
+    return EpisodeScores(scores, steps)
 
 
 def evaluate(
@@ -237,10 +240,10 @@ def evaluate(
     its defaults are not comparable with those that are published. Needs gymnasium. Raises ParameterError for what is not allowed.
     """
     require(env_id in ENVIRONMENTS, "env_id", env_id, f"one of {', '.join(ENVIRONMENTS)}")
-    split = one_of("split", split, SPLITS)
-    seeds = SPLITS[split][: count("episodes", episodes, 2, len(SPLITS[split]))]
+    split = one_of("split", split, SEED_SPLITS)
+    seeds = SEED_SPLITS[split][: count("episodes", episodes, 2, len(SEED_SPLITS[split]))]
     given = ({"split": split} if ENVIRONMENTS[env_id].has_split else {}) | dict(arguments or {})
-    own = Scored.of(
+    own = PolicyScores.of(
         str(getattr(policy, "name", "policy")), play(policy, env_id, seeds, given).scores
     )
     rivals = (
@@ -251,11 +254,11 @@ def evaluate(
         else {str(getattr(against, "name", "rival")): against}
     )
     others = {
-        name: Scored.of(name, play(rival, env_id, seeds, given).scores)
+        name: PolicyScores.of(name, play(rival, env_id, seeds, given).scores)
         for name, rival in rivals.items()
     }
     differences = {}
     for name, other in others.items():
-        low, high = interval(difference, own.scores[None], other.scores[None])
+        low, high = bootstrap_interval(difference_of_means, own.scores[None], other.scores[None])
         differences[name] = (own.mean - other.mean, float(low), float(high))
     return Evaluation(env_id, split, tuple(seeds), own, others, differences)

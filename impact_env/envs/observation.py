@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-LIMIT = 100.0  # of a scaled feature; what lies outside is cut off
+FEATURE_LIMIT = 100.0  # of a scaled feature; what lies outside is cut off
 FEW_IMPACTS = 4.0  # the same of feature 5 in newer tasks, so that chatter stays of order one
 
 
@@ -15,7 +15,7 @@ FEW_IMPACTS = 4.0  # the same of feature 5 in newer tasks, so that chatter stays
 class Feature:
     """One number of an observation; ``measured`` ones come from sensors and get noise and delay, the others are known to the machine's control.
 
-    ``what`` it is, and its ``unit`` and scale, are rows of docstrings' tables (`shells.with_table`), where braces stand for arguments.
+    ``what`` it is, and its ``unit`` and scale, are rows of docstrings' tables (`shells.add_feature_table`), where braces stand for arguments.
     """
 
     name: str
@@ -24,23 +24,23 @@ class Feature:
     unit: str = "1"
 
 
-LENGTH = "m / half-clearance"
+LENGTH_UNIT = "m / half-clearance"
 OF_SCENE = "m / half-clearance of the scene"
 PER_VELOCITY = "m/s / (half-clearance times the resonance's circular frequency)"
 TIP_IN_PHASE = Feature(
     "tip amplitude in phase with the force",
     True,
     "amplitude of the tip in phase with the force, over the last interval",
-    LENGTH,
+    LENGTH_UNIT,
 )
 TIP_QUADRATURE = Feature(
     "tip amplitude a quarter behind the force",
     True,
     "amplitude of the tip a quarter of a period behind the force",
-    LENGTH,
+    LENGTH_UNIT,
 )
 DISTANCE = Feature(
-    "absorber's place in the cavity", True, "absorber less tip at the interval's end", LENGTH
+    "absorber's place in the cavity", True, "absorber less tip at the interval's end", LENGTH_UNIT
 )
 VELOCITY = Feature("absorber's velocity in the cavity", True, "its rate", PER_VELOCITY)
 IMPACTS = Feature(
@@ -55,9 +55,11 @@ FREQUENCY = Feature(
     "frequency", False, "frequency ratio to the resonance, less {origin}", "1 / {scale}"
 )
 TIME_LEFT = Feature("time left", False, "share of the time budget that is left")
-LEVEL = Feature("level", True, "response level so far", "m / {level}")
-RMS = Feature("RMS of the last interval", True, "RMS of the tip over the last interval", LENGTH)
-WAY_LEFT = Feature("way left", False, "far frequency less present one", "ratio / {scale}")
+LEVEL_FEATURE = Feature("level", True, "response level so far", "m / {level}")
+RMS = Feature(
+    "RMS of the last interval", True, "RMS of the tip over the last interval", LENGTH_UNIT
+)
+DISTANCE_TO_END = Feature("way left", False, "far frequency less present one", "ratio / {scale}")
 GAP_IN_USE = Feature("half-clearance in use", False, "half-clearance in use", OF_SCENE)
 FRICTION_IN_USE = Feature(
     "friction limit in use",
@@ -74,7 +76,7 @@ STATE = (
     SHARE,
     FREQUENCY,
     TIME_LEFT,
-    LEVEL,
+    LEVEL_FEATURE,
 )
 
 
@@ -118,7 +120,7 @@ class Sensors:
             else:
                 self._past[:, fresh] = seen[fresh]
             seen = np.where(self.measured, self._past[(self._at + 1) % size], seen)
-        return np.minimum(np.maximum(seen, -LIMIT), LIMIT).astype(
+        return np.minimum(np.maximum(seen, -FEATURE_LIMIT), FEATURE_LIMIT).astype(
             np.float32
         )  # np.clip takes three times as long
 

@@ -14,7 +14,7 @@ from impact_env.parameters import require
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
-CHUNK = 20.0  # pseudo periods at the paper's rate; slower ones have as many chunks
+PERIODS_PER_CHUNK = 20.0  # pseudo periods at the paper's rate; slower ones have as many chunks
 
 
 def drive_shape(model: ModalModel, moves_base: bool) -> Array:
@@ -32,7 +32,7 @@ def drive_shape(model: ModalModel, moves_base: bool) -> Array:
 
 
 @lru_cache(maxsize=64)
-def passage(
+def simulate_passage(
     scene: Scene,
     resonance: int,
     start: float,
@@ -50,7 +50,10 @@ def passage(
     omega = scene.model.resonance_omega(resonance)
     percent = default_rate(scene.model, (resonance,))
     # a whole number of samples, as all control intervals are
-    chunk = max(1, round(CHUNK * PAPER_RATE / percent * samples_per_period)) / samples_per_period
+    chunk = (
+        max(1, round(PERIODS_PER_CHUNK * PAPER_RATE / percent * samples_per_period))
+        / samples_per_period
+    )
     driven = (
         replace(scene.model, force_shape=drive_shape(scene.model, True))
         if moves_base

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from impact_env.envs.observation import LIMIT
+from impact_env.envs.observation import FEATURE_LIMIT
 from impact_env.laws import CONCEPTS, make
-from impact_env.level import MOST_SAMPLES
+from impact_env.level import MOST_SAMPLES_PER_PERIOD
 from impact_env.loads import Random, Samples
 from impact_env.methods import METHODS, Exact, Method, check_general, check_supported
 from impact_env.modes import Structure, modal_model
@@ -40,8 +40,8 @@ from impact_env.response import DEFAULT_SAMPLES
 from impact_env.scene import Scene, beam_scene
 
 Range = tuple[float, float]
-OBJECTIVES = ("level", "fatigue")
-FORCES = (
+SWEEP_OBJECTIVES = ("level", "fatigue")
+FORCE_BOUNDS = (
     1e-30,
     1e30,
 )  # N: squares of what follows from them, and powers of order five, are still numbers
@@ -53,7 +53,7 @@ SCENE_PARTS = (
 )  # what a whole scene stands in place of
 
 
-def known(name: str, value: Mapping[str, Any], allowed: set[str]) -> dict[str, Any]:
+def check_word(name: str, value: Mapping[str, Any], allowed: set[str]) -> dict[str, Any]:
     """Return a mapping as a dict if all its keys are among ``allowed``."""
     require(isinstance(value, Mapping), name, value, "a mapping of names to values")
     strange = sorted(set(value) - allowed)
@@ -66,7 +66,7 @@ def known(name: str, value: Mapping[str, Any], allowed: set[str]) -> dict[str, A
     return dict(value)
 
 
-def span(name: str, value: Any) -> Range:
+def check_range(name: str, value: Any) -> Range:
     """Return (low, high) for a finite number, or for a pair of them with low not above high."""
     if isinstance(value, Sequence | np.ndarray) and getattr(value, "ndim", 1) > 0:
         given = listed(name, value)
@@ -79,15 +79,15 @@ def span(name: str, value: Any) -> Range:
 
 def _check_force(name: str, value: Any) -> float | Range:
     """Return a force as a float, or a pair (low, high) of them."""
-    low, high = span(name, value)
+    low, high = check_range(name, value)
     return (low, high) if isinstance(value, Sequence | np.ndarray) else low
 
 
-def pair(what: str) -> Check:
+def check_pair(what: str) -> Check:
     """Return the check of a pair (low, high) of numbers above 0, or of one number for both."""
 
     def check(name: str, value: Any) -> Range:
-        low, high = span(name, value)
+        low, high = check_range(name, value)
         require(low > 0, name, value, f"(low, high), {what} above 0")
         return low, high
 
@@ -220,7 +220,7 @@ class TaskSettings:
     samples_per_period: int = DEFAULT_SAMPLES
     observation_noise: float = 0.0
     observation_delay: int = 0
-    impacts_limit: float = LIMIT
+    impacts_limit: float = FEATURE_LIMIT
     raw_state: bool = False
     threads: int | None = None
     whole_scene: Scene | Mapping[str, Any] | None = None
@@ -241,8 +241,8 @@ class TaskSettings:
         )
         keep_checked(
             self,
-            absorber_options=partial(known, allowed=set(CONCEPTS[self.absorber])),
-            beam=partial(known, allowed={f.name for f in fields(Beam)}),
+            absorber_options=partial(check_word, allowed=set(CONCEPTS[self.absorber])),
+            beam=partial(check_word, allowed={f.name for f in fields(Beam)}),
         )
         beam = self.beam
         require(
@@ -267,9 +267,11 @@ class TaskSettings:
         model = self.scene.model
         keep_checked(self, resonance=lambda _name, value: model.check_resonance(value))
         low, high = self.forces
-        allowed = f"a force in N from {FORCES[0]:g} to {FORCES[1]:g}, or a pair (low, high) of such to draw from"
-        require(FORCES[0] <= low <= high <= FORCES[1], "force", self.force, allowed)
-        keep_checked(self, samples_per_period=count_from(8, MOST_SAMPLES), interval=positive)
+        allowed = f"a force in N from {FORCE_BOUNDS[0]:g} to {FORCE_BOUNDS[1]:g}, or a pair (low, high) of such to draw from"
+        require(FORCE_BOUNDS[0] <= low <= high <= FORCE_BOUNDS[1], "force", self.force, allowed)
+        keep_checked(
+            self, samples_per_period=count_from(8, MOST_SAMPLES_PER_PERIOD), interval=positive
+        )
         samples = self.interval * self.samples_per_period
         whole = abs(samples - round(samples)) < 1e-9 and round(samples) >= 4
         require(
@@ -341,7 +343,7 @@ class TaskSettings:
     @property
     def forces(self) -> Range:
         """Smallest and largest force in N."""
-        return span("force", self.force)
+        return check_range("force", self.force)
 
     @property
     def omega(self) -> float:

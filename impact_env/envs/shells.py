@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.envs.observation import FEW_IMPACTS, LIMIT
+from impact_env.envs.observation import FEATURE_LIMIT, FEW_IMPACTS
 from impact_env.envs.settings import SCENE_PARTS
 from impact_env.envs.task import Task
 from impact_env.extras import optional
@@ -26,7 +26,7 @@ Observation = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class Kind:
+class TaskSpec:
     """How an environment makes its task: ``task`` takes one object of each of ``groups``, the dataclasses of its arguments, and the number of lanes.
 
     ``defaults``: those that differ from the dataclasses'; ``actions`` makes the space of one lane's actions.
@@ -58,7 +58,7 @@ class Kind:
 
 def observation_space(task: Task) -> spaces.Box:
     """Return the space of one lane's observations."""
-    return spaces.Box(-LIMIT, LIMIT, (len(task.features),), np.float32)
+    return spaces.Box(-FEATURE_LIMIT, FEATURE_LIMIT, (len(task.features),), np.float32)
 
 
 def reward_space(task: Task, wanted: bool) -> spaces.Box | None:
@@ -82,12 +82,12 @@ def costs_as_rewards(task: Task, resting: NDArray[np.bool_] | None) -> NDArray[n
     return np.where(False if resting is None else resting[:, None], 0.0, -task.costs)
 
 
-def choice(numbers: int = 1) -> spaces.Box:
+def one_number_space(numbers: int = 1) -> spaces.Box:
     """Return the action space of a few numbers from -1 to 1."""
     return spaces.Box(-1.0, 1.0, (numbers,), np.float32)
 
 
-def checked_actions(space: spaces.Space[Any], actions: Any) -> NDArray[Any]:
+def check_actions(space: spaces.Space[Any], actions: Any) -> NDArray[Any]:
     """Return actions as an array of the space's shape; numbers are cut to the space's limits, but must be numbers.
 
     Raises ParameterError for a wrong shape, for NaN, infinity and complex numbers, and for a discrete action that does not exist.
@@ -138,12 +138,12 @@ def check_options(options: dict[str, Any] | None, allowed: Sequence[str] = ()) -
     return dict(options or {})
 
 
-def checked_seed(seed: Any) -> int | None:
+def check_seed(seed: Any) -> int | None:
     """Return a seed as Python's int, or None."""
     return None if seed is None else count("seed", seed, 0)
 
 
-def screen_of(env: Any, is_reset: bool, maker: str) -> Any:
+def make_screen(env: Any, is_reset: bool, maker: str) -> Any:
     """Return an environment's screen, made for its first picture; None, with a warning, without a render mode; ``maker``: what takes one."""
     if env.render_mode is None:
         gymnasium.logger.warn(
@@ -159,9 +159,9 @@ def screen_of(env: Any, is_reset: bool, maker: str) -> Any:
     return env._screen
 
 
-def with_table(env: Any) -> None:
+def add_feature_table(env: Any) -> None:
     """Put the features of its task in the place of (features) into the docstring of an environment, as a table."""
-    kind: Kind = env.kind
+    kind: TaskSpec = env.kind
     given = {field.name: field.default for group in kind.groups for field in fields(group)} | dict(
         kind.defaults
     )
@@ -186,7 +186,7 @@ class TaskEnv(gymnasium.Env[Observation, Any]):
     """A single environment around a task of one lane, which ``kind`` makes of the ``arguments``."""
 
     metadata: dict[str, Any] = METADATA
-    kind: Kind
+    kind: TaskSpec
 
     def __init__(
         self, render_mode: str | None = None, *, vector_reward: bool = False, **arguments: Any
@@ -205,7 +205,7 @@ class TaskEnv(gymnasium.Env[Observation, Any]):
     ) -> tuple[Observation, Info]:
         """Start an episode at rest; ``options`` may choose what would be drawn, by the names in the task's ``options``."""
         chosen = check_options(options, tuple(self.task.options))
-        super().reset(seed=checked_seed(seed))
+        super().reset(seed=check_seed(seed))
         observation = self.task.reset(np.ones(1, dtype=np.bool_), [self.np_random], chosen)[0]
         self._over = False
         if self.render_mode == "human":
@@ -221,7 +221,7 @@ class TaskEnv(gymnasium.Env[Observation, Any]):
                 else "call reset() before step()"
             )
         rewards, terminated, truncated = self.task.step(
-            checked_actions(self.action_space, action)[None]
+            check_actions(self.action_space, action)[None]
         )
         observation = self.task.observe([self.np_random])[0]
         self._over = bool(terminated[0] or truncated[0])
@@ -240,7 +240,7 @@ class TaskEnv(gymnasium.Env[Observation, Any]):
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return an image (height, width, 3), or show it in a window."""
-        screen = screen_of(self, self._over is not None, "make")
+        screen = make_screen(self, self._over is not None, "make")
         if screen is None:
             return None
         image: NDArray[np.uint8] | None = screen.show(0)

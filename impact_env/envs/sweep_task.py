@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import PAPER_LIMITS, default_rate
-from impact_env.envs.observation import STATE, WAY_LEFT, Feature
-from impact_env.envs.reference import passage
-from impact_env.envs.settings import OBJECTIVES, Range, TaskSettings, span
+from impact_env.envs.observation import DISTANCE_TO_END, STATE, Feature
+from impact_env.envs.reference import simulate_passage
+from impact_env.envs.settings import SWEEP_OBJECTIVES, Range, TaskSettings, check_range
 from impact_env.envs.task import FREQUENCY_SCALE, Array, Mask, Task
 from impact_env.kernels.control.episodes import (
     PassageRange,
@@ -24,16 +24,16 @@ from impact_env.kernels.control.interval import interpolate_log
 from impact_env.level import require_samples
 from impact_env.parameters import keep_checked, non_negative, positive, require, word_of
 
-DIRECTIONS = ("up", "down", "random")
+SWEEP_DIRECTIONS = ("up", "down", "random")
 BUDGET_ENDS = ("truncated", "terminated")
-ORIGINS = ("resonance", "middle")
+FREQUENCY_ORIGINS = ("resonance", "middle")
 LEVEL_UNITS = ("reference", "gap")
 PER_PERIOD = 1e-4  # a rate of 1 % in 100 pseudo periods, as change of the frequency ratio in one
 
 
 def speeds(name: str, value: Any, limits: Range) -> Range:
     """Return (slowest, fastest) of rates at which the range of frequencies takes a pseudo period at least: faster ones would leave no response."""
-    slow, fast = span(name, value)
+    slow, fast = check_range(name, value)
     most = (limits[1] - limits[0]) / PER_PERIOD
     allowed = f"in % per 100 pseudo periods, above 0 and at most {most:.6g}, at which the whole of limits takes one pseudo period"
     require(slow > 0 and fast <= most * (1 + 1e-9), name, value, allowed)
@@ -41,7 +41,7 @@ def speeds(name: str, value: Any, limits: Range) -> Range:
 
 
 @dataclass(frozen=True)
-class Passage:
+class PassageSettings:
     """Arguments of a passage; `SweepRateEnv` describes them."""
 
     direction: str = "down"
@@ -59,14 +59,14 @@ class Passage:
     level_unit: str = "reference"
 
     def __post_init__(self) -> None:
-        keep_checked(self, limits=span)
+        keep_checked(self, limits=check_range)
         low, high = self.limits
         allowed = "(low, high) frequency ratios with 0 < low < high"
         require(0 < low < high, "limits", self.limits, allowed)
         keep_checked(
             self,
-            direction=word_of(DIRECTIONS),
-            objective=word_of(OBJECTIVES),
+            direction=word_of(SWEEP_DIRECTIONS),
+            objective=word_of(SWEEP_OBJECTIVES),
             rates=partial(speeds, limits=self.limits),
             backward_rate=non_negative,
             time_budget=positive,
@@ -74,7 +74,7 @@ class Passage:
             unfinished_price=non_negative,
             fatigue_exponent=positive,
             budget_end=word_of(BUDGET_ENDS),
-            frequency_origin=word_of(ORIGINS),
+            frequency_origin=word_of(FREQUENCY_ORIGINS),
             frequency_unit=positive,
             level_unit=word_of(LEVEL_UNITS),
         )
@@ -83,9 +83,11 @@ class Passage:
 class SweepTask(Task):
     """Lanes that pass through a resonance."""
 
-    features: Sequence[Feature] = (*STATE, WAY_LEFT)
+    features: Sequence[Feature] = (*STATE, DISTANCE_TO_END)
 
-    def __init__(self, settings: TaskSettings, passage_settings: Passage, lanes: int) -> None:
+    def __init__(
+        self, settings: TaskSettings, passage_settings: PassageSettings, lanes: int
+    ) -> None:
         self.passage = passage_settings
         self.described = (passage_settings,)
         self.absolute = passage_settings.level_unit == "gap"
@@ -111,7 +113,7 @@ class SweepTask(Task):
         self._ends = np.array([(low, high), (high, low)])
         yardstick = (settings.samples_per_period, exponent, settings.length, settings.moves_base)
         self._references = [
-            passage(settings.scene, settings.resonance, *ends, *yardstick)
+            simulate_passage(settings.scene, settings.resonance, *ends, *yardstick)
             for ends in self._ends.tolist()
         ]
         self.sign, self.far, self.level_scale, self.damage_scale, self._potential = (
@@ -190,20 +192,20 @@ class SweepTask(Task):
 
 
 @dataclass(frozen=True)
-class OneRate:
+class OneRateSettings:
     """Arguments of a passage at one rate in % per 100 pseudo periods; `PassiveEnv` describes them."""
 
     rate: float | None = None
-    direction: str = Passage.direction
-    limits: Range = Passage.limits
-    time_price: float = Passage.time_price
-    objective: str = Passage.objective
-    level_unit: str = Passage.level_unit
-    fatigue_exponent: float = Passage.fatigue_exponent
+    direction: str = PassageSettings.direction
+    limits: Range = PassageSettings.limits
+    time_price: float = PassageSettings.time_price
+    objective: str = PassageSettings.objective
+    level_unit: str = PassageSettings.level_unit
+    fatigue_exponent: float = PassageSettings.fatigue_exponent
 
-    def passage(self, settings: TaskSettings) -> Passage:
+    def passage(self, settings: TaskSettings) -> PassageSettings:
         """Return the passage, at the rate that suits the resonance's damping if none is given; the time suffices to finish it."""
-        low, high = span("limits", self.limits)
+        low, high = check_range("limits", self.limits)
         rate = (
             default_rate(settings.scene.model, (settings.resonance,))
             if self.rate is None
@@ -212,13 +214,13 @@ class OneRate:
         rates = speeds("rate", rate, (low, high))
         budget = abs(high - low) / (rates[0] * PER_PERIOD)
         own = {name: value for name, value in vars(self).items() if name != "rate"}
-        return Passage(rates=rates, time_budget=1.01 * budget + 1, **own)
+        return PassageSettings(rates=rates, time_budget=1.01 * budget + 1, **own)
 
 
 class PassiveTask(SweepTask):
     """A passage at one rate."""
 
-    def __init__(self, settings: TaskSettings, way: OneRate, lanes: int) -> None:
+    def __init__(self, settings: TaskSettings, way: OneRateSettings, lanes: int) -> None:
         super().__init__(settings, way.passage(settings), lanes)
 
     def rate(self, actions: NDArray[Any]) -> Array:  # noqa: ARG002 - there is no choice

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from impact_env.controlled import ControlledRuns
 from impact_env.envs.observation import Feature, Sensors
-from impact_env.envs.settings import FORCES, Range, TaskSettings
+from impact_env.envs.settings import FORCE_BOUNDS, Range, TaskSettings
 from impact_env.kernels.control.episodes import FeatureUnits, fill_features, fill_orders
 from impact_env.modes import ModalModel
 from impact_env.parameters import require
@@ -31,7 +31,7 @@ class Task(ABC):
     features: Sequence[Feature]
     level_name: str
 
-    options: Mapping[str, Range] = {"force": FORCES}
+    options: Mapping[str, Range] = {"force": FORCE_BOUNDS}
     cost_names: Sequence[str] = ()
     least_cost: float | Array = 0.0  # (costs,), or of all
     described: tuple[Any, ...] = ()  # further groups of arguments, dataclasses

@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 from impact_env.envs.shells import (
     METADATA,
     Info,
-    Kind,
     Observation,
     TaskEnv,
+    TaskSpec,
+    add_feature_table,
+    check_actions,
     check_options,
     check_render_mode,
-    checked_actions,
-    checked_seed,
+    check_seed,
     costs_as_rewards,
+    make_screen,
     observation_space,
     reward_space,
-    screen_of,
-    with_table,
 )
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count, require
@@ -33,7 +33,7 @@ with optional():
     from gymnasium.vector.utils import batch_space
 
 
-def autoreset(mode: Any) -> AutoresetMode:
+def read_autoreset_mode(mode: Any) -> AutoresetMode:
     """Return gymnasium's autoreset mode for itself, its name ("SAME_STEP") or its value ("SameStep")."""
     for known in AutoresetMode:
         if mode in (known, known.name, known.value):
@@ -53,7 +53,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
     """
 
     metadata: dict[str, Any] = {**METADATA, "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 - as gymnasium declares it
-    kind: Kind
+    kind: TaskSpec
 
     def __init__(
         self,
@@ -66,7 +66,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         **arguments: Any,
     ) -> None:
         check_render_mode(render_mode)
-        self.autoreset_mode = autoreset(autoreset_mode)
+        self.autoreset_mode = read_autoreset_mode(autoreset_mode)
         self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
         task = self.kind.make(count("num_envs", num_envs, 1), arguments)
         action_space = self.kind.actions()
@@ -153,7 +153,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
                 seed,
                 f"a whole number, or a list of {self.num_envs}",
             )
-            return [checked_seed(value) for value in seed]
+            return [check_seed(value) for value in seed]
         first = count("seed", seed, 0)
         return [first + i for i in range(self.num_envs)]
 
@@ -198,7 +198,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         """
         if self._observations is None:
             raise ResetNeeded("call reset() before step()")
-        actions = checked_actions(self.action_space, actions)
+        actions = check_actions(self.action_space, actions)
         resting = (
             self._over & ~self._rest
             if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._over.any()
@@ -284,7 +284,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return an image of each lane."""
-        screen = screen_of(self, self._observations is not None, "make_vec")
+        screen = make_screen(self, self._observations is not None, "make_vec")
         if screen is None:
             return None
         if self.render_mode == "human":
@@ -302,7 +302,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
 
 def environment(single: type[TaskEnv]) -> type[TaskEnv]:
     """Complete an environment: the table of features in its docstring and, beside it in its module, its native vector, named after it."""
-    with_table(single)
+    add_feature_table(single)
     name = single.__name__.replace("Env", "VectorEnv")
     told = f"Native vector of `{single.__name__}`, see `TaskVectorEnv`; lane i is the single one with seed + i."
     vector = type(

@@ -11,13 +11,13 @@ import numpy as np
 from impact_env.families.family import (
     WINDOW_PERIODS,
     Array,
-    Family,
-    compiled,
-    contact_of,
-    gravity_in,
-    losses_of,
-    schedule_of,
-    window_of,
+    Solver,
+    build_contact,
+    build_losses,
+    build_schedule,
+    compute_window_length,
+    find_gravity,
+    load_law,
 )
 from impact_env.families.regime_cache import cache_regimes
 from impact_env.kernels.control.interval import Batch
@@ -38,7 +38,7 @@ from impact_env.methods import Exact
 from impact_env.parameters import CompliantWalls, RigidWalls, SeveralAbsorbers, SlidingAbsorber
 from impact_env.regime_sets import regime_sets
 from impact_env.regimes import (
-    fastest,
+    find_fastest,
     free_regime,
     joined_regime,
     padded_size,
@@ -47,19 +47,19 @@ from impact_env.regimes import (
 )
 from impact_env.scene import Scene
 
-Taken = tuple[
+KernelArguments = tuple[
     Any, float
 ]  # a scene as its kernels take it, and the reach of its regimes' tables in s
 
 
 @dataclass(frozen=True)
-class ExactFamily(Family):
+class ExactSolver(Solver):
     """``take`` makes of a scene, the wanted reach in s, whether the base moves, and the drive (None: under control) what the kernels take.
 
     ``regime``: the one of it whose slots a lane under control keeps.
     """
 
-    take: Callable[[Scene, float, bool, AnyDrive | None], Taken]
+    take: Callable[[Scene, float, bool, AnyDrive | None], KernelArguments]
     regime: Callable[[Any], LinearRegime]
 
     def run(
@@ -67,9 +67,12 @@ class ExactFamily(Family):
     ) -> int:
         """Integrate over the whole schedule, see `Family.run`."""
         taken, reach = self.take(
-            scene, window_of(drive), isinstance(drive, Loads) and drive.moves_base, drive
+            scene,
+            compute_window_length(drive),
+            isinstance(drive, Loads) and drive.moves_base,
+            drive,
         )
-        return int(self.lane(taken, schedule_of(scene, drive, reach), state, observe))
+        return int(self.lane(taken, build_schedule(scene, drive, reach), state, observe))
 
     def control(
         self, scene: Scene, method: Exact, pseudo_period: float, batch: Batch
@@ -93,7 +96,7 @@ class ExactFamily(Family):
 # One absorber with rigid walls, rigid friction or both: free or sliding, and joined.
 
 
-FAR_AWAY = Walls(1e300, 1.0, None)
+DISTANT_WALLS = Walls(1e300, 1.0, None)
 
 
 @cache_regimes
@@ -102,7 +105,7 @@ def rigid_regimes(
 ) -> tuple[LinearRegime, LinearRegime, float]:
     """Return the free and the joined regime, and the reach of their tables in s: ``wanted`` or less. ``moves``: whether the base does."""
     assert scene.absorber_mass is not None
-    bounds = (fastest(scene.model), fastest(scene.model, scene.absorber_mass))
+    bounds = (find_fastest(scene.model), find_fastest(scene.model, scene.absorber_mass))
     size = padded_size(max(slots for _, slots in bounds))
     reach = table_reach(max(speed for speed, _ in bounds), wanted)
     joined = joined_regime(
@@ -111,7 +114,7 @@ def rigid_regimes(
         size,
         reach,
         moves=moves,
-        heavy=gravity_in(scene) is not None,
+        heavy=find_gravity(scene) is not None,
     )
     return free_regime(scene.model, size, reach, moves=moves), joined, reach
 
@@ -120,7 +123,7 @@ def rigid_laws(scene: Scene) -> tuple[Walls | None, float | None]:
     """Return rigid walls and friction limit (N), None where absent."""
     absorber = scene.absorber
     assert isinstance(absorber, SlidingAbsorber)
-    return compiled(absorber.walls), compiled(absorber.friction)
+    return load_law(absorber.walls), load_law(absorber.friction)
 
 
 def _laws_rigid(scene: Scene) -> tuple[Walls, float | None]:
@@ -129,16 +132,16 @@ def _laws_rigid(scene: Scene) -> tuple[Walls, float | None]:
     A friction damper with such walls runs as fast as one without, to the same digits, and needs no kernels of its own.
     """
     walls, limit = rigid_laws(scene)
-    return FAR_AWAY if walls is None else walls, limit
+    return DISTANT_WALLS if walls is None else walls, limit
 
 
-def _rigid(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> Taken:
+def _rigid(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> KernelArguments:
     free, joined, reach = rigid_regimes(scene, wanted, moves)
     laws = rigid_laws(scene) if drive is None else _laws_rigid(scene)
-    return Rigid(free, joined, contact_of(scene, *laws, drive), losses_of(scene)), reach
+    return Rigid(free, joined, build_contact(scene, *laws, drive), build_losses(scene)), reach
 
 
-RIGID = ExactFamily(
+RIGID_SOLVER = ExactSolver(
     "rigid",
     rigid_lane,
     rigid_lanes,
@@ -156,8 +159,8 @@ def _springs(scene: Scene) -> ContactStiffness:
     """Return wall and friction stiffness in N/m, 0 where absent."""
     absorber = scene.absorber
     assert isinstance(absorber, SlidingAbsorber)
-    walls = compiled(absorber.walls)
-    friction = compiled(absorber.friction)
+    walls = load_law(absorber.walls)
+    friction = load_law(absorber.friction)
     return ContactStiffness(
         0.0 if walls is None else walls.stiffness, 0.0 if friction is None else friction.stiffness
     )
@@ -174,7 +177,7 @@ def wall_damper(scene: Scene) -> float:
     walls = absorber.walls
     if not isinstance(walls, CompliantWalls):
         return 0.0
-    return 2 * walls.damping_ratio * math.sqrt(walls.stiffness / contact_of(scene).compliance)
+    return 2 * walls.damping_ratio * math.sqrt(walls.stiffness / build_contact(scene).compliance)
 
 
 @cache_regimes
@@ -195,7 +198,7 @@ def compliant_regimes(
         (friction, 0.0) if friction else (wall, damper),
         (wall + friction, damper),
     ]
-    bounds = [fastest(model), *(fastest(model, mass, k, c) for k, c in springs)]
+    bounds = [find_fastest(model), *(find_fastest(model, mass, k, c) for k, c in springs)]
     size = padded_size(max(slots for _, slots in bounds))
     reach = table_reach(max(speed for speed, _ in bounds), wanted)
     first, second, third = (sprung_regime(model, mass, k, c, size, reach) for k, c in springs)
@@ -212,12 +215,12 @@ def _laws_compliant(scene: Scene) -> tuple[float | None, float | None]:
     )
 
 
-def _sprung(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> Taken:
+def _sprung(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> KernelArguments:
     regimes, reach = compliant_regimes(scene, wanted)
-    losses = losses_of(scene)
+    losses = build_losses(scene)
     return CompliantScene(
         regimes,
-        contact_of(scene),
+        build_contact(scene),
         _springs(scene),
         *_laws_compliant(scene),
         losses,
@@ -225,7 +228,7 @@ def _sprung(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) ->
     ), reach
 
 
-COMPLIANT = ExactFamily(
+COMPLIANT_SOLVER = ExactSolver(
     "compliant",
     compliant_lane,
     compliant_lanes,
@@ -245,13 +248,13 @@ def linear_regime(scene: Scene, wanted: float, moves: bool = False) -> tuple[Lin
     model = scene.model
     absorber = scene.absorber
     mass = scene.absorber_mass
-    spring = compiled(absorber)
-    speed, slots = fastest(model, mass, *(spring or (None, 0.0)))
+    spring = load_law(absorber)
+    speed, slots = find_fastest(model, mass, *(spring or (None, 0.0)))
     size = padded_size(slots)
     reach = table_reach(speed, wanted)
     if mass is None:
         return free_regime(model, size, reach, moves=moves), reach
-    heavy = gravity_in(scene) is not None
+    heavy = find_gravity(scene) is not None
     if spring is None:
         return joined_regime(model, mass, size, reach, moves=moves, heavy=heavy), reach
     return sprung_regime(
@@ -259,12 +262,12 @@ def linear_regime(scene: Scene, wanted: float, moves: bool = False) -> tuple[Lin
     ), reach
 
 
-def _linear(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> Taken:
+def _linear(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> KernelArguments:
     regime, reach = linear_regime(scene, wanted, moves)
-    return Linear(regime, losses_of(scene), gravity_in(scene, drive)), reach
+    return Linear(regime, build_losses(scene), find_gravity(scene, drive)), reach
 
 
-LINEAR = ExactFamily(
+LINEAR_SOLVER = ExactSolver(
     "linear",
     linear_lane,
     linear_lanes,
@@ -310,12 +313,12 @@ def _absorbers(scene: Scene) -> Absorbers:
     )
 
 
-def _several(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> Taken:
+def _several(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> KernelArguments:
     sets, reach = _sets(scene, wanted)
-    return Several(sets, _absorbers(scene), losses_of(scene)), reach
+    return Several(sets, _absorbers(scene), build_losses(scene)), reach
 
 
-SEVERAL = ExactFamily(
+SEVERAL_SOLVER = ExactSolver(
     "several",
     several_lane,
     None,

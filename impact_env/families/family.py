@@ -15,21 +15,21 @@ from impact_env.kernels.exact.rigid_contact import ContactLaw, Walls
 from impact_env.kernels.motion import loads
 from impact_env.kernels.motion.observers import Observers
 from impact_env.kernels.motion.segments import Losses, Schedule
-from impact_env.laws import entry
+from impact_env.laws import find_law
 from impact_env.loads import AnyDrive, Loads
-from impact_env.parameters import CoulombFriction, TunedAbsorber, gravity_of
+from impact_env.parameters import CoulombFriction, TunedAbsorber, find_largest_gravity
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
 
 
-def absent(law: object) -> object:
+def variant_key(law: object) -> object:
     """Return whether a law is absent; of one that has parts which may be, which of them are."""
-    return tuple(map(absent, law)) if isinstance(law, tuple) else law is None
+    return tuple(map(variant_key, law)) if isinstance(law, tuple) else law is None
 
 
 @dataclass(frozen=True)
-class Family(ABC):
+class Solver(ABC):
     """Kernels for some kinds of scenes: ``lane`` makes a single run, ``lanes`` advances many under control (None: there is no such kernel).
 
     ``laws``: parts of a scene without which the kernels are others, None where absent. ``searched``: whether its events are searched for.
@@ -49,8 +49,8 @@ class Family(ABC):
         loads = (drive.moves_base,) if isinstance(drive, Loads) else None
         return (
             self.name,
-            absent(self.laws(scene)),
-            gravity_in(scene, drive) is None,
+            variant_key(self.laws(scene)),
+            find_gravity(scene, drive) is None,
             loads,
         )
 
@@ -81,9 +81,9 @@ class Family(ABC):
 WINDOW_PERIODS = 3.2  # wanted length of a window of the chirp, in pseudo periods
 
 
-def compiled(law: object) -> Any:
+def load_law(law: object) -> Any:
     """Return the kernels' argument for a law (`laws.Law.kernel`): None for an absent law, and for one of which they need no numbers."""
-    name = None if law is None else entry(law).kernel
+    name = None if law is None else find_law(law).kernel
     if name is None or "." not in name:
         return None if name is None else getattr(law, name)
     module, _, kind = name.rpartition(".")
@@ -91,17 +91,17 @@ def compiled(law: object) -> Any:
     return taken(*(getattr(law, field, None) for field in taken._fields))
 
 
-def window_of(drive: AnyDrive) -> float:
+def compute_window_length(drive: AnyDrive) -> float:
     """Return the wanted length of a window in s."""
     return WINDOW_PERIODS * drive.schedule.pseudo_period
 
 
-def schedule_of(scene: Scene, drive: AnyDrive, reach: float) -> Schedule:
+def build_schedule(scene: Scene, drive: AnyDrive, reach: float) -> Schedule:
     """Return a drive as the exact kernels take it, in windows of at most ``reach`` (s)."""
     if isinstance(drive, Loads):
         times, pieces, which, moves_base = drive.on_one_clock()
         load = loads.LoadPieces(
-            pieces, which, moves_base, base_of(scene) if moves_base.any() else None
+            pieces, which, moves_base, build_base_motion(scene) if moves_base.any() else None
         )
         return Schedule(times, np.zeros(len(times)), np.zeros(len(times)), 0.0, reach, load)
     breaks = drive.schedule
@@ -116,7 +116,7 @@ def schedule_of(scene: Scene, drive: AnyDrive, reach: float) -> Schedule:
     )
 
 
-def base_of(scene: Scene) -> loads.BaseParticipation:
+def build_base_motion(scene: Scene) -> loads.BaseParticipation:
     """Return the participations of a scene's modes and absorber in a base that moves."""
     model = scene.model
     mass = scene.absorber_mass or 0.0
@@ -128,16 +128,16 @@ def base_of(scene: Scene) -> loads.BaseParticipation:
     )
 
 
-def gravity_in(scene: Scene, drive: AnyDrive | None = None) -> float | None:
+def find_gravity(scene: Scene, drive: AnyDrive | None = None) -> float | None:
     """Return the gravity (m/s^2) along a single absorber's motion, None without; under loads 0 in place of None, so that one kernel does for both."""
     return (
-        gravity_of(scene.absorber)
+        find_largest_gravity(scene.absorber)
         if isinstance(drive, Loads)
-        else gravity_of(scene.absorber) or None
+        else find_largest_gravity(scene.absorber) or None
     )
 
 
-def losses_of(scene: Scene) -> Losses:
+def build_losses(scene: Scene) -> Losses:
     """Return the losses of a scene: shapes at force and tip, the modes' damping, and a tuned absorber's damper."""
     model = scene.model
     absorber = scene.absorber
@@ -150,19 +150,19 @@ def losses_of(scene: Scene) -> Losses:
     )
 
 
-def static_ratio_of(absorber: object) -> float:
+def find_static_ratio(absorber: object) -> float:
     """Return the limit of static over that of sliding friction, 1 where there is no rigid friction."""
     friction = getattr(absorber, "friction", None)
     return friction.static_ratio if isinstance(friction, CoulombFriction) else 1.0
 
 
-def contact_of(
+def build_contact(
     scene: Scene,
     walls: Walls | None = None,
     limit: float | None = None,
     drive: AnyDrive | None = None,
 ) -> ContactLaw:
-    """Return the contact of one absorber with its place; rigid walls, and friction limit (N), None where absent. ``drive``: as in `gravity_in`."""
+    """Return the contact of one absorber with its place; rigid walls, and friction limit (N), None where absent. ``drive``: as in `find_gravity`."""
     mass = scene.absorber_mass
     tip_shape = np.array(scene.model.tip_shape)
     assert mass is not None
@@ -172,6 +172,6 @@ def contact_of(
         tip_shape,
         walls,
         limit,
-        gravity_in(scene, drive),
-        static_ratio_of(scene.absorber),
+        find_gravity(scene, drive),
+        find_static_ratio(scene.absorber),
     )

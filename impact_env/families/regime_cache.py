@@ -8,7 +8,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
-MOST_BYTES = (
+MOST_BYTES_CACHED = (
     64 * 2**20
 )  # of all regimes together: those of some 450 scenes of 10 modes, or of 28 of 60 modes
 P = ParamSpec("P")
@@ -63,4 +63,4 @@ class RegimeCache:
             self._bytes -= dropped
 
 
-cache_regimes = RegimeCache(MOST_BYTES)
+cache_regimes = RegimeCache(MOST_BYTES_CACHED)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.families.exact import rigid_laws
-from impact_env.families.family import Family, compiled, schedule_of
+from impact_env.families.family import Solver, build_schedule, load_law
 from impact_env.kernels.control.interval import Batch
 from impact_env.kernels.control.lanes import moreau_lanes, runge_kutta_lanes
 from impact_env.kernels.control.work_queue import WorkQueue
@@ -50,7 +50,7 @@ def _modes(scene: Scene) -> BeamModes:
 
 def _force(scene: Scene, drive: AnyDrive) -> DriveForce:
     if isinstance(drive, Loads):
-        taken = schedule_of(scene, drive, 1.0)
+        taken = build_schedule(scene, drive, 1.0)
         return DriveForce(taken.times, taken.omegas, taken.phases, 1.0, 0.0, taken.load)
     schedule = drive.schedule
     phases = schedule.phase_at(schedule.times)
@@ -65,7 +65,7 @@ def _force(scene: Scene, drive: AnyDrive) -> DriveForce:
 
 
 def _spring(scene: Scene) -> Spring | None:
-    return compiled(scene.absorber) if isinstance(scene.absorber, TunedAbsorber) else None
+    return load_law(scene.absorber) if isinstance(scene.absorber, TunedAbsorber) else None
 
 
 def _wide(lanes: int, stride: int) -> int | None:
@@ -90,17 +90,17 @@ def _runge_kutta_laws(scene: Scene) -> tuple[CompliantLaws, int | None]:
     mass = scene.absorber_mass
     stops = slider = None
     if isinstance(absorber, SlidingAbsorber):
-        stops = compiled(absorber.walls)
-        slider = compiled(absorber.friction)
+        stops = load_law(absorber.walls)
+        slider = load_law(absorber.friction)
     free_mass, added_mass = (None, mass) if isinstance(absorber, StuckAbsorber) else (mass, None)
-    cubic = compiled(absorber) if isinstance(absorber, NonlinearSink) else None
+    cubic = load_law(absorber) if isinstance(absorber, NonlinearSink) else None
     return CompliantLaws(free_mass, added_mass, stops, slider, _spring(scene), cubic), _wide(
         scene.model.modes + 1, feedback.STRIDE
     )
 
 
 @dataclass(frozen=True)
-class SteppingFamily(Family):
+class SteppingSolver(Solver):
     """A method with a fixed step; ``laws`` are those of the absorber as its kernels take them, and the padded width of the table."""
 
     def run(
@@ -140,7 +140,7 @@ class SteppingFamily(Family):
         return partial(self.lanes, _modes(scene), laws, TimeStep(method.step(scene), wide), batch)
 
 
-MOREAU = SteppingFamily("moreau", moreau_lane, moreau_lanes, _moreau_laws, searched=False)
-RUNGE_KUTTA = SteppingFamily(
+MOREAU_SOLVER = SteppingSolver("moreau", moreau_lane, moreau_lanes, _moreau_laws, searched=False)
+RUNGE_KUTTA_SOLVER = SteppingSolver(
     "runge_kutta", runge_kutta_lane, runge_kutta_lanes, _runge_kutta_laws, searched=False
 )

@@ -13,39 +13,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import require
-from impact_env.periodic.branch import STOPPED, Branch, NoConvergenceError
+from impact_env.periodic.branch import INTERRUPTED, Branch, NoConvergenceError
 from impact_env.periodic.case import Case
-from impact_env.periodic.continuation import Problem, Steps, both_ways, continuation
+from impact_env.periodic.continuation import (
+    ContinuationProblem,
+    Steps,
+    follow_both_ways,
+    follow_branch,
+)
 from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.harmonic_balance import OMEGA, Balance, harmonic_balance
+from impact_env.periodic.harmonic_balance import OMEGA_PARAMETER, Balance, harmonic_balance
 from impact_env.periodic.motion import Motion
-from impact_env.periodic.orbit import reordered
-from impact_env.periodic.orbit_branches import STEPS as ORBIT_STEPS
+from impact_env.periodic.orbit import reorder_events
+from impact_env.periodic.orbit_branches import ORBIT_BRANCH_STEPS as ORBIT_STEPS
 from impact_env.periodic.orbit_branches import orbit_branch
 from impact_env.periodic.response_curve import ResponseCurve, balance_curve, orbit_curve
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
 from impact_env.periodic.trigonometric import Real
 
-Progress = Callable[
+BranchProgress = Callable[
     [str, int, float], None
 ]  # what is followed, number of points, frequency in rad/s
-SEEDS = 24  # frequencies at which exact orbits are tried as starts
-STEPS = Steps(first=0.02, most=0.15, least=1e-6, points=1500)
-WIDTH = 0.05  # of the first frequency: the change of frequency that counts as much as a displacement of the size of the gap
+START_FREQUENCIES = 24  # frequencies at which exact orbits are tried as starts
+BALANCE_BRANCH_STEPS = Steps(first=0.02, most=0.15, least=1e-6, points=1500)
+PARAMETER_WIDTH = 0.05  # of the first frequency: the change of frequency that counts as much as a displacement of the size of the gap
 # relative: a known point may be near; it is the same if Newton's method goes there
-NEAR = 0.2
-SAME = 1e-5
+NEAR_POINT = 0.2
+SAME_SOLUTION_TOL = 1e-5
 BALANCE_STEPS = Steps(first=0.02, most=0.1, least=1e-6, points=1500)
-ELSEWHERE = 0.5  # of the start: a solution farther off is another one
+OTHER_SOLUTION_DISTANCE = 0.5  # of the start: a solution farther off is another one
 
 
-def frequency_problem(balance: Balance, low: float, high: float) -> Problem:
+def frequency_problem(balance: Balance, low: float, high: float) -> ContinuationProblem:
     """Return the continuation in frequency between two limits in rad/s."""
     gap = getattr(balance.law, "gap", None)
     scale = (
         gap if gap is not None else max(float(np.max(np.abs(balance.free()))), np.finfo(float).tiny)
     )
-    return Problem(balance.residual(OMEGA), OMEGA, scale, WIDTH * high, (low, high))
+    return ContinuationProblem(
+        balance.residual(OMEGA_PARAMETER),
+        OMEGA_PARAMETER,
+        scale,
+        PARAMETER_WIDTH * high,
+        (low, high),
+    )
 
 
 def start_of_orbit(balance: Balance, impulse: float, phase: float) -> Real:
@@ -68,7 +79,7 @@ def start_of_orbit(balance: Balance, impulse: float, phase: float) -> Real:
 def _starts(balance: Balance, low: float, high: float, seeds: int) -> Iterator[tuple[float, Real]]:
     """Yield frequency and unknowns: the free absorber at both ends, then exact orbits of either branch at frequencies between."""
     for omega in (low, high):
-        yield omega, balance.at(OMEGA, omega).free()
+        yield omega, balance.at(OMEGA_PARAMETER, omega).free()
     gap = getattr(balance.law, "gap", None)
     linear = balance.linear
     if gap is None or linear.multiple != 1:
@@ -82,7 +93,9 @@ def _starts(balance: Balance, low: float, high: float, seeds: int) -> Iterator[t
             if orbit.pushes:
                 yield (
                     float(omega),
-                    start_of_orbit(balance.at(OMEGA, float(omega)), orbit.impulse, orbit.phase),
+                    start_of_orbit(
+                        balance.at(OMEGA_PARAMETER, float(omega)), orbit.impulse, orbit.phase
+                    ),
                 )
 
 
@@ -90,9 +103,9 @@ def balance_branches(
     balance: Balance,
     low: float,
     high: float,
-    steps: Steps = STEPS,
-    seeds: int = SEEDS,
-    progress: Progress | None = None,
+    steps: Steps = BALANCE_BRANCH_STEPS,
+    seeds: int = START_FREQUENCIES,
+    progress: BranchProgress | None = None,
 ) -> tuple[Branch, ...]:
     """Return the branches between two frequencies in rad/s, those from the ends first; Ctrl-C ends with what is known so far.
 
@@ -109,20 +122,20 @@ def balance_branches(
     found: list[Branch] = []
     for omega, z in _starts(balance, low, high, seeds):
         try:
-            solution = balance.at(OMEGA, omega).solved(z)
+            solution = balance.at(OMEGA_PARAMETER, omega).solved(z)
         except NoConvergenceError:
             continue
         if any(lies_on(balance, branch, solution, omega) for branch in found):
             continue
         show = None if progress is None else partial(progress, f"branch {len(found) + 1}")
         if omega in problem.limits:  # from a limit of the frequency it has one side only
-            branch = continuation(
+            branch = follow_branch(
                 problem, solution, omega, 1.0 if omega == low else -1.0, steps, show
             )
         else:
-            branch = both_ways(problem, solution, omega, steps, show)
+            branch = follow_both_ways(problem, solution, omega, steps, show)
         found.append(branch)
-        if branch.ended == STOPPED:
+        if branch.ended == INTERRUPTED:
             break
     if not found:
         raise NoConvergenceError(
@@ -138,13 +151,13 @@ def lies_on(balance: Balance, branch: Branch, z: Real, omega: float) -> bool:
     for k in np.flatnonzero((p[:-1] - omega) * (p[1:] - omega) <= 0):
         share = 0.5 if p[k] == p[k + 1] else (omega - p[k]) / (p[k + 1] - p[k])
         between = (1 - share) * branch.points[k] + share * branch.points[k + 1]
-        if np.linalg.norm(between - z) > NEAR * size:
+        if np.linalg.norm(between - z) > NEAR_POINT * size:
             continue
         try:
-            there = balance.at(OMEGA, omega).solved(between)
+            there = balance.at(OMEGA_PARAMETER, omega).solved(between)
         except NoConvergenceError:
             continue
-        if np.linalg.norm(there - z) <= SAME * size:
+        if np.linalg.norm(there - z) <= SAME_SOLUTION_TOL * size:
             return True
     return False
 
@@ -173,11 +186,11 @@ class BalanceRow:
         return asdict(self)
 
 
-COLUMNS = tuple(field.name for field in fields(BalanceRow))
+BALANCE_COLUMNS = tuple(field.name for field in fields(BalanceRow))
 
 
 @dataclass(frozen=True, eq=False)
-class Exact:
+class ReferenceOrbit:
     """The exact orbit with the larger impulse: start for harmonic balance, its motion, and the curve of its branch."""
 
     case: Case
@@ -187,7 +200,7 @@ class Exact:
     curve: ResponseCurve
 
 
-def exact_orbit(case: Case, low: float, high: float) -> Exact:
+def exact_orbit(case: Case, low: float, high: float) -> ReferenceOrbit:
     """Return the orbit with the larger impulse and its branch between two ratios; raises ParameterError where there is none."""
     pushed = [orbit for orbit in closed_form(case) if orbit.pushes]
     require(
@@ -197,7 +210,7 @@ def exact_orbit(case: Case, low: float, high: float) -> Exact:
         f"one with a symmetric orbit of two impacts at {case.force:g} N",
     )
     best = max(pushed, key=lambda orbit: orbit.impulse)
-    motion = reordered(case, symmetric_schedule(case.friction_limit > 0), [best.phase])
+    motion = reorder_events(case, symmetric_schedule(case.friction_limit > 0), [best.phase])
     require(
         not isinstance(motion, NoOrbit),
         "frequency",
@@ -206,12 +219,14 @@ def exact_orbit(case: Case, low: float, high: float) -> Exact:
     )
     assert isinstance(motion, Motion)
     first = float(case.model.omega[0])
-    branch = orbit_branch(motion.solution, OMEGA, (low * first, high * first), ORBIT_STEPS)
-    return Exact(case, best.impulse, best.phase, motion, orbit_curve(branch, first))
+    branch = orbit_branch(
+        motion.solution, OMEGA_PARAMETER, (low * first, high * first), ORBIT_STEPS
+    )
+    return ReferenceOrbit(case, best.impulse, best.phase, motion, orbit_curve(branch, first))
 
 
 def balance_rows(
-    exact: Exact,
+    exact: ReferenceOrbit,
     low: float,
     high: float,
     settings: Iterable[tuple[int, float]],
@@ -228,24 +243,30 @@ def balance_rows(
         except NoConvergenceError as error:
             yield BalanceRow(harmonics, weight, reason=str(error))
             continue
-        if np.linalg.norm(z - begin) > ELSEWHERE * np.linalg.norm(begin):
+        if np.linalg.norm(z - begin) > OTHER_SOLUTION_DISTANCE * np.linalg.norm(begin):
             yield BalanceRow(harmonics, weight, reason="the exact orbit leads to another solution")
             continue
         error_here = balance.response(z).tip_max / exact.motion.tip_max - 1
         yield (
-            _traced(exact, balance, z, low, high, weight, error_here)
+            _trace_branch(exact, balance, z, low, high, weight, error_here)
             if traced
             else BalanceRow(harmonics, weight, error_here)
         )
 
 
-def _traced(
-    exact: Exact, balance: Balance, z: Any, low: float, high: float, weight: float, error: float
+def _trace_branch(
+    exact: ReferenceOrbit,
+    balance: Balance,
+    z: Any,
+    low: float,
+    high: float,
+    weight: float,
+    error: float,
 ) -> BalanceRow:
     first = float(exact.case.model.omega[0])
-    problem: Problem = frequency_problem(balance, low * first, high * first)
+    problem: ContinuationProblem = frequency_problem(balance, low * first, high * first)
     begin = time.process_time()
-    branch = both_ways(problem, z, exact.case.omega, BALANCE_STEPS)
+    branch = follow_both_ways(problem, z, exact.case.omega, BALANCE_STEPS)
     spent = time.process_time() - begin
     curve = balance_curve(balance, branch, first)
     folds = sorted(fold.omega_ratio for fold in curve.folds)
@@ -266,7 +287,7 @@ def _traced(
     )
 
 
-def settings_of(
+def list_settings(
     harmonics: Iterable[int], weights: Iterable[float], growing: bool
 ) -> list[tuple[int, float]]:
     """Return all pairs; ``growing``: the weights are those at 20 harmonics and grow with the square of their number."""

@@ -11,29 +11,29 @@ from numpy.typing import NDArray
 from impact_env.parameters import count, positive
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.orbit import Orbit, mirrored
+from impact_env.periodic.orbit import Orbit, mirror_orbit
 from impact_env.periodic.passage import RECORD
 from impact_env.periodic.shooting import units_of
 from impact_env.periodic.survey import (
-    CLOSE,
     MOST_MULTIPLE,
+    RETURN_TOL,
+    find_return,
+    is_same_orbit,
     least_multiple,
     orbit_next_to,
-    return_of,
-    same,
 )
 from impact_env.scene import InitialState
 from impact_env.sweep import simulate
 
 Array = NDArray[np.float64]
-Progress = Callable[[int, int], None]
-STARTS = 16
-FEWEST = 1
-PERIODS = 2000  # of the force
-CHECKS = (0.125, 0.25, 0.5, 1.0)  # of the periods: where a run is compared with orbits
-CAUGHT = 1e-6  # of gap and gap times omega: a run so close to a stable orbit stays there
-REACH = 1.5  # of the larger of gap and tip displacements: how far initial states reach
-LEVEL = 0.95
+RunProgress = Callable[[int, int], None]
+DEFAULT_RUNS = 16
+LEAST_RUNS = 1
+MOST_PERIODS_OF_RUN = 2000  # of the force
+CHECKED_SHARES = (0.125, 0.25, 0.5, 1.0)  # of the periods: where a run is compared with orbits
+CAPTURE_TOL = 1e-6  # of gap and gap times omega: a run so close to a stable orbit stays there
+START_REACH = 1.5  # of the larger of gap and tip displacements: how far initial states reach
+BASIN_CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,9 @@ class Share:
         return self._interval()[1]
 
     def _interval(self) -> tuple[float, float]:
-        found = scipy.stats.binomtest(self.ended, self.runs).proportion_ci(LEVEL, method="wilson")
+        found = scipy.stats.binomtest(self.ended, self.runs).proportion_ci(
+            BASIN_CONFIDENCE, method="wilson"
+        )
         return float(found.low), float(found.high)
 
     def to_plain(self) -> dict[str, Any]:
@@ -92,7 +94,7 @@ class Basins:
         number = sum(
             number
             for other, number in zip(self.orbits, self.ended, strict=True)
-            if same(orbit, other)
+            if is_same_orbit(orbit, other)
         )
         return Share(number, self.runs)
 
@@ -118,7 +120,7 @@ class Basins:
         }
 
 
-def random_start(case: Case, reach: float, rng: np.random.Generator) -> tuple[Array, float]:
+def draw_start(case: Case, reach: float, rng: np.random.Generator) -> tuple[Array, float]:
     """Return a random state (2 N_m + 2,) and phase of the force in rad.
 
     All are uniform: the phase over a turn, the relative displacement over the clearance, and between both signs of these the relative velocity up to
@@ -141,12 +143,12 @@ def random_start(case: Case, reach: float, rng: np.random.Generator) -> tuple[Ar
 def find_basins(
     case: Case,
     known: Sequence[Orbit] = (),
-    starts: int = STARTS,
-    periods: int = PERIODS,
+    starts: int = DEFAULT_RUNS,
+    periods: int = MOST_PERIODS_OF_RUN,
     seed: int = 0,
     most_multiple: int = MOST_MULTIPLE,
     reach: float | None = None,
-    progress: Progress | None = None,
+    progress: RunProgress | None = None,
 ) -> Basins:
     """Return on which motions runs from random initial states end: what they come to is brought to an orbit by Newton's method.
 
@@ -157,7 +159,7 @@ def find_basins(
     known
         Orbits that are known already, such as those of branches.
     starts
-        Number of runs, each from a state of its own (see `random_start`).
+        Number of runs, each from a state of its own (see `draw_start`).
     periods
         Periods of the force of each run; it ends before at a stable orbit.
     seed
@@ -179,24 +181,24 @@ def find_basins(
     ParameterError
         For numbers out of range.
     """
-    starts = count("starts", starts, FEWEST)
-    periods = count("periods", periods, len(CHECKS) * 2)
+    starts = count("starts", starts, LEAST_RUNS)
+    periods = count("periods", periods, len(CHECKED_SHARES) * 2)
     seed = count("seed", seed, 0)
     most_multiple = count("most_multiple", most_multiple, 1)
     if reach is None:
-        reach = REACH * max([case.gap, *(orbit.motion.tip_max for orbit in known)])
+        reach = START_REACH * max([case.gap, *(orbit.motion.tip_max for orbit in known)])
     reach = positive("reach", reach)
     stable = [orbit for orbit in known if orbit.stability.stable and len(orbit.impacts) > 0]
     ended = [0] * len(stable)
     silent = 0
     other = 0
     for k in range(starts):
-        state, phase = random_start(case, reach, np.random.default_rng([seed, k]))
-        end = _end_of_run(case, state, phase, periods, most_multiple, stable)
+        state, phase = draw_start(case, reach, np.random.default_rng([seed, k]))
+        end = _find_attractor(case, state, phase, periods, most_multiple, stable)
         if isinstance(end, Orbit):
             place = next((j for j, orbit in enumerate(stable) if orbit is end), len(stable))
             if place == len(stable):
-                image = () if end.schedule.symmetric else (mirrored(end),)
+                image = () if end.schedule.symmetric else (mirror_orbit(end),)
                 new = [end, *(orbit for orbit in image if isinstance(orbit, Orbit))]
                 stable += new
                 ended += [0] * len(new)
@@ -210,7 +212,7 @@ def find_basins(
     return Basins(tuple(stable), tuple(ended), silent, other, periods, seed)
 
 
-def _end_of_run(
+def _find_attractor(
     case: Case,
     state: Array,
     phase: float,
@@ -221,7 +223,7 @@ def _end_of_run(
     """Return the stable orbit with impacts that a run ends on, one of the known ones if it is; else whether it ends without impacts."""
     done = 0
     silent = False
-    for share in CHECKS:
+    for share in CHECKED_SHARES:
         span = round(share * periods) - done
         done += span
         response = simulate(
@@ -236,19 +238,19 @@ def _end_of_run(
         silent = bool(np.all(response.impacts.time < 0.5 * span * case.period))
         if silent:
             continue
-        near = CLOSE if done == periods else CAUGHT
+        near = RETURN_TOL if done == periods else CAPTURE_TOL
         for orbit in stable:
             if distance_to(orbit, state, phase) < near:
                 return orbit
-        found = _orbit_near(case, state, phase, most_multiple)
+        found = _find_orbit_near(case, state, phase, most_multiple)
         if found is not None and distance_to(found, state, phase) < near:
-            return next((orbit for orbit in stable if same(orbit, found)), found)
+            return next((orbit for orbit in stable if is_same_orbit(orbit, found)), found)
     return silent
 
 
-def _orbit_near(case: Case, state: Array, phase: float, most_multiple: int) -> Orbit | None:
+def _find_orbit_near(case: Case, state: Array, phase: float, most_multiple: int) -> Orbit | None:
     """Return the stable orbit with impacts next to a state that nearly comes again, of its smallest period; None where there is none."""
-    symmetric, multiple, _ = return_of(case, state, phase, most_multiple)
+    symmetric, multiple, _ = find_return(case, state, phase, most_multiple)
     if multiple == 0:
         return None
     found = orbit_next_to(case, phase, state, symmetric, multiple)

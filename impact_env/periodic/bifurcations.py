@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from impact_env.parameters import ParameterError
 from impact_env.periodic.branch import BRANCH_POINT, FOLD
 from impact_env.periodic.case import Case
-from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
+from impact_env.periodic.green import NoOrbit, Solution, read_unknowns, solve
 from impact_env.periodic.motion import AnyMotion, Motion, motion_of
 from impact_env.periodic.orbit import Orbit, confirmed
 from impact_env.periodic.schedule import EventSchedule
@@ -25,8 +25,13 @@ SYMMETRY_BREAKING = "symmetry breaking"
 PERIOD_DOUBLING = "period doubling"
 TORUS = "torus"  # a pair of complex multipliers on the unit circle (Neimark and Sacker)
 ON_CIRCLE = 1e-6  # a multiplier this close to the unit circle lies on it; located places have 1e-9
-TARGETS = {FOLD: 1.0, BRANCH_POINT: 1.0, SYMMETRY_BREAKING: -1.0, PERIOD_DOUBLING: -1.0}
-LEAST = 1e-4  # of what tells the two halves apart: below it they are the same
+CRITICAL_MULTIPLIERS = {
+    FOLD: 1.0,
+    BRANCH_POINT: 1.0,
+    SYMMETRY_BREAKING: -1.0,
+    PERIOD_DOUBLING: -1.0,
+}
+LEAST_HALF_DIFFERENCE = 1e-4  # of what tells the two halves apart: below it they are the same
 NEAR_BIRTH = (
     1e-3  # the same next to a birth, and where the root search broke down on its way to one
 )
@@ -45,30 +50,30 @@ def critical_multipliers(kind: str, multipliers: Complex, tolerance: float = ON_
     if kind == TORUS:
         upper = values[values.imag > tolerance]
         return upper[np.abs(np.abs(upper) - 1) < tolerance]
-    return values[np.abs(values - TARGETS[kind]) < tolerance]
+    return values[np.abs(values - CRITICAL_MULTIPLIERS[kind]) < tolerance]
 
 
-def multipliers_of(motion: AnyMotion) -> Complex | None:
+def compute_multipliers(motion: AnyMotion) -> Complex | None:
     """Return the multipliers (2 N_m + 2,) over the schedule's span, None where an impact has no speed at all."""
     matrix = motion.derivative
     return np.linalg.eigvals(matrix).astype(complex) if np.all(np.isfinite(matrix)) else None
 
 
-def objection_to(kind: str, motion: AnyMotion) -> str | None:
+def find_objection(kind: str, motion: AnyMotion) -> str | None:
     """Return why a motion has no bifurcation of a ``kind``, None where it has a multiplier for it."""
-    multipliers = multipliers_of(motion)
+    multipliers = compute_multipliers(motion)
     if multipliers is None:
         return "an impact without speed has no multipliers"
     if len(critical_multipliers(kind, multipliers)) > 0:
         return None
     if kind == TORUS:
         return "no pair of complex multipliers lies on the unit circle"
-    return f"no multiplier is {TARGETS[kind]:g}"
+    return f"no multiplier is {CRITICAL_MULTIPLIERS[kind]:g}"
 
 
 def confirmed_bifurcation(kind: str, motion: AnyMotion) -> Orbit | NoOrbit:
     """Return the orbit at a bifurcation of a ``kind`` if the exact method confirms it and a multiplier is in its place, or why there is none."""
-    reason = objection_to(kind, motion)
+    reason = find_objection(kind, motion)
     if reason is not None:
         solution = motion.solution
         return NoOrbit(solution.case, solution.schedule, reason, solution.phases)
@@ -89,7 +94,7 @@ def _orientation_of_reversals(motion: Motion) -> float:
 
 def minus_one_test(motion: Motion) -> float:
     """Return a function from -1 to 1 that is zero where a multiplier is -1, without a pole; NaN where an impact has no speed."""
-    values = multipliers_of(motion)
+    values = compute_multipliers(motion)
     if values is None:
         return np.nan
     factors = (values + 1) / (1 + np.abs(values))
@@ -103,7 +108,7 @@ def torus_test(motion: Motion) -> float:
     A slow impact leaves the determinant of M as it is: with one multiplier that grows without bounds another vanishes, their product stays, and an
     even number of products change their sign. At a reversal the determinant grows too, and an odd number does.
     """
-    values = multipliers_of(motion)
+    values = compute_multipliers(motion)
     if values is None:
         return np.nan
     first, second = np.triu_indices(len(values), 1)
@@ -112,7 +117,7 @@ def torus_test(motion: Motion) -> float:
     return _orientation_of_reversals(motion) * float(np.prod(factors).real)
 
 
-def halves_apart(solution: Solution, side: float) -> Array:
+def compute_half_difference(solution: Solution, side: float) -> Array:
     """Return the second half less the first one times ``side``: phases in rad, and shares of the largest impulse; infinite for an odd number."""
     half = len(solution.phases) // 2
     if len(solution.phases) % 2:
@@ -125,9 +130,9 @@ def halves_apart(solution: Solution, side: float) -> Array:
     )
 
 
-def unlike(solution: Solution, side: float) -> float:
-    """Return the largest difference of `halves_apart`."""
-    return float(np.max(np.abs(halves_apart(solution, side))))
+def largest_half_difference(solution: Solution, side: float) -> float:
+    """Return the largest difference of `compute_half_difference`."""
+    return float(np.max(np.abs(compute_half_difference(solution, side))))
 
 
 def kinds_of_birth(schedule: EventSchedule) -> tuple[tuple[float, str], ...]:
@@ -139,7 +144,7 @@ def kinds_of_birth(schedule: EventSchedule) -> tuple[tuple[float, str], ...]:
     )
 
 
-def parent_at_birth(
+def find_parent_at_birth(
     solution: Solution, parameter: str, apart: float = NEAR_BIRTH
 ) -> tuple[str, Solution] | None:
     """Return the kind of bifurcation and the orbit at which orbits without symmetry, or of a doubled period, are born next to a solution.
@@ -148,7 +153,7 @@ def parent_at_birth(
     than ``apart`` (rad and shares of the largest impulse), or no such orbit is found.
     """
     for side, kind in kinds_of_birth(solution.schedule):
-        if not unlike(solution, side) < apart:
+        if not largest_half_difference(solution, side) < apart:
             continue
         half = len(solution.phases) // 2
         old = solution.schedule
@@ -166,18 +171,18 @@ def parent_at_birth(
             solution.error,
             solution.steps,
         )
-        found = _solved_for_minus_one(start, parameter)
+        found = _solve_for_minus_one(start, parameter)
         return None if found is None else (kind, found)
     return None
 
 
-def _solved_for_minus_one(start: Solution, parameter: str) -> Solution | None:
+def _solve_for_minus_one(start: Solution, parameter: str) -> Solution | None:
     """Return the orbit next to a solution at which `minus_one_test` vanishes in the parameter, None if the secant method does not come to one."""
     last = [start]
 
     def test(value: float) -> float:
         case: Case = start.case.changed(**{parameter: value})
-        near = solve(case, start.schedule, unknowns_of(last[-1]))
+        near = solve(case, start.schedule, read_unknowns(last[-1]))
         if isinstance(near, NoOrbit):
             raise RuntimeError(near.reason)
         last.append(near)
@@ -193,4 +198,4 @@ def _solved_for_minus_one(start: Solution, parameter: str) -> Solution | None:
         return None
     found = last[-1]
     away = abs(float(getattr(found.case, parameter)) - value) / unit
-    return found if away < LEAST else None
+    return found if away < LEAST_HALF_DIFFERENCE else None

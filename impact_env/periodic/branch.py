@@ -22,17 +22,17 @@ Residual = Callable[
 ]  # (z (n,), parameter) -> residual (n,), Jacobian (n, n + 1) by z and parameter
 # why a branch ended
 CLOSED = "closed"  # it came back to its first point, or to a later one where the unknowns changed: an isola
-LIMIT = "limit"  # the parameter's limit
-COUNT = "number of points"
+PARAMETER_LIMIT = "limit"  # the parameter's limit
+POINT_LIMIT = "number of points"
 MINIMUM_STEP = "minimum step"  # no convergence, or a lost branch, whatever the step
-STOPPED = "stopped"  # by Ctrl-C or the caller
+INTERRUPTED = "stopped"  # by Ctrl-C or the caller
 FOLD = "fold"
 BRANCH_POINT = "branch point"
 KINK = "kink"
 
 
 @dataclass(frozen=True, eq=False)
-class Located:
+class SpecialPoint:
     """A point of the branch where something happens: ``kind`` is "fold", "branch point", "kink", or that of a monitor.
 
     It lies behind point number ``after``, or is that point where the root search broke down; ``tangent`` (n + 1,) is in the units of the branch's
@@ -57,7 +57,7 @@ class Branch:
     parameter: str
     points: tuple[Real, ...]
     parameters: Real
-    located: tuple[Located, ...]
+    located: tuple[SpecialPoint, ...]
     ended: str
     message: str
 
@@ -69,7 +69,7 @@ class Branch:
         """Whether the last point is the first one again, or a later one at which the unknowns changed."""
         return self.ended == CLOSED
 
-    def of(self, kind: str) -> tuple[Located, ...]:
+    def of(self, kind: str) -> tuple[SpecialPoint, ...]:
         """Return the located points of a kind, such as "fold"."""
         return tuple(event for event in self.located if event.kind == kind)
 
@@ -77,7 +77,7 @@ class Branch:
         """Return one branch from a second one that left the same first point the other way: that one turned round, then this one."""
         m = len(backward)
         before = [
-            Located(e.kind, m - 2 - e.after, e.point, e.parameter, -e.tangent)
+            SpecialPoint(e.kind, m - 2 - e.after, e.point, e.parameter, -e.tangent)
             for e in reversed(backward.located)
         ]
         return Branch(
@@ -87,8 +87,8 @@ class Branch:
             (*before, *(replace(e, after=e.after + m - 1) for e in self.located)),
             self.ended
             if self.ended == backward.ended
-            else STOPPED
-            if backward.ended == STOPPED
+            else INTERRUPTED
+            if backward.ended == INTERRUPTED
             else f"{backward.ended}; {self.ended}",
             f"at its begin: {backward.message}; at its end: {self.message}",
         )
@@ -99,7 +99,7 @@ class NoConvergenceError(RuntimeError):
 
 
 @dataclass(frozen=True, eq=False)
-class System:
+class ScaledSystem:
     """A residual in scaled unknowns: ``scale`` (n + 1,), the parameter's last; points are found to ``tolerance`` of 1 + |X|."""
 
     residual: Residual
@@ -131,7 +131,7 @@ class System:
         return values, jacobian * self.scale
 
 
-def _solved(matrix: Real, right: Real) -> Real:
+def _solve_bordered(matrix: Real, right: Real) -> Real:
     try:
         return np.asarray(np.linalg.solve(matrix, right))
     except (
@@ -140,8 +140,8 @@ def _solved(matrix: Real, right: Real) -> Real:
         return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0])
 
 
-def corrected(
-    system: System, guess: Real, normal: Real, offset: float | None = None
+def correct_point(
+    system: ScaledSystem, guess: Real, normal: Real, offset: float | None = None
 ) -> tuple[Real, Real, int]:
     """Return the branch's point X in the plane normal . X = ``offset`` (None: through the guess), its Jacobian by X, and how many steps that took.
 
@@ -154,7 +154,9 @@ def corrected(
     close = False
     for iteration in range(1, system.iterations + 1):
         values, jacobian = system(x)
-        step = -_solved(np.vstack([jacobian, normal]), np.append(values, normal @ x - offset))
+        step = -_solve_bordered(
+            np.vstack([jacobian, normal]), np.append(values, normal @ x - offset)
+        )
         size = float(np.linalg.norm(step))
         if not np.isfinite(size):
             raise NoConvergenceError("a Newton step is not finite")
@@ -175,10 +177,10 @@ def corrected(
     )
 
 
-def tangent(jacobian: Real, along: Real) -> Real:
+def compute_tangent(jacobian: Real, along: Real) -> Real:
     """Return the unit tangent of the branch, in the direction of ``along``."""
     n = len(jacobian)
-    found = _solved(np.vstack([jacobian, along]), np.append(np.zeros(n), 1.0))
+    found = _solve_bordered(np.vstack([jacobian, along]), np.append(np.zeros(n), 1.0))
     size = float(np.linalg.norm(found))
     if not (np.isfinite(size) and size > 0):
         raise NoConvergenceError("the branch has no tangent here")
@@ -195,7 +197,7 @@ class Monitor:
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class BranchState:
     """A point X (n + 1,) of the branch, its unit tangent t, the Jacobian J (n, n + 1), and sign and logarithm of det [J; t].
 
     That determinant is zero only where branches cross.
@@ -207,22 +209,22 @@ class Place:
     determinant: tuple[float, float]
 
 
-def placed(x: Real, jacobian: Real, along: Real) -> Place:
+def make_state(x: Real, jacobian: Real, along: Real) -> BranchState:
     """Return the place at a point of the branch, its tangent in the direction of ``along``."""
-    direction = tangent(jacobian, along)
+    direction = compute_tangent(jacobian, along)
     sign, logarithm = np.linalg.slogdet(np.vstack([jacobian, direction]))
-    return Place(x, direction, jacobian, (float(sign), float(logarithm)))
+    return BranchState(x, direction, jacobian, (float(sign), float(logarithm)))
 
 
 @dataclass(frozen=True, eq=False)
-class Gate:
+class ReturnGate:
     """A place that closes the branch when it is met again: the first one, and the first in each set of unknowns (the start's may not come again)."""
 
     index: int
-    system: System
-    place: Place
+    system: ScaledSystem
+    place: BranchState
 
-    def returned(self, here: Place, there: Place) -> bool:
+    def returned(self, here: BranchState, there: BranchState) -> bool:
         """Return whether the step goes over the place: next to the chord, and Newton's method from there ends in it."""
         chord = there.x - here.x
         first = self.place
@@ -234,7 +236,9 @@ class Gate:
         if not 0 < share <= 1 or np.linalg.norm(first.x - nearest) > 0.3 * length:
             return False
         try:
-            x = corrected(self.system, nearest, first.tangent, float(first.tangent @ first.x))[0]
+            x = correct_point(self.system, nearest, first.tangent, float(first.tangent @ first.x))[
+                0
+            ]
         except NoConvergenceError:
             return False
         return bool(np.linalg.norm(x - first.x) <= 1e-6 * (1 + np.linalg.norm(first.x)))
@@ -244,11 +248,11 @@ class Gate:
 class _Between:
     """The branch between two places, as a function of the share s of the way: Newton's method from a cubic through both."""
 
-    system: System
-    here: Place
-    there: Place
+    system: ScaledSystem
+    here: BranchState
+    there: BranchState
 
-    def __call__(self, s: float) -> Place:
+    def __call__(self, s: float) -> BranchState:
         """Return the place in the plane across the chord at a share of it; raises NoConvergenceError."""
         chord = self.there.x - self.here.x
         length = float(np.linalg.norm(chord))
@@ -256,17 +260,17 @@ class _Between:
         b = chord - length * self.there.tangent
         guess = self.here.x + s * chord + s * (1 - s) * ((1 - s) * a + s * b)
         normal = chord / length
-        x, jacobian, _ = corrected(
+        x, jacobian, _ = correct_point(
             self.system, guess, normal, float(normal @ self.here.x) + s * length
         )
-        return placed(x, jacobian, normal)
+        return make_state(x, jacobian, normal)
 
 
-def _zero(
-    between: _Between, value: Callable[[Place], float], kind: str, after: int
-) -> tuple[float, Located]:
+def _locate_zero(
+    between: _Between, value: Callable[[BranchState], float], kind: str, after: int
+) -> tuple[float, SpecialPoint]:
     """Return the share of the way at which ``value`` changes sign, and what is there."""
-    known: dict[float, Place] = {0.0: between.here, 1.0: between.there}
+    known: dict[float, BranchState] = {0.0: between.here, 1.0: between.there}
 
     def at(s: float) -> float:
         if s not in known:
@@ -289,17 +293,17 @@ def _zero(
     ):  # no point, no end of the search, or a value that is not a number on the way
         s = 0.0
         place = between.here
-    return s, Located(kind, after, *between.system.plain(place.x), place.tangent)
+    return s, SpecialPoint(kind, after, *between.system.plain(place.x), place.tangent)
 
 
-def _crossing(between: _Between, after: int) -> tuple[float, Located]:
+def _locate_crossing(between: _Between, after: int) -> tuple[float, SpecialPoint]:
     """Return the branch point, or the kink at which the determinant jumps over zero."""
     logarithm = max(between.here.determinant[1], between.there.determinant[1])
 
-    def scaled(place: Place) -> float:
+    def scaled(place: BranchState) -> float:
         return place.determinant[0] * float(np.exp(place.determinant[1] - logarithm))
 
-    s, event = _zero(between, scaled, BRANCH_POINT, after)
+    s, event = _locate_zero(between, scaled, BRANCH_POINT, after)
     smaller = min(abs(scaled(between.here)), abs(scaled(between.there)))
     try:
         jump = min(abs(scaled(between(float(np.clip(s + sign * 1e-6, 0, 1))))) for sign in (-1, 1))
@@ -310,9 +314,13 @@ def _crossing(between: _Between, after: int) -> tuple[float, Located]:
     return s, event
 
 
-def located(
-    monitors: tuple[Monitor, ...], system: System, here: Place, there: Place, after: int
-) -> tuple[Located, ...]:
+def locate_zeros(
+    monitors: tuple[Monitor, ...],
+    system: ScaledSystem,
+    here: BranchState,
+    there: BranchState,
+    after: int,
+) -> tuple[SpecialPoint, ...]:
     """Return the zeros of monitors between two places, point number ``after`` and the next, in the order of the branch.
 
     Two zeros of one function in one step cancel and are missed: the continuation's limit on the tangent's turn is there to keep steps short of that.
@@ -320,16 +328,16 @@ def located(
     between = _Between(system, here, there)
     found = []
     if here.tangent[-1] * there.tangent[-1] < 0:
-        found.append(_zero(between, lambda place: float(place.tangent[-1]), FOLD, after))
+        found.append(_locate_zero(between, lambda place: float(place.tangent[-1]), FOLD, after))
     if here.determinant[0] * there.determinant[0] < 0:
-        found.append(_crossing(between, after))
+        found.append(_locate_crossing(between, after))
     for monitor in monitors:
 
-        def value(place: Place, monitor: Monitor = monitor) -> float:
+        def value(place: BranchState, monitor: Monitor = monitor) -> float:
             return monitor.value(*system.plain(place.x))
 
         before = value(here)
         behind = value(there)
         if before * behind < 0 or (behind == 0 and before != 0):
-            found.append(_zero(between, value, monitor.kind, after))
+            found.append(_locate_zero(between, value, monitor.kind, after))
     return tuple(event for _, event in sorted(found, key=lambda pair: pair[0]))

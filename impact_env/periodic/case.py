@@ -29,10 +29,10 @@ from impact_env.parameters import (
     non_negative,
     positive,
     require,
-    weightless,
+    require_weightless,
 )
 from impact_env.scene import Scene
-from impact_env.secular import SPLIT, raised
+from impact_env.secular import SPLIT_TOL, raise_off_axis
 
 Array = NDArray[np.float64]
 
@@ -67,14 +67,14 @@ class Case:
     @property
     def scene(self) -> Scene:
         """The scene that the exact method runs."""
-        return scene_of(
+        return make_scene(
             self.model, self.gap, self.restitution, self.friction_limit, self.mass_ratio
         )
 
     @property
     def structure(self) -> Structure:
         """Structure and absorber as exponentials, for the kernels."""
-        return structure_of(self.model, self.mass_ratio)
+        return make_structure(self.model, self.mass_ratio)
 
     @property
     def point(self) -> Point:
@@ -127,7 +127,7 @@ def case_of(scene: Scene, force: float, omega: float) -> Case:
         allowed,
     )
     assert isinstance(absorber, SlidingAbsorber)
-    weightless(absorber, "periodic orbits")
+    require_weightless(absorber, "periodic orbits")
     friction = absorber.friction
     ratio = friction.static_ratio if isinstance(friction, CoulombFriction) else 1.0
     require(ratio == 1, "static_ratio", ratio, "1 for periodic orbits")
@@ -139,7 +139,7 @@ def case_of(scene: Scene, force: float, omega: float) -> Case:
 
 
 @lru_cache(maxsize=64)
-def scene_of(
+def make_scene(
     model: ModalModel, gap: float, restitution: float, limit: float, mass_ratio: float
 ) -> Scene:
     """Return a scene; the same one for the same arguments, since the exact method keeps its tables by scene."""
@@ -147,18 +147,18 @@ def scene_of(
 
 
 @lru_cache(maxsize=64)
-def structure_of(model: ModalModel, mass_ratio: float) -> Structure:
+def make_structure(model: ModalModel, mass_ratio: float) -> Structure:
     """Return the exponentials of a model's modes, and the absorber's share.
 
-    A mode has one complex exponential, two real ones above critical damping, and near it the three complex ones of `secular.raised`, as the exact
-    method's regimes have.
+    A mode has one complex exponential, two real ones above critical damping, and near it the three
+    complex ones of `secular.raise_off_axis`, as the exact method's regimes have.
     """
     omega = np.array(model.omega)
     damping = np.array(model.damping_ratio)
     tip = np.array(model.tip_shape)
     square = omega**2 * (1 - damping) * (1 + damping)
-    near = np.abs(square) < (SPLIT * omega) ** 2
-    heights = raised(omega, square)
+    near = np.abs(square) < (SPLIT_TOL * omega) ** 2
+    heights = raise_off_axis(omega, square)
     s: list[complex] = []
     weight: list[complex] = []
     mode: list[int] = []

@@ -27,9 +27,9 @@ from impact_env.periodic.trigonometric import (
     Real,
     basis,
     derivative,
+    find_roots,
     harmonics_of,
     negative,
-    roots,
     share,
     window,
 )
@@ -69,14 +69,14 @@ class _Slip(NamedTuple):
     sign: float
 
 
-def elastic_coulomb(motion: Real, limit: float, stiffness: float) -> Hysteresis:
+def elastic_coulomb_force(motion: Real, limit: float, stiffness: float) -> Hysteresis:
     """Return the periodic force for a relative displacement ``motion`` (2H + 1,) in m; limit in N, stiffness in N/m.
 
     The stretches' ends are roots of r' and of r less a constant, so nothing is sampled. If nothing slips, the force is -k r without its mean: where
     the spring is at rest is free then.
     """
     h = harmonics_of(motion)
-    turns = roots(derivative(motion)[None])[0]
+    turns = find_roots(derivative(motion)[None])[0]
     if len(turns):
         rows = np.array([basis(angle, h) for angle in turns])
         state, slipped = _cycle(
@@ -84,7 +84,7 @@ def elastic_coulomb(motion: Real, limit: float, stiffness: float) -> Hysteresis:
         )[:2]
         if slipped:
             stretches = _cycle(motion, turns, rows, limit, stiffness, state)[2]
-            return _summed(motion, stretches, limit, stiffness)
+            return _sum_stretches(motion, stretches, limit, stiffness)
     moving = np.ones(len(motion))
     moving[0] = 0.0
     return Hysteresis(
@@ -121,14 +121,14 @@ def _cycle(
             state = _State(pulled, by_motion, state.by_limit, state.by_stiffness - move)
             continue
         sign = -float(np.sign(move))
-        at = _reaches(motion, begin, end, (held.force - sign * limit) / stiffness)
+        at = _find_angle(motion, begin, end, (held.force - sign * limit) / stiffness)
         stretches += [_Stick(begin, at, held), _Slip(at, end, sign)]
         state = _State(sign * limit, np.zeros(len(motion)), sign, 0.0)
         slipped = True
     return state, slipped, stretches
 
 
-def _reaches(motion: Real, begin: float, end: float, value: float) -> float:
+def _find_angle(motion: Real, begin: float, end: float, value: float) -> float:
     """Return the angle between two turning points at which the motion has a value."""
 
     def rest(angle: float) -> float:
@@ -141,7 +141,7 @@ def _reaches(motion: Real, begin: float, end: float, value: float) -> float:
     return float(scipy.optimize.brentq(rest, begin, end, xtol=1e-15, rtol=1e-15))
 
 
-def _summed(
+def _sum_stretches(
     motion: Real, stretches: list[_Stick | _Slip], limit: float, stiffness: float
 ) -> Hysteresis:
     h = harmonics_of(motion)
@@ -165,7 +165,7 @@ def _summed(
     return Hysteresis(force, by_motion, by_limit, by_stiffness)
 
 
-class Contact(NamedTuple):
+class ContactForce(NamedTuple):
     """Force on the absorber (n,) in N and its derivatives by relative displacement and by dynamic force (n, n), frequency and the parameter (n,).
 
     ``by_rate`` (n, n): by the relative velocity (m/s), whose harmonics ``by_motion`` has in it.
@@ -179,10 +179,10 @@ class Contact(NamedTuple):
     by_rate: Real
 
 
-class Law(Protocol):
+class ContactLaw(Protocol):
     """What harmonic balance asks of a contact law."""
 
-    def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> Contact:
+    def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> ContactForce:
         """Return the force for relative displacement (n,) in m, dynamic force (n,) in N and the fundamental frequency in rad/s.
 
         ``parameter`` names the field to derive by; another name is none of the law's and has the derivative zero.
@@ -211,8 +211,8 @@ class RigidContact:
             friction_weight=positive,
         )
 
-    def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> Contact:
-        """See `Law`."""
+    def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> ContactForce:
+        """See `ContactLaw`."""
         walls = _walls(dynamic - self.weight * motion, self.weight, self.gap, parameter)
         held = walls.matrix
         slope = walls.by_gap if parameter == "gap" else np.zeros_like(motion)
@@ -220,7 +220,7 @@ class RigidContact:
             slope = (
                 walls.by_gap * (0.0 if self.gap is None else self.gap / self.weight) - held @ motion
             )
-        wall = Contact(
+        wall = ContactForce(
             walls.force,
             -self.weight * held,
             held,
@@ -233,8 +233,8 @@ class RigidContact:
         return self._with_friction(motion, dynamic, omega, parameter, wall)
 
     def _with_friction(
-        self, motion: Real, dynamic: Real, omega: float, parameter: str, wall: Contact
-    ) -> Contact:
+        self, motion: Real, dynamic: Real, omega: float, parameter: str, wall: ContactForce
+    ) -> ContactForce:
         """Add friction: what the walls leave of the dynamic force, less the weighted velocity, clipped to the limit."""
         h = harmonics_of(motion)
         limit = float(self.friction_limit or 0.0)
@@ -244,7 +244,7 @@ class RigidContact:
         above = -wanted
         below = wanted.copy()
         above[0], below[0] = above[0] + limit, below[0] + limit
-        at = roots(np.array([above, below]))
+        at = find_roots(np.array([above, below]))
         up = negative(above, at[0])
         down = negative(below, at[1])
         stick = np.eye(len(motion)) - window(np.concatenate([up, down]), h)
@@ -255,7 +255,7 @@ class RigidContact:
             by_parameter = by_parameter + slid
         if parameter == "friction_weight":
             by_parameter = by_parameter - omega * (stick @ rate)
-        return Contact(
+        return ContactForce(
             wall.force + stick @ wanted + limit * slid,
             wall.by_motion - stick @ (wall.by_motion + turning),
             wall.by_dynamic + stick @ (np.eye(len(motion)) - wall.by_dynamic),
@@ -289,8 +289,8 @@ class CompliantContact:
             object.__setattr__(self, "friction_limit", friction.limit)
             object.__setattr__(self, "friction_stiffness", friction.stiffness)
 
-    def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> Contact:  # noqa: ARG002 - no law of the dynamics
-        """See `Law`."""
+    def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> ContactForce:  # noqa: ARG002 - no law of the dynamics
+        """See `ContactLaw`."""
         zero = np.zeros_like(motion)
         stiffness = 0.0 if self.stiffness is None else self.stiffness
         walls = _walls(-stiffness * motion, stiffness, self.gap, parameter)
@@ -300,7 +300,7 @@ class CompliantContact:
         force = walls.force
         by_motion = -stiffness * walls.matrix
         if self.friction_limit is not None and self.friction_stiffness is not None:
-            friction = elastic_coulomb(motion, self.friction_limit, self.friction_stiffness)
+            friction = elastic_coulomb_force(motion, self.friction_limit, self.friction_stiffness)
             force = force + friction.force
             by_motion = by_motion + friction.by_motion
             slope = (
@@ -311,7 +311,7 @@ class CompliantContact:
                 else slope
             )
         none = np.zeros((len(motion), len(motion)))
-        return Contact(force, by_motion, none, zero, slope, none)
+        return ContactForce(force, by_motion, none, zero, slope, none)
 
 
 class _Walls(NamedTuple):
@@ -335,7 +335,7 @@ def _walls(free: Real, weight: float, gap: float | None, parameter: str) -> _Wal
     lower = free.copy()
     upper = -free
     lower[0], upper[0] = lower[0] + weight * gap, upper[0] + weight * gap
-    at = roots(np.array([lower, upper]))
+    at = find_roots(np.array([lower, upper]))
     first = negative(lower, at[0])
     second = negative(upper, at[1])
     matrix = window(np.concatenate([first, second]), h)

@@ -13,27 +13,27 @@ import numpy as np
 from impact_env.parameters import count_from, finite, keep_checked, positive, require
 from impact_env.periodic.branch import (
     CLOSED,
-    COUNT,
+    INTERRUPTED,
     KINK,
-    LIMIT,
     MINIMUM_STEP,
-    STOPPED,
+    PARAMETER_LIMIT,
+    POINT_LIMIT,
     Branch,
-    Gate,
-    Located,
+    BranchState,
     Monitor,
     NoConvergenceError,
-    Place,
     Real,
     Residual,
-    System,
-    corrected,
-    located,
-    placed,
-    tangent,
+    ReturnGate,
+    ScaledSystem,
+    SpecialPoint,
+    compute_tangent,
+    correct_point,
+    locate_zeros,
+    make_state,
 )
 
-Progress = Callable[[int, float], None]  # number of points, parameter
+PointProgress = Callable[[int, float], None]  # number of points, parameter
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Steps:
 
 
 @dataclass(frozen=True, eq=False)
-class Chart:
+class ContinuationChart:
     """The same branch in other unknowns, as after a change of the event order: ``tangent`` (n + 1,) says which way it goes, in plain units.
 
     ``monitors`` are those of the new unknowns.
@@ -82,12 +82,12 @@ class Chart:
 
 
 Recentre = Callable[
-    [Real, float, Real], Chart | None
+    [Real, float, Real], ContinuationChart | None
 ]  # (z, parameter, tangent in plain units) -> other unknowns, or None to keep these
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class ContinuationProblem:
     """What is continued. ``scale`` (n,) or one number: the size of the unknowns; ``parameter_scale``: the parameter's change that counts as much.
 
     ``limits`` of the parameter; ``monitors`` whose zeros are located; ``recentre`` is asked after every point whether the unknowns change.
@@ -107,21 +107,21 @@ class Problem:
         keep_checked(self, parameter_scale=positive)
         require(bool(np.all(np.asarray(self.scale) > 0)), "scale", self.scale, "numbers above 0")
 
-    def system(self, n: int, steps: Steps) -> System:
+    def system(self, n: int, steps: Steps) -> ScaledSystem:
         """Return the residual in scaled unknowns."""
         scale = np.append(
             np.broadcast_to(np.asarray(self.scale, dtype=np.float64), (n,)), self.parameter_scale
         )
-        return System(self.residual, scale, steps.tolerance, steps.iterations)
+        return ScaledSystem(self.residual, scale, steps.tolerance, steps.iterations)
 
 
-def start(
-    problem: Problem,
+def start_branch(
+    problem: ContinuationProblem,
     z: Real,
     parameter: float,
     direction: float | Real = 1.0,
     steps: Steps | None = None,
-) -> tuple[System, Place]:
+) -> tuple[ScaledSystem, BranchState]:
     """Return the branch's point at a parameter, next to ``z``, and the tangent in a direction: the sign of the parameter's change, or (n + 1,).
 
     A direction (n + 1,) in plain units also is the normal of the plane in which the point is sought. Raises NoConvergenceError.
@@ -149,31 +149,31 @@ def start(
     else:
         along = np.asarray(direction, dtype=np.float64) / system.scale
         along = along / np.linalg.norm(along)
-    x, jacobian, _ = corrected(system, system.scaled(z, parameter), along)
-    return system, placed(x, jacobian, along)
+    x, jacobian, _ = correct_point(system, system.scaled(z, parameter), along)
+    return system, make_state(x, jacobian, along)
 
 
-def continuation(
-    problem: Problem,
+def follow_branch(
+    problem: ContinuationProblem,
     z: Real,
     parameter: float,
     direction: float | Real = 1.0,
     steps: Steps | None = None,
-    progress: Progress | None = None,
+    progress: PointProgress | None = None,
 ) -> Branch:
-    """Return the branch through the point next to ``z`` (n,) at a parameter, one way: see `start` and `Branch`.
+    """Return the branch through the point next to ``z`` (n,) at a parameter, one way: see `start_branch` and `Branch`.
 
     Ctrl-C ends it with what is known so far. Raises NoConvergenceError only if there is no point to start from, ParameterError for bad input.
     """
     steps = Steps() if steps is None else steps
     way: list[tuple[Real, float]] = []
-    events: list[Located] = []
+    events: list[SpecialPoint] = []
     ended = None
     message = ""
     try:
-        system, here = start(problem, z, parameter, direction, steps)
+        system, here = start_branch(problem, z, parameter, direction, steps)
         size = steps.first
-        gates = [Gate(0, system, here)]
+        gates = [ReturnGate(0, system, here)]
         while True:
             way.append(system.plain(here.x))
             at = f"{problem.parameter} = {way[-1][1]:.10g}"
@@ -192,23 +192,25 @@ def continuation(
                     problem = replace(
                         problem, residual=chart.residual, scale=chart.scale, monitors=chart.monitors
                     )
-                    system, here = start(problem, chart.point, way[-1][1], chart.tangent, steps)
-                    gates.append(Gate(len(way) - 1, system, here))
+                    system, here = start_branch(
+                        problem, chart.point, way[-1][1], chart.tangent, steps
+                    )
+                    gates.append(ReturnGate(len(way) - 1, system, here))
                 doing = f"no step from {at} down to {steps.least:.1e}"
-                there, size, kink = _next(system, here, size, steps)
+                there, size, kink = _take_step(system, here, size, steps)
             except NoConvergenceError as error:
                 ended = MINIMUM_STEP
                 message = f"{doing}: {error}"
                 break
-            here, happened, ended, message = _landed(
+            here, happened, ended, message = _end_step(
                 problem, gates, system, here, there, kink, len(way) - 1
             )
             events += happened
             if ended is None and len(way) + 1 >= steps.points:
-                ended = COUNT
+                ended = POINT_LIMIT
                 message = f"{steps.points} points"
     except KeyboardInterrupt:
-        ended = STOPPED
+        ended = INTERRUPTED
         message = f"stopped after {len(way)} points"
     return Branch(
         problem.parameter,
@@ -220,15 +222,15 @@ def continuation(
     )
 
 
-def _landed(
-    problem: Problem,
-    gates: list[Gate],
-    system: System,
-    here: Place,
-    there: Place,
+def _end_step(
+    problem: ContinuationProblem,
+    gates: list[ReturnGate],
+    system: ScaledSystem,
+    here: BranchState,
+    there: BranchState,
     kink: bool,
     index: int,
-) -> tuple[Place, tuple[Located, ...], str | None, str]:
+) -> tuple[BranchState, tuple[SpecialPoint, ...], str | None, str]:
     """Return where a step from point number ``index`` ends, what is located on it, and why the branch ends there (None: it does not), with words."""
     ended = None
     message = ""
@@ -241,14 +243,14 @@ def _landed(
         message = (
             "back at its first point" if gate.index == 0 else f"back at its point {gate.index + 1}"
         )
-    bounded = _bounded(problem, system, here, there)
+    bounded = _stop_at_limit(problem, system, here, there)
     if bounded is not None:
         there = bounded
-        ended = LIMIT
+        ended = PARAMETER_LIMIT
         message = f"{problem.parameter} = {system.plain(there.x)[1]:.10g} is its limit"
-    events = located(problem.monitors, system, here, there, index)
+    events = locate_zeros(problem.monitors, system, here, there, index)
     if kink:
-        events = (*events, Located(KINK, index, *system.plain(here.x), here.tangent))
+        events = (*events, SpecialPoint(KINK, index, *system.plain(here.x), here.tangent))
     enders = {monitor.kind for monitor in problem.monitors if monitor.ends}
     last = next((k for k, event in enumerate(events) if event.kind in enders), None)
     if last is not None:
@@ -260,13 +262,17 @@ def _landed(
     return there, events, ended, message
 
 
-def _next(system: System, here: Place, size: float, steps: Steps) -> tuple[Place, float, bool]:
+def _take_step(
+    system: ScaledSystem, here: BranchState, size: float, steps: Steps
+) -> tuple[BranchState, float, bool]:
     """Return the next place, the size of the step after it, and whether the tangent jumps between; raises NoConvergenceError below the least step."""
     while True:
         why = ""
         try:
-            x, jacobian, iterations = corrected(system, here.x + size * here.tangent, here.tangent)
-            there = placed(x, jacobian, here.tangent)
+            x, jacobian, iterations = correct_point(
+                system, here.x + size * here.tangent, here.tangent
+            )
+            there = make_state(x, jacobian, here.tangent)
             drift = float(np.linalg.norm(x - here.x)) / size
             angle = float(np.arccos(np.clip(there.tangent @ here.tangent, -1, 1)))
             smooth = angle <= steps.turn and drift < 1.2
@@ -282,7 +288,9 @@ def _next(system: System, here: Place, size: float, steps: Steps) -> tuple[Place
         size = max(size / 2.5, steps.least)
 
 
-def _bounded(problem: Problem, system: System, here: Place, there: Place) -> Place | None:
+def _stop_at_limit(
+    problem: ContinuationProblem, system: ScaledSystem, here: BranchState, there: BranchState
+) -> BranchState | None:
     """Return the place at the parameter's limit if the step goes over it."""
     before = system.plain(here.x)[1]
     after = system.plain(there.x)[1]
@@ -298,33 +306,36 @@ def _bounded(problem: Problem, system: System, here: Place, there: Place) -> Pla
     normal = np.append(np.zeros(len(here.x) - 1), 1.0)
     guess = here.x + (limit - before) / (after - before) * (there.x - here.x)
     try:
-        x, jacobian, _ = corrected(system, guess, normal, limit / float(system.scale[-1]))
-        return placed(x, jacobian, there.x - here.x)
+        x, jacobian, _ = correct_point(system, guess, normal, limit / float(system.scale[-1]))
+        return make_state(x, jacobian, there.x - here.x)
     except NoConvergenceError:
         return there  # a fold at the limit itself: the last point lies just outside
 
 
-def both_ways(
-    problem: Problem,
+def follow_both_ways(
+    problem: ContinuationProblem,
     z: Real,
     parameter: float,
     steps: Steps | None = None,
-    progress: Progress | None = None,
+    progress: PointProgress | None = None,
 ) -> Branch:
     """Return the branch through a point to both sides, first towards larger parameters; a closed one once round."""
-    forward = continuation(problem, z, parameter, 1.0, steps, progress)
-    if forward.closed or forward.ended == STOPPED:
+    forward = follow_branch(problem, z, parameter, 1.0, steps, progress)
+    if forward.closed or forward.ended == INTERRUPTED:
         return forward
-    return forward.joined(continuation(problem, z, parameter, -1.0, steps, progress))
+    return forward.joined(follow_branch(problem, z, parameter, -1.0, steps, progress))
 
 
-def switched(
-    problem: Problem, event: Located, size: float = 0.01, steps: Steps | None = None
+def switch_at_branch_point(
+    problem: ContinuationProblem,
+    event: SpecialPoint,
+    size: float = 0.01,
+    steps: Steps | None = None,
 ) -> tuple[tuple[Real, float, Real], ...]:
     """Return starts (z, parameter, direction) of the other branch through a branch point, to both sides where it has two.
 
     The kernel of the Jacobian is a plane there; the start is sought ``size`` of arclength away, across the known tangent. ``direction`` is what
-    `continuation` takes. Raises NoConvergenceError if neither side has a point.
+    `follow_branch` takes. Raises NoConvergenceError if neither side has a point.
     """
     steps = Steps() if steps is None else steps
     system = problem.system(len(event.point), steps)
@@ -337,8 +348,10 @@ def switched(
     why = ""
     for sign in (1.0, -1.0):
         try:
-            at, jacobian, _ = corrected(system, x + sign * size * other, other)
-            found.append((*system.plain(at), tangent(jacobian, sign * other) * system.scale))
+            at, jacobian, _ = correct_point(system, x + sign * size * other, other)
+            found.append(
+                (*system.plain(at), compute_tangent(jacobian, sign * other) * system.scale)
+            )
         except NoConvergenceError as error:
             why = str(error)
     if not found:

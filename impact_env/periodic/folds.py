@@ -17,28 +17,28 @@ from impact_env.periodic.green import (
     NoOrbit,
     Solution,
     linear_states,
+    make_solution,
+    read_unknowns,
     residual_and_jacobian,
-    solution_of,
-    unknowns_of,
 )
 from impact_env.periodic.motion import Motion, motion_of
-from impact_env.periodic.orbit import consistent, reordered, shown_order
+from impact_env.periodic.orbit import is_consistent, order_of_motion, reorder_events
 from impact_env.periodic.schedule import EventSchedule
 
 Array = NDArray[np.float64]
-MOST_STEPS = 25
-DIFFERENCE = 1e-5
-CLOSE = 1e-12
+MOST_FOLD_STEPS = 25
+FOLD_DIFFERENCE_STEP = 1e-5
+FOLD_TOL = 1e-12
 # of the unknowns and of the scaled conditions of a fold: beyond them Newton's method has not come to one
 STEP_TOL = 1e-8
 RESIDUAL_TOL = 1e-9
-APART = (
+START_FACTORS = (
     1.001,
     1.004,
     1.02,
 )  # of the fold's force: where two orbits are far enough apart for Newton's method to find one
-MOST_REORDERINGS = 6
-LEVEL = 1e-11  # rad/s of the frequency, relative
+MOST_FOLD_REORDERINGS = 6
+LEVEL_FOLD_TOL = 1e-11  # rad/s of the frequency, relative
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,23 +60,24 @@ def _null_vectors(jacobian: Array) -> tuple[Array, Array]:
     return left[:, -1], right[-1]
 
 
-def fold_near(solution: Solution, parameter: str = "omega") -> Fold | NoOrbit:
+def find_fold(solution: Solution, parameter: str = "omega") -> Fold | NoOrbit:
     """Return the fold next to a solution with the same events, in a parameter of `PARAMETERS`, or why none was found."""
     case = solution.case
     schedule = solution.schedule
     conditions = Conditions(case, schedule, parameter)
-    z = unknowns_of(solution)
+    z = read_unknowns(solution)
     value = getattr(case, parameter)
     unit = abs(value) if value != 0 else 1.0
     m = len(z)
     v = _null_vectors(conditions(z, value)[1][:, :m])[1]
     normal = v
     error = np.inf
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_FOLD_STEPS):
         residual, jacobian = conditions(z, value)
         bend = (
-            conditions(z + DIFFERENCE * v, value)[1] - conditions(z - DIFFERENCE * v, value)[1]
-        ) / (2 * DIFFERENCE)
+            conditions(z + FOLD_DIFFERENCE_STEP * v, value)[1]
+            - conditions(z - FOLD_DIFFERENCE_STEP * v, value)[1]
+        ) / (2 * FOLD_DIFFERENCE_STEP)
         rest = np.concatenate([residual, jacobian[:, :m] @ v, [normal @ v - 1]])
         whole = np.zeros((2 * m + 1, 2 * m + 1))
         whole[:m, :m], whole[:m, -1] = jacobian[:, :m], jacobian[:, m] * unit
@@ -96,7 +97,7 @@ def fold_near(solution: Solution, parameter: str = "omega") -> Fold | NoOrbit:
         v = v + step[m:-1]
         value = value + unit * step[-1]
         error = float(np.max(np.abs(step)))
-        if not np.isfinite(error) or error > 1e3 or value <= 0 or error < CLOSE:
+        if not np.isfinite(error) or error > 1e3 or value <= 0 or error < FOLD_TOL:
             break
     left = np.inf
     if np.isfinite(error) and value > 0:
@@ -110,11 +111,11 @@ def fold_near(solution: Solution, parameter: str = "omega") -> Fold | NoOrbit:
             z[: len(schedule.events)],
         )
     at = case.changed(**{parameter: value})
-    return _fold_of(solution_of(at, schedule, z, float(np.max(np.abs(residual)))))
+    return _fold_from_solution(make_solution(at, schedule, z, float(np.max(np.abs(residual)))))
 
 
-def _fold_of(solution: Solution) -> Fold | NoOrbit:
-    z = unknowns_of(solution)
+def _fold_from_solution(solution: Solution) -> Fold | NoOrbit:
+    z = read_unknowns(solution)
     if (
         np.any(np.diff(solution.phases) <= 0)
         or solution.phases[-1] >= solution.phases[0] + solution.schedule.turn
@@ -128,7 +129,7 @@ def _fold_of(solution: Solution) -> Fold | NoOrbit:
     return Fold(motion_of(solution), float(-by[PARAMETERS["omega"]] / by[PARAMETERS["force"]]))
 
 
-def beside(case: Case, schedule: EventSchedule, z: Array, share: float) -> Array:
+def shift_from_fold(case: Case, schedule: EventSchedule, z: Array, share: float) -> Array:
     """Return the unknowns (m,) of about one of the two orbits that leave a fold at ``z`` (m,), at ``share`` times its force.
 
     To second order z moves along the null vector v by s with (w D_v F_z v) s^2/2 + w F_f df = 0.
@@ -138,59 +139,62 @@ def beside(case: Case, schedule: EventSchedule, z: Array, share: float) -> Array
     jacobian = conditions(z, case.force)[1]
     w, v = _null_vectors(jacobian[:, :m])
     bend = (
-        conditions(z + DIFFERENCE * v, case.force)[1]
-        - conditions(z - DIFFERENCE * v, case.force)[1]
-    )[:, :m] / (2 * DIFFERENCE)
+        conditions(z + FOLD_DIFFERENCE_STEP * v, case.force)[1]
+        - conditions(z - FOLD_DIFFERENCE_STEP * v, case.force)[1]
+    )[:, :m] / (2 * FOLD_DIFFERENCE_STEP)
     square = -2 * (w @ jacobian[:, m]) * case.force * (share - 1) / (w @ bend @ v)
     return np.asarray(z + np.sqrt(abs(square)) * v)
 
 
-def reordered_fold(
+def find_reordered_fold(
     case: Case, schedule: EventSchedule, start: Array, parameter: str = "omega"
 ) -> Fold | NoOrbit:
     """Return the fold near ``case`` and ``start`` (unknowns) whose schedule has the reversals that its motion shows, or why there is none.
 
     Newton's method for orbits fails at a fold, so the order of events is first sought at a slightly larger force.
     """
-    motion = _reordered_beside(case, schedule, start)
-    for _ in range(MOST_REORDERINGS):
+    motion = _find_reordered_orbit(case, schedule, start)
+    for _ in range(MOST_FOLD_REORDERINGS):
         if isinstance(motion, NoOrbit):
             return motion
         solution = motion.solution
-        fold = fold_near(
-            solution_of(case, solution.schedule, unknowns_of(solution), solution.error), parameter
+        fold = find_fold(
+            make_solution(case, solution.schedule, read_unknowns(solution), solution.error),
+            parameter,
         )
-        if isinstance(fold, NoOrbit) or case.friction_limit == 0 or consistent(fold.motion):
+        if isinstance(fold, NoOrbit) or case.friction_limit == 0 or is_consistent(fold.motion):
             return fold
-        case, (order, phases) = fold.case, shown_order(fold.motion)
-        motion = _reordered_beside(case, order, linear_states(case, order, phases))
+        case, (order, phases) = fold.case, order_of_motion(fold.motion)
+        motion = _find_reordered_orbit(case, order, linear_states(case, order, phases))
     return NoOrbit(
         case, schedule, "the order of its reversals does not settle", start[: len(schedule.events)]
     )
 
 
-def _reordered_beside(case: Case, schedule: EventSchedule, start: Array) -> Motion | NoOrbit:
+def _find_reordered_orbit(case: Case, schedule: EventSchedule, start: Array) -> Motion | NoOrbit:
     found: Motion | NoOrbit = NoOrbit(
         case, schedule, "no orbit beside the fold", start[: len(schedule.events)]
     )
-    for share in APART:
-        found = reordered(
-            case.changed(force=case.force * share), schedule, beside(case, schedule, start, share)
+    for share in START_FACTORS:
+        found = reorder_events(
+            case.changed(force=case.force * share),
+            schedule,
+            shift_from_fold(case, schedule, start, share),
         )
         if not isinstance(found, NoOrbit):
             break
     return found
 
 
-def level_fold(fold: Fold, reach: float) -> Fold | NoOrbit:
+def find_level_fold(fold: Fold, reach: float) -> Fold | NoOrbit:
     """Return the fold within ``reach`` (rad/s) of ``fold`` whose force is level over the frequency: a birth or a merger."""
     last = [fold]
     lost = list[NoOrbit]()
 
     def slope(omega: float) -> float:
         solution = last[-1].motion.solution
-        beside = reordered_fold(
-            solution.case.changed(omega=omega), solution.schedule, unknowns_of(solution), "force"
+        beside = find_reordered_fold(
+            solution.case.changed(omega=omega), solution.schedule, read_unknowns(solution), "force"
         )
         if isinstance(beside, NoOrbit):
             lost.append(beside)
@@ -200,7 +204,9 @@ def level_fold(fold: Fold, reach: float) -> Fold | NoOrbit:
 
     omega = fold.case.omega
     try:
-        scipy.optimize.newton(slope, omega, x1=omega + 0.01 * reach, tol=LEVEL * omega, maxiter=30)
+        scipy.optimize.newton(
+            slope, omega, x1=omega + 0.01 * reach, tol=LEVEL_FOLD_TOL * omega, maxiter=30
+        )
     except RuntimeError as error:
         return (
             lost[0]

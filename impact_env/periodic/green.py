@@ -28,7 +28,7 @@ from impact_env.periodic.case import Case
 from impact_env.periodic.schedule import EventSchedule
 
 Array = NDArray[np.float64]
-REASONS = {
+NO_ORBIT_REASONS = {
     NOT_CONVERGED: "Newton's method did not converge",
     ORDER_LOST: "two events change places",
     SINGULAR: "the conditions are singular: a fold, or two events at once",
@@ -68,7 +68,7 @@ class NoOrbit:
     phases: Array
 
 
-def unknowns_of(solution: Solution) -> Array:
+def read_unknowns(solution: Solution) -> Array:
     """Return a solution's unknowns (m,): phases in rad, scaled impulses and, of a whole period, the scaled mean distance."""
     case = solution.case
     schedule = solution.schedule
@@ -78,7 +78,7 @@ def unknowns_of(solution: Solution) -> Array:
     )
 
 
-def solution_of(
+def make_solution(
     case: Case, schedule: EventSchedule, unknowns: Array, error: float, steps: int = 0
 ) -> Solution:
     """Return the solution with these unknowns (m,), its first phase within the first turn of the force."""
@@ -151,10 +151,10 @@ def solve(case: Case, schedule: EventSchedule, start: ArrayLike) -> Solution | N
         return NoOrbit(
             case,
             schedule,
-            f"{REASONS[status]} (residual {error:.1e} after {steps} steps)",
+            f"{NO_ORBIT_REASONS[status]} (residual {error:.1e} after {steps} steps)",
             z[: len(schedule.events)],
         )
-    return solution_of(case, schedule, z, error, steps)
+    return make_solution(case, schedule, z, error, steps)
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,17 +39,17 @@ from impact_env.parameters import (
     non_negative,
     positive,
     require,
-    weightless,
+    require_weightless,
 )
 from impact_env.periodic.branch import Residual
-from impact_env.periodic.contact import CompliantContact, Law, RigidContact
-from impact_env.periodic.continuation import Problem, start
-from impact_env.periodic.trigonometric import Real, derivative, largest
+from impact_env.periodic.contact import CompliantContact, ContactLaw, RigidContact
+from impact_env.periodic.continuation import ContinuationProblem, start_branch
+from impact_env.periodic.trigonometric import Real, derivative, find_largest
 from impact_env.scene import Scene
 
 Complex = NDArray[np.complex128]
-OMEGA = "omega"
-FORCE = "force"
+OMEGA_PARAMETER = "omega"
+FORCE_PARAMETER = "force"
 PAPER_DAMPER = 0.001  # N s/m between absorber and ground (paper, section 2.5)
 # in absorber mass times omega_1^2, and times omega_1
 WEIGHT = 100.0
@@ -153,13 +153,13 @@ class HarmonicResponse:
     @property
     def tip_amplitude(self) -> float:
         """Half of peak to peak of the tip's displacement in m: the paper's response level of a periodic response."""
-        low, high = largest(real_row(self.tip))
+        low, high = find_largest(real_row(self.tip))
         return (high - low) / 2
 
     @property
     def tip_max(self) -> float:
         """Largest displacement of the tip in m."""
-        return max(abs(value) for value in largest(real_row(self.tip)))
+        return max(abs(value) for value in find_largest(real_row(self.tip)))
 
     @property
     def tip_rms(self) -> float:
@@ -175,7 +175,7 @@ class Balance:
     """
 
     linear: JointOfMass
-    law: Law
+    law: ContactLaw
     omega: float
     force: float
     symmetric: bool = True
@@ -184,8 +184,8 @@ class Balance:
     def __post_init__(self) -> None:
         keep_checked(
             self,
-            omega=labelled(OMEGA, positive),
-            force=labelled(FORCE, finite),
+            omega=labelled(OMEGA_PARAMETER, positive),
+            force=labelled(FORCE_PARAMETER, finite),
             symmetric=flag,
             centring=finite,
         )
@@ -205,7 +205,7 @@ class Balance:
 
     def at(self, parameter: str, value: float) -> Balance:
         """Return the same with one parameter changed: "omega", "force", or a field of the contact law such as "gap"."""
-        if parameter in (OMEGA, FORCE):
+        if parameter in (OMEGA_PARAMETER, FORCE_PARAMETER):
             return replace(self, **{parameter: value})  # type: ignore[arg-type]
         law: Any = self.law
         known = [field.name for field in fields(law) if getattr(law, field.name) is not None]
@@ -213,7 +213,7 @@ class Balance:
             parameter in known,
             "parameter",
             parameter,
-            f"one of {', '.join([OMEGA, FORCE, *known])}",
+            f"one of {', '.join([OMEGA_PARAMETER, FORCE_PARAMETER, *known])}",
         )
         return replace(self, law=replace(law, **{parameter: value}))
 
@@ -224,10 +224,10 @@ class Balance:
         dynamic = _applied(d.stiffness, motion) + self.force * real_row(d.drive)
         stiffness = _matrix(d.stiffness)
         contact = self.law.contact(motion, dynamic, self.omega / self.linear.multiple, parameter)
-        if parameter == OMEGA:
+        if parameter == OMEGA_PARAMETER:
             moved = _applied(d.stiffness_slope, motion) + self.force * real_row(d.drive_slope)
             last = moved - contact.by_dynamic @ moved - contact.by_omega / self.linear.multiple
-        elif parameter == FORCE:
+        elif parameter == FORCE_PARAMETER:
             last = real_row(d.drive) - contact.by_dynamic @ real_row(d.drive)
         else:
             last = -contact.by_parameter
@@ -239,7 +239,7 @@ class Balance:
         return residual[kept], np.column_stack([jacobian[np.ix_(kept, kept)], last[kept]])
 
     def residual(self, parameter: str) -> Residual:
-        """Return the function of z and the parameter that `continuation` takes."""
+        """Return the function of z and the parameter that `follow_branch` takes."""
 
         def at(z: Real, value: float) -> tuple[Real, Real]:
             return self.at(parameter, value).evaluated(z, parameter)
@@ -272,17 +272,20 @@ class Balance:
         scale = max(float(np.linalg.norm(z)), np.finfo(float).tiny)
 
         def values(x: Real) -> tuple[Real, Real]:
-            residual, jacobian = self.evaluated(scale * x, FORCE)
+            residual, jacobian = self.evaluated(scale * x, FORCE_PARAMETER)
             return residual, scale * jacobian[:, :-1]
 
         with np.errstate(over="ignore"):  # in the covariance that nobody asks for
             found = scipy.optimize.root(
                 values, z / scale, jac=True, method="lm", options={"maxiter": 400}
             )
-        problem = Problem(
-            self.residual(FORCE), FORCE, scale=scale, parameter_scale=max(abs(self.force), 1.0)
+        problem = ContinuationProblem(
+            self.residual(FORCE_PARAMETER),
+            FORCE_PARAMETER,
+            scale=scale,
+            parameter_scale=max(abs(self.force), 1.0),
         )
-        return np.asarray(start(problem, scale * found.x, self.force)[1].x[:-1] * scale)
+        return np.asarray(start_branch(problem, scale * found.x, self.force)[1].x[:-1] * scale)
 
     def at_impacts(
         self,
@@ -326,7 +329,7 @@ def _matrix(values: NDArray[np.complex128]) -> Real:
 
 def _law(
     model: ModalModel, absorber: SlidingAbsorber, mass: float, weight: float, friction_weight: float
-) -> Law:
+) -> ContactLaw:
     walls = absorber.walls
     friction = absorber.friction
     gap = None if walls is None else walls.gap
@@ -388,7 +391,7 @@ def harmonic_balance(
         "one absorber with walls, friction or both",
     )
     assert isinstance(absorber, SlidingAbsorber)
-    weightless(absorber, "harmonic balance")
+    require_weightless(absorber, "harmonic balance")
     weight = positive("weight", weight)
     friction_weight = positive("friction_weight", friction_weight)
     require(
@@ -457,7 +460,7 @@ def _exponents(balance: Balance, z: Real, kind: int) -> tuple[Complex, Real, flo
     h = len(rows[0]) // 2
     orders = np.concatenate([[0], np.arange(1, h + 1), np.arange(1, h + 1)])
     kept = np.flatnonzero(orders % 2 == kind)
-    contact = law.contact(rows[0], rows[1], omega, OMEGA)
+    contact = law.contact(rows[0], rows[1], omega, OMEGA_PARAMETER)
     turn, held, slope, rate = (
         each[np.ix_(kept, kept)]
         for each in (

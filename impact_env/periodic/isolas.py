@@ -2,7 +2,7 @@
 
 They are found on the fold force's map over frequency, then with all reversals of friction. With many modes the order of events changes so close to a
 fold that Newton's method on its conditions runs from one order to the other. The branch over the force takes each change where it comes; the smallest
-force on it is what the closed form's fold force stands for (`lowest_fold`).
+force on it is what the closed form's fold force stands for (`find_lowest_fold`).
 """
 
 from __future__ import annotations
@@ -19,41 +19,53 @@ from impact_env.kernels.periodic.closed_form import compute_line, compute_phase
 from impact_env.modes import ModalModel
 from impact_env.parameters import count, require
 from impact_env.periodic.bifurcations import confirmed_bifurcation
-from impact_env.periodic.branch import FOLD, STOPPED, NoConvergenceError
+from impact_env.periodic.branch import FOLD, INTERRUPTED, NoConvergenceError
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Steps
-from impact_env.periodic.folds import Fold, fold_near, level_fold, reordered_fold
-from impact_env.periodic.green import NoOrbit, Solution, solution_of
-from impact_env.periodic.keeping import Keep, anew
-from impact_env.periodic.orbit import Orbit, consistent, reordered
+from impact_env.periodic.folds import Fold, find_fold, find_level_fold, find_reordered_fold
+from impact_env.periodic.green import NoOrbit, Solution, make_solution
+from impact_env.periodic.keeping import ComputeOrLoad, compute_uncached
+from impact_env.periodic.orbit import Orbit, is_consistent, reorder_events
 from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch, orbit_branches
 from impact_env.periodic.symmetric import (
     BIRTH,
     MERGER,
     closed_folds,
     closed_form,
+    find_level_places,
     fold_force,
     fold_impulse,
-    level_places,
     map_frequencies,
     symmetric_schedule,
 )
 
 Array = NDArray[np.float64]
-NEAR = 0.01  # relative: how far reversals may move a level place
-SAME = 1e-8  # of the first resonance: two folds of one response closer than this are one
-COLUMNS = ("modes", "restitution", "friction_limit_N", "kind", "force_N", "omega_ratio", "orbit")
-ABOVE = (1.05, 1.02, 1.1)  # of the closed form's fold force: where an orbit of the branch is sought
-REACH = (0.85, 1.15)  # of it: forces between which the branch is followed
-STEPS = Steps(first=0.01, least=1e-7, most=0.1, points=250)
-COARSE = (
+LEVEL_FOLD_REACH = 0.01  # relative: how far reversals may move a level place
+SAME_FOLD_TOL = 1e-8  # of the first resonance: two folds of one response closer than this are one
+ISOLA_COLUMNS = (
+    "modes",
+    "restitution",
+    "friction_limit_N",
+    "kind",
+    "force_N",
+    "omega_ratio",
+    "orbit",
+)
+FORCE_FACTORS = (
+    1.05,
+    1.02,
+    1.1,
+)  # of the closed form's fold force: where an orbit of the branch is sought
+FORCE_LIMITS = (0.85, 1.15)  # of it: forces between which the branch is followed
+ISOLA_STEPS = Steps(first=0.01, least=1e-7, most=0.1, points=250)
+SAME_PLACE_TOL = (
     1e-5  # of the frequency: how sharply a level place is found before Newton's method finishes it
 )
-EDGE = 0.02  # of the range: a level place this close to its end lies elsewhere
-CLOSE = 1e-3  # of the force
+EDGE_SHARE = 0.02  # of the range: a level place this close to its end lies elsewhere
+SAME_FORCE_TOL = 1e-3  # of the force
 # of frequency and force: where the smallest force changes faster than so it has gone over to another fold
-BESIDE = 1e-4
-JUMP = 5e-4
+FOLD_SHIFT = 1e-4
+MOST_JUMP = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +78,7 @@ class Threshold:
     orbit: Orbit | NoOrbit
 
 
-def folds(
+def find_folds(
     case: Case, low: float, high: float, branches: Iterable[OrbitBranch] | None = None
 ) -> tuple[Threshold, ...]:
     """Return the folds of symmetric two-impact orbits at the case's force between two frequency ratios, those that are no orbits too.
@@ -80,7 +92,7 @@ def folds(
     reach = (low * float(case.model.omega[0]), high * float(case.model.omega[0]))
     for omega in closed_folds(case, low, high):
         at = case.changed(omega=omega)
-        found += [_located(at, fold) for fold in _both_folds(at, "omega")]
+        found += [_locate_folds(at, fold) for fold in _find_both_folds(at, "omega")]
     for branch in (
         ()
         if case.friction_limit == 0
@@ -90,10 +102,10 @@ def folds(
     ):
         coarse = orbit_branch(branch.solution(len(branch.schedules) // 2), "omega", reach)
         for again in (branch, coarse):
-            if again.branch.ended == STOPPED:
+            if again.branch.ended == INTERRUPTED:
                 raise KeyboardInterrupt
             found += [
-                _located(case, fold) for fold in again.folds() if not isinstance(fold, NoOrbit)
+                _locate_folds(case, fold) for fold in again.folds() if not isinstance(fold, NoOrbit)
             ]
     kept: list[Threshold] = []  # without repetitions, and those that are no orbits where none is
     for fold in sorted(found, key=lambda fold: isinstance(fold.orbit, NoOrbit)):
@@ -102,23 +114,23 @@ def folds(
     return tuple(sorted(kept, key=lambda fold: fold.omega_ratio))
 
 
-def _both_folds(case: Case, parameter: str) -> list[Fold | NoOrbit]:
+def _find_both_folds(case: Case, parameter: str) -> list[Fold | NoOrbit]:
     """Return the closed form's fold if nothing turns there, and the one with the reversals that its neighbours show; at least one of them."""
     schedule = symmetric_schedule(case.friction_limit > 0)
     line = compute_line(case.structure, case.point)
     impulse = fold_impulse(case)
     start = np.array([compute_phase(line, case.force, impulse), impulse / case.scale.impulse])
-    plain = fold_near(solution_of(case, schedule, start, 0.0), parameter)
+    plain = find_fold(make_solution(case, schedule, start, 0.0), parameter)
     alone = not isinstance(plain, NoOrbit) and (
-        case.friction_limit == 0 or consistent(plain.motion)
+        case.friction_limit == 0 or is_consistent(plain.motion)
     )
     if case.friction_limit == 0:
         return [plain]
-    reordered = reordered_fold(case, schedule, start, parameter)
+    reordered = find_reordered_fold(case, schedule, start, parameter)
     return [plain, reordered] if alone else [reordered]
 
 
-def _located(case: Case, fold: Fold | NoOrbit) -> Threshold:
+def _locate_folds(case: Case, fold: Fold | NoOrbit) -> Threshold:
     return Threshold(
         FOLD,
         case.force,
@@ -128,26 +140,26 @@ def _located(case: Case, fold: Fold | NoOrbit) -> Threshold:
 
 
 def _same(one: Threshold, other: Threshold) -> bool:
-    if abs(one.omega_ratio - other.omega_ratio) > SAME:
+    if abs(one.omega_ratio - other.omega_ratio) > SAME_FOLD_TOL:
         return False
     tips = [fold.orbit.motion.tip_max for fold in (one, other) if isinstance(fold.orbit, Orbit)]
     return len(tips) < 2 or abs(tips[0] - tips[1]) < 1e-6 * tips[0]
 
 
-def thresholds(case: Case, low: float, high: float) -> tuple[Threshold, ...]:
+def find_thresholds(case: Case, low: float, high: float) -> tuple[Threshold, ...]:
     """Return births and mergers of isolas of symmetric two-impact orbits between two frequency ratios, those that are no orbits too.
 
     They are valleys and ridges of the closed form's fold force, found again with all reversals where something turns: by Newton's method on the
     fold's own conditions, and along branches over the force where that does not settle. Ctrl-C breaks it off.
     """
     found = []
-    for kind, force, omega in level_places(case, low, high):
+    for kind, force, omega in find_level_places(case, low, high):
         at = case.changed(omega=omega, force=force)
-        fold = _both_folds(at, "force")[0]
+        fold = _find_both_folds(at, "force")[0]
         if not isinstance(fold, NoOrbit) and fold.motion.solution.schedule.reversals:
-            fold = level_fold(fold, NEAR * omega)
+            fold = find_level_fold(fold, LEVEL_FOLD_REACH * omega)
         if isinstance(fold, NoOrbit) and case.friction_limit > 0:
-            again = lowest_level(at, kind, NEAR * omega)
+            again = find_lowest_level(at, kind, LEVEL_FOLD_REACH * omega)
             fold = (
                 again
                 if not isinstance(again, NoOrbit)
@@ -163,7 +175,7 @@ def _orbit_of(fold: Fold | NoOrbit) -> Orbit | NoOrbit:
 
 
 @dataclass(frozen=True)
-class Level:
+class LevelPoint:
     """A birth or a merger (``kind``) at a force in N and a frequency ratio; ``refused``: why it is no orbit, else empty."""
 
     kind: str
@@ -179,10 +191,10 @@ class IsolaCell:
     modes: int
     restitution: float
     friction_limit: float
-    found: tuple[Level, ...]
+    found: tuple[LevelPoint, ...]
 
     @property
-    def pair(self) -> tuple[Level | None, Level | None]:
+    def pair(self) -> tuple[LevelPoint | None, LevelPoint | None]:
         """Birth and merger of the isola next to the resonance: the last merger below it, and the last birth before that; None where there is none.
 
         Without a merger below the resonance it is the last one of the range.
@@ -197,7 +209,7 @@ class IsolaCell:
         return (births[-1] if births else None), mergers[-1]
 
     def rows(self) -> list[tuple[object, ...]]:
-        """Return a row of `COLUMNS` for each: "orbit" is "yes", or why the exact method refuses it."""
+        """Return a row of `ISOLA_COLUMNS` for each: "orbit" is "yes", or why the exact method refuses it."""
         own = (self.modes, self.restitution, self.friction_limit)
         return [
             (*own, level.kind, level.force, level.omega_ratio, level.refused or "yes")
@@ -211,19 +223,19 @@ class IsolaCell:
     @staticmethod
     def from_plain(plain: dict[str, Any]) -> IsolaCell:
         """Return the cell of `to_plain`."""
-        levels = tuple(Level(**level) for level in plain["found"])
+        levels = tuple(LevelPoint(**level) for level in plain["found"])
         return IsolaCell(
             int(plain["modes"]), float(plain["restitution"]), float(plain["friction_limit"]), levels
         )
 
 
-def cell_of(case: Case, low: float, high: float) -> IsolaCell:
+def make_cell(case: Case, low: float, high: float) -> IsolaCell:
     """Return the births and mergers of a case between two ratios of its first resonance."""
     levels = [
-        Level(
+        LevelPoint(
             t.kind, t.force, t.omega_ratio, t.orbit.reason if isinstance(t.orbit, NoOrbit) else ""
         )
-        for t in thresholds(case, low, high)
+        for t in find_thresholds(case, low, high)
     ]
     return IsolaCell(case.model.modes, case.restitution, case.friction_limit, tuple(levels))
 
@@ -244,18 +256,20 @@ class IsolaMap:
         return {
             "scene": str(self.case.scene),
             "complete": self.complete,
-            "thresholds": [dict(zip(COLUMNS, row, strict=True)) for row in self.own.rows()],
+            "thresholds": [dict(zip(ISOLA_COLUMNS, row, strict=True)) for row in self.own.rows()],
             "fold_force": {
                 "omega_ratio": self.omega_ratio.tolist(),
                 "force_N": [float(f) if np.isfinite(f) else None for f in self.fold_force],
             },
             "map": [
-                dict(zip(COLUMNS, row, strict=True)) for cell in self.cells for row in cell.rows()
+                dict(zip(ISOLA_COLUMNS, row, strict=True))
+                for cell in self.cells
+                for row in cell.rows()
             ],
         }
 
 
-def truncated(model: ModalModel, modes: int) -> ModalModel:
+def truncate_model(model: ModalModel, modes: int) -> ModalModel:
     """Return the model with its first ``modes`` modes; raises ParameterError if it has fewer."""
     modes = count("modes", modes, 1, model.modes)
     level = None if model.response_shape is None else model.response_shape[:modes]
@@ -276,7 +290,7 @@ def isola_map(
     restitutions: Sequence[float],
     progress: Callable[[int, int], None] | None = None,
     limits: Sequence[float] = (),
-    keep: Keep = anew,
+    keep: ComputeOrLoad = compute_uncached,
 ) -> IsolaMap:
     """Return the fold force of a case between two ratios of its first resonance, its thresholds, and those of a map.
 
@@ -290,7 +304,7 @@ def isola_map(
         "two ratios of the resonance frequency above 0, the lower one first",
     )
     omegas = map_frequencies(case, low, high)
-    models = [truncated(case.model, n) for n in modes]
+    models = [truncate_model(case.model, n) for n in modes]
     mass = case.mass_ratio * case.model.beam_mass
     friction = limits or (case.friction_limit,)
     points = [
@@ -307,7 +321,7 @@ def isola_map(
             "friction_limit": at.friction_limit,
             "range": [low, high],
         }
-        return keep(name, lambda: iter([cell_of(at, low, high)]), IsolaCell.from_plain)
+        return keep(name, lambda: iter([make_cell(at, low, high)]), IsolaCell.from_plain)
 
     (own,) = cell(case)
     cells: list[IsolaCell] = []
@@ -329,21 +343,23 @@ def isola_map(
     )
 
 
-def lowest_fold(case: Case) -> Fold | NoOrbit:
+def find_lowest_fold(case: Case) -> Fold | NoOrbit:
     """Return the orbit with the smallest force at the case's frequency, whose force is not asked for, or why none is found. Ctrl-C breaks it off."""
     schedule = symmetric_schedule(case.friction_limit > 0)
     reason = "no orbit above the fold"
     lowest = float(fold_force(case, [case.omega])[0])
-    for share in ABOVE:
+    for share in FORCE_FACTORS:
         at = case.changed(force=share * lowest)
         found = list[Fold]()
         for start in closed_form(at):
-            motion = reordered(at, schedule, [start.phase])
+            motion = reorder_events(at, schedule, [start.phase])
             if isinstance(motion, NoOrbit):
                 reason = motion.reason
                 continue
             try:
-                found += _folds_over_force(motion.solution, REACH[0] * lowest, REACH[1] * lowest)
+                found += _folds_over_force(
+                    motion.solution, FORCE_LIMITS[0] * lowest, FORCE_LIMITS[1] * lowest
+                )
                 reason = "no fold of the branch over the force is an orbit"
             except NoConvergenceError as error:
                 reason = str(error)
@@ -354,8 +370,8 @@ def lowest_fold(case: Case) -> Fold | NoOrbit:
 
 def _folds_over_force(solution: Solution, low: float, high: float) -> list[Fold]:
     """Return the folds that are orbits on the branch over the force (N) through a solution; raises NoConvergenceError where it has no branch."""
-    branch = orbit_branch(solution, "force", (low, high), STEPS)
-    if branch.branch.ended == STOPPED:
+    branch = orbit_branch(solution, "force", (low, high), ISOLA_STEPS)
+    if branch.branch.ended == INTERRUPTED:
         raise KeyboardInterrupt
     return [
         fold
@@ -365,7 +381,7 @@ def _folds_over_force(solution: Solution, low: float, high: float) -> list[Fold]
     ]
 
 
-def lowest_level(case: Case, kind: str, reach: float) -> Fold | NoOrbit:
+def find_lowest_level(case: Case, kind: str, reach: float) -> Fold | NoOrbit:
     """Return the fold within ``reach`` (rad/s) of the case's frequency at which the smallest force is least, or greatest where ``kind`` is a merger.
 
     The level place itself, or the corner where two orders of events meet. Ctrl-C breaks it off.
@@ -375,7 +391,7 @@ def lowest_level(case: Case, kind: str, reach: float) -> Fold | NoOrbit:
     lost = list[NoOrbit]()
 
     def height(omega: float) -> float:
-        fold = lowest_fold(case.changed(omega=omega))
+        fold = find_lowest_fold(case.changed(omega=omega))
         if isinstance(fold, NoOrbit):
             lost.append(fold)
             return 2 * abs(
@@ -390,28 +406,34 @@ def lowest_level(case: Case, kind: str, reach: float) -> Fold | NoOrbit:
         height,
         bounds=(low, high),
         method="bounded",
-        options={"xatol": COARSE * case.omega, "maxiter": 40},
+        options={"xatol": SAME_PLACE_TOL * case.omega, "maxiter": 40},
     )
     if not known:
         return lost[0]
     best = min(known.values(), key=lambda fold: sign * fold.case.force)
-    if min(best.case.omega - low, high - best.case.omega) < EDGE * (high - low):
+    if min(best.case.omega - low, high - best.case.omega) < EDGE_SHARE * (high - low):
         return NoOrbit(
             best.case,
             best.motion.solution.schedule,
             "its level fold lies elsewhere",
             best.motion.solution.phases,
         )
-    for omega in (best.case.omega * (1 - BESIDE), best.case.omega * (1 + BESIDE)):
-        next_to = lowest_fold(best.case.changed(omega=omega))
-        if isinstance(next_to, NoOrbit) or abs(next_to.case.force / best.case.force - 1) > JUMP:
+    for omega in (best.case.omega * (1 - FOLD_SHIFT), best.case.omega * (1 + FOLD_SHIFT)):
+        next_to = find_lowest_fold(best.case.changed(omega=omega))
+        if (
+            isinstance(next_to, NoOrbit)
+            or abs(next_to.case.force / best.case.force - 1) > MOST_JUMP
+        ):
             return NoOrbit(
                 best.case,
                 best.motion.solution.schedule,
                 "the smallest force jumps there",
                 best.motion.solution.phases,
             )
-    finished = level_fold(best, reach)
-    if isinstance(finished, Fold) and abs(finished.case.force / best.case.force - 1) < CLOSE:
+    finished = find_level_fold(best, reach)
+    if (
+        isinstance(finished, Fold)
+        and abs(finished.case.force / best.case.force - 1) < SAME_FORCE_TOL
+    ):
         return finished
     return best

@@ -11,24 +11,27 @@ class Plain(Protocol):
         """Return plain values."""
 
 
-P = TypeVar("P", bound=Plain)
+PlainResult = TypeVar("PlainResult", bound=Plain)
 
 
-class Keep(Protocol):
+class ComputeOrLoad(Protocol):
     """Finished pieces by name."""
 
     def __call__(
         self,
         name: dict[str, Any],
-        make: Callable[[], Iterator[P]],
-        read: Callable[[dict[str, Any]], P],
+        make: Callable[[], Iterator[PlainResult]],
+        read: Callable[[dict[str, Any]], PlainResult],
         /,
-    ) -> Iterator[P]:
+    ) -> Iterator[PlainResult]:
         """Yield what ``make`` yields, or what it has yielded before to its end for the same ``name``, ``read`` from its `to_plain`."""
 
 
-def anew(
-    _name: dict[str, Any], make: Callable[[], Iterator[P]], _read: Callable[[dict[str, Any]], P], /
-) -> Iterator[P]:
+def compute_uncached(
+    _name: dict[str, Any],
+    make: Callable[[], Iterator[PlainResult]],
+    _read: Callable[[dict[str, Any]], PlainResult],
+    /,
+) -> Iterator[PlainResult]:
     """Keep nothing: make each piece."""
     return make()

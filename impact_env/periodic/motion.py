@@ -24,11 +24,11 @@ from impact_env.kernels.periodic.structure import receptance
 from impact_env.parameters import require
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import Solution
-from impact_env.periodic.passage import Passage
+from impact_env.periodic.passage import OrbitTrajectory
 
 Array = NDArray[np.float64]
 PENETRATION = 1e-9  # of the gap: above the rounding of a distance
-MOST_TURNS = 4096
+MOST_SUBDIVISIONS = 4096
 # rad of the fastest exponential in a panel, and nodes of Gauss and Legendre in it
 PANEL = 1.0
 NODES = 6
@@ -227,10 +227,10 @@ def motion_of(solution: Solution) -> Motion:
     structure = case.structure
     point = case.point
     flights = compute_flights(structure, point, order, solution.phases, solution.impulses)
-    turns = np.empty(MOST_TURNS)
+    turns = np.empty(MOST_SUBDIVISIONS)
     h = receptance(structure, case.omega)[0]
     extremes, found, fits = scan_flights(structure, point, h, flights, order, turns)
-    phases = turns[: min(found, MOST_TURNS)] * case.omega
+    phases = turns[: min(found, MOST_SUBDIVISIONS)] * case.omega
     return Motion(
         solution,
         flights,
@@ -245,7 +245,7 @@ def motion_of(solution: Solution) -> Motion:
 class ShotMotion(Periodic):
     """A solution and the passage over its span, whose first state is at the section: in the middle of a flight."""
 
-    passage: Passage
+    passage: OrbitTrajectory
 
     @property
     def begin(self) -> float:

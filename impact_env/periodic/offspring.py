@@ -13,56 +13,56 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import require
-from impact_env.periodic.basins import STARTS, find_basins
+from impact_env.periodic.basins import DEFAULT_RUNS, find_basins
 from impact_env.periodic.bifurcations import (
-    LEAST,
+    LEAST_HALF_DIFFERENCE,
     PERIOD_DOUBLING,
     SYMMETRY_BREAKING,
-    unlike,
+    largest_half_difference,
 )
-from impact_env.periodic.branch import BRANCH_POINT, STOPPED, Located, NoConvergenceError
+from impact_env.periodic.branch import BRANCH_POINT, INTERRUPTED, NoConvergenceError, SpecialPoint
 from impact_env.periodic.case import Case
-from impact_env.periodic.continuation import Problem, Steps, switched
-from impact_env.periodic.green import Conditions, NoOrbit, Solution, solve, unknowns_of
+from impact_env.periodic.continuation import ContinuationProblem, Steps, switch_at_branch_point
+from impact_env.periodic.green import Conditions, NoOrbit, Solution, read_unknowns, solve
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.orbit_branches import (
-    COARSE,
+    COARSE_STEPS,
     PARAMETER_SHARE,
     OrbitBranch,
     in_units,
-    mirrors,
+    list_places,
+    mirror_places,
     orbit_branch,
     orbit_branches,
-    places_of,
 )
 from impact_env.periodic.schedule import EventSchedule
 from impact_env.periodic.survey import (
     MOST_MULTIPLE,
-    Found,
+    OrbitSearch,
     attractors,
     closed_form_over,
-    different,
-    joined_by,
+    drop_repeated,
+    join_results,
 )
 
-BACK = "it is back on the branch that it left"
-SIZES = (
+BACK_ON_PARENT = "it is back on the branch that it left"
+SWITCH_SIZES = (
     0.02,
     0.05,
     0.01,
     0.1,
 )  # of arclength: how far from the branch point the other branch is sought, in turn
 Array = NDArray[np.float64]
-Progress = Callable[
+SearchProgress = Callable[
     [str, int, int], None
 ]  # what is done, how many frequencies or branches of how many (0: not known)
-MOST_EVENTS = 100  # on a branch: Newton's method takes the third power of them
+MOST_EVENTS_OF_BRANCH = 100  # on a branch: Newton's method takes the third power of them
 MOST_BRANCHES = 30  # in a range: without losses they leave one another without end
-STEPS = Steps(first=0.01, least=1e-8, most=0.1, points=400)
-MARGIN = 0.02  # of the first resonance: how far beyond the range branches are followed, since a pair may leave there
+DESCENDANT_STEPS = Steps(first=0.01, least=1e-8, most=0.1, points=400)
+RANGE_MARGIN = 0.02  # of the first resonance: how far beyond the range branches are followed, since a pair may leave there
 
 
-def leaving(orbits: OrbitBranch, kind: str) -> Iterator[Solution]:
+def switch_branch(orbits: OrbitBranch, kind: str) -> Iterator[Solution]:
     """Yield a solution beside each place of a branch at which the symmetry breaks or the period doubles (``kind``), on the branch that leaves there.
 
     A place from which no such solution is found is left out.
@@ -84,34 +84,39 @@ def leaving(orbits: OrbitBranch, kind: str) -> Iterator[Solution]:
         phases = np.concatenate([one.phases, one.phases + old.turn])
         impulses = np.concatenate([one.impulses, side * one.impulses])
         twice = Solution(one.case, schedule, phases, impulses, one.offset, one.error, one.steps)
-        found = _beside(twice, side, orbits.branch.parameter)
+        found = _start_beside_fold(twice, side, orbits.branch.parameter)
         if found is not None:
             yield found
 
 
-def _beside(solution: Solution, side: float, parameter: str) -> Solution | None:
+def _start_beside_fold(solution: Solution, side: float, parameter: str) -> Solution | None:
     """Return an orbit of the branch that leaves at a solution whose second half is its first one, times ``side``; None if no point of it is found."""
     conditions = Conditions(solution.case, solution.schedule, parameter)
     value = getattr(solution.case, parameter)
-    problem = Problem(
+    problem = ContinuationProblem(
         conditions, parameter, 1.0, PARAMETER_SHARE * (abs(value) if value != 0 else 1.0)
     )
-    z = unknowns_of(solution)
+    z = read_unknowns(solution)
     system = problem.system(len(z), Steps())
-    along = _tangent_alike(system(system.scaled(z, value))[1], solution, side)
-    for size in SIZES:
+    along = _is_tangent_alike(system(system.scaled(z, value))[1], solution, side)
+    for size in SWITCH_SIZES:
         try:
-            point, there, _ = switched(problem, Located(BRANCH_POINT, 0, z, value, along), size)[0]
+            point, there, _ = switch_at_branch_point(
+                problem, SpecialPoint(BRANCH_POINT, 0, z, value, along), size
+            )[0]
         except NoConvergenceError:
             continue
         at = solution.case.changed(**{parameter: there})
         found = solve(at, solution.schedule, in_units(at, solution.schedule, point, solution.case))
-        if not isinstance(found, NoOrbit) and unlike(found, side) > LEAST:
+        if (
+            not isinstance(found, NoOrbit)
+            and largest_half_difference(found, side) > LEAST_HALF_DIFFERENCE
+        ):
             return found
     return None
 
 
-def _tangent_alike(jacobian: Array, solution: Solution, side: float) -> Array:
+def _is_tangent_alike(jacobian: Array, solution: Solution, side: float) -> Array:
     """Return the unit tangent of the branch that is left (m + 1,): the direction of the Jacobian's kernel in which both halves move alike."""
     n = len(solution.schedule.events)
     m = solution.schedule.impacts
@@ -136,7 +141,7 @@ def descendants(
     """Yield the branches in frequency, within limits in rad/s, that leave ``branches`` by broken symmetry or doubled periods, and so on.
 
     ``longest``: the largest multiple of the force's period. Of two branches that mirror each other one is followed, and none with more than
-    `MOST_EVENTS`, nor more than ``most`` in all: for those what comes is the reason. The last one has ended as `STOPPED` after Ctrl-C.
+    `MOST_EVENTS_OF_BRANCH`, nor more than ``most`` in all: for those what comes is the reason. The last one has ended as `INTERRUPTED` after Ctrl-C.
     """
     queue = list(branches)
     known: list[tuple[OrbitBranch, Array]] = []
@@ -144,10 +149,10 @@ def descendants(
         branch = queue.pop(0)
         multiple = branch.schedules[0].period_multiple
         for kind in (SYMMETRY_BREAKING, *((PERIOD_DOUBLING,) if 2 * multiple <= longest else ())):
-            for solution in leaving(branch, kind):
+            for solution in switch_branch(branch, kind):
                 new = solution.schedule.period_multiple
                 if any(
-                    mirrors(places, solution)
+                    mirror_places(places, solution)
                     for other, places in known
                     if other.schedules[0].period_multiple == new
                 ):
@@ -156,18 +161,20 @@ def descendants(
                     reason = f"there are more branches that leave others than the {MOST_BRANCHES} that are followed in a range"
                     yield NoOrbit(solution.case, solution.schedule, reason, solution.phases)
                     return
-                found = followed(solution, limits, -1.0 if kind == SYMMETRY_BREAKING else 1.0)
+                found = follow_descendants(
+                    solution, limits, -1.0 if kind == SYMMETRY_BREAKING else 1.0
+                )
                 if isinstance(found, NoOrbit):
                     yield found
                     continue
-                known.append((found, places_of(found)))
+                known.append((found, list_places(found)))
                 queue.append(found)
                 yield found
-                if found.branch.ended == STOPPED:
+                if found.branch.ended == INTERRUPTED:
                     return
 
 
-def followed(
+def follow_descendants(
     solution: Solution, limits: tuple[float, float], side: float | None = None
 ) -> OrbitBranch | NoOrbit:
     """Return the branch in frequency through a solution, or why it is not followed.
@@ -175,11 +182,11 @@ def followed(
     ``side``: it leaves a branch whose orbits' second half is the first one times that, and ends where it comes back to it.
     """
     events = len(solution.schedule.events)
-    if events > MOST_EVENTS:
+    if events > MOST_EVENTS_OF_BRANCH:
         return NoOrbit(
             solution.case,
             solution.schedule,
-            f"a branch of more than {MOST_EVENTS} events is not followed",
+            f"a branch of more than {MOST_EVENTS_OF_BRANCH} events is not followed",
             solution.phases,
         )
     if not limits[0] <= solution.case.omega <= limits[1]:
@@ -190,16 +197,19 @@ def followed(
             solution.phases,
         )
     try:
-        found = orbit_branch(solution, "omega", limits, STEPS)
+        found = orbit_branch(solution, "omega", limits, DESCENDANT_STEPS)
     except NoConvergenceError as error:
         return NoOrbit(solution.case, solution.schedule, str(error), solution.phases)
-    return found if side is None else _until_back(found, side)
+    return found if side is None else _cut_at_return(found, side)
 
 
-def _until_back(orbits: OrbitBranch, side: float) -> OrbitBranch:
+def _cut_at_return(orbits: OrbitBranch, side: float) -> OrbitBranch:
     """Return a branch without its ends on the one that it left, whose orbits stand there twice: where both meet, a step may turn onto that."""
     apart = np.flatnonzero(
-        [unlike(orbits.solution(k), side) > LEAST for k in range(len(orbits.schedules))]
+        [
+            largest_half_difference(orbits.solution(k), side) > LEAST_HALF_DIFFERENCE
+            for k in range(len(orbits.schedules))
+        ]
     )
     if len(apart) == 0 or apart[-1] - apart[0] == len(orbits.schedules) - 1:
         return orbits
@@ -216,8 +226,8 @@ def _until_back(orbits: OrbitBranch, side: float) -> OrbitBranch:
         points=branch.points[kept],
         parameters=branch.parameters[kept],
         located=located,
-        ended=BACK,
-        message=BACK,
+        ended=BACK_ON_PARENT,
+        message=BACK_ON_PARENT,
     )
     return replace(
         orbits,
@@ -230,12 +240,12 @@ def _until_back(orbits: OrbitBranch, side: float) -> OrbitBranch:
 def all_orbits_over(
     case: Case,
     ratios: Array,
-    progress: Progress | None = None,
+    progress: SearchProgress | None = None,
     longest: int = MOST_MULTIPLE,
     settle: bool = True,
-    starts: int = STARTS,
+    starts: int = DEFAULT_RUNS,
     seed: int = 0,
-) -> Iterator[Found]:
+) -> Iterator[OrbitSearch]:
     """Yield the orbits of a case at each of rising frequency ratios (M,): symmetric, without symmetry, and of up to ``longest`` periods of the force.
 
     ``settle``: runs from ``starts`` random initial states at each ratio (`find_basins`, with a ``seed``) add the stable orbits that no branch leads
@@ -263,16 +273,16 @@ class _Search:
     case: Case
     ratios: Array
     longest: int
-    progress: Progress | None
-    groups: list[Found] = field(default_factory=list)
+    progress: SearchProgress | None
+    groups: list[OrbitSearch] = field(default_factory=list)
     branches: list[OrbitBranch] = field(default_factory=list)
 
     @property
     def limits(self) -> tuple[float, float]:
         """Frequencies in rad/s between which branches are followed."""
         first = float(self.case.model.omega[0])
-        return max(float(self.ratios[0]) - MARGIN, 0.5 * float(self.ratios[0])) * first, (
-            float(self.ratios[-1]) + MARGIN
+        return max(float(self.ratios[0]) - RANGE_MARGIN, 0.5 * float(self.ratios[0])) * first, (
+            float(self.ratios[-1]) + RANGE_MARGIN
         ) * first
 
     def _tell(self, what: str, done: int, total: int) -> None:
@@ -286,7 +296,7 @@ class _Search:
         )
         self._join(
             orbit_branches(
-                self.case, *self.limits, self.ratios * float(self.case.model.omega[0]), COARSE
+                self.case, *self.limits, self.ratios * float(self.case.model.omega[0]), COARSE_STEPS
             )
         )
 
@@ -308,13 +318,13 @@ class _Search:
                 continue
             new.append(branch)
             self._tell("branches", len(self.branches) + len(new), 0)
-            if branch.branch.ended == STOPPED:
+            if branch.branch.ended == INTERRUPTED:
                 break
         self.branches += new
         for k, group in enumerate(self.groups):
-            self.groups[k] = joined_by(group, new)
+            self.groups[k] = join_results(group, new)
         self.groups[0] = replace(self.groups[0], refused=(*self.groups[0].refused, *left))
-        if new and new[-1].branch.ended == STOPPED:  # what was followed before Ctrl-C counts
+        if new and new[-1].branch.ended == INTERRUPTED:  # what was followed before Ctrl-C counts
             raise KeyboardInterrupt
 
     def settle(self) -> None:
@@ -343,12 +353,12 @@ class _Search:
         if isinstance(found, NoOrbit):
             self.groups[k] = replace(group, refused=(*group.refused, found))
             return
-        if len(found.impacts) == 0 or len(orbits := different([*group.orbits, found])) == len(
+        if len(found.impacts) == 0 or len(orbits := drop_repeated([*group.orbits, found])) == len(
             group.orbits
         ):
             return
         self.groups[k] = replace(group, orbits=tuple(orbits))
         if found.schedule.flies:
-            branch = followed(found.solution, self.limits)
+            branch = follow_descendants(found.solution, self.limits)
             self._join([branch])
             self.leave([] if isinstance(branch, NoOrbit) else [branch])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env.periodic.case import Case, case_of
-from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
+from impact_env.periodic.green import NoOrbit, Solution, read_unknowns, solve
 from impact_env.periodic.motion import (
     AnyMotion,
     Motion,
@@ -19,14 +19,20 @@ from impact_env.periodic.motion import (
 )
 from impact_env.periodic.schedule import EventSchedule, Regime, flying_schedule
 from impact_env.periodic.shooting import shoot, units_of
-from impact_env.periodic.validation import JOINS, Validation, chatters, held, validate
+from impact_env.periodic.validation import (
+    JOINED_FOR_A_WHILE,
+    Validation,
+    chatters,
+    joins_for_a_while,
+    validate,
+)
 from impact_env.plain import from_scene, to_scene
 
 Array = NDArray[np.float64]
-MOST_REORDERINGS = 12
-WOULD_HOLD = "friction would hold the absorber at a reversal"
-TURNS = "the relative velocity turns"
-HELD = (WOULD_HOLD, JOINS, TURNS)  # what shooting may reorder
+MOST_SHOOTING_REORDERINGS = 12
+REVERSAL_HOLDS = "friction would hold the absorber at a reversal"
+VELOCITY_TURNS = "the relative velocity turns"
+REORDERABLE = (REVERSAL_HOLDS, JOINED_FOR_A_WHILE, VELOCITY_TURNS)  # what shooting may reorder
 NEIGHBOUR = 0.05  # of gap and gap times omega: how far from the motion that it starts with the orbit may lie then
 
 
@@ -97,18 +103,18 @@ class Orbit:
 def confirmed(motion: AnyMotion) -> Orbit | NoOrbit:
     """Return the orbit of a motion if the exact method confirms it, or why it is none."""
     solution = motion.solution
-    reason = objection(motion) if isinstance(motion, Motion) else None
+    reason = find_physical_objection(motion) if isinstance(motion, Motion) else None
     if reason is None:
         validation = validate(motion)
         if validation.reason is None:
             return Orbit(
-                motion, stability_of(motion), validation.residual, _chatter(motion, validation)
+                motion, stability_of(motion), validation.residual, _is_chatter(motion, validation)
             )
         reason = validation.reason
     return NoOrbit(solution.case, solution.schedule, reason, solution.phases)
 
 
-def _chatter(motion: AnyMotion, validation: Validation) -> tuple[Impact, ...] | None:
+def _is_chatter(motion: AnyMotion, validation: Validation) -> tuple[Impact, ...] | None:
     """Return the impacts of a validation's run if a wall holds the absorber on it, else None."""
     impacts = None if validation.response is None else validation.response.impacts
     if (
@@ -132,7 +138,7 @@ def shot_orbit(
     return found if isinstance(found, NoOrbit) else confirmed(found)
 
 
-def held_orbit(motion: Motion) -> Orbit | NoOrbit:
+def shoot_held_orbit(motion: Motion) -> Orbit | NoOrbit:
     """Return the orbit next to a motion whose only fault is that friction would hold the absorber for a while; or why the motion is none.
 
     Between two numbers of reversals lie orbits with a short joined phase: shooting finds them from the motion that leaves it out.
@@ -142,7 +148,7 @@ def held_orbit(motion: Motion) -> Orbit | NoOrbit:
     if (
         isinstance(found, Orbit)
         or case.friction_limit == 0
-        or not any(reason in found.reason for reason in HELD)
+        or not any(reason in found.reason for reason in REORDERABLE)
     ):
         return found
     schedule, (phase, state) = motion.solution.schedule, motion.mid_flight()
@@ -156,7 +162,7 @@ def held_orbit(motion: Motion) -> Orbit | NoOrbit:
     return NoOrbit(case, found.schedule, f"{found.reason}; {reason}", found.phases)
 
 
-def mirrored(orbit: Orbit) -> Orbit | NoOrbit:
+def mirror_orbit(orbit: Orbit) -> Orbit | NoOrbit:
     """Return the mirror image of an orbit: every sign turned, half a period of the force later. A symmetric orbit is its own."""
     if isinstance(orbit.motion, ShotMotion):
         phase, state = orbit.motion.mid_flight()
@@ -172,13 +178,13 @@ def mirrored(orbit: Orbit) -> Orbit | NoOrbit:
     schedule = EventSchedule(
         tuple(event.mirrored for event in old.events), old.symmetric, old.period_multiple
     )
-    z = unknowns_of(solution)
+    z = read_unknowns(solution)
     z[: len(old.events)] += np.pi
     z[len(old.events) :] *= -1
-    return orbit_at(solution.case, schedule, z)
+    return find_orbit_at(solution.case, schedule, z)
 
 
-def objection(motion: Motion) -> str | None:
+def find_physical_objection(motion: Motion) -> str | None:
     """Return why a motion is no orbit, without propagating it, or None: an impulse that pulls, a wall passed, friction in the wrong sense."""
     solution = motion.solution
     schedule = motion.solution.schedule
@@ -186,12 +192,12 @@ def objection(motion: Motion) -> str | None:
         return "a wall would have to pull"
     if motion.penetration > 0:
         return f"the absorber passes a wall by {motion.penetration:.3g} m"
-    if solution.case.friction_limit > 0 and not consistent(motion):
-        return f"{TURNS} {len(motion.turns)} times between impacts, not {schedule.reversals} times as in the schedule"
-    return WOULD_HOLD if is_held(motion) else None
+    if solution.case.friction_limit > 0 and not is_consistent(motion):
+        return f"{VELOCITY_TURNS} {len(motion.turns)} times between impacts, not {schedule.reversals} times as in the schedule"
+    return REVERSAL_HOLDS if has_held_phase(motion) else None
 
 
-def orbit_at(
+def find_orbit_at(
     case: Case, schedule: EventSchedule, start: ArrayLike, reorder: bool = True
 ) -> Orbit | NoOrbit:
     """Return the confirmed orbit near ``start`` (unknowns, or phases in rad), or why there is none.
@@ -199,55 +205,57 @@ def orbit_at(
     ``reorder``: with friction the reversals of the schedule may be wrong at the start; they are replaced by those that the motion shows, until both
     agree, and where friction would hold the absorber shooting goes on from there. Raises ParameterError for a schedule with joined segments.
     """
-    found = reordered(case, schedule, start) if reorder else settled(case, schedule, start)
+    found = (
+        reorder_events(case, schedule, start) if reorder else settle_order(case, schedule, start)
+    )
     if isinstance(found, NoOrbit):
         return found
-    return held_orbit(found) if reorder else confirmed(found)
+    return shoot_held_orbit(found) if reorder else confirmed(found)
 
 
-def settled(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:
+def settle_order(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:
     """Return the motion of the solution near ``start``, whatever it does between its events."""
     solution = solve(case, schedule, start)
     return solution if isinstance(solution, NoOrbit) else motion_of(solution)
 
 
-def reordered(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:
+def reorder_events(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:
     """Return the motion near ``start`` whose schedule has the reversals that it shows.
 
     Two reversals that change places are left out. Where friction holds the absorber for a moment no order of reversals is right: then what comes
     back is a motion without those that it would hold at, or none; `confirmed` says so.
     """
     start = np.asarray(start, dtype=float)
-    motion = settled(case, schedule, start)
-    for _ in range(MOST_REORDERINGS):
+    motion = settle_order(case, schedule, start)
+    for _ in range(MOST_SHOOTING_REORDERINGS):
         if isinstance(motion, NoOrbit):
             if schedule.reversals < 2 or case.friction_limit == 0:
                 return motion
-            schedule, start = without_closest(schedule, start[: len(schedule.events)])
-            motion = settled(case, schedule, start)
+            schedule, start = drop_closest(schedule, start[: len(schedule.events)])
+            motion = settle_order(case, schedule, start)
             continue
         if case.friction_limit == 0 or not motion.fits:
             return motion
         last = motion
-        held = is_held(motion)
-        if consistent(motion):
+        held = has_held_phase(motion)
+        if is_consistent(motion):
             if not held:
                 return motion
-            motion = settled(case, *without_held(last))
+            motion = settle_order(case, *drop_held(last))
             return last if isinstance(motion, NoOrbit) else motion
-        schedule, start = shown_order(motion)
-        motion = settled(case, schedule, start)
-        if not isinstance(motion, NoOrbit) and is_held(motion) and not held:
+        schedule, start = order_of_motion(motion)
+        motion = settle_order(case, schedule, start)
+        if not isinstance(motion, NoOrbit) and has_held_phase(motion) and not held:
             return last
     return motion
 
 
-def is_held(motion: Motion) -> bool:
+def has_held_phase(motion: Motion) -> bool:
     """Return whether friction would hold the absorber at one of its reversals."""
     return bool(np.max(motion.turning) > -1)
 
 
-def consistent(motion: Motion) -> bool:
+def is_consistent(motion: Motion) -> bool:
     """Return whether the turns seen lie between the same impacts as the schedule's reversals."""
     solution = motion.solution
     if not motion.fits or len(motion.turns) != solution.schedule.reversals:
@@ -262,7 +270,7 @@ def consistent(motion: Motion) -> bool:
     )
 
 
-def shown_order(motion: Motion) -> tuple[EventSchedule, Array]:
+def order_of_motion(motion: Motion) -> tuple[EventSchedule, Array]:
     """Return the schedule with the turns that a motion shows as its reversals, and the phases (n,) of its events in rad."""
     solution = motion.solution
     old = motion.solution.schedule
@@ -272,7 +280,7 @@ def shown_order(motion: Motion) -> tuple[EventSchedule, Array]:
     return _sorted(old, walls, phases)
 
 
-def without_closest(schedule: EventSchedule, phases: Array) -> tuple[EventSchedule, Array]:
+def drop_closest(schedule: EventSchedule, phases: Array) -> tuple[EventSchedule, Array]:
     """Return the schedule and phases (n,) without the two neighbouring reversals that are closest to each other, or unchanged if there are none."""
     wall = schedule.order.wall
     pairs = [
@@ -286,7 +294,7 @@ def without_closest(schedule: EventSchedule, phases: Array) -> tuple[EventSchedu
     return _sorted(schedule, np.delete(wall, [k, k + 1]), np.delete(phases, [k, k + 1]))
 
 
-def without_held(motion: Motion) -> tuple[EventSchedule, Array]:
+def drop_held(motion: Motion) -> tuple[EventSchedule, Array]:
     """Return the schedule and phases (n,) of a motion without the reversals at which friction would hold, and their partners."""
     solution = motion.solution
     old = motion.solution.schedule
@@ -326,7 +334,7 @@ def plain_orbit(orbit: Orbit) -> dict[str, Any]:
     phase, state = motion.mid_flight()
     n = case.model.modes
     events = zip(schedule.events, orbit.solution.phases, strict=True)
-    begins, ends = held(motion, phase)
+    begins, ends = joins_for_a_while(motion, phase)
     return {
         "omega_ratio": orbit.case.omega_ratio,
         "period_multiple": schedule.period_multiple,
@@ -377,7 +385,9 @@ def orbit_of(plain: dict[str, Any]) -> Orbit | NoOrbit:
         schedule = flying_schedule(
             [event["wall"] for event in events], case.friction_limit > 0, *kind
         )
-        found = orbit_at(case, schedule, [event["phase_rad"] for event in events], reorder=False)
+        found = find_orbit_at(
+            case, schedule, [event["phase_rad"] for event in events], reorder=False
+        )
         if isinstance(found, Orbit):
             return found
     state = [

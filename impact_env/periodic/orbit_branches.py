@@ -19,51 +19,72 @@ from impact_env.periodic.bifurcations import (
     SYMMETRY_BREAKING,
     TORUS,
     confirmed_bifurcation,
+    find_objection,
+    find_parent_at_birth,
     minus_one_test,
-    objection_to,
-    parent_at_birth,
     torus_test,
 )
 from impact_env.periodic.branch import (
     BRANCH_POINT,
     CLOSED,
     FOLD,
+    INTERRUPTED,
     KINK,
-    STOPPED,
     Branch,
-    Located,
     Monitor,
     Residual,
+    SpecialPoint,
 )
 from impact_env.periodic.case import Case
-from impact_env.periodic.continuation import Chart, Problem, Progress, Steps, continuation
-from impact_env.periodic.folds import Fold, fold_near
+from impact_env.periodic.continuation import (
+    ContinuationChart,
+    ContinuationProblem,
+    PointProgress,
+    Steps,
+    follow_branch,
+)
+from impact_env.periodic.folds import Fold, find_fold
 from impact_env.periodic.green import (
     Conditions,
     NoOrbit,
     Solution,
-    solution_of,
+    make_solution,
+    read_unknowns,
     solve,
-    unknowns_of,
 )
 from impact_env.periodic.motion import Motion, motion_of
-from impact_env.periodic.orbit import Orbit, consistent, held_orbit, is_held, reordered
+from impact_env.periodic.orbit import (
+    Orbit,
+    has_held_phase,
+    is_consistent,
+    reorder_events,
+    shoot_held_orbit,
+)
 from impact_env.periodic.schedule import EventSchedule
 from impact_env.periodic.symmetric import closed_folds, closed_form, symmetric_schedule
 
 Array = NDArray[np.float64]
 GRAZING = "grazing"
 PULLING = "pulling"
-CHECKED = (FOLD, BRANCH_POINT, SYMMETRY_BREAKING, PERIOD_DOUBLING, TORUS)  # by a multiplier
+CHECKED_KINDS = (FOLD, BRANCH_POINT, SYMMETRY_BREAKING, PERIOD_DOUBLING, TORUS)  # by a multiplier
 PARAMETER_SHARE = (
     0.02  # of the parameter: a change that counts as much as a radian of an event's phase
 )
-STEPS = Steps(first=0.005, least=1e-8, most=0.03)  # fine enough to be drawn
-COARSE = Steps(first=0.01, least=1e-8, most=0.1, points=1000)
-INSIDE = (1e-3, 1e-2, 0.1, 1.0)  # of the last step: how far from an end at a wall an orbit is tried
-SEEDS = 24  # frequencies at which branches are begun
-BESIDE = 1e-3  # relative: how far from a fold a branch that no other frequency shows is begun
-NEAR = 0.01  # of phases in rad, scaled impulses, and the frequency in its share: a start this close to a known branch lies on it
+ORBIT_BRANCH_STEPS = Steps(first=0.005, least=1e-8, most=0.03)  # fine enough to be drawn
+COARSE_STEPS = Steps(first=0.01, least=1e-8, most=0.1, points=1000)
+END_STEP_SHARES = (
+    1e-3,
+    1e-2,
+    0.1,
+    1.0,
+)  # of the last step: how far from an end at a wall an orbit is tried
+SEED_FREQUENCIES = 24  # frequencies at which branches are begun
+FOLD_DISTANCE = (
+    1e-3  # relative: how far from a fold a branch that no other frequency shows is begun
+)
+# of phases in rad, scaled impulses, and the frequency in its share: a start this close to a known
+# branch lies on it
+KNOWN_BRANCH_DISTANCE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,10 +123,13 @@ class Unconfirmed:
 class OrbitBranch(Scheduled):
     """A branch of orbits in one parameter.
 
-    Points are solutions of the events' conditions; where friction would hold the absorber for a moment they only bridge the way, and `orbits` has the
-    orbits with a joined phase that shooting finds next to them. Folds, broken symmetry, doubled periods and tori in ``branch.located`` are confirmed
-    by the exact method and by a multiplier on the unit circle; ``unconfirmed`` has the others. Where a branch without symmetry, or of a doubled
-    period, is born, the kind is the bifurcation of the orbit that it leaves, and the solution located is that orbit, over half of the span.
+    Points are solutions of the events' conditions; where friction would hold the absorber for a
+    moment they only bridge the way, and `orbits` has the orbits with a joined phase that shooting
+    finds next to them. Folds, broken symmetry, doubled periods and tori in ``branch.located`` are
+    confirmed by the exact method and by a multiplier on the unit circle; ``unconfirmed`` has the
+    others. Where a branch without symmetry, or of a doubled period, is born, the kind is the
+    bifurcation of the orbit that it leaves, and the solution located is that orbit, over half of
+    the span.
     """
 
     unconfirmed: tuple[Unconfirmed, ...] = ()
@@ -113,12 +137,12 @@ class OrbitBranch(Scheduled):
     def orbits(self) -> Iterator[Orbit | NoOrbit]:
         """Yield each point's orbit, confirmed by the exact method, or why it is none."""
         for k in range(len(self.schedules)):
-            yield held_orbit(motion_of(self.solution(k)))
+            yield shoot_held_orbit(motion_of(self.solution(k)))
 
     def folds(self) -> tuple[Fold | NoOrbit, ...]:
         """Return the folds located on the branch, the unconfirmed ones too, finished by Newton's method."""
         return tuple(
-            fold_near(solution, self.branch.parameter)
+            find_fold(solution, self.branch.parameter)
             for solution in (
                 *(solution for kind, solution in self.places() if kind == FOLD),
                 *(each.solution for each in self.unconfirmed if each.kind == FOLD),
@@ -136,14 +160,15 @@ class OrbitBranch(Scheduled):
     def starts(self, kind: str) -> tuple[Solution, ...]:
         """Return the solutions from which what leaves a bifurcation of a kind is followed.
 
-        Those which the exact method refuses, but with a multiplier in its place, are among them: what leaves there may be an orbit farther on.
+        Those which the exact method refuses, but with a multiplier in its place, are among them:
+        what leaves there may be an orbit farther on.
         """
         return (
             *(motion.solution for motion in self.of(kind)),
             *(
                 each.solution
                 for each in self.unconfirmed
-                if each.kind == kind and objection_to(kind, motion_of(each.solution)) is None
+                if each.kind == kind and find_objection(kind, motion_of(each.solution)) is None
             ),
         )
 
@@ -157,11 +182,12 @@ class OrbitBranch(Scheduled):
 def confirmed_places(orbits: OrbitBranch) -> OrbitBranch:
     """Return a branch with the places located that are bifurcations of orbits, births under their own kind, and the others as unconfirmed.
 
-    At a birth the determinant of the conditions vanishes too: a branch point or kink on the same step of the branch is that birth again.
+    At a birth the determinant of the conditions vanishes too: a branch point or kink on the same
+    step of the branch is that birth again.
     """
-    good: list[tuple[Located, EventSchedule]] = []
+    good: list[tuple[SpecialPoint, EventSchedule]] = []
     refused: list[Unconfirmed] = []
-    born: list[Located] = []
+    born: list[SpecialPoint] = []
     for event, schedule in zip(orbits.branch.located, orbits.located_schedules, strict=True):
         if event.kind in (GRAZING, PULLING):
             reason = _objection_to_end(orbits, event.parameter)
@@ -171,7 +197,7 @@ def confirmed_places(orbits: OrbitBranch) -> OrbitBranch:
                 solution = orbits.at(schedule, event.point, event.parameter)
                 refused.append(Unconfirmed(event.kind, solution, reason))
             continue
-        if event.kind not in CHECKED:
+        if event.kind not in CHECKED_KINDS:
             good.append((event, schedule))
             continue
         birth = _birth(orbits, event, schedule)
@@ -205,12 +231,12 @@ def _objection_to_end(orbits: OrbitBranch, value: float) -> str | None:
     reason = "the branch has no other point"
     if last == 0 or len(branch.points[k]) != len(branch.points[inner]):
         return reason
-    for share in INSIDE:
+    for share in END_STEP_SHARES:
         z = branch.points[k] + share * (branch.points[inner] - branch.points[k])
         near = branch.parameters[k] + share * (branch.parameters[inner] - branch.parameters[k])
         start = orbits.at(orbits.schedules[k], z, float(near))
-        found = solve(start.case, start.schedule, unknowns_of(start))
-        orbit = found if isinstance(found, NoOrbit) else held_orbit(motion_of(found))
+        found = solve(start.case, start.schedule, read_unknowns(start))
+        orbit = found if isinstance(found, NoOrbit) else shoot_held_orbit(motion_of(found))
         if isinstance(orbit, Orbit):
             return None
         reason = orbit.reason
@@ -218,19 +244,19 @@ def _objection_to_end(orbits: OrbitBranch, value: float) -> str | None:
 
 
 def _birth(
-    orbits: OrbitBranch, event: Located, schedule: EventSchedule
-) -> tuple[Located, EventSchedule] | None:
+    orbits: OrbitBranch, event: SpecialPoint, schedule: EventSchedule
+) -> tuple[SpecialPoint, EventSchedule] | None:
     """Return what is located at a birth, the orbit that is left in the units of the branch's own case; None where it is no confirmed birth."""
     if event.kind not in (FOLD, BRANCH_POINT):
         return None
     solution = orbits.at(schedule, event.point, event.parameter)
     parameter = orbits.branch.parameter
-    at_one = objection_to(event.kind, motion_of(solution)) is None
-    birth = parent_at_birth(solution, parameter, NEAR_BIRTH if at_one else LOST_BIRTH)
+    at_one = find_objection(event.kind, motion_of(solution)) is None
+    birth = find_parent_at_birth(solution, parameter, NEAR_BIRTH if at_one else LOST_BIRTH)
     if birth is None or isinstance(confirmed_bifurcation(birth[0], motion_of(birth[1])), NoOrbit):
         return None
     kind, parent = birth
-    point = in_units(orbits.case, parent.schedule, unknowns_of(parent), parent.case)
+    point = in_units(orbits.case, parent.schedule, read_unknowns(parent), parent.case)
     value = float(getattr(parent.case, parameter))
     return replace(event, kind=kind, point=point, parameter=value), parent.schedule
 
@@ -240,7 +266,7 @@ def solution_in(
 ) -> Solution:
     """Return the solution with unknowns (m,) in the units of a branch's own case, at values of its parameters."""
     case = units.changed(**values)
-    return solution_of(case, schedule, in_units(case, schedule, z, units), 0.0)
+    return make_solution(case, schedule, in_units(case, schedule, z, units), 0.0)
 
 
 def in_units(new: Case, schedule: EventSchedule, z: Array, old: Case) -> Array:
@@ -253,7 +279,7 @@ def in_units(new: Case, schedule: EventSchedule, z: Array, old: Case) -> Array:
 
 
 @dataclass(eq=False)
-class Walk:
+class OrbitContinuation:
     """What a continuation needs to know on its way: the schedule in use, and those of the points passed."""
 
     case: Case
@@ -262,7 +288,9 @@ class Walk:
     passed: list[EventSchedule] = field(default_factory=list)
     last: tuple[tuple[EventSchedule, float, bytes], Motion] | None = None
     heading: Array | None = (
-        None  # of phases and impulses at impacts, and of the rest but the reversals, at the last orbit passed
+        # of phases and impulses at impacts, and of the rest but the reversals, at the last orbit
+        # passed
+        None
     )
 
     def motion(self, z: Array, value: float) -> Motion:
@@ -315,7 +343,7 @@ class Walk:
         passed = [first, *self.passed]
         return [*passed, *[self.schedule] * (number - len(passed))][:number]
 
-    def recentre(self, z: Array, value: float, along: Array) -> Chart | None:
+    def recentre(self, z: Array, value: float, along: Array) -> ContinuationChart | None:
         """Return the unknowns of the order of events that the motion shows, if it is another one."""
         self.passed.append(self.schedule)
         if self.case.changed(**{self.parameter: value}).friction_limit == 0:
@@ -323,7 +351,7 @@ class Walk:
         motion = self.motion(z, value)
         if self.right(motion, along):
             return None
-        found = reordered(motion.solution.case, self.schedule, unknowns_of(motion.solution))
+        found = reorder_events(motion.solution.case, self.schedule, read_unknowns(motion.solution))
         if (
             isinstance(found, NoOrbit)
             or found.solution.schedule == self.schedule
@@ -334,7 +362,7 @@ class Walk:
 
     def right(self, motion: Motion, along: Array) -> bool:
         """Return whether the schedule is the motion's; the way ``along`` the branch is remembered then."""
-        right = consistent(motion) and not is_held(motion)
+        right = is_consistent(motion) and not has_held_phase(motion)
         hits = self.schedule.order.wall != 0
         if self.heading is None or right:
             self.heading = np.concatenate([along[: len(hits)][hits], along[len(hits) :]])
@@ -346,11 +374,11 @@ class Walk:
         first: float,
         more: tuple[float, ...] = (),
         scale: Array | float = 1.0,
-    ) -> Chart:
+    ) -> ContinuationChart:
         """Return the unknowns of a solution, the first event's phase counted on from ``first`` (rad); the way on is that at the last orbit passed.
 
-        Where two reversals meet the unknowns have a fold of their own, behind which the old tangent leads back. ``more`` unknowns come behind those
-        of the solution.
+        Where two reversals meet the unknowns have a fold of their own, behind which the old tangent
+        leads back. ``more`` unknowns come behind those of the solution.
         """
         new = solution.schedule.order.wall != 0
         direction = np.zeros(solution.schedule.unknowns + len(more) + 1)
@@ -358,38 +386,40 @@ class Walk:
         direction[: len(new)][new] = self.heading[: int(np.sum(new))]
         direction[len(new) :] = self.heading[int(np.sum(new)) :]
         self.schedule = solution.schedule
-        z = in_units(self.case, self.schedule, unknowns_of(solution), solution.case)
+        z = in_units(self.case, self.schedule, read_unknowns(solution), solution.case)
         whole = 2 * np.pi * self.schedule.period_multiple
         z[: len(new)] += whole * round(
             (first - float(z[0])) / whole
         )  # so that a closed branch is known again
-        return Chart(self.residual(), np.append(z, more), direction, scale, self.monitors())
+        return ContinuationChart(
+            self.residual(), np.append(z, more), direction, scale, self.monitors()
+        )
 
 
-def _one_way(
+def _follow_one_way(
     solution: Solution,
     parameter: str,
     limits: tuple[float, float],
     steps: Steps,
-    progress: Progress | None,
+    progress: PointProgress | None,
     direction: float,
 ) -> tuple[Branch, list[EventSchedule]]:
-    walk = Walk(solution.case, parameter, solution.schedule)
+    walk = OrbitContinuation(solution.case, parameter, solution.schedule)
     value = getattr(solution.case, parameter)
-    problem = Problem(
+    problem = ContinuationProblem(
         walk.residual(),
         parameter,
         1.0,
-        PARAMETER_SHARE * size_of(parameter, value, limits),
+        PARAMETER_SHARE * compute_size(parameter, value, limits),
         limits,
         walk.monitors(),
         walk.recentre,
     )
-    branch = continuation(problem, unknowns_of(solution), value, direction, steps, progress)
+    branch = follow_branch(problem, read_unknowns(solution), value, direction, steps, progress)
     return branch, walk.schedules(solution.schedule, len(branch))
 
 
-def size_of(parameter: str, value: float, limits: tuple[float, float]) -> float:
+def compute_size(parameter: str, value: float, limits: tuple[float, float]) -> float:
     """Return the scale of a parameter, of which changes are shares: its value for the frequency, the largest one within its limits for all others."""
     if parameter == "omega":
         return abs(value)
@@ -400,30 +430,34 @@ def orbit_branch(
     solution: Solution,
     parameter: str,
     limits: tuple[float, float],
-    steps: Steps = COARSE,
-    progress: Progress | None = None,
+    steps: Steps = COARSE_STEPS,
+    progress: PointProgress | None = None,
 ) -> OrbitBranch:
     """Return the branch through a solution, to both sides, in a parameter of `PARAMETERS` (SI units) within ``limits``.
 
-    It ends at its limits, where the absorber grazes a wall or a wall would have to pull, or where it is back at its start; Ctrl-C ends it with what
-    is known so far. Bifurcations are located on the way, and confirmed in the end.
+    It ends at its limits, where the absorber grazes a wall or a wall would have to pull, or where
+    it is back at its start; Ctrl-C ends it with what is known so far. Bifurcations are located on
+    the way, and confirmed in the end.
     """
     found = OrbitBranch(
         solution.case,
-        *to_both_sides(partial(_one_way, solution, parameter, limits, steps, progress)),
+        *follow_to_both_sides(
+            partial(_follow_one_way, solution, parameter, limits, steps, progress)
+        ),
     )
     return confirmed_places(found)
 
 
-def to_both_sides(
+def follow_to_both_sides(
     one_way: Callable[[float], tuple[Branch, list[EventSchedule]]],
 ) -> tuple[Branch, tuple[EventSchedule, ...], tuple[EventSchedule, ...]]:
     """Return the branch from what is found towards larger values (1) and smaller ones (-1), with its schedules and those of what is located.
 
-    A branch that closes, or is stopped, on its way to larger values is not followed to the other side.
+    A branch that closes, or is stopped, on its way to larger values is not followed to the other
+    side.
     """
     forward, schedules = one_way(1.0)
-    if forward.ended in (CLOSED, STOPPED):
+    if forward.ended in (CLOSED, INTERRUPTED):
         return forward, tuple(schedules), located_schedules(forward.located, schedules)
     backward, others = one_way(-1.0)
     located = (
@@ -434,7 +468,7 @@ def to_both_sides(
 
 
 def located_schedules(
-    located: tuple[Located, ...], schedules: list[EventSchedule]
+    located: tuple[SpecialPoint, ...], schedules: list[EventSchedule]
 ) -> tuple[EventSchedule, ...]:
     """Return the schedule of each place located, from those of the points."""
     return tuple(schedules[min(event.after + 1, len(schedules) - 1)] for event in located)
@@ -445,14 +479,16 @@ def orbit_branches(
     low: float,
     high: float,
     also: Iterable[float] = (),
-    steps: Steps = STEPS,
+    steps: Steps = ORBIT_BRANCH_STEPS,
     progress: Callable[[str, int, float], None] | None = None,
 ) -> Iterator[OrbitBranch]:
     """Yield the branches of symmetric two-impact orbits between two frequencies in rad/s, from the closed form's orbits at frequencies between.
 
-    They are begun at `SEEDS` frequencies, beside the closed form's folds, and at frequencies given ``also``; what lies on a known branch is not
-    followed again. ``steps``: `COARSE` where only the orbits at some frequencies are wanted. ``progress`` is told what is followed, points, and
-    frequency. The last one has ended as `STOPPED` after Ctrl-C. Raises ParameterError for a bad range.
+    They are begun at `SEED_FREQUENCIES` frequencies, beside the closed form's folds, and at
+    frequencies given ``also``; what lies on a known branch is not followed again. ``steps``:
+    `COARSE_STEPS` where only the orbits at some frequencies are wanted. ``progress`` is told what
+    is followed, points, and frequency. The last one has ended as `INTERRUPTED` after Ctrl-C. Raises
+    ParameterError for a bad range.
     """
     require(
         0 < low < high,
@@ -466,15 +502,15 @@ def orbit_branches(
     beside = [
         fold * (1 + side)
         for fold in closed_folds(case, low / first, high / first)
-        for side in (-BESIDE, BESIDE)
+        for side in (-FOLD_DISTANCE, FOLD_DISTANCE)
     ]
     for omega in (
-        *np.linspace(low, high, SEEDS + 2)[1:-1],
+        *np.linspace(low, high, SEED_FREQUENCIES + 2)[1:-1],
         *(omega for omega in (*beside, *also) if low < omega < high),
     ):
         at = case.changed(omega=float(omega))
         for start in closed_form(at):
-            motion = reordered(at, schedule, [start.phase]) if start.pushes else None
+            motion = reorder_events(at, schedule, [start.phase]) if start.pushes else None
             if (
                 motion is None
                 or isinstance(motion, NoOrbit)
@@ -483,31 +519,31 @@ def orbit_branches(
                 continue
             show = None if progress is None else partial(progress, f"orbits {len(known) + 1}")
             branch = orbit_branch(motion.solution, "omega", (low, high), steps, show)
-            known.append(places_of(branch))
+            known.append(list_places(branch))
             yield branch
-            if branch.branch.ended == STOPPED:
+            if branch.branch.ended == INTERRUPTED:
                 return
 
 
-def place(solution: Solution) -> Array:
+def make_place(solution: Solution) -> Array:
     """Return phase, impulse and frequency of the first impact, (3,), in the units of the continuation."""
-    z = unknowns_of(solution)
+    z = read_unknowns(solution)
     return np.array(
         [z[0], z[len(solution.schedule.events)], math.log(solution.case.omega) / PARAMETER_SHARE]
     )
 
 
-def places_of(branch: OrbitBranch) -> Array:
+def list_places(branch: OrbitBranch) -> Array:
     """Return the place of each point of a branch, (m, 3)."""
-    return np.array([place(branch.solution(k)) for k in range(len(branch.schedules))])
+    return np.array([make_place(branch.solution(k)) for k in range(len(branch.schedules))])
 
 
 def lies_on(places: Array, solution: Solution) -> bool:
     """Return whether a solution lies next to the polyline through the places (m, 3) of a branch's points."""
-    return near(places, place(solution))
+    return is_near(places, make_place(solution))
 
 
-def mirrors(places: Array, solution: Solution, *more: float) -> bool:
+def mirror_places(places: Array, solution: Solution, *more: float) -> bool:
     """Return whether a solution or its mirror image lies next to the polyline through places (m, 3), whichever impact it is counted from.
 
     ``more``: what places have behind their three numbers.
@@ -518,18 +554,18 @@ def mirrors(places: Array, solution: Solution, *more: float) -> bool:
         solution.phases[hits], solution.impulses[hits] / solution.case.scale.impulse, strict=True
     )
     return any(
-        near(places, np.array([p + k * np.pi, (-1.0) ** k * i, ratio, *more]))
+        is_near(places, np.array([p + k * np.pi, (-1.0) ** k * i, ratio, *more]))
         for p, i in pairs
         for k in (0, 1)
     )
 
 
-def near(places: Array, point: Array) -> bool:
+def is_near(places: Array, point: Array) -> bool:
     """Return whether a place (3,) lies next to the polyline through others (m, 3)."""
-    return distance(places, point) <= NEAR
+    return compute_distance(places, point) <= KNOWN_BRANCH_DISTANCE
 
 
-def distance(places: Array, point: Array) -> float:
+def compute_distance(places: Array, point: Array) -> float:
     """Return how far a place (3,) lies from the polyline through others (m, 3); phases count to within whole turns. Infinite without a line."""
     points = places - point
     points[:, 0] = (points[:, 0] + np.pi) % (2 * np.pi) - np.pi

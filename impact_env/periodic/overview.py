@@ -15,20 +15,20 @@ from impact_env.frequency import tip_response
 from impact_env.methods import Method
 from impact_env.parameters import RigidWalls, SlidingAbsorber, StuckAbsorber, finite, require
 from impact_env.periodic.balance_branches import balance_branches
-from impact_env.periodic.branch import STOPPED
+from impact_env.periodic.branch import INTERRUPTED
 from impact_env.periodic.case import case_of
 from impact_env.periodic.harmonic_balance import Balance
-from impact_env.periodic.isolas import Threshold, folds
-from impact_env.periodic.keeping import Keep, anew
+from impact_env.periodic.isolas import Threshold, find_folds
+from impact_env.periodic.keeping import ComputeOrLoad, compute_uncached
 from impact_env.periodic.motion import Motion
 from impact_env.periodic.offspring import descendants
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.orbit_branches import (
     OrbitBranch,
-    distance,
+    compute_distance,
+    list_places,
+    make_place,
     orbit_branches,
-    place,
-    places_of,
 )
 from impact_env.periodic.response_curve import ResponseCurve, balance_curve, orbit_curve
 from impact_env.periodic.stationary import StationaryPoint, StationaryRuns
@@ -37,7 +37,7 @@ from impact_env.scene import Scene
 from impact_env.sweep import simulate
 
 Real = NDArray[np.float64]
-Progress = Callable[
+OverviewProgress = Callable[
     [str, int, float], None
 ]  # what is followed, number of points, frequency in rad/s
 LINEAR_POINTS = 801
@@ -114,7 +114,7 @@ class Overview:
         }
 
 
-def sliding(scene: Scene) -> SlidingAbsorber:
+def require_sliding(scene: Scene) -> SlidingAbsorber:
     """Return the scene's absorber; raises ParameterError if it is not one with walls, friction or both."""
     absorber = scene.absorber
     require(
@@ -132,7 +132,7 @@ def linear_curves(
 ) -> LinearCurves:
     """Return the linear responses between two ratios of ``reference`` (rad/s)."""
     ratio = np.linspace(low, high, LINEAR_POINTS)
-    stuck = StuckAbsorber(sliding(scene).mass_ratio)
+    stuck = StuckAbsorber(require_sliding(scene).mass_ratio)
     alone, held = (
         abs(force) * np.abs(tip_response(scene.model, absorber, ratio * reference))
         for absorber in (None, stuck)
@@ -181,23 +181,23 @@ def exact_curves(
     low: float,
     high: float,
     pairs: bool = False,
-    progress: Progress | None = None,
+    progress: OverviewProgress | None = None,
 ) -> Iterator[ResponseCurve]:
     """Yield the curves of symmetric orbits with one impact a wall between two ratios; none for an absorber without rigid walls.
 
-    Their folds are those of `isolas.folds`. ``pairs``: with the orbits without symmetry that leave them, and those of doubled periods.
+    Their folds are those of `isolas.find_folds`. ``pairs``: with the orbits without symmetry that leave them, and those of doubled periods.
     """
-    if not isinstance(sliding(scene).walls, RigidWalls):
+    if not isinstance(require_sliding(scene).walls, RigidWalls):
         return
     case = case_of(scene, force, low * reference)
     limits = (low * reference, high * reference)
     branches = tuple(orbit_branches(case, *limits, progress=progress))
     first = float(case.model.omega[0])
-    stopped = any(branch.branch.ended == STOPPED for branch in branches)
+    stopped = any(branch.branch.ended == INTERRUPTED for branch in branches)
     located = (
         []
         if stopped
-        else _by_branch(branches, folds(case, limits[0] / first, limits[1] / first, branches))
+        else _by_branch(branches, find_folds(case, limits[0] / first, limits[1] / first, branches))
     )
     for k, branch in enumerate(branches):
         yield orbit_curve(branch, reference, located[k] if located else None)
@@ -206,7 +206,7 @@ def exact_curves(
     for pair in descendants(branches, limits) if pairs else ():
         if isinstance(pair, OrbitBranch):
             yield orbit_curve(pair, reference)
-            if pair.branch.ended == STOPPED:
+            if pair.branch.ended == INTERRUPTED:
                 raise KeyboardInterrupt
 
 
@@ -214,12 +214,12 @@ def _by_branch(
     branches: tuple[OrbitBranch, ...], found: tuple[Threshold, ...]
 ) -> list[list[Motion]]:
     """Return the folds that are orbits, each with the branch that it lies next to."""
-    places = [places_of(branch) for branch in branches]
+    places = [list_places(branch) for branch in branches]
     groups = list[list[Motion]]([] for _ in branches)
     for fold in found:
         if isinstance(fold.orbit, Orbit) and isinstance(fold.orbit.motion, Motion) and branches:
-            point = place(fold.orbit.solution)
-            groups[int(np.argmin([distance(rows, point) for rows in places]))].append(
+            point = make_place(fold.orbit.solution)
+            groups[int(np.argmin([compute_distance(rows, point) for rows in places]))].append(
                 fold.orbit.motion
             )
     return groups
@@ -230,18 +230,18 @@ def balance_curves(
     reference: float,
     low: float,
     high: float,
-    progress: Progress | None = None,
+    progress: OverviewProgress | None = None,
     hill: bool = False,
 ) -> Iterator[ResponseCurve]:
     """Yield the curves of harmonic balance between two ratios, with ``hill`` their stability."""
     for branch in balance_branches(balance, low * reference, high * reference, progress=progress):
         yield balance_curve(balance, branch, reference, hill)
-        if branch.ended == STOPPED:
+        if branch.ended == INTERRUPTED:
             raise KeyboardInterrupt
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class OverviewOptions:
     """What is shown beside the linear responses; a part that is absent is None, False or empty.
 
     ``exact``: exact orbits, ``pairs``: also those without symmetry. ``balance``: harmonic balance, with ``hill`` its stability. ``sweeps``: pairs of
@@ -257,15 +257,15 @@ class Asked:
     hill: bool = False
 
 
-def overview(
+def compute_overview(
     scene: Scene,
     force: float,
     reference: float,
     low: float,
     high: float,
-    asked: Asked,
-    progress: Progress | None = None,
-    keep: Keep = anew,
+    asked: OverviewOptions,
+    progress: OverviewProgress | None = None,
+    keep: ComputeOrLoad = compute_uncached,
 ) -> Overview:
     """Return the frequency response of a scene between two ratios of ``reference`` (rad/s) under a force in N: linear, and what is ``asked`` for.
 

@@ -17,7 +17,7 @@ from impact_env.modes import ModalModel
 from impact_env.parameters import ParameterError
 from impact_env.periodic.case import Case
 from impact_env.periodic.schedule import Event, Regime
-from impact_env.regimes import Modes, checked_modes, own_modes
+from impact_env.regimes import RegimeModes, checked_modes, solve_own_modes
 from impact_env.response import Record, Response
 from impact_env.scene import InitialState
 from impact_env.sweep import IntegrationError, simulate
@@ -27,15 +27,15 @@ Complex = NDArray[np.complex128]
 RECORD = Record(
     level=False, events=True, reversals=True
 )  # of all runs here, so that few kernels are compiled
-SLIVER = 1e-10  # rad: a joined phase that begins so shortly after an impact begins at it
-WALLS = (0, -1, 1)  # that holds the absorber in each kind of `ContactPhases`
+JOINED_PHASE_TOL = 1e-10  # rad: a joined phase that begins so shortly after an impact begins at it
+HOLDING_WALLS = (0, -1, 1)  # that holds the absorber in each kind of `ContactPhases`
 
 
-class PassageError(RuntimeError):
+class TrajectoryError(RuntimeError):
     """A motion that cannot be followed; the message says why."""
 
 
-class Happening(NamedTuple):
+class OrbitEvent(NamedTuple):
     """One event: ``time`` in s after the section, what it was and led to, and the ``impulse`` on the absorber in N s (0 if none)."""
 
     time: float
@@ -52,7 +52,7 @@ class Flow:
 
     case: Case
     joined: bool
-    modes: Modes
+    modes: RegimeModes
     up: Complex
     down: Complex
 
@@ -76,11 +76,11 @@ class Flow:
 
 
 @lru_cache(maxsize=32)
-def _modes(model: ModalModel, mass: float, joined: bool) -> Modes:
+def _modes(model: ModalModel, mass: float, joined: bool) -> RegimeModes:
     return (
         checked_modes(model, mass, None, 0.0)
         if joined
-        else own_modes(model, np.arange(model.modes))
+        else solve_own_modes(model, np.arange(model.modes))
     )
 
 
@@ -169,7 +169,7 @@ class Piece:
 
 
 @dataclass(eq=False)
-class Passage:
+class OrbitTrajectory:
     """A motion over ``span`` (s): its pieces, events, the ``end`` state (2 N_m + 2,) and the ``derivative`` of it by the state at the start.
 
     The derivative (2 N_m + 2,)^2 loses rank by one where friction takes hold of the absorber, and by two where a chatter ends on a wall.
@@ -180,7 +180,7 @@ class Passage:
     span: float
     derivative: Array
     pieces: list[Piece] = field(default_factory=list)
-    happenings: list[Happening] = field(default_factory=list)
+    happenings: list[OrbitEvent] = field(default_factory=list)
     end: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
@@ -198,28 +198,28 @@ class Passage:
         return states
 
 
-def passage(case: Case, phase: float, state: Array, span: float) -> Passage:
+def follow_trajectory(case: Case, phase: float, state: Array, span: float) -> OrbitTrajectory:
     """Return the motion from a ``state`` (2 N_m + 2,) at a ``phase`` (rad) of the force over a ``span`` (s); raises PassageError.
 
     A state that rounding or Newton's method put beyond a wall is put on it.
     """
     if not np.all(np.isfinite(state)):
-        raise PassageError("the state is not finite")
-    walk = _Walk(case, phase, span)
+        raise TrajectoryError("the state is not finite")
+    walk = _TrajectoryBuilder(case, phase, span)
     if not (np.all(np.isfinite(walk.free.up)) and np.all(np.isfinite(walk.joined.up))):
-        raise PassageError("a mode without damping is driven at its resonance")
+        raise TrajectoryError("a mode without damping is driven at its resonance")
     initial = InitialState.from_vector(case.scene, state)
     try:
         run = simulate(case.scene, case.drive(span, phase), initial=initial, record=RECORD)
     except (IntegrationError, ParameterError) as error:
-        raise PassageError(str(error)) from error
+        raise TrajectoryError(str(error)) from error
     walk.follow(initial.vector(case.scene), run)
     if not (np.all(np.isfinite(walk.found.end)) and np.all(np.isfinite(walk.found.derivative))):
-        raise PassageError("the motion or its derivative is not finite")
+        raise TrajectoryError("the motion or its derivative is not finite")
     return walk.found
 
 
-class _What(IntEnum):
+class _MarkKind(IntEnum):
     """In the order in which they happen at the same time."""
 
     IMPACT = 0
@@ -232,13 +232,13 @@ class _Mark(NamedTuple):
     """An event of the exact method at a ``time`` (s): the ``wall`` hit or holding, an impact's restitution, whether the wall ``holds`` then."""
 
     time: float
-    what: _What
+    what: _MarkKind
     wall: int = 0
     restitution: float = 0.0
     holds: bool = False
 
 
-def _marks(case: Case, run: Response) -> list[_Mark]:
+def _list_marks(case: Case, run: Response) -> list[_Mark]:
     """Return the events of a run in the order of time; where an impact or a reversal leads to a joined phase, that is one mark."""
     assert run.impacts is not None
     assert run.phases is not None
@@ -255,10 +255,10 @@ def _marks(case: Case, run: Response) -> list[_Mark]:
     holds = set()
     for begin, kind in zip(begins[~same], run.phases.kind[~same], strict=True):
         before = int(np.searchsorted(at, begin, side="right")) - 1
-        if before >= 0 and begin - at[before] <= SLIVER / case.omega:
+        if before >= 0 and begin - at[before] <= JOINED_PHASE_TOL / case.omega:
             holds.add(before)
         else:
-            marks.append(_Mark(float(begin), _What.JOINING, WALLS[int(kind)]))
+            marks.append(_Mark(float(begin), _MarkKind.JOINING, HOLDING_WALLS[int(kind)]))
     for k, time in enumerate(at):
         whole = abs(rest[k]) > abs(
             rest[k]
@@ -267,29 +267,29 @@ def _marks(case: Case, run: Response) -> list[_Mark]:
         marks.append(
             _Mark(
                 float(time),
-                _What.IMPACT,
+                _MarkKind.IMPACT,
                 int(-np.sign(impulse[k])),
                 case.restitution if whole else 0.0,
                 k in holds,
             )
         )
     marks += [
-        _Mark(float(end), _What.PARTING)
+        _Mark(float(end), _MarkKind.PARTING)
         for end in ends[~np.append(same[1:], False)[: len(ends)]]
         if end < run.drive.schedule.times[-1]
     ]
     marks += [
-        _Mark(float(time), _What.REVERSAL) for time in run.reversals.time if time not in begins
+        _Mark(float(time), _MarkKind.REVERSAL) for time in run.reversals.time if time not in begins
     ]
     return sorted(marks)
 
 
-class _Walk:
+class _TrajectoryBuilder:
     """A passage on its way."""
 
     def __init__(self, case: Case, phase: float, span: float) -> None:
         n = case.model.modes
-        self.case, self.found = case, Passage(case, phase, span, np.eye(2 * n + 2))
+        self.case, self.found = case, OrbitTrajectory(case, phase, span, np.eye(2 * n + 2))
         self.free, self.joined = _flow(case, joined=False), _flow(case, joined=True)
         self.sliding = Regime.SLIDING if case.friction_limit > 0 else Regime.FREE
         self.speed = np.concatenate(
@@ -302,17 +302,17 @@ class _Walk:
     def follow(self, state: Array, run: Response) -> None:
         """Go through the events of the exact method's run from a ``state`` at its start."""
         self._go_on(self.free, 0.0, state, 1 if float(self.speed @ state) > 0 else -1)
-        for mark in _marks(self.case, run):
+        for mark in _list_marks(self.case, run):
             self._meet(mark)
         self.found.end = self._advance(self.found.span)[1]
 
     def _meet(self, mark: _Mark) -> None:
         piece, state, bend = self._advance(mark.time)
-        if mark.what is _What.IMPACT:
+        if mark.what is _MarkKind.IMPACT:
             self._hit(piece, mark, state, bend)
-        elif mark.what is _What.REVERSAL:
+        elif mark.what is _MarkKind.REVERSAL:
             self._turn(piece, mark.time, state, bend)
-        elif mark.what is _What.JOINING:
+        elif mark.what is _MarkKind.JOINING:
             self._hold(piece, mark, state, bend)
         else:
             self._release(piece, mark.time, state)
@@ -342,14 +342,14 @@ class _Walk:
         return self.found.pieces[-1]
 
     def _note(self, time: float, event: Event, impulse: float = 0.0) -> None:
-        self.found.happenings.append(Happening(time, event, impulse))
+        self.found.happenings.append(OrbitEvent(time, event, impulse))
 
     def _leap(
         self, wall: int, restitution: float, impulse: float, jump: float, rate: float, bend: float
     ) -> None:
         """Take an event's saltation matrix to the derivative; ``jump`` (N) of the force on the absorber."""
         if (bend if wall == 0 else rate) == 0.0:
-            raise PassageError("an event is only touched: no derivative")
+            raise TrajectoryError("an event is only touched: no derivative")
         apply_saltation(
             self.case.structure, wall, restitution, impulse, jump, rate, bend, self.found.derivative
         )
@@ -357,7 +357,7 @@ class _Walk:
     def _turn(self, piece: Piece, time: float, state: Array, bend: float) -> None:
         """The relative velocity is zero, and the absorber slides on the other way."""
         if piece.sign * bend >= 0:
-            raise PassageError("the relative velocity only touches zero at a reversal")
+            raise TrajectoryError("the relative velocity only touches zero at a reversal")
         self._leap(0, 0.0, 0.0, 2 * piece.sign * self.case.friction_limit, 0.0, bend)
         self._note(time, Event(self.sliding, 0, -piece.sign))
         self._go_on(self.free, time, self._at_rest(state), -piece.sign)

@@ -1,8 +1,10 @@
 """How long a regime of impacts lasts at a constant frequency, the rate at which runs leave it, and the jump of a sweep that follows from it.
 
-Rates of leaving are measured at constant frequencies; their integral over a sweep's time gives P = exp(-N value). That leaves out that
-the frequency moves: it carries runs over the border of the regime, or away from it, which costs exits for each percent, not for each period, so that
-P = A exp(-N value) with an A that does not depend on N. It is read off sweeps (`Hazard.with_sweeps`); sweeps the other way have its inverse.
+Rates of leaving are measured at constant frequencies; their integral over a sweep's time gives P =
+exp(-N value). That leaves out that the frequency moves: it carries runs over the border of the
+regime, or away from it, which costs exits for each percent, not for each period, so that P = A
+exp(-N value) with an A that does not depend on N. It is read off sweeps (`Hazard.with_sweeps`);
+sweeps the other way have its inverse.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import scipy
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
-from impact_env.ensemble import Executor, Lane, Progress, each_lane
+from impact_env.ensemble import Executor, Lane, LaneProgress, each_lane
 from impact_env.methods import Exact, Method
 from impact_env.parameters import (
     count,
@@ -35,15 +37,18 @@ from impact_env.sweep import simulate
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
-LEVEL = 0.95
-SILENCE = 100.0  # pseudo periods without impact that end a stay: docs/regimes.md compares it with the longest pauses after which impacts came back
+EXIT_CONFIDENCE = 0.95
+# pseudo periods without impact that end a stay: docs/regimes.md compares it with the longest pauses
+# after which impacts came back
+SILENT_PERIODS = 100.0
 
 
 @dataclass(frozen=True)
 class Approach:
     """From rest ``periods`` at ``ratio``, where runs come into impact by themselves, then ``ramp`` to the frequency wanted.
 
-    The ratio is of the ``reference`` (rad/s), times are in pseudo periods of it. A ``ratio`` of None: from rest at the frequency wanted, at once.
+    The ratio is of the ``reference`` (rad/s), times are in pseudo periods of it. A ``ratio`` of
+    None: from rest at the frequency wanted, at once.
     """
 
     reference: float
@@ -85,7 +90,7 @@ def hold(
     return Drive(force, approach.to((positive("periods", periods), ratio)), phase)
 
 
-def passage(
+def passage_schedule(
     approach: Approach,
     force: float,
     start: float,
@@ -100,14 +105,16 @@ def passage(
 
 
 @dataclass(frozen=True)
-class Silence:
+class ImpactFreeInterval:
     """The first silence of a run: when it ``began`` (None: there was none), and whether impacts ``returned`` after it."""
 
     began: float | None
     returned: bool
 
 
-def first_silence(impacts: Array, begin: float, end: float, length: float) -> Silence:
+def find_impact_free_interval(
+    impacts: Array, begin: float, end: float, length: float
+) -> ImpactFreeInterval:
     """Return the first stretch of at least ``length`` without impact between ``begin`` and ``end``; all times in one unit.
 
     A stretch before the first impact counts, and one that goes on to the end.
@@ -116,17 +123,18 @@ def first_silence(impacts: Array, begin: float, end: float, length: float) -> Si
     edges = np.concatenate([[begin], inside, [end]])
     long = np.flatnonzero(np.diff(edges) >= length)
     if not len(long):
-        return Silence(None, returned=False)
-    return Silence(float(edges[long[0]]), returned=bool(long[0] + 1 < len(edges) - 1))
+        return ImpactFreeInterval(None, returned=False)
+    return ImpactFreeInterval(float(edges[long[0]]), returned=bool(long[0] + 1 < len(edges) - 1))
 
 
 @dataclass(frozen=True, eq=False)
 class Stays:
     """How long lanes stayed in the regime of impacts, (n,) each: ``durations`` in pseudo periods, and whether a stay ``ended``.
 
-    What has not ended is censored: it lasted at least as long. ``absent``: lanes that had left before their stay began. ``returned``: lanes whose
-    impacts came back after the silence that ended their stay; a silence long enough leaves none. ``longest_pauses`` (n,): longest time without
-    impact before the stay's end, which a silence must exceed.
+    What has not ended is censored: it lasted at least as long. ``absent``: lanes that had left
+    before their stay began. ``returned``: lanes whose impacts came back after the silence that
+    ended their stay; a silence long enough leaves none. ``longest_pauses`` (n,): longest time
+    without impact before the stay's end, which a silence must exceed.
     """
 
     durations: Array
@@ -141,16 +149,17 @@ class Stays:
         return Stays(self.durations[left] - time, self.ended[left])
 
 
-def stay_of(
+def read_duration(
     impacts: Array, begin: float, end: float, silence: float
 ) -> tuple[float, bool, bool, float] | None:
     """Return a run's stay from ``begin``: duration, whether it ended, whether impacts returned, longest pause before; None if it had left before.
 
-    It had left if the silence began before ``begin``, whose last ``silence`` is looked at too. A run is observed until
-    ``end`` less the ``silence``: what happens later could not be told from a pause, and is left out.
+    It had left if the silence began before ``begin``, whose last ``silence`` is looked at too. A
+    run is observed until ``end`` less the ``silence``: what happens later could not be told from a
+    pause, and is left out.
     """
     last = end - silence
-    found = first_silence(impacts, begin - silence, end, silence)
+    found = find_impact_free_interval(impacts, begin - silence, end, silence)
     if found.began is not None and found.began <= begin:
         return None
     stop = last if found.began is None else min(found.began, last)
@@ -159,13 +168,13 @@ def stay_of(
     return stop - begin, found.began is not None and found.began < last, found.returned, pause
 
 
-def _stay(
+def _simulate_stay(
     period: float, begin: float, end: float, silence: float, lane: Lane
 ) -> tuple[float, bool, bool, float] | tuple[()]:
     """Return a lane's `stays`, empty if it had left before; another process gets the same numbers."""
     response = simulate(lane.scene, lane.drive, record=Record(events=True))
     assert response.impacts is not None
-    return stay_of(response.impacts.time / period, begin, end, silence) or ()
+    return read_duration(response.impacts.time / period, begin, end, silence) or ()
 
 
 def stays(
@@ -175,17 +184,18 @@ def stays(
     ratio: float,
     periods: float,
     phases: Sequence[float],
-    silence: float = SILENCE,
+    silence: float = SILENT_PERIODS,
     *,
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> Stays:
     """Return the stays at one frequency ratio, a lane for each initial phase of the force (rad), over at most ``periods`` pseudo periods.
 
-    Each lane comes from the state of impacts as ``approach`` says. A KeyboardInterrupt is raised again once the lanes under way are finished; an
-    ``executor`` makes the runs elsewhere, as for `ensemble.run_lanes`.
-    Raises ParameterError for a bad value, IntegrationError if a lane breaks down.
+    Each lane comes from the state of impacts as ``approach`` says. A KeyboardInterrupt is raised
+    again once the lanes under way are finished; an ``executor`` makes the runs elsewhere, as for
+    `ensemble.run_lanes`. Raises ParameterError for a bad value, IntegrationError if a lane breaks
+    down.
     """
     periods = positive("periods", periods)
     require(
@@ -195,9 +205,11 @@ def stays(
         f"above 0 and below the {periods} pseudo periods of a stay",
     )
     begin = approach.lead
-    measure = partial(_stay, 2 * np.pi / approach.reference, begin, begin + periods, silence)
+    measure = partial(
+        _simulate_stay, 2 * np.pi / approach.reference, begin, begin + periods, silence
+    )
     lanes = [Lane(scene, hold(approach, force, ratio, periods, phase)) for phase in phases]
-    found = finished(
+    found = drop_unfinished(
         each_lane(lanes, measure, threads=threads, progress=progress, executor=executor)
     )
     there = [stay for stay in found if stay]
@@ -211,7 +223,7 @@ def stays(
     )
 
 
-def finished(found: Sequence[T | None]) -> list[T]:
+def drop_unfinished(found: Sequence[T | None]) -> list[T]:
     """Return the results of lanes; raises KeyboardInterrupt if one is missing."""
     whole = [value for value in found if value is not None]
     if len(whole) < len(found):
@@ -230,11 +242,12 @@ class ExitRate:
     high: float
 
 
-def exit_rate(observed: Stays, burn_in: float = 0.0, level: float = LEVEL) -> ExitRate:
+def exit_rate(observed: Stays, burn_in: float = 0.0, level: float = EXIT_CONFIDENCE) -> ExitRate:
     """Return the maximum-likelihood rate of a constant hazard: exits over the time at risk, stays under way counted as censored.
 
-    ``burn_in``: pseudo periods at a stay's start that are left out, with what ended in them. The interval is Garwood's for a Poisson count
-    (F. Garwood, Biometrika 28, 1936). Without any time at risk rate and interval are NaN.
+    ``burn_in``: pseudo periods at a stay's start that are left out, with what ended in them. The
+    interval is Garwood's for a Poisson count (F. Garwood, Biometrika 28, 1936). Without any time at
+    risk rate and interval are NaN.
     """
     burn_in = non_negative("burn_in", burn_in)
     require(0 < level < 1, "level", level, "a number between 0 and 1")
@@ -254,15 +267,16 @@ def exit_rate(observed: Stays, burn_in: float = 0.0, level: float = LEVEL) -> Ex
     )
 
 
-DRAWS = 4000
+BOOTSTRAP_DRAWS = 4000
 
 
 @dataclass(frozen=True)
 class Hazard:
     """Integral of the rate of leaving over the frequency, in exits per (pseudo period / percent): a jump at N has probability A exp(-N value).
 
-    ``low`` and ``high``: its interval from the counting of exits alone. ``first`` and ``last``: the ratios between which it is taken.
-    ``factor``: A with its interval, what the motion of the frequency adds; 1 where no sweeps were measured.
+    ``low`` and ``high``: its interval from the counting of exits alone. ``first`` and ``last``: the
+    ratios between which it is taken. ``factor``: A with its interval, what the motion of the
+    frequency adds; 1 where no sweeps were measured.
     """
 
     value: float
@@ -283,11 +297,13 @@ class Hazard:
         at, low, high = (min(1.0, float(np.exp(x))) for x in (middle, middle - down, middle + up))
         return at, low, high
 
-    def with_sweeps(self, measured: Mapping[float, Jumps], level: float = LEVEL) -> Hazard:
+    def with_sweeps(
+        self, measured: Mapping[float, Jumps], level: float = EXIT_CONFIDENCE
+    ) -> Hazard:
         """Return the hazard with the factor that sweeps show, by their slowness: the mean of log(share) + N value by generalised least squares.
 
-        Shares have the errors of their counts and, all of them together, that of the integral. Raises ParameterError if none of them both jumped
-        and left.
+        Shares have the errors of their counts and, all of them together, that of the integral.
+        Raises ParameterError if none of them both jumped and left.
         """
         own = {n: found for n, found in measured.items() if 0 < found.jumped < found.present}
         require(
@@ -309,12 +325,17 @@ class Hazard:
 
 
 def hazard(
-    ratios: Sequence[float], rates: Sequence[ExitRate], *, level: float = LEVEL, seed: int = 0
+    ratios: Sequence[float],
+    rates: Sequence[ExitRate],
+    *,
+    level: float = EXIT_CONFIDENCE,
+    seed: int = 0,
 ) -> Hazard:
     """Return the trapezoidal integral of rates (per pseudo period) measured at frequency ``ratios``, rising or falling.
 
-    The interval is that of the sum of the counts, each drawn from the gamma distribution with its exits plus a half and its exposure. Raises
-    ParameterError unless there are two ratios or more, in order, with as many rates and some time at risk each.
+    The interval is that of the sum of the counts, each drawn from the gamma distribution with its
+    exits plus a half and its exposure. Raises ParameterError unless there are two ratios or more,
+    in order, with as many rates and some time at risk each.
     """
     x = np.asarray(ratios, dtype=np.float64)
     turns = np.diff(x)
@@ -335,7 +356,7 @@ def hazard(
     drawn = np.random.default_rng(count("seed", seed, 0))
     shapes = np.array([rate.exits + 0.5 for rate in rates])
     exposures = np.array([rate.exposure for rate in rates])
-    sums = (drawn.gamma(shapes, size=(DRAWS, len(x))) / exposures) @ weights
+    sums = (drawn.gamma(shapes, size=(BOOTSTRAP_DRAWS, len(x))) / exposures) @ weights
     tail = (1 - level) / 2
     low, high = np.quantile(sums, [tail, 1 - tail])
     value = float(weights @ [rate.rate for rate in rates])
@@ -346,8 +367,9 @@ def hazard(
 class Jumps:
     """What became of sweeps: ``present`` in the regime of impacts at the range's first ratio, ``jumped`` out of these, and all ``runs``.
 
-    ``high``: runs whose response level in m lies above a limit, None unless one was asked for. ``left``: frequency ratios at which those that were
-    present left it, before the range's last ratio.
+    ``high``: runs whose response level in m lies above a limit, None unless one was asked for.
+    ``left``: frequency ratios at which those that were present left it, before the range's last
+    ratio.
     """
 
     jumped: int
@@ -361,7 +383,7 @@ class Jumps:
         """Share of those present that jumped, NaN if none was present."""
         return self.jumped / self.present if self.present else float("nan")
 
-    def interval(self, level: float = LEVEL) -> tuple[float, float]:
+    def interval(self, level: float = EXIT_CONFIDENCE) -> tuple[float, float]:
         """Return Wilson's interval of the share."""
         if not self.present:
             return 0.0, 1.0
@@ -392,14 +414,14 @@ class Range:
         )
 
 
-def _passed(
+def _has_passed(
     period: float, begin: float, end: float, silence: float, method: Method, lane: Lane
 ) -> tuple[float, float]:
     """Return when a lane's first silence began (NaN: there was none), in pseudo periods of ``period`` s, and its level in m."""
     response = simulate(lane.scene, lane.drive, method, record=Record(events=True))
     assert response.impacts is not None
     assert response.level is not None
-    began = first_silence(response.impacts.time / period, begin, end, silence).began
+    began = find_impact_free_interval(response.impacts.time / period, begin, end, silence).began
     return (np.nan if began is None else began), response.level.value
 
 
@@ -410,19 +432,20 @@ def jumps(
     over: Range,
     periods_per_percent: float,
     phases: Sequence[float],
-    silence: float = SILENCE,
+    silence: float = SILENT_PERIODS,
     high_level: float | None = None,
     method: Method | None = None,
     *,
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> Jumps:
     """Sweep lanes, one for each initial phase (rad), and return how many jumped; interruption and errors as in `residence.stays`.
 
-    A run has jumped if no ``silence`` (pseudo periods without impact, at least) begins before the range's last ratio. It is present if none had begun
-    before the first. ``high_level`` in m: response levels above it are counted too. ``method``: default Exact.
-    Raises ParameterError if the sweep is too fast for a silence to show after the last ratio.
+    A run has jumped if no ``silence`` (pseudo periods without impact, at least) begins before the
+    range's last ratio. It is present if none had begun before the first. ``high_level`` in m:
+    response levels above it are counted too. ``method``: default Exact. Raises ParameterError if
+    the sweep is too fast for a silence to show after the last ratio.
     """
     tail = abs(over.stop - over.last) * 100 * positive("periods_per_percent", periods_per_percent)
     require(
@@ -438,14 +461,22 @@ def jumps(
         for ratio in (over.first, over.last)
     )
     measure = partial(
-        _passed, 2 * np.pi / approach.reference, first - silence, last + silence, silence, method
+        _has_passed,
+        2 * np.pi / approach.reference,
+        first - silence,
+        last + silence,
+        silence,
+        method,
     )
     lanes = [
-        Lane(scene, passage(approach, force, over.start, over.stop, periods_per_percent, phase))
+        Lane(
+            scene,
+            passage_schedule(approach, force, over.start, over.stop, periods_per_percent, phase),
+        )
         for phase in phases
     ]
     found = np.array(
-        finished(
+        drop_unfinished(
             each_lane(lanes, measure, method, threads=threads, progress=progress, executor=executor)
         )
     )

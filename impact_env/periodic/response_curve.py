@@ -13,15 +13,15 @@ from impact_env.parameters import require
 from impact_env.periodic.bifurcations import ON_CIRCLE, confirmed_bifurcation, critical_multipliers
 from impact_env.periodic.branch import FOLD, KINK, Branch
 from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.harmonic_balance import OMEGA, Balance, hill_multipliers
+from impact_env.periodic.harmonic_balance import OMEGA_PARAMETER, Balance, hill_multipliers
 from impact_env.periodic.motion import Motion, motion_of, stability_of
 from impact_env.periodic.orbit import packed
-from impact_env.periodic.orbit_branches import CHECKED, OrbitBranch
+from impact_env.periodic.orbit_branches import CHECKED_KINDS, OrbitBranch
 
 Real = NDArray[np.float64]
 EXACT = "exact orbits"
 HARMONIC_BALANCE = "harmonic balance"
-COLUMNS = (
+CURVE_COLUMNS = (
     "curve",
     "method",
     "omega_ratio",
@@ -33,7 +33,7 @@ COLUMNS = (
     "period",
     "symmetric",
 )
-SAME = (
+SAME_POINT_TOL = (
     1e-9  # of the frequency: two places of one kind are one, met on both mirror images of a branch
 )
 
@@ -178,7 +178,7 @@ class ResponseCurve:
         )
 
     def rows(self, number: int) -> Iterator[tuple[object, ...]]:
-        """Yield a row of `COLUMNS` for each point that is a solution, then one for each that was located."""
+        """Yield a row of `CURVE_COLUMNS` for each point that is a solution, then one for each that was located."""
         for k in np.flatnonzero(np.isfinite(self.tip_max)):
             truths = [
                 "" if row is None else int(row[k]) for row in (self.stable, self.slowly_stable)
@@ -217,14 +217,15 @@ def balance_curve(
     ``hill``: with its stability by `hill_multipliers`, which raises ParameterError where it has none; at rigid walls they do not converge.
     """
     solutions = [
-        (balance.at(OMEGA, p), z) for z, p in zip(branch.points, branch.parameters, strict=True)
+        (balance.at(OMEGA_PARAMETER, p), z)
+        for z, p in zip(branch.points, branch.parameters, strict=True)
     ]
     responses = [at.response(z) for at, z in solutions]
     marks = tuple(
         CurvePoint(
             e.kind,
             e.parameter / reference,
-            balance.at(OMEGA, e.parameter).response(e.point).tip_max,
+            balance.at(OMEGA_PARAMETER, e.parameter).response(e.point).tip_max,
         )
         for e in branch.located
     )
@@ -279,7 +280,7 @@ def orbit_curve(
             _critical(kind, motion),
         )
         if not any(
-            mark.kind == known.kind and abs(mark.omega_ratio - known.omega_ratio) < SAME
+            mark.kind == known.kind and abs(mark.omega_ratio - known.omega_ratio) < SAME_POINT_TOL
             for known in marks
         ):
             marks.append(mark)
@@ -304,7 +305,7 @@ def orbit_curve(
 
 def _critical(kind: str, motion: Motion) -> tuple[complex, ...]:
     """Return the multipliers over the schedule's span that make the bifurcation, none at a place that is no bifurcation."""
-    if kind not in CHECKED:
+    if kind not in CHECKED_KINDS:
         return ()
     found = critical_multipliers(kind, stability_of(motion).multipliers)
     return tuple(complex(m) for m in found)

@@ -72,12 +72,12 @@ class Event:
         return self.wall != 0 and self.sign != 0
 
 
-MOST_PERIODS = 10**6  # of an orbit: more are never computed
+MOST_ORBIT_PERIODS = 10**6  # of an orbit: more are never computed
 
 
-def turn_of(symmetric: bool, period_multiple: int) -> float:
+def count_turns(symmetric: bool, period_multiple: int) -> float:
     """Return the phase of the force in rad after which an orbit's state comes back, mirrored where it is ``symmetric``."""
-    period_multiple = count("period_multiple", period_multiple, 1, MOST_PERIODS)
+    period_multiple = count("period_multiple", period_multiple, 1, MOST_ORBIT_PERIODS)
     odd = period_multiple % 2 == 1
     require(
         odd or not symmetric,
@@ -104,10 +104,10 @@ class EventSchedule:
             self,
             events=each_of(kind_of(Event)),
             symmetric=flag,
-            period_multiple=count_from(1, MOST_PERIODS),
+            period_multiple=count_from(1, MOST_ORBIT_PERIODS),
         )
         require(len(self.events) > 0, "events", self.events, "one or more")
-        turn_of(self.symmetric, self.period_multiple)  # raises where there is no such orbit
+        count_turns(self.symmetric, self.period_multiple)  # raises where there is no such orbit
         require(
             self.symmetric or len(self.events) > 1,
             "events",
@@ -131,7 +131,7 @@ class EventSchedule:
     @property
     def turn(self) -> float:
         """Phase of the force over the events listed, in rad."""
-        return turn_of(self.symmetric, self.period_multiple)
+        return count_turns(self.symmetric, self.period_multiple)
 
     @cached_property
     def impacts(self) -> int:

@@ -20,18 +20,18 @@ from impact_env.parameters import ParameterError, count, finite, require
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.green import NoOrbit, Solution
 from impact_env.periodic.motion import ShotMotion
-from impact_env.periodic.passage import RECORD, Passage, PassageError, passage
-from impact_env.periodic.schedule import Event, EventSchedule, flying_schedule, turn_of
+from impact_env.periodic.passage import RECORD, OrbitTrajectory, TrajectoryError, follow_trajectory
+from impact_env.periodic.schedule import Event, EventSchedule, count_turns, flying_schedule
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 
 Array = NDArray[np.float64]
-STEPS = 30
-HALVINGS = 5
+MOST_SHOOTING_STEPS = 30
+MOST_HALVINGS = 5
 # of the scaled miss: where Newton's method ends, and what it may leave where rounding stops it
-CLOSE = 1e-13
-ENOUGH = 1e-10
-NEUTRAL = 1e-10  # of the largest singular value: a direction in which every place is as good, such as the absorber's place of rest
+CLOSING_TOL = 1e-13
+SUFFICIENT_TOL = 1e-10
+NEUTRAL_TOL = 1e-10  # of the largest singular value: a direction in which every place is as good, such as the absorber's place of rest
 
 
 def units_of(case: Case) -> Array:
@@ -56,75 +56,80 @@ def shoot(
         state,
         f"{size} finite numbers: modes, absorber, and their velocities",
     )
-    turn = turn_of(symmetric, period_multiple)
+    turn = count_turns(symmetric, period_multiple)
     unit = units_of(case)
     sign = -1.0 if symmetric else 1.0
     blank = flying_schedule([-1], case.friction_limit > 0, symmetric=True)
     try:
-        found = passage(case, finite_phase, y, turn / case.omega)
-        miss = _miss(found, y, sign, unit)
+        found = follow_trajectory(case, finite_phase, y, turn / case.omega)
+        miss = _closing_error(found, y, sign, unit)
         steps = 0
-        for _ in range(STEPS):
+        for _ in range(MOST_SHOOTING_STEPS):
             size_of_miss = float(np.max(np.abs(miss)))
-            if size_of_miss <= CLOSE:
+            if size_of_miss <= CLOSING_TOL:
                 break
             matrix = np.eye(size) - sign * found.derivative * unit / unit[:, None]
             step: Array = np.asarray(
-                np.linalg.lstsq(matrix, miss, rcond=NEUTRAL)[0], dtype=np.float64
+                np.linalg.lstsq(matrix, miss, rcond=NEUTRAL_TOL)[0], dtype=np.float64
             )
-            better = _damped(case, found, y, step, unit, sign, size_of_miss)
+            better = _damped_step(case, found, y, step, unit, sign, size_of_miss)
             if better is None:
                 break
             found, y, miss = better
             steps += 1
         miss_left = float(np.max(np.abs(miss)))
-    except (PassageError, np.linalg.LinAlgError) as error:
+    except (TrajectoryError, np.linalg.LinAlgError) as error:
         return NoOrbit(case, blank, str(error), np.array([finite_phase]))
-    if not miss_left <= ENOUGH:
+    if not miss_left <= SUFFICIENT_TOL:
         return NoOrbit(
             case,
             blank,
             f"shooting did not converge (residual {miss_left:.1e} after {steps} steps)",
             np.array([finite_phase]),
         )
-    return shot(case, found, symmetric, period_multiple, miss_left, steps)
+    return shoot_from(case, found, symmetric, period_multiple, miss_left, steps)
 
 
-def _miss(found: Passage, y: Array, sign: float, unit: Array) -> Array:
+def _closing_error(found: OrbitTrajectory, y: Array, sign: float, unit: Array) -> Array:
     return np.asarray((sign * found.end - y) / unit)
 
 
-def _damped(
-    case: Case, last: Passage, y: Array, step: Array, unit: Array, sign: float, size: float
-) -> tuple[Passage, Array, Array] | None:
+def _damped_step(
+    case: Case, last: OrbitTrajectory, y: Array, step: Array, unit: Array, sign: float, size: float
+) -> tuple[OrbitTrajectory, Array, Array] | None:
     """Return the passage, state and miss after as much of Newton's step as makes the miss smaller than ``size``, or None."""
     share = 1.0
-    for _ in range(HALVINGS):
+    for _ in range(MOST_HALVINGS):
         new = y + share * unit * step
         try:
-            found = passage(case, last.phase, new, last.span)
-        except PassageError:
+            found = follow_trajectory(case, last.phase, new, last.span)
+        except TrajectoryError:
             share /= 2
             continue
-        miss = _miss(found, new, sign, unit)
+        miss = _closing_error(found, new, sign, unit)
         if np.max(np.abs(miss)) < size:
             return found, new, miss
         share /= 3
     return None
 
 
-def shot(
-    case: Case, found: Passage, symmetric: bool, period_multiple: int, error: float, steps: int
+def shoot_from(
+    case: Case,
+    found: OrbitTrajectory,
+    symmetric: bool,
+    period_multiple: int,
+    error: float,
+    steps: int,
 ) -> ShotMotion | NoOrbit:
     """Return the motion of a passage that comes back, or why its events are no orbit's."""
-    turn = turn_of(symmetric, period_multiple)
+    turn = count_turns(symmetric, period_multiple)
     whole = 2 * np.pi * period_multiple
     blank = flying_schedule([-1], case.friction_limit > 0, symmetric=True)
     if not found.happenings:
         return NoOrbit(case, blank, "absorber and beam do not touch", np.array([found.phase]))
     phases = found.phase + case.omega * np.array([happening.time for happening in found.happenings])
     impulses = np.array([happening.impulse for happening in found.happenings])
-    events, phases, impulses = rotated(
+    events, phases, impulses = rotate_start(
         [happening.event for happening in found.happenings], phases, impulses, turn, symmetric
     )
     try:
@@ -137,7 +142,7 @@ def shot(
     return ShotMotion(solution, found)
 
 
-def rotated(
+def rotate_start(
     events: list[Event], phases: Array, impulses: Array, turn: float, symmetric: bool
 ) -> tuple[tuple[Event, ...], Array, Array]:
     """Return events, phases (n,) in rad and impulses (n,) in N s counted from the first impact on, as they are where there is none."""
@@ -152,12 +157,14 @@ def rotated(
     )
 
 
-STRETCH = (
+STRETCH_LENGTH = (
     4  # periods of the force in which a tangent vector is followed without being made a unit vector
 )
-SETTLING = 20  # stretches in which it turns into the fastest direction, which are left out
-BLOCKS = 20  # whose means are taken as independent
-LEVEL = 0.95
+SETTLING_STRETCHES = (
+    20  # stretches in which it turns into the fastest direction, which are left out
+)
+INDEPENDENT_BLOCKS = 20  # whose means are taken as independent
+EXPONENT_CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
@@ -179,7 +186,7 @@ def largest_exponent(scene: Scene, settled: Drive, periods: int) -> Exponent:
 
     Raises ParameterError for fewer than a stretch a block, or a scene without one impact absorber; PassageError where a motion has no derivative.
     """
-    periods = count("periods", periods, STRETCH * BLOCKS)
+    periods = count("periods", periods, STRETCH_LENGTH * INDEPENDENT_BLOCKS)
     schedule = settled.schedule
     case = case_of(scene, settled.amplitude, float(schedule.omegas[-1]))
     state = simulate(scene, settled, record=RECORD).end_state
@@ -187,8 +194,8 @@ def largest_exponent(scene: Scene, settled: Drive, periods: int) -> Exponent:
     unit = units_of(case)
     vector = np.random.default_rng(0).normal(size=len(unit))
     growth = []
-    for _ in range(SETTLING + periods // STRETCH):
-        found = passage(case, phase, state, STRETCH * case.period)
+    for _ in range(SETTLING_STRETCHES + periods // STRETCH_LENGTH):
+        found = follow_trajectory(case, phase, state, STRETCH_LENGTH * case.period)
         vector = (found.derivative @ (unit * vector)) / unit
         size = float(np.linalg.norm(vector))
         require(
@@ -197,14 +204,16 @@ def largest_exponent(scene: Scene, settled: Drive, periods: int) -> Exponent:
         growth.append(np.log(size))
         vector = vector / size
         state = found.end
-    return exponent_of(np.array(growth[SETTLING:]) / STRETCH)
+    return exponent_of(np.array(growth[SETTLING_STRETCHES:]) / STRETCH_LENGTH)
 
 
 def exponent_of(growth: Array) -> Exponent:
     """Return the exponent of growths (S,) per period, one for each stretch."""
-    means = np.array([np.mean(block) for block in np.array_split(growth, BLOCKS)])
+    means = np.array([np.mean(block) for block in np.array_split(growth, INDEPENDENT_BLOCKS)])
     value = float(np.mean(growth))
     width = float(
-        np.std(means, ddof=1) / np.sqrt(BLOCKS) * scipy.stats.t.ppf((1 + LEVEL) / 2, BLOCKS - 1)
+        np.std(means, ddof=1)
+        / np.sqrt(INDEPENDENT_BLOCKS)
+        * scipy.stats.t.ppf((1 + EXPONENT_CONFIDENCE) / 2, INDEPENDENT_BLOCKS - 1)
     )
     return Exponent(value, value - width, value + width)

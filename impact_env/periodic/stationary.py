@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from impact_env.drive import Drive, constant_frequency
 from impact_env.energy import EnergyAccount, mechanical_energy
-from impact_env.ensemble import Executor, Lane, Progress, draw_members, each_lane
+from impact_env.ensemble import Executor, Lane, LaneProgress, draw_members, each_lane
 from impact_env.parameters import (
     count,
     count_from,
@@ -27,17 +27,17 @@ from impact_env.parameters import (
     or_none,
     positive,
 )
-from impact_env.periodic.residence import Approach, finished, hold
+from impact_env.periodic.residence import Approach, drop_unfinished, hold
 from impact_env.response import History, Record, Response
 from impact_env.scene import InitialState, Scene
 from impact_env.sweep import simulate
 
 Array = NDArray[np.float64]
 QUANTILES = (0.05, 0.5, 0.95)
-SAMPLES = 32  # per period of the force
+SAMPLES_PER_PERIOD = 32  # per period of the force
 
 
-class Kind(StrEnum):
+class ResponseKind(StrEnum):
     """Kinds of stationary response."""
 
     LINEAR = "linear"  # no impacts; friction may still slide
@@ -67,7 +67,7 @@ class Criteria:
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class StationaryWindow:
     """A stretch of M whole periods of the force: all that a response is judged by.
 
     ``states`` (M + 1, d): states at one phase of the force, each as a displacement of the tip or of the absorber against it in m (velocities
@@ -99,7 +99,7 @@ class Classified:
     in periods of the force.
     """
 
-    kind: Kind
+    kind: ResponseKind
     multiple: int | None
     miss: float
     impacts_per_period: float
@@ -119,7 +119,7 @@ def longest_pause(impacts: Array, periods: float) -> float:
     return float(np.max(np.diff(np.concatenate([[0.0], impacts, [float(periods)]]))))
 
 
-def misses(window: Window, most_multiple: int) -> Array:
+def compute_misses(window: StationaryWindow, most_multiple: int) -> Array:
     """Return for each multiple 1, 2, ... the largest distance of two states that many periods apart, of the largest tip displacement.
 
     At most half of the window's periods are compared so.
@@ -135,26 +135,26 @@ def misses(window: Window, most_multiple: int) -> Array:
     )
 
 
-def classify(window: Window, criteria: Criteria | None = None) -> Classified:
+def classify(window: StationaryWindow, criteria: Criteria | None = None) -> Classified:
     """Return a window's kind.
 
     Without impact it is linear. It is periodic if it comes again; else strongly modulated if it has pauses and is deeply modulated, or sustained.
     """
     criteria = Criteria() if criteria is None else criteria
-    distances = misses(window, criteria.most_multiple)
+    distances = compute_misses(window, criteria.most_multiple)
     close = np.flatnonzero(distances <= criteria.tolerance)
     multiple = int(close[0]) + 1 if len(close) else None
     depth = modulation_depth(window.peaks)
     pause = longest_pause(window.impacts, window.periods)
     if len(window.impacts) == 0:
-        kind = Kind.LINEAR
+        kind = ResponseKind.LINEAR
     elif multiple is not None:
-        kind = Kind.PERIODIC
+        kind = ResponseKind.PERIODIC
     else:
         kind = (
-            Kind.MODULATED
+            ResponseKind.MODULATED
             if pause >= criteria.pause and depth >= criteria.depth
-            else Kind.SUSTAINED
+            else ResponseKind.SUSTAINED
         )
     return Classified(
         kind, multiple, float(np.min(distances)), len(window.impacts) / window.periods, depth, pause
@@ -186,7 +186,7 @@ class Stationary:
     peaks: Array
 
 
-def window_of(scene: Scene, response: Response, omega: float) -> Window:
+def cut_window(scene: Scene, response: Response, omega: float) -> StationaryWindow:
     """Return the window of a run of whole periods of the force at ``omega`` (rad/s), recorded with events and series.
 
     Its samples lie a whole fraction of the force's period apart.
@@ -198,7 +198,7 @@ def window_of(scene: Scene, response: Response, omega: float) -> Window:
     each = (len(history.time) - 1) // periods
     level = history.modal_displacement @ scene.model.level_shape
     peaks = np.max(np.abs(level[: periods * each]).reshape(periods, each), axis=1)
-    return Window(
+    return StationaryWindow(
         _states(scene, history, omega)[::each][: periods + 1], impacts.time / period, peaks
     )
 
@@ -232,7 +232,7 @@ def _energies(scene: Scene, history: History, account: EnergyAccount) -> Energie
     return Energies(float(np.mean(share)), float(np.max(share)), modal, impact, friction, damper)
 
 
-def stationary(
+def classify_run(
     scene: Scene,
     settled: Drive,
     periods: int,
@@ -247,9 +247,11 @@ def stationary(
     omega = positive("settled frequency", float(settled.schedule.omegas[-1]))
     end = simulate(scene, settled, initial=initial, record=Record(events=True)).final_state
     drive = settled.followed_by(constant_frequency(omega, 1.0, periods))
-    record = Record(level=False, events=True, series=True, energy=True, samples_per_period=SAMPLES)
+    record = Record(
+        level=False, events=True, series=True, energy=True, samples_per_period=SAMPLES_PER_PERIOD
+    )
     response = simulate(scene, drive, initial=end, record=record)
-    window = window_of(scene, response, omega)
+    window = cut_window(scene, response, omega)
     return Stationary(
         classify(window, criteria),
         _energies(scene, response.recorded.history, response.recorded.energy),
@@ -258,10 +260,10 @@ def stationary(
 
 
 def _settled(periods: int, criteria: Criteria | None, lane: Lane) -> Stationary:
-    return stationary(lane.scene, lane.drive, periods, criteria)
+    return classify_run(lane.scene, lane.drive, periods, criteria)
 
 
-def stationary_members(
+def classify_members(
     scene: Scene,
     force: float,
     approach: Approach,
@@ -272,7 +274,7 @@ def stationary_members(
     criteria: Criteria | None = None,
     *,
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> list[Stationary]:
     """Return the stationary responses at one frequency ratio, one for each initial phase (rad) of the force (N).
@@ -280,7 +282,7 @@ def stationary_members(
     ``settle`` pseudo periods at the ratio come before the window of ``periods`` of the force. Interruption and errors as in `residence.stays`.
     """
     lanes = [Lane(scene, hold(approach, force, ratio, settle, phase)) for phase in phases]
-    return finished(
+    return drop_unfinished(
         each_lane(
             lanes,
             partial(_settled, periods, criteria),
@@ -373,10 +375,10 @@ class StationaryRuns:
         return [float(x) for x in np.linspace(low, high, self.points)]
 
     def at(self, scene: Scene, force: float, reference: float, ratio: float) -> StationaryPoint:
-        """Return the response at a ratio of ``reference`` (rad/s) under a force in N; Ctrl-C and errors as `stationary_members`."""
+        """Return the response at a ratio of ``reference`` (rad/s) under a force in N; Ctrl-C and errors as `classify_members`."""
         phases = draw_members(self.members, self.seed, "phase").phases.tolist()
         way = Approach(reference, self.approach)
-        found = stationary_members(
+        found = classify_members(
             scene,
             force,
             way,

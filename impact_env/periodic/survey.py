@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from impact_env.parameters import count, positive, require
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.orbit import Orbit, mirrored, orbit_at, shot_orbit
-from impact_env.periodic.orbit_branches import COARSE, OrbitBranch, orbit_branches
-from impact_env.periodic.passage import RECORD, PassageError, passage
-from impact_env.periodic.schedule import flying_schedule, turn_of
-from impact_env.periodic.shooting import shot
+from impact_env.periodic.orbit import Orbit, find_orbit_at, mirror_orbit, shot_orbit
+from impact_env.periodic.orbit_branches import COARSE_STEPS, OrbitBranch, orbit_branches
+from impact_env.periodic.passage import RECORD, TrajectoryError, follow_trajectory
+from impact_env.periodic.schedule import count_turns, flying_schedule
+from impact_env.periodic.shooting import shoot_from
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
 from impact_env.scene import InitialState
 from impact_env.sweep import simulate
@@ -25,15 +25,15 @@ if TYPE_CHECKING:
     from impact_env.periodic.basins import Basins
 
 Array = NDArray[np.float64]
-ALIKE = 1e-8  # of the largest entry of a state: two states that are one
-CLOSE = 1e-3  # of gap and gap times omega: a return as close as this is taken for one
-SETTLE = 400.0  # periods of the force before anything is read off
+SAME_STATE_TOL = 1e-8  # of the largest entry of a state: two states that are one
+RETURN_TOL = 1e-3  # of gap and gap times omega: a return as close as this is taken for one
+SETTLING_PERIODS = 400.0  # periods of the force before anything is read off
 MOST_MULTIPLE = 8
-SHORTEST = 1e-2  # rad: of the longest flight, from the middle of which shooting begins
-SAME = 1e-7  # rad and units of impulse: two orbits closer than this are one
-FAINTEST = 1e-5  # units of impulse: bounces below are not compared
-NUDGE = 1e-3  # of gap times omega: a disturbance that a run starts with beside an orbit
-Progress = Callable[[int, int], None]
+SHORTEST_FLIGHT = 1e-2  # rad: of the longest flight, from the middle of which shooting begins
+SAME_ORBIT_TOL = 1e-7  # rad and units of impulse: two orbits closer than this are one
+FAINTEST_IMPULSE = 1e-5  # units of impulse: bounces below are not compared
+DISTURBANCE = 1e-3  # of gap times omega: a disturbance that a run starts with beside an orbit
+SurveyProgress = Callable[[int, int], None]
 
 
 def state_after(
@@ -47,21 +47,22 @@ def state_after(
 
 def orbit_of_simulation(
     case: Case,
-    settle: float = SETTLE,
+    settle: float = SETTLING_PERIODS,
     most_multiple: int = MOST_MULTIPLE,
     initial: InitialState | None = None,
     phase: float = 0.0,
 ) -> Orbit | NoOrbit:
     """Return the orbit that a run from ``initial`` (default: rest) comes to within ``settle`` periods of the force, or why there is none.
 
-    The run is then taken to have the smallest period, of up to ``most_multiple`` of the force's, after which it comes as close to itself as `CLOSE`;
-    Newton's method does the rest. Only an attracting orbit is found so.
+    The run is then taken to have the smallest period, of up to ``most_multiple`` of the force's,
+    after which it comes as close to itself as `RETURN_TOL`; Newton's method does the rest. Only an
+    attracting orbit is found so.
     """
     most_multiple = count("most_multiple", most_multiple, 1)
     state, here = state_after(case, settle, initial, phase)
-    symmetric, multiple, miss = return_of(case, state, here, most_multiple)
+    symmetric, multiple, miss = find_return(case, state, here, most_multiple)
     if multiple == 0:
-        return _none(
+        return _report_nothing(
             case, f"the run does not come again within {most_multiple} periods (miss {miss:.1e})"
         )
     found = orbit_next_to(case, here, state, symmetric, multiple)
@@ -74,25 +75,25 @@ def orbit_next_to(
 ) -> Orbit | NoOrbit:
     """Return the orbit next to a ``state`` (2 N_m + 2,) at a ``phase`` (rad), by its events or else by shooting from its longest flight."""
     try:
-        run = passage(case, phase, state, turn_of(symmetric, multiple) / case.omega)
-    except PassageError as error:
-        return _none(case, str(error))
+        run = follow_trajectory(case, phase, state, count_turns(symmetric, multiple) / case.omega)
+    except TrajectoryError as error:
+        return _report_nothing(case, str(error))
     times, lengths = run.flights
     if (
         not any(happening.event.is_impact for happening in run.happenings)
         and case.friction_limit == 0
     ):
-        return _none(case, "the run has no impacts")
-    if np.max(lengths) <= SHORTEST / case.omega:
-        return _none(case, "friction holds the absorber all the time")
-    motion = shot(case, run, symmetric, multiple, 0.0, 0)
+        return _report_nothing(case, "the run has no impacts")
+    if np.max(lengths) <= SHORTEST_FLIGHT / case.omega:
+        return _report_nothing(case, "friction holds the absorber all the time")
+    motion = shoot_from(case, run, symmetric, multiple, 0.0, 0)
     found = None
     if (
         not isinstance(motion, NoOrbit)
         and motion.solution.schedule.flies
         and motion.solution.schedule.impacts > 0
     ):
-        found = orbit_at(case, motion.solution.schedule, motion.solution.phases)
+        found = find_orbit_at(case, motion.solution.schedule, motion.solution.phases)
         if isinstance(found, Orbit):
             return found
     k = int(np.argmax(lengths))
@@ -103,7 +104,7 @@ def orbit_next_to(
     return held if isinstance(held, Orbit) or found is None else found
 
 
-def _none(case: Case, reason: str) -> NoOrbit:
+def _report_nothing(case: Case, reason: str) -> NoOrbit:
     return NoOrbit(
         case, flying_schedule([-1], case.friction_limit > 0, symmetric=True), reason, np.zeros(1)
     )
@@ -116,15 +117,16 @@ def least_multiple(orbit: Orbit) -> int:
     first = orbit.motion.state_at(start)
     for multiple in range(1, whole):
         miss = np.abs(orbit.motion.state_at(start + 2 * np.pi * multiple) - first)
-        if whole % multiple == 0 and np.max(miss) < ALIKE * np.max(np.abs(first)):
+        if whole % multiple == 0 and np.max(miss) < SAME_STATE_TOL * np.max(np.abs(first)):
             return multiple
     return whole
 
 
-def return_of(case: Case, first: Array, phase: float, most: int) -> tuple[bool, int, float]:
+def find_return(case: Case, first: Array, phase: float, most: int) -> tuple[bool, int, float]:
     """Return whether the motion mirrors itself after half of its period, the multiple of the force's period (0: none), and the least miss.
 
-    The state ``first`` (2 N_m + 2,) at a ``phase`` (rad) is compared with those after each half period of the force.
+    The state ``first`` (2 N_m + 2,) at a ``phase`` (rad) is compared with those after each half
+    period of the force.
     """
     n = case.model.modes + 1
     state = first
@@ -134,13 +136,13 @@ def return_of(case: Case, first: Array, phase: float, most: int) -> tuple[bool, 
         symmetric = half % 2 == 1
         miss = np.abs((-1.0 if symmetric else 1.0) * state - first) / case.gap
         least = min(least, float(max(np.max(miss[:n]), np.max(miss[n:]) / case.omega)))
-        if least < CLOSE and (half <= most or not symmetric):
+        if least < RETURN_TOL and (half <= most or not symmetric):
             return symmetric, half if symmetric else half // 2, least
     return False, 0, least
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class OrbitSearch:
     """What a search found at one frequency: confirmed ``orbits``, and ``refused`` solutions with the reason why they are none.
 
     ``basins``: on what runs from random initial states end, None where there were none.
@@ -152,55 +154,55 @@ class Found:
     basins: Basins | None = None
 
 
-def closed_form_orbits(case: Case) -> Found:
+def closed_form_orbits(case: Case) -> OrbitSearch:
     """Return the orbits that start from the closed form's branches where the wall pushes, their reversals reordered."""
     schedule = symmetric_schedule(case.friction_limit > 0)
     orbits: list[Orbit] = []
     refused: list[NoOrbit] = []
     for branch in closed_form(case):
         if branch.pushes:
-            found = orbit_at(
+            found = find_orbit_at(
                 case, schedule, np.array([branch.phase, branch.impulse / case.scale.impulse])
             )
             if isinstance(found, NoOrbit):
                 refused.append(found)
             else:
                 orbits.append(found)
-    return Found(case, tuple(different(orbits)), tuple(refused))
+    return OrbitSearch(case, tuple(drop_repeated(orbits)), tuple(refused))
 
 
-def different(orbits: Iterable[Orbit]) -> list[Orbit]:
+def drop_repeated(orbits: Iterable[Orbit]) -> list[Orbit]:
     """Return orbits of one case without those that are in the list already, the larger response first."""
     kept: list[Orbit] = []
     for orbit in orbits:
-        if not any(same(orbit, other) for other in kept):
+        if not any(is_same_orbit(orbit, other) for other in kept):
             kept.append(orbit)
     return sorted(kept, key=lambda orbit: -orbit.motion.tip_max)
 
 
-def same(one: Orbit, other: Orbit) -> bool:
+def is_same_orbit(one: Orbit, other: Orbit) -> bool:
     """Return whether two orbits of one case are the same, whatever their schedules are counted from.
 
     The faintest bounces of a chatter do not count. Orbits without impacts are told by their states.
     """
     unit = one.case.scale.impulse
     a, b = (
-        [impact for impact in orbit.impacts if abs(impact.impulse) > FAINTEST * unit]
+        [impact for impact in orbit.impacts if abs(impact.impulse) > FAINTEST_IMPULSE * unit]
         for orbit in (one, other)
     )
     if len(a) != len(b) or one.schedule.period_multiple != other.schedule.period_multiple:
         return False
     if len(a) == 0:
         return (
-            abs(one.motion.tip_max / other.motion.tip_max - 1) < SAME
-            and abs(one.motion.tip_rms / other.motion.tip_rms - 1) < SAME
+            abs(one.motion.tip_max / other.motion.tip_max - 1) < SAME_ORBIT_TOL
+            and abs(one.motion.tip_rms / other.motion.tip_rms - 1) < SAME_ORBIT_TOL
         )
     whole = 2 * np.pi * one.schedule.period_multiple
     shifts = {2 * np.pi * k for k in range(one.schedule.period_multiple)}
     for shift in shifts:
         moved = sorted(((impact.phase + shift) % whole, impact.impulse) for impact in a)
         if all(
-            abs(p - y.phase) < SAME and abs(i - y.impulse) < SAME * unit
+            abs(p - y.phase) < SAME_ORBIT_TOL and abs(i - y.impulse) < SAME_ORBIT_TOL * unit
             for (p, i), y in zip(moved, b, strict=True)
         ):
             return True
@@ -220,10 +222,12 @@ def crossings(branch: OrbitBranch, omega: float) -> Iterator[Orbit | NoOrbit]:
             z = branch.branch.points[k] + share * (
                 branch.branch.points[k + 1] - branch.branch.points[k]
             )
-        yield orbit_at(branch.case.changed(omega=omega), branch.schedules[near], z)
+        yield find_orbit_at(branch.case.changed(omega=omega), branch.schedules[near], z)
 
 
-def closed_form_over(case: Case, ratios: Array, progress: Progress | None = None) -> list[Found]:
+def closed_form_over(
+    case: Case, ratios: Array, progress: SurveyProgress | None = None
+) -> list[OrbitSearch]:
     """Return `closed_form_orbits` at each of rising frequency ``ratios`` (M,); ``progress`` is told how many are done."""
     require(
         len(ratios) > 0 and bool(np.all(np.diff(ratios) > 0)),
@@ -240,7 +244,7 @@ def closed_form_over(case: Case, ratios: Array, progress: Progress | None = None
     return found
 
 
-def joined_by(group: Found, branches: Iterable[OrbitBranch]) -> Found:
+def join_results(group: OrbitSearch, branches: Iterable[OrbitBranch]) -> OrbitSearch:
     """Return the group of a frequency with the orbits of branches there added, and the mirror images of those without symmetry."""
     more = [orbit for branch in branches for orbit in crossings(branch, group.case.omega)]
     good = [
@@ -251,45 +255,52 @@ def joined_by(group: Found, branches: Iterable[OrbitBranch]) -> Found:
     images = [
         orbit
         for one in good
-        if not one.schedule.symmetric and isinstance(orbit := mirrored(one), Orbit)
+        if not one.schedule.symmetric and isinstance(orbit := mirror_orbit(one), Orbit)
     ]
     refused = (
         tuple(orbit for orbit in more if isinstance(orbit, NoOrbit)) if more else group.refused
     )
-    orbits = tuple(different([*group.orbits, *good, *images]))
+    orbits = tuple(drop_repeated([*group.orbits, *good, *images]))
     return replace(group, orbits=orbits, refused=refused)
 
 
-def orbits_over(case: Case, ratios: Array, progress: Progress | None = None) -> Iterator[Found]:
+def orbits_over(
+    case: Case, ratios: Array, progress: SurveyProgress | None = None
+) -> Iterator[OrbitSearch]:
     """Yield the symmetric two-impact orbits of a case at each of rising frequency ``ratios`` (M,).
 
-    Without friction the closed form has them all. With friction its starts miss some, so branches are followed between the first and the last ratio;
-    ``progress`` is told how many frequencies are done.
+    Without friction the closed form has them all. With friction its starts miss some, so branches
+    are followed between the first and the last ratio; ``progress`` is told how many frequencies are
+    done.
     """
     found = closed_form_over(case, ratios, progress)
     if case.friction_limit == 0 or len(ratios) < 2:
         yield from found
         return
     omegas = np.asarray(ratios) * float(case.model.omega[0])
-    branches = list(orbit_branches(case, float(omegas[0]), float(omegas[-1]), omegas, COARSE))
-    yield from (joined_by(group, branches) for group in found)
+    branches = list(orbit_branches(case, float(omegas[0]), float(omegas[-1]), omegas, COARSE_STEPS))
+    yield from (join_results(group, branches) for group in found)
 
 
 def attractors(
-    case: Case, near: Iterable[Orbit], settle: float = SETTLE, most_multiple: int = MOST_MULTIPLE
+    case: Case,
+    near: Iterable[Orbit],
+    settle: float = SETTLING_PERIODS,
+    most_multiple: int = MOST_MULTIPLE,
 ) -> Iterator[Orbit | NoOrbit]:
     """Yield the motions that runs settle to: from rest, and from beside each unstable orbit in ``near``; with the mirror image where it differs.
 
-    A symmetric orbit that loses its symmetry so leads to the pair of orbits that took over from it. See `orbit_of_simulation`.
+    A symmetric orbit that loses its symmetry so leads to the pair of orbits that took over from it.
+    See `orbit_of_simulation`.
     """
     starts: list[tuple[InitialState | None, float]] = [(None, 0.0)]
     for orbit in near:
         if not orbit.stability.stable:
             phase, state = orbit.motion.mid_flight()
-            state[-1] += NUDGE * case.gap * case.omega
+            state[-1] += DISTURBANCE * case.gap * case.omega
             starts.append((InitialState.from_vector(case.scene, state), phase))
     for initial, phase in starts:
         found = orbit_of_simulation(case, settle, most_multiple, initial, phase)
         yield found
         if isinstance(found, Orbit) and not found.schedule.symmetric:
-            yield mirrored(found)
+            yield mirror_orbit(found)

@@ -25,10 +25,12 @@ Array = NDArray[np.float64]
 BIRTH = "birth"
 MERGER = "merger"
 # points of a map
-FEWEST = 1001
-MOST = 100001
-FINE = 20  # points in the narrowest resonance
-STEP = 1e-4  # relative step of the differences by which a level place of the map is found
+LEAST_GRID_POINTS = 1001
+MOST_GRID_POINTS = 100001
+POINTS_PER_RESONANCE = 20  # points in the narrowest resonance
+DIFFERENCE_STEP = (
+    1e-4  # relative step of the differences by which a level place of the map is found
+)
 
 
 def symmetric_schedule(friction: bool) -> EventSchedule:
@@ -92,11 +94,13 @@ def map_frequencies(case: Case, low: float, high: float) -> Array:
         "two ratios of the first resonance above 0, the lower one first",
     )
     width = max(float(np.min(case.model.damping_ratio)), 1e-6) * low
-    points = int(np.clip(FINE * (high - low) / width, FEWEST, MOST))
+    points = int(
+        np.clip(POINTS_PER_RESONANCE * (high - low) / width, LEAST_GRID_POINTS, MOST_GRID_POINTS)
+    )
     return np.asarray(np.linspace(low, high, points) * float(case.model.omega[0]))
 
 
-def level_places(case: Case, low: float, high: float) -> tuple[tuple[str, float, float], ...]:
+def find_level_places(case: Case, low: float, high: float) -> tuple[tuple[str, float, float], ...]:
     """Return kind, force (N) and frequency (rad/s) of the valleys and ridges of the closed form's fold force where the wall pushes."""
     omegas = map_frequencies(case, low, high)
     forces = fold_force(case, omegas)
@@ -123,7 +127,7 @@ def _level(case: Case, low: float, high: float) -> float:
     """Return the frequency (rad/s) between two at which the fold force is level, by differences of fourth order."""
 
     def slope(omega: float) -> float:
-        h = STEP * omega * min(1.0, (high - low) / (2 * STEP * omega))
+        h = DIFFERENCE_STEP * omega * min(1.0, (high - low) / (2 * DIFFERENCE_STEP * omega))
         f = fold_force(case, omega + h * np.array([-2.0, -1.0, 1.0, 2.0]))
         return float(f[0] - 8 * f[1] + 8 * f[2] - f[3])
 

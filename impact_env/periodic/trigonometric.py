@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 Real = NDArray[np.float64]
-Index = NDArray[np.intp]
+IndexArray = NDArray[np.intp]
 
-SAMPLES = 8  # a period of the highest harmonic, to begin with
-PARTS = 8  # into which an uncertain cell is cut
-FINEST = 1e-9  # rad: where cells are no longer cut; two roots closer than this are none
+SAMPLES_PER_HARMONIC = 8  # a period of the highest harmonic, to begin with
+PARTS_PER_CELL = 8  # into which an uncertain cell is cut
+FINEST_CELL = 1e-9  # rad: where cells are no longer cut; two roots closer than this are none
 TURN = 2 * np.pi
 
 
@@ -23,7 +23,7 @@ def harmonics_of(row: Real) -> int:
     return (row.shape[-1] - 1) // 2
 
 
-def values(rows: Real, which: Index, angle: Real) -> tuple[Real, Real]:
+def values(rows: Real, which: IndexArray, angle: Real) -> tuple[Real, Real]:
     """Return values and derivatives of polynomials ``rows`` (p, 2H + 1), number ``which`` (q,) at each ``angle`` (q,)."""
     h = harmonics_of(rows)
     order = np.arange(1, h + 1)
@@ -43,7 +43,7 @@ def derivative(row: Real) -> Real:
     )
 
 
-def _sampled(rows: Real, points: int) -> Real:
+def _sample(rows: Real, points: int) -> Real:
     """Return values (p, points) at equal angles from 0."""
     h = harmonics_of(rows)
     spectrum = np.zeros((len(rows), points // 2 + 1), dtype=np.complex128)
@@ -52,15 +52,15 @@ def _sampled(rows: Real, points: int) -> Real:
     return np.asarray(np.fft.irfft(spectrum, points, axis=1))
 
 
-def roots(rows: Real) -> list[Real]:
+def find_roots(rows: Real) -> list[Real]:
     """Return the angles in [0, 2 pi), rising, at which each polynomial (p, 2H + 1) changes its sign.
 
-    A cell between two samples of one sign can only hide roots if |f''| allows it: such cells are cut until none is left, or they are `FINEST`.
+    A cell between two samples of one sign can only hide roots if |f''| allows it: such cells are cut until none is left, or they are `FINEST_CELL`.
     """
     h = max(harmonics_of(rows), 1)
-    points = 2 * (SAMPLES * h // 2) + 8
+    points = 2 * (SAMPLES_PER_HARMONIC * h // 2) + 8
     bend = np.sum(np.arange(1, h + 1) ** 2 * np.hypot(rows[:, 1 : h + 1], rows[:, h + 1 :]), axis=1)
-    sampled = _sampled(rows, points)
+    sampled = _sample(rows, points)
     which = np.repeat(np.arange(len(rows)), points)
     left = np.tile(np.arange(points) * (TURN / points), len(rows))
     low = sampled.ravel()
@@ -83,24 +83,28 @@ def roots(rows: Real) -> list[Real]:
             & (np.minimum(np.abs(low), np.abs(high)) <= bend[which] * width**2 / 8)
             & (bend[which] > 0)
         )
-        if width < FINEST or not np.any(unsure):
+        if width < FINEST_CELL or not np.any(unsure):
             break
         which = which[unsure]
         left = left[unsure]
-        width = width / PARTS
-        inner = left[:, None] + width * np.arange(1, PARTS)
-        between = values(rows, np.repeat(which, PARTS - 1), inner.ravel())[0].reshape(inner.shape)
+        width = width / PARTS_PER_CELL
+        inner = left[:, None] + width * np.arange(1, PARTS_PER_CELL)
+        between = values(rows, np.repeat(which, PARTS_PER_CELL - 1), inner.ravel())[0].reshape(
+            inner.shape
+        )
         ends = np.column_stack([low[unsure], between, high[unsure]])
-        which = np.repeat(which, PARTS)
-        left = (left[:, None] + width * np.arange(PARTS)).ravel()
+        which = np.repeat(which, PARTS_PER_CELL)
+        left = (left[:, None] + width * np.arange(PARTS_PER_CELL)).ravel()
         low = ends[:, :-1].ravel()
         high = ends[:, 1:].ravel()
     which, left, size, low, high = (np.concatenate(parts) for parts in zip(*brackets, strict=True))
-    found = _polished(rows, which, left, left + size, low, high) % TURN
+    found = _polish_roots(rows, which, left, left + size, low, high) % TURN
     return [np.sort(found[which == p]) for p in range(len(rows))]
 
 
-def _polished(rows: Real, which: Index, left: Real, right: Real, low: Real, high: Real) -> Real:
+def _polish_roots(
+    rows: Real, which: IndexArray, left: Real, right: Real, low: Real, high: Real
+) -> Real:
     """Return the root in each bracket: Newton's method, halving where it leaves the bracket."""
     if len(which) == 0:
         return left
@@ -126,9 +130,9 @@ def _polished(rows: Real, which: Index, left: Real, right: Real, low: Real, high
     return x
 
 
-def largest(row: Real) -> tuple[float, float]:
+def find_largest(row: Real) -> tuple[float, float]:
     """Return the least and the largest value of a polynomial (2H + 1,)."""
-    turns = roots(derivative(row)[None])[0]
+    turns = find_roots(derivative(row)[None])[0]
     at = np.concatenate([[0.0], turns])
     found = values(row[None], np.zeros(len(at), dtype=np.intp), at)[0]
     return float(np.min(found)), float(np.max(found))
@@ -162,7 +166,7 @@ def moments(intervals: Intervals, harmonics: int) -> tuple[Real, Real]:
 
 
 @lru_cache(maxsize=16)
-def _orders(harmonics: int) -> tuple[Index, Index, Real]:
+def _orders(harmonics: int) -> tuple[IndexArray, IndexArray, Real]:
     k = np.arange(1, harmonics + 1)
     difference = k[:, None] - k
     total = k[:, None] + k

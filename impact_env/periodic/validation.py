@@ -14,13 +14,13 @@ from impact_env.periodic.case import Case
 from impact_env.periodic.motion import AnyMotion
 from impact_env.periodic.passage import RECORD
 from impact_env.periodic.schedule import Regime
-from impact_env.prepare import alongside
+from impact_env.prepare import run_alongside
 from impact_env.response import Record, Response
 from impact_env.scene import InitialState
 from impact_env.sweep import IntegrationError, simulate
 
 Array = NDArray[np.float64]
-BAR = 1e-10  # residual of an orbit that counts
+RESIDUAL_BAR = 1e-10  # residual of an orbit that counts
 CHATTER_BAR = 3e-10  # the same, of an orbit on which a chatter comes to its end
 EVENT_BAR = (
     1e-6  # rad: how far an event may lie from where the orbit has it; the residual says the rest
@@ -28,8 +28,8 @@ EVENT_BAR = (
 PHASE_BAR = (
     1e-5  # rad: the same for a joined phase, whose ends lie as sharply as the root of a distance
 )
-FAINT = 1e-5  # of the largest impulse: bounces below it are not compared one by one, a chatter has as many as rounding lets it have
-JOINS = "friction or a wall holds the absorber for a while"
+FAINT_IMPULSE = 1e-5  # of the largest impulse: bounces below it are not compared one by one, a chatter has as many as rounding lets it have
+JOINED_FOR_A_WHILE = "friction or a wall holds the absorber for a while"
 
 
 @dataclass(frozen=True)
@@ -53,17 +53,17 @@ def shortest_validation(case: Case) -> None:
 
 
 def validation_alongside(case: Case) -> AbstractContextManager[None]:
-    """Let another process compile what validations of such a case take, while this one compiles what finds orbits; see `alongside`."""
-    return alongside(rigid_lane, partial(shortest_validation, case))
+    """Let another process compile what validations of such a case take, while this one compiles what finds orbits; see `run_alongside`."""
+    return run_alongside(rigid_lane, partial(shortest_validation, case))
 
 
-def propagated(motion: AnyMotion, record: Record) -> tuple[Response, float]:
+def propagate_orbit(motion: AnyMotion, record: Record) -> tuple[Response, float]:
     """Return the exact method's run over the span of the schedule and the phase (rad) it began at: in the middle of the longest flight."""
     start, state = motion.mid_flight()
     return _run(motion, start, state, record), start
 
 
-def map_over(motion: AnyMotion, start: float, state: Array) -> Array:
+def iterate_map(motion: AnyMotion, start: float, state: Array) -> Array:
     """Return where the exact method takes a state (2 N_m + 2,) from a phase (rad) over the schedule's span, mirrored if that is half a period."""
     end = _run(motion, start, state, RECORD).end_state
     return np.asarray(-end if motion.solution.schedule.symmetric else end)
@@ -89,7 +89,7 @@ def residual_of(motion: AnyMotion, response: Response, stop: float) -> float:
     return float(max(np.max(miss[: n + 1]), np.max(miss[n + 1 :]) / case.omega) / case.gap)
 
 
-def _unlike(motion: AnyMotion, runs: Sequence[Response], starts: Array) -> str | None:
+def _compare_events(motion: AnyMotion, runs: Sequence[Response], starts: Array) -> str | None:
     """Return how the events of runs from ``starts`` (rad) on differ from the motion's, or None; a chatter's faintest bounces are not compared."""
     case = motion.solution.case
     schedule = motion.solution.schedule
@@ -113,10 +113,10 @@ def _unlike(motion: AnyMotion, runs: Sequence[Response], starts: Array) -> str |
     )
     if schedule.flies:
         if len(begins) > 0:
-            return JOINS
+            return JOINED_FOR_A_WHILE
         if found.shape != impacts.shape:
             return f"{found.shape[1]} impacts instead of {impacts.shape[1]}"
-    faint = FAINT * max(
+    faint = FAINT_IMPULSE * max(
         (float(np.max(np.abs(rows[1]))) for rows in (impacts, found) if rows.size), default=0.0
     )
     for rows, others in ((impacts, found), (found, impacts)):
@@ -126,8 +126,8 @@ def _unlike(motion: AnyMotion, runs: Sequence[Response], starts: Array) -> str |
                 return "impacts at other times"
             if np.all(np.sign(others[1][near]) != np.sign(impulse)):
                 return "impacts on other walls"
-    known = held(motion, start)
-    seen = merged(begins, ends)
+    known = joins_for_a_while(motion, start)
+    seen = merge_chatter(begins, ends)
     if known.shape != seen.shape:
         return f"{seen.shape[1]} joined phases instead of {known.shape[1]}"
     return (
@@ -137,7 +137,7 @@ def _unlike(motion: AnyMotion, runs: Sequence[Response], starts: Array) -> str |
     )
 
 
-def held(motion: AnyMotion, start: float) -> Array:
+def joins_for_a_while(motion: AnyMotion, start: float) -> Array:
     """Return when the joined phases of a motion begin and end in the span from a phase ``start`` (rad) on, (2, K) in rad after it."""
     schedule = motion.solution.schedule
     phases = motion.solution.phases
@@ -145,10 +145,10 @@ def held(motion: AnyMotion, start: float) -> Array:
     begins = phases[joined]
     ends = np.append(phases[1:], phases[0] + schedule.turn)[joined]
     rounds = np.floor((begins - start) / schedule.turn) * schedule.turn + start
-    return merged(begins - rounds, ends - rounds)
+    return merge_chatter(begins - rounds, ends - rounds)
 
 
-def merged(begins: Array, ends: Array) -> Array:
+def merge_chatter(begins: Array, ends: Array) -> Array:
     """Return intervals (2, K) from their ends, (n,) each: what lies closer than `PHASE_BAR` is one, what is shorter none.
 
     A wall that holds and friction that holds on the same spot follow each other so.
@@ -196,8 +196,8 @@ def validate(motion: AnyMotion) -> Validation:
     residual = max(
         residual_of(motion, run, float(stop)) for run, stop in zip(runs, sections[1:], strict=True)
     )
-    reason = _unlike(motion, runs, sections[:-1])
-    bar = CHATTER_BAR if chatters(motion.solution.case, runs[0]) else BAR
+    reason = _compare_events(motion, runs, sections[:-1])
+    bar = CHATTER_BAR if chatters(motion.solution.case, runs[0]) else RESIDUAL_BAR
     if reason is None and not residual <= bar:
         reason = f"the exact method comes back with a residual of {residual:.1e}, more than {bar:g}"
     return Validation(residual, reason, runs[0] if len(runs) == 1 else None, float(sections[0]))

@@ -4,5 +4,5 @@ Every field of a file that changes its meaning (units, kind of data, axis, numbe
 """
 
 from impact_env.records.options import RecordOptions as RecordOptions
-from impact_env.records.reading import READERS as READERS
+from impact_env.records.reading import RECORD_READERS as RECORD_READERS
 from impact_env.records.reading import read_record as read_record

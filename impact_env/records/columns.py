@@ -7,21 +7,21 @@ from pathlib import Path
 from impact_env.parameters import ParameterError, require
 from impact_env.records.channels import Array, Channel, choose_channel, require_finite
 from impact_env.records.options import RecordOptions
-from impact_env.records.units import TIME, Label, read_label
+from impact_env.records.units import TIME_DIMENSION, Label, read_label
 
-TIMES = re.compile(r"t|time.*|zeit.*|temps|timestamp.*", re.IGNORECASE)
-NOT_TIMES = re.compile(
+TIME_HEADERS = re.compile(r"t|time.*|zeit.*|temps|timestamp.*", re.IGNORECASE)
+NOT_TIME_HEADERS = re.compile(
     r"(freq|hz\b|hertz|order|rpm|omega|wavelength|sample\b|samples\b|index|no\.?$|nr\.?$|#)",
     re.IGNORECASE,
 )
-NOT_LOADS = re.compile(
+NOT_LOAD_HEADERS = re.compile(
     r"(displ|veloc|position|strain|stress|voltage|psd|spectr|temperature)", re.IGNORECASE
 )
 
 
 def _is_time(label: Label) -> bool:
-    return TIMES.fullmatch(label.name) is not None or (
-        label.unit is not None and label.unit.dimension == TIME
+    return TIME_HEADERS.fullmatch(label.name) is not None or (
+        label.unit is not None and label.unit.dimension == TIME_DIMENSION
     )
 
 
@@ -37,7 +37,7 @@ def _find_times(file: Path, options: RecordOptions, labels: Sequence[Label]) -> 
         return None
     first = labels[0]
     unit = first.unit
-    ok = unit is None and NOT_TIMES.match(first.name) is None
+    ok = unit is None and NOT_TIME_HEADERS.match(first.name) is None
     allowed = (
         "times in the first column, or sample_rate_hz and the channel for columns without times"
     )
@@ -76,7 +76,7 @@ def channel_of_columns(
     )
     chosen = others[choose_channel(file, options, [names[k] for k in others])]
     label = labels[chosen]
-    if label.unit is None and options.unit is None and NOT_LOADS.match(label.name):
+    if label.unit is None and options.unit is None and NOT_LOAD_HEADERS.match(label.name):
         raise ParameterError(
             f"{file.name}: column = {label.text!r} is not allowed: a force, or an acceleration of the base"
         )

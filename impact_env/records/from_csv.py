@@ -28,8 +28,8 @@ COMMENTS = ("#", "%", "//")
 NUMERIC_LINE = re.compile(r"[\s\d.,;:+\-eEdD\"']*\d[\s\d.,;:+\-eEdD\"']*")
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?|[+-]?\d+,(?:[eE][+-]?\d+)?")
 SEPARATOR_LINE = re.compile(r"sep=(.)", re.IGNORECASE)  # of spreadsheets, in the first line
-NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
-HEADER = "a header, as time_s,value"
+NUMBER_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+EXAMPLE_HEADER = "a header, as time_s,value"
 
 
 def decode_text(file: Path) -> list[str]:
@@ -105,7 +105,7 @@ def _read_head(file: Path, lines: Sequence[str], options: RecordOptions) -> Text
                 f"{file.name}: row {k + 1} = {lines[k].strip()[:60]!r} is not allowed: rows of real numbers alone below the header, no dates"
             )
         raise ParameterError(
-            f"{file.name}: rows of numbers = 0 is not allowed: {HEADER}, and two samples or more"
+            f"{file.name}: rows of numbers = 0 is not allowed: {EXAMPLE_HEADER}, and two samples or more"
         )
     given = SEPARATOR_LINE.fullmatch(lines[0].strip())
     separator = given[1] if given else _find_separator(lines[first])
@@ -132,7 +132,9 @@ def _read_head(file: Path, lines: Sequence[str], options: RecordOptions) -> Text
             )
     if not titles:
         cells = split_line(file, first + 1, lines[first], separator)
-        raise ParameterError(f"{file.name}: row {first + 1} = {cells!r} is not allowed: {HEADER}")
+        raise ParameterError(
+            f"{file.name}: row {first + 1} = {cells!r} is not allowed: {EXAMPLE_HEADER}"
+        )
     heads = [split_line(file, k + 1, line, separator) for k, line in titles]
     units: list[str] | None = None
     if len(heads) == 2:
@@ -149,7 +151,7 @@ def _read_head(file: Path, lines: Sequence[str], options: RecordOptions) -> Text
 def _to_number(cell: str, decimal: str) -> float:
     """Return a cell's number, NaN for anything else."""
     text = cell.replace(",", ".") if decimal == "," else cell
-    return float(text) if NUMBER.fullmatch(text) else math.nan
+    return float(text) if NUMBER_PATTERN.fullmatch(text) else math.nan
 
 
 def _read_rows(file: Path, lines: Sequence[str], table: TextTable) -> Iterator[list[float]]:

@@ -12,8 +12,10 @@ from impact_env.records.channels import Channel
 from impact_env.records.columns import channel_of_columns
 from impact_env.records.options import RecordOptions
 
-REAL = "iuf"  # kinds of numbers that a record may have
-SHAPES = "(K,) values, (K, 2) times and values, (K, n) times and several channels, one row a sample"
+REAL_DTYPES = "iuf"  # kinds of numbers that a record may have
+ALLOWED_SHAPES = (
+    "(K,) values, (K, 2) times and values, (K, n) times and several channels, one row a sample"
+)
 
 
 def _load(file: Path) -> NDArray[Any]:
@@ -49,17 +51,19 @@ def read_npy(file: Path, options: RecordOptions) -> Channel:
         )
         kinds = [found.dtype[name] for name in names]
     else:
-        require(found.ndim in (1, 2), f"{file.name}: shape", found.shape, SHAPES)
+        require(found.ndim in (1, 2), f"{file.name}: shape", found.shape, ALLOWED_SHAPES)
         kinds = [found.dtype]
     allowed = "real numbers: whole numbers or floats"
     for kind in kinds:
-        ok = kind.kind in REAL and not kind.subdtype
+        ok = kind.kind in REAL_DTYPES and not kind.subdtype
         require(ok, f"{file.name}: data type", str(kind), allowed)
     require(found.size > 0, f"{file.name}: shape", found.shape, "two samples or more")
     if names is not None:
         columns = [found[name].astype(np.float64) for name in names]
         return channel_of_columns(file, options, columns, names, 1)
     if found.ndim == 2:
-        require(found.shape[0] >= found.shape[1], f"{file.name}: shape", found.shape, SHAPES)
+        require(
+            found.shape[0] >= found.shape[1], f"{file.name}: shape", found.shape, ALLOWED_SHAPES
+        )
     columns = list(found.reshape(len(found), -1).astype(np.float64).T)
     return channel_of_columns(file, options, columns, [""] * len(columns), 1)

@@ -15,12 +15,12 @@ from impact_env.parameters import ParameterError, require
 from impact_env.records.channels import Channel, choose_channel, require_finite
 from impact_env.records.options import RecordOptions
 from impact_env.records.units import (
-    ACCELERATION,
-    FORCE,
-    OTHER,
+    ACCELERATION_DIMENSION,
+    FORCE_DIMENSION,
+    OTHER_DIMENSION,
     POUND_FORCE,
     STANDARD_GRAVITY,
-    TIME,
+    TIME_DIMENSION,
     Unit,
     find_unit,
     name_unit,
@@ -28,7 +28,7 @@ from impact_env.records.units import (
 
 Dataset = dict[str, Any]
 DELIMITER = re.compile(rb"    -1(?= {74}|\r|\n|\Z)")  # after binary data it begins no line
-GENERAL = 0  # kinds of function in a dataset 58
+GENERAL_FUNCTION = 0  # kinds of function in a dataset 58
 TIME_RESPONSE = 1
 FUNCTIONS = {
     0: "general", 1: "time response", 2: "auto spectrum", 3: "cross spectrum",
@@ -46,15 +46,15 @@ GENERAL_DATA = 1
 ACCELERATION_DATA = 12
 FORCE_DATA = (9, 13)  # reaction force, excitation force
 TIME_DATA = 17
-DATA = {
+DATA_TYPES = {
     0: "unknown", 1: "general", 2: "stress", 3: "strain", 5: "temperature", 6: "heat flux", 8: "displacement", 9: "reaction force", 11: "velocity",
     12: "acceleration", 13: "excitation force", 15: "pressure", 16: "mass", 17: "time", 18: "frequency", 19: "rpm", 20: "order",
 }  # fmt: skip
-REAL_DATA = (2, 4)  # ordinate data types: single and double precision; 5 and 6 are complex
-BYTE_ORDERS = (1, 2)  # little endian, big endian
+REAL_PRECISIONS = (2, 4)  # ordinate data types: single and double precision; 5 and 6 are complex
+UFF_BYTE_ORDERS = (1, 2)  # little endian, big endian
 IEEE = 2  # floating point format
 ROTATIONS = (4, 5, 6)
-AXES = ("", "X", "Y", "Z", "RX", "RY", "RZ")
+DIRECTION_NAMES = ("", "X", "Y", "Z", "RX", "RY", "RZ")
 FOOT = 0.3048
 # code of a system of units -> metres and newtons in its units of length and force; of others the file says
 UNIT_SYSTEMS = {
@@ -63,7 +63,7 @@ UNIT_SYSTEMS = {
 }  # fmt: skip
 USER_DEFINED = 9
 FACTOR_TOL = 1e-4  # relative: factors in files have five digits or more
-ABSENT = ("", "NONE", "NULL")
+ABSENT_TEXTS = ("", "NONE", "NULL")
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def _unit_system(file: Path, datasets: Sequence[tuple[int, Dataset]]) -> UnitSys
 
 def _label(part: Dataset, name: str) -> str | None:
     text = str(part.get(f"{name}_axis_units_lab", "")).strip()
-    return None if text.upper() in ABSENT else text
+    return None if text.upper() in ABSENT_TEXTS else text
 
 
 def _unit_of_system(where: str, part: Dataset, system: UnitSystem | None) -> Unit | None:
@@ -183,11 +183,11 @@ def _unit_of_system(where: str, part: Dataset, system: UnitSystem | None) -> Uni
         return None
     if kind == ACCELERATION_DATA:
         factor = 1.0 if system is None else system.length
-        return name_unit(ACCELERATION, factor)
+        return name_unit(ACCELERATION_DIMENSION, factor)
     if kind in FORCE_DATA:
         factor = 1.0 if system is None else system.force
-        return name_unit(FORCE, factor)
-    return Unit(DATA.get(kind, f"kind {kind}"), OTHER, math.nan)
+        return name_unit(FORCE_DIMENSION, factor)
+    return Unit(DATA_TYPES.get(kind, f"kind {kind}"), OTHER_DIMENSION, math.nan)
 
 
 def _values_unit(
@@ -203,7 +203,7 @@ def _values_unit(
         require(
             ok,
             f"{where}: ordinate",
-            DATA.get(int(part["ordinate_spec_data_type"])),
+            DATA_TYPES.get(int(part["ordinate_spec_data_type"])),
             f"acceleration or force, as dataset 164 has units other than SI ({system.name if system else ''}); or unit given",
         )
         return by_label, label if by_label is None else None
@@ -232,7 +232,7 @@ def _describe(part: Dataset) -> str:
     """Return response node and direction of a dataset 58, as 12:+Z."""
     direction = int(part.get("rsp_dir", 0))
     sign = "" if direction == 0 else "-" if direction < 0 else "+"
-    axis = AXES[abs(direction)] if abs(direction) < len(AXES) else "?"
+    axis = DIRECTION_NAMES[abs(direction)] if abs(direction) < len(DIRECTION_NAMES) else "?"
     return f"{int(part.get('rsp_node', 0))}:{sign}{axis}"
 
 
@@ -245,12 +245,12 @@ def _require_time_history(where: str, part: Dataset, options: RecordOptions) -> 
     require(
         is_time,
         f"{where}: abscissa",
-        f"{kind} ({DATA.get(kind, 'no known kind')})",
+        f"{kind} ({DATA_TYPES.get(kind, 'no known kind')})",
         f"time ({TIME_DATA})",
     )
     precision = int(part["ord_data_type"])
     require(
-        precision in REAL_DATA,
+        precision in REAL_PRECISIONS,
         f"{where}: ordinate data type",
         precision,
         "2 or 4, real numbers; 5 and 6 are complex",
@@ -259,7 +259,7 @@ def _require_time_history(where: str, part: Dataset, options: RecordOptions) -> 
     require(
         below == 0,
         f"{where}: ordinate denominator",
-        f"{below} ({DATA.get(below, 'no known kind')})",
+        f"{below} ({DATA_TYPES.get(below, 'no known kind')})",
         "0, none: a ratio is no load",
     )
     direction = int(part.get("rsp_dir", 0))
@@ -269,7 +269,12 @@ def _require_time_history(where: str, part: Dataset, options: RecordOptions) -> 
         direction,
         "a translation, 1 to 3, or 0",
     )
-    require(abs(direction) < len(AXES), f"{where}: response direction", direction, "from -3 to 3")
+    require(
+        abs(direction) < len(DIRECTION_NAMES),
+        f"{where}: response direction",
+        direction,
+        "from -3 to 3",
+    )
     turned = direction < 0 and options.scale is None
     require(
         not turned,
@@ -281,7 +286,9 @@ def _require_time_history(where: str, part: Dataset, options: RecordOptions) -> 
     require(spacing in (0, 1), f"{where}: abscissa spacing", spacing, "0 or 1, uneven or even")
     if part.get("binary"):
         order, form = int(part["byte_ordering"]), int(part["fp_format"])
-        require(order in BYTE_ORDERS, f"{where}: byte order", order, "1 or 2, little or big endian")
+        require(
+            order in UFF_BYTE_ORDERS, f"{where}: byte order", order, "1 or 2, little or big endian"
+        )
         require(form == IEEE, f"{where}: floating point format", form, f"{IEEE}, IEEE 754")
         bytes_each = {2: 4, 4: 8}[precision] * (2 - spacing)
         size = int(part["n_bytes"])
@@ -309,7 +316,7 @@ def read_uff(file: Path, options: RecordOptions) -> Channel:
     histories = [
         (number, part)
         for number, part in functions
-        if int(part["func_type"]) in (GENERAL, TIME_RESPONSE)
+        if int(part["func_type"]) in (GENERAL_FUNCTION, TIME_RESPONSE)
     ]
     kinds = sorted({int(part["func_type"]) for _, part in functions})
     others = (
@@ -325,7 +332,7 @@ def read_uff(file: Path, options: RecordOptions) -> Channel:
     unit, unknown = _values_unit(where, part, system, options)
     label = _label(part, "abscissa")
     time_unit = None if label is None else find_unit(label)
-    wrong = time_unit is not None and time_unit.dimension != TIME
+    wrong = time_unit is not None and time_unit.dimension != TIME_DIMENSION
     require(not wrong, f"{where}: unit of the abscissa", label, "a unit of time")
     values = require_finite(file, np.asarray(part["data"], dtype=np.float64))
     times = require_finite(file, np.asarray(part["x"], dtype=np.float64))

@@ -14,8 +14,14 @@ from impact_env.records.options import RecordOptions
 
 CHUNK_HEAD = 8  # bytes: name and size
 RIFF_HEAD = 12  # bytes: RIFF, size, WAVE
-BYTE_ORDERS = {b"RIFF": "<", b"RIFX": ">"}
-BITS = (8, 16, 24, 32, 64)  # of a sample; with others it is not clear which bits of a word they are
+WAV_BYTE_ORDERS = {b"RIFF": "<", b"RIFX": ">"}
+SAMPLE_BITS = (
+    8,
+    16,
+    24,
+    32,
+    64,
+)  # of a sample; with others it is not clear which bits of a word they are
 
 
 def _refuse(file: Path, allowed: str) -> NoReturn:
@@ -25,7 +31,7 @@ def _refuse(file: Path, allowed: str) -> NoReturn:
 def _require_whole(file: Path) -> None:
     """Raise ParameterError unless a file has all bytes that its header and chunks announce, and no others."""
     content = file.read_bytes()
-    order = BYTE_ORDERS.get(content[:4])
+    order = WAV_BYTE_ORDERS.get(content[:4])
     if len(content) < RIFF_HEAD or order is None or content[8:RIFF_HEAD] != b"WAVE":
         _refuse(file, "a WAV file, which begins with RIFF and WAVE")
     announced = struct.unpack_from(f"{order}I", content, 4)[0] + CHUNK_HEAD
@@ -54,7 +60,10 @@ def _require_whole(file: Path) -> None:
     )
     _, channels, rate, _, block, bits = struct.unpack_from(f"{order}HHIIHH", chunks[b"fmt "])
     require(
-        bits in BITS, f"{file.name}: bits of a sample", bits, f"one of {', '.join(map(str, BITS))}"
+        bits in SAMPLE_BITS,
+        f"{file.name}: bits of a sample",
+        bits,
+        f"one of {', '.join(map(str, SAMPLE_BITS))}",
     )
     require(channels > 0, f"{file.name}: channels", channels, "1 or more")
     require(rate > 0, f"{file.name}: sampling rate", rate, "above 0 Hz")

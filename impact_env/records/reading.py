@@ -13,24 +13,24 @@ from impact_env.records.from_uff import read_uff
 from impact_env.records.from_wav import read_wav
 from impact_env.records.options import RecordOptions
 from impact_env.records.units import (
-    ACCELERATION,
+    ACCELERATION_DIMENSION,
     EXAMPLES,
-    FORCE,
-    TIME,
+    FORCE_DIMENSION,
+    TIME_DIMENSION,
     Unit,
     require_unit,
 )
 from impact_env.sampling_times import even_times, find_uneven, is_even
 
 Reader = Callable[[Path, RecordOptions], Channel]
-READERS: dict[str, Reader] = {
+RECORD_READERS: dict[str, Reader] = {
     ".csv": read_csv,
     ".wav": read_wav,
     ".npy": read_npy,
     ".uff": read_uff,
     ".unv": read_uff,
 }
-DIMENSIONS = {"force": FORCE, "base_acceleration": ACCELERATION}
+DIMENSIONS = {"force": FORCE_DIMENSION, "base_acceleration": ACCELERATION_DIMENSION}
 CLIPPED = 8  # samples in a row at a record's largest or smallest value: what a converter gives beyond its range
 LONGEST_STEP = 1.5  # usual steps: a longer one has lost a sample
 SHORTEST_STEP = (
@@ -83,7 +83,12 @@ def _times(file: Path, options: RecordOptions, channel: Channel) -> Array:
         )
     if channel.times is not None:
         unit = _choose_unit(
-            file, "time_unit", options.time_unit, channel.time_unit, channel.time_unit_unknown, TIME
+            file,
+            "time_unit",
+            options.time_unit,
+            channel.time_unit,
+            channel.time_unit_unknown,
+            TIME_DIMENSION,
         )
         return channel.times * (1.0 if unit is None else unit.factor)
     require(
@@ -149,7 +154,7 @@ def read_record(file: Path, options: RecordOptions) -> tuple[Array, Array]:
 
     Raises ParameterError with file, row or dataset, and what is allowed; OSError where the file cannot be opened.
     """
-    channel = READERS[file.suffix.lower()](file, options)
+    channel = RECORD_READERS[file.suffix.lower()](file, options)
     require(
         len(channel.values) >= 2, f"{file.name}: rows", len(channel.values), "two samples or more"
     )

@@ -9,14 +9,14 @@ from impact_env.parameters import ParameterError
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
 POUND_FORCE = 4.4482216152605  # N
-TIME = "time"
-ACCELERATION = "acceleration"
-FORCE = "force"
-OTHER = "other"  # a unit that is known, of a quantity that no record here may have
+TIME_DIMENSION = "time"
+ACCELERATION_DIMENSION = "acceleration"
+FORCE_DIMENSION = "force"
+OTHER_DIMENSION = "other"  # a unit that is known, of a quantity that no record here may have
 EXAMPLES = {
-    TIME: "s, ms, us, min, h",
-    ACCELERATION: "m/s^2, mm/s^2, cm/s^2, g",
-    FORCE: "N, mN, kN, lbf, kgf",
+    TIME_DIMENSION: "s, ms, us, min, h",
+    ACCELERATION_DIMENSION: "m/s^2, mm/s^2, cm/s^2, g",
+    FORCE_DIMENSION: "N, mN, kN, lbf, kgf",
 }
 AGREEMENT_TOL = 1e-6  # of a factor: units written in two places of a file are one unit
 
@@ -35,27 +35,27 @@ class Unit:
         return self.dimension == other.dimension and same
 
 
-LENGTHS = {
+LENGTH_UNITS = {
     "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "inch": 0.0254, "ft": 0.3048,
     "um": 1e-6, "nm": 1e-9, "km": 1e3,
 }  # fmt: skip
-TIMES = {
+TIME_UNITS = {
     "s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0,
     "ms": 1e-3, "msec": 1e-3, "millisecond": 1e-3, "milliseconds": 1e-3,
     "us": 1e-6, "usec": 1e-6, "microsecond": 1e-6, "microseconds": 1e-6,
     "ns": 1e-9, "nsec": 1e-9, "nanosecond": 1e-9, "nanoseconds": 1e-9,
     "min": 60.0, "minute": 60.0, "minutes": 60.0, "h": 3600.0, "hr": 3600.0, "hour": 3600.0, "hours": 3600.0,
 }  # fmt: skip
-ACCELERATIONS = {
+ACCELERATION_UNITS = {
     "g": STANDARD_GRAVITY, "gn": STANDARD_GRAVITY, "g0": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY, "ug": 1e-6 * STANDARD_GRAVITY,
     "gal": 1e-2, "mgal": 1e-5,
 }  # fmt: skip
-FORCES = {
+FORCE_UNITS = {
     "N": 1.0, "uN": 1e-6, "mN": 1e-3, "cN": 1e-2, "daN": 10.0, "kN": 1e3, "MN": 1e6, "newton": 1.0, "newtons": 1.0,
     "lbf": POUND_FORCE, "klbf": 1e3 * POUND_FORCE, "kip": 1e3 * POUND_FORCE, "ozf": POUND_FORCE / 16,
     "kgf": STANDARD_GRAVITY, "kp": STANDARD_GRAVITY, "gf": 1e-3 * STANDARD_GRAVITY, "pdl": POUND_FORCE * 0.3048 / STANDARD_GRAVITY, "dyn": 1e-5,
 }  # fmt: skip
-OTHERS = (
+OTHER_UNITS = (
     "m", "mm", "cm", "um", "nm", "in", "inch", "ft", "mil", "m/s", "mm/s", "cm/s", "in/s", "ft/s",
     "km/h", "Hz", "kHz", "MHz", "rpm", "rad/s", "rad", "deg", "°", "%", "V", "mV", "uV", "kV", "A",
     "mA", "C", "pC", "Pa", "kPa", "MPa", "GPa", "bar", "psi", "Nm", "N*m", "ue", "strain", "dB",
@@ -67,8 +67,8 @@ LENGTH_OVER_TIME_SQUARED = re.compile(
     r"(?:/\(?s(?:ec)?2\)?|/s(?:ec)?/s(?:ec)?|[.*/]?s(?:ec)?-2|ps2)",
     re.IGNORECASE,
 )
-PER = re.compile(r"[\s_]+per[\s_]+", re.IGNORECASE)
-MULTIPLE = re.compile(r"(\d+\.?\d*(?:[eE][+-]?\d+)?)([a-zA-Z].*)")  # as in 0.1 g
+PER_PATTERN = re.compile(r"[\s_]+per[\s_]+", re.IGNORECASE)
+MULTIPLE_PATTERN = re.compile(r"(\d+\.?\d*(?:[eE][+-]?\d+)?)([a-zA-Z].*)")  # as in 0.1 g
 
 
 def _plain_text(text: str) -> str:
@@ -77,7 +77,7 @@ def _plain_text(text: str) -> str:
     Superscripts are digits, the sign of micro is u and per a slash; spaces and powers' signs are left out.
     """
     found = (
-        unicodedata.normalize("NFKC", PER.sub("/", text.strip()))
+        unicodedata.normalize("NFKC", PER_PATTERN.sub("/", text.strip()))
         .replace("\u03bc", "u")
         .replace("\u2212", "-")
     )
@@ -96,33 +96,43 @@ def _in_table(table: dict[str, float], text: str) -> float | None:
 def _has_two_meanings(text: str) -> bool:
     """Return whether a text, in other letters, is two units, as mn is millinewton and meganewton."""
     plain = _plain_text(text)
-    alike = [name for name in FORCES if name.casefold() == plain.casefold()]
-    return plain not in FORCES and len(alike) > 1
+    alike = [name for name in FORCE_UNITS if name.casefold() == plain.casefold()]
+    return plain not in FORCE_UNITS and len(alike) > 1
 
 
 def find_unit(text: str) -> Unit | None:
     """Return the unit that a text is, None if it is none that is known."""
     plain = _plain_text(text)
-    for dimension, table in ((TIME, TIMES), (ACCELERATION, ACCELERATIONS), (FORCE, FORCES)):
+    for dimension, table in (
+        (TIME_DIMENSION, TIME_UNITS),
+        (ACCELERATION_DIMENSION, ACCELERATION_UNITS),
+        (FORCE_DIMENSION, FORCE_UNITS),
+    ):
         factor = _in_table(table, plain)
         if factor is not None:
             return Unit(text.strip(), dimension, factor)
     known = LENGTH_OVER_TIME_SQUARED.fullmatch(plain)
     if known is not None:
-        return Unit(text.strip(), ACCELERATION, LENGTHS[known[1].lower()])
-    multiple = MULTIPLE.fullmatch(plain)
+        return Unit(text.strip(), ACCELERATION_DIMENSION, LENGTH_UNITS[known[1].lower()])
+    multiple = MULTIPLE_PATTERN.fullmatch(plain)
     if multiple is not None and float(multiple[1]) > 0:
         unit = find_unit(multiple[2])
         return unit and Unit(text.strip(), unit.dimension, float(multiple[1]) * unit.factor)
-    if plain in OTHERS or plain.casefold() in {name.casefold() for name in OTHERS if len(name) > 1}:
-        return Unit(text.strip(), OTHER, math.nan)
+    if plain in OTHER_UNITS or plain.casefold() in {
+        name.casefold() for name in OTHER_UNITS if len(name) > 1
+    }:
+        return Unit(text.strip(), OTHER_DIMENSION, math.nan)
     return None
 
 
 def name_unit(dimension: str, factor: float) -> Unit:
     """Return the unit of acceleration or force that has a factor, as one that `find_unit` knows."""
-    base = "m/s^2" if dimension == ACCELERATION else "N"
-    names = [f"{length}/s^2" for length in LENGTHS] if dimension == ACCELERATION else list(FORCES)
+    base = "m/s^2" if dimension == ACCELERATION_DIMENSION else "N"
+    names = (
+        [f"{length}/s^2" for length in LENGTH_UNITS]
+        if dimension == ACCELERATION_DIMENSION
+        else list(FORCE_UNITS)
+    )
     for name in (base, *names):
         unit = find_unit(name)
         if unit is not None and math.isclose(unit.factor, factor, rel_tol=AGREEMENT_TOL):
@@ -142,15 +152,15 @@ def require_unit(name: str, text: object, dimension: str) -> Unit:
 def require_density_unit(name: str, text: object, dimension: str) -> float:
     """Return the factor from a unit of a spectral density, as g^2/Hz, to (m/s^2)^2/Hz or N^2/Hz; raises ParameterError for any other."""
     plain = _plain_text(text) if isinstance(text, str) else ""
-    squared = DENSITY.fullmatch(plain)
+    squared = DENSITY_PATTERN.fullmatch(plain)
     unit = None if squared is None else find_unit(squared[1] or squared[2])
     if unit is None or unit.dimension != dimension:
-        allowed = "N^2/Hz" if dimension == FORCE else "(m/s^2)^2/Hz or g^2/Hz"
+        allowed = "N^2/Hz" if dimension == FORCE_DIMENSION else "(m/s^2)^2/Hz or g^2/Hz"
         raise ParameterError(f"{name} = {text!r} is not allowed: a unit of density, as {allowed}")
     return unit.factor**2
 
 
-DENSITY = re.compile(
+DENSITY_PATTERN = re.compile(
     r"(?:\(([^()]+)\)|([a-zA-Z]+))2/Hz", re.IGNORECASE
 )  # powers without their sign
 SEPARATOR = re.compile(r"[\s_,;:/|-]+")
@@ -162,7 +172,7 @@ PREFIX = re.compile(  # of a unit, in a word of its own
 CHANNEL = re.compile(r"T|(?:ch|chan|channel|kanal)[\s_.:-]*[AC]", re.IGNORECASE)
 POWERS = "^*/²0123456789"  # after a bracket: it is a part of a unit
 MOST_WORDS = 3  # of a unit whose parts are separated, as m_s2
-LOADS = (TIME, ACCELERATION, FORCE)
+LOADS = (TIME_DIMENSION, ACCELERATION_DIMENSION, FORCE_DIMENSION)
 
 
 @dataclass(frozen=True)
@@ -238,7 +248,7 @@ def read_label(text: str) -> Label:
             return Label(label, before, None, label[prefix.start() :])
         # a number is a factor after a slash, as in t / 0.1 ms; the 2 of "Ch 2 g" may be a channel's
         is_divided = "/" in separator[0] and not before[-1].isdigit()
-        is_factor = is_divided or MULTIPLE.fullmatch(_plain_text(tail)) is None
+        is_factor = is_divided or MULTIPLE_PATTERN.fullmatch(_plain_text(tail)) is None
         if unit is not None:
             return Label(label, before, unit if is_factor else None, None if is_factor else tail)
         if _has_two_meanings(tail):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from impact_env.checks import describe_error
 from impact_env.extras import optional
 from impact_env.parameters import require
-from impact_env.structures.units import UNITS, Units
+from impact_env.structures.units import UNIT_SYSTEMS, ConsistentUnits
 from impact_env.structures.universal import MeasuredMode, without_repeats
 
 Real = NDArray[np.float64]
@@ -67,7 +67,7 @@ def _results(path: Path, units_name: str) -> dict[str, Any]:
     named = str(found["units"]).strip().upper()
     known = NAMED_UNITS.get(named)
     require(
-        known is None or UNITS[known] == UNITS[units_name],
+        known is None or UNIT_SYSTEMS[known] == UNIT_SYSTEMS[units_name],
         "units",
         units_name,
         f"those that {path.name} names, {named}: {known!r}",
@@ -75,7 +75,7 @@ def _results(path: Path, units_name: str) -> dict[str, Any]:
     return found
 
 
-def read_modes(path: Path, units: Units, units_name: str) -> list[MeasuredMode]:
+def read_modes(path: Path, units: ConsistentUnits, units_name: str) -> list[MeasuredMode]:
     """Return the modes of a .rst file by rising frequency, in SI units and in global directions.
 
     The file does not say how its shapes are scaled: Ansys scales by the mass unless told otherwise (MODOPT, Nrmkey), and shapes
@@ -107,7 +107,9 @@ def read_modes(path: Path, units: Units, units_name: str) -> list[MeasuredMode]:
     return without_repeats(path, sorted(modes, key=lambda mode: mode.omega))
 
 
-def read_nodes(path: Path, units: Units, units_name: str) -> tuple[NDArray[np.int64], Real]:
+def read_nodes(
+    path: Path, units: ConsistentUnits, units_name: str
+) -> tuple[NDArray[np.int64], Real]:
     """Return numbers (N,) and coordinates (N, 3) in m of the nodes of a .rst file."""
     found = _results(path, units_name)
     return found["mesh_nodes"].astype(np.int64), found["points"] * units.length

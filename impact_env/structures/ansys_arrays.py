@@ -14,7 +14,7 @@ WORD = 4
 TRANSLATIONS = ("UX", "UY", "UZ")
 
 
-def of_results(result: Any) -> dict[str, Any]:
+def collect_results(result: Any) -> dict[str, Any]:
     """Return frequencies in 1/unit of time, shapes (modes, nodes, 3) in global directions, nodes and coordinates of a .rst file."""
     header = result._resultheader
     if int(header["kan"]) != MODAL:
@@ -46,7 +46,7 @@ def of_results(result: Any) -> dict[str, Any]:
     }
 
 
-def of_matrices(full: Any) -> dict[str, Any]:
+def collect_matrices(full: Any) -> dict[str, Any]:
     """Return stiffness and mass as rows, columns and values, and the node and freedom of each row, of a .full file."""
     freedoms, stiffness, mass = full.load_km(sort=False)
     found = {"freedoms": np.asarray(freedoms), "size": stiffness.shape[0]}
@@ -63,12 +63,12 @@ def main(source: str, target: str) -> None:
     file = read_binary(source)
     kind = type(file).__name__
     if kind == "FullFile":
-        found = of_matrices(file)
+        found = collect_matrices(file)
     elif kind == "Result":
         words = int(file._resultheader["ptrend"])  # of four bytes, up to the end of the results
         if WORD * words > Path(source).stat().st_size:
             raise ValueError("the file is cut")
-        found = of_results(file)
+        found = collect_results(file)
     else:
         raise ValueError(f"it is a {kind}, not a .rst file of modes or a .full file")
     np.savez(target, **found)

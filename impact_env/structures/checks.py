@@ -17,11 +17,11 @@ MUCH_DAMPING = 0.2
 # |shape| sqrt(mass) of the liveliest place of a mode, mass-normalised
 LIGHTEST = 0.05
 HEAVIEST = 60.0
-SPEED = 5000.0  # m/s: of sound along a bar of steel or aluminium
+HIGHEST_WAVE_SPEED = 5000.0  # m/s: of sound along a bar of steel or aluminium
 # of a beam, over its length
 THICK = 0.3
 THIN = 1e-4
-CLOSE = 1.0  # distance of two modes, over the sum of their half-widths
+CLOSE_MODES_DISTANCE = 1.0  # distance of two modes, over the sum of their half-widths
 
 
 DIAGONAL = (
@@ -40,7 +40,7 @@ class StructureWarning(UserWarning):
     """Something in a structure's file looks wrong, or limits what can be said about it."""
 
 
-def warnings_of_matrix(diagonal: Real, mass: float, places: Mapping[str, int]) -> list[str]:
+def list_matrix_warnings(diagonal: Real, mass: float, places: Mapping[str, int]) -> list[str]:
     """Return a sentence for what looks wrong beside a mass matrix, its ``diagonal`` and the structure's ``mass`` in kg; ``places``: rows by name."""
     found = []
     total = float(np.sum(diagonal))
@@ -74,7 +74,7 @@ def find_unmoved_resonances(model: ModalModel, rigid: int = 0) -> list[int]:
     return [k + 1 for k in range(rigid, model.modes) if most[k] < STILL_TOL]
 
 
-def warnings_of(model: ModalModel, beam: Beam | None = None, rigid: int = 0) -> list[str]:
+def list_warnings(model: ModalModel, beam: Beam | None = None, rigid: int = 0) -> list[str]:
     """Return a sentence for everything that looks wrong in a model; ``rigid`` of its modes are motions on a suspension."""
     found = []
     first = float(model.omega[rigid]) / (2 * np.pi)
@@ -139,7 +139,7 @@ def _doubles(model: ModalModel, rigid: int) -> list[str]:
     for i, j in pairwise(order):
         distance = model.omega[j] - model.omega[i]
         width = model.omega[i] * (model.damping_ratio[i] + model.damping_ratio[j])
-        if distance < CLOSE * width or distance < 1e-6 * model.omega[i]:
+        if distance < CLOSE_MODES_DISTANCE * width or distance < 1e-6 * model.omega[i]:
             hertz = float(model.omega[i]) / (2 * np.pi)
             text = f"modes {i + 1} and {j + 1} are one peak at {hertz:.5g} Hz: simulation and limit have both"
             found.append(
@@ -149,7 +149,7 @@ def _doubles(model: ModalModel, rigid: int) -> list[str]:
 
 
 def _beam(beam: Beam) -> list[str]:
-    gyration = float(np.sqrt(beam.bending_stiffness / beam.mass_per_length)) / SPEED
+    gyration = float(np.sqrt(beam.bending_stiffness / beam.mass_per_length)) / HIGHEST_WAVE_SPEED
     height = float(np.sqrt(12)) * gyration / beam.length
     if THIN < height < THICK:
         return []

@@ -9,12 +9,12 @@ import scipy.sparse.linalg
 from numpy.typing import NDArray
 
 from impact_env.checks import describe_error
-from impact_env.parameters import positive, require, suspended
+from impact_env.parameters import positive, require, suspension_frequencies
 
 Real = NDArray[np.float64]
 
 DENSE = 1200  # freedoms up to which all modes are computed, by a dense solver
-SHIFT = 1e-10  # of the usual ratio of stiffness to mass: makes the stiffness of a free structure regular
+SPECTRAL_SHIFT = 1e-10  # of the usual ratio of stiffness to mass: makes the stiffness of a free structure regular
 SYMMETRY_TOL = 1e-8  # of the root of the product of the two diagonal entries: rounding in an export
 # a positive semidefinite matrix has no entry above the root of that product; exports have 5 digits or more
 DIAGONAL_TOL = 1e-4
@@ -22,16 +22,16 @@ LARGEST_ENTRY = 1e60  # products of a few entries are still numbers
 PIVOT_TOL = (
     1e-14  # of a factor's pivot over the matrix's diagonal entry: below it the matrix is singular
 )
-NOISE = 1e3  # times the rounding of the stiffness energy: squares of frequencies below that are taken as 0
+NOISE_FACTOR = 1e3  # times the rounding of the stiffness energy: squares of frequencies below that are taken as 0
 COUPLING = 1e-6  # of the modal damping: what a damping matrix may have beside its diagonal
-RIGID = (
+ALLOWED_RIGID = (
     "a structure that is held. {number} motions bend nothing. Either hold it, or give suspension_frequency_hz, far below the first bending mode: "
     "these motions then are the first modes, on soft springs, as in a test; they cannot be left out, since they carry the absorber too"
 )
 
 
 @dataclass(frozen=True, eq=False)
-class Modes:
+class StructureModes:
     """Lowest modes: ``omega`` (N_m,) in rad/s, rising, mass-normalised ``shapes`` (freedoms, N_m); ``rigid``: how many are rigid-body motions."""
 
     omega: Real
@@ -39,7 +39,7 @@ class Modes:
     rigid: int
 
 
-def checked(name: str, matrix: Any, size: int | None = None) -> Any:
+def check_matrix(name: str, matrix: Any, size: int | None = None) -> Any:
     """Return a real symmetric matrix, dense or sparse (CSC); raises ParameterError for all else, and where it is not ``size`` by ``size``."""
     found = matrix.tocsc() if scipy.sparse.issparse(matrix) else np.asarray(matrix)
     shape = f"a matrix of shape {found.shape} and type {found.dtype}"
@@ -109,7 +109,7 @@ def _require_semidefinite(name: str, matrix: Any) -> None:
 
 def lowest_modes(
     mass: Any, stiffness: Any, modes: int, suspension_frequency: float | None = None
-) -> Modes:
+) -> StructureModes:
     """Return the lowest ``modes`` modes of a structure without damping, or as many as its mass matrix has.
 
     The inverse problem M v = (1/omega^2) K v is solved: its largest eigenvalues are the modes that matter. Freedoms without mass
@@ -121,7 +121,7 @@ def lowest_modes(
     _require_semidefinite("stiffness", stiffness)
     omega, shapes = _eigen(mass, stiffness, modes)
     noise = (
-        NOISE
+        NOISE_FACTOR
         * np.finfo(float).eps
         * np.einsum("ij,ij->j", abs(shapes), abs(stiffness) @ abs(shapes))
     )
@@ -139,18 +139,20 @@ def lowest_modes(
             suspension_frequency,
             "left out: the structure is held",
         )
-        return Modes(np.sqrt(omega), shapes, 0)
+        return StructureModes(np.sqrt(omega), shapes, 0)
     require(
         suspension_frequency is not None,
         "stiffness",
         "a singular matrix",
-        RIGID.format(number=rigid),
+        ALLOWED_RIGID.format(number=rigid),
     )
     require(rigid < len(omega), "modes", modes, f"more than the {rigid} rigid-body motions")
     own = (
         2
         * np.pi
-        * np.array(suspended(positive("suspension_frequency", suspension_frequency), rigid))
+        * np.array(
+            suspension_frequencies(positive("suspension_frequency", suspension_frequency), rigid)
+        )
     )
     allowed = (
         f"below half of the first bending frequency, {np.sqrt(omega[rigid]) / (2 * np.pi):.6g} Hz"
@@ -158,7 +160,7 @@ def lowest_modes(
     require(
         bool(4 * own[-1] ** 2 < omega[rigid]), "suspension_frequency", suspension_frequency, allowed
     )
-    return Modes(np.concatenate([own, np.sqrt(omega[rigid:])]), shapes, rigid)
+    return StructureModes(np.concatenate([own, np.sqrt(omega[rigid:])]), shapes, rigid)
 
 
 def _eigen(mass: Any, stiffness: Any, modes: int) -> tuple[Real, Real]:
@@ -168,7 +170,7 @@ def _eigen(mass: Any, stiffness: Any, modes: int) -> tuple[Real, Real]:
     massless = np.flatnonzero((diagonal[1] <= 0) & (diagonal[0] > 0))
     modes = min(modes, len(inertial))
     ratios = diagonal[0][inertial] / diagonal[1][inertial]
-    shift = SHIFT * float(np.median(ratios))
+    shift = SPECTRAL_SHIFT * float(np.median(ratios))
     kept = np.union1d(inertial, massless)
     vectors = np.zeros((mass.shape[0], modes))
     if len(kept) > DENSE and modes < len(inertial) // 4:
@@ -177,7 +179,7 @@ def _eigen(mass: Any, stiffness: Any, modes: int) -> tuple[Real, Real]:
         )
         vectors[kept] = found
     else:
-        condensed, follow = _condensed(stiffness, inertial, massless)
+        condensed, follow = _condense_massless(stiffness, inertial, massless)
         squares, found = _dense(_dense_part(mass, inertial, inertial), condensed, modes, shift)
         vectors = vectors[:, : len(squares)]
         vectors[inertial] = found
@@ -185,7 +187,7 @@ def _eigen(mass: Any, stiffness: Any, modes: int) -> tuple[Real, Real]:
     norms = np.einsum("ij,ij->j", vectors, mass @ vectors)
     order = np.argsort(squares)
     vectors = (vectors / np.sqrt(norms))[:, order]
-    return _sharper(squares[order], vectors, stiffness), vectors
+    return _refine_squares(squares[order], vectors, stiffness), vectors
 
 
 def _part(matrix: Any, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Any:
@@ -199,7 +201,7 @@ def _dense_part(matrix: Any, rows: NDArray[np.int64], columns: NDArray[np.int64]
     return np.asarray(part.toarray() if scipy.sparse.issparse(part) else part)
 
 
-def _condensed(
+def _condense_massless(
     stiffness: Any, inertial: NDArray[np.int64], massless: NDArray[np.int64]
 ) -> tuple[Real, Real]:
     """Return the stiffness of the freedoms with mass, and the motion of those without per unit motion of the former."""
@@ -234,7 +236,7 @@ def _refuse_mechanism(number: int) -> None:
     )
 
 
-def _sharper(squares: Real, shapes: Real, stiffness: Any) -> Real:
+def _refine_squares(squares: Real, shapes: Real, stiffness: Any) -> Real:
     """Return each square from Rayleigh's quotient where that has more digits than the inverse problem, whose error grows with the frequency.
 
     The quotient squares the error of the shape, but the entries of the stiffness of a fine mesh cancel in the low modes.
@@ -255,7 +257,7 @@ INDEFINITE = "positive semidefinite, and regular together with the mass"
 def _dense(mass: Real, stiffness: Real, modes: int, shift: float) -> tuple[Real, Real]:
     least = float(scipy.linalg.eigvalsh(mass, subset_by_index=[0, 0])[0])
     require(
-        bool(least >= -NOISE * np.finfo(float).eps * np.max(np.diag(mass))),
+        bool(least >= -NOISE_FACTOR * np.finfo(float).eps * np.max(np.diag(mass))),
         "mass",
         f"a matrix with the eigenvalue {least:.3g}",
         "none below 0: positive semidefinite",
@@ -269,7 +271,7 @@ def _dense(mass: Real, stiffness: Real, modes: int, shift: float) -> tuple[Real,
             continue
         if inverse[-1] > 0 and (s > 0 or inverse[-1] * shift < 1):
             # a combination of freedoms may be without mass too: its frequency is infinite
-            finite = inverse > NOISE * np.finfo(float).eps * inverse[-1]
+            finite = inverse > NOISE_FACTOR * np.finfo(float).eps * inverse[-1]
             return 1 / inverse[finite] - s, vectors[:, finite]
     raise describe_error("stiffness", "a matrix that is indefinite", INDEFINITE)
 
@@ -322,7 +324,7 @@ def _symmetric_factor(matrix: Any) -> Any:
     return factor
 
 
-def proportional_damping(damping: Any, modes: Modes, massless: NDArray[np.bool_]) -> Real:
+def proportional_damping(damping: Any, modes: StructureModes, massless: NDArray[np.bool_]) -> Real:
     """Return the damping ratios (N_m,) that a damping matrix stands for; raises ParameterError unless it leaves the modes uncoupled.
 
     Rigid-body motions that it does not damp have the ratio 0. ``massless`` (freedoms,): those without mass. They follow the others

@@ -21,9 +21,9 @@ from impact_env.parameters import require
 from impact_env.structures.ansys import read_full
 
 # Abaqus writes this on the diagonal of a freedom that a boundary condition holds
-ABAQUS_HELD = 1e36
-AXES = ("x", "y", "z")  # of the freedoms 1, 2, 3 of a node; 4, 5, 6 are rotations about them
-DIRECTIONS = (*AXES, *(f"r{axis}" for axis in AXES))
+ABAQUS_FIXED_MARK = 1e36
+NODE_AXES = ("x", "y", "z")  # of the freedoms 1, 2, 3 of a node; 4, 5, 6 are rotations about them
+FREEDOM_NAMES = (*NODE_AXES, *(f"r{axis}" for axis in NODE_AXES))
 WHOLE_LIMIT = 2.0**53  # whole numbers up to here are exact as floating point numbers
 
 Freedoms = tuple[tuple[int, int], ...]
@@ -161,17 +161,17 @@ def _read_mtx(path: Path, _letter: str) -> MatrixFile:
     data = [line for line in lines if line.strip() and not line.startswith("*")]
     columns = len(data[0].replace(",", " ").split()) if data else 0
     if columns == 3:
-        return _with_held(MatrixFile(_triplets(lines)))
+        return _mark_fixed_rows(MatrixFile(_triplets(lines)))
     if columns == 5:
-        return _with_held(_labelled(lines))
+        return _mark_fixed_rows(_labelled(lines))
     raise ValueError(
         "no %%MatrixMarket header, and no lines of Abaqus with 3 numbers (COORDINATE) or 5 (MATRIX INPUT)"
     )
 
 
-def _with_held(file: MatrixFile) -> MatrixFile:
+def _mark_fixed_rows(file: MatrixFile) -> MatrixFile:
     """Return a matrix of Abaqus with the rows that have its mark of a boundary condition."""
-    rows = np.flatnonzero(file.matrix.diagonal() >= ABAQUS_HELD / 2)
+    rows = np.flatnonzero(file.matrix.diagonal() >= ABAQUS_FIXED_MARK / 2)
     return replace(file, held=tuple(map(int, rows)))
 
 
@@ -218,7 +218,7 @@ def _read_full(path: Path, letter: str) -> MatrixFile:
     return MatrixFile(_symmetric(rows, columns, found.data, found.shape[0]), freedoms)
 
 
-READERS: dict[str, Callable[[Path, str], MatrixFile]] = {
+MATRIX_READERS: dict[str, Callable[[Path, str], MatrixFile]] = {
     ".npz": _read_npz,
     ".mtx": _read_mtx,
     ".sti": _read_calculix,
@@ -233,13 +233,13 @@ def read_matrix(path: Path, name: str, letter: str) -> MatrixFile:
     Raises ParameterError with the matrix's ``name`` if the file cannot be read or is not complete.
     """
     require(
-        path.suffix.lower() in READERS,
+        path.suffix.lower() in MATRIX_READERS,
         name,
         str(path),
-        f"a file that ends in {' or '.join(READERS)}",
+        f"a file that ends in {' or '.join(MATRIX_READERS)}",
     )
     try:
-        return READERS[path.suffix.lower()](path, letter)
+        return MATRIX_READERS[path.suffix.lower()](path, letter)
     except MissingExtraError:
         raise
     except Exception as error:  # of damaged files NumPy, SciPy and zipfile raise many kinds

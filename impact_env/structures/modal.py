@@ -9,33 +9,33 @@ from typing import Any
 
 import numpy as np
 
-from impact_env.forms import NUMBER, ROW, ROWS, Keys, Sort, form
+from impact_env.forms import NUMBER_CODEC, ROW_CODEC, ROWS_CODEC, Codec, Keys, dataclass_codec
 from impact_env.modes import ModalModel
 from impact_env.parameters import non_negative, require
 from impact_env.structures.checks import StructureWarning
 from impact_env.structures.matrix_files import read_columns
 
 # one number for all modes, or one each
-DAMPING_RATIO = Sort(
+DAMPING_RATIO = Codec(
     lambda path, plain: (
-        tuple(ROW.read(path, plain))
+        tuple(ROW_CODEC.read(path, plain))
         if isinstance(plain, list | tuple)
-        else NUMBER.read(path, plain)
+        else NUMBER_CODEC.read(path, plain)
     ),
     lambda value: list(map(float, value)) if isinstance(value, tuple) else float(value),
 )
 
 
-def text(path: str, plain: Any) -> str:
+def require_text(path: str, plain: Any) -> str:
     """Return a text that is not empty."""
     require(isinstance(plain, str) and plain != "", path, plain, "a text")
     return str(plain)
 
 
-TEXT = Sort(text, str)
+TEXT_CODEC = Codec(require_text, str)
 
 
-def ratios_of(given: Any, found: Any, modes: int) -> Any:
+def choose_damping_ratios(given: Any, found: Any, modes: int) -> Any:
     """Return the damping ratio of each mode: as given, one number or one a mode, else as measured."""
     ratios = (
         [non_negative("damping_ratio", given)] * modes
@@ -59,16 +59,16 @@ def ratios_of(given: Any, found: Any, modes: int) -> Any:
     return np.array([non_negative("damping_ratio", float(x)) for x in ratios])
 
 
-SHAPES: Keys = {
-    "damping_ratio": ("damping_ratio", ROW),
-    "force_shape_per_sqrt_kg": ("force_shape", ROW),
-    "tip_shape_per_sqrt_kg": ("tip_shape", ROW),
-    "beam_mass_kg": ("beam_mass", NUMBER),
-    "absorber_shapes_per_sqrt_kg": ("absorber_shapes", ROWS),
-    "response_shape_per_sqrt_kg": ("response_shape", ROW),
-    "stress_shape": ("stress_shape", ROW),
-    "base_participation_sqrt_kg": ("base_participation", ROW),
-    "base_at_absorber": ("base_at_absorber", NUMBER),
+SHAPE_KEYS: Keys = {
+    "damping_ratio": ("damping_ratio", ROW_CODEC),
+    "force_shape_per_sqrt_kg": ("force_shape", ROW_CODEC),
+    "tip_shape_per_sqrt_kg": ("tip_shape", ROW_CODEC),
+    "beam_mass_kg": ("beam_mass", NUMBER_CODEC),
+    "absorber_shapes_per_sqrt_kg": ("absorber_shapes", ROWS_CODEC),
+    "response_shape_per_sqrt_kg": ("response_shape", ROW_CODEC),
+    "stress_shape": ("stress_shape", ROW_CODEC),
+    "base_participation_sqrt_kg": ("base_participation", ROW_CODEC),
+    "base_at_absorber": ("base_at_absorber", NUMBER_CODEC),
 }
 
 
@@ -84,7 +84,7 @@ ROWS_OF_MODES = (
 )
 
 
-def by_frequency(model: ModalModel) -> ModalModel:
+def order_by_frequency(model: ModalModel) -> ModalModel:
     """Return a model with its modes by rising frequency, so that resonance 1 is the lowest; warns where they were not."""
     order = np.argsort(model.omega, kind="stable")
     if np.array_equal(order, np.arange(model.modes)):
@@ -116,7 +116,10 @@ def require_modes_once(model: ModalModel) -> None:
             )
 
 
-HELD = "above 0: a motion that bends nothing has the frequency of its suspension, and cannot be left out, since it carries the absorber too"
+ALLOWED_SUSPENSION = (
+    "above 0: a motion that bends nothing has the frequency of its suspension, and cannot be left "
+    "out, since it carries the absorber too"
+)
 
 
 def _model(
@@ -138,42 +141,42 @@ def _model(
             "given, in rad/s, or frequencies_hz in its place",
         )
         assert frequencies is not None
-        require(min(frequencies) > 0, "frequencies", frequencies, HELD)
+        require(min(frequencies) > 0, "frequencies", frequencies, ALLOWED_SUSPENSION)
         omega = [2 * math.pi * f for f in frequencies]
     else:
         require(frequencies is None, "frequencies", frequencies, "left out beside omega_rad_s")
-        require(min(omega) > 0, "omega", omega, HELD)
+        require(min(omega) > 0, "omega", omega, ALLOWED_SUSPENSION)
     for name, row in (("force_shape", force_shape), ("tip_shape", tip_shape)):
         require(len(row) == len(omega), name, row, f"{len(omega)} numbers, one for each mode")
     if "absorber_shapes" in more:
         more["absorber_shapes"] = np.array(more["absorber_shapes"])
-    ratios = ratios_of(damping_ratio, None, len(omega))
+    ratios = choose_damping_ratios(damping_ratio, None, len(omega))
     model = ModalModel(
         np.array(omega), ratios, np.array(force_shape), np.array(tip_shape), beam_mass, **more
     )
     # omega_rad_s is what a scene is written with, whose order is kept
-    return model if frequencies is None else by_frequency(model)
+    return model if frequencies is None else order_by_frequency(model)
 
 
-COLUMNS: Keys = {
-    "omega_rad_s": ("omega", ROW),
-    "frequencies_hz": ("frequencies", ROW),
-    **SHAPES,
+MODE_COLUMNS: Keys = {
+    "omega_rad_s": ("omega", ROW_CODEC),
+    "frequencies_hz": ("frequencies", ROW_CODEC),
+    **SHAPE_KEYS,
     "damping_ratio": ("damping_ratio", DAMPING_RATIO),
 }
 # a model is written with omega, which is exact, and read with either
-MODEL = Sort(
-    form(_model, COLUMNS).read,
-    form(ModalModel, {"omega_rad_s": ("omega", ROW), **SHAPES}).write,
+MODEL_CODEC = Codec(
+    dataclass_codec(_model, MODE_COLUMNS).read,
+    dataclass_codec(ModalModel, {"omega_rad_s": ("omega", ROW_CODEC), **SHAPE_KEYS}).write,
 )
 
 
-def model_beside(folder: Path) -> Sort:
+def model_codec_for(folder: Path) -> Codec:
     """Return the form of a model whose rows may be the columns of a CSV file in a folder, named like the keys."""
 
     def read(path: str, plain: Any) -> Any:
         if isinstance(plain, Mapping) and "modes_csv" in plain:
-            name = text(f"{path}.modes_csv", plain["modes_csv"])
+            name = require_text(f"{path}.modes_csv", plain["modes_csv"])
             rows = read_columns(folder / name, f"{path}.modes_csv")
             left = {key: value for key, value in plain.items() if key != "modes_csv"}
             twice = sorted(set(rows) & set(left))
@@ -184,6 +187,6 @@ def model_beside(folder: Path) -> Sort:
                 f"a file without the columns {', '.join(twice)}, which are given beside it",
             )
             plain = rows | left
-        return MODEL.read(path, plain)
+        return MODEL_CODEC.read(path, plain)
 
-    return Sort(read, MODEL.write)
+    return Codec(read, MODEL_CODEC.write)

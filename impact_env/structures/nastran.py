@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from impact_env.checks import describe_error
 from impact_env.extras import optional
 from impact_env.parameters import require
-from impact_env.structures.units import Units
+from impact_env.structures.units import ConsistentUnits
 from impact_env.structures.universal import MeasuredMode, without_repeats
 
 Real = NDArray[np.float64]
 
-GRID = 1  # the second number of a node in a table of eigenvectors: a grid point, not a scalar one
+GRID_POINT = (
+    1  # the second number of a node in a table of eigenvectors: a grid point, not a scalar one
+)
 TABLES = ("OUGV1", "OUG1", "OUGV2", "BOUGV1")
 RECTANGULAR = ("CORD1R", "CORD2R")
 
@@ -66,7 +68,7 @@ def _load(path: Path, name: str, ending: str) -> Any:
 
 
 def read_modes(
-    path: Path, bdf: Path | None, units: Units, subcase: int | None = None
+    path: Path, bdf: Path | None, units: ConsistentUnits, subcase: int | None = None
 ) -> list[MeasuredMode]:
     """Return the real modes of an .op2 file by rising frequency, in SI units and in the basic coordinate system.
 
@@ -107,9 +109,9 @@ def read_modes(
         f"real eigenvectors in a table {', '.join(TABLES)}",
     )
     masses = _modal_masses(path, found, table)
-    grid = table.node_gridtype[:, 1] == GRID
+    grid = table.node_gridtype[:, 1] == GRID_POINT
     nodes = table.node_gridtype[grid, 0].astype(np.int64)
-    turned = _turned(path, found if bdf is None else _load(bdf, "bdf", ".bdf"), nodes, bdf)
+    turned = _node_rotations(path, found if bdf is None else _load(bdf, "bdf", ".bdf"), nodes, bdf)
     modes = []
     for k, number in enumerate(map(int, table.modes)):
         value = float(table.eigns[k])
@@ -160,7 +162,7 @@ def _modal_masses(path: Path, found: Any, table: Any) -> dict[int, float]:
     )
 
 
-def _turned(path: Path, geometry: Any, nodes: NDArray[np.int64], bdf: Path | None) -> Real:
+def _node_rotations(path: Path, geometry: Any, nodes: NDArray[np.int64], bdf: Path | None) -> Real:
     """Return the rows (N, 3, 3) of each node's displacement coordinate system in the basic one."""
     source = path if bdf is None else bdf
     if bdf is None:
@@ -202,7 +204,9 @@ def _turned(path: Path, geometry: Any, nodes: NDArray[np.int64], bdf: Path | Non
     return found
 
 
-def read_nodes(path: Path, bdf: Path | None, units: Units) -> tuple[NDArray[np.int64], Real]:
+def read_nodes(
+    path: Path, bdf: Path | None, units: ConsistentUnits
+) -> tuple[NDArray[np.int64], Real]:
     """Return numbers (N,) and coordinates (N, 3) in m of the nodes of a .bdf file, or of an .op2 file where there is none."""
     geometry = _load(path, "file", ".op2") if bdf is None else _load(bdf, "bdf", ".bdf")
     require(len(geometry.nodes) > 0, "bdf", None, f"given: {path.name} has no nodes (GEOM1)")

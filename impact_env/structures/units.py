@@ -6,7 +6,7 @@ from impact_env.parameters import require
 
 
 @dataclass(frozen=True)
-class Units:
+class ConsistentUnits:
     """A system of units in SI: its ``mass`` in kg, ``length`` in m and ``time`` in s. Its force is mass times length over time squared."""
 
     mass: float
@@ -18,19 +18,19 @@ INCH = 0.0254
 FOOT = 0.3048
 POUND_FORCE = 4.4482216152605  # N
 # the units of force are N, N, kN, mN, kN, lbf and lbf
-UNITS = {
-    "kg, m, s": Units(1.0, 1.0, 1.0),
-    "t, mm, s": Units(1e3, 1e-3, 1.0),
-    "t, m, s": Units(1e3, 1.0, 1.0),
-    "kg, mm, s": Units(1.0, 1e-3, 1.0),
-    "kg, mm, ms": Units(1.0, 1e-3, 1e-3),
-    "lbf s2/in, in, s": Units(POUND_FORCE / INCH, INCH, 1.0),
-    "slug, ft, s": Units(POUND_FORCE / FOOT, FOOT, 1.0),
+UNIT_SYSTEMS = {
+    "kg, m, s": ConsistentUnits(1.0, 1.0, 1.0),
+    "t, mm, s": ConsistentUnits(1e3, 1e-3, 1.0),
+    "t, m, s": ConsistentUnits(1e3, 1.0, 1.0),
+    "kg, mm, s": ConsistentUnits(1.0, 1e-3, 1.0),
+    "kg, mm, ms": ConsistentUnits(1.0, 1e-3, 1e-3),
+    "lbf s2/in, in, s": ConsistentUnits(POUND_FORCE / INCH, INCH, 1.0),
+    "slug, ft, s": ConsistentUnits(POUND_FORCE / FOOT, FOOT, 1.0),
 }
 
 
-def read_units(name: str) -> Units:
+def read_units(name: str) -> ConsistentUnits:
     """Return a system of units by its name; raises ParameterError for one that is not known."""
-    known = ", ".join(repr(key) for key in UNITS)
-    require(name in UNITS, "units", name, f"one of {known}, those of the file")
-    return UNITS[name]
+    known = ", ".join(repr(key) for key in UNIT_SYSTEMS)
+    require(name in UNIT_SYSTEMS, "units", name, f"one of {known}, those of the file")
+    return UNIT_SYSTEMS[name]

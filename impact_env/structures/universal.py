@@ -17,8 +17,8 @@ Real = NDArray[np.float64]
 # fields of a dataset 55
 NORMAL = 2  # kinds of analysis
 COMPLEX = (3, 7)
-REAL_DATA = 2
-COMPLEX_DATA = 5
+REAL_DATA_TYPE = 2
+COMPLEX_DATA_TYPE = 5
 VALUES_A_NODE = (3, 6)
 STRUCTURAL = (0, 1)  # kinds of model: unknown, structural
 VECTORS = {
@@ -27,19 +27,19 @@ VECTORS = {
     3: 6,
 }  # kinds of data, unknown or a vector, with the values a node of each
 DISPLACEMENT = (0, 1, 8)  # quantities: unknown, general, displacement
-MOTION = {11: "velocity", 12: "acceleration"}
-UNITS = 164
+MOTION_TYPES = {11: "velocity", 12: "acceleration"}
+UNITS_DATASET = 164
 COLLINEAR = 0.95  # least modal phase collinearity of a complex shape that is read as a real one
 SAME_SHAPE = 1e-3  # of two listings of a mode, whose numbers have six digits
 SAME_MODE = 0.95  # modal assurance criterion of two estimates of one mode
-NODES = (15, 2411)  # datasets with coordinates
+NODE_DATASETS = (15, 2411)  # datasets with coordinates
 SYSTEMS = (18, 2420)  # datasets with coordinate systems
 GLOBAL = (
     0,
     1,
 )  # coordinate systems that are the global one, unless a dataset defines them otherwise
 IDENTITY_TOL = 1e-9
-DIRECTIONS = {"x": "r1", "y": "r2", "z": "r3"}
+UNIVERSAL_DIRECTIONS = {"x": "r1", "y": "r2", "z": "r3"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ def _units(datasets: list[Dataset]) -> tuple[float, float]:
     """Return the length unit in m and the mass unit in kg of the datasets 164: SI without one."""
     found = set()
     for part in datasets:
-        if part.kind == UNITS:
+        if part.kind == UNITS_DATASET:
             factors = [part.numbers(1, 3, 25)[k] for k in (0, 1)]  # of a length and a force over SI
             if min(factors) <= 0:
                 raise part.refuse(1, "factors above 0 for length and force")
@@ -170,9 +170,9 @@ def _mode(part: Dataset, mass_unit: float) -> MeasuredMode | None:
     model, analysis, kind, quantity, data, values = part.whole(5, 6)
     if analysis != NORMAL and analysis not in COMPLEX:
         return None
-    if quantity in MOTION:
+    if quantity in MOTION_TYPES:
         raise part.refuse(
-            5, f"shapes of displacement (8 in the fourth field), not {MOTION[quantity]}"
+            5, f"shapes of displacement (8 in the fourth field), not {MOTION_TYPES[quantity]}"
         )
     if quantity not in DISPLACEMENT:
         return None
@@ -185,7 +185,7 @@ def _mode(part: Dataset, mass_unit: float) -> MeasuredMode | None:
         )
     if model not in STRUCTURAL:
         raise part.refuse(5, "modes of a structure (first field 0 or 1)")
-    if data not in (REAL_DATA, COMPLEX_DATA):
+    if data not in (REAL_DATA_TYPE, COMPLEX_DATA_TYPE):
         raise part.refuse(5, "real (2) or complex (5) values (fifth field)")
     integers, reals, load_case, number = part.whole(6, 4, 3)
     name = f"{part.path}, mode {number} (line {part.start})"
@@ -194,7 +194,7 @@ def _mode(part: Dataset, mass_unit: float) -> MeasuredMode | None:
         raise part.refuse(6, "the numbers of whole and of real values that follow")
     header = part.numbers(7, reals)
     header += [0.0] * (needed - len(header))
-    nodes, shape = _values(part, 7 + -(-reals // 6), values, data == COMPLEX_DATA)
+    nodes, shape = _values(part, 7 + -(-reals // 6), values, data == COMPLEX_DATA_TYPE)
     mass = 0.0
     conjugated = False
     damping: float | None
@@ -287,7 +287,7 @@ def _real(name: str, shape: NDArray[np.complex128]) -> Real:
     return np.asarray(np.real(shape * np.exp(-0.5j * np.angle(turn))))
 
 
-def at(modes: list[MeasuredMode], path: Path, name: str, place: tuple[int, str]) -> Real:
+def select_shapes(modes: list[MeasuredMode], path: Path, name: str, place: tuple[int, str]) -> Real:
     """Return the shapes at a node in a direction, one of x, y, z with a sign or without, (N_m,) in 1/sqrt(kg).
 
     A mode that leaves out a node which others have does not move it: the format lets zeros be left out.
@@ -296,7 +296,7 @@ def at(modes: list[MeasuredMode], path: Path, name: str, place: tuple[int, str])
     sign, axis = (
         (-1.0, direction[1:]) if direction.startswith("-") else (1.0, direction.removeprefix("+"))
     )
-    column = list(DIRECTIONS).index(axis)
+    column = list(UNIVERSAL_DIRECTIONS).index(axis)
     every = np.unique(np.concatenate([mode.nodes for mode in modes]))
     nodes = ", ".join(str(n) for n in every[:12]) + (" ..." if len(every) > 12 else "")
     require(node in every, name, node, f"a node of {path.name}: {nodes}")
@@ -334,7 +334,7 @@ def _nodes(datasets: list[Dataset]) -> dict[int, tuple[int, int, list[float]]]:
     """Return for each node of the datasets 15 and 2411: definition and displacement system, and coordinates in the file's unit."""
     found: dict[int, tuple[int, int, list[float]]] = {}
     for part in datasets:
-        if part.kind not in NODES:
+        if part.kind not in NODE_DATASETS:
             continue
         lines = [k for k, text in enumerate(part.lines) if text.strip()]
         for line in lines if part.kind == 15 else lines[::2]:

@@ -7,12 +7,12 @@ import click
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, RigidWalls, count, positive, require
 from impact_env.periodic.balance_branches import (
-    COLUMNS,
+    BALANCE_COLUMNS,
     BalanceRow,
-    Exact,
+    ReferenceOrbit,
     balance_rows,
     exact_orbit,
-    settings_of,
+    list_settings,
 )
 from impact_env.periodic.case import Case
 from optimisation.cli.common import (
@@ -36,7 +36,7 @@ def shown(value: Any, scale: float, digits: int) -> str:
     return "" if value is None else f"{scale * value:.{digits}f}"
 
 
-def text(exact: Exact, rows: list[BalanceRow]) -> str:
+def text(exact: ReferenceOrbit, rows: list[BalanceRow]) -> str:
     """Return the exact orbit in words, and a table with a line for each setting of harmonic balance."""
     header = (
         "harmonics",
@@ -78,7 +78,7 @@ def text(exact: Exact, rows: list[BalanceRow]) -> str:
     return "\n".join([*notes, "", markdown(header, lines)])
 
 
-def computed(given: dict[str, Any]) -> tuple[Exact, list[BalanceRow], bool]:
+def computed(given: dict[str, Any]) -> tuple[ReferenceOrbit, list[BalanceRow], bool]:
     """Do what the options ask for; False: ended by Ctrl-C."""
     orders, weights = (
         [positive(f"--{name}", x) for x in numbers(f"--{name}", given[name], float)]
@@ -102,7 +102,7 @@ def computed(given: dict[str, Any]) -> tuple[Exact, list[BalanceRow], bool]:
     exact = exact_orbit(case, low, high)
     rows = []
     complete = True
-    settings = settings_of(harmonics, weights, given["growing"])
+    settings = list_settings(harmonics, weights, given["growing"])
     try:
         with Bar(total=len(settings), desc="harmonic balance", bar_format=BAR, leave=False) as bar:
             for row in balance_rows(exact, low, high, settings, given["branches"]):
@@ -199,7 +199,7 @@ def main(**given: Any) -> None:
         contents = {
             given["json"]: {"complete": complete, "rows": plain},
             given["csv"]: (
-                COLUMNS,
+                BALANCE_COLUMNS,
                 [["" if v is None else v for v in row.values()] for row in plain],
             ),
             given["plot"]: lambda path: save_balance(path, exact, rows, given["growing"]),

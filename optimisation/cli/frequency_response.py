@@ -11,8 +11,13 @@ from impact_env.ensemble import Executor
 from impact_env.parameters import CompliantWalls, RigidWalls, positive, require
 from impact_env.periodic.bifurcations import PERIOD_DOUBLING, SYMMETRY_BREAKING, TORUS
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT, harmonic_balance
-from impact_env.periodic.overview import Asked, Overview, overview, sliding
-from impact_env.periodic.response_curve import COLUMNS
+from impact_env.periodic.overview import (
+    Overview,
+    OverviewOptions,
+    compute_overview,
+    require_sliding,
+)
+from impact_env.periodic.response_curve import CURVE_COLUMNS
 from impact_env.periodic.stationary import QUANTILES, StationaryRuns
 from impact_env.plain import from_scene
 from optimisation.cli import common
@@ -56,7 +61,7 @@ def computed(given: dict[str, Any], executor: Executor | None = None) -> Overvie
     scene, _ = make_scene(given)
     reference = scene.model.resonance_omega(given["resonance"])
     warn_of_nodes(scene.model, given["resonance"])
-    walls = sliding(scene).walls
+    walls = require_sliding(scene).walls
     low = positive("--from", given["start"])
     high = positive("--to", given["stop"])
     require(high > low, "--to", high, f"above --from = {low}")
@@ -87,7 +92,7 @@ def computed(given: dict[str, Any], executor: Executor | None = None) -> Overvie
         if given["rate"] is None
         else positive("--rate", given["rate"])
     )
-    asked = Asked(
+    asked = OverviewOptions(
         given["method"] != BALANCE,
         given["pairs"],
         balance,
@@ -98,7 +103,7 @@ def computed(given: dict[str, Any], executor: Executor | None = None) -> Overvie
     )
     basis = {"scene": from_scene(scene), "force": float(given["force"]), "reference": reference}
     with closing(Kept(given["resume"])) as kept, following(reference) as show:
-        return overview(
+        return compute_overview(
             scene, given["force"], reference, low, high, asked, show, kept.pieces(basis)
         )
 
@@ -344,7 +349,7 @@ def main(**given: Any) -> None:
         )
         result = computed(given, executor)
         rows = (
-            COLUMNS,
+            CURVE_COLUMNS,
             [row for number, curve in enumerate(result.curves, 1) for row in curve.rows(number)],
         )
         click.echo(text(result))

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from impact_env.periodic.case import case_of
-from impact_env.periodic.isolas import COLUMNS, IsolaCell, IsolaMap, isola_map
+from impact_env.periodic.isolas import ISOLA_COLUMNS, IsolaCell, IsolaMap, isola_map
 from impact_env.periodic.validation import validation_alongside
 from impact_env.plain import from_scene
 from optimisation.cli import common
@@ -130,7 +130,7 @@ def main(**given: Any) -> None:
         refuse_parts(given)
         found = computed(given)
         cells = (found.own, *found.cells)
-        rows = (COLUMNS, [row for cell in cells for row in cell.rows()])
+        rows = (ISOLA_COLUMNS, [row for cell in cells for row in cell.rows()])
         click.echo(table(cells))
         files = write_files(
             {

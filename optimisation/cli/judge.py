@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from impact_env.envs.evaluation import EPISODES, SPLITS, Evaluation, Scored, evaluate
+from impact_env.envs.evaluation import EPISODES, SEED_SPLITS, Evaluation, PolicyScores, evaluate
 from impact_env.extras import DISTRIBUTION
 from impact_env.parameters import require
 from optimisation.cli.common import check_target, command, plain_errors
@@ -43,7 +43,7 @@ def judged(task: str, agents: list[Agent], split: str, episodes: int) -> Evaluat
     }
     (name, first), *others = Bar(everyone.items(), desc=task, unit="policy", leave=False)
     found = evaluate(first, env_of(task), split, dict(others), episodes=episodes)
-    return Evaluation(**{**vars(found), "policy": Scored.of(name, found.scores)})
+    return Evaluation(**{**vars(found), "policy": PolicyScores.of(name, found.scores)})
 
 
 def revision() -> str:
@@ -107,7 +107,7 @@ def write_board(path: Path, found: dict[str, Evaluation]) -> list[list[str]]:
     metavar="FILE",
     help="An agent's file; may be repeated.",
 )
-@click.option("--split", type=click.Choice(list(SPLITS)), default="test", show_default=True)
+@click.option("--split", type=click.Choice(list(SEED_SPLITS)), default="test", show_default=True)
 @click.option("--episodes", type=click.IntRange(min=2), default=EPISODES, show_default=True)
 @click.option(
     "--board",

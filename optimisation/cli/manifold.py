@@ -11,7 +11,7 @@ import numpy as np
 
 from impact_env.parameters import count
 from impact_env.periodic.case import Case, case_of
-from impact_env.periodic.isolas import truncated
+from impact_env.periodic.isolas import truncate_model
 from impact_env.periodic.slow_manifold import (
     VARIANTS,
     ManifoldCheck,
@@ -118,7 +118,7 @@ def cases_of_map(case: Case, given: dict[str, Any]) -> list[Case]:
     return [
         replace(
             case,
-            model=truncated(case.model, modes),
+            model=truncate_model(case.model, modes),
             restitution=restitution,
             mass_ratio=mass_ratio,
             friction_limit=limit,

@@ -10,23 +10,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, count, positive, require
-from impact_env.periodic.basins import STARTS, find_basins
-from impact_env.periodic.bifurcation_curves import KINDS, bifurcation_curves
-from impact_env.periodic.branch import STOPPED
+from impact_env.periodic.basins import DEFAULT_RUNS, find_basins
+from impact_env.periodic.bifurcation_curves import CURVE_KINDS, bifurcation_curves
+from impact_env.periodic.branch import INTERRUPTED
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.isolas import folds, thresholds
+from impact_env.periodic.isolas import find_folds, find_thresholds
 from impact_env.periodic.offspring import all_orbits_over, descendants
 from impact_env.periodic.orbit import Orbit, plain_orbit
 from impact_env.periodic.orbit_branches import (
     OrbitBranch,
     lies_on,
+    list_places,
     orbit_branch,
     orbit_branches,
-    places_of,
 )
 from impact_env.periodic.response_curve import ResponseCurve, orbit_curve
-from impact_env.periodic.survey import Found, attractors, closed_form_orbits, different, orbits_over
+from impact_env.periodic.survey import (
+    OrbitSearch,
+    attractors,
+    closed_form_orbits,
+    drop_repeated,
+    orbits_over,
+)
 from impact_env.periodic.validation import validation_alongside
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli.common import (
@@ -65,7 +71,7 @@ POINTS = 81
 AROUND = 21
 RANGE = 0.02
 ALONG = ("force", "gap", "restitution", "friction-limit")
-CURVES = [kind.replace(" ", "-") for kind in KINDS]
+CURVES = [kind.replace(" ", "-") for kind in CURVE_KINDS]
 UNITS = {  # of each of these: its name in files, in figures, and the figure's unit
     "force": ("force_N", "force in N", 1.0),
     "gap": ("gap_m", "gap in mm", 1e3),
@@ -91,9 +97,9 @@ def searched(
     symmetric: bool,
     told: Told,
     settle: bool = True,
-    starts: int = STARTS,
+    starts: int = DEFAULT_RUNS,
     seed: int = 0,
-) -> Iterator[Found]:
+) -> Iterator[OrbitSearch]:
     """Yield the orbits at each ratio (M,): the symmetric ones only, or also what leaves their branches and, with ``settle``, what runs end on."""
     if symmetric:
         return orbits_over(case, ratios, lambda done, total: told("frequencies", done, total))
@@ -102,9 +108,11 @@ def searched(
     )
 
 
-def listed(case: Case, given: dict[str, Any], told: Told, complete: list[bool]) -> list[Found]:
+def listed(
+    case: Case, given: dict[str, Any], told: Told, complete: list[bool]
+) -> list[OrbitSearch]:
     """Orbits at the frequencies asked for. At a single one branches come from its neighbourhood, and runs add what they settle to."""
-    found: list[Found] = []
+    found: list[OrbitSearch] = []
     with kept(complete):
         if given["at"] is None:
             found += searched(
@@ -122,13 +130,15 @@ def listed(case: Case, given: dict[str, Any], told: Told, complete: list[bool]) 
             if isinstance(settled, NoOrbit):
                 found[0] = replace(found[0], refused=(*found[0].refused, settled))
             else:
-                found[0] = replace(found[0], orbits=tuple(different([*found[0].orbits, settled])))
+                found[0] = replace(
+                    found[0], orbits=tuple(drop_repeated([*found[0].orbits, settled]))
+                )
         if not given["symmetric"] and given["starts"] > 0:
             draw(found, given, told)
     return found
 
 
-def draw(found: list[Found], given: dict[str, Any], told: Told) -> None:
+def draw(found: list[OrbitSearch], given: dict[str, Any], told: Told) -> None:
     """Add what runs from random initial states end on at the single frequency asked for."""
     here = found[0]
     basins = find_basins(
@@ -138,14 +148,14 @@ def draw(found: list[Found], given: dict[str, Any], told: Told) -> None:
         seed=given["seed"],
         progress=lambda done, total: told("random starts", done, total),
     )
-    orbits = tuple(different([*here.orbits, *basins.orbits]))
+    orbits = tuple(drop_repeated([*here.orbits, *basins.orbits]))
     found[0] = replace(here, orbits=orbits, basins=basins)
 
 
-def around(case: Case, given: dict[str, Any], told: Told, found: list[Found]) -> None:
+def around(case: Case, given: dict[str, Any], told: Told, found: list[OrbitSearch]) -> None:
     """Add the orbits at the single frequency asked for to ``found``, even after Ctrl-C; its neighbours are where branches begin."""
     at = given["at"]
-    groups = list[Found]()
+    groups = list[OrbitSearch]()
     low = max(given["start"], at - RANGE)
     high = min(given["stop"], at + RANGE)
     try:
@@ -175,7 +185,7 @@ def along(case: Case, given: dict[str, Any], told: Told) -> Iterator[ResponseCur
             (low, high),
             progress=lambda points, _value: told(f"branch {len(known) + 1}, points", points, 0),
         )
-        known.append(places_of(branch))
+        known.append(list_places(branch))
         yield orbit_curve(branch, 1.0)
 
 
@@ -230,7 +240,7 @@ def two_parameters(
                 found for found in descendants(branches, limits) if isinstance(found, OrbitBranch)
             ]
         )
-        if any(branch.branch.ended == STOPPED for branch in branches):
+        if any(branch.branch.ended == INTERRUPTED for branch in branches):
             raise KeyboardInterrupt
         for curve in bifurcation_curves(
             branches,
@@ -240,7 +250,7 @@ def two_parameters(
             limits,
             show,
         ):
-            complete[0] &= curve.branch.ended != STOPPED
+            complete[0] &= curve.branch.ended != INTERRUPTED
             yield curve.to_plain()
 
 
@@ -402,7 +412,7 @@ def asked_for(case: Case, given: dict[str, Any]) -> FoundOrbits:
     if given["curve"]:
         return bifurcations(case, given)
     if given["thresholds"]:
-        levels = thresholds(case, low, high)
+        levels = find_thresholds(case, low, high)
         confirmed = [level for level in levels if isinstance(level.orbit, Orbit)]
         plain = [
             {"kind": level.kind, "force_N": level.force, "omega_ratio": level.omega_ratio}
@@ -410,7 +420,7 @@ def asked_for(case: Case, given: dict[str, Any]) -> FoundOrbits:
         ]
         return FoundOrbits(report.threshold_text(levels), {given["json"]: plain}, True)
     if given["folds"]:
-        located = folds(case, low, high)
+        located = find_folds(case, low, high)
         pairs = [(fold, fold.orbit) for fold in located if isinstance(fold.orbit, Orbit)]
         plain = [
             {
@@ -546,7 +556,7 @@ def asked_for(case: Case, given: dict[str, Any]) -> FoundOrbits:
 @click.option(
     "--starts",
     type=int,
-    default=STARTS,
+    default=DEFAULT_RUNS,
     show_default=True,
     help="Runs from random initial states at each frequency; 0: none.",
 )

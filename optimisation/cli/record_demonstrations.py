@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from impact_env.envs.evaluation import SPLITS
+from impact_env.envs.evaluation import SEED_SPLITS
 from optimisation.cli.common import command, plain_errors
 from optimisation.files import require_writable
 from optimisation.rl.agents import load_agent
@@ -59,7 +59,7 @@ def main(tasks: tuple[str, ...], words: tuple[str, ...], episodes: int, out: Pat
                 plays: Any = chance or (
                     policies(task)[EIGHT] if word == "rule" else load_agent(task, word)
                 )
-                shown = record(plays, env_of(task), SPLITS["train"][:episodes])
+                shown = record(plays, env_of(task), SEED_SPLITS["train"][:episodes])
                 folder = out / f"{task.rpartition('-')[0]}-{word}-v0"
                 write_demonstrations(folder, shown, word)
                 scores = sum(float(rewards.sum()) for rewards in shown.rewards)

@@ -12,8 +12,8 @@ import click
 
 from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule
 from impact_env.ensemble import Executor, Lane, draw_members, drives_of, each_lane, run_lanes
-from impact_env.laws import words
-from impact_env.level import MOST_SAMPLES
+from impact_env.laws import describe_absorber
+from impact_env.level import MOST_SAMPLES_PER_PERIOD
 from impact_env.loads import AnyDrive
 from impact_env.methods import PAPER_STEPS, Exact, Method, check_load, check_supported
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbsorber, count
@@ -169,7 +169,7 @@ def write(result: Result, given: scenes.Options, beam: Beam | None) -> None:
             text = json.dumps(contract(result, beam), indent=1, allow_nan=False)
             files.enter_context(replacing(given["json"].resolve())).write_text(text + "\n")
         if given["plot"] is not None:
-            absorbers = words(result.response.scene.absorber).split(
+            absorbers = describe_absorber(result.response.scene.absorber).split(
                 "; "
             )  # a line for each of several
             title = "\n".join([*absorbers, describe_run(result.response, given["resonance"])])
@@ -206,7 +206,10 @@ def run(given: scenes.Options) -> None:
         refuse_long("--plot", scene, schedule, Record().samples_per_period)
     if given["measures"] is not None:
         refuse_long(
-            "--measures", scene, schedule, count("measures", given["measures"], 4, MOST_SAMPLES)
+            "--measures",
+            scene,
+            schedule,
+            count("measures", given["measures"], 4, MOST_SAMPLES_PER_PERIOD),
         )
     drives = drives_of(draw_members(given["members"], given["seed"]), first)
     if isinstance(first, Drive) and isinstance(method, Exact) and given["cluster"] is None:

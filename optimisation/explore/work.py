@@ -18,7 +18,7 @@ from impact_env.curve import CurveCase, Pass, PerformanceCurve, curve_passes
 from impact_env.drive import PAPER_LIMITS
 from impact_env.families import kernel_key
 from impact_env.frequency import tip_response
-from impact_env.laws import words
+from impact_env.laws import describe_absorber
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.loads import Loads
 from impact_env.methods import Exact
@@ -395,7 +395,7 @@ class Work:
             "mass": self.scene.absorber_mass,
             "resonance_hz": omega / (2 * np.pi),
             "impacts_a_period": float(np.nanmean(here.lanes.impacts)) / case.schedules()[0].periods,
-            "words": words(self.scene.absorber),
+            "words": describe_absorber(self.scene.absorber),
             "rate": case.percent_per_100_periods if self.loading.swept else None,
             "acceleration": np.sqrt(2)
             * level
@@ -467,7 +467,7 @@ class Work:
         yield {
             "type": "line",
             "which": which,
-            "of": words(scene.absorber),
+            "of": describe_absorber(scene.absorber),
             "force": rounded(curve.forces),
             "level": rounded(curve.median),
         }

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from impact_env.curve import BAND, DOWN, UP, Optimum, quantiles
-from impact_env.laws import SceneKind, values, words
-from impact_env.loads import amplitude_in_words
+from impact_env.laws import SceneKind, describe_absorber, values
+from impact_env.loads import describe_amplitude
 from impact_env.scene import Scene
 from optimisation.bounds import LEAST_REACH
 from optimisation.comparison import IMPACT, NONE, Comparison, Concept, ResonanceComparison
@@ -321,10 +321,12 @@ def _heads(comparison: LoadComparison) -> list[str]:
 def load_table(comparison: LoadComparison) -> str:
     """Return the lines that are printed."""
     lines = [
-        f"{TOLD[comparison.measure]} under {amplitude_in_words(comparison.loads)}, over that without absorber: median (5 to 95 %)"
+        f"{TOLD[comparison.measure]} under {describe_amplitude(comparison.loads)}, over that without absorber: median (5 to 95 %)"
     ]
     lines += [
-        f"  {words(absorber)}" for absorber in comparison.absorbers.values() if absorber is not None
+        f"  {describe_absorber(absorber)}"
+        for absorber in comparison.absorbers.values()
+        if absorber is not None
     ]
     bands = {name: np.quantile(comparison.ratio(name), LOAD_BAND, axis=1) for name in LOAD_LOOKS}
     for band, head in enumerate(_heads(comparison)):
@@ -352,13 +354,13 @@ def tuned_text(found: TunedUnder) -> str:
     """Return the lines that are printed of tunings."""
     ratios = 100 * found.ratios
     lines = [
-        f"{TOLD[found.measure]} under {amplitude_in_words(found.loads)}, in % of that without absorber: median of {ratios.shape[1]} runs"
+        f"{TOLD[found.measure]} under {describe_amplitude(found.loads)}, in % of that without absorber: median of {ratios.shape[1]} runs"
     ]
     for name, absorber, row in zip(
         ("best for it", "least peak"), (found.best, found.peak), ratios, strict=True
     ):
         lines.append(
-            f"  {name}: {with_band(np.median(row), row.min(), row.max())}, {words(absorber)}"
+            f"  {name}: {with_band(np.median(row), row.min(), row.max())}, {describe_absorber(absorber)}"
         )
     return "\n".join(lines)
 
@@ -380,7 +382,7 @@ def save_load_figure(path: Path, comparison: LoadComparison) -> None:
         axes.set_ylim(0, None)
         axes.set_xlabel("intensity of the load, 1: as given")
         axes.set_title(
-            ", ".join(filter(None, (f"Under {amplitude_in_words(comparison.loads)}", head))),
+            ", ".join(filter(None, (f"Under {describe_amplitude(comparison.loads)}", head))),
             fontsize=11,
         )
     panels[0].set_ylabel(f"{TOLD[comparison.measure]} over that without absorber")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import SlidingAbsorber
-from impact_env.response import recorded
+from impact_env.response import require_recorded
 from optimisation.files import numbers, replacing, write_csv
 from optimisation.frequency_levels import NO_ABSORBER, ResonanceCurves, WorstRun
 from optimisation.report.card import Chart, Curve
@@ -113,7 +113,7 @@ def save_frequency(path: Path, parts: Sequence[ResonanceCurves]) -> None:
 def history_arrays(run: WorstRun) -> dict[str, Array]:
     """Return a run's samples by the names of `COLUMNS`; of several absorbers the first, and without an absorber only the structure's."""
     response = run.response
-    history = recorded("history", response.history)
+    history = require_recorded("history", response.history)
     model = response.scene.model
     place = history.modal_displacement @ response.scene.absorber_shapes[0]
     found = {

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from impact_env.loads import amplitude_in_words
+from impact_env.loads import describe_amplitude
 from optimisation.gap_advice import Answer
 from optimisation.load_comparison import LoadAdvice
 from optimisation.measures import SHOWN, START, TOLD, UNITS
@@ -63,7 +63,7 @@ def text(found: LoadAdvice) -> str:
         return f"{band}, {100 * answer.level / without:.1f} % of no absorber; {worst} from {1 - t:.4g} to {1 + t:.4g} times the load"
 
     lines = [
-        f"Recommended: {device(best, found.mass)}, under {amplitude_in_words(found.loads)}.",
+        f"Recommended: {device(best, found.mass)}, under {describe_amplitude(found.loads)}.",
         f"  {what[0].upper()}{what[1:]} {level(best)}.",
     ]
     if sharp.gap != best.gap:
@@ -126,6 +126,6 @@ def save_figure(path: Path, found: LoadAdvice) -> None:
     axes.set_ylim(0, None)
     axes.set_xlabel("clearance to either wall in mm")
     axes.set_ylabel(f"{TOLD[found.measure]} in {unit}")
-    axes.set_title(f"Gap under {amplitude_in_words(found.loads)}", fontsize=11)
+    axes.set_title(f"Gap under {describe_amplitude(found.loads)}", fontsize=11)
     axes.legend(frameon=False, fontsize=9)
     write_figure(figure, path)

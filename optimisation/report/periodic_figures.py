@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import CompliantWalls, RigidWalls, SlidingAbsorber
-from impact_env.periodic.balance_branches import BalanceRow, Exact
+from impact_env.periodic.balance_branches import BalanceRow, ReferenceOrbit
 from impact_env.periodic.basins import Share
 from impact_env.periodic.bifurcations import PERIOD_DOUBLING, SYMMETRY_BREAKING, TORUS
 from impact_env.periodic.branch import FOLD
@@ -23,7 +23,7 @@ from impact_env.periodic.overview import Overview
 from impact_env.periodic.response_curve import EXACT, ResponseCurve
 from impact_env.periodic.slow_manifold import ManifoldCheck
 from impact_env.periodic.stationary import QUANTILES
-from impact_env.periodic.survey import Found
+from impact_env.periodic.survey import OrbitSearch
 from impact_env.periodic.symmetric import BIRTH
 from optimisation.page import markdown
 from optimisation.report.figures import (
@@ -283,7 +283,9 @@ MARKERS = "osv^Dx"
 PAPERS = 20  # harmonics in the paper
 
 
-def save_balance(path: Path, exact: Exact, rows: Sequence[BalanceRow], growing: bool) -> None:
+def save_balance(
+    path: Path, exact: ReferenceOrbit, rows: Sequence[BalanceRow], growing: bool
+) -> None:
     """Draw rows that have a solution; ``growing``: weights grow with the square of the harmonics. The ending of ``path`` chooses the format."""
     figure, (error, folds, cost) = figure_of(14.0, 4.4, 1, 3)
     series: dict[float, list[BalanceRow]] = {}
@@ -575,7 +577,7 @@ def share_text(share: Share) -> str:
     return f"{share.ended} of {share.runs} ({100 * share.low:.0f}-{100 * share.high:.0f} %)"
 
 
-def basin_lines(found: list[Found]) -> list[str]:
+def basin_lines(found: list[OrbitSearch]) -> list[str]:
     """Return a line for each frequency at which runs from random initial states ended on no orbit with impacts; of a single frequency always."""
     lines = []
     for group in found:
@@ -597,7 +599,7 @@ def basin_lines(found: list[Found]) -> list[str]:
     return lines
 
 
-def orbit_table(found: list[Found]) -> str:
+def orbit_table(found: list[OrbitSearch]) -> str:
     """Return a line for each orbit."""
     rows = []
     for basins, orbit in ((group.basins, orbit) for group in found for orbit in group.orbits):

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from impact_env.energy import EnergyAccount, mechanical_energy
 from impact_env.ensemble import LaneLevels
-from impact_env.laws import modes_in_words, words
+from impact_env.laws import describe_absorber, describe_modes
 from impact_env.level import HALF_WINDOW_PERIODS
-from impact_env.loads import Loads, amplitude_in_words
+from impact_env.loads import Loads, describe_amplitude
 from impact_env.parameters import Beam, NonlinearSink, SlidingAbsorber, TunedAbsorber
 from impact_env.plain import from_scene
-from impact_env.response import History, Response, recorded
+from impact_env.response import History, Response, require_recorded
 from optimisation.extremes import LEAST_RATIO
 from optimisation.report.figures import MM, figure_of, write_figure
 
@@ -39,7 +39,7 @@ class Result:
     def levels(self) -> list[float]:
         """Response levels of all members in m."""
         return [
-            recorded("level", self.response.level).value,
+            require_recorded("level", self.response.level).value,
             *([] if self.others is None else self.others.level.tolist()),
         ]
 
@@ -47,7 +47,7 @@ class Result:
     def ratios(self) -> list[float]:
         """Frequencies of the levels over that of the resonance."""
         return [
-            recorded("level", self.response.level).frequency_ratio,
+            require_recorded("level", self.response.level).frequency_ratio,
             *([] if self.others is None else self.others.frequency_ratio.tolist()),
         ]
 
@@ -55,8 +55,8 @@ class Result:
 def contract(result: Result, beam: Beam | None) -> dict[str, object]:
     """Return the content of the JSON file; the scene is written with its ``beam``, or with its modes if that is None."""
     response = result.response
-    level = recorded("level", response.level)
-    impacts = recorded("impacts", response.impacts)
+    level = require_recorded("level", response.level)
+    impacts = require_recorded("impacts", response.impacts)
     energy = response.energy
     return {
         "impact_time_s": impacts.time.tolist(),
@@ -81,14 +81,14 @@ def describe_run(response: Response, resonance: int) -> str:
     schedule = response.drive.schedule
     modes = response.scene.model.modes
     if isinstance(response.drive, Loads):
-        told = f"{amplitude_in_words(response.drive)} for {float(schedule.times[-1]):g} s"
-        return f"{told}, {schedule.periods:g} pseudo periods of {schedule.reference:.6g} rad/s, {modes_in_words(modes)}, {response.method}"
+        told = f"{describe_amplitude(response.drive)} for {float(schedule.times[-1]):g} s"
+        return f"{told}, {schedule.periods:g} pseudo periods of {schedule.reference:.6g} rad/s, {describe_modes(modes)}, {response.method}"
     ratios = schedule.omegas / schedule.reference
     frequency = (
         f"at {ratios[0]:g}" if ratios[0] == ratios[-1] else f"from {ratios[0]:g} to {ratios[-1]:g}"
     )
     where = f"{frequency} times resonance {resonance} ({schedule.reference:.6g} rad/s)"
-    return f"{response.drive.amplitude:g} N {where}, {schedule.periods:g} pseudo periods, {modes_in_words(modes)}, {response.method}"
+    return f"{response.drive.amplitude:g} N {where}, {schedule.periods:g} pseudo periods, {describe_modes(modes)}, {response.method}"
 
 
 def summary(result: Result, resonance: int) -> str:
@@ -96,7 +96,7 @@ def summary(result: Result, resonance: int) -> str:
     response = result.response
     levels = 1e3 * np.array(result.levels)
     ratios = result.ratios
-    level = recorded("level", response.level)
+    level = require_recorded("level", response.level)
     energy = response.energy
     schedule = response.drive.schedule
     rows = [
@@ -173,7 +173,9 @@ def summary(result: Result, resonance: int) -> str:
             )
         )
     lines = [f"  {name:<26}{value:>12}   {note}".rstrip() for name, value, note in rows]
-    return "\n".join([words(response.scene.absorber), describe_run(response, resonance), *lines])
+    return "\n".join(
+        [describe_absorber(response.scene.absorber), describe_run(response, resonance), *lines]
+    )
 
 
 if TYPE_CHECKING:
@@ -220,7 +222,7 @@ class _Axis:
 
 def save_figure(path: Path, title: str, response: Response, resonance: int) -> None:
     """Draw a response that has its level, events and history recorded, and its energies if it has them; save it."""
-    history = recorded("history", response.history)
+    history = require_recorded("history", response.history)
     axis = _Axis(response, resonance)
     # several move at places of their own, away from the tip
     moving = isinstance(response.scene.absorber, SlidingAbsorber | TunedAbsorber | NonlinearSink)
@@ -285,7 +287,7 @@ def _headroom(ax: Axes, below: float = 0.0) -> None:
 
 
 def _displacement(ax: Axes, response: Response, history: History, axis: _Axis) -> None:
-    level = recorded("level", response.level)
+    level = require_recorded("level", response.level)
     period = response.drive.schedule.pseudo_period
     _envelope(ax, response, history, axis, MM * history.tip_displacement, TIP, "tip")
     window = np.clip(
@@ -331,7 +333,7 @@ def _displacement(ax: Axes, response: Response, history: History, axis: _Axis) -
 
 def _around_maximum(ax: Axes, response: Response, history: History) -> tuple[slice, Array]:
     """Return the samples around the maximum and their time from it in pseudo periods; draw the impacts there."""
-    start = recorded("level", response.level).time
+    start = require_recorded("level", response.level).time
     period = response.drive.schedule.pseudo_period
     at = (history.time - start) / period
     inside = np.flatnonzero(np.abs(at) <= DETAIL_PERIODS)

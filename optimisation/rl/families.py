@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import impact_env  # noqa: F401 - registers the environments
 from impact_env.envs.adaptive_task import GapTask, SweepGapTask
 from impact_env.envs.observation import STATE
-from impact_env.envs.settings import span
+from impact_env.envs.settings import check_range
 from impact_env.envs.sweep_task import SweepTask
 from impact_env.envs.task import FREQUENCY_SCALE
 from impact_env.extras import optional
@@ -292,7 +292,7 @@ class GapScale:
         limits = (
             task.cavity.gap_limits if isinstance(task, SweepGapTask) else task.control.gap_limits
         )
-        self.low, self.high = span("gap_limits", limits)
+        self.low, self.high = check_range("gap_limits", limits)
         self.geometric = isinstance(task, SweepGapTask)
         self.column = [feature.name for feature in task.features].index("half-clearance in use")
         self.origin = task.frequency_origin

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.ensemble import first_of_each
+from impact_env.ensemble import find_first_of_each
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError
 from impact_env.sweep import IntegrationError
@@ -75,7 +75,7 @@ class Workers:
 
         Raises ClusterError if there are no workers, or one of other sources; ParameterError and IntegrationError as the function does.
         """
-        first = first_of_each(
+        first = find_first_of_each(
             kinds
         )  # workers that share this machine's cache then find the kernels there
         for k in first:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import impact_env  # noqa: F401 - registers the environments
 from impact_env.envs import ENVIRONMENTS
-from impact_env.envs.evaluation import interval, play
+from impact_env.envs.evaluation import bootstrap_interval, play
 from impact_env.envs.task import Mask, Task
 from impact_env.extras import optional
 from impact_env.parameters import count, require
@@ -462,6 +462,6 @@ def add_agents(task: str, found: dict[str, Any], agents: Sequence[Any]) -> None:
 def verdict(scores: Mapping[str, Array]) -> dict[str, Any]:
     """Return the room with its interval, and whether that admits a task."""
     compared = (scores[ROBUST], scores[EIGHT], scores[CONSTANT])
-    low, high = interval(room, *compared)
+    low, high = bootstrap_interval(room, *compared)
     share = room(*compared)
     return {ROOM: [share, float(low), float(high)], "admitted": bool(share >= LEAST and low > SURE)}

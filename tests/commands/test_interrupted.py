@@ -133,7 +133,7 @@ STOPS = (
     Stop(
         "isola",
         f"{ISOLA} --resume kept.json --json a.json",
-        f"{PERIODIC}.isolas.cell_of",
+        f"{PERIODIC}.isolas.make_cell",
         3,
         "a.json",
         "a.json",

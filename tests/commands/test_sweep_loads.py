@@ -23,7 +23,7 @@ from load_cases import (
 )
 
 from impact_env.drive import FrequencySchedule
-from impact_env.loads import BASE, Loads, Member, Samples, ShakenBase, Shock, Tone, Tones
+from impact_env.loads import BASE_QUANTITY, Loads, Member, Samples, ShakenBase, Shock, Tone, Tones
 from impact_env.parameters import ParameterError, RigidWalls, SlidingAbsorber
 from impact_env.plain_loads import read_loads
 from impact_env.scene import Scene
@@ -283,9 +283,9 @@ def test_an_offset_of_a_base_s_record_is_told_from_oscillations_and_pulses() -> 
     whole = [np.sin(2 * np.pi * f * times + p) for f in (0.3, 1.7, 40.0) for p in (0.0, 0.7, 1.6)]
     pulse = np.where(times < 0.011, np.sin(np.pi * times / 0.011), 0.0)
     for values in (*whole, noise - np.mean(noise), pulse, np.zeros(4001)):
-        assert Samples(times, values, BASE).drift() is None
+        assert Samples(times, values, BASE_QUANTITY).drift() is None
     for values in (*whole[6:], np.zeros(4001)):
-        offset = Samples(times, values + 0.05, BASE).drift()
+        offset = Samples(times, values + 0.05, BASE_QUANTITY).drift()
         assert offset == pytest.approx(0.05 + np.trapezoid(values, times) / 4.0)
         assert Samples(times, values + 0.05).drift() is None  # a force
 
@@ -401,11 +401,11 @@ MOVED = {  # place and velocity
         -0.2 * (40.0 + 50.0 * TIMES) * np.sin(PHASE),
     ),
     "a sawtooth": (
-        Shock("sawtooth", 5.0, 0.5, 1.0, quantity=BASE),
+        Shock("sawtooth", 5.0, 0.5, 1.0, quantity=BASE_QUANTITY),
         np.where(TIMES < 0.5, 5 * TIMES**3 / 3, 5 * 0.5**3 / 3 + 5 * 0.5 / 2 * (TIMES - 0.5)),
         np.where(TIMES < 0.5, 5 * TIMES**2, 5 * 0.5 / 2),
     ),
-    "a jump": (Shock("trapezoid", 5.0, 1.0, 1.0, 0.0, BASE), 2.5 * TIMES**2, 5.0 * TIMES),
+    "a jump": (Shock("trapezoid", 5.0, 1.0, 1.0, 0.0, BASE_QUANTITY), 2.5 * TIMES**2, 5.0 * TIMES),
 }
 
 
@@ -420,9 +420,9 @@ def test_a_base_moves_as_its_acceleration_says(name: str) -> None:
 
 def test_a_record_of_a_base_begins_and_ends_at_one_place() -> None:
     """Its mean velocity is zero; between corners the velocity is the integral of straight lines."""
-    velocity, place = Loads((Samples(np.linspace(0, 1, 4), CORNERS, BASE),), 50.0).base_motion(
-        TIMES
-    )
+    velocity, place = Loads(
+        (Samples(np.linspace(0, 1, 4), CORNERS, BASE_QUANTITY),), 50.0
+    ).base_motion(TIMES)
     assert place[-1] == pytest.approx(0.0, abs=1e-14)
     assert velocity[-1] - velocity[0] == pytest.approx(
         (CORNERS[0] / 2 + CORNERS[1] + CORNERS[2] + CORNERS[3] / 2) / 3

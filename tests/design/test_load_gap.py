@@ -12,7 +12,7 @@ from load_cases import MASS, OMEGA, file_of_one_mode
 from numpy.typing import NDArray
 
 from impact_env.ensemble import draw_members, drives_of
-from impact_env.loads import BASE, FORCE, Loads, Random, Shock
+from impact_env.loads import BASE_QUANTITY, FORCE_QUANTITY, Loads, Random, Shock
 from impact_env.modes import ModalModel
 from impact_env.parameters import TunedAbsorber, impact_absorber
 from impact_env.response import Record
@@ -86,7 +86,7 @@ def exact_rms(stiffness: float, damping: float) -> float:
     return float(np.sqrt(np.trapezoid(0.5 * np.abs(2.6 * 0.6 / own) ** 2, omega / (2 * np.pi))))
 
 
-@pytest.mark.parametrize("quantity", [FORCE, BASE])
+@pytest.mark.parametrize("quantity", [FORCE_QUANTITY, BASE_QUANTITY])
 @pytest.mark.parametrize("tuned", [None, TunedAbsorber(0.05, 900.0, 2.0)])
 def test_the_expected_rms_is_that_of_the_matrices(
     quantity: str, tuned: TunedAbsorber | None
@@ -111,7 +111,7 @@ def test_the_expected_rms_is_that_of_the_matrices(
         dynamic[:3, :3] = CHAIN + s * damping + s**2 * np.eye(3)
         mass = 0.0 if tuned is None else 0.05 * 3.0
         pull = -np.array([1.0, 1.0, 1.0, mass])  # of the base's acceleration
-        if quantity == FORCE:
+        if quantity == FORCE_QUANTITY:
             pull = np.array([1.0, 0.0, 0.0, 0.0])
         dynamic[3, 3] = 1.0
         if tuned is not None:

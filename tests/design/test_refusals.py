@@ -25,7 +25,7 @@ from impact_env import (
 from impact_env.ensemble import Lane, Threads
 from impact_env.loads import Loads, Random, Shock
 from impact_env.parameters import TunedAbsorber
-from impact_env.periodic.stationary import window_of
+from impact_env.periodic.stationary import cut_window
 from optimisation.bounds import (
     common_gap,
     design_force,
@@ -246,7 +246,7 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     (lambda: save_figure(Path("no.png"), "", response(), 1), "history = None"),
     (lambda: summary(Result(replace(response(), level=None), None), 1), "level = None"),
     (lambda: contract(Result(response(), None), None), "impacts = None"),
-    (lambda: window_of(Scene(TWO), response(), 250.0), "history = None"),
+    (lambda: cut_window(Scene(TWO), response(), 250.0), "history = None"),
 ]
 
 

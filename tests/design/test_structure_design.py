@@ -17,7 +17,7 @@ from places import EXAMPLES
 from impact_env import ModalModel, load_structure
 from impact_env.drive import PAPER_LIMITS, Drive, default_rate, linear_sweep
 from impact_env.level import response_level
-from impact_env.modes import deflection_row, matrices, modal_model
+from impact_env.modes import assemble_matrices, deflection_row, modal_model
 from impact_env.parameters import Beam
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
@@ -100,7 +100,7 @@ def test_the_tuned_absorber_of_the_steel_beam_is_the_best_by_dense_solution() ->
     mu = ADDED * deflection(0.9)[0] ** 2
     rule = den_hartog(model, 0.01)
     assert np.sqrt(rule.stiffness / ADDED) == pytest.approx(OMEGA[0] / (1 + mu), rel=1e-5)
-    mass, stiffness = matrices(beam)
+    mass, stiffness = assemble_matrices(beam)
     values, vectors = scipy.linalg.eigh(stiffness, mass)
     damping = mass @ vectors @ np.diag(2 * DAMPING * np.sqrt(values)) @ vectors.T @ mass
     load = deflection_row(beam, 0.25)

@@ -10,7 +10,7 @@ from environment_cases import ACTIVE_FRICTION, SHORT, V1, actions, played, vecto
 
 import impact_env
 from impact_env import ParameterError
-from impact_env.envs.evaluation import interquartile_mean, interval, play
+from impact_env.envs.evaluation import bootstrap_interval, interquartile_mean, play
 
 BRIEF: dict[str, Any] = {"time_budget": 5.0}
 
@@ -115,7 +115,10 @@ def test_interquartile_mean_leaves_the_outer_quarters_out() -> None:
 def test_interval_of_a_mean_covers_as_often_as_it_says() -> None:
     generator = np.random.default_rng(1)
     found = np.array(
-        [interval(np.mean, generator.normal(0.0, 1.0, (1, 40)), resamples=200) for _ in range(200)]
+        [
+            bootstrap_interval(np.mean, generator.normal(0.0, 1.0, (1, 40)), resamples=200)
+            for _ in range(200)
+        ]
     )
     assert 0.88 <= np.mean((found[:, 0] <= 0.0) & (found[:, 1] >= 0.0)) <= 0.99
 
@@ -124,11 +127,11 @@ def test_runs_and_seeds_both_count_and_policies_share_the_drawn_seeds() -> None:
     """Scores that differ by run only are as uncertain as their runs are few, however many the episodes; the same for seeds."""
     runs = np.repeat(np.arange(4.0)[:, None], 1000, axis=1)
     for scores in (runs, runs.T):
-        low, high = interval(np.mean, scores)
+        low, high = bootstrap_interval(np.mean, scores)
         assert high - low > 1.0
-    np.testing.assert_array_equal(interval(np.mean, np.full((3, 5), 2.0)), [2.0, 2.0])
+    np.testing.assert_array_equal(bootstrap_interval(np.mean, np.full((3, 5), 2.0)), [2.0, 2.0])
     scores = np.random.default_rng(0).normal(0.0, 1.0, (1, 30))
     # a difference on every seed is certain, though each score is not
-    assert interval(lambda a, b: a.mean() - b.mean(), scores + 0.1, scores) == pytest.approx(
-        (0.1, 0.1)
-    )
+    assert bootstrap_interval(
+        lambda a, b: a.mean() - b.mean(), scores + 0.1, scores
+    ) == pytest.approx((0.1, 0.1))

@@ -117,7 +117,7 @@ def test_a_copy_goes_on_bit_for_bit(
 ) -> None:
     """Through ends of episodes, apart from the original; a snapshot goes into another environment."""
     monkeypatch.setattr(
-        "impact_env.controlled.FEWEST", 4
+        "impact_env.controlled.LANES_PER_THREAD", 4
     )  # so that threads are at work before the copy
     env = vector(name, 8, threads=2, **extra)
     given = actions(name, 30, 8)

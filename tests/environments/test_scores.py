@@ -24,7 +24,7 @@ from impact_env import (
 )
 from impact_env.controlled import ControlledRuns
 from impact_env.drive import default_rate
-from impact_env.envs.reference import passage, stationary_amplitude
+from impact_env.envs.reference import simulate_passage, stationary_amplitude
 from impact_env.frequency import LinearAbsorber, receptance, tip_response
 from impact_env.methods import Method
 from impact_env.modes import modal_model
@@ -84,7 +84,7 @@ def test_rewards_add_up_to_the_score_which_is_the_papers_level() -> None:
     assert ratios[-1] == 0.985
     assert info["level"] == pytest.approx(response.level.value, rel=1e-9)
     score = (
-        -response.level.value / (0.9 * passage(scene, 1, 0.965, 0.985, 32, 0.0, 1e-3)[0])
+        -response.level.value / (0.9 * simulate_passage(scene, 1, 0.965, 0.985, 32, 0.0, 1e-3)[0])
         - 0.03 * times[-1] / 100
     )
     assert sum(rewards) == pytest.approx(score, rel=1e-9)
@@ -114,7 +114,7 @@ def test_the_reference_is_the_beam_without_absorber_at_the_rate_of_its_damping(
     omega = model.resonance_omega(1)
     duration = 0.02 / 1e-4 * slower * 2 * np.pi / model.resonance_omega(1)
     drive = Drive(1.0, FrequencySchedule(np.array([0.0, duration]), np.array(ends) * omega, omega))
-    assert passage(Scene(model), 1, *ends, 32, 0.0, 1e-3)[0] == pytest.approx(
+    assert simulate_passage(Scene(model), 1, *ends, 32, 0.0, 1e-3)[0] == pytest.approx(
         simulate(Scene(model), drive).level.value, rel=1e-9
     )
 
@@ -130,7 +130,7 @@ def test_the_damage_of_a_reference_has_all_its_samples(damping: float, periods: 
     drive = Drive(1.0, FrequencySchedule(times, ends * omega, omega))
     record = Record(series=True, samples_per_period=32)
     tip = simulate(scene, drive, record=record).history.tip_displacement
-    damage = passage(scene, 1, *ends, 32, 4.0, 1e-3)[1]
+    damage = simulate_passage(scene, 1, *ends, 32, 4.0, 1e-3)[1]
     assert damage == pytest.approx(np.sum(np.abs(tip / 1e-3) ** 4), rel=1e-9)
 
 
@@ -251,7 +251,8 @@ def test_the_level_is_the_one_that_a_single_run_reads_there(
     ).level
     assert info["level"] == pytest.approx(found.value, rel=digits)
     assert info["relative_level"] == pytest.approx(
-        found.value / (0.3 * passage(Scene(MODEL), 1, 0.985, 0.995, 32, 0.0, 1e-3)[0]), rel=digits
+        found.value / (0.3 * simulate_passage(Scene(MODEL), 1, 0.985, 0.995, 32, 0.0, 1e-3)[0]),
+        rel=digits,
     )
     assert at_the_tip.value > 1.05 * found.value
     assert (sum(step[4]["impacts"] for step in steps) > 5) is (scene is IMPACTS)

@@ -22,7 +22,7 @@ from impact_env import (
     impact_absorbers,
 )
 from impact_env.families import exact as families
-from impact_env.families.family import window_of
+from impact_env.families.family import compute_window_length
 from impact_env.parameters import Absorber
 from impact_env.response import Response
 
@@ -201,7 +201,7 @@ def test_the_balance_notices_a_wrong_propagation(monkeypatch: pytest.MonkeyPatch
     drive = drive_of(3.5, 0.97, 1.03, periods=40)
     start = InitialState(modal_velocity=np.array([0.1, 0.0, 0.0]))
     exact = run(scene, drive, initial=start).energy
-    regime, reach = families.linear_regime(scene, window_of(drive))
+    regime, reach = families.linear_regime(scene, compute_window_length(drive))
     assert exact.relative_error < 1e-13
     system = regime.system
     table = system.table.copy()

@@ -474,7 +474,7 @@ def test_runs_in_two_threads_may_share_what_a_load_is_for_the_kernels(
     record: Callable[[Array], Array], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its expansion in the current window belongs to each run: threads in different windows of one load write none of the other's."""
-    monkeypatch.setattr(exact, "schedule_of", lru_cache(exact.schedule_of))
+    monkeypatch.setattr(exact, "build_schedule", lru_cache(exact.build_schedule))
     scene = Scene(cantilever(), BOTH)
     part = ShakenBase(SWEEP, displacement=2e-4) if record is shaken else Samples(CLOCK, NOISE)
     loads = Loads((part,), W1)

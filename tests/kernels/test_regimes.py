@@ -9,7 +9,7 @@ from core import Array
 from impact_env import Beam, ModalModel, ParameterError, Scene
 from impact_env.families.exact import linear_regime
 from impact_env.families.regime_cache import (
-    MOST_BYTES,
+    MOST_BYTES_CACHED,
     RegimeCache,
     cache_regimes,
     count_bytes,
@@ -20,12 +20,12 @@ from impact_env.kernels.exact import rigid_contact
 from impact_env.kernels.motion.modal_system import DRIVE, GUARD, RELATIVE, REST, SPEED, TIP
 from impact_env.kernels.motion.segments import LinearRegime
 from impact_env.modes import modal_model
-from impact_env.regime_sets import set_modes
+from impact_env.regime_sets import solve_set_modes
 from impact_env.regimes import (
-    SOUND,
+    BASIS_TOL,
     basis_error,
     checked_modes,
-    fastest,
+    find_fastest,
     free_regime,
     joined_regime,
     padded_size,
@@ -39,11 +39,11 @@ BAR = 1e-12  # of the energy norm
 
 
 def free(model: ModalModel) -> LinearRegime:
-    return free_regime(model, padded_size(fastest(model)[1]), 0.01)
+    return free_regime(model, padded_size(find_fastest(model)[1]), 0.01)
 
 
 def joined(model: ModalModel, mass: float) -> LinearRegime:
-    return joined_regime(model, mass, padded_size(fastest(model, mass)[1]), 0.01)
+    return joined_regime(model, mass, padded_size(find_fastest(model, mass)[1]), 0.01)
 
 
 def sprung(model: ModalModel, mass: float, stiffness: float, damper: float = 0.0) -> LinearRegime:
@@ -52,7 +52,7 @@ def sprung(model: ModalModel, mass: float, stiffness: float, damper: float = 0.0
         mass,
         stiffness,
         damper,
-        padded_size(fastest(model, mass, stiffness, damper)[1]),
+        padded_size(find_fastest(model, mass, stiffness, damper)[1]),
         0.01,
     )
 
@@ -102,7 +102,7 @@ def sprung_error(model: ModalModel, mass: float, stiffness: float, damper: float
 
 
 def several_error(model: ModalModel, masses: Array) -> float:
-    modes = set_modes(model, masses, model.absorber_shapes)
+    modes = solve_set_modes(model, masses, model.absorber_shapes)
     n = model.modes
     worst = 0.0
     scale = np.append(model.omega, np.ones(n))
@@ -231,7 +231,7 @@ def test_two_modes_with_one_frequency(apart: float) -> None:
 )
 def test_light_heavy_stiff_and_soft_absorbers(mass: float, stiffness: float) -> None:
     model = custom(6, 3, 0.01)
-    turned = fastest(model, mass, stiffness)[0] * max(
+    turned = find_fastest(model, mass, stiffness)[0] * max(
         times(model)
     )  # an angle, of which rounding is a share
     assert sprung_error(model, mass, stiffness, 0.0) < BAR + 4e-16 * turned
@@ -321,8 +321,8 @@ def test_the_regimes_of_many_scenes_do_not_add_up() -> None:
         linear_regime(Scene(modal_model(Beam(modes=60, damping_ratio=d))), reach)
         for d in np.linspace(0.01, 0.02, 80)
     ]
-    assert count_bytes(tuple(regimes)) > MOST_BYTES
-    assert cache_regimes.bytes <= MOST_BYTES
+    assert count_bytes(tuple(regimes)) > MOST_BYTES_CACHED
+    assert cache_regimes.bytes <= MOST_BYTES_CACHED
 
 
 @pytest.mark.parametrize("mass_ratio", [1e-3, 0.02, 1.0])
@@ -331,11 +331,11 @@ def test_bases_are_complete_far_within_the_tolerances_of_joint_forces_and_accele
     modes: int, mass_ratio: float
 ) -> None:
     """What a change of basis may be off is what these are made for: usual scenes are below it, and a joint force has a hundred times as much."""
-    assert starts.ACCELERATION_TOL == SOUND
-    assert pytest.approx(100 * SOUND) == rigid_contact.JOINT_FORCE_TOL
+    assert starts.ACCELERATION_TOL == BASIS_TOL
+    assert pytest.approx(100 * BASIS_TOL) == rigid_contact.JOINT_FORCE_TOL
     for damping in (0.0, 0.01, 0.3, 1.0, 1.5):
         model = modal_model(Beam(modes=modes, damping_ratio=damping))
         scale = np.concatenate([model.omega, [0.0], np.ones(modes), [0.0]])
         states = np.flatnonzero(scale)
         basis = checked_modes(model, mass_ratio * model.beam_mass, None, 0.0)
-        assert basis_error(basis.out[states], basis.into[:, states], scale[states]) < SOUND
+        assert basis_error(basis.out[states], basis.into[:, states], scale[states]) < BASIS_TOL

@@ -44,7 +44,7 @@ from impact_env.kernels.stepping.chirp import fill_force
 from impact_env.kernels.stepping.feedback import STRIDE, CompliantLaws, Q, new_runge_kutta_table
 from impact_env.kernels.stepping.grid import BeamModes, DriveForce
 from impact_env.level import response_level
-from impact_env.methods import LEAST_STEPS, Method, check_mass, check_step
+from impact_env.methods import LEAST_STEPS_PER_PERIOD, Method, check_mass, check_step
 from impact_env.parameters import Absorber
 from impact_env.response import Response
 
@@ -346,7 +346,7 @@ def test_steps_that_the_message_asks_for_are_allowed_and_a_force_between_the_ste
         with pytest.raises(ParameterError) as caught:
             checked(ratio, method())
         checked(ratio, method(int(str(caught.value).partition("about ")[2].split()[0])))
-    most = 20 / LEAST_STEPS
+    most = 20 / LEAST_STEPS_PER_PERIOD
     checked(0.01, method(), most * (1 - 1e-9))
     checked(0.01, method(), 100.0, force=0.0)
     checked(0.01, method(401), 100.0)

@@ -5,11 +5,11 @@ import pytest
 from support.orbit_cases import multipliers_by_reference, paper_case
 
 from impact_env.parameters import ParameterError
-from impact_env.periodic.basins import Share, distance_to, find_basins, random_start
+from impact_env.periodic.basins import Share, distance_to, draw_start, find_basins
 from impact_env.periodic.motion import Motion
 from impact_env.periodic.offspring import all_orbits_over
-from impact_env.periodic.orbit import Orbit, mirrored
-from impact_env.periodic.survey import same, state_after
+from impact_env.periodic.orbit import Orbit, mirror_orbit
+from impact_env.periodic.survey import is_same_orbit, state_after
 from impact_env.scene import InitialState
 
 
@@ -37,9 +37,9 @@ def test_a_stable_orbit_does_not_end_the_search_for_others() -> None:
     stable = [orbit for orbit in group.orbits if orbit.stability.stable]
     doubled = [orbit for orbit in stable if orbit.schedule.period_multiple == 2]
     assert len(doubled) == 2
-    image = mirrored(doubled[0])
+    image = mirror_orbit(doubled[0])
     assert isinstance(image, Orbit)
-    assert same(image, doubled[1])
+    assert is_same_orbit(image, doubled[1])
     assert group.basins is not None
     assert sum(group.basins.share_of(orbit).ended for orbit in stable) == group.basins.runs
     assert any(orbit.schedule.period_multiple == 1 for orbit in stable)
@@ -51,7 +51,7 @@ def test_a_run_ends_on_the_orbit_that_it_is_counted_for() -> None:
     basins = find_basins(case, starts=4, periods=400, seed=3, reach=2e-3)
     ended = [0] * len(basins.orbits)
     for k in range(4):
-        state, phase = random_start(case, 2e-3, np.random.default_rng([3, k]))
+        state, phase = draw_start(case, 2e-3, np.random.default_rng([3, k]))
         end, after = state_after(case, 601.0, InitialState.from_vector(case.scene, state), phase)
         miss = [distance_to(orbit, end, after) for orbit in basins.orbits]
         ended[int(np.argmin(miss))] += 1

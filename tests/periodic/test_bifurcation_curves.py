@@ -9,7 +9,7 @@ from support.orbit_cases import high_orbit, model_of, multipliers_by_reference, 
 from impact_env import Beam, beam_scene, impact_absorber
 from impact_env.parameters import ParameterError
 from impact_env.periodic.bifurcation_curves import (
-    KINDS,
+    CURVE_KINDS,
     RESONANCE,
     BifurcationCurve,
     bifurcation_curve,
@@ -26,9 +26,9 @@ from impact_env.periodic.branch import FOLD
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.continuation import Steps
 from impact_env.periodic.folds import Fold
-from impact_env.periodic.green import NoOrbit, residual_and_jacobian, solution_of, unknowns_of
+from impact_env.periodic.green import NoOrbit, make_solution, read_unknowns, residual_and_jacobian
 from impact_env.periodic.harmonic_balance import harmonic_balance
-from impact_env.periodic.isolas import thresholds
+from impact_env.periodic.isolas import find_thresholds
 from impact_env.periodic.motion import Motion, motion_of, stability_of
 from impact_env.periodic.offspring import descendants
 from impact_env.periodic.orbit import Orbit, confirmed, orbit_of, unpacked
@@ -57,8 +57,10 @@ def one_mode() -> dict[str, list[BifurcationCurve]]:
         for found in descendants(symmetric, RANGE, longest=1)
         if isinstance(found, OrbitBranch)
     ]
-    curves = list(bifurcation_curves([*symmetric, *pairs], KINDS[:3], "force", (1.0, 2.5), RANGE))
-    return {kind: [curve for curve in curves if curve.kind == kind] for kind in KINDS}
+    curves = list(
+        bifurcation_curves([*symmetric, *pairs], CURVE_KINDS[:3], "force", (1.0, 2.5), RANGE)
+    )
+    return {kind: [curve for curve in curves if curve.kind == kind] for kind in CURVE_KINDS}
 
 
 @cache
@@ -106,7 +108,7 @@ def test_folds_over_the_force_are_the_closed_forms_and_turn_at_birth_and_merger(
         known = np.array(closed_folds(solution.case, ratio - 0.002, ratio + 0.002)) / FIRST
         assert np.min(np.abs(known - ratio)) < 1e-9
     turns = [orbit.case for kind, orbit in curve.located if kind == FOLD]
-    levels = thresholds(curve.case, 0.87, 0.99)
+    levels = find_thresholds(curve.case, 0.87, 0.99)
     assert len(turns) == len(levels) == 2
     for level in levels:
         assert min(abs(turn.force - level.force) for turn in turns) < 1e-8
@@ -153,7 +155,7 @@ def test_every_bifurcation_located_has_its_multiplier_in_an_own_propagation() ->
     """A vanishing impulse turns the sign of det(M + I): 1.01618 is no broken symmetry."""
     branches = losses()
     assert sum(PULLING in branch.branch.ended for branch in branches) == 2
-    located = [place for branch in branches for place in branch.places() if place[0] in KINDS]
+    located = [place for branch in branches for place in branch.places() if place[0] in CURVE_KINDS]
     assert len(located) >= 8
     for kind, solution in located:
         assert on_the_circle_by_reference(kind, motion_of(solution)), (
@@ -198,7 +200,9 @@ def test_a_fold_has_the_residual_behind_newtons_last_step() -> None:
     for fold in branch.folds():
         assert isinstance(fold, Fold)
         solution = fold.motion.solution
-        residual, _ = residual_and_jacobian(solution.case, solution.schedule, unknowns_of(solution))
+        residual, _ = residual_and_jacobian(
+            solution.case, solution.schedule, read_unknowns(solution)
+        )
         assert solution.error == pytest.approx(np.max(np.abs(residual)), rel=0, abs=3e-15)
 
 
@@ -208,11 +212,11 @@ def test_the_test_functions_pass_a_vanishing_impulse_without_a_change_of_sign() 
         each for each in losses() if each.of(PULLING) and each.branch.parameters[0] > FIRST
     )
     place = branch.of(PULLING)[0].solution
-    z = unknowns_of(place)
+    z = read_unknowns(place)
     values = []
     for impulse in (1e-7, -1e-7):
         z[1] = impulse
-        at = solution_of(place.case, place.schedule, z, 0.0)
+        at = make_solution(place.case, place.schedule, z, 0.0)
         motion = motion_of(at)
         determinant = np.linalg.det(motion.derivative + np.eye(4))
         values.append((determinant, minus_one_test(motion), torus_test(motion)))
@@ -230,7 +234,7 @@ def test_where_friction_would_hold_the_absorber_nothing_is_located() -> None:
         place
         for branch in orbit_branches(case, 0.95 * first, 0.98 * first)
         for place in branch.places()
-        if place[0] in KINDS
+        if place[0] in CURVE_KINDS
     ]
     assert places
     for kind, solution in places:

@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
-from impact_env.periodic.branch import CLOSED, LIMIT, MINIMUM_STEP, STOPPED, Monitor
-from impact_env.periodic.continuation import Problem, both_ways, continuation, switched
+from impact_env.periodic.branch import CLOSED, INTERRUPTED, MINIMUM_STEP, PARAMETER_LIMIT, Monitor
+from impact_env.periodic.continuation import (
+    ContinuationProblem,
+    follow_both_ways,
+    follow_branch,
+    switch_at_branch_point,
+)
 
 Array = np.ndarray
 
@@ -27,7 +32,7 @@ def pitchfork(z: Array, p: float) -> tuple[Array, Array]:
 
 
 def test_a_circle_is_closed_and_its_folds_are_where_they_should_be() -> None:
-    branch = continuation(Problem(circle), np.array([1.0]), 0.0)
+    branch = follow_branch(ContinuationProblem(circle), np.array([1.0]), 0.0)
     assert branch.ended == CLOSED
     assert branch.points[-1] == branch.points[0]
     folds = branch.of("fold")
@@ -49,8 +54,8 @@ def test_a_circle_is_closed_and_its_folds_are_where_they_should_be() -> None:
 
 
 def test_folds_of_an_s_shaped_curve_to_both_sides() -> None:
-    branch = both_ways(Problem(cubic, limits=(-3.0, 3.0)), np.array([0.1]), 0.1)
-    assert branch.ended == LIMIT
+    branch = follow_both_ways(ContinuationProblem(cubic, limits=(-3.0, 3.0)), np.array([0.1]), 0.1)
+    assert branch.ended == PARAMETER_LIMIT
     assert branch.parameters[[0, -1]] == pytest.approx(
         [3, -3], abs=1e-12
     )  # the middle part runs backwards: p rises to the left
@@ -62,17 +67,17 @@ def test_folds_of_an_s_shaped_curve_to_both_sides() -> None:
 
 
 def test_two_branches_of_a_pitchfork_are_found_from_one() -> None:
-    problem = Problem(pitchfork, limits=(-0.5, 0.5))
-    trivial = both_ways(problem, np.array([0.0, 0.25]), -0.5 + 1e-3)
+    problem = ContinuationProblem(pitchfork, limits=(-0.5, 0.5))
+    trivial = follow_both_ways(problem, np.array([0.0, 0.25]), -0.5 + 1e-3)
     (event,) = trivial.of("branch point")
     assert event.parameter == pytest.approx(0, abs=1e-8)
-    assert trivial.ended == LIMIT
-    starts = switched(problem, event)
+    assert trivial.ended == PARAMETER_LIMIT
+    starts = switch_at_branch_point(problem, event)
     assert len(starts) == 2
     ends = []
     for z, p, direction in starts:
-        branch = continuation(problem, z, p, direction)
-        assert branch.ended == LIMIT
+        branch = follow_branch(problem, z, p, direction)
+        assert branch.ended == PARAMETER_LIMIT
         ends.append(branch.points[-1][0])
         for point, q in zip(branch.points, branch.parameters, strict=True):
             assert point[0] ** 2 == pytest.approx(q - q**2, abs=1e-9)
@@ -82,7 +87,7 @@ def test_two_branches_of_a_pitchfork_are_found_from_one() -> None:
 def test_monitors_are_located_and_may_end_a_branch() -> None:
     seen = Monitor("x is a half", lambda z, _: z[0] - 0.5)
     last = Monitor("x is -0.3", lambda z, _: z[0] + 0.3, ends=True)
-    branch = continuation(Problem(circle, monitors=(seen, last)), np.array([1.0]), 0.0)
+    branch = follow_branch(ContinuationProblem(circle, monitors=(seen, last)), np.array([1.0]), 0.0)
     assert branch.ended == "x is -0.3"
     assert branch.points[-1][0] == pytest.approx(-0.3, abs=1e-11)
     (event,) = branch.of("x is a half")
@@ -94,22 +99,22 @@ def test_monitors_are_located_and_may_end_a_branch() -> None:
     assert kinds == ["x is a half", "fold", "x is -0.3"]
 
 
-def roof(slope: float) -> Problem:
+def roof(slope: float) -> ContinuationProblem:
     """p = 1 - slope |x| has a corner at x = 0."""
 
     def residual(z: Array, p: float) -> tuple[Array, Array]:
         return np.array([p - 1 + slope * abs(z[0])]), np.array([[slope * np.sign(z[0]), 1.0]])
 
-    return Problem(residual, limits=(-1.0, 2.0))
+    return ContinuationProblem(residual, limits=(-1.0, 2.0))
 
 
 def test_a_blunt_kink_is_passed_and_a_sharp_one_reported() -> None:
-    blunt = continuation(roof(0.3), np.array([-1.0]), 0.701)
-    assert blunt.ended == LIMIT
+    blunt = follow_branch(roof(0.3), np.array([-1.0]), 0.701)
+    assert blunt.ended == PARAMETER_LIMIT
     (kink,) = blunt.of("kink")
     assert kink.parameter == pytest.approx(1, abs=1e-6)
     assert blunt.points[-1][0] == pytest.approx(2 / 0.3, abs=1e-9)
-    sharp = continuation(roof(2.0), np.array([-1.0]), -0.999)
+    sharp = follow_branch(roof(2.0), np.array([-1.0]), -0.999)
     assert sharp.ended == MINIMUM_STEP
     assert sharp.parameters[-1] == pytest.approx(1, abs=1e-6)
     assert "no step from parameter = 0.99999" in sharp.message
@@ -120,5 +125,5 @@ def test_a_branch_can_be_stopped_and_keeps_what_it_has() -> None:
         if points == 7:
             raise KeyboardInterrupt
 
-    branch = continuation(Problem(circle), np.array([1.0]), 0.0, progress=interrupt)
-    assert (branch.ended, len(branch)) == (STOPPED, 7)
+    branch = follow_branch(ContinuationProblem(circle), np.array([1.0]), 0.0, progress=interrupt)
+    assert (branch.ended, len(branch)) == (INTERRUPTED, 7)

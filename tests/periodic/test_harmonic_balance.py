@@ -24,11 +24,11 @@ from impact_env.parameters import (
 )
 from impact_env.periodic.balance_branches import frequency_problem, start_of_orbit
 from impact_env.periodic.case import case_of
-from impact_env.periodic.contact import Contact, elastic_coulomb
-from impact_env.periodic.continuation import Steps, both_ways
+from impact_env.periodic.contact import ContactForce, elastic_coulomb_force
+from impact_env.periodic.continuation import Steps, follow_both_ways
 from impact_env.periodic.harmonic_balance import (
-    FORCE,
-    OMEGA,
+    FORCE_PARAMETER,
+    OMEGA_PARAMETER,
     PAPER_DAMPER,
     Balance,
     HarmonicResponse,
@@ -37,7 +37,7 @@ from impact_env.periodic.harmonic_balance import (
 )
 from impact_env.periodic.survey import closed_form_orbits
 from impact_env.periodic.symmetric import closed_form
-from impact_env.periodic.trigonometric import basis, negative, roots, share, values, window
+from impact_env.periodic.trigonometric import basis, find_roots, negative, share, values, window
 from impact_env.response import Window
 from impact_env.scene import InitialState, Scene
 from impact_env.sweep import simulate
@@ -77,7 +77,7 @@ def test_the_jacobian_is_the_derivative(absorber: SlidingAbsorber, symmetric: bo
         / (1 + np.arange(len(balance.kept)) % 5)
     )
     law = [name for name, value in vars(balance.law).items() if value is not None]
-    for name in (OMEGA, FORCE, *law):
+    for name in (OMEGA_PARAMETER, FORCE_PARAMETER, *law):
         at = getattr(balance.law if name in law else balance, name)
         residual = balance.residual(name)
         jacobian = residual(z, at)[1]
@@ -104,13 +104,13 @@ HEAVY = 1e9
 class HardeningSpring:
     """The absorber's force is -r^3/2; so many samples of it have its harmonics without error."""
 
-    def contact(self, motion: Array, dynamic: Array, omega: float, parameter: str) -> Contact:  # noqa: ARG002
+    def contact(self, motion: Array, dynamic: Array, omega: float, parameter: str) -> ContactForce:  # noqa: ARG002
         n = len(motion)
         rows = np.array([basis(angle, n // 2) for angle in np.arange(4 * n) * 2 * np.pi / (4 * n)])
         back = np.linalg.pinv(rows)
         r = rows @ motion
         zero = np.zeros((n, n))
-        return Contact(
+        return ContactForce(
             -back @ r**3 / 2, -back @ (1.5 * r[:, None] ** 2 * rows), zero, zero[0], zero[0], zero
         )
 
@@ -143,7 +143,7 @@ def test_both_branches_of_a_duffing_oscillator_are_what_integration_settles_to()
         harmonic_balance(Scene(OSCILLATOR, impact_absorber(mass_ratio=HEAVY)), 0.5, 0.4, 15),
         law=HardeningSpring(),
     )
-    branch = both_ways(
+    branch = follow_both_ways(
         frequency_problem(first, 0.3, 3.0), first.solved(first.free()), 0.5, Steps(most=0.05)
     )
     upper, lower = sorted((fold.parameter for fold in branch.of("fold")), reverse=True)
@@ -154,7 +154,7 @@ def test_both_branches_of_a_duffing_oscillator_are_what_integration_settles_to()
         if (p - 1.6) * (q - 1.6) < 0
     ]
     assert len(crossings) == 3
-    at = first.at(OMEGA, 1.6)
+    at = first.at(OMEGA_PARAMETER, 1.6)
     for z in (crossings[0], crossings[2]):  # the middle one is unstable: integration leaves it
         assert_integrated(at.response(at.solved(z)), lambda x: 0.5 * x**3, 1.6, 0.4, 1e-6)
 
@@ -244,7 +244,7 @@ def test_the_papers_isola_is_closed_and_depends_on_the_weight(weight: float, lef
     first = BEAM.omega[0]
     omega = 0.945 * BEAM.omega[0]
     balance = harmonic_balance(RUBBING, omega, 1.5, weight=weight)
-    branch = both_ways(
+    branch = follow_both_ways(
         frequency_problem(balance, 0.8 * first, 1.2 * first),
         at_orbit(RUBBING, balance),
         omega,
@@ -254,7 +254,7 @@ def test_the_papers_isola_is_closed_and_depends_on_the_weight(weight: float, lef
     folds = sorted(fold.parameter / first for fold in branch.of("fold"))
     assert folds == [pytest.approx(left, abs=6e-4), pytest.approx(0.954, abs=2e-4)]
     peak = max(
-        balance.at(OMEGA, p).response(z).tip_amplitude
+        balance.at(OMEGA_PARAMETER, p).response(z).tip_amplitude
         for z, p in zip(branch.points, branch.parameters, strict=True)
     )
     assert 1.07 < peak / 1.4743e-3 < 1.125
@@ -286,7 +286,7 @@ def test_all_harmonics_and_a_longer_period_give_the_symmetric_orbit_again() -> N
     longer = harmonic_balance(RUBBING, omega, 1.5, 45, multiple=3)
     row = np.zeros(91)
     row[3:46:3], row[48::3] = solution[1:16], solution[16:]
-    assert np.max(np.abs(longer.evaluated(row[longer.kept], OMEGA)[0])) < 1e-10 * 1.5
+    assert np.max(np.abs(longer.evaluated(row[longer.kept], OMEGA_PARAMETER)[0])) < 1e-10 * 1.5
 
 
 def in_order(values: Array) -> Array:
@@ -363,7 +363,7 @@ def _companion_roots(row: Array) -> Array:
 @pytest.mark.parametrize("h", [1, 7, 45])
 def test_roots_are_those_of_the_companion_matrix(h: int) -> None:
     rows = _rows(h, h)
-    for row, found in zip(rows, roots(rows), strict=True):
+    for row, found in zip(rows, find_roots(rows), strict=True):
         assert found == pytest.approx(_companion_roots(row), abs=1e-10)
 
 
@@ -372,7 +372,7 @@ def test_two_roots_close_to_one_another_are_not_missed(depth: float) -> None:
     """Cos(5 (angle - 0.3)) + 1 - depth dips below zero by depth: five pairs of roots that come arbitrarily close."""
     row = np.zeros(2 * 20 + 1)
     row[0], row[5], row[25] = 1 - depth, np.cos(1.5), np.sin(1.5)
-    (found,) = roots(row[None])
+    (found,) = find_roots(row[None])
     half = np.arccos(1 - depth) / 5
     middle = 0.3 + np.pi / 5 * np.arange(1, 10, 2)
     assert found == pytest.approx(
@@ -380,7 +380,7 @@ def test_two_roots_close_to_one_another_are_not_missed(depth: float) -> None:
         abs=max(1e-12, 1e-15 / half),
     )
     row[0] = 1 + depth
-    assert len(roots(row[None])[0]) == 0
+    assert len(find_roots(row[None])[0]) == 0
 
 
 def _dense(row: Array, points: int = 100_000) -> tuple[Array, Array]:
@@ -398,7 +398,7 @@ def _coefficients(angle: Array, x: Array, h: int) -> Array:
 def test_window_is_the_closed_form_of_a_cut_polynomial() -> None:
     h = 6
     for row in _rows(11, h, 3):
-        intervals = negative(row, roots(row[None])[0])
+        intervals = negative(row, find_roots(row[None])[0])
         angle, x = _dense(row)
         matrix = window(intervals, h)
         assert matrix @ row == pytest.approx(_coefficients(angle, np.minimum(x, 0), h), abs=1e-7)
@@ -424,7 +424,7 @@ def test_elastic_coulomb_is_what_a_slider_does(limit: float, stiffness: float) -
     h = 5
     for row in _rows(5, h, 2):
         angle, x = _dense(row, 20_000)
-        found = elastic_coulomb(row, limit, stiffness)
+        found = elastic_coulomb_force(row, limit, stiffness)
         assert found.force == pytest.approx(
             _coefficients(angle, _jenkins(x, limit, stiffness), h), abs=5e-4 * limit
         )

@@ -6,8 +6,8 @@ from orbit_cases import model_of
 from periodic_truth import Truth, matched
 
 from impact_env import Beam, ModalModel, modal_model
-from impact_env.periodic.case import Case, structure_of
-from impact_env.periodic.folds import Fold, fold_near
+from impact_env.periodic.case import Case, make_structure
+from impact_env.periodic.folds import Fold, find_fold
 from impact_env.periodic.green import Conditions, NoOrbit, Solution, residual_and_jacobian, solve
 from impact_env.periodic.motion import motion_of, stability_of
 from impact_env.periodic.schedule import EventSchedule, flying_schedule
@@ -16,13 +16,13 @@ from impact_env.periodic.symmetric import (
     MERGER,
     closed_folds,
     closed_form,
+    find_level_places,
     fold_force,
     fold_impulse,
-    level_places,
     map_frequencies,
     symmetric_schedule,
 )
-from impact_env.regimes import own_modes
+from impact_env.regimes import solve_own_modes
 
 mpmath = pytest.importorskip("mpmath")
 
@@ -134,8 +134,8 @@ def test_orbits_and_runs_have_one_response_near_critical_damping(excess: float) 
     """To an impulse, exp(-D w t) sinh(r t)/r with r^2 = w^2 (D^2 - 1), against 40 digits: of the orbits' exponentials and of the regimes' slots."""
     omega = 31.0
     model = ModalModel([omega], [1.0 + excess], [0.8], [1.1], 1.4)
-    structure = structure_of(model, 0.02)
-    slots = own_modes(model, np.array([0]))
+    structure = make_structure(model, 0.02)
+    slots = solve_own_modes(model, np.array([0]))
     times = np.linspace(0.0, 0.3, 7)
     with mpmath.workdps(40):
         ratio = mpmath.mpf(1.0 + excess)
@@ -218,10 +218,10 @@ def test_the_level_set_of_the_fold_force_has_the_folds_and_its_valleys_the_birth
         small, large = closed_form(case.changed(omega=omega, force=case.force * (1 + 1e-9)))
         assert large.impulse - small.impulse < 1e-3 * large.impulse
         assert fold_impulse(case.changed(omega=omega)) > 0
-    for kind, force, omega in level_places(case, 0.85, 1.2):
+    for kind, force, omega in find_level_places(case, 0.85, 1.2):
         beside = fold_force(case, omega * np.array([1 - 1e-3, 1 + 1e-3]))
         assert np.all(beside > force) if kind == BIRTH else np.all(beside < force)
-    assert [kind for kind, _, _ in level_places(case, 0.85, 1.2)] == [BIRTH, MERGER, BIRTH]
+    assert [kind for kind, _, _ in find_level_places(case, 0.85, 1.2)] == [BIRTH, MERGER, BIRTH]
 
 
 @pytest.mark.parametrize("case", CASES[:3])
@@ -232,7 +232,7 @@ def test_the_slope_of_a_fold_is_that_of_the_fold_force_of_dense_matrices(case: C
     schedule = symmetric_schedule(case.friction_limit > 0)
     solution = solve(near, schedule, [large.phase, large.impulse / near.scale.impulse])
     assert isinstance(solution, Solution)
-    fold = fold_near(solution, "force")
+    fold = find_fold(solution, "force")
     assert isinstance(fold, Fold)
     assert fold.case.force == pytest.approx(force, rel=1e-9)
     step = 1e-5 * case.omega

@@ -20,16 +20,27 @@ from periodic_truth import matched
 from impact_env import InitialState, ModalModel
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Steps
-from impact_env.periodic.green import NoOrbit, unknowns_of
+from impact_env.periodic.green import NoOrbit, read_unknowns
 from impact_env.periodic.motion import Motion, ShotMotion
-from impact_env.periodic.orbit import Orbit, mirrored, orbit_at, settled, shot_orbit
+from impact_env.periodic.orbit import Orbit, find_orbit_at, mirror_orbit, settle_order, shot_orbit
 from impact_env.periodic.orbit_branches import GRAZING, orbit_branch
-from impact_env.periodic.passage import RECORD, passage
+from impact_env.periodic.passage import RECORD, follow_trajectory
 from impact_env.periodic.schedule import Regime
-from impact_env.periodic.shooting import shoot, shot
-from impact_env.periodic.survey import closed_form_orbits, crossings, orbit_of_simulation, same
+from impact_env.periodic.shooting import shoot, shoot_from
+from impact_env.periodic.survey import (
+    closed_form_orbits,
+    crossings,
+    is_same_orbit,
+    orbit_of_simulation,
+)
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
-from impact_env.periodic.validation import BAR, CHATTER_BAR, map_over, propagated, validate
+from impact_env.periodic.validation import (
+    CHATTER_BAR,
+    RESIDUAL_BAR,
+    iterate_map,
+    propagate_orbit,
+    validate,
+)
 from impact_env.sweep import simulate
 
 # --- the exact method as the judge --------------------------------------------------------------------------------------------------
@@ -64,8 +75,10 @@ def test_the_motion_is_the_exact_methods_and_what_is_told_of_it_that_of_samples(
     orbit = orbit_of(name)
     case = orbit_of(name).case
     assert orbit.schedule.flies == (name in FLYING)
-    assert orbit.residual < (CHATTER_BAR if name in HELD and name != "friction damper" else BAR)
-    response, start = propagated(orbit.motion, ALL)
+    assert orbit.residual < (
+        CHATTER_BAR if name in HELD and name != "friction damper" else RESIDUAL_BAR
+    )
+    response, start = propagate_orbit(orbit.motion, ALL)
     history = response.history
     n = case.model.modes
     truth = np.column_stack(
@@ -102,7 +115,10 @@ def test_multipliers_are_those_of_disturbed_runs(name: str) -> None:
     )
     size = 2e-7 if name in FLYING else 1e-6
     columns = [
-        (map_over(orbit.motion, start, state + step) - map_over(orbit.motion, start, state - step))
+        (
+            iterate_map(orbit.motion, start, state + step)
+            - iterate_map(orbit.motion, start, state - step)
+        )
         for step in size * np.diag(unit)
     ]
     truth = np.linalg.eigvals(np.array(columns).T / unit[:, None] / (2 * size))
@@ -159,23 +175,23 @@ def test_held_phases_and_slip_are_those_of_forty_digits(name: str) -> None:
 
 def test_mirrored_orbits_are_a_pair_and_a_symmetric_one_its_own() -> None:
     orbit = orbit_of("one-sided")
-    other = mirrored(orbit)
+    other = mirror_orbit(orbit)
     assert isinstance(other, Orbit)
-    assert not same(orbit, other)
+    assert not is_same_orbit(orbit, other)
     assert matched(other.stability.multipliers, orbit.stability.multipliers) < 1e-7
     phase = float(orbit.solution.phases[0]) + 0.4
     assert np.allclose(
         other.motion.state_at(phase + np.pi), -orbit.motion.state_at(phase), rtol=0, atol=1e-9
     )
     for name in ("isola", "chatter", "without rebound"):
-        image = mirrored(orbit_of(name))
+        image = mirror_orbit(orbit_of(name))
         assert isinstance(image, Orbit)
-        assert same(orbit_of(name), image)
+        assert is_same_orbit(orbit_of(name), image)
 
 
 def test_a_chatter_lists_the_impacts_of_the_recorded_run() -> None:
     orbit = orbit_of("chatter")
-    response, start = propagated(orbit.motion, ALL)
+    response, start = propagate_orbit(orbit.motion, ALL)
     assert orbit.schedule.symmetric
     assert len(orbit.impacts) == 2 * len(response.impacts.time)
     sizes = np.abs([impact.impulse for impact in orbit.impacts])
@@ -246,7 +262,7 @@ def test_a_passage_repeats_the_exact_methods_run_from_any_state() -> None:
     for _ in range(5):
         state = orbit_like * (1 + 0.1 * rng.uniform(-1, 1, 8))
         state[3] = model_of(3).tip_shape @ state[:3] + 0.2e-3 * rng.uniform(-1, 1)
-        found = passage(case, 0.3, state, 2 * case.period)
+        found = follow_trajectory(case, 0.3, state, 2 * case.period)
         assert np.max(np.abs(found.end / unit - run(state))) < 1e-10
         steps = 1e-7 * np.diag(unit)
         truth = np.array([(run(state + step) - run(state - step)) / 2e-7 for step in steps]).T
@@ -261,8 +277,10 @@ def test_the_events_of_a_run_are_those_of_the_orbit(name: str) -> None:
     orbit = orbit_of(name)
     case = orbit_of(name).case
     start = float(orbit.solution.phases[0]) - 0.3
-    run = passage(case, start, orbit.motion.state_at(start), orbit.schedule.turn / case.omega)
-    read = shot(case, run, orbit.schedule.symmetric, orbit.schedule.period_multiple, 0.0, 0)
+    run = follow_trajectory(
+        case, start, orbit.motion.state_at(start), orbit.schedule.turn / case.omega
+    )
+    read = shoot_from(case, run, orbit.schedule.symmetric, orbit.schedule.period_multiple, 0.0, 0)
     assert isinstance(read, ShotMotion)
     assert read.solution.schedule == orbit.schedule
     assert np.allclose(read.solution.phases, orbit.solution.phases, rtol=0, atol=1e-8)
@@ -273,7 +291,7 @@ def test_an_orbit_over_three_periods_of_the_force() -> None:
     assert found.schedule.symmetric
     assert len(found.impacts) == 6
     assert found.stability.stable
-    assert found.residual < BAR
+    assert found.residual < RESIDUAL_BAR
     phase = float(found.solution.phases[0]) + 0.2
     first = found.motion.state_at(phase)
     later = found.motion.state_at(phase + 2 * np.pi)
@@ -311,7 +329,7 @@ def test_a_branch_has_orbits_in_the_window_of_a_stuck_phase() -> None:
     held = [point for point in (*found, crossing) if not point.schedule.flies]
     assert crossing in held[-1:]
     assert len(held) > 1
-    assert all(point.residual < BAR for point in held)
+    assert all(point.residual < RESIDUAL_BAR for point in held)
     assert {
         event.wall
         for point in held
@@ -345,7 +363,9 @@ def test_what_does_not_come_back_never_touches_or_meets_a_resonance_says_so() ->
 def test_what_passes_a_wall_is_pulled_or_turns_is_no_orbit() -> None:
     pulled = paper_case(10, 0.96, 3.5, 0.7)
     wrong = [
-        orbit_at(pulled, symmetric_schedule(False), [b.phase, b.impulse / pulled.scale.impulse])
+        find_orbit_at(
+            pulled, symmetric_schedule(False), [b.phase, b.impulse / pulled.scale.impulse]
+        )
         for b in closed_form(pulled)
         if not b.pushes
     ]
@@ -358,7 +378,7 @@ def test_what_passes_a_wall_is_pulled_or_turns_is_no_orbit() -> None:
     large = closed_form(case)[1]
     assert (
         "turns"
-        in orbit_at(
+        in find_orbit_at(
             case,
             symmetric_schedule(True),
             [large.phase, large.impulse / case.scale.impulse],
@@ -384,12 +404,12 @@ def test_a_branch_ends_where_the_absorber_grazes_a_wall() -> None:
     assert abs(motion.clearance) < 1e-12 * case.gap
     at = motion.solution
     before, behind = (
-        orbit_at(at.case.changed(omega=at.case.omega * share), at.schedule, unknowns_of(at))
+        find_orbit_at(at.case.changed(omega=at.case.omega * share), at.schedule, read_unknowns(at))
         for share in (1 - 1e-6, 1 + 1e-6)
     )
     assert isinstance(before, Orbit)
     assert isinstance(behind, NoOrbit)
     assert "passes a wall" in behind.reason
-    beyond = settled(behind.case, at.schedule, unknowns_of(at))
+    beyond = settle_order(behind.case, at.schedule, read_unknowns(at))
     assert isinstance(beyond, Motion)
     assert "impacts instead of" in validate(beyond).reason

@@ -10,11 +10,11 @@ from orbit_cases import high_orbit, model_of, one_sided, paper_case
 from impact_env.parameters import ParameterError
 from impact_env.periodic import offspring
 from impact_env.periodic.case import Case
-from impact_env.periodic.folds import beside
-from impact_env.periodic.green import NoOrbit, unknowns_of
-from impact_env.periodic.isolas import folds, lowest_fold, thresholds
-from impact_env.periodic.offspring import all_orbits_over, descendants, leaving
-from impact_env.periodic.orbit import Orbit, mirrored, orbit_at
+from impact_env.periodic.folds import shift_from_fold
+from impact_env.periodic.green import NoOrbit, read_unknowns
+from impact_env.periodic.isolas import find_folds, find_lowest_fold, find_thresholds
+from impact_env.periodic.offspring import all_orbits_over, descendants, switch_branch
+from impact_env.periodic.orbit import Orbit, find_orbit_at, mirror_orbit
 from impact_env.periodic.orbit_branches import (
     PERIOD_DOUBLING,
     PULLING,
@@ -23,9 +23,9 @@ from impact_env.periodic.orbit_branches import (
     orbit_branch,
     orbit_branches,
 )
-from impact_env.periodic.survey import closed_form_orbits, orbits_over, same
+from impact_env.periodic.survey import closed_form_orbits, is_same_orbit, orbits_over
 from impact_env.periodic.symmetric import BIRTH, MERGER
-from impact_env.periodic.validation import BAR
+from impact_env.periodic.validation import RESIDUAL_BAR
 
 
 def test_the_isola_of_three_modes() -> None:
@@ -39,7 +39,7 @@ def test_the_isola_of_three_modes() -> None:
     assert min(abs(ratio - 0.9336128203) for ratio in ratios) < 1e-9
     orbits = [orbit for orbit in branch.orbits() if isinstance(orbit, Orbit)]
     assert len(orbits) > 0.9 * len(branch.schedules)
-    assert max(orbit.residual for orbit in orbits) < BAR
+    assert max(orbit.residual for orbit in orbits) < RESIDUAL_BAR
     assert {orbit.schedule.reversals for orbit in orbits} == {0, 2}
     assert max(orbit.motion.tip_max for orbit in orbits) == pytest.approx(1.4743e-3, rel=2e-4)
     assert high_orbit(case).motion.tip_max == pytest.approx(1.4743e-3, abs=5e-8)
@@ -48,7 +48,7 @@ def test_the_isola_of_three_modes() -> None:
 def test_the_folds_of_three_modes_with_and_without_reversals() -> None:
     located = [
         fold
-        for fold in folds(paper_case(3, 1.0, 1.5, friction=0.01), 0.9, 1.06)
+        for fold in find_folds(paper_case(3, 1.0, 1.5, friction=0.01), 0.9, 1.06)
         if isinstance(fold.orbit, Orbit)
     ]
     assert [fold.omega_ratio for fold in located] == pytest.approx(
@@ -58,7 +58,7 @@ def test_the_folds_of_three_modes_with_and_without_reversals() -> None:
         assert isinstance(fold.orbit, Orbit)
         multipliers = fold.orbit.stability.multipliers
         assert np.min(np.abs(multipliers - 1)) < 1e-7
-        assert fold.orbit.residual < BAR
+        assert fold.orbit.residual < RESIDUAL_BAR
 
 
 def test_the_merged_branch_of_three_modes() -> None:
@@ -78,7 +78,7 @@ def test_the_merged_branch_of_three_modes() -> None:
 def test_birth_and_merger_of_one_mode_with_losses() -> None:
     birth, merger = (
         one
-        for one in thresholds(paper_case(1, 1.0, 1.5, 0.75), 0.88, 1.0)
+        for one in find_thresholds(paper_case(1, 1.0, 1.5, 0.75), 0.88, 1.0)
         if isinstance(one.orbit, Orbit)
     )
     assert (birth.kind, birth.force, birth.omega_ratio) == (
@@ -96,32 +96,36 @@ def test_birth_and_merger_of_one_mode_with_losses() -> None:
 @pytest.mark.nightly
 def test_thresholds_among_many_reversals_settle_along_branches_over_the_force() -> None:
     """N_m = 5, e = 0.7: Newton's method on the fold's conditions runs from one order of reversals to the other at the outer valley and ridge."""
-    birth, merger = thresholds(paper_case(5, 1.0, 1.0, 0.7, 0.01), 0.91, 0.93)
+    birth, merger = find_thresholds(paper_case(5, 1.0, 1.0, 0.7, 0.01), 0.91, 0.93)
     assert (birth.kind, merger.kind) == (BIRTH, MERGER)
     for threshold, side in ((birth, 1), (merger, -1)):
         orbit = threshold.orbit
         assert isinstance(orbit, Orbit), threshold
         assert orbit.schedule.reversals >= 4
-        assert orbit.residual < BAR
+        assert orbit.residual < RESIDUAL_BAR
         assert (
             np.min(np.abs(orbit.stability.multipliers - 1)) < 1e-3
         )  # a fold: half-period multiplier +1
         for share in (-5e-4, 5e-4):
-            next_to = lowest_fold(orbit.case.changed(omega=orbit.case.omega * (1 + share)))
+            next_to = find_lowest_fold(orbit.case.changed(omega=orbit.case.omega * (1 + share)))
             assert not isinstance(next_to, NoOrbit)
             assert side * next_to.case.force > side * threshold.force
     case = birth.orbit.case
     schedule = birth.orbit.schedule
-    start = beside(case, schedule, unknowns_of(birth.orbit.solution), 1.001)
-    assert isinstance(orbit_at(case.changed(force=1.001 * birth.force), schedule, start), Orbit)
-    assert isinstance(orbit_at(case.changed(force=0.999 * birth.force), schedule, start), NoOrbit)
+    start = shift_from_fold(case, schedule, read_unknowns(birth.orbit.solution), 1.001)
+    assert isinstance(
+        find_orbit_at(case.changed(force=1.001 * birth.force), schedule, start), Orbit
+    )
+    assert isinstance(
+        find_orbit_at(case.changed(force=0.999 * birth.force), schedule, start), NoOrbit
+    )
 
 
 def test_the_fold_of_ten_modes_with_friction() -> None:
     """Published as 0.951825, where four reversals a half period become six; the folds on both sides of that are 1.3e-6 and 5.4e-5 below it."""
     found = [
         fold
-        for fold in folds(paper_case(10, 1.0, 3.5, 0.7, 0.1), 0.94, 0.965)
+        for fold in find_folds(paper_case(10, 1.0, 3.5, 0.7, 0.1), 0.94, 0.965)
         if isinstance(fold.orbit, Orbit)
     ]
     assert [fold.omega_ratio for fold in found] == pytest.approx(
@@ -234,7 +238,7 @@ def test_a_multiplier_of_minus_one_leads_to_twice_the_period() -> None:
     stable = [orbit for orbit in orbits if orbit.stability.stable]
     assert stable
     with pytest.raises(ParameterError, match="kind = 'fold'"):
-        next(leaving(pair, "fold"))
+        next(switch_branch(pair, "fold"))
 
 
 def test_all_orbits_over_a_range_have_pairs_doubled_periods_and_their_mirror_images() -> None:
@@ -252,9 +256,9 @@ def test_all_orbits_over_a_range_have_pairs_doubled_periods_and_their_mirror_ima
         sided = [orbit for orbit in group.orbits if not orbit.schedule.symmetric]
         assert len(sided) % 2 == 0
         for orbit in sided:
-            image = mirrored(orbit)
+            image = mirror_orbit(orbit)
             assert isinstance(image, Orbit)
-            assert sum(same(image, other) for other in sided) == 1
+            assert sum(is_same_orbit(image, other) for other in sided) == 1
             assert orbit.residual < 1e-10
     multiples = [{orbit.schedule.period_multiple for orbit in group.orbits} for group in groups]
     assert multiples[0] == {1}

@@ -21,18 +21,18 @@ from impact_env.periodic.residence import (
     hazard,
     hold,
     jumps,
-    passage,
-    stay_of,
+    passage_schedule,
+    read_duration,
     stays,
 )
 from impact_env.periodic.shooting import Exponent, exponent_of, largest_exponent
 from impact_env.periodic.stationary import (
     Criteria,
-    Kind,
-    Window,
+    ResponseKind,
+    StationaryWindow,
     classify,
+    classify_members,
     envelope,
-    stationary_members,
 )
 from impact_env.periodic.survey import closed_form_orbits
 from impact_env.scene import Scene
@@ -41,12 +41,12 @@ from impact_env.sweep import simulate
 PERIODS = 60
 
 
-def window(multiple: int | None, impacts: np.ndarray, wobble: float = 0.0) -> Window:
+def window(multiple: int | None, impacts: np.ndarray, wobble: float = 0.0) -> StationaryWindow:
     """Return a window whose states come again after ``multiple`` periods, or never."""
     n = np.arange(PERIODS + 1)
     angle = 2 * np.pi * n / multiple if multiple else n * np.sqrt(5.0)
     states = np.column_stack([np.cos(angle), np.sin(angle), np.full(len(n), 0.3)]) * 1e-3
-    return Window(states, impacts, 1e-3 * (1 + wobble * np.sin(0.37 * n[:-1])))
+    return StationaryWindow(states, impacts, 1e-3 * (1 + wobble * np.sin(0.37 * n[:-1])))
 
 
 TWO_A_PERIOD = np.arange(0.25, PERIODS, 0.5)
@@ -56,18 +56,20 @@ WITH_PAUSES = TWO_A_PERIOD[TWO_A_PERIOD % 10 < 6]
 @pytest.mark.parametrize(
     ("given", "kind", "multiple"),
     [
-        (window(1, np.zeros(0)), Kind.LINEAR, 1),
-        (window(None, np.zeros(0)), Kind.LINEAR, None),
-        (window(1, TWO_A_PERIOD), Kind.PERIODIC, 1),
-        (window(3, TWO_A_PERIOD), Kind.PERIODIC, 3),
-        (window(3, WITH_PAUSES, 0.8), Kind.PERIODIC, 3),
-        (window(None, TWO_A_PERIOD, 0.1), Kind.SUSTAINED, None),
-        (window(None, TWO_A_PERIOD, 0.8), Kind.SUSTAINED, None),
-        (window(None, WITH_PAUSES, 0.1), Kind.SUSTAINED, None),
-        (window(None, WITH_PAUSES, 0.8), Kind.MODULATED, None),
+        (window(1, np.zeros(0)), ResponseKind.LINEAR, 1),
+        (window(None, np.zeros(0)), ResponseKind.LINEAR, None),
+        (window(1, TWO_A_PERIOD), ResponseKind.PERIODIC, 1),
+        (window(3, TWO_A_PERIOD), ResponseKind.PERIODIC, 3),
+        (window(3, WITH_PAUSES, 0.8), ResponseKind.PERIODIC, 3),
+        (window(None, TWO_A_PERIOD, 0.1), ResponseKind.SUSTAINED, None),
+        (window(None, TWO_A_PERIOD, 0.8), ResponseKind.SUSTAINED, None),
+        (window(None, WITH_PAUSES, 0.1), ResponseKind.SUSTAINED, None),
+        (window(None, WITH_PAUSES, 0.8), ResponseKind.MODULATED, None),
     ],
 )
-def test_kinds_of_constructed_responses(given: Window, kind: Kind, multiple: int | None) -> None:
+def test_kinds_of_constructed_responses(
+    given: StationaryWindow, kind: ResponseKind, multiple: int | None
+) -> None:
     found = classify(given)
     assert (found.kind, found.multiple) == (kind, multiple)
     assert found.impacts_per_period == len(given.impacts) / PERIODS
@@ -75,27 +77,27 @@ def test_kinds_of_constructed_responses(given: Window, kind: Kind, multiple: int
 
 def test_period_is_found_within_its_tolerance_and_up_to_the_largest_multiple() -> None:
     exact = window(13, TWO_A_PERIOD)
-    assert classify(exact).kind is Kind.SUSTAINED
+    assert classify(exact).kind is ResponseKind.SUSTAINED
     assert classify(exact, Criteria(most_multiple=13)).multiple == 13
     noise = np.random.default_rng(0).uniform(-1, 1, exact.states.shape) * 1e-3 * 2e-4
-    blurred = Window(window(2, TWO_A_PERIOD).states + noise, TWO_A_PERIOD, exact.peaks)
+    blurred = StationaryWindow(window(2, TWO_A_PERIOD).states + noise, TWO_A_PERIOD, exact.peaks)
     assert classify(blurred).multiple is None
     assert classify(blurred, Criteria(tolerance=1e-3)).multiple == 2
 
 
 def members_at(modes: int, ratio: float, force: float, **absorber: float) -> list:
     scene = beam_scene(Beam(modes=modes), impact_absorber(**absorber))
-    return stationary_members(
+    return classify_members(
         scene, force, Approach(scene.model.resonance_omega(1)), ratio, 500, 150, [0.0, 1.0, 2.5]
     )
 
 
 def test_runs_of_each_kind() -> None:
     linear = members_at(2, 0.9, 0.5, friction_limit=0.025)
-    assert {member.found.kind for member in linear} == {Kind.LINEAR}
+    assert {member.found.kind for member in linear} == {ResponseKind.LINEAR}
     assert all(member.found.depth < 1e-9 for member in linear)
     modulated = members_at(1, 1.0, 1.7)  # the paper's strongly modulated response
-    assert {member.found.kind for member in modulated} == {Kind.MODULATED}
+    assert {member.found.kind for member in modulated} == {ResponseKind.MODULATED}
     assert all(
         1.7 < member.found.impacts_per_period < 2.5 and member.energies.absorber_most > 0.9
         for member in modulated
@@ -103,7 +105,7 @@ def test_runs_of_each_kind() -> None:
     periodic = members_at(10, 0.9625, 3.5, restitution=0.7, friction_limit=0.1)
     assert all(
         (member.found.kind, member.found.multiple, member.found.impacts_per_period)
-        == (Kind.PERIODIC, 1, 2.0)
+        == (ResponseKind.PERIODIC, 1, 2.0)
         for member in periodic
     )
     for member in periodic:
@@ -115,17 +117,22 @@ def test_runs_of_each_kind() -> None:
         assert energies.impact > 0.1
         assert energies.friction > 0.1
     chaotic = members_at(10, 1.0, 3.5, restitution=0.7, friction_limit=0.1)
-    assert {member.found.kind for member in chaotic} == {Kind.SUSTAINED}
+    assert {member.found.kind for member in chaotic} == {ResponseKind.SUSTAINED}
     assert np.all(np.diff(envelope(chaotic)) > 0)
 
 
 def test_stay_ends_is_censored_or_never_began() -> None:
     steady = np.arange(0.0, 100.0, 1.0)
-    assert stay_of(steady, 20, 100, 10) == (70.0, False, False, 1.0)
-    assert stay_of(steady[steady <= 50], 20, 100, 10) == (30.0, True, False, 1.0)
-    assert stay_of(steady[steady <= 95], 20, 100, 10) == (70.0, False, False, 1.0)
-    assert stay_of(steady[steady <= 19], 20, 100, 10) is None
-    assert stay_of(steady[(steady <= 50) | (steady > 80)], 20, 100, 10) == (30.0, True, True, 1.0)
+    assert read_duration(steady, 20, 100, 10) == (70.0, False, False, 1.0)
+    assert read_duration(steady[steady <= 50], 20, 100, 10) == (30.0, True, False, 1.0)
+    assert read_duration(steady[steady <= 95], 20, 100, 10) == (70.0, False, False, 1.0)
+    assert read_duration(steady[steady <= 19], 20, 100, 10) is None
+    assert read_duration(steady[(steady <= 50) | (steady > 80)], 20, 100, 10) == (
+        30.0,
+        True,
+        True,
+        1.0,
+    )
 
 
 def sample(rate: float, most: float, n: int) -> Stays:
@@ -261,7 +268,7 @@ def test_jump_is_predicted_without_a_fit() -> None:
 
 def test_approach_and_passage_go_where_they_should() -> None:
     approach = Approach(2 * np.pi, 1.0, 200.0, 50.0)
-    drive = passage(approach, 1.0, 0.99, 0.95, 100.0)
+    drive = passage_schedule(approach, 1.0, 0.99, 0.95, 100.0)
     np.testing.assert_allclose(drive.schedule.times, [0, 200, 250, 300, 700])
     np.testing.assert_allclose(drive.schedule.omegas / (2 * np.pi), [1.0, 1.0, 0.99, 0.99, 0.95])
     at_once = hold(Approach(2 * np.pi), 1.0, 0.97, 30.0)

@@ -31,7 +31,7 @@ from impact_env import (
     simulate,
 )
 from impact_env.controlled import ControlledRuns, bind_kernel
-from impact_env.crew import Crew
+from impact_env.crew import WorkerPool
 from impact_env.kernels.compiling.jit import jit
 from impact_env.kernels.control.work_queue import (
     new_work_queue,
@@ -40,7 +40,7 @@ from impact_env.kernels.control.work_queue import (
     wait_until_done,
 )
 from impact_env.level import response_level
-from impact_env.loads import BASE, FORCE, Force, Loads, Pieces, Random, ShakenBase
+from impact_env.loads import BASE_QUANTITY, FORCE_QUANTITY, Force, Loads, Pieces, Random, ShakenBase
 from impact_env.methods import Method
 
 SAMPLES = 32
@@ -107,7 +107,7 @@ def test_a_record_beside_the_force_makes_the_run_of_both_loads(
     """From a place within a step, over the record's end."""
     scene = scene_of(absorber, modes=2)
     first = 30.3
-    quantity = FORCE if moves_base else BASE
+    quantity = FORCE_QUANTITY if moves_base else BASE_QUANTITY
     omega = scene.model.resonance_omega(1)
     ratios = np.linspace(0.97, 0.98, 3)
     record = Random(np.array([[20.0, 0.02], [60.0, 0.02]]), 0.05, 3, quantity).record()
@@ -140,7 +140,7 @@ def test_a_record_beside_the_force_makes_the_run_of_both_loads(
             values = np.interp(places, np.arange(len(record.values)), record.values)
             rows = np.zeros((len(times) - 1, 9))
             rows[:, 3], rows[:, 5] = values[:-1], np.diff(values) / np.diff(times)
-            return [Pieces(times, rows, quantity == BASE)]
+            return [Pieces(times, rows, quantity == BASE_QUANTITY)]
 
     loads = Loads((sweep, Cut(np.array([[20.0, 0.02], [60.0, 0.02]]), 0.05, 3, quantity)), omega)
     response = simulate(scene, loads, record=replace(record_of(scene), samples_per_period=SAMPLES))
@@ -166,7 +166,7 @@ def test_stepping_methods_go_on_from_interval_to_interval(
 
 
 def test_lanes_do_not_depend_on_threads_or_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("impact_env.controlled.FEWEST", 2)
+    monkeypatch.setattr("impact_env.controlled.LANES_PER_THREAD", 2)
     scene = scene_of(impact_absorber(restitution=0.8))
     omega = scene.model.resonance_omega(1)
     results = []
@@ -211,7 +211,7 @@ def test_memory_of_another_type_is_not_handed_to_machine_code(dtype: DTypeLike) 
 def test_every_part_is_done_once_in_every_call(helpers: int) -> None:
     counts = np.zeros(40, dtype=np.int64)
     board = new_work_queue(40)
-    crew = Crew(partial(count_up, counts, board), board)
+    crew = WorkerPool(partial(count_up, counts, board), board)
     shares = [
         np.array(cuts).repeat(2)[1:-1].reshape(-1, 2)
         for cuts in ([0, 3, 4, 20, 40], list(range(41)), [0, 40], [0])
@@ -246,7 +246,7 @@ def test_a_call_that_breaks_off_leaves_nobody_at_work(
         counts[taken] += 1
         return False
 
-    crew = Crew(breaks_off, board)
+    crew = WorkerPool(breaks_off, board)
     with pytest.raises(error):
         crew.work(parts, 1)
     assert counts.sum() == 1  # the other thread's part was waited for

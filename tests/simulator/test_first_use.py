@@ -27,7 +27,7 @@ simulate(scene, Drive(1.0, constant_frequency(scene.model.resonance_omega(1), 1.
 """
 PREPARED = """
 from impact_env import Beam, Drive, beam_scene, constant_frequency, first_use, is_ready, on_compile, prepare, simulate
-first_use.PATIENCE = 0.0
+first_use.SILENT_SECONDS = 0.0
 scene, told = beam_scene(Beam(modes=2)), []
 on_compile(told.append)
 before = is_ready(scene)
@@ -43,7 +43,7 @@ import numba
 from impact_env import first_use, on_compile
 from impact_env.kernels.compiling.jit import jit
 from impact_env.kernels.compiling.parts import only_cached, NotCached
-first_use.PATIENCE = 0.0
+first_use.SILENT_SECONDS = 0.0
 
 def wait(_):
     time.sleep(0.5)  # which counts, so that it takes longer than no time

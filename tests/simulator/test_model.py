@@ -21,12 +21,12 @@ from impact_env import (
 )
 from impact_env.controlled import ControlledRuns
 from impact_env.drive import Drive, constant_frequency
-from impact_env.families import FAMILIES, family, kernel_key
+from impact_env.families import SOLVERS, find_solver, kernel_key
 from impact_env.kernels.motion.observers import DONE
 from impact_env.laws import SceneKind
-from impact_env.loads import BASE, AnyDrive, Force, Loads, Samples
+from impact_env.loads import BASE_QUANTITY, AnyDrive, Force, Loads, Samples
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
-from impact_env.modes import deflection_row, matrices
+from impact_env.modes import assemble_matrices, deflection_row
 from impact_env.parameters import (
     Absorber,
     Beam,
@@ -71,7 +71,7 @@ def test_frequencies_converge_with_the_fourth_power_of_the_elements() -> None:
 
 def test_all_modes_are_normalised_and_ordered() -> None:
     beam = Beam(modes=60)
-    mass, stiffness = matrices(beam)
+    mass, stiffness = assemble_matrices(beam)
     model = modal_model(beam)
     assert np.all(np.diff(model.omega) > 0)
     assert np.all(model.tip_shape > 0)
@@ -203,7 +203,7 @@ def every_scene() -> dict[str, Scene]:
 def drives(of: Scene) -> tuple[AnyDrive, ...]:
     """Return a force, the same as a load, and a base that moves."""
     force = drive(of)
-    base = Samples(force.schedule.times[[0, -1]], np.array([1.0, 1.0]), BASE)
+    base = Samples(force.schedule.times[[0, -1]], np.array([1.0, 1.0]), BASE_QUANTITY)
     loads = ((Force(force),), (Force(force), base))
     return force, *(Loads(parts, force.schedule.reference) for parts in loads)
 
@@ -229,10 +229,10 @@ def test_each_pair_is_in_the_table_or_refused_and_has_one_key_exactly_where_it_s
         calls.append((name, *map(numba.typeof, arguments)))
         return DONE
 
-    for pair, own in FAMILIES.items():
-        monkeypatch.setitem(FAMILIES, pair, replace(own, lane=partial(watched, own.name)))
+    for pair, own in SOLVERS.items():
+        monkeypatch.setitem(SOLVERS, pair, replace(own, lane=partial(watched, own.name)))
     for name, present in every_scene().items():
-        if (present.kind, type(method)) not in FAMILIES:
+        if (present.kind, type(method)) not in SOLVERS:
             with pytest.raises(ParameterError, match=r"(method|gravity) = .* is not allowed"):
                 simulate(present, drive(present), method)
             continue
@@ -242,8 +242,10 @@ def test_each_pair_is_in_the_table_or_refused_and_has_one_key_exactly_where_it_s
                 assert refused in {"gravity", "loads", "method"}
                 assert name not in ABSORBERS or isinstance(load, Loads)
                 continue
-            assert FAMILIES[present.kind, type(method)] is family(present, method)
-            assert (family(present, method).lanes is None) == (present.kind is SceneKind.SEVERAL)
+            assert SOLVERS[present.kind, type(method)] is find_solver(present, method)
+            assert (find_solver(present, method).lanes is None) == (
+                present.kind is SceneKind.SEVERAL
+            )
             seen.append((kernel_key(present, method, load), calls[-1]))
     assert len(calls) == len(seen) > 15
     for (key, call), (other_key, other_call) in itertools.combinations(seen, 2):
@@ -252,7 +254,7 @@ def test_each_pair_is_in_the_table_or_refused_and_has_one_key_exactly_where_it_s
 
 def test_every_kind_of_scene_is_in_the_table_and_linear_ones_go_with_the_force() -> None:
     assert (
-        {scene(name).kind for name in ABSORBERS} == set(SceneKind) == {kind for kind, _ in FAMILIES}
+        {scene(name).kind for name in ABSORBERS} == set(SceneKind) == {kind for kind, _ in SOLVERS}
     )
     for name in ABSORBERS:
         present = scene(name)

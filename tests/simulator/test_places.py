@@ -21,7 +21,7 @@ from impact_env import (
     modal_model,
 )
 from impact_env.ensemble import Threads
-from impact_env.modes import deflection_row, matrices
+from impact_env.modes import assemble_matrices, deflection_row
 from impact_env.plain import from_scene, to_scene
 from optimisation.bounds import design_gap
 from optimisation.designs import Design, design_space
@@ -43,7 +43,7 @@ def row(position: float) -> int:
 
 def write(folder: Path, **more: Any) -> Path:
     """Write the paper's beam as matrices, with two places for absorbers, and the curvature at the clamp of the first Hermite element."""
-    mass, stiffness = matrices(BEAM)
+    mass, stiffness = assemble_matrices(BEAM)
     np.savez(folder / "beam.npz", M=mass, K=stiffness)
     strain = [
         {"row": 0, "weight": 6.0},

@@ -20,7 +20,7 @@ from impact_env import (
 )
 from impact_env.ensemble import LaneLevels, draw_members
 from impact_env.level import ResponseLevel
-from impact_env.plots import table
+from impact_env.plots import html_table
 from impact_env.response import Envelope, History
 
 SCENE = beam_scene(Beam(modes=2))
@@ -115,7 +115,7 @@ def test_responses_and_scenes_are_shown_in_a_line_or_two() -> None:
         == "Response(2 modes, no absorber 2 N from 0 to 0.09961 s, level 0.7 mm at 1.0100 of the resonance, 1 impact)"
     )
     assert "0.7 mm at 1.0100 of the resonance" in told._repr_html_()
-    assert "&lt;script&gt;" in table("a", [("b", "<script>")])
+    assert "&lt;script&gt;" in html_table("a", [("b", "<script>")])
     words = {
         impact_absorber(
             0.5e-3, 0.7, 0.1

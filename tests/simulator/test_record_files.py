@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import constants
 
-from impact_env.loads import BASE, FORCE, Samples
+from impact_env.loads import BASE_QUANTITY, FORCE_QUANTITY, Samples
 from impact_env.parameters import ParameterError
 from impact_env.plain_loads import read_loads
 from impact_env.sampling_times import is_even
@@ -23,7 +23,7 @@ VALUES = np.sin(250 * TIMES)
 
 
 def record(
-    folder: Path, content: object, name: str, more: str = "", quantity: str = BASE
+    folder: Path, content: object, name: str, more: str = "", quantity: str = BASE_QUANTITY
 ) -> Samples:
     """Return the record of a file with that content; a warning of a library is an error."""
     file = folder / name
@@ -129,7 +129,7 @@ def test_small_letters_do_not_make_a_meganewton_a_millinewton(tmp_path: Path) ->
 
 def test_forces_have_units_too(tmp_path: Path) -> None:
     for unit, factor in (("kN", 1e3), ("mN", 1e-3), ("lbf", constants.lbf), ("kgf", constants.g)):
-        found = record(tmp_path, table(f"t_s,force ({unit})"), "a.csv", quantity=FORCE)
+        found = record(tmp_path, table(f"t_s,force ({unit})"), "a.csv", quantity=FORCE_QUANTITY)
         np.testing.assert_allclose(found.values, factor * VALUES, atol=1e-8 * factor)
 
 
@@ -589,52 +589,67 @@ INCH = dataset_164(7, 1 / constants.inch, 1 / constants.lbf)
 READ_UFF: dict[
     str, tuple[bytes, str, float, str]
 ] = {  # a file, its quantity, the factor of its unit, keys of the load
-    "plain": (dataset_58(), BASE, 1.0, ""),
-    "single": (dataset_58(precision=2), BASE, 1.0, ""),
-    "binary": (dataset_58(binary="<"), BASE, 1.0, ""),
-    "binary, big-endian": (dataset_58(binary=">"), BASE, 1.0, ""),
-    "binary, single": (dataset_58(precision=2, binary="<"), BASE, 1.0, ""),
-    "binary, with times": (dataset_58(times=TIMES, binary="<"), BASE, 1.0, ""),
-    "with times": (dataset_58(times=TIMES), BASE, 1.0, ""),
-    "general function": (dataset_58(function=0), BASE, 1.0, ""),
-    "unknown axis of a time response": (dataset_58(axis=0), BASE, 1.0, ""),
-    "unknown values": (dataset_58(ordinate=0), BASE, 1.0, ""),
-    "units of labels": (dataset_58(step=1.0, labels=("ms", "g")), BASE, G, ""),
-    "SI": (dataset_164(1, 1.0, 1.0) + dataset_58(), BASE, 1.0, ""),
-    "millimetres": (MM + dataset_58(), BASE, 1e-3, ""),
-    "millimetres, afterwards": (dataset_58() + MM, BASE, 1e-3, ""),
-    "millimetres, in words too": (MM + dataset_58(labels=("s", "mm/s^2")), BASE, 1e-3, ""),
+    "plain": (dataset_58(), BASE_QUANTITY, 1.0, ""),
+    "single": (dataset_58(precision=2), BASE_QUANTITY, 1.0, ""),
+    "binary": (dataset_58(binary="<"), BASE_QUANTITY, 1.0, ""),
+    "binary, big-endian": (dataset_58(binary=">"), BASE_QUANTITY, 1.0, ""),
+    "binary, single": (dataset_58(precision=2, binary="<"), BASE_QUANTITY, 1.0, ""),
+    "binary, with times": (dataset_58(times=TIMES, binary="<"), BASE_QUANTITY, 1.0, ""),
+    "with times": (dataset_58(times=TIMES), BASE_QUANTITY, 1.0, ""),
+    "general function": (dataset_58(function=0), BASE_QUANTITY, 1.0, ""),
+    "unknown axis of a time response": (dataset_58(axis=0), BASE_QUANTITY, 1.0, ""),
+    "unknown values": (dataset_58(ordinate=0), BASE_QUANTITY, 1.0, ""),
+    "units of labels": (dataset_58(step=1.0, labels=("ms", "g")), BASE_QUANTITY, G, ""),
+    "SI": (dataset_164(1, 1.0, 1.0) + dataset_58(), BASE_QUANTITY, 1.0, ""),
+    "millimetres": (MM + dataset_58(), BASE_QUANTITY, 1e-3, ""),
+    "millimetres, afterwards": (dataset_58() + MM, BASE_QUANTITY, 1e-3, ""),
+    "millimetres, in words too": (MM + dataset_58(labels=("s", "mm/s^2")), BASE_QUANTITY, 1e-3, ""),
     "feet": (
         dataset_164(2, 1 / constants.foot, 1 / constants.lbf) + dataset_58(),
-        BASE,
+        BASE_QUANTITY,
         constants.foot,
         "",
     ),
-    "centimetres": (dataset_164(6, 1e2, 1e2) + dataset_58(), BASE, 1e-2, ""),
-    "inches": (INCH + dataset_58(), BASE, constants.inch, ""),
-    "pounds": (INCH + dataset_58(ordinate=13), FORCE, constants.lbf, ""),
-    "kilograms": (dataset_164(3, 1.0, 1 / G) + dataset_58(ordinate=9), FORCE, G, ""),
-    "millinewtons": (MM + dataset_58(ordinate=13), FORCE, 1e-3, ""),
+    "centimetres": (dataset_164(6, 1e2, 1e2) + dataset_58(), BASE_QUANTITY, 1e-2, ""),
+    "inches": (INCH + dataset_58(), BASE_QUANTITY, constants.inch, ""),
+    "pounds": (INCH + dataset_58(ordinate=13), FORCE_QUANTITY, constants.lbf, ""),
+    "kilograms": (dataset_164(3, 1.0, 1 / G) + dataset_58(ordinate=9), FORCE_QUANTITY, G, ""),
+    "millinewtons": (MM + dataset_58(ordinate=13), FORCE_QUANTITY, 1e-3, ""),
     "poundals": (
         dataset_164(4, 1 / constants.foot, 7.2330138512) + dataset_58(ordinate=13),
-        FORCE,
+        FORCE_QUANTITY,
         0.138254954376,
         "",
     ),
-    "units of one's own": (dataset_164(9, 1e6, 1.0) + dataset_58(), BASE, 1e-6, ""),
-    "a force by its exponents": (MM + dataset_58(ordinate=1, exponents=(0, 1, 0)), FORCE, 1e-3, ""),
-    "unknown values, with a unit": (MM + dataset_58(ordinate=0), BASE, G, "unit = 'g'"),
-    "a negative direction, with a sign": (dataset_58(place=(1, -3)), BASE, -1.0, "scale = -1"),
-    "the second": (dataset_58(2 * VALUES) + dataset_58(place=(7, 1)), BASE, 1.0, "channel = 2"),
+    "units of one's own": (dataset_164(9, 1e6, 1.0) + dataset_58(), BASE_QUANTITY, 1e-6, ""),
+    "a force by its exponents": (
+        MM + dataset_58(ordinate=1, exponents=(0, 1, 0)),
+        FORCE_QUANTITY,
+        1e-3,
+        "",
+    ),
+    "unknown values, with a unit": (MM + dataset_58(ordinate=0), BASE_QUANTITY, G, "unit = 'g'"),
+    "a negative direction, with a sign": (
+        dataset_58(place=(1, -3)),
+        BASE_QUANTITY,
+        -1.0,
+        "scale = -1",
+    ),
+    "the second": (
+        dataset_58(2 * VALUES) + dataset_58(place=(7, 1)),
+        BASE_QUANTITY,
+        1.0,
+        "channel = 2",
+    ),
     "the one at a node": (
         dataset_58(2 * VALUES) + dataset_58(place=(7, 1)),
-        BASE,
+        BASE_QUANTITY,
         1.0,
         "channel = '7:+X'",
     ),
     "beside a frequency response": (
         dataset_58(function=4, axis=18, precision=6) + dataset_58(),
-        BASE,
+        BASE_QUANTITY,
         1.0,
         "",
     ),

@@ -25,12 +25,12 @@ from impact_env.controlled import ControlledRuns
 from impact_env.curve import CurveCase, performance_curves
 from impact_env.drive import FrequencySchedule, constant_frequency, linear_sweep
 from impact_env.ensemble import Lane, run_lanes
-from impact_env.event_lists import EventLists
+from impact_env.event_lists import EventRecorder
 from impact_env.level import response_level
 from impact_env.level_sampling import require_sampled, response_spectrum
 from impact_env.loads import (
-    BASE,
-    FORCE,
+    BASE_QUANTITY,
+    FORCE_QUANTITY,
     AnyDrive,
     Force,
     Load,
@@ -46,7 +46,7 @@ from impact_env.loads import (
 )
 from impact_env.methods import Method, Moreau, RungeKutta
 from impact_env.parameters import CompliantWalls, SlidingAbsorber
-from impact_env.plots import columns
+from impact_env.plots import draw_columns
 from impact_env.response import Window
 from optimisation.measures import RMS, Chunk, measure, measured
 
@@ -79,20 +79,20 @@ EXCITATIONS: dict[str, AnyDrive] = {
         Tones((Tone(1.0, frequency=HERTZ / RATIO), Tone(1.0, frequency=HERTZ)), LENGTH)
     ),
     "order": loads(Tones((Tone(1.0, order=1), Tone(1.0, order=3)), schedule=SLOW)),
-    "tone of the base": loads(Tones((Tone(1.0, frequency=HERTZ),), LENGTH, quantity=BASE)),
+    "tone of the base": loads(Tones((Tone(1.0, frequency=HERTZ),), LENGTH, quantity=BASE_QUANTITY)),
     "unbalance": loads(Unbalance(1e-3, FAST)),
     "shaken base": loads(ShakenBase(FAST, acceleration=1.0)),
     "moved base": loads(ShakenBase(UP, displacement=1e-4)),
     "record": loads(Samples(CLOCK, SINE)),
-    "record of the base": loads(Samples(CLOCK, SINE, BASE)),
+    "record of the base": loads(Samples(CLOCK, SINE, BASE_QUANTITY)),
     "record beside a force": loads(
         Force(Drive(1.0, constant_frequency(W1, 1, 40))), Samples(CLOCK, SINE)
     ),
     "random": loads(Random(BAND, LENGTH)),
-    "random base": loads(Random(BAND, LENGTH, quantity=BASE)),
+    "random base": loads(Random(BAND, LENGTH, quantity=BASE_QUANTITY)),
     "shock": loads(Shock("half-sine", 1.0, 1e-3, LENGTH), reference=SLOWLY),
     "shock of the base": loads(
-        Shock("triangle", 1.0, 1e-3, LENGTH, quantity=BASE), reference=SLOWLY
+        Shock("triangle", 1.0, 1e-3, LENGTH, quantity=BASE_QUANTITY), reference=SLOWLY
     ),
     "strike": loads(Strike(0.1, LENGTH, "absorber"), reference=SLOWLY),
 }
@@ -136,7 +136,7 @@ def test_curves_controlled_runs_and_measures_are_refused_alike() -> None:
     def runs(record: Samples | None = None) -> ControlledRuns:
         return ControlledRuns(SCENE, 2, W1, 1.0, samples_per_period=FEW, record=record)
 
-    for record in (Samples(CLOCK, SINE), Samples(CLOCK, SINE, BASE)):
+    for record in (Samples(CLOCK, SINE), Samples(CLOCK, SINE, BASE_QUANTITY)):
         with pytest.raises(ParameterError, match=REFUSED):
             runs(record)
     controlled = runs()
@@ -169,7 +169,7 @@ def test_the_spectrum_of_a_shock_is_the_integral_over_its_pulse(pulse: str) -> N
     np.testing.assert_allclose(square, truth**2, rtol=1e-6)
 
 
-@pytest.mark.parametrize("quantity", [FORCE, BASE])
+@pytest.mark.parametrize("quantity", [FORCE_QUANTITY, BASE_QUANTITY])
 def test_the_spectrum_of_a_record_is_the_structures_stationary_response(quantity: str) -> None:
     from scipy.signal import lsim
 
@@ -177,7 +177,7 @@ def test_the_spectrum_of_a_record_is_the_structures_stationary_response(quantity
     clock = np.linspace(0.0, 200 * 2 * np.pi / W1, 20_001)
     values = np.append(rng.standard_normal(len(clock) - 1), 0.0)
     weight = MODEL.tip_shape * (
-        MODEL.force_shape if quantity == FORCE else MODEL.base_participation
+        MODEL.force_shape if quantity == FORCE_QUANTITY else MODEL.base_participation
     )
     moved = np.zeros(len(clock))
     for w, d, size in zip(MODEL.omega, MODEL.damping_ratio, weight, strict=True):
@@ -316,7 +316,7 @@ def test_a_window_holds_its_samples_ends_included(method: Method) -> None:
             np.testing.assert_array_equal(
                 getattr(found.history, name), getattr(whole, name)[inside]
             )
-        assert [len(row) for row in columns(found)] == [min(600, np.sum(inside))] * 3
+        assert [len(row) for row in draw_columns(found)] == [min(600, np.sum(inside))] * 3
 
 
 @pytest.mark.parametrize(
@@ -368,7 +368,7 @@ def test_more_events_than_a_list_holds_are_all_listed_by_one_run(
         return integrate(*given)
 
     monkeypatch.setattr(sweep, "integrate", counted)
-    monkeypatch.setattr(event_lists, "CHUNK", 16)
+    monkeypatch.setattr(event_lists, "EVENTS_PER_CHUNK", 16)
     scene, drive, start = bouncing(200)
     found = simulate(
         scene, drive, initial=start, record=Record(level=False, events=True, reversals=True)
@@ -388,7 +388,7 @@ def test_lists_in_chunks_are_those_in_one(method: Method, monkeypatch: pytest.Mo
     drive = drive_of(6.0, 0.98, 1.02, periods=20)
     record = Record(events=True, reversals=isinstance(method, Exact))
     whole = simulate(scene, drive, method, record=record)
-    monkeypatch.setattr(event_lists, "CHUNK", 3)
+    monkeypatch.setattr(event_lists, "EVENTS_PER_CHUNK", 3)
     parts = simulate(scene, drive, method, record=record)
     assert len(whole.impacts.time) > 20
     assert len(whole.phases.start) > 3
@@ -398,8 +398,8 @@ def test_lists_in_chunks_are_those_in_one(method: Method, monkeypatch: pytest.Mo
     assert parts.level == whole.level
 
 
-def failing(error: BaseException) -> Callable[[EventLists], None]:
-    def empty(_: EventLists) -> None:
+def failing(error: BaseException) -> Callable[[EventRecorder], None]:
+    def empty(_: EventRecorder) -> None:
         raise error
 
     return empty
@@ -411,8 +411,8 @@ def test_what_goes_wrong_while_a_list_is_emptied_ends_the_run(
 ) -> None:
     from impact_env import event_lists
 
-    monkeypatch.setattr(event_lists, "CHUNK", 4)
-    monkeypatch.setattr(EventLists, "empty", failing(error))
+    monkeypatch.setattr(event_lists, "EVENTS_PER_CHUNK", 4)
+    monkeypatch.setattr(EventRecorder, "empty", failing(error))
     scene, drive, start = bouncing(10**7)  # minutes
     with pytest.raises(type(error)):
         simulate(scene, drive, initial=start, record=Record(level=False, events=True))

@@ -17,12 +17,12 @@ from places import EXAMPLES
 
 from impact_env import Beam, Section, StructureWarning, beam_scene, modal_model
 from impact_env.frequency import receptance, tip_response
-from impact_env.loads import BASE, Loads, Samples
-from impact_env.modes import ModalModel, matrices
+from impact_env.loads import BASE_QUANTITY, Loads, Samples
+from impact_env.modes import ModalModel, assemble_matrices
 from impact_env.parameters import ParameterError, impact_absorber
 from impact_env.plain import from_scene, load_structure
 from impact_env.scene import Scene
-from impact_env.structures.checks import warnings_of_matrix
+from impact_env.structures.checks import list_matrix_warnings
 from impact_env.structures.matrices import lowest_modes
 from impact_env.sweep import simulate
 
@@ -122,7 +122,7 @@ def test_sections_of_one_kind_are_no_sections() -> None:
     np.testing.assert_allclose(modal_model(parted).omega, modal_model(plain).omega, rtol=1e-10)
     stepped = Beam(elements=12, modes=4, sections=(Section(6, 800.0, 2.0),))
     assert stepped.mass == pytest.approx(0.25 * 2.0 + 0.25 * 1.1275)
-    mass, stiffness = matrices(stepped)
+    mass, stiffness = assemble_matrices(stepped)
     np.testing.assert_allclose(
         modal_model(stepped).omega ** 2,
         scipy.linalg.eigh(stiffness, mass, eigvals_only=True)[:4],
@@ -155,7 +155,7 @@ def test_the_paper_beam_as_modal_data_and_as_matrices_has_the_beam_impacts(tmp_p
     (tmp_path / "modal.json").write_text(
         json.dumps({"model": from_scene(beam_scene(beam))["model"]})
     )
-    mass, stiffness = matrices(beam)
+    mass, stiffness = assemble_matrices(beam)
     for name, matrix in (("M", mass), ("K", stiffness)):
         scipy.io.mmwrite(tmp_path / f"{name}.mtx", scipy.sparse.coo_matrix(matrix), precision=17)
     keys = {
@@ -498,11 +498,11 @@ def test_mass_matrices_tell_a_wrong_mass_and_a_rotation() -> None:
     displaced = 2 * 156 / 420 * 2.0 * element
     turned = 2 * 4 / 420 * 2.0 * element**3
     diagonal = np.array([displaced, turned] * 10)
-    assert warnings_of_matrix(diagonal, 2.0, {"force": 0, "absorber": 18}) == []
-    (light,) = warnings_of_matrix(diagonal, 2e-3, {"force": 0})
+    assert list_matrix_warnings(diagonal, 2.0, {"force": 0, "absorber": 18}) == []
+    (light,) = list_matrix_warnings(diagonal, 2e-3, {"force": 0})
     assert "mass_kg = 0.002" in light
     assert "1.486 kg" in light
-    (rotation,) = warnings_of_matrix(diagonal, 2.0, {"force": 0, "absorber": 3})
+    (rotation,) = list_matrix_warnings(diagonal, 2.0, {"force": 0, "absorber": 3})
     assert rotation.startswith("absorber = 3")
     assert "rotation" in rotation
 
@@ -608,7 +608,8 @@ def read(folder: Path, base_vector: Any, **more: Any) -> ModalModel:
 def pushed(model: ModalModel, gap: float | None = None) -> tuple[float, float]:
     """Return where structure and absorber are, at the absorber's place, after seconds of a constant acceleration of the base."""
     load = Loads(
-        (Samples(np.array([0.0, SECONDS]), np.full(2, ACCELERATION), BASE),), float(model.omega[0])
+        (Samples(np.array([0.0, SECONDS]), np.full(2, ACCELERATION), BASE_QUANTITY),),
+        float(model.omega[0]),
     )
     scene = Scene(model, None if gap is None else impact_absorber(gap, 0.7, 0.0, 0.02))
     history = simulate(scene, load, record=record_of(scene)).history

@@ -36,11 +36,11 @@ from impact_env.drive import (
     linear_sweep,
 )
 from impact_env.ensemble import Lane, Members, Threads, draw_members
-from impact_env.envs.active_task import Cycle
-from impact_env.envs.adaptive_task import Cavity, GapControl, Grip
-from impact_env.envs.drawn_task import Drawn, Pool
+from impact_env.envs.active_task import ActiveSettings
+from impact_env.envs.adaptive_task import FrictionRange, GapControl, GapRange
+from impact_env.envs.drawn_task import RandomisedSettings, StructurePool
 from impact_env.envs.settings import TaskSettings
-from impact_env.envs.sweep_task import Passage
+from impact_env.envs.sweep_task import PassageSettings
 from impact_env.frequency import (
     frequency_range,
     natural_frequencies,
@@ -449,13 +449,13 @@ def targets() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         (JointOfMass, {"model": model, "mass": 0.01}),
         # environments
         (TaskSettings, {}),
-        (Passage, {}),
-        (Grip, {}),
-        (Cavity, {}),
+        (PassageSettings, {}),
+        (FrictionRange, {}),
+        (GapRange, {}),
         (GapControl, {}),
-        (Cycle, {}),
-        (Drawn, {}),
-        (Pool, {}),
+        (ActiveSettings, {}),
+        (RandomisedSettings, {}),
+        (StructurePool, {}),
         # design
         (Objective, {}),
         (Constraint, {"name": "stroke", "limit": 1e-3}),

@@ -12,7 +12,7 @@ from typing import Any
 import click
 import numpy as np
 
-from impact_env.envs.evaluation import interval
+from impact_env.envs.evaluation import bootstrap_interval
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError
 from optimisation.cli.common import check_target, command
@@ -58,7 +58,7 @@ def rooms(found: Mapping[str, Json]) -> str:
 
 def told(scores: Any) -> str:
     """Return the mean of scores (runs, seeds) with its interval, and how many runs there are if there are several."""
-    low, high = interval(np.mean, scores)
+    low, high = bootstrap_interval(np.mean, scores)
     runs = f" ({len(scores)} runs)" if len(scores) > 1 else ""
     return f"{scores.mean():.3f} [{low:.3f}, {high:.3f}]{runs}"
 

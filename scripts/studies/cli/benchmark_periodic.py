@@ -12,9 +12,9 @@ import numpy as np
 from impact_env import Beam, modal_model
 from impact_env.periodic.balance_branches import BALANCE_STEPS, frequency_problem, start_of_orbit
 from impact_env.periodic.case import Case
-from impact_env.periodic.continuation import Steps, both_ways
-from impact_env.periodic.folds import fold_near
-from impact_env.periodic.green import NoOrbit, solve, unknowns_of
+from impact_env.periodic.continuation import Steps, follow_both_ways
+from impact_env.periodic.folds import find_fold
+from impact_env.periodic.green import NoOrbit, read_unknowns, solve
 from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.periodic.motion import motion_of, stability_of
 from impact_env.periodic.orbit import Orbit
@@ -23,15 +23,15 @@ from impact_env.periodic.schedule import EventSchedule, flying_schedule
 from impact_env.periodic.shooting import shoot
 from impact_env.periodic.survey import attractors, closed_form_orbits, orbit_of_simulation
 from impact_env.periodic.symmetric import (
-    FEWEST,
+    LEAST_GRID_POINTS,
     closed_folds,
     closed_form,
     closed_form_branches,
-    level_places,
+    find_level_places,
     map_frequencies,
     symmetric_schedule,
 )
-from impact_env.periodic.validation import BAR, CHATTER_BAR, map_over
+from impact_env.periodic.validation import CHATTER_BAR, RESIDUAL_BAR, iterate_map
 from optimisation.cli.common import command
 from optimisation.page import markdown
 from optimisation.progress import Bar
@@ -98,7 +98,7 @@ def found(result: T | NoOrbit) -> T:
 
 def newton(schedule: EventSchedule, orbit: Orbit, repeated: int = 1) -> Callable[[], object]:
     """Return Newton's method from beside an orbit, whose events are listed once, or over several of its periods."""
-    z = unknowns_of(orbit.solution)
+    z = read_unknowns(orbit.solution)
     n = len(orbit.schedule.events)
     m = orbit.schedule.impacts
     phases = [z[:n] + k * orbit.schedule.turn for k in range(repeated)]
@@ -125,9 +125,9 @@ def closed_form_line(modes: int, friction: float, repeats: int) -> Json:
 def map_line(modes: int, repeats: int) -> Json:
     """The map of the fold force with births and mergers."""
     case = case_at(modes, 1.0, 3.0, 1.0, 0.01)
-    assert len(map_frequencies(case, 0.9, 1.06)) == FEWEST
-    what = f"fold force at {FEWEST} frequencies, births and mergers, {modes} modes"
-    return timed(what, 0.1, "s", repeats, lambda: level_places(case, 0.9, 1.06))
+    assert len(map_frequencies(case, 0.9, 1.06)) == LEAST_GRID_POINTS
+    what = f"fold force at {LEAST_GRID_POINTS} frequencies, births and mergers, {modes} modes"
+    return timed(what, 0.1, "s", repeats, lambda: find_level_places(case, 0.9, 1.06))
 
 
 def frictionless_branch(repeats: int) -> Json:
@@ -137,10 +137,10 @@ def frictionless_branch(repeats: int) -> Json:
     first = float(case.model.omega[0])
 
     def work() -> None:
-        z = unknowns_of(first_orbit(case_at(3, 1.0, 3.0)).solution)
+        z = read_unknowns(first_orbit(case_at(3, 1.0, 3.0)).solution)
         for ratio in np.linspace(1.0, 1.06, BRANCH_POINTS):
             solution = found(solve(case.changed(omega=float(ratio) * first), schedule, z))
-            z = unknowns_of(solution)
+            z = read_unknowns(solution)
             stability_of(motion_of(solution))
 
     return timed(
@@ -173,7 +173,7 @@ def residual_line(orbits: dict[str, Orbit], reach: tuple[float, float]) -> Json:
     each = [
         orbit.residual for orbit in (*branch.orbits(), *orbits.values()) if isinstance(orbit, Orbit)
     ]
-    return largest(f"largest residual by propagation, {len(each)} orbits", BAR, each)
+    return largest(f"largest residual by propagation, {len(each)} orbits", RESIDUAL_BAR, each)
 
 
 def balance_line(repeats: int) -> Json:
@@ -185,7 +185,7 @@ def balance_line(repeats: int) -> Json:
     balance = harmonic_balance(case.scene, case.omega, case.force, harmonics)
     z = balance.solved(start_of_orbit(balance, best.impulse, best.phase))
     work = partial(
-        both_ways,
+        follow_both_ways,
         frequency_problem(balance, 0.85 * first, 1.0 * first),
         z,
         case.omega,
@@ -202,7 +202,7 @@ def fold_line() -> Json:
         for omega in closed_folds(case, 0.9, 1.06):
             at = case.changed(omega=omega, force=case.force * (1 + 1e-5))
             for branch in closed_form_orbits(at).orbits:
-                fold = fold_near(branch.solution, "force")
+                fold = find_fold(branch.solution, "force")
                 if not isinstance(fold, NoOrbit):
                     each.append(abs(fold.case.force / case.force - 1))
     return largest(f"folds against the closed form, {len(each)} folds", 1e-9, each)
@@ -245,8 +245,8 @@ def multiplier_line(orbits: dict[str, Orbit], bar: float = 1e-6) -> Json:
             step = DIFFERENCE * unit[k] * np.eye(len(state))[k]
             columns.append(
                 (
-                    map_over(orbit.motion, start, state + step)
-                    - map_over(orbit.motion, start, state - step)
+                    iterate_map(orbit.motion, start, state + step)
+                    - iterate_map(orbit.motion, start, state - step)
                 )
                 / (2 * DIFFERENCE * unit)
             )

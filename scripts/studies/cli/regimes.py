@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from impact_env.ensemble import Executor
 from impact_env.parameters import positive, require
 from impact_env.periodic.residence import ExitRate, Hazard, Jumps, Range, hazard
-from impact_env.periodic.stationary import Kind
+from impact_env.periodic.stationary import ResponseKind
 from optimisation.cli.common import BadInput, command, plain_errors
 from optimisation.cli.scene_options import make_scene, refuse_parts, structure_option
 from optimisation.executors import cluster_option, workers
@@ -50,10 +50,10 @@ from studies.study import (
 )
 
 NAMES = {
-    Kind.LINEAR: "no impacts",
-    Kind.PERIODIC: "periodic",
-    Kind.SUSTAINED: "sustained",
-    Kind.MODULATED: "strongly modulated",
+    ResponseKind.LINEAR: "no impacts",
+    ResponseKind.PERIODIC: "periodic",
+    ResponseKind.SUSTAINED: "sustained",
+    ResponseKind.MODULATED: "strongly modulated",
 }
 
 
@@ -216,10 +216,12 @@ def ways_table(rows: list[Row], case: str) -> str:
 
 def pattern(row: Row) -> str:
     """Return the kinds at a frequency, each with its share, the multiples of periodic ones named."""
-    shares = {NAMES[Kind.LINEAR]: row[Kind.LINEAR.value]} | {
+    shares = {NAMES[ResponseKind.LINEAR]: row[ResponseKind.LINEAR.value]} | {
         f"period {multiple}": number for multiple, number in row["multiples"].items()
     }
-    shares |= {NAMES[kind]: row[kind.value] for kind in (Kind.SUSTAINED, Kind.MODULATED)}
+    shares |= {
+        NAMES[kind]: row[kind.value] for kind in (ResponseKind.SUSTAINED, ResponseKind.MODULATED)
+    }
     return ", ".join(
         f"{name} {100 * number / row['runs']:.0f} %" for name, number in shares.items() if number
     )
@@ -366,10 +368,10 @@ def _notes(settings: RegimeSettings) -> Json:
 
 
 COLOURS = {
-    Kind.LINEAR: "#BBBBBB",
-    Kind.PERIODIC: "#0072B2",
-    Kind.SUSTAINED: "#E69F00",
-    Kind.MODULATED: "#CC3311",
+    ResponseKind.LINEAR: "#BBBBBB",
+    ResponseKind.PERIODIC: "#0072B2",
+    ResponseKind.SUSTAINED: "#E69F00",
+    ResponseKind.MODULATED: "#CC3311",
 }
 DPI = 110
 
@@ -444,12 +446,12 @@ def save_kinds(path: Path, rows: list[Row]) -> None:
     for case, (top, bottom) in zip(shown, panels.T, strict=True):
         own = of_case(rows, RESPONSE, case)
         x = np.array([row["at"] for row in own])
-        shares = [[row[kind.value] / row["runs"] for row in own] for kind in Kind]
+        shares = [[row[kind.value] / row["runs"] for row in own] for kind in ResponseKind]
         top.stackplot(
             x,
             shares,
-            labels=[NAMES[kind] for kind in Kind],
-            colors=[COLOURS[kind] for kind in Kind],
+            labels=[NAMES[kind] for kind in ResponseKind],
+            colors=[COLOURS[kind] for kind in ResponseKind],
             step="mid",
         )
         top.set(ylabel="share of members", title=case, ylim=(0, 1))
@@ -468,7 +470,7 @@ def save_kinds(path: Path, rows: list[Row]) -> None:
     figure.legend(
         *panels[0, 0].get_legend_handles_labels(),
         loc="outside lower center",
-        ncols=len(Kind),
+        ncols=len(ResponseKind),
         frameon=False,
     )
     write_figure(figure, path, DPI)

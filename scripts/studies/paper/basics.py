@@ -26,7 +26,7 @@ from impact_env.frequency import natural_frequencies, poles, tip_response
 from impact_env.level import HALF_WINDOW_PERIODS, response_level
 from impact_env.methods import PAPER_STEPS, Exact, Method, Moreau
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER
-from impact_env.periodic.residence import Approach, passage
+from impact_env.periodic.residence import Approach, passage_schedule
 from impact_env.response import DEFAULT_SAMPLES, Record
 from optimisation.bounds import design_force
 from optimisation.extremes import sweep_ratio
@@ -350,7 +350,7 @@ def _damped_jumps(settings: PaperSettings, runs: int) -> list[Json]:
         for slowness in (jump.RATE, 2 * jump.RATE):
             approach = Approach(own.model.resonance_omega(1), jump.OVER.start)
             drives = [
-                passage(
+                passage_schedule(
                     approach,
                     jump.FORCES["medium"],
                     jump.OVER.start,

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from impact_env.curve import CurveCase, PerformanceCurve, performance_curves
 from impact_env.ensemble import Executor, Lane, each_lane
 from impact_env.methods import Method
-from impact_env.periodic.residence import finished
+from impact_env.periodic.residence import drop_unfinished
 from optimisation.machine import sources
 from optimisation.page import markdown
 from optimisation.progress import sweeps_bar
@@ -80,7 +80,7 @@ class PaperSettings:
         ``measure`` is a function of a module, or a partial of one, so that it can be sent to another process.
         """
         with sweeps_bar(label, leave=False) as show:
-            return finished(
+            return drop_unfinished(
                 each_lane(
                     lanes,
                     measure,

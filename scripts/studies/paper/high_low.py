@@ -27,9 +27,9 @@ from impact_env.methods import Exact, Method, Moreau
 from impact_env.periodic.case import case_of
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER
-from impact_env.periodic.isolas import thresholds
+from impact_env.periodic.isolas import find_thresholds
 from impact_env.periodic.residence import Approach, hold
-from impact_env.periodic.stationary import Kind, Stationary, stationary
+from impact_env.periodic.stationary import ResponseKind, Stationary, classify_run
 from optimisation.page import markdown
 from studies.paper.branches import HARMONICS, compute_balance, compute_responses, draw_responses
 from studies.paper.claim import (
@@ -92,7 +92,7 @@ def _isola(harmonics: int, damper: float) -> Json:
 
 def _levels_of_isolas() -> list[Json]:
     case = case_of(make_scene(), FORCES["medium"], LOW * make_scene().model.resonance_omega(1))
-    found = thresholds(case, LOW, 0.99)
+    found = find_thresholds(case, LOW, 0.99)
     return [
         {"kind": one.kind, "force_n": one.force, "omega_ratio": one.omega_ratio}
         for one in found
@@ -110,7 +110,7 @@ def measure_rhythm(lane: Lane, method: Method) -> tuple[float, float]:
 
 
 def _window(lane: Lane) -> Stationary:
-    return stationary(lane.scene, lane.drive, WINDOW)
+    return classify_run(lane.scene, lane.drive, WINDOW)
 
 
 def _stationary(settings: PaperSettings, size: Size) -> Json:
@@ -142,7 +142,7 @@ def _stationary(settings: PaperSettings, size: Size) -> Json:
 
 def _kind_from(lane: Lane) -> str:
     """Return the kind of what a lane with a state of its own settles to."""
-    return stationary(lane.scene, lane.drive, WINDOW, initial=lane.initial).found.kind.value
+    return classify_run(lane.scene, lane.drive, WINDOW, initial=lane.initial).found.kind.value
 
 
 def _basin(settings: PaperSettings, size: Size) -> Json:
@@ -442,8 +442,10 @@ def _regimes(values: Json) -> list[Claim]:
     top = found["high branch"]
     exponent = values["exponents"]["high branch"]
     impacts, visits = np.array(top["rhythm Exact"]).T
-    modulated = float(np.mean([kind == Kind.MODULATED.value for kind in at["kinds"]]))
-    wilson = binomtest(basin.get(Kind.MODULATED.value, 0), runs).proportion_ci(method="wilson")
+    modulated = float(np.mean([kind == ResponseKind.MODULATED.value for kind in at["kinds"]]))
+    wilson = binomtest(basin.get(ResponseKind.MODULATED.value, 0), runs).proportion_ci(
+        method="wilson"
+    )
     return [
         said(
             "low at resonance",

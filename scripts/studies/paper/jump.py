@@ -20,7 +20,7 @@ from impact_env import (
 from impact_env.ensemble import Lane, draw_members
 from impact_env.methods import Exact, Method, Moreau
 from impact_env.periodic.residence import (
-    SILENCE,
+    SILENT_PERIODS,
     Approach,
     ExitRate,
     Hazard,
@@ -196,7 +196,7 @@ def _jumps(settings: PaperSettings, size: Size, name: str) -> list[Json]:
                 OVER,
                 slowness,
                 phases,
-                SILENCE,
+                SILENT_PERIODS,
                 HIGH_LEVEL,
                 METHODS[name],
                 progress=show,
@@ -349,7 +349,7 @@ def _words(values: Json) -> str:
     blocks += [
         "Share of sweeps down that reach the high branch:",
         markdown(("pseudo periods per 1 %", "predicted from rates", *METHODS), lines),
-        f"Of all these runs, reached the high branch, and never without impact for {SILENCE:g} pseudo periods: {names}.",
+        f"Of all these runs, reached the high branch, and never without impact for {SILENT_PERIODS:g} pseudo periods: {names}.",
         f"Drift of the absorber's place in a slow sweep from {DRIFT[0]:g} to {DRIFT[1]:g} that begins at rest, without impacts: {drifts}.",
         markdown(("pseudo periods per 1 %, down", "response level, mm"), levels),
     ]

@@ -30,7 +30,7 @@ from impact_env import (
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members
 from impact_env.frequency import tip_response
-from impact_env.periodic.stationary import window_of
+from impact_env.periodic.stationary import cut_window
 from studies.paper.claim import Claim, format_interval, make_claim
 from studies.paper.curve import FULL_RECORD, compute_exponent
 from studies.paper.frame import (
@@ -85,7 +85,7 @@ def measure_exchange(lane: Lane, periods: int) -> dict[str, float]:
     lost = float(np.sum(loss.modal_loss)) + loss.impact_loss
     taken = lost - float(loss.modal_loss[0])
     return {
-        "depth": compute_depth(window_of(scene, response, omega).peaks),
+        "depth": compute_depth(cut_window(scene, response, omega).peaks),
         "rms_m": float(np.sqrt(np.mean(history.tip_displacement**2))),
         "impacts": response.impact_count / periods,
         "absorber": float(np.mean(energy.absorber_share)),

@@ -16,7 +16,7 @@ from impact_env import ModalModel, Scene, beam_scene
 from impact_env.ensemble import Executor, draw_members
 from impact_env.parameters import Beam, count, finite, impact_absorber, positive, require
 from impact_env.periodic.residence import Approach, Range, exit_rate, jumps, stays
-from impact_env.periodic.stationary import QUANTILES, Kind, envelope, stationary_members
+from impact_env.periodic.stationary import QUANTILES, ResponseKind, classify_members, envelope
 from studies.study import not_none
 
 PAPER = "paper"
@@ -284,14 +284,16 @@ def _responses(case: RegimeCase, ratio: float, settings: RegimeSettings) -> list
     drawn = _phases(settings.kind_members, settings.seed)
     at = (case.scene, case.force, case.approach, ratio)
     lengths = (settings.settle, settings.window)
-    members = stationary_members(
+    members = classify_members(
         *at, *lengths, drawn, threads=settings.threads, executor=settings.executor
     )
-    kinds = {kind.value: sum(member.found.kind is kind for member in members) for kind in Kind}
+    kinds = {
+        kind.value: sum(member.found.kind is kind for member in members) for kind in ResponseKind
+    }
     multiples = [
         m
         for member in members
-        if member.found.kind is Kind.PERIODIC and (m := member.found.multiple) is not None
+        if member.found.kind is ResponseKind.PERIODIC and (m := member.found.multiple) is not None
     ]
     peaks = dict(
         zip((f"peak_{100 * q:g}" for q in QUANTILES), envelope(members).tolist(), strict=True)

@@ -17,7 +17,7 @@ from impact_env import (
     TunedAbsorber,
     beam_scene,
 )
-from impact_env.families import family
+from impact_env.families import find_solver
 from impact_env.frequency import joint_matrices
 from impact_env.kernels.motion.observers import (
     DONE,
@@ -169,7 +169,7 @@ def grows(case: LimitCase, scene: Scene, dt: float) -> bool:
         new_clock(duration), new_counters(), series=StateSeries(np.zeros((2, len(state))))
     )
     method = at_step(MAKE[case.method](), dt)
-    status = family(scene, method).run(scene, drive, method, state, observe)
+    status = find_solver(scene, method).run(scene, drive, method, state, observe)
     end = weight * state
     return (
         status != DONE or not np.all(np.isfinite(end)) or bool(np.max(np.abs(end)) > GROWN * size)
