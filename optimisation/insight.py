@@ -177,7 +177,7 @@ def sensitivity(
     fresh = problem.fresh_ensemble(members, SHOWN)
     points = sobol_points(samples, low, high, problem.seed)
     designs = [
-        Design(design.concept, design.values | dict(zip(names, values, strict=True)))
+        Design(design.concept, {**design.values, **dict(zip(names, values, strict=True))})
         for values in points.reshape(-1, len(names)).tolist()
     ]
     costs = np.empty(len(designs))

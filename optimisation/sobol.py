@@ -106,7 +106,8 @@ def sobol_sensitivity(
     generator = np.random.default_rng([seed, 2])
     with np.errstate(divide="ignore", invalid="ignore"):
         first, total = indices(np.arange(samples))
-        again = [indices(generator.integers(0, samples, samples)) for _ in range(RESAMPLES)]
+        drawn = generator.integers(0, samples, (RESAMPLES, samples))
+        again = [indices(which) for which in drawn]
         ends = ((1 - COVERED) / 2, (1 + COVERED) / 2)
         first_band, total_band = (
             np.nanquantile(np.array(part), ends, axis=0).T for part in zip(*again, strict=True)
