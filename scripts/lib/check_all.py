@@ -1,4 +1,4 @@
-"""The suite as other machines would run it; docs/internals/machines.md says what came out. Environments of other versions are in .venv-check."""
+"""The suite as other machines would run it, with its results in docs/internals/machines.md. Environments of other versions are in .venv-check."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import NamedTuple
 
-from impact_env.kernels.compiling.cache import hash_sources
+from impact_env import __version__
 from optimisation.machine import processor
 from optimisation.page import fill
 
@@ -33,8 +33,8 @@ HEADER = (
     "passed",
     "failed",
     "skipped",
-    "peak of a process",
-    "made",
+    "largest process",
+    "run",
 )
 VARIED = ("numpy", "scipy", "numba", "gymnasium")
 LAYERS = (
@@ -159,7 +159,7 @@ def run(name: str, machine: Machine, options: list[str]) -> tuple[list[str], boo
         )
         if word
     )
-    made = f"{datetime.datetime.now(datetime.UTC).date().isoformat()}, {hash_sources()}"
+    made = f"{datetime.datetime.now(datetime.UTC).date().isoformat()}, version {__version__}"
     began = time.monotonic()
     try:
         python = environment(name, machine)
