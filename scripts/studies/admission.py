@@ -106,8 +106,8 @@ def evolve(
     """
     with optional():
         from cmaes import CMA
-    shown = searched(seeds)
-    kept = seeds[len(shown) :]
+    visible = searched(seeds)
+    selection = seeds[len(visible) :]
     finalists: list[Array] = []
     tried = 0
     bounds = family.bounds
@@ -122,27 +122,27 @@ def evolve(
             population_size=search.population,
             cov=shape,
         )
-        seen: list[tuple[float, Array]] = []
+        scored: list[tuple[float, Array]] = []
         for _ in range(search.generations):
             candidates = np.array([optimiser.ask() for _ in range(search.population)])
-            scores = mean_scores(family, candidates, name, shown, arguments)
+            scores = mean_scores(family, candidates, name, visible, arguments)
             optimiser.tell(
                 [
                     (candidate, -float(score))
                     for candidate, score in zip(candidates, scores, strict=True)
                 ]
             )
-            seen += zip(scores.tolist(), candidates, strict=True)
+            scored += zip(scores.tolist(), candidates, strict=True)
             tried += len(candidates)
             if progress is not None:
                 progress(len(candidates))
-        seen.sort(key=lambda pair: -pair[0])
+        scored.sort(key=lambda pair: -pair[0])
         finalists += [
             mean,
             np.clip(optimiser.mean, *bounds.T),
-            *(candidate for _, candidate in seen[: search.finalists]),
+            *(candidate for _, candidate in scored[: search.finalists]),
         ]
-    best = best_of(family, np.array(finalists), name, kept, arguments)
+    best = best_of(family, np.array(finalists), name, selection, arguments)
     return Tuned(best.parameters, best.score, tried + best.candidates)
 
 
@@ -191,12 +191,15 @@ class RuledLanes:
     numbers: Array
 
     def step(
-        self, observations: Observations, given: Array, takes: Mask, over: Mask
+        self, observations: Observations, constants: Array, takes: Mask, over: Mask
     ) -> tuple[Observations, Array, Mask]:
-        """Advance lanes that are not over, by the rule or, where ``takes`` (L,), as ``given`` (L, A); return what is seen, rewards, who is over."""
+        """Advance the lanes that are not over by the rule, or by the actions ``constants`` (L, A) in the mask ``takes`` (L,).
+
+        Return observations, rewards (L,), and the mask of the lanes whose episode is over.
+        """
         rows = np.broadcast_to(self.numbers, (len(observations), len(self.numbers)))
         ruled = np.clip(self.family.act(rows, observations), -1, 1).reshape(len(observations), -1)
-        actions = np.where(takes[:, None], given, ruled).astype(np.float32)
+        actions = np.where(takes[:, None], constants, ruled).astype(np.float32)
         rewards, terminated, truncated = self.task.step(actions, over if over.any() else None)
         return self.task.observe([]), rewards, over | terminated | truncated
 
@@ -238,7 +241,7 @@ def plan(
         for n in (lanes, lanes * times)
     )
     try:
-        seen, _ = true.reset(seed=list(seeds))
+        observations, _ = true.reset(seed=list(seeds))
         tried.reset(seed=0)
         own, other = (RuledLanes(env.unwrapped.task, *rule) for env in (true, tried))
         constants = np.array([action for action, _ in trials], dtype=np.float64)
@@ -253,7 +256,7 @@ def plan(
                 disturb(other.task, planner.copies, generator)
             gained = np.zeros(lanes * times)
             ended = np.repeat(over, times)
-            looked = np.repeat(seen, times, axis=0)
+            looked = np.repeat(observations, times, axis=0)
             for k in range(planner.horizon):
                 if ended.all():
                     break
@@ -261,7 +264,7 @@ def plan(
                 gained += rewards
             means = gained.reshape(lanes, len(trials), planner.copies).mean(axis=2)
             best = np.argmax(means, axis=1)
-            seen, rewards, over = own.step(seen, constants[best], best > 0, over)
+            observations, rewards, over = own.step(observations, constants[best], best > 0, over)
             scores += rewards
             if advance is not None:
                 advance(1)
@@ -371,7 +374,7 @@ def rules(
     behind = task_of(env_of(task), arguments)
     rest = (env_of(task), range(FIRST_SEARCHED, FIRST_SEARCHED + effort.searched), arguments)
 
-    def found(family: Family, starts: Sequence[Sequence[float]], search: Search) -> Rule:
+    def result(family: Family, starts: Sequence[Sequence[float]], search: Search) -> Rule:
         tuned = evolve(family, starts, *rest, search, advance)
         return Rule(family, tuned.parameters, tuned.score)
 
@@ -390,15 +393,15 @@ def rules(
     for family in (kind(behind) for kind in own.looking):
         starts = [begin(constant.numbers) for begin in family.begins]
         if family.few:
-            few.append(found(Held(family), starts, effort.four))
+            few.append(result(Held(family), starts, effort.four))
             start = (*few[-1].numbers, *family.neutral[family.few :])
-            many.append(found(family, [start], effort.eight))
+            many.append(result(family, [start], effort.eight))
         else:
-            (few if len(family.names) <= 4 else many).append(found(family, starts, effort.eight))
+            (few if len(family.names) <= 4 else many).append(result(family, starts, effort.eight))
     blind = own.blind(behind)
     chosen = {
         CONSTANT: constant,
-        BLIND: found(blind, [begin(constant.numbers) for begin in blind.begins], effort.four),
+        BLIND: result(blind, [begin(constant.numbers) for begin in blind.begins], effort.four),
     }
     for label, group in ((FOUR, few), (EIGHT, [*few, *many])):
         if group:
@@ -449,14 +452,14 @@ def admit(
     }
 
 
-def add_agents(task: str, found: dict[str, Any], agents: Sequence[Any]) -> None:
+def add_agents(task: str, result: dict[str, Any], agents: Sequence[Any]) -> None:
     """Put the scores of agents, by algorithm, beside what an admission has found, in place of those of the same algorithms; its verdict stays."""
-    seeds = range(FIRST_JUDGED, FIRST_JUDGED + found["effort"]["judged"])
+    seeds = range(FIRST_JUDGED, FIRST_JUDGED + result["effort"]["judged"])
     runs = dict[str, list[Any]]()
     for agent in agents:
-        played = play(agent, env_of(task), seeds, found["arguments"])
+        played = play(agent, env_of(task), seeds, result["arguments"])
         runs.setdefault(agent.algorithm.upper(), []).append(np.round(played.scores, 6).tolist())
-    found["scores"] |= runs
+    result["scores"] |= runs
 
 
 def verdict(scores: Mapping[str, Array]) -> dict[str, Any]:

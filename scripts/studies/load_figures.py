@@ -116,7 +116,7 @@ def save_over_force(
     colours, styles = (list(dict.fromkeys(row[name] for row in rows)) for name in (colour, style))
     for panel, structure in zip(panels, _structures(rows), strict=True):
         for k, value in enumerate(colours):
-            for other, look, text in zip(styles, ("-", "--"), words, strict=True):
+            for other, line_style, text in zip(styles, ("-", "--"), words, strict=True):
                 part = [
                     row
                     for row in rows
@@ -128,7 +128,7 @@ def save_over_force(
                     [row["factor"] for row in part],
                     [row["ratio"] for row in part],
                     COLOURS[k],
-                    look,
+                    line_style,
                     label,
                 )
         panel.set_xscale("log")
@@ -170,7 +170,7 @@ def save_random(path: Path, rows: Sequence[Json]) -> None:
             _line(
                 right,
                 shifts,
-                [found[name] for found in shifted.values()],
+                [result[name] for result in shifted.values()],
                 colour,
                 style,
                 f"{name} absorber",
@@ -195,17 +195,17 @@ def save_shock(path: Path, rows: Sequence[Json]) -> None:
                 for row in own
             }
             many = {
-                peak: found
-                for peak, found in shares.items()
-                if 2 * len(found) > len(own[0]["high_share"])
+                peak: result
+                for peak, result in shares.items()
+                if 2 * len(result) > len(own[0]["high_share"])
             }
             if many:
                 _line(
                     right,
                     list(many),
                     [
-                        np.quantile(found, np.linspace(0, 1, 101)).tolist()
-                        for found in many.values()
+                        np.quantile(result, np.linspace(0, 1, 101)).tolist()
+                        for result in many.values()
                     ],
                     COLOURS[k],
                     "-o",

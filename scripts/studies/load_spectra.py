@@ -183,15 +183,15 @@ def random_rows(case: LoadCase, number: int, settings: SpectrumSettings) -> list
         )
 
     gaps = GAPS[:: 4 if settings.quick else 1]
-    found = _ratios(damped, [*(impact(float(gap * size)) for gap in gaps), tuned], drives)
-    best = int(np.argmin(np.median(found[:-1], axis=1)))
+    result = _ratios(damped, [*(impact(float(gap * size)) for gap in gaps), tuned], drives)
+    best = int(np.argmin(np.median(result[:-1], axis=1)))
     shifted = {}
     for shift in SHIFTS if number == 0 else ():
         impacts, tunings = _ratios(
             damped.detuned(shift), [impact(float(gaps[best] * size)), tuned], drives
         )
         shifted[f"{shift:g}"] = {"impact": impacts.tolist(), "tuned": tunings.tolist()}
-    left = float(np.median(found[best]))
+    left = float(np.median(result[best]))
     return [
         {
             "structure": case.name,
@@ -199,8 +199,8 @@ def random_rows(case: LoadCase, number: int, settings: SpectrumSettings) -> list
             "number": number,
             **variant._asdict(),
             "gaps_over_rms": gaps.tolist(),
-            "impact": found[:-1].tolist(),
-            "tuned": found[-1].tolist(),
+            "impact": result[:-1].tolist(),
+            "tuned": result[-1].tolist(),
             "best": best,
             "shifted": shifted,
             "added_damping_over_mass": variant.damping

@@ -45,20 +45,20 @@ def find_blocks(text: str) -> list[Block]:
     """Return the blocks of a page in order."""
     return [
         Block(
-            found["language"],
-            found["source"],
-            tuple(start.strip() for start in found["starts"].split(";") if start.strip()),
-            found["printed"],
-            found.span("printed"),
+            result["language"],
+            result["source"],
+            tuple(start.strip() for start in result["starts"].split(";") if start.strip()),
+            result["printed"],
+            result.span("printed"),
         )
-        for found in BLOCK.finditer(text)
+        for result in BLOCK.finditer(text)
     ]
 
 
 def write_files(text: str, folder: Path) -> None:
     """Write the files that a page shows (TOML blocks whose first line is ``# NAME.toml``) and the examples into a folder."""
-    for found in FILE.finditer(text):
-        (folder / found["name"]).write_text(found["text"], encoding="utf-8")
+    for result in FILE.finditer(text):
+        (folder / result["name"]).write_text(result["text"], encoding="utf-8")
     shutil.copytree(ROOT / EXAMPLES, folder / EXAMPLES, dirs_exist_ok=True)
 
 
@@ -110,16 +110,16 @@ def find_differences(page: str, output: str, tolerance: float) -> Iterator[str]:
     A table may have other rows, as long as they have the form of those on the page: which gaps a
     search runs depends on the last bits of chaotic runs. Then its numbers are not compared.
     """
-    shown, found = _by_pattern(page), _by_pattern(output)
-    for pattern in [*shown, *found]:
-        if pattern not in found:
-            yield f"the page shows '{shown[pattern][0]}', which is not printed"
-        elif pattern not in shown:
-            yield f"'{found[pattern][0]}' is printed, which the page does not show"
-    for pattern in shown.keys() & found.keys():
-        if len(shown[pattern]) != len(found[pattern]):
+    visible, result = _by_pattern(page), _by_pattern(output)
+    for pattern in [*visible, *result]:
+        if pattern not in result:
+            yield f"the page shows '{visible[pattern][0]}', which is not printed"
+        elif pattern not in visible:
+            yield f"'{result[pattern][0]}' is printed, which the page does not show"
+    for pattern in visible.keys() & result.keys():
+        if len(visible[pattern]) != len(result[pattern]):
             continue
-        for old, new in zip(shown[pattern], found[pattern], strict=True):
+        for old, new in zip(visible[pattern], result[pattern], strict=True):
             if any(
                 abs(a - b) > tolerance * max(abs(a), abs(b))
                 for a, b in zip(_numbers(old), _numbers(new), strict=True)

@@ -45,15 +45,15 @@ def functions(lane: Any) -> list[dict[str, Any]]:
     """Return the functions that a compiled kernel calls after numba has pruned what is absent: name, arithmetic operations."""
     from numba.core import ir, types
 
-    seen: dict[tuple[str, Any], dict[str, Any]] = {}
+    entries: dict[tuple[str, Any], dict[str, Any]] = {}
 
     def walk(dispatcher: Any, signature: Any) -> None:
-        room, module = dispatcher.py_func.__module__.split(".")[-2:]
-        name = f"{room if room == 'energy' else module}.{dispatcher.py_func.__name__}"
-        if (name, signature) in seen:
+        workspace, module = dispatcher.py_func.__module__.split(".")[-2:]
+        name = f"{workspace if workspace == 'energy' else module}.{dispatcher.py_func.__name__}"
+        if (name, signature) in entries:
             return
         notes = dispatcher.overloads[signature].type_annotation
-        entry = seen[name, signature] = {"name": name, "arithmetic": 0}
+        entry = entries[name, signature] = {"name": name, "arithmetic": 0}
         for block in notes.blocks.values():
             for statement in block.body:
                 value = statement.value if isinstance(statement, ir.Assign) else None
@@ -73,7 +73,7 @@ def functions(lane: Any) -> list[dict[str, Any]]:
                         )
 
     walk(lane, lane.signatures[0])
-    return list(seen.values())
+    return list(entries.values())
 
 
 def instructions(lane: Any) -> int:

@@ -177,8 +177,8 @@ def assembled(
 
 def _inertia(length: float) -> Array:
     """Return an element's mass matrix (6, 6) over its mass per length: freedoms are motion along, across and turn at either end."""
-    found = np.zeros((6, 6))
-    found[np.ix_([0, 3], [0, 3])] = length * np.array([[2, 1], [1, 2]]) / 6
+    result = np.zeros((6, 6))
+    result[np.ix_([0, 3], [0, 3])] = length * np.array([[2, 1], [1, 2]]) / 6
     a = 22 * length
     b = 13 * length
     rows = [
@@ -187,14 +187,14 @@ def _inertia(length: float) -> Array:
         [54, b, 156, -a],
         [-b, -3 * length**2, -a, 4 * length**2],
     ]
-    found[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])] = length * np.array(rows) / 420
-    return found
+    result[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])] = length * np.array(rows) / 420
+    return result
 
 
 def _stiffness(length: float) -> Array:
     """Return an element's stiffness matrix (6, 6) over its bending stiffness; it is 1000 times as stiff along as a slenderness of 1 gives."""
-    found = np.zeros((6, 6))
-    found[np.ix_([0, 3], [0, 3])] = 1e5 / length * np.array([[1, -1], [-1, 1]])
+    result = np.zeros((6, 6))
+    result[np.ix_([0, 3], [0, 3])] = 1e5 / length * np.array([[1, -1], [-1, 1]])
     a = 6 * length
     rows = [
         [12, a, -12, a],
@@ -202,8 +202,8 @@ def _stiffness(length: float) -> Array:
         [-12, -a, 12, -a],
         [a, 2 * length**2, -a, 4 * length**2],
     ]
-    found[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])] = np.array(rows) / length**3
-    return found
+    result[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])] = np.array(rows) / length**3
+    return result
 
 
 def storeys(number: int, damping: float, force: int, absorber: int) -> ModalModel:
@@ -235,7 +235,7 @@ ALUMINIUM = (70e9, 2700.0)
 
 
 def beam(
-    material: tuple[float, float], length: float, width: float, depth: float, **given: object
+    material: tuple[float, float], length: float, width: float, depth: float, **settings: object
 ) -> Beam:
     """Return a beam of rectangular section (m) of a material's Young's modulus (Pa) and density (kg/m^3)."""
     young, density = material
@@ -243,7 +243,7 @@ def beam(
         length=length,
         bending_stiffness=young * width * depth**3 / 12,
         mass_per_length=density * width * depth,
-        **given,  # type: ignore[arg-type]
+        **settings,  # type: ignore[arg-type]
     )
 
 

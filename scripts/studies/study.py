@@ -217,16 +217,16 @@ def run(
 def find_measured_parts(parts: list[Part[S]], place: OutputPaths, named: bool) -> list[Part[S]]:
     """Return the parts that there are files of; all of those that the caller has named."""
     files = {part.name: place.numbers(part.name) for part in parts}
-    there = [
+    present = [
         part
         for part in parts
         if named or ((file := files[part.name]) is not None and file.exists())
     ]
-    if not there:
+    if not present:
         raise ParameterError(
             f"--out = {place.folder} is not allowed with --redraw: a folder with results of {', '.join(files)}"
         )
-    return there
+    return present
 
 
 def read_measurement(part: Part[S], place: OutputPaths, option: str = "--redraw") -> Measurement:
@@ -247,17 +247,17 @@ def measure_or_resume(
     """Measure a part and write its numbers; one that an earlier run has finished is left as it is with ``resume``."""
     path = place.numbers(part.name)
     earlier = None
-    told = part.told(settings)
-    if (resume or told) and path is not None and path.exists():
+    resume_values = part.told(settings)
+    if (resume or resume_values) and path is not None and path.exists():
         earlier = read_measurement(part, place, "--resume" if resume else "--out")
         if study.key is not None and earlier.conditions.get("key") != study.key(
             part.name, settings
         ):
             earlier = None
-        elif told:
+        elif resume_values:
             earlier = (
                 earlier
-                if all(earlier.values.get(name) == value for name, value in told.items())
+                if all(earlier.values.get(name) == value for name, value in resume_values.items())
                 else None
             )
         elif earlier.complete:
@@ -295,19 +295,19 @@ def measure(
     if earlier is not None:
         began -= earlier.conditions["wall_s"]
 
-    def known(ended: bool, failure: str = "") -> Measurement:
+    def earlier_values(ended: bool, failure: str = "") -> Measurement:
         taken: Json = (
             {"wall_s": round(time.perf_counter() - began, 1)}
             | study.notes(settings)
             | ({"failure": failure} if failure else {})
         )
         taken |= {} if study.key is None else {"key": study.key(part.name, settings)}
-        found = Measurement(values, made | taken, ended)
-        keep(found)
-        return found
+        result = Measurement(values, made | taken, ended)
+        keep(result)
+        return result
 
     total = part.steps(settings, values) if part.steps else None
-    kept = time.perf_counter()
+    selection = time.perf_counter()
     with (
         Bar(total=total, desc=part.name, bar_format=BAR, disable=total is None) as bar,
         closing(part.measure(settings, values)) as steps,
@@ -315,16 +315,16 @@ def measure(
         try:
             for values in steps:  # noqa: B007 - `known` reads it
                 bar.update()
-                if time.perf_counter() - kept > WRITE_INTERVAL_S:
-                    known(ended=False)
-                    kept = time.perf_counter()
+                if time.perf_counter() - selection > WRITE_INTERVAL_S:
+                    earlier_values(ended=False)
+                    selection = time.perf_counter()
         except (KeyboardInterrupt, IntegrationError) as error:
             if not values:
                 raise
-            return known(
+            return earlier_values(
                 ended=False, failure="" if isinstance(error, KeyboardInterrupt) else str(error)
             )
-    return known(ended=True)
+    return earlier_values(ended=True)
 
 
 def publish(
@@ -355,24 +355,26 @@ def publish(
 
 
 def measure_rows_by_case(
-    cases: Mapping[Any, Callable[[], list[Json]]], key: Callable[[Json], Any], known: Json
+    cases: Mapping[Any, Callable[[], list[Json]]], key: Callable[[Json], Any], earlier: Json
 ) -> Steps:
     """Yield {"rows": ...} after each case: a function that measures its rows, by what ``key`` returns of them. Cases that are known are left out.
 
     Rows stand in the order of the cases, whatever the order in which they were measured.
     """
     places = {name: place for place, name in enumerate(cases)}
-    rows: list[Json] = list(known.get("rows", ()))
-    for name in find_missing_cases(cases, key, known):
+    rows: list[Json] = list(earlier.get("rows", ()))
+    for name in find_missing_cases(cases, key, earlier):
         rows = sorted(
             rows + cases[name](), key=lambda row: places[key(row)]
         )  # stable: a case's rows keep their order
         yield {"rows": rows}
 
 
-def find_missing_cases(cases: Iterable[Any], key: Callable[[Json], Any], known: Json) -> list[Any]:
+def find_missing_cases(
+    cases: Iterable[Any], key: Callable[[Json], Any], earlier: Json
+) -> list[Any]:
     """Return the cases that have no rows yet."""
-    done = {key(row) for row in known.get("rows", ())}
+    done = {key(row) for row in earlier.get("rows", ())}
     return [name for name in cases if name not in done]
 
 
@@ -389,12 +391,14 @@ def make_rows_part(
     """Return a part whose values are what is ``told`` and rows by case, and whose one section is ``text`` unless ``others`` say otherwise."""
     marker = marker or name
 
-    def measure(settings: S, known: Json) -> Steps:
-        for values in measure_rows_by_case(cases(settings), key, known):
+    def measure(settings: S, earlier: Json) -> Steps:
+        for values in measure_rows_by_case(cases(settings), key, earlier):
             yield {**told(settings), **values}
 
     usual: Json = {"markers": (marker,), "sections": lambda measured: {marker: text(measured)}}
-    usual["steps"] = lambda settings, known: len(find_missing_cases(cases(settings), key, known))
+    usual["steps"] = lambda settings, earlier: len(
+        find_missing_cases(cases(settings), key, earlier)
+    )
     return Part(name, title, measure=measure, told=told, **usual | others)
 
 
@@ -408,7 +412,7 @@ def make_whole_part(
 ) -> Part[S]:
     """Return a part that is measured as a whole, and whose one section is ``text``; ``others`` are a part's."""
 
-    def steps(settings: S, _known: Json) -> Steps:
+    def steps(settings: S, _earlier: Json) -> Steps:
         yield measure(settings)
 
     return Part(
@@ -421,19 +425,19 @@ def make_whole_part(
     )
 
 
-def add_sources(said: Callable[[Measurement], str]) -> Callable[[Measurement], str]:
+def add_sources(summarise: Callable[[Measurement], str]) -> Callable[[Measurement], str]:
     """Return a function that adds below a text when, where and with what its numbers were measured."""
-    return lambda measured: f"{said(measured)}\n\n{sources(measured.conditions)}"
+    return lambda measured: f"{summarise(measured)}\n\n{sources(measured.conditions)}"
 
 
 # Studies of one table: it is printed, its numbers go to a JSON file, and the table itself into a page, each on request.
 
 
 def make_table_study(
-    name: str, title: str, measure: Callable[[S], Json], said: Callable[[Measurement], str]
+    name: str, title: str, measure: Callable[[S], Json], summarise: Callable[[Measurement], str]
 ) -> Study[S]:
-    """Return the study whose table ``said`` puts into words; what ``measure`` returns of the settings is whole, or there is nothing."""
-    part = make_whole_part(name, title, measure, add_sources(said), name, said=said)
+    """Return the study whose table ``summarise`` puts into words; what ``measure`` returns of the settings is whole, or there is nothing."""
+    part = make_whole_part(name, title, measure, add_sources(summarise), name, said=summarise)
     return Study(
         (part,),
         kept="nothing is written.",

@@ -33,17 +33,17 @@ def time_in_turn(
     runs: Mapping[K, Callable[[], float]], repeats: int, advance: Advance = lambda: None
 ) -> dict[K, list[float]]:
     """Return the times in s of each repeat, by name; in each repeat the runs go one after the other."""
-    found: dict[K, list[float]] = {name: [] for name in runs}
+    result: dict[K, list[float]] = {name: [] for name in runs}
     for _ in range(repeats):
         for name, run in runs.items():
-            found[name].append(run())
+            result[name].append(run())
         advance()
-    return found
+    return result
 
 
-def summarise_times(found: Mapping[str, Sequence[float]]) -> Json:
+def summarise_times(result: Mapping[str, Sequence[float]]) -> Json:
     """Return the values of a benchmark's file, of times in s: by name all of them in us, and their median."""
-    each = {name: [1e6 * x for x in times] for name, times in found.items()}
+    each = {name: [1e6 * x for x in times] for name, times in result.items()}
     return {f"{name}_us_each": times for name, times in each.items()} | {
         f"{name}_us": statistics.median(times) for name, times in each.items()
     }
@@ -69,11 +69,13 @@ def make_sweep_up(scene: Scene, force: float, start: float, periods: float) -> D
 
 
 def measure_all_cases(
-    cases: Sequence[T], given: TimingSettings, measure: Callable[[T, TimingSettings, Advance], Json]
+    cases: Sequence[T],
+    settings: TimingSettings,
+    measure: Callable[[T, TimingSettings, Advance], Json],
 ) -> Json:
     """Measure all cases, with a bar."""
-    with Bar(total=given.repeats * len(cases), desc="timing", unit="repeat", leave=False) as bar:
+    with Bar(total=settings.repeats * len(cases), desc="timing", unit="repeat", leave=False) as bar:
         return {
-            "repeats": given.repeats,
-            "cases": [measure(case, given, bar.update) for case in cases],
+            "repeats": settings.repeats,
+            "cases": [measure(case, settings, bar.update) for case in cases],
         }

@@ -69,7 +69,7 @@ def lane(force: float = 3.0) -> Lane:
 def measured(figure: PaperFigure, size: object) -> tuple[Json, dict[str, ClaimVerdict]]:
     """Return the values of a figure, and its verdicts by the names of claims."""
     *_, values = figure.measure(QUICK, size, {})
-    return values, {claim.name: claim.judge_values for claim in figure.claims(values)}
+    return values, {claim.name: claim.verdict for claim in figure.claims(values)}
 
 
 # ranges and curves

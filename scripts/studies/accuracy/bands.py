@@ -122,11 +122,11 @@ def band_table(rows: list[Row]) -> str:
     lines = []
     for direction in unique(row["direction"] for row in rows):
         own = [row for row in rows if row["direction"] == direction]
-        found = {
+        result = {
             kind: np.array([row["level_m"] for row in own if row["kind"] == kind])
             for kind in (*KINDS, CROSSED)
         }
-        crossed = found.pop(CROSSED).reshape(
+        crossed = result.pop(CROSSED).reshape(
             len({row["group"] for row in own if row["kind"] == CROSSED}) or 1, -1
         )
         share = (
@@ -134,12 +134,12 @@ def band_table(rows: list[Row]) -> str:
             if crossed.size
             else ""
         )
-        for kind, levels in found.items():
+        for kind, levels in result.items():
             if levels.size:
                 low, middle, high = 1e3 * np.quantile(levels, (0.05, 0.5, 0.95))
                 tests = [
                     "" if name == kind or not other.size else _difference(levels, other)
-                    for name, other in found.items()
+                    for name, other in result.items()
                 ]
                 words = (
                     f"{middle:.4f}",

@@ -55,13 +55,13 @@ key = itemgetter("over", "value", "scene", "method")  # of a row: its case
 
 def cases(settings: AccuracySettings) -> Cases:
     """Return a case for each row."""
-    found: dict[tuple[str, float, str, str], Callable[[], list[Row]]] = {}
+    result: dict[tuple[str, float, str, str], Callable[[], list[Row]]] = {}
 
     def add(
         over: str, value: float, scene: str, modes: int, method: str, us: Callable[[], float]
     ) -> None:
         row: Row = {"over": over, "value": value, "scene": scene, "modes": modes, "method": method}
-        found[over, value, scene, method] = lambda: [row | {"us_per_period": us()}]
+        result[over, value, scene, method] = lambda: [row | {"us_per_period": us()}]
 
     for name, method in OVER_MODES:
         for modes in settings.cost_modes:
@@ -99,7 +99,7 @@ def cases(settings: AccuracySettings) -> Cases:
             "Exact",
             partial(_length_time, periods, settings),
         )
-    return found
+    return result
 
 
 def _lanes_time(lanes: int, threads: int, settings: AccuracySettings) -> float:
@@ -152,12 +152,12 @@ def cost_table(rows: list[Row]) -> str:
     counts = unique(row["value"] for row in over_modes)
     lines = []
     for scene, method in unique((row["scene"], row["method"]) for row in over_modes):
-        found = {
+        result = {
             row["value"]: row["us_per_period"]
             for row in over_modes
             if (row["scene"], row["method"]) == (scene, method)
         }
-        lines.append((f"{scene}: {method}", *(number(found.get(count), 3) for count in counts)))
+        lines.append((f"{scene}: {method}", *(number(result.get(count), 3) for count in counts)))
     parts = (
         [markdown(("µs per pseudo period at this number of modes", *map(str, counts)), lines)]
         if lines
@@ -169,12 +169,12 @@ def cost_table(rows: list[Row]) -> str:
         LENGTH: "pseudo periods in the sweep",
     }
     for over, name in names.items():
-        found = {row["value"]: row["us_per_period"] for row in rows if row["over"] == over}
-        if found:
+        result = {row["value"]: row["us_per_period"] for row in rows if row["over"] == over}
+        if result:
             parts.append(
                 markdown(
-                    (name, *(f"{x:g}" for x in found)),
-                    [("µs per pseudo period and lane", *(number(us, 3) for us in found.values()))],
+                    (name, *(f"{x:g}" for x in result)),
+                    [("µs per pseudo period and lane", *(number(us, 3) for us in result.values()))],
                 )
             )
     return "\n\n".join(parts)

@@ -74,7 +74,7 @@ def _measured(kind: SceneGroup, modes: int, settings: AccuracySettings) -> list[
     short = replace(
         settings, sweep=(settings.sweep[0], settings.sweep[0] + 1e-4)
     )  # a sweep of one pseudo period
-    found = []
+    result = []
     for label, method, own in plans:
         list(_levels(scene, kind, method, own[:1], short, None))  # compile
         for member, level, seconds in _levels(
@@ -87,8 +87,8 @@ def _measured(kind: SceneGroup, modes: int, settings: AccuracySettings) -> list[
                 "method": label or shared.method_name(method, scene),
                 "setting": setting,
             }
-            found.append(row | {"member": member, "level_m": level, "wall_s": seconds})
-    return found
+            result.append(row | {"member": member, "level_m": level, "wall_s": seconds})
+    return result
 
 
 def bootstrap(

@@ -99,13 +99,13 @@ class Mechanics(DenseMechanics):
         f = self.force(t)
         state = self.motion(x)
         n = self.modes
-        found = (linear.matrix @ state + linear.column[:, 0] * f)[:-1]
+        result = (linear.matrix @ state + linear.column[:, 0] * f)[:-1]
         if not self.energy:
-            return np.asarray(found)
+            return np.asarray(result)
         u = x[n + 1 : 2 * n + 1]
         contact = linear.forces[0] @ state + linear.pushes[0, 0] * f
         return np.append(
-            found,
+            result,
             [
                 f * (self.model.force_shape @ u),
                 self.rate @ u**2 - contact * (self.speeds[0] @ state),

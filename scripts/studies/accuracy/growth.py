@@ -82,29 +82,29 @@ class _Continued:
             state[n] = tip + np.clip(state[n] - tip, -walls.gap, walls.gap)
         return InitialState(state[:n], state[n + 1 : 2 * n + 1], float(state[n]), float(state[-1]))
 
-    def drive(self, stretch: int, periods: float) -> Drive:
+    def drive(self, section: int, periods: float) -> Drive:
         ratio = self.it.omega / self.reference
-        phase = self.it.phase + self.it.omega * stretch * self.stretch * self.it.period
+        phase = self.it.phase + self.it.omega * section * self.stretch * self.it.period
         return Drive(
             self.it.kind.force,
             constant_frequency(self.reference, ratio, periods),
             float(np.mod(phase, 2 * np.pi)),
         )
 
-    def run(self, state: Array, stretch: int, stretches: int = 1) -> tuple[Array, int]:
+    def run(self, state: Array, section: int, stretches: int = 1) -> tuple[Array, int]:
         response = simulate(
             self.scene,
-            self.drive(stretch, stretches * self.stretch),
+            self.drive(section, stretches * self.stretch),
             Exact(),
             initial=self.initial(state),
             record=BARE,
         )
         return response.end_state, response.impact_count
 
-    def impact_times(self, state: Array, stretch: int, periods: float) -> Array:
+    def impact_times(self, state: Array, section: int, periods: float) -> Array:
         response = simulate(
             self.scene,
-            self.drive(stretch, periods),
+            self.drive(section, periods),
             Exact(),
             initial=self.initial(state),
             record=WATCHED,
@@ -162,9 +162,9 @@ def _twins(
     """Return (pairs, FOLLOWED): how far the k-th impacts of two runs that differ by rounding lie apart, in pseudo periods; NaN where none is."""
     periods = float(np.clip(1.3 * FOLLOWED / max(per_period, 1e-9), 1.0, MOST_PERIODS))
     off = np.full((len(states), FOLLOWED), np.nan)
-    for row, (state, stretch) in zip(off, states, strict=True):
+    for row, (state, section) in zip(off, states, strict=True):
         nudged = state + TWIN_DISTANCE * run.norm(state) * _direction(run, generator)
-        one, other = (run.impact_times(x, stretch, periods) for x in (state, nudged))
+        one, other = (run.impact_times(x, section, periods) for x in (state, nudged))
         both = min(len(one), len(other))
         row[:both] = np.abs(one[:both] - other[:both]) / run.it.period
     return off
@@ -201,21 +201,21 @@ def _measured(name: str, modes: int, settings: AccuracySettings) -> list[Row]:
         "factor_per_impact": float(np.exp(exponent / per_period)) if per_period > 0 else None,
         "difference_periods": None,
     }
-    found = [row]
+    result = [row]
     if per_period > 0:
         off = _twins(run, states, per_period, generator)
         for k in range(FOLLOWED):
-            known = off[:, k][np.isfinite(off[:, k])]
-            if known.size:
-                found.append(
+            earlier = off[:, k][np.isfinite(off[:, k])]
+            if earlier.size:
+                result.append(
                     {
                         **dict.fromkeys(row),
                         **shared,
                         "impact": k + 1,
-                        "difference_periods": float(np.median(known)),
+                        "difference_periods": float(np.median(earlier)),
                     }
                 )
-    return found
+    return result
 
 
 def growth_table(rows: list[Row]) -> str:

@@ -52,13 +52,13 @@ def _measured(slowness: float, method: Method, settings: AccuracySettings) -> li
     schedule = linear_sweep(
         scene.model.resonance_omega(1), high, low, percent_per_100_periods=100 / slowness
     )
-    found = []
+    result = []
     for member, drive in enumerate(members.drives(FORCE, schedule)):
         level = simulate(scene, drive, method).recorded.level.value
-        found.append(
+        result.append(
             {"periods_per_percent": slowness, **_names(method), "member": member, "level_m": level}
         )
-    return found
+    return result
 
 
 class JumpShare(NamedTuple):
@@ -73,8 +73,8 @@ class JumpShare(NamedTuple):
 
     def interval(self, method: str = "wilson") -> tuple[float, float]:
         """Return the 95 % interval of Wilson, or the exact one (Clopper and Pearson's)."""
-        found = binomtest(self.hits, self.runs).proportion_ci(method=method)
-        return float(found.low), float(found.high)
+        result = binomtest(self.hits, self.runs).proportion_ci(method=method)
+        return float(result.low), float(result.high)
 
 
 def shares(all_rows: list[Row]) -> list[JumpShare]:
@@ -82,10 +82,10 @@ def shares(all_rows: list[Row]) -> list[JumpShare]:
     cells: dict[Any, list[float]] = {}
     for row in all_rows:
         cells.setdefault(key(row), []).append(row["level_m"])
-    found = []
+    result = []
     for (slowness, method, setting), each in cells.items():
         levels = np.array(each)
-        found.append(
+        result.append(
             JumpShare(
                 slowness,
                 method,
@@ -95,7 +95,7 @@ def shares(all_rows: list[Row]) -> list[JumpShare]:
                 int(np.sum(np.abs(levels - HIGH) < 0.1 * HIGH)),
             )
         )
-    return found
+    return result
 
 
 def jump_table(rows: list[Row]) -> str:
@@ -130,11 +130,11 @@ def jump_table(rows: list[Row]) -> str:
 
 def jump_figures(all_rows: list[Row]) -> dict[str, Figure]:
     """Draw the share of runs that reach the high branch over the slowness."""
-    found = shares(all_rows)
+    result = shares(all_rows)
     figure, panel = figure_of(8, 4.8)
-    lines = unique((share.method, share.setting) for share in found)
+    lines = unique((share.method, share.setting) for share in result)
     for k, (method, setting) in enumerate(lines):
-        line = [share for share in found if (share.method, share.setting) == (method, setting)]
+        line = [share for share in result if (share.method, share.setting) == (method, setting)]
         at = np.array([share.slowness for share in line]) * 1.03 ** (
             k - (len(lines) - 1) / 2
         )  # side by side
@@ -166,7 +166,7 @@ def jump_figures(all_rows: list[Row]) -> dict[str, Figure]:
         ylabel="share of runs that reach the high branch",
         title="Jump of the two-mode absorber: share of runs, with 95 % intervals (Wilson)",
     )
-    plain(panel, unique(share.slowness for share in found))
+    plain(panel, unique(share.slowness for share in result))
     panel.grid(True, color="0.9", lw=0.6)
     panel.legend(frameon=True, fontsize=9)
     return {"jumps": figure}

@@ -91,7 +91,7 @@ def _row(
     start: Start,
     name: str,
     setting: float | None,
-    found: list[tuple[float | None, ...]],
+    result: list[tuple[float | None, ...]],
     us: float | None,
     note: str = "",
 ) -> Row:
@@ -104,10 +104,10 @@ def _row(
         "setting": setting,
         "compared_periods": truth.periods,
     }
-    row |= {"impacts": len(truth.impact_time), "starts": len(found), "us_per_period": us}
+    row |= {"impacts": len(truth.impact_time), "starts": len(result), "us_per_period": us}
     for k, error in enumerate(ERRORS):
-        known = [values[k] for values in found if values[k] is not None]
-        row[error] = float(np.median(known)) if known else None  # type: ignore[arg-type]
+        earlier = [values[k] for values in result if values[k] is not None]
+        row[error] = float(np.median(earlier)) if earlier else None  # type: ignore[arg-type]
     return {**row, "note": note}
 
 
@@ -126,7 +126,7 @@ def _errors(
 def own_row(starts: list[Start], method: Method, settings: AccuracySettings) -> Row:
     """Measure one of the package's methods. Slow runs are made from fewer starts."""
     it, truth = starts[0]
-    found = []
+    result = []
     us = None
     note = ""
     try:
@@ -142,7 +142,7 @@ def own_row(starts: list[Start], method: Method, settings: AccuracySettings) -> 
                 initial=each.initial,
                 record=shared.WATCHED,
             )
-            found.append(
+            result.append(
                 _errors(
                     each,
                     true,
@@ -160,7 +160,7 @@ def own_row(starts: list[Start], method: Method, settings: AccuracySettings) -> 
         starts[0],
         shared.method_name(method, it.scene),
         None if isinstance(method, Exact) else method.steps_per_period,
-        found,
+        result,
         us,
         note,
     )
@@ -189,7 +189,7 @@ def peer_row(
     starts: list[Start], name: str, tolerance: float, make: Maker, settings: AccuracySettings
 ) -> Row:
     """Measure a peer. Slow ones are run from fewer starts."""
-    found = []
+    result = []
     us = None
     note = ""
     began = time.perf_counter()
@@ -199,14 +199,14 @@ def peer_row(
             balance = follow(it.scene, drive, it.initial, make(tolerance), energy=True).balance
             maker = make(tolerance)
             run: PeerRun = follow(it.scene, drive, it.initial, maker)
-            found.append(_errors(it, truth, run.end_state, run.impact_time, balance))
+            result.append(_errors(it, truth, run.end_state, run.impact_time, balance))
             if us is None:
                 us = 1e6 * _peer_time(it, drive, maker, run.wall_time, settings) / truth.periods
             if time.perf_counter() - began > settings.patience:
                 break
     except PeerFailedError as error:
         note = str(error)
-    return _row(starts[0], name, tolerance, found, us, note)
+    return _row(starts[0], name, tolerance, result, us, note)
 
 
 def _peer_time(
@@ -225,14 +225,14 @@ def peers(settings: AccuracySettings) -> list[tuple[str, float, Maker]]:
     """Return name, tolerance and maker of each peer; heyoka where it is installed."""
     if not settings.peers:
         return []
-    found: list[tuple[str, float, Maker]] = [
+    result: list[tuple[str, float, Maker]] = [
         ("SciPy", tolerance, scipy_integrator) for tolerance in settings.scipy_tolerances
     ]
     try:
         from studies.accuracy.heyoka_peer import HeyokaRegimes
     except ModuleNotFoundError:
-        return found
-    return found + [
+        return result
+    return result + [
         ("heyoka", tolerance, HeyokaRegimes) for tolerance in settings.heyoka_tolerances
     ]
 
@@ -251,8 +251,8 @@ def cases(settings: AccuracySettings) -> Cases:
 
 def _measured(kind: SceneGroup, modes: int, settings: AccuracySettings) -> list[Row]:
     starts = _starts(kind, modes, settings)
-    found = [own_row(starts, method, settings) for method in starts[0][0].methods(settings.steps)]
-    return found + [
+    result = [own_row(starts, method, settings) for method in starts[0][0].methods(settings.steps)]
+    return result + [
         peer_row(starts, name, tolerance, make, settings)
         for name, tolerance, make in peers(settings)
     ]
@@ -260,10 +260,10 @@ def _measured(kind: SceneGroup, modes: int, settings: AccuracySettings) -> list[
 
 def _starts(kind: SceneGroup, modes: int, settings: AccuracySettings) -> list[Start]:
     """Return a scene's starts with their references; one suffices where there are no events to be met by chance."""
-    found = [shared.case(kind, modes)]
-    if found[0].scene.kind is not SceneKind.LINEAR:
-        found += [shared.case(kind, modes, number) for number in range(1, settings.starts)]
-    return [(it, truth_of(it)) for it in found]
+    result = [shared.case(kind, modes)]
+    if result[0].scene.kind is not SceneKind.LINEAR:
+        result += [shared.case(kind, modes, number) for number in range(1, settings.starts)]
+    return [(it, truth_of(it)) for it in result]
 
 
 FLOOR = 1e-17  # errors below are drawn there
@@ -286,7 +286,7 @@ def trajectory_table(rows: list[Row]) -> str:
         name: min((row["setting"] for row in rows if row["method"] == name), default=None)
         for name in ("SciPy", "heyoka")
     }
-    shown = [
+    visible = [
         row
         for row in rows
         if row["setting"] is None
@@ -304,7 +304,7 @@ def trajectory_table(rows: list[Row]) -> str:
         "energy",
     )
     lines = []
-    for row in shown:
+    for row in visible:
         errors = ("" if row[name] is None else f"{row[name]:.1e}" for name in ERRORS)
         lines.append(
             (
@@ -332,7 +332,7 @@ def grid(all_rows: list[Row], value: str, scenes: list[str], title: str) -> Figu
                 value,
             )
     shared.label_edges(panels, "time of a pseudo period, µs", LABELS[value])
-    shown = [
+    visible = [
         name
         for name in shared.LOOKS
         if any(row["method"] == name for row in all_rows)
@@ -349,9 +349,9 @@ def grid(all_rows: list[Row], value: str, scenes: list[str], title: str) -> Figu
             ls=_line(name),
             label=names.get(name, name),
         )
-        for name in shown
+        for name in visible
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(shown), frameon=False)
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(visible), frameon=False)
     figure.suptitle(title, fontsize=12)
     return figure
 

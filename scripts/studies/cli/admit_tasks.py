@@ -37,11 +37,11 @@ STEPS = 200
 SPAN = (1, 99)
 
 
-def rooms(found: Mapping[str, Json]) -> str:
+def rooms(result: Mapping[str, Json]) -> str:
     """Return the admission table: mean scores with their intervals over the judged seeds, and the room."""
-    columns = list(dict.fromkeys(label for one in found.values() for label in one["scores"]))
+    columns = list(dict.fromkeys(label for one in result.values() for label in one["scores"]))
     rows = []
-    for name, one in found.items():
+    for name, one in result.items():
         cells = []
         for label in columns:
             scores = np.array(one["scores"][label]) if label in one["scores"] else None
@@ -63,10 +63,10 @@ def told(scores: Any) -> str:
     return f"{scores.mean():.3f} [{low:.3f}, {high:.3f}]{runs}"
 
 
-def searches(found: Mapping[str, Json]) -> str:
+def searches(result: Mapping[str, Json]) -> str:
     """Return each rule's family and how it was tuned."""
     rows = []
-    for name, one in found.items():
+    for name, one in result.items():
         effort = one["effort"]
         best = one["rules"][EIGHT]
         tried = ", ".join(f"{number:.3f}" for number in best["numbers"])
@@ -104,12 +104,12 @@ def section(name: str) -> str:
         import gymnasium
     env: Any = gymnasium.make_vec(name, num_envs=LANES)
     generator = np.random.default_rng(0)
-    seen = [env.reset(seed=0)[0]]
-    seen += [
+    observations = [env.reset(seed=0)[0]]
+    observations += [
         env.step(generator.uniform(-1, 1, env.action_space.shape).astype(np.float32))[0]
         for _ in range(STEPS)
     ]
-    low, high = np.percentile(np.concatenate(seen), SPAN, axis=0)
+    low, high = np.percentile(np.concatenate(observations), SPAN, axis=0)
     text = parts(type(gymnasium.make(name).unwrapped))
     lines = [
         line for line in text["Observation Space"].splitlines() if re.match(r"\| \d+ \|", line)
@@ -156,19 +156,19 @@ def episode(task: str, policy: Any) -> Episode:
     with optional():
         import gymnasium
     env: Any = gymnasium.make(f"ImpactAbsorber/{task}")
-    seen, info = env.reset(seed=SEED)
+    observation, info = env.reset(seed=SEED)
     policy.start(1)
     times = [float(info["time"])]
-    observations = [seen]
+    observations = [observation]
     actions = []
     levels = []
     over = False
     while not over:
-        action = policy.act(seen[None])[0]
-        seen, reward, end, cut, info = env.step(action)
+        action = policy.act(observation[None])[0]
+        observation, reward, end, cut, info = env.step(action)
         over = end or cut
         times.append(float(info["time"]))
-        observations.append(seen)
+        observations.append(observation)
         actions.append(action)
         levels.append(float(info.get("relative_level", -float(reward))))
     env.close()
@@ -197,25 +197,27 @@ def save_picture(path: Path, task: str) -> None:
         if chosen
         else {"random actions": Random()}
     )
-    found = {name: episode(task, policy) for name, policy in actors.items()}
+    result = {name: episode(task, policy) for name, policy in actors.items()}
     first = next(iter(actors))
-    features = found[first].features
-    observations = found[first].observations
-    times = found[first].times
+    features = result[first].features
+    observations = result[first].observations
+    times = result[first].times
     figure, panels = figure_of(
         8.6, 6.0, 3, 1, sharex=True, height_ratios=(0.24 * len(features), 1, 1.2)
     )
-    seen, done, came = panels[:, 0]
-    shown = observations.T / np.maximum(np.abs(observations).max(axis=0), 1e-12)[:, None]
+    overview, done, came = panels[:, 0]
+    visible = observations.T / np.maximum(np.abs(observations).max(axis=0), 1e-12)[:, None]
     edges = np.append(times, 2 * times[-1] - times[-2])
-    seen.pcolormesh(edges, np.arange(len(features) + 1), shown, cmap="RdBu_r", vmin=-1, vmax=1)
-    seen.set_yticks(np.arange(len(features)) + 0.5, features, fontsize=8)
-    seen.invert_yaxis()
+    overview.pcolormesh(
+        edges, np.arange(len(features) + 1), visible, cmap="RdBu_r", vmin=-1, vmax=1
+    )
+    overview.set_yticks(np.arange(len(features)) + 0.5, features, fontsize=8)
+    overview.invert_yaxis()
     figure.suptitle(
         f"{task}: what is observed (blue below 0, red above), what is done, and the level",
         fontsize=10,
     )
-    for (name, one), colour in zip(found.items(), COLOURS, strict=False):
+    for (name, one), colour in zip(result.items(), COLOURS, strict=False):
         for values, style, label in zip(
             one.actions.T, ("-", (0, (2, 1))), (name, f"{name}: second number"), strict=False
         ):
@@ -225,11 +227,11 @@ def save_picture(path: Path, task: str) -> None:
         came.stairs(one.levels, one.times, baseline=None, color=colour, lw=1.3)
     came.axhline(1.0, color=BLACK, lw=0.8, ls=":")
     done.set(ylabel="action", ylim=(-1.08, 1.08))
-    came.set(ylabel="level so far" if found[first].cumulative else "RMS and prices")
+    came.set(ylabel="level so far" if result[first].cumulative else "RMS and prices")
     came.set(
-        xlabel="time in pseudo periods", xlim=(0, max(one.times[-1] for one in found.values()))
+        xlabel="time in pseudo periods", xlim=(0, max(one.times[-1] for one in result.values()))
     )
-    came.set_ylim(bottom=min(0.0, *(float(one.levels.min()) for one in found.values())))
+    came.set_ylim(bottom=min(0.0, *(float(one.levels.min()) for one in result.values())))
     for panel in (done, came):
         panel.grid(True, color="0.9", lw=0.7)
     figure.align_ylabels([done, came])
@@ -254,13 +256,13 @@ def known(file: Path) -> dict[str, Json]:
     if not file.exists():
         return {}
     try:
-        found = dict(read_json(file)["tasks"])
-        rooms(found)
+        result = dict(read_json(file)["tasks"])
+        rooms(result)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ParameterError(
             f"--json = {file} is not allowed: a file that an earlier run of this command wrote ({error!r})"
         ) from error
-    return {name: found[name] for name in TASKS if name in found}
+    return {name: result[name] for name in TASKS if name in result}
 
 
 @command()
@@ -313,27 +315,27 @@ def main(
     check_target("--rules", rules)
     if page is not None:
         require_markers(page, PAGE, MARKERS)
-    found = known(target or NUMBERS) if target is not None or redraw else {}
+    result = known(target or NUMBERS) if target is not None or redraw else {}
     for task in tasks or [name for name, own in TASKS.items() if own.planned]:
         effort = QUICK if quick else EFFORTS[task]
         effort = replace(effort, judged=judged or effort.judged)
         trained = [] if agents is None else find_agents(agents, FINAL, env_of(task))
         if not redraw:
             with Bar(total=tried(task, effort), desc=task, unit="candidate", leave=False) as bar:
-                found[task] = admit(task, {}, effort, bar.update)
-        if task in found:
-            add_agents(task, found[task], trained)
-        found = {name: found[name] for name in TASKS if name in found}
+                result[task] = admit(task, {}, effort, bar.update)
+        if task in result:
+            add_agents(task, result[task], trained)
+        result = {name: result[name] for name in TASKS if name in result}
         if target is not None:
-            write_json(target, {"tasks": found})
-    click.echo(rooms(found))
+            write_json(target, {"tasks": result})
+    click.echo(rooms(result))
     if rules is not None:
-        write_json(rules, {name: one["rules"] for name, one in found.items()})
+        write_json(rules, {name: one["rules"] for name, one in result.items()})
     if page is not None:
         for name in Bar(NAMES, desc="pictures", unit="task", leave=False):
             save_picture(page.parent / PICTURES / f"{name}.png", name)
         fill(
             page,
             PAGE,
-            {"admission": rooms(found), "rules": searches(found), "tasks": described()},
+            {"admission": rooms(result), "rules": searches(result), "tasks": described()},
         )

@@ -87,11 +87,11 @@ CASES = (
 )
 
 
-def measure(case: SpeedCase, given: TimingSettings, advance: Advance) -> Json:
+def measure(case: SpeedCase, settings: TimingSettings, advance: Advance) -> Json:
     """Time both methods: times per pseudo period in us, medians and all repeats."""
     scene = case.scene()
-    periods = given.periods
-    short = min(given.periods, case.moreau_periods)
+    periods = settings.periods
+    short = min(settings.periods, case.moreau_periods)
     exact, moreau = (
         Timed(scene, make_sweep_up(scene, case.force, START, length), method)
         for length, method in ((periods, Exact()), (short, Moreau()))
@@ -104,7 +104,7 @@ def measure(case: SpeedCase, given: TimingSettings, advance: Advance) -> Json:
         "exact": lambda: exact.run().wall_time / periods,
         "moreau": lambda: moreau.run().wall_time / short,
     }
-    times = summarise_times(time_in_turn(runs, given.repeats, advance))
+    times = summarise_times(time_in_turn(runs, settings.repeats, advance))
     return {
         "name": case.name,
         "case": asdict(case),
@@ -149,7 +149,7 @@ def _said(measured: Measurement) -> str:
 STUDY: Study[TimingSettings] = make_table_study(
     NAME,
     "speed of the exact method",
-    lambda given: measure_all_cases(CASES, given, measure),
+    lambda settings: measure_all_cases(CASES, settings, measure),
     _said,
 )
 
@@ -187,10 +187,10 @@ def state_space(model: ModalModel) -> tuple[Array, ...]:
 
 
 def measure_record(
-    case: tuple[str, SlidingAbsorber | None], given: TimingSettings, advance: Advance
+    case: tuple[str, SlidingAbsorber | None], settings: TimingSettings, advance: Advance
 ) -> Json:
     """Return times of a sample in us, and how far lsim's displacement is from the exact one's, relative to its largest."""
-    (name, absorber), samples = case, int(given.periods)
+    (name, absorber), samples = case, int(settings.periods)
     model = modal_model(Beam(modes=MODES))
     times = np.arange(samples + 1) / RATE
     values = FORCE * np.random.default_rng(0).standard_normal(len(times))
@@ -198,29 +198,29 @@ def measure_record(
     scene = Scene(model, absorber)
     recorded = Record(level=False, series=True, samples_per_period=PERIOD)
     exact = Timed(scene, loads, Exact(), record=BARE)
-    seen = Timed(scene, loads, Exact(), record=recorded)
-    history = seen.run().recorded.history
+    recorder = Timed(scene, loads, Exact(), record=recorded)
+    history = recorder.run().recorded.history
     row: Json = {
         "name": name,
         "samples": samples,
         "impacts_per_s": exact.run().impact_count / float(times[-1]),
     }
-    runs: dict[str, Callable[[], object]] = {"exact": exact.run, "recorded": seen.run}
+    runs: dict[str, Callable[[], object]] = {"exact": exact.run, "recorded": recorder.run}
     if absorber is None:
         system = scipy.signal.StateSpace(*state_space(model))
-        _, found, _ = scipy.signal.lsim(system, values, times)
+        _, result, _ = scipy.signal.lsim(system, values, times)
         row["difference"] = float(
-            np.max(np.abs(history.modal_displacement @ model.level_shape - found))
-            / np.max(np.abs(found))
+            np.max(np.abs(history.modal_displacement @ model.level_shape - result))
+            / np.max(np.abs(result))
         )
         runs["lsim"] = partial(scipy.signal.lsim, system, values, times)
     else:
         runs["moreau"] = Timed(scene, loads, Moreau()).run
     each = time_in_turn(
-        {name: partial(time_call, run) for name, run in runs.items()}, given.repeats, advance
+        {name: partial(time_call, run) for name, run in runs.items()}, settings.repeats, advance
     )
     return row | {
-        f"{name}_us": 1e6 * statistics.median(found) / samples for name, found in each.items()
+        f"{name}_us": 1e6 * statistics.median(result) / samples for name, result in each.items()
     }
 
 
@@ -237,7 +237,7 @@ COLUMNS = {
 def _record_said(measured: Measurement) -> str:
     cases = measured.values["cases"]
     repeats = measured.values["repeats"]
-    told = [
+    cells = [
         {
             name: row[name] if name == "name" else f"{row[name]:.3g}" if name in row else ""
             for name in COLUMNS.values()
@@ -247,7 +247,7 @@ def _record_said(measured: Measurement) -> str:
     samples = cases[0]["samples"]
     difference = cases[0]["difference"]
     return (
-        f"{format_table({head: f'{{{name}}}' for head, name in COLUMNS.items()}, told)}\n\n"
+        f"{format_table({head: f'{{{name}}}' for head, name in COLUMNS.items()}, cells)}\n\n"
         f"All per sample of a white record of {samples:,} at {RATE:,.0f} a second, {FORCE:g} N RMS, on the paper's beam with {MODES} modes; whole\n"
         f"calls on one core, compiled before, median of {repeats}. What lsim, with straight lines between samples, gives for the displacement\n"
         f"differs by {difference:.1g} of the largest. The Moreau scheme has {PAPER_STEPS} steps per period of the highest mode."
@@ -257,7 +257,7 @@ def _record_said(measured: Measurement) -> str:
 RECORD_STUDY: Study[TimingSettings] = make_table_study(
     RECORD,
     "a sample of a record",
-    lambda given: measure_all_cases(list(RECORDED.items()), given, measure_record),
+    lambda settings: measure_all_cases(list(RECORDED.items()), settings, measure_record),
     _record_said,
 )
 

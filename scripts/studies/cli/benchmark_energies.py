@@ -80,10 +80,10 @@ CASES = (
 )
 
 
-def measure(case: EnergyCase, given: TimingSettings, advance: Advance) -> Json:
+def measure(case: EnergyCase, settings: TimingSettings, advance: Advance) -> Json:
     """Time both: times per pseudo period in us, medians and all repeats."""
     scene = beam_scene(Beam(modes=case.modes), case.absorber)
-    periods = given.periods
+    periods = settings.periods
     drive = make_sweep_up(scene, case.force, START, periods)
     watched, bare = (
         Timed(scene, drive, Exact(), record=record) for record in (Record(energy=True), Record())
@@ -93,7 +93,7 @@ def measure(case: EnergyCase, given: TimingSettings, advance: Advance) -> Json:
         "energies": lambda: watched.run().wall_time / periods,
         "bare": lambda: bare.run().wall_time / periods,
     }
-    times = summarise_times(time_in_turn(runs, given.repeats, advance))
+    times = summarise_times(time_in_turn(runs, settings.repeats, advance))
     return {
         "name": case.name,
         "pseudo_periods": periods,
@@ -133,7 +133,7 @@ def _said(measured: Measurement) -> str:
 STUDY: Study[TimingSettings] = make_table_study(
     NAME,
     "price of an energy account",
-    lambda given: measure_all_cases(CASES, given, measure),
+    lambda settings: measure_all_cases(CASES, settings, measure),
     _said,
 )
 

@@ -82,19 +82,22 @@ def browsing() -> Iterator[Any]:
     """Give a page of a headless browser; raises ParameterError where there is none."""
     from playwright.sync_api import sync_playwright
 
-    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    result = next((path for name in BROWSERS if (path := shutil.which(name))), None)
     require(
-        found is not None, "browser", None, f"one of {', '.join(BROWSERS)}, installed by the system"
+        result is not None,
+        "browser",
+        None,
+        f"one of {', '.join(BROWSERS)}, installed by the system",
     )
     with sync_playwright() as player:
-        browser = player.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        browser = player.chromium.launch(executable_path=result, args=["--no-sandbox"])
         yield browser.new_page(viewport=SIZE)
         browser.close()
 
 
 def _finished(page: Any, what: str = "done") -> None:
-    asked = page.evaluate("document.documentElement.dataset.asked") or 1
-    page.wait_for_selector(f'html[data-{what}="{asked}"]', state="attached", timeout=WAIT)
+    request = page.evaluate("document.documentElement.dataset.asked") or 1
+    page.wait_for_selector(f'html[data-{what}="{request}"]', state="attached", timeout=WAIT)
 
 
 def opened(page: Any, address: str, setting: str) -> None:
@@ -116,11 +119,11 @@ def moved(
         page.keyboard.press("ArrowRight")
         page.wait_for_selector(f'html[data-asked="{before + 1}"]', state="attached")
         _finished(page, "whole" if k <= repeats - WHOLE_REPEATS else "done")
-    found = page.evaluate(
+    result = page.evaluate(
         "performance.getEntriesByType('measure').map((m) => [m.name, m.duration])"
     )
     return {
-        key: [ms for name, ms in found if name == mark][
+        key: [ms for name, ms in result if name == mark][
             -(WHOLE_REPEATS if mark == "all" else repeats) :
         ]
         for mark, key in MARKS.items()
@@ -223,7 +226,7 @@ def measure(settings: ExplorerSettings) -> Json:
     return {"repeats": settings.repeats, "load": [load, os.getloadavg()[0]], "cases": rows}
 
 
-def said(found: Measurement) -> str:
+def said(result: Measurement) -> str:
     """Return the table: medians, and in brackets the largest."""
     columns = {
         "modes, friction in N": "{modes}, {friction_limit:g}",
@@ -238,11 +241,12 @@ def said(found: Measurement) -> str:
             name: f"{statistics.median(row[name]):.0f} ({max(row[name]):.0f})"
             for name in (*MARKS.values(), "stopped_ms")
         }
-        for row in found.values["cases"]
+        for row in result.values["cases"]
     ]
-    first, last = found.values["load"]
+    first, last = result.values["load"]
     return (
-        f"{format_table(columns, rows)}\n\nMedian of {found.values['repeats']} moves of the gap's slider, each when the forces of the one before are "
+        f"{format_table(columns, rows)}\n\nMedian of {result.values['repeats']} moves of the gap's slider, "
+        "each when the forces of the one before are "
         f"there, of everything of the last {WHOLE_REPEATS}; in brackets the longest. "
         f"The machine's load was {first:.1f} when it began and {last:.1f} when it ended, of which the benchmark is one or two."
     )

@@ -216,8 +216,8 @@ def held_orbits() -> dict[str, Orbit]:
     }
     return {
         name: orbit
-        for name, (case, settle) in cases.items()
-        if isinstance(orbit := orbit_of_simulation(case, settle), Orbit)
+        for name, (case, settling) in cases.items()
+        if isinstance(orbit := orbit_of_simulation(case, settling), Orbit)
     }
 
 

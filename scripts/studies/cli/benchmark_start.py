@@ -140,16 +140,16 @@ def steps(quick: bool, place: Path, advance: Callable[[], object]) -> list[Json]
         "compilation": [*set_up, "main", "kernels"],
         "comparison": comparison,
     }
-    found = []
+    result = []
     for what, words in started.items():
-        found.append(timed(what, words, clone, environment))
+        result.append(timed(what, words, clone, environment))
         advance()
-    wall, cpu = (sum(step[name] for step in found) for name in ("wall_s", "cpu_s"))
-    found.append({"what": "to the table and the figure", "wall_s": wall, "cpu_s": cpu})
+    wall, cpu = (sum(step[name] for step in result) for name in ("wall_s", "cpu_s"))
+    result.append({"what": "to the table and the figure", "wall_s": wall, "cpu_s": cpu})
     if not quick:
         timed("packages of the environments", [*set_up, "env"], clone, environment)
     for name, arguments in first_calls(quick).items():
-        found.append(
+        result.append(
             timed(
                 f"first call: {name}",
                 [str(clone / ".venv" / "bin" / "python"), *arguments],
@@ -158,7 +158,7 @@ def steps(quick: bool, place: Path, advance: Callable[[], object]) -> list[Json]
             )
         )
         advance()
-    return found
+    return result
 
 
 def _measure(quick: bool) -> Json:
@@ -174,10 +174,10 @@ def _measure(quick: bool) -> Json:
         return {"cores": available_cores(), "steps": steps(quick, Path(place), bar.update)}
 
 
-def table(found: list[Json]) -> str:
+def table(result: list[Json]) -> str:
     """Return a line for each step."""
     columns = {"step": "{what}", "wall time, s": "{wall_s:.1f}", "CPU time, s": "{cpu_s:.1f}"}
-    return format_table(columns, found)
+    return format_table(columns, result)
 
 
 def _said(measured: Measurement) -> str:

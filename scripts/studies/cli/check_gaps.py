@@ -95,26 +95,26 @@ class BruteForce:
         return np.asarray(np.array(values, dtype=float).reshape(shape).max(axis=-1))
 
 
-def row(case: StructureCase, given: GapSettings) -> list[Json]:
+def row(case: StructureCase, settings: GapSettings) -> list[Json]:
     """Return a case's one row; raises KeyboardInterrupt if it is stopped."""
     model = case.model()
     absorber = scaled_absorber(model, FORCE, case.resonance, case.mass_ratio)
-    where: Json = {"threads": given.threads, "executor": given.executor}
-    found = advise(
+    where: Json = {"threads": settings.threads, "executor": settings.executor}
+    result = advise(
         model,
         FORCE,
         case.resonance,
         absorber,
-        members=given.members,
-        percent_per_100_periods=given.rate,
+        members=settings.members,
+        percent_per_100_periods=settings.rate,
         **where,
     )
-    if not found.complete:
+    if not result.complete:
         raise KeyboardInterrupt
-    scan = BruteForce(found, np.random.default_rng([SEED, case.resonance]), where)
-    start = np.log(expected_factor(found.check.reach))
-    gaps = found.check.rule * np.exp(start + np.arange(FROM, TO, given.step))
-    return [judged(case, found, gaps, scan.levels, given.judges)]
+    scan = BruteForce(result, np.random.default_rng([SEED, case.resonance]), where)
+    start = np.log(expected_factor(result.check.reach))
+    gaps = result.check.rule * np.exp(start + np.arange(FROM, TO, settings.step))
+    return [judged(case, result, gaps, scan.levels, settings.judges)]
 
 
 def scaled(absorber: SlidingAbsorber, gap: float) -> SlidingAbsorber:
@@ -134,7 +134,7 @@ def scaled(absorber: SlidingAbsorber, gap: float) -> SlidingAbsorber:
 LevelsOf = Callable[[Sequence[SlidingAbsorber], Sequence[float], int], Array]
 
 
-def judged(case: StructureCase, found: Advice, gaps: Array, levels: LevelsOf, judges: int) -> Json:
+def judged(case: StructureCase, result: Advice, gaps: Array, levels: LevelsOf, judges: int) -> Json:
     """Return a case's row.
 
     ``recommended``: the largest median level of the recommended device over three forces, over the lowest such of the scan; ``sharp``: its median
@@ -142,9 +142,9 @@ def judged(case: StructureCase, found: Advice, gaps: Array, levels: LevelsOf, ju
     devices in their 90 % intervals. ``best`` is the scan's best gap for three forces over the rule's; ``relative``: its level over that without
     absorber.
     """
-    sharp = not_none(found.sharp)
-    recommended = not_none(found.recommended)
-    devices = [scaled(found.check.absorber, float(gap)) for gap in gaps]
+    sharp = not_none(result.sharp)
+    recommended = not_none(result.recommended)
+    devices = [scaled(result.check.absorber, float(gap)) for gap in gaps]
 
     def best_of(single: Array, worst: bool) -> SlidingAbsorber:
         """Return the device with the lowest median, first by single runs, then by `CANDIDATE_RUNS` of the best."""
@@ -163,7 +163,7 @@ def judged(case: StructureCase, found: Advice, gaps: Array, levels: LevelsOf, ju
     over_forces = np.median(robust, axis=2).max(axis=1)
     medians = np.median(at_force, axis=1)
     inside = np.concatenate([within(recommended, robust[0, 1]), within(sharp, at_force[0])])
-    check = found.check
+    check = result.check
     assert best_robust.walls is not None
     return {
         "name": case.name,
@@ -176,7 +176,7 @@ def judged(case: StructureCase, found: Advice, gaps: Array, levels: LevelsOf, ju
         "recommended": float(over_forces[0] / over_forces[1]),
         "sharp": float(medians[0] / medians[1]),
         "coverage": float(np.mean(inside)),
-        "sweeps": found.sweeps,
+        "sweeps": result.sweeps,
     }
 
 
@@ -199,7 +199,7 @@ def table(measured: Measurement) -> str:
     rows_by_name = {
         (r["name"], r["resonance"], r["mass_ratio"]): r for r in measured.values["rows"]
     }
-    found = [rows_by_name[key] for key in order if key in rows_by_name]
+    result = [rows_by_name[key] for key in order if key in rows_by_name]
     columns = {
         "structure": "{name}",
         "resonance": "{resonance}",
@@ -214,16 +214,16 @@ def table(measured: Measurement) -> str:
         "sweeps": "{sweeps}",
     }
     names = ("damping", "mass_ratio", "relative", "coverage")
-    rows = ({**r, "percent": [100 * r[name] for name in names]} for r in found)
+    rows = ({**r, "percent": [100 * r[name] for name in names]} for r in result)
     words = []
     for name, most in (("recommended", TOLERATED), ("sharp", SHARP_TOLERATED)):
-        worst = max(found, key=lambda r, name=name: float(r[name]))  # type: ignore[misc]
-        good = sum(r[name] <= most for r in found)
+        worst = max(result, key=lambda r, name=name: float(r[name]))  # type: ignore[misc]
+        good = sum(r[name] <= most for r in result)
         words.append(
-            f"`{name}` within {most:g} of the scan's best: {good} of {len(found)}, worst {worst[name]:.2f} "
+            f"`{name}` within {most:g} of the scan's best: {good} of {len(result)}, worst {worst[name]:.2f} "
             f"({worst['name']}, resonance {worst['resonance']})"
         )
-    coverage = 100 * float(np.mean([r["coverage"] for r in found]))
+    coverage = 100 * float(np.mean([r["coverage"] for r in result]))
     words.append(f"fresh runs in the 90 % intervals: {coverage:.0f} %")
     return f"{format_table(columns, rows)}\n\n{'; '.join(words)}."
 
@@ -233,19 +233,19 @@ STUDY: Study[GapSettings] = Study(
         make_rows_part(
             NAME,
             "the answers of design_gap beside scans by brute force",
-            cases=lambda given: {
-                (case.name, case.resonance, case.mass_ratio): partial(row, case, given)
-                for case in given.cases
+            cases=lambda settings: {
+                (case.name, case.resonance, case.mass_ratio): partial(row, case, settings)
+                for case in settings.cases
             },
             key=itemgetter("name", "resonance", "mass_ratio"),
             text=table,
-            told=lambda given: {
-                "members": given.members,
-                "step": given.step,
-                "rate": given.rate,
-                "judges": given.judges,
+            told=lambda settings: {
+                "members": settings.members,
+                "step": settings.step,
+                "rate": settings.rate,
+                "judges": settings.judges,
             },
-            sections=lambda found: {NAME: f"{table(found)}\n\n{sources(found.conditions)}"},
+            sections=lambda result: {NAME: f"{table(result)}\n\n{sources(result.conditions)}"},
             said=table,
         ),
     ),
@@ -290,16 +290,16 @@ def main(
     The scan simulates levels at 0.9, 1 and 1.1 of the force with phases of its own; its best gaps and the answers are judged by fresh runs. Ctrl-C
     prints, and writes, what is finished; with --json the same command goes on from there.
     """
-    with plain_errors(), workers(given["threads"], cluster) as found:
+    with plain_errors(), workers(given["threads"], cluster) as result:
         given |= {
             "members": given["members"] or MEMBERS,
             "judges": given["judges"] or (QUICK_JUDGES if quick else JUDGES),
-            "threads": given["threads"] if found is None else None,
+            "threads": given["threads"] if result is None else None,
         }
         settings = GapSettings(
             tuple(CASES[k] for k in QUICK_CASES) if quick else by_run_time(CASES + HARD_CASES),
             step=QUICK_STEP if quick else STEP,
-            executor=found,
+            executor=result,
             **given,
         )
         run(STUDY, settings, make_table_paths(target, page))

@@ -66,10 +66,10 @@ def panel_places() -> Places:
     ]
     shapes = np.array([model.tip_shape for model in models])
     model = replace(models[0], absorber_shapes=shapes)
-    found = find_places(model)
+    result = find_places(model)
     at = np.zeros((len(points), 3))
     at[:, :2] = np.array(points) * sides
-    return replace(found, points=at)
+    return replace(result, points=at)
 
 
 def chain() -> ModalModel:
@@ -147,52 +147,54 @@ class BruteForce:
         return np.asarray((levels / [study.without[r] for r in study.forces]).max(axis=-1))
 
 
-def row(case: Case, given: PlaceSettings) -> list[Json]:
+def row(case: Case, settings: PlaceSettings) -> list[Json]:
     """Return a case's one row; raises KeyboardInterrupt if it is stopped."""
     places = case.places()
-    where: Json = {"threads": given.threads, "executor": given.executor}
-    found = advise_place(
+    where: Json = {"threads": settings.threads, "executor": settings.executor}
+    result = advise_place(
         places,
         dict(case.forces),
         mass_ratios=[case.mass_ratio],
-        members=given.members,
-        percent_per_100_periods=given.rate,
+        members=settings.members,
+        percent_per_100_periods=settings.rate,
         **where,
     )
-    if not found.complete or found.recommended is None:
+    if not result.complete or result.recommended is None:
         raise KeyboardInterrupt
-    return [judged(case, found, found.recommended, given, where)]
+    return [judged(case, result, result.recommended, settings, where)]
 
 
 def judged(
-    case: Case, found: PlaceAdvice, best: PlacedDevice, given: PlaceSettings, where: Json
+    case: Case, result: PlaceAdvice, best: PlacedDevice, settings: PlaceSettings, where: Json
 ) -> Json:
     """Return a case's row.
 
     ``ratio``: the largest median of the recommended device over three forces, over that of the best pair of place and gap of the scan, both of fresh
     runs; ``coverage``: share of the fresh runs at the forces themselves that lie in the 90 % interval.
     """
-    places = found.places
+    places = result.places
     every = range(len(places))
     if isinstance(places.structure, Beam):
-        every = range(len(places) - 1, -1, -max(1, len(places) // given.scanned))
-    scan = BruteForce(found, np.random.default_rng([SEED, *dict(case.forces)]), where)
+        every = range(len(places) - 1, -1, -max(1, len(places) // settings.scanned))
+    scan = BruteForce(result, np.random.default_rng([SEED, *dict(case.forces)]), where)
     pairs = []
     for place in every:
         model = places.model_at(place)
-        own = found.maps[0]
+        own = result.maps[0]
         if not np.isfinite(own.gap[place]):
             continue
-        start = expected_gap(model, case.mass_ratio, found.forces)
-        gaps = (start * np.exp(np.arange(FROM, TO, given.step))).tolist()
-        pairs += [(place, model, found.study.absorber(model, case.mass_ratio, gap)) for gap in gaps]
+        start = expected_gap(model, case.mass_ratio, result.forces)
+        gaps = (start * np.exp(np.arange(FROM, TO, settings.step))).tolist()
+        pairs += [
+            (place, model, result.study.absorber(model, case.mass_ratio, gap)) for gap in gaps
+        ]
     single = scan.shares([(model, absorber) for _, model, absorber in pairs], (1.0,), 1)[:, 0, 0]
     chosen = [pairs[k] for k in np.argsort(single)[:CANDIDATES]]
     again = scan.shares([(m, a) for _, m, a in chosen], FACTORS, CANDIDATE_RUNS)
     place, model, absorber = chosen[int(np.argmin(np.median(again, axis=2).max(axis=1)))]
 
     own_model = places.model_at(best.place)
-    fresh = scan.shares([(own_model, best.absorber), (model, absorber)], FACTORS, given.judges)
+    fresh = scan.shares([(own_model, best.absorber), (model, absorber)], FACTORS, settings.judges)
     worst = np.median(fresh, axis=2).max(axis=1)
     low, high = best.interval
     inside = (fresh[0, 1] >= low) & (fresh[0, 1] <= high)
@@ -210,7 +212,7 @@ def judged(
         "scan_share": float(worst[1]),
         "ratio": float(worst[0] / worst[1]),
         "coverage": float(np.mean(inside)),
-        "sweeps": found.sweeps,
+        "sweeps": result.sweeps,
         "scan_sweeps": 2 * len(case.forces) * len(pairs),
     }
 
@@ -219,7 +221,7 @@ def table(measured: Measurement) -> str:
     """Return a line for each case, how many are good, and the worst."""
     order = [(case.name, [r for r, _ in case.forces]) for case in CASES]
     by_name = {(r["name"], *r["resonances"]): r for r in measured.values["rows"]}
-    found = [by_name[name, *rs] for name, rs in order if (name, *rs) in by_name]
+    result = [by_name[name, *rs] for name, rs in order if (name, *rs) in by_name]
     columns = {
         "structure": "{name}",
         "resonances": "{which}",
@@ -242,14 +244,14 @@ def table(measured: Measurement) -> str:
             "percent": [100 * r[name] for name in ("mass_ratio", "scan_share", "coverage")],
             "mm": [1e3 * r["gap"], 1e3 * r["scan_gap"]],
         }
-        for r in found
+        for r in result
     )
-    good = sum(r["ratio"] <= TOLERATED for r in found)
-    worst = max(found, key=lambda r: float(r["ratio"]))
+    good = sum(r["ratio"] <= TOLERATED for r in result)
+    worst = max(result, key=lambda r: float(r["ratio"]))
     which = " and ".join(map(str, worst["resonances"]))
     words = (
-        f"Within {TOLERATED:g} of the scan's best: {good} of {len(found)}, worst {worst['ratio']:.2f} ({worst['name']}, resonance {which}); "
-        f"fresh runs in the 90 % intervals: {100 * float(np.mean([r['coverage'] for r in found])):.0f} %."
+        f"Within {TOLERATED:g} of the scan's best: {good} of {len(result)}, worst {worst['ratio']:.2f} ({worst['name']}, resonance {which}); "
+        f"fresh runs in the 90 % intervals: {100 * float(np.mean([r['coverage'] for r in result])):.0f} %."
     )
     return f"{format_table(columns, rows)}\n\n{words}"
 
@@ -259,20 +261,20 @@ STUDY: Study[PlaceSettings] = Study(
         make_rows_part(
             NAME,
             "the answers of design_place beside scans by brute force",
-            cases=lambda given: {
-                (case.name, *(r for r, _ in case.forces)): partial(row, case, given)
-                for case in given.cases
+            cases=lambda settings: {
+                (case.name, *(r for r, _ in case.forces)): partial(row, case, settings)
+                for case in settings.cases
             },
             key=lambda r: (r["name"], *r["resonances"]),
             text=table,
-            told=lambda given: {
-                "members": given.members,
-                "step": given.step,
-                "scanned": given.scanned,
-                "rate": given.rate,
-                "judges": given.judges,
+            told=lambda settings: {
+                "members": settings.members,
+                "step": settings.step,
+                "scanned": settings.scanned,
+                "rate": settings.rate,
+                "judges": settings.judges,
             },
-            sections=lambda found: {NAME: f"{table(found)}\n\n{sources(found.conditions)}"},
+            sections=lambda result: {NAME: f"{table(result)}\n\n{sources(result.conditions)}"},
             said=table,
         ),
     ),
@@ -311,15 +313,15 @@ def main(
     The scan runs each place at gaps 10 % apart, its best again at 0.9, 1 and 1.1 of the forces; its best and the answer are judged by fresh runs.
     Ctrl-C prints, and writes, what is finished; with --json the same command goes on from there.
     """
-    with plain_errors(), workers(given["threads"], cluster) as found:
+    with plain_errors(), workers(given["threads"], cluster) as result:
         given["judges"] = given["judges"] or (QUICK_JUDGES if quick else JUDGES)
-        if found is not None:
+        if result is not None:
             given["threads"] = None
         settings = PlaceSettings(
             tuple(CASES[k] for k in QUICK_CASES) if quick else CASES,
             QUICK_MEMBERS if quick else MEMBERS,
             QUICK_STEP if quick else STEP,
-            executor=found,
+            executor=result,
             **given,
         )
         run(STUDY, settings, make_table_paths(target, page))

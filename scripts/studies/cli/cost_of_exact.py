@@ -65,14 +65,14 @@ def make_room(slots: ModalSystem, omega: float, half: float) -> Room:
 
 
 @jit
-def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
+def repeat_scan(calls, slots, workspace, level):  # type: ignore[no-untyped-def]
     """Look at a block of times, again and again."""
-    w = room.signal.moving
+    w = workspace.signal.moving
     size = slots.rows.shape[1]
     total = 0
-    start_orders(slots.rows, room.signal.u, w, size)
-    fill_carrier(slots.steps, room.window.omega, level, room.forced.carrier)
-    course = EventFunction(slots, room.forced, room.window.omega, room.signal, 0.0)
+    start_orders(slots.rows, workspace.signal.u, w, size)
+    fill_carrier(slots.steps, workspace.window.omega, level, workspace.forced.carrier)
+    course = EventFunction(slots, workspace.forced, workspace.window.omega, workspace.signal, 0.0)
     guards = Guards(-1.0, 1.0, 0, None, False)
     place = BlockStart(0.0, 1.0, 0.0, 0)
     step = SearchStep(level, slots.steps[level, 0], size, 1e-9, 1e-9)
@@ -84,22 +84,24 @@ def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
 
 
 @jit
-def repeat_turn(calls, slots, room, level):  # type: ignore[no-untyped-def]
+def repeat_turn(calls, slots, workspace, level):  # type: ignore[no-untyped-def]
     """Move the amplitudes on by a block, again and again."""
-    w = room.signal.moving
+    w = workspace.signal.moving
     size = slots.rows.shape[1]
-    start_orders(slots.rows, room.signal.u, w, size)
+    start_orders(slots.rows, workspace.signal.u, w, size)
     turns = slots.turns
     for _ in range(calls):
         propagate_two_orders(turns, (level * POINTS + POINTS - 1) * 2 * size, w, size)
 
 
 @jit
-def repeat_refine(calls, slots, room):  # type: ignore[no-untyped-def]
+def repeat_refine(calls, slots, workspace):  # type: ignore[no-untyped-def]
     """Evaluate the signal exactly at another offset each time."""
     total = 0.0
-    step = room.window.half / calls
-    terms = select_terms(EventFunction(slots, room.forced, room.window.omega, room.signal, 0.0))
+    step = workspace.window.half / calls
+    terms = select_terms(
+        EventFunction(slots, workspace.forced, workspace.window.omega, workspace.signal, 0.0)
+    )
     for k in range(calls):
         y, v, a, j = evaluate_terms(terms, k * step)
         total += y + v + a + j
@@ -107,19 +109,19 @@ def repeat_refine(calls, slots, room):  # type: ignore[no-untyped-def]
 
 
 @jit
-def repeat_advance(calls, slots, room):  # type: ignore[no-untyped-def]
+def repeat_advance(calls, slots, workspace):  # type: ignore[no-untyped-def]
     """Advance slots by another offset each time."""
-    step = room.window.half / calls
+    step = workspace.window.half / calls
     for k in range(calls):
-        propagate(slots.rows, slots.table, slots.scale, k * step, room.z)
-        room.z[0, 0] = 1e-3
+        propagate(slots.rows, slots.table, slots.scale, k * step, workspace.z)
+        workspace.z[0, 0] = 1e-3
 
 
 @jit
-def repeat_solve(calls, slots, room):  # type: ignore[no-untyped-def]
+def repeat_solve(calls, slots, workspace):  # type: ignore[no-untyped-def]
     """Solve a window's forced part, again and again."""
     for _ in range(calls):
-        solve_forced(slots, room.window, None, room.forced)
+        solve_forced(slots, workspace.window, None, workspace.forced)
 
 
 NAME = "cost"
@@ -146,13 +148,13 @@ def measure(case: SpeedCase, periods: float) -> Json:
     events = response.steps / periods
     evaluations = response.evaluations / periods
     slots = rigid_regimes(scene, window)[0].system
-    room = make_room(slots, scene.model.resonance_omega(1), 0.5 * window)
+    workspace = make_room(slots, scene.model.resonance_omega(1), 0.5 * window)
     scan, turn = (
-        nanoseconds(partial(repeat, CALLS, slots, room, level))
+        nanoseconds(partial(repeat, CALLS, slots, workspace, level))
         for repeat in (repeat_scan, repeat_turn)
     )
     refine, advanced, chirp = (
-        nanoseconds(partial(repeat, CALLS, slots, room))
+        nanoseconds(partial(repeat, CALLS, slots, workspace))
         for repeat in (repeat_refine, repeat_advance, repeat_solve)
     )
     parts = {  # time of one call in ns, calls per pseudo period

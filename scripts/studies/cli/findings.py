@@ -52,15 +52,15 @@ def _band(band: Sequence[float], scale: float = 100.0, form: str = ".1f") -> str
     return f"{scale * band[0]:{form}} to {scale * band[1]:{form}}"
 
 
-def _design(found: Json) -> str:
+def _design(result: Json) -> str:
     """Return the free values; of several absorbers the number of each stands behind its names."""
     parts = []
-    for name in found["problem"]["space"]["free"]:
+    for name in result["problem"]["space"]["free"]:
         kind, _, which = name.rpartition("_") if name[-1].isdigit() else (name, "", "")
         unit, scale = UNITS.get(kind, ("", 1.0))
         symbol = SYMBOLS.get(kind, kind) + (f" {which}" if which else "")
         parts.append(
-            f"{symbol}{':' if which else ''} {scale * found['winner']['values'][name]:.3g} {unit}".rstrip()
+            f"{symbol}{':' if which else ''} {scale * result['winner']['values'][name]:.3g} {unit}".rstrip()
         )
     return ", ".join(parts)
 
@@ -77,19 +77,20 @@ def _over(
 ) -> str:
     """Return one judged level over another, ratio of the medians with its 95 % interval."""
     members = [
-        np.array(found[name], dtype=float) for found, name in zip((one, other), names, strict=True)
+        np.array(result[name], dtype=float)
+        for result, name in zip((one, other), names, strict=True)
     ]
     gain = ratio_of_quantiles(members[0], members[1])
     return f"{gain.ratio:.{digits}f} ({_band((gain.low, gain.high), 1.0, f'.{digits}f')})"
 
 
-def _gain(found: Json, digits: int = 3) -> str:
-    return _over(found, found, digits, ("members_winner", "members_paper"))
+def _gain(result: Json, digits: int = 3) -> str:
+    return _over(result, result, digits, ("members_winner", "members_paper"))
 
 
-def _found_besides(found: Json) -> Iterator[str]:
+def _found_besides(result: Json) -> Iterator[str]:
     """Yield the notes on a winner besides its level: branches of its members, bounds that it lies at, its level with more modes."""
-    for condition in found["conditions"]:
+    for condition in result["conditions"]:
         for name, label in (("winner", "the found"), ("paper", "the paper's")):
             two = condition[name]["branches"]
             if two is not None:
@@ -99,8 +100,8 @@ def _found_besides(found: Json) -> Iterator[str]:
                     for level, share in pairs
                 )
                 yield f"near resonance {condition['resonance']} {label} has two branches, {low} and {high}"
-    yield from (f"it lies at a bound, {line}" for line in found["winner_at_bounds"])
-    wider = found.get("with_more_modes")
+    yield from (f"it lies at a bound, {line}" for line in result["winner_at_bounds"])
+    wider = result.get("with_more_modes")
     if wider is not None:
         change = wider["change"]
         yield f"with {wider['modes']} modes its level is {change['ratio']:.3f} ({_band(change['95_percent'], 1.0, '.3f')}) times that"
@@ -109,9 +110,9 @@ def _found_besides(found: Json) -> Iterator[str]:
 def _besides(named: Mapping[str, Json]) -> str:
     """Return a list of `_found_besides`, by name."""
     lines = [
-        f"- *{name}*: {'; '.join(said)}."
-        for name, found in named.items()
-        if (said := list(_found_besides(found)))
+        f"- *{name}*: {'; '.join(remarks)}."
+        for name, result in named.items()
+        if (remarks := list(_found_besides(result)))
     ]
     return "\n\n" + "\n".join(lines) if lines else ""
 
@@ -130,8 +131,8 @@ def _concepts(result: Json) -> str:
     rows = []
     searches = []
     best = result["impact"]
-    for concept, found in result.items():
-        winners = [condition["winner"] for condition in found["conditions"]]
+    for concept, results in result.items():
+        winners = [condition["winner"] for condition in results["conditions"]]
         shares = " and ".join(
             _percent(winner["share_of_possible_reduction"], 0) for winner in winners
         )
@@ -139,21 +140,21 @@ def _concepts(result: Json) -> str:
         rows.append(
             (
                 concept,
-                _design(found),
-                _judged(found["winner"]),
-                _judged(found["paper"]),
-                _gain(found),
+                _design(results),
+                _judged(results["winner"]),
+                _judged(results["paper"]),
+                _gain(results),
                 *levels,
                 shares,
             )
         )
         searches.append(
-            f"{concept} {found['designs']} designs, {found['problem']['members']} members"
+            f"{concept} {results['designs']} designs, {results['problem']['members']} members"
         )
     others = [
-        f"{_over(found, best, 2)} times for the concept {concept}"
-        for concept, found in result.items()
-        if found is not best
+        f"{_over(results, best, 2)} times for the concept {concept}"
+        for concept, results in result.items()
+        if results is not best
     ]
     text = f"The worse level over that of the impact absorber found, ratio of the medians with its 95 % interval: {'; '.join(others)}."
     return f"{markdown(header, rows)}\n\n{text} Searches: {', '.join(searches)}." + _besides(result)
@@ -181,17 +182,17 @@ def _optima(result: Json) -> str:
         "found over paper's": "{gain}",
     }
 
-    def told(found: Json, digits: int = 3) -> Json:
+    def to_row(result: Json, digits: int = 3) -> Json:
         return {
-            **found,
-            "level": _judged(found["winner"]),
-            "papers": _judged(found["paper"]),
-            "gain": _gain(found, digits),
+            **result,
+            "level": _judged(result["winner"]),
+            "papers": _judged(result["paper"]),
+            "gain": _gain(result, digits),
         }
 
-    dampers = format_table(friction, map(told, result["friction"]))
+    dampers = format_table(friction, map(to_row, result["friction"]))
     absorbers = [
-        told(x, 2)
+        to_row(x, 2)
         | {
             "band": _band(x["best_force_5_to_95_percent_n"], 1.0, ".3g"),
             "design": _design(x),
@@ -213,17 +214,17 @@ def _place(result: Json) -> str:
         levels, bounds = map(np.array, both)
         best = int(levels.max(axis=1).argmin())
         ratios = [f"{result['mass_kg'] * shape**2:.4f}" for shape in shapes]
-        told = [_percent(v) for v in (levels[best].max(), bounds[best].max(), *levels.min(axis=0))]
-        rows.append((f"{x:g}", *ratios, f"{1e3 * result['gaps_m'][best]:.2f}", *told))
-    found = result["free"]
-    place = found["winner"]["values"]["position"]
-    text = f"With the position free among four variables the search ends at x/l = {place:.3g} ({_design(found)}): {_judged(found['winner'])} %."
+        cells = [_percent(v) for v in (levels[best].max(), bounds[best].max(), *levels.min(axis=0))]
+        rows.append((f"{x:g}", *ratios, f"{1e3 * result['gaps_m'][best]:.2f}", *cells))
+    results = result["free"]
+    place = results["winner"]["values"]["position"]
+    text = f"With the position free among four variables the search ends at x/l = {place:.3g} ({_design(results)}): {_judged(results['winner'])} %."
     return f"{markdown(header, rows)}\n\n{text}"
 
 
 def _robustness(result: Json) -> str:
     detunings = result["designs"][0]["detuning"]
-    shown = sorted(
+    visible = sorted(
         {0, len(detunings) // 4, len(detunings) // 2, -1 - len(detunings) // 4, -1},
         key=lambda k: k % len(detunings),
     )
@@ -235,11 +236,13 @@ def _robustness(result: Json) -> str:
         rows.append(
             (
                 f"{x['concept']}, {x['name']}",
-                *(_percent(relative[k]) for k in shown),
+                *(_percent(relative[k]) for k in visible),
                 _percent(max(relative)),
             )
         )
-    return markdown(("level, %", *(f"{100 * detunings[k]:+.1f} %" for k in shown), "largest"), rows)
+    return markdown(
+        ("level, %", *(f"{100 * detunings[k]:+.1f} %" for k in visible), "largest"), rows
+    )
 
 
 def _front(result: Json) -> str:
@@ -347,7 +350,11 @@ def _part(name: str) -> Part[FindingsSettings]:
 
 STUDY: Study[FindingsSettings] = Study(
     tuple(map(_part, PARTS)),
-    notes=lambda given: {"memory_bytes": peak_memory(), "quick": given.quick, "seed": given.seed},
+    notes=lambda options: {
+        "memory_bytes": peak_memory(),
+        "quick": options.quick,
+        "seed": options.seed,
+    },
     kept="finished parts are written; the same command goes on from here.",
 )
 
@@ -404,6 +411,6 @@ def main(
     """
     out = out or (QUICK_OUT if quick else OUT)
     with plain_errors(), executor(threads, None if redraw else cluster) as where:
-        given = settings(quick, where, seed, out)
-        require_writable("results", given.folder)
-        run(STUDY, given, paths_beside_page(out, NAME, out / NAME), only=parts, redraw=redraw)
+        options = settings(quick, where, seed, out)
+        require_writable("results", options.folder)
+        run(STUDY, options, paths_beside_page(out, NAME, out / NAME), only=parts, redraw=redraw)

@@ -58,14 +58,14 @@ class BranchSettings(NamedTuple):
     executor: Executor
 
 
-def _rows(damping: float, factor: float, given: BranchSettings) -> list[Json]:
+def _rows(damping: float, factor: float, settings: BranchSettings) -> list[Json]:
     """Return levels over no absorber for each of `LIMITS`: median and 5 to 95 % of the members, and their branches.
 
     On the paper's beam with another damping, and a gap ``factor`` times the rule's. There are fewer members at less damping, whose sweeps take longer
     by its square, but a quarter at least.
     """
-    members = max(1, round(given.members * min(1.0, max(0.25, damping / PAPER_DAMPING))))
-    found = []
+    members = max(1, round(settings.members * min(1.0, max(0.25, damping / PAPER_DAMPING))))
+    result = []
     problem = Problem(
         design_space(IMPACT),
         (Condition(1, FORCE),),
@@ -79,12 +79,12 @@ def _rows(damping: float, factor: float, given: BranchSettings) -> list[Json]:
     ]
     with runs_bar(f"damping {100 * damping:g} %, gap {factor:g}") as show:
         levels = judged(
-            problem, designs, problem.fresh_ensemble(members, SHOWN), given.executor, show
+            problem, designs, problem.fresh_ensemble(members, SHOWN), settings.executor, show
         )
     for limit, one in zip(LIMITS, levels, strict=True):
         low, median, high = (float(x) for x in np.quantile(one.members[0], (BAND[0], 0.5, BAND[1])))
         apart = branches(one.members[0])
-        found.append(
+        result.append(
             {
                 "damping_ratio": damping,
                 "gap_over_rule": factor,
@@ -95,12 +95,12 @@ def _rows(damping: float, factor: float, given: BranchSettings) -> list[Json]:
                 "branches": "one" if apart is None else apart.text(100, " %"),
             }
         )
-    return found
+    return result
 
 
 def table(measured: Measurement) -> str:
     """Return a line for each friction limit of each case."""
-    found = measured.values["rows"]
+    result = measured.values["rows"]
     columns = {
         "damping, %": "{damping:g}",
         "gap over rule's": "{gap_over_rule:g}",
@@ -112,13 +112,13 @@ def table(measured: Measurement) -> str:
     }
     levels = (
         [100 * x for x in (row["relative_median"], *row["relative_5_to_95_percent"])]
-        for row in found
+        for row in result
     )
     return format_table(
         columns,
         (
             {**row, "damping": 100 * row["damping_ratio"], "level": level}
-            for row, level in zip(found, levels, strict=True)
+            for row, level in zip(result, levels, strict=True)
         ),
     )
 
@@ -128,10 +128,12 @@ STUDY: Study[BranchSettings] = Study(
         make_rows_part(
             NAME,
             "friction and branches",
-            cases=lambda given: {case: partial(_rows, *case, given) for case in given.cases},
+            cases=lambda settings: {
+                case: partial(_rows, *case, settings) for case in settings.cases
+            },
             key=itemgetter("damping_ratio", "gap_over_rule"),
             text=add_sources(table),
-            told=lambda given: {"members": given.members},
+            told=lambda settings: {"members": settings.members},
             steps=None,
             said=table,
         ),
@@ -169,5 +171,5 @@ def main(
     Ctrl-C prints, and writes, what is finished; with --json the same command goes on from there.
     """
     with plain_errors(), executor(threads, cluster) as where:
-        given = BranchSettings(members, CASES[:1] if quick else CASES, where)
-        run(STUDY, given, make_table_paths(target, page))
+        settings = BranchSettings(members, CASES[:1] if quick else CASES, where)
+        run(STUDY, settings, make_table_paths(target, page))

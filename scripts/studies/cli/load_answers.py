@@ -83,10 +83,10 @@ Variant = tuple[str, Scene]
 
 def _found(scene: Scene, drives: Sequence[AnyDrive]) -> Array:
     """Return the levels in both bands under each drive, (drives, 2)."""
-    found = each_lane([Lane(scene, drive) for drive in drives], band_levels)
-    if None in found:
+    result = each_lane([Lane(scene, drive) for drive in drives], band_levels)
+    if None in result:
         raise KeyboardInterrupt
-    return np.array(found, dtype=np.float64)
+    return np.array(result, dtype=np.float64)
 
 
 def _row(
@@ -141,26 +141,28 @@ def _with_gaps(
 
 
 def _frictions(case: LoadCase) -> list[Variant]:
-    found = []
+    result = []
     for factor in FRICTIONS:
         limit = factor * scaled_friction(case.model, case.mass, GAP)
-        found += _with_gaps(case.model, FEW_GAPS, f"friction {limit:.2g} N, ", friction=limit)
-    return found
+        result += _with_gaps(case.model, FEW_GAPS, f"friction {limit:.2g} N, ", friction=limit)
+    return result
 
 
 def _places(case: LoadCase) -> list[Variant]:
     """Return absorbers from the second mode's node to where the absorber was."""
-    found = []
+    result = []
     for place in np.linspace(case.node, case.beam.absorber_position, 5)[:-1]:
         gap = design_gap(case.at(place), case.mass, case.forces[0], 1)
-        found += _with_gaps(case.at(place), [factor * gap for factor in ASIDE], f"at {place:.3f}, ")
-    return found
+        result += _with_gaps(
+            case.at(place), [factor * gap for factor in ASIDE], f"at {place:.3f}, "
+        )
+    return result
 
 
 def _halves(case: LoadCase) -> list[Variant]:
     """Return two absorbers of half the mass: side by side, and one at the second mode's node with one where the absorber was."""
     own = case.beam.absorber_position
-    found = []
+    result = []
     wide = design_gap(case.at(case.node), case.mass / 2, case.forces[0], 1)
     narrow = design_gap(case.model, case.mass / 2, case.forces[1], 2)
     pairs = [
@@ -184,8 +186,8 @@ def _halves(case: LoadCase) -> list[Variant]:
             restitution=RESTITUTION,
         )
         text = f"two halves {label}, gaps {1e3 * gaps[0]:.2g} and {1e3 * gaps[1]:.2g} mm"
-        found.append((text, Scene(case.at(*places), absorber)))
-    return found
+        result.append((text, Scene(case.at(*places), absorber)))
+    return result
 
 
 GROUPS: dict[str, Callable[[LoadCase], list[Variant]]] = {
@@ -230,15 +232,15 @@ def _ratios(
                 )
             )
             drives = drives_of(draw_members(settings.members, 0), replace(loads, start=start))
-            found = run_lanes(
+            result = run_lanes(
                 [
                     Lane(Scene(case.model), loads),
                     *(Lane(Scene(case.model, absorber), drive) for drive in drives),
                 ]
             )
-            if not found.complete:
+            if not result.complete:
                 raise KeyboardInterrupt
-            ratios[name] = (found.level[1:] / found.level[0]).tolist()
+            ratios[name] = (result.level[1:] / result.level[0]).tolist()
         rows.append({"structure": case.name, **row, "factor": factor, **ratios})
     return rows
 
@@ -287,9 +289,9 @@ def start_rows(case: LoadCase, start: str, settings: SpectrumSettings) -> list[J
     return rows
 
 
-def _of(rows: Sequence[Json], **given: object) -> list[Json]:
+def _of(rows: Sequence[Json], **settings: object) -> list[Json]:
     """Return the rows with these values."""
-    return [row for row in rows if all(row[name] == value for name, value in given.items())]
+    return [row for row in rows if all(row[name] == value for name, value in settings.items())]
 
 
 def _cost(row: Json) -> tuple[float, float]:
@@ -357,11 +359,15 @@ def _over_force(rows: Sequence[Json], names: tuple[str, ...]) -> str:
             medians
         )
     lines = []
-    for key, found in series.items():
-        most = max(factors, key=lambda factor: abs(found[factor][1] - found[factor][0]))
+    for key, result in series.items():
+        most = max(factors, key=lambda factor: abs(result[factor][1] - result[factor][0]))
         name = ", ".join(f"{part:g}" if isinstance(part, float) else str(part) for part in key)
         lines.append(
-            [name, *(f"{found[f][0]:.2f}" for f in factors), f"{found[most][1]:.2f} at {most:.2g}"]
+            [
+                name,
+                *(f"{result[f][0]:.2f}" for f in factors),
+                f"{result[most][1]:.2f} at {most:.2g}",
+            ]
         )
     return markdown(
         (", ".join(("structure", *names)), *(f"{factor:.2g}" for factor in factors), "down"), lines
@@ -415,17 +421,17 @@ def _part(name: str) -> Part[SpectrumSettings]:
             for value in values
         }
 
-    def figures(found: Measurement) -> dict[str, Saver]:
+    def figures(result: Measurement) -> dict[str, Saver]:
         from studies.load_figures import FIGURES  # matplotlib is slow to import
 
-        return {name: lambda path: FIGURES[name](path, found.values["rows"])}
+        return {name: lambda path: FIGURES[name](path, result.values["rows"])}
 
     return make_rows_part(
         name,
         title,
         cases,
         itemgetter("structure", told_apart),
-        add_sources(lambda found: words(found.values["rows"])),
+        add_sources(lambda result: words(result.values["rows"])),
         figures=figures,
     )
 

@@ -38,13 +38,13 @@ def scanned(page: Path) -> dict[tuple[str, int, float], tuple[float, float]]:
     text = page.read_text(encoding="utf-8")
     table = text.partition("<!-- check_gaps -->")[2].partition("<!-- /check_gaps -->")[0]
     lines = [line.strip().strip("|").split("|") for line in table.splitlines() if line[:1] == "|"]
-    found = {}
+    result = {}
     for cells in lines[2:]:
         name, resonance, _, mass, reach, best, *_ = (cell.strip() for cell in cells)
-        found[name, int(resonance), float(mass)] = (float(reach), float(best))
-    if not found:
+        result[name, int(resonance), float(mass)] = (float(reach), float(best))
+    if not result:
         raise ParameterError(f"{page} is not allowed: a page with the table of check_gaps")
-    return found
+    return result
 
 
 def rows_of(scans: dict[tuple[str, int, float], tuple[float, float]]) -> Iterator[Row]:

@@ -86,9 +86,9 @@ def _misfit(fault: Fault) -> str:
     source = ROOT / fault.file
     if not source.is_file():
         return f"a file of the checkout, not {fault.file!r}"
-    found = source.read_text(encoding="utf-8").count(fault.old)
-    if found != 1:
-        return f"a text that stands once in {fault.file}, not {found} times"
+    result = source.read_text(encoding="utf-8").count(fault.old)
+    if result != 1:
+        return f"a text that stands once in {fault.file}, not {result} times"
     return "" if fault.old != fault.new else "a new text other than old"
 
 
@@ -189,8 +189,8 @@ def main(only: str | None, processes: int, page: Path | None) -> None:
         try:
             for done in as_completed(waiting):
                 outcomes.append(done.result())
-                found = outcomes[-1]
-                click.echo(f"{found.verdict}: {found.fault.part}, {found.fault.name}", err=True)
+                result = outcomes[-1]
+                click.echo(f"{result.verdict}: {result.fault.part}, {result.fault.name}", err=True)
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
@@ -199,17 +199,17 @@ def main(only: str | None, processes: int, page: Path | None) -> None:
         {"part": "{part}", "fault": "{name}", "verdict": "{verdict}", "by, or why": "{test}"},
         (
             {
-                "part": found.fault.part,
-                "name": found.fault.name,
-                "verdict": found.verdict,
-                "test": found.test,
+                "part": result.fault.part,
+                "name": result.fault.name,
+                "verdict": result.verdict,
+                "test": result.test,
             }
-            for found in outcomes
+            for result in outcomes
         ),
     )
-    caught = sum(found.verdict == CAUGHT for found in outcomes)
+    caught = sum(result.verdict == CAUGHT for result in outcomes)
     summary = f"{caught} of {len(outcomes)} faults are caught."
     click.echo(f"{table}\n\n{summary}")
     fill_page(page, MARKER, f"{summary}\n\n{table}")
-    if any(found.verdict == SURVIVES for found in outcomes):
+    if any(result.verdict == SURVIVES for result in outcomes):
         raise SystemExit(1)

@@ -69,14 +69,14 @@ def names(rows: list[Row]) -> list[str]:
 
 def hazard_of(stays: list[Row], first: float = np.inf, last: float = -np.inf) -> Hazard | None:
     """Return the integral of the rates between two ratios, None where fewer than two frequencies have one."""
-    known = [row for row in stays if row["rate"] is not None and last <= row["at"] <= first]
-    if len(known) < 2:
+    earlier = [row for row in stays if row["rate"] is not None and last <= row["at"] <= first]
+    if len(earlier) < 2:
         return None
     rates = [
         ExitRate(row["exits"], row["exposure"], row["rate"], row["low"], row["high"])
-        for row in known
+        for row in earlier
     ]
-    return hazard([row["at"] for row in known], rates)
+    return hazard([row["at"] for row in earlier], rates)
 
 
 SHOWN = 8  # frequencies of a case's rates on the page
@@ -124,13 +124,13 @@ def stay_table(stays: list[Row]) -> str:
     )
 
 
-def sweep_table(sweeps: list[Row], found: Hazard | None) -> str:
+def sweep_table(sweeps: list[Row], result: Hazard | None) -> str:
     """Return a line for each slowness: measured beside predicted."""
     lines = []
     for row in sweeps:
-        told = (
-            "{:.3f}|{:.3f} to {:.3f}".format(*found.probability(row["at"])).split("|")
-            if found is not None
+        columns = (
+            "{:.3f}|{:.3f} to {:.3f}".format(*result.probability(row["at"])).split("|")
+            if result is not None
             else ("", "")
         )
         share = "" if row["share"] is None else f"{row['share']:.3f}"
@@ -138,7 +138,7 @@ def sweep_table(sweeps: list[Row], found: Hazard | None) -> str:
         lines.append(
             (
                 f"{row['at']:g}",
-                *told,
+                *columns,
                 share,
                 f"{row['low']:.3f} to {row['high']:.3f}",
                 f"{row['jumped']} of {row['present']}",
@@ -157,26 +157,26 @@ def sweep_table(sweeps: list[Row], found: Hazard | None) -> str:
     return markdown(header, lines)
 
 
-def about(found: Hazard | None) -> str:
+def about(result: Hazard | None) -> str:
     """Return the text below the table: the exit rates in words."""
-    if found is None:
+    if result is None:
         return "Fewer than two frequencies have a rate: no prediction."
-    reach = f"Integral of the rate from {found.first:g} to {found.last:g}: "
-    if found.value == 0:
+    reach = f"Integral of the rate from {result.first:g} to {result.last:g}: "
+    if result.value == 0:
         return f"{reach}no run left."
-    inverse = f"exp(-N/{1 / found.value:.0f})"
-    interval = f"(95 %: {1 / found.high:.0f} to {1 / found.low:.0f})"
-    if found.factor == 1:
+    inverse = f"exp(-N/{1 / result.value:.0f})"
+    interval = f"(95 %: {1 / result.high:.0f} to {1 / result.low:.0f})"
+    if result.factor == 1:
         return f"{reach}P(jump) = {inverse} {interval}."
-    factor = f"A = {found.factor:.3f} (95 %: {found.factor_low:.3f} to {found.factor_high:.3f}) from the sweeps"
+    factor = f"A = {result.factor:.3f} (95 %: {result.factor_low:.3f} to {result.factor_high:.3f}) from the sweeps"
     return f"{reach}P(jump) = A {inverse} {interval}, {factor}."
 
 
-def with_sweeps(found: Hazard | None, sweeps: list[Row]) -> Hazard | None:
+def with_sweeps(result: Hazard | None, sweeps: list[Row]) -> Hazard | None:
     """Return the hazard with the factor that sweeps show; as it is where none of them tells."""
     measured = {row["at"]: Jumps(row["jumped"], row["present"], row["runs"]) for row in sweeps}
-    told = [one for one in measured.values() if 0 < one.jumped < one.present]
-    return found.with_sweeps(measured) if found is not None and told else found
+    informative = [one for one in measured.values() if 0 < one.jumped < one.present]
+    return result.with_sweeps(measured) if result is not None and informative else result
 
 
 def ways_table(rows: list[Row], case: str) -> str:
@@ -240,8 +240,8 @@ SPANS = (
 def kind_table(rows: list[Row]) -> str:
     """Return a line for each stretch of frequencies with the same kinds in the same shares."""
     lines = []
-    for words, stretch in groupby(rows, key=pattern):
-        group = list(stretch)
+    for words, group_rows in groupby(rows, key=pattern):
+        group = list(group_rows)
         first = group[0]["at"]
         last = group[-1]["at"]
         at = f"{first:g}" if first == last else f"{first:g} to {last:g}"
@@ -288,13 +288,13 @@ def _jump_words(rows: list[Row]) -> list[str]:
     for case in names(rows):
         stays = of_case(rows, STAY, case)
         sweeps = slownesses(rows, case)
-        found = with_sweeps(hazard_of(stays), sweeps)
+        result = with_sweeps(hazard_of(stays), sweeps)
         tables = (
-            sweep_table(sweeps, found) if sweeps else "",
+            sweep_table(sweeps, result) if sweeps else "",
             ways_table(rows, case),
             stay_table(stays) if stays else "",
         )
-        blocks += [f"**{case}.** {about(found)}", *filter(None, tables)]
+        blocks += [f"**{case}.** {about(result)}", *filter(None, tables)]
     return blocks
 
 
@@ -308,7 +308,7 @@ def _kind_words(rows: list[Row]) -> list[str]:
 
 def _tables(measured: Measurement, name: str) -> list[CsvTable]:
     rows: list[Row] = measured.values["rows"]
-    found = []
+    result = []
     for what in dict.fromkeys(row["what"] for row in rows if row["what"] not in WAYS):
         own = [row for row in rows if row["what"] == what]
         columns = [column for column in own[0] if column != "what"]
@@ -324,8 +324,8 @@ def _tables(measured: Measurement, name: str) -> list[CsvTable]:
             ]
             for line in cells
         ]
-        found.append(CsvTable(f"{name}_{what}", columns, words))
-    return found
+        result.append(CsvTable(f"{name}_{what}", columns, words))
+    return result
 
 
 def _part(
@@ -378,9 +378,9 @@ DPI = 110
 
 def save_jump(path: Path, rows: list[Row]) -> None:
     """Draw rates of leaving over the frequency, and jumps over the slowness, a row for each case."""
-    shown = names(rows)
-    figure, panels = figure_of(11, 4.2 * len(shown), len(shown), 2)
-    for case, (rates, jumps) in zip(shown, np.atleast_2d(panels), strict=True):
+    visible = names(rows)
+    figure, panels = figure_of(11, 4.2 * len(visible), len(visible), 2)
+    for case, (rates, jumps) in zip(visible, np.atleast_2d(panels), strict=True):
         _rates(rates, [row for row in of_case(rows, STAY, case) if row["rate"] is not None])
         rates.set(
             xlabel="frequency over the resonance's",
@@ -420,18 +420,18 @@ def _rates(panel: Axes, rows: list[Row]) -> None:
 
 def _jumps(panel: Axes, sweeps: list[Row], stays: list[Row]) -> None:
     measured = [row for row in sweeps if row["share"] is not None]
-    found = with_sweeps(hazard_of(stays), sweeps)
-    if measured and found is not None:
+    result = with_sweeps(hazard_of(stays), sweeps)
+    if measured and result is not None:
         n = np.geomspace(measured[0]["at"] / 2, measured[-1]["at"] * 2, 200)
-        told = np.array([found.probability(each) for each in n]).T
+        curve = np.array([result.probability(each) for each in n]).T
         panel.plot(
             n,
-            told[0],
+            curve[0],
             color="0.2",
             lw=1.2,
-            label=f"{found.factor:.3f} exp(-N integral of the rate)",
+            label=f"{result.factor:.3f} exp(-N integral of the rate)",
         )
-        panel.fill_between(n, told[1], told[2], color="0.85", lw=0)
+        panel.fill_between(n, curve[1], curve[2], color="0.85", lw=0)
     if measured:
         _bars(panel, [row["at"] for row in measured], measured, "share", "measured, 95 %")
         panel.legend(frameon=False)
@@ -441,9 +441,9 @@ def _jumps(panel: Axes, sweeps: list[Row], stays: list[Row]) -> None:
 
 def save_kinds(path: Path, rows: list[Row]) -> None:
     """Draw the members' kinds over the frequency above the envelope of the response, a column for each case."""
-    shown = names(rows)
-    figure, panels = figure_of(6.5 * len(shown), 7, 2, len(shown), sharex="col")
-    for case, (top, bottom) in zip(shown, panels.T, strict=True):
+    visible = names(rows)
+    figure, panels = figure_of(6.5 * len(visible), 7, 2, len(visible), sharex="col")
+    for case, (top, bottom) in zip(visible, panels.T, strict=True):
         own = of_case(rows, RESPONSE, case)
         x = np.array([row["at"] for row in own])
         shares = [[row[kind.value] / row["runs"] for row in own] for kind in ResponseKind]
@@ -510,52 +510,52 @@ QUICK = {
 FAST = 300.0  # pseudo periods per percent: slower sweeps are left out of a quick look
 
 
-def is_own(given: dict[str, Any]) -> bool:
+def is_own(settings: dict[str, Any]) -> bool:
     """Return whether options describe a scene of one's own."""
-    return any(given[name] is not None for name in OWN)
+    return any(settings[name] is not None for name in OWN)
 
 
-def own_case(given: dict[str, Any]) -> RegimeCase:
+def own_case(settings: dict[str, Any]) -> RegimeCase:
     """Return the case that the options describe. Raises BadInput or ParameterError."""
-    given = given | dict.fromkeys(NOT_ASKED) | {"resonance": 1}  # the one that is looked at
-    refuse_parts(given)
-    scene, _ = make_scene(given)
-    if given["force"] is None:  # only a structure has a force that follows from the rule
+    settings = settings | dict.fromkeys(NOT_ASKED) | {"resonance": 1}  # the one that is looked at
+    refuse_parts(settings)
+    scene, _ = make_scene(settings)
+    if settings["force"] is None:  # only a structure has a force that follows from the rule
         raise BadInput("a scene of your own needs --force")
-    first = positive("--from", given["start"])
-    last = positive("--to", given["stop"])
+    first = positive("--from", settings["start"])
+    last = positive("--to", settings["stop"])
     require(first != last, "--to", last, f"different from --from = {first}")
-    ratios = grid(first, last, given["points"])
+    ratios = grid(first, last, settings["points"])
     step = 0.05 * (1 if last > first else -1)
-    sweep = Range(first - step / 50, first, last, last + step) if given["slowness"] else None
+    sweep = Range(first - step / 50, first, last, last + step) if settings["slowness"] else None
     return RegimeCase(
         "own",
         str(scene),
         scene,
-        given["force"],
-        given["approach"] or first,
+        settings["force"],
+        settings["approach"] or first,
         ratios,
-        given["slowness"],
+        settings["slowness"],
         sweep,
         tuple(sorted(ratios)),
     )
 
 
-def chosen_settings(given: dict[str, Any], executor: Executor | None = None) -> RegimeSettings:
+def chosen_settings(settings: dict[str, Any], executor: Executor | None = None) -> RegimeSettings:
     """Return the settings of a run, by an executor as in `run_lanes`. Raises BadInput or ParameterError."""
-    own = is_own(given)
-    picked = (own_case(given),) if own else cases()
+    own = is_own(settings)
+    picked = (own_case(settings),) if own else cases()
     counts = (
         {}
-        if given["members"] is None
-        else dict.fromkeys(("stay_members", "sweep_members", "kind_members"), given["members"])
+        if settings["members"] is None
+        else dict.fromkeys(("stay_members", "sweep_members", "kind_members"), settings["members"])
     )
-    times = {} if given["silence"] is None else {"silence": given["silence"]}
-    if given["quick"] and not own:
+    times = {} if settings["silence"] is None else {"silence": settings["silence"]}
+    if settings["quick"] and not own:
         picked = tuple(_thinned(case) for case in picked)
-    chosen = {**(QUICK if given["quick"] else {}), **counts, **times}
+    chosen = {**(QUICK if settings["quick"] else {}), **counts, **times}
     return RegimeSettings(
-        picked, **chosen, seed=given["seed"], threads=given["threads"], executor=executor
+        picked, **chosen, seed=settings["seed"], threads=settings["threads"], executor=executor
     )
 
 

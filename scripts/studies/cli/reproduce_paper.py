@@ -64,10 +64,10 @@ def main(
     assert where.folder is not None
     ended = 0
     with plain_errors(), workers(threads, None if redraw else cluster) as executor:
-        given = PaperSettings(where.folder, quick, seed, threads, executor)
+        settings = PaperSettings(where.folder, quick, seed, threads, executor)
         try:
-            run(STUDY, given, where, only=figures, redraw=redraw, resume=not anew)
+            run(STUDY, settings, where, only=figures, redraw=redraw, resume=not anew)
         except SystemExit as stopped:  # Ctrl-C: what is finished is judged all the same
             ended = int(stopped.code or 0)
-        run(CLAIMS, given, where)
+        run(CLAIMS, settings, where)
     sys.exit(ended)

@@ -76,7 +76,7 @@ class Standing(NamedTuple):
 
 def standings(trials: Sequence[Json]) -> list[Standing]:
     """Return all methods on all questions, best median first within a question, of the rows of `trial`."""
-    found = []
+    result = []
     for question in dict.fromkeys(t["question"] for t in trials):
         levels = {
             m: sorted(t["level"] for t in trials if (t["question"], t["method"]) == (question, m))
@@ -87,11 +87,11 @@ def standings(trials: Sequence[Json]) -> list[Standing]:
             for m, own in levels.items()
             if own
         }
-        found += sorted(
+        result += sorted(
             (Standing(question, m, levels[m], word) for m, word in over.items()),
             key=lambda row: row.median,
         )
-    return found
+    return result
 
 
 def winner(rows: Sequence[Standing]) -> str:
@@ -128,23 +128,23 @@ class ComparisonSettings(NamedTuple):
         }
 
 
-def trial(question: str, method: str, seed: int, given: ComparisonSettings) -> list[Json]:
+def trial(question: str, method: str, seed: int, settings: ComparisonSettings) -> list[Json]:
     """Return the one row of a search: the runs it made, what it ``thought`` of its winner, and the winner's ``level`` of fresh ``members``.
 
     Raises KeyboardInterrupt if one ended it, or no design came to its end.
     """
     beam, conditions = QUESTIONS[question]
     problem = Problem(
-        design_space("impact"), conditions, beam=beam, members=given.members, seed=seed
+        design_space("impact"), conditions, beam=beam, members=settings.members, seed=seed
     )
-    plan = Plan(given.designs, method, seed=seed, from_scratch=True, audit=0, modes=False)
-    found = find(
-        replace(problem, rate=given.speed * problem.rate), plan, None, given.executor, BARS
+    plan = Plan(settings.designs, method, seed=seed, from_scratch=True, audit=0, modes=False)
+    result = find(
+        replace(problem, rate=settings.speed * problem.rate), plan, None, settings.executor, BARS
     )
-    if found.verdict is None or not found.finished:
+    if result.verdict is None or not result.finished:
         raise KeyboardInterrupt
-    winner = found.verdict.winner
-    thought = found.verdict.found.score.values[0]
+    winner = result.verdict.winner
+    thought = result.verdict.found.score.values[0]
     level = winner.score.values[0]
     members = winner.members[0].tolist()
     values = dict(winner.design.values)
@@ -152,24 +152,24 @@ def trial(question: str, method: str, seed: int, given: ComparisonSettings) -> l
         "question": question,
         "method": method,
         "seed": seed,
-        "runs": found.cost.runs,
+        "runs": result.cost.runs,
         "thought": thought,
     }
     return [row | {"level": level, "members": members, "values": values}]
 
 
-def _searches(given: ComparisonSettings) -> dict[tuple[str, str, int], Callable[[], list[Json]]]:
+def _searches(settings: ComparisonSettings) -> dict[tuple[str, str, int], Callable[[], list[Json]]]:
     """Return all searches, seed by seed, so that a run that is stopped has all methods."""
-    every = product(range(given.seeds), given.questions, METHODS)
+    every = product(range(settings.seeds), settings.questions, METHODS)
     return {
-        (question, method, seed): partial(trial, question, method, seed, given)
+        (question, method, seed): partial(trial, question, method, seed, settings)
         for seed, question, method in every
     }
 
 
 def table(measured: Measurement) -> str:
     """Return a line for each method on each question, and the best of them."""
-    found = standings(measured.values["rows"])
+    result = standings(measured.values["rows"])
     columns = {
         "question": "{question}",
         "method": "{label}",
@@ -180,7 +180,7 @@ def table(measured: Measurement) -> str:
         "over CMA-ES (95 %)": "{over_cma}",
     }
     rows = []
-    for row in found:
+    for row in result:
         percent = [100 * x for x in (row.median, row.levels[0], row.levels[-1])]
         rows.append(
             {
@@ -190,7 +190,7 @@ def table(measured: Measurement) -> str:
                 "percent": percent,
             }
         )
-    return f"{format_table(columns, rows)}\n\nLeast mean rank: {LABELS[winner(found)]}."
+    return f"{format_table(columns, rows)}\n\nLeast mean rank: {LABELS[winner(result)]}."
 
 
 STUDY: Study[ComparisonSettings] = Study(
@@ -201,7 +201,7 @@ STUDY: Study[ComparisonSettings] = Study(
             cases=_searches,
             key=itemgetter("question", "method", "seed"),
             text=table,
-            told=lambda given: {"settings": given.told},
+            told=lambda settings: {"settings": settings.told},
             steps=None,
             markers=(SECTION, MACHINE),
             sections=lambda measured: {
@@ -254,12 +254,12 @@ def main(
     Writes search_methods.json.gz and the page search_methods.md. Ctrl-C keeps what is finished: the same command goes on from there.
     """
     with plain_errors(), executor(threads, None if redraw else cluster) as where:
-        given = ComparisonSettings(
+        settings = ComparisonSettings(
             where, question or tuple(QUESTIONS), **(QUICK if quick else FULL)
         )
         run(
             STUDY,
-            given,
+            settings,
             paths_beside_page(out or (QUICK_OUT if quick else OUT), NAME),
             redraw=redraw,
         )

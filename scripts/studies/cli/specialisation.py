@@ -82,19 +82,19 @@ def _probe(
     return values
 
 
-def left(quick: bool, known: Json) -> tuple[list[KernelVariant], list[Pair]]:
+def left(quick: bool, earlier: Json) -> tuple[list[KernelVariant], list[Pair]]:
     """Return the variants and the pairs that an earlier run has not measured."""
-    done = {pair["part"] for pair in known.get("pairs", ())}
-    return [variant for variant in own(quick) if variant.name not in known.get("own", {})], [
+    done = {pair["part"] for pair in earlier.get("pairs", ())}
+    return [variant for variant in own(quick) if variant.name not in earlier.get("own", {})], [
         pair for pair in pairs(quick) if pair.part not in done
     ]
 
 
-def measure(quick: bool, known: Json) -> Steps:
+def measure(quick: bool, earlier: Json) -> Steps:
     """Measure everything that is not known, one process after the other, and yield what there is after each: "own" by variant, and "pairs"."""
     periods, repeats = (QUICK_PERIODS, QUICK_REPEATS) if quick else (PERIODS, REPEATS)
-    results: Json = {"own": {}, "pairs": []} | known
-    variants, compared = left(quick, known)
+    results: Json = {"own": {}, "pairs": []} | earlier
+    variants, compared = left(quick, earlier)
     timed = {
         variant: results["own"][variant.name]
         for variant in own(quick)
@@ -212,10 +212,10 @@ MARKERS = tuple(
 
 
 def _summary(results: Json, measured: Measurement) -> str:
-    found = list(claims(results))
+    result = list(claims(results))
     broken = [claim for claim in claims(results) if not claim.holds]
     words = [
-        f"{len(found) - len(broken)} of {len(found)} claims hold. {sources(measured.conditions)}"
+        f"{len(result) - len(broken)} of {len(result)} claims hold. {sources(measured.conditions)}"
     ]
     words += (
         ["**Stopped early or a quick look: not all of the report.**"]
@@ -296,7 +296,7 @@ def sections(measured: Measurement) -> dict[str, str]:
         "us per period ": "{us[1]:.2f}",
         "ratio": "{ratio:.2f}",
     }
-    found = (
+    result = (
         _summary(results, measured),
         _claims(list(claims(results))),
         format_table(scenes, entries),
@@ -309,18 +309,18 @@ def sections(measured: Measurement) -> dict[str, str]:
             ),
         ),
     )
-    return dict(zip(MARKERS, found, strict=True))
+    return dict(zip(MARKERS, result, strict=True))
 
 
 def counts(entry: dict[str, Any]) -> dict[str, str]:
     """Return the arithmetic operations in each module of the kernels, blank for none."""
-    found = dict.fromkeys(PARTS, 0)
+    result = dict.fromkeys(PARTS, 0)
     for function in entry["functions"]:
         module = function["name"].partition(".")[0]
         part = "energies" if module.startswith("energ") else OF.get(module, module)
-        if part in found:
-            found[part] += function["arithmetic"]
-    return {part: str(number or "") for part, number in found.items()}
+        if part in result:
+            result[part] += function["arithmetic"]
+    return {part: str(number or "") for part, number in result.items()}
 
 
 NAME = "specialisation"
@@ -340,9 +340,9 @@ COLUMNS = (
 
 
 def _said(measured: Measurement) -> str:
-    found = claims(measured.values)
+    result = claims(measured.values)
     return "\n".join(
-        f"{'holds ' if claim.holds else 'BROKEN'}  {claim.text}: {claim.found}" for claim in found
+        f"{'holds ' if claim.holds else 'BROKEN'}  {claim.text}: {claim.found}" for claim in result
     )
 
 
@@ -352,7 +352,7 @@ PART: Part[bool] = Part(
     measure=measure,
     markers=MARKERS,
     sections=sections,
-    steps=lambda quick, known: 2 * len(left(quick, known)[0]) + len(left(quick, known)[1]),
+    steps=lambda quick, earlier: 2 * len(left(quick, earlier)[0]) + len(left(quick, earlier)[1]),
     tables=lambda measured: [
         CsvTable(
             NAME,

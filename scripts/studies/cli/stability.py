@@ -47,9 +47,9 @@ class StabilitySettings:
     workers: int
 
 
-def _measure(settings: StabilitySettings, known: Json) -> Steps:
+def _measure(settings: StabilitySettings, earlier: Json) -> Steps:
     order = tasks(settings.quick)
-    outcomes = finished(order, known)
+    outcomes = finished(order, earlier)
     done = {(outcome.task.function, outcome.task.arguments) for outcome in outcomes}
     with closing(
         Pool(settings.workers, COMPILE_S).run(
@@ -61,9 +61,9 @@ def _measure(settings: StabilitySettings, known: Json) -> Steps:
             yield gather(outcomes, order)
 
 
-def _steps(settings: StabilitySettings, known: Json) -> int:
+def _steps(settings: StabilitySettings, earlier: Json) -> int:
     order = tasks(settings.quick)
-    return len(order) - len(finished(order, known))
+    return len(order) - len(finished(order, earlier))
 
 
 CELL_COLUMNS = tuple(field.name for field in fields(Cell))
@@ -101,15 +101,15 @@ def _summary(results: Json, measured: Measurement) -> str:
         FAILED: "failed",
     }
     parts = ", ".join(f"{counts[verdict]} {text}" for verdict, text in words.items())
-    told = [f"{len(results['cells'])} cells: {parts}. {sources(made)}"]
-    told.append(
+    paragraphs = [f"{len(results['cells'])} cells: {parts}. {sources(made)}"]
+    paragraphs.append(
         f"Wall time {made.get('wall_s', 0):.0f} s on {made.get('workers', '?')} processes, compiling included."
     )
     if not measured.complete:
-        told.append("**Stopped early or a quick look: not all of the report.**")
+        paragraphs.append("**Stopped early or a quick look: not all of the report.**")
     if failed := list(failures(results)):
-        told += ["", "Failures:", "", *(f"- {line}" for line in failed)]
-    return "\n".join(told)
+        paragraphs += ["", "Failures:", "", *(f"- {line}" for line in failed)]
+    return "\n".join(paragraphs)
 
 
 def _matrix(results: Json) -> str:
@@ -203,13 +203,13 @@ def _limits(results: Json) -> str:
     for x in results["limits"]:
         omega = x["omega"]
         theory = x["theory_s"]
-        found = x["found_s"]
+        result = x["found_s"]
         rows.append(
             x
             | {
                 "theory": theory * omega,
-                "found": found * omega,
-                "off": found / theory - 1,
+                "found": result * omega,
+                "off": result / theory - 1,
                 "share": x["paper_s"] / theory,
             }
         )

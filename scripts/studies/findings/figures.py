@@ -31,8 +31,8 @@ def save_concepts(path: Path, result: Json) -> None:
     """Draw the relative level over the force for each concept's winner and the paper's choice, with the limit of the impact absorber's cavity."""
     figure, axes = figure_with(2, 5.0)
     for i, axis in enumerate(axes):
-        for concept, found in result.items():
-            curve = found["curves"][i]
+        for concept, results in result.items():
+            curve = results["curves"][i]
             colour = COLOURS.get(concept, FURTHER)
             force = np.array(curve["force_n"])
             without = np.array(curve["without"])
@@ -52,7 +52,7 @@ def save_concepts(path: Path, result: Json) -> None:
             )
             if concept == "impact":
                 _draw_limit(axis, curve)
-            axis.axvline(found["conditions"][i]["force_n"], color=GREY, lw=1, ls=":")
+            axis.axvline(results["conditions"][i]["force_n"], color=GREY, lw=1, ls=":")
         axis.axhline(100, color=BLACK, lw=1)
         axis.set(
             xscale="log",
@@ -211,10 +211,10 @@ def save_place(path: Path, result: Json) -> None:
         zorder=0.4,
         label=label,
     )
-    found = result["free"]["winner"]
+    results = result["free"]["winner"]
     left.plot(
-        found["values"]["position"],
-        100 * found["score"][0],
+        results["values"]["position"],
+        100 * results["score"][0],
         "*",
         ms=14,
         color=ORANGE,

@@ -108,16 +108,16 @@ class FindingsSettings:
     def find(self, name: str, problem: Problem, designs: int | None = None) -> Findings:
         """Search from scratch and judge; raises KeyboardInterrupt if that is broken off (the journal keeps what is finished)."""
         journal = self.folder / f"{name}.journal"
-        found = find(
+        result = find(
             problem,
             Plan(designs or self.designs, seed=self.seed, from_scratch=True),
             journal,
             self.executor,
             BARS,
         )
-        if not found.finished or found.verdict is None:
+        if not result.finished or result.verdict is None:
             raise KeyboardInterrupt
-        return found
+        return result
 
 
 def _numbers(values: np.ndarray) -> list[Any]:
@@ -129,13 +129,13 @@ def _numbers(values: np.ndarray) -> list[Any]:
     )
 
 
-def _found(found: Findings) -> Json:
-    verdict = not_none(found.verdict)
+def _found(result: Findings) -> Json:
+    verdict = not_none(result.verdict)
     members = {
         "members_winner": _numbers(verdict.winner.members[0]),
         "members_paper": _numbers(verdict.paper.members[0]),
     }
-    return summary(found) | members
+    return summary(result) | members
 
 
 def _listed(part: Levels) -> Json:
@@ -152,12 +152,12 @@ def concepts(study: FindingsSettings) -> Json:
     result: Json = {}
     for concept in VARIABLES:
         problem = study.problem(concept, AT)
-        found = study.find(
+        results = study.find(
             f"concepts-{concept}",
             problem,
             round((PAIRS if concept == SEVERAL else 1) * study.designs),
         )
-        both = [not_none(found.verdict).winner.design, not_none(found.verdict).paper.design]
+        both = [not_none(results.verdict).winner.design, not_none(results.verdict).paper.design]
         curves = []
         for condition in problem.conditions:
             conditions = over_force(
@@ -171,7 +171,7 @@ def concepts(study: FindingsSettings) -> Json:
             )  # of the limit of the winner's cavity, None: no closed form
             reach = [number(limit(problem, both[0], c)) for c in over_force(condition, forces)]
             curves.append(_listed(part) | {"limit_force_n": forces.tolist(), "limit_m": reach})
-        result[concept] = _found(found) | {"curves": curves}
+        result[concept] = _found(results) | {"curves": curves}
     return result
 
 
@@ -186,7 +186,7 @@ def optima(study: FindingsSettings) -> Json:
 
 def _friction_optimum(study: FindingsSettings, resonance: int, force: float) -> Json:
     problem = study.problem(FRICTION, [(resonance, force)], bounds={FRICTION_LIMIT: WIDE})
-    found = study.find(f"optima-{FRICTION}-{resonance}", problem)
+    result = study.find(f"optima-{FRICTION}-{resonance}", problem)
     (variable,) = problem.space.free
     limits = [variable.value_at(share) for share in np.linspace(0, 1, 4 * study.points)]
     with runs_bar("friction damper: levels over the friction limit") as show:
@@ -205,7 +205,7 @@ def _friction_optimum(study: FindingsSettings, resonance: int, force: float) -> 
         resonance,
     )
     curve = {"friction_limit_n": limits, "relative": part.relative[:, 0].tolist()}
-    return _found(found) | {
+    return _found(result) | {
         "resonance": resonance,
         "force_n": force,
         "argued_n": argued,
@@ -238,14 +238,14 @@ def _impact_optimum(study: FindingsSettings, resonance: int, force: float) -> Js
         "high": high.tolist(),
     }
     best = forces[np.argmin(relative, axis=1)]
-    found = study.find(f"optima-{resonance}", problem)
+    result = study.find(f"optima-{resonance}", problem)
     rules = {"rule_force_n": rule, "rule_gap_m": design_gap(problem.model, mass, force, resonance)}
     bests = {
         "best_force_n": float(forces[np.argmin(median)]),
         "best_force_5_to_95_percent_n": np.quantile(best, (0.05, 0.95)).tolist(),
     }
     return (
-        _found(found)
+        _found(result)
         | {"resonance": resonance, "force_n": force}
         | rules
         | bests
@@ -286,7 +286,7 @@ def place(study: FindingsSettings) -> Json:
     free = study.problem(
         IMPACT, AT, (GAP, "restitution", FRICTION_LIMIT, POSITION), members=2 * study.few
     )
-    found = study.find("place", free, max(2, 3 * study.designs // 4))
+    result = study.find("place", free, max(2, 3 * study.designs // 4))
     arrays = {
         "positions": positions,
         "gaps_m": gaps,
@@ -297,7 +297,7 @@ def place(study: FindingsSettings) -> Json:
     return {name: array.tolist() for name, array in arrays.items()} | {
         "shapes": shapes,
         "mass_kg": mass,
-        "free": _found(found),
+        "free": _found(result),
     }
 
 
@@ -306,7 +306,7 @@ def robustness(study: FindingsSettings) -> Json:
     path = study.data / "concepts.json.gz"
     rows = list[Json]()
     try:
-        known = dict(read_json(path))
+        earlier = dict(read_json(path))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ParameterError(
             f"{path} is not allowed: a file that an earlier run of this command wrote ({error})"
@@ -314,7 +314,7 @@ def robustness(study: FindingsSettings) -> Json:
     for concept in VARIABLES:
         problem = study.problem(concept, AT[:1], members=study.few)
         named = {
-            "winner": Design(concept, known[concept]["winner"]["values"]),
+            "winner": Design(concept, earlier[concept]["winner"]["values"]),
             "paper": problem.space.paper,
         }
         if concept == TUNED:
@@ -333,9 +333,13 @@ def robustness(study: FindingsSettings) -> Json:
                 problem, list(named.values()), conditions, study.few, study.executor, show
             )
         listed = _listed(part)
-        kept = {"concept": concept, "detuning": listed["detuning"], "without": listed["without"]}
+        selection = {
+            "concept": concept,
+            "detuning": listed["detuning"],
+            "without": listed["without"],
+        }
         rows += [
-            kept | {"name": name} | {key: listed[key][d] for key in ("median", "low", "high")}
+            selection | {"name": name} | {key: listed[key][d] for key in ("median", "low", "high")}
             for d, name in enumerate(named)
         ]
     return {"designs": rows, "force_n": AT[0][1]}
@@ -411,23 +415,23 @@ def full(study: FindingsSettings) -> Json:
     problem = study.problem(IMPACT, AT)
     began = time.perf_counter()
     plan = Plan(FULL if study.designs >= 100 else study.designs, seed=study.seed)
-    found = find(problem, plan, study.folder / "full.journal", study.executor, BARS)
-    if not found.finished or found.verdict is None:
+    result = find(problem, plan, study.folder / "full.journal", study.executor, BARS)
+    if not result.finished or result.verdict is None:
         raise KeyboardInterrupt
     wall = time.perf_counter() - began
-    audit = found.audit or Audit(0, 0, float("nan"))
-    winner = found.verdict.winner
+    audit = result.audit or Audit(0, 0, float("nan"))
+    winner = result.verdict.winner
     size = {
-        "designs": found.cost.designs,
+        "designs": result.cost.designs,
         "variables": len(problem.space.free),
         "members": problem.members,
         "modes": problem.beam.modes,
     }
     cost = {
-        "runs": found.cost.runs,
-        "search_s": found.cost.seconds,
+        "runs": result.cost.runs,
+        "search_s": result.cost.seconds,
         "with_judging_s": wall,
-        "overhead": found.cost.overhead,
+        "overhead": result.cost.overhead,
     }
     left = {
         "left_behind": {"run_in_full": audit.designs, "better_than_best_found": audit.missed},
@@ -447,21 +451,21 @@ def front(study: FindingsSettings) -> Json:
     problem = replace(study.problem(IMPACT, FORCES, members=members), objectives=BY_RESONANCE)
     settings = default_settings(problem, seed=study.seed)
     designs, seeds = (FRONT_DESIGNS, SEEDS) if study.designs >= 100 else (study.designs, 2)
-    found = search_front(
+    result = search_front(
         problem, settings, designs, CORNER, study.folder / "front.journal", study.executor
     )
-    found = (
-        compare_with_random(judge_front(found, study.executor), settings, seeds, study.executor)
-        if found.finished
-        else found
+    result = (
+        compare_with_random(judge_front(result, study.executor), settings, seeds, study.executor)
+        if result.finished
+        else result
     )
-    if not found.finished:
+    if not result.finished:
         raise KeyboardInterrupt
     arrays: dict[str, Any] = {
         "labels": [o.label for o in problem.objectives],
-        "front_scores": [list(e.score.values) for e in found.members],
-        "searched": [list(e.score.values) for e in found.told],
-        "fresh": [list(judged.score.values) for judged in not_none(found.fresh)],
-        "bound": bounds_of(found).tolist(),
+        "front_scores": [list(e.score.values) for e in result.members],
+        "searched": [list(e.score.values) for e in result.told],
+        "fresh": [list(judged.score.values) for judged in not_none(result.fresh)],
+        "bound": bounds_of(result).tolist(),
     }
-    return front_summary(found) | arrays
+    return front_summary(result) | arrays

@@ -109,9 +109,9 @@ def make_lanes(own: Scene, force: float, members: int, seed: int) -> list[Lane]:
     ]
 
 
-def find_critical(found: Sequence[EnergyShares]) -> list[EnergyShares]:
+def find_critical(result: Sequence[EnergyShares]) -> list[EnergyShares]:
     """Return the account of the direction with the larger level, for each member."""
     return [
         max(pair, key=lambda account: account.level)
-        for pair in zip(found[::2], found[1::2], strict=True)
+        for pair in zip(result[::2], result[1::2], strict=True)
     ]

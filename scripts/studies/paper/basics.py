@@ -77,7 +77,7 @@ DAMPERS = {"without": 0.0, "with": PAPER_DAMPER}  # N s/m
 METHODS: dict[str, Method] = {"exact": Exact(), "paper's step": Moreau()}
 
 
-def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
     groups: dict[str, Callable[[], object]] = {
         "beam": compute_beam_numbers,
         "tuned": compute_tuned_numbers,
@@ -91,7 +91,7 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
             "levels": _damped_levels(settings, size.damped // 4),
         },
     }
-    return measure_groups(groups, known)
+    return measure_groups(groups, earlier)
 
 
 def compute_beam_numbers() -> Json:
@@ -120,7 +120,7 @@ def compute_tuned_numbers() -> Json:
     """Return the tunings of the LTVA with their peaks over no absorber, the paper's at the second resonance, and an undamped one at its frequency."""
     model = modal_model(Beam())
     free = peak(model, None)[0]
-    found = {}
+    result = {}
     tunings = {
         "paper": PAPER,
         "modal mass of one": paper_rule(model),
@@ -136,7 +136,7 @@ def compute_tuned_numbers() -> Json:
             "peaks": heights,
             "within_limits": swept,
         }
-        found[name] = {"stiffness": absorber.stiffness, "damping": absorber.damping, **own}
+        result[name] = {"stiffness": absorber.stiffness, "damping": absorber.damping, **own}
     undamped = TunedAbsorber(PAPER.mass_ratio, PAPER.stiffness, 0.0)
     tuned_to = float(np.sqrt(PAPER.stiffness / (PAPER.mass_ratio * model.beam_mass)))
     second = [highest_amplitude(model, absorber, 2, *PAPER_LIMITS)[0] for absorber in (PAPER, None)]
@@ -144,7 +144,7 @@ def compute_tuned_numbers() -> Json:
         np.abs(tip_response(model, absorber, tuned_to)) for absorber in (undamped, None)
     )
     return {
-        "tunings": found,
+        "tunings": result,
         "second_relative": second[0] / second[1],
         "undamped_relative": float(still / free_tip),
     }
@@ -154,7 +154,7 @@ def compute_linear_numbers() -> Json:
     """Return the verdicts on sweeps and stationary response, on a stuck absorber, and on the forces at which the linear response fills the gap."""
     model = modal_model(Beam())
     low, high = PAPER_LIMITS
-    found: Json = {
+    result: Json = {
         "sweep_ratio": {},
         "stuck_over_none": {},
         "gap_force_n": {},
@@ -172,16 +172,16 @@ def compute_linear_numbers() -> Json:
             )
             for scene in scenes
         )
-        found["sweep_ratio"][name] = sweep_ratio(model, PAPER_RATE, resonance)
-        found["stuck_over_none"][name] = stuck / none
-        found["gap_force_n"][name] = GAP / highest_amplitude(model, None, resonance, low, high)[0]
-        found["gap_force_at_limits_n"][name] = [
+        result["sweep_ratio"][name] = sweep_ratio(model, PAPER_RATE, resonance)
+        result["stuck_over_none"][name] = stuck / none
+        result["gap_force_n"][name] = GAP / highest_amplitude(model, None, resonance, low, high)[0]
+        result["gap_force_at_limits_n"][name] = [
             float(GAP / np.abs(tip_response(model, None, ratio * omega))) for ratio in (low, high)
         ]
-        found["design_force_n"][name] = design_force(
+        result["design_force_n"][name] = design_force(
             model, PAPER.mass_ratio * model.beam_mass, GAP, resonance
         )
-    return found
+    return result
 
 
 def _impact_times(lane: Lane) -> Array:
@@ -228,13 +228,13 @@ def _window(settings: PaperSettings, size: Size) -> list[Json]:
         for sweep in make_both_sweeps(scene)
         for drive in members.drives(force, sweep)
     ]
-    found = (
+    result = (
         np.array(settings.each("basics: window", lanes, compute_both_levels))
         .reshape(3, 2, len(forces), 2, len(members), 2)
         .max(axis=3)
     )
     rows = []
-    for modes, (own, without) in zip(numbers, found, strict=True):
+    for modes, (own, without) in zip(numbers, result, strict=True):
         for force, absorber, none in zip(forces, own, without, strict=True):
             shrinks = float(np.median(absorber[:, 1] / absorber[:, 0]))
             rows.append(
@@ -265,8 +265,8 @@ def _step(settings: PaperSettings, size: Size) -> list[Json]:
     return [
         {"case": name, "force": force}
         | {
-            by: quantiles(found[k].combined[f], (0.5, *BAND)).tolist()
-            for by, found in levels.items()
+            by: quantiles(result[k].combined[f], (0.5, *BAND)).tolist()
+            for by, result in levels.items()
         }
         for k, name in enumerate(cases)
         for f, force in enumerate(size.forces)
@@ -321,15 +321,15 @@ def simulate_mean_squares(
         int(schedule.times[-1] / runs.duration * (1 + 1e-9)) + 1.0
     )
     omega = np.asarray(schedule.omega_at(edges))
-    found = np.empty((len(omega) - 1, len(drives)))
-    for k in range(len(found)):
+    result = np.empty((len(omega) - 1, len(drives)))
+    for k in range(len(result)):
         runs.orders["omega_start"], runs.orders["omega_stop"] = omega[k : k + 2]
         runs.orders["fresh"] = True  # a piece begins at the state as it is left here
         runs.advance()
         runs.state[:, -1] *= np.exp(-damper * runs.duration / not_none(scene.absorber_mass))
-        found[k] = runs.reports["mean_square"]
+        result[k] = runs.reports["mean_square"]
     runs.close()
-    return found
+    return result
 
 
 def compute_damped_levels(
@@ -380,7 +380,7 @@ def _damped_levels(settings: PaperSettings, runs: int) -> list[Json]:
     rows = []
     for force in high_low.FORCES.values():
         drives = [members.drives(force, sweep) for sweep in make_both_sweeps(own)]
-        found = {
+        result = {
             key: np.max(
                 [
                     compute_damped_levels(own, each, c, METHODS["exact"], settings.threads)
@@ -391,14 +391,14 @@ def _damped_levels(settings: PaperSettings, runs: int) -> list[Json]:
             for key, c in DAMPERS.items()
         }
         ratio = bootstrap(
-            (found["with"], found["without"]),
+            (result["with"], result["without"]),
             lambda a, b, axis: np.median(a, axis) / np.median(b, axis),
             method="percentile",
             rng=settings.seed,
         ).confidence_interval
         rows.append(
             {"force_n": force, "low": float(ratio.low), "high": float(ratio.high)}
-            | {key: float(np.median(x)) for key, x in found.items()}
+            | {key: float(np.median(x)) for key, x in result.items()}
         )
     return rows
 
@@ -461,7 +461,7 @@ def _draw(values: Json) -> Figure:
         "no absorber",
         1,
     )
-    for name, look in {
+    for name, style in {
         "paper": STYLES[1],
         "Den Hartog": STYLES[0],
         "smallest peak": STYLES[2],
@@ -472,7 +472,7 @@ def _draw(values: Json) -> Figure:
             response,
             ratio,
             MM * np.abs(tip_response(model, absorber, ratio * model.omega[0])),
-            look,
+            style,
             f"LTVA: {name}",
             marked=False,
         )
@@ -483,7 +483,7 @@ def _draw(values: Json) -> Figure:
         xlim=(0.7, 1.3),
     )
     rows = values["step"]
-    for shift, method, look, label in (
+    for shift, method, style, label in (
         (-0.12, "exact", STYLES[0], "exact"),
         (0.12, "moreau", STYLES[1], "Moreau, the paper's step"),
     ):
@@ -496,9 +496,9 @@ def _draw(values: Json) -> Figure:
             at,
             middle,
             yerr=errors,
-            color=look.colour,
+            color=style.colour,
             ls="",
-            marker=look.marker,
+            marker=style.marker,
             lw=1.2,
             capsize=2.5,
             label=label,
@@ -567,7 +567,9 @@ def _linear(linear: Json, entry: list[Json]) -> list[Claim]:
         for row in entry
         if min(abs(row["up"] - row["limits"][0]), abs(row["down"] - row["limits"][1])) < AT_ONCE
     ]
-    seen = "; ".join(f"{row['force']:g} N: {row['up']:.4f} and {row['down']:.4f}" for row in entry)
+    observations = "; ".join(
+        f"{row['force']:g} N: {row['up']:.4f} and {row['down']:.4f}" for row in entry
+    )
     stationary = min(linear["gap_force_at_limits_n"]["1"])
     return [
         said("basics_rate", min(sweep, swept) > 1 - SAME, one=sweep, two=swept),
@@ -584,7 +586,7 @@ def _linear(linear: Json, entry: list[Json]) -> list[Claim]:
             "basics_limits",
             not early,
             stationary=stationary,
-            seen=seen,
+            seen=observations,
             least=min(early, default=0),
             near=AT_ONCE,
         ),

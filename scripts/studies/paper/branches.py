@@ -81,11 +81,11 @@ KINDS = (  # of an exact orbit: unstable slowly, unstable by fast multipliers on
 
 def draw_linear(axes: Axes, ratio: Any, linear: Json, width: float) -> None:
     """Draw the responses without absorber and with a stuck one, in mm."""
-    for name, look, label in (
+    for name, style, label in (
         ("alone", REFERENCE, "no absorber"),
         ("stuck", STUCK, "absorber stuck"),
     ):
-        draw_signal(axes, ratio, MM * np.array(linear[name]), look, label, width)
+        draw_signal(axes, ratio, MM * np.array(linear[name]), style, label, width)
 
 
 def draw_responses(axes: Axes, part: Json) -> None:
@@ -100,7 +100,7 @@ def draw_responses(axes: Axes, part: Json) -> None:
             lw=1.0,
             label=label,
         )
-    shown: set[int] = set()
+    visible: set[int] = set()
     for curve in part["exact"]:
         x = np.array(curve["omega_ratio"])
         y = MM * np.array(curve["tip_max"], dtype=float)
@@ -108,16 +108,16 @@ def draw_responses(axes: Axes, part: Json) -> None:
         ends = np.flatnonzero(kinds[1:] != kinds[:-1]) + 1
         for begin, end in zip([0, *ends], [*ends, len(kinds)], strict=True):
             kind = int(kinds[begin])
-            stretch = slice(begin, min(int(end) + 1, len(kinds)))
+            inside = slice(begin, min(int(end) + 1, len(kinds)))
             colour, dashes, width, label = KINDS[kind]
             axes.plot(
-                x[stretch],
-                y[stretch],
+                x[inside],
+                y[inside],
                 color=colour,
                 ls=dashes,
                 lw=width,
-                label=None if kind in shown else label,
+                label=None if kind in visible else label,
             )
-            shown.add(kind)
+            visible.add(kind)
         for ratio, height in curve["folds"]:
             axes.plot(ratio, MM * height, "o", ms=3.5, mfc="white", mec="black", mew=0.7, zorder=5)

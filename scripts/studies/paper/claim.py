@@ -221,11 +221,11 @@ def judge_values(
     """Return the verdict of an interval on a statement that allows least..most; ``at_step``: the value of the paper's own run, with its step."""
     if not (np.isfinite(low) and np.isfinite(high)):
         return ClaimVerdict.NOT
-    found = judge_interval(low, high, least, most)
+    result = judge_interval(low, high, least, most)
     return (
         ClaimVerdict.STEP
-        if found is ClaimVerdict.NOT and at_step is not None and least <= at_step <= most
-        else found
+        if result is ClaimVerdict.NOT and at_step is not None and least <= at_step <= most
+        else result
     )
 
 
@@ -253,44 +253,44 @@ class ClaimFormatter(Formatter):
 def make_claim(
     figure: str,
     name: str,
-    found: ClaimVerdict | bool | ArrayLike,
+    result: ClaimVerdict | bool | ArrayLike,
     /,
     allowed: tuple[float, float] | None = None,
     *,
     at_step: float | None = None,
-    **told: Any,
+    **text_values: Any,
 ) -> Claim:
     """Return a claim of claims.toml: a verdict, whether it holds, or values of members, judged by their 5 to 95 %.
 
-    ``allowed`` where claims.toml does not say it; ``told`` fills the braces, as do the values, as {value}. ``at_step``: the number by the paper's
-    scheme and step, in one run.
+    ``allowed`` where claims.toml does not say it; ``text_values`` fills the braces, as do the values, as {value}.
+    ``at_step``: the number by the paper's scheme and step, in one run.
     """
     own = STATED[figure][name]
-    told = {**RULED, "value": found, **told}
+    text_values = {**RULED, "value": result, **text_values}
 
-    def said(text: str) -> str:
-        return ClaimFormatter().vformat(text, (), told)
+    def claim_for(text: str) -> str:
+        return ClaimFormatter().vformat(text, (), text_values)
 
-    if isinstance(found, bool | np.bool_):
-        found = ClaimVerdict.HOLDS if found else ClaimVerdict.NOT
+    if isinstance(result, bool | np.bool_):
+        result = ClaimVerdict.HOLDS if result else ClaimVerdict.NOT
     judgement = (
-        found
-        if isinstance(found, ClaimVerdict)
+        result
+        if isinstance(result, ClaimVerdict)
         else judge_values(
-            *compute_band(found), *(allowed or parse_allowed(own["allowed"])), at_step
+            *compute_band(result), *(allowed or parse_allowed(own["allowed"])), at_step
         )
     )
     if "about" in own:
         form = f"{{:{own.get('form', '.2f')}}}"
         unit = own.get("unit", "")
-        computed = said(own["about"]) + format_spread(told["value"], form, unit=unit)
+        computed = claim_for(own["about"]) + format_spread(text_values["value"], form, unit=unit)
         computed += "" if at_step is None else f"; {form.format(at_step)}{unit} at the paper's step"
     else:
-        computed = said(own["computed"])
-    why = said(own.get("why", ""))
+        computed = claim_for(own["computed"])
+    why = claim_for(own.get("why", ""))
     return Claim(
-        said(name),
-        said(own["statement"]),
+        claim_for(name),
+        claim_for(own["statement"]),
         own["section"],
         computed,
         judgement,

@@ -119,11 +119,11 @@ def _curves(settings: PaperSettings, size: Size, kind: str) -> Json:
         for name, stiffness in {"rigid": None, "low": LOW, "high": HIGH}.items()
     } | {"none": None}
     cases = [CurveCase(beam_scene(BEAM, own), force) for own in absorbers.values()]
-    found = settings.curves(f"{LABEL}: curves, {kind}", cases, size.members)
-    return dict(zip(absorbers, map(_kept, found), strict=True))
+    result = settings.curves(f"{LABEL}: curves, {kind}", cases, size.members)
+    return dict(zip(absorbers, map(_kept, result), strict=True))
 
 
-def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
     groups: dict[str, Callable[[], Any]] = {}
     for kind in (WALLS, FRICTION):
         groups[kind] = partial(_over_stiffness, settings, size, kind, Exact())
@@ -131,7 +131,7 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
             _over_stiffness, settings, size, kind, RungeKutta()
         )
         groups[f"{kind}, curves"] = partial(_curves, settings, size, kind)
-    return measure_groups(groups, known)
+    return measure_groups(groups, earlier)
 
 
 def _table(values: Json) -> CsvTable:
@@ -175,9 +175,9 @@ def _draw(values: Json) -> Figure:
             "no absorber",
             1.0,
         )
-        for look, (name, label) in zip(STYLES, named.items(), strict=False):
+        for style, (name, label) in zip(STYLES, named.items(), strict=False):
             draw_band(
-                right, curves[name]["force_n"], MM * np.array(curves[name]["level_m"]), look, label
+                right, curves[name]["force_n"], MM * np.array(curves[name]["level_m"]), style, label
             )
         right.set(xlabel="force in N", ylabel="response level in mm")
         left.set_title(title)
@@ -222,7 +222,7 @@ def _from(part: Json, share: float) -> float:
     return float(stiffness[min(first, len(stiffness) - 1)])
 
 
-def _converges(part: Json, told: Json) -> Claim:
+def _converges(part: Json, text_values: Json) -> Claim:
     stiffness, off = _off(part)
     worst = float(np.max(np.abs(off[stiffness >= STIFF])))
     low, high = compute_band(part["rigid_m"])
@@ -236,11 +236,11 @@ def _converges(part: Json, told: Json) -> Claim:
         off=off[0],
         at=stiffness[0],
         stiff=STIFF,
-        **told,
+        **text_values,
     )
 
 
-def _curves_claims(curves: Json, told: Json) -> Claim:
+def _curves_claims(curves: Json, text_values: Json) -> Claim:
     rigid, low, high = (np.array(curves[name]["level_m"]) for name in ("rigid", "low", "high"))
     force = np.array(curves["rigid"]["force_n"])
     soft, off = (
@@ -250,7 +250,7 @@ def _curves_claims(curves: Json, told: Json) -> Claim:
     slack = 0.01 * np.median(rigid, axis=1)  # where members hardly differ, a per cent is none
     inside = np.mean((a <= d + slack) & (c <= b + slack))
     worst = int(np.argmax(off))
-    found = (
+    result = (
         ClaimVerdict.HOLDS
         if off[worst] < SAME
         else ClaimVerdict.SPREAD
@@ -259,7 +259,7 @@ def _curves_claims(curves: Json, told: Json) -> Claim:
     )
     return said(
         "curves, {kind}",
-        found,
+        result,
         median=np.median(off),
         most=off[worst],
         worst=force[worst],
@@ -267,16 +267,16 @@ def _curves_claims(curves: Json, told: Json) -> Claim:
         forces=len(force),
         soft=100 * np.median(soft),
         softest=np.max(soft),
-        **told,
+        **text_values,
     )
 
 
 def _claims(values: Json) -> list[Claim]:
-    told = {
+    text_values = {
         kind: {"kind": kind, "symbol": symbol, "device": device}
         for kind, symbol, device in CONTACTS
     }
-    walls, friction = (_from(values[kind], SAME) for kind in told)
+    walls, friction = (_from(values[kind], SAME) for kind in text_values)
     best = {}
     curves = values[f"{WALLS}, curves"]
     apart = []
@@ -285,13 +285,13 @@ def _claims(values: Json) -> list[Claim]:
         best[name] = np.array(curves[name]["force_n"])[np.argmin(relative, axis=0)]
     (a, b), (c, d) = compute_band(best["high"]), compute_band(best["rigid"])
     close = abs(np.median(best["high"]) / np.median(best["rigid"]) - 1) < SAME
-    for kind in told:
+    for kind in text_values:
         exact, stepped = (
             np.median(values[f"{kind}{by}"]["level_m"], axis=1) for by in ("", ", paper's method")
         )
         apart += np.abs(stepped / exact[: len(stepped)] - 1).tolist()
     return [
-        *(_converges(values[kind], own) for kind, own in told.items()),
+        *(_converges(values[kind], own) for kind, own in text_values.items()),
         said(
             "alike",
             abs(float(np.log10(walls / friction))),
@@ -299,7 +299,7 @@ def _claims(values: Json) -> list[Claim]:
             walls=walls,
             friction=friction,
         ),
-        *(_curves_claims(values[f"{kind}, curves"], own) for kind, own in told.items()),
+        *(_curves_claims(values[f"{kind}, curves"], own) for kind, own in text_values.items()),
         said(
             "same optimum",
             ClaimVerdict.HOLDS

@@ -89,8 +89,8 @@ def measure_contacts(lane: Lane, method: Method | None = None) -> SweepContacts:
 
 def compute_exponent(lane: Lane, periods: int) -> tuple[float, float, float]:
     """Return the largest Lyapunov exponent of what a lane settles to, per period of the force, over so many: value, and the ends of its interval."""
-    found = largest_exponent(lane.scene, lane.drive, periods)
-    return found.value, found.low, found.high
+    result = largest_exponent(lane.scene, lane.drive, periods)
+    return result.value, result.low, result.high
 
 
 def compute_envelope(lane: Lane, periods: int = 4) -> Array:
@@ -213,10 +213,10 @@ def read_curve(plain: Json) -> LevelCurve:
     )
 
 
-def to_plain_curve(found: PerformanceCurve) -> Json:
+def to_plain_curve(result: PerformanceCurve) -> Json:
     """Return a performance curve without a look at its contacts."""
-    lanes = found.lanes
-    nothing = np.full(found.lanes.level.shape, np.nan)
+    lanes = result.lanes
+    nothing = np.full(result.lanes.level.shape, np.nan)
     values = {
         "level": lanes.level,
         "at": lanes.frequency_ratio,
@@ -225,7 +225,7 @@ def to_plain_curve(found: PerformanceCurve) -> Json:
         "rate": nothing,
         "pause": nothing,
     }
-    return _critical(found.forces, values).to_plain()
+    return _critical(result.forces, values).to_plain()
 
 
 def _critical(forces: Array, values: Mapping[str, Array]) -> LevelCurve:
@@ -249,8 +249,8 @@ def compute_curves(
     """Return the plain performance curve of each scene near its first resonance."""
     cases = [CurveCase(scene, np.array(forces)) for scene in scenes.values()]
     return {
-        name: to_plain_curve(found)
-        for name, found in zip(scenes, settings.curves(label, cases, members, method), strict=True)
+        name: to_plain_curve(result)
+        for name, result in zip(scenes, settings.curves(label, cases, members, method), strict=True)
     }
 
 
@@ -265,11 +265,12 @@ def compute_contact_curve(
         for schedule in make_both_sweeps(scene)
         for drive in drawn.drives(float(force), schedule)
     ]
-    seen = np.array(settings.each(label, lanes, measure_contacts)).reshape(
+    numbers = np.array(settings.each(label, lanes, measure_contacts)).reshape(
         len(forces), 2, members, -1
     )
     return _critical(
-        np.array(forces), dict(zip(SweepContacts._fields, seen.transpose(3, 0, 2, 1), strict=True))
+        np.array(forces),
+        dict(zip(SweepContacts._fields, numbers.transpose(3, 0, 2, 1), strict=True)),
     ).to_plain()
 
 
@@ -354,10 +355,10 @@ def compute_slopes(curve: LevelCurve, inside: NDArray[np.bool_]) -> Array:
 
 
 def draw_curve(
-    axes: Axes, own: LevelCurve, look: LineStyle, label: str, marked: bool = True
+    axes: Axes, own: LevelCurve, style: LineStyle, label: str, marked: bool = True
 ) -> None:
     """Draw the median of a curve with its band and nominal member, levels in mm."""
-    draw_band(axes, own.forces, own.level, look, label, MM, marked=marked)
+    draw_band(axes, own.forces, own.level, style, label, MM, marked=marked)
 
 
 def set_level_axes(axes: Axes, none: LevelCurve, most: float) -> None:
@@ -374,10 +375,10 @@ def draw_inset(
 ) -> Axes:
     """Add an inset at ``bounds`` of the axes: levels over no absorber at all forces, on a logarithmic axis, each curve in its look."""
     small = axes.inset_axes(bounds)
-    for look, own in drawn.items():
+    for style, own in drawn.items():
         low, middle, high = compute_bands(own.relative(none))
-        small.fill_between(own.forces, low, high, color=look.colour, alpha=0.18, lw=0)
-        small.plot(own.forces, middle, color=look.colour, ls=look.dashes, lw=1.0)
+        small.fill_between(own.forces, low, high, color=style.colour, alpha=0.18, lw=0)
+        small.plot(own.forces, middle, color=style.colour, ls=style.dashes, lw=1.0)
     draw_unit_level(small)
     small.set(xscale="log", xlim=(none.forces[0], none.forces[-1]), ylim=(0, 1.15))
     small.set_title("level over no absorber", fontsize=6.5, pad=2)

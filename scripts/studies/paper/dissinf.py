@@ -89,7 +89,7 @@ def make_swept_scenes() -> dict[str, Scene]:
     return {name: beam_scene(Beam(), absorber) for name, absorber in absorbers.items()}
 
 
-def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
     scenes = _scenes()
     groups: dict[str, Callable[[], object]] = {
         name: partial(_curve, settings, name, size.forces, size.members) for name in scenes
@@ -102,7 +102,7 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
         f"sweep, {name}": partial(_sweep, settings, scene, size.swept)
         for name, scene in make_swept_scenes().items()
     }
-    return measure_groups(groups, known)
+    return measure_groups(groups, earlier)
 
 
 def _curve(
@@ -130,8 +130,8 @@ def _sweep(settings: PaperSettings, scene: Scene, members: int) -> Json:
 
 def find_first_impacts(own: LevelCurve) -> Array:
     """Return each member's lowest force in N with an impact, (M,); infinite if there is none."""
-    found = own.impacts > 0
-    return np.where(found.any(axis=0), own.forces[np.argmax(found, axis=0)], np.inf)
+    result = own.impacts > 0
+    return np.where(result.any(axis=0), own.forces[np.argmax(result, axis=0)], np.inf)
 
 
 def find_forces_at(own: LevelCurve, level: float) -> Array:
@@ -141,13 +141,13 @@ def find_forces_at(own: LevelCurve, level: float) -> Array:
     """
     x = np.log(own.forces)
     y = np.log(own.level / level)
-    found = np.full(y.shape[1], np.nan)
+    result = np.full(y.shape[1], np.nan)
     for m, row in enumerate(y.T):
         rising = np.flatnonzero((row[:-1] < 0) & (row[1:] >= 0))
         if len(rising):
             k = int(rising[-1])
-            found[m] = np.exp(x[k] - row[k] * (x[k + 1] - x[k]) / (row[k + 1] - row[k]))
-    return found
+            result[m] = np.exp(x[k] - row[k] * (x[k + 1] - x[k]) / (row[k + 1] - row[k]))
+    return result
 
 
 def _words(values: Json) -> str:
@@ -204,13 +204,13 @@ def _dampers(values: Json) -> list[Claim]:
         [find_first_impacts(read[name]) for name in (CONSERVATIVE, *map(name_impacting, LIMITS))]
     )
     forces, begins = (", ".join(f"{np.median(row):.2g}" for row in rows) for rows in (best, first))
-    said = partial(make_claim, LABEL, small=small, large=large)
+    claim_for = partial(make_claim, LABEL, small=small, large=large)
     return [
-        said("dissinf_damper_ends", ends, low=none.forces[0], high=none.forces[-1]),
-        said("dissinf_damper_best", least),
-        said("dissinf_damper_moves", (best[1:] / best[:-1]).ravel(), forces=forces),
-        said("dissinf_first_impacts", (first[1:] / first[:-1]).ravel(), forces=begins),
-        said(
+        claim_for("dissinf_damper_ends", ends, low=none.forces[0], high=none.forces[-1]),
+        claim_for("dissinf_damper_best", least),
+        claim_for("dissinf_damper_moves", (best[1:] / best[:-1]).ravel(), forces=forces),
+        claim_for("dissinf_first_impacts", (first[1:] / first[:-1]).ravel(), forces=begins),
+        claim_for(
             "dissinf_damper_before",
             best[0] / performance.find_best_forces(read[name_impacting(small)], none),
         ),
@@ -228,7 +228,7 @@ def _absorbers(values: Json) -> list[Claim]:
     )
     first, last = (f"{low:g} to {high:g} N" for low, high in (PRIMARY, SECONDARY))
     every = (PRIMARY[0], SECONDARY[1])
-    told = Json(first=first, last=last, small=LIMITS[0], large=LIMITS[-1])
+    text_values = Json(first=first, last=last, small=LIMITS[0], large=LIMITS[-1])
 
     def over(
         name: str,
@@ -245,7 +245,7 @@ def _absorbers(values: Json) -> list[Claim]:
             f"dissinf_{name}",
             _within(read[one], read[other], span),
             at_step=at_step,
-            **told | more,
+            **text_values | more,
         )
 
     medians = Json(
@@ -291,14 +291,14 @@ def _neither(read: dict[str, LevelCurve]) -> Claim:
     low, high = (
         float(each(quantiles(row, BAND)[k] for row in over)) for k, each in ((0, min), (1, max))
     )
-    said = ", ".join(
+    claim_for = ", ".join(
         f"{format_spread(row)} at {limit:g} N" for row, limit in zip(over, LIMITS, strict=True)
     )
     return make_claim(
         LABEL,
         "dissinf_neither",
         judge_interval(low, high, *range_within(LITTLE)),
-        each=said,
+        each=claim_for,
         small=LIMITS[0],
     )
 
@@ -326,34 +326,37 @@ def _curves(axes: Axes, values: Json) -> None:
     read = {name: performance.read_curve(values[name]) for name in _scenes()}
     none = read[NONE]
     draw_line(axes, none.forces, MM * none.median, REFERENCE, NONE, marked=False)
-    looks = (
+    styles = (
         STYLES[5],
-        *(LineStyle(look.colour, "-", look.marker) for look in (*STYLES[: len(LIMITS)], STYLES[4])),
+        *(
+            LineStyle(style.colour, "-", style.marker)
+            for style in (*STYLES[: len(LIMITS)], STYLES[4])
+        ),
     )
     drawn = {}
-    for name, look in zip(
-        (CONSERVATIVE, *map(name_impacting, LIMITS), DISSIPATIVE), looks, strict=True
+    for name, style in zip(
+        (CONSERVATIVE, *map(name_impacting, LIMITS), DISSIPATIVE), styles, strict=True
     ):
-        drawn[look] = read[name]
-        performance.draw_curve(axes, read[name], look, name, marked=name != CONSERVATIVE)
+        drawn[style] = read[name]
+        performance.draw_curve(axes, read[name], style, name, marked=name != CONSERVATIVE)
     for limit, own in zip(LIMITS, STYLES, strict=False):
         name = name_sliding(limit)
-        look = LineStyle(own.colour, (0, (4, 2)))
-        drawn[look] = read[name]
-        draw_signal(axes, read[name].forces, MM * read[name].median, look, name, 1.0)
+        style = LineStyle(own.colour, (0, (4, 2)))
+        drawn[style] = read[name]
+        draw_signal(axes, read[name].forces, MM * read[name].median, style, name, 1.0)
     performance.draw_inset(axes, (0.05, 0.57, 0.4, 0.36), none, drawn)
     performance.set_level_axes(axes, none, SECONDARY[1])
     axes.legend(fontsize=7, frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.12))
 
 
 def _sweeps(axes: Axes, values: Json) -> None:
-    for look, name in zip(STYLES, make_swept_scenes(), strict=False):
+    for style, name in zip(STYLES, make_swept_scenes(), strict=False):
         own = values[f"sweep, {name}"]
         whole = {
             key: MM * np.array(own[key][:-1]) for key in ("low", "median", "high", "nominal")
         }  # but the last stretch, which is short
         band = (whole["low"], whole["high"])
-        plain = LineStyle(look.colour, look.dashes)
+        plain = LineStyle(style.colour, style.dashes)
         draw_line(
             axes,
             own["ratio"][:-1],

@@ -55,7 +55,7 @@ class PaperSettings:
     ) -> list[PerformanceCurve]:
         """Return performance curves, with a bar; raises KeyboardInterrupt if they are broken off, errors as `performance_curves`."""
         with sweeps_bar(label, leave=False) as show:
-            found = performance_curves(
+            result = performance_curves(
                 cases,
                 members,
                 self.seed,
@@ -64,9 +64,9 @@ class PaperSettings:
                 progress=show,
                 executor=self.executor,
             )
-        if not all(curve.complete for curve in found):
+        if not all(curve.complete for curve in result):
             raise KeyboardInterrupt
-        return found
+        return result
 
     def each(
         self,
@@ -124,8 +124,8 @@ class PaperFigure:
             self.title,
             markers=(marker(self.label),),
             sections=self._sections,
-            measure=lambda settings, known: self.measure(
-                settings, settings.size(*self.sizes), known
+            measure=lambda settings, earlier: self.measure(
+                settings, settings.size(*self.sizes), earlier
             ),
             figures=lambda measured: (
                 {self.label: make_saver(lambda: self.draw(measured.values))}
@@ -160,12 +160,12 @@ def format_details(title: str, text: str) -> str:
 def shorten_table(whole: CsvTable) -> str:
     """Return some rows of a table, its first and last among them, and where all are."""
     rows = list(whole.rows)
-    kept = (
+    selection = (
         sorted({round(k * (len(rows) - 1) / (ROWS - 1)) for k in range(ROWS)})
         if len(rows) > ROWS
         else range(len(rows))
     )
-    cells = [tuple(map(str, rows[k])) for k in kept]
+    cells = [tuple(map(str, rows[k])) for k in selection]
     return f"{markdown(whole.columns, cells)}\n\nAll {len(rows)} rows: [{whole.name}.csv]({NAME}/{whole.name}.csv)."
 
 
@@ -185,18 +185,20 @@ def describe_amounts(conditions: Json) -> str:
         for name, row in lists.items()
         if all(isinstance(x, int | float) for x in row)
     ]
-    said = "; ".join([*members, *([f"number of points: {', '.join(points)}"] if points else [])])
-    return f"{said[0].upper()}{said[1:]}. " if said else ""
+    claim_for = "; ".join(
+        [*members, *([f"number of points: {', '.join(points)}"] if points else [])]
+    )
+    return f"{claim_for[0].upper()}{claim_for[1:]}. " if claim_for else ""
 
 
-def measure_groups(groups: Mapping[str, Callable[[], object]], known: Json) -> Steps:
+def measure_groups(groups: Mapping[str, Callable[[], object]], earlier: Json) -> Steps:
     """Yield all values that are known after each of the groups, by its name; those of an earlier run are kept."""
-    values = {name: known[name] for name in groups if name in known}
+    values = {name: earlier[name] for name in groups if name in earlier}
     for name, measure in groups.items():
         if name not in values:
             values = {**values, name: measure()}
             yield {own: values[own] for own in groups if own in values}
-    if all(name in known for name in groups):
+    if all(name in earlier for name in groups):
         yield values
 
 
@@ -273,7 +275,7 @@ def draw_line(
     axes: Axes,
     x: ArrayLike,
     y: ArrayLike,
-    look: LineStyle,
+    style: LineStyle,
     label: str | None = None,
     *,
     band: tuple[ArrayLike, ArrayLike] | None = None,
@@ -284,16 +286,16 @@ def draw_line(
     if band is not None:
         low, high = (np.asarray(edge, dtype=float) for edge in band)
         axes.fill_between(
-            np.asarray(x, dtype=float), low, high, color=look.colour, alpha=0.18, lw=0
+            np.asarray(x, dtype=float), low, high, color=style.colour, alpha=0.18, lw=0
         )
     if nominal is not None:
-        axes.plot(x, nominal, color=look.colour, lw=0.5, zorder=2.5)
+        axes.plot(x, nominal, color=style.colour, lw=0.5, zorder=2.5)
     axes.plot(
         x,
         y,
-        color=look.colour,
-        ls=look.dashes,
-        marker=look.marker if marked else "",
+        color=style.colour,
+        ls=style.dashes,
+        marker=style.marker if marked else "",
         label=label,
         zorder=3,
     )
@@ -303,7 +305,7 @@ def draw_band(
     axes: Axes,
     x: ArrayLike,
     rows: Any,
-    look: LineStyle,
+    style: LineStyle,
     label: str | None = None,
     factor: float = 1,
     *,
@@ -316,7 +318,7 @@ def draw_band(
         axes,
         x,
         middle,
-        look,
+        style,
         label,
         band=(low, high),
         nominal=factor * rows[:, 0] if nominal else None,
@@ -333,12 +335,12 @@ def draw_signal(
     axes: Axes,
     x: ArrayLike,
     y: ArrayLike,
-    look: LineStyle,
+    style: LineStyle,
     label: str | None = None,
     width: float = 0.6,
 ) -> None:
     """Draw a thin line without markers: a record in time, or a linear response."""
-    axes.plot(x, y, color=look.colour, ls=look.dashes, lw=width, label=label)
+    axes.plot(x, y, color=style.colour, ls=style.dashes, lw=width, label=label)
 
 
 def draw_legends(axes: Sequence[Axes] | NDArray[Any]) -> None:

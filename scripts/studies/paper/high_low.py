@@ -82,20 +82,20 @@ def make_scene() -> Scene:
 
 def _isola(harmonics: int, damper: float) -> Json:
     """Peak and outer folds of the isola at the medium force by harmonic balance, None where it finds no closed curve."""
-    found: Json = {"peak": None, "folds": []}
+    result: Json = {"peak": None, "folds": []}
     for curve in compute_balance(make_scene(), FORCES["medium"], LOW, 0.98, harmonics, damper):
         if curve["closed"]:
-            found = {name: curve[name] for name in found}
+            result = {name: curve[name] for name in result}
             break
-    return {"harmonics": harmonics, "damper": damper, **found}
+    return {"harmonics": harmonics, "damper": damper, **result}
 
 
 def _levels_of_isolas() -> list[Json]:
     case = case_of(make_scene(), FORCES["medium"], LOW * make_scene().model.resonance_omega(1))
-    found = find_thresholds(case, LOW, 0.99)
+    result = find_thresholds(case, LOW, 0.99)
     return [
         {"kind": one.kind, "force_n": one.force, "omega_ratio": one.omega_ratio}
-        for one in found
+        for one in result
         if not isinstance(one.orbit, NoOrbit)
     ]
 
@@ -124,14 +124,14 @@ def _stationary(settings: PaperSettings, size: Size) -> Json:
             Lane(own, hold(approach, force, ratio, SETTLING_PERIODS, float(phase)))
             for phase in phases
         ]
-        found = settings.each(f"{LABEL}: {name}", lanes, _window)
+        results = settings.each(f"{LABEL}: {name}", lanes, _window)
         result[name] = {
             "force_n": force,
             "omega_ratio": ratio,
-            "kinds": [one.found.kind.value for one in found],
-            "impacts_per_period": [one.found.impacts_per_period for one in found],
-            "depth": [one.found.depth for one in found],
-            "peak_median_m": [float(np.median(one.peaks)) for one in found],
+            "kinds": [one.found.kind.value for one in results],
+            "impacts_per_period": [one.found.impacts_per_period for one in results],
+            "depth": [one.found.depth for one in results],
+            "peak_median_m": [float(np.median(one.peaks)) for one in results],
         }
         for method in (Exact(), Moreau()):
             result[name][f"rhythm {type(method).__name__}"] = settings.each(
@@ -207,7 +207,7 @@ def _levels(settings: PaperSettings, size: Size) -> Json:
     return {"force_n": list(size.forces), "relative": curve.relative_to(reference).tolist()}
 
 
-def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
     groups: dict[str, Any] = {
         name: partial(compute_responses, make_scene(), force, LOW, FAR)
         for name, force in FORCES.items()
@@ -221,20 +221,20 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
         "exponents": partial(_exponents, settings, size),
         "basin": partial(_basin, settings, size),
     }
-    return measure_groups(groups, known)
+    return measure_groups(groups, earlier)
 
 
 def _words(values: Json) -> str:
     lines = []
     for name in FORCES:
-        for method, said in (("exact", "exact orbits"), ("balance", "harmonic balance")):
+        for method, claim_for in (("exact", "exact orbits"), ("balance", "harmonic balance")):
             for curve in (curve for curve in values[name][method] if curve["peak"] is not None):
                 (at, peak), form = curve["peak"], "closed" if curve["closed"] else "open"
                 folds = ", ".join(f"{ratio:.5f}" for ratio, _ in curve["folds"])
                 lines.append(
                     (
                         f"{values[name]['force_n']:g}",
-                        said,
+                        claim_for,
                         form,
                         f"{1e3 * peak:.3f}",
                         f"{at:.4f}",
@@ -242,15 +242,17 @@ def _words(values: Json) -> str:
                     )
                 )
     rows = []
-    for name, found in values["stationary"].items():
+    for name, result in values["stationary"].items():
         kinds = ", ".join(
-            f"{kind} {found['kinds'].count(kind)}" for kind in dict.fromkeys(found["kinds"])
+            f"{kind} {result['kinds'].count(kind)}" for kind in dict.fromkeys(result["kinds"])
         )
-        exact, stepped = (np.array(found[f"rhythm {method}"]).T for method in ("Exact", "Moreau"))
-        counts = [format_range(values, "{:.2f}") for values in (*exact, stepped[0], found["depth"])]
+        exact, stepped = (np.array(result[f"rhythm {method}"]).T for method in ("Exact", "Moreau"))
+        counts = [
+            format_range(values, "{:.2f}") for values in (*exact, stepped[0], result["depth"])
+        ]
         exponent = format_interval(*values["exponents"][name], form="{:.3f}")
         rows.append(
-            (name, f"{found['force_n']:g}", f"{found['omega_ratio']:g}", kinds, *counts, exponent)
+            (name, f"{result['force_n']:g}", f"{result['omega_ratio']:g}", kinds, *counts, exponent)
         )
     columns = (
         "impacts a period",
@@ -430,7 +432,7 @@ def _near(curves: Sequence[Json], ratio: float, width: float = 0.002) -> list[tu
 def _regimes(values: Json) -> list[Claim]:
     medium = values["medium"]
     high = values["high"]
-    found = values["stationary"]
+    result = values["stationary"]
     here = _near(medium["exact"], 1.0) or _near(medium["exact"], 1.0, 0.01)
     unstable = sum(kind < 2 for _, kind in here)
     basin = values["basin"]
@@ -438,8 +440,8 @@ def _regimes(values: Json) -> list[Claim]:
     runs = sum(basin.values())
     upper = [kind for y, kind in _near(high["exact"], 0.945, 0.02) if y > 1.2 * GAP]
     stable, slow = (float(np.mean([kind >= least for kind in upper])) for least in (2, 1))
-    at = found["at resonance, 1.5 N"]
-    top = found["high branch"]
+    at = result["at resonance, 1.5 N"]
+    top = result["high branch"]
     exponent = values["exponents"]["high branch"]
     impacts, visits = np.array(top["rhythm Exact"]).T
     modulated = float(np.mean([kind == ResponseKind.MODULATED.value for kind in at["kinds"]]))

@@ -164,10 +164,10 @@ def _rates(settings: PaperSettings, size: Size) -> list[Json]:
     approach = Approach(own.model.resonance_omega(1), 1.0)
     for ratio in np.round(np.linspace(OVER.first, OVER.last, size.ratios), 6).tolist():
         with sweeps_bar(f"{LABEL}: stays at {ratio:g}", leave=False) as show:
-            found = stays(
+            result = stays(
                 own, FORCES["medium"], approach, ratio, size.periods, phases, progress=show, **to
             )
-        rate = exit_rate(found, BURN_IN)
+        rate = exit_rate(result, BURN_IN)
         limits = {
             name: None if np.isnan(value := getattr(rate, name)) else float(value)
             for name in ("rate", "low", "high")
@@ -189,7 +189,7 @@ def _jumps(settings: PaperSettings, size: Size, name: str) -> list[Json]:
     approach = Approach(own.model.resonance_omega(1), 1.0)
     for slowness in (n for n in size.slownesses if name != FINER or n in (RATE, 2 * RATE)):
         with sweeps_bar(f"{LABEL}: {name}, {slowness:g} periods a percent", leave=False) as show:
-            found = jumps(
+            result = jumps(
                 own,
                 FORCES["medium"],
                 approach,
@@ -202,15 +202,15 @@ def _jumps(settings: PaperSettings, size: Size, name: str) -> list[Json]:
                 progress=show,
                 **to,
             )
-        high = not_none(found.high)
-        low, most = Jumps(high, found.runs, found.runs).interval()
-        share = {"share": high / found.runs, "low": low, "high": most}
+        high = not_none(result.high)
+        low, most = Jumps(high, result.runs, result.runs).interval()
+        share = {"share": high / result.runs, "low": low, "high": most}
         rows.append(
             {
                 "periods_per_percent": slowness,
                 "reached": high,
-                "runs": found.runs,
-                "stayed": found.jumped,
+                "runs": result.runs,
+                "stayed": result.jumped,
                 **share,
             }
         )
@@ -269,7 +269,7 @@ def _levels(settings: PaperSettings, size: Size) -> list[Json]:
     return rows
 
 
-def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
     groups: dict[str, Callable[[], Any]] = {
         name: partial(compute_responses, make_scene(), force, LOW, HIGH)
         for name, force in FORCES.items()
@@ -282,26 +282,26 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
             "drift": partial(_drift, settings, size),
             "levels": partial(_levels, settings, size),
         },
-        known,
+        earlier,
     )
 
 
 def hazard_of(values: Json) -> Hazard | None:
     """Return the integral of the rates of leaving, with the factor of the exact sweeps; None where fewer than two frequencies have a rate."""
-    known = [row for row in values["rates"] if row["rate"] is not None]
-    if len(known) < 2:
+    earlier = [row for row in values["rates"] if row["rate"] is not None]
+    if len(earlier) < 2:
         return None
     counts = [
         ExitRate(row["exits"], row["exposure"], row["rate"], row["low"], row["high"])
-        for row in known
+        for row in earlier
     ]
-    found = hazard([row["omega_ratio"] for row in known], counts)
+    result = hazard([row["omega_ratio"] for row in earlier], counts)
     sweeps = {
         row["periods_per_percent"]: Jumps(row["reached"], row["runs"], row["runs"])
         for row in values[f"jumps, {EVERY}"]
     }
-    told = any(0 < one.jumped < one.runs for one in sweeps.values())
-    return found.with_sweeps(sweeps) if told else found
+    informative = any(0 < one.jumped < one.runs for one in sweeps.values())
+    return result.with_sweeps(sweeps) if informative else result
 
 
 def _share(row: Json) -> str:
@@ -310,15 +310,15 @@ def _share(row: Json) -> str:
 
 def _words(values: Json) -> str:
     blocks = []
-    found = hazard_of(values)
-    if found is not None:
+    result = hazard_of(values)
+    if result is not None:
         inverses = [
-            f"{1 / x:.0f}" if x > 0 else "no end" for x in (found.value, found.high, found.low)
+            f"{1 / x:.0f}" if x > 0 else "no end" for x in (result.value, result.high, result.low)
         ]
         blocks.append(
-            f"Integral of the rate of leaving from {found.first:g} to {found.last:g}, at {len(values['rates'])} frequencies: P(jump) = A exp(-N/"
+            f"Integral of the rate of leaving from {result.first:g} to {result.last:g}, at {len(values['rates'])} frequencies: P(jump) = A exp(-N/"
             f"{inverses[0]}) (95 %: {inverses[1]} to {inverses[2]}) for N pseudo periods per 1 %, A = "
-            f"{format_interval(found.factor, found.factor_low, found.factor_high)} from the exact sweeps. "
+            f"{format_interval(result.factor, result.factor_low, result.factor_high)} from the exact sweeps. "
             "The same case with more frequencies and runs: [regimes](regimes.md)."
         )
     by = {
@@ -327,12 +327,12 @@ def _words(values: Json) -> str:
     }
     lines = []
     for n in by[EVERY]:
-        told = "" if found is None else format_interval(*found.probability(n))
+        probability = "" if result is None else format_interval(*result.probability(n))
         shares = [
             f"{rows[n]['reached']} of {rows[n]['runs']}: {_share(rows[n])}" if n in rows else ""
             for rows in by.values()
         ]
-        lines.append((f"{n:g}", told, *shares))
+        lines.append((f"{n:g}", probability, *shares))
     sums = {
         name: [sum(row[key] for row in rows.values()) for key in ("reached", "stayed", "runs")]
         for name, rows in by.items()
@@ -377,14 +377,14 @@ def _draw(values: Json) -> Figure:
     middles = 0.5 * (EDGES[1:] + EDGES[:-1])
     for own, (name, sweeps) in zip(axes[0], SHOWN.items(), strict=True):
         draw_responses(own, values[name])
-        for sweep, (look, label) in sweeps.items():
+        for sweep, (style, label) in sweeps.items():
             low, high, nominal = (
                 MM * np.array(values["sweeps"][sweep][key])
                 for key in ("low_m", "high_m", "nominal_m")
             )
-            own.fill_between(middles, low, high, color=look.colour, alpha=0.3, lw=0)
+            own.fill_between(middles, low, high, color=style.colour, alpha=0.3, lw=0)
             own.plot(
-                middles, nominal, color=look.colour, lw=0.8, drawstyle="steps-mid", label=label
+                middles, nominal, color=style.colour, lw=0.8, drawstyle="steps-mid", label=label
             )
         top = 1.2 * MM * max(curve["peak"][1] for curve in values[name]["exact"])
         own.set(xlim=EDGES[[0, -1]], ylim=(0, top), xlabel=r"frequency $\Omega/\omega_1$")
@@ -404,13 +404,13 @@ def _draw_rates(axes: Axes, rates: Sequence[Json]) -> None:
         if row["rate"] is not None
     ]
     x, y, low, high = np.array(rows).T
-    look: Json = {"fmt": "o", "ms": 3, "lw": 0.9, "color": STYLES[0].colour}
+    style: Json = {"fmt": "o", "ms": 3, "lw": 0.9, "color": STYLES[0].colour}
     axes.errorbar(
         x,
         1e4 * y,
         1e4 * np.array([y - low, high - y]),
         label="exits over time at risk, 95 %",
-        **look,
+        **style,
     )
     axes.set_ylim(top=1.3e4 * float(high.max()))
     axes.locator_params(axis="x", nbins=5)
@@ -421,13 +421,13 @@ def _draw_rates(axes: Axes, rates: Sequence[Json]) -> None:
 
 
 def _shares(axes: Axes, values: Json) -> None:
-    found = hazard_of(values)
+    result = hazard_of(values)
     n = np.geomspace(80, 4000, 200)
-    if found is not None:
-        told = np.array([found.probability(float(each)) for each in n]).T
-        axes.plot(n, told[0], color="black", lw=0.9, label="from the rates, times A")
-        axes.fill_between(n, told[1], told[2], color="0.8", lw=0)
-    for k, (name, look) in enumerate(zip(METHODS, STYLES, strict=False)):
+    if result is not None:
+        curve = np.array([result.probability(float(each)) for each in n]).T
+        axes.plot(n, curve[0], color="black", lw=0.9, label="from the rates, times A")
+        axes.fill_between(n, curve[1], curve[2], color="0.8", lw=0)
+    for k, (name, style) in enumerate(zip(METHODS, STYLES, strict=False)):
         rows = [
             [row[column] for column in ("periods_per_percent", "share", "low", "high")]
             for row in values[f"jumps, {name}"]
@@ -437,11 +437,11 @@ def _shares(axes: Axes, values: Json) -> None:
             aside * x,
             y,
             [y - low, high - y],
-            fmt=look.marker,
-            ls=look.dashes if k else "",
+            fmt=style.marker,
+            ls=style.dashes if k else "",
             ms=4,
             lw=0.9,
-            color=look.colour,
+            color=style.colour,
             label=name,
         )
     axes.set(
@@ -541,7 +541,7 @@ def _claims(values: Json) -> list[Claim]:
     )
     middles = [float(np.median(row["level_m"])) for row in rows]
     slowness = [row["periods_per_percent"] for row in rows]
-    shown = ", ".join(
+    visible = ", ".join(
         f"{n:g}: {format_spread(row['level_m'], '{:.2f}', 1e3)}"
         for n, row in zip(slowness, rows, strict=True)
     )
@@ -556,7 +556,7 @@ def _claims(values: Json) -> list[Claim]:
             begin=begin,
             end=end,
         ),
-        said("fast may be worse", over, shown=shown, first=slowness[0], worst=worst),
+        said("fast may be worse", over, shown=visible, first=slowness[0], worst=worst),
         *_sweep_claims(values),
     ]
 

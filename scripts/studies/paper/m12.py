@@ -58,7 +58,7 @@ PAPERS_BEST = {1: 3.5, 2: 35.0}  # N, by resonance
 PAPER_LIMIT = 0.5  # N, the paper's friction damper
 
 
-def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
     groups: dict[str, Callable[[], object]] = {
         f"resonance {r}": partial(_resonance, settings, r, size) for r in RESONANCES
     }
@@ -67,13 +67,13 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     )
     groups["friction"] = partial(_limits, settings, size)
     groups |= {f"around {r}": partial(_around, settings, r, size) for r in RESONANCES}
-    return measure_groups(groups, known)
+    return measure_groups(groups, earlier)
 
 
 def _resonance(settings: PaperSettings, resonance: int, size: Size) -> Json:
     """Return the main study's curves near a resonance, the limit, and single runs at the paper's step."""
     with sweeps_bar(f"{LABEL}, resonance {resonance}", leave=False) as show:
-        found = compare(
+        result = compare(
             resonances=(resonance,),
             forces=size.forces,
             members=size.members,
@@ -82,9 +82,9 @@ def _resonance(settings: PaperSettings, resonance: int, size: Size) -> Json:
             progress=show,
             executor=settings.executor,
         )
-    if not found.complete:
+    if not result.complete:
         raise KeyboardInterrupt
-    (part,) = found.resonances
+    (part,) = result.resonances
     dense = np.geomspace(part.forces[0], part.forces[-1], 120)
     forces = tuple(part.forces.tolist())
     return {
@@ -111,10 +111,10 @@ def _near(
         for own in concepts(model)
         if own.key in keys
     }
-    found = settings.curves(
+    result = settings.curves(
         f"{LABEL}, resonance {resonance}", list(cases.values()), members, method
     )
-    return {key: to_plain_curve(curve) for key, curve in zip(cases, found, strict=True)}
+    return {key: to_plain_curve(curve) for key, curve in zip(cases, result, strict=True)}
 
 
 def _around(settings: PaperSettings, resonance: int, size: Size) -> Json:
@@ -130,12 +130,12 @@ def _around(settings: PaperSettings, resonance: int, size: Size) -> Json:
 def _limits(settings: PaperSettings, size: Size) -> Json:
     """Return friction limits in N, and the members' levels in m of the damper with each of them at the paper's best force."""
     scenes = {f"{limit:g}": beam_scene(Beam(), friction_damper(limit)) for limit in size.limits}
-    found = compute_curves(
+    result = compute_curves(
         settings, f"{LABEL}, friction limits", scenes, (PAPERS_BEST[1],), size.members
     )
     return {
         "limit": list(size.limits),
-        "level": [read_curve(found[name]).level[0].tolist() for name in scenes],
+        "level": [read_curve(result[name]).level[0].tolist() for name in scenes],
     }
 
 
@@ -163,30 +163,30 @@ def _words(values: Json) -> str:
     low = read_curves(values["low"])
     labels = {concept.key: concept.label for concept in concepts(modal_model(Beam()))}
     for resonance, name in zip(RESONANCES, names, strict=True):
-        found = read_curves(values[name])
-        none = found[NONE]
+        result = read_curves(values[name])
+        none = result[NONE]
         for key in (
             key
             for key in (IMPACT, FRICTION, LTVA_PAPER, LTVA_PAPER_WIDE, LTVA_TUNED_WIDE)
-            if key in found
+            if key in result
         ):
-            relative = found[key].relative(none)
-            best = found[key].best(none)
+            relative = result[key].relative(none)
+            best = result[key].best(none)
             linear = key not in (IMPACT, FRICTION)
             force = none.forces[best]
-            there = relative[best]
+            present = relative[best]
             if (
                 best == 0 and not linear
             ):  # the least force of the range: the damper's own lies below it
                 k = low[key].best(low[NONE])
                 force = low[NONE].forces[k]
-                there = low[key].relative(low[NONE])[k]
+                present = low[key].relative(low[NONE])[k]
             at = format_spread(relative[none.nearest(PAPERS_BEST[resonance])], "{:.3f}")
             rows.append(
                 (
                     f"{resonance}: {labels[key]}",
                     "any" if linear else f"{force:.3g}",
-                    format_spread(there, "{:.3f}"),
+                    format_spread(present, "{:.3f}"),
                     at,
                 )
             )
@@ -250,9 +250,9 @@ def _best(part: Json) -> tuple[Array, float]:
 def _first(values: Json) -> list[Claim]:
     part = values["resonance 1"]
     tried = values["friction"]
-    found = read_curves(part)
+    result = read_curves(part)
     none, impact, friction, ltva, tuned = (
-        found[key] for key in (NONE, IMPACT, FRICTION, LTVA_PAPER, LTVA_TUNED_WIDE)
+        result[key] for key in (NONE, IMPACT, FRICTION, LTVA_PAPER, LTVA_TUNED_WIDE)
     )
     best, at_step = _best(values["around 1"])
     at = none.nearest(float(np.median(best)))
@@ -261,26 +261,26 @@ def _first(values: Json) -> list[Claim]:
     level = np.array(tried["level"])
     own = np.array(tried["limit"])[np.argmin(level, axis=0)]
     paper = level[tried["limit"].index(PAPER_LIMIT)] / np.min(level, axis=0)
-    said = partial(make_claim, LABEL)
+    claim_for = partial(make_claim, LABEL)
     return [
-        said("m12_ltva_first", (ltva.level / others)[touched].ravel()),
-        said("m12_ltva_tuned", (tuned.level / others)[touched].ravel()),
-        said(
+        claim_for("m12_ltva_first", (ltva.level / others)[touched].ravel()),
+        claim_for("m12_ltva_tuned", (tuned.level / others)[touched].ravel()),
+        claim_for(
             "m12_almost_ltva",
             impact.level[at] / ltva.level[at],
             force=none.forces[at],
             tuned=impact.level[at] / tuned.level[at],
         ),
-        said("m12_optimum_first", best, at_step=at_step),
-        said("m12_best_friction", own, tried=len(tried["limit"]), paper=paper),
-        said("m12_wide_first", [_much_better(found)]),
+        claim_for("m12_optimum_first", best, at_step=at_step),
+        claim_for("m12_best_friction", own, tried=len(tried["limit"]), paper=paper),
+        claim_for("m12_wide_first", [_much_better(result)]),
     ]
 
 
-def _much_better(found: dict[str, LevelCurve]) -> float:
+def _much_better(result: dict[str, LevelCurve]) -> float:
     """Return the ratio of the forces between which the absorber has much less than the damper's level."""
-    impact = found[IMPACT]
-    friction = found[FRICTION]
+    impact = result[IMPACT]
+    friction = result[FRICTION]
     return compute_longest_span(
         impact.forces, (impact.median < MUCH * friction.median) & (impact.impacting > 0.5)
     )
@@ -288,18 +288,18 @@ def _much_better(found: dict[str, LevelCurve]) -> float:
 
 def _second(values: Json) -> list[Claim]:
     part = values["resonance 2"]
-    found = read_curves(part)
+    result = read_curves(part)
     low = read_curves(values["low"])
-    none = found[NONE]
+    none = result[NONE]
     best, at_step = _best(values["around 2"])
     damper = find_best_forces(low[FRICTION], low[NONE])
     near = none.nearest(PAPERS_BEST[2])
     at = low[NONE].nearest(float(np.median(damper)))
     other = np.minimum(low[IMPACT].level[at], low[LTVA_PAPER].level[at])
-    level = found[IMPACT].relative(none)[near]
-    said = partial(make_claim, LABEL)
+    level = result[IMPACT].relative(none)[near]
+    claim_for = partial(make_claim, LABEL)
     return [
-        said(
+        claim_for(
             "m12_optimum_second",
             best,
             force=none.forces[near],
@@ -307,27 +307,35 @@ def _second(values: Json) -> list[Claim]:
             rule=part["design_force"],
             at_step=at_step,
         ),
-        said("m12_wide_second", [_much_better(found)]),
-        said(
+        claim_for("m12_wide_second", [_much_better(result)]),
+        claim_for(
             "m12_damper_below_ltva",
-            [compute_longest_span(none.forces, found[FRICTION].median > found[LTVA_PAPER].median)],
+            [
+                compute_longest_span(
+                    none.forces, result[FRICTION].median > result[LTVA_PAPER].median
+                )
+            ],
         ),
-        said("m12_damper_low", damper / np.median(best), force=np.median(damper)),
-        said("m12_damper_beats", low[FRICTION].level[at] / other),
+        claim_for("m12_damper_low", damper / np.median(best), force=np.median(damper)),
+        claim_for("m12_damper_beats", low[FRICTION].level[at] / other),
     ]
 
 
 def _both(values: Json) -> list[Claim]:
     low = read_curves(values["low"])
     each = [read_curves(values[f"resonance {r}"]) for r in RESONANCES]
-    best = np.concatenate([np.min(found[IMPACT].relative(found[NONE]), axis=0) for found in each])
+    best = np.concatenate(
+        [np.min(result[IMPACT].relative(result[NONE]), axis=0) for result in each]
+    )
     first, second = (_best(values[f"around {r}"])[0] for r in RESONANCES)
     at = low[NONE].nearest(PAPERS_BEST[1])
-    said = partial(make_claim, LABEL)
+    claim_for = partial(make_claim, LABEL)
     return [
-        said("m12_both", best),
-        said("m12_not_at_once", low[IMPACT].relative(low[NONE])[at], force=low[NONE].forces[at]),
-        said("m12_ten_times", second / np.median(first)),
+        claim_for("m12_both", best),
+        claim_for(
+            "m12_not_at_once", low[IMPACT].relative(low[NONE])[at], force=low[NONE].forces[at]
+        ),
+        claim_for("m12_ten_times", second / np.median(first)),
     ]
 
 
@@ -388,13 +396,13 @@ def _draw(values: Json) -> Figure:
     return figure
 
 
-def _curves(axes: Axes, found: dict[str, LevelCurve], most: float) -> None:
-    none = found[NONE]
+def _curves(axes: Axes, result: dict[str, LevelCurve], most: float) -> None:
+    none = result[NONE]
     draw_line(axes, none.forces, MM * none.median, REFERENCE, "no absorber", marked=False)
-    for key, (look, label) in DRAWN.items():
-        if key in found:
-            draw_curve(axes, found[key], look, label)
-    axes.axvline(none.forces[found[IMPACT].best(none)], color="0.55", lw=0.8, ls=":")
+    for key, (style, label) in DRAWN.items():
+        if key in result:
+            draw_curve(axes, result[key], style, label)
+    axes.axvline(none.forces[result[IMPACT].best(none)], color="0.55", lw=0.8, ls=":")
     set_level_axes(axes, none, most)
 
 

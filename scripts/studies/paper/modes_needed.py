@@ -47,18 +47,18 @@ def _of_modes(modes: int, settings: PaperSettings, size: Size) -> Json:
         for scene in scenes
     ]
     curves = settings.curves(f"{LABEL}: {modes} modes", cases, size.members)
-    found = {}
+    result = {}
     for r, without, curve in zip(OPTIMUM, curves[0::2], curves[1::2], strict=True):
         relative = curve.relative_to(without)
         edges = dict(
             zip(("low", "relative", "high"), compute_bands(relative).tolist(), strict=True)
         )
-        found[str(r)] = {
+        result[str(r)] = {
             "forces_n": curve.forces.tolist(),
             **edges,
             "nominal": relative[:, 0].tolist(),
         }
-    return found
+    return result
 
 
 Row = list[float]
@@ -69,9 +69,9 @@ def read_rows(values: Json) -> dict[tuple[int, int, float], Row]:
     return {
         (int(modes), int(resonance), force): row
         for modes, group in values.items()
-        for resonance, found in group.items()
+        for resonance, result in group.items()
         for force, *row in zip(
-            *(found[name] for name in ("forces_n", "relative", "low", "high", "nominal")),
+            *(result[name] for name in ("forces_n", "relative", "low", "high", "nominal")),
             strict=True,
         )
     }
@@ -103,7 +103,7 @@ def _claims(values: Json) -> list[Claim]:
         off = _off(values, PAPER_MODES, resonance)
         force = max(off, key=lambda f: abs(off[f]))
         apart = _apart(rows[PAPER_MODES, resonance, force], rows[most, resonance, force])
-        found = (
+        result = (
             ClaimVerdict.HOLDS
             if abs(off[force]) < SAME
             else ClaimVerdict.NOT
@@ -114,7 +114,7 @@ def _claims(values: Json) -> list[Claim]:
             f"{_cell(rows[PAPER_MODES, resonance, f])} with {PAPER_MODES}, {_cell(rows[most, resonance, f])} with {most} at {f:g} N"
             for f in dict.fromkeys((OPTIMUM[resonance], force))
         )
-        told: Json = {
+        text_values: Json = {
             "least": 100 * min(off.values()),
             "greatest": max(off.values()),
             "bands": "are apart" if apart else "overlap",
@@ -123,12 +123,12 @@ def _claims(values: Json) -> list[Claim]:
             make_claim(
                 LABEL,
                 f"modes_needed_{name}",
-                found,
+                result,
                 cells=cells,
                 ten=PAPER_MODES,
                 most=most,
                 force=force,
-                **told,
+                **text_values,
             )
         )
     return claims
@@ -181,16 +181,16 @@ def _draw(values: Json) -> Figure:
     modes = list(map(int, values))
     rows = read_rows(values)
     drawn = [
-        (own, r, OPTIMUM[r], look, f"{NAMES[r]} resonance, {OPTIMUM[r]:g} N")
-        for r, look in ((1, STYLES[1]), (2, STYLES[0]))
+        (own, r, OPTIMUM[r], style, f"{NAMES[r]} resonance, {OPTIMUM[r]:g} N")
+        for r, style in ((1, STYLES[1]), (2, STYLES[0]))
     ]
     drawn += [
-        (forces, 2, force, look, f"{force:g} N")
-        for force, look in zip(find_forces(values, 2), STYLES, strict=False)
+        (forces, 2, force, style, f"{force:g} N")
+        for force, style in zip(find_forces(values, 2), STYLES, strict=False)
     ]
-    for panel, resonance, force, look, label in drawn:
+    for panel, resonance, force, style, label in drawn:
         middle, low, high, nominal = 100 * np.array([rows[n, resonance, force] for n in modes]).T
-        draw_line(panel, modes, middle, look, label, band=(low, high), nominal=nominal)
+        draw_line(panel, modes, middle, style, label, band=(low, high), nominal=nominal)
     for panel in axes[0]:
         panel.set(
             xlabel="modes $N_m$", ylabel="level in % of no absorber", ylim=(0, None), xticks=modes
@@ -207,8 +207,8 @@ FIGURE = PaperFigure(
     draw=_draw,
     claims=_claims,
     answer=_answer,
-    measure=lambda settings, size, known: measure_groups(
-        {str(n): partial(_of_modes, n, settings, size) for n in size.modes}, known
+    measure=lambda settings, size, earlier: measure_groups(
+        {str(n): partial(_of_modes, n, settings, size) for n in size.modes}, earlier
     ),
     sizes=(  # forces in N at the first and at the second resonance
         Size(

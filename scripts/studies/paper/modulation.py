@@ -101,7 +101,7 @@ def compute_depth(peaks: Array) -> float:
     return float((high - low) / (high + low))
 
 
-def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
     many = [beam_scene(Beam(modes=n), impact_absorber()) for n in size.modes]
     equivalents = [max(compute_equivalent_restitution(scene), 0.0) for scene in many]
     same, one = (
@@ -124,7 +124,7 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
         "exponents": partial(_exponents, settings, "exponents", size.periods, followed),
         "begins": partial(_exponents, settings, "begins", size.periods // 2, begun),
     }
-    return measure_groups(groups, known)
+    return measure_groups(groups, earlier)
 
 
 def _filling(scene: Scene) -> float:
@@ -143,14 +143,14 @@ def _exponents(settings: PaperSettings, name: str, periods: int, cases: list[Cas
         )
         for scene, _, force in cases
     ]
-    found = settings.each(f"{LABEL}: {name}", lanes, partial(compute_exponent, periods=periods))
+    result = settings.each(f"{LABEL}: {name}", lanes, partial(compute_exponent, periods=periods))
     return [
         {
             "modes": scene.model.modes,
             **(over and {**over, "force_n": force}),
             "exponent": list(exponent),
         }
-        for (scene, over, force), exponent in zip(cases, found, strict=True)
+        for (scene, over, force), exponent in zip(cases, result, strict=True)
     ]
 
 
@@ -163,10 +163,10 @@ def _rows(
     for scene in scenes:
         schedule = constant_frequency(scene.model.resonance_omega(1), 1.0, SETTLING_PERIODS)
         lanes += [Lane(scene, drive) for drive in members.drives(FORCE, schedule)]
-    found = settings.each(LABEL, lanes, partial(measure_exchange, periods=size.periods))
+    result = settings.each(LABEL, lanes, partial(measure_exchange, periods=size.periods))
     rows = []
     for k, (scene, restitution) in enumerate(zip(scenes, restitutions, strict=True)):
-        own = found[k * len(members) : (k + 1) * len(members)]
+        own = result[k * len(members) : (k + 1) * len(members)]
         values = {
             name: [float(x) for x in np.quantile([one[name] for one in own], (0.5, *ENDS))]
             + [own[0][name]]
@@ -208,20 +208,20 @@ def _table(values: Json) -> CsvTable:
 
 def _begun(values: Json) -> str:
     """Say how the exponent begins above the first impacts."""
-    said = []
+    claim_for = []
     for modes in dict.fromkeys(row["modes"] for row in values["begins"]):
         own = [
             format_interval(*row["exponent"]) for row in values["begins"] if row["modes"] == modes
         ]
-        said.append(f"{', '.join(own)} with {modes} mode{'s' if modes > 1 else ''}")
+        claim_for.append(f"{', '.join(own)} with {modes} mode{'s' if modes > 1 else ''}")
     shares = ", ".join(
         f"{over:g}" for over in dict.fromkeys(row["over"] for row in values["begins"])
     )
-    return f"How it begins: at {shares} times the force at which the free tip fills the gap the largest exponent is {'; '.join(said)}."
+    return f"How it begins: at {shares} times the force at which the free tip fills the gap the largest exponent is {'; '.join(claim_for)}."
 
 
-def _interval(found: list[float], scale: float = 1.0, digits: int = 2) -> str:
-    return format_interval(*found[:3], form=f"{{:.{digits}f}}", factor=scale)
+def _interval(result: list[float], scale: float = 1.0, digits: int = 2) -> str:
+    return format_interval(*result[:3], form=f"{{:.{digits}f}}", factor=scale)
 
 
 def _worst(values: Json) -> tuple[Json, Json]:
@@ -235,7 +235,7 @@ def _worst(values: Json) -> tuple[Json, Json]:
 def _compared(values: Json) -> str:
     """Say how far apart many modes and one mode with the equivalent restitution are, over all and where scattering is fast."""
     row, other = _worst(values)
-    found = []
+    result = []
     for few in (1, FAST):
         some = [
             pair
@@ -247,13 +247,13 @@ def _compared(values: Json) -> str:
             for name in ("depth", "taken")
         )
         level = max(abs(one["rms_m"][0] / same["rms_m"][0] - 1) for one, same in some)
-        found.append(
+        result.append(
             f"the depths by {depths:.2f} at most, the shares taken by {100 * shares:.0f} points, the levels by {100 * level:.0f} %"
         )
     return (
         f"They differ most at {row['modes']} modes, whose $e_1$ is {other['restitution']:.3f}: the depths are {_interval(row['depth'])} and "
-        f"{_interval(other['depth'])}, and one mode has {_interval(other['impacts'])} impacts a period. Else {found[0]}, and from {FAST} modes on "
-        f"{found[1]}."
+        f"{_interval(other['depth'])}, and one mode has {_interval(other['impacts'])} impacts a period. Else {result[0]}, and from {FAST} modes on "
+        f"{result[1]}."
     )
 
 
@@ -269,13 +269,15 @@ def _answer(values: Json) -> str:
 def _claims(values: Json) -> list[Claim]:
     """Return the paper's statement on the modulation, of which it leaves the reason open."""
     few, many = (values["modes"][k] for k in (0, -1))
-    told = {
+    text_values = {
         "few": _interval(few["depth"]),
         "fewest": few["modes"],
         "many": _interval(many["depth"]),
         "most": many["modes"],
     }
-    return [make_claim(LABEL, "modulation_fades", many["depth"][2] < few["depth"][1], **told)]
+    return [
+        make_claim(LABEL, "modulation_fades", many["depth"][2] < few["depth"][1], **text_values)
+    ]
 
 
 NAMED = (1, 2, 3, 4, 5, 7, 10, 12)  # numbers of modes that stand beside their points
@@ -289,12 +291,12 @@ def _draw(values: Json) -> Figure:
     other = values["equivalent"]
     one = values["one mode"]
     modes, restitutions = ([row[name] for row in many] for name in ("modes", "restitution"))
-    for rows, look, label in (
+    for rows, style, label in (
         (many, STYLES[0], "$N_m$ modes, $e$ = 1"),
         (other, STYLES[1], "one mode, $e_1$"),
     ):
         middle, low, high, nominal = _columns(rows, "depth")
-        draw_line(depth, modes, middle, look, label, band=(low, high), nominal=nominal)
+        draw_line(depth, modes, middle, style, label, band=(low, high), nominal=nominal)
     draw_line(energy, modes, 100 * _columns(many, "taken")[0], STYLES[0], "taken, $N_m$ modes")
     draw_line(energy, modes, 100 * _columns(other, "taken")[0], STYLES[1], "taken, one mode, $e_1$")
     draw_line(energy, modes, 100 * _columns(many, "absorber")[0], STYLES[2], "in the absorber")
@@ -319,7 +321,7 @@ def _draw(values: Json) -> Figure:
         own = [row for row in many if row["restitution"] == e]  # several that are set to 0
         last = own[-1]["modes"]
         height = max(row["depth"][0] for row in own)
-        words, beside = (
+        words, neighbour = (
             (f"{own[0]['modes']} to {last}", (-6, 13))
             if len(own) > 1
             else (f"{last}" if last in NAMED else "", (3, -9))
@@ -327,7 +329,7 @@ def _draw(values: Json) -> Figure:
         over.annotate(
             words,
             (e, height),
-            xytext=beside,
+            xytext=neighbour,
             textcoords="offset points",
             fontsize=6.5,
             color="0.35",

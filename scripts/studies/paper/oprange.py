@@ -46,7 +46,7 @@ RESTITUTION = 0.75
 QUASI_LINEAR = 10.0  # N: up to here the secondary range is asked whether it is a straight line
 
 
-def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
     own = beam_scene(Beam(modes=1), impact_absorber(restitution=RESTITUTION))
     linear = {
         "none": beam_scene(Beam(modes=1)),
@@ -59,7 +59,7 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
             settings, LABEL, {"absorber": own}, size.forces, 1, Moreau()
         )["absorber"],
     }
-    return measure_groups(groups, known)
+    return measure_groups(groups, earlier)
 
 
 def _read(values: Json) -> tuple[LevelCurve, LevelCurve, LevelCurve, Ranges]:
@@ -74,7 +74,7 @@ def _read(values: Json) -> tuple[LevelCurve, LevelCurve, LevelCurve, Ranges]:
 
 
 def _words(values: Json) -> str:
-    own, none, stuck, found = _read(values)
+    own, none, stuck, result = _read(values)
     step = read_curve(values["step"])
     relative = own.relative(none)
     rows = [
@@ -88,7 +88,7 @@ def _words(values: Json) -> str:
         )
         for k in range(0, len(own.forces), max(1, len(own.forces) // 12))
     ]
-    first, last = (border or "not within these forces" for border in found)
+    first, last = (border or "not within these forces" for border in result)
     header = (
         "force, N",
         "level, mm",
@@ -117,20 +117,20 @@ def _claims(values: Json) -> list[Claim]:
     straight = _straightness(own, secondary & (own.forces <= QUASI_LINEAR))
     relative = own.relative(none)
     grid = last.high / last.low
-    said = partial(make_claim, LABEL)
+    claim_for = partial(make_claim, LABEL)
     return [
-        said("oprange_linear_range", relative[linear], low=first.low),
-        said(
+        claim_for("oprange_linear_range", relative[linear], low=first.low),
+        claim_for(
             "oprange_saturation",
             compute_slopes(own, primary),
             first=first.high,
             last=last.low,
             at_step=float(compute_slopes(step, primary)[0]),
         ),
-        said("oprange_quasi_linear", straight, low=last.high, high=QUASI_LINEAR),
-        said("oprange_sustained", own.rate[secondary]),
-        said("oprange_linear_limit", own.relative(stuck)[-1], force=own.forces[-1]),
-        said(
+        claim_for("oprange_quasi_linear", straight, low=last.high, high=QUASI_LINEAR),
+        claim_for("oprange_sustained", own.rate[secondary]),
+        claim_for("oprange_linear_limit", own.relative(stuck)[-1], force=own.forces[-1]),
+        claim_for(
             "oprange_optimum",
             own.forces[np.argmin(relative, axis=0)],
             (last.low / grid, last.high * grid),
@@ -145,14 +145,14 @@ def _steps(own: LevelCurve, none: LevelCurve, step: LevelCurve) -> Claim:
     (low, _, high), stepped = compute_bands(own.level), step.level[:, 0]
     off = stepped / own.median - 1
     worst = int(np.argmax(np.abs(off)))
-    beside = (stepped < (1 - SAME) * low) | (stepped > (1 + SAME) * high)
+    neighbour = (stepped < (1 - SAME) * low) | (stepped > (1 + SAME) * high)
     best, best_stepped = (
         own.forces[np.argmin(curve / none.median)] for curve in (own.median, stepped)
     )
     return make_claim(
         LABEL,
         "oprange_step",
-        not beside.any(),
+        not neighbour.any(),
         least=100 * off.min(),
         most=off.max(),
         worst=own.forces[worst],
@@ -160,7 +160,7 @@ def _steps(own: LevelCurve, none: LevelCurve, step: LevelCurve) -> Claim:
         best_stepped=best_stepped,
         stepped=stepped[worst] / none.median[worst],
         exact=own.median[worst] / none.median[worst],
-        beside=np.count_nonzero(beside),
+        beside=np.count_nonzero(neighbour),
         forces=len(off),
     )
 
@@ -178,23 +178,23 @@ SHADES = ("0.97", "0.90", "0.95")
 
 def _draw(values: Json) -> Figure:
     """Draw level over force with the ranges shaded; inset: the same relative to no absorber up to the highest force."""
-    own, none, stuck, found = _read(values)
+    own, none, stuck, result = _read(values)
     figure, grid = make_panels(1, 1, 4.2)
     axes = grid[0, 0]
     step = read_curve(values["step"])
-    shown = own.forces <= 12.0
-    draw_ranges(axes, found, 0.0, 12.0)
-    draw_line(axes, none.forces[shown], MM * none.median[shown], REFERENCE, "no absorber")
+    visible = own.forces <= 12.0
+    draw_ranges(axes, result, 0.0, 12.0)
+    draw_line(axes, none.forces[visible], MM * none.median[visible], REFERENCE, "no absorber")
     draw_band(
         axes,
-        own.forces[shown],
-        MM * own.level[shown],
+        own.forces[visible],
+        MM * own.level[visible],
         STYLES[0],
         "impact absorber, 1 mode, e = 0.75",
     )
     axes.plot(
-        step.forces[shown],
-        MM * step.level[shown, 0],
+        step.forces[visible],
+        MM * step.level[visible, 0],
         "x",
         color=STYLES[1].colour,
         ms=4,
@@ -210,10 +210,10 @@ def _draw(values: Json) -> Figure:
     return figure
 
 
-def draw_ranges(axes: Axes, found: Ranges, low: float, high: float) -> None:
+def draw_ranges(axes: Axes, result: Ranges, low: float, high: float) -> None:
     """Shade the linear, the primary and the secondary range between two forces in N."""
-    first, last = found
-    edges = sorted({low, high, *(border.force for border in found if border is not None)})
+    first, last = result
+    edges = sorted({low, high, *(border.force for border in result if border is not None)})
     primary = first is not None and (last is None or last.force > first.force)
     words = ["linear"] + (["primary"] if primary else []) + (["secondary"] if last else [])
     for name, begin, end, shade in zip(words, edges, edges[1:], SHADES, strict=False):

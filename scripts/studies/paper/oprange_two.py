@@ -58,9 +58,9 @@ def make_scenes() -> dict[str, Scene]:
     }
 
 
-def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
     every = make_scenes()
-    found: Json = dict(known)
+    result: Json = dict(earlier)
     groups: dict[str, Callable[[], object]] = {
         name: partial(
             performance.compute_contact_curve, settings, LABEL, scene, size.forces, size.members
@@ -73,16 +73,16 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     groups["step"] = lambda: performance.compute_curves(
         settings, LABEL, every, size.forces, 1, Moreau()
     )
-    for found in measure_groups(groups, known):
-        yield found
-    force = find_force({name: performance.read_curve(found[name]) for name in (NONE, *SWEPT)})
+    for result in measure_groups(groups, earlier):
+        yield result
+    force = find_force({name: performance.read_curve(result[name]) for name in (NONE, *SWEPT)})
     rest: dict[str, Callable[[], object]] = {
         f"sweeps, {name}": partial(_sweeps, settings, every[name], force, size.swept)
         for name in SWEPT
     }
     rest |= {f"orbits, {name}": partial(_orbits, every[name], force) for name in SWEPT}
-    for more in measure_groups(rest, known):
-        yield {**found, "force_n": force, **more}
+    for more in measure_groups(rest, earlier):
+        yield {**result, "force_n": force, **more}
 
 
 def find_force(read: dict[str, LevelCurve]) -> float:
@@ -193,7 +193,7 @@ def _claims(values: Json) -> list[Claim]:
     down = np.where(read[ONE].down[at] > 0, read[ONE].at[at], np.nan)
     near = _near(values, ONE)
     one, three = (values[f"orbits, {name}"] for name in (ONE, THREE))
-    said, (first, last) = (
+    claim_for, (first, last) = (
         partial(make_claim, LABEL, star=values["force_n"], near=NEAR),
         performance.find_ranges(read[ONE]),
     )
@@ -201,26 +201,26 @@ def _claims(values: Json) -> list[Claim]:
         str(border or "not found") for border in (first, last)
     )  # of the linear and the primary range
     return [
-        said("oprangeTWO_noneffective", relative[ONE][read[ONE].impacting > 0.5]),
-        said("oprangeTWO_maximum_at", down, at_step=float(step[ONE].at[at, 0])),
-        said("oprangeTWO_resonance_itself", near),
-        said(
+        claim_for("oprangeTWO_noneffective", relative[ONE][read[ONE].impacting > 0.5]),
+        claim_for("oprangeTWO_maximum_at", down, at_step=float(step[ONE].at[at, 0])),
+        claim_for("oprangeTWO_resonance_itself", near),
+        claim_for(
             "oprangeTWO_lossy_not_high",
             relative[LOSSY][at],
             sustained=read[LOSSY].sustained[at],
             at_step=stepped[LOSSY],
         ),
-        said("oprangeTWO_lossy_first_impacts", read[LOSSY].tip[at] / RigidWalls.gap),
-        said(
+        claim_for("oprangeTWO_lossy_first_impacts", read[LOSSY].tip[at] / RigidWalls.gap),
+        claim_for(
             "oprangeTWO_scattering",
             relative[THREE][at],
             sustained=read[THREE].sustained[at],
             at_step=stepped[THREE],
         ),
-        said("oprangeTWO_isola", [describe_isola_gap(three)]),
-        said("oprangeTWO_reduced_branch", [_highest(three) / _highest(one)]),
-        said("oprangeTWO_single_frequency", near / relative[ONE][at].mean()),
-        said(
+        claim_for("oprangeTWO_isola", [describe_isola_gap(three)]),
+        claim_for("oprangeTWO_reduced_branch", [_highest(three) / _highest(one)]),
+        claim_for("oprangeTWO_single_frequency", near / relative[ONE][at].mean()),
+        claim_for(
             "oprangeTWO_no_primary",
             first is not None and last is not None and last.low <= first.high,
             borders=borders,
@@ -242,8 +242,8 @@ def _draw(values: Json) -> Figure:
     figure, grid = make_panels(2, 2, 6.4)
     _curves(grid[0, 0], values)
     top = 1.35 * MM * max(values[f"orbits, {ONE}"]["linear"]["stuck"])
-    for axes, name, look in zip(grid.flat[1:], SWEPT, STYLES, strict=False):
-        _draw_sweeps(axes, values, name, look)
+    for axes, name, style in zip(grid.flat[1:], SWEPT, STYLES, strict=False):
+        _draw_sweeps(axes, values, name, style)
         axes.set_ylim(0, top)
     draw_legend_below(figure, [grid[1, 1]], 5)
     draw_legends([grid[0, 0]])
@@ -254,16 +254,16 @@ def _curves(axes: Axes, values: Json) -> None:
     none = performance.read_curve(values[NONE])
     force = values["force_n"]
     draw_line(axes, none.forces, MM * none.median, REFERENCE, "no absorber", marked=False)
-    for look, name in zip(STYLES, (*SWEPT, BOTH), strict=False):
+    for style, name in zip(STYLES, (*SWEPT, BOTH), strict=False):
         own = performance.read_curve(values[name])
-        performance.draw_curve(axes, own, look, name, marked=False)
+        performance.draw_curve(axes, own, style, name, marked=False)
         border = performance.find_ranges(own).transition
         if border is not None:
             axes.plot(
                 border.force,
                 np.interp(border.force, own.forces, MM * own.median),
-                look.marker,
-                color=look.colour,
+                style.marker,
+                color=style.colour,
                 ms=5,
                 zorder=4,
             )
@@ -272,8 +272,8 @@ def _curves(axes: Axes, values: Json) -> None:
     performance.set_level_axes(axes, none, 5.0)
 
 
-def _draw_sweeps(axes: Axes, values: Json, name: str, look: LineStyle) -> None:
-    for direction, shade in (("down", look.colour), ("up", FAINT)):
+def _draw_sweeps(axes: Axes, values: Json, name: str, style: LineStyle) -> None:
+    for direction, shade in (("down", style.colour), ("up", FAINT)):
         own = values[f"sweeps, {name}"][direction]
         ratio, (low, middle, high, nominal) = (
             own["ratio"],

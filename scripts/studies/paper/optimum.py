@@ -80,7 +80,7 @@ def _of_mass(mass: float, settings: PaperSettings, size: Size) -> Json:
 
 def read_rows(values: Json) -> list[Json]:
     """Return a row for each mass and restitution, with the best force over the rule's."""
-    found = []
+    result = []
     for group in values.values():
         over = np.array(group["forces_n"]) / group["rule_n"]
         for row in group["rows"]:
@@ -91,10 +91,10 @@ def read_rows(values: Json) -> list[Json]:
                 over[single],
                 row["nominal"][single],
             ]  # best force over the rule's, and the level there
-            found.append(
+            result.append(
                 {**group, **row, "nominal_best": nominal, "ratio": ratio, "at_rule": at_rule}
             )
-    return found
+    return result
 
 
 def _table(values: Json) -> CsvTable:
@@ -125,7 +125,7 @@ def _table(values: Json) -> CsvTable:
 def _summary(rows: list[Json]) -> str:
     """Say how far the best force lies from the rule's by mass ratio, and with which power of the mass both grow."""
     masses, restitutions = (sorted({row[name] for row in rows}) for name in ("mass", "restitution"))
-    said = [
+    claim_for = [
         f"{format_range([row['ratio'][0] for row in rows if row['mass'] == mass], '{:.2f}')} at {100 * mass:g} %"
         for mass in masses
     ]
@@ -133,7 +133,7 @@ def _summary(rows: list[Json]) -> str:
         _power([row for row in rows if row["restitution"] == e], "best_n") for e in restitutions
     ]
     return (
-        f"Best force over the rule's, all restitutions: {', '.join(said)}. The rule's force grows with the mass to the power "
+        f"Best force over the rule's, all restitutions: {', '.join(claim_for)}. The rule's force grows with the mass to the power "
         f"{_power(rows, 'rule_n'):.2f}, the best one to {format_range(powers, '{:.2f}')}."
     )
 
@@ -195,14 +195,14 @@ def _draw(values: Json) -> Figure:
     figure, axes = make_panels(1, 2, 3.0)
     force, level = axes[0]
     rows = read_rows(values)
-    for e, look in zip(sorted({row["restitution"] for row in rows}), STYLES, strict=False):
+    for e, style in zip(sorted({row["restitution"] for row in rows}), STYLES, strict=False):
         own = [row for row in rows if row["restitution"] == e]
         mass = [100 * row["mass"] for row in own]
         single = np.array([row["nominal_best"] for row in own]).T
         middle, low, high = np.array([row["ratio"] for row in own]).T
-        draw_line(force, mass, middle, look, f"$e$ = {e:g}", band=(low, high), nominal=single[0])
+        draw_line(force, mass, middle, style, f"$e$ = {e:g}", band=(low, high), nominal=single[0])
         middle, low, high = 100 * np.array([(row["level"], *row["level_band"]) for row in own]).T
-        draw_line(level, mass, middle, look, band=(low, high), nominal=100 * single[1])
+        draw_line(level, mass, middle, style, band=(low, high), nominal=100 * single[1])
     force.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=1, label="design rule")
     force.set(xlabel="mass ratio in %", ylabel="best force over the rule's", ylim=(0, None))
     level.set(xlabel="mass ratio in %", ylabel="level there in % of no absorber", ylim=(0, None))
@@ -218,8 +218,8 @@ FIGURE = PaperFigure(
     words=lambda values: f"{shorten_table(_table(values))}\n\n{_summary(read_rows(values))}",
     answer=_answer,
     tables=lambda values: (_table(values),),
-    measure=lambda settings, size, known: measure_groups(
-        {f"mass {mass:g}": partial(_of_mass, mass, settings, size) for mass in size.masses}, known
+    measure=lambda settings, size, earlier: measure_groups(
+        {f"mass {mass:g}": partial(_of_mass, mass, settings, size) for mass in size.masses}, earlier
     ),
     sizes=(  # mass ratios, and forces over the rule's
         Size(

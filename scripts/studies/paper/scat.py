@@ -41,7 +41,7 @@ SIXTH = 5  # from this mode on, counted from 0, the paper sees complete dissipat
 MOST_AT_STEP = 10  # modes up to which the passage is also run at the paper's step
 
 
-def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
     groups: dict[str, Callable[[], object]] = {
         f"level, {n}": partial(_level, settings, n, size.members) for n in size.modes
     }
@@ -49,7 +49,7 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
         f"account, {n}": partial(_account, settings, n, size.members) for n in size.accounted
     }
     groups |= {f"signal, {n}": partial(_signal, n, settings.seed) for n in size.shown}
-    return measure_groups(groups, known)
+    return measure_groups(groups, earlier)
 
 
 def make_near_lanes(own: Scene, members: int, seed: int) -> list[Lane]:
@@ -84,14 +84,14 @@ def _level(settings: PaperSettings, modes: int, members: int) -> Json:
     """Return the members' levels over no absorber: of the sweeps at 5 N, and of the passage of omega_1 at 1.5 N."""
     own = make_scene(Beam(modes=modes))
     label = f"{LABEL}, {modes} modes"
-    found = compute_curves(
+    result = compute_curves(
         settings, label, {"own": own, "none": beam_scene(Beam(modes=modes))}, (HIGH,), members
     )
-    level, reference = (read_curve(found[name]).level[0] for name in ("own", "none"))
+    level, reference = (read_curve(result[name]).level[0] for name in ("own", "none"))
     near = np.array(
         settings.each(label, make_near_lanes(own, members, settings.seed), compute_near_level)
     )
-    beside, whole = (
+    neighbour, whole = (
         near[:, k].reshape(members, 2) / (reference * LOW / HIGH)[:, None] for k in (0, 1)
     )
     step = read_curve(
@@ -108,9 +108,9 @@ def _level(settings: PaperSettings, modes: int, members: int) -> Json:
         near_step = max(passages)[0] / (reference[0] * LOW / HIGH)
     return {
         "relative": (level / reference).tolist(),
-        "near": np.max(beside, axis=1).tolist(),
-        "near_up": beside[:, 0].tolist(),
-        "near_down": beside[:, 1].tolist(),
+        "near": np.max(neighbour, axis=1).tolist(),
+        "near_up": neighbour[:, 0].tolist(),
+        "near_down": neighbour[:, 1].tolist(),
         "near_rms": np.max(whole, axis=1).tolist(),
         "step": float(step / reference[0]),
         "near_step": near_step,
@@ -120,7 +120,7 @@ def _level(settings: PaperSettings, modes: int, members: int) -> Json:
 def _account(settings: PaperSettings, modes: int, members: int) -> Json:
     """Return the members' accounts at 5 N, of the critical direction."""
     own = make_scene(Beam(modes=modes))
-    found = find_critical(
+    result = find_critical(
         settings.each(
             f"{LABEL}, energies",
             make_lanes(own, HIGH, members, settings.seed),
@@ -128,11 +128,11 @@ def _account(settings: PaperSettings, modes: int, members: int) -> Json:
         )
     )
     return {
-        "shares": [account.shares.tolist() for account in found],
-        "passed": [account.passed.tolist() for account in found],
-        "left": [account.left.tolist() for account in found],
-        "contacts": [account.contacts for account in found],
-        "tip": [(account.tip / account.tip[0]).tolist() for account in found],
+        "shares": [account.shares.tolist() for account in result],
+        "passed": [account.passed.tolist() for account in result],
+        "left": [account.left.tolist() for account in result],
+        "contacts": [account.contacts for account in result],
+        "tip": [(account.tip / account.tip[0]).tolist() for account in result],
         "omega": (own.model.omega / own.model.omega[0]).tolist(),
     }
 
@@ -244,29 +244,29 @@ def _claims(values: Json) -> list[Claim]:
         else f"no mode of {accounts[-1]} is left with less"
     )
     influence = np.array([np.median(near[n]) for n in modes]) / np.median(near[1])
-    said = partial(make_claim, LABEL, modes=accounts[0])
+    claim_for = partial(make_claim, LABEL, modes=accounts[0])
     ends = Json(first=many[0], last=many[-1])
     return [
-        said("scat_one_mode", relative[1], at_step=step[1]),
-        said("scat_reduction", gain, **ends, median=np.median(gain), at_step=stepped),
-        said(
+        claim_for("scat_one_mode", relative[1], at_step=step[1]),
+        claim_for("scat_reduction", gain, **ends, median=np.median(gain), at_step=stepped),
+        claim_for(
             "scat_stabilises",
             [np.median(relative[many[0]]) - np.median(relative[many[-1]])],
             **ends,
         ),
-        said("scat_resonant_most", shares[:, 0] / np.max(shares[:, 1:], axis=1)),
-        said("scat_sum", 100 * (1 - shares[:, 0]), (100 * (1 - MUCH), 100)),
-        said(
+        claim_for("scat_resonant_most", shares[:, 0] / np.max(shares[:, 1:], axis=1)),
+        claim_for("scat_sum", 100 * (1 - shares[:, 0]), (100 * (1 - MUCH), 100)),
+        claim_for(
             "scat_sixth",
             left[:, SIXTH],
             decayed=compute_decay(own["omega"][SIXTH]),
             contacts=np.median(own["contacts"]),
             less=less,
         ),
-        said("scat_uniform", uneven, accounts=" and ".join(map(str, accounts))),
-        said("scat_passed", _unevenness(passed)),
-        said("scat_near_one", near[1], periods=NEAR_PERIODS, burst=values["level, 1"]["near"]),
-        said(
+        claim_for("scat_uniform", uneven, accounts=" and ".join(map(str, accounts))),
+        claim_for("scat_passed", _unevenness(passed)),
+        claim_for("scat_near_one", near[1], periods=NEAR_PERIODS, burst=values["level, 1"]["near"]),
+        claim_for(
             "scat_near_all",
             influence,
             first=modes[0],
@@ -274,7 +274,7 @@ def _claims(values: Json) -> list[Claim]:
             least=np.min(influence),
             most=np.max(influence),
         ),
-        said("scat_off_resonant", np.max(tip[:, 1:], axis=1)),
+        claim_for("scat_off_resonant", np.max(tip[:, 1:], axis=1)),
     ]
 
 
@@ -286,11 +286,11 @@ def _unevenness(rows: Array) -> Array:
 
 def _draw(values: Json) -> Figure:
     """Draw levels over the number of modes, losses by mode, and below them the motion of the tip near the resonance."""
-    shown = find_measured_modes(values, "signal")
+    visible = find_measured_modes(values, "signal")
     figure, grid = make_panels(3, 2, 7.0, "abc")
     _draw_levels(grid[0, 0], values)
     _losses(grid[0, 1], values)
-    for axes, modes in zip(grid[1:].flat, shown, strict=False):
+    for axes, modes in zip(grid[1:].flat, visible, strict=False):
         tip = MM * np.array(values[f"signal, {modes}"])
         draw_signal(axes, np.arange(len(tip)) / DEFAULT_SAMPLES - NEAR_PERIODS / 2, tip, STYLES[0])
         axes.set(
@@ -306,11 +306,11 @@ def _draw(values: Json) -> Figure:
 
 def _draw_levels(axes: Axes, values: Json) -> None:
     modes = find_measured_modes(values, "level")
-    for look, key, name in (
+    for style, key, name in (
         (STYLES[0], "relative", "5 N, whole sweep"),
         (STYLES[1], "near_rms", "1.5 N, around $\\omega_1$"),
     ):
-        draw_band(axes, modes, np.array([values[f"level, {n}"][key] for n in modes]), look, name)
+        draw_band(axes, modes, np.array([values[f"level, {n}"][key] for n in modes]), style, name)
     steps = [values[f"level, {n}"]["step"] for n in modes]
     axes.plot(
         modes,
@@ -332,7 +332,7 @@ def _draw_levels(axes: Axes, values: Json) -> None:
 
 def _losses(axes: Axes, values: Json) -> None:
     small = axes.inset_axes((0.34, 0.5, 0.62, 0.38))
-    for look, modes in zip(STYLES, find_measured_modes(values, "account"), strict=False):
+    for style, modes in zip(STYLES, find_measured_modes(values, "account"), strict=False):
         own = values[f"account, {modes}"]
         for place, key, first in ((axes, "shares", 0), (small, "left", 1)):
             rows = 100 * np.array(own[key]).T[first:]
@@ -340,7 +340,7 @@ def _losses(axes: Axes, values: Json) -> None:
                 place,
                 np.arange(first, modes) + 1,
                 rows,
-                look,
+                style,
                 f"{modes} modes",
                 nominal=False,
                 marked=place is axes,

@@ -59,7 +59,7 @@ FIRST = 0.01  # damping ratio of the first mode
 def _point(settings: PaperSettings, label: str, beam: Beam, members: int) -> Json:
     """Return each member's level over no absorber and account, of the critical direction; ``step``: one run at the paper's step."""
     own = make_scene(beam)
-    found = find_critical(
+    result = find_critical(
         settings.each(label, make_lanes(own, FORCE, members, settings.seed), measure_energy_shares)
     )
     none = read_curve(
@@ -69,21 +69,21 @@ def _point(settings: PaperSettings, label: str, beam: Beam, members: int) -> Jso
         compute_curves(settings, label, {"own": own}, (FORCE,), 1, Moreau())["own"]
     ).level[0, 0]
     return {
-        "relative": [account.level / level for account, level in zip(found, none, strict=True)],
+        "relative": [account.level / level for account, level in zip(result, none, strict=True)],
         "step": float(step / none[0]),
-        "at": [account.at for account in found],
-        "contacts": [account.contacts for account in found],
-        "share": [float(account.shares[1]) for account in found],
-        "half": [float(account.passed[1] * account.contacts / 2) for account in found],
-        "left": [float(account.left[1]) for account in found],
+        "at": [account.at for account in result],
+        "contacts": [account.contacts for account in result],
+        "share": [float(account.shares[1]) for account in result],
+        "half": [float(account.passed[1] * account.contacts / 2) for account in result],
+        "left": [float(account.left[1]) for account in result],
         "single": np.quantile(
-            np.concatenate([account.single for account in found]), (0.05, 0.25, 0.5, 0.75, 0.95)
+            np.concatenate([account.single for account in result]), (0.05, 0.25, 0.5, 0.75, 0.95)
         ).tolist(),
         "as_told": [
             float(
                 np.mean((account.single >= STATED_RANGE[0]) & (account.single <= STATED_RANGE[1]))
             )
-            for account in found
+            for account in result
         ],
     }
 
@@ -99,11 +99,11 @@ def _signal(own: Scene, seed: int) -> Json:
     energy = mechanical_energy(own, history)
     time = history.time / response.drive.schedule.pseudo_period
     first = int(HALF_WINDOW_PERIODS * SAMPLES)
-    kept = slice(first, first + int(SIGNAL_PERIODS * SAMPLES) + 1, THINNED)
+    selection = slice(first, first + int(SIGNAL_PERIODS * SAMPLES) + 1, THINNED)
     return {
-        "time": (time[kept] - time[first]).tolist(),
-        "modal": energy.modal[kept].T.tolist(),
-        "absorber": energy.absorber[kept].tolist(),
+        "time": (time[selection] - time[first]).tolist(),
+        "modal": energy.modal[selection].T.tolist(),
+        "absorber": energy.absorber[selection].tolist(),
     }
 
 
@@ -136,7 +136,7 @@ class ParameterStudy:
     about: str
     scale: float = 1.0
 
-    def measure(self, settings: PaperSettings, size: Size, known: Json) -> Steps:
+    def measure(self, settings: PaperSettings, size: Size, earlier: Json) -> Steps:
         """Yield the results of all points, and the energies in time of those that are shown."""
         numbers = vars(size)[self.numbers]
         groups: dict[str, Callable[[], object]] = {
@@ -147,7 +147,7 @@ class ParameterStudy:
             f"signal, {x:g}": partial(_signal, make_scene(self.beam(x)), settings.seed)
             for x in self.shown
         }
-        return measure_groups(groups, known)
+        return measure_groups(groups, earlier)
 
     def words(self, values: Json) -> str:
         """Return the sentence and some rows of the table."""
@@ -262,8 +262,10 @@ class ParameterStudy:
 def _energies(axes: Axes, own: Json, title: str) -> None:
     energies = *(np.array(mode) for mode in own["modal"]), np.array(own["absorber"])
     mean = np.mean(sum(energies))
-    for look, energy, name in zip(STYLES, energies, ("mode 1", "mode 2", "absorber"), strict=False):
-        draw_signal(axes, own["time"], 100 * energy / mean, look, name, 1.0)
+    for style, energy, name in zip(
+        STYLES, energies, ("mode 1", "mode 2", "absorber"), strict=False
+    ):
+        draw_signal(axes, own["time"], 100 * energy / mean, style, name, 1.0)
     axes.legend(
         loc="upper center",
         ncols=3,
@@ -294,7 +296,7 @@ def _frequency_claims(values: Json) -> list[Claim]:
     ]
     gain = 100 * (1 - np.concatenate([relative[ratio] for ratio in high]))
     stepped = 100 * (1 - float(np.mean([values[f"{ratio:g}"]["step"] for ratio in high])))
-    half, told = (
+    half, in_stated_range = (
         np.concatenate([read_row(values, ratio, key) for ratio in DRAWN_POINTS])
         for key in ("half", "as_told")
     )
@@ -307,19 +309,21 @@ def _frequency_claims(values: Json) -> list[Claim]:
     medians = ", ".join(
         f"{share:.0f} % at {ratio:g}" for ratio, share in zip(falling, shares, strict=True)
     )
-    said = partial(make_claim, "varom")
-    shown = " and ".join(f"{ratio:g}" for ratio in DRAWN_POINTS)
+    claim_for = partial(make_claim, "varom")
+    visible = " and ".join(f"{ratio:g}" for ratio in DRAWN_POINTS)
     return [
-        said("varom_contacts", contacts),
-        said("varom_falls", orders),
-        said(
+        claim_for("varom_contacts", contacts),
+        claim_for("varom_falls", orders),
+        claim_for(
             "varom_improvement", gain, saturated=SATURATED, median=np.median(gain), at_step=stepped
         ),
-        said("varom_saturates", relative[high[0]] - relative[high[-1]], low=high[0], high=high[-1]),
-        said(
+        claim_for(
+            "varom_saturates", relative[high[0]] - relative[high[-1]], low=high[0], high=high[-1]
+        ),
+        claim_for(
             "varom_passed",
-            told,
-            ratios=shown,
+            in_stated_range,
+            ratios=visible,
             least=100 * STATED_RANGE[0],
             most=STATED_RANGE[1],
             low=low,
@@ -327,8 +331,8 @@ def _frequency_claims(values: Json) -> list[Claim]:
             half=100 * half,
             contacts=np.median(contacts) / 2,
         ),
-        said("varom_dissipated", read_row(values, ratios[-1], "left"), ratio=ratios[-1]),
-        said(
+        claim_for("varom_dissipated", read_row(values, ratios[-1], "left"), ratio=ratios[-1]),
+        claim_for(
             "varom_share",
             [float(spearmanr(falling, shares).statistic)],
             first=shares[0],
@@ -349,17 +353,17 @@ def _damping_claims(values: Json) -> list[Claim]:
     )
     gain = np.concatenate([relative[FIRST] - relative[damping] for damping in high])
     stepped = 100 * (1 - float(np.mean([values[f"{d:g}"]["step"] for d in high])))
-    said = partial(make_claim, "vard")
+    claim_for = partial(make_claim, "vard")
     return [
-        said(
+        claim_for(
             "vard_improvement",
             100 * (1 - np.concatenate([relative[d] for d in high])),
             low=high[0],
             at_step=stepped,
         ),
-        said("vard_lower", 100 * gain),
-        said("vard_dissipated", left, contacts=np.median(contacts)),
-        said(
+        claim_for("vard_lower", 100 * gain),
+        claim_for("vard_dissipated", left, contacts=np.median(contacts)),
+        claim_for(
             "vard_saturates",
             relative[high[0]] - relative[high[-1]],
             low=100 * high[0],

@@ -184,22 +184,22 @@ def _members(settings: PaperSettings, size: Size, name: str) -> Json:
         Lane(own, drive)
         for drive in draw_members(size.members, settings.seed).drives(FORCE, schedule)
     ]
-    found = settings.each(
+    result = settings.each(
         f"{LABEL}: {name}",
         lanes,
         partial(measure_modulation, method=METHODS[name], periods=size.periods),
         METHODS[name],
     )
     counts = {
-        what: np.sum([one["counts"][what] for one in found], axis=0).tolist() for what in COUNTS
+        what: np.sum([one["counts"][what] for one in result], axis=0).tolist() for what in COUNTS
     }
-    several = {key: [x for one in found for x in one[key]] for key in ("share", "waits")}
-    kept = {
-        key: [one[key] for one in found]
-        for key in found[0]
+    several = {key: [x for one in result for x in one[key]] for key in ("share", "waits")}
+    selection = {
+        key: [one[key] for one in result]
+        for key in result[0]
         if key not in ("counts", "record", *several)
     }
-    return {**kept, **several, "counts": counts, "record": found[0]["record"]}
+    return {**selection, **several, "counts": counts, "record": result[0]["record"]}
 
 
 def measure_shares(lane: Lane, periods: int) -> list[float]:
@@ -231,11 +231,11 @@ def _elsewhere(settings: PaperSettings, size: Size) -> list[Json]:
             force, constant_frequency(model.resonance_omega(1), 1.0, SETTLING_PERIODS + periods)
         )
         lanes = [Lane(Scene(model, impact_absorber()), drive) for drive in drives]
-        found = settings.each(
+        result = settings.each(
             f"{LABEL}: resonance {resonance}", lanes, partial(measure_shares, periods=periods)
         )
         rows.append(
-            {"resonance": resonance, "force_n": force, "share": [x for one in found for x in one]}
+            {"resonance": resonance, "force_n": force, "share": [x for one in result for x in one]}
         )
     return rows
 
@@ -250,7 +250,7 @@ def _free_tip(model: ModalModel) -> float:
     return float(np.abs(tip_response(model, None, np.array([model.resonance_omega(1)])))[0])
 
 
-def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
+def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
     groups: dict[str, Callable[[], object]] = {
         "linear": lambda: {
             "amplitude_m": FORCE * _free_tip(make_scene().model),
@@ -260,7 +260,7 @@ def _measure(settings: PaperSettings, size: Size, known: Json) -> Steps:
     groups |= {name: partial(_members, settings, size, name) for name in METHODS} | {
         ANYWHERE: partial(_elsewhere, settings, size)
     }
-    return measure_groups(groups, known)
+    return measure_groups(groups, earlier)
 
 
 def _words(values: Json) -> str:
@@ -316,12 +316,12 @@ def _draw(values: Json) -> Figure:
         (COUNTS["share"], shares, "largest share in 25 periods"),
     )
     for own, (edges, numbers, label) in zip(axes[:, 1], columns, strict=True):
-        for look, (name, number) in zip(STYLES, numbers.items(), strict=False):
+        for style, (name, number) in zip(STYLES, numbers.items(), strict=False):
             own.stairs(
                 np.array(number) / max(1, np.sum(number)),
                 edges,
-                color=look.colour,
-                ls=look.dashes,
+                color=style.colour,
+                ls=style.dashes,
                 lw=1.1,
                 label=name,
             )
@@ -349,8 +349,8 @@ def _draw_record(axes: Any, record: Json, gap: float) -> None:
     draw_signal(axes[0], period, absorber, STYLES[1], "absorber", 0.9)
     axes[0].set_ylabel("displacement, mm")
     lag = np.array(record["lag_rad"])
-    shown = np.where(np.abs(np.diff(lag, prepend=lag[0])) > np.pi, np.nan, lag)
-    draw_signal(axes[1], period, shown, STYLES[0], "Hilbert phase lag")
+    visible = np.where(np.abs(np.diff(lag, prepend=lag[0])) > np.pi, np.nan, lag)
+    draw_signal(axes[1], period, visible, STYLES[0], "Hilbert phase lag")
     turns = np.angle(np.exp(1j * lag).reshape(-1, DEFAULT_SAMPLES).mean(axis=1))
     axes[1].plot(
         np.arange(len(turns)) + 0.5,
@@ -366,12 +366,12 @@ def _draw_record(axes: Any, record: Json, gap: float) -> None:
         yticks=(-np.pi, 0, np.pi),
         yticklabels=(r"$-\pi$", "0", r"$\pi$"),
     )
-    for energy, look, name in (
+    for energy, style, name in (
         (modal, STYLES[0], "first mode"),
         (absorbed, STYLES[1], "absorber"),
         (modal + absorbed, REFERENCE, "both"),
     ):
-        draw_signal(axes[2], period, energy, look, name, 0.9)
+        draw_signal(axes[2], period, energy, style, name, 0.9)
     axes[2].set_ylabel("energy, mJ")
     axes[3].fill_between(
         period, absorbed / (modal + absorbed), color=STYLES[1].colour, alpha=0.5, lw=0
@@ -402,23 +402,23 @@ def _claims(values: Json) -> list[Claim]:
     each = ", ".join(
         f"{format_spread(row['share'], '{:.0f}', 100)} % at the {row['resonance']}." for row in rows
     )
-    said = partial(make_claim, LABEL)
+    claim_for = partial(make_claim, LABEL)
     return [
-        said("two impacts in the burst", high, step=_third(step, "impacts", "high")),
-        said("fewer impacts between", np.array(low) / np.array(high), low=low, high=high),
-        said("lag near zero", lag, (0.0, near), width=width, near=near),
-        said("lag arbitrary", widths, range_about(0.9 * 2 * np.pi), size=lags),
-        said("ninety per cent", exact["share"], step=step["share"]),
-        said("every twelve periods", exact["waits"]),
-        said(
+        claim_for("two impacts in the burst", high, step=_third(step, "impacts", "high")),
+        claim_for("fewer impacts between", np.array(low) / np.array(high), low=low, high=high),
+        claim_for("lag near zero", lag, (0.0, near), width=width, near=near),
+        claim_for("lag arbitrary", widths, range_about(0.9 * 2 * np.pi), size=lags),
+        claim_for("ninety per cent", exact["share"], step=step["share"]),
+        claim_for("every twelve periods", exact["waits"]),
+        claim_for(
             "transfer during capture", exact["lag_at_energy"], correlation=exact["energy_and_lag"]
         ),
-        said(
+        claim_for(
             "transfer at any frequency",
             judge_interval(ends[:, 0].min(), ends[:, 1].max(), *range_about(0.9)),
             each=each,
         ),
-        said("effective at resonance", relative, depth=exact["depth"]),
+        claim_for("effective at resonance", relative, depth=exact["depth"]),
     ]
 
 

@@ -104,9 +104,9 @@ def read_relative(group: Json, choice: str) -> Array:
 def _table(values: Json) -> CsvTable:
     rows = []
     for name, group in values.items():
-        found = [compute_bands(read_relative(group, choice))[[1, 0, 2]].T for choice in CHOICES]
+        result = [compute_bands(read_relative(group, choice))[[1, 0, 2]].T for choice in CHOICES]
         rows += [
-            (name, f"{force:g}", *(format_interval(*own[k]) for own in found))
+            (name, f"{force:g}", *(format_interval(*own[k]) for own in result))
             for k, force in enumerate(group["forces_n"])
         ]
     return CsvTable(f"{LABEL}_levels", ("absorber", "force, N", *CHOICES), rows)
@@ -120,9 +120,11 @@ def _words(values: Json) -> str:
     for choice in CHOICES[1:]:
         ratios = _ratios(values, choice, 1)
         top = max(_ratios(values, choice, 2))
-        said = " to ".join("{:.2f} ({}, {:g} N)".format(*x) for x in (min(ratios), max(ratios)))
+        claim_for = " to ".join(
+            "{:.2f} ({}, {:g} N)".format(*x) for x in (min(ratios), max(ratios))
+        )
         blocks.append(
-            f"Random {choice}: medians {said} times the paper's, 95 % quantiles up to {top[0]:.2f} ({top[1]}, {top[2]:g} N)."
+            f"Random {choice}: medians {claim_for} times the paper's, 95 % quantiles up to {top[0]:.2f} ({top[1]}, {top[2]:g} N)."
         )
     return "\n\n".join(blocks)
 
@@ -148,21 +150,21 @@ def _claims(values: Json) -> list[Claim]:
 
 def _answer(values: Json) -> str:
     """Say in a line what a start that nobody chose does."""
-    said = format_range([ratio for ratio, *_ in _ratios(values, "both", 1)], "{:.2f}")
-    return f"Starts that nobody chose: place and frequency at random give {said} times the median level of the paper's start."
+    claim_for = format_range([ratio for ratio, *_ in _ratios(values, "both", 1)], "{:.2f}")
+    return f"Starts that nobody chose: place and frequency at random give {claim_for} times the median level of the paper's start."
 
 
 def _ratios(values: Json, choice: str, quantile: int) -> list[tuple[float, str, float]]:
     """Return a quantile (0, 1, 2 of `claim.bands`) over that of the paper's start, with absorber and force in N."""
-    found = []
+    result = []
     for name, group in values.items():
         own, paper = (
             compute_bands(read_relative(group, each))[quantile] for each in (choice, CHOICES[0])
         )
-        found += [
+        result += [
             (float(x), name, force) for x, force in zip(own / paper, group["forces_n"], strict=True)
         ]
-    return found
+    return result
 
 
 def _draw(values: Json) -> Figure:
@@ -170,21 +172,21 @@ def _draw(values: Json) -> Figure:
     figure, axes = make_panels(1, len(values), 2.9, sharey=True)
     for panel, (absorber, group) in zip(axes[0], values.items(), strict=True):
         forces = group["forces_n"]
-        for choice, look in zip(CHOICES, STYLES, strict=False):
+        for choice, style in zip(CHOICES, STYLES, strict=False):
             paper = choice == CHOICES[0]  # whose first member is the paper's run: others are drawn
             draw_band(
                 panel,
                 forces,
                 read_relative(group, choice),
-                look,
+                style,
                 f"{choice} start" if paper else f"random: {choice}",
                 nominal=paper,
             )
         panel.set(xscale="log", xlabel="force in N")
-        shown = [
+        visible = [
             x for k, x in enumerate(forces) if x >= 1.4 * forces[k - 1] or k % 2 == 0
         ]  # others would overlap
-        panel.set_xticks(forces, [f"{x:g}" if x in shown else "" for x in forces])
+        panel.set_xticks(forces, [f"{x:g}" if x in visible else "" for x in forces])
         panel.minorticks_off()
         panel.set_title(absorber, loc="right")
     axes[0, 0].set(ylabel="level over the paper's start", ylim=(0, None))
@@ -199,9 +201,9 @@ FIGURE = PaperFigure(
     draw=_draw,
     claims=_claims,
     answer=_answer,
-    measure=lambda settings, size, known: measure_groups(
+    measure=lambda settings, size, earlier: measure_groups(
         {name: partial(_of_scene, scene, settings, size) for name, scene in make_scenes().items()},
-        known,
+        earlier,
     ),
     tables=lambda values: (_table(values),),
     sizes=(

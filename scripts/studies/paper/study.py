@@ -79,9 +79,9 @@ def make_paths(out: Path) -> OutputPaths:
     return paths_beside_page(out, NAME, out / NAME)
 
 
-def find_sources(module: ModuleType, known: frozenset[str] = frozenset()) -> frozenset[str]:
+def find_sources(module: ModuleType, earlier: frozenset[str] = frozenset()) -> frozenset[str]:
     """Return the modules of this study that a module's numbers come from: itself and what it takes from others, but for what only words or draws."""
-    known |= {module.__name__}
+    earlier |= {module.__name__}
     taken = {
         getattr(value, "__module__", None) or getattr(value, "__name__", "")
         for value in vars(module).values()
@@ -91,9 +91,9 @@ def find_sources(module: ModuleType, known: frozenset[str] = frozenset()) -> fro
         for name in taken
         if str(name).startswith(PACKAGE) and not str(name).endswith(WORDS)
     ):
-        if name not in known:
-            known |= find_sources(sys.modules[name], known)
-    return known
+        if name not in earlier:
+            earlier |= find_sources(sys.modules[name], earlier)
+    return earlier
 
 
 def make_key(name: str, settings: PaperSettings) -> Json:
@@ -125,9 +125,9 @@ def make_claims_part(figures: Sequence[PaperFigure]) -> Part[PaperSettings]:
     )
 
 
-def _collected(settings: PaperSettings, _known: Json, figures: Sequence[PaperFigure]) -> Steps:
+def _collected(settings: PaperSettings, _earlier: Json, figures: Sequence[PaperFigure]) -> Steps:
     where = OutputPaths(settings.folder)
-    found = list[Claim]()
+    result = list[Claim]()
     missing = list[str]()
     answers = dict[str, str]()
     for figure in figures:
@@ -139,10 +139,10 @@ def _collected(settings: PaperSettings, _known: Json, figures: Sequence[PaperFig
         if measured is None or not measured.complete:
             missing.append(figure.label)
         else:
-            found += figure.claims(measured.values)
+            result += figure.claims(measured.values)
             if figure.answer:
                 answers[figure.label] = figure.answer(measured.values)
-    yield {"claims": [claim.to_plain() for claim in found], "answers": answers, "missing": missing}
+    yield {"claims": [claim.to_plain() for claim in result], "answers": answers, "missing": missing}
 
 
 def _sections(measured: Measurement) -> dict[str, str]:
@@ -179,15 +179,15 @@ def _counted(claims: Sequence[Claim]) -> str:
 
 def format_summary(claims: Sequence[Claim], answers: dict[str, str]) -> str:
     """Return the page's first lines: counts, the substantive statements that do not hold, and the answer to each open question."""
-    own, given = (
+    own, settings = (
         [claim for claim in claims if claim.definitional is definitional]
         for definitional in (False, True)
     )
     failed = "; ".join(claim.statement for claim in own if claim.verdict is ClaimVerdict.NOT)
     lines = [
         f"**{len(own)} substantive statements** were tested: {_counted(own)}.",
-        f"{len(given)} more follow from definitions or from the linear structure: {_counted(given)}."
-        if given
+        f"{len(settings)} more follow from definitions or from the linear structure: {_counted(settings)}."
+        if settings
         else "",
         f"**What does not hold:** {failed}." if failed else "",
         "**In single runs much is chance:** what holds within spread only is true of some members and not of others.",

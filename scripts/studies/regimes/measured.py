@@ -205,20 +205,20 @@ def _stay(case: RegimeCase, ratio: float, settings: RegimeSettings) -> list[Row]
     drawn = _phases(settings.stay_members, settings.seed)
     length = settings.stay_periods
     at = (case.scene, case.force, case.approach, ratio)
-    found = stays(
+    result = stays(
         *at, length, drawn, settings.silence, threads=settings.threads, executor=settings.executor
     )
-    rate = exit_rate(found, settings.burn_in)
-    late = exit_rate(found, settings.burn_in + length / 8)
-    pauses = found.longest_pauses
+    rate = exit_rate(result, settings.burn_in)
+    late = exit_rate(result, settings.burn_in + length / 8)
+    pauses = result.longest_pauses
     return [
         {
             "what": STAY,
             "case": case.name,
             "at": ratio,
             "runs": settings.stay_members,
-            "absent": found.absent,
-            "returned": found.returned,
+            "absent": result.absent,
+            "returned": result.returned,
             "exits": rate.exits,
             "exposure": rate.exposure,
             "rate": _plain(rate.rate),
@@ -235,13 +235,13 @@ def _sweep(case: RegimeCase, slowness: float, settings: RegimeSettings) -> list[
     drawn = _phases(settings.sweep_members, settings.seed + 1)
     at = (case.scene, case.force, case.approach, not_none(case.sweep), slowness, drawn)
     limits = (settings.silence, case.high_level)
-    found = jumps(*at, *limits, threads=settings.threads, executor=settings.executor)
-    low, high = found.interval()
+    result = jumps(*at, *limits, threads=settings.threads, executor=settings.executor)
+    low, high = result.interval()
     counts = {
-        "runs": found.runs,
-        "present": found.present,
-        "jumped": found.jumped,
-        "high_level": found.high,
+        "runs": result.runs,
+        "present": result.present,
+        "jumped": result.jumped,
+        "high_level": result.high,
     }
     return [
         {
@@ -249,7 +249,7 @@ def _sweep(case: RegimeCase, slowness: float, settings: RegimeSettings) -> list[
             "case": case.name,
             "at": slowness,
             **counts,
-            "share": _plain(found.share),
+            "share": _plain(result.share),
             "low": low,
             "high": high,
         }
@@ -266,7 +266,7 @@ def _one_way(case: RegimeCase, way: str, slowness: float, settings: RegimeSettin
     )
     drawn = _phases(2 * settings.sweep_members, settings.seed + 2)
     at = (case.scene, case.force, case.approach, over, slowness, drawn)
-    found = jumps(*at, settings.silence, threads=settings.threads, executor=settings.executor)
+    result = jumps(*at, settings.silence, threads=settings.threads, executor=settings.executor)
     row: Row = {
         "what": way,
         "case": case.name,
@@ -274,7 +274,7 @@ def _one_way(case: RegimeCase, way: str, slowness: float, settings: RegimeSettin
         "first": over.first,
         "last": over.last,
     }
-    return [row | {"present": found.present, "left": len(found.left)}]
+    return [row | {"present": result.present, "left": len(result.left)}]
 
 
 MEANS = ("impacts_per_period", "depth", "absorber_share", "impact_loss", "friction_loss")

@@ -266,14 +266,14 @@ def _judge(cell: Cell, case: StabilityCase) -> tuple[str, str]:
 
 
 def _judge_exact(cell: Cell) -> tuple[str, str]:
-    found = [
+    result = [
         (value or 0.0, text)
         for value, text in zip((cell.balance, cell.deviation, cell.penetration), TEXTS, strict=True)
     ]
     for verdict, most in LIMITS.items():
         reasons = [
             text.format(value)
-            for (value, text), limit in zip(found, most, strict=True)
+            for (value, text), limit in zip(result, most, strict=True)
             if value > limit
         ]
         if reasons:

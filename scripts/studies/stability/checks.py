@@ -153,17 +153,19 @@ def check(name: str, searches: int, seed: int | None = None) -> Json:
         stop = start + WIDTH * float(generator.choice([-1, 1]))
         drive = Drive(force, linear_sweep(omega, start, stop, RATE), phase)
         try:
-            found = simulate(scene, drive, record=RECORD, most_events=searches).recorded.check
+            results = simulate(scene, drive, record=RECORD, most_events=searches).recorded.check
         except IntegrationError as error:
             if "budget" not in str(error) or error.response is None:
                 raise
-            found = error.response.recorded.check
-        result["searches"] += found.searches
-        result["misses"] += found.misses
-        result["worst"] = max(result["worst"], found.worst)
-        if found.misses and not result["first"]:
-            at = found.times[0] * omega / (2 * np.pi)
-            kind = KINDS[found.kinds[0]]
+            results = error.response.recorded.check
+        result["searches"] += results.searches
+        result["misses"] += results.misses
+        result["worst"] = max(result["worst"], results.worst)
+        if results.misses and not result["first"]:
+            at = results.times[0] * omega / (2 * np.pi)
+            kind = KINDS[results.kinds[0]]
             run = f"{force!r} N, phase {phase!r} rad, {start!r} to {stop!r}"
-            result["first"] = f"{kind} by {found.sizes[0]:.1e} at {at:.6g} pseudo periods of {run}"
+            result["first"] = (
+                f"{kind} by {results.sizes[0]:.1e} at {at:.6g} pseudo periods of {run}"
+            )
     return result | {"passed": result["misses"] == 0}

@@ -89,7 +89,7 @@ def accuracy(elements: int) -> Json:
     mode, None where it was not computed; ``tip``: of the first mode's tip amplitude against 2/sqrt(mass). ``wrong``: a frequency has lost so many
     digits that it is none of these elements. ``error`` tells why there are no numbers.
     """
-    found: Json = {
+    result: Json = {
         "elements": elements,
         "rounding": {},
         "discretisation": {},
@@ -109,14 +109,14 @@ def accuracy(elements: int) -> Json:
             )
         )
     except ParameterError as error:
-        return found | {"error": str(error)}
+        return result | {"error": str(error)}
     roots = continuous_roots(max(CHECKED)) ** 2
     for mode in (mode for mode in CHECKED if mode <= 2 * elements):
         exact = float(exact_frequency(elements, float(model.omega[mode - 1])))
-        found["rounding"][str(mode)] = abs(float(model.omega[mode - 1]) / exact - 1)
-        found["discretisation"][str(mode)] = abs(exact / float(roots[mode - 1]) - 1)
+        result["rounding"][str(mode)] = abs(float(model.omega[mode - 1]) / exact - 1)
+        result["discretisation"][str(mode)] = abs(exact / float(roots[mode - 1]) - 1)
     if elements <= HIGHEST_UP_TO:
         last = float(model.omega[-1])
-        found["highest"] = abs(last / float(exact_frequency(elements, last)) - 1)
-    found["tip"] = abs(float(model.tip_shape[0]) / 2 - 1)
-    return found | {"wrong": any(value > WRONG for value in found["rounding"].values())}
+        result["highest"] = abs(last / float(exact_frequency(elements, last)) - 1)
+    result["tip"] = abs(float(model.tip_shape[0]) / 2 - 1)
+    return result | {"wrong": any(value > WRONG for value in result["rounding"].values())}

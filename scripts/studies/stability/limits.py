@@ -189,7 +189,7 @@ def find_limit(case: LimitCase) -> Json:
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if grows(case, scene, middle) else (middle, high)
     theory = moreau_theory(scene) if case.method == MOREAU else runge_kutta_theory(scene)
-    found = float(np.sqrt(low * high))
+    result = float(np.sqrt(low * high))
     paper = MAKE[case.method]().step(scene)
     own = {
         "method": case.method,
@@ -199,7 +199,7 @@ def find_limit(case: LimitCase) -> Json:
     }
     return own | {
         "theory_s": theory,
-        "found_s": found,
+        "found_s": result,
         "paper_s": paper,
-        "agrees": abs(found / theory - 1) <= AGREE,
+        "agrees": abs(result / theory - 1) <= AGREE,
     }

@@ -71,7 +71,7 @@ def soak(case: SoakCase, lengths: tuple[int, ...]) -> Json:
     """
     scene = beam_scene(Beam(modes=case.modes), case.absorber())
     lengths = tuple(length for length in lengths if length <= case.longest)
-    found: Json = {
+    result: Json = {
         "name": case.name,
         "lengths": list(lengths),
         "balance": [],
@@ -82,18 +82,18 @@ def soak(case: SoakCase, lengths: tuple[int, ...]) -> Json:
     for length in lengths:
         schedule = constant_frequency(scene.model.resonance_omega(1), RATIO, float(length))
         response = simulate(scene, Drive(FORCE, schedule), case.method, record=RECORD)
-        found["balance"].append(response.recorded.energy.relative_error)
-        found["memory_mb"].append(1e-6 * peak_memory())
-        found["us_per_period"].append(1e6 * response.wall_time / length)
-        found["impacts_per_period"].append(response.impact_count / length)
-    reason = wrong_with(found, isinstance(case.method, Exact))
-    return found | {"passed": not reason, "reason": reason}
+        result["balance"].append(response.recorded.energy.relative_error)
+        result["memory_mb"].append(1e-6 * peak_memory())
+        result["us_per_period"].append(1e6 * response.wall_time / length)
+        result["impacts_per_period"].append(response.impact_count / length)
+    reason = wrong_with(result, isinstance(case.method, Exact))
+    return result | {"passed": not reason, "reason": reason}
 
 
-def wrong_with(found: Json, exact: bool) -> str:
+def wrong_with(result: Json, exact: bool) -> str:
     """Return the faults of a very long run, empty if there are none."""
-    memory = found["memory_mb"]
-    balance = found["balance"]
+    memory = result["memory_mb"]
+    balance = result["balance"]
     growth = memory[-1] - memory[0]
     shorter = max([*balance[:-1], 1e-12])
     if growth > MOST_GROWTH_MB:
@@ -102,4 +102,4 @@ def wrong_with(found: Json, exact: bool) -> str:
         return f"balance {max(balance):.1e}"
     if not exact and balance[-1] > MOST_FACTOR * shorter:
         return f"balance grew from {shorter:.1e} to {balance[-1]:.1e}"
-    return "" if min(found["impacts_per_period"]) > 0 else "no impacts: nothing was tested"
+    return "" if min(result["impacts_per_period"]) > 0 else "no impacts: nothing was tested"

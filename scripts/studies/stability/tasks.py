@@ -108,18 +108,18 @@ def failures(results: Json) -> Iterator[str]:
             yield f"{cell['group']}: {cell['case']}, {cell['method']}: {cell['reason']}"
     for limit in results["limits"]:
         if not limit["agrees"]:
-            found = limit["found_s"]
+            result = limit["found_s"]
             theory = limit["theory_s"]
-            yield f"step limit of {limit['method']}, {limit['what']}, D = {limit['damping_ratio']:g}: {found:.6g} s, theory {theory:.6g} s"
+            yield f"step limit of {limit['method']}, {limit['what']}, D = {limit['damping_ratio']:g}: {result:.6g} s, theory {theory:.6g} s"
     for entry in results["eigen"]:
         if entry["wrong"] or entry["error"]:
             yield f"eigenproblem with {entry['elements']} elements: {entry['error'] or entry['rounding']}"
     for soak in results["soaks"]:
         if not soak["passed"]:
             yield f"soak, {soak['name']}: {soak['reason']}"
-    for found in results["checks"]:
-        if not found["passed"]:
-            yield f"searches, {found['name']}: {found['misses']} of {found['searches']} missed an event, {found['first']}"
+    for result in results["checks"]:
+        if not result["passed"]:
+            yield f"searches, {result['name']}: {result['misses']} of {result['searches']} missed an event, {result['first']}"
     yield from (f"{lost['what']}: {lost['error']}" for lost in results["lost"])
 
 
@@ -143,15 +143,15 @@ def gather(outcomes: Sequence[Outcome], order: Sequence[Task]) -> Json:
     return results
 
 
-def finished(order: Sequence[Task], known: Json) -> list[Outcome]:
+def finished(order: Sequence[Task], earlier: Json) -> list[Outcome]:
     """Return the outcomes of an earlier run; a task that was lost there has none."""
-    found = []
+    result = []
     for task in order:
         section, keys = SECTIONS[task.function]
         own = list(task.arguments[: len(keys)])
-        found += [
+        result += [
             Outcome(task, entry, "", 0.0)
-            for entry in known.get(section, ())
+            for entry in earlier.get(section, ())
             if [entry[name] for name in keys] == own
         ][:1]
-    return found
+    return result
