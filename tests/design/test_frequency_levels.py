@@ -1,16 +1,19 @@
 """The level over the frequency against the receptance, and the motion of the worst run against its level."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from impact_env import Beam, Scene, impact_absorber, modal_model
 from impact_env.curve import CurveCase, performance_curves
-from impact_env.ensemble import draw_members
+from impact_env.ensemble import Threads, draw_members
 from impact_env.level import response_level
 from impact_env.parameters import ParameterError
 from optimisation import frequency_levels
+from optimisation.designs import design_space
 from optimisation.frequency_levels import (
     find_worst_run,
     frequency_curve,
@@ -19,6 +22,9 @@ from optimisation.frequency_levels import (
     resonance_curves,
     samples_for,
 )
+from optimisation.insight import member_levels
+from optimisation.objectives import Condition
+from optimisation.problem import Problem
 from optimisation.report.frequency_report import frequency_charts, history_arrays, save_history
 
 MODEL = modal_model(Beam(modes=2))
@@ -91,3 +97,31 @@ def test_what_takes_too_much_memory_is_left_out(monkeypatch: pytest.MonkeyPatch)
     assert frequency_charts([part]) == ()
     with pytest.raises(ParameterError, match="history = '32"):
         record_worst_run(own, curve)
+
+
+def test_the_winner_of_a_search_has_its_curve_and_its_worst_run() -> None:
+    """The highest of its levels is the one that the report of the winner has on the same fresh members; without absorber it is as the force."""
+    pytest.importorskip("optuna")
+    from optimisation.cli import optimise_design
+
+    problem = Problem(
+        design_space("impact"), (Condition(1, 3.5),), beam=Beam(modes=2), members=2, rate=40.0
+    )
+    design = problem.space.default
+    winner = SimpleNamespace(design=design)
+    findings: Any = SimpleNamespace(
+        problem=problem, finished=True, verdict=SimpleNamespace(feasible=True, winner=winner)
+    )
+    run = optimise_design.worst_run(findings, Threads(1))
+    assert run is not None
+    worse, without = member_levels(problem, [design], problem.conditions, 2, Threads(1))
+    assert run.response.level is not None
+    assert run.response.level.value == worse.max()
+    (part,) = optimise_design.frequency_of(findings, Threads(1))
+    own, none = part.curves
+    assert (own.name, none.name) == ("winner, highest of 2 members", "no absorber")
+    assert 0.97 * worse.max() < np.nanmax(own.level) < 1.2 * worse.max()
+    assert 0.97 * without[0, 0] < np.nanmax(none.level) < 1.2 * without[0, 0]
+    findings.finished = False
+    assert optimise_design.frequency_of(findings, Threads(1)) == []
+    assert optimise_design.worst_run(findings, Threads(1)) is None
