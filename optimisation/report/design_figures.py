@@ -343,8 +343,8 @@ def save_robustness(path: Path, findings: Findings) -> None:
 
 def save_sensitivity(path: Path, found: Sensitivity, of: str = "the winner") -> None:
     """Draw Sobol indices with their 95 % intervals; ``of``: around what, in words."""
-    figure, (panel,) = figures.figure_with(1, 4.2)
     at = np.arange(len(found.names))
+    figure, panel = figures.figure_of(max(6.4, 1.5 * len(at)), 4.2)
     for shift, colour, label, values, band in (
         (-0.19, figures.BLUE, "alone (first order)", found.first, found.first_band),
         (0.19, figures.ORANGE, "with the others (total)", found.total, found.total_band),

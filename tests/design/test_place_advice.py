@@ -36,6 +36,7 @@ from optimisation.place_advice import (
 )
 from optimisation.place_map import expected_gap_and_share, find_places, map_places, shortlist
 from optimisation.statistics import Prediction
+from studies.cli import check_places
 
 SMALL = Beam(modes=2)
 FAST = {"percent_per_100_periods": 40.0, "threads": 1}
@@ -365,3 +366,27 @@ def test_command_refuses(line: list[object], message: str, monkeypatch: pytest.M
     result = call(load("design_place", monkeypatch), *line, "--modes", 2)
     assert result.exit_code == 2
     assert message in result.output
+
+
+def test_the_table_of_scans_stands_on_its_page(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Two places of a beam, the free end far better: a scan by runs of its own finds the same place, and its level there is that of the answer."""
+    case = check_places.Case(
+        "beam", lambda: find_places(SMALL).subset([0.6, 1.0]), ((1, 3.5), (2, 35.0))
+    )
+    monkeypatch.setattr(check_places, "CASES", (case,))
+    monkeypatch.setattr(check_places, "QUICK_CASES", (0,))
+    page = tmp_path / "page.md"
+    numbers = tmp_path / "numbers.json"
+    page.write_text("<!-- check_places -->\nold\n<!-- /check_places -->\n")
+    line = ["--quick", "--rate", 60, "--threads", 1, "--json", numbers, "--page", page]
+    done(check_places.main, *line)
+    (row,) = json.loads(numbers.read_text())["rows"]
+    assert (row["place"], row["scan_place"], row["resonances"]) == ("1", "1", [1, 2])
+    assert 0.5 < row["ratio"] < 1.5
+    assert row["scan_sweeps"] == 2 * 2 * 2 * 4
+    text = page.read_text()
+    assert "old" not in text
+    assert "| beam" in text
+    assert "of 1, worst" in text

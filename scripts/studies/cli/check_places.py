@@ -1,4 +1,4 @@
-"""Put the answers of design_place to the test on five structures, beside a scan of all places and gaps by brute force."""
+"""Put the answers of design_place to the test on four structures, beside a scan of all places and gaps by brute force."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -308,7 +308,7 @@ QUICK_MEMBERS = 1
 def main(
     quick: bool, cluster: str | None, target: Path | None, page: Path | None, **given: Any
 ) -> None:
-    """Print, for five structures, what the place and gap of design_place lose against a scan of all places and gaps by brute force.
+    """Print, for four structures, what the place and gap of design_place lose against a scan of all places and gaps by brute force.
 
     The scan runs each place at gaps 10 % apart, its best again at 0.9, 1 and 1.1 of the forces; its best and the answer are judged by fresh runs.
     Ctrl-C prints, and writes, what is finished; with --json the same command goes on from there.
