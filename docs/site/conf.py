@@ -14,7 +14,7 @@ from pygments.lexers.special import TextLexer
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-EXTRA = {"Using it": ["docs/site/api", "docs/site/notebooks"]}
+EXTRA = {"Use": ["docs/site/api", "docs/site/notebooks"]}
 LAST = ("The project", ["CONTRIBUTING", "CHANGELOG", "SECURITY", "CODE_OF_CONDUCT"])
 NUMPY = "https://numpy.org/doc/stable/reference/"
 GYMNASIUM = "https://gymnasium.farama.org/api/"
