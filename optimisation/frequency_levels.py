@@ -17,7 +17,7 @@ from impact_env.scene import Scene
 from impact_env.sweep import simulate
 
 Array = NDArray[np.float64]
-POINTS = 400  # of a curve
+CURVE_POINTS = 400  # of a curve
 FEW_SAMPLES = 8  # a pseudo period, where a run is long
 FULL_BYTES = 256e6  # of a recorded motion, above which samples are fewer
 MOST_BYTES = 1e9  # above which a motion is not recorded
@@ -109,10 +109,10 @@ def frequency_curve(
     pairs = [pair for pair in found if pair is not None]
     if len(pairs) < len(lanes):
         raise KeyboardInterrupt
-    edges = np.linspace(*limits, POINTS + 1)
-    levels = np.full(POINTS, -np.inf)
+    edges = np.linspace(*limits, CURVE_POINTS + 1)
+    levels = np.full(CURVE_POINTS, -np.inf)
     for ratio, rms in pairs:
-        at = np.clip(np.searchsorted(edges, ratio, side="right") - 1, 0, POINTS - 1)
+        at = np.clip(np.searchsorted(edges, ratio, side="right") - 1, 0, CURVE_POINTS - 1)
         np.maximum.at(levels, at, rms)
     return FrequencyCurve(
         name, (edges[1:] + edges[:-1]) / 2, np.where(np.isinf(levels), np.nan, levels)

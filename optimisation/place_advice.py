@@ -69,15 +69,15 @@ from optimisation.place_map import (
 )
 from optimisation.statistics import Prediction, predict
 from optimisation.sweep_range import find_common_range
+from optimisation.tolerances import SURE as SURE
 
 Array = NDArray[np.float64]
 MASS_RATIOS = (0.01, 0.02, 0.05)
-LOOKED_AT = 5  # places of each mass that run
-LOOK_FACTORS = (0.8, 1.15, 1.6)  # of the gap to expect
+TRIAL_PLACES = 5  # places of each mass that run
+TRIAL_FACTORS = (0.8, 1.15, 1.6)  # of the gap to expect
 SEARCHED = 2  # places of each mass whose gap is searched, at most
-CLOSE_LOOK = 1.25  # times the lowest level of a look: a place whose gap is searched too
+CLOSE_TRIAL = 1.25  # times the lowest level of a trial: a place whose gap is searched too
 LIGHTEST = 1.1  # times the lowest level: the lightest mass that leaves no more is recommended
-SURE = 0.95  # probability with which a level is to stay below a limit
 FLAT = 1.1  # times the level at the recommended gap: the range of gaps that leave no more
 
 
@@ -160,7 +160,7 @@ class PlacedDevice:
 
 
 @dataclass(frozen=True)
-class Look:
+class TrialRun:
     """A single run of a place at its best of three gaps: index of the place, mass ratio, gap in m, largest level over that without absorber."""
 
     place: int
@@ -181,7 +181,7 @@ class PlaceAdvice:
         Force in N by resonance, counted from 1.
     maps : tuple of PlaceMap
         What the linear structure says of all places, for each mass, rising.
-    looks : tuple of Look
+    trials : tuple of TrialRun
         Single runs of the most promising places.
     devices : tuple of PlacedDevice
         Devices whose gap was searched, by rising mass, the lower ``worst`` first.
@@ -194,7 +194,7 @@ class PlaceAdvice:
         Share by which the forces may be larger or smaller.
     limit_level : float or None
         Level in m.
-    study : Study
+    study : PlaceStudy
         How levels were read.
     sweeps : int
         All runs, one member and one direction near one resonance each.
@@ -206,7 +206,7 @@ class PlaceAdvice:
     places: Places
     forces: dict[int, float]
     maps: tuple[PlaceMap, ...]
-    looks: tuple[Look, ...]
+    trials: tuple[TrialRun, ...]
     devices: tuple[PlacedDevice, ...]
     recommended: PlacedDevice | None
     without: dict[int, float]
@@ -214,7 +214,7 @@ class PlaceAdvice:
     members: int
     limits: Limits
     limit_level: float | None
-    study: "Study"
+    study: "PlaceStudy"
     sweeps: int
     complete: bool
 
@@ -277,7 +277,7 @@ def probability_lower(first: Prediction, second: Prediction) -> float:
 
 
 @dataclass(frozen=True)
-class Study:
+class PlaceStudy:
     """What is asked of all devices alike: forces in N, sweeps and levels without absorber (m) by resonance, and how gaps are searched.
 
     ``friction_limit`` in N, None: the paper's by the scaling law, in proportion to the gap.
@@ -337,7 +337,7 @@ Run = Callable[[Sequence[Lane], int], tuple[LaneLevels, Array | None]]
 class JointRuns:
     """Runs of one place and mass at gaps, near all resonances; ``parts`` by resonance, with one reference gap."""
 
-    study: Study
+    study: PlaceStudy
     parts: dict[int, GapRuns]
     samples: LevelSamples = field(default_factory=LevelSamples)
 
@@ -360,7 +360,7 @@ class JointRuns:
 
 
 def search_place(
-    study: Study,
+    study: PlaceStudy,
     model: ModalModel,
     mass_ratio: float,
     run: Run,
@@ -404,7 +404,7 @@ def search_place(
 
 
 def describe_device(
-    study: Study, places: Places, place: int, joint: JointRuns, step: float
+    study: PlaceStudy, places: Places, place: int, joint: JointRuns, step: float
 ) -> PlacedDevice:
     """Return the device at a gap that ran, with its levels and their certainty."""
     samples = joint.samples
@@ -503,10 +503,10 @@ def advise_place(
     limit_level: float | None = None,
     tolerance: float = TOLERANCE,
     members: int = MEMBERS,
-    looked_at: int = LOOKED_AT,
+    trial_places: int = TRIAL_PLACES,
     seed: int = 0,
     percent_per_100_periods: float | None = None,
-    announce: Callable[["Plan"], None] | None = None,
+    announce: Callable[["SweepPlan"], None] | None = None,
     threads: int | None = None,
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
@@ -531,12 +531,12 @@ def advise_place(
         Share by which the forces may be larger or smaller.
     members : int
         Runs for each gap of an answer, each up and down.
-    looked_at : int
+    trial_places : int
         Places of each mass that run.
     percent_per_100_periods : float, optional
         Rate of the sweeps. None: `impact_env.drive.default_rate` near each resonance.
     announce : callable, optional
-        Called with the `Plan` before the runs.
+        Called with the `SweepPlan` before the runs.
     seed, threads, progress, executor
         As in `impact_env.curve.performance_curves`.
 
@@ -552,7 +552,7 @@ def advise_place(
     Examples
     --------
     >>> from impact_env import Beam
-    >>> found = advise_place(Beam(modes=2), {1: 3.5}, mass_ratios=[0.02], looked_at=1, members=1, percent_per_100_periods=40.0)
+    >>> found = advise_place(Beam(modes=2), {1: 3.5}, mass_ratios=[0.02], trial_places=1, members=1, percent_per_100_periods=40.0)
     >>> found.recommended.name
     '1'
 
@@ -572,13 +572,13 @@ def advise_place(
     if friction_limit is not None:
         friction_law(non_negative("friction_limit", friction_limit))
     members = count("members", members, 1)
-    looked_at = count("looked_at", looked_at, 1)
+    trial_places = count("trial_places", trial_places, 1)
     if limit_level is not None:
         positive("limit_level", limit_level)
     limits = Limits() if limits is None else limits
     maps = tuple(map_places(places, forces, ratio) for ratio in ratios)
     forces = maps[0].forces
-    chosen = {one.mass_ratio: shortlist(places, one, looked_at) for one in maps}
+    chosen = {one.mass_ratio: shortlist(places, one, trial_places) for one in maps}
     for one in maps:
         for r, rules in zip(forces, one.rule, strict=True):
             known = rules[np.isfinite(rules) & (rules > 0)]
@@ -599,7 +599,7 @@ def advise_place(
         )
         for r in forces
     }
-    study = Study(
+    study = PlaceStudy(
         forces,
         ranges,
         rates,
@@ -611,7 +611,7 @@ def advise_place(
         seed,
         limits,
     )
-    search = _Search(study, places, models, maps, chosen, threads, progress, executor)
+    search = _PlaceSearch(study, places, models, maps, chosen, threads, progress, executor)
     if announce is not None:
         announce(search.plan())
     return search.run(limit_level)
@@ -642,7 +642,7 @@ def _require_place(
 
 
 @dataclass(frozen=True)
-class Plan:
+class SweepPlan:
     """Sweeps that a search takes at most, and the longest of its scenes by resonance: scene, force in N, pseudo periods of a sweep."""
 
     sweeps: dict[int, int]
@@ -655,10 +655,10 @@ class Plan:
 
 
 @dataclass(eq=False)
-class _Search:
+class _PlaceSearch:
     """The runs of `advise_place`."""
 
-    study: Study
+    study: PlaceStudy
     places: Places
     models: dict[int, ModalModel]
     maps: tuple[PlaceMap, ...]
@@ -677,11 +677,11 @@ class _Search:
         """Pairs of sweeps near each resonance that a search of a gap takes at most."""
         return PAIRS if self.study.members <= MEMBERS else 10 + 5 * self.study.members
 
-    def plan(self) -> Plan:
+    def plan(self) -> SweepPlan:
         """Return what will run at most."""
-        looks = sum(len(ks) for ks in self.chosen.values()) * len(LOOK_FACTORS)
+        trials = sum(len(ks) for ks in self.chosen.values()) * len(TRIAL_FACTORS)
         searches = sum(min(SEARCHED, len(ks)) for ks in self.chosen.values())
-        each = 2 * (1 + looks + (self.pairs + 1) * searches)
+        each = 2 * (1 + trials + (self.pairs + 1) * searches)
         heaviest = self.maps[-1]
         place = self.chosen[heaviest.mass_ratio][0] if self.chosen[heaviest.mass_ratio] else None
         scenes = {}
@@ -695,7 +695,7 @@ class _Search:
                     model, heaviest.mass_ratio, float(heaviest.gap[place])
                 )
             scenes[r] = (Scene(model, absorber), force, 1e4 * (high - low) / self.study.rates[r])
-        return Plan(dict.fromkeys(self.study.forces, each), scenes)
+        return SweepPlan(dict.fromkeys(self.study.forces, each), scenes)
 
     def _show(self, done: int, _all: int = 0) -> None:
         if self.progress is not None:
@@ -730,29 +730,29 @@ class _Search:
     def run(self, limit_level: float | None) -> PlaceAdvice:
         """Make the runs and return the answer."""
         study = self.study
-        looks: list[Look] = []
+        trials: list[TrialRun] = []
         devices: list[PlacedDevice] = []
         complete = True
         try:
             none = self._levels([study.case(self.places.model, None, r) for r in study.forces])
             self.study = study = replace(study, without=dict(zip(study.forces, none, strict=True)))
             for one in self.maps:
-                looks += self._look(one)
+                trials += self._try(one)
             for one in self.maps:
                 own = sorted(
-                    (look for look in looks if look.mass_ratio == one.mass_ratio),
-                    key=lambda look: look.share,
+                    (trial for trial in trials if trial.mass_ratio == one.mass_ratio),
+                    key=lambda trial: trial.share,
                 )
-                close = [look for look in own if look.share <= CLOSE_LOOK * own[0].share]
-                for look in close[:SEARCHED]:
+                close = [trial for trial in own if trial.share <= CLOSE_TRIAL * own[0].share]
+                for trial in close[:SEARCHED]:
                     joint, step = search_place(
                         study,
-                        self.models[look.place],
+                        self.models[trial.place],
                         one.mass_ratio,
                         self._run_lanes,
                         self.pairs,
                     )
-                    devices.append(describe_device(study, self.places, look.place, joint, step))
+                    devices.append(describe_device(study, self.places, trial.place, joint, step))
         except SearchStopped:
             complete = False
         devices.sort(key=lambda device: (device.mass_ratio, device.worst))
@@ -763,7 +763,7 @@ class _Search:
             self.places,
             study.forces,
             self.maps,
-            tuple(looks),
+            tuple(trials),
             tuple(devices),
             best,
             study.without,
@@ -776,12 +776,12 @@ class _Search:
             complete,
         )
 
-    def _look(self, one: PlaceMap) -> list[Look]:
+    def _try(self, one: PlaceMap) -> list[TrialRun]:
         """Return single runs of the most promising places of a mass."""
         study = self.study
         devices = []
         for place in self.chosen[one.mass_ratio]:
-            gaps = [factor * float(one.gap[place]) for factor in LOOK_FACTORS]
+            gaps = [factor * float(one.gap[place]) for factor in TRIAL_FACTORS]
             if study.limits.stroke is not None:
                 gaps = sorted({min(gap, study.limits.stroke) for gap in gaps})
             devices += [(place, gap) for gap in gaps]
@@ -798,10 +798,10 @@ class _Search:
             return []
         levels = np.array(self._levels(cases)).reshape(len(devices), len(study.forces))
         shares = (levels / np.array([study.without[r] for r in study.forces])).max(axis=1)
-        best: dict[int, Look] = {}
+        best: dict[int, TrialRun] = {}
         for (place, gap), share in zip(devices, shares.tolist(), strict=True):
             if place not in best or share < best[place].share:
-                best[place] = Look(place, one.mass_ratio, gap, share)
+                best[place] = TrialRun(place, one.mass_ratio, gap, share)
         return list(best.values())
 
 

@@ -38,14 +38,14 @@ from optimisation.mounting import mounted, watched
 
 Array = NDArray[np.float64]
 BEAM_PLACES = 40  # evenly over a beam's length
-FREQUENCIES = 321  # of a range
-PEAK = 61  # further frequencies around a resonance
+FREQUENCY_POINTS = 321  # of a range
+PEAK_POINTS = 61  # further frequencies around a resonance
 PEAK_WIDTH = 3.0  # damping ratios to either side of it
 LEAST_START = 0.5  # of the resonance with the mass stuck: as in `optimisation.bounds.near_range`
-CHUNK = 250  # places at a time
+PLACES_A_CHUNK = 250  # places at a time
 # gaps tried for several resonances together: from the first times the narrowest to the second times the widest of their own
 GAP_SPAN = (0.4, 1.6)
-GAPS = 41
+GAP_POINTS = 41
 # The level at the best gap of one resonance is about 1/(1 + SHARE_SLOPE reach) of that without absorber: a fit to the simulated structures of
 # docs/which_gap.md, from 0.8 to 1.3 times their levels.
 SHARE_SLOPE = 0.9
@@ -296,8 +296,8 @@ def map_places(places: Places, forces: Mapping[int, float], mass_ratio: float) -
     forces = _checked_forces(places.model, forces)
     mass = usable_mass_ratio("mass_ratio", mass_ratio) * places.model.beam_mass
     parts = [
-        _map_chunk(places.model, places.shapes[start : start + CHUNK], mass, forces)
-        for start in range(0, len(places), CHUNK)
+        _map_chunk(places.model, places.shapes[start : start + PLACES_A_CHUNK], mass, forces)
+        for start in range(0, len(places), PLACES_A_CHUNK)
     ]
     reach, rule, gap, share, limit = (
         np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)
@@ -367,9 +367,9 @@ def _linear_terms(
     omega_r = model.resonance_omega(resonance)
     damping = float(model.damping_ratio[resonance - 1])
     low, high = ranges[:, :1], ranges[:, 1:]
-    ratios = low + (high - low) * np.linspace(0, 1, FREQUENCIES)
-    near = 1 + damping * np.linspace(-PEAK_WIDTH, PEAK_WIDTH, PEAK)
-    peak = np.clip(np.broadcast_to(near, (len(shapes), PEAK)), low, high)
+    ratios = low + (high - low) * np.linspace(0, 1, FREQUENCY_POINTS)
+    near = 1 + damping * np.linspace(-PEAK_WIDTH, PEAK_WIDTH, PEAK_POINTS)
+    peak = np.clip(np.broadcast_to(near, (len(shapes), PEAK_POINTS)), low, high)
     ratios = np.concatenate([ratios, peak], axis=1)
     omega = omega_r * ratios
     compliance = 1 / (
@@ -410,7 +410,7 @@ def expected_gap_and_share(rule: Array, reach: Array) -> tuple[Array, Array]:
     known = np.all(usable, axis=0)
     ends = np.where(known, best, 1.0)
     gaps = np.geomspace(
-        GAP_SPAN[0] * ends.min(axis=0), GAP_SPAN[1] * ends.max(axis=0), GAPS, axis=1
+        GAP_SPAN[0] * ends.min(axis=0), GAP_SPAN[1] * ends.max(axis=0), GAP_POINTS, axis=1
     )
     over = gaps[None] / ends[..., None]
     shares = lowest[..., None] * np.where(over >= 1, over, over**-CLIFF)

@@ -25,11 +25,11 @@ from impact_env.parameters import (
     row,
 )
 from impact_env.scene import Scene
+from optimisation.statistics import COVERED
 
 Array = NDArray[np.float64]
-RESAMPLES = 500
-COVERED = 0.95
-SEED = 99  # of members that no search has seen
+SOBOL_RESAMPLES = 500
+SOBOL_SEED = 99  # of members that no search has seen
 # half widths of a device's box: shares of gap, friction limit, mass and force, differences of restitution and of the place over the length
 DEVICE_BOX = {
     "gap": 0.1,
@@ -39,8 +39,15 @@ DEVICE_BOX = {
     "force": 0.1,
     "place": 0.02,
 }
-UNITS = {"gap": "m", "restitution": "", "friction": "N", "mass": "kg", "force": "N", "place": ""}
-DIFFERENCES = ("restitution", "place")
+BOX_UNITS = {
+    "gap": "m",
+    "restitution": "",
+    "friction": "N",
+    "mass": "kg",
+    "force": "N",
+    "place": "",
+}
+BOX_DIFFERENCES = ("restitution", "place")
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +113,7 @@ def sobol_sensitivity(
     generator = np.random.default_rng([seed, 2])
     with np.errstate(divide="ignore", invalid="ignore"):
         first, total = indices(np.arange(samples))
-        drawn = generator.integers(0, samples, (RESAMPLES, samples))
+        drawn = generator.integers(0, samples, (SOBOL_RESAMPLES, samples))
         again = [indices(which) for which in drawn]
         ends = ((1 - COVERED) / 2, (1 + COVERED) / 2)
         first_band, total_band = (
@@ -137,9 +144,9 @@ def device_box(case: CurveCase, structure: Structure) -> dict[str, tuple[float, 
     for name, value in values.items():
         if name == "friction" and value == 0:
             continue
-        half = DEVICE_BOX[name] * (1.0 if name in DIFFERENCES else value)
+        half = DEVICE_BOX[name] * (1.0 if name in BOX_DIFFERENCES else value)
         low, high = value - half, value + half
-        if name in DIFFERENCES:
+        if name in BOX_DIFFERENCES:
             low, high = max(low, 0.0), min(high, 1.0)
         box[name] = (low, high)
     return box
@@ -181,7 +188,7 @@ def device_sensitivity(
     low, high = np.array([*box.values()]).T
     points = sobol_points(samples, low, high, seed)
     (factor,), (phase,) = (
-        getattr(draw_members(2, SEED), name)[1:] for name in ("factors", "phases")
+        getattr(draw_members(2, SOBOL_SEED), name)[1:] for name in ("factors", "phases")
     )
     make = _scene_maker(case, structure)
     lanes = []

@@ -44,13 +44,13 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 SURE = 0.95  # probability with which the level stays below the limit
 # half widths of the widest boxes: shares of gap and friction limit, difference of restitution
-WIDEST = {GAP: 0.3, RESTITUTION: 0.3, FRICTION: 0.8}
+WIDEST_TOLERANCES = {GAP: 0.3, RESTITUTION: 0.3, FRICTION: 0.8}
 DRAWS_ALONE = 48
 DRAWS_TOGETHER = 128
 DRAWS_CHECKED = 64
 NOMINAL_RUNS = 16
-SEED = 77  # of members that no search and no other draw has seen
-GRID = 2000  # scales
+TOLERANCE_SEED = 77  # of members that no search and no other draw has seen
+SCALE_STEPS = 2000  # scales
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,9 @@ class Tolerances:
     """How precisely a device must be made so that its level stays below ``limit`` (m) with a probability of `SURE`.
 
     Tolerances are half widths: shares of gap and friction limit, differences of restitution. ``alone``: of each quantity while the others are exact;
-    ``together``: of all at once, the same share of each one's own. One that equals `WIDEST` may be larger: no wider box was tried. ``nominal``: share
-    of `NOMINAL_RUNS` runs of the exact device below the limit; where it is below `SURE`, all tolerances are 0. ``checked`` and ``below``: fresh draws
-    within ``together``, and how many of them stayed below the limit; 0 and 0 where the tolerances are 0.
+    ``together``: of all at once, the same share of each one's own. One that equals `WIDEST_TOLERANCES` may be larger: no wider box was tried.
+    ``nominal``: share of `NOMINAL_RUNS` runs of the exact device below the limit; where it is below `SURE`, all tolerances are 0. ``checked`` and
+    ``below``: fresh draws within ``together``, and how many of them stayed below the limit; 0 and 0 where the tolerances are 0.
     """
 
     limit: float
@@ -118,9 +118,9 @@ def exceedance(distances: ArrayLike, above: ArrayLike, dimension: int, scales: A
 
 def largest_scale(distances: ArrayLike, above: ArrayLike, dimension: int) -> float:
     """Return the largest scale (0 to 1) at and below which levels stay below the limit with `SURE`; arguments as in `exceedance`."""
-    scales = np.arange(1, GRID + 1) / GRID
+    scales = np.arange(1, SCALE_STEPS + 1) / SCALE_STEPS
     good = exceedance(distances, above, dimension, scales) <= 1 - SURE
-    first_bad = int(np.argmin(good)) if not good.all() else GRID
+    first_bad = int(np.argmin(good)) if not good.all() else SCALE_STEPS
     return float(scales[first_bad - 1]) if first_bad > 0 else 0.0
 
 
@@ -142,7 +142,7 @@ def tolerances_of(absorber: SlidingAbsorber) -> dict[str, float]:
     require(isinstance(absorber.walls, RigidWalls), "absorber", absorber, "one between rigid walls")
     return {
         name: width
-        for name, width in WIDEST.items()
+        for name, width in WIDEST_TOLERANCES.items()
         if name != FRICTION or absorber.friction is not None
     }
 
@@ -163,7 +163,7 @@ def find_tolerances(
     uncertain: Sequence[Spread] = (),
     *,
     draws: tuple[int, int, int] = (DRAWS_ALONE, DRAWS_TOGETHER, DRAWS_CHECKED),
-    seed: int = SEED,
+    seed: int = TOLERANCE_SEED,
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> Tolerances:

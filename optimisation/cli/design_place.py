@@ -32,11 +32,11 @@ from optimisation.gap_advice import MEMBERS, TOLERANCE, Limits
 from optimisation.gap_card import impacts_of
 from optimisation.gap_check import RESTITUTION, rigid_walls
 from optimisation.place_advice import (
-    LOOKED_AT,
     MASS_RATIOS,
     SURE,
+    TRIAL_PLACES,
     PlaceAdvice,
-    Plan,
+    SweepPlan,
     advise_place,
 )
 from optimisation.place_map import BEAM_PLACES, Places, find_places
@@ -51,10 +51,10 @@ from optimisation.report.frequency_report import (
     save_history,
 )
 
-QUICK_LOOKS = 3  # places of each mass
+QUICK_TRIAL_PLACES = 3  # places of each mass
 QUICK_MEMBERS = 1
 DEFAULT_RESONANCES = (1, 1)
-CONSTRAINTS = ("stroke", "impact_speed")
+PLACE_CONSTRAINTS = ("stroke", "impact_speed")
 CONSTRAINT_HELP = (
     "Answer within a limit, in SI units; may be repeated: stroke (m, from the middle of the cavity), impact_speed (m/s, the "
     "largest)."
@@ -143,7 +143,7 @@ def masses_of(given: dict[str, Any], structure_mass: float) -> tuple[float, ...]
     )
 
 
-def announce(plan: Plan, threads: int | None) -> None:
+def announce(plan: SweepPlan, threads: int | None) -> None:
     """Print how long the runs take at most, where that is long."""
     from impact_env.ensemble import available_cores
 
@@ -252,7 +252,7 @@ def write(
 @click.option(
     "--constraint",
     multiple=True,
-    type=(click.Choice(CONSTRAINTS), float),
+    type=(click.Choice(PLACE_CONSTRAINTS), float),
     metavar="NAME LIMIT",
     help=CONSTRAINT_HELP,
 )
@@ -261,7 +261,7 @@ def write(
 @click.option(
     "--quick",
     is_flag=True,
-    help=f"A look: {QUICK_MEMBERS} member, unless given, and {QUICK_LOOKS} places of each mass.",
+    help=f"A look: {QUICK_MEMBERS} member, unless given, and {QUICK_TRIAL_PLACES} places of each mass.",
 )
 @click.option("--members", type=click.IntRange(min=1), help=MEMBERS_HELP)
 @common.seed_option
@@ -311,7 +311,7 @@ def main(**given: Any) -> None:
                     limit_level=given["limit_level"],
                     tolerance=given["force_tolerance"],
                     members=members,
-                    looked_at=QUICK_LOOKS if given["quick"] else LOOKED_AT,
+                    trial_places=QUICK_TRIAL_PLACES if given["quick"] else TRIAL_PLACES,
                     seed=given["seed"],
                     percent_per_100_periods=given["rate"],
                     announce=None

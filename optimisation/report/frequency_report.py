@@ -28,7 +28,7 @@ from optimisation.report.figures import (
 )
 
 Array = NDArray[np.float64]
-COLOURS = (GREEN, BLUE, ORANGE, PINK, SKY)
+CURVE_COLOURS = (GREEN, BLUE, ORANGE, PINK, SKY)
 FREQUENCY_COLUMNS = ("resonance", "force_n", "absorber", "frequency_hz", "level_m")
 HISTORY_FORMATS = (".csv", ".npz", ".png", ".pdf", ".svg")
 HISTORY_HELP = "Write the motion of the run with the highest level: .csv or .npz (every sample, SI units), or draw it: .png, .pdf, .svg."
@@ -89,7 +89,7 @@ def frequency_rows(parts: Sequence[ResonanceCurves]) -> Iterator[tuple[object, .
 def draw_frequency(axes: Any, part: ResonanceCurves) -> None:
     """Draw the levels over the frequency near one resonance."""
     hertz = part.omega / (2 * np.pi)
-    colours = iter(COLOURS)
+    colours = iter(CURVE_COLOURS)
     for one in part.curves:
         colour = GREY if one.name == NO_ABSORBER else next(colours)
         axes.plot(one.ratio * hertz, MM * one.level, color=colour, lw=1.8, label=one.name)

@@ -129,8 +129,8 @@ def _place_lines(found: PlaceAdvice, best: PlacedDevice) -> list[str]:
             f"{found.places.word(rival.place)} leaves {100 * rival.share:.1f} % with {MM * rival.gap:.4g} mm; "
             f"probability that a run of the recommended is lower: {chance}"
         )
-    looked = {look.place for look in found.looks if look.mass_ratio == best.mass_ratio}
-    others = sorted(looked - {best.place} - {rival.place for rival in found.rivals})
+    tried = {trial.place for trial in found.trials if trial.mass_ratio == best.mass_ratio}
+    others = sorted(tried - {best.place} - {rival.place for rival in found.rivals})
     if others:
         names = ", ".join(found.places.names[place] for place in others)
         words.append(f"single runs at {names} left more")
@@ -261,7 +261,7 @@ def device_values(found: PlaceAdvice, one: PlacedDevice) -> Json:
 
 
 def summary(found: PlaceAdvice) -> Json:
-    """Return answer, devices, looks and settings as JSON values."""
+    """Return answer, devices, trials and settings as JSON values."""
     best = found.recommended
     rivals = []
     for rival in found.rivals:
@@ -277,14 +277,14 @@ def summary(found: PlaceAdvice) -> Json:
         "recommended": None if best is None else device_values(found, best),
         "rivals": rivals,
         "devices": [device_values(found, one) for one in found.devices],
-        "looks": [
+        "trials": [
             {
-                "place": found.places.names[look.place],
-                "mass_ratio": look.mass_ratio,
-                "gap_m": look.gap,
-                "relative_level": look.share,
+                "place": found.places.names[trial.place],
+                "mass_ratio": trial.mass_ratio,
+                "gap_m": trial.gap,
+                "relative_level": trial.share,
             }
-            for look in found.looks
+            for trial in found.trials
         ],
         "level_without_absorber_m": {str(r): x for r, x in found.without.items()},
         "settings": {
@@ -551,7 +551,7 @@ def _draw_bars(axes: Any, places: Places, reach: Array) -> None:
 def _draw_levels(axes: Any, found: PlaceAdvice) -> None:
     """Draw the expected level of each place and mass, and the levels that were simulated with their intervals."""
     beam = isinstance(found.places.structure, Beam)
-    chosen = sorted({look.place for look in found.looks} | {one.place for one in found.devices})
+    chosen = sorted({trial.place for trial in found.trials} | {one.place for one in found.devices})
     position = (
         {k: float(name) for k, name in enumerate(found.places.names)}
         if beam
@@ -569,10 +569,10 @@ def _draw_levels(axes: Any, found: PlaceAdvice) -> None:
             axes.plot(
                 range(len(chosen)), expected, "_", color=colour, ms=16, label=f"{name}, to expect"
             )
-        looks = [look for look in found.looks if look.mass_ratio == one.mass_ratio]
+        trials = [trial for trial in found.trials if trial.mass_ratio == one.mass_ratio]
         axes.plot(
-            [position[look.place] for look in looks],
-            [100 * look.share for look in looks],
+            [position[trial.place] for trial in trials],
+            [100 * trial.share for trial in trials],
             "o",
             mfc="white",
             mec=colour,

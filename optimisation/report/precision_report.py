@@ -5,8 +5,8 @@ import numpy as np
 from impact_env.parameters import SlidingAbsorber
 from optimisation.files import number, numbers
 from optimisation.report.card import Row
-from optimisation.sobol import DIFFERENCES, UNITS, Sensitivity
-from optimisation.tolerances import NOMINAL_RUNS, SURE, WIDEST, Tolerances
+from optimisation.sobol import BOX_DIFFERENCES, BOX_UNITS, Sensitivity
+from optimisation.tolerances import NOMINAL_RUNS, SURE, WIDEST_TOLERANCES, Tolerances
 from optimisation.uncertain import FRICTION, GAP, RESTITUTION
 
 Json = dict[str, object]
@@ -24,7 +24,7 @@ def _nominal(name: str, absorber: SlidingAbsorber) -> float:
 
 def half_width(name: str, width: float, absorber: SlidingAbsorber) -> str:
     """Return a tolerance in words, with its unit and as a share."""
-    more = " or more" if width >= WIDEST[name] * (1 - SHARE_TOL) else ""
+    more = " or more" if width >= WIDEST_TOLERANCES[name] * (1 - SHARE_TOL) else ""
     if name == RESTITUTION:
         return f"±{width:.2g}{more}"
     value = width * _nominal(name, absorber)
@@ -96,7 +96,7 @@ def tolerance_data(found: Tolerances, absorber: SlidingAbsorber) -> Json:
         "probability": SURE,
         "together": si(found.together),
         "alone": si(found.alone),
-        "widest": si({name: WIDEST[name] for name in found.alone}),
+        "widest": si({name: WIDEST_TOLERANCES[name] for name in found.alone}),
         "exact_device_below": found.nominal,
         "draws": found.checked,
         "draws_below": found.below,
@@ -110,7 +110,7 @@ def _box(found: Sensitivity, k: int) -> str:
     """Return the half width of a variable's box in words."""
     name = found.names[k]
     half = (found.high[k] - found.low[k]) / 2
-    if name in DIFFERENCES:
+    if name in BOX_DIFFERENCES:
         return f"{name} ±{half:.2g}"
     return f"{name} ±{100 * half / ((found.high[k] + found.low[k]) / 2):.2g} %"
 
@@ -149,7 +149,7 @@ def sensitivity_data(found: Sensitivity) -> Json:
             name: {
                 "low": float(found.low[k]),
                 "high": float(found.high[k]),
-                "unit": UNITS.get(name, ""),
+                "unit": BOX_UNITS.get(name, ""),
                 "first": number(found.first[k]),
                 "first_95_percent": numbers(found.first_band[k]),
                 "total": number(found.total[k]),

@@ -224,7 +224,7 @@ def test_a_limit_of_the_stroke_cuts_the_gaps() -> None:
         **FAST,  # type: ignore[arg-type]
     )
     assert found.recommended is not None
-    assert all(look.gap <= most * (1 + 1e-12) for look in found.looks)
+    assert all(trial.gap <= most * (1 + 1e-12) for trial in found.trials)
     assert 0.4 * most < found.recommended.gap <= most * (1 + 1e-12)
 
 
@@ -310,7 +310,7 @@ def test_command_writes_what_python_says(monkeypatch: pytest.MonkeyPatch, tmp_pa
         SMALL,
         {1: 3.5},
         mass_ratios=[0.02, 0.04],
-        looked_at=3,
+        trial_places=3,
         members=2,
         limit_level=1.0,
         **FAST,  # type: ignore[arg-type]

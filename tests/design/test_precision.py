@@ -18,7 +18,7 @@ from optimisation.report.precision_report import tolerance_lines
 from optimisation.sobol import device_box, device_sensitivity, sobol_points, sobol_sensitivity
 from optimisation.tolerances import (
     SURE,
-    WIDEST,
+    WIDEST_TOLERANCES,
     Tolerances,
     exceedance,
     find_tolerances,
@@ -88,7 +88,10 @@ def test_devices_within_the_tolerances_stay_below_the_limit() -> None:
     found = find_tolerances(CASE, limit)
     assert found.nominal >= SURE
     assert list(found.together) == ["gap", "restitution", "friction"]
-    assert all(0 < found.together[name] <= found.alone[name] <= WIDEST[name] for name in WIDEST)
+    assert all(
+        0 < found.together[name] <= found.alone[name] <= WIDEST_TOLERANCES[name]
+        for name in WIDEST_TOLERANCES
+    )
     assert found.below >= 0.85 * found.checked
     low, high = found.interval
     assert low < found.below / found.checked < high
