@@ -11,7 +11,7 @@ OF_EXTRAS = {  # extras of pyproject.toml: the packages that they bring, as they
     "env": ("gymnasium", "PIL", "pygame"),
     "rl": ("stable_baselines3", "torch", "tensorboard", "yaml", "sb3_contrib"),
     "offline": ("minari", "h5py"),
-    "optimise": ("cvxpy", "optuna", "cmaes"),
+    "optimise": ("cvxpy", "optuna", "cmaes", "moocore"),
     "cluster": ("distributed",),
     "files": ("pyuff",),
     "nastran": ("pyNastran", "cpylog"),

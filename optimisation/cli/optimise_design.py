@@ -68,10 +68,9 @@ from optimisation.report.frequency_report import (
     frequency_files,
     save_history,
 )
-from optimisation.search.find import BARS, SCIPY, Plan, find
+from optimisation.search.find import BARS, Plan, find
 from optimisation.search.judge import AUDITED, Findings
-from optimisation.search.noisy import NOISY
-from optimisation.search.settings import FAST, SAMPLERS
+from optimisation.search.settings import FAST, GP, SAMPLERS, SCIPY
 from optimisation.variables import GAP, IMPACT, VARIABLES
 
 ALL = "all"
@@ -324,8 +323,8 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
 )
 @click.option(
     "--sampler",
-    type=click.Choice([*SAMPLERS, SCIPY, *NOISY]),
-    help="Method.  [default: scipy without walls; cma; random for one variable]",
+    type=click.Choice([*SAMPLERS, SCIPY, GP]),
+    help="Method.  [default: gp with walls, scipy without]",
 )
 @click.option("--from-scratch", is_flag=True, help="Do not begin with the paper's design.")
 @click.option(

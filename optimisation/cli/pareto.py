@@ -30,6 +30,7 @@ from optimisation.problem import Problem
 from optimisation.report.card import write_card
 from optimisation.report.cards import front_card
 from optimisation.report.design_figures import save_front
+from optimisation.report.front_report import bounds_of, front_summary, front_table, front_text
 from optimisation.search import pareto as fronts
 from optimisation.search.settings import CMA, SAMPLERS, default_settings
 from optimisation.variables import FRICTION_LIMIT, GAP, IMPACT
@@ -94,10 +95,8 @@ def study(
 
 def write(out: Path, front: fronts.Front, given: dict[str, Any]) -> list[Path]:
     """Write the tables and figures of a front, and return the files."""
-    summary = design.conditions_of(given) | fronts.front_summary(front)
-    files = write_files(
-        {out / "front.csv": fronts.front_table(front), out / "summary.json": summary}
-    )
+    summary = design.conditions_of(given) | front_summary(front)
+    files = write_files({out / "front.csv": front_table(front), out / "summary.json": summary})
     if front.fresh and front.paper is not None:
         labels = [o.label for o in front.problem.objectives]
         searched, found = (
@@ -113,7 +112,7 @@ def write(out: Path, front: fronts.Front, given: dict[str, Any]) -> list[Path]:
             found,
             fresh,
             paper,
-            fronts.bounds_of(front),
+            bounds_of(front),
         )
     return files + write_card(out, front_card(front))
 
@@ -165,7 +164,7 @@ def main(**given: Any) -> None:
         problem = make(given["against"], given)
         with executor_on(given["threads"], given["cluster"]) as executor:
             front = study(problem, given, design.journal_of(given, out), executor)
-        click.echo(fronts.front_text(front))
+        click.echo(front_text(front))
         files = write(out, front, given)
     name_files(files)
     end_early(front.finished, design.GOES_ON)

@@ -13,20 +13,16 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-import scipy
-from numpy.typing import NDArray
-
 from impact_env.ensemble import Executor, Threads
-from impact_env.parameters import count, require
-from optimisation.designs import Design
-from optimisation.evaluation import Clocked, evaluate
+from optimisation.evaluation import Clocked
 from optimisation.machine import SEARCHING, fingerprint
 from optimisation.problem import Problem
 from optimisation.progress import Bar, runs_bar
+from optimisation.search.gaussian_process import ROUND, model_search
 from optimisation.search.judge import (
     AUDITED,
     Cost,
@@ -38,98 +34,20 @@ from optimisation.search.judge import (
     with_repaired,
 )
 from optimisation.search.ledger import Ledger, remembering
-from optimisation.search.noisy import NOISY, noisy_search
-from optimisation.search.settings import CMA, Evaluated, SearchSettings, default_settings
+from optimisation.search.settings import (
+    GP,
+    NSGA2,
+    SCIPY,
+    Evaluated,
+    SearchSettings,
+    default_settings,
+)
+from optimisation.search.smooth import MEMBERS, smooth_search
 from optimisation.variables import WITH_IMPACTS
-
-# SciPy's search for problems that are smooth: without walls there is no chaos, a level has hardly any noise, and few minima.
-#
-# Nelder-Mead over the shares of the free variables' ranges, from several starts, since the optimum is often a kink (two equal peaks). A few
-# members of the ensemble are enough here.
-
-
-Array = NDArray[np.float64]
-STARTS = 3
-SCATTERED = 16
-MEMBERS = 2
-_TOLERANCE = 1e-5  # in shares of the ranges, and in the objective
-
-
-def smooth_search(
-    problem: Problem,
-    designs: int,
-    executor: Executor,
-    seed: int = 0,
-    from_scratch: bool = False,
-    progress: Callable[[int], None] | None = None,
-) -> tuple[list[Evaluated], bool]:
-    """Return the designs that were run, by number: the space's start (unless ``from_scratch``), scattered ones, and descents from the best of those.
-
-    Ends after about ``designs`` of them, or when every descent has come to rest. The flag is
-    False if a KeyboardInterrupt ended it early. Raises ParameterError
-    for several objectives and for impact absorbers.
-    """
-    designs = count("designs", designs, 2)
-    require(
-        problem.space.concept not in WITH_IMPACTS,
-        "sampler",
-        "scipy",
-        "a concept without walls: impacts are chaotic, and their levels noisy",
-    )
-    require(len(problem.objectives) == 1, "sampler", "scipy", "one objective")
-    problem = replace(problem, members=min(MEMBERS, problem.members))
-    seen: list[Evaluated] = []
-
-    def run(batch: list[Design]) -> list[float]:
-        found = dict(evaluate(problem, batch, problem.ensemble, problem.rate, executor))
-        for k, design in enumerate(batch):
-            seen.append(
-                Evaluated(
-                    len(seen),
-                    design,
-                    problem.score(design, found[k], problem.ensemble, problem.rate),
-                    1,
-                )
-            )
-        if progress is not None:
-            progress(len(seen))
-        return [problem.penalised_cost(e.score) for e in seen[-len(batch) :]]
-
-    def at(shares: Array) -> float:
-        return run([problem.space.at(np.clip(shares, 0, 1).tolist())])[0] + float(
-            np.sum(np.abs(shares - np.clip(shares, 0, 1)))
-        )
-
-    size = len(problem.space.free)
-    start = problem.space.shares(problem.space.default)
-    points = scipy.stats.qmc.Halton(size, rng=np.random.default_rng(seed)).random(
-        min(SCATTERED, designs - 1)
-    )
-    points = points if from_scratch else np.vstack([start, points])
-    try:
-        costs = run([problem.space.at(shares.tolist()) for shares in points])
-        for k in np.argsort(costs, kind="stable")[:STARTS]:
-            left = designs - len(seen)
-            if left > 0:
-                simplex = np.vstack([points[k], points[k] + 0.05 * np.eye(size)])
-                options = {
-                    "initial_simplex": simplex,
-                    "maxfev": left,
-                    "xatol": _TOLERANCE,
-                    "fatol": _TOLERANCE,
-                }
-                scipy.optimize.minimize(at, points[k], method="Nelder-Mead", options=options)
-    except KeyboardInterrupt:
-        return seen, False
-    return seen, True
-
 
 if TYPE_CHECKING:
     from optimisation.search.study import DesignStudy
 
-SCIPY = "scipy"
-# the default where levels are noisy: the best of docs/search_methods.md; any of `SAMPLERS` and `NOISY` may stand here
-FOR_NOISE = CMA
 Counting = Callable[[int, int], None]  # takes how many runs are done, and of how many
 
 
@@ -153,7 +71,7 @@ QUIET = Bars()
 
 @dataclass(frozen=True)
 class Plan:
-    """How to search: number of ``designs``, method (None: by the concept), and the rest as in `default_settings`; ``audit`` as in `judge.audit`.
+    """How to search: number of ``designs``, ``sampler`` (None: `method`), and the rest as in `default_settings`; ``audit`` as in `judge.audit`.
 
     ``modes``: whether the winner runs again with more modes.
     """
@@ -167,19 +85,23 @@ class Plan:
     audit: int = AUDITED
     modes: bool = True
 
-    @property
-    def noisy(self) -> bool:
-        """Whether a model of the noise searches, see `optimisation.search.noisy`."""
-        return self.sampler in NOISY
-
-    def smooth(self, concept: str) -> bool:
-        """Return whether SciPy searches: on request, and by default where there are no walls and so no chaos."""
-        return (self.sampler or (None if concept in WITH_IMPACTS else SCIPY)) == SCIPY
+    def method(self, problem: Problem) -> str:
+        """Return the sampler, or the default one: SciPy without walls, NSGA-II for several objectives, else the Gaussian process."""
+        if self.sampler is not None:
+            return self.sampler
+        if problem.space.concept not in WITH_IMPACTS:
+            return SCIPY
+        return NSGA2 if len(problem.objectives) > 1 else GP
 
 
 def identity(problem: Problem, search: dict[str, object]) -> dict[str, object]:
     """Return the identity of a search, which one that goes on with its runs must share: question, method and sources."""
     return {"problem": problem.describe(), "search": search, "sources": fingerprint(SEARCHING)}
+
+
+def optuna_file(journal: Path) -> Path:
+    """Return the file that Optuna reads beside a journal."""
+    return journal.with_name(f"{journal.name}.optuna")
 
 
 def searched(
@@ -200,7 +122,7 @@ def searched(
         finished = study.run(designs, clocked, show)
     seconds = time.perf_counter() - began
     if ledger.kept.path is not None:
-        study.save(ledger.kept.path.with_name(f"{ledger.kept.path.name}.optuna"))
+        study.save(optuna_file(ledger.kept.path))
     return (
         study,
         finished,
@@ -227,21 +149,17 @@ def find(
     """
     executor = executor or Threads()
     concept = problem.space.concept
-    if (
-        plan.sampler is None
-        and not plan.smooth(concept)
-        and len(problem.objectives) == 1
-        and len(problem.space.free) > 1
-    ):
-        plan = replace(plan, sampler=FOR_NOISE)
-    if plan.smooth(concept) or plan.noisy:
+    plan = replace(plan, sampler=plan.method(problem))
+    if plan.sampler in (SCIPY, GP):
         search: dict[str, object] = {
-            "sampler": plan.sampler if plan.noisy else SCIPY,
+            "sampler": plan.sampler,
             "seed": plan.seed,
             "from_scratch": plan.from_scratch,
         }
+        if plan.sampler == GP:
+            search["batch"] = plan.batch or ROUND
         with remembering(executor, identity(problem, search), journal) as ledger:
-            return _find_again(problem, plan, ledger, bars)
+            return _find_without_study(problem, plan, ledger, bars)
     settings = default_settings(
         problem, plan.sampler, plan.batch, plan.seed, plan.screening, plan.from_scratch
     )
@@ -259,35 +177,38 @@ def find(
     return findings
 
 
-def _find_again(problem: Problem, plan: Plan, ledger: Ledger, bars: Bars) -> Findings:
-    """Search by SciPy, or with a model of the noise.
+def _find_without_study(problem: Problem, plan: Plan, ledger: Ledger, bars: Bars) -> Findings:
+    """Search by SciPy or with a Gaussian process, and judge what it found.
 
-    Of the latter a design of the plan counts as one member or a little more, as many as one costs that is screened.
+    For the process a design of the plan stands for as many members as a screened design costs.
     """
-    began, clocked, done = time.perf_counter(), Clocked(ledger), 0
-    runs = 2 * min(MEMBERS, problem.members) * len(problem.conditions)
+    began = time.perf_counter()
+    clocked = Clocked(ledger)
     wanted = plan.designs
-    if plan.noisy:
-        runs = 2 * len(problem.conditions)
+    runs = 2 * min(MEMBERS, problem.members) * len(problem.conditions)
+    if plan.sampler == GP:
         wanted = max(2, round(default_settings(problem).members_a_design * plan.designs))
+        runs = 2 * len(problem.conditions)
     with bars.runs(f"{problem.space.concept}: search") as show:
 
-        def count(told: int) -> None:
-            nonlocal done
-            done = told
-            show(runs * told, runs * max(told, wanted))
+        def count(done: int) -> None:
+            show(runs * done, runs * max(done, wanted))
 
-        rest = (wanted, clocked, plan.seed, plan.from_scratch, count)
-        told, finished = (
-            noisy_search(problem, str(plan.sampler), *rest)
-            if plan.noisy
-            else smooth_search(problem, *rest)
-        )
+        shared = (problem, wanted, clocked, plan.seed, plan.from_scratch, count)
+        if plan.sampler == GP:
+            told, kept, finished = model_search(*shared, plan.batch or ROUND)
+        else:
+            told, finished = smooth_search(*shared)
+            kept = [e for e in told if e.score.feasible] or told
     seconds = time.perf_counter() - began
-    findings = Findings(
-        problem, told, finished, Cost(done, ledger.runs, seconds, 1 - clocked.seconds / seconds)
-    )
-    kept = told if plan.noisy else [e for e in told if e.score.feasible] or told
+    if plan.sampler == GP and ledger.kept.path is not None and find_spec("optuna") is not None:
+        from optimisation.search.optuna_samplers import write_study
+
+        costs = [[problem.penalised_cost(e.score)] for e in told]
+        path = optuna_file(ledger.kept.path)
+        write_study(path, problem.space, problem.objectives, told, costs)
+    cost = Cost(len(told), ledger.runs, seconds, 1 - clocked.seconds / seconds)
+    findings = Findings(problem, told, finished, cost)
     return _judged(findings, kept, plan, ledger, bars) if finished else findings
 
 

@@ -66,10 +66,10 @@ class Judged:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """The winner of a study, and beside it paper's design and the space's start, on the same fresh members.
+    """The winner of a study, the paper's design and the space's start, on the same fresh members.
 
-    The winner is the best of them that keeps all constraints: the search's, what the search thought of it is ``found``, unless another is better
-    there. Where none keeps them it is the one that breaks them least, which `feasible` tells.
+    The winner is the best of the search's designs and these two by other fresh members (`verdict`); ``found`` is the best of the search's, with the
+    score that the search knew. Where no design keeps the constraints the winner is the one that breaks them least, which `feasible` tells.
     """
 
     found: Evaluated
@@ -125,6 +125,27 @@ def judged(
     return [results[k] for k in range(len(designs))]
 
 
+def rank_on_fresh_members(
+    problem: Problem,
+    designs: Sequence[Design],
+    executor: Executor,
+    progress: Progress | None = None,
+) -> dict[int, Judged]:
+    """Run designs on members that the search has not seen and that judge no winner; return them by their number, best first."""
+    ensemble = problem.fresh_ensemble(problem.members, CHOICE)
+    again = judged(problem, designs, ensemble, executor, progress)
+    costs = [problem.penalised_cost(one.score) for one in again]
+    return {k: again[k] for k in sorted(range(len(designs)), key=lambda k: (costs[k], k))}
+
+
+def best_candidates(
+    problem: Problem, candidates: Sequence[Evaluated], number: int
+) -> list[Evaluated]:
+    """Return the best of a search's designs by what the search knows of them; those that break constraints come last, by how much they do."""
+    ranked = sorted(candidates, key=lambda e: (problem.penalised_cost(e.score), e.number))
+    return ranked[:number]
+
+
 def verdict(
     problem: Problem,
     candidates: Sequence[Evaluated],
@@ -132,28 +153,33 @@ def verdict(
     finalists: int = FINALISTS,
     progress: Progress | None = None,
 ) -> Verdict:
-    """Choose among the best ``finalists`` of the candidates and judge the choice; both on members that the search has not seen.
+    """Choose a winner among the best ``finalists`` of the candidates, the paper's design and the space's start, and judge it.
 
-    Raises ParameterError if there are no candidates; of those that break constraints those that break them least are taken.
+    Fresh members rank them, and yet other members judge the first of the ranking: the least of several noisy values would be biased. A design
+    that breaks a constraint there gives way to the next. Raises ParameterError if there are no candidates.
     """
     finalists = count("finalists", finalists, 1)
     require(len(candidates) > 0, "candidates", 0, "one design or more")
-    best = sorted(candidates, key=lambda e: (problem.penalised_cost(e.score), e.number))[:finalists]
-    again = judged(
-        problem,
-        [e.design for e in best],
-        problem.fresh_ensemble(problem.members, CHOICE),
-        executor,
-        progress,
-    )
-    chosen = min(range(len(best)), key=lambda k: (problem.penalised_cost(again[k].score), k))
+    best = best_candidates(problem, candidates, finalists)
+    paper, start = problem.space.paper, problem.space.default
+    designs = [*(e.design for e in best), paper, start]
+    ranking = list(rank_on_fresh_members(problem, designs, executor, progress))
+    found = best[next(k for k in ranking if k < len(best))]
+
     ensemble = problem.fresh_ensemble(problem.members, VERDICT)
-    compared = [best[chosen].design, problem.space.paper, problem.space.default]
-    every = judged(problem, compared, ensemble, executor, progress)
-    winner = min(
-        every, key=lambda one: (problem.penalised_cost(one.score), every.index(one))
-    )  # of equal ones the search's
-    return Verdict(best[chosen], winner, every[1], every[2], problem.objectives[0].share)
+    first = list(dict.fromkeys([ranking[0], len(best), len(best) + 1]))
+    again = judged(problem, [designs[k] for k in first], ensemble, executor, progress)
+    known = dict(zip(first, again, strict=True))
+    tried = []
+    for k in ranking:
+        if k not in known:
+            (known[k],) = judged(problem, [designs[k]], ensemble, executor, progress)
+        tried.append(known[k])
+        if known[k].score.feasible:
+            break
+    winner = min(tried, key=lambda one: (problem.penalised_cost(one.score), tried.index(one)))
+    share = problem.objectives[0].share
+    return Verdict(found, winner, known[len(best)], known[len(best) + 1], share)
 
 
 REPAIRS = 8  # gaps that are tried for a design that breaks a constraint

@@ -1,4 +1,4 @@
-"""A Pareto study: search, run the front again on fresh members, compare with random search of the same budget; and the study as numbers."""
+"""A Pareto study: search, run the front again on fresh members, and compare it with random search of the same budget."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.ensemble import Executor
-from optimisation.files import Table, numbers
+from impact_env.extras import optional
 from optimisation.insight import watched
-from optimisation.measures import LEVEL, TOLD
 from optimisation.objectives import Objective, Score
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
-from optimisation.report.design_tables import limit, name_of
 from optimisation.search.find import BARS, identity, searched
 from optimisation.search.judge import Cost, Judged, judged
 from optimisation.search.ledger import Ledger, remembering
@@ -25,12 +23,29 @@ from optimisation.search.settings import (
     Evaluated,
     SearchSettings,
     default_settings,
-    hypervolume,
-    nondominated,
 )
 
 Array = NDArray[np.float64]
-Json = dict[str, object]
+
+
+def hypervolume(costs: Array, corner: tuple[float, float]) -> float:
+    """Return the area between costs (N, 2), to be minimised, and a corner; rows that are not better than the corner in both have no part in it."""
+    with optional():
+        import moocore
+    rows = costs[np.isfinite(costs).all(axis=1)]
+    return float(moocore.hypervolume(rows, ref=corner)) if len(rows) else 0.0
+
+
+def find_front(costs: Array) -> list[int]:
+    """Return which finite rows of costs (N, K) no other row beats, in the order of their costs; of equal rows the first."""
+    with optional():
+        import moocore
+    finite = np.flatnonzero(np.isfinite(costs).all(axis=1))
+    if not finite.size:
+        return []
+    front = finite[moocore.is_nondominated(costs[finite], keep_weakly=True)]
+    first = {tuple(costs[k]): int(k) for k in front[::-1]}
+    return [first[values] for values in sorted(first)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,97 +103,6 @@ def signed(problem: Problem, scores: Sequence[Score]) -> Array:
     return np.asarray(rows * signs)
 
 
-def front_table(front: Front) -> Table:
-    """Return a table with a row for each design, by number; an empty cell where it did not run on fresh members."""
-    fresh = {} if front.fresh is None else dict(zip(front.index, front.fresh, strict=True))
-    free = [v.name for v in front.problem.space.free]
-    names = [name_of(objective) for objective in front.problem.objectives]
-    rows = []
-    for k, e in enumerate(front.told):
-        again = fresh[k].score.values if k in fresh else [""] * len(names)
-        rows.append(
-            [
-                e.number,
-                *(e.design.values[name] for name in free),
-                *e.score.values,
-                int(k in front.index),
-                *again,
-            ]
-        )
-    return ["number", *free, *names, "on_front", *(f"{name}_fresh" for name in names)], rows
-
-
-def front_summary(front: Front) -> Json:
-    """Return the study's result as JSON values."""
-    rows: list[Json] = [
-        {"number": e.number, "values": dict(e.design.values), "score": numbers(e.score.values)}
-        for e in front.members
-    ]
-    for row, judge in zip(rows, front.fresh or (), strict=False):
-        row["score_on_fresh_members"] = numbers(judge.score.values)
-    return {
-        "problem": front.problem.describe(),
-        "finished": front.finished,
-        **front.cost.describe(),
-        "front": rows,
-        "paper": None if front.paper is None else numbers(front.paper.score.values),
-        "hypervolume": {
-            "corner": list(front.corner),
-            "front": front.volume,
-            "front_on_fresh_members": front.fresh_volume,
-        },
-        "against_random": [
-            {"seed": seed, "method": mine, "random": random} for seed, mine, random in front.against
-        ],
-        "seeds_won_against_random": front.won if front.against else None,
-    }
-
-
-def front_text(front: Front) -> str:
-    """Return the study's result as a text to read."""
-    problem = front.problem
-    cost = front.cost
-    lines = [f"{problem.space.concept}: " + " against ".join(o.label for o in problem.objectives)]
-    lines.append(
-        f"  {cost.designs} designs, {cost.runs} runs, {cost.seconds:.0f} s, {100 * cost.overhead:.1f} % of it outside the runs"
-    )
-    for condition in problem.conditions:
-        ratio = problem.sweep_ratio(condition)
-        if condition.loads is not None:
-            lines.append(f"  under {condition.words}; the level is the {TOLD[condition.told[0]]}")
-            continue
-        lines.append(
-            f"  resonance {condition.resonance}: sweeps show {ratio:.3f} of the stationary level without absorber"
-        )
-    names = [name_of(objective) for objective in problem.objectives]
-    header = [*(v.name for v in problem.space.free), *names, *(f"{name} fresh" for name in names)]
-    lines.append("  " + "  ".join(f"{name:>14}" for name in header))
-    for k, e in enumerate(front.members):
-        again = [] if front.fresh is None else list(front.fresh[k].score.values)
-        values = [*(e.design.values[v.name] for v in problem.space.free), *e.score.values, *again]
-        lines.append("  " + "  ".join(f"{value:14.4g}" for value in values))
-    if front.paper is not None:
-        lines.append(
-            "  paper's design on fresh members: "
-            + ", ".join(f"{x:.4g}" for x in front.paper.score.values)
-        )
-    fresh = "" if front.fresh_volume is None else f", {front.fresh_volume:.4g} on fresh members"
-    lines.append(
-        f"  hypervolume {front.volume:.4g}{fresh} up to the corner {front.corner[0]:g}, {front.corner[1]:g}"
-    )
-    for seed, mine, random in front.against:
-        lines.append(
-            f"  seed {seed}: {mine:.4g}, random search {random:.4g}, {100 * (mine / random - 1):+.1f} %"
-            if random > 0
-            else f"  seed {seed}"
-        )
-    if front.against:
-        lines.append(
-            f"  larger hypervolume than a random search with the same budget in {front.won} of {len(front.against)} seeds"
-        )
-    return "\n".join(lines)
-
-
 FORCES = (
     (1, 3.5),
     (2, 15.0),
@@ -200,13 +124,8 @@ def search_front(
         study, finished, cost = searched("search", problem, settings, designs, ledger, BARS)
     told = study.told
     rows = signed(problem, [e.score for e in told])
-    best = {
-        tuple(rows[k]): int(k)
-        for k in np.flatnonzero(nondominated(rows))[::-1]
-        if np.isfinite(rows[k]).all()
-    }  # NSGA-II repeats designs
-    index = [best[values] for values in sorted(best)]
-    return Front(problem, told, finished, cost, index, corner, hypervolume(rows, corner))
+    volume = hypervolume(rows, corner)
+    return Front(problem, told, finished, cost, find_front(rows), corner, volume)
 
 
 def judge_front(front: Front, executor: Executor) -> Front:
@@ -259,11 +178,7 @@ def compare_with_random(
             if not finished:
                 return replace(front, against=tuple(rows), finished=False)
             rows_of = signed(problem, [e.score for e in study.told])
-            best = [
-                study.told[k].design
-                for k in np.flatnonzero(nondominated(rows_of))
-                if np.isfinite(rows_of[k]).all()
-            ]
+            best = [study.told[k].design for k in find_front(rows_of)]
             with runs_bar(f"seed {seed}, {SAMPLERS[sampler]}, on fresh members") as show:
                 again = judged(
                     problem, best, problem.fresh_ensemble(2 * problem.members, 0), executor, show
@@ -273,23 +188,3 @@ def compare_with_random(
             )
         rows.append((seed, found[0], found[1]))
     return replace(front, against=tuple(rows))
-
-
-def bounds_of(front: Front) -> NDArray[np.float64]:
-    """Return the stationary limits of the designs on the front, (designs, 2), as relative levels; NaN where the closed form does not apply."""
-    problem = front.problem
-    without = problem.reference(problem.ensemble[:1], problem.rate)[
-        0, :, :, problem.measures.index(LEVEL)
-    ].max(axis=1)
-    rows = []
-    for judge in front.fresh or []:
-        relative = [
-            limit(problem, judge.design, c) / float(w)
-            for c, w in zip(problem.conditions, without, strict=True)
-        ]
-        own = [
-            max(relative[k] for k in o.chosen(problem.conditions)) if o.kind == "level" else x
-            for o, x in zip(problem.objectives, judge.score.values, strict=True)
-        ]
-        rows.append(own)
-    return np.array(rows)

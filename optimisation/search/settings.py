@@ -7,13 +7,10 @@ the time and ranks designs much like the usual rate does, though not in the same
 the shortcut cost.
 """
 
-import importlib.util
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from impact_env.extras import how_to_install
 from impact_env.parameters import (
     count,
     count_from,
@@ -43,37 +40,14 @@ class Evaluated:
     rungs: int
 
 
-Array = NDArray[np.float64]
-
-
-def nondominated(costs: ArrayLike) -> NDArray[np.bool_]:
-    """Return which rows of costs (N, K), all to be minimised, no other row beats: none at least as good in all and better in one, (N,)."""
-    rows = np.asarray(costs, dtype=np.float64)
-    require(rows.ndim == 2, "costs", rows.shape, "a row of costs for each design")
-    no_worse = np.all(rows[:, None] <= rows[None], axis=2)
-    better = np.any(rows[:, None] < rows[None], axis=2)
-    return ~np.any(no_worse & better, axis=0)
-
-
-def hypervolume(costs: ArrayLike, corner: tuple[float, float]) -> float:
-    """Return the area between costs (N, 2), to be minimised, and a corner that is worse than all that counts; 0 if no row is better."""
-    rows = np.asarray(costs, dtype=np.float64).reshape(-1, 2)
-    rows = rows[np.all(rows < np.array(corner), axis=1)]
-    area = 0.0
-    height = corner[1]
-    for first, second in sorted(map(tuple, rows)):
-        if second < height:
-            area += (corner[0] - first) * (height - second)
-            height = second
-    return float(area)
-
-
 CMA = "cma"
 NSGA2 = "nsga2"
-GP = "gp"
 RANDOM = "random"
-SAMPLERS = {CMA: "CMA-ES", NSGA2: "NSGA-II", GP: "Gaussian process", RANDOM: "random search"}
-BATCHES = {CMA: 40, NSGA2: 20, GP: 8}
+SAMPLERS = {CMA: "CMA-ES", NSGA2: "NSGA-II", RANDOM: "random search"}
+BATCHES = {CMA: 40, NSGA2: 20}
+# searches that propose no batches: SciPy's (`optimisation.search.smooth`), and the Gaussian process (`optimisation.search.gaussian_process`)
+SCIPY = "scipy"
+GP = "gp"
 FAST = 10.0  # rate of the first rung over the usual one: faster still, the sweep is over before the response has built up
 FEW = 2  # members of the first rungs
 KEPT = (0.2, 0.25)  # shares that go on from the first rungs: of 40 designs 8, and then 2
@@ -147,20 +121,13 @@ class SearchSettings:
                 objectives == 1,
                 "sampler",
                 name,
-                f"one objective; for {objectives} use {NSGA2}, {GP} or {RANDOM}",
+                f"one objective; for {objectives} use {NSGA2} or {RANDOM}",
             )
             require(
                 len(problem.space.free) >= 2,
                 "sampler",
                 name,
-                f"two or more free variables; for one use {GP} or {RANDOM}",
-            )
-        if name == GP:
-            require(
-                importlib.util.find_spec("torch") is not None,
-                "sampler",
-                name,
-                f"where the package torch is installed; {how_to_install('rl')}",
+                f"two or more free variables; for one use {RANDOM}",
             )
         last = self.rungs[-1] if self.rungs else None
         require(

@@ -1,159 +1,62 @@
-"""A study: batches of designs asked of Optuna, run in one call, and told in the order of their numbers.
+"""A study: batches of designs that a sampler proposes, run in one call each, and told in the order of their numbers.
 
-Nothing is told before the whole batch has been run, so that a proposal depends on whole batches only. A study lives in memory: one that was stopped
-is gone through anew with the runs that a file holds (`optimisation.search.ledger`), and so equals one that was never interrupted.
+Nothing is told before the whole batch has been run, so that a proposal depends on whole batches only. A study lives in memory: a study that was
+stopped is replayed from its seed with the runs that a file holds (`optimisation.search.ledger`), and so equals one that was never interrupted.
 """
 
 import math
-import warnings
-import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.ensemble import Executor
-from impact_env.extras import optional
-from optimisation.designs import Design, DesignSpace
+from optimisation.designs import Design
 from optimisation.evaluation import evaluate
-from optimisation.files import replacing
 from optimisation.objectives import Score
 from optimisation.problem import Problem
-from optimisation.search.settings import CMA, GP, NSGA2, RANDOM, Evaluated, SearchSettings, seed_of
-
-with optional():
-    import optuna
-    from optuna.distributions import BaseDistribution, FloatDistribution, IntDistribution
-    from optuna.samplers import BaseSampler, CmaEsSampler, GPSampler, NSGAIISampler, RandomSampler
-    from optuna.samplers import nsgaii as genetic
-    from optuna.storages import JournalStorage
-    from optuna.storages.journal import JournalFileBackend
-    from optuna.trial import FrozenTrial, Trial, TrialState
+from optimisation.search.optuna_samplers import (
+    OptunaSampler,
+    nsga2,
+    write_study,
+)
+from optimisation.search.samplers import BatchCosts, CmaSampler, RandomSampler, Sampler
+from optimisation.search.settings import CMA, NSGA2, Evaluated, SearchSettings, seed_of
 
 Array = NDArray[np.float64]
-NAME = "design"
+Show = Callable[[], object]
 
 
-def distributions(space: DesignSpace) -> dict[str, BaseDistribution]:
-    """Return the free variables as Optuna's distributions."""
-    return {
-        v.name: IntDistribution(int(v.low), int(v.high))
-        if v.whole
-        else FloatDistribution(v.low, v.high, log=v.log)
-        for v in space.free
-    }
-
-
-class _CmaEs(CmaEsSampler):
-    """Optuna's CMA-ES, which finds its state also in the first trial of a batch, where it has stored it: the others begin from there."""
-
-    def _get_trials(self, study: optuna.Study) -> list[FrozenTrial]:
-        running = study.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
-        stored = [
-            trial
-            for trial in running
-            if any(key.startswith(self._attr_key_optimizer) for key in trial.system_attrs)
-        ]
-        return [*super()._get_trials(study), *stored]
-
-
-def _make(name: str, batch: int, seed: int) -> BaseSampler:
-    if name == CMA:
-        return _CmaEs(n_startup_trials=0, popsize=batch, seed=seed, warn_independent_sampling=False)
-    if name == NSGA2:
-        # real-valued operators: the default ones swap and redraw whole coordinates, which does not home in on a front
-        return NSGAIISampler(
-            population_size=batch,
-            crossover=genetic.SBXCrossover(),
-            mutation=genetic.PolynomialMutation(),
-            seed=seed,
-        )
-    if name == GP:
-        return GPSampler(n_startup_trials=batch + 1, seed=seed, warn_independent_sampling=False)
-    return RandomSampler(seed=seed)
-
-
-class TrialSampler(BaseSampler):
-    """The sampler of one trial: what it proposes follows from the seed, the trial's number, and the finished trials alone.
-
-    Trial 0 is the ``start``, if there is one; NSGA-II and the Gaussian process begin with random designs.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        space: DesignSpace,
-        batch: int,
-        seed: int,
-        number: int,
-        start: Mapping[str, float] | None,
-    ) -> None:
-        self._space = {} if number == 0 or name == RANDOM else distributions(space)
-        self._start = start if number == 0 else None
-        self._seed = seed
-        self._number = number
-        self._inner = _make(name, batch, seed_of(seed, number))
-
-    def infer_relative_search_space(
-        self,
-        study: optuna.Study,  # noqa: ARG002
-        trial: FrozenTrial,  # noqa: ARG002
-    ) -> dict[str, BaseDistribution]:
-        """Return all free variables; none where they are drawn one by one."""
-        return self._space
-
-    def sample_relative(
-        self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
-    ) -> dict[str, Any]:
-        """Return the method's proposal; it is asked for trial 0 as well, since NSGA-II counts its generations there."""
-        if isinstance(
-            self._inner, NSGAIISampler
-        ):  # so that a batch's first trial has the parents in the order in which its others find them
-            self._inner.get_parent_population(study, self._inner.get_trial_generation(study, trial))
-        return dict(self._inner.sample_relative(study, trial, search_space))
-
-    def sample_independent(
-        self,
-        study: optuna.Study,
-        trial: FrozenTrial,
-        param_name: str,
-        param_distribution: BaseDistribution,
-    ) -> Any:
-        """Return the start's value for trial 0, else a random one that depends on seed, trial and name only."""
-        if self._start is not None:
-            return self._start[param_name]
-        generator = RandomSampler(
-            seed=seed_of(self._seed, self._number, zlib.crc32(param_name.encode()))
-        )
-        return generator.sample_independent(study, trial, param_name, param_distribution)
+def make_sampler(problem: Problem, settings: SearchSettings) -> Sampler:
+    """Return the sampler that the settings name."""
+    variables = len(problem.space.free)
+    seed = seed_of(settings.seed)
+    if settings.sampler == CMA:
+        return CmaSampler(variables, settings.batch, seed)
+    parts = len(problem.objectives), len(problem.constraints)
+    if settings.sampler == NSGA2:
+        return OptunaSampler(variables, nsga2(settings.batch, seed), *parts)
+    return RandomSampler(variables, seed)
 
 
 class DesignStudy:
-    """A study of a problem: ``told`` has the finished designs by number, and ``runs`` counts those behind them. Raises as `SearchSettings.check`."""
+    """A study of a problem: ``told`` has the finished designs by number, and ``runs`` counts those behind them.
 
-    def __init__(self, problem: Problem, settings: SearchSettings) -> None:
+    ``sampler`` takes the place of the sampler that the settings name. Raises as `SearchSettings.check`.
+    """
+
+    def __init__(
+        self, problem: Problem, settings: SearchSettings, sampler: Sampler | None = None
+    ) -> None:
         settings.check(problem)
         self.problem = problem
         self.settings = settings
         self.told: list[Evaluated] = []
         self.runs = 0
-        self._space, self._asked = distributions(problem.space), list[Trial]()
-        with _quiet():
-            self._study = self._empty()
-
-    def _empty(self, storage: Any = None) -> optuna.Study:
-        directions = [
-            "maximize" if objective.maximise else "minimize"
-            for objective in self.problem.objectives
-        ]
-        study = optuna.create_study(
-            storage=storage, study_name=NAME, directions=directions, sampler=RandomSampler()
-        )
-        study.set_metric_names([objective.label for objective in self.problem.objectives])
-        return study
+        self.costs: list[BatchCosts] = []
+        self._sampler = sampler or make_sampler(problem, settings)
+        self._asked: Array | None = None
 
     @property
     def complete(self) -> list[Evaluated]:
@@ -168,127 +71,116 @@ class DesignStudy:
     ) -> bool:
         """Search until at least ``designs`` (whole batches) are told; return False if a KeyboardInterrupt ended it early; call it again to go on."""
         wanted = self.settings.whole_batches(designs)
+
+        def show() -> None:
+            progress(len(self.told), self.runs)
+
         try:
-            with _quiet():
-                while len(self.told) < wanted:
-                    self._batch(executor, lambda: progress(len(self.told), self.runs))
+            while len(self.told) < wanted:
+                show()
+                if self._asked is None:
+                    first = None if self.told else self._first_point()
+                    self._asked = self._sampler.ask(self.settings.batch, first)
+                self._sampler.tell(self.run_batch(self._asked, executor, show))
+                self._asked = None
+                show()
         except KeyboardInterrupt:
             return False
         return True
 
-    def save(self, path: Path) -> None:
-        """Write the finished designs as a file that Optuna and its dashboard read."""
-        trials = self._study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
-        with replacing(path) as temporary, _quiet():
-            study = self._empty(JournalStorage(JournalFileBackend(str(temporary))))
-            study.add_trials(
-                [
-                    optuna.create_trial(
-                        params=t.params, distributions=t.distributions, values=t.values
-                    )
-                    for t in trials
-                ]
-            )
+    def _first_point(self) -> Array:
+        """Return the first design's point: the space's start, or a random point where the search is from scratch."""
+        space = self.problem.space
+        if self.settings.from_scratch:
+            return np.random.default_rng(seed_of(self.settings.seed, 0)).random(len(space.free))
+        return np.array(space.shares(space.default))
 
-    def _batch(self, executor: Executor, show: Callable[[], object]) -> None:
-        show()
+    def run_batch(self, points: Array, executor: Executor, show: Show = lambda: None) -> BatchCosts:
+        """Run designs at points (n, variables) of the unit cube on one rung after the other, and return what they cost."""
         first = len(self.told)
-        chosen = self.settings
-        self._asked = self._asked or [
-            self._ask(number) for number in range(first, first + chosen.batch + (first == 0))
-        ]
-        designs = [self.problem.space.decoded(trial.params) for trial in self._asked]
+        designs = [self.problem.space.at(point) for point in points.tolist()]
         going = list(range(len(designs)))
         measured = dict[int, Array]()
         reached = dict[int, tuple[int, Score]]()
-        for level, rung in enumerate(chosen.rungs):
-            self._climb(level, going, designs, measured, executor, show)
+        for level, rung in enumerate(self.settings.rungs):
+            self._run_rung(level, going, designs, measured, executor, show)
             rate = self.problem.rate * rung.speed
             members = self.problem.ensemble[: rung.members]
-            reached |= {
-                k: (level + 1, self.problem.score(designs[k], measured[k], members, rate))
-                for k in going
-            }
+            for k in going:
+                reached[k] = (
+                    level + 1,
+                    self.problem.score(designs[k], measured[k], members, rate),
+                )
             order = sorted(going, key=lambda k: (self.problem.penalised_cost(reached[k][1]), k))
             going = sorted(order[: math.ceil(rung.keep * len(going))])
-        self._tell([reached[k] for k in range(len(designs))])
+
+        rows = [reached[k] for k in range(len(designs))]
+        batch = self._count_costs(rows)
+        self.costs.append(batch)
         self.told += [
-            Evaluated(first + k, design, reached[k][1], reached[k][0])
-            for k, design in enumerate(designs)
+            Evaluated(first + k, design, score, rungs)
+            for k, (design, (rungs, score)) in enumerate(zip(designs, rows, strict=True))
         ]
-        self._asked = []
-        show()
+        return batch
 
-    def _ask(self, number: int) -> Trial:
-        chosen = self.settings
-        space = self.problem.space
-        start = None if chosen.from_scratch else space.coordinates(space.default)
-        self._study.sampler = TrialSampler(
-            chosen.sampler, space, chosen.batch, chosen.seed, number, start
-        )
-        return self._study.ask(fixed_distributions=self._space)
-
-    def _climb(
+    def _run_rung(
         self,
         level: int,
         going: list[int],
         designs: list[Design],
         measured: dict[int, Array],
         executor: Executor,
-        show: Callable[[], object],
+        show: Show,
     ) -> None:
-        """Run what is missing on a rung: of a design that was run as fast on the one below only the members that come to it."""
+        """Run what is missing on a rung: of a design that ran as fast on the rung below only the members that are added."""
         rung = self.settings.rungs[level]
         below = self.settings.rungs[level - 1] if level else None
         problem = self.problem
-        known = (
-            below.members
-            if below is not None and below.speed == rung.speed and below.members <= rung.members
-            else 0
-        )
+        known = 0
+        if below is not None and below.speed == rung.speed and below.members <= rung.members:
+            known = below.members
         ensemble = problem.ensemble[known : rung.members]
+        if not len(ensemble):
+            return
         before = self.runs
 
         def count(done: int, _total: int) -> None:
             self.runs = before + done
             show()
 
-        asked = [designs[k] for k in going]
-        for i, rows in (
-            evaluate(problem, asked, ensemble, problem.rate * rung.speed, executor, count)
-            if len(ensemble)
-            else ()
-        ):
-            measured[going[i]] = np.concatenate([measured[going[i]], rows]) if known else rows
+        chosen = [designs[k] for k in going]
+        rate = problem.rate * rung.speed
+        for i, rows in evaluate(problem, chosen, ensemble, rate, executor, count):
+            k = going[i]
+            measured[k] = np.concatenate([measured[k], rows]) if known else rows
 
-    def _tell(self, reached: Sequence[tuple[int, Score]]) -> None:
-        """Tell a batch in the order of its numbers; designs left behind are told as worse than all that went on."""
-        costs = [self.problem.penalised_cost(score) for _, score in reached]
-        shifts = [0.0] * (len(self.settings.rungs) + 1)
-        for rungs in range(len(self.settings.rungs) - 1, 0, -1):
-            above = [costs[k] + shifts[r] for k, (r, _) in enumerate(reached) if r > rungs]
-            here = [costs[k] for k, (r, _) in enumerate(reached) if r == rungs]
-            shifts[rungs] = max(0.0, max(above) - min(here)) if above and here else 0.0
-        sign = -1.0 if self.problem.objectives[0].maximise else 1.0
-        for trial, cost, (rungs, score) in zip(self._asked, costs, reached, strict=True):
-            for constraint, violation in zip(
-                self.problem.constraints, score.violations, strict=True
-            ):
-                trial.set_constraint(constraint.name, violation)
-            penalised = len(score.values) == 1 and (self.settings.sampler == CMA or score.feasible)
-            self._study.tell(
-                trial, [sign * (cost + shifts[rungs])] if penalised else list(score.values)
-            )
+    def _count_costs(self, rows: list[tuple[int, Score]]) -> BatchCosts:
+        """Return a batch's costs from (rungs, score) of each design; designs left behind cost more than all that went on."""
+        problem = self.problem
+        signs = np.array([-1.0 if o.maximise else 1.0 for o in problem.objectives])
+        costs = np.array([score.values for _, score in rows]) * signs
+        penalised = np.array([problem.penalised_cost(score) for _, score in rows])
+        rungs = np.array([reached for reached, _ in rows])
 
+        shifts = np.zeros(len(rows))
+        for rung in range(len(self.settings.rungs) - 1, 0, -1):
+            above = (penalised + shifts)[rungs > rung]
+            here = rungs == rung
+            if above.size and here.any():
+                shifts[here] = max(0.0, above.max() - penalised[here].min())
+        feasible = np.array([score.feasible for _, score in rows])
+        if len(signs) == 1:
+            costs[:, 0] += np.where(feasible, shifts, 0.0)
+        violations = np.array([score.violations for _, score in rows]).reshape(
+            len(rows), -1 if problem.constraints else 0
+        )
+        return BatchCosts(costs, violations, penalised + shifts)
 
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Let Optuna tell no more than warnings meanwhile, and nothing of what it calls experimental."""
-    before = optuna.logging.get_verbosity()
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-            yield
-    finally:
-        optuna.logging.set_verbosity(before)
+    def save(self, path: Path) -> None:
+        """Write the finished designs as a file that Optuna and its dashboard read."""
+        problem = self.problem
+        if len(problem.objectives) == 1:
+            costs = [[cost] for batch in self.costs for cost in batch.penalised.tolist()]
+        else:
+            costs = [row for batch in self.costs for row in batch.costs.tolist()]
+        write_study(path, problem.space, problem.objectives, self.told, costs)

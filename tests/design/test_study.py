@@ -161,7 +161,7 @@ def test_study_of_something_else_is_refused(
 
 
 def case(kind: str) -> tuple[Problem, Plan, type[Bowl] | type[Model]]:
-    """Return a small search by SciPy, by one of the methods that model the noise, or by Optuna."""
+    """Return a small search by SciPy, with a Gaussian process, or in batches."""
     if kind in ("friction", "tuned"):
         wide = (
             {"conditions": tuple(replace(c, limits=(0.5, 1.6)) for c in problem().conditions)}
@@ -181,7 +181,7 @@ def told(found: Findings) -> list[tuple[object, ...]]:
     ]
 
 
-@pytest.mark.parametrize("kind", ["friction", "tuned", "map", "replicated", "cma"])
+@pytest.mark.parametrize("kind", ["friction", "tuned", "gp", "cma"])
 def test_search_goes_on_where_it_was_broken_off_and_runs_nothing_twice(
     tmp_path: Path, kind: str
 ) -> None:
@@ -190,7 +190,7 @@ def test_search_goes_on_where_it_was_broken_off_and_runs_nothing_twice(
     expected = told(find(given, plan, None, whole))
     last = len(whole.seen) - 3
     for stop in (
-        (5, last) if kind == "replicated" else (0, 31, last)
+        (5, last) if kind == "gp" else (0, 31, last)
     ):  # a search that fits its model again at every step takes seconds
         file = tmp_path / f"{stop}.journal"
         first = executor(stop=stop)

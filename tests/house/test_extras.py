@@ -21,6 +21,7 @@ SOLD_AS = {
 }
 IMPORTS = {
     "optuna": "optimisation.search.study",
+    "cmaes": "optimisation.search.samplers",
     "distributed": "optimisation.search.cluster",
     "cvxpy": "optimisation.bounds.relaxation optimisation.tuned.certificate",
     "gymnasium": "optimisation.rl.vec_env optimisation.rl.models optimisation.rl.training impact_env.envs.choices",
@@ -89,10 +90,12 @@ def test_what_only_one_function_needs_is_named_by_it() -> None:
         "read()": "yaml",
         "evolve(*[None] * 7)": "cmaes",
         "_read_datasets(Path('.'))": "pyuff",
+        "find_front(None)": "moocore",
     }
     code = "from pathlib import Path\nfrom optimisation.rl.models import recurrent\nfrom optimisation.rl.demonstrations import _minari\n"
     code += "from optimisation.rl.families import task_of\nfrom optimisation.rl.hyperparameters import read\n"
     code += "from studies.admission import evolve\nfrom impact_env.records.from_uff import _read_datasets\n"
+    code += "from optimisation.search.pareto import find_front\n"
     packages = list(calls.values())
     code += (
         TRY.format(packages=packages, modules=[])

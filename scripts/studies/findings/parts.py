@@ -27,15 +27,14 @@ from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.progress import Bar, runs_bar
 from optimisation.report.design_tables import limit, summary
+from optimisation.report.front_report import bounds_of, front_summary
 from optimisation.search.find import BARS, Plan, find
 from optimisation.search.judge import Audit, Findings
 from optimisation.search.pareto import (
     BY_RESONANCE,
     CORNER,
     FORCES,
-    bounds_of,
     compare_with_random,
-    front_summary,
     judge_front,
     search_front,
 )
