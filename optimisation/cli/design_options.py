@@ -158,7 +158,7 @@ shared_options = stacked(  # of every design study
         click.option(
             "--batch",
             type=click.IntRange(min=2),
-            help="Designs run in one call; the population of CMA-ES and NSGA-II.",
+            help="Runs in one call: the population of CMA-ES and NSGA-II, members of a round of gp.",
         ),
         click.option(
             "--seed",

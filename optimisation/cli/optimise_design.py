@@ -1,6 +1,6 @@
 """Find the best design of a concept: search, judge again on fresh runs, and explain.
 
-The designs are searched by Optuna (CMA-ES, NSGA-II, a Gaussian process) or SciPy; a study goes on where it was broken off.
+Impact absorbers are searched with a Gaussian process or CMA-ES, other concepts by SciPy; a study continues where it was broken off.
 """
 
 # needs: optimise

@@ -22,7 +22,7 @@ from optimisation.evaluation import Clocked
 from optimisation.machine import SEARCHING, fingerprint
 from optimisation.problem import Problem
 from optimisation.progress import Bar, runs_bar
-from optimisation.search.gaussian_process import ROUND, model_search
+from optimisation.search.gaussian_process import ROUND_MEMBERS, model_search
 from optimisation.search.judge import (
     AUDITED,
     Cost,
@@ -157,7 +157,7 @@ def find(
             "from_scratch": plan.from_scratch,
         }
         if plan.sampler == GP:
-            search["batch"] = plan.batch or ROUND
+            search["batch"] = plan.batch or ROUND_MEMBERS
         with remembering(executor, identity(problem, search), journal) as ledger:
             return _find_without_study(problem, plan, ledger, bars)
     settings = default_settings(
@@ -196,7 +196,7 @@ def _find_without_study(problem: Problem, plan: Plan, ledger: Ledger, bars: Bars
 
         shared = (problem, wanted, clocked, plan.seed, plan.from_scratch, count)
         if plan.sampler == GP:
-            told, kept, finished = model_search(*shared, plan.batch or ROUND)
+            told, kept, finished = model_search(*shared, plan.batch or ROUND_MEMBERS)
         else:
             told, finished = smooth_search(*shared)
             kept = [e for e in told if e.score.feasible] or told

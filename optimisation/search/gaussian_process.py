@@ -23,27 +23,31 @@ from optimisation.search.settings import GP, Evaluated
 from optimisation.variables import WITH_IMPACTS
 
 Array = NDArray[np.float64]
-ROUND = 8  # members of a round
+ROUND_MEMBERS = 8  # members of a round
 NEW_SHARE = 0.75  # of them, those of new designs
-FIRST = 16  # evenly spread designs before the first round
-CANDIDATES = 400  # points among which a round chooses
+FIRST_DESIGNS = 16  # evenly spread designs before the first round
+CANDIDATE_POINTS = 400  # points among which a round chooses
 NEIGHBOURS = 5  # best designs around which half of the candidates lie
-STEPS = (0.02, 0.05, 0.1)  # standard deviations of these candidates, in shares of the ranges
+NEIGHBOUR_STEPS = (
+    0.02,
+    0.05,
+    0.1,
+)  # standard deviations of these candidates, in shares of the ranges
 # designs that the process knows at most, which bounds its time: of more the first ones, which are spread evenly, and the best
 MOST_MODELLED = 600
 FIRST_MODELLED = 150
-GROWTH = 1.15  # of the number of designs, after which the process is fitted again
+REFIT_GROWTH = 1.15  # of the number of designs, after which the process is fitted again
 VIOLATION_WEIGHT = 3.0  # power of 1 + the violation by which a broken constraint raises a cost
-JITTER = 1e-8  # added to the covariance's diagonal
-LENGTHS = (0.02, 20.0)  # range of the fitted lengths, in shares of the ranges
-DEVIATIONS = (1e-3, 10.0)  # of the fitted standard deviation of the mean
-NOISES = (1e-3, 2.0)  # of the fitted standard deviation of members around it
-PRIOR = (0.3, 0.1)  # usual length and noise
+COVARIANCE_JITTER = 1e-8  # added to the covariance's diagonal
+LENGTH_RANGE = (0.02, 20.0)  # range of the fitted lengths, in shares of the ranges
+DEVIATION_RANGE = (1e-3, 10.0)  # of the fitted standard deviation of the mean
+NOISE_RANGE = (1e-3, 2.0)  # of the fitted standard deviation of members around it
+PRIOR_CENTRES = (0.3, 0.1)  # usual length and noise
 PRIOR_WIDTHS = (1.0, 1.5)  # standard deviations of their logarithms
 
 
 @dataclass(frozen=True, eq=False)
-class Process:
+class GaussianProcess:
     """A Gaussian process of the mean cost, fitted to N designs at ``points`` (N, d).
 
     ``means`` (N,) of ``members`` (N,) values each; ``square``: sum of squares of the values around their designs' means; ``logs`` (d + 2,):
@@ -62,7 +66,7 @@ class Process:
         return np.asarray(np.exp(2 * self.logs[-2]) * (1 + r + r**2 / 3) * np.exp(-r))
 
     def _factor(self) -> Array:
-        noise = np.exp(2 * self.logs[-1]) / self.members + JITTER
+        noise = np.exp(2 * self.logs[-1]) / self.members + COVARIANCE_JITTER
         covariance = self._covariance(self.points, self.points) + np.diag(noise)
         return np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
 
@@ -74,8 +78,10 @@ class Process:
         noise = self.logs[-1]
         repeats = float(np.sum(self.members - 1))
         of_members = -repeats * noise - 0.5 * self.square / np.exp(2 * noise)
-        lengths = (self.logs[:-2] - np.log(PRIOR[0])) / PRIOR_WIDTHS[0]
-        prior = float(np.sum(lengths**2)) + ((noise - np.log(PRIOR[1])) / PRIOR_WIDTHS[1]) ** 2
+        lengths = (self.logs[:-2] - np.log(PRIOR_CENTRES[0])) / PRIOR_WIDTHS[0]
+        prior = (
+            float(np.sum(lengths**2)) + ((noise - np.log(PRIOR_CENTRES[1])) / PRIOR_WIDTHS[1]) ** 2
+        )
         return float(of_means + of_members - 0.5 * prior)
 
     def predict(self, points: Array) -> tuple[Array, Array]:
@@ -91,7 +97,7 @@ class Process:
 
 def fit_process(
     points: Array, values: Sequence[Sequence[float]], logs: Array | None = None, fit: bool = True
-) -> Process:
+) -> GaussianProcess:
     """Return the process of greatest likelihood for designs at ``points`` (N, d) with the ``values`` of each one's members.
 
     ``logs`` is where the fit begins; without ``fit`` they are taken as they are.
@@ -100,22 +106,24 @@ def fit_process(
     members = np.array([len(own) for own in values], dtype=np.float64)
     square = float(sum(np.sum((np.array(own) - np.mean(own)) ** 2) for own in values))
     if logs is None:
-        lengths = np.full(points.shape[1], np.log(PRIOR[0]))
-        logs = np.array([*lengths, np.log(np.std(means) + DEVIATIONS[0]), np.log(PRIOR[1])])
+        lengths = np.full(points.shape[1], np.log(PRIOR_CENTRES[0]))
+        logs = np.array(
+            [*lengths, np.log(np.std(means) + DEVIATION_RANGE[0]), np.log(PRIOR_CENTRES[1])]
+        )
     if not fit:
-        return Process(points, means, members, square, logs)
+        return GaussianProcess(points, means, members, square, logs)
 
     def loss(trial: Array) -> float:
         try:
-            return -Process(points, means, members, square, trial).log_likelihood()
+            return -GaussianProcess(points, means, members, square, trial).log_likelihood()
         except np.linalg.LinAlgError:
             return 1e10
 
-    bounds = np.log([LENGTHS] * points.shape[1] + [DEVIATIONS, NOISES])
+    bounds = np.log([LENGTH_RANGE] * points.shape[1] + [DEVIATION_RANGE, NOISE_RANGE])
     begin = np.clip(logs, *bounds.T)
     options = {"maxiter": 40}
     found = scipy.optimize.minimize(loss, begin, method="L-BFGS-B", bounds=bounds, options=options)
-    return Process(points, means, members, square, found.x)
+    return GaussianProcess(points, means, members, square, found.x)
 
 
 @dataclass(eq=False)
@@ -210,7 +218,7 @@ def model_search(
     seed: int = 0,
     from_scratch: bool = False,
     progress: Callable[[int], None] | None = None,
-    batch: int = ROUND,
+    batch: int = ROUND_MEMBERS,
 ) -> tuple[list[Evaluated], list[Evaluated], bool]:
     """Search until about ``members`` members have been run, ``batch`` of them in a round.
 
@@ -228,7 +236,7 @@ def model_search(
         if not from_scratch:
             runs.add(np.array([problem.space.shares(problem.space.default)]))
         spread = scipy.stats.qmc.Halton(size, rng=generator)
-        runs.add(spread.random(min(FIRST, budget) - len(runs.points)))
+        runs.add(spread.random(min(FIRST_DESIGNS, budget) - len(runs.points)))
         runs.run_next_member(range(len(runs.points)))
         values = runs.transformed()
         modelled = select_designs(values)
@@ -240,7 +248,7 @@ def model_search(
             run_round(runs, modelled, process, generator, batch)
             values = runs.transformed()
             modelled = select_designs(values)
-            again = len(runs.points) >= GROWTH * fitted
+            again = len(runs.points) >= REFIT_GROWTH * fitted
             fitted = len(runs.points) if again else fitted
             own = [values[k] for k in modelled]
             process = fit_process(runs.points_of(modelled), own, process.logs, again)
@@ -272,7 +280,7 @@ def select_designs(values: Sequence[Sequence[float]]) -> list[int]:
 def run_round(
     runs: DesignRuns,
     modelled: Sequence[int],
-    process: Process,
+    process: GaussianProcess,
     generator: np.random.Generator,
     members: int,
 ) -> None:
@@ -293,9 +301,9 @@ def run_round(
 
 def draw_candidates(best: Array, generator: np.random.Generator) -> Array:
     """Return points of the unit cube, half of them evenly spread and half around the best designs (n, d)."""
-    half = CANDIDATES // 2
+    half = CANDIDATE_POINTS // 2
     even = scipy.stats.qmc.Halton(best.shape[1], rng=generator).random(half)
-    step = generator.choice(STEPS, size=(half, 1))
+    step = generator.choice(NEIGHBOUR_STEPS, size=(half, 1))
     around = best[generator.integers(len(best), size=half)]
     near = around + step * generator.normal(size=(half, best.shape[1]))
     return np.clip(np.vstack([even, near]), 0.0, 1.0)

@@ -19,7 +19,14 @@ from optimisation.insight import SHOWN
 from optimisation.objectives import Condition, Constraint, Score
 from optimisation.problem import Problem
 from optimisation.search.find import Plan, find
-from optimisation.search.gaussian_process import Process, fit_process, model_search
+from optimisation.search.gaussian_process import (
+    FIRST_MODELLED,
+    MOST_MODELLED,
+    GaussianProcess,
+    fit_process,
+    model_search,
+    select_designs,
+)
 from optimisation.search.judge import AUDIT, CHOICE, VERDICT, Findings, audit, more_modes, verdict
 from optimisation.search.pareto import find_front, hypervolume
 from optimisation.search.samplers import BatchCosts, CmaSampler
@@ -365,6 +372,13 @@ def test_a_process_finds_the_edge_of_what_is_allowed() -> None:
     assert abs(np.log(feasible[0].design.values["gap"] / 6e-4)) < 0.3
 
 
+def test_a_process_knows_the_first_and_the_best_of_many_designs() -> None:
+    values = [[float(k)] for k in range(1000, 0, -1)]
+    chosen = select_designs(values)
+    assert chosen == [*range(FIRST_MODELLED), *range(1000 - MOST_MODELLED + FIRST_MODELLED, 1000)]
+    assert select_designs(values[:MOST_MODELLED]) == list(range(MOST_MODELLED))
+
+
 def test_likelihood_is_that_of_all_values() -> None:
     """SciPy's density of all members' values, with their full covariance; both up to a constant."""
     generator = np.random.default_rng(4)
@@ -398,7 +412,7 @@ def test_process_knows_noise_and_slope() -> None:
     values = [
         (truth[k] + 0.2 * generator.normal(size=2 if k % 2 == 0 else 4)).tolist() for k in range(60)
     ]
-    process: Process = fit_process(points, values)
+    process: GaussianProcess = fit_process(points, values)
     assert np.exp(process.logs[-1]) == pytest.approx(0.2, rel=0.2)
     assert process.logs[1] > process.logs[0]  # the second coordinate does nothing
     others = generator.random((200, 2))

@@ -65,17 +65,17 @@ if TYPE_CHECKING:
 # ``cost`` of a search in members at the usual rate; ``members`` of a design that is run in full; ``speed``: of the sweeps, over the usual rate
 FULL: Json = {"cost": 160.0, "members": 8, "judging": 16, "seeds": 10, "speed": 6.0}
 QUICK: Json = {"cost": 60.0, "members": 4, "judging": 8, "seeds": 2, "speed": 10.0}
-FEW = 2  # members of a design where no design is screened
-TRUTH = 4  # set of fresh members that judge the winners
-MODES = 2  # kept, and one more of the plate: a search costs seconds
-DAMPING = 0.02
+UNSCREENED_MEMBERS = 2  # members of a design where no design is screened
+JUDGING_SET = 4  # set of fresh members that judge the winners
+BEAM_MODES = 2  # kept, and one more of the plate: a search costs seconds
+BEAM_DAMPING = 0.02
 RULE = "rule"  # the design that the rule gives, without a search
 
 
 def paper_problem(members: int, seed: int) -> Problem:
     """Return the paper's beam at 3.5 N near its first resonance."""
     conditions = (Condition(1, 3.5),)
-    beam = Beam(modes=MODES)
+    beam = Beam(modes=BEAM_MODES)
     return Problem(design_space("impact"), conditions, beam=beam, members=members, seed=seed)
 
 
@@ -84,7 +84,7 @@ def boom_problem(members: int, seed: int) -> Problem:
     names = [GAP, RESTITUTION, FRICTION_LIMIT, MASS_RATIO, POSITION]
     space = design_space("impact", names, {MASS_RATIO: (0.005, 0.03)})
     conditions = (Condition(1, 20.0),)
-    beam = replace(boom(DAMPING), modes=MODES)
+    beam = replace(boom(BEAM_DAMPING), modes=BEAM_MODES)
     return with_range(Problem(space, conditions, beam=beam, members=members, seed=seed), 0.03)
 
 
@@ -92,8 +92,8 @@ def plate_problem(members: int, seed: int) -> Problem:
     """Return a nearly square plate near its second resonance, 5 % below its third."""
     model = close_plate()
     names = ("omega", "force_shape", "tip_shape", "response_shape")
-    rows = {name: getattr(model, name)[: MODES + 1] for name in names}
-    few = replace(model, damping_ratio=np.full(MODES + 1, 0.015), **rows)
+    rows = {name: getattr(model, name)[: BEAM_MODES + 1] for name in names}
+    few = replace(model, damping_ratio=np.full(BEAM_MODES + 1, 0.015), **rows)
     conditions = (Condition(2, 60.0),)
     space = design_space("impact")
     return with_range(Problem(space, conditions, beam=few, members=members, seed=seed), 0.02)
@@ -103,7 +103,7 @@ def limited_problem(members: int, seed: int) -> Problem:
     """Return a beam at two resonances, with limits on impact speed and on the power lost in impacts."""
     limits = (Constraint("impact_speed", 4.0), Constraint("impact_power", 7.5))
     conditions = (Condition(1, 5.0), Condition(2, 50.0))
-    beam = Beam(modes=MODES, damping_ratio=DAMPING)
+    beam = Beam(modes=BEAM_MODES, damping_ratio=BEAM_DAMPING)
     space = design_space("impact")
     return Problem(space, conditions, constraints=limits, beam=beam, members=members, seed=seed)
 
@@ -177,8 +177,10 @@ def search_unscreened(
     sampler: str, batch: int, problem: Problem, given: ComparisonSettings
 ) -> tuple[list[Evaluated], float]:
     """Search with a few members for every design."""
-    few = replace(problem, members=FEW)
-    settings = SearchSettings(sampler, batch, (Rung(FEW),), problem.seed, from_scratch=True)
+    few = replace(problem, members=UNSCREENED_MEMBERS)
+    settings = SearchSettings(
+        sampler, batch, (Rung(UNSCREENED_MEMBERS),), problem.seed, from_scratch=True
+    )
     return run_study(few, settings, given)
 
 
@@ -188,8 +190,10 @@ def search_tpe(problem: Problem, given: ComparisonSettings) -> tuple[list[Evalua
 
     from optimisation.search.optuna_samplers import OptunaSampler, quiet_optuna
 
-    few = replace(problem, members=FEW)
-    settings = SearchSettings(RANDOM, 4, (Rung(FEW),), problem.seed, from_scratch=True)
+    few = replace(problem, members=UNSCREENED_MEMBERS)
+    settings = SearchSettings(
+        RANDOM, 4, (Rung(UNSCREENED_MEMBERS),), problem.seed, from_scratch=True
+    )
     with quiet_optuna():
         tpe = optuna.samplers.TPESampler(multivariate=True, seed=problem.seed)
     sampler = OptunaSampler(len(problem.space.free), tpe, constraints=len(problem.constraints))
@@ -202,10 +206,12 @@ def search_differential_evolution(
     """Search by SciPy's differential evolution."""
     from optimisation.search.study import DesignStudy
 
-    few = replace(problem, members=FEW)
+    few = replace(problem, members=UNSCREENED_MEMBERS)
     size = len(problem.space.free)
     population = 4 * size
-    settings = SearchSettings(RANDOM, population, (Rung(FEW),), problem.seed, from_scratch=True)
+    settings = SearchSettings(
+        RANDOM, population, (Rung(UNSCREENED_MEMBERS),), problem.seed, from_scratch=True
+    )
     study = DesignStudy(few, settings)
     batches = max(2, round(given.cost / batch_cost(settings)))
 
@@ -224,7 +230,7 @@ def search_differential_evolution(
         updating="deferred",
         rng=problem.seed,
     )
-    cost = FEW * float(len(study.told))
+    cost = UNSCREENED_MEMBERS * float(len(study.told))
     return study.complete or study.told, cost
 
 
@@ -258,7 +264,7 @@ def make_problem(name: str, seed: int, given: ComparisonSettings) -> Problem:
 
 def judge_design(problem: Problem, design: Design, given: ComparisonSettings) -> Json:
     """Return a design on fresh members: its median ``level``, and the share by which it breaks a limit."""
-    fresh = problem.fresh_ensemble(given.judging, TRUTH)
+    fresh = problem.fresh_ensemble(given.judging, JUDGING_SET)
     (found,) = judged(problem, [design], fresh, given.executor)
     violation = max([0.0, *found.score.violations])
     return {
@@ -390,7 +396,7 @@ NAME = "search_methods"
 QUICK_OUT = Path("results/search_methods")
 OUT = published(DOCS, QUICK_OUT)
 SECTION = "searches:levels"
-SUMMARY = "searches:summary"
+OVERALL = "searches:summary"
 MACHINE = "searches:machine"
 REFERENCE = "random"
 LABELS = {RULE: "the rule's design, no search"} | {name: own[0] for name, own in METHODS.items()}
@@ -414,10 +420,10 @@ STUDY: Study[ComparisonSettings] = Study(
             key=itemgetter("problem", "method", "seed"),
             text=table,
             told=lambda given: {"settings": given.told},
-            markers=(SECTION, SUMMARY, MACHINE),
+            markers=(SECTION, OVERALL, MACHINE),
             sections=lambda measured: {
                 SECTION: table(measured),
-                SUMMARY: summary(measured),
+                OVERALL: summary(measured),
                 MACHINE: sources(measured.conditions),
             },
             said=lambda measured: f"{table(measured)}\n\n{summary(measured)}",

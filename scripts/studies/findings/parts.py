@@ -38,7 +38,7 @@ from optimisation.search.pareto import (
     judge_front,
     search_front,
 )
-from optimisation.search.settings import default_settings
+from optimisation.search.settings import CMA, RANDOM, default_settings
 from optimisation.tuned import minimax
 from optimisation.variables import (
     FRICTION,
@@ -50,6 +50,7 @@ from optimisation.variables import (
     SEVERAL,
     TUNED,
     VARIABLES,
+    WITH_IMPACTS,
 )
 from studies.study import Json, not_none
 from studies.timing import time_call, time_in_turn
@@ -69,6 +70,13 @@ def make_conditions(concept: str, at: Sequence[Point]) -> tuple[Condition, ...]:
     """Return conditions over the paper's range; a tuned absorber is swept so wide that both of its peaks are seen."""
     limits = WIDE_LIMITS if concept == TUNED else PAPER_LIMITS
     return tuple(Condition(resonance, force, limits) for resonance, force in at)
+
+
+def choose_sampler(problem: Problem) -> str | None:
+    """Return the sampler of the page's searches: CMA-ES for impact absorbers, random search for one variable, else the default."""
+    if problem.space.concept not in WITH_IMPACTS:
+        return None
+    return CMA if len(problem.space.free) > 1 else RANDOM
 
 
 @dataclass(frozen=True)
@@ -109,7 +117,9 @@ class FindingsSettings:
         journal = self.folder / f"{name}.journal"
         result = find(
             problem,
-            Plan(designs or self.designs, seed=self.seed, from_scratch=True),
+            Plan(
+                designs or self.designs, choose_sampler(problem), seed=self.seed, from_scratch=True
+            ),
             journal,
             self.executor,
             BARS,
@@ -410,12 +420,18 @@ def scaling(study: FindingsSettings) -> Json:
 
 
 def full(study: FindingsSettings) -> Json:
-    """A robust two-resonance study of full size with the defaults of scripts/optimise_design.py: time, share of it outside the runs, memory."""
+    """A robust two-resonance study of full size by CMA-ES: time, share of it outside the runs, memory."""
     problem = study.problem(IMPACT, AT)
     began = time.perf_counter()
+<<<<<<< HEAD
     plan = Plan(FULL if study.designs >= 100 else study.designs, seed=study.seed)
     result = find(problem, plan, study.folder / "full.journal", study.executor, BARS)
     if not result.finished or result.verdict is None:
+=======
+    plan = Plan(FULL if study.designs >= 100 else study.designs, CMA, seed=study.seed)
+    found = find(problem, plan, study.folder / "full.journal", study.executor, BARS)
+    if not found.finished or found.verdict is None:
+>>>>>>> 7de1dbdc (Searches of the findings name their sampler; constants of the Gaussian process have names of their own)
         raise KeyboardInterrupt
     wall = time.perf_counter() - began
     audit = result.audit or Audit(0, 0, float("nan"))
