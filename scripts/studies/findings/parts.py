@@ -423,15 +423,9 @@ def full(study: FindingsSettings) -> Json:
     """A robust two-resonance study of full size by CMA-ES: time, share of it outside the runs, memory."""
     problem = study.problem(IMPACT, AT)
     began = time.perf_counter()
-<<<<<<< HEAD
-    plan = Plan(FULL if study.designs >= 100 else study.designs, seed=study.seed)
+    plan = Plan(FULL if study.designs >= 100 else study.designs, CMA, seed=study.seed)
     result = find(problem, plan, study.folder / "full.journal", study.executor, BARS)
     if not result.finished or result.verdict is None:
-=======
-    plan = Plan(FULL if study.designs >= 100 else study.designs, CMA, seed=study.seed)
-    found = find(problem, plan, study.folder / "full.journal", study.executor, BARS)
-    if not found.finished or found.verdict is None:
->>>>>>> 7de1dbdc (Searches of the findings name their sampler; constants of the Gaussian process have names of their own)
         raise KeyboardInterrupt
     wall = time.perf_counter() - began
     audit = result.audit or Audit(0, 0, float("nan"))
