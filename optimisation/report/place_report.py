@@ -63,6 +63,7 @@ HEADER = (
 )
 COLUMNS = ("place", "x_m", "y_m", "z_m", "mass_ratio")
 MOST_BARS = 60
+SHAPE_TOL = 1e-9  # of mode shapes at one place, read twice from one file
 FINE = 201  # points of a beam that are drawn
 
 
@@ -515,6 +516,13 @@ def _point_of(places: Places, k: int, resonance: int) -> tuple[float, float]:
     return float(places.points[k, first]), float(places.points[k, second])
 
 
+def place_with(places: Places, shape: Array) -> int | None:
+    """Return the index of the place with some mode shapes (N_m,); None if no place moves so, as one in another direction."""
+    distance = np.linalg.norm(places.shapes - shape, axis=1)
+    k = int(np.argmin(distance))
+    return k if distance[k] <= SHAPE_TOL * np.linalg.norm(shape) else None
+
+
 def _widest_axes(points: Array) -> tuple[int, int]:
     """Return the two axes over which points extend furthest, in their order."""
     extent = np.ptp(points, axis=0)
@@ -529,6 +537,14 @@ def _draw_nodes(axes: Any, places: Places, reach: Array) -> Any:
     order = np.argsort(reach, kind="stable")
     x, y = places.points[order, first], places.points[order, second]
     drawn = axes.scatter(x, y, c=reach[order], cmap="viridis", s=36, edgecolor="0.3", lw=0.3)
+    for shape, mark, tint, name in (
+        (places.model.force_shape, "v", ORANGE, "force"),
+        (places.model.level_shape, "o", "#F0E442", "level"),
+    ):
+        k = place_with(places, shape)
+        if k is not None:
+            at = places.points[k]
+            axes.plot(at[first], at[second], mark, color=tint, mec="black", ms=9, ls="", label=name)
     axes.set_xlabel(f"{'xyz'[first]} in m")
     axes.set_ylabel(f"{'xyz'[second]} in m")
     if np.ptp(places.points[:, second]) > 0:

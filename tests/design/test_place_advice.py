@@ -35,6 +35,7 @@ from optimisation.place_advice import (
     recommend,
 )
 from optimisation.place_map import expected_gap_and_share, find_places, map_places, shortlist
+from optimisation.report.place_report import place_with
 from optimisation.statistics import Prediction
 from studies.cli import check_places
 
@@ -133,6 +134,9 @@ def test_places_of_a_file_are_its_nodes_in_the_direction_of_the_one_it_lists(
         assert len({tuple(point) for point in places.points.tolist()}) == 213
         side = places.names.index("8")  # where the force acts, across too
         assert np.allclose(places.shapes[side], structure.force_shape)
+        assert place_with(places, structure.force_shape) == side
+        assert place_with(places, structure.level_shape) == places.names.index("20")
+        assert place_with(places, 1.01 * structure.force_shape) is None
 
 
 def test_places_of_a_model_are_those_that_it_lists() -> None:
