@@ -1,5 +1,6 @@
 """The level over the frequency against the receptance, and the motion of the worst run against its level."""
 
+import math
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -7,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from impact_env import Beam, Scene, impact_absorber, modal_model
+from impact_env import Beam, Record, Scene, impact_absorber, modal_model, simulate
 from impact_env.curve import CurveCase, performance_curves
 from impact_env.ensemble import Threads, draw_members
 from impact_env.level import response_level
@@ -21,6 +22,7 @@ from optimisation.frequency_levels import (
     record_worst_run,
     resonance_curves,
     samples_for,
+    windowed_levels,
 )
 from optimisation.insight import member_levels
 from optimisation.objectives import Condition
@@ -47,6 +49,21 @@ def test_without_absorber_it_is_the_receptance() -> None:
     known = np.isfinite(found.level)
     assert known.mean() > 0.9
     assert found.level[known] == pytest.approx(stationary[known], rel=0.04)
+
+
+def test_a_level_over_the_frequency_is_the_rms_of_ten_periods_to_either_side() -> None:
+    (lane, _) = lanes_of(case(impact_absorber(1e-3, 0.7, 0.1), 10.0), draw_members(1, 0), 0)
+    ratio, levels = windowed_levels(lane, 8)
+    record = Record(events=True, series=True, samples_per_period=8)
+    run = simulate(lane.scene, lane.drive, initial=lane.start, record=record)
+    assert run.history is not None
+    motion = run.history.modal_displacement @ MODEL.level_shape
+    for period in (0, 5, 60, len(levels) - 3):
+        k = 8 * period
+        window = motion[max(k - 80, 0) : k + 81]
+        assert levels[period] == pytest.approx(math.sqrt(sum(x * x for x in window) / len(window)))
+        swept = (ratio[period] - 0.93) / 0.13
+        assert swept == pytest.approx(period / lane.drive.schedule.periods, abs=1e-9)
 
 
 def test_the_worst_run_is_recorded_to_the_last_bit_of_its_level(tmp_path: Path) -> None:
