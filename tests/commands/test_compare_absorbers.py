@@ -185,12 +185,21 @@ PAPER = "[beam]\nlength_m = 0.5\nbending_stiffness_n_m2 = 362.88\nmass_per_lengt
 CHAIN = "[matrices]\nmass = 'm.npz'\nstiffness = 'm.npz'\nunits = 'kg, m, s'\nforce = 0\nabsorber = 1\nmodes = 3\nmass_kg = 3\ndamping_ratio = 0.01\n"
 
 
+NIGHTLY = {("matrices", kind) for kind in KINDS if kind != "shock"}  # 2 s of the processor each
+NIGHTLY |= {("the paper's beam", kind) for kind in ("force", "base")}  # kernels of their own
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "kind",
-    [pytest.param(kind, marks=() if kind == "shock" else pytest.mark.nightly) for kind in KINDS],
+    ("structure", "kind"),
+    [
+        pytest.param(
+            structure, kind, marks=pytest.mark.nightly if (structure, kind) in NIGHTLY else ()
+        )
+        for structure in ("the paper's beam", "matrices")
+        for kind in KINDS
+    ],
 )
-@pytest.mark.parametrize("structure", ["the paper's beam", "matrices"])
 def test_each_kind_goes_through_sweep_and_comparison(
     kind: str, structure: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -58,7 +58,7 @@ def random_model(random: np.random.Generator) -> ModalModel:
 
 
 @pytest.mark.parametrize(
-    "seed", [0, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (1, 2, 3))]
+    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (2, 3))]
 )
 def test_stationary_runs_of_random_designs_obey_the_limit(seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -84,10 +84,10 @@ def test_stationary_runs_of_random_designs_obey_the_limit(seed: int) -> None:
     assert min(margins) < 1.25  # and is not far away
 
 
-@pytest.mark.parametrize("designs", [4, pytest.param(16, marks=pytest.mark.nightly)])
-def test_several_absorbers_anywhere_obey_the_limit_of_the_free_end(designs: int) -> None:
+def test_several_absorbers_anywhere_obey_the_limit_of_the_free_end() -> None:
     random = np.random.default_rng(0)
     margins = []
+    designs = 16
     for k in range(designs):
         resonance = 1 + k % 2
         n = 2 + k % 3 // 2

@@ -226,7 +226,7 @@ def test_the_gaps_score_is_relative_to_the_place_where_the_level_is_read() -> No
 
 @pytest.mark.parametrize(
     ("scene", "digits"),
-    [({"absorber": "none"}, 1e-9), pytest.param(IMPACTS, 1e-6, marks=pytest.mark.nightly)],
+    [({"absorber": "none"}, 1e-9), (IMPACTS, 1e-6)],
 )
 def test_the_level_is_the_one_that_a_single_run_reads_there(
     scene: dict[str, Any], digits: float

@@ -406,7 +406,7 @@ def test_the_command_trains_reports_and_ships(tmp_path: Path) -> None:
 
 
 @pytest.mark.same_bits
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_the_command_goes_on_after_kill_9(tmp_path: Path) -> None:
     """The same command finishes what was killed as an undisturbed one would have."""
     file = tmp_path / "small.yaml"

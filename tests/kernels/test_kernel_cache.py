@@ -411,7 +411,6 @@ def test_damaged_ones_and_those_of_other_sources_are_compiled_anew(
     assert (again, compiled > 0) == (digits, True)
 
 
-@pytest.mark.nightly
 @served
 def test_why_none_are_used_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "shipped"

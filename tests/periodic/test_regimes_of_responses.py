@@ -222,7 +222,6 @@ def test_factor_of_a_moving_frequency_is_found_from_counts() -> None:
         assert high > jumped.share - 3 * np.sqrt(jumped.share / 5000)
 
 
-@pytest.mark.nightly
 def test_sweeps_up_keep_what_sweeps_down_lose() -> None:
     """The motion of the frequency carries runs over the border of the regime, or away from it: fewer leave the same range upwards."""
     scene, approach = paper()

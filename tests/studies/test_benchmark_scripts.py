@@ -118,15 +118,11 @@ SMALL: dict[str, tuple[ModuleType, list[object], dict[str, object], Callable[[An
 }
 
 
-AT_NIGHT = (
-    "benchmark_energies",
-    "benchmark_loads",
-    "benchmark_periodic",
-)  # compile kernels that few other tests use
+NIGHTLY = ("benchmark_energies", "benchmark_periodic")  # 14 s of the processor each
 
 
 @pytest.mark.parametrize(
-    "block", [pytest.param(b, marks=pytest.mark.nightly if b in AT_NIGHT else ()) for b in SMALL]
+    "block", [pytest.param(b, marks=pytest.mark.nightly if b in NIGHTLY else ()) for b in SMALL]
 )
 def test_a_benchmark_writes_what_it_prints(
     block: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path

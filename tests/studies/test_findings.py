@@ -15,6 +15,7 @@ from optimisation.files import read_json
 from optimisation.friction_rule import best_friction
 from optimisation.machine import peak_memory
 from optimisation.problem import Problem
+from studies.study import from_file_content
 
 PARTS = ("concepts", "optima", "place", "robustness", "front", "scaling", "full")
 PAGE = "# Findings\n" + "".join(
@@ -67,7 +68,9 @@ def test_parts_write_numbers_figures_and_page(
     assert run.exit_code == 0, run.output
     data = tmp_path / "findings"
     page = (tmp_path / "findings.md").read_text()
-    result = {part: read_json(data / f"{part}.json.gz") for part in chosen}
+    result = {
+        part: from_file_content(dict(read_json(data / f"{part}.json.gz"))).values for part in chosen
+    }
     assert all((data / f"{part}.png").read_bytes().startswith(b"\x89PNG") for part in chosen[:-1])
     assert all(f"\n| {concept} " in page for concept in VARIABLES)
     assert set(result["concepts"]) == set(VARIABLES)

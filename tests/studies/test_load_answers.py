@@ -102,7 +102,6 @@ def test_random_loads_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.Mon
     FIGURES["loads_random"](tmp_path / "random.png", [row])
 
 
-@pytest.mark.nightly
 def test_shocks_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(load_spectra, "PEAKS", (0.5, 2.0))
     rows = shock_rows(CASE, 0.5, SpectrumSettings(3, False))
@@ -114,7 +113,6 @@ def test_shocks_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     FIGURES["loads_shock"](tmp_path / "shock.png", rows)
 
 
-@pytest.mark.nightly
 def test_the_command_from_runs_to_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     smaller(load_answers, monkeypatch, FACTORS=(0.8,), CASES={"cantilever": CASE})
     page = tmp_path / "loads.md"
