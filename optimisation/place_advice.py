@@ -568,13 +568,13 @@ def advise_place(
         tolerance,
         f"from 0 to {MOST_TOLERANCE:g}, a share of the force",
     )
-    fraction("restitution", restitution)
+    restitution = fraction("restitution", restitution)
     if friction_limit is not None:
         friction_law(non_negative("friction_limit", friction_limit))
     members = count("members", members, 1)
     trial_places = count("trial_places", trial_places, 1)
     if limit_level is not None:
-        positive("limit_level", limit_level)
+        limit_level = positive("limit_level", limit_level)
     limits = Limits() if limits is None else limits
     maps = tuple(map_places(places, forces, ratio) for ratio in ratios)
     forces = maps[0].forces

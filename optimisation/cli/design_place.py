@@ -292,8 +292,7 @@ def main(**given: Any) -> None:
         limits = {name: positive(f"constraint {name}", x) for name, x in given["constraint"]}
         if given["limit_level"] is not None:
             given["limit_level"] = positive("limit_level", given["limit_level"])
-        for resonance in forces:
-            places.model.check_resonance(resonance)
+        forces = {places.model.check_resonance(r): force for r, force in forces.items()}
         require_writable("--out", given["out"])
         common.check_targets(given)
         common.check_target("--device", given["device"], (".json",))

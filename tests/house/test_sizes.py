@@ -1,54 +1,19 @@
-"""Functions take few enough arguments to be called without counting places."""
+"""What is committed of results stays small, and lists of test files name files that exist."""
 
-import ast
 import subprocess
 import tarfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from choice import LEANING, LONGEST_FIRST, PARTS, QUICK
 from places import ROOT, SUPPORT
 
-PLACES = 8  # arguments that can be given by place
-# more than that: commands, whose options come by name, what is told place, range, phases and judgement in a row, and a model's fields
-MORE = {
-    "impact_env/periodic/residence.py jumps": 9,
-    "impact_env/plain_structures.py _placed": 9,
-    "impact_env/kernels/control/lanes.py _advance_rigid_lanes": 9,  # once for a lane and an interval
-}
-FOLDERS = ("impact_env", "optimisation", "scripts", "tests/reference")
-FILES = sorted(
-    file.relative_to(ROOT) for folder in FOLDERS for file in (ROOT / folder).rglob("*.py")
-)
-
-
-def functions(file: Path) -> Iterator[tuple[str, list[ast.arg]]]:
-    """Yield the name of each function, methods and inner ones too, and the arguments that it takes by place."""
-    for node in ast.walk(ast.parse((ROOT / file).read_text(encoding="utf-8"))):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            yield node.name, [*node.args.posonlyargs, *node.args.args]
-
-
-def test_functions_take_few_arguments_by_place() -> None:
-    """In kernels, where vector code is written into the caller, what is passed is in registers: that is not counted."""
-    found = {
-        f"{file.as_posix()} {name}": taken
-        for file in FILES
-        for name, taken in functions(file)
-        if len(taken) > PLACES
-    }
-    assert {
-        name: len(taken) for name, taken in found.items() if taken[0].arg != "code"
-    } == MORE  # an exception that is mended leaves the list
-
-
 # Results are not source: what is committed of them stays small.
 
 
 FILES_RESULTS = 760
 DOCS_BYTES = 8e6
-SDIST_BYTES = 8e6
+SDIST_BYTES = 9e6
 
 
 def _tracked() -> list[Path]:
