@@ -25,6 +25,7 @@ from impact_env.kernels.motion.observers import (
     new_check,
     new_clock,
     new_energy,
+    new_series,
 )
 from impact_env.laws import SceneKind
 from impact_env.level import HALF_WINDOW_PERIODS, read_level
@@ -104,6 +105,11 @@ def needs_energy(scene: Scene, record: Record) -> bool:
     return record.events and isinstance(walls, CompliantWalls) and walls.restitution < 1
 
 
+def _balanced(scene: Scene, record: Record) -> bool:
+    """Return whether a run takes the kernel with energies, which also checks searches; all else is recorded by one kernel."""
+    return record.energy or record.check or needs_energy(scene, record)
+
+
 def _sample_count(drive: AnyDrive, interval: float) -> int:
     """Return the number of samples of a whole run, one each ``interval`` (s) from 0 to its end."""
     return int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
@@ -163,12 +169,8 @@ def _observers(
         counters,
         level=_level(scene, drive, record, interval),
         events=lists.events,
-        series=StateSeries(np.zeros((rows, 2 * (scene.model.modes + scene.places))))
-        if record.series
-        else None,
-        energy=new_energy(scene.model.modes)
-        if record.energy or needs_energy(scene, record)
-        else None,
+        series=new_series(rows, 2 * (scene.model.modes + scene.places)),
+        energy=new_energy(scene.model.modes) if _balanced(scene, record) else None,
     )
 
 
@@ -246,7 +248,8 @@ def _run(
     interval = drive.schedule.pseudo_period / record.samples_per_period
     searched = find_solver(scene, method).searched
     end = float(drive.schedule.times[-1])
-    counters = new_run_counters(drive, budget, new_check() if record.check and searched else None)
+    check = new_check(record.check and searched) if _balanced(scene, record) else None
+    counters = new_run_counters(drive, budget, check)
     lists = EventRecorder(record.events or record.reversals, record.reversals, counters)
     observe = _observers(scene, drive, record, interval, lists, counters)
     state = start.copy()
@@ -346,7 +349,7 @@ def _response(
 
 
 def _check(check: CheckObserver | None) -> SearchCheck | None:
-    if check is None:
+    if check is None or len(check.first) == 0:
         return None
     first = check.first[: check.counts["misses"]]
     listed = first["time"], first["kind"], first["share"]

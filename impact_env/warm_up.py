@@ -1,7 +1,7 @@
 """Compile the kernels into their cache before they are needed: ``python -m impact_env.warm_up [environments|all]``.
 
 numba compiles a kernel once for each combination of absent and present parts. These are the combinations that the main job meets or, with the word
-``environments``, the Gymnasium environments with their default scenes; with ``all`` both, and what is recorded beside the level: what a wheel with
+``environments``, the Gymnasium environments with their default scenes; with ``all`` both, and the kernels with energies: what a wheel with
 kernels brings. Any other is compiled, and cached, when it is first used. Each combination is compiled by a process of its own, as many at a time as
 there are cores.
 """
@@ -32,12 +32,8 @@ ABSORBERS: dict[str, Callable[[], Absorber | None]] = {
     "impact absorber": impact_absorber,
     "linear scenes": lambda: None,
 }
-RECORDS = {"level, impacts": Record()}  # one kernel lists impacts or does not
-OTHER_JOBS = {
-    "impacts, motion": Record(events=True, series=True),
-    "impacts, energy": Record(events=True, energy=True),
-    "impacts, motion, energy": Record(events=True, series=True, energy=True),
-}
+RECORDS = {"all records but energies": Record()}  # one kernel serves them all
+OTHER_JOBS = {"energies": Record(energy=True)}
 
 
 def main_job(records: dict[str, Record] = RECORDS) -> Jobs:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impact_env.kernels.compiling.jit import jit
+from impact_env.kernels.compiling.jit import jit, jit_inline
 from impact_env.kernels.events.signals import (
     SIGNAL_ROUNDING,
     evaluate_at_offset,
@@ -140,10 +140,12 @@ def check_guard_samples(check, system, forced, window, signal, tau, offset, guar
         record_miss(check, window.centre + tau + wrong_at, RATE_TURNED, wrong / speed_scale)
 
 
-@jit
+@jit_inline
 def check_free_segment(check, system, forced, window, walls, limit, body, offset):
     """Check the search of a free segment: no wall is passed, and with friction the relative velocity keeps its sign."""
     if check is None:
+        return
+    if check.first.shape[0] == 0:
         return
     gap = np.inf
     sign = 0.0
@@ -157,10 +159,12 @@ def check_free_segment(check, system, forced, window, walls, limit, body, offset
     )
 
 
-@jit
+@jit_inline
 def check_joined_segment(check, system, forced, window, limit, body, offset):
     """Check the search of a joined segment: the joint force keeps within its bounds."""
     if check is None:
+        return
+    if check.first.shape[0] == 0:
         return
     low, high = joint_bounds(limit, body.contact_state.side)
     check_guard_samples(
@@ -175,10 +179,12 @@ def check_joined_segment(check, system, forced, window, limit, body, offset):
     )
 
 
-@jit
+@jit_inline
 def check_set(check, scene, window, s, offset, workspace):
     """Check the searches of all absorbers in set s, up to the earliest event."""
     if check is None:
+        return
+    if check.first.shape[0] == 0:
         return
     sets = scene.sets
     absorbers = scene.absorbers

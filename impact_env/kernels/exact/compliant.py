@@ -99,10 +99,12 @@ def compute_static_displacement(rows):
     return r
 
 
-@jit
+@jit_inline
 def check_compliant_segment(check, scene, system, forced, window, bounds, workspace, offset):
     """Check a search densely: no bound is passed, and a slider that slides does not turn."""
     if check is None:
+        return
+    if check.first.shape[0] == 0:
         return
     contact_state = workspace.contact_states[0]
     guard = GuardBounds(

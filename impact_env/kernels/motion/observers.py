@@ -1,6 +1,7 @@
-"""Observers of a run: level, lists of events, states, energies. Each is a NamedTuple of arrays and records, or None.
+"""Observers of a run: level, lists of events, states, energies. Each is a NamedTuple of arrays and records.
 
-Branches for None are pruned when a kernel is compiled.
+What a run does not record has arrays of size 0, but for the energies: they are None, and their branches are
+pruned when a kernel is compiled.
 
 Every method hands its observers the same things: the tip displacement at equidistant samples
 (level), the state at those samples (series), impacts and contact phases (events), and the terms of
@@ -74,12 +75,12 @@ FIRST_MISSES = 16
 
 
 class CheckObserver(NamedTuple):
-    """What comes of checking the exact method's searches (check.py).
+    """Result of checking the exact method's searches (check.py).
 
-    ``counts``: a CHECK_COUNTS record. ``worst`` (3,), by kind of miss: how deep beyond a guard, of
-    the clearance (of the signal's terms, if there is none), how fast in the wrong sense, of the
-    rate's terms, how far the joint force out of its bounds, of its terms. ``first``
-    (FIRST_MISSES,): MISS_RECORD records of the first misses.
+    ``counts``: a CHECK_COUNTS record. ``worst`` (3,): largest miss of each kind, as a share: depth
+    beyond a guard, of the clearance (of the signal's terms, if there is none); rate of the wrong
+    sign, of its terms; excess of the joint force, of its terms. ``first`` (FIRST_MISSES,):
+    MISS_RECORD records of the first misses; of size 0: searches are not checked.
     """
 
     counts: Any
@@ -88,7 +89,7 @@ class CheckObserver(NamedTuple):
 
 
 class Counters(NamedTuple):
-    """``counts``: a COUNTS record. ``check`` None: searches are not checked."""
+    """``counts``: a COUNTS record; ``check``: None in kernels without energies, which do not check searches."""
 
     counts: Any
     check: CheckObserver | None = None
@@ -108,11 +109,10 @@ class EventLists(NamedTuple):
     reversals: NDArray[Any]
 
 
-@limit_inlining
 class StateSeries(NamedTuple):
     """``states`` (samples, 2 N_m + 2): modal displacements, absorber displacement, modal velocities, absorber velocity.
 
-    The first row is sample ``clock.first`` of the run.
+    Without rows: not recorded. The first row is sample ``clock.first`` of the run.
     """
 
     states: NDArray[np.float64]
@@ -129,11 +129,12 @@ class EnergyTotals(NamedTuple):
 
 
 class Observers(NamedTuple):
-    """All observers of a lane; ``clock`` is a CLOCK record, and None is not observed.
+    """All observers of a run; ``clock`` is a CLOCK record.
 
-    Lists of size 0 are not filled, so that one kernel serves runs with and without events, at any
-    place, with and without an envelope. ``energy`` is what the caller reads, an `EnergyTotals`;
-    between the segments of an exact lane it is the `energy.account.Account` that fills it.
+    What is recorded is a value: lists and series of size 0 are not filled, so that one kernel serves
+    runs with any record. Only energies, and the check of searches, have a kernel of their own:
+    ``energy`` is None, or the `EnergyTotals` that the caller reads; between the segments of an exact run it is the
+    `energy.account.Account` that fills them. Lanes under control have no lists and no series: None.
     """
 
     clock: Any
@@ -179,14 +180,21 @@ def new_events(contacts: int, reversals: int, empty: int) -> EventLists:
     )
 
 
+def new_series(rows: int, states: int) -> StateSeries:
+    """Return memory for ``rows`` states of ``states`` numbers each; 0 rows: not recorded."""
+    return StateSeries(np.zeros((rows, states)))
+
+
 def new_energy(modes: int) -> EnergyTotals:
     """Return an energy balance at zero."""
     return EnergyTotals(np.zeros(1, TOTALS), np.zeros(modes))
 
 
-def new_check() -> CheckObserver:
-    """Return an empty check."""
-    return CheckObserver(new_record(CHECK_COUNTS), np.zeros(3), np.zeros(FIRST_MISSES, MISS_RECORD))
+def new_check(checked: bool) -> CheckObserver:
+    """Return a check without misses; not ``checked``: searches are not checked."""
+    return CheckObserver(
+        new_record(CHECK_COUNTS), np.zeros(3), np.zeros(FIRST_MISSES * checked, MISS_RECORD)
+    )
 
 
 @vector_code()

@@ -224,7 +224,8 @@ def is_observed(window, clock, level, series, energy):
     if energy is not None:
         return True
     if series is not None:
-        return True
+        if series.states.shape[0] > 0:
+            return True
     if level is not None:
         if level.place.shape[0] + level.envelope.low.shape[0] > 0:
             return True
@@ -262,11 +263,17 @@ def compute_state_at(segment, z, tau, offset, w, state):
     compute_state(segment.regime.out, w, state)
 
 
-@jit
+@jit_inline
 def sample_state(segment, clock, series):
-    """Write the state at the samples in [tau, end)."""
+    """Write the state at the samples in [tau, end), if states are recorded."""
     if series is None:
         return
+    if series.states.shape[0] > 0:
+        _write_states(segment, clock, series)
+
+
+@jit
+def _write_states(segment, clock, series):
     window = segment.window
     tau = segment.tau
     end = segment.end

@@ -71,7 +71,8 @@ def find_sample_step(row, rows, sample_dt, dt, steps):
 def needs_all_modes(level, series):
     """Return whether a sample needs all modes, and not the motion of the absorber's place alone."""
     if series is not None:
-        return True
+        if series.states.shape[0] > 0:
+            return True
     if level is not None:
         return level.place.shape[0] > 0
     return False
