@@ -310,14 +310,18 @@ def _sample_level(level, clock, part, start, table):
 
 @jit_inline
 def _sample_state(series, clock, sample, part, table, laws, offset, state):
-    """Write a row of the series; where there is no absorber its place keeps what ``state`` has there."""
+    """Write a row of the series, if it has one for the sample."""
     if series is None:
         return
     row = find_series_row(clock, series, sample)
-    if row < 0:
-        return
+    if row >= 0:
+        _write_row(series.states[row], part, table, laws, offset, state)
+
+
+@jit
+def _write_row(target, part, table, laws, offset, state):
+    """Write the state at ``part`` of the step; without an absorber its place keeps the value of ``state``."""
     n = table.modes
-    target = series.states[row]
     target[n], target[2 * n + 1] = state[n], state[2 * n + 1]
     _write_state_between(target, table, part, laws.mass, laws.added_mass, offset)
 
