@@ -23,6 +23,11 @@ BLOCK = re.compile(
 )
 FILE = re.compile(r"```toml\n# (?P<name>[\w.]+\.toml)\n(?P<text>(?:(?!```).*\n)*?)```\n")
 NUMBER = re.compile(r"[-+]?(?:\d{1,3}(?:,\d{3})+|\d+)(?:\.\d+)?(?:e[-+]?\d+)?")
+# a relative change is a small difference of two noisy levels: its size is not compared
+CHANGE = re.compile(r"[-+]\d+(?:\.\d+)? %")
+# lines about what a search ran besides its answer, which depends on the last bits of chaotic runs:
+# their words are not compared
+SEARCH_LINES = ("Place:",)
 
 
 @dataclass(frozen=True)
@@ -88,12 +93,16 @@ def select_paragraphs(text: str, starts: tuple[str, ...]) -> str:
 
 
 def _pattern(line: str) -> str:
-    """Return a line with ``#`` for each number, and one space for a run of spaces and rules of tables."""
+    """Return a line with ``#`` for each number, and one space for a run of spaces and rules of tables; of `SEARCH_LINES` the label."""
+    if line.startswith(SEARCH_LINES):
+        return line.partition(":")[0]
     return re.sub(r"[ \-:]+", " ", NUMBER.sub("#", line)).strip()
 
 
 def _numbers(line: str) -> list[float]:
-    return [float(number.replace(",", "")) for number in NUMBER.findall(line)]
+    if line.startswith(SEARCH_LINES):
+        return []
+    return [float(number.replace(",", "")) for number in NUMBER.findall(CHANGE.sub("", line))]
 
 
 def _by_pattern(text: str) -> dict[str, list[str]]:
